@@ -1,0 +1,396 @@
+"""The sampled filter one sample at a time: pure functions from state to state.
+
+In float32 each state carries a compensation word (Kahan's), and the increment dA (w - equilibrium u) is formed from the
+distance to the equilibrium, so that at rest on a constant residual nothing is left to round.
+"""
+
+from __future__ import annotations
+
+from math import isfinite
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from . import _paper, _windows
+
+if TYPE_CHECKING:
+    from .sampled import SampledPhyFilter
+
+Array = NDArray[np.floating]
+
+
+class Interval(NamedTuple):
+    """What g, f_theta and the inertia did between two samples; kept for a delayed measurement."""
+
+    dt: float
+    g: tuple[Array, Array]  # at its beginning and end
+    f_theta: tuple[Array, Array]
+    inertia: tuple[Array, Array] | None
+
+
+class FilterState(NamedTuple):
+    """All that the filter remembers of one sample. Immutable; made by ``start``, advanced by ``step``."""
+
+    w: Array  # (n_f, n) states of the sections
+    carry: Array | None  # (n_f, n) compensation words, in float32
+    x: Array  # (n_x,) last accepted measurement
+    g: Array | None  # (n_x,) last g; None before the first step
+    f_theta: Array  # (n_f,) last f_theta
+    inertia: Array | None  # (n_x,) or (n_x, n_x) last inertia, None for I
+    held: bool = False  # whether the last sample was refused and f_theta returned
+    gap: float = 0.0  # seconds from the last accepted sample to the last sample
+    past: tuple[Interval, ...] = ()  # steps of the gap, and those that a delay still needs
+    paper: _paper.PaperState | None = None
+
+
+class Constants(NamedTuple):
+    """What a step of one length needs, in the arithmetic of the filter."""
+
+    dA: Array  # (n, n) transposed for a shared filter, (n_f, n, n) for one per channel
+    equilibrium: Array  # (n,) or (n_f, n)
+    C: Array  # (n,) or (n_f, n)
+    rate: np.floating
+
+    @classmethod
+    def build(cls, sampled: SampledPhyFilter, dt: float) -> Constants:
+        dA, equilibrium, C = (part.astype(sampled.precision) for part in sampled.stacked(dt))
+        rate = np.dtype(sampled.precision).type(1.0 / dt)
+        if len(sampled.filters) == 1:
+            return cls(np.ascontiguousarray(dA[0].T), equilibrium[0], C[0], rate)
+        return cls(dA, equilibrium, C, rate)
+
+
+def start(
+    sampled: SampledPhyFilter,
+    x0: ArrayLike,
+    *,
+    f_hat0: ArrayLike | None,
+    f_theta0: ArrayLike | None,
+    inertia0: ArrayLike | None,
+    g0: ArrayLike | None,
+) -> FilterState:
+    """See :meth:`SampledPhyFilter.start`."""
+    dtype = np.dtype(sampled.precision)
+    x = np.array(x0, dtype)
+    if x.ndim != 1 or len(x) == 0:
+        raise ValueError(f"x0: expected shape (n_x,), got {x.shape}")
+    n_f = channels(sampled, len(x))
+    f_theta = np.zeros(n_f, dtype) if f_theta0 is None else _vector("f_theta0", f_theta0, n_f, dtype)
+    g = None if g0 is None else _vector("g0", g0, len(x), dtype)
+    inertia = None if inertia0 is None else _inertia("inertia0", inertia0, len(x), dtype)
+    f_hat = f_theta if f_hat0 is None else _vector("f_hat0", f_hat0, n_f, dtype)
+    for name, values in (("x0", x), ("f_theta0", f_theta), ("f_hat0", f_hat), ("g0", g)):
+        if values is not None and not np.isfinite(values).all():
+            raise ValueError(f"{name}: expected finite values, got {values.tolist()}")
+    if sampled.realisation == "paper":
+        if f_hat0 is not None or inertia is not None:
+            raise ValueError("realisation='paper' starts at f_theta0 with M = I; use realisation='sections'")
+        paper = _paper.start(sampled.filter, x, f_theta)
+        return FilterState(np.zeros((n_f, 0), dtype), None, x, g, f_theta, None, paper=paper)
+    w = _at_rest(sampled, (f_hat - f_theta).astype(float)).astype(dtype)
+    carry = np.zeros_like(w) if dtype == np.float32 else None
+    return FilterState(w, carry, x, g, f_theta, inertia)
+
+
+def step(
+    sampled: SampledPhyFilter,
+    state: FilterState,
+    x: ArrayLike,
+    g: ArrayLike | None,
+    f_theta: ArrayLike | None,
+    *,
+    inertia: ArrayLike | None,
+    dt: float | None,
+) -> tuple[FilterState, Array]:
+    """See :meth:`SampledPhyFilter.step`."""
+    dtype = state.x.dtype
+    x = np.asarray(x, dtype)
+    g = np.zeros_like(state.x) if g is None else np.asarray(g, dtype)
+    f_theta = np.zeros_like(state.f_theta) if f_theta is None else np.asarray(f_theta, dtype)
+    if x.shape != state.x.shape or g.shape != x.shape or f_theta.shape != state.f_theta.shape:
+        raise ValueError(
+            f"expected x and g of shape {state.x.shape} and f_theta of shape {state.f_theta.shape}, as at the start; "
+            f"got {x.shape}, {g.shape} and {f_theta.shape}"
+        )
+    if dt is None or dt == sampled.dt:
+        h, constants = sampled.dt, sampled.nominal
+    else:
+        h, constants = _step_length(sampled, dt), None
+    M = state.inertia if inertia is None else _inertia("inertia", inertia, len(x), dtype)
+    # One number shows whether all are finite; where it overflows the slow look decides.
+    bad = not isfinite(x.dot(x) + g.dot(g) + f_theta.dot(f_theta)) and not all(
+        np.isfinite(part).all() for part in (x, g, f_theta)
+    )
+    if bad or (M is not None and inertia is not None and not np.isfinite(M).all()):
+        return _refuse(sampled, state, x, g, f_theta, M, h)
+    if state.paper is not None:
+        return _step_paper(sampled, state, x, g, f_theta, inertia, dt)
+
+    if sampled.delay or state.gap:
+        u, h, past = _aligned_residual(sampled, state, x, g, f_theta, M, h)
+        constants = Constants.build(sampled, h) if h != sampled.dt else sampled.nominal
+    else:
+        constants = Constants.build(sampled, h) if constants is None else constants
+        u, past = _residual(sampled, state, x, g, f_theta, M, constants.rate), ()
+    w, carry = _advance(state, u, constants)
+    total = w if carry is None else w + carry
+    y = total @ constants.C if constants.C.ndim == 1 else (total * constants.C).sum(axis=1)
+    state = FilterState(w, carry, x, g, f_theta, M, False, 0.0, past)
+    return state, _limited(sampled, f_theta + y)
+
+
+def _advance(state: FilterState, u: Array, constants: Constants) -> tuple[Array, Array | None]:
+    """w + dA (w - equilibrium u), compensated in float32."""
+    dA, equilibrium = constants.dA, constants.equilibrium
+    distance = state.w - u[:, None] * equilibrium
+    if state.carry is not None:
+        distance += state.carry
+    change = distance @ dA if dA.ndim == 2 else (dA @ distance[..., None])[..., 0]
+    if state.carry is None:
+        return state.w + change, None
+    change += state.carry
+    w = state.w + change
+    # Two-sum: what the addition rounded away, whichever of the two was larger.
+    taken = w - state.w
+    return w, (state.w - (w - taken)) + (change - taken)
+
+
+def _residual(
+    sampled: SampledPhyFilter,
+    state: FilterState,
+    x: Array,
+    g: Array,
+    f_theta: Array,
+    M: Array | None,
+    rate: np.floating,
+) -> Array:
+    dx = x - state.x
+    if M is not None:
+        M = _mean_inertia(state.inertia, M)
+        dx = M * dx if M.ndim == 1 else M @ dx
+    u = dx * rate
+    u -= g if sampled.g == "hold" or state.g is None else (g + state.g) * g.dtype.type(0.5)
+    if sampled.E is not None:
+        u = sampled.measure.astype(u.dtype) @ u
+    u -= state.f_theta if sampled.f_theta == "hold" else (f_theta + state.f_theta) * f_theta.dtype.type(0.5)
+    return u
+
+
+def _aligned_residual(
+    sampled: SampledPhyFilter,
+    state: FilterState,
+    x: Array,
+    g: Array,
+    f_theta: Array,
+    M: Array | None,
+    h: float,
+) -> tuple[Array, float, tuple[Interval, ...]]:
+    """u over the time since the last accepted sample, ``delay`` earlier; that time; the steps still needed."""
+    past = (*state.past, _interval(sampled, state, g, f_theta, M, h))
+    length, delay = state.gap + h, sampled.delay
+    times = np.cumsum([0.0, *(entry.dt for entry in past)])
+    times -= times[-1]
+    ends = np.array([-length - delay, -delay])
+    means = [
+        _windows.window_means(
+            times, np.array([v[0] for v in values]), np.array([v[1] for v in values]), *ends[:, None]
+        )[0]
+        for values in ([entry.g for entry in past], [entry.f_theta for entry in past])
+    ]
+    dx = (x - state.x).astype(float)
+    if M is not None:
+        # An inertia first given now was the same before: intervals without one take it too.
+        pairs = [entry.inertia or (M, M) for entry in past]
+        samples = np.array([pairs[0][0], *(pair[1] for pair in pairs)], dtype=float)
+        mean = _windows.values_at(times, samples, ends).mean(axis=0)
+        dx = mean * dx if mean.ndim == 1 else mean @ dx
+    u = dx / length - means[0]
+    u = (u if sampled.E is None else sampled.measure @ u) - means[1]
+    return u.astype(x.dtype), length, _still_needed(past, delay)
+
+
+def _interval(
+    sampled: SampledPhyFilter, state: FilterState, g: Array, f_theta: Array, M: Array | None, h: float
+) -> Interval:
+    before = g if sampled.g == "hold" or state.g is None else state.g
+    after = state.f_theta if sampled.f_theta == "hold" else f_theta
+    inertia = None if M is None else (M if state.inertia is None else state.inertia, M)
+    return Interval(h, (before, g), (state.f_theta, after), inertia)
+
+
+def _still_needed(past: tuple[Interval, ...], reach: float) -> tuple[Interval, ...]:
+    """The latest intervals that cover the last ``reach`` seconds."""
+    covered = 0.0
+    for count, entry in enumerate(reversed(past)):
+        if covered >= reach:
+            return past[len(past) - count :]
+        covered += entry.dt
+    return past
+
+
+def _refuse(
+    sampled: SampledPhyFilter,
+    state: FilterState,
+    x: Array,
+    g: Array,
+    f_theta: Array,
+    M: Array | None,
+    h: float,
+) -> tuple[FilterState, Array]:
+    """A sample that is not finite: an error, or held and taken as part of a longer step later."""
+    if sampled.nonfinite == "raise":
+        raise ValueError(
+            f"x, g, f_theta and inertia must be finite, got x={x.tolist()}, g={g.tolist()}, "
+            f"f_theta={f_theta.tolist()}; the state is unchanged; skip the sample (and pass the longer dt), or use "
+            "nonfinite='hold'"
+        )
+    g = np.where(np.isfinite(g), g, np.zeros_like(g) if state.g is None else state.g)
+    f_theta = np.where(np.isfinite(f_theta), f_theta, state.f_theta)
+    if M is not None:
+        last = (
+            np.ones_like(M) if state.inertia is None else _mean_inertia(state.inertia, state.inertia, M.ndim)
+        )
+        M = np.where(np.isfinite(M), M, last)
+    past = (*state.past, _interval(sampled, state, g, f_theta, M, h))
+    state = state._replace(g=g, f_theta=f_theta, inertia=M, held=True, gap=state.gap + h, past=past)
+    return state, _limited(sampled, f_theta.copy())
+
+
+def _step_paper(
+    sampled: SampledPhyFilter,
+    state: FilterState,
+    x: Array,
+    g: Array,
+    f_theta: Array,
+    inertia: ArrayLike | None,
+    dt: float | None,
+) -> tuple[FilterState, Array]:
+    if inertia is not None or (dt is not None and dt != sampled.dt) or state.paper is None:
+        raise ValueError(
+            "realisation='paper' has neither an inertia nor unequal steps: use realisation='sections'"
+        )
+    paper = _paper.step(sampled.filter, state.paper, x, g, f_theta, sampled.dt)
+    return state._replace(x=x, g=g, f_theta=f_theta, paper=paper), _limited(sampled, paper.alpha[0].copy())
+
+
+def shift_x(sampled: SampledPhyFilter, state: FilterState, dx: ArrayLike) -> FilterState:
+    """See :meth:`SampledPhyFilter.shift_x`."""
+    jump = _vector("dx", dx, len(state.x), state.x.dtype)
+    if not np.isfinite(jump).all():
+        raise ValueError(f"dx: expected finite values, got {jump.tolist()}")
+    paper = None if state.paper is None else _paper.shift(sampled.filter, state.paper, jump)
+    return state._replace(x=state.x + jump, paper=paper)
+
+
+def retune(sampled: SampledPhyFilter, state: FilterState, new: SampledPhyFilter) -> FilterState:
+    """See :meth:`SampledPhyFilter.retune`."""
+    if state.paper is not None or new.realisation == "paper":
+        raise ValueError(
+            "realisation='paper' cannot be retuned: its integrators have no meaning in another filter"
+        )
+    n_f = channels(new, len(state.x))
+    if n_f != len(state.f_theta):
+        raise ValueError(f"retune: the new filter has {n_f} channels of f, the state {len(state.f_theta)}")
+    w = state.w.astype(float) if state.carry is None else state.w.astype(float) + state.carry
+    y = (w * sampled.bank[2]).sum(axis=1)
+    if [entry.order for entry in new.filters] == [entry.order for entry in sampled.filters]:
+        _, equilibrium, C = new.bank
+        jump = y - (w * C).sum(axis=1)
+        w = w + _move_output(equilibrium, C, jump)
+    else:
+        w = _move_output(new.bank[1], new.bank[2], y)
+    kept = w.astype(new.precision)
+    carry = (w - kept).astype(np.float32) if new.precision == "float32" else None
+    return _cast(state, np.dtype(new.precision))._replace(w=kept, carry=carry)
+
+
+def _move_output(equilibrium: Array, C: Array, y: Array) -> Array:
+    """State (n_f, n) with output y (n_f,): at rest where F(0) allows it, else the smallest one."""
+    rest = (C * equilibrium).sum(axis=1)
+    use_rest = np.abs(rest) > 1e-6 * np.abs(C).sum(axis=1)
+    direction = np.where(use_rest[:, None], equilibrium, C)
+    return y[:, None] * direction / (C * direction).sum(axis=1)[:, None]
+
+
+def _at_rest(sampled: SampledPhyFilter, y: Array) -> Array:
+    """State (n_f, n) of the constant residual for which C w = y."""
+    _, equilibrium, C = sampled.bank
+    for entry in sampled.filters:
+        if abs(entry.dc_gain) < 1e-9 and np.any(y):
+            raise ValueError(
+                "f_hat0: F(0) = 0 (band-pass), so no constant residual gives an estimate other than f_theta0; "
+                "start without f_hat0"
+            )
+    if not np.any(y):
+        return np.zeros((len(y), sampled.order))
+    return _move_output(equilibrium, C, y)
+
+
+def _cast(state: FilterState, dtype: np.dtype) -> FilterState:
+    if state.x.dtype == dtype:
+        return state
+    cast = {
+        name: value.astype(dtype)
+        for name in ("x", "g", "f_theta", "inertia")
+        if (value := getattr(state, name)) is not None
+    }
+    return state._replace(**cast)
+
+
+def channels(sampled: SampledPhyFilter, n_x: int) -> int:
+    """Number n_f of channels of f for a state of n_x, checked against E, the filters and the limit."""
+    n_f = n_x
+    if sampled.E is not None:
+        if sampled.E.shape[0] != n_x:
+            raise ValueError(f"x has {n_x} channels but E has {sampled.E.shape[0]} rows: expected as many")
+        n_f = sampled.E.shape[1]
+    if len(sampled.filters) not in (1, n_f):
+        raise ValueError(
+            f"{len(sampled.filters)} filters for {n_f} channels: expected one, or one per channel"
+        )
+    if sampled.limit is not None and sampled.limit.ndim == 1 and len(sampled.limit) != n_f:
+        raise ValueError(
+            f"limit: {len(sampled.limit)} bounds for {n_f} channels; expected one number or {n_f}"
+        )
+    return n_f
+
+
+def _limited(sampled: SampledPhyFilter, f_hat: Array) -> Array:
+    if sampled.limit is None:
+        return f_hat
+    limit = sampled.limit.astype(f_hat.dtype)
+    return np.clip(f_hat, -limit, limit)
+
+
+def _mean_inertia(before: Array | None, now: Array, ndim: int = 0) -> Array:
+    if before is None or before is now:
+        before = now
+    ndim = max(ndim, before.ndim, now.ndim)
+    before, now = (np.diag(M) if M.ndim < ndim else M for M in (before, now))
+    return (before + now) * now.dtype.type(0.5)
+
+
+def _inertia(name: str, inertia: ArrayLike, n_x: int, dtype: np.dtype) -> Array:
+    M = np.asarray(inertia, dtype)
+    if M.ndim == 0:
+        return np.full(n_x, M)
+    if M.shape not in ((n_x,), (n_x, n_x)):
+        raise ValueError(f"{name}: expected a number or shape ({n_x},) or ({n_x}, {n_x}), got {M.shape}")
+    return M
+
+
+def _vector(name: str, values: ArrayLike, length: int, dtype: np.dtype) -> Array:
+    vector = np.array(values, dtype)
+    if vector.shape != (length,):
+        raise ValueError(f"{name}: expected shape ({length},), got {vector.shape}")
+    return vector
+
+
+def _step_length(sampled: SampledPhyFilter, dt: float) -> float:
+    if not (isfinite(dt) and dt > 0.0):
+        raise ValueError(
+            f"dt: expected the positive length of the step in seconds, got {dt}; time runs forwards"
+        )
+    sampled.check_step(dt)
+    return float(dt)

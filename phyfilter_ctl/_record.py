@@ -1,0 +1,272 @@
+"""The sampled filter over a whole record: checks, measured residual, recursion."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from . import _paper, _recursion, _windows
+from ._loop import channels
+from ._sections import FloatArray
+
+if TYPE_CHECKING:
+    from .sampled import SampledPhyFilter
+
+# Time stamps that differ from a fixed grid by no more than their own rounding are that grid.
+_STAMP_ROUNDING = 8 * np.finfo(float).eps
+
+Array = NDArray[np.floating]
+
+
+def run(
+    sampled: SampledPhyFilter,
+    x: ArrayLike,
+    g: ArrayLike | None,
+    f_theta: ArrayLike | None,
+    inertia: ArrayLike | None,
+    times: ArrayLike | None,
+) -> tuple[Array, NDArray[np.bool_]]:
+    """See :meth:`SampledPhyFilter.run`; returns f_hat (N, n_f) and which samples were held (N,)."""
+    dtype = np.dtype(sampled.precision)
+    x = _signal("x", x, dtype)
+    N, n_x = x.shape
+    n_f = channels(sampled, n_x)
+    g = np.broadcast_to(dtype.type(0), (N, n_x)) if g is None else _signal("g", g, dtype, (N, n_x))
+    f_theta = (
+        np.broadcast_to(dtype.type(0), (N, n_f))
+        if f_theta is None
+        else _signal("f_theta", f_theta, dtype, (N, n_f))
+    )
+    M = None if inertia is None else record_inertia(inertia, N, n_x).astype(dtype, copy=False)
+    stamps = None if times is None else _times(times, N, sampled.dt)
+    # With g held, sample k comes with the g of sample k - 1: the last one never acts.
+    arriving = [x, g[:-1] if sampled.g == "hold" else g, f_theta] + ([] if M is None else [M])
+    if sampled.realisation == "paper":
+        return _run_paper(sampled, x, g, f_theta, M, stamps), np.zeros(N, dtype=bool)
+    if all(np.isfinite(signal).all() for signal in arriving):
+        held = np.zeros(N, dtype=bool)
+        if sampled.delay:
+            f_hat = _run_aligned(sampled, x, g, f_theta, M, stamps, held)
+        else:
+            f_hat = _run_plain(sampled, x, g, f_theta, M, stamps)
+    else:
+        held = _held(sampled, x, g, f_theta, M)
+        f_hat = _run_aligned(sampled, x, g, f_theta, M, stamps, held)
+    if sampled.limit is not None:
+        limit = sampled.limit.astype(dtype)
+        np.clip(f_hat, -limit, limit, out=f_hat)
+    return f_hat, held
+
+
+def _run_plain(
+    sampled: SampledPhyFilter, x: Array, g: Array, f_theta: Array, M: Array | None, stamps: FloatArray | None
+) -> Array:
+    """No gap and no delay: chunk by chunk, with no array as long as the record but the result."""
+    f_hat = np.empty_like(f_theta)
+    f_hat[0] = f_theta[0]
+    steps = None if stamps is None else np.diff(stamps)
+
+    def residual(rows: slice) -> Array:
+        return _residual(sampled, x, g, f_theta, M, steps, rows)
+
+    for rows, y in _respond(sampled, len(x) - 1, f_theta.shape[1], residual, steps):
+        np.add(f_theta[1:][rows], y, out=f_hat[1:][rows], casting="same_kind")
+    return f_hat
+
+
+def _run_aligned(
+    sampled: SampledPhyFilter,
+    x: Array,
+    g: Array,
+    f_theta: Array,
+    M: Array | None,
+    stamps: FloatArray | None,
+    held: NDArray[np.bool_],
+) -> Array:
+    """With a delay, or with gaps: a held sample makes the step to the next good one longer."""
+    acting = np.concatenate([g[:1], g[:-1]]) if sampled.g == "hold" else g
+    acting, f_theta = _windows.fill_forward(acting), _windows.fill_forward(f_theta)
+    M = None if M is None else _windows.fill_forward(M, 1.0)
+    f_hat = f_theta.copy()
+    rows = np.flatnonzero(~held)
+    if len(rows) > 1:
+        grid: FloatArray = (sampled.dt * np.arange(len(x))).astype(float) if stamps is None else stamps
+        u = _aligned_residual(sampled, x, acting, f_theta, M, grid, rows)
+        steps: FloatArray | None = None if stamps is None and not held.any() else np.diff(grid[rows])
+        for part, y in _respond(sampled, len(u), u.shape[1], lambda chunk: u[chunk], steps):
+            f_hat[rows[1:][part]] += y
+    return f_hat
+
+
+def _respond(
+    sampled: SampledPhyFilter,
+    count: int,
+    n_f: int,
+    residual: Callable[[slice], Array],
+    steps: FloatArray | None,
+) -> Iterator[tuple[slice, Array]]:
+    """C w of ``count`` steps, chunk by chunk; one filter for all channels or one for each."""
+    shared = len(sampled.filters) == 1
+    columns = [slice(None)] if shared else [slice(i, i + 1) for i in range(n_f)]
+    states = [np.zeros((n_f if shared else 1, sampled.order)) for _ in columns]
+    if steps is not None and count:
+        sampled.check_step(float(steps.max()))
+    for first in range(0, count, _recursion.CHUNK):
+        rows = slice(first, min(first + _recursion.CHUNK, count))
+        u = residual(rows).astype(float, copy=False)
+        y = np.empty(u.shape)
+        for i, column in enumerate(columns):
+            if steps is None:
+                y[:, column], states[i] = _recursion.uniform(sampled.kernels[i], u[:, column], states[i])
+            else:
+                dA, equilibrium, C = sampled.bank_at(steps[rows], i)
+                refine = _recursion.needs_refinement(sampled.slowest, float(steps.min()))
+                y[:, column], states[i] = _recursion.irregular(
+                    dA, equilibrium, C, u[:, column], states[i], refine=refine
+                )
+        yield rows, y
+
+
+def _residual(
+    sampled: SampledPhyFilter,
+    x: Array,
+    g: Array,
+    f_theta: Array,
+    M: Array | None,
+    steps: FloatArray | None,
+    rows: slice,
+) -> Array:
+    """u of the steps ``rows`` (step k runs from sample k to sample k + 1), no gap and no delay; (m, n_f)."""
+    here, there = rows, slice(rows.start + 1, rows.stop + 1)
+    rate = 1.0 / sampled.dt if steps is None else (1.0 / steps[rows])[:, None]
+    half = x.dtype.type(0.5)
+    u = x[there] - x[here]
+    if M is not None:
+        u = times_inertia(M if len(M) == 1 else half * (M[here] + M[there]), u)
+    u *= np.asarray(rate, dtype=x.dtype)
+    u -= g[here] if sampled.g == "hold" else half * (g[here] + g[there])
+    if sampled.E is not None:
+        u = u @ sampled.measure.T.astype(x.dtype)
+    u -= f_theta[here] if sampled.f_theta == "hold" else half * (f_theta[here] + f_theta[there])
+    return u
+
+
+def _aligned_residual(
+    sampled: SampledPhyFilter,
+    x: Array,
+    g: Array,
+    f_theta: Array,
+    M: Array | None,
+    times: FloatArray,
+    rows: NDArray[np.intp],
+) -> Array:
+    """u over the steps between ``rows``, with g, f_theta and the inertia taken ``delay`` earlier."""
+    ends = times[rows] - sampled.delay
+    g_first = g[1:] if sampled.g == "hold" else g[:-1]
+    f_first, f_last = f_theta[:-1], f_theta[:-1] if sampled.f_theta == "hold" else f_theta[1:]
+    g_mean = _windows.window_means(times, g_first, g[1:], ends[:-1], ends[1:])
+    f_mean = _windows.window_means(times, f_first, f_last, ends[:-1], ends[1:])
+    dx = np.diff(x[rows], axis=0)
+    if M is not None:
+        if len(M) > 1:
+            at_ends = _windows.values_at(times, M, ends)
+            M = 0.5 * (at_ends[1:] + at_ends[:-1])
+        dx = times_inertia(M, dx)
+    u = dx / np.diff(ends)[:, None] - g_mean
+    return (u if sampled.E is None else u @ sampled.measure.T) - f_mean
+
+
+def _run_paper(
+    sampled: SampledPhyFilter, x: Array, g: Array, f_theta: Array, M: Array | None, stamps: FloatArray | None
+) -> Array:
+    if M is not None or stamps is not None:
+        raise ValueError(
+            "realisation='paper' has neither an inertia nor unequal steps: use realisation='sections'"
+        )
+    state = _paper.start(sampled.filter, x[0], f_theta[0])
+    f_hat = f_theta.copy()
+    for k in range(1, len(x)):  # the rounding of every step is what this realisation is kept to show
+        state = _paper.step(sampled.filter, state, x[k], g[k - 1], f_theta[k], sampled.dt)
+        f_hat[k] = state.alpha[0]
+    return f_hat
+
+
+# -- checks, shared with the loop -----------------------------------------------------------------------------------
+
+
+def _signal(name: str, values: ArrayLike, dtype: np.dtype, shape: tuple[int, int] | None = None) -> Array:
+    array = np.asarray(values, dtype=dtype)
+    if array.ndim == 1 and (shape is None or shape == (len(array), 1)):
+        array = array[:, None]
+    if array.ndim != 2 or 0 in array.shape:
+        raise ValueError(
+            f"{name}: expected a non-empty (N, channels) array, samples first, got shape {array.shape}"
+        )
+    if shape is not None and array.shape != shape:
+        raise ValueError(f"{name}: expected shape {shape} to go with x, got {array.shape}")
+    return array
+
+
+def _times(times: ArrayLike, N: int, dt: float) -> FloatArray | None:
+    """Checked time stamps; None where they are the nominal grid."""
+    stamps = np.asarray(times, dtype=float)
+    if stamps.shape != (N,):
+        raise ValueError(f"times: expected shape ({N},) to go with x, got {stamps.shape}")
+    if not np.all(np.isfinite(stamps)):
+        row = int(np.argmin(np.isfinite(stamps)))
+        raise ValueError(f"times: not finite in row {row} ({stamps[row]}); drop or repair the row")
+    steps = np.diff(stamps)
+    if np.any(steps <= 0.0):
+        row = int(np.argmax(steps <= 0.0)) + 1
+        what = "stands still" if steps[row - 1] == 0.0 else "runs back"
+        raise ValueError(
+            f"times: time {what} at row {row} ({stamps[row - 1]!r} s, then {stamps[row]!r} s): expected increasing "
+            "times; drop or repair the row"
+        )
+    rounding = _STAMP_ROUNDING * float(np.max(np.abs(stamps)))
+    return None if np.all(np.abs(steps - dt) <= rounding) else stamps
+
+
+def record_inertia(inertia: ArrayLike, N: int, n_x: int) -> Array:
+    """Checked inertia of a record: diagonal (1 or N, n_x) or full (1 or N, n_x, n_x)."""
+    M = np.asarray(inertia, dtype=float)
+    if M.ndim == 0:
+        return np.full((1, n_x), M)
+    if M.ndim == 2 and n_x == N and M.shape == (n_x, n_x):
+        raise ValueError(
+            f"inertia: shape {M.shape} is ambiguous because N == n_x == {N}: it may be one full matrix or a diagonal "
+            "per sample; give it as (N, n_x, n_x)"
+        )
+    if M.shape in ((n_x,), (n_x, n_x)):
+        return M[None]
+    if M.shape not in ((N, n_x), (N, n_x, n_x)):
+        raise ValueError(
+            f"inertia: expected a number or shape ({n_x},), ({n_x}, {n_x}), ({N}, {n_x}) or ({N}, {n_x}, {n_x}), "
+            f"got {M.shape}"
+        )
+    return M
+
+
+def times_inertia(M: Array, dx: Array) -> Array:
+    """M dx for diagonal M (m, n_x) or full M (m, n_x, n_x), dx (m, n_x)."""
+    return M * dx if M.ndim == 2 else (M @ dx[..., None])[..., 0]
+
+
+def _held(
+    sampled: SampledPhyFilter, x: Array, g: Array, f_theta: Array, M: Array | None
+) -> NDArray[np.bool_]:
+    """Samples that are not finite (N,), or the error that the policy asks for."""
+    acting = np.concatenate([g[:1], g[:-1]]) if sampled.g == "hold" else g
+    held = np.zeros(len(x), dtype=bool)
+    for signal in (x, acting, f_theta) if M is None else (x, acting, f_theta, M):
+        held |= ~np.isfinite(signal).reshape(len(signal), -1).all(axis=1)
+    if sampled.nonfinite == "raise":
+        rows = np.flatnonzero(held)
+        raise ValueError(
+            f"x, g, f_theta and inertia must be finite: {len(rows)} bad sample{'s' if len(rows) > 1 else ''}, the "
+            f"first in row {rows[0]}; clean the record, or use nonfinite='hold' to carry over gaps"
+        )
+    return held

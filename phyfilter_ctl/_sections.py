@@ -1,0 +1,224 @@
+"""Poles, first- and second-order sections, and the matrix exponential they need.
+
+A filter F = N/D is realised as a chain of sections, each of unit gain at s = 0, so that every state has the
+size of the residual that drives it:
+
+* a real pole p:            w' = p (w - v)
+* a pair sigma +- j omega:  w1' = sigma w1 - (omega^2 / r) w2 + r v,   w2' = r w1 + sigma w2,   r = |p|
+
+``v`` is the section before (or the input of the chain). The pair tends to two equal real poles as omega -> 0, so
+repeated and nearly repeated poles need no special case. N enters as a combination of the states.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import solve_triangular
+
+FloatArray = NDArray[np.float64]
+ComplexArray = NDArray[np.complex128]
+
+# Coefficients that a set of poles reproduces to this relative error are the same polynomial in double
+# precision: rounding each a_i once and forming the product of n factors costs about n eps.
+SAME_POLYNOMIAL = 1e-14
+# Taylor series of expm1 below this norm: 18 terms leave 0.5**18 / 19! < 1e-22 of the result.
+_TAYLOR_NORM = 0.5
+_TAYLOR_TERMS = 18
+# Rows of one matrix product: small enough that no BLAS splits it over threads, whose start costs more than the work.
+_SLAB = 128
+_LONELY = (
+    "the pole {:.6g} has no conjugate: complex poles come in pairs p, conj(p), so that the coefficients are "
+    "real; add {:.6g}"
+)
+
+
+def polynomial_from_roots(roots: ComplexArray) -> FloatArray:
+    """Ascending coefficients of prod (s - root) without the leading 1, shape (n,)."""
+    coefficients = np.ones(1, dtype=np.complex128)
+    for root in roots:
+        coefficients = np.convolve(coefficients, np.array([1.0, -root])).astype(np.complex128)
+    return np.real(coefficients[:0:-1]).copy()
+
+
+def relative_difference(one: FloatArray, other: FloatArray) -> float:
+    """Largest relative difference of two coefficient vectors that have no zero entry."""
+    return float(np.max(np.abs(one - other) / np.abs(other)))
+
+
+def roots_of_monic(a: FloatArray) -> ComplexArray:
+    """Roots of s^n + a[n-1] s^(n-1) + ... + a[0], repeated ones recognised.
+
+    A root of multiplicity m is spread by an eigenvalue solver over a circle of radius eps**(1/m). Where the mean
+    of such a cluster, repeated, gives the coefficients back to rounding, it is the better answer.
+    """
+    n = len(a)
+    scale = abs(a[0]) ** (1.0 / n) or 1.0
+    scaled = a / scale ** np.arange(n, 0, -1)
+    roots = np.roots(np.concatenate([[1.0], scaled[::-1]])).astype(np.complex128)
+    if np.all(scaled > 0.0):  # no root at all on or right of the axis without this
+        for radius in 10.0 ** np.arange(-1.0, -8.5, -0.5):
+            merged = _merge_clusters(roots, radius)
+            if len(np.unique(merged)) < n:
+                error = relative_difference(polynomial_from_roots(merged), scaled)
+                if error <= n * SAME_POLYNOMIAL:
+                    roots = merged
+                    break
+    return sort_poles(roots * scale)
+
+
+def _merge_clusters(roots: ComplexArray, radius: float) -> ComplexArray:
+    """Replace roots that hang together within ``radius`` (relative) by their mean."""
+    near = np.abs(roots[:, None] - roots[None, :]) <= radius * np.abs(roots)[:, None]
+    reach = near | near.T
+    for _ in range(len(roots).bit_length()):
+        reach = (reach.astype(np.intp) @ reach.astype(np.intp)) > 0
+    merged = np.array([roots[row].mean() for row in reach], dtype=np.complex128)
+    # A cluster that is its own mirror image has a real mean.
+    alone = np.abs(merged.imag) <= 4.0 * np.finfo(float).eps * np.abs(merged)
+    merged[alone] = merged[alone].real
+    return merged
+
+
+def sort_poles(poles: ComplexArray) -> ComplexArray:
+    """Slowest first; each complex pair together and exactly conjugate, the positive imaginary part first."""
+    kept = poles[poles.imag >= 0.0]
+    order = np.lexsort((kept.imag, kept.real, np.abs(kept)))
+    both: list[complex] = []
+    for pole in kept[order]:
+        both += [pole] if pole.imag == 0.0 else [pole, pole.conjugate()]
+    return np.array(both, dtype=np.complex128)
+
+
+def pair_conjugates(poles: ComplexArray, tolerance: float = 1e-9) -> ComplexArray:
+    """Make complex poles exact conjugate pairs.
+
+    Raises
+    ------
+    ValueError
+        If a complex pole has no conjugate within ``tolerance`` (relative).
+    """
+    rounding = 4.0 * np.finfo(float).eps * np.abs(poles)
+    kept = [complex(p.real, 0.0) for p in poles[np.abs(poles.imag) <= rounding]]
+    unpaired = list(poles[poles.imag < -rounding])
+    for pole in poles[poles.imag > rounding]:
+        partner = min(unpaired, key=lambda q: abs(q - pole.conjugate()), default=None)
+        if partner is None or abs(partner - pole.conjugate()) > tolerance * abs(pole):
+            raise ValueError(_LONELY.format(pole, pole.conjugate()))
+        unpaired.remove(partner)
+        kept.append(0.5 * (pole + partner.conjugate()))
+    if unpaired:
+        raise ValueError(_LONELY.format(unpaired[0], unpaired[0].conjugate()))
+    return sort_poles(np.array(kept, dtype=np.complex128))
+
+
+def chain(poles: ComplexArray) -> tuple[FloatArray, FloatArray]:
+    """State matrix A (n, n) of the chain of sections and its equilibrium for a unit input (n,).
+
+    The input vector is ``-A @ equilibrium``; it is zero but for the first section.
+    """
+    n = len(poles)
+    A = np.zeros((n, n))
+    equilibrium = np.ones(n)
+    i = 0
+    while i < n:
+        pole = poles[i]
+        if pole.imag == 0.0:
+            A[i, i] = pole.real
+            if i:
+                A[i, i - 1] = -pole.real
+            i += 1
+        else:
+            r = abs(pole)
+            A[i, i] = A[i + 1, i + 1] = pole.real
+            A[i, i + 1] = -(pole.imag**2) / r
+            A[i + 1, i] = r
+            if i:
+                A[i, i - 1] = r
+            equilibrium[i] = -pole.real / r
+            i += 2
+    return A, equilibrium
+
+
+def chain_output(poles: ComplexArray, a: FloatArray, b: FloatArray) -> FloatArray:
+    """Row C (n,) so that C (sI - A)^-1 B = N/D for the chain of ``poles``."""
+    n = len(poles)
+    output = np.zeros(n)
+    if b[0] == a[0] and not np.any(b[1:]):
+        output[-1] = 1.0
+        return output
+    # In s / scale all coefficients are of one size. Numerator of state i: the gains up to it times the
+    # denominators after it, so its degree falls by one a state and the system is triangular.
+    scale = abs(a[0]) ** (1.0 / n)
+    p = poles / scale
+    columns = np.zeros((n, n))
+    gain, i = 1.0, 0
+    while i < n:
+        if p[i].imag == 0.0:
+            gain *= -p[i].real
+            columns[: n - i, i] = gain * _denominator(p[i + 1 :])
+            i += 1
+        else:
+            r = abs(p[i])
+            later = _denominator(p[i + 2 :])
+            columns[: n - i, i] = gain * r * np.convolve(later, [-p[i].real, 1.0])
+            gain *= r * r
+            columns[: n - i - 1, i + 1] = gain * later
+            i += 2
+    scaled_b = b / scale ** np.arange(n, 0, -1)
+    # Reversed, row s^(n-1) first, the matrix is lower triangular.
+    output = np.asarray(solve_triangular(columns[::-1], scaled_b[::-1], lower=True))
+    _, equilibrium = chain(poles)
+    output[-1] += b[0] / a[0] - output @ equilibrium  # F(0) to the last digit
+    return output
+
+
+def _denominator(poles: ComplexArray) -> FloatArray:
+    """Ascending coefficients of prod (s - p) with the leading 1."""
+    return np.concatenate([polynomial_from_roots(poles), [1.0]])
+
+
+def expm1(A: FloatArray, step: FloatArray | float) -> FloatArray:
+    """exp(A step) - I, accurate relative to its own size, for one step or many.
+
+    Taylor series of A step / 2^q, then q squarings in delta form, (I + X)^2 - I = 2X + X^2: nothing is ever
+    subtracted from I, so slow poles keep their digits. For many steps the series is one matrix product of powers
+    of the step with the powers of A.
+
+    Parameters
+    ----------
+    A : (n, n) array
+    step : float or (N,) array
+
+    Returns
+    -------
+    (n, n) or (N, n, n) array
+    """
+    n = len(A)
+    steps = np.atleast_1d(np.asarray(step, dtype=float))
+    size = np.abs(steps) * float(np.linalg.norm(A, np.inf))
+    with np.errstate(divide="ignore"):
+        squarings = np.maximum(0, np.ceil(np.log2(size / _TAYLOR_NORM))).astype(np.intp)
+    powers = np.empty((_TAYLOR_TERMS, n * n))
+    term = np.eye(n)
+    for j in range(_TAYLOR_TERMS):
+        term = term @ A / (j + 1)
+        powers[j] = term.ravel()
+    result = np.empty((len(steps), n, n))
+    for q in np.unique(squarings):
+        rows = squarings == q
+        reduced = steps[rows] / 2.0**q
+        basis = np.cumprod(np.broadcast_to(reduced[:, None], (len(reduced), _TAYLOR_TERMS)), axis=1, dtype=float)
+        X = multiply(basis, powers).reshape(-1, n, n)
+        for _ in range(q):
+            X = 2.0 * X + X @ X
+        result[rows] = X
+    return result[0] if np.ndim(step) == 0 else result
+
+
+def multiply(rows: FloatArray, matrix: FloatArray) -> FloatArray:
+    """rows @ matrix, a slab of rows at a time."""
+    product = np.empty((len(rows), matrix.shape[1]))
+    for first in range(0, len(rows), _SLAB):
+        np.matmul(rows[first : first + _SLAB], matrix, out=product[first : first + _SLAB])
+    return product

@@ -1,0 +1,73 @@
+"""Averages of sampled signals over the filter's steps, delayed steps and steps across a gap included.
+
+Between two samples a signal runs on a straight line from ``first`` to ``last`` (both equal where it is held), so an
+average over any window is exact. Before the record it keeps its first value.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.floating]
+
+
+def window_means(
+    times: FloatArray, first: FloatArray, last: FloatArray, starts: FloatArray, ends: FloatArray
+) -> FloatArray:
+    """Means over the windows [starts, ends] of a signal that is linear on each interval of ``times``.
+
+    Parameters
+    ----------
+    times : (m + 1,) array
+        Ends of the intervals.
+    first, last : (m, c) arrays
+        Value at the beginning and at the end of each interval.
+    starts, ends : (w,) arrays
+        Windows; not beyond ``times[-1]``.
+
+    Returns
+    -------
+    (w, c) array
+    """
+    # The part of a window before the record is an interval of its own, of constant value.
+    begin = min(float(starts[0]), float(times[0])) - 1.0
+    times = np.concatenate([[begin], times])
+    first = np.concatenate([first[:1], first])
+    last = np.concatenate([first[:1], last])
+    duration = np.diff(times)
+    slope = (last - first) / duration[:, None]
+
+    left = np.clip(np.searchsorted(times, starts, side="right") - 1, 0, len(first) - 1)
+    right = np.clip(np.searchsorted(times, ends, side="left") - 1, 0, len(first) - 1)
+
+    def piece(index: np.ndarray, begin: FloatArray, end: FloatArray) -> FloatArray:
+        middle = 0.5 * (begin + end) - times[index]
+        return (end - begin)[:, None] * (first[index] + slope[index] * middle[:, None])
+
+    total = piece(left, starts, np.minimum(ends, times[left + 1]))
+    total += np.where((right > left)[:, None], piece(right, times[right], ends), 0.0)
+    # Whole intervals between the two ends, summed window by window: a running sum over the record would lose digits.
+    whole = np.concatenate([0.5 * (first + last) * duration[:, None], np.zeros((1, first.shape[1]))])
+    bounds = np.stack([np.minimum(left + 1, right), right], axis=1).ravel()
+    between = np.add.reduceat(whole, bounds, axis=0)[::2]
+    total += np.where((right > left + 1)[:, None], between, 0.0)
+    return total / (ends - starts)[:, None]
+
+
+def values_at(times: FloatArray, samples: FloatArray, when: FloatArray) -> FloatArray:
+    """Straight-line values of samples (N, ...) at the times ``when`` (w,); the first one before the record."""
+    flat = samples.reshape(len(samples), -1)
+    columns = [np.interp(when, times, flat[:, j]) for j in range(flat.shape[1])]
+    return np.stack(columns, axis=1).reshape(len(when), *samples.shape[1:])
+
+
+def fill_forward(values: FloatArray, start: float = 0.0) -> FloatArray:
+    """Replace each non-finite entry of (N, ...) by the last finite one before it, by ``start`` where there is none."""
+    flat = values.reshape(len(values), -1)
+    good = np.isfinite(flat)
+    if good.all():
+        return values
+    row = np.maximum.accumulate(np.where(good, np.arange(len(flat))[:, None], -1), axis=0)
+    filled = np.take_along_axis(flat, np.maximum(row, 0), axis=0)
+    return np.where(row >= 0, filled, start).reshape(values.shape)

@@ -1,0 +1,416 @@
+"""PhyFilter: the filter F = N/D that the learning residual passes through.
+
+    f_hat = f_theta + F(s) [M x' - g - f_theta],    F = N/D,
+    D = s^n + a_{n-1} s^{n-1} + ... + a_0,          N = b_{n-1} s^{n-1} + ... + b_0
+
+With N = a_0 this is the low-pass form (Eqs. (3) to (5) of the paper), with a general N the form of its
+supplement "Filtering learning residual with more general form".
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import TYPE_CHECKING, Literal
+
+import control as ct
+import numpy as np
+import sympy
+from numpy.typing import ArrayLike
+
+from . import _sections
+from ._sections import ComplexArray, FloatArray
+
+if TYPE_CHECKING:
+    from .sampled import SampledPhyFilter
+
+__all__ = ["PhyFilter"]
+
+# Two coefficients that agree to this count as equal when the type of 1 - F is read off: they come out of
+# products of n poles, each rounded.
+_SAME_COEFFICIENT = 1e-12
+# Poles given beside coefficients must reproduce them to this (they may have been typed with fewer digits).
+_POLES_AGREE = 1e-6
+
+
+@dataclass(frozen=True, init=False, eq=False, repr=False)
+class PhyFilter:
+    """The filter F(s) = N(s)/D(s) that the learning residual passes through.
+
+    Parameters
+    ----------
+    a : array_like, shape (n,)
+        Ascending coefficients a_0 ... a_{n-1} of D = s^n + a_{n-1} s^{n-1} + ... + a_0; a_i in (rad/s)^(n-i).
+    b : array_like, shape (n,), optional
+        Ascending coefficients b_0 ... b_{n-1} of N. None means the low-pass form N = a_0.
+    poles : array_like, shape (n,), optional
+        The roots of D where they are known exactly (repeated ones cannot be recovered from ``a`` to full
+        precision). They must agree with ``a``.
+
+    Attributes
+    ----------
+    a, b : (n,) read-only arrays
+    poles : (n,) read-only complex array, slowest first
+
+    Raises
+    ------
+    ValueError
+        If D is empty, has a pole that is not in the open left half plane (the pole is named), if ``b`` has another
+        length than ``a``, if a coefficient is not finite, or if ``poles`` do not belong to ``a``.
+
+    Notes
+    -----
+    Low-pass form: Eq. (3) of the paper. General form: its supplement, "Filtering learning residual with more
+    general form".
+
+    Examples
+    --------
+    >>> from phyfilter_ctl import PhyFilter
+    >>> second = PhyFilter([400.0, 40.0])
+    >>> second
+    PhyFilter(a=[400.0, 40.0])
+    >>> second.poles.real.tolist()
+    [-20.0, -20.0]
+    >>> second.type, second.dc_gain
+    (1, 1.0)
+    """
+
+    a: FloatArray
+    b: FloatArray
+    poles: ComplexArray = field(hash=False)
+
+    def __init__(self, a: ArrayLike, b: ArrayLike | None = None, *, poles: ArrayLike | None = None) -> None:
+        a = _coefficients("a", a)
+        if b is None:
+            b = np.zeros_like(a)
+            b[0] = a[0]
+        else:
+            b = _coefficients("b", b)
+            if b.shape != a.shape:
+                raise ValueError(
+                    f"b has {len(b)} coefficients but a has {len(a)}: expected b_0 ... b_{len(a) - 1}, as many as "
+                    "in a; pad with zeros"
+                )
+        roots = _sections.roots_of_monic(a) if poles is None else _given_poles(poles, a)
+        worst = roots[np.argmax(roots.real)]
+        if not worst.real < 0.0:
+            raise ValueError(
+                f"D is not Hurwitz: pole {worst:.6g} rad/s has real part {worst.real:.6g}, expected < 0; "
+                "the filter would not forget its start"
+            )
+        for name, value in (("a", a), ("b", b), ("poles", roots)):
+            value.flags.writeable = False
+            object.__setattr__(self, name, value)
+
+    @classmethod
+    def from_poles(cls, poles: ArrayLike, b: ArrayLike | None = None) -> PhyFilter:
+        """Return the filter with these poles, which it keeps exactly.
+
+        Parameters
+        ----------
+        poles : array_like, shape (n,)
+            Roots of D in rad/s; complex ones in conjugate pairs.
+        b : array_like, shape (n,), optional
+            Ascending coefficients of N; None for the low-pass form.
+
+        Raises
+        ------
+        ValueError
+            As for the class; and if a complex pole lacks its conjugate.
+
+        Examples
+        --------
+        >>> PhyFilter.from_poles([-3.0 + 4.0j, -3.0 - 4.0j]).a.tolist()
+        [25.0, 6.0]
+        """
+        roots = np.atleast_1d(np.asarray(poles, dtype=np.complex128))
+        if roots.ndim != 1 or len(roots) == 0:
+            raise ValueError(f"poles: expected at least one pole in one dimension, got shape {roots.shape}")
+        if not np.all(np.isfinite(roots)):
+            raise ValueError(f"poles: not all finite, got {roots}")
+        roots = _sections.pair_conjugates(roots)
+        return cls(_sections.polynomial_from_roots(roots), b, poles=roots)
+
+    @property
+    def order(self) -> int:
+        """Order n of D."""
+        return len(self.a)
+
+    @property
+    def is_lowpass(self) -> bool:
+        """Whether N = a_0, the low-pass form of the paper's Eq. (3)."""
+        return bool(self.b[0] == self.a[0] and not np.any(self.b[1:]))
+
+    @cached_property
+    def zeros(self) -> ComplexArray:
+        """Zeros of F (roots of N), shape (m,) with m < n."""
+        degree = int(np.max(np.nonzero(self.b)[0], initial=0))
+        if degree == 0:
+            return np.zeros(0, dtype=np.complex128)
+        return np.roots(self.b[degree::-1]).astype(np.complex128)
+
+    @cached_property
+    def error_numerator(self) -> FloatArray:
+        """Ascending coefficients c_k of D - N, shape (n + 1,): c_k = a_k - b_k, c_n = 1.
+
+        Where a_k and b_k agree to rounding c_k is exactly zero, so 1 - F has its zeros at s = 0 exactly.
+        """
+        difference = self.a - self.b
+        difference[np.abs(difference) <= _SAME_COEFFICIENT * np.abs(self.a)] = 0.0
+        return np.append(difference, 1.0)
+
+    @cached_property
+    def type(self) -> int:
+        """Number k of zeros of 1 - F at s = 0: residuals that are polynomials in t of degree k - 1 are followed
+        with no steady error."""
+        return int(np.argmax(self.error_numerator != 0.0))
+
+    @property
+    def dc_gain(self) -> float:
+        """F(0) = b_0 / a_0."""
+        return float(self.b[0] / self.a[0])
+
+    @cached_property
+    def sections(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Chain of first- and second-order sections of unit gain: (A, equilibrium, C).
+
+        Returns
+        -------
+        A : (n, n) array
+            w' = A (w - equilibrium u).
+        equilibrium : (n,) array
+            State for a constant unit input; the input vector is -A @ equilibrium.
+        C : (n,) array
+            F u = C w.
+        """
+        A, equilibrium = _sections.chain(self.poles)
+        return A, equilibrium, _sections.chain_output(self.poles, self.a, self.b)
+
+    @property
+    def transfer_function(self) -> ct.TransferFunction:
+        """F(s) as a python-control transfer function."""
+        return ct.TransferFunction(_trimmed(self.b), [1.0, *self.a[::-1]])
+
+    @property
+    def error_transfer_function(self) -> ct.TransferFunction:
+        """1 - F(s), from the residual gamma = f - f_theta to the error f - f_hat."""
+        return ct.TransferFunction(self.error_numerator[::-1], [1.0, *self.a[::-1]])
+
+    def __call__(self, s: ArrayLike) -> ComplexArray:
+        """F at complex frequencies s (rad/s), same shape; from the poles, so right on repeated ones too.
+
+        Examples
+        --------
+        >>> abs(PhyFilter([20.0])(20j)).round(6).item()
+        0.707107
+        """
+        return self._over_denominator(self.b, s)
+
+    def error(self, s: ArrayLike) -> ComplexArray:
+        """1 - F at complex frequencies s (rad/s), same shape, without cancellation near s = 0.
+
+        Examples
+        --------
+        >>> abs(PhyFilter([20.0]).error(2e-9j)).round(20).item()
+        1e-10
+        """
+        return self._over_denominator(self.error_numerator, s)
+
+    def _over_denominator(self, numerator: FloatArray, s: ArrayLike) -> ComplexArray:
+        s = np.asarray(s, dtype=np.complex128)
+        value = np.asarray(np.polynomial.polynomial.polyval(s, numerator), dtype=np.complex128)
+        for pole in self.poles:  # one at a time: no intermediate overflows before F itself would
+            value = np.divide(value, s - pole)
+        return value
+
+    def state_space(self, channels: int = 1) -> ct.StateSpace:
+        """The filter as a python-control state-space system, one chain of sections per channel.
+
+            z' = A z + A B x - B (g + f_theta),    f_hat = C z + C B x + f_theta    (z = w - B x)
+
+        so that x is never differentiated. It starts without a bump from z = -B x(0).
+
+        Parameters
+        ----------
+        channels : int
+            Number n_x of channels.
+
+        Returns
+        -------
+        control.StateSpace
+            Inputs x[i], g[i], f_theta[i] (all x first, then all g, then all f_theta), outputs f_hat[i], states
+            w[i,j]: channel i, section state j.
+
+        Raises
+        ------
+        ValueError
+            If ``channels`` is below 1.
+
+        Examples
+        --------
+        >>> PhyFilter([20.0]).state_space(2).input_labels
+        ['x[0]', 'x[1]', 'g[0]', 'g[1]', 'f_theta[0]', 'f_theta[1]']
+        """
+        if channels < 1:
+            raise ValueError(f"channels: expected at least 1, got {channels}")
+        A, equilibrium, C = self.sections
+        B = -A @ equilibrium
+        eye = np.eye(channels)
+        columns = np.stack([A @ B, -B, -B], axis=1)
+        inputs = np.hstack([np.kron(eye, columns[:, [k]]) for k in range(3)])
+        feedthrough = np.hstack([eye * (C @ B), 0.0 * eye, eye])
+        axes = range(channels)
+        return ct.StateSpace(
+            np.kron(eye, A),
+            inputs,
+            np.kron(eye, C[None, :]),
+            feedthrough,
+            inputs=[f"{signal}[{i}]" for signal in ("x", "g", "f_theta") for i in axes],
+            outputs=[f"f_hat[{i}]" for i in axes],
+            states=[f"w[{i},{j}]" for i in axes for j in range(self.order)],
+            name="phyfilter",
+            remove_useless_states=False,
+        )
+
+    def sampled(
+        self,
+        dt: float,
+        method: Literal["exact", "euler", "tustin"] = "exact",
+        g: Literal["hold", "average"] = "hold",
+        f_theta: Literal["average", "hold"] = "average",
+        *,
+        precision: Literal["float64", "float32"] = "float64",
+        realisation: Literal["sections", "paper"] = "sections",
+        E: ArrayLike | None = None,
+        delay: float = 0.0,
+        limit: ArrayLike | None = None,
+        nonfinite: Literal["raise", "hold"] = "raise",
+    ) -> SampledPhyFilter:
+        """The filter on sampled data; see :class:`SampledPhyFilter` for the parameters.
+
+        Examples
+        --------
+        >>> PhyFilter([20.0]).sampled(0.002)
+        PhyFilter(a=[20.0]).sampled(0.002)
+        """
+        from .sampled import SampledPhyFilter
+
+        return SampledPhyFilter(
+            self,
+            dt,
+            method=method,
+            g=g,
+            f_theta=f_theta,
+            precision=precision,
+            realisation=realisation,
+            E=E,
+            delay=delay,
+            limit=limit,
+            nonfinite=nonfinite,
+        )
+
+    def formula(self) -> sympy.Expr:
+        """F(s) as a SymPy expression in ``s``, coefficients at six digits.
+
+        Examples
+        --------
+        >>> PhyFilter([400.0, 40.0]).formula()
+        400/(s**2 + 40*s + 400)
+        """
+        s = sympy.Symbol("s")
+        numerator = sum((_number(c) * s**i for i, c in enumerate(self.b) if c), start=sympy.Integer(0))
+        denominator = sum((_number(c) * s**i for i, c in enumerate(self.a)), start=s**self.order)
+        return numerator / denominator
+
+    def _repr_latex_(self) -> str:
+        return f"$\\displaystyle F(s) = {sympy.latex(self.formula())}$"
+
+    def describe(self) -> str:
+        """Formula, poles, type and bandwidth in words, for reading.
+
+        Examples
+        --------
+        >>> print(PhyFilter([400.0, 40.0]).describe())
+        F(s) = 400/(s**2 + 40*s + 400)
+        order       2, low-pass form
+        poles       -20, -20 rad/s
+        zeros of F  none
+        type        1: follows a constant residual with no steady error
+        F(0)        1
+        """
+        form = "low-pass form" if self.is_lowpass else "general form"
+        followed = {
+            0: "leaves a share of a constant residual",
+            1: "follows a constant residual with no steady error",
+        }
+        meaning = followed.get(self.type, f"follows residuals t^0 ... t^{self.type - 1} with no steady error")
+        lines = {
+            "order": f"{self.order}, {form}",
+            "poles": ", ".join(_complex_text(p) for p in self.poles) + " rad/s",
+            "zeros of F": (", ".join(_complex_text(z) for z in self.zeros) + " rad/s")
+            if len(self.zeros)
+            else "none",
+            "type": f"{self.type}: {meaning}",
+            "F(0)": f"{self.dc_gain:.6g}",
+        }
+        return "\n".join([f"F(s) = {self.formula()}", *(f"{name:<12}{text}" for name, text in lines.items())])
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, PhyFilter):
+            return NotImplemented
+        return np.array_equal(self.a, other.a) and np.array_equal(self.b, other.b)
+
+    def __hash__(self) -> int:
+        return hash((self.a.tobytes(), self.b.tobytes()))
+
+    def __repr__(self) -> str:
+        numerator = "" if self.is_lowpass else f", b={self.b.tolist()}"
+        return f"PhyFilter(a={self.a.tolist()}{numerator})"
+
+
+def _coefficients(name: str, values: ArrayLike) -> FloatArray:
+    """A finite, non-empty vector of its own."""
+    try:
+        vector = np.array(values, dtype=float)
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"{name}: expected a list of real numbers, got {values!r}") from error
+    if vector.ndim != 1 or len(vector) == 0:
+        raise ValueError(
+            f"{name}: expected the coefficients {name}_0 ... {name}_(n-1) of an order n >= 1 in one dimension, "
+            f"got shape {vector.shape}"
+        )
+    if not np.all(np.isfinite(vector)):
+        raise ValueError(f"{name}: every coefficient must be finite, got {vector.tolist()}")
+    return vector
+
+
+def _given_poles(poles: ArrayLike, a: FloatArray) -> ComplexArray:
+    roots = np.atleast_1d(np.asarray(poles, dtype=np.complex128))
+    if roots.shape != a.shape:
+        raise ValueError(
+            f"poles: expected {len(a)} for the {len(a)} coefficients in a, got shape {roots.shape}"
+        )
+    roots = _sections.pair_conjugates(roots)
+    product = _sections.polynomial_from_roots(roots)
+    if np.all(a > 0.0) and _sections.relative_difference(product, a) > _POLES_AGREE:
+        raise ValueError(
+            f"poles do not belong to a: their product gives {product.tolist()}, a is {a.tolist()}; give one of the two"
+        )
+    return roots
+
+
+def _trimmed(ascending: FloatArray) -> FloatArray:
+    """Descending coefficients without leading zeros."""
+    degree = int(np.max(np.nonzero(ascending)[0], initial=0))
+    return ascending[degree::-1]
+
+
+def _number(value: float) -> sympy.Expr:
+    short = float(f"{value:.6g}")
+    return sympy.Integer(int(short)) if short == int(short) else sympy.Float(short, 6)
+
+
+def _complex_text(value: complex) -> str:
+    if value.imag == 0.0:
+        return f"{value.real:.6g}"
+    return f"{value.real:.6g}{value.imag:+.6g}j"
