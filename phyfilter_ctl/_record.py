@@ -44,11 +44,11 @@ def run(
     stamps = None if times is None else _times(times, N, sampled.dt)
     # With g held, sample k comes with the g of sample k - 1: the last one never acts.
     arriving = [x, g[:-1] if sampled.g == "hold" else g, f_theta] + ([] if M is None else [M])
-    if sampled.realisation == "paper":
-        return _run_paper(sampled, x, g, f_theta, M, stamps), np.zeros(N, dtype=bool)
     if all(np.isfinite(signal).all() for signal in arriving):
         held = np.zeros(N, dtype=bool)
-        if sampled.delay:
+        if sampled.realisation == "paper":
+            f_hat = _run_paper(sampled, x, g, f_theta, M, stamps)
+        elif sampled.delay:
             f_hat = _run_aligned(sampled, x, g, f_theta, M, stamps, held)
         else:
             f_hat = _run_plain(sampled, x, g, f_theta, M, stamps)

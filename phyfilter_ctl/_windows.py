@@ -71,3 +71,20 @@ def fill_forward(values: FloatArray, start: float = 0.0) -> FloatArray:
     row = np.maximum.accumulate(np.where(good, np.arange(len(flat))[:, None], -1), axis=0)
     filled = np.take_along_axis(flat, np.maximum(row, 0), axis=0)
     return np.where(row >= 0, filled, start).reshape(values.shape)
+
+
+def mean_weights(rule: str, delay_steps: float) -> FloatArray:
+    """Weights of the samples v_k, v_{k-1}, ... in the mean of v over the last step, ``delay_steps`` steps earlier.
+
+    "hold": v keeps each sample until the next one. "average": straight lines between samples. Shape (j + 1,) with
+    as many earlier samples as the window reaches back to; they add up to 1.
+    """
+    whole = int(delay_steps)
+    part = delay_steps - whole
+    if rule == "hold":
+        tail = [0.0, 1.0 - part, part]
+    else:
+        rest = 1.0 - part
+        tail = [0.5 * rest**2, part * (1.0 - 0.5 * part) + 0.5 * rest * (1.0 + part), 0.5 * part**2]
+    weights = np.concatenate([np.zeros(whole), tail])
+    return weights if part else weights[:-1]

@@ -1,0 +1,180 @@
+"""Columns of numbers from a CSV file: read fast, and slowly only where something is wrong.
+
+The fast path cannot say what is wrong with a row, or leave out a column of text; the slow one can do both.
+"""
+
+from __future__ import annotations
+
+import csv
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import islice
+from pathlib import Path
+
+import numpy as np
+
+from ._sections import FloatArray
+
+__all__ = ["CsvFile", "open_csv", "write_csv"]
+
+# utf-8-sig reads UTF-8 with and without the byte-order mark that spreadsheets put in front.
+_ENCODING = "utf-8-sig"
+_SHOWN = 60  # characters of an offending text that an error repeats
+
+
+@dataclass(frozen=True)
+class CsvFile:
+    """A CSV file whose header has been read.
+
+    Attributes
+    ----------
+    path : Path
+    delimiter : str
+    header : tuple of str
+        Column names, without duplicates.
+    header_line : int
+        Number of the line that holds them, from 1; the rows follow.
+    """
+
+    path: Path
+    delimiter: str
+    header: tuple[str, ...]
+    header_line: int
+
+    def read(self, names: Sequence[str]) -> FloatArray:
+        """The named columns, shape (N, len(names)); other columns may hold anything.
+
+        Raises
+        ------
+        ValueError
+            If a row has another number of fields than the header, or a named field is empty or no number; the
+            line, the column and the text are named.
+        """
+        columns = [self.header.index(name) for name in names]
+        try:
+            with self.path.open(encoding=_ENCODING) as file:
+                # No comments here: the option would cut a field off at "#" anywhere in a row.
+                rows = islice(file, self.header_line, None)
+                table = np.loadtxt(rows, delimiter=self.delimiter, comments=None, ndmin=2)
+        except ValueError:
+            return self._read_slowly(names, columns)
+        if table.shape[1] != len(self.header):
+            return self._read_slowly(names, columns)
+        return table[:, columns]
+
+    def line_numbers(self) -> list[int]:
+        """Number of the line of every row, from 1."""
+        return [number for number, _ in self._rows()]
+
+    def _rows(self) -> Iterator[tuple[int, str]]:
+        with self.path.open(encoding=_ENCODING) as file:
+            for number, line in enumerate(file, start=1):
+                if number > self.header_line and _holds_data(line):
+                    yield number, line.rstrip("\n")
+
+    def _read_slowly(self, names: Sequence[str], columns: Sequence[int]) -> FloatArray:
+        expected = len(self.header)
+        table: list[list[float]] = []
+        for number, line in self._rows():
+            fields = _fields(self.path, number, line, self.delimiter)
+            if len(fields) != expected:
+                raise ValueError(
+                    f"{self.path}: line {number} has {len(fields)} fields, expected {expected} as in the header: "
+                    f"{_short(line)}"
+                )
+            row = [_number(fields[column]) for column in columns]
+            if None in row:
+                k = row.index(None)
+                text = fields[columns[k]].strip()
+                problem = (
+                    f"{_short(text)} is not a number" if text else "the field is empty, expected a number"
+                )
+                raise ValueError(f"{self.path}: line {number}, column {names[k]!r}: {problem}")
+            table.append([value for value in row if value is not None])
+        return np.array(table, dtype=float)
+
+
+def open_csv(path: Path, delimiter: str) -> CsvFile:
+    """Read the header of a CSV file: the first line that is neither blank nor a comment ("#").
+
+    Raises
+    ------
+    ValueError
+        If the file is no UTF-8 text, is empty, has no header or nothing but a header, or names a column twice.
+    """
+    _check_delimiter(delimiter)
+    try:
+        with path.open(encoding=_ENCODING) as file:
+            lines = ((number, line) for number, line in enumerate(file, start=1) if _holds_data(line))
+            number, line = next(lines, (0, ""))
+            has_rows = next(lines, None) is not None
+            for _ in file:  # so that text that is not UTF-8 is found here and not half-way
+                pass
+    except UnicodeDecodeError as error:
+        raise ValueError(
+            f"{path}: not UTF-8 text ({error.reason} at byte {error.start}); save it as UTF-8"
+        ) from error
+    if number == 0:
+        raise ValueError(f"{path}: the file is empty, expected a header line and rows of numbers")
+    header = tuple(name.strip() for name in _fields(path, number, line.rstrip("\n"), delimiter))
+    if all(_number(name) is not None for name in header):
+        raise ValueError(f"{path}: line {number} holds numbers, expected a header line with the column names")
+    if twice := [name for name, count in Counter(header).items() if count > 1]:
+        raise ValueError(f"{path}: line {number} names columns more than once: {', '.join(map(repr, twice))}")
+    if not has_rows:
+        raise ValueError(f"{path}: no rows follow the header on line {number}")
+    return CsvFile(path, delimiter, header, number)
+
+
+def _check_delimiter(delimiter: str) -> None:
+    if len(delimiter) != 1 or delimiter in '\r\n"#_.+-' or delimiter.isalnum():
+        raise ValueError(f"delimiter: expected one character such as ',' or ';', got {delimiter!r}")
+
+
+def _holds_data(line: str) -> bool:
+    text = line.strip()
+    return bool(text) and not text.startswith("#")
+
+
+def _fields(path: Path, number: int, line: str, delimiter: str) -> list[str]:
+    if '"' not in line:
+        return line.split(delimiter)
+    try:
+        return next(csv.reader([line], delimiter=delimiter, strict=True))
+    except csv.Error as error:
+        raise ValueError(f"{path}: line {number}: {error}: {_short(line)}") from error
+
+
+def _number(text: str) -> float | None:
+    # float() also takes "1_000" and digits of other scripts, which no recorder means as a number.
+    if "_" in text or not text.isascii():
+        return None
+    try:
+        return float(text)
+    except ValueError:
+        return None
+
+
+def _short(text: str) -> str:
+    return repr(text if len(text) <= _SHOWN else text[:_SHOWN] + "...")
+
+
+def write_csv(path: Path, header: Sequence[str], table: FloatArray, delimiter: str) -> None:
+    """Write columns of numbers, each with as many digits as it takes to read the same number back.
+
+    Raises
+    ------
+    ValueError
+        If two columns have one name, or the first begins with "#", which would make the header a comment.
+    """
+    _check_delimiter(delimiter)
+    if twice := [name for name, count in Counter(header).items() if count > 1]:
+        raise ValueError(
+            f"{path}: columns would have one name: {', '.join(map(repr, twice))}; rename the channels"
+        )
+    if header[0].startswith("#"):
+        raise ValueError(f"the first column's name {header[0]!r} would make the header a comment; rename it")
+    with path.open("w", encoding="utf-8", newline="") as file:
+        csv.writer(file, delimiter=delimiter, lineterminator="\n").writerow(header)
+        file.writelines(delimiter.join(map(repr, row)) + "\n" for row in table.tolist())

@@ -1,0 +1,255 @@
+"""The filter as python-control blocks, to be wired with ``control.interconnect`` like any other system."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import control as ct
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.linalg import block_diag
+
+from . import _windows
+from ._sections import FloatArray
+from .filter import PhyFilter
+from .sampled import SampledPhyFilter
+
+__all__ = ["PhyFilterBlock", "phyfilter_block"]
+
+
+class PhyFilterBlock(ct.StateSpace):
+    """A PhyFilter as a python-control state-space system; made by :func:`phyfilter_block`.
+
+    It behaves as any ``control.StateSpace``; beyond that it knows the state from which it starts without a bump.
+    """
+
+    def __init__(self, matrices: tuple[FloatArray, ...], rest: FloatArray, dt: float, **names: Any) -> None:
+        super().__init__(*matrices, dt, remove_useless_states=False, **names)
+        self._rest = rest
+
+    def rest_state(
+        self, x0: ArrayLike, g0: ArrayLike | None = None, f_theta0: ArrayLike | None = None
+    ) -> FloatArray:
+        """Initial state for ``control.input_output_response`` with which f_hat starts at f_theta.
+
+        Parameters
+        ----------
+        x0, g0 : (n_x,) arrays
+            Measurement and known part at the first sample; None means 0.
+        f_theta0 : (n_f,) array, optional
+            Learned model at the first sample.
+
+        Returns
+        -------
+        (states,) array
+
+        Raises
+        ------
+        ValueError
+            For wrong shapes.
+
+        Examples
+        --------
+        >>> block = phyfilter_block(PhyFilter([20.0]), 1)
+        >>> block.rest_state([3.0]).tolist()
+        [-60.0]
+        """
+        counts = [sum(label.startswith(signal + "[") for label in self.input_labels) for signal in _INPUTS]
+        first = []
+        for signal, count, value in zip(_INPUTS, counts, (x0, g0, f_theta0), strict=True):
+            vector = np.zeros(count) if value is None else np.atleast_1d(np.asarray(value, dtype=float))
+            if vector.shape != (count,):
+                raise ValueError(f"{signal}0: expected shape ({count},), got {vector.shape}")
+            first.append(vector)
+        return self._rest @ np.concatenate(first)
+
+
+_INPUTS = ("x", "g", "f_theta")
+
+
+def phyfilter_block(
+    filter: PhyFilter | SampledPhyFilter | Sequence[PhyFilter],
+    channels: int | None = None,
+    *,
+    name: str = "phyfilter",
+    inertia: ArrayLike | None = None,
+) -> PhyFilterBlock:
+    """A filter as a python-control system with named signals.
+
+    Parameters
+    ----------
+    filter : PhyFilter, SampledPhyFilter or sequence of PhyFilter
+        A continuous filter gives a continuous block, a sampled one a discrete block at its rate; a sequence one
+        filter per channel.
+    channels : int, optional
+        Number n_x of channels of x; needed where neither E nor one filter per channel tells it.
+    name : str
+        Name of the block.
+    inertia : float, (n_x,) or (n_x, n_x) array, optional
+        Constant inertia M_hat; None means I.
+
+    Returns
+    -------
+    PhyFilterBlock
+        Inputs x[0] ..., g[0] ..., f_theta[0] ...; outputs f_hat[0] ...
+
+    Raises
+    ------
+    ValueError
+        For a missing or contradictory number of channels, a wrong inertia, or a sampled filter with an option that no
+        linear block has (limit, nonfinite="hold", realisation="paper").
+
+    Notes
+    -----
+    Continuous: z = w - B M x takes the place of the section states w, so x is not differentiated. Sampled: the n
+    states of a channel are what the samples up to now add to the next one; a delayed measurement adds a shift
+    register of g and f_theta.
+
+    Examples
+    --------
+    A mass pushed by an unknown constant 3 N; the filter finds it.
+
+    >>> import control as ct
+    >>> plant = ct.ss([[0.0]], [[1.0]], [[1.0]], [[0.0]], inputs="f[0]", outputs="x[0]", name="mass")
+    >>> loop = ct.interconnect([plant, phyfilter_block(PhyFilter([20.0]), 1)],
+    ...                        inputs=["f[0]", "g[0]", "f_theta[0]"], outputs=["f_hat[0]"])
+    >>> response = ct.forced_response(loop, [0.0, 1.0], [[3.0, 3.0], [0.0, 0.0], [0.0, 0.0]])
+    >>> float(response.outputs[0, -1].round(6))
+    3.0
+    """
+    if isinstance(filter, SampledPhyFilter):
+        for option, usual in (("limit", None), ("nonfinite", "raise"), ("realisation", "sections")):
+            if getattr(filter, option) is not usual and getattr(filter, option) != usual:
+                raise ValueError(
+                    f"{option}={getattr(filter, option)!r} has no linear block: clamp or check the signals around the "
+                    f"block, or leave {option} at its default"
+                )
+        filters, direction = filter.filters, filter.E
+    else:
+        filters = (filter,) if isinstance(filter, PhyFilter) else tuple(filter)
+        direction = None
+    n_x, n_f = _sizes(len(filters), direction, channels)
+    filters = filters * n_f if len(filters) == 1 else filters
+    E_left = np.eye(n_x) if direction is None else np.asarray(np.linalg.pinv(direction), dtype=float)
+    momentum = E_left @ _constant_inertia(inertia, n_x)
+    if isinstance(filter, SampledPhyFilter):
+        matrices, rest = _sampled_matrices(filter, filters, momentum, E_left)
+        dt = filter.dt
+    else:
+        matrices, rest = _continuous_matrices(filters, momentum, E_left)
+        dt = 0.0
+    labels = (
+        [f"x[{i}]" for i in range(n_x)]
+        + [f"g[{i}]" for i in range(n_x)]
+        + [f"f_theta[{i}]" for i in range(n_f)]
+    )
+    return PhyFilterBlock(
+        matrices,
+        rest,
+        dt,
+        inputs=labels,
+        outputs=[f"f_hat[{i}]" for i in range(n_f)],
+        states=_state_labels(filters, len(matrices[0])),
+        name=name,
+    )
+
+
+def _continuous_matrices(
+    filters: tuple[PhyFilter, ...], momentum: FloatArray, E_left: FloatArray
+) -> tuple[tuple[FloatArray, ...], FloatArray]:
+    A, B, C = _side_by_side([entry.sections for entry in filters])
+    eye = np.eye(len(filters))
+    inputs = np.hstack([A @ B @ momentum, -B @ E_left, -B])
+    through = np.hstack([C @ B @ momentum, np.zeros_like(E_left), eye])
+    rest = np.hstack([-B @ momentum, np.zeros_like(B @ E_left), np.zeros_like(B)])
+    return (A, inputs, C, through), rest
+
+
+def _sampled_matrices(
+    sampled: SampledPhyFilter, filters: tuple[PhyFilter, ...], momentum: FloatArray, E_left: FloatArray
+) -> tuple[tuple[FloatArray, ...], FloatArray]:
+    """q_k: what samples up to k - 1 add to w_k. w_k = q_k + B P_0 in_k, q_{k+1} = A w_k + B (P_1 in_k + register)."""
+    single = sampled.with_filter(filters)
+    parts = [single.bank_at(sampled.dt, i) for i in range(len(filters))]
+    orders = [entry.order for entry in filters]
+    dA, B, C = _side_by_side([(p[0][:n, :n], p[1][:n], p[2][:n]) for p, n in zip(parts, orders, strict=True)])
+    A = np.eye(len(dA)) + dA
+    n_f, n_x = E_left.shape
+    steps = sampled.delay / sampled.dt
+    weights_g = _windows.mean_weights(sampled.g, steps)
+    weights_f = _windows.mean_weights(sampled.f_theta, steps)
+    taps = max(2, len(weights_g), len(weights_f))
+    weights_g = np.pad(weights_g, (0, taps - len(weights_g)))
+    weights_f = np.pad(weights_f, (0, taps - len(weights_f)))
+    eye = np.eye(n_f)
+    P = [
+        np.hstack([0.0 * momentum, -wg * E_left, -wf * eye])
+        for wg, wf in zip(weights_g, weights_f, strict=True)
+    ]
+    P[0][:, :n_x] += momentum / sampled.dt
+    P[1][:, :n_x] -= momentum / sampled.dt
+
+    # Register of the inputs in_{k-1}, in_{k-2}, ... that a delay still needs: r_1 is the newest.
+    width, kept = n_x + n_x + n_f, taps - 2
+    size = len(A) + kept * width
+    state, inputs = np.zeros((size, size)), np.zeros((size, width))
+    states = len(A)
+    state[:states, :states] = A
+    inputs[:states] = A @ B @ P[0] + B @ P[1]
+    for j in range(kept):
+        columns = slice(states + j * width, states + (j + 1) * width)
+        state[:states, columns] = B @ P[j + 2]
+        if j == 0:
+            inputs[columns] = np.eye(width)
+        else:
+            state[columns, states + (j - 1) * width : states + j * width] = np.eye(width)
+    output = np.hstack([C, np.zeros((n_f, size - states))])
+    through = C @ B @ P[0] + np.hstack([np.zeros((n_f, 2 * n_x)), eye])
+    # At rest on constant inputs: w_0 = 0 and every register filled with the first sample.
+    rest = np.vstack([-B @ P[0], *([np.eye(width)] * kept)])
+    return (state, inputs, output, through), rest
+
+
+def _side_by_side(
+    parts: Sequence[tuple[FloatArray, FloatArray, FloatArray]],
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Chains (A, equilibrium, C) of all channels as one system (A, B, C) with B = -A equilibrium."""
+
+    def diagonal(blocks: Sequence[FloatArray]) -> FloatArray:
+        return np.asarray(block_diag(*blocks), dtype=float)
+
+    A = diagonal([part[0] for part in parts])
+    B = diagonal([(-part[0] @ part[1])[:, None] for part in parts])
+    return A, B, diagonal([part[2][None, :] for part in parts])
+
+
+def _sizes(filters: int, direction: FloatArray | None, channels: int | None) -> tuple[int, int]:
+    if channels is not None and channels < 1:
+        raise ValueError(f"channels: expected at least 1, got {channels}")
+    n_x = direction.shape[0] if direction is not None else channels or (filters if filters > 1 else None)
+    if n_x is None:
+        raise ValueError("channels: expected the number of channels of x; one filter alone does not tell it")
+    if channels is not None and channels != n_x:
+        raise ValueError(f"channels: {channels} contradicts the {n_x} rows of E")
+    n_f = direction.shape[1] if direction is not None else n_x
+    if filters not in (1, n_f):
+        raise ValueError(f"{filters} filters for {n_f} channels: expected one, or one per channel")
+    return n_x, n_f
+
+
+def _constant_inertia(inertia: ArrayLike | None, n_x: int) -> FloatArray:
+    M = np.asarray(1.0 if inertia is None else inertia, dtype=float)
+    if M.ndim < 2:
+        M = np.diag(np.broadcast_to(M, (n_x,))) if M.shape in ((), (n_x,)) else M
+    if M.shape != (n_x, n_x) or not np.all(np.isfinite(M)):
+        raise ValueError(
+            f"inertia: expected a finite number or shape ({n_x},) or ({n_x}, {n_x}), constant, got shape {M.shape}; "
+            "an inertia that changes is an input of the sampled filter's run and step"
+        )
+    return M
+
+
+def _state_labels(filters: tuple[PhyFilter, ...], count: int) -> list[str]:
+    labels = [f"w[{i},{j}]" for i, entry in enumerate(filters) for j in range(entry.order)]
+    return labels + [f"past[{j}]" for j in range(count - len(labels))]

@@ -1,0 +1,467 @@
+"""A filter on disk: a TOML file that a person can read and write, and that gives back every bit.
+
+::
+
+    # PhyFilter, F(s) = 400/(s**2 + 40*s + 400)
+    format = "phyfilter"
+    version = 1
+    a = [400.0, 40.0]                        # ascending a_0 ... a_(n-1); a_i in (rad/s)^(n-i)
+    b = [400.0, 0.0]                         # ascending; left out: the low-pass form N = a_0
+    poles = [[-20.0, 0.0], [-20.0, 0.0]]     # [real, imaginary] in rad/s; may be left out, must agree with a
+
+    [sampled]                                # only of a SampledPhyFilter
+    dt = 0.002                               # s
+    method = "exact"
+    g = "hold"
+    f_theta = "average"
+    precision = "float64"
+    # realisation, E, delay, limit, nonfinite: as for SampledPhyFilter, may be left out
+
+    [signals]                                # may be left out, as may each key
+    channels = ["x", "y", "z"]
+    units = { x = "m/s", g = "N", f = "N" }
+    inertia = 1.2                            # or [1.2, 1.2, 1.3], or a matrix
+
+A filter of its own for every channel has a, b and poles in one ``[[filters]]`` table a channel instead. Unknown keys,
+unknown versions and numbers that are not finite (but for a ``limit`` of ``inf``) are refused.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import tomllib
+import uuid
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from . import _logchecks
+from ._tomltable import TomlTable
+from .filter import PhyFilter
+from .sampled import SampledPhyFilter
+
+__all__ = ["Signals", "load", "load_signals", "save"]
+
+FORMAT = "phyfilter"
+VERSION = 1
+
+Inertia = float | tuple[float, ...] | tuple[tuple[float, ...], ...]
+
+_FILTER_KEYS = ("a", "b", "poles")
+_TOP_KEYS = ("format", "version", *_FILTER_KEYS, "filters", "sampled", "signals")
+_CHOICES = ("method", "g", "f_theta", "precision")  # always written
+_RARE_CHOICES = {"realisation": "sections", "nonfinite": "raise"}  # written where they are not this
+_SAMPLED_KEYS = ("dt", *_CHOICES, *_RARE_CHOICES, "E", "delay", "limit")
+_SIGNAL_KEYS = ("channels", "units", "inertia")
+_UNIT_KEYS = ("x", "g", "f")
+
+
+@dataclass(frozen=True, init=False)
+class Signals:
+    """The signals a filter is meant for: a note beside its coefficients.
+
+    Parameters
+    ----------
+    channels : sequence of str
+        Names of the channels of x; empty where not known.
+    unit_x, unit_g, unit_f : str
+        Units of x, of g (and of M x'), and of f, f_theta and f_hat.
+    inertia : array_like, optional
+        Constant inertia M_hat: a scalar, (n_x,) a diagonal, or (n_x, n_x). Kept as a float or as tuples.
+
+    Raises
+    ------
+    TypeError
+        If a name or unit is no text or the inertia no array of real numbers.
+    ValueError
+        If names repeat or are not printable, or the inertia is not finite or of another shape.
+
+    Examples
+    --------
+    >>> from phyfilter_ctl.filterfile import Signals
+    >>> Signals(["x", "y"], unit_x="m/s", inertia=[1.5, 2.0]).inertia
+    (1.5, 2.0)
+    """
+
+    channels: tuple[str, ...]
+    unit_x: str
+    unit_g: str
+    unit_f: str
+    inertia: Inertia | None
+
+    def __init__(
+        self,
+        channels: Sequence[str] = (),
+        *,
+        unit_x: str = "",
+        unit_g: str = "",
+        unit_f: str = "",
+        inertia: ArrayLike | None = None,
+    ) -> None:
+        names = _logchecks.channel_names(channels, len(channels))
+        for key, unit in (("unit_x", unit_x), ("unit_g", unit_g), ("unit_f", unit_f)):
+            if not isinstance(unit, str):
+                raise TypeError(f"{key}: expected text, got {unit!r}")
+            object.__setattr__(self, key, unit)
+        object.__setattr__(self, "channels", names)
+        object.__setattr__(self, "inertia", None if inertia is None else _inertia(inertia, len(names)))
+
+
+def save(
+    path: str | os.PathLike[str], filter: PhyFilter | SampledPhyFilter, *, signals: Signals | None = None
+) -> None:
+    """Write a filter to a TOML file, whole or not at all: a failed write leaves the old file as it was.
+
+    Parameters
+    ----------
+    path : str or path-like
+        Written over if it exists.
+    filter : PhyFilter or SampledPhyFilter
+    signals : Signals, optional
+        Names, units and inertia to note beside it.
+
+    Raises
+    ------
+    TypeError
+        If ``filter`` or ``signals`` is something else.
+    ValueError
+        If the filter and ``signals`` disagree about the number of channels.
+    OSError
+        If the file cannot be written.
+
+    Examples
+    --------
+    >>> import pathlib, tempfile
+    >>> from phyfilter_ctl import PhyFilter
+    >>> from phyfilter_ctl.filterfile import load, save
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     path = pathlib.Path(folder) / "filter.toml"
+    ...     save(path, PhyFilter([400.0, 40.0]).sampled(0.002))
+    ...     print(path.read_text(), end="")
+    ...     load(path)
+    # PhyFilter, F(s) = 400/(s**2 + 40*s + 400)
+    format = "phyfilter"
+    version = 1
+    a = [400.0, 40.0]
+    poles = [[-20.0, 0.0], [-20.0, 0.0]]
+    <BLANKLINE>
+    [sampled]
+    dt = 0.002
+    method = "exact"
+    g = "hold"
+    f_theta = "average"
+    precision = "float64"
+    PhyFilter(a=[400.0, 40.0]).sampled(0.002)
+    """
+    if not isinstance(filter, PhyFilter | SampledPhyFilter):
+        raise TypeError(f"filter: expected a PhyFilter or a SampledPhyFilter, got {filter!r}")
+    if not (signals is None or isinstance(signals, Signals)):
+        raise TypeError(f"signals: expected Signals or None, got {signals!r}")
+    if signals is not None:
+        _refuse_disagreement(filter, signals)
+    _write_whole(Path(path), _text(filter, signals).encode())
+
+
+def load(path: str | os.PathLike[str]) -> PhyFilter | SampledPhyFilter:
+    """Read the filter of a TOML file: a SampledPhyFilter if it has a ``[sampled]`` table, else a PhyFilter.
+
+    Parameters
+    ----------
+    path : str or path-like
+
+    Returns
+    -------
+    PhyFilter or SampledPhyFilter
+        Equal to the one saved, bit for bit.
+
+    Raises
+    ------
+    OSError
+        If the file cannot be read.
+    ValueError
+        If it is no TOML (the line is named), no filter, of a version this library does not read, has an unknown key,
+        or a value of the wrong type, not finite or not allowed by the filter: the file and the key are named.
+
+    Examples
+    --------
+    >>> import pathlib, tempfile
+    >>> from phyfilter_ctl.filterfile import load
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     path = pathlib.Path(folder) / "by_hand.toml"
+    ...     _ = path.write_text('format = "phyfilter"\\nversion = 1\\na = [20]\\n')
+    ...     load(path)
+    PhyFilter(a=[20.0])
+    """
+    return _read(Path(path))[0]
+
+
+def load_signals(path: str | os.PathLike[str]) -> Signals:
+    """Read the names, units and inertia noted beside a filter; an empty Signals where the file has none.
+
+    Parameters
+    ----------
+    path : str or path-like
+
+    Returns
+    -------
+    Signals
+
+    Raises
+    ------
+    OSError, ValueError
+        As for :func:`load`; the whole file is checked.
+
+    Examples
+    --------
+    >>> import pathlib, tempfile
+    >>> from phyfilter_ctl import PhyFilter
+    >>> from phyfilter_ctl.filterfile import Signals, load_signals, save
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     path = pathlib.Path(folder) / "filter.toml"
+    ...     save(path, PhyFilter([20.0]), signals=Signals(["vx", "vy"], unit_x="m/s"))
+    ...     load_signals(path).channels
+    ('vx', 'vy')
+    """
+    return _read(Path(path))[1]
+
+
+# -- writing ----------------------------------------------------------------------------------------------------
+
+
+def _text(filter: PhyFilter | SampledPhyFilter, signals: Signals | None) -> str:
+    head = {"format": FORMAT, "version": VERSION}
+    filters = (filter,) if isinstance(filter, PhyFilter) else filter.filters
+    if len(filters) == 1:
+        blocks = [_title(filters[0]) + _lines(head | _coefficients(filters[0]))]
+    else:
+        blocks = [f"# PhyFilter, one for each of {len(filters)} channels\n" + _lines(head)]
+        blocks += [f"{_title(entry)}[[filters]]\n{_lines(_coefficients(entry))}" for entry in filters]
+    if isinstance(filter, SampledPhyFilter):
+        blocks.append("[sampled]\n" + _lines(_options(filter)))
+    if signals is not None:
+        blocks.append("[signals]\n" + _lines(_noted(signals)))
+    return "\n".join(blocks)
+
+
+def _title(filter: PhyFilter) -> str:
+    return f"# PhyFilter, F(s) = {filter.formula()}\n"
+
+
+def _coefficients(filter: PhyFilter) -> dict[str, object]:
+    table: dict[str, object] = {"a": filter.a.tolist()}
+    if not filter.is_lowpass:
+        table["b"] = filter.b.tolist()
+    if _kept_by_reading(filter):
+        table["poles"] = [[pole.real, pole.imag] for pole in filter.poles.tolist()]
+    return table
+
+
+def _kept_by_reading(filter: PhyFilter) -> bool:
+    """Whether the poles beside ``a`` give this filter back.
+
+    Poles that the root finder found need not: far apart, they may miss a small coefficient by more than poles given
+    by hand are allowed to. It finds the same ones again, so they are left out.
+    """
+    try:
+        again = PhyFilter(filter.a, filter.b, poles=filter.poles)
+    except ValueError:
+        return False
+    return np.array_equal(again.poles, filter.poles)
+
+
+def _options(sampled: SampledPhyFilter) -> dict[str, object]:
+    table: dict[str, object] = {"dt": sampled.dt}
+    table |= {key: getattr(sampled, key) for key in _CHOICES}
+    table |= {key: value for key, usual in _RARE_CHOICES.items() if (value := getattr(sampled, key)) != usual}
+    if sampled.E is not None:
+        table["E"] = sampled.E.tolist()
+    if sampled.delay:
+        table["delay"] = sampled.delay
+    if sampled.limit is not None:
+        table["limit"] = sampled.limit.tolist()
+    return table
+
+
+def _noted(signals: Signals) -> dict[str, object]:
+    table: dict[str, object] = {}
+    if signals.channels:
+        table["channels"] = list(signals.channels)
+    units = {key: unit for key in _UNIT_KEYS if (unit := getattr(signals, f"unit_{key}"))}
+    if units:
+        table["units"] = units
+    if signals.inertia is not None:
+        table["inertia"] = signals.inertia
+    return table
+
+
+def _lines(table: Mapping[str, object]) -> str:
+    return "".join(f"{key} = {_value(value)}\n" for key, value in table.items())
+
+
+def _value(value: object) -> str:
+    """A value in TOML. The keys this file writes need no quotes."""
+    if isinstance(value, str):
+        # A JSON string is a TOML string where non-ASCII stays as it is (no surrogate pairs) and DEL is escaped too.
+        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
+    if isinstance(value, list | tuple):
+        return f"[{', '.join(map(_value, value))}]"
+    if isinstance(value, dict):
+        return f"{{ {', '.join(f'{key} = {_value(entry)}' for key, entry in value.items())} }}"
+    return repr(value)  # the shortest text that reads back as the same double; the int version
+
+
+def _write_whole(path: Path, data: bytes) -> None:
+    path = Path(os.path.realpath(path))  # a link stays a link
+    part = path.with_name(f".{path.name}.{uuid.uuid4().hex}.tmp")
+    try:
+        with part.open("xb") as file:
+            file.write(data)
+            file.flush()
+            os.fsync(file.fileno())  # else a power cut may leave the new name with old or no content
+        if path.exists():
+            shutil.copymode(path, part)
+        os.replace(part, path)
+    except BaseException:
+        part.unlink(missing_ok=True)
+        raise
+
+
+# -- reading ----------------------------------------------------------------------------------------------------
+
+
+def _read(path: Path) -> tuple[PhyFilter | SampledPhyFilter, Signals]:
+    try:
+        values = tomllib.loads(path.read_bytes().decode("utf-8-sig"))
+    except (ValueError, RecursionError) as error:  # also text that is not UTF-8
+        raise ValueError(f"{path}: no TOML file: {error}") from error
+    top = TomlTable(path, "", values)
+    _refuse_other_formats(top)
+    top.refuse_unknown(_TOP_KEYS)
+    filters = _read_filters(top)
+    filter: PhyFilter | SampledPhyFilter
+    if "sampled" in top:
+        filter = _read_sampled(top.table("sampled"), filters)
+    elif "filters" in top:
+        raise top.error("filters", "one filter a channel needs a [sampled] table; expected a (and b) instead")
+    else:
+        (filter,) = filters
+    signals = Signals()
+    if "signals" in top:
+        signals = _read_signals(top.table("signals"))
+        try:
+            _refuse_disagreement(filter, signals)
+        except ValueError as error:
+            raise top.error("signals", str(error)) from error
+    return filter, signals
+
+
+def _refuse_other_formats(top: TomlTable) -> None:
+    if "format" not in top:
+        raise top.error("format", f'missing: no filter file; expected format = "{FORMAT}"')
+    if (found := top.text("format")) != FORMAT:
+        raise top.error("format", f"expected {FORMAT!r}, got {found!r}: not a filter file")
+    if "version" not in top:
+        raise top.error("version", f"missing; expected version = {VERSION}")
+    version = top.integer("version")
+    if version != VERSION:
+        remedy = "update phyfilter-ctl" if version > VERSION else "there is no such version"
+        raise top.error(
+            "version", f"this file has version {version}, this library reads version {VERSION}; {remedy}"
+        )
+
+
+def _read_filters(top: TomlTable) -> tuple[PhyFilter, ...]:
+    if "filters" not in top:
+        return (_read_filter(top),)
+    for key in _FILTER_KEYS:
+        if key in top:
+            raise top.error(key, "expected either a, b, poles or [[filters]] tables, got both")
+    tables = top.tables("filters")
+    for table in tables:
+        table.refuse_unknown(_FILTER_KEYS)
+    return tuple(_read_filter(table) for table in tables)
+
+
+def _read_filter(table: TomlTable) -> PhyFilter:
+    a = table.numbers("a")
+    b = table.numbers("b") if "b" in table else None
+    poles = None
+    if "poles" in table:
+        pairs = table.matrix("poles", columns=2)
+        poles = [complex(real, imaginary) for real, imaginary in pairs]
+    try:
+        return PhyFilter(a, b, poles=poles)
+    except ValueError as error:
+        keys = ", ".join(key for key in _FILTER_KEYS if key in table)
+        raise table.error(keys, str(error)) from error
+
+
+def _read_sampled(table: TomlTable, filters: tuple[PhyFilter, ...]) -> SampledPhyFilter:
+    table.refuse_unknown(_SAMPLED_KEYS)
+    options: dict[str, Any] = {key: table.text(key) for key in (*_CHOICES, *_RARE_CHOICES) if key in table}
+    if "E" in table:
+        options["E"] = table.matrix("E")
+    if "delay" in table:
+        options["delay"] = table.number("delay")
+    if "limit" in table:
+        options["limit"] = table.number_or_numbers("limit")
+    dt = table.number("dt")
+    try:
+        return SampledPhyFilter(filters, dt, **options)
+    except ValueError as error:
+        raise ValueError(f"{table.file}: [sampled] {error}") from error
+
+
+def _read_signals(table: TomlTable) -> Signals:
+    table.refuse_unknown(_SIGNAL_KEYS)
+    units: dict[str, str] = {}
+    if "units" in table:
+        inner = table.table("units")
+        inner.refuse_unknown(_UNIT_KEYS)
+        units = {f"unit_{key}": inner.text(key) for key in _UNIT_KEYS if key in inner}
+    channels = table.texts("channels") if "channels" in table else ()
+    inertia = table.numbers_of_any_shape("inertia") if "inertia" in table else None
+    try:
+        return Signals(channels, **units, inertia=inertia)
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"{table.file}: [signals] {error}") from error
+
+
+# -- checks -----------------------------------------------------------------------------------------------------
+
+
+def _inertia(values: ArrayLike, channels: int) -> Inertia:
+    array = _logchecks.real("inertia", values)
+    n_x = channels or (len(array) if array.ndim else 0)
+    if array.shape not in ((), (n_x,), (n_x, n_x)) or array.size == 0:
+        size = channels or "n_x"
+        raise ValueError(
+            f"inertia: expected a scalar, ({size},) or ({size}, {size}), got shape {array.shape}"
+        )
+    if not np.all(np.isfinite(array)):
+        raise ValueError(f"inertia: expected finite numbers, got {array.tolist()}")
+    if array.ndim == 2:
+        return tuple(tuple(row) for row in array.tolist())
+    return tuple(array.tolist()) if array.ndim else float(array)
+
+
+def _refuse_disagreement(filter: PhyFilter | SampledPhyFilter, signals: Signals) -> None:
+    """Raise where the filter and the signals have another number of channels."""
+    if isinstance(filter, PhyFilter):
+        return
+    if filter.E is not None:
+        n_x, reason = len(filter.E), "E has as many rows"
+    elif len(filter.filters) > 1:
+        n_x, reason = len(filter.filters), "there are as many filters"
+    else:
+        return
+    if signals.channels and len(signals.channels) != n_x:
+        raise ValueError(f"channels: expected {n_x} names ({reason}), got {len(signals.channels)}")
+    if isinstance(signals.inertia, tuple) and len(signals.inertia) != n_x:
+        raise ValueError(f"inertia: expected size {n_x} ({reason}), got {len(signals.inertia)}")
