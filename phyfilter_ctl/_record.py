@@ -114,8 +114,9 @@ def _respond(
     states = [np.zeros((n_f if shared else 1, sampled.order)) for _ in columns]
     if steps is not None and count:
         sampled.check_step(float(steps.max()))
-    for first in range(0, count, _recursion.CHUNK):
-        rows = slice(first, min(first + _recursion.CHUNK, count))
+    length = _recursion.CHUNK if steps is None else _recursion.IRREGULAR_CHUNK
+    for first in range(0, count, length):
+        rows = slice(first, min(first + length, count))
         u = residual(rows).astype(float, copy=False)
         y = np.empty(u.shape)
         for i, column in enumerate(columns):

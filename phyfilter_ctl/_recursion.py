@@ -20,6 +20,7 @@ _BLOCK = 32
 # Samples handled at once, a multiple of the block: few enough that every buffer stays in the cache and is given back
 # to the allocator whole (fresh pages cost more than the arithmetic), and that a long record needs little memory.
 CHUNK = 128 * _BLOCK
+IRREGULAR_CHUNK = 32 * _BLOCK  # a transition for every step: larger buffers
 # I + dA in the banded matrix rounds away eps / |p h| of a slow pole; below this |p h| one step of iterative
 # refinement (residual in delta form, where nothing is lost) brings it back.
 _SLOW = 1e-2

@@ -1,0 +1,159 @@
+"""The numbers of ``params.toml``, read once."""
+
+from __future__ import annotations
+
+import tomllib
+from dataclasses import dataclass, fields
+from functools import cache
+from pathlib import Path
+from typing import Self
+
+__all__ = ["PATH", "Network", "Params", "Sampling", "Sensor", "SetPoints", "Vehicle", "Wind", "params"]
+
+PATH = Path(__file__).with_name("params.toml")
+
+_Table = dict[str, dict[str, float | str | list[float]]]
+
+
+@dataclass(frozen=True)
+class _Group:
+    """One table of the file; the fields are its keys."""
+
+    @classmethod
+    def read(cls, table: _Table) -> Self:
+        names = {entry.name: entry.type for entry in fields(cls)}
+        if set(names) != set(table):
+            raise ValueError(
+                f"{PATH.name}: {cls.__name__} expects the keys {sorted(names)}, got {sorted(table)}"
+            )
+        return cls(**{name: _value(entry["value"]) for name, entry in table.items()})
+
+
+@dataclass(frozen=True)
+class Sampling(_Group):
+    """Rate, amount and start of the generated flights."""
+
+    dt: float
+    train_samples: int
+    test_samples: int
+    train_flights: int
+    test_flights: int
+    substeps: int
+    warm_up: float
+
+
+@dataclass(frozen=True)
+class SetPoints(_Group):
+    """Velocity commands."""
+
+    train_speed_low: float
+    train_speed_high: float
+    test_speed_high: float
+    hold_low: float
+    hold_high: float
+    vertical: float
+    smoothing: float
+
+
+@dataclass(frozen=True)
+class Vehicle(_Group):
+    """Velocity loop and drag."""
+
+    velocity_gain: float
+    tilt_frequency: float
+    tilt_damping: float
+    acceleration_limit: float
+    linear_drag: float
+    quadratic_drag: float
+
+
+@dataclass(frozen=True)
+class Wind(_Group):
+    """Gusts."""
+
+    deviation: float
+    time_constant: float
+
+
+@dataclass(frozen=True)
+class Sensor(_Group):
+    """Error of the velocity estimate."""
+
+    white: float
+    coloured: float
+    coloured_time_constant: float
+
+
+@dataclass(frozen=True)
+class Network(_Group):
+    """The learned differentiator and its training."""
+
+    units: int
+    length: int
+    spans: tuple[float, ...]
+    l2: float
+    iterations: int
+    choice_iterations: int
+
+
+@dataclass(frozen=True)
+class Filter(_Group):
+    """What the tuner of the filters may do."""
+
+    orders: tuple[int, ...]
+    slowest: float
+    fastest: float
+    damping_low: float
+    damping_high: float
+
+
+@dataclass(frozen=True)
+class Scoring(_Group):
+    """What counts."""
+
+    left_out: float
+
+
+@dataclass(frozen=True)
+class Params:
+    """All tables of the file."""
+
+    sampling: Sampling
+    setpoints: SetPoints
+    vehicle: Vehicle
+    wind: Wind
+    sensor: Sensor
+    network: Network
+    filter: Filter
+    scoring: Scoring
+
+
+@cache
+def params() -> Params:
+    """The numbers of ``params.toml``.
+
+    Raises
+    ------
+    ValueError
+        If a table or a key is missing or not known.
+
+    Examples
+    --------
+    >>> params().sampling.dt
+    0.002
+    """
+    data = tomllib.loads(PATH.read_text(encoding="utf-8"))
+    return Params(
+        sampling=Sampling.read(data["sampling"]),
+        setpoints=SetPoints.read(data["setpoints"]),
+        vehicle=Vehicle.read(data["vehicle"]),
+        wind=Wind.read(data["wind"]),
+        sensor=Sensor.read(data["sensor"]),
+        network=Network.read(data["network"]),
+        filter=Filter.read(data["filter"]),
+        scoring=Scoring.read(data["scoring"]),
+    )
+
+
+def _value(value: float | str | list[float]) -> object:
+    return tuple(value) if isinstance(value, list) else value

@@ -1,0 +1,62 @@
+"""Backward difference over several samples."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from .._sections import FloatArray
+from . import _checks
+from ._protocol import SearchRange
+
+
+@dataclass(frozen=True)
+class BackwardDifference:
+    """Slope of the chord over the last ``samples`` intervals.
+
+        a_k = (v_k - v_{k-m}) / (m h)
+
+    Before the start the first sample is repeated: a_k = (v_k - v_0) / (m h) for k < m.
+
+    Parameters
+    ----------
+    samples : int
+        Number m of intervals. The estimate lags by m h / 2; white noise of standard deviation s on v
+        appears as sqrt(2) s / (m h).
+
+    Raises
+    ------
+    ValueError, TypeError
+        If ``samples`` is not a whole number of at least 1.
+
+    Examples
+    --------
+    >>> BackwardDifference(2).estimate([[0.0], [1.0], [2.0], [3.0]], 0.5).ravel().tolist()
+    [0.0, 1.0, 2.0, 2.0]
+    """
+
+    samples: int = 1
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "samples", _checks.count("samples", self.samples))
+
+    @classmethod
+    def search_space(cls, dt: float) -> tuple[SearchRange, ...]:
+        """One to at most 100 intervals, fewer where these exceed half a second.
+
+        Examples
+        --------
+        >>> BackwardDifference.search_space(0.02)
+        (SearchRange(name='samples', low=1, high=25, integer=True),)
+        """
+        longest = round(0.5 / _checks.interval(dt))
+        return (SearchRange("samples", 1, min(100, max(2, longest)), integer=True),)
+
+    def estimate(self, v: ArrayLike, dt: float) -> FloatArray:
+        """Acceleration of v (N, n_x) sampled every ``dt`` seconds; see :class:`Differentiator`."""
+        v, dt = _checks.samples("v", v), _checks.interval(dt)
+        m = min(self.samples, len(v))  # further back than the flight is long there is only its first sample
+        rise = v - np.concatenate([np.repeat(v[:1], m, axis=0), v[:-m]])
+        return rise / (self.samples * dt)

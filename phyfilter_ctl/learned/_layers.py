@@ -1,0 +1,155 @@
+"""The numbers of a fitted network, and what is computed from them: value, vector-Jacobian product, expression."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import casadi as ca
+import numpy as np
+
+from .._sections import FloatArray
+
+# Rows evaluated at once: the activations of two layers of 20 units then take some 3 MB, whatever N is.
+_ROWS = 8192
+# A column that varies by less than this share of its size is constant but for rounding.
+_CONSTANT = 1e-12
+# Beyond this the variance of a column overflows.
+_LARGEST = 1e150
+
+
+@dataclass(frozen=True, eq=False)
+class Layers:
+    """Weights of a fitted network with the standardisation of its inputs and outputs.
+
+        f = m_f + S_f (W_L' h_{L-1} + b_L),   h_i = tanh(W_i' h_{i-1} + b_i),   h_0 = (z - m_z) / S_z
+
+    Parameters
+    ----------
+    weights : tuple of (n_{i-1}, n_i) arrays
+        W_1 ... W_L.
+    biases : tuple of (n_i,) arrays
+        b_1 ... b_L.
+    z_mean, z_scale : (n_z,) arrays
+        m_z and S_z in the units of the features; S_z > 0.
+    f_mean, f_scale : (n_x,) arrays
+        m_f and S_f in the unit of f; S_f > 0.
+
+    Raises
+    ------
+    ValueError
+        If sizes do not fit together, a number is not finite or a scale not above zero.
+    """
+
+    weights: tuple[FloatArray, ...]
+    biases: tuple[FloatArray, ...]
+    z_mean: FloatArray
+    z_scale: FloatArray
+    f_mean: FloatArray
+    f_scale: FloatArray
+
+    def __post_init__(self) -> None:
+        for name in ("weights", "biases"):
+            object.__setattr__(
+                self, name, tuple(_own(f"{name}[{i}]", a) for i, a in enumerate(getattr(self, name)))
+            )
+        for name in ("z_mean", "z_scale", "f_mean", "f_scale"):
+            object.__setattr__(self, name, _own(name, getattr(self, name)))
+        if len(self.weights) == 0 or len(self.biases) != len(self.weights):
+            raise ValueError(
+                f"expected as many biases as weights, got {len(self.biases)} and {len(self.weights)}"
+            )
+        ends = zip([self.z_mean, *self.biases[:-1]], [*self.biases[:-1], self.f_mean], strict=True)
+        for i, ((before, after), W, b) in enumerate(zip(ends, self.weights, self.biases, strict=True)):
+            if b.ndim != 1 or b.size == 0 or W.shape != before.shape + after.shape or b.shape != after.shape:
+                raise ValueError(
+                    f"layer {i}: weights of shape {W.shape} and biases {b.shape} do not fit together"
+                )
+        for name, scale, mean in (("z", self.z_scale, self.z_mean), ("f", self.f_scale, self.f_mean)):
+            if scale.shape != mean.shape or not np.all(scale > 0.0):
+                raise ValueError(
+                    f"{name}_scale: expected numbers > 0 of shape {mean.shape}, got {scale.tolist()}"
+                )
+
+    @property
+    def sizes(self) -> tuple[int, ...]:
+        """Number of features, of units in each hidden layer, and of outputs."""
+        return len(self.z_mean), *(len(b) for b in self.biases)
+
+    @property
+    def parameters(self) -> FloatArray:
+        """W_1 by rows, b_1, W_2 by rows, ..., b_L in one vector."""
+        return np.concatenate(
+            [a.ravel() for pair in zip(self.weights, self.biases, strict=True) for a in pair]
+        )
+
+    def with_parameters(self, parameters: FloatArray) -> Layers:
+        """The same layers with other weights and biases, in the order of :attr:`parameters`."""
+        weights, biases, first = [], [], 0
+        for before, after in pairwise(self.sizes):
+            middle, last = first + before * after, first + (before + 1) * after
+            weights.append(parameters[first:middle].reshape(before, after))
+            biases.append(parameters[middle:last])
+            first = last
+        return replace(self, weights=tuple(weights), biases=tuple(biases))
+
+    def predict(self, z: FloatArray) -> FloatArray:
+        """f at features z (N, n_z)."""
+        f = np.empty((len(z), len(self.f_mean)))
+        for rows in _chunks(len(z)):
+            f[rows] = self.f_mean + self.f_scale * (
+                self._activations(z[rows])[-1] @ self.weights[-1] + self.biases[-1]
+            )
+        return f
+
+    def vjp(self, z: FloatArray, cotangent: FloatArray) -> FloatArray:
+        """Gradient of sum(cotangent * predict(z)) in the parameters, by back-propagation."""
+        of_weights = [np.zeros_like(W) for W in self.weights]
+        of_biases = [np.zeros_like(b) for b in self.biases]
+        for rows in _chunks(len(z)):
+            activations = self._activations(z[rows])
+            back = cotangent[rows] * self.f_scale
+            for i in reversed(range(len(self.weights))):
+                of_weights[i] += activations[i].T @ back
+                of_biases[i] += back.sum(axis=0)
+                back = (back @ self.weights[i].T) * (1.0 - activations[i] ** 2) if i > 0 else back
+        return np.concatenate([a.ravel() for pair in zip(of_weights, of_biases, strict=True) for a in pair])
+
+    def expression(self, z: ca.SX) -> ca.SX:
+        """f at one sample z (n_z, 1)."""
+        h = (z - ca.DM(self.z_mean)) / ca.DM(self.z_scale)
+        for W, b in zip(self.weights[:-1], self.biases[:-1], strict=True):
+            h = ca.tanh(ca.mtimes(ca.DM(W.T), h) + ca.DM(b))
+        output = ca.mtimes(ca.DM(self.weights[-1].T), h) + ca.DM(self.biases[-1])
+        return ca.DM(self.f_mean) + ca.DM(self.f_scale) * output
+
+    def _activations(self, z: FloatArray) -> list[FloatArray]:
+        """h_0 ... h_{L-1}."""
+        activations = [(z - self.z_mean) / self.z_scale]
+        for W, b in zip(self.weights[:-1], self.biases[:-1], strict=True):
+            activations.append(np.tanh(activations[-1] @ W + b))
+        return activations
+
+
+def standardisation(name: str, values: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Mean and standard deviation of each column; 1 for a column that does not vary."""
+    largest = np.max(np.abs(values))
+    if largest > _LARGEST:
+        raise ValueError(f"{name}: expected values up to {_LARGEST:g}, got {largest:g}; choose another unit")
+    mean, deviation = values.mean(axis=0), values.std(axis=0)
+    constant = deviation <= _CONSTANT * np.max(np.abs(values), axis=0)
+    return mean, np.where(constant, 1.0, deviation)
+
+
+def _own(name: str, values: FloatArray) -> FloatArray:
+    """A finite, read-only copy."""
+    array = np.array(values, dtype=float)
+    if not np.all(np.isfinite(array)):
+        raise ValueError(f"{name}: every number must be finite")
+    array.flags.writeable = False
+    return array
+
+
+def _chunks(rows: int) -> Iterator[slice]:
+    return (slice(first, first + _ROWS) for first in range(0, rows, _ROWS))

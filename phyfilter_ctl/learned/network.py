@@ -1,0 +1,293 @@
+"""A small neural network of tanh units as a model of the unknown dynamics."""
+
+from __future__ import annotations
+
+import os
+import warnings
+from dataclasses import KW_ONLY, dataclass, replace
+from typing import TYPE_CHECKING, Literal, Self
+
+import casadi as ca
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .._sections import FloatArray
+from . import _checks, _files
+from ._layers import Layers, standardisation
+from ._model import FitResult
+
+if TYPE_CHECKING:
+    from sklearn.neural_network import MLPRegressor
+
+_KIND = "network"
+_SOLVERS = ("lbfgs", "adam")
+_OPTIONS = ("solver", "l2", "max_iterations", "tolerance", "seed")
+_SCALES = ("z_mean", "z_scale", "f_mean", "f_scale")
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Network:
+    """Layers of tanh units on standardised features, with a linear output.
+
+        f_theta = m_f + S_f (W_L' h_{L-1} + b_L),   h_i = tanh(W_i' h_{i-1} + b_i),   h_0 = (z - m_z) / S_z
+
+    m and S are the mean and the standard deviation of the data fitted to. The parameters are the weights and the
+    biases. Trained by scikit-learn's ``MLPRegressor``, evaluated here. To give the network the past of a signal,
+    make the features with :func:`window`.
+
+    Parameters
+    ----------
+    hidden : tuple of int
+        Units in each hidden layer.
+    solver : {"lbfgs", "adam"}
+        L-BFGS uses all rows in every iteration, Adam mini-batches.
+    l2 : float
+        Weight l of the penalty l |W|^2 / (2 N) beside half the mean squared error, in standardised units.
+    max_iterations : int
+        Most iterations of L-BFGS, or passes over the data of Adam.
+    tolerance : float
+        Largest entry of the gradient (L-BFGS) or least improvement of the loss (Adam) at which training stops,
+        in standardised units.
+    seed : int
+        Seed of the first weights and of the mini-batches: the same data and seed give the same network.
+    layers : Layers, optional
+        Weights of a fitted network; None before the first fit.
+
+    Raises
+    ------
+    ValueError, TypeError
+        If an option is out of range or the layers do not have the sizes in ``hidden``.
+
+    Notes
+    -----
+    Gradient by back-propagation: D. E. Rumelhart, G. E. Hinton, R. J. Williams, "Learning representations by
+    back-propagating errors", Nature 323, 1986.
+
+    Examples
+    --------
+    >>> z = np.linspace(-2.0, 2.0, 200)[:, None]
+    >>> result = Network(seed=1).fit(z, np.sin(z))
+    >>> result.status, result.rmse < 0.05
+    ('converged', True)
+    >>> result.model
+    Network(hidden=(20, 20), 1 -> 1, 481 parameters)
+    """
+
+    hidden: tuple[int, ...] = (20, 20)
+    _: KW_ONLY
+    solver: Literal["lbfgs", "adam"] = "lbfgs"
+    l2: float = 1e-4
+    max_iterations: int = 1000
+    tolerance: float = 1e-4
+    seed: int = 0
+    layers: Layers | None = None
+
+    def __post_init__(self) -> None:
+        hidden = tuple(_checks.count("hidden", units) for units in self.hidden)
+        if not hidden:
+            raise ValueError("hidden: expected the units of at least one layer, got none")
+        object.__setattr__(self, "hidden", hidden)
+        if self.solver not in _SOLVERS:
+            raise ValueError(f"solver: expected one of {_SOLVERS}, got {self.solver!r}")
+        _checks.count("max_iterations", self.max_iterations)
+        _checks.count("seed", self.seed, 0)
+        for name in ("l2", "tolerance"):
+            value = getattr(self, name)
+            if not (np.isfinite(value) and value >= 0.0):
+                raise ValueError(f"{name}: expected a finite number >= 0, got {value!r}")
+        if self.layers is not None and self.layers.sizes[1:-1] != hidden:
+            raise ValueError(
+                f"layers: expected hidden layers of {hidden} units, got {self.layers.sizes[1:-1]}"
+            )
+
+    @property
+    def parameters(self) -> FloatArray:
+        """Weights and biases W_1 by rows, b_1, W_2 by rows, ..., b_L; shape (n_parameters,), (0,) before a fit."""
+        return np.zeros(0) if self.layers is None else self.layers.parameters
+
+    def with_parameters(self, parameters: ArrayLike, /) -> Self:
+        """Return the network with these weights and biases, in the order of :attr:`parameters`.
+
+        Raises
+        ------
+        ValueError
+            If the network has not been fitted, the number is wrong or a value is not finite.
+        """
+        layers = self._fitted()
+        vector = np.asarray(parameters, dtype=float)
+        expected = layers.parameters.shape
+        if vector.shape != expected:
+            raise ValueError(f"parameters: expected shape {expected}, got {vector.shape}")
+        if not np.all(np.isfinite(vector)):
+            raise ValueError(f"parameters: not finite at index {int(np.argmin(np.isfinite(vector)))}")
+        return replace(self, layers=layers.with_parameters(vector))
+
+    def fit(self, z: ArrayLike, f: ArrayLike) -> FitResult[Self]:
+        """Train on features z (N, n_z) and unknown dynamics f (N, n_x), from first weights drawn by ``seed``.
+
+        Raises
+        ------
+        ValueError, TypeError
+            If ``z`` and ``f`` are not finite real arrays with the same number of rows.
+        """
+        from sklearn.neural_network import MLPRegressor  # slow to import, needed for training only
+
+        z, f = _checks.rows("z", z), _checks.rows("f", f)
+        if len(z) != len(f):
+            raise ValueError(f"z, f: expected the same number of rows, got {len(z)} and {len(f)}")
+        (z_mean, z_scale), (f_mean, f_scale) = standardisation("z", z), standardisation("f", f)
+        regressor = MLPRegressor(
+            hidden_layer_sizes=self.hidden,
+            activation="tanh",
+            solver=self.solver,
+            alpha=self.l2,
+            max_iter=self.max_iterations,
+            max_fun=20 * self.max_iterations,  # so that the iterations are the limit, not the line searches
+            tol=self.tolerance,
+            random_state=self.seed,
+        )
+        targets = (f - f_mean) / f_scale
+        try:
+            complaint = _train(
+                regressor, (z - z_mean) / z_scale, targets[:, 0] if targets.shape[1] == 1 else targets
+            )
+            layers = Layers(
+                tuple(regressor.coefs_), tuple(regressor.intercepts_), z_mean, z_scale, f_mean, f_scale
+            )
+        except ValueError as error:
+            if "finite" not in str(error):  # something else than weights that ran away
+                raise
+            message = f"training diverged ({error}); raise l2, or use solver='lbfgs'"
+            return FitResult(self, float("inf"), int(getattr(regressor, "n_iter_", 0)), "failed", message)
+        rmse = float(np.sqrt(np.mean((layers.predict(z) - f) ** 2)))
+        iterations = int(regressor.n_iter_)
+        status, message = _status(complaint, iterations, self.max_iterations)
+        return FitResult(replace(self, layers=layers), rmse, iterations, status, message)
+
+    def predict(self, z: ArrayLike) -> FloatArray:
+        """f_theta at features z (N, n_z), shape (N, n_x); memory beyond the result does not grow with N.
+
+        Raises
+        ------
+        ValueError, TypeError
+            If the network has not been fitted or ``z`` is not a finite real array of shape (N, n_z).
+        """
+        layers = self._fitted()
+        return layers.predict(_checks.rows("z", z, layers.sizes[0]))
+
+    def vjp(self, z: ArrayLike, cotangent: ArrayLike) -> FloatArray:
+        """Gradient of sum(cotangent * predict(z)) in the parameters, shape (n_parameters,).
+
+        Raises
+        ------
+        ValueError, TypeError
+            As for :meth:`predict`, and if ``cotangent`` is not of shape (N, n_x).
+        """
+        layers = self._fitted()
+        z = _checks.rows("z", z, layers.sizes[0])
+        cotangent = _checks.rows("cotangent", cotangent, layers.sizes[-1])
+        if len(cotangent) != len(z):
+            raise ValueError(f"cotangent: expected {len(z)} rows as in z, got {len(cotangent)}")
+        return layers.vjp(z, cotangent)
+
+    def casadi(self) -> ca.Function:
+        """The network at one sample as a CasADi function ``f_theta``: z (n_z,) -> f_theta (n_x,).
+
+        Raises
+        ------
+        ValueError
+            If the network has not been fitted.
+        """
+        layers = self._fitted()
+        z = ca.SX.sym("z", layers.sizes[0])
+        return ca.Function("f_theta", [z], [layers.expression(z)], ["z"], ["f_theta"])
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write the network to an .npz archive, whole or not at all; the path is taken as it is.
+
+        Raises
+        ------
+        ValueError
+            If the network has not been fitted.
+        """
+        layers = self._fitted()
+        arrays = {name: np.array(getattr(self, name)) for name in _OPTIONS}
+        arrays |= {name: getattr(layers, name) for name in _SCALES}
+        arrays |= {f"weights_{i}": W for i, W in enumerate(layers.weights)}
+        arrays |= {f"biases_{i}": b for i, b in enumerate(layers.biases)}
+        _files.write(path, _KIND, arrays)
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str]) -> Self:
+        """Read a network that :meth:`save` wrote.
+
+        Raises
+        ------
+        ValueError
+            If the file is damaged, not of a network or of an unknown version.
+        """
+        arrays = _files.read(path, _KIND)
+        depth = sum(name.startswith("weights_") for name in arrays)
+        names = {
+            *_OPTIONS,
+            *_SCALES,
+            *(f"{kind}_{i}" for kind in ("weights", "biases") for i in range(depth)),
+        }
+        if names != set(arrays):
+            raise ValueError(
+                f"{path}: expected the entries {sorted(names)}, got {sorted(arrays)}; save it again"
+            )
+        try:
+            layers = Layers(
+                tuple(_floats(arrays, f"weights_{i}") for i in range(depth)),
+                tuple(_floats(arrays, f"biases_{i}") for i in range(depth)),
+                *(_floats(arrays, name) for name in _SCALES),
+            )
+            options = {name: arrays[name].item() for name in _OPTIONS}
+            return cls(layers.sizes[1:-1], layers=layers, **options)
+        except (ValueError, TypeError) as error:
+            raise ValueError(f"{path}: damaged ({error}); save it again") from error
+
+    def _fitted(self) -> Layers:
+        if self.layers is None:
+            raise ValueError("the network has no weights yet: call fit(z, f) and use the model of its result")
+        return self.layers
+
+    def __repr__(self) -> str:
+        if self.layers is None:
+            return f"Network(hidden={self.hidden}, not fitted)"
+        sizes = self.layers.sizes
+        count = len(self.layers.parameters)
+        return f"Network(hidden={self.hidden}, {sizes[0]} -> {sizes[-1]}, {count} parameters)"
+
+
+def _train(regressor: MLPRegressor, z: FloatArray, f: FloatArray) -> str:
+    """Fit; what the optimiser complained of, or nothing."""
+    from sklearn.exceptions import ConvergenceWarning
+
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        regressor.fit(z, f)
+    complaints = [w for w in caught if issubclass(w.category, ConvergenceWarning)]
+    for other in (w for w in caught if w not in complaints):
+        warnings.warn_explicit(other.message, other.category, other.filename, other.lineno)
+    return " ".join(str(complaints[0].message).split()) if complaints else ""
+
+
+def _status(
+    complaint: str, iterations: int, limit: int
+) -> tuple[Literal["converged", "iteration_limit", "stalled"], str]:
+    if not complaint:
+        return "converged", "converged"
+    if iterations >= limit:
+        return (
+            "iteration_limit",
+            f"not converged in {limit} iterations; raise max_iterations, tolerance or l2",
+        )
+    return "stalled", f"the optimiser found no further descent ({complaint}); usable, or try another seed"
+
+
+def _floats(arrays: dict[str, NDArray[np.generic]], name: str) -> FloatArray:
+    if arrays[name].dtype != np.float64:
+        raise ValueError(f"{name}: expected float64, got {arrays[name].dtype}")
+    return arrays[name].astype(float)
