@@ -208,7 +208,9 @@ def expm1(A: FloatArray, step: FloatArray | float) -> FloatArray:
     for q in np.unique(squarings):
         rows = squarings == q
         reduced = steps[rows] / 2.0**q
-        basis = np.cumprod(np.broadcast_to(reduced[:, None], (len(reduced), _TAYLOR_TERMS)), axis=1, dtype=float)
+        basis = np.cumprod(
+            np.broadcast_to(reduced[:, None], (len(reduced), _TAYLOR_TERMS)), axis=1, dtype=float
+        )
         X = multiply(basis, powers).reshape(-1, n, n)
         for _ in range(q):
             X = 2.0 * X + X @ X

@@ -10,10 +10,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.linalg import block_diag
 
-from . import _windows
 from ._sections import FloatArray
 from .filter import PhyFilter
-from .sampled import SampledPhyFilter
+from .sampled import SampledPhyFilter, windows
 
 __all__ = ["PhyFilterBlock", "phyfilter_block"]
 
@@ -22,6 +21,17 @@ class PhyFilterBlock(ct.StateSpace):
     """A PhyFilter as a python-control state-space system; made by :func:`phyfilter_block`.
 
     It behaves as any ``control.StateSpace``; beyond that it knows the state from which it starts without a bump.
+
+    Parameters
+    ----------
+    matrices : tuple of arrays
+        A, B, C and D.
+    rest : (states, inputs) array
+        Maps the first inputs to the state of rest.
+    dt : float
+        0 for a continuous block, else the sampling interval in seconds.
+    **names
+        ``inputs``, ``outputs``, ``states`` and ``name`` as for ``control.ss``.
     """
 
     def __init__(self, matrices: tuple[FloatArray, ...], rest: FloatArray, dt: float, **names: Any) -> None:
@@ -171,14 +181,14 @@ def _sampled_matrices(
 ) -> tuple[tuple[FloatArray, ...], FloatArray]:
     """q_k: what samples up to k - 1 add to w_k. w_k = q_k + B P_0 in_k, q_{k+1} = A w_k + B (P_1 in_k + register)."""
     single = sampled.with_filter(filters)
-    parts = [single.bank_at(sampled.dt, i) for i in range(len(filters))]
+    parts = [single._coefficients.at(sampled.dt, i) for i in range(len(filters))]
     orders = [entry.order for entry in filters]
     dA, B, C = _side_by_side([(p[0][:n, :n], p[1][:n], p[2][:n]) for p, n in zip(parts, orders, strict=True)])
     A = np.eye(len(dA)) + dA
     n_f, n_x = E_left.shape
     steps = sampled.delay / sampled.dt
-    weights_g = _windows.mean_weights(sampled.g, steps)
-    weights_f = _windows.mean_weights(sampled.f_theta, steps)
+    weights_g = windows.mean_weights(sampled.g, steps)
+    weights_f = windows.mean_weights(sampled.f_theta, steps)
     taps = max(2, len(weights_g), len(weights_f))
     weights_g = np.pad(weights_g, (0, taps - len(weights_g)))
     weights_f = np.pad(weights_f, (0, taps - len(weights_f)))

@@ -286,7 +286,12 @@ class PhyFilter:
         limit: ArrayLike | None = None,
         nonfinite: Literal["raise", "hold"] = "raise",
     ) -> SampledPhyFilter:
-        """The filter on sampled data; see :class:`SampledPhyFilter` for the parameters.
+        """The filter on sampled data.
+
+        Parameters
+        ----------
+        dt, method, g, f_theta, precision, realisation, E, delay, limit, nonfinite
+            As for :class:`SampledPhyFilter`, which says what each means and raises.
 
         Examples
         --------

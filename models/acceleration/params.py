@@ -3,30 +3,28 @@
 from __future__ import annotations
 
 import tomllib
+from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from functools import cache
 from pathlib import Path
-from typing import Self
+from typing import Any, Self
 
-__all__ = ["PATH", "Network", "Params", "Sampling", "Sensor", "SetPoints", "Vehicle", "Wind", "params"]
+__all__ = ["PATH", "Params", "params"]
 
 PATH = Path(__file__).with_name("params.toml")
-
-_Table = dict[str, dict[str, float | str | list[float]]]
-
 
 @dataclass(frozen=True)
 class _Group:
     """One table of the file; the fields are its keys."""
 
     @classmethod
-    def read(cls, table: _Table) -> Self:
-        names = {entry.name: entry.type for entry in fields(cls)}
-        if set(names) != set(table):
+    def read(cls, table: Mapping[str, Mapping[str, Any]]) -> Self:
+        names = {entry.name for entry in fields(cls)}
+        if names != set(table):
             raise ValueError(
                 f"{PATH.name}: {cls.__name__} expects the keys {sorted(names)}, got {sorted(table)}"
             )
-        return cls(**{name: _value(entry["value"]) for name, entry in table.items()})
+        return cls(**{name: _frozen(entry["value"]) for name, entry in table.items()})
 
 
 @dataclass(frozen=True)
@@ -94,6 +92,7 @@ class Network(_Group):
     l2: float
     iterations: int
     choice_iterations: int
+    choice_interval: float
 
 
 @dataclass(frozen=True)
@@ -101,10 +100,23 @@ class Filter(_Group):
     """What the tuner of the filters may do."""
 
     orders: tuple[int, ...]
+    slower: float
     slowest: float
     fastest: float
     damping_low: float
     damping_high: float
+    evaluations: int
+    worthwhile: float
+
+
+@dataclass(frozen=True)
+class Study(_Group):
+    """Ranges of the studies."""
+
+    poles: tuple[float, ...]
+    points: int
+    orders: tuple[int, ...]
+    longest: float
 
 
 @dataclass(frozen=True)
@@ -125,6 +137,7 @@ class Params:
     sensor: Sensor
     network: Network
     filter: Filter
+    study: Study
     scoring: Scoring
 
 
@@ -151,9 +164,10 @@ def params() -> Params:
         sensor=Sensor.read(data["sensor"]),
         network=Network.read(data["network"]),
         filter=Filter.read(data["filter"]),
+        study=Study.read(data["study"]),
         scoring=Scoring.read(data["scoring"]),
     )
 
 
-def _value(value: float | str | list[float]) -> object:
+def _frozen(value: Any) -> Any:
     return tuple(value) if isinstance(value, list) else value

@@ -17,6 +17,7 @@ from scipy.linalg import solve_continuous_lyapunov
 from .._sections import ComplexArray, FloatArray
 from ..filter import PhyFilter
 from ..sampled import SampledPhyFilter
+from ..sampled.windows import mean_weights
 from . import _resolvent
 
 __all__ = ["noise_gain", "residual", "to_estimate"]
@@ -96,17 +97,11 @@ def _step_mean(
 ) -> tuple[ComplexArray, ComplexArray]:
     """Mean of a signal over the step that ends ``delay`` (in steps) ago, per value now, and 1 minus it.
 
-    The window cuts two steps where the delay is no whole number of them; the signal is constant (hold) or straight
-    (average) on each, so the weights of the samples around it are exact.
+    1 minus it is summed without the subtraction, so nothing is lost at low frequencies.
     """
-    whole = np.floor(delay)
-    part = delay - whole
-    if rule == "hold":
-        weights = [0.0, 1.0 - part, part]
-    else:
-        weights = [0.5 * (1.0 - part) ** 2, 0.5 + part - part**2, 0.5 * part**2]
-    turns = np.expm1(-1j * (whole + np.arange(3.0)) * theta[:, None])
-    missing = np.asarray(-(turns @ np.array(weights)), dtype=np.complex128)
+    weights = mean_weights(rule, delay)
+    turns = np.expm1(-1j * np.arange(len(weights)) * theta[:, None])
+    missing = np.asarray(-(turns @ weights), dtype=np.complex128)
     return 1.0 - missing, missing
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
 from typing import Protocol, runtime_checkable
 
 from numpy.typing import ArrayLike
@@ -75,6 +75,7 @@ class SearchRange:
     name: str
     low: float
     high: float
+    _: KW_ONLY
     integer: bool = False
 
     def __post_init__(self) -> None:

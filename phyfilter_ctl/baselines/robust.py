@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
 from functools import lru_cache
 
 import casadi as ca
@@ -58,6 +58,7 @@ class RobustDifferentiator:
 
     k1: float = 6.0
     k2: float = 20.0
+    _: KW_ONLY
     mu: float = 1.0
     substeps: int = 1
 

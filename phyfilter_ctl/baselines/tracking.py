@@ -34,8 +34,8 @@ class TrackingDifferentiator:
     r : float
         Limit of the slope of the estimate, in the unit of v per s^2 (m/s^3).
     h0 : float
-        Filter factor as a multiple of the sampling interval: h0 * dt seconds enter fhan. 1 is the least that
-        does not chatter; more smooths noise and adds lag.
+        Filter factor as a multiple of the sampling interval: h0 * dt seconds enter fhan. 1 tracks time-optimally;
+        more smooths noise and adds lag, one half and less chatters.
 
     Raises
     ------
@@ -45,7 +45,7 @@ class TrackingDifferentiator:
     Notes
     -----
     J. Han, "From PID to Active Disturbance Rejection Control", IEEE Transactions on Industrial Electronics
-    56(3), 2009. h0 >= 1 keeps the discrete-time optimum; the factor sgn(y) in a2 is easily lost.
+    56(3), 2009. Time-optimal at h0 = 1. The factor sgn(y) in a2 is easily lost.
 
     Examples
     --------

@@ -11,6 +11,7 @@ import io
 import math
 import os
 import secrets
+import struct
 import tokenize
 import zipfile
 from collections.abc import Mapping
@@ -25,6 +26,20 @@ VERSION = 1
 Array = NDArray[np.generic]
 # Real and whole numbers, booleans, text: what can be read without running anything.
 _PLAIN_KINDS = "fiubU"
+# What zipfile and numpy's header reader raise on damaged bytes; OSError for places outside the data.
+_DAMAGE = (
+    zipfile.BadZipFile,
+    ValueError,
+    TypeError,
+    RuntimeError,
+    OSError,
+    EOFError,
+    SyntaxError,
+    OverflowError,
+    MemoryError,
+    struct.error,
+    tokenize.TokenError,
+)
 
 
 def write(path: str | os.PathLike[str], kind: str, arrays: Mapping[str, Array]) -> None:
@@ -54,12 +69,13 @@ def read(path: str | os.PathLike[str], kind: str) -> dict[str, Array]:
     ValueError
         If it is not such a file, is damaged, or of an unknown version; the message names the path.
     """
+    data = Path(path).read_bytes()
     try:
-        arrays = _entries(Path(path))
-    except (zipfile.BadZipFile, EOFError, SyntaxError, tokenize.TokenError, UnicodeDecodeError) as error:
-        raise ValueError(f"{path}: damaged or not a learned model ({error}); save it again") from error
+        arrays = _entries(data)
     except _RefusedError as error:
         raise ValueError(f"{path}: {error}; expected a file that save() wrote") from error
+    except _DAMAGE as error:
+        raise ValueError(f"{path}: damaged or not a learned model ({error}); save it again") from error
     for name, expected in (("format", FORMAT), ("version", VERSION), ("kind", kind)):
         if name not in arrays:
             raise ValueError(f"{path}: not a learned model, the entry {name!r} is missing")
@@ -74,9 +90,8 @@ class _RefusedError(Exception):
     """An entry that save() would not have written."""
 
 
-def _entries(path: Path) -> dict[str, Array]:
-    size = path.stat().st_size
-    with zipfile.ZipFile(path) as archive:
+def _entries(data: bytes) -> dict[str, Array]:
+    with zipfile.ZipFile(io.BytesIO(data)) as archive:
         entries = archive.infolist()
         if len({entry.filename for entry in entries}) != len(entries):
             raise _RefusedError("an entry occurs twice")
@@ -84,7 +99,7 @@ def _entries(path: Path) -> dict[str, Array]:
             if entry.compress_type != zipfile.ZIP_STORED or entry.flag_bits & 1:
                 raise _RefusedError(f"entry {entry.filename!r} is compressed or encrypted")
         # Stored entries cannot be larger together than the file: a few bytes must not ask for gigabytes.
-        if sum(entry.file_size for entry in entries) > size:
+        if sum(entry.file_size for entry in entries) > len(data):
             raise _RefusedError("the entries declare more bytes than the file has")
         return {
             entry.filename.removesuffix(".npy"): _array(entry.filename, archive.read(entry))
@@ -104,5 +119,5 @@ def _array(name: str, data: bytes) -> Array:
         if math.prod(shape) * dtype.itemsize != len(data) - buffer.tell():
             raise _RefusedError(f"entry {name!r} declares the shape {shape} but has other data")
         return np.lib.format.read_array(io.BytesIO(data), allow_pickle=False)
-    except (ValueError, TypeError, OverflowError, MemoryError, RecursionError) as error:
+    except _DAMAGE as error:
         raise _RefusedError(f"entry {name!r} is not an array ({error})") from error

@@ -9,7 +9,7 @@ from .._sections import FloatArray
 from . import _checks
 
 
-def window(x: ArrayLike, length: int, stride: int = 1) -> FloatArray:
+def window(x: ArrayLike, length: int, *, stride: int = 1) -> FloatArray:
     """Return the sample at hand and those before it, side by side.
 
         row k = [x_k, x_{k-s}, x_{k-2s}, ..., x_{k-(L-1)s}],    x_j = x_0 for j < 0
@@ -44,4 +44,4 @@ def window(x: ArrayLike, length: int, stride: int = 1) -> FloatArray:
     padded = np.concatenate([np.repeat(x[:1], reach, axis=0), x])
     spans = np.lib.stride_tricks.sliding_window_view(padded, reach + 1, axis=0)
     newest_first = spans[:, :, ::-1][:, :, ::stride]
-    return newest_first.transpose(0, 2, 1).reshape(len(x), length * x.shape[1])
+    return np.array(newest_first.transpose(0, 2, 1), order="C").reshape(len(x), length * x.shape[1])

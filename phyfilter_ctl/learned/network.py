@@ -157,7 +157,7 @@ class Network:
         except ValueError as error:
             if "finite" not in str(error):  # something else than weights that ran away
                 raise
-            message = f"training diverged ({error}); raise l2, or use solver='lbfgs'"
+            message = f"training diverged ({error}); change l2 or the seed, or use solver='lbfgs'"
             return FitResult(self, float("inf"), int(getattr(regressor, "n_iter_", 0)), "failed", message)
         rmse = float(np.sqrt(np.mean((layers.predict(z) - f) ** 2)))
         iterations = int(regressor.n_iter_)
@@ -264,13 +264,18 @@ class Network:
 def _train(regressor: MLPRegressor, z: FloatArray, f: FloatArray) -> str:
     """Fit; what the optimiser complained of, or nothing."""
     from sklearn.exceptions import ConvergenceWarning
+    from threadpoolctl import threadpool_limits
 
-    with warnings.catch_warnings(record=True) as caught:
+    # One thread: the products are narrow, and on a busy machine several took up to twenty times as long; and the
+    # network does not depend on the number of cores.
+    with threadpool_limits(1, user_api="blas"), warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         regressor.fit(z, f)
-    complaints = [w for w in caught if issubclass(w.category, ConvergenceWarning)]
+    complaints = [w for w in caught if issubclass(w.category, (ConvergenceWarning, RuntimeWarning))]
     for other in (w for w in caught if w not in complaints):
         warnings.warn_explicit(other.message, other.category, other.filename, other.lineno)
+    if not np.isfinite(regressor.loss_):
+        raise ValueError("the loss is not finite")
     return " ".join(str(complaints[0].message).split()) if complaints else ""
 
 

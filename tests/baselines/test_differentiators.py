@@ -326,7 +326,7 @@ def test_robust_differentiator_is_the_published_recursion(
                 phi2 = sgn(e) / 2.0 + 2.0 * mu * e + 1.5 * mu**2 * e**2 * sgn(e)
                 z0, z1 = z0 + h * (z1 - k1 * phi1), z1 - h * k2 * phi2
             expected[k, i] = z1
-    estimate = RobustDifferentiator(k1, k2, mu, substeps).estimate(v, dt)
+    estimate = RobustDifferentiator(k1, k2, mu=mu, substeps=substeps).estimate(v, dt)
     np.testing.assert_allclose(estimate, expected, rtol=0.0, atol=1e-9)
 
 
@@ -354,7 +354,7 @@ def test_robust_differentiator_converges_within_a_time_that_no_error_exceeds() -
 def test_robust_differentiator_is_exact_on_a_ramp_but_for_its_chatter() -> None:
     v = 1.0 - 3.0 * 0.002 * np.arange(3000.0)[:, None]
     for substeps in (1, 8):
-        tail = RobustDifferentiator(5.0, 10.0, 1.0, substeps).estimate(v, 0.002)[-500:, 0]
+        tail = RobustDifferentiator(5.0, 10.0, mu=1.0, substeps=substeps).estimate(v, 0.002)[-500:, 0]
         # the sign switches once a step: z1 moves by k2 h / 2
         assert np.max(np.abs(tail + 3.0)) < 2.0 * 10.0 * 0.002 / substeps
 
@@ -362,7 +362,7 @@ def test_robust_differentiator_is_exact_on_a_ramp_but_for_its_chatter() -> None:
 def test_robust_differentiator_says_when_euler_diverges() -> None:
     v = np.array([[0.0], [1e3]] * 300)
     with pytest.raises(FloatingPointError, match=r"diverged at sample \d+ of 600; raise substeps"):
-        RobustDifferentiator(50.0, 3000.0, 10.0).estimate(v, 0.1)
+        RobustDifferentiator(50.0, 3000.0, mu=10.0).estimate(v, 0.1)
 
 
 def test_compiled_recursions_are_kept() -> None:

@@ -127,7 +127,7 @@ def test_held_samples_never_enter_the_state(option, times):
     stamps = stamps if times else None
     x[50], x[60:64, 1], g[100], f_theta[200, 0], inertia[150, 1, 1] = np.nan, np.inf, -np.inf, np.nan, np.nan
     sampled = GENERAL.sampled(H, nonfinite="hold", **settings)
-    ours, held = sampled.run(x, g, f_theta, inertia, stamps, return_held=True)
+    ours, held = sampled.run(x, g, f_theta, inertia, stamps), sampled.held(x, g, f_theta, inertia)
     loop, loop_held = by_steps(sampled, x, g, f_theta, inertia, stamps)
     assert np.isfinite(ours).all()
     np.testing.assert_array_equal(held, loop_held)
@@ -193,7 +193,7 @@ def test_retuning_does_not_bump(precision, new):
         state, before = old.step(state, x[k], g[k - 1], f_theta[k])
     following = old.with_filter(new)
     state = old.retune(state, new)
-    C = following.bank[2][0]
+    C = following.transition[2]
     states = state.w if state.carry is None else state.w + state.carry
     tolerance = 1e-12 if precision == "float64" else 1e-5
     np.testing.assert_allclose(f_theta[119] + states @ C, before, atol=tolerance * np.abs(before).max())

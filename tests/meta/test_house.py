@@ -56,15 +56,14 @@ def test_files_stay_readable(suffix):
     long = {
         str(path.relative_to(ROOT)): count
         for path in files()
-        if path.suffix == suffix and (count := len(path.read_text().splitlines())) > 500
+        if path.suffix == suffix
+        and "tests" not in path.parts
+        and (count := len(path.read_text().splitlines())) > 480
     }
-    assert not long, f"longer than 500 lines, look for a second room: {long}"
+    assert not long, f"longer than 480 lines, look for a second room: {long}"
 
 
 def test_pickle_is_not_used():
-    users = [
-        path
-        for path in files()
-        if path.suffix == ".py" and re.search(r"^\s*(import|from) pickle", path.read_text(), re.M)
-    ]
-    assert not users
+    """Pickle runs what it reads; only a test that such a file is refused may write one."""
+    code = [path for path in files() if path.suffix == ".py" and "tests" not in path.parts]
+    assert not [path for path in code if re.search(r"^\s*(import|from) pickle", path.read_text(), re.M)]

@@ -12,9 +12,9 @@ import phyfilter_ctl as pf
 
 
 def public_modules():
-    for info in pkgutil.walk_packages(pf.__path__, "phyfilter_ctl."):
-        parts = info.name.split(".")
-        if not any(part.startswith("_") for part in parts) and "models" not in parts:
+    """The rooms: what a user imports from. Modules inside a room are its own affair."""
+    for info in pkgutil.iter_modules(pf.__path__, "phyfilter_ctl."):
+        if not info.name.rsplit(".", 1)[1].startswith("_"):
             yield importlib.import_module(info.name)
 
 
@@ -79,11 +79,9 @@ def test_import_is_light():
     import subprocess
     import sys
 
-    code = "import sys, phyfilter_ctl; print(*[m for m in ('sklearn', 'casadi', 'matplotlib.pyplot') if m in sys.modules])"
-    loaded = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, check=True
-    ).stdout.split()
-    assert "sklearn" not in loaded
+    code = "import sys, phyfilter_ctl; print('sklearn' in sys.modules)"
+    answer = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert answer.stdout.strip() == "False"
 
 
 def test_numpy_state_is_left_alone():

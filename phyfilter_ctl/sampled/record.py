@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from . import _paper, _recursion, _windows
-from ._loop import channels
-from ._sections import FloatArray
+from .._sections import FloatArray
+from . import paper_form, recursion, windows
+from .loop import channels
 
 if TYPE_CHECKING:
-    from .sampled import SampledPhyFilter
+    from .sampled_filter import SampledPhyFilter
 
 # Time stamps that differ from a fixed grid by no more than their own rounding are that grid.
 _STAMP_ROUNDING = 8 * np.finfo(float).eps
@@ -28,37 +28,63 @@ def run(
     f_theta: ArrayLike | None,
     inertia: ArrayLike | None,
     times: ArrayLike | None,
-) -> tuple[Array, NDArray[np.bool_]]:
-    """See :meth:`SampledPhyFilter.run`; returns f_hat (N, n_f) and which samples were held (N,)."""
+) -> Array:
+    """See :meth:`SampledPhyFilter.run`."""
+    signals = checked_signals(sampled, x, g, f_theta, inertia)
+    stamps = None if times is None else _times(times, len(signals[0]), sampled.dt)
+    held = held_samples(sampled, *signals)
+    if held.any() and sampled.nonfinite == "raise":
+        rows = np.flatnonzero(held)
+        raise ValueError(
+            f"x, g, f_theta and inertia must be finite: {len(rows)} bad sample{'s' if len(rows) > 1 else ''}, the "
+            f"first in row {rows[0]}; clean the record, or use nonfinite='hold' to carry over gaps"
+        )
+    if sampled.realisation == "paper":
+        f_hat = _run_paper(sampled, *signals, stamps)
+    elif sampled.delay or held.any():
+        f_hat = _run_aligned(sampled, *signals, stamps, held)
+    else:
+        f_hat = _run_plain(sampled, *signals, stamps)
+    if sampled.limit is not None:
+        limit = sampled.limit.astype(f_hat.dtype)
+        np.clip(f_hat, -limit, limit, out=f_hat)
+    return f_hat
+
+
+def checked_signals(
+    sampled: SampledPhyFilter,
+    x: ArrayLike,
+    g: ArrayLike | None,
+    f_theta: ArrayLike | None,
+    inertia: ArrayLike | None,
+) -> tuple[Array, Array, Array, Array | None]:
+    """x, g (N, n_x), f_theta (N, n_f) and the inertia in the precision of the filter, shapes checked."""
     dtype = np.dtype(sampled.precision)
     x = _signal("x", x, dtype)
     N, n_x = x.shape
     n_f = channels(sampled, n_x)
-    g = np.broadcast_to(dtype.type(0), (N, n_x)) if g is None else _signal("g", g, dtype, (N, n_x))
-    f_theta = (
-        np.broadcast_to(dtype.type(0), (N, n_f))
-        if f_theta is None
-        else _signal("f_theta", f_theta, dtype, (N, n_f))
-    )
-    M = None if inertia is None else record_inertia(inertia, N, n_x).astype(dtype, copy=False)
-    stamps = None if times is None else _times(times, N, sampled.dt)
-    # With g held, sample k comes with the g of sample k - 1: the last one never acts.
-    arriving = [x, g[:-1] if sampled.g == "hold" else g, f_theta] + ([] if M is None else [M])
-    if all(np.isfinite(signal).all() for signal in arriving):
-        held = np.zeros(N, dtype=bool)
-        if sampled.realisation == "paper":
-            f_hat = _run_paper(sampled, x, g, f_theta, M, stamps)
-        elif sampled.delay:
-            f_hat = _run_aligned(sampled, x, g, f_theta, M, stamps, held)
-        else:
-            f_hat = _run_plain(sampled, x, g, f_theta, M, stamps)
+    zero = dtype.type(0)
+    g = np.broadcast_to(zero, (N, n_x)) if g is None else _signal("g", g, dtype, (N, n_x))
+    if f_theta is None:
+        f_theta = np.broadcast_to(zero, (N, n_f))
     else:
-        held = _held(sampled, x, g, f_theta, M)
-        f_hat = _run_aligned(sampled, x, g, f_theta, M, stamps, held)
-    if sampled.limit is not None:
-        limit = sampled.limit.astype(dtype)
-        np.clip(f_hat, -limit, limit, out=f_hat)
-    return f_hat, held
+        f_theta = _signal("f_theta", f_theta, dtype, (N, n_f))
+    M = None if inertia is None else _record_inertia(inertia, N, n_x).astype(dtype, copy=False)
+    return x, g, f_theta, M
+
+
+def held_samples(
+    sampled: SampledPhyFilter, x: Array, g: Array, f_theta: Array, M: Array | None
+) -> NDArray[np.bool_]:
+    """Samples (N,) that are not finite. With g held, sample k comes with the g of sample k - 1."""
+    held = np.zeros(len(x), dtype=bool)
+    for signal in (x, f_theta) if M is None else (x, f_theta, M):
+        if not np.isfinite(signal).all():  # row by row only where there is something to find
+            held |= ~np.isfinite(signal).reshape(len(signal), -1).all(axis=1)
+    if not np.isfinite(g).all():
+        bad = ~np.isfinite(g).all(axis=1)
+        held |= np.concatenate([bad[:1], bad[:-1]]) if sampled.g == "hold" else bad
+    return held
 
 
 def _run_plain(
@@ -88,8 +114,8 @@ def _run_aligned(
 ) -> Array:
     """With a delay, or with gaps: a held sample makes the step to the next good one longer."""
     acting = np.concatenate([g[:1], g[:-1]]) if sampled.g == "hold" else g
-    acting, f_theta = _windows.fill_forward(acting), _windows.fill_forward(f_theta)
-    M = None if M is None else _windows.fill_forward(M, 1.0)
+    acting, f_theta = windows.fill_forward(acting), windows.fill_forward(f_theta)
+    M = None if M is None else windows.fill_forward(M, 1.0)
     f_hat = f_theta.copy()
     rows = np.flatnonzero(~held)
     if len(rows) > 1:
@@ -113,19 +139,21 @@ def _respond(
     columns = [slice(None)] if shared else [slice(i, i + 1) for i in range(n_f)]
     states = [np.zeros((n_f if shared else 1, sampled.order)) for _ in columns]
     if steps is not None and count:
-        sampled.check_step(float(steps.max()))
-    length = _recursion.CHUNK if steps is None else _recursion.IRREGULAR_CHUNK
+        sampled._coefficients.check_step(float(steps.max()))
+    length = recursion.CHUNK if steps is None else recursion.IRREGULAR_CHUNK
     for first in range(0, count, length):
         rows = slice(first, min(first + length, count))
         u = residual(rows).astype(float, copy=False)
         y = np.empty(u.shape)
         for i, column in enumerate(columns):
             if steps is None:
-                y[:, column], states[i] = _recursion.uniform(sampled.kernels[i], u[:, column], states[i])
+                y[:, column], states[i] = recursion.uniform(
+                    sampled._coefficients.kernels[i], u[:, column], states[i]
+                )
             else:
-                dA, equilibrium, C = sampled.bank_at(steps[rows], i)
-                refine = _recursion.needs_refinement(sampled.slowest, float(steps.min()))
-                y[:, column], states[i] = _recursion.irregular(
+                dA, equilibrium, C = sampled._coefficients.at(steps[rows], i)
+                refine = recursion.needs_refinement(sampled._coefficients.slowest, float(steps.min()))
+                y[:, column], states[i] = recursion.irregular(
                     dA, equilibrium, C, u[:, column], states[i], refine=refine
                 )
         yield rows, y
@@ -146,11 +174,11 @@ def _residual(
     half = x.dtype.type(0.5)
     u = x[there] - x[here]
     if M is not None:
-        u = times_inertia(M if len(M) == 1 else half * (M[here] + M[there]), u)
+        u = _times_inertia(M if len(M) == 1 else half * (M[here] + M[there]), u)
     u *= np.asarray(rate, dtype=x.dtype)
     u -= g[here] if sampled.g == "hold" else half * (g[here] + g[there])
     if sampled.E is not None:
-        u = u @ sampled.measure.T.astype(x.dtype)
+        u = u @ sampled._measure.T.astype(x.dtype)
     u -= f_theta[here] if sampled.f_theta == "hold" else half * (f_theta[here] + f_theta[there])
     return u
 
@@ -168,16 +196,16 @@ def _aligned_residual(
     ends = times[rows] - sampled.delay
     g_first = g[1:] if sampled.g == "hold" else g[:-1]
     f_first, f_last = f_theta[:-1], f_theta[:-1] if sampled.f_theta == "hold" else f_theta[1:]
-    g_mean = _windows.window_means(times, g_first, g[1:], ends[:-1], ends[1:])
-    f_mean = _windows.window_means(times, f_first, f_last, ends[:-1], ends[1:])
+    g_mean = windows.window_means(times, g_first, g[1:], ends[:-1], ends[1:])
+    f_mean = windows.window_means(times, f_first, f_last, ends[:-1], ends[1:])
     dx = np.diff(x[rows], axis=0)
     if M is not None:
         if len(M) > 1:
-            at_ends = _windows.values_at(times, M, ends)
+            at_ends = windows.values_at(times, M, ends)
             M = 0.5 * (at_ends[1:] + at_ends[:-1])
-        dx = times_inertia(M, dx)
+        dx = _times_inertia(M, dx)
     u = dx / np.diff(ends)[:, None] - g_mean
-    return (u if sampled.E is None else u @ sampled.measure.T) - f_mean
+    return (u if sampled.E is None else u @ sampled._measure.T) - f_mean
 
 
 def _run_paper(
@@ -187,10 +215,10 @@ def _run_paper(
         raise ValueError(
             "realisation='paper' has neither an inertia nor unequal steps: use realisation='sections'"
         )
-    state = _paper.start(sampled.filter, x[0], f_theta[0])
+    state = paper_form.start(sampled.filter, x[0], f_theta[0])
     f_hat = f_theta.copy()
     for k in range(1, len(x)):  # the rounding of every step is what this realisation is kept to show
-        state = _paper.step(sampled.filter, state, x[k], g[k - 1], f_theta[k], sampled.dt)
+        state = paper_form.step(sampled.filter, state, x[k], g[k - 1], f_theta[k], sampled.dt)
         f_hat[k] = state.alpha[0]
     return f_hat
 
@@ -231,7 +259,7 @@ def _times(times: ArrayLike, N: int, dt: float) -> FloatArray | None:
     return None if np.all(np.abs(steps - dt) <= rounding) else stamps
 
 
-def record_inertia(inertia: ArrayLike, N: int, n_x: int) -> Array:
+def _record_inertia(inertia: ArrayLike, N: int, n_x: int) -> Array:
     """Checked inertia of a record: diagonal (1 or N, n_x) or full (1 or N, n_x, n_x)."""
     M = np.asarray(inertia, dtype=float)
     if M.ndim == 0:
@@ -251,23 +279,6 @@ def record_inertia(inertia: ArrayLike, N: int, n_x: int) -> Array:
     return M
 
 
-def times_inertia(M: Array, dx: Array) -> Array:
+def _times_inertia(M: Array, dx: Array) -> Array:
     """M dx for diagonal M (m, n_x) or full M (m, n_x, n_x), dx (m, n_x)."""
     return M * dx if M.ndim == 2 else (M @ dx[..., None])[..., 0]
-
-
-def _held(
-    sampled: SampledPhyFilter, x: Array, g: Array, f_theta: Array, M: Array | None
-) -> NDArray[np.bool_]:
-    """Samples that are not finite (N,), or the error that the policy asks for."""
-    acting = np.concatenate([g[:1], g[:-1]]) if sampled.g == "hold" else g
-    held = np.zeros(len(x), dtype=bool)
-    for signal in (x, acting, f_theta) if M is None else (x, acting, f_theta, M):
-        held |= ~np.isfinite(signal).reshape(len(signal), -1).all(axis=1)
-    if sampled.nonfinite == "raise":
-        rows = np.flatnonzero(held)
-        raise ValueError(
-            f"x, g, f_theta and inertia must be finite: {len(rows)} bad sample{'s' if len(rows) > 1 else ''}, the "
-            f"first in row {rows[0]}; clean the record, or use nonfinite='hold' to carry over gaps"
-        )
-    return held

@@ -12,10 +12,11 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from . import _paper, _windows
+from . import paper_form, windows
+from .coefficients import StepConstants
 
 if TYPE_CHECKING:
-    from .sampled import SampledPhyFilter
+    from .sampled_filter import SampledPhyFilter
 
 Array = NDArray[np.floating]
 
@@ -41,24 +42,7 @@ class FilterState(NamedTuple):
     held: bool = False  # whether the last sample was refused and f_theta returned
     gap: float = 0.0  # seconds from the last accepted sample to the last sample
     past: tuple[Interval, ...] = ()  # steps of the gap, and those that a delay still needs
-    paper: _paper.PaperState | None = None
-
-
-class Constants(NamedTuple):
-    """What a step of one length needs, in the arithmetic of the filter."""
-
-    dA: Array  # (n, n) transposed for a shared filter, (n_f, n, n) for one per channel
-    equilibrium: Array  # (n,) or (n_f, n)
-    C: Array  # (n,) or (n_f, n)
-    rate: np.floating
-
-    @classmethod
-    def build(cls, sampled: SampledPhyFilter, dt: float) -> Constants:
-        dA, equilibrium, C = (part.astype(sampled.precision) for part in sampled.stacked(dt))
-        rate = np.dtype(sampled.precision).type(1.0 / dt)
-        if len(sampled.filters) == 1:
-            return cls(np.ascontiguousarray(dA[0].T), equilibrium[0], C[0], rate)
-        return cls(dA, equilibrium, C, rate)
+    paper: paper_form.PaperState | None = None
 
 
 def start(
@@ -86,7 +70,7 @@ def start(
     if sampled.realisation == "paper":
         if f_hat0 is not None or inertia is not None:
             raise ValueError("realisation='paper' starts at f_theta0 with M = I; use realisation='sections'")
-        paper = _paper.start(sampled.filter, x, f_theta)
+        paper = paper_form.start(sampled.filter, x, f_theta)
         return FilterState(np.zeros((n_f, 0), dtype), None, x, g, f_theta, None, paper=paper)
     w = _at_rest(sampled, (f_hat - f_theta).astype(float)).astype(dtype)
     carry = np.zeros_like(w) if dtype == np.float32 else None
@@ -114,7 +98,7 @@ def step(
             f"got {x.shape}, {g.shape} and {f_theta.shape}"
         )
     if dt is None or dt == sampled.dt:
-        h, constants = sampled.dt, sampled.nominal
+        h, constants = sampled.dt, sampled._coefficients.nominal
     else:
         h, constants = _step_length(sampled, dt), None
     M = state.inertia if inertia is None else _inertia("inertia", inertia, len(x), dtype)
@@ -129,9 +113,9 @@ def step(
 
     if sampled.delay or state.gap:
         u, h, past = _aligned_residual(sampled, state, x, g, f_theta, M, h)
-        constants = Constants.build(sampled, h) if h != sampled.dt else sampled.nominal
+        constants = sampled._coefficients.step(h) if h != sampled.dt else sampled._coefficients.nominal
     else:
-        constants = Constants.build(sampled, h) if constants is None else constants
+        constants = sampled._coefficients.step(h) if constants is None else constants
         u, past = _residual(sampled, state, x, g, f_theta, M, constants.rate), ()
     w, carry = _advance(state, u, constants)
     total = w if carry is None else w + carry
@@ -140,7 +124,7 @@ def step(
     return state, _limited(sampled, f_theta + y)
 
 
-def _advance(state: FilterState, u: Array, constants: Constants) -> tuple[Array, Array | None]:
+def _advance(state: FilterState, u: Array, constants: StepConstants) -> tuple[Array, Array | None]:
     """w + dA (w - equilibrium u), compensated in float32."""
     dA, equilibrium = constants.dA, constants.equilibrium
     distance = state.w - u[:, None] * equilibrium
@@ -172,7 +156,7 @@ def _residual(
     u = dx * rate
     u -= g if sampled.g == "hold" or state.g is None else (g + state.g) * g.dtype.type(0.5)
     if sampled.E is not None:
-        u = sampled.measure.astype(u.dtype) @ u
+        u = sampled._measure.astype(u.dtype) @ u
     u -= state.f_theta if sampled.f_theta == "hold" else (f_theta + state.f_theta) * f_theta.dtype.type(0.5)
     return u
 
@@ -193,7 +177,7 @@ def _aligned_residual(
     times -= times[-1]
     ends = np.array([-length - delay, -delay])
     means = [
-        _windows.window_means(
+        windows.window_means(
             times, np.array([v[0] for v in values]), np.array([v[1] for v in values]), *ends[:, None]
         )[0]
         for values in ([entry.g for entry in past], [entry.f_theta for entry in past])
@@ -203,10 +187,10 @@ def _aligned_residual(
         # An inertia first given now was the same before: intervals without one take it too.
         pairs = [entry.inertia or (M, M) for entry in past]
         samples = np.array([pairs[0][0], *(pair[1] for pair in pairs)], dtype=float)
-        mean = _windows.values_at(times, samples, ends).mean(axis=0)
+        mean = windows.values_at(times, samples, ends).mean(axis=0)
         dx = mean * dx if mean.ndim == 1 else mean @ dx
     u = dx / length - means[0]
-    u = (u if sampled.E is None else sampled.measure @ u) - means[1]
+    u = (u if sampled.E is None else sampled._measure @ u) - means[1]
     return u.astype(x.dtype), length, _still_needed(past, delay)
 
 
@@ -270,7 +254,7 @@ def _step_paper(
         raise ValueError(
             "realisation='paper' has neither an inertia nor unequal steps: use realisation='sections'"
         )
-    paper = _paper.step(sampled.filter, state.paper, x, g, f_theta, sampled.dt)
+    paper = paper_form.step(sampled.filter, state.paper, x, g, f_theta, sampled.dt)
     return state._replace(x=x, g=g, f_theta=f_theta, paper=paper), _limited(sampled, paper.alpha[0].copy())
 
 
@@ -279,7 +263,7 @@ def shift_x(sampled: SampledPhyFilter, state: FilterState, dx: ArrayLike) -> Fil
     jump = _vector("dx", dx, len(state.x), state.x.dtype)
     if not np.isfinite(jump).all():
         raise ValueError(f"dx: expected finite values, got {jump.tolist()}")
-    paper = None if state.paper is None else _paper.shift(sampled.filter, state.paper, jump)
+    paper = None if state.paper is None else paper_form.shift(sampled.filter, state.paper, jump)
     return state._replace(x=state.x + jump, paper=paper)
 
 
@@ -293,13 +277,13 @@ def retune(sampled: SampledPhyFilter, state: FilterState, new: SampledPhyFilter)
     if n_f != len(state.f_theta):
         raise ValueError(f"retune: the new filter has {n_f} channels of f, the state {len(state.f_theta)}")
     w = state.w.astype(float) if state.carry is None else state.w.astype(float) + state.carry
-    y = (w * sampled.bank[2]).sum(axis=1)
+    y = (w * sampled._coefficients.bank[2]).sum(axis=1)
     if [entry.order for entry in new.filters] == [entry.order for entry in sampled.filters]:
-        _, equilibrium, C = new.bank
+        _, equilibrium, C = new._coefficients.bank
         jump = y - (w * C).sum(axis=1)
         w = w + _move_output(equilibrium, C, jump)
     else:
-        w = _move_output(new.bank[1], new.bank[2], y)
+        w = _move_output(new._coefficients.bank[1], new._coefficients.bank[2], y)
     kept = w.astype(new.precision)
     carry = (w - kept).astype(np.float32) if new.precision == "float32" else None
     return _cast(state, np.dtype(new.precision))._replace(w=kept, carry=carry)
@@ -315,7 +299,7 @@ def _move_output(equilibrium: Array, C: Array, y: Array) -> Array:
 
 def _at_rest(sampled: SampledPhyFilter, y: Array) -> Array:
     """State (n_f, n) of the constant residual for which C w = y."""
-    _, equilibrium, C = sampled.bank
+    _, equilibrium, C = sampled._coefficients.bank
     for entry in sampled.filters:
         if abs(entry.dc_gain) < 1e-9 and np.any(y):
             raise ValueError(
@@ -392,5 +376,5 @@ def _step_length(sampled: SampledPhyFilter, dt: float) -> float:
         raise ValueError(
             f"dt: expected the positive length of the step in seconds, got {dt}; time runs forwards"
         )
-    sampled.check_step(dt)
+    sampled._coefficients.check_step(dt)
     return float(dt)

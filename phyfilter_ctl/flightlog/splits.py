@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from . import _logchecks
+from . import checks
 
 if TYPE_CHECKING:
-    from .flightlog import FlightLog
+    from .log import FlightLog
 
 __all__ = ["split_by_speed", "split_flights"]
 
@@ -52,7 +52,7 @@ def split_flights(
     if not np.all(np.isfinite(figures)):
         raise ValueError(f"key: expected a finite figure for every flight, got {figures.tolist()}")
     order = np.argsort(figures, kind="stable")
-    cut = min(max(round(_logchecks.fraction_of(fraction) * len(flights)), 1), len(flights) - 1)
+    cut = min(max(round(checks.fraction_of(fraction) * len(flights)), 1), len(flights) - 1)
     return tuple(flights[i] for i in order[:cut]), tuple(flights[i] for i in order[cut:])
 
 

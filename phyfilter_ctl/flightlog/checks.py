@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ._sections import FloatArray
+from .._sections import FloatArray
 
 Where = Callable[[int], str]
 _SHOWN = 5  # rows that an error lists

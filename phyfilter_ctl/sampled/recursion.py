@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import get_lapack_funcs
 
-from ._sections import FloatArray, multiply
+from .._sections import FloatArray, multiply
 
 _BLOCK = 32
 # Samples handled at once, a multiple of the block: few enough that every buffer stays in the cache and is given back

@@ -41,10 +41,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from . import _logchecks
-from ._tomltable import TomlTable
-from .filter import PhyFilter
-from .sampled import SampledPhyFilter
+from ..filter import PhyFilter
+from ..flightlog import checks
+from ..sampled import SampledPhyFilter
+from .table import TomlTable
 
 __all__ = ["Signals", "load", "load_signals", "save"]
 
@@ -104,7 +104,7 @@ class Signals:
         unit_f: str = "",
         inertia: ArrayLike | None = None,
     ) -> None:
-        names = _logchecks.channel_names(channels, len(channels))
+        names = checks.channel_names(channels, len(channels))
         for key, unit in (("unit_x", unit_x), ("unit_g", unit_g), ("unit_f", unit_f)):
             if not isinstance(unit, str):
                 raise TypeError(f"{key}: expected text, got {unit!r}")
@@ -437,7 +437,7 @@ def _read_signals(table: TomlTable) -> Signals:
 
 
 def _inertia(values: ArrayLike, channels: int) -> Inertia:
-    array = _logchecks.real("inertia", values)
+    array = checks.real("inertia", values)
     n_x = channels or (len(array) if array.ndim else 0)
     if array.shape not in ((), (n_x,), (n_x, n_x)) or array.size == 0:
         size = channels or "n_x"

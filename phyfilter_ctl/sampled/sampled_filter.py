@@ -14,22 +14,20 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
-from typing import Literal, get_args, overload
+from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from . import _loop, _record, _sections
-from ._loop import Constants, FilterState
-from ._recursion import BlockKernel
-from ._sections import FloatArray
-from .filter import PhyFilter
+from .._sections import FloatArray
+from ..filter import PhyFilter
+from . import loop, record
+from .coefficients import Coefficients, Method, Precision, checked_direction, checked_limit, transition
+from .loop import FilterState
 
-__all__ = ["FilterState", "SampledPhyFilter", "stack"]
+__all__ = ["SampledPhyFilter", "stack"]
 
-Method = Literal["exact", "euler", "tustin"]
 Rule = Literal["hold", "average"]
-Precision = Literal["float64", "float32"]
 Realisation = Literal["sections", "paper"]
 NonFinite = Literal["raise", "hold"]
 
@@ -141,17 +139,17 @@ class SampledPhyFilter:
                     "nonfinite='hold'; leave those options out or use realisation='sections'"
                 )
             method, g, f_theta = "euler", "hold", "hold"
-        direction = None if E is None else _direction(E)
+        direction = None if E is None else checked_direction(E)
         n_f = direction.shape[1] if direction is not None else None
         if n_f is not None and len(filters) not in (1, n_f):
             raise ValueError(
                 f"{len(filters)} filters for the {n_f} columns of E: expected one, or one per column"
             )
-        bound = None if limit is None else _bound(limit, n_f if len(filters) == 1 else len(filters))
+        bound = None if limit is None else checked_limit(limit, n_f if len(filters) == 1 else len(filters))
         values = (filters, dt, method, g, f_theta, precision, realisation, direction, delay, bound, nonfinite)
         for entry, value in zip(fields(self), values, strict=True):
             object.__setattr__(self, entry.name, value)
-        self.check_step(dt)
+        self._coefficients.check_step(dt)
 
     # -- what it is ---------------------------------------------------------------------------------------------
 
@@ -183,71 +181,28 @@ class SampledPhyFilter:
         _, equilibrium, C = self.filter.sections
         return transition(self.filter, self.method, self.dt), equilibrium, C
 
-    def bank_at(self, dt: float | FloatArray, i: int) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """(dA, equilibrium, C) of filter i for a step or for steps (m,), padded to the common order.
-
-        Rounded to the precision of the filter, kept in double.
-        """
-        entry, n = self.filters[i], self.order
-        _, equilibrium, C = entry.sections
-        dA = transition(entry, self.method, dt)
-        extra = n - entry.order
-        if extra:
-            dA = np.pad(dA, [(0, 0)] * (dA.ndim - 2) + [(0, extra), (0, extra)])
-            equilibrium, C = np.pad(equilibrium, (0, extra)), np.pad(C, (0, extra))
-        return self._rounded(dA), self._rounded(equilibrium), self._rounded(C)
+    @cached_property
+    def _coefficients(self) -> Coefficients:
+        return Coefficients(self.filters, self.method, self.dt, self.precision)
 
     @cached_property
-    def bank(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Nominal transitions of all filters: dA (c, n, n), equilibrium (c, n), C (c, n)."""
-        return self.stacked(self.dt)
-
-    def stacked(self, dt: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """:attr:`bank` for another step."""
-        parts = [self.bank_at(dt, i) for i in range(len(self.filters))]
-        dA, equilibrium, C = (np.stack(column) for column in zip(*parts, strict=True))
-        return dA, equilibrium, C
-
-    @cached_property
-    def kernels(self) -> tuple[BlockKernel, ...]:
-        """For records of equal steps: one block kernel per filter."""
-        return tuple(BlockKernel.build(*parts) for parts in zip(*self.bank, strict=True))
-
-    @cached_property
-    def nominal(self) -> Constants:
-        """For loops: what a nominal step needs."""
-        return Constants.build(self, self.dt)
-
-    @property
-    def slowest(self) -> float:
-        """Least |p| of all poles in rad/s."""
-        return min(float(np.min(np.abs(entry.poles))) for entry in self.filters)
-
-    @cached_property
-    def measure(self) -> FloatArray:
+    def _measure(self) -> FloatArray:
         """Left inverse of E, shape (n_f, n_x): what the residual of M x' says of f."""
         if self.E is None:
             raise ValueError("without E every channel of x has its own f")
         return np.asarray(np.linalg.pinv(self.E), dtype=float)
 
-    def check_step(self, dt: float) -> None:
-        """Refuse a step at which forward Euler would diverge.
-
-        Raises
-        ------
-        ValueError
-            Naming the pole and the largest step.
-        """
-        if self.method == "euler":
-            for entry in self.filters:
-                _refuse_divergence(entry, dt)
-
-    def _rounded(self, values: FloatArray) -> FloatArray:
-        """Coefficients as the arithmetic of the filter has them, in double."""
-        return values.astype(self.precision).astype(float)
-
     def with_filter(self, filters: PhyFilter | Sequence[PhyFilter]) -> SampledPhyFilter:
         """The same options around other coefficients.
+
+        Parameters
+        ----------
+        filters : PhyFilter or sequence of PhyFilter
+            As for the class.
+
+        Returns
+        -------
+        SampledPhyFilter
 
         Examples
         --------
@@ -258,7 +213,6 @@ class SampledPhyFilter:
 
     # -- whole records ------------------------------------------------------------------------------------------
 
-    @overload
     def run(
         self,
         x: ArrayLike,
@@ -266,32 +220,7 @@ class SampledPhyFilter:
         f_theta: ArrayLike | None = None,
         inertia: ArrayLike | None = None,
         times: ArrayLike | None = None,
-        *,
-        return_held: Literal[False] = False,
-    ) -> NDArray[np.floating]: ...
-
-    @overload
-    def run(
-        self,
-        x: ArrayLike,
-        g: ArrayLike | None = None,
-        f_theta: ArrayLike | None = None,
-        inertia: ArrayLike | None = None,
-        times: ArrayLike | None = None,
-        *,
-        return_held: Literal[True],
-    ) -> tuple[NDArray[np.floating], NDArray[np.bool_]]: ...
-
-    def run(
-        self,
-        x: ArrayLike,
-        g: ArrayLike | None = None,
-        f_theta: ArrayLike | None = None,
-        inertia: ArrayLike | None = None,
-        times: ArrayLike | None = None,
-        *,
-        return_held: bool = False,
-    ) -> NDArray[np.floating] | tuple[NDArray[np.floating], NDArray[np.bool_]]:
+    ) -> NDArray[np.floating]:
         """f_hat over a whole record.
 
         Parameters
@@ -306,15 +235,11 @@ class SampledPhyFilter:
             Model M_hat of the inertia: scalar, diagonal or full, constant or per sample; None means I.
         times : (N,) array, optional
             Sampling instants in seconds where they are not every ``dt``.
-        return_held : bool
-            Also return which samples were held (``nonfinite="hold"``), (N,) bool.
 
         Returns
         -------
-        f_hat : (N, n_f) array
-            In the precision of the filter.
-        held : (N,) bool array
-            Only with ``return_held``.
+        (N, n_f) array
+            f_hat in the precision of the filter; row 0 is f_theta.
 
         Raises
         ------
@@ -328,8 +253,37 @@ class SampledPhyFilter:
         >>> PhyFilter([20.0]).sampled(0.01).run([[0.0], [0.01], [0.02]], f_theta=[[1.0], [1.0], [1.0]]).ravel()
         array([1., 1., 1.])
         """
-        f_hat, held = _record.run(self, x, g, f_theta, inertia, times)
-        return (f_hat, held) if return_held else f_hat
+        return record.run(self, x, g, f_theta, inertia, times)
+
+    def held(
+        self,
+        x: ArrayLike,
+        g: ArrayLike | None = None,
+        f_theta: ArrayLike | None = None,
+        inertia: ArrayLike | None = None,
+    ) -> NDArray[np.bool_]:
+        """Which samples of a record ``run`` holds because they are not finite.
+
+        Parameters
+        ----------
+        x, g, f_theta, inertia
+            As for :meth:`run`.
+
+        Returns
+        -------
+        (N,) bool array
+
+        Raises
+        ------
+        ValueError
+            For wrong shapes.
+
+        Examples
+        --------
+        >>> PhyFilter([20.0]).sampled(0.01, nonfinite="hold").held([[0.0], [float("nan")], [0.0]])
+        array([False,  True, False])
+        """
+        return record.held_samples(self, *record.checked_signals(self, x, g, f_theta, inertia))
 
     # -- loops --------------------------------------------------------------------------------------------------
 
@@ -375,7 +329,7 @@ class SampledPhyFilter:
         >>> f_hat.round(12).tolist()
         [1.0, -1.0]
         """
-        return _loop.start(self, x0, f_hat0=f_hat0, f_theta0=f_theta0, inertia0=inertia0, g0=g0)
+        return loop.start(self, x0, f_hat0=f_hat0, f_theta0=f_theta0, inertia0=inertia0, g0=g0)
 
     def step(
         self,
@@ -431,7 +385,7 @@ class SampledPhyFilter:
         >>> bool(np.allclose(f_hat, sampled.run(x, g, f_theta)[-1], rtol=1e-12))
         True
         """
-        return _loop.step(self, state, x, g, f_theta, inertia=inertia, dt=dt)
+        return loop.step(self, state, x, g, f_theta, inertia=inertia, dt=dt)
 
     def shift_x(self, state: FilterState, dx: ArrayLike) -> FilterState:
         """Tell the filter that the estimate of x jumped by dx (n_x,): a reset, not an acceleration.
@@ -443,7 +397,7 @@ class SampledPhyFilter:
         >>> sampled.step(state, [0.5])[1].tolist()
         [0.0]
         """
-        return _loop.shift_x(self, state, dx)
+        return loop.shift_x(self, state, dx)
 
     def retune(self, state: FilterState, new_filter: SampledPhyFilter | PhyFilter) -> FilterState:
         """State with which another filter goes on from here; f_hat does not jump.
@@ -474,7 +428,7 @@ class SampledPhyFilter:
         True
         """
         new = self.with_filter(new_filter) if isinstance(new_filter, PhyFilter) else new_filter
-        return _loop.retune(self, state, new)
+        return loop.retune(self, state, new)
 
     # -- equality and text --------------------------------------------------------------------------------------
 
@@ -549,54 +503,3 @@ def stack(filters: Sequence[SampledPhyFilter]) -> SampledPhyFilter:
                 f"{getattr(reference, name)!r}: all options must agree; only the coefficients may differ"
             )
     return reference.with_filter([part for entry in filters for part in entry.filters])
-
-
-def transition(filter: PhyFilter, method: Method, dt: float | FloatArray) -> FloatArray:
-    """dA of one filter for a step, shape (n, n); for dt (m,) shape (m, n, n)."""
-    A = filter.sections[0]
-    if method == "exact":
-        return _sections.expm1(A, dt)
-    scaled = A * np.asarray(dt)[..., None, None]
-    if method == "euler":
-        return scaled
-    return np.asarray(np.linalg.solve(np.eye(len(A)) - 0.5 * scaled, scaled), dtype=float)
-
-
-def _refuse_divergence(filter: PhyFilter, dt: float) -> None:
-    growth = np.abs(1.0 + filter.poles * dt)
-    worst = int(np.argmax(growth))
-    if growth[worst] >= 1.0:
-        pole = filter.poles[worst]
-        largest = float(np.min(-2.0 * filter.poles.real / np.abs(filter.poles) ** 2))
-        raise ValueError(
-            f"forward Euler diverges: |1 + p h| = {growth[worst]:.4g} >= 1 for the pole {pole:.6g} rad/s at "
-            f"h = {dt:g} s; expected h < {largest:.4g} s; use method='exact'"
-        )
-
-
-def _direction(E: ArrayLike) -> FloatArray:
-    matrix = np.array(E, dtype=float)
-    if matrix.ndim != 2 or not np.all(np.isfinite(matrix)):
-        raise ValueError(f"E: expected a finite (n_x, n_f) matrix, got shape {matrix.shape}")
-    rank = int(np.linalg.matrix_rank(matrix))
-    if rank < matrix.shape[1]:
-        raise ValueError(
-            f"E has rank {rank} for {matrix.shape[1]} columns: expected full column rank, else f cannot be told from "
-            "the measurement; drop dependent columns"
-        )
-    matrix.flags.writeable = False
-    return matrix
-
-
-def _bound(limit: ArrayLike, channels: int | None) -> FloatArray:
-    bound = np.array(limit, dtype=float)
-    if bound.ndim > 1 or not np.all(bound > 0.0):
-        raise ValueError(
-            f"limit: expected a positive bound on |f_hat|, one number or one per channel, got {limit!r}"
-        )
-    if bound.ndim == 1 and channels is not None and len(bound) != channels:
-        raise ValueError(
-            f"limit: {len(bound)} bounds for {channels} channels; expected one number or {channels}"
-        )
-    bound.flags.writeable = False
-    return bound

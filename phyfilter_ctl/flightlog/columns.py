@@ -10,9 +10,9 @@ from types import EllipsisType
 import numpy as np
 from numpy.typing import ArrayLike
 
-from . import _logchecks
-from ._csvfile import CsvFile, open_csv
-from ._sections import FloatArray
+from .._sections import FloatArray
+from . import checks
+from .csvfile import CsvFile, open_csv
 
 VELOCITIES = ("vx", "vy", "vz")
 _ACCELERATIONS = ("ax", "ay", "az")
@@ -96,7 +96,7 @@ def read_log(
         n, n_x = values["x"].shape
         rows = values["inertia"]
         full = rows.reshape(n, n_x, n_x) if rows.shape[1] == n_x * n_x else rows
-        values["inertia"] = _logchecks.full_inertia(full, n, n_x, varies=True)
+        values["inertia"] = checks.full_inertia(full, n, n_x, varies=True)
     return LogColumns(x, values)
 
 
@@ -153,8 +153,8 @@ def _check(file: CsvFile, names: Sequence[str], table: FloatArray, time: str | N
     def line(index: int) -> str:  # a pass over the file, for an error only
         return f"line {file.line_numbers()[index]}"
 
-    _logchecks.refuse_nonfinite(str(file.path), table, [f"column {name!r}" for name in names], line)
+    checks.refuse_nonfinite(str(file.path), table, [f"column {name!r}" for name in names], line)
     if time is not None:
-        _logchecks.refuse_unordered(f"{file.path}: column {time!r}", table[:, names.index(time)], line)
+        checks.refuse_unordered(f"{file.path}: column {time!r}", table[:, names.index(time)], line)
     if len(table) < 2:
         raise ValueError(f"{file.path}: expected at least 2 rows, got {len(table)}")

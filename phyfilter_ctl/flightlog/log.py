@@ -16,13 +16,12 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from . import _logchecks
-from ._csvfile import write_csv
-from ._logcolumns import VELOCITIES, default_columns, inertia_option, read_log
-from ._sections import FloatArray
-from ._splits import split_by_speed, split_flights
+from .._sections import FloatArray
+from . import checks
+from .columns import VELOCITIES, default_columns, inertia_option, read_log
+from .csvfile import write_csv
 
-__all__ = ["FlightLog", "split_by_speed", "split_flights"]
+__all__ = ["FlightLog"]
 
 # A log is uniform when every step is within this of the median, relative; taking such a step for dt changes x' by
 # as little. Rounding of the times themselves (large ones have few digits left for the step) is allowed on top.
@@ -106,18 +105,18 @@ class FlightLog:
         channels: Sequence[str] | None = None,
         unit: str = "",
     ) -> None:
-        x = _logchecks.measured(x)
+        x = checks.measured(x)
         n, n_x = x.shape
-        names = _logchecks.channel_names(channels, n_x)
-        times = _logchecks.sample_times(times, n)
-        _logchecks.refuse_nonfinite("x", x, names)
+        names = checks.channel_names(channels, n_x)
+        times = checks.sample_times(times, n)
+        checks.refuse_nonfinite("x", x, names)
         signals = {"g": g, "f_theta": f_theta, "label": label}
         checked = {
             "times": times,
             "x": x,
-            **{key: _logchecks.signal(key, value, (n, n_x), names) for key, value in signals.items()},
-            "inertia": _logchecks.inertia_of(inertia, n, n_x),
-            "features": _logchecks.features_of(features, n),
+            **{key: checks.signal(key, value, (n, n_x), names) for key, value in signals.items()},
+            "inertia": checks.inertia_of(inertia, n, n_x),
+            "features": checks.features_of(features, n),
         }
         for key, value in checked.items():
             if value is not None:
@@ -160,7 +159,7 @@ class FlightLog:
         >>> FlightLog.from_arrays(x=[[0.0, 1.0], [0.1, 1.0]], dt=0.002).times.tolist()
         [0.0, 0.002]
         """
-        x = _logchecks.measured(x)
+        x = checks.measured(x)
         return cls(
             _times_or_grid(times, dt, len(x)),
             x,
@@ -318,7 +317,7 @@ class FlightLog:
         0.0,0.5,1.0
         0.1,0.25,2.0
         """
-        inertia = None if self.inertia is None else _logchecks.inertia_rows(self.inertia, self.n, self.n_x)
+        inertia = None if self.inertia is None else checks.inertia_rows(self.inertia, self.n, self.n_x)
         written = {"label": self.label, "g": self.g, "f_theta": self.f_theta, "features": self.features}
         header, blocks = [time, *self.channels], [self.times[:, None], self.x]
         for key, value in (*written.items(), ("inertia", inertia)):
@@ -443,7 +442,7 @@ class FlightLog:
         >>> first.n, rest.n
         (8, 2)
         """
-        cut = round(_logchecks.fraction_of(fraction) * self.n)
+        cut = round(checks.fraction_of(fraction) * self.n)
         if not 2 <= cut <= self.n - 2:
             raise ValueError(
                 f"fraction {fraction} splits {self.n} samples into {cut} and {self.n - cut}, expected at least 2 each"
@@ -493,7 +492,7 @@ class FlightLog:
         >>> log.resample(1.5).x.ravel().tolist(), log.resample(1.5).g.ravel().tolist()
         ([0.0, 1.75, 4.0], [5.0, 6.0, 7.0])
         """
-        dt = _logchecks.positive("dt", dt)
+        dt = checks.positive("dt", dt)
         if g not in ("hold", "linear"):
             raise ValueError(f"g: expected 'hold' or 'linear', got {g!r}")
         steps = int(np.floor(self.duration / dt + _ON_GRID))
@@ -523,7 +522,7 @@ class FlightLog:
         held = {key: value for key in picks if (value := getattr(self, key)) is not None}
         picked = {key: picks[key](value) for key, value in held.items()}
         if self.inertia is not None:
-            picked["inertia"] = _logchecks.picked_inertia(self.inertia, self.n, len(times), pick)
+            picked["inertia"] = checks.picked_inertia(self.inertia, self.n, len(times), pick)
         return replace(self, times=times, **picked)
 
     def __repr__(self) -> str:
@@ -544,5 +543,5 @@ def _times_or_grid(times: ArrayLike | None, dt: float | None, n: int) -> ArrayLi
     if times is not None and dt is None:
         return times
     if dt is not None and times is None:
-        return _logchecks.positive("dt", dt) * np.arange(n)
+        return checks.positive("dt", dt) * np.arange(n)
     raise ValueError(f"expected exactly one of times and dt, got {'neither' if dt is None else 'both'}")

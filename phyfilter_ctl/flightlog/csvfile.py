@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ._sections import FloatArray
+from .._sections import FloatArray
 
 __all__ = ["CsvFile", "open_csv", "write_csv"]
 
