@@ -74,7 +74,7 @@ class WindowDifferentiator:
         would first have to learn to subtract them.
         """
         v = np.asarray(v, dtype=float)
-        past = window(v, self.length, self.stride).reshape(len(v), self.length, -1)
+        past = window(v, self.length, stride=self.stride).reshape(len(v), self.length, -1)
         steps = past[:, :-1] - past[:, 1:]
         return np.concatenate([past[:, :1], steps], axis=1).reshape(len(v), -1)
 

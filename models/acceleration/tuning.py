@@ -67,11 +67,15 @@ class TunedFilter:
     evaluations: int
 
 
-def filtered(filter: PhyFilter, case: Case, dt: float) -> FloatArray:
-    """f_hat (N, n_x) of one flight: x = v, g = 0, M = 1; at the flight's own times where they are not every dt."""
-    uniform = case.log.is_uniform and np.isclose(case.log.dt, dt, rtol=1e-6)
-    times = None if uniform else case.log.times
-    return np.asarray(filter.sampled(dt).run(case.log.x, f_theta=case.f_theta, times=times), dtype=float)
+def filtered(filter: PhyFilter, cases: Sequence[Case], dt: float) -> list[FloatArray]:
+    """f_hat (N, n_x) of each flight: x = v, g = 0, M = 1; at its own times where they are not every ``dt``."""
+    sampled = filter.sampled(dt)
+    estimates = []
+    for case in cases:
+        uniform = case.log.is_uniform and np.isclose(case.log.dt, dt, rtol=1e-6)
+        f_hat = sampled.run(case.log.x, f_theta=case.f_theta, times=None if uniform else case.log.times)
+        estimates.append(np.asarray(f_hat, dtype=float))
+    return estimates
 
 
 def rmse(estimates: Sequence[FloatArray], logs: Sequence[FlightLog]) -> float:
@@ -162,13 +166,16 @@ def _general(point: FloatArray, cases: Sequence[Case], dt: float) -> PhyFilter:
     powers = base.a[0] ** (1.0 - np.arange(n) / n)
     # Each s^i / D alone, driven by the same residual.
     alone = [PhyFilter.from_poles(base.poles, powers * (np.arange(n) == i)) for i in range(1, n)]
-    columns, wanted = [], []
-    for case in cases:
-        kept = counted(case.log)
-        parts = [(filtered(part, case, dt) - case.f_theta)[kept].ravel() for part in alone]
-        columns.append(np.stack(parts, axis=1))
-        wanted.append((labels(case.log) - filtered(base, case, dt))[kept].ravel())
-    weights = np.linalg.lstsq(np.concatenate(columns), np.concatenate(wanted), rcond=None)[0]
+    kept = [counted(case.log) for case in cases]
+    theta = [case.f_theta for case in cases]
+    columns = [
+        np.concatenate([(y - f)[k].ravel() for y, f, k in zip(filtered(part, cases, dt), theta, kept, strict=True)])
+        for part in alone
+    ]
+    wanted = np.concatenate(
+        [(labels(case.log) - y)[k].ravel() for case, y, k in zip(cases, filtered(base, cases, dt), kept, strict=True)]
+    )
+    weights = np.linalg.lstsq(np.stack(columns, axis=1), wanted, rcond=None)[0]
     b = base.b.copy()
     b[1:] = weights * powers[1:]
     return PhyFilter.from_poles(base.poles, b)
@@ -202,7 +209,7 @@ def _search(
 
     def cost(point: FloatArray) -> float:
         filter = make(point, cases, dt)
-        return rmse([filtered(filter, case, dt) for case in cases], logs)
+        return rmse(filtered(filter, cases, dt), logs)
 
     best_point, best_cost, evaluations = starts[0], np.inf, 0
     for start in starts:

@@ -44,7 +44,7 @@ class BackwardDifference:
 
     @classmethod
     def search_space(cls, dt: float) -> tuple[SearchRange, ...]:
-        """One to at most 100 intervals, fewer where these exceed half a second.
+        """One to at most 100 intervals of ``dt`` seconds, fewer where these exceed half a second.
 
         Examples
         --------

@@ -70,7 +70,7 @@ class RobustDifferentiator:
 
     @classmethod
     def search_space(cls, dt: float) -> tuple[SearchRange, ...]:
-        """Gains for robots that move by metres; ``substeps`` is not sought.
+        """Gains for robots that move by metres, whatever ``dt``; ``substeps`` is not sought.
 
         On noisy data the least RMSE may lie at a large ``mu`` with small ``k1`` and ``k2``, where the terms that
         make the estimate exact without noise are gone.

@@ -63,7 +63,7 @@ class TrackingDifferentiator:
 
     @classmethod
     def search_space(cls, dt: float) -> tuple[SearchRange, ...]:
-        """Slope limits for robots that move by metres, filter factors from one interval to half a second."""
+        """Slope limits for robots that move by metres, filter factors from one interval ``dt`` to half a second."""
         longest = 0.5 / _checks.interval(dt)
         return SearchRange("r", 1.0, 1e5), SearchRange("h0", 1.0, min(100.0, max(2.0, longest)))
 

@@ -6,7 +6,7 @@ Many flights are a sequence of FlightLogs. They stay apart: joining two would pu
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -20,6 +20,7 @@ from .._sections import FloatArray
 from . import checks
 from .columns import VELOCITIES, default_columns, inertia_option, read_log
 from .csvfile import write_csv
+from .resampling import Pick, uniform_grid
 
 __all__ = ["FlightLog"]
 
@@ -27,8 +28,6 @@ __all__ = ["FlightLog"]
 # as little. Rounding of the times themselves (large ones have few digits left for the step) is allowed on top.
 _UNIFORM = 1e-6
 _ROUNDING = 4.0 * np.finfo(float).eps
-# A grid point this close before a sample, in steps of the grid, belongs to it: k * dt is rounded.
-_ON_GRID = 1e-6
 
 
 @dataclass(frozen=True, init=False, eq=False, repr=False)
@@ -141,10 +140,12 @@ class FlightLog:
         channels: Sequence[str] | None = None,
         unit: str = "",
     ) -> FlightLog:
-        """A log from arrays; the parameters are those of the class, and ``dt``.
+        """A log from arrays.
 
         Parameters
         ----------
+        x, times, g, f_theta, label, inertia, features, name, channels, unit
+            As for the class.
         dt : float, optional
             Sampling interval in s, instead of ``times``; the first sample is then at 0. Exactly one of the two.
 
@@ -495,27 +496,14 @@ class FlightLog:
         dt = checks.positive("dt", dt)
         if g not in ("hold", "linear"):
             raise ValueError(f"g: expected 'hold' or 'linear', got {g!r}")
-        steps = int(np.floor(self.duration / dt + _ON_GRID))
-        if steps < 1:
-            raise ValueError(
-                f"dt: expected at most the duration of the log, {self.duration:.6g} s, got {dt:.6g} s"
-            )
-        times = self.times[0] + dt * np.arange(steps + 1)
-        before = np.searchsorted(self.times, times + _ON_GRID * dt, side="right") - 1
-        left = np.minimum(before, self.n - 2)
-        weight = np.clip((times - self.times[left]) / np.diff(self.times)[left], 0.0, 1.0)
-
-        def linear(values: FloatArray) -> FloatArray:
-            w = weight.reshape(-1, *[1] * (values.ndim - 1))
-            return values[left] + w * (values[left + 1] - values[left])
-
-        return self._at(times, linear, (lambda values: values[before]) if g == "hold" else linear)
+        times, linear, hold = uniform_grid(self.times, dt)
+        return self._at(times, linear, hold if g == "hold" else linear)
 
     def _at(
         self,
         times: FloatArray,
-        pick: Callable[[FloatArray], FloatArray],
-        pick_g: Callable[[FloatArray], FloatArray] | None = None,
+        pick: Pick,
+        pick_g: Pick | None = None,
     ) -> FlightLog:
         """The log at other times, each signal picked by a function of its samples."""
         picks = {"x": pick, "g": pick_g or pick, "f_theta": pick, "label": pick, "features": pick}

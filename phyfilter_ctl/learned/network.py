@@ -219,7 +219,7 @@ class Network:
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> Self:
-        """Read a network that :meth:`save` wrote.
+        """Read a network that :meth:`save` wrote to ``path``.
 
         Raises
         ------

@@ -65,10 +65,9 @@ def checked_signals(
     n_f = channels(sampled, n_x)
     zero = dtype.type(0)
     g = np.broadcast_to(zero, (N, n_x)) if g is None else _signal("g", g, dtype, (N, n_x))
-    if f_theta is None:
-        f_theta = np.broadcast_to(zero, (N, n_f))
-    else:
-        f_theta = _signal("f_theta", f_theta, dtype, (N, n_f))
+    f_theta = (
+        np.broadcast_to(zero, (N, n_f)) if f_theta is None else _signal("f_theta", f_theta, dtype, (N, n_f))
+    )
     M = None if inertia is None else _record_inertia(inertia, N, n_x).astype(dtype, copy=False)
     return x, g, f_theta, M
 
@@ -80,11 +79,15 @@ def held_samples(
     held = np.zeros(len(x), dtype=bool)
     for signal in (x, f_theta) if M is None else (x, f_theta, M):
         if not np.isfinite(signal).all():  # row by row only where there is something to find
-            held |= ~np.isfinite(signal).reshape(len(signal), -1).all(axis=1)
+            held |= _bad_rows(signal)
     if not np.isfinite(g).all():
-        bad = ~np.isfinite(g).all(axis=1)
+        bad = _bad_rows(g)
         held |= np.concatenate([bad[:1], bad[:-1]]) if sampled.g == "hold" else bad
     return held
+
+
+def _bad_rows(signal: Array) -> NDArray[np.bool_]:
+    return np.asarray(~np.isfinite(signal).reshape(len(signal), -1).all(axis=1))
 
 
 def _run_plain(
