@@ -1,0 +1,136 @@
+"""Acceleration from velocity: a small network that fails outside its training speeds, and the filter that repairs it.
+
+    x = v,   x' = f,   g = 0,   M = 1,   f_theta a network on a window of past velocities
+"""
+
+from __future__ import annotations
+
+import json
+from argparse import ArgumentParser, Namespace, RawDescriptionHelpFormatter
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Protocol
+
+from .diagram import build
+
+if TYPE_CHECKING:
+    from .experiment import Comparison
+    from .study import IntervalStudy, PoleMap
+
+__all__ = ["add_arguments", "build", "main"]
+
+# Of the samples of the full generated flights, in --quick.
+_QUICK_SHARE = 0.25
+
+_DESCRIPTION = """Estimate the acceleration of a quadrotor from its measured velocity.
+
+A network of two hidden layers of 20 learns it on slow flights and is tested on faster ones; PhyFilters of order 1 to 3
+repair it, and five differentiators that learn nothing are tuned to compare. All tuning is on the training flights.
+Without --train and --test the flights are generated (seeded, simulated: training 0 to 2 m/s, test 0 to 3 m/s, 500 Hz)."""
+
+_EXAMPLES = """examples:
+  phyfilter-ctl run acceleration
+  phyfilter-ctl run acceleration --study --json figures.json --picture study.pdf
+  phyfilter-ctl run acceleration --train slow_*.csv --test fast_*.csv
+
+a recording is a CSV file with the columns t [s], vx vy vz [m/s] (measured) and ax ay az [m/s^2] (true acceleration)"""
+
+
+def add_arguments(parser: ArgumentParser) -> None:
+    """Add the options of ``phyfilter-ctl run acceleration``."""
+    parser.description = _DESCRIPTION
+    parser.epilog = _EXAMPLES
+    parser.formatter_class = RawDescriptionHelpFormatter
+    parser.add_argument("--train", nargs="+", metavar="FILE", help="recorded flights to train on; needs --test")
+    parser.add_argument("--test", nargs="+", metavar="FILE", help="recorded flights to test on; needs --train")
+    parser.add_argument(
+        "--seed", type=int, default=0, help="of the generated flights and of the network (default 0)"
+    )
+    parser.add_argument(
+        "--study", action="store_true", help="also study order and poles, and the sampling interval (a minute more)"
+    )
+    parser.add_argument("--quick", action="store_true", help="less data and coarser tuning: a try-out, in seconds")
+    parser.add_argument("--json", metavar="FILE", help="write the figures; - for standard output instead of the table")
+    parser.add_argument(
+        "--picture",
+        metavar="FILE",
+        default="acceleration.png",
+        help="png, pdf or svg (default acceleration.png; none: no picture)",
+    )
+    parser.add_argument("--quiet", action="store_true", help="no progress bar")
+
+
+def main(options: Namespace) -> int:
+    """Run the comparison; return the exit status.
+
+    Raises
+    ------
+    ValueError, OSError
+        If the options or the recordings are wrong, or a file cannot be read or written.
+    """
+    from phyfilter_ctl._cli_output import check_target, write_figure, write_text
+
+    from . import study
+    from .experiment import QUICK, Effort, compare, steps
+
+    _check(options)
+    check_target(options.json)
+    picture = None if options.picture == "none" else options.picture
+    check_target(picture, suffixes=(".png", ".pdf", ".svg"))
+    train_logs, test_logs, data = _flights(options)
+    effort = QUICK if options.quick else Effort()
+    total = steps() + (1 + len(study.intervals(train_logs[0].dt)) if options.study else 0)
+    poles, intervals = None, None
+    with _progress(total, options.quiet) as report:
+        comparison = compare(train_logs, test_logs, data=data, seed=options.seed, effort=effort, report=report)
+        if options.study:
+            report("order and poles")
+            poles = study.order_by_pole(comparison)
+            intervals = study.sampling_intervals(comparison, effort=effort, report=report)
+    if options.json != "-":
+        print(_table(comparison))
+    if options.json is not None:
+        write_text(options.json, json.dumps(_figures(comparison, poles, intervals), indent=2, allow_nan=False) + "\n")
+    if picture is not None:
+        from .picture import draw
+
+        write_figure(picture, draw(comparison, poles=poles, intervals=intervals))
+    return 0
+
+
+class _Report(Protocol):
+    def __call__(self, text: str, /) -> None: ...
+
+
+@contextmanager
+def _progress(total: int, quiet: bool) -> Iterator[_Report]:
+    from tqdm import tqdm
+
+    # disable=None: off where standard error is not a terminal.
+    with tqdm(total=total, disable=True if quiet else None, leave=False, unit="step") as bar:
+        begun = False
+
+        def report(text: str, /) -> None:
+            nonlocal begun
+            if begun:
+                bar.update()
+            begun = True
+            bar.set_description(text)
+
+        yield report
+
+
+def _check(options: Namespace) -> None:
+    if (options.train is None) != (options.test is None):
+        given, missing = ("--train", "--test") if options.test is None else ("--test", "--train")
+        raise ValueError(f"{given} without {missing}: recordings are needed for both")
+    if options.seed < 0:
+        raise ValueError(f"--seed: expected 0 or more, got {options.seed}")
+    if options.train is not None and (twice := set(options.train) & set(options.test)):
+        raise ValueError(
+            f"{', '.join(sorted(twice))}: both in --train and in --test; a test on training data says nothing"
+        )
+
+
+def _flights(options: Namespace):  # noqa: ANN202
+    raise NotImplementedError

@@ -1,0 +1,179 @@
+"""The picture of the comparison, after the paper's Fig. 6."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from phyfilter_ctl.flightlog import FlightLog
+
+from .differentiator import counted, labels
+from .experiment import Comparison
+from .study import IntervalStudy, PoleMap
+
+__all__ = ["COLOURS", "NAMES", "draw"]
+
+FloatArray = NDArray[np.float64]
+
+NAMES = {
+    "network": "network",
+    "phyfilter_1": "PhyFilter, n = 1",
+    "phyfilter_2": "PhyFilter, n = 2",
+    "phyfilter_3": "PhyFilter, n = 3",
+    "difference": "difference",
+    "tracking_differentiator": "tracking differentiator",
+    "robust_differentiator": "robust differentiator",
+    "kalman": "Kalman",
+    "lowpass": "low-pass",
+}
+# One colour a method in all panels (Wong, Nature Methods 8, 2011); the filters are blues, learning is vermilion.
+COLOURS = {
+    "network": "#D55E00",
+    "phyfilter_1": "#56B4E9",
+    "phyfilter_2": "#0072B2",
+    "phyfilter_3": "#00306B",
+    "difference": "#999999",
+    "tracking_differentiator": "#009E73",
+    "robust_differentiator": "#CC79A7",
+    "kalman": "#E69F00",
+    "lowpass": "#555555",
+}
+_ORDER_COLOURS = {1: COLOURS["phyfilter_1"], 2: COLOURS["phyfilter_2"], 3: COLOURS["phyfilter_3"], 4: "#999999"}
+_AXIS_COLOURS = ("#0072B2", "#D55E00", "#009E73")
+_TRAIN, _TEST = "#0072B2", "#D55E00"
+
+
+def draw(
+    comparison: Comparison, *, poles: PoleMap | None = None, intervals: IntervalStudy | None = None
+) -> Figure:
+    """Draw velocities, errors, the distribution of speeds and, where they were made, the studies.
+
+    Parameters
+    ----------
+    comparison : Comparison
+    poles : PoleMap, optional
+    intervals : IntervalStudy, optional
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+    """
+    rows = 3 if poles is not None or intervals is not None else 2
+    figure = Figure(figsize=(11.0, 3.1 * rows + 0.3), layout="constrained")
+    layout = figure.add_gridspec(rows, 6)
+    top = max(log.speed(100.0) for log in (*comparison.train, *comparison.test))
+    _velocities(figure.add_subplot(layout[0, :2]), comparison.train, "a  Training flights", top)
+    _velocities(figure.add_subplot(layout[0, 2:4]), comparison.test, "b  Test flights", top)
+    _speeds(figure.add_subplot(layout[0, 4:]), comparison)
+    left, right = figure.add_subplot(layout[1, :3]), figure.add_subplot(layout[1, 3:])
+    _errors(left, comparison.train_estimates, comparison.train, comparison.train_rmse, "c  Errors in training")
+    _errors(right, comparison.test_estimates, comparison.test, comparison.test_rmse, "d  Errors in the test")
+    highest = max(left.get_ylim()[1], right.get_ylim()[1])
+    for axes in (left, right):
+        axes.set_ylim(0.0, highest)
+    if poles is not None:
+        _pole_map(figure.add_subplot(layout[2, :3]), poles, comparison.test_rmse["network"])
+    if intervals is not None:
+        _interval_study(figure.add_subplot(layout[2, 3:]), intervals)
+    figure.suptitle(
+        f"Acceleration from velocity: {comparison.data} flights, {sum(log.n for log in comparison.train)} training and "
+        f"{sum(log.n for log in comparison.test)} test samples every {1e3 * comparison.dt:.3g} ms",
+        fontsize="medium",
+    )
+    return figure
+
+
+def _velocities(axes: Axes, logs: Sequence[FlightLog], title: str, top: float) -> None:
+    begin = 0.0
+    for k, log in enumerate(logs):
+        t = begin + log.times - log.times[0]
+        for i, (name, colour) in enumerate(zip(log.channels, _AXIS_COLOURS, strict=False)):
+            axes.plot(t, log.x[:, i], color=colour, linewidth=0.8, label=name if k == 0 else None)
+        if k:
+            axes.axvline(begin, color="0.8", linewidth=0.6, zorder=0)
+        begin = float(t[-1])
+    axes.set(xlabel="Time, flights one after another [s]", ylabel="Velocity [m/s]", ylim=(-1.1 * top, 1.1 * top))
+    axes.legend(fontsize="x-small", ncols=3, loc="lower left", frameon=False)
+    _dress(axes, title)
+
+
+def _errors(
+    axes: Axes,
+    estimates: Mapping[str, Sequence[FloatArray]],
+    logs: Sequence[FlightLog],
+    scores: Mapping[str, float],
+    title: str,
+) -> None:
+    """Boxes from the 25th to the 75th percentile of |error|, whiskers to the 5th and 95th; diamonds are the RMSE."""
+    names = list(estimates)
+    errors = [
+        np.concatenate(
+            [np.abs(e - labels(log))[counted(log)].ravel() for e, log in zip(estimates[name], logs, strict=True)]
+        )
+        for name in names
+    ]
+    boxes = axes.boxplot(
+        errors,
+        whis=(5.0, 95.0),
+        showfliers=False,
+        patch_artist=True,
+        widths=0.6,
+        medianprops={"color": "white", "linewidth": 1.2},
+    )
+    for name, box in zip(names, boxes["boxes"], strict=True):
+        box.set(facecolor=COLOURS[name], edgecolor=COLOURS[name])
+    at = np.arange(1, len(names) + 1)
+    axes.plot(at, [scores[name] for name in names], "D", color="black", markersize=4, label="RMSE")
+    axes.set_xticks(at, [NAMES[name] for name in names], rotation=35, ha="right", rotation_mode="anchor")
+    axes.set_ylabel("Absolute error [m/s$^2$]")
+    axes.legend(fontsize="x-small", frameon=False)
+    _dress(axes, title)
+
+
+def _speeds(axes: Axes, comparison: Comparison) -> None:
+    sets = {"training": (comparison.train, _TRAIN), "test": (comparison.test, _TEST)}
+    speeds = {name: np.concatenate([np.linalg.norm(log.x, axis=1) for log in logs]) for name, (logs, _) in sets.items()}
+    edges = np.linspace(0.0, max(float(values.max()) for values in speeds.values()), 31)
+    for name, (_, colour) in sets.items():
+        axes.hist(speeds[name], edges, density=True, color=colour, alpha=0.55, label=name)
+    axes.set(xlabel="Speed [m/s]", ylabel="Density [s/m]")
+    axes.legend(fontsize="x-small", frameon=False)
+    _dress(axes, "f  Distribution of speeds")
+
+
+def _pole_map(axes: Axes, poles: PoleMap, network: float) -> None:
+    for n, scores in zip(poles.orders, poles.rmse, strict=True):
+        axes.semilogx(poles.poles, scores, color=_ORDER_COLOURS[n], label=f"n = {n}, equal poles")
+    for n, (pole, score) in poles.tuned.items():
+        axes.plot(pole, score, "*", color=_ORDER_COLOURS[n], markersize=12, markeredgecolor="black")
+    axes.plot([], [], "*", color="white", markeredgecolor="black", markersize=10, label="tuned in training")
+    axes.axhline(network, color=COLOURS["network"], linestyle="--", linewidth=1.0, label="network")
+    axes.set(xlabel="Poles, geometric mean [rad/s]", ylabel="Test RMSE [m/s$^2$]")
+    axes.set_ylim(0.0, 1.15 * max(network, float(np.median(poles.rmse))))
+    axes.legend(fontsize="x-small", frameon=False, ncols=2)
+    _dress(axes, "e  Order and poles")
+
+
+def _interval_study(axes: Axes, intervals: IntervalStudy) -> None:
+    for name, scores in intervals.rmse.items():
+        style = "s--" if name == "network" else "o-"
+        axes.plot(1e3 * intervals.dt, scores, style, color=COLOURS[name], markersize=4, label=NAMES[name])
+    axes.set(xlabel="Sampling interval [ms]", ylabel="Test RMSE [m/s$^2$]")
+    axes.set_ylim(bottom=0.0)
+    axes.legend(fontsize="x-small", frameon=False)
+    _dress(axes, "g  Sampling interval")
+
+
+def _dress(axes: Axes, title: str) -> None:
+    axes.set_title(title, loc="left", fontsize="small", fontweight="bold")
+    axes.xaxis.label.set_size("small")
+    axes.yaxis.label.set_size("small")
+    axes.tick_params(labelsize="x-small")
+    axes.grid(True, axis="y", color="0.92", linewidth=0.6)
+    axes.set_axisbelow(True)
+    for side in ("top", "right"):
+        axes.spines[side].set_visible(False)
