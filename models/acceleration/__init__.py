@@ -1,6 +1,6 @@
 """Acceleration from velocity: a small network that fails outside its training speeds, and the filter that repairs it.
 
-    x = v,   x' = f,   g = 0,   M = 1,   f_theta a network on a window of past velocities
+x = v,   x' = f,   g = 0,   M = 1,   f_theta a network on a window of past velocities
 """
 
 from __future__ import annotations
@@ -9,7 +9,10 @@ import json
 from argparse import ArgumentParser, Namespace, RawDescriptionHelpFormatter
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
+
+from phyfilter_ctl.flightlog import FlightLog
 
 from .diagram import build
 
@@ -24,9 +27,10 @@ _QUICK_SHARE = 0.25
 
 _DESCRIPTION = """Estimate the acceleration of a quadrotor from its measured velocity.
 
-A network of two hidden layers of 20 learns it on slow flights and is tested on faster ones; PhyFilters of order 1 to 3
-repair it, and five differentiators that learn nothing are tuned to compare. All tuning is on the training flights.
-Without --train and --test the flights are generated (seeded, simulated: training 0 to 2 m/s, test 0 to 3 m/s, 500 Hz)."""
+A network of two hidden layers of 20 learns it on slow flights and is tested on faster ones; PhyFilters of order 1
+to 3 repair it, and five differentiators that learn nothing are tuned to compare. All tuning is on the training flights.
+Without --train and --test the flights are generated: simulated, seeded, 0 to 2 m/s in training, 0 to 3 m/s in the test,
+500 Hz."""
 
 _EXAMPLES = """examples:
   phyfilter-ctl run acceleration
@@ -41,16 +45,26 @@ def add_arguments(parser: ArgumentParser) -> None:
     parser.description = _DESCRIPTION
     parser.epilog = _EXAMPLES
     parser.formatter_class = RawDescriptionHelpFormatter
-    parser.add_argument("--train", nargs="+", metavar="FILE", help="recorded flights to train on; needs --test")
-    parser.add_argument("--test", nargs="+", metavar="FILE", help="recorded flights to test on; needs --train")
+    parser.add_argument(
+        "--train", nargs="+", metavar="FILE", help="recorded flights to train on; needs --test"
+    )
+    parser.add_argument(
+        "--test", nargs="+", metavar="FILE", help="recorded flights to test on; needs --train"
+    )
     parser.add_argument(
         "--seed", type=int, default=0, help="of the generated flights and of the network (default 0)"
     )
     parser.add_argument(
-        "--study", action="store_true", help="also study order and poles, and the sampling interval (a minute more)"
+        "--study",
+        action="store_true",
+        help="also study order and poles, and the sampling interval (takes about twice as long)",
     )
-    parser.add_argument("--quick", action="store_true", help="less data and coarser tuning: a try-out, in seconds")
-    parser.add_argument("--json", metavar="FILE", help="write the figures; - for standard output instead of the table")
+    parser.add_argument(
+        "--quick", action="store_true", help="less data and coarser tuning: a try-out, in seconds"
+    )
+    parser.add_argument(
+        "--json", metavar="FILE", help="write the figures; - for standard output instead of the table"
+    )
     parser.add_argument(
         "--picture",
         metavar="FILE",
@@ -75,14 +89,16 @@ def main(options: Namespace) -> int:
 
     _check(options)
     check_target(options.json)
-    picture = None if options.picture == "none" else options.picture
-    check_target(picture, suffixes=(".png", ".pdf", ".svg"))
+    target = None if options.picture == "none" else options.picture
+    check_target(target, suffixes=(".png", ".pdf", ".svg"))
     train_logs, test_logs, data = _flights(options)
     effort = QUICK if options.quick else Effort()
     total = steps() + (1 + len(study.intervals(train_logs[0].dt)) if options.study else 0)
     poles, intervals = None, None
     with _progress(total, options.quiet) as report:
-        comparison = compare(train_logs, test_logs, data=data, seed=options.seed, effort=effort, report=report)
+        comparison = compare(
+            train_logs, test_logs, data=data, seed=options.seed, effort=effort, report=report
+        )
         if options.study:
             report("order and poles")
             poles = study.order_by_pole(comparison)
@@ -90,11 +106,13 @@ def main(options: Namespace) -> int:
     if options.json != "-":
         print(_table(comparison))
     if options.json is not None:
-        write_text(options.json, json.dumps(_figures(comparison, poles, intervals), indent=2, allow_nan=False) + "\n")
-    if picture is not None:
+        write_text(
+            options.json, json.dumps(_figures(comparison, poles, intervals), indent=2, allow_nan=False) + "\n"
+        )
+    if target is not None:
         from .picture import draw
 
-        write_figure(picture, draw(comparison, poles=poles, intervals=intervals))
+        write_figure(target, draw(comparison, poles=poles, intervals=intervals))
     return 0
 
 
@@ -126,11 +144,87 @@ def _check(options: Namespace) -> None:
         raise ValueError(f"{given} without {missing}: recordings are needed for both")
     if options.seed < 0:
         raise ValueError(f"--seed: expected 0 or more, got {options.seed}")
-    if options.train is not None and (twice := set(options.train) & set(options.test)):
-        raise ValueError(
-            f"{', '.join(sorted(twice))}: both in --train and in --test; a test on training data says nothing"
+    if options.train is not None:
+        seen: set[Path] = set()
+        for name in (*options.train, *options.test):
+            if (path := Path(name).resolve()) in seen:
+                raise ValueError(f"{name}: given twice; a test on training data says nothing")
+            seen.add(path)
+
+
+def _flights(options: Namespace) -> tuple[tuple[FlightLog, ...], tuple[FlightLog, ...], str]:
+    """Training flights, test flights, and what they are."""
+    if options.train is not None:
+        train_logs, test_logs = (
+            tuple(FlightLog.from_csv(path) for path in paths) for paths in (options.train, options.test)
         )
+        return train_logs, test_logs, "recorded"
+    from .flights import generate
+
+    share = _QUICK_SHARE if options.quick else 1.0
+    train_logs, test_logs = (generate(kind, options.seed, share=share) for kind in ("train", "test"))
+    return train_logs, test_logs, "generated"
 
 
-def _flights(options: Namespace):  # noqa: ANN202
-    raise NotImplementedError
+def _table(comparison: Comparison) -> str:
+    """The scores as text, in the order of the JSON."""
+    from .picture import NAMES
+
+    train, test = comparison.train_rmse, comparison.test_rmse
+    best = min(test.values())
+    made = " (simulated, not recorded)" if comparison.data == "generated" else ""
+    lines = [
+        f"{comparison.data} flights{made}: {len(comparison.train)} training, {len(comparison.test)} test, every "
+        f"{1e3 * comparison.dt:.3g} ms",
+        "",
+        f"{'RMSE in m/s^2':<26}{'training':>10}{'test':>10}",
+    ]
+    lines += [
+        f"{NAMES[name]:<26}{train[name]:>10.4f}{test[name]:>10.4f}{'  least' if test[name] == best else ''}"
+        for name in test
+    ]
+    for order, found in comparison.learned.filters.items():
+        poles = ", ".join(f"{p:.4g}" if p.imag else f"{p.real:.4g}" for p in found.filter.poles)
+        form = "low-pass form" if found.form == "lowpass" else "general form"
+        lines += ["" if order == 1 else None, f"n = {order}: poles {poles} rad/s, {form}"]
+    return "\n".join(line for line in lines if line is not None)
+
+
+def _figures(
+    comparison: Comparison, poles: PoleMap | None, intervals: IntervalStudy | None
+) -> dict[str, object]:
+    """The content of the JSON file."""
+    learned = comparison.learned
+    figures: dict[str, object] = {
+        "data": comparison.data,
+        "seed": comparison.seed,
+        "n_train": sum(log.n for log in comparison.train),
+        "n_test": sum(log.n for log in comparison.test),
+        "rmse": comparison.test_rmse,
+        "filters": {
+            f"phyfilter_{order}": {
+                "a": found.filter.a.tolist(),
+                "b": found.filter.b.tolist(),
+                "poles": [[p.real, p.imag] for p in found.filter.poles.tolist()],
+                "dt": comparison.dt,
+                "form": found.form,
+                "tuning_rmse": found.tuning_rmse,
+            }
+            for order, found in learned.filters.items()
+        },
+        "train_rmse": comparison.train_rmse,
+        "tuned": {
+            "network": {"length": learned.network.length, "stride": learned.network.stride},
+            **{name: vars(result.differentiator) for name, result in comparison.baselines.items()},
+        },
+    }
+    study: dict[str, object] = {}
+    if poles is not None:
+        study["order_by_pole"] = {
+            "poles": poles.poles.tolist(),
+            "rmse": {str(n): scores.tolist() for n, scores in zip(poles.orders, poles.rmse, strict=True)},
+        }
+    if intervals is not None:
+        scores = {name: values.tolist() for name, values in intervals.rmse.items()}
+        study["sampling_interval"] = {"dt": intervals.dt.tolist(), "rmse": scores}
+    return {**figures, "study": study} if study else figures

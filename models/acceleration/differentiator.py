@@ -14,7 +14,15 @@ from phyfilter_ctl.learned import Network, window
 
 from .params import params
 
-__all__ = ["LeastSquaresSlope", "Predictor", "WindowDifferentiator", "counted", "labels", "stride_of", "train"]
+__all__ = [
+    "LeastSquaresSlope",
+    "Predictor",
+    "WindowDifferentiator",
+    "counted",
+    "labels",
+    "stride_of",
+    "train",
+]
 
 FloatArray = NDArray[np.float64]
 
@@ -185,9 +193,7 @@ def train(
         If a flight has no label or is too short, or the training failed.
     """
     chosen = params().network
-    network = Network(
-        hidden=(chosen.units, chosen.units), l2=chosen.l2, max_iterations=iterations, seed=seed
-    )
+    network = Network(hidden=(chosen.units, chosen.units), l2=chosen.l2, max_iterations=iterations, seed=seed)
     untrained = WindowDifferentiator(network, chosen.length, stride)
     rows = [slice(counted(log).start, None, every) for log in logs]
     z = np.concatenate([untrained.features(log.x)[pick] for log, pick in zip(logs, rows, strict=True)])

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +19,16 @@ from .differentiator import WindowDifferentiator, counted, labels, stride_of, tr
 from .params import params
 from .tuning import Case, TunedFilter, filtered, rmse, tune_filters
 
-__all__ = ["BASELINE_NAMES", "Comparison", "Effort", "Learned", "compare", "fit_learned", "prepare"]
+__all__ = [
+    "BASELINE_NAMES",
+    "Comparison",
+    "Effort",
+    "Learned",
+    "compare",
+    "estimates",
+    "fit_learned",
+    "prepare",
+]
 
 FloatArray = NDArray[np.float64]
 Report = Callable[[str], None]
@@ -150,7 +160,7 @@ def prepare(train: Sequence[FlightLog], test: Sequence[FlightLog]) -> tuple[tupl
         return tuple(train), dt
     (only,) = train
     edges = np.linspace(0, only.n, _PIECES + 1).astype(int)
-    pieces = tuple(only.segment(int(a), int(b)) for a, b in zip(edges[:-1], edges[1:], strict=True))
+    pieces = tuple(only.segment(int(a), int(b)) for a, b in pairwise(edges))
     for piece in pieces:
         counted(piece)
     return pieces, dt
@@ -256,12 +266,12 @@ def compare(
         tested,
         learned,
         baselines,
-        _estimates(prepared, dt, learned, baselines),
-        _estimates(tested, dt, learned, baselines),
+        estimates(prepared, dt, learned, baselines),
+        estimates(tested, dt, learned, baselines),
     )
 
 
-def _estimates(
+def estimates(
     logs: Sequence[FlightLog],
     dt: float,
     learned: Learned,

@@ -96,9 +96,7 @@ def _flight(name: str, limit: float, samples: int, rng: np.random.Generator, val
     )
 
 
-def _set_points(
-    limit: float, n: int, step: float, rng: np.random.Generator, values: Params
-) -> FloatArray:
+def _set_points(limit: float, n: int, step: float, rng: np.random.Generator, values: Params) -> FloatArray:
     """Stick commands (n, 3) in m/s: steps to random velocities of at most ``limit``, smoothed."""
     chosen = values.setpoints
     longest = int(np.ceil(n * step / chosen.hold_low)) + 1
@@ -148,7 +146,9 @@ def _block(step: float) -> ca.Function:
     k3 = slope(state + 0.5 * step * k2, inputs)
     k4 = slope(state + step * k3, inputs)
     after = state + step / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
-    seen = ca.vertcat(state[:3], slope(state, inputs)[:3])  # before the step: command and gust as at this instant
+    seen = ca.vertcat(
+        state[:3], slope(state, inputs)[:3]
+    )  # before the step: command and gust as at this instant
     return ca.Function("quadrotor", [state, inputs], [after, seen]).mapaccum("quadrotor_block", _BLOCK)
 
 

@@ -13,6 +13,7 @@ __all__ = ["PATH", "Params", "params"]
 
 PATH = Path(__file__).with_name("params.toml")
 
+
 @dataclass(frozen=True)
 class _Group:
     """One table of the file; the fields are its keys."""

@@ -42,7 +42,12 @@ COLOURS = {
     "kalman": "#E69F00",
     "lowpass": "#555555",
 }
-_ORDER_COLOURS = {1: COLOURS["phyfilter_1"], 2: COLOURS["phyfilter_2"], 3: COLOURS["phyfilter_3"], 4: "#999999"}
+_ORDER_COLOURS = {
+    1: COLOURS["phyfilter_1"],
+    2: COLOURS["phyfilter_2"],
+    3: COLOURS["phyfilter_3"],
+    4: "#999999",
+}
 _AXIS_COLOURS = ("#0072B2", "#D55E00", "#009E73")
 _TRAIN, _TEST = "#0072B2", "#D55E00"
 
@@ -70,7 +75,9 @@ def draw(
     _velocities(figure.add_subplot(layout[0, 2:4]), comparison.test, "b  Test flights", top)
     _speeds(figure.add_subplot(layout[0, 4:]), comparison)
     left, right = figure.add_subplot(layout[1, :3]), figure.add_subplot(layout[1, 3:])
-    _errors(left, comparison.train_estimates, comparison.train, comparison.train_rmse, "c  Errors in training")
+    _errors(
+        left, comparison.train_estimates, comparison.train, comparison.train_rmse, "c  Errors in training"
+    )
     _errors(right, comparison.test_estimates, comparison.test, comparison.test_rmse, "d  Errors in the test")
     highest = max(left.get_ylim()[1], right.get_ylim()[1])
     for axes in (left, right):
@@ -96,7 +103,9 @@ def _velocities(axes: Axes, logs: Sequence[FlightLog], title: str, top: float) -
         if k:
             axes.axvline(begin, color="0.8", linewidth=0.6, zorder=0)
         begin = float(t[-1])
-    axes.set(xlabel="Time, flights one after another [s]", ylabel="Velocity [m/s]", ylim=(-1.1 * top, 1.1 * top))
+    axes.set(
+        xlabel="Time, flights one after another [s]", ylabel="Velocity [m/s]", ylim=(-1.1 * top, 1.1 * top)
+    )
     axes.legend(fontsize="x-small", ncols=3, loc="lower left", frameon=False)
     _dress(axes, title)
 
@@ -112,7 +121,10 @@ def _errors(
     names = list(estimates)
     errors = [
         np.concatenate(
-            [np.abs(e - labels(log))[counted(log)].ravel() for e, log in zip(estimates[name], logs, strict=True)]
+            [
+                np.abs(e - labels(log))[counted(log)].ravel()
+                for e, log in zip(estimates[name], logs, strict=True)
+            ]
         )
         for name in names
     ]
@@ -136,10 +148,13 @@ def _errors(
 
 def _speeds(axes: Axes, comparison: Comparison) -> None:
     sets = {"training": (comparison.train, _TRAIN), "test": (comparison.test, _TEST)}
-    speeds = {name: np.concatenate([np.linalg.norm(log.x, axis=1) for log in logs]) for name, (logs, _) in sets.items()}
+    speeds = {
+        name: np.concatenate([np.linalg.norm(log.x, axis=1) for log in logs])
+        for name, (logs, _) in sets.items()
+    }
     edges = np.linspace(0.0, max(float(values.max()) for values in speeds.values()), 31)
     for name, (_, colour) in sets.items():
-        axes.hist(speeds[name], edges, density=True, color=colour, alpha=0.55, label=name)
+        axes.hist(speeds[name], edges.tolist(), density=True, color=colour, alpha=0.55, label=name)
     axes.set(xlabel="Speed [m/s]", ylabel="Density [s/m]")
     axes.legend(fontsize="x-small", frameon=False)
     _dress(axes, "f  Distribution of speeds")
@@ -170,8 +185,8 @@ def _interval_study(axes: Axes, intervals: IntervalStudy) -> None:
 
 def _dress(axes: Axes, title: str) -> None:
     axes.set_title(title, loc="left", fontsize="small", fontweight="bold")
-    axes.xaxis.label.set_size("small")
-    axes.yaxis.label.set_size("small")
+    for label in (axes.xaxis.label, axes.yaxis.label):
+        label.set_fontsize("small")
     axes.tick_params(labelsize="x-small")
     axes.grid(True, axis="y", color="0.92", linewidth=0.6)
     axes.set_axisbelow(True)

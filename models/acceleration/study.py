@@ -72,10 +72,7 @@ def order_by_pole(comparison: Comparison) -> PoleMap:
     poles = np.geomspace(low, high, chosen.points)
     cases = comparison.test_cases()
     scores = [
-        [
-            rmse(filtered(PhyFilter.from_poles([-p] * n), cases, comparison.dt), comparison.test)
-            for p in poles
-        ]
+        [rmse(filtered(PhyFilter.from_poles([-p] * n), cases, comparison.dt), comparison.test) for p in poles]
         for n in chosen.orders
     ]
     test = comparison.test_rmse
@@ -124,7 +121,9 @@ def sampling_intervals(
     used: list[float] = []
     for k in intervals(comparison.dt):
         dt = k * comparison.dt
-        train_logs, test_logs = ([log.decimate(k) for log in logs] for logs in (comparison.train, comparison.test))
+        train_logs, test_logs = (
+            [log.decimate(k) for log in logs] for logs in (comparison.train, comparison.test)
+        )
         if min(log.n - counted(log).start for log in (*train_logs, *test_logs)) < _FEWEST_ROWS:
             break
         if report is not None:

@@ -169,11 +169,16 @@ def _general(point: FloatArray, cases: Sequence[Case], dt: float) -> PhyFilter:
     kept = [counted(case.log) for case in cases]
     theta = [case.f_theta for case in cases]
     columns = [
-        np.concatenate([(y - f)[k].ravel() for y, f, k in zip(filtered(part, cases, dt), theta, kept, strict=True)])
+        np.concatenate(
+            [(y - f)[k].ravel() for y, f, k in zip(filtered(part, cases, dt), theta, kept, strict=True)]
+        )
         for part in alone
     ]
     wanted = np.concatenate(
-        [(labels(case.log) - y)[k].ravel() for case, y, k in zip(cases, filtered(base, cases, dt), kept, strict=True)]
+        [
+            (labels(case.log) - y)[k].ravel()
+            for case, y, k in zip(cases, filtered(base, cases, dt), kept, strict=True)
+        ]
     )
     weights = np.linalg.lstsq(np.stack(columns, axis=1), wanted, rcond=None)[0]
     b = base.b.copy()

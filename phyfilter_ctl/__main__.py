@@ -1,0 +1,10 @@
+"""``python -m phyfilter_ctl`` is the command ``phyfilter-ctl``."""
+
+from __future__ import annotations
+
+import sys
+
+from .cli import main
+
+if __name__ == "__main__":
+    sys.exit(main())

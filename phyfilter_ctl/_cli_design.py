@@ -1,0 +1,250 @@
+"""``phyfilter-ctl design``: from poles, a family, a band or a file to a filter, its figures, a picture and a file."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+from typing import TYPE_CHECKING, get_args
+
+import numpy as np
+
+from . import filterfile
+from ._cli_output import check_target, write_figure, write_text
+from .design.placement import Family, bandpass, lowpass, place_poles
+from .filter import PhyFilter
+from .sampled import SampledPhyFilter
+
+if TYPE_CHECKING:
+    from .analysis.frequency import FilterResponse
+
+__all__ = ["add_arguments", "main"]
+
+_METHODS = ("exact", "euler", "tustin")
+
+_DESCRIPTION = """Choose a filter F = N/D and see what it does: formula, poles, bandwidth, peaks, phase lag, noise gain.
+Frequencies are in rad/s. Give poles, or a family, or a band, or a filter file."""
+
+_EPILOG = """examples:
+  phyfilter-ctl design --poles -20,-20                          two poles at -20 rad/s, N = a_0
+  phyfilter-ctl design --poles -20+10j,-20-10j --type 2         follows ramps of the residual too
+  phyfilter-ctl design --poles -20,-20,-20 --zeros-at 6         cancels a residual at 6 rad/s
+  phyfilter-ctl design --family butterworth --order 2 --cutoff 20 --dt 0.002 --out filter.toml
+  phyfilter-ctl design --bandpass 4,9 --picture band.png
+  phyfilter-ctl design filter.toml --at 1,5,20 --json -         read a filter back, figures as JSON"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the options of ``phyfilter-ctl design``."""
+    parser.description, parser.epilog = _DESCRIPTION, _EPILOG
+    parser.formatter_class = argparse.RawDescriptionHelpFormatter
+    source = parser.add_argument_group("the filter, one of")
+    source.add_argument("file", nargs="?", metavar="FILTER.toml", help="a filter file")
+    source.add_argument(
+        "--poles", metavar="P,P,...", help="poles in rad/s, complex ones in pairs: -20+10j,-20-10j"
+    )
+    source.add_argument(
+        "--family", choices=get_args(Family), help="low-pass family, with --order and --cutoff"
+    )
+    source.add_argument(
+        "--bandpass", metavar="LOW,HIGH", help="band edges in rad/s; --family and --order may be given"
+    )
+    shape = parser.add_argument_group("its shape")
+    shape.add_argument("--order", type=int, metavar="N", help="order of D")
+    shape.add_argument("--cutoff", type=float, metavar="W", help="-3 dB frequency in rad/s")
+    shape.add_argument("--type", type=int, metavar="K", help="zeros of 1 - F at s = 0 (default 1, N = a_0)")
+    shape.add_argument("--zeros-at", metavar="W,W,...", help="further zeros of 1 - F, in rad/s; with --poles")
+    sampling = parser.add_argument_group("sampled")
+    sampling.add_argument("--dt", type=float, metavar="S", help="sampling interval in s")
+    sampling.add_argument("--method", choices=_METHODS, help="discretisation (default exact)")
+    output = parser.add_argument_group("output")
+    output.add_argument("--at", metavar="W,W,...", help="also |F|, |1 - F| and phase lag at these, in rad/s")
+    output.add_argument("--picture", metavar="FILE", help="frequency response as png, pdf or svg")
+    output.add_argument(
+        "--json", metavar="FILE", help="write the figures; - for standard output instead of the text"
+    )
+    output.add_argument("--out", metavar="FILTER.toml", help="write the filter")
+
+
+def main(options: argparse.Namespace) -> int:
+    """Run ``phyfilter-ctl design``; return the exit status.
+
+    Raises
+    ------
+    ValueError, OSError
+        If the options are wrong or a file cannot be read or written.
+    """
+    from .analysis.frequency import frequency_response
+
+    picture = None if options.picture == "none" else options.picture
+    check_target(options.json)
+    check_target(options.out, suffixes=(".toml",))
+    check_target(picture, suffixes=(".png", ".pdf", ".svg"))
+    system = _system(options)
+    response = frequency_response(system)
+    at = [] if options.at is None else _numbers("--at", options.at)
+    figures = _figures(system, response, at)
+    if options.json != "-":
+        print(_text(system, figures))
+    if options.json is not None:
+        write_text(options.json, json.dumps(figures, indent=2, allow_nan=False) + "\n")
+    if options.out is not None:
+        filterfile.save(options.out, system)
+    if picture is not None:
+        import matplotlib
+
+        matplotlib.use("Agg")  # a file is all that is wanted; there may be no display
+        write_figure(picture, response.plot().figure)
+    return 0
+
+
+# -- options to filter ------------------------------------------------------------------------------------------
+
+
+def _system(options: argparse.Namespace) -> PhyFilter | SampledPhyFilter:
+    system = _chosen(options)
+    if isinstance(system, SampledPhyFilter):
+        if options.dt is None and options.method is None:
+            return system
+        system = system.filter
+    if options.dt is not None:
+        return system.sampled(options.dt, options.method or "exact")
+    if options.method is not None:
+        raise ValueError("--method needs --dt, the sampling interval in s")
+    return system
+
+
+def _chosen(options: argparse.Namespace) -> PhyFilter | SampledPhyFilter:
+    """The filter before sampling."""
+    if options.bandpass is None and options.family is not None:
+        source = "--family"
+        given = [source, *_given(options, ("file", "--poles"))]
+    else:
+        given = _given(options, ("file", "--poles", "--bandpass"))
+        source = given[0] if given else ""
+    if len(given) != 1:
+        raise ValueError(
+            "expected one of FILTER.toml, --poles, --family and --bandpass, got "
+            + (" and ".join(given) if given else "none of them; try: phyfilter-ctl design --poles -20,-20")
+        )
+    allowed = {
+        "file": (),
+        "--poles": ("--type", "--zeros-at"),
+        "--family": ("--order", "--cutoff", "--type"),
+        "--bandpass": ("--order", "--family"),
+    }[source]
+    shape = ("--order", "--cutoff", "--type", "--zeros-at", *(("--family",) if source != "--family" else ()))
+    if excess := [name for name in _given(options, shape) if name not in allowed]:
+        raise ValueError(f"{excess[0]} does not go with {'a filter file' if source == 'file' else source}")
+    if source == "file":
+        return filterfile.load(options.file)
+    if source == "--poles":
+        zeros = [] if options.zeros_at is None else _numbers("--zeros-at", options.zeros_at)
+        kind = "lowpass" if options.type is None else options.type
+        return place_poles(_complex_numbers("--poles", options.poles), numerator=kind, zeros_at=zeros)
+    if source == "--bandpass":
+        edges = _numbers("--bandpass", str(options.bandpass))
+        if len(edges) != 2:
+            raise ValueError(f"--bandpass: expected LOW,HIGH in rad/s, got {options.bandpass!r}")
+        return bandpass(
+            2 if options.order is None else options.order,
+            edges[0],
+            edges[1],
+            family=options.family or "butterworth",
+        )
+    for name in ("--order", "--cutoff"):
+        if not _given(options, (name,)):
+            raise ValueError(f"--family {options.family} needs {name}")
+    kind = "lowpass" if options.type is None else options.type
+    return lowpass(options.order, options.cutoff, family=options.family, numerator=kind)
+
+
+def _given(options: argparse.Namespace, names: tuple[str, ...]) -> list[str]:
+    return [name for name in names if getattr(options, name.removeprefix("--").replace("-", "_")) is not None]
+
+
+def _numbers(name: str, text: str) -> list[float]:
+    try:
+        return [float(part) for part in text.split(",")]
+    except ValueError as error:
+        raise ValueError(f"{name}: expected numbers with commas between them, got {text!r}") from error
+
+
+def _complex_numbers(name: str, text: str) -> list[complex]:
+    try:
+        return [complex(part.strip().replace("i", "j")) for part in text.split(",")]
+    except ValueError as error:
+        raise ValueError(
+            f"{name}: expected numbers such as -20 or -20+10j with commas between them, got {text!r}"
+        ) from error
+
+
+# -- filter to figures ------------------------------------------------------------------------------------------
+
+
+def _figures(
+    system: PhyFilter | SampledPhyFilter, response: FilterResponse, at: list[float]
+) -> dict[str, object]:
+    """What the JSON holds; figures that are infinite or undefined are null."""
+    filter = system if isinstance(system, PhyFilter) else system.filter
+    low, high = response.band_edges
+    if at:
+        from .analysis.frequency import frequency_response
+
+        there = frequency_response(system, at)
+        values = zip(there.omega, np.abs(there.F), np.abs(there.error), there.phase_lag(), strict=True)
+        table = [
+            dict(zip(("omega", "F", "error", "phase_lag"), map(float, row), strict=True)) for row in values
+        ]
+    else:
+        table = []
+    figures: dict[str, object] = {
+        "a": filter.a.tolist(),
+        "b": filter.b.tolist(),
+        "poles": [[p.real, p.imag] for p in filter.poles.tolist()],
+        "order": filter.order,
+        "type": filter.type,
+        "dc_gain": filter.dc_gain,
+        "bandwidth": _finite(response.bandwidth),
+        "band_edges": [_finite(low), _finite(high)],
+        "peak": {"value": response.peak.value, "omega": _finite(response.peak.omega)},
+        "error_peak": {"value": response.error_peak.value, "omega": _finite(response.error_peak.omega)},
+        "noise_gain": _finite(response.noise_gain),
+        "at": table,
+    }
+    if isinstance(system, SampledPhyFilter):
+        figures["sampled"] = {"dt": system.dt, "method": system.method}
+    return figures
+
+
+def _finite(value: float) -> float | None:
+    return float(value) if math.isfinite(value) else None
+
+
+def _text(system: PhyFilter | SampledPhyFilter, figures: dict[str, object]) -> str:
+    from .analysis.frequency import frequency_response
+
+    response = frequency_response(system)
+    filter = system if isinstance(system, PhyFilter) else system.filter
+    low, high = response.band_edges
+    lines = {"bandwidth": f"{low:.4g} to {high:.4g} rad/s" if low > 0.0 else f"{high:.4g} rad/s"}
+    lines["peak |F|"] = f"{response.peak.value:.4g} at {response.peak.omega:.4g} rad/s"
+    lines["peak |1-F|"] = f"{response.error_peak.value:.4g} at {response.error_peak.omega:.4g} rad/s"
+    sampled = isinstance(system, SampledPhyFilter)
+    unit = (
+        "1/s (f_hat per white noise on x, both standard deviations)"
+        if sampled
+        else "(white noise of unit density)"
+    )
+    lines["noise gain"] = f"{response.noise_gain:.4g} {unit}"
+    if isinstance(system, SampledPhyFilter):
+        lines["sampled"] = f"every {system.dt:g} s, {system.method}"
+    text = [filter.describe(), *(f"{name:<12}{value}" for name, value in lines.items())]
+    table = figures["at"]
+    if isinstance(table, list) and table:
+        text.append(f"{'rad/s':>12}{'|F|':>12}{'|1-F|':>12}{'lag [deg]':>12}")
+        text += [
+            f"{row['omega']:>12.4g}{row['F']:>12.4g}{row['error']:>12.4g}{math.degrees(row['phase_lag']):>12.4g}"
+            for row in table
+        ]
+    return "\n".join(text)

@@ -1,0 +1,116 @@
+"""The command ``phyfilter-ctl``."""
+
+from __future__ import annotations
+
+import argparse
+import re
+import sys
+from collections.abc import Sequence
+from typing import NoReturn
+
+from . import __version__, _cli_design, models
+
+__all__ = ["main"]
+
+_EPILOG = """examples:
+  phyfilter-ctl run acceleration                               repair a learned differentiator, print the scores
+  phyfilter-ctl design --poles -20,-20                         choose a filter and see what it does
+  phyfilter-ctl design --family butterworth --order 2 --cutoff 20 --dt 0.002 --out filter.toml
+  phyfilter-ctl COMMAND --help                                 all options of a command, with examples"""
+
+_RUN_EPILOG = """examples:
+  phyfilter-ctl run acceleration
+  phyfilter-ctl run acceleration --help"""
+
+# Values that begin with a minus sign would be taken for options.
+_SIGNED = ("--poles",)
+
+
+class _Parser(argparse.ArgumentParser):
+    """Says what is wrong in one line."""
+
+    def error(self, message: str) -> NoReturn:
+        self.exit(2, f"{self.prog}: error: {message} (see {self.prog} --help)\n")
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command line.
+
+    Parameters
+    ----------
+    argv : sequence of str, optional
+        Arguments after the name of the command; None means those of the process.
+
+    Returns
+    -------
+    int
+        0; 2 where an argument or an input is wrong, with one line on standard error.
+
+    Examples
+    --------
+    >>> main(["design", "--poles", "-20,-20", "--picture", "none"])  # doctest: +ELLIPSIS
+    F(s) = 400/(s**2 + 40*s + 400)
+    order       2, low-pass form
+    ...
+    0
+    """
+    arguments = _with_signed_values(sys.argv[1:] if argv is None else argv)
+    try:
+        options = _parser(arguments).parse_args(arguments)
+        return int(options.job(options))
+    except (ValueError, TypeError, OSError) as error:
+        print(f"phyfilter-ctl: error: {_one_line(error)}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        print("phyfilter-ctl: stopped", file=sys.stderr)
+        return 130
+
+
+def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
+    parser = _Parser(
+        prog="phyfilter-ctl",
+        description="Repair a learned model of robot dynamics with a designed filter of its residual.",
+        epilog=_EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("--version", action="version", version=f"phyfilter-ctl {__version__}")
+    commands = parser.add_subparsers(title="commands", metavar="COMMAND", required=True, parser_class=_Parser)
+    _add_run(commands, arguments)
+    design = commands.add_parser("design", help="choose a filter: description, figures, picture, file")
+    _cli_design.add_arguments(design)
+    design.set_defaults(job=_cli_design.main)
+    return parser
+
+
+def _add_run(commands: argparse._SubParsersAction[_Parser], arguments: Sequence[str]) -> None:
+    run = commands.add_parser(
+        "run",
+        help="run one of the models",
+        description="Run one of the models.",
+        epilog=_RUN_EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    names = run.add_subparsers(title="models", metavar="MODEL", required=True, parser_class=_Parser)
+    for name in models.available():
+        parser = names.add_parser(name)
+        if name in arguments[1:2]:  # only the one asked for is imported
+            model = models.load(name)
+            model.add_arguments(parser)
+            parser.set_defaults(job=model.main)
+
+
+def _with_signed_values(arguments: Sequence[str]) -> list[str]:
+    """Join ``--poles -20,-20`` to ``--poles=-20,-20``."""
+    joined: list[str] = []
+    for argument in arguments:
+        if joined and joined[-1] in _SIGNED and re.match(r"-[\d.]", argument):
+            joined[-1] += f"={argument}"
+        else:
+            joined.append(argument)
+    return joined
+
+
+def _one_line(error: Exception) -> str:
+    if isinstance(error, OSError) and error.strerror:
+        return f"{error.filename}: {error.strerror}" if error.filename else error.strerror
+    return " ".join(str(error).split()) or type(error).__name__
