@@ -116,7 +116,8 @@ def _system(options: argparse.Namespace) -> PhyFilter | SampledPhyFilter:
 
 def _chosen(options: argparse.Namespace) -> PhyFilter | SampledPhyFilter:
     """The filter before sampling."""
-    if options.bandpass is None and options.family is not None:
+    family: Family | None = options.family
+    if options.bandpass is None and family is not None:
         source = "--family"
         given = [source, *_given(options, ("file", "--poles"))]
     else:
@@ -150,13 +151,13 @@ def _chosen(options: argparse.Namespace) -> PhyFilter | SampledPhyFilter:
             2 if options.order is None else options.order,
             edges[0],
             edges[1],
-            family=options.family or "butterworth",
+            family=family or "butterworth",
         )
     for name in ("--order", "--cutoff"):
         if not _given(options, (name,)):
-            raise ValueError(f"--family {options.family} needs {name}")
+            raise ValueError(f"--family {family} needs {name}")
     kind = "lowpass" if options.type is None else options.type
-    return lowpass(options.order, options.cutoff, family=options.family, numerator=kind)
+    return lowpass(options.order, options.cutoff, family=family or "binomial", numerator=kind)
 
 
 def _given(options: argparse.Namespace, names: tuple[str, ...]) -> list[str]:

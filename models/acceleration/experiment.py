@@ -186,6 +186,15 @@ def fit_learned(
     effort : Effort
     report : callable, optional
         Told about every step begun.
+
+    Returns
+    -------
+    Learned
+
+    Raises
+    ------
+    ValueError
+        If there are fewer than two flights, one has no label or is too short, or training failed.
     """
     chosen = params().network
     iterations = chosen.iterations if effort.iterations is None else effort.iterations
@@ -277,6 +286,7 @@ def estimates(
     learned: Learned,
     baselines: Mapping[str, TuneResult[TunableDifferentiator]],
 ) -> dict[str, list[FloatArray]]:
+    """Acceleration by every method, one array (N, n_x) in m/s^2 a flight."""
     cases = [Case(log, learned.network.predict(log.x)) for log in logs]
     estimates = {"network": [case.f_theta for case in cases]}
     for order, tuned in learned.filters.items():

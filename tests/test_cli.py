@@ -1,0 +1,197 @@
+"""The command: what it prints, what it writes, and how it says what is wrong."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import phyfilter_ctl
+from phyfilter_ctl import PhyFilter, filterfile, models
+from phyfilter_ctl._cli_output import write_figure, write_text
+from phyfilter_ctl.cli import main
+
+# The figures come from a root finder and a maximiser.
+FOUND = 1e-6
+
+
+def figures_of(capsys: pytest.CaptureFixture[str], *arguments: str) -> dict:
+    assert main(["design", *arguments, "--json", "-"]) == 0
+    return json.loads(capsys.readouterr().out)
+
+
+def run(*arguments: str, cwd: Path) -> subprocess.CompletedProcess[str]:
+    environment = {**os.environ, "PYTHONPATH": str(Path(phyfilter_ctl.__file__).parents[1])}
+    return subprocess.run(
+        [sys.executable, "-m", "phyfilter_ctl", *arguments],
+        capture_output=True,
+        text=True,
+        cwd=cwd,
+        env=environment,
+    )
+
+
+# -- as a command -------------------------------------------------------------------------------------------------
+
+
+def test_module_runs_as_the_command(tmp_path):
+    shown = run("--version", cwd=tmp_path)
+    assert (shown.returncode, shown.stdout) == (0, f"phyfilter-ctl {phyfilter_ctl.__version__}\n")
+    refused = run("design", "--poles", "20", cwd=tmp_path)
+    assert refused.returncode == 2
+    assert refused.stderr.startswith("phyfilter-ctl: error: D is not Hurwitz")
+    assert refused.stderr.count("\n") == 1
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    "command", [[], ["run"], ["design"], *(["run", name] for name in models.available())]
+)
+def test_help_teaches_by_examples(command, capsys):
+    with pytest.raises(SystemExit) as stop:
+        main([*command, "--help"])
+    assert stop.value.code == 0
+    shown = capsys.readouterr().out
+    assert "examples:" in shown
+    assert "phyfilter-ctl " in shown.split("examples:")[1]
+
+
+def test_every_example_of_design_runs(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(SystemExit):
+        main(["design", "--help"])
+    examples = [
+        line.split("  ", 3)[1].split()
+        for line in capsys.readouterr().out.splitlines()
+        if line.startswith("  phyf")
+    ]
+    assert len(examples) == 6
+    for words in examples:
+        assert main(words[1:]) == 0, words
+    capsys.readouterr()
+    assert (tmp_path / "band.png").read_bytes().startswith(b"\x89PNG")
+
+
+# -- design -------------------------------------------------------------------------------------------------------
+
+
+def test_figures_of_a_double_pole_are_the_closed_forms(capsys):
+    """F = 400/(s+20)^2: |F| = 400/(w^2+400), lag 2 atan(w/20)."""
+    figures = figures_of(capsys, "--poles", "-20,-20", "--at", "20,5")
+    assert figures["a"] == [400.0, 40.0]
+    assert figures["bandwidth"] == pytest.approx(20.0 * np.sqrt(np.sqrt(2.0) - 1.0), rel=FOUND)
+    assert figures["peak"] == {"value": 1.0, "omega": 0.0}
+    # |1-F|^2 = (w^4 + 1600 w^2)/(w^2+400)^2, greatest at w^2 = 800 where it is 4/3.
+    assert figures["error_peak"]["value"] == pytest.approx(np.sqrt(4.0 / 3.0), rel=FOUND)
+    assert figures["error_peak"]["omega"] == pytest.approx(np.sqrt(800.0), rel=1e-4)
+    assert [row["omega"] for row in figures["at"]] == [5.0, 20.0]
+    assert figures["at"][1]["F"] == pytest.approx(0.5, rel=FOUND)
+    assert figures["at"][1]["phase_lag"] == pytest.approx(np.pi / 2.0, rel=FOUND)
+    # Integral of |s F|^2 over omega/2 pi for w^2/(s+w)^2 is w^3/4.
+    assert figures["noise_gain"] == pytest.approx(np.sqrt(20.0**3 / 4.0), rel=FOUND)
+
+
+def test_infinite_figures_are_null(capsys):
+    """White noise of unit density leaves an infinite variance behind a first-order filter."""
+    figures = figures_of(capsys, "--poles", "-20")
+    assert figures["noise_gain"] is None
+    assert figures["error_peak"]["omega"] is None
+
+
+def test_families_bands_and_shapes(capsys):
+    low = figures_of(capsys, "--family", "butterworth", "--order", "3", "--cutoff", "20")
+    assert low["bandwidth"] == pytest.approx(20.0, rel=FOUND)
+    band = figures_of(capsys, "--bandpass", "4,9")
+    np.testing.assert_allclose(band["band_edges"], [4.0, 9.0], rtol=FOUND)
+    assert band["dc_gain"] == 0.0
+    second = figures_of(capsys, "--poles", "-20+10j,-20-10j", "--type", "2")
+    assert (second["type"], second["order"]) == (2, 2)
+    quiet = figures_of(capsys, "--poles", "-20,-20,-20", "--zeros-at", "6", "--at", "6")
+    assert quiet["at"][0]["error"] < 1e-12
+
+
+def test_a_filter_goes_to_disk_and_comes_back(tmp_path, capsys):
+    path = tmp_path / "filter.toml"
+    assert (
+        main(["design", "--poles", "-20,-20", "--dt", "0.002", "--method", "tustin", "--out", str(path)]) == 0
+    )
+    assert filterfile.load(path) == PhyFilter([400.0, 40.0]).sampled(0.002, "tustin")
+    shown = capsys.readouterr().out
+    assert main(["design", str(path)]) == 0
+    assert capsys.readouterr().out == shown
+    assert "every 0.002 s, tustin" in shown
+    again = figures_of(capsys, str(path), "--dt", "0.01")
+    assert again["sampled"] == {"dt": 0.01, "method": "exact"}
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ([], "expected one of FILTER.toml, --poles"),
+        (["--poles", "-20", "--bandpass", "4,9"], "--poles and --bandpass"),
+        (["--poles", "-20,x"], "--poles: expected numbers"),
+        (["--poles", "-20+3j"], "conjugate"),
+        (["--poles", "5"], "not Hurwitz: pole 5"),
+        (["--poles", "-20", "--cutoff", "3"], "--cutoff does not go with --poles"),
+        (["--poles", "-20", "--method", "euler"], "--method needs --dt"),
+        (["--poles", "-20,-20", "--dt", "0.2", "--method", "euler"], "diverges"),
+        (["--poles", "-20", "--type", "2"], "type"),
+        (["--poles", "-20", "--dt", "0"], "dt"),
+        (["--poles", "-20", "--at", "-1"], "frequenc"),
+        (["--family", "butterworth", "--order", "2"], "needs --cutoff"),
+        (["--family", "cauer", "--order", "2", "--cutoff", "3"], "--family"),
+        (["--bandpass", "4"], "--bandpass: expected LOW,HIGH"),
+        (["--bandpass", "9,4"], "low < high"),
+        (["absent.toml"], "absent.toml: No such file"),
+        (["--poles", "-20", "--out", "filter.txt"], "ends in .toml"),
+        (["--poles", "-20", "--json", "absent/f.json"], "no folder"),
+        (["--poles", "-20", "--picture", "f.gif"], "ends in"),
+        (["--order", "two"], "--order"),
+    ],
+)
+def test_bad_input_is_one_line_and_status_2(arguments, message, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    try:
+        status = main(["design", *arguments])
+    except SystemExit as stop:  # found by argparse itself
+        status = stop.code
+    shown = capsys.readouterr()
+    assert status == 2
+    assert message in shown.err
+    assert shown.err.count("\n") == 1
+    assert shown.out == ""
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("arguments", [[], ["walk"], ["run"], ["run", "nothing"], ["design", "--polse", "1"]])
+def test_unknown_words_are_one_line_and_status_2(arguments, capsys):
+    with pytest.raises(SystemExit) as stop:
+        main(arguments)
+    assert stop.value.code == 2
+    shown = capsys.readouterr().err
+    assert shown.count("\n") == 1
+    assert "--help" in shown
+
+
+# -- files --------------------------------------------------------------------------------------------------------
+
+
+def test_a_failed_write_leaves_the_old_file(tmp_path):
+    class Broken:
+        def savefig(self, file, **_):
+            file.write(b"half")
+            raise ValueError("broken")
+
+    path = tmp_path / "picture.png"
+    path.write_bytes(b"old")
+    with pytest.raises(ValueError, match="broken"):
+        write_figure(str(path), Broken())
+    assert path.read_bytes() == b"old"
+    write_text(str(path), "new")
+    assert path.read_bytes() == b"new"
+    assert [entry.name for entry in tmp_path.iterdir()] == ["picture.png"]
