@@ -6,6 +6,7 @@ training data. PhyFilter passes the learning residual through a designed filter 
 
 ==============  =======================================================================================
 choose F        :func:`place_poles`, :func:`lowpass`, :func:`bandpass`, :class:`PhyFilter`
+learn F         :func:`learn`, :func:`learn_jointly`; :mod:`phyfilter_ctl.design` has the paper's algorithms
 understand it   :func:`frequency_response`, ``PhyFilter.describe``
 run it          :class:`SampledPhyFilter` (``PhyFilter.sampled``), :func:`stack`
 connect it      :func:`phyfilter_block`, a python-control system
@@ -19,7 +20,7 @@ the paper's     :mod:`phyfilter_ctl.models`
 
 from .analysis import FilterResponse, FilterResponseList, frequency_response
 from .blocks import PhyFilterBlock, phyfilter_block
-from .design import bandpass, lowpass, numerator_of_type, place_poles
+from .design import LearnResult, bandpass, learn, learn_jointly, lowpass, numerator_of_type, place_poles
 from .filter import PhyFilter
 from .filterfile import Signals, load, load_signals, save
 from .flightlog import FlightLog, split_by_speed, split_flights
@@ -30,12 +31,15 @@ __all__ = [
     "FilterResponseList",
     "FilterState",
     "FlightLog",
+    "LearnResult",
     "PhyFilter",
     "PhyFilterBlock",
     "SampledPhyFilter",
     "Signals",
     "bandpass",
     "frequency_response",
+    "learn",
+    "learn_jointly",
     "load",
     "load_signals",
     "lowpass",

@@ -14,7 +14,7 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
-__all__ = ["FrequencyCurve", "frequency_plot"]
+__all__ = ["FrequencyCurve", "frequency_plot", "learning_plot"]
 
 # Wong, "Color blindness", Nature Methods 8 (2011): told apart in print and by every reader.
 _COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#000000")
@@ -162,3 +162,81 @@ def _legend(axes: Axes, filters: Sequence[Line2D]) -> Legend:
         ncols=min(4, len(filters) + 2),
         columnspacing=1.2,
     )
+
+
+def learning_plot(
+    events: Sequence[tuple[int, int, int, float]],
+    curves: Sequence[FrequencyCurve],
+    *,
+    ax: Sequence[Axes] | None = None,
+) -> ct.ControlPlot:
+    """Root-mean-square error over the steps of every descent, above a frequency plot of what was learned.
+
+    Parameters
+    ----------
+    events : sequence of (order, start, iteration, cost)
+        Steps that lowered a cost, a mean square. One colour an order, one line a start.
+    curves : sequence of FrequencyCurve
+    ax : three Axes, optional
+        Where to draw errors, magnitude and phase; None makes a new figure.
+
+    Returns
+    -------
+    control.ControlPlot
+        ``axes`` (3, 1) and ``lines`` (3, 1).
+
+    Raises
+    ------
+    ValueError
+        If there is no curve, or ``ax`` does not hold three axes.
+
+    Examples
+    --------
+    >>> import matplotlib
+    >>> matplotlib.use("Agg")
+    >>> omega = np.logspace(-1, 2)
+    >>> F = 1.0 / (1.0 + 1j * omega)
+    >>> curve = FrequencyCurve("n = 1", omega, F, 1.0 - F, np.angle(F))
+    >>> plot = learning_plot([(1, 0, 1, 0.5), (1, 0, 2, 0.4)], [curve])
+    >>> plot.axes.shape
+    (3, 1)
+    >>> plt.close(plot.figure)
+    """
+    if ax is None:
+        _, made = plt.subplots(
+            3, 1, layout="constrained", figsize=(5.4, 6.6), height_ratios=(3, 3, 2), squeeze=False
+        )
+        made[2, 0].sharex(made[1, 0])
+        ax = list(made[:, 0])
+    if len(ax) != 3:
+        raise ValueError(f"ax: expected three axes, errors, magnitude and phase, got {len(ax)}")
+    errors: Axes = ax[0]
+    descents: dict[tuple[int, int], list[tuple[int, float]]] = {}
+    for order, start, iteration, cost in events:
+        descents.setdefault((order, start), []).append((iteration, cost))
+    lines: list[Line2D] = []
+    named: dict[int, Line2D] = {}
+    for (order, _), points in descents.items():
+        steps, costs = zip(*points, strict=True)
+        (line,) = errors.semilogy(
+            steps,
+            np.sqrt(costs),
+            color=_COLOURS[(order - 1) % len(_COLOURS)],
+            linewidth=1.0,
+            marker=".",
+            markersize=3,
+        )
+        lines.append(line)
+        named.setdefault(order, line).set_label(f"order {order}")
+    errors.set_xlabel("Step of a descent", fontsize=_SMALL)
+    errors.set_ylabel("RMS error", fontsize=_SMALL)
+    errors.grid(True, which="major", color="0.88", linewidth=0.7)
+    errors.tick_params(labelsize=_SMALL)
+    if named:
+        errors.legend(handles=list(named.values()), fontsize="x-small", frameon=False)
+    lower = frequency_plot(curves, ax=ax[1:])
+    grid = np.empty((3, 1), dtype=object)
+    grid[:, 0] = [lines, *lower.lines[:, 0]]
+    axes = np.empty((3, 1), dtype=object)
+    axes[:, 0] = list(ax)
+    return ct.ControlPlot(grid, axes, errors.figure, legend=lower.legend)

@@ -2,8 +2,32 @@
 
 from __future__ import annotations
 
+from ._dictionary import Dictionary
 from ._model import FitResult, LearnedModel
 from ._window import window
+from .adaptation import AdaptationRun, AdaptationState, AdaptiveChebyshev
+from .chebyshev import Chebyshev
+from .koopman import Koopman
 from .network import Network
+from .neural_ode import NeuralOde, Trajectory
+from .online_koopman import KoopmanRun, KoopmanState, OnlineKoopman
+from .onnx import OnnxNetwork
 
-__all__ = ["FitResult", "LearnedModel", "Network", "window"]
+__all__ = [
+    "AdaptationRun",
+    "AdaptationState",
+    "AdaptiveChebyshev",
+    "Chebyshev",
+    "Dictionary",
+    "FitResult",
+    "Koopman",
+    "KoopmanRun",
+    "KoopmanState",
+    "LearnedModel",
+    "Network",
+    "NeuralOde",
+    "OnlineKoopman",
+    "OnnxNetwork",
+    "Trajectory",
+    "window",
+]

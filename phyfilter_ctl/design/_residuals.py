@@ -1,0 +1,194 @@
+"""From flight logs to what a filter is learned from: the measured residual u of each step and the target at its end."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from .._sections import FloatArray
+from ..filter import PhyFilter
+from ..flightlog import FlightLog
+from ..sampled import record
+from ..sampled.sampled_filter import Rule
+
+# Residuals that vary by less than this of their size are constant: rounding of x over a step.
+_CONSTANT = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class Flight:
+    """One flight, reduced to the channels that take part.
+
+    Attributes
+    ----------
+    u : (m, K) array
+        Measured residual of step k, from sample k to sample k + 1.
+    target : (m, K) array
+        gamma* = label - f_theta at sample k + 1.
+    dt : float
+        Step in s; the mean one where they differ.
+    steps : (m,) array or None
+        Steps in s where they differ.
+    weight : float
+        How much all of it counts.
+    sample_weights : (m, K) array or None
+        How much each sample counts beside that.
+    """
+
+    u: FloatArray
+    target: FloatArray
+    dt: float
+    steps: FloatArray | None
+    weight: float = 1.0
+    sample_weights: FloatArray | None = None
+
+    @property
+    def is_plain(self) -> bool:
+        """Whether steps are equal and samples count alike."""
+        return self.steps is None and self.sample_weights is None
+
+    @property
+    def takes_part(self) -> bool:
+        """Whether any weight is positive."""
+        return self.weight > 0.0 and (self.sample_weights is None or bool(np.any(self.sample_weights > 0.0)))
+
+    @property
+    def samples(self) -> int:
+        """Number of targets, all channels together."""
+        return self.target.size
+
+
+def flights_of(
+    logs: Sequence[FlightLog],
+    *,
+    channels: Sequence[int | str] | None = None,
+    weights: Sequence[ArrayLike] | None = None,
+    g: Rule = "hold",
+    f_theta: Rule = "average",
+) -> list[Flight]:
+    """Residuals and targets of logs; the first sample of each, where f_hat = f_theta, is left out.
+
+    Parameters
+    ----------
+    logs : sequence of FlightLog
+        With labels; a missing f_theta or g is 0.
+    channels : sequence of int or str, optional
+        Channels that take part, by number or name; None means all.
+    weights : sequence, optional
+        One entry a log: a number, (N,) or (N, K) for K channels that take part.
+    g, f_theta : {"hold", "average"}
+        As for :class:`~phyfilter_ctl.SampledPhyFilter`.
+
+    Raises
+    ------
+    TypeError
+        If an entry is not a FlightLog.
+    ValueError
+        If a label is missing, a channel is unknown, or a weight has the wrong shape, is negative or not finite, or
+        all are 0.
+    """
+    if weights is not None and len(weights) != len(logs):
+        raise ValueError(f"weights: expected one entry for each of the {len(logs)} logs, got {len(weights)}")
+    found = []
+    for i, log in enumerate(logs):
+        if not isinstance(log, FlightLog):
+            raise TypeError(f"logs: expected FlightLogs, got {type(log).__name__} at place {i}")
+        if log.label is None:
+            raise ValueError(
+                f"{named(log, i)} has no label: learning needs the true f; give label=, or label columns in the CSV"
+            )
+        columns = _columns(log, i, channels)
+        weight, own = (1.0, None) if weights is None else _weight(weights[i], log, i, len(columns))
+        u, target, dt, steps = _reduced(log, log.label, columns, g, f_theta)
+        found.append(Flight(u, target, dt, steps, weight, own))
+    if not any(flight.takes_part for flight in found):
+        raise ValueError("weights: all are 0, nothing to fit; give at least one flight a positive weight")
+    return found
+
+
+def refuse_uninformative(flights: Sequence[Flight], order: int) -> None:
+    """Refuse data that say nothing about a filter of this order.
+
+    Raises
+    ------
+    ValueError
+        If there are fewer samples than parameters, or u or gamma* is constant everywhere.
+    """
+    samples = sum(flight.samples for flight in flights)
+    if samples < 2 * order:
+        raise ValueError(
+            f"{samples} samples of f for up to {2 * order} parameters of a filter of order {order}: expected at "
+            "least as many; give a longer log or a lower order"
+        )
+    for name, what in (("u", "measured residual M x' - g - f_theta"), ("target", "target label - f_theta")):
+        if all(_is_constant(getattr(flight, name)) for flight in flights):
+            raise ValueError(
+                f"the {what} is constant in every channel of every flight: it says nothing about how fast the filter "
+                "should be; give a log with motion in it (and check that the columns are the right ones)"
+            )
+
+
+def named(log: FlightLog, i: int) -> str:
+    """The flight in words, for messages."""
+    return f"log {i} ({log.name!r})" if log.name else f"log {i}"
+
+
+def _is_constant(values: FloatArray) -> bool:
+    return bool(np.all(np.ptp(values, axis=0) <= _CONSTANT * np.max(np.abs(values), axis=0)))
+
+
+def _reduced(
+    log: FlightLog, label: FloatArray, columns: list[int], g: Rule, f_theta: Rule
+) -> tuple[FloatArray, FloatArray, float, FloatArray | None]:
+    """u, gamma*, the (mean) step, and the steps where they differ."""
+    m = log.n - 1
+    dt = log.duration / m
+    steps = None if log.is_uniform else np.diff(log.times)
+    # Any filter will do: the measured residual does not depend on it.
+    sampled = PhyFilter([1.0]).sampled(dt, g=g, f_theta=f_theta)
+    signals = record.checked_signals(sampled, log.x, log.g, log.f_theta, log.inertia)
+    u = record._residual(sampled, *signals, steps, slice(0, m))
+    target = label if log.f_theta is None else label - log.f_theta
+    return np.ascontiguousarray(u[:, columns], dtype=float), target[1:, columns].copy(), dt, steps
+
+
+def _columns(log: FlightLog, i: int, channels: Sequence[int | str] | None) -> list[int]:
+    if channels is None:
+        return list(range(log.n_x))
+    if isinstance(channels, str) or len(channels) == 0:
+        raise ValueError(f"channels: expected a sequence of numbers or names, got {channels!r}")
+    columns = []
+    for entry in channels:
+        if isinstance(entry, str):
+            if entry not in log.channels:
+                raise ValueError(
+                    f"channels: {named(log, i)} has no channel {entry!r}; expected one of {', '.join(log.channels)}"
+                )
+            columns.append(log.channels.index(entry))
+        elif 0 <= entry < log.n_x:
+            columns.append(int(entry))
+        else:
+            raise ValueError(
+                f"channels: expected 0 to {log.n_x - 1} for the {log.n_x} channels of {named(log, i)}, got {entry!r}"
+            )
+    if len(set(columns)) < len(columns):
+        raise ValueError(f"channels: {list(channels)!r} names a channel twice; raise its weight instead")
+    return columns
+
+
+def _weight(entry: ArrayLike, log: FlightLog, i: int, count: int) -> tuple[float, FloatArray | None]:
+    weight = np.asarray(entry, dtype=float)
+    if not np.all(np.isfinite(weight)) or np.any(weight < 0.0):
+        raise ValueError(f"weights: expected finite weights of 0 or more for {named(log, i)}")
+    if weight.ndim == 0:
+        return float(weight), None
+    if weight.shape not in ((log.n,), (log.n, count)):
+        raise ValueError(
+            f"weights: expected a number, ({log.n},) or ({log.n}, {count}) for {named(log, i)}, "
+            f"got shape {weight.shape}"
+        )
+    full = np.broadcast_to(weight.reshape(log.n, -1), (log.n, count))[1:]
+    return (float(full[0, 0]), None) if np.ptp(full) == 0.0 else (1.0, full.copy())

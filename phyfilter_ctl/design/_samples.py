@@ -1,0 +1,117 @@
+"""A filter on flights sample by sample: its answer, and moments for steps that differ or samples with own weights."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from .._sections import FloatArray
+from ..filter import PhyFilter
+from ..sampled import recursion
+from ..sampled.coefficients import Coefficients, Method
+from ._residuals import Flight
+from ._sensitivity import Data, step_matrix
+
+
+def response(filter: PhyFilter, flight: Flight, method: Method, last: int | None = None) -> FloatArray:
+    """f_hat - f_theta after the first ``last`` steps (m, K) of a flight."""
+    u = flight.u[:last]
+    coefficients = Coefficients((filter,), method, flight.dt, "float64")
+    coefficients.check_step(flight.dt if flight.steps is None else float(np.max(flight.steps)))
+    state, y = np.zeros((u.shape[1], filter.order)), np.empty_like(u)
+    length = recursion.CHUNK if flight.steps is None else recursion.IRREGULAR_CHUNK
+    for first in range(0, len(u), length):
+        rows = slice(first, first + length)
+        if flight.steps is None:
+            y[rows], state = recursion.uniform(coefficients.kernels[0], u[rows], state)
+            continue
+        refine = recursion.needs_refinement(coefficients.slowest, float(np.min(flight.steps)))
+        parts = coefficients.at(flight.steps[: len(u)][rows], 0)
+        y[rows], state = recursion.irregular(*parts, u[rows], state, refine=refine)
+    return y
+
+
+@dataclass(frozen=True, eq=False)
+class Samples:
+    """A flight as it is, with its own steps and weights, a chunk at a time.
+
+    Attributes
+    ----------
+    flight : Flight
+    method : {"exact", "euler", "tustin"}
+    energy, weight : float
+        sum w gamma*^2 and sum w.
+    """
+
+    flight: Flight
+    method: Method
+    energy: float = field(init=False)
+    weight: float = field(init=False)
+
+    def __post_init__(self) -> None:
+        flight = self.flight
+        squares, samples = flight.target**2, float(flight.samples)
+        if flight.sample_weights is not None:
+            squares, samples = flight.sample_weights * squares, float(np.sum(flight.sample_weights))
+        object.__setattr__(self, "energy", flight.weight * float(np.sum(squares)))
+        object.__setattr__(self, "weight", flight.weight * samples)
+
+    def moments(self, doubled: FloatArray) -> tuple[FloatArray, FloatArray] | None:
+        """See :class:`~phyfilter_ctl.design._sensitivity.Data`."""
+        flight, size = self.flight, len(doubled) - 1
+        rates = np.linalg.eigvals(doubled[: size // 2, : size // 2])
+        longest = flight.dt if flight.steps is None else float(np.max(flight.steps))
+        if self.method == "euler" and not np.all(np.abs(1.0 + rates * longest) < 1.0):
+            return None
+        m, count = flight.u.shape
+        rest = -np.asarray(np.linalg.solve(doubled[:-1, :-1], doubled[:-1, -1]), dtype=float)
+        state = np.zeros((count, size))
+        G, cross = np.zeros((size, size)), np.zeros(size)
+        shortest = flight.dt if flight.steps is None else float(np.min(flight.steps))
+        refine = recursion.needs_refinement(float(np.min(np.abs(rates))), shortest)
+        for first in range(0, m, recursion.IRREGULAR_CHUNK):
+            rows = slice(first, min(first + recursion.IRREGULAR_CHUNK, m))
+            dA = self._increments(doubled[:-1, :-1], rows)
+            s, state = recursion.irregular(dA, rest, np.eye(size), flight.u[rows], state, refine=refine)
+            for channel in range(count):
+                own = s[:, :, channel]
+                weights = flight.sample_weights
+                weighted = own if weights is None else own * weights[rows, channel]
+                G += weighted @ own.T
+                cross += weighted @ flight.target[rows, channel]
+        return flight.weight * G, flight.weight * cross
+
+    def _increments(self, A: FloatArray, rows: slice) -> FloatArray:
+        steps = self.flight.steps
+        if steps is None:
+            return step_matrix(self.method, A, self.flight.dt)[None]
+        # Recorders round their clocks: few steps differ.
+        distinct, which = np.unique(steps[rows], return_inverse=True)
+        return step_matrix(self.method, A, distinct)[which]
+
+
+@dataclass(frozen=True, eq=False)
+class Pooled:
+    """Several sources as one."""
+
+    parts: Sequence[Data]
+
+    @property
+    def energy(self) -> float:
+        """sum w gamma*^2."""
+        return sum(part.energy for part in self.parts)
+
+    @property
+    def weight(self) -> float:
+        """sum w."""
+        return sum(part.weight for part in self.parts)
+
+    def moments(self, doubled: FloatArray) -> tuple[FloatArray, FloatArray] | None:
+        """See :class:`~phyfilter_ctl.design._sensitivity.Data`."""
+        found = [part.moments(doubled) for part in self.parts]
+        kept = [entry for entry in found if entry is not None]
+        if len(kept) < len(found):
+            return None
+        return np.sum([G for G, _ in kept], axis=0), np.sum([m for _, m in kept], axis=0)

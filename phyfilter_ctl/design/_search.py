@@ -1,0 +1,239 @@
+"""The search over orders and starts: every order from many starts, the lower order's answer among them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from .._sections import ComplexArray, FloatArray, sort_poles
+from ..filter import PhyFilter
+from ..sampled.coefficients import Method
+from . import _levenberg
+from ._levenberg import Descent
+from ._parametrisation import Chain, chain_of
+from ._sensitivity import Data, Evaluation, Form, evaluate
+
+# n equal poles at this over the step lie just within the bounds. As an additional pole of the low-pass form it costs
+# 0.5 %, and beyond it the sampled filter hardly changes.
+FASTEST = 3.0
+# The rates of the Schwarz form may fall this far below the least decay rate.
+_SLOWEST = 1e-3
+_CUTOFFS = 10  # of the scan for where to start
+_TRIAL_STEPS = 8  # for every start; the best go on
+_GO_ON = 3
+_REFINED, _FINE_STEPS = 2, 3  # answers of the trials' problem that are tried on the other, and for how long
+_TOGETHER = 1e-4  # two trials whose costs agree to this are on one way
+
+
+@dataclass(frozen=True)
+class Start:
+    """A chain to start from, and the number under which the history lists it."""
+
+    number: int
+    chain: Chain
+
+
+@dataclass(frozen=True, eq=False)
+class Best:
+    """The best of one order."""
+
+    chain: Chain
+    found: Evaluation
+    start: int
+    done: bool
+    bound: bool
+
+    @property
+    def cost(self) -> float:
+        return self.found.cost
+
+
+@dataclass(eq=False)
+class Search:
+    """Everything the starts of all orders share.
+
+    Attributes
+    ----------
+    coarse, fine : Data
+        What trials run on, and what the answer must hold on; one object where they are the same.
+    form : {"lowpass", "general"}
+    method : {"exact", "euler", "tustin"}
+    step : float
+        Longest sampling interval in s.
+    floor : float
+        Least decay rate in rad/s.
+    limit : int
+        Steps of one descent.
+    report : callable
+        Order, start, descent; called after every step that lowered a cost.
+    best : dict
+        By order; filled by :meth:`climb`, also when a callback breaks off.
+    """
+
+    coarse: Data
+    fine: Data
+    form: Form
+    method: Method
+    step: float
+    floor: float
+    limit: int
+    report: Callable[[int, int, Descent], None]
+    best: dict[int, Best] = field(default_factory=dict)
+
+    def climb(self, order: int, given: Sequence[PhyFilter], starts: int, rng: np.random.Generator) -> None:
+        """Solve the orders 1 ... order, each warm-started from the one before."""
+        for n in range(1, order + 1):
+            mine = [self._allowed(filter.poles) for filter in given if filter.order == n]
+            warm = [self._with_pole(self.best[n - 1].chain, rate) for rate in self._extra_rates(n)]
+            scan = self._scan(n)
+            random = [self._random(n, scan[0], rng) for _ in range(starts)]
+            self._solve(n, [*warm, *mine, *scan[1:], *random], len(warm))
+
+    def _solve(self, n: int, chains: list[Chain], warm: int) -> None:
+        upper, lower = self.box(n)
+        trials: list[tuple[int, Descent]] = []
+        for number, chain in enumerate(chains):
+            begun = _levenberg.start(self._cost(self.coarse), chain.theta)
+            if begun is not None:
+                trials.append((number, self._descend(n, number, begun, self.coarse, _TRIAL_STEPS)))
+        chosen = _distinct(trials)
+        ended = [(number, self._descend(n, number, now, self.coarse, self.limit)) for number, now in chosen]
+        if self.fine is not self.coarse:
+            ended = self._refined(n, ended, chains[:warm])
+        if not ended:
+            return
+        number, descent = min(ended, key=lambda entry: entry[1].found.cost)
+        edge = bool(np.any(_levenberg.bound(descent.theta, descent.found.gradient, upper, lower)))
+        self._keep(n, number, descent, edge)
+
+    def _refined(
+        self, n: int, ended: list[tuple[int, Descent]], warm: list[Chain]
+    ) -> list[tuple[int, Descent]]:
+        """The best of the trials, and the lower order's answer, take a few steps on the fine data; one goes on."""
+        ended = sorted(ended, key=lambda entry: entry[1].found.cost)[:_REFINED]
+        thetas = [(number, descent.theta) for number, descent in ended]
+        thetas += [(number, chain.theta) for number, chain in enumerate(warm[:1])]
+        begun = [(number, _levenberg.start(self._cost(self.fine), theta)) for number, theta in thetas]
+        tried = [
+            (number, self._descend(n, number, now, self.fine, _FINE_STEPS))
+            for number, now in begun
+            if now is not None
+        ]
+        if not tried:
+            return []
+        number, now = min(tried, key=lambda entry: entry[1].found.cost)
+        return [(number, self._descend(n, number, now, self.fine, self.limit))]
+
+    def _descend(self, n: int, number: int, now: Descent, data: Data, limit: int) -> Descent:
+        upper, lower = self.box(n)
+
+        def report(descent: Descent) -> None:
+            if data is self.fine:
+                self._keep(n, number, descent, False)
+            self.report(n, number, descent)
+
+        return _levenberg.descend(
+            self._cost(data),
+            now,
+            upper,
+            lower,
+            limit=limit,
+            negligible=1e-15 * data.energy / data.weight,
+            report=report,
+        )
+
+    def _keep(self, n: int, number: int, descent: Descent, edge: bool) -> None:
+        known = self.best.get(n)
+        if known is None or descent.found.cost <= known.cost:
+            self.best[n] = Best(Chain(descent.theta, self.floor), descent.found, number, descent.done, edge)
+
+    def _cost(self, data: Data) -> Callable[[FloatArray], Evaluation | None]:
+        def cost(theta: FloatArray) -> Evaluation | None:
+            chain = Chain(theta, self.floor)
+            # Beyond the Nyquist frequency a pole is the alias of a slower one.
+            if np.max(np.abs(chain.poles.imag)) * self.step > np.pi:
+                return None
+            return evaluate(data, chain, self.form)
+
+        return cost
+
+    def box(self, n: int) -> tuple[FloatArray, FloatArray]:
+        """Upper and lower bounds (n,) of theta: (s + P)^n has d = n P, and k_1 = P sqrt((n^2 - 1) / 3) largest."""
+        upper = np.full(n, np.log(FASTEST / self.step * np.sqrt((n * n - 1.0) / 3.0 or 1.0)))
+        upper[0] = np.log(n * FASTEST / self.step)
+        return upper, np.full(n, np.log(_SLOWEST * self.floor))
+
+    # -- starts -------------------------------------------------------------------------------------------------
+
+    @property
+    def _fastest(self) -> float:
+        """A rate in rad/s that the sampling still resolves, under every rule."""
+        return 1.0 / self.step
+
+    def _allowed(self, poles: ComplexArray) -> Chain:
+        """The chain with these poles, moved into the box."""
+        chain = chain_of(sort_poles(poles), self.floor)
+        upper, lower = self.box(chain.order)
+        return Chain(np.clip(chain.theta, lower, upper), self.floor)
+
+    def _with_pole(self, chain: Chain, rate: float) -> Chain:
+        """The chain with one real pole more: not moved, so that the general form contains the old filter."""
+        return chain_of(sort_poles(np.append(chain.poles, -rate)), self.floor)
+
+    def _extra_rates(self, n: int) -> list[float]:
+        """Where the additional pole of a warm start goes: as fast as the sampling allows, and by the others."""
+        if n - 1 not in self.best:
+            return []
+        sizes = np.abs(self.best[n - 1].chain.poles)
+        near = min(2.0 * float(np.max(sizes)), 0.5 * self._fastest)
+        return [self._fastest, near, max(0.5 * float(np.min(sizes)), 2.0 * self.floor)]
+
+    def _scan(self, n: int) -> list[Chain]:
+        """Poles spread a little about a cutoff: the best of a scan of cutoffs, damped well and weakly."""
+        cutoffs = np.geomspace(min(4.0 * self.floor, 0.1 * self._fastest), 0.5 * self._fastest, _CUTOFFS)
+        best: list[Chain] = []
+        for damping in (1.0, 0.4):
+            chains = [self._allowed(_spread(n, cutoff, damping)) for cutoff in cutoffs]
+            found = [evaluate(self.coarse, chain, self.form) for chain in chains]
+            costs = [np.inf if entry is None else entry.cost for entry in found]
+            best.append(chains[int(np.argmin(costs))])
+        return [best[0], *best]
+
+    def _random(self, n: int, about: Chain, rng: np.random.Generator) -> Chain:
+        """Poles drawn about those of a chain, a factor of three either way and more."""
+        centre = float(np.exp(np.mean(np.log(np.abs(about.poles)))))
+        poles: list[complex] = []
+        while len(poles) < n:
+            size = float(
+                np.clip(centre * np.exp(1.2 * rng.standard_normal()), 2.0 * self.floor, self._fastest)
+            )
+            damping = rng.uniform(0.1, 1.3)
+            if n - len(poles) == 1 or damping >= 1.0:
+                poles.append(complex(-size))
+            else:
+                pole = size * complex(-damping, np.sqrt(1.0 - damping**2))
+                poles += [pole, pole.conjugate()]
+        return self._allowed(np.array(poles))
+
+
+def _spread(n: int, cutoff: float, damping: float) -> ComplexArray:
+    """n poles of sizes up to 20 % about the cutoff; pairs of one damping, or all real."""
+    sizes = cutoff * np.geomspace(0.8, 1.25, n) if n > 1 else np.array([cutoff])
+    poles = -sizes.astype(np.complex128)
+    if damping < 1.0:
+        turn = complex(-damping, np.sqrt(1.0 - damping**2))
+        for i in range(0, n - 1, 2):
+            poles[i], poles[i + 1] = sizes[i] * turn, sizes[i] * turn.conjugate()
+    return poles
+
+
+def _distinct(trials: list[tuple[int, Descent]]) -> list[tuple[int, Descent]]:
+    """The best trials on ways of their own."""
+    chosen: list[tuple[int, Descent]] = []
+    for number, descent in sorted(trials, key=lambda entry: entry[1].found.cost):
+        costs = [other.found.cost for _, other in chosen]
+        if all(abs(descent.found.cost - cost) > _TOGETHER * cost for cost in costs):
+            chosen.append((number, descent))
+    return chosen[:_GO_ON]

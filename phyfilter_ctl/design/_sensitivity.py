@@ -1,0 +1,168 @@
+"""Cost, gradient and Gauss-Newton matrix of a filter on data, from moments of the chain with doubled poles.
+
+    J(theta, c) = sum_k w_k (gamma*_k - c xi_k)^2
+
+The sampled filter and all its sensitivities are fixed rows of the sampled doubled chain s = [xi; eta], because a
+one-step rule commutes with a change of state: discretise the 2n states and the derivative of the sampled filter is
+exact. So G = sum w s s' and m = sum w s gamma* hold everything a Gauss-Newton step needs, and where they come from
+(samples, or correlations) does not matter here.
+"""
+
+from __future__ import annotations
+
+from typing import Literal, NamedTuple, Protocol
+
+import numpy as np
+
+from .. import _sections
+from .._sections import FloatArray
+from ..filter import PhyFilter
+from ..sampled.coefficients import Method
+from ._parametrisation import Chain, chain_of
+
+Form = Literal["lowpass", "general"]
+# Directions of the states whose share in their covariance is below this carry no information on c.
+_NO_INFORMATION = 1e-13
+
+
+class Data(Protocol):
+    """Recorded residuals and what to fit, reduced to what a cost needs."""
+
+    @property
+    def energy(self) -> float:
+        """sum w gamma*^2."""
+        ...
+
+    @property
+    def weight(self) -> float:
+        """sum w."""
+        ...
+
+    def moments(self, doubled: FloatArray) -> tuple[FloatArray, FloatArray] | None:
+        """G (2n, 2n) and m (2n,) of the chain [A2 B2; 0 0]; None where the sampled chain is not stable."""
+        ...
+
+
+class Evaluation(NamedTuple):
+    """A cost and its derivatives by theta, the output row c solved for."""
+
+    cost: float  # mean square, weighted
+    gradient: FloatArray  # (n,)
+    curvature: FloatArray  # (n, n): Gauss-Newton matrix
+    c: FloatArray  # (n,): F = c xi
+
+
+def step_matrix(method: Method, generator: FloatArray, h: float | FloatArray) -> FloatArray:
+    """exp(M h) - I, M h or its trapezoidal rule: the increment over a step of s' = M s, for one step or many."""
+    if method == "exact":
+        return _sections.expm1(generator, h)
+    scaled = generator * np.asarray(h)[..., None, None]
+    if method == "euler":
+        return scaled
+    return np.asarray(np.linalg.solve(np.eye(len(generator)) - 0.5 * scaled, scaled), dtype=float)
+
+
+def evaluate(data: Data, chain: Chain, form: Form) -> Evaluation | None:
+    """Cost, gradient and Gauss-Newton matrix by theta; None where the sampled filter is not stable.
+
+    The general form solves for c by linear least squares and projects the sensitivities (Kaufman's variable
+    projection, BIT 15 (1975)); its gradient is exact. In the low-pass form c is a function of theta.
+    """
+    found = data.moments(chain.doubled)
+    if found is None:
+        return None
+    G, m = found
+    n = chain.order
+    rows = chain.sensitivities
+    if form == "lowpass":
+        kappa, slopes = chain.lowpass
+        c = np.zeros(n)
+        c[-1] = kappa
+        rows = kappa * rows[:, -1]
+        rows[:, n - 1] += slopes
+        curvature = rows @ G @ rows.T
+    else:
+        solve = _Solver(G[:n, :n])
+        c = solve(m[:n])
+        rows = c @ rows
+        curvature = rows @ G @ rows.T
+        across = rows @ G[:, :n]
+        curvature -= across @ solve(across.T)
+    residual = m - G[:, :n] @ c
+    cost = data.energy - float(c @ (m[:n] + residual[:n]))
+    scale = 1.0 / data.weight
+    return Evaluation(scale * cost, -2.0 * scale * (rows @ residual), 2.0 * scale * curvature, c)
+
+
+class _Solver:
+    """Least-squares solution of G c = m for a covariance G, by its eigenvectors after scaling the diagonal to 1."""
+
+    def __init__(self, G: FloatArray) -> None:
+        self.sizes = np.sqrt(np.maximum(np.diag(G), np.finfo(float).tiny))
+        values, vectors = np.linalg.eigh(G / np.outer(self.sizes, self.sizes))
+        kept = values > _NO_INFORMATION * values[-1]
+        self.vectors, self.values = vectors[:, kept], values[kept]
+
+    def __call__(self, m: FloatArray) -> FloatArray:
+        scaled = (m.T / self.sizes).T
+        inner = (self.vectors.T @ scaled).T / self.values
+        return ((self.vectors @ inner.T).T / self.sizes).T
+
+
+def filter_of(chain: Chain, c: FloatArray, form: Form) -> PhyFilter:
+    """The continuous filter c xi."""
+    a, R, _, _ = chain.polynomials
+    return PhyFilter(a, None if form == "lowpass" else R @ c, poles=chain.poles)
+
+
+def coefficient_gradient(
+    data: Data, filter: PhyFilter, form: Form, scale: float | None = None
+) -> tuple[float, FloatArray, FloatArray]:
+    """Cost of a filter and its gradient by scaled coefficients.
+
+    Parameters
+    ----------
+    data : Data
+    filter : PhyFilter
+    form : {"lowpass", "general"}
+        "lowpass": b_0 moves with a_0. "general": a and b move on their own.
+    scale : float, optional
+        w in rad/s of the scaled coefficients a_i / w^(n-i) and b_i / w^(n-i); None means a_0^(1/n).
+
+    Returns
+    -------
+    cost : float
+        Weighted mean of (gamma* - F u)^2.
+    by_a, by_b : (n,) arrays
+        d cost / d (a_i / w^(n-i)) and d cost / d (b_i / w^(n-i)); ``by_b`` is 0 in the low-pass form.
+
+    Raises
+    ------
+    ValueError
+        If the sampled filter is not stable.
+    """
+    n = filter.order
+    chain = chain_of(filter.poles)
+    c = chain.output(filter.b)
+    found = data.moments(chain.doubled)
+    if found is None:
+        raise ValueError("the sampled filter is not stable at this step: use method='exact' or slower poles")
+    G, m = found
+    w = filter.a[0] ** (1.0 / n) if scale is None else scale
+    powers = w ** np.arange(n, 0, -1)
+    residual = m - G[:, :n] @ c
+    by_theta = (c @ chain.sensitivities) @ residual
+    _, R, a_slopes, R_slopes = chain.polynomials
+    # J(theta, c) = J(a(theta), R(theta) c), so by_c = R' by_b and by_theta = a_slopes by_a + (R_slopes c) by_b.
+    by_b = _solved((R / powers[:, None]).T, residual[:n])
+    by_a = _solved(a_slopes / powers, by_theta - ((R_slopes @ c) / powers) @ by_b)
+    if form == "lowpass":
+        by_a[0] += by_b[0]
+        by_b = np.zeros(n)
+    factor = -2.0 / data.weight
+    cost = (data.energy - c @ (m[:n] + residual[:n])) / data.weight
+    return float(cost), factor * by_a, factor * by_b
+
+
+def _solved(matrix: FloatArray, right: FloatArray) -> FloatArray:
+    return np.asarray(np.linalg.solve(matrix, right), dtype=float)

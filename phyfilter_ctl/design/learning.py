@@ -1,0 +1,453 @@
+"""Learning a filter from flights whose true f is known: least squares, certain and without a learning rate.
+
+    min_F sum_k w_k |gamma*_k - (F u)_k|^2,    gamma* = label - f_theta,    u = M x' - g - f_theta, mean over each step
+
+In the increment form the filter is a linear system from u to gamma*, so learning it is output-error identification.
+Levenberg and Marquardt's descent runs on exact sensitivities of the sampled filter, from many starts, order by order.
+"""
+
+from __future__ import annotations
+
+import operator
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal, SupportsIndex, get_args
+
+import control as ct
+import numpy as np
+from numpy.typing import ArrayLike
+from threadpoolctl import threadpool_limits
+
+from .._sections import ComplexArray, FloatArray
+from ..filter import PhyFilter
+from ..flightlog import FlightLog
+from ..sampled.coefficients import Method
+from ..sampled.sampled_filter import Rule
+from . import _levenberg
+from ._correlation import MOST_LAGS, memory
+from ._levenberg import Descent
+from ._parametrisation import Chain
+from ._residuals import Flight, flights_of, refuse_uninformative
+from ._samples import response
+from ._search import Best, Search
+from ._sensitivity import Data, Evaluation, Form, evaluate, filter_of
+from ._sources import sources
+from ._wiener import WienerFloor, wiener_floor
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+__all__ = ["LearnEvent", "LearnResult", "WienerFloor", "learn"]
+
+Status = Literal["converged", "order adds nothing", "at bound", "iteration limit", "cancelled"]
+
+HIGHEST_ORDER = 12
+# An order that lowers the squared error by less than this share adds nothing.
+_ADDS_NOTHING = 1e-4
+# Squared errors below this share of the target's square are rounding.
+_EXACT = 1e-14
+_REFITS = 4  # Gauss-Newton steps of the filter learned without a block
+_POINTS = 400
+
+
+@dataclass(frozen=True)
+class LearnEvent:
+    """One step that lowered the cost.
+
+    Attributes
+    ----------
+    order : int
+        Order being learned.
+    start : int
+        Number of the start within the order; the lower ones are warm starts from the order before.
+    iteration : int
+        Steps from this start so far.
+    cost : float
+        Weighted mean square of gamma* - F u.
+    """
+
+    order: int
+    start: int
+    iteration: int
+    cost: float
+
+
+@dataclass(frozen=True, eq=False)
+class LearnResult:
+    """What :func:`learn` found.
+
+    Attributes
+    ----------
+    filter : PhyFilter
+        The learned filter.
+    rmse : float
+        Root-mean-square of label - f_hat over samples and channels of the training flights, unweighted, in the unit
+        of f. The first sample of each flight, where f_hat = f_theta, is left out.
+    cost : float
+        Weighted mean square that was minimised.
+    held_out_rmse : float or None
+        As ``rmse`` on the held-out flights.
+    order_used : int
+        Order of ``filter``; below the one asked for where the low-pass form gains nothing from it.
+    status : str
+        "converged"; "order adds nothing" (low-pass form: the lower order is returned); "at bound" (a pole wants to
+        be faster or slower than the data can show); "iteration limit"; "cancelled" (best so far).
+    message : str
+        The status in words, and what to try.
+    history : tuple of LearnEvent
+        Every step that lowered a cost, of all orders and starts.
+    costs : dict
+        Least cost by order.
+    wiener : WienerFloor or None
+        The causal Wiener filter and the comparison with it.
+    dt : float
+        Sampling interval in s of the first flight.
+    method : str
+        Discretisation the filter was learned for.
+    """
+
+    filter: PhyFilter
+    rmse: float
+    cost: float
+    held_out_rmse: float | None
+    order_used: int
+    status: Status
+    message: str
+    history: tuple[LearnEvent, ...]
+    costs: dict[int, float]
+    wiener: WienerFloor | None
+    dt: float
+    method: Method
+
+    @property
+    def wiener_ratio(self) -> float | None:
+        """RMSE of the filter over that of the causal Wiener filter, on the same held-out blocks; None without it."""
+        return None if self.wiener is None else self.wiener.ratio
+
+    @property
+    def wiener_interval(self) -> tuple[float, float] | None:
+        """95 % interval of ``wiener_ratio``."""
+        return None if self.wiener is None else self.wiener.interval
+
+    def plot(self, *, ax: Sequence[Axes] | None = None) -> ct.ControlPlot:
+        """Cost over the steps of the descents, and the filter beside the Wiener filter over frequency.
+
+        Parameters
+        ----------
+        ax : three Axes, optional
+            Where to draw the cost curve, magnitude and phase; None makes a new figure.
+
+        Returns
+        -------
+        control.ControlPlot
+        """
+        from .. import plots
+
+        omega = np.geomspace(1e-4, 1.0, _POINTS) * np.pi / self.dt
+        responses = {f"n = {self.order_used}": _sampled_response(self, omega)}
+        if self.wiener is not None:
+            lags = self.wiener.dt * np.arange(len(self.wiener.taps))
+            taps = np.asarray(self.wiener.taps, dtype=np.complex128)
+            responses["Wiener"] = np.exp(-1j * np.outer(omega, lags)) @ taps
+        curves = [
+            plots.FrequencyCurve(name, omega, F, 1.0 - F, np.unwrap(np.angle(F)), np.pi / self.dt)
+            for name, F in responses.items()
+        ]
+        events = [(event.order, event.start, event.iteration, event.cost) for event in self.history]
+        return plots.learning_plot(events, curves, ax=ax)
+
+
+def learn(
+    logs: FlightLog | Sequence[FlightLog],
+    order: SupportsIndex,
+    *,
+    form: Form = "lowpass",
+    start: PhyFilter | Sequence[PhyFilter] | None = None,
+    starts: int = 5,
+    weights: ArrayLike | Sequence[ArrayLike] | None = None,
+    channels: Sequence[int | str] | None = None,
+    held_out: FlightLog | Sequence[FlightLog] | None = None,
+    seed: int = 0,
+    method: Method = "exact",
+    g: Rule = "hold",
+    f_theta: Rule = "average",
+    iterations: int = 80,
+    wiener: bool = True,
+    callback: Callable[[LearnEvent], bool | None] | None = None,
+) -> LearnResult:
+    """Return the filter of an order that fits f best on flights, and how far it is from the best possible one.
+
+    Parameters
+    ----------
+    logs : FlightLog or sequence of FlightLog
+        Flights with a label, the true f; they stay apart. A missing f_theta or g is 0. Steps may differ, within a
+        flight and between flights.
+    order : int
+        Order n of D, 1 to 12. Lower orders are learned on the way.
+    form : {"lowpass", "general"}
+        N = a_0, or N free.
+    start : PhyFilter or sequence of PhyFilter, optional
+        Further starts, each for its own order.
+    starts : int
+        Number of random starts of every order, beside warm starts from the order before and a scan of cutoffs.
+    weights : array_like or sequence of array_like, optional
+        How much the squared errors count, one entry a flight: a number, (N,) or (N, K) for the K channels that take
+        part. For a single FlightLog the entry itself.
+    channels : sequence of int or str, optional
+        Channels that take part, by number or name; None means all.
+    held_out : FlightLog or sequence of FlightLog, optional
+        Flights that are scored, not learned from.
+    seed : int
+        Of the random starts; the same seed gives the same filter.
+    method : {"exact", "euler", "tustin"}
+        Discretisation with which the filter will run.
+    g, f_theta : {"hold", "average"}
+        What the signals do between samples, as for :class:`SampledPhyFilter`.
+    iterations : int
+        Most steps of one descent.
+    wiener : bool
+        Whether to compare with the causal Wiener filter.
+    callback : callable, optional
+        Called with a :class:`LearnEvent` after every step that lowered a cost; returning False cancels.
+
+    Returns
+    -------
+    LearnResult
+
+    Raises
+    ------
+    TypeError
+        If ``logs`` or ``start`` hold something else.
+    ValueError
+        If a label is missing, there are fewer samples than parameters, the residual is constant, the order is outside
+        1 to 12, or an option is none of the above.
+
+    Notes
+    -----
+    D is parametrised by the logarithms of its Schwarz form (Routh's ratios): Hurwitz for any value, every D met once,
+    no branch where poles meet. The decay rates of the poles add up to at most 3 n / h (h the longest step) and each is
+    at least 1 / T (T the longest flight); frequencies stay below the Nyquist frequency. N enters linearly and is
+    solved for (variable projection: Golub and Pereyra, SIAM J. Numer. Anal. 10 (1973)). Derivatives are those of
+    the sampled filter: the chain with doubled poles is discretised as a whole.
+
+    Flights of equal steps are reduced to correlations once, exactly, so a step costs as many operations as the filter
+    remembers samples, whatever the length and number of flights. Unequal steps and weights of single samples are
+    summed sample by sample; there the trials run on the mean step (and weighted signals), the answer does not.
+
+    The general form of order n contains that of order n - 1: its cost never rises. A low-pass filter whose bounded
+    additional pole does not pay is not returned; the lower order is.
+
+    Examples
+    --------
+    A label made by a known filter is learned back:
+
+    >>> import numpy as np
+    >>> from phyfilter_ctl import FlightLog, PhyFilter
+    >>> x = np.cumsum(np.random.default_rng(0).standard_normal((2000, 1)), axis=0)
+    >>> label = PhyFilter([400.0, 30.0]).sampled(0.01).run(x)
+    >>> result = learn(FlightLog.from_arrays(x=x, dt=0.01, label=label), 2, wiener=False)
+    >>> result.filter.a.round(4).tolist()
+    [400.0, 30.0]
+    """
+    n = _order(order)
+    _check_options(form, method, starts, iterations)
+    single = isinstance(logs, FlightLog)
+    entries = _weights(weights, single)
+    flights = flights_of(_listed("logs", logs), channels=channels, weights=entries, g=g, f_theta=f_theta)
+    refuse_uninformative(flights, n)
+    tests = (
+        []
+        if held_out is None
+        else flights_of(_listed("held_out", held_out), channels=channels, g=g, f_theta=f_theta)
+    )
+    given = _starts(start, n)
+    recorder = _Recorder(callback)
+    # Two threads of a BLAS make products of this size ten times slower.
+    with threadpool_limits(1, user_api="blas"):
+        search = _search(flights, form, method, n, iterations, recorder.report)
+        with suppress(_CancelledError):
+            search.climb(n, given, starts, np.random.default_rng(seed))
+        return _result(search, n, flights, tests, recorder, wiener)
+
+
+class _CancelledError(Exception):
+    """The callback asked to stop."""
+
+
+class _Recorder:
+    """Keeps the history and passes it on."""
+
+    def __init__(self, callback: Callable[[LearnEvent], bool | None] | None) -> None:
+        self.callback, self.cancelled = callback, False
+        self.events: list[LearnEvent] = []
+
+    def report(self, order: int, start: int, descent: Descent) -> None:
+        event = LearnEvent(order, start, descent.iterations, descent.found.cost)
+        self.events.append(event)
+        if self.callback is not None and self.callback(event) is False:
+            self.cancelled = True
+            raise _CancelledError
+
+
+def _search(
+    flights: Sequence[Flight],
+    form: Form,
+    method: Method,
+    order: int,
+    limit: int,
+    report: Callable[[int, int, Descent], None],
+) -> Search:
+    coarse, fine = sources(flights, method)
+    longest = max(float(flight.dt * len(flight.u)) for flight in flights)
+    step = max(flight.dt if flight.steps is None else float(np.max(flight.steps)) for flight in flights)
+    shortest = min(flight.dt for flight in flights)
+    floor = max(
+        1.0 / longest, memory(order) / (MOST_LAGS * shortest) if longest > MOST_LAGS * shortest else 0.0
+    )
+    # A gap is one long step, but no reason to keep the poles slow; forward Euler has no choice.
+    typical = max(flight.dt for flight in flights)
+    return Search(coarse, fine, form, method, step if method == "euler" else typical, floor, limit, report)
+
+
+# -- the answer ----------------------------------------------------------------------------------------------
+
+
+def _result(
+    search: Search,
+    order: int,
+    flights: Sequence[Flight],
+    tests: Sequence[Flight],
+    recorder: _Recorder,
+    wiener: bool,
+) -> LearnResult:
+    if not search.best:
+        raise ValueError("no start had a finite cost; check the label and the residual for extreme values")
+    used = max(search.best)
+    status: Status = "cancelled" if recorder.cancelled else "converged"
+    if search.form == "lowpass":
+        least = min(entry.cost for entry in search.best.values())
+        enough = max(least, 0.0) / (1.0 - _ADDS_NOTHING) + _EXACT * search.fine.energy / search.fine.weight
+        used = min(n for n, entry in search.best.items() if entry.cost <= enough)
+    best = search.best[used]
+    if not recorder.cancelled:
+        status = _status(best, used, order, search.floor)
+    filter = filter_of(best.chain, best.found.c, search.form)
+    floor = None
+    if wiener and not recorder.cancelled:
+        floor = wiener_floor(flights, filter, lambda data: _refitted(data, best, search), search.method)
+    return LearnResult(
+        filter=filter,
+        rmse=_rmse(filter, flights, search.method),
+        cost=max(best.cost, 0.0),  # of an exact fit only rounding is left, of either sign
+        held_out_rmse=_rmse(filter, tests, search.method) if tests else None,
+        order_used=used,
+        status=status,
+        message=_message(status, used, order, search),
+        history=tuple(recorder.events),
+        costs={n: max(entry.cost, 0.0) for n, entry in sorted(search.best.items())},
+        wiener=floor,
+        dt=flights[0].dt,
+        method=search.method,
+    )
+
+
+def _status(best: Best, used: int, order: int, floor: float) -> Status:
+    if used < order:
+        return "order adds nothing"
+    if not best.done:
+        return "iteration limit"
+    slow = bool(np.any(-best.chain.poles.real < 1.01 * floor))
+    return "at bound" if best.bound or slow else "converged"
+
+
+def _message(status: Status, used: int, order: int, search: Search) -> str:
+    return {
+        "converged": f"order {used}: no start and no lower order does better",
+        "order adds nothing": (
+            f"no low-pass filter above order {used}, up to {order}, lowers the squared error by "
+            f"{100 * _ADDS_NOTHING:g} %: the filter of order {used} is returned; try form='general'"
+        ),
+        "at bound": (
+            f"order {used}: a pole lies at a bound (decay rates from {search.floor:.3g} rad/s, one over the longest "
+            f"flight, to about {1.0 / search.step:.3g} rad/s, the sampling): try a lower order, longer flights or "
+            "faster sampling"
+        ),
+        "iteration limit": f"order {used}: the best descent was still going down; raise iterations",
+        "cancelled": f"cancelled by the callback: the best filter so far, of order {used}",
+    }[status]
+
+
+def _refitted(data: Data, best: Best, search: Search) -> PhyFilter:
+    """The learned filter after some steps on other data."""
+
+    def cost(theta: FloatArray) -> Evaluation | None:
+        return evaluate(data, Chain(theta, search.floor), search.form)
+
+    begun = _levenberg.start(cost, best.chain.theta)
+    if begun is None:
+        return filter_of(best.chain, best.found.c, search.form)
+    upper, lower = search.box(best.chain.order)
+    descent = _levenberg.descend(
+        cost, begun, upper, lower, limit=_REFITS, negligible=0.0, report=lambda _: None
+    )
+    return filter_of(Chain(descent.theta, search.floor), descent.found.c, search.form)
+
+
+def _rmse(filter: PhyFilter, flights: Sequence[Flight], method: Method) -> float:
+    squares = sum(float(np.sum((f.target - response(filter, f, method)) ** 2)) for f in flights)
+    return float(np.sqrt(squares / sum(flight.samples for flight in flights)))
+
+
+def _sampled_response(result: LearnResult, omega: FloatArray) -> ComplexArray:
+    """The sampled filter from u to f_hat - f_theta at frequencies in rad/s."""
+    dA, equilibrium, C = result.filter.sampled(result.dt, result.method).transition
+    back = np.exp(-1j * omega * result.dt)[:, None, None]
+    eye = np.eye(len(dA))
+    states = np.linalg.solve(eye - back * (eye + dA), np.tile(-dA @ equilibrium, (len(omega), 1))[..., None])
+    return np.asarray(states[..., 0] @ C, dtype=np.complex128)
+
+
+# -- checks --------------------------------------------------------------------------------------------------
+
+
+def _order(order: SupportsIndex) -> int:
+    n = operator.index(order)
+    if not 1 <= n <= HIGHEST_ORDER:
+        raise ValueError(f"order: expected 1 to {HIGHEST_ORDER}, got {n}")
+    return n
+
+
+def _check_options(form: Form, method: Method, starts: int, iterations: int) -> None:
+    for name, value, choices in (("form", form, get_args(Form)), ("method", method, get_args(Method))):
+        if value not in choices:
+            raise ValueError(f"{name}: expected one of {', '.join(choices)}, got {value!r}")
+    if operator.index(starts) < 0 or operator.index(iterations) < 1:
+        raise ValueError(f"expected starts >= 0 and iterations >= 1, got {starts} and {iterations}")
+
+
+def _listed(name: str, logs: FlightLog | Sequence[FlightLog]) -> list[FlightLog]:
+    found = [logs] if isinstance(logs, FlightLog) else list(logs)
+    if not found:
+        raise ValueError(f"{name}: expected at least one FlightLog, got none")
+    return found
+
+
+def _weights(weights: ArrayLike | Sequence[ArrayLike] | None, single: bool) -> list[ArrayLike] | None:
+    if weights is None:
+        return None
+    if single:
+        return [np.asarray(weights, dtype=float)]
+    if not isinstance(weights, Sequence | np.ndarray) or isinstance(weights, str):
+        raise TypeError(f"weights: expected a sequence with one entry a flight, got {weights!r}")
+    return [np.asarray(entry, dtype=float) for entry in weights]
+
+
+def _starts(start: PhyFilter | Sequence[PhyFilter] | None, order: int) -> list[PhyFilter]:
+    given = [] if start is None else [start] if isinstance(start, PhyFilter) else list(start)
+    for entry in given:
+        if not isinstance(entry, PhyFilter):
+            raise TypeError(f"start: expected PhyFilters, got {type(entry).__name__}")
+        if entry.order > order:
+            raise ValueError(f"start: a filter of order {entry.order} cannot start the orders up to {order}")
+    return given

@@ -1,0 +1,95 @@
+"""What the learned models share: read-only numbers, vectors of parameters, pairs of rows, entries of a file."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .._sections import FloatArray
+from . import _checks
+
+# Numbers in the largest intermediate array: it stays in the cache, and no BLAS splits the product over threads.
+_CHUNK = 1 << 17
+# Beyond this the square of a value overflows.
+LARGEST = 1e150
+
+
+def frozen(name: str, values: ArrayLike, shape: tuple[int, ...] | None = None) -> FloatArray:
+    """A finite, read-only copy; ``shape`` -1 stands for any length."""
+    array = np.array(values, dtype=float)
+    if shape is not None and (
+        array.ndim != len(shape) or any(n not in (-1, m) for n, m in zip(shape, array.shape, strict=True))
+    ):
+        wanted = str(shape).replace("-1", "N")
+        raise ValueError(f"{name}: expected shape {wanted}, got {array.shape}")
+    if not np.all(np.isfinite(array)):
+        raise ValueError(f"{name}: every number must be finite")
+    array.flags.writeable = False
+    return array
+
+
+def parameter_vector(values: ArrayLike, size: int) -> FloatArray:
+    """A finite vector of ``size`` parameters."""
+    vector = np.array(values, dtype=float)
+    if vector.shape != (size,):
+        raise ValueError(f"parameters: expected shape ({size},), got {vector.shape}")
+    if not np.all(np.isfinite(vector)):
+        raise ValueError(f"parameters: not finite at index {int(np.argmin(np.isfinite(vector)))}")
+    return vector
+
+
+def pairs(
+    z: ArrayLike, f: ArrayLike, n_z: int | None = None, n_x: int | None = None
+) -> tuple[FloatArray, FloatArray]:
+    """Features and unknown dynamics with the same number of rows."""
+    z, f = _checks.rows("z", z, n_z), _checks.rows("f", f, n_x)
+    if len(z) != len(f):
+        raise ValueError(f"z, f: expected the same number of rows, got {len(z)} and {len(f)}")
+    for name, values in (("z", z), ("f", f)):
+        largest = float(np.max(np.abs(values)))
+        if largest > LARGEST:
+            raise ValueError(
+                f"{name}: expected values up to {LARGEST:g}, got {largest:g}; choose another unit"
+            )
+    return z, f
+
+
+def with_cotangent(z: ArrayLike, cotangent: ArrayLike, n_z: int, n_x: int) -> tuple[FloatArray, FloatArray]:
+    """Features and a cotangent of the prediction with the same number of rows."""
+    z, cotangent = _checks.rows("z", z, n_z), _checks.rows("cotangent", cotangent, n_x)
+    if len(cotangent) != len(z):
+        raise ValueError(f"cotangent: expected {len(z)} rows as in z, got {len(cotangent)}")
+    return z, cotangent
+
+
+def number(name: str, value: float, *, positive: bool = False) -> float:
+    """A finite number >= 0, or > 0."""
+    if not (np.isfinite(value) and (value > 0.0 if positive else value >= 0.0)):
+        raise ValueError(f"{name}: expected a finite number {'>' if positive else '>='} 0, got {value!r}")
+    return float(value)
+
+
+def chunks(count: int, width: int) -> Iterator[slice]:
+    """Slices of ``count`` rows, each short enough for rows of ``width`` numbers."""
+    rows = max(1, _CHUNK // max(width, 1))
+    return (slice(first, first + rows) for first in range(0, count, rows))
+
+
+def rms(difference: FloatArray) -> float:
+    """Root of the mean square."""
+    return float(np.sqrt(np.mean(difference**2)))
+
+
+def expect_entries(path: object, arrays: Mapping[str, NDArray[np.generic]], names: Iterable[str]) -> None:
+    """Refuse a file with other entries than these."""
+    if set(names) != set(arrays):
+        raise ValueError(f"{path}: expected the entries {sorted(names)}, got {sorted(arrays)}; save it again")
+
+
+def floats(arrays: Mapping[str, NDArray[np.generic]], name: str) -> FloatArray:
+    """An entry of a file that must hold float64."""
+    if arrays[name].dtype != np.float64:
+        raise ValueError(f"{name}: expected float64, got {arrays[name].dtype}")
+    return arrays[name].astype(float)
