@@ -100,7 +100,7 @@ def bound(theta: FloatArray, gradient: FloatArray, upper: FloatArray, lower: Flo
 
 
 def _step(found: Evaluation, free: np.ndarray, damping: float) -> FloatArray:
-    curvature = found.curvature[np.ix_(free, free)]
+    curvature = found.curvature[free][:, free]
     sizes = np.sqrt(np.maximum(np.diag(curvature), 1e-30 * max(found.cost, np.finfo(float).tiny)))
     values, vectors = np.linalg.eigh(curvature / np.outer(sizes, sizes))
     slope = vectors.T @ (found.gradient[free] / sizes)
