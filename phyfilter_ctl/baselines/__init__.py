@@ -1,6 +1,7 @@
-"""Causal differentiators of sampled velocity: what one would use where there is no PhyFilter.
+"""What one would use where there is no PhyFilter: causal differentiators of sampled velocity, and observers.
 
-``BASELINES`` names them; ``tune`` sets the parameters of one on flights whose acceleration is known.
+``BASELINES`` names the differentiators; ``tune`` sets the parameters of one on flights whose acceleration is known.
+The observers are special cases of the filter, in their own differential equations.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from ._protocol import Differentiator, SearchRange, TunableDifferentiator
 from .difference import BackwardDifference
 from .kalman import KalmanDifferentiator
 from .lowpass import LowpassDifference
+from .observers import DisturbanceObserver, Evolver, FeedbackNeuralNetwork, LinearESO, SeerII
 from .robust import RobustDifferentiator
 from .tracking import TrackingDifferentiator
 from .tuning import TuneResult, tune
@@ -21,10 +23,15 @@ __all__ = [
     "BASELINES",
     "BackwardDifference",
     "Differentiator",
+    "DisturbanceObserver",
+    "Evolver",
+    "FeedbackNeuralNetwork",
     "KalmanDifferentiator",
+    "LinearESO",
     "LowpassDifference",
     "RobustDifferentiator",
     "SearchRange",
+    "SeerII",
     "TrackingDifferentiator",
     "TunableDifferentiator",
     "TuneResult",
