@@ -26,12 +26,12 @@ from scipy.signal import lfilter
 from threadpoolctl import threadpool_limits
 
 from phyfilter_ctl import FlightLog, PhyFilter
-from phyfilter_ctl.design._correlation import Correlations, Stretch
-from phyfilter_ctl.design._parametrisation import chain_of
-from phyfilter_ctl.design._residuals import flights_of
-from phyfilter_ctl.design._samples import Samples
-from phyfilter_ctl.design._sensitivity import Data, coefficient_gradient, evaluate
 from phyfilter_ctl.design.learning import learn
+from phyfilter_ctl.design.learning.correlation import Correlations, Stretch
+from phyfilter_ctl.design.learning.parametrisation import chain_of
+from phyfilter_ctl.design.learning.residuals import flights_of
+from phyfilter_ctl.design.learning.samples import Samples
+from phyfilter_ctl.design.learning.sensitivity import Data, coefficient_gradient, evaluate
 
 Array = NDArray[np.float64]
 H = 0.002

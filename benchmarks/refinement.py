@@ -25,8 +25,8 @@ from numpy.typing import NDArray
 
 from phyfilter_ctl import PhyFilter
 from phyfilter_ctl.baselines.observers import Evolver
-from phyfilter_ctl.design.online_refinement import OnlineRefiner
 from phyfilter_ctl.design.refinement import Label, ModelScore, refine, score_model
+from phyfilter_ctl.design.refinement.online import OnlineRefiner
 from phyfilter_ctl.flightlog import FlightLog
 from phyfilter_ctl.learned import Chebyshev, LearnedModel, Network
 

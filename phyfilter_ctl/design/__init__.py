@@ -5,6 +5,7 @@ from .adjoint import (
     AdjointGradient,
     CasadiCost,
     CostTerms,
+    Rollout,
     SquaredError,
     StageCost,
     TrainResult,
@@ -13,10 +14,18 @@ from .adjoint import (
 )
 from .joint import JointGradient, JointResult, joint_gradient, learn_jointly
 from .learning import LearnEvent, LearnResult, WienerFloor, learn
-from .online_refinement import Knowledge, OnlineFlight, OnlineRefiner, OnlineState
 from .placement import Family, bandpass, lowpass, numerator_of_type, place_poles
-from .refinement import ModelScore, RefineResult, last_layer, refine, score_model
-from .rollout import Rollout
+from .refinement import (
+    Knowledge,
+    ModelScore,
+    OnlineFlight,
+    OnlineRefiner,
+    OnlineState,
+    RefineResult,
+    last_layer,
+    refine,
+    score_model,
+)
 
 __all__ = [
     "Adam",

@@ -20,10 +20,10 @@ from ..filter import PhyFilter
 from ..flightlog import FlightLog
 from ..learned import FitResult, LearnedModel
 from ..sampled import SampledPhyFilter
-from ._costs import SquaredError, StageCost
-from ._parametrisation import Chain, chain_of
-from .adjoint import _Flight, _flight, _sequence, _terms
-from .rollout import Form, Rollout
+from .adjoint.algorithms import _Flight, _flight, _sequence, _terms
+from .adjoint.costs import SquaredError, StageCost
+from .adjoint.rollout import Form, Rollout
+from .learning.parametrisation import Chain, chain_of
 
 __all__ = ["JointGradient", "JointResult", "joint_gradient", "learn_jointly"]
 

@@ -19,8 +19,8 @@ except ImportError as error:
 from .._sections import FloatArray
 from ..filter import PhyFilter
 from ..sampled import SampledPhyFilter
-from ._parametrisation import chain_of
-from .rollout import Form, Rollout
+from .adjoint.rollout import Form, Rollout
+from .learning.parametrisation import chain_of
 
 __all__ = ["PhyFilterLayer", "filter_signals"]
 

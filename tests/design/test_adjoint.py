@@ -9,10 +9,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from phyfilter_ctl import PhyFilter
-from phyfilter_ctl.design._block_map import CHUNK
-from phyfilter_ctl.design._residuals import flights_of
-from phyfilter_ctl.design._samples import Samples
-from phyfilter_ctl.design._sensitivity import coefficient_gradient
 from phyfilter_ctl.design.adjoint import (
     Adam,
     CasadiCost,
@@ -20,7 +16,11 @@ from phyfilter_ctl.design.adjoint import (
     adjoint_gradient,
     train,
 )
-from phyfilter_ctl.design.rollout import Rollout
+from phyfilter_ctl.design.adjoint.block_map import CHUNK
+from phyfilter_ctl.design.adjoint.rollout import Rollout
+from phyfilter_ctl.design.learning.residuals import flights_of
+from phyfilter_ctl.design.learning.samples import Samples
+from phyfilter_ctl.design.learning.sensitivity import coefficient_gradient
 from phyfilter_ctl.flightlog import FlightLog
 
 # Sums over the same samples in another order.

@@ -9,9 +9,8 @@ import pytest
 from numpy.typing import NDArray
 
 from phyfilter_ctl import PhyFilter
-from phyfilter_ctl.design import _offline_problem, _regression
-from phyfilter_ctl.design.online_refinement import OnlineRefiner
-from phyfilter_ctl.design.refinement import last_layer, refine, score_model
+from phyfilter_ctl.design.refinement import last_layer, offline_problem, refine, regression, score_model
+from phyfilter_ctl.design.refinement.online import OnlineRefiner
 from phyfilter_ctl.flightlog import FlightLog
 from phyfilter_ctl.learned import Chebyshev, Network
 
@@ -73,22 +72,22 @@ def test_adjoint_is_the_transpose(rule: str, poles: list[complex]) -> None:
     sampled = PhyFilter.from_poles(poles).sampled(DT, f_theta=rule)  # type: ignore[arg-type]  # a str parameter
     rng = np.random.default_rng(3)
     one, other = rng.standard_normal((2, 400, 3))
-    forward = np.sum(other * _regression.filtered(sampled, one))
-    assert abs(forward - np.sum(one * _regression.filtered_adjoint(sampled, other))) < ROUNDING
+    forward = np.sum(other * regression.filtered(sampled, one))
+    assert abs(forward - np.sum(one * regression.filtered_adjoint(sampled, other))) < ROUNDING
 
 
 def test_filtered_is_what_the_filter_takes_off(wrong: Chebyshev) -> None:
     log = flight(4)
     shift = np.random.default_rng(5).standard_normal((log.n, 2))
-    f_theta = wrong.predict(_regression.features_of(log))
-    difference = _regression.correction(SAMPLED, log, f_theta) - _regression.correction(
+    f_theta = wrong.predict(regression.features_of(log))
+    difference = regression.correction(SAMPLED, log, f_theta) - regression.correction(
         SAMPLED, log, f_theta + shift
     )
-    np.testing.assert_allclose(_regression.filtered(SAMPLED, shift), difference, atol=ROUNDING)
+    np.testing.assert_allclose(regression.filtered(SAMPLED, shift), difference, atol=ROUNDING)
 
 
 def test_regressors_of_a_record_are_those_of_its_samples(wrong: Chebyshev) -> None:
-    tuned = _regression.Tuned.of(wrong, [0, 3, 11])
+    tuned = regression.Tuned.of(wrong, [0, 3, 11])
     z = flight(4).x[::100]
     whole = tuned.regressors(z)
     for row, columns in zip(z, whole, strict=True):
@@ -96,11 +95,11 @@ def test_regressors_of_a_record_are_those_of_its_samples(wrong: Chebyshev) -> No
 
 
 @pytest.mark.parametrize("label", ["matched", "smoothed", "shifted", "causal"])
-def test_gradient_of_the_cost(network: Network, label: _offline_problem.Label) -> None:
+def test_gradient_of_the_cost(network: Network, label: offline_problem.Label) -> None:
     logs = (flight(6, seconds=2.0), flight(7, seconds=1.5))
-    tuned = _regression.Tuned.of(network, None)
+    tuned = regression.Tuned.of(network, None)
     memory = np.random.default_rng(8).uniform(-1.0, 1.0, (20, 2))
-    problem = _offline_problem.Problem(tuned, SAMPLED, logs, label, 0.5, memory)
+    problem = offline_problem.Problem(tuned, SAMPLED, logs, label, 0.5, memory)
     rng = np.random.default_rng(9)
     masks = [rng.random(log.n) < 0.7 for log in logs]
     change, direction = 0.1 * rng.standard_normal((2, tuned.count))
@@ -111,8 +110,8 @@ def test_gradient_of_the_cost(network: Network, label: _offline_problem.Label) -
 
 def test_smoothed_labels_are_the_gradient_of_the_matched_cost(wrong: Chebyshev) -> None:
     log = flight(10)
-    problem = _offline_problem.Problem(
-        _regression.Tuned.of(wrong, None), SAMPLED, (log,), "smoothed", 1.0, None
+    problem = offline_problem.Problem(
+        regression.Tuned.of(wrong, None), SAMPLED, (log,), "smoothed", 1.0, None
     )
     matched = replace(problem, label="matched")
     everything = [np.ones(log.n, dtype=bool)]
@@ -230,7 +229,7 @@ def test_held_out_flights_can_reject(wrong: Chebyshev) -> None:
     # Held-out flights on which the old model is right: whatever is learned elsewhere is worse there.
     other = flight(21)
     assert other.g is not None
-    f_theta = wrong.predict(_regression.features_of(other))
+    f_theta = wrong.predict(regression.features_of(other))
     other = other.with_signals(g=other.g + truth(other.x) - f_theta, label=f_theta)
     result = refine(wrong, [flight(20)], SAMPLED, held_out=other)
     assert result.status == "rejected"
@@ -252,7 +251,7 @@ def test_online_run_is_the_loop(wrong: Chebyshev) -> None:
     knowledge = None
     for log, whole in ((first, seen), (second, again)):
         assert log.g is not None
-        z = _regression.features_of(log)
+        z = regression.features_of(log)
         state = refiner.start(log.x[0], knowledge=knowledge)
         for k in range(log.n):
             state, f_theta, f_hat = refiner.step(state, log.x[k], log.g[k], z=z[k])
@@ -273,26 +272,26 @@ def test_one_filter_for_each_channel_online(wrong: Chebyshev) -> None:
     assert log.g is not None
     state = refiner.start(log.x[0])
     for k in range(log.n):
-        state, _, f_hat = refiner.step(state, log.x[k], log.g[k], z=_regression.features_of(log)[k])
+        state, _, f_hat = refiner.step(state, log.x[k], log.g[k], z=regression.features_of(log)[k])
         np.testing.assert_allclose(f_hat, whole.f_hat[k], atol=LOOP)
 
 
 def test_batches_of_blocks_change_nothing(wrong: Chebyshev, monkeypatch: pytest.MonkeyPatch) -> None:
-    from phyfilter_ctl.design import online_refinement
+    from phyfilter_ctl.design.refinement import online
 
     log = flight(103, seconds=3.0)
     refiner = OnlineRefiner(wrong, SAMPLED, every=4)
     whole = refiner.run(log)
-    monkeypatch.setattr(online_refinement, "_BATCH", 1)
+    monkeypatch.setattr(online, "_BATCH", 1)
     np.testing.assert_allclose(refiner.run(log).parameters, whole.parameters, atol=LOOP)
 
 
 def test_online_is_weighted_least_squares(wrong: Chebyshev) -> None:
     log = flight(104, seconds=3.0, gust=0.1)
     refiner = OnlineRefiner(wrong, SAMPLED, forgetting=1.5, every=10, trust=1e-2)
-    z = _regression.features_of(log)
-    Phi = _regression.filtered(SAMPLED, refiner.tuned.regressors(z))[1:]
-    y = _regression.correction(SAMPLED, log, wrong.predict(z))[1:]
+    z = regression.features_of(log)
+    Phi = regression.filtered(SAMPLED, refiner.tuned.regressors(z))[1:]
+    y = regression.correction(SAMPLED, log, wrong.predict(z))[1:]
     q = np.exp(-DT / 1.5)
     root = np.sqrt((1.0 - q) * q ** np.arange(len(y) - 1.0, -1.0, -1.0))[:, None]
     p = refiner.tuned.count

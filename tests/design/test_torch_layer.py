@@ -7,7 +7,7 @@ import pytest
 
 from phyfilter_ctl import PhyFilter
 from phyfilter_ctl.design.adjoint import Adam
-from phyfilter_ctl.design.rollout import Rollout
+from phyfilter_ctl.design.adjoint.rollout import Rollout
 
 torch = pytest.importorskip("torch", reason="the layer needs the extra torch")
 torch_layer = pytest.importorskip("phyfilter_ctl.design.torch_layer")

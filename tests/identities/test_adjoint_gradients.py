@@ -15,10 +15,10 @@ import pytest
 from scipy.linalg import expm
 
 from phyfilter_ctl import PhyFilter
-from phyfilter_ctl.design._residuals import flights_of
-from phyfilter_ctl.design._samples import Samples
-from phyfilter_ctl.design._sensitivity import coefficient_gradient
 from phyfilter_ctl.design.adjoint import adjoint_gradient
+from phyfilter_ctl.design.learning.residuals import flights_of
+from phyfilter_ctl.design.learning.samples import Samples
+from phyfilter_ctl.design.learning.sensitivity import coefficient_gradient
 from phyfilter_ctl.flightlog import FlightLog
 
 # All routes differentiate the same sampled map exactly; what is left is the rounding of each.

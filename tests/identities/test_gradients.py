@@ -9,10 +9,10 @@ import pytest
 from scipy.linalg import expm
 
 from phyfilter_ctl import FlightLog, PhyFilter
-from phyfilter_ctl.design._correlation import Correlations, Stretch
-from phyfilter_ctl.design._residuals import flights_of
-from phyfilter_ctl.design._samples import Samples
-from phyfilter_ctl.design._sensitivity import coefficient_gradient
+from phyfilter_ctl.design.learning.correlation import Correlations, Stretch
+from phyfilter_ctl.design.learning.residuals import flights_of
+from phyfilter_ctl.design.learning.samples import Samples
+from phyfilter_ctl.design.learning.sensitivity import coefficient_gradient
 
 # Relative to the norm of the gradient in scaled coefficients; both routes round at about 1e-13 of it.
 GRADIENT = 1e-9

@@ -18,13 +18,13 @@ from typing import Generic, Literal, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..flightlog import FlightLog
-from ..learned import LearnedModel, Network
-from ..sampled import SampledPhyFilter
-from . import _regression
-from ._offline_problem import Label, Problem, Solution
-from ._regression import Tuned
-from .online_refinement import OnlineFlight, OnlineRefiner
+from ...flightlog import FlightLog
+from ...learned import LearnedModel, Network
+from ...sampled import SampledPhyFilter
+from . import regression
+from .offline_problem import Label, Problem, Solution
+from .online import OnlineFlight, OnlineRefiner
+from .regression import Tuned
 
 __all__ = ["ModelScore", "RefineResult", "last_layer", "refine", "score_model"]
 
@@ -180,9 +180,9 @@ def refine(
     >>> result.status, round(result.before.f_theta_rmse, 2), result.after.f_theta_rmse < 0.01
     ('converged', 0.35, True)
     """
-    sampled = _regression.checked_filter(filter)
-    flights = _regression.checked_logs("logs", logs, sampled.dt)
-    others = _regression.checked_logs("held_out", held_out, sampled.dt)
+    sampled = regression.checked_filter(filter)
+    flights = regression.checked_logs("logs", logs, sampled.dt)
+    others = regression.checked_logs("held_out", held_out, sampled.dt)
     if not flights:
         raise ValueError("logs: expected at least one flight, got none")
     if mode not in ("offline", "online"):
@@ -237,14 +237,14 @@ def score_model(
     ValueError, TypeError
         As for :func:`refine`.
     """
-    sampled = _regression.checked_filter(filter)
-    flights = _regression.checked_logs("logs", logs, sampled.dt)
+    sampled = regression.checked_filter(filter)
+    flights = regression.checked_logs("logs", logs, sampled.dt)
     if not flights:
         raise ValueError("logs: expected at least one flight, got none")
     sums, samples = np.zeros(4), 0
     for log in flights:
-        f_theta = model.predict(_regression.features_of(log))
-        y = _regression.correction(sampled, log, f_theta)
+        f_theta = model.predict(regression.features_of(log))
+        y = regression.correction(sampled, log, f_theta)
         label = np.full(f_theta.shape, np.nan) if log.label is None else log.label
         parts = (y, f_theta + y, f_theta - label, f_theta + y - label)
         sums += [float(np.sum(part**2)) for part in parts]

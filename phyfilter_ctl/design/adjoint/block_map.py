@@ -16,11 +16,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .. import _sections
-from .._sections import FloatArray
-from ..filter import PhyFilter
-from ..sampled.coefficients import Method
-from ..sampled.recursion import _SLOW, _banded
+from ... import _sections
+from ..._sections import FloatArray
+from ...filter import PhyFilter
+from ...sampled.coefficients import Method
+from ...sampled.recursion import _SLOW, _banded
 
 BLOCK = 32
 SLAB = 128  # blocks in one matrix product: small enough that no BLAS splits it over threads

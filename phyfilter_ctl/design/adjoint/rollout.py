@@ -18,11 +18,11 @@ from typing import Literal, NamedTuple, TypeVar, get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .._sections import FloatArray
-from ..sampled import SampledPhyFilter, record
-from ..sampled.recursion import _banded
-from ._block_map import BLOCK, BlockMap
-from ._paper_rollout import PaperMap
+from ..._sections import FloatArray
+from ...sampled import SampledPhyFilter, record
+from ...sampled.recursion import _banded
+from .block_map import BLOCK, BlockMap
+from .paper_rollout import PaperMap
 
 __all__ = ["Carry", "Cotangents", "Form", "Inputs", "Rollout", "Trace"]
 

@@ -19,21 +19,21 @@ import numpy as np
 from numpy.typing import ArrayLike
 from threadpoolctl import threadpool_limits
 
-from .._sections import ComplexArray, FloatArray
-from ..filter import PhyFilter
-from ..flightlog import FlightLog
-from ..sampled.coefficients import Method
-from ..sampled.sampled_filter import Rule
-from . import _levenberg
-from ._correlation import MOST_LAGS, memory
-from ._levenberg import Descent
-from ._parametrisation import Chain
-from ._residuals import Flight, flights_of, refuse_uninformative
-from ._samples import response
-from ._search import Best, Search
-from ._sensitivity import Data, Evaluation, Form, evaluate, filter_of
-from ._sources import sources
-from ._wiener import WienerFloor, wiener_floor
+from ..._sections import ComplexArray, FloatArray
+from ...filter import PhyFilter
+from ...flightlog import FlightLog
+from ...sampled.coefficients import Method
+from ...sampled.sampled_filter import Rule
+from . import levenberg
+from .correlation import MOST_LAGS, memory
+from .levenberg import Descent
+from .parametrisation import Chain
+from .residuals import Flight, flights_of, refuse_uninformative
+from .samples import response
+from .search import Best, Search
+from .sensitivity import Data, Evaluation, Form, evaluate, filter_of
+from .sources import sources
+from .wiener import WienerFloor, wiener_floor
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -142,7 +142,7 @@ class LearnResult:
         -------
         control.ControlPlot
         """
-        from .. import plots
+        from ... import plots
 
         omega = np.geomspace(1e-4, 1.0, _POINTS) * np.pi / self.dt
         responses = {f"n = {self.order_used}": _sampled_response(self, omega)}
@@ -384,11 +384,11 @@ def _refitted(data: Data, best: Best, search: Search) -> PhyFilter:
     def cost(theta: FloatArray) -> Evaluation | None:
         return evaluate(data, Chain(theta, search.floor), search.form)
 
-    begun = _levenberg.start(cost, best.chain.theta)
+    begun = levenberg.start(cost, best.chain.theta)
     if begun is None:
         return filter_of(best.chain, best.found.c, search.form)
     upper, lower = search.box(best.chain.order)
-    descent = _levenberg.descend(
+    descent = levenberg.descend(
         cost, begun, upper, lower, limit=_REFITS, negligible=0.0, report=lambda _: None
     )
     return filter_of(Chain(descent.theta, search.floor), descent.found.c, search.form)

@@ -12,12 +12,12 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 from threadpoolctl import threadpool_limits
 
-from .._sections import FloatArray
-from ..flightlog import FlightLog
-from ..learned import LearnedModel
-from ..sampled import SampledPhyFilter
-from . import _regression
-from ._regression import Tuned
+from ..._sections import FloatArray
+from ...flightlog import FlightLog
+from ...learned import LearnedModel
+from ...sampled import SampledPhyFilter
+from . import regression
+from .regression import Tuned
 
 M = TypeVar("M", bound=LearnedModel)
 Label = Literal["matched", "smoothed", "shifted", "causal"]
@@ -62,7 +62,7 @@ class Problem(Generic[M]):
     def solve(self, trust: float | None, max_iterations: int) -> Solution:
         """Least cost; the weight of trust by cross-validation where it is None."""
         linear = self.tuned.count <= _DIRECT and all(
-            self.tuned.is_linear(_regression.features_of(log)) for log in self.flights
+            self.tuned.is_linear(regression.features_of(log)) for log in self.flights
         )
         # One thread: the products are narrow, and several threads made them ten times slower.
         with threadpool_limits(1, user_api="blas"):
@@ -75,8 +75,8 @@ class Problem(Generic[M]):
         p = self.tuned.count
         folds: list[FloatArray] = []
         for log, target, masks in zip(self.flights, self._targets, self._folds, strict=True):
-            columns = self.tuned.regressors(_regression.features_of(log))
-            rows = _regression.filtered(self.sampled, columns) if self.label == "matched" else columns
+            columns = self.tuned.regressors(regression.features_of(log))
+            rows = regression.filtered(self.sampled, columns) if self.label == "matched" else columns
             folds += [_triangle(rows[mask], target[mask]) for mask in masks]
         sizes = np.array([int(mask.sum()) for masks in self._folds for mask in masks])
         memory = np.zeros((0, p + 1))
@@ -108,12 +108,12 @@ class Problem(Generic[M]):
         """What the change of f_theta (of F f_theta where matched) shall be, for each flight."""
         targets = []
         for log in self.flights:
-            f_theta = self.tuned.model.predict(_regression.features_of(log))
-            y = _regression.correction(self.sampled, log, f_theta)
+            f_theta = self.tuned.model.predict(regression.features_of(log))
+            y = regression.correction(self.sampled, log, f_theta)
             if self.label == "smoothed":
-                y = _regression.filtered_adjoint(self.sampled, y)
+                y = regression.filtered_adjoint(self.sampled, y)
             elif self.label == "shifted":
-                y = _regression.advanced(self.sampled, f_theta + y) - f_theta
+                y = regression.advanced(self.sampled, f_theta + y) - f_theta
             targets.append(y)
         return targets
 
@@ -158,7 +158,7 @@ class Problem(Generic[M]):
         total, samples = 0.0, 0
         for log in self.flights:
             signs = rng.choice([-1.0, 1.0], self._targets[0].shape[1] * log.n).reshape(log.n, -1)
-            gradient = self.tuned.model.vjp(_regression.features_of(log), signs)[self.tuned.index]
+            gradient = self.tuned.model.vjp(regression.features_of(log), signs)[self.tuned.index]
             total, samples = total + float(gradient @ gradient), samples + log.n
         return total / (samples * self.tuned.count)
 
@@ -188,12 +188,12 @@ class Problem(Generic[M]):
         for log, target, mask in zip(self.flights, self._targets, masks, strict=True):
             if not mask.any():
                 continue
-            z = _regression.features_of(log)
+            z = regression.features_of(log)
             gained = model.predict(z) - self.tuned.model.predict(z)
             matched = self.label == "matched"
-            error = (_regression.filtered(self.sampled, gained) if matched else gained) - target
+            error = (regression.filtered(self.sampled, gained) if matched else gained) - target
             error[~mask] = 0.0
-            back = _regression.filtered_adjoint(self.sampled, error) if matched else error
+            back = regression.filtered_adjoint(self.sampled, error) if matched else error
             cost += weight * float(np.sum(error**2))
             gradient = gradient + 2.0 * weight * model.vjp(z, back)[self.tuned.index]
         if self.memory is not None:

@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from .._sections import FloatArray
-from ..filter import PhyFilter
+from ..._sections import FloatArray
+from ...filter import PhyFilter
 
 if TYPE_CHECKING:
     from .rollout import Inputs

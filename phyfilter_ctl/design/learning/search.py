@@ -7,13 +7,13 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from .._sections import ComplexArray, FloatArray, sort_poles
-from ..filter import PhyFilter
-from ..sampled.coefficients import Method
-from . import _levenberg
-from ._levenberg import Descent
-from ._parametrisation import Chain, chain_of
-from ._sensitivity import Data, Evaluation, Form, evaluate
+from ..._sections import ComplexArray, FloatArray, sort_poles
+from ...filter import PhyFilter
+from ...sampled.coefficients import Method
+from . import levenberg
+from .levenberg import Descent
+from .parametrisation import Chain, chain_of
+from .sensitivity import Data, Evaluation, Form, evaluate
 
 # n equal poles at this over the step lie just within the bounds. As an additional pole of the low-pass form it costs
 # 0.5 %, and beyond it the sampled filter hardly changes.
@@ -95,7 +95,7 @@ class Search:
         upper, lower = self.box(n)
         trials: list[tuple[int, Descent]] = []
         for number, chain in enumerate(chains):
-            begun = _levenberg.start(self._cost(self.coarse), chain.theta)
+            begun = levenberg.start(self._cost(self.coarse), chain.theta)
             if begun is not None:
                 trials.append((number, self._descend(n, number, begun, self.coarse, _TRIAL_STEPS)))
         chosen = _distinct(trials)
@@ -105,7 +105,7 @@ class Search:
         if not ended:
             return
         number, descent = min(ended, key=lambda entry: entry[1].found.cost)
-        edge = bool(np.any(_levenberg.bound(descent.theta, descent.found.gradient, upper, lower)))
+        edge = bool(np.any(levenberg.bound(descent.theta, descent.found.gradient, upper, lower)))
         self._keep(n, number, descent, edge)
 
     def _refined(
@@ -115,7 +115,7 @@ class Search:
         ended = sorted(ended, key=lambda entry: entry[1].found.cost)[:_REFINED]
         thetas = [(number, descent.theta) for number, descent in ended]
         thetas += [(number, chain.theta) for number, chain in enumerate(warm[:1])]
-        begun = [(number, _levenberg.start(self._cost(self.fine), theta)) for number, theta in thetas]
+        begun = [(number, levenberg.start(self._cost(self.fine), theta)) for number, theta in thetas]
         tried = [
             (number, self._descend(n, number, now, self.fine, _FINE_STEPS))
             for number, now in begun
@@ -134,7 +134,7 @@ class Search:
                 self._keep(n, number, descent, False)
             self.report(n, number, descent)
 
-        return _levenberg.descend(
+        return levenberg.descend(
             self._cost(data),
             now,
             upper,

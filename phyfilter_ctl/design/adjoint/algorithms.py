@@ -13,12 +13,12 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from .._sections import FloatArray
-from ..filter import PhyFilter
-from ..flightlog import FlightLog
-from ..sampled import SampledPhyFilter
-from ._costs import CasadiCost, CostTerms, SquaredError, StageCost
-from ._parametrisation import Chain, chain_of
+from ..._sections import FloatArray
+from ...filter import PhyFilter
+from ...flightlog import FlightLog
+from ...sampled import SampledPhyFilter
+from ..learning.parametrisation import Chain, chain_of
+from .costs import CasadiCost, CostTerms, SquaredError, StageCost
 from .rollout import Carry, Form, Inputs, Rollout
 
 __all__ = [

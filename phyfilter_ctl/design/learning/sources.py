@@ -6,11 +6,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..sampled.coefficients import Method
-from ._correlation import Correlations, Stretch
-from ._residuals import Flight
-from ._samples import Pooled, Samples
-from ._sensitivity import Data
+from ...sampled.coefficients import Method
+from .correlation import Correlations, Stretch
+from .residuals import Flight
+from .samples import Pooled, Samples
+from .sensitivity import Data
 
 # Steps that agree to this are one step, and for trials to this.
 _SAME_STEP, _SIMILAR_STEP = 1e-6, 0.02

@@ -7,8 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .._sections import FloatArray
-from ._sensitivity import Evaluation
+from ..._sections import FloatArray
+from .sensitivity import Evaluation
 
 _FIRST_DAMPING = 1e-3
 _LEAST_DAMPING, _MOST_DAMPING = 1e-12, 1e10

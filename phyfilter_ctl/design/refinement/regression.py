@@ -9,10 +9,10 @@ from typing import Generic, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .._sections import FloatArray
-from ..flightlog import FlightLog
-from ..learned import LearnedModel
-from ..sampled import SampledPhyFilter
+from ..._sections import FloatArray
+from ...flightlog import FlightLog
+from ...learned import LearnedModel
+from ...sampled import SampledPhyFilter
 
 M = TypeVar("M", bound=LearnedModel)
 

@@ -7,12 +7,12 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from .._sections import FloatArray
-from ..filter import PhyFilter
-from ..sampled import recursion
-from ..sampled.coefficients import Coefficients, Method
-from ._residuals import Flight
-from ._sensitivity import Data, step_matrix
+from ..._sections import FloatArray
+from ...filter import PhyFilter
+from ...sampled import recursion
+from ...sampled.coefficients import Coefficients, Method
+from .residuals import Flight
+from .sensitivity import Data, step_matrix
 
 
 def response(filter: PhyFilter, flight: Flight, method: Method, last: int | None = None) -> FloatArray:
@@ -59,7 +59,7 @@ class Samples:
         object.__setattr__(self, "weight", flight.weight * samples)
 
     def moments(self, doubled: FloatArray) -> tuple[FloatArray, FloatArray] | None:
-        """See :class:`~phyfilter_ctl.design._sensitivity.Data`."""
+        """See :class:`~phyfilter_ctl.design.learning.sensitivity.Data`."""
         flight, size = self.flight, len(doubled) - 1
         rates = np.linalg.eigvals(doubled[: size // 2, : size // 2])
         longest = flight.dt if flight.steps is None else float(np.max(flight.steps))
@@ -109,7 +109,7 @@ class Pooled:
         return sum(part.weight for part in self.parts)
 
     def moments(self, doubled: FloatArray) -> tuple[FloatArray, FloatArray] | None:
-        """See :class:`~phyfilter_ctl.design._sensitivity.Data`."""
+        """See :class:`~phyfilter_ctl.design.learning.sensitivity.Data`."""
         found = [part.moments(doubled) for part in self.parts]
         kept = [entry for entry in found if entry is not None]
         if len(kept) < len(found):

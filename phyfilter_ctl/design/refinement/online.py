@@ -12,12 +12,12 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.signal import lfilter
 from threadpoolctl import threadpool_limits
 
-from .._sections import FloatArray
-from ..flightlog import FlightLog
-from ..learned import LearnedModel
-from ..sampled import FilterState, SampledPhyFilter
-from . import _regression
-from ._regression import Tuned
+from ..._sections import FloatArray
+from ...flightlog import FlightLog
+from ...learned import LearnedModel
+from ...sampled import FilterState, SampledPhyFilter
+from . import regression
+from .regression import Tuned
 
 __all__ = ["Knowledge", "OnlineFlight", "OnlineRefiner", "OnlineState"]
 
@@ -116,7 +116,7 @@ class OnlineRefiner(Generic[M]):
     Examples
     --------
     >>> from phyfilter_ctl import PhyFilter
-    >>> from phyfilter_ctl.design.refinement import last_layer
+    >>> from phyfilter_ctl.design.refinement.refine_model import last_layer
     >>> from phyfilter_ctl.learned import Network
     >>> z = np.linspace(-1.0, 1.0, 200)[:, None]
     >>> model = Network((5,), seed=1).fit(z, z).model
@@ -147,7 +147,7 @@ class OnlineRefiner(Generic[M]):
             raise ValueError(f"keep: expected a finite number >= 0, got {self.keep!r}")
         if isinstance(self.every, bool) or not isinstance(self.every, int) or self.every < 1:
             raise ValueError(f"every: expected a whole number of samples >= 1, got {self.every!r}")
-        object.__setattr__(self, "filter", _regression.checked_filter(self.filter))
+        object.__setattr__(self, "filter", regression.checked_filter(self.filter))
         if self.memory is not None:
             kept = np.array(self.memory, dtype=float)
             if kept.ndim != 2 or 0 in kept.shape or not np.isfinite(kept).all():
@@ -291,17 +291,17 @@ class OnlineRefiner(Generic[M]):
         ValueError, TypeError
             As for :func:`refine`.
         """
-        (log,) = _regression.checked_logs("log", log, self.filter.dt)
-        z = _regression.features_of(log)
+        (log,) = regression.checked_logs("log", log, self.filter.dt)
+        z = regression.features_of(log)
         if not self.tuned.is_linear(z):
             raise ValueError(
                 "online refinement needs a model linear in its moving parameters: pass trainable=last_layer(network), "
                 "or refine offline"
             )
         f_first = self.model.predict(z)
-        y = _regression.correction(self.filter, log, f_first)
+        y = regression.correction(self.filter, log, f_first)
         columns = self.tuned.regressors(z)
-        Phi = _regression.filtered(self.filter, columns)
+        Phi = regression.filtered(self.filter, columns)
         with threadpool_limits(1, user_api="blas"):  # many small products, slower on several threads
             changes, last = self._changes(Phi[1:], y[1:], knowledge)
         in_use = changes[np.maximum(np.arange(log.n) - 1, 0) // self.every]

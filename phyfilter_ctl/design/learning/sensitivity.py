@@ -14,11 +14,11 @@ from typing import Literal, NamedTuple, Protocol
 
 import numpy as np
 
-from .. import _sections
-from .._sections import FloatArray
-from ..filter import PhyFilter
-from ..sampled.coefficients import Method
-from ._parametrisation import Chain, chain_of
+from ... import _sections
+from ..._sections import FloatArray
+from ...filter import PhyFilter
+from ...sampled.coefficients import Method
+from .parametrisation import Chain, chain_of
 
 Form = Literal["lowpass", "general"]
 # Directions of the states whose share in their covariance is below this carry no information on c.

@@ -9,7 +9,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .._sections import FloatArray
+from ..._sections import FloatArray
 
 
 class CostTerms(NamedTuple):

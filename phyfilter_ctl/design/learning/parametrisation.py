@@ -25,7 +25,7 @@ from functools import cached_property
 import numpy as np
 from scipy.linalg import hessenberg, lu_factor, lu_solve, solve_triangular
 
-from .._sections import ComplexArray, FloatArray
+from ..._sections import ComplexArray, FloatArray
 
 # Poles that are to be moved left of the floor land this far from it, relative.
 _INSIDE = 1e-3

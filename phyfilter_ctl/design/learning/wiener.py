@@ -19,13 +19,13 @@ from scipy.linalg import solve_toeplitz
 from scipy.signal import oaconvolve
 from scipy.special import stdtrit
 
-from .._sections import FloatArray
-from ..filter import PhyFilter
-from ..sampled.coefficients import Method
-from ._correlation import MOST_LAGS, Correlations, Stretch, memory
-from ._residuals import Flight
-from ._samples import Pooled, Samples, response
-from ._sensitivity import Data
+from ..._sections import FloatArray
+from ...filter import PhyFilter
+from ...sampled.coefficients import Method
+from .correlation import MOST_LAGS, Correlations, Stretch, memory
+from .residuals import Flight
+from .samples import Pooled, Samples, response
+from .sensitivity import Data
 
 _FOLDS = 8
 _LENGTHS = (1, 2, 4, 8, 16, 32, 64, 128, 256, 512, 1024, 2048)

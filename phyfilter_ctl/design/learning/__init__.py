@@ -1,0 +1,12 @@
+"""Learning a filter from flights whose true f is known.
+
+``learn_filter`` is the front; ``search`` goes from order to order and start to start, ``levenberg`` descends,
+``sensitivity`` gives exact derivatives in the ``parametrisation`` that is always Hurwitz. Flights come in as
+``residuals``, whole (``samples``) or reduced to correlations (``correlation``, ``sources``); ``wiener`` is the floor.
+"""
+
+from .learn_filter import LearnEvent, LearnResult, learn
+from .sensitivity import Form
+from .wiener import WienerFloor
+
+__all__ = ["Form", "LearnEvent", "LearnResult", "WienerFloor", "learn"]
