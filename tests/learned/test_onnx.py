@@ -28,6 +28,12 @@ SINGLE = 1e-5
 RNG = np.random.default_rng(0)
 
 
+@pytest.fixture(autouse=True)
+def same_numbers_in_any_order() -> None:
+    """Each test draws from the start of the sequence, whichever worker runs it after whatever else."""
+    RNG.bit_generator.state = np.random.default_rng(0).bit_generator.state
+
+
 def constant(name: str, *shape: int, dtype: type = np.float64) -> onnx.TensorProto:
     return numpy_helper.from_array(RNG.standard_normal(shape).astype(dtype), name)
 
