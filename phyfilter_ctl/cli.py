@@ -8,7 +8,7 @@ import sys
 from collections.abc import Sequence
 from typing import NoReturn
 
-from . import __version__, _cli_design, models
+from . import __version__, _cli_design, _cli_learn, models
 
 __all__ = ["main"]
 
@@ -16,6 +16,8 @@ _EPILOG = """examples:
   phyfilter-ctl run acceleration                               repair a learned differentiator, print the scores
   phyfilter-ctl design --poles -20,-20                         choose a filter and see what it does
   phyfilter-ctl design --family butterworth --order 2 --cutoff 20 --dt 0.002 --out filter.toml
+  phyfilter-ctl learn flight.csv --order 1 2 3 --out filter.toml
+                                                               learn filters from a flight with a known f
   phyfilter-ctl COMMAND --help                                 all options of a command, with examples"""
 
 _RUN_EPILOG = """examples:
@@ -79,6 +81,9 @@ def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
     design = commands.add_parser("design", help="choose a filter: description, figures, picture, file")
     _cli_design.add_arguments(design)
     design.set_defaults(job=_cli_design.main)
+    learn = commands.add_parser("learn", help="learn filters from flights: table, picture, file")
+    _cli_learn.add_arguments(learn)
+    learn.set_defaults(job=_cli_learn.main)
     return parser
 
 

@@ -18,7 +18,8 @@ from .diagram import build
 
 if TYPE_CHECKING:
     from .experiment import Comparison
-    from .study import IntervalStudy, PoleMap
+    from .learning import Convergence, Descent
+    from .study import IntervalStudy, LearnedPoint, PoleMap
 
 __all__ = ["add_arguments", "build", "main"]
 
@@ -57,7 +58,12 @@ def add_arguments(parser: ArgumentParser) -> None:
     parser.add_argument(
         "--study",
         action="store_true",
-        help="also study order and poles, and the sampling interval (takes about twice as long)",
+        help="also study order and poles, with learned filters, and the sampling interval (takes about twice as long)",
+    )
+    parser.add_argument(
+        "--convergence",
+        action="store_true",
+        help="also compare how fast learning and the paper's Algorithm 2 come down (a minute more)",
     )
     parser.add_argument(
         "--quick", action="store_true", help="less data and coarser tuning: a try-out, in seconds"
@@ -84,8 +90,9 @@ def main(options: Namespace) -> int:
     """
     from phyfilter_ctl._cli_output import check_target, write_figure, write_text
 
-    from . import study
+    from . import learning, study
     from .experiment import QUICK, Effort, compare, steps
+    from .params import params
 
     _check(options)
     check_target(options.json)
@@ -93,8 +100,11 @@ def main(options: Namespace) -> int:
     check_target(target, suffixes=(".png", ".pdf", ".svg"))
     train_logs, test_logs, data = _flights(options)
     effort = QUICK if options.quick else Effort()
+    # A try-out takes two starts of the lower orders, and leaves Adam a tenth of a second.
+    few = {"orders": (1, 2, 3), "starts": 2, "seconds": 0.1} if options.quick else {}
     total = steps() + (1 + len(study.intervals(train_logs[0].dt)) if options.study else 0)
-    poles, intervals = None, None
+    total += len(few.get("orders", params().convergence.orders)) if options.convergence else 0
+    poles, intervals, convergence = None, None, None
     with _progress(total, options.quiet) as report:
         comparison = compare(
             train_logs, test_logs, data=data, seed=options.seed, effort=effort, report=report
@@ -103,16 +113,19 @@ def main(options: Namespace) -> int:
             report("order and poles")
             poles = study.order_by_pole(comparison)
             intervals = study.sampling_intervals(comparison, effort=effort, report=report)
+        if options.convergence:
+            convergence = learning.convergence(
+                comparison.learned.cases, comparison.dt, seed=options.seed, report=report, **few
+            )
     if options.json != "-":
         print(_table(comparison))
     if options.json is not None:
-        write_text(
-            options.json, json.dumps(_figures(comparison, poles, intervals), indent=2, allow_nan=False) + "\n"
-        )
+        figures = _figures(comparison, poles, intervals, convergence)
+        write_text(options.json, json.dumps(figures, indent=2, allow_nan=False) + "\n")
     if target is not None:
         from .picture import draw
 
-        write_figure(target, draw(comparison, poles=poles, intervals=intervals))
+        write_figure(target, draw(comparison, poles=poles, intervals=intervals, convergence=convergence))
     return 0
 
 
@@ -191,7 +204,10 @@ def _table(comparison: Comparison) -> str:
 
 
 def _figures(
-    comparison: Comparison, poles: PoleMap | None, intervals: IntervalStudy | None
+    comparison: Comparison,
+    poles: PoleMap | None,
+    intervals: IntervalStudy | None,
+    convergence: Convergence | None,
 ) -> dict[str, object]:
     """The content of the JSON file."""
     learned = comparison.learned
@@ -223,8 +239,41 @@ def _figures(
         study["order_by_pole"] = {
             "poles": poles.poles.tolist(),
             "rmse": {str(n): scores.tolist() for n, scores in zip(poles.orders, poles.rmse, strict=True)},
+            "learned": [_learned_point(point) for point in poles.learned],
         }
     if intervals is not None:
         scores = {name: values.tolist() for name, values in intervals.rmse.items()}
         study["sampling_interval"] = {"dt": intervals.dt.tolist(), "rmse": scores}
+    if convergence is not None:
+        study["convergence"] = {
+            "rates": {str(n): rate for n, rate in convergence.rates.items()},
+            "learned": [_descent(descent) for descent in convergence.learned],
+            "adam": [_descent(descent) for descent in convergence.adam],
+        }
     return {**figures, "study": study} if study else figures
+
+
+def _learned_point(point: LearnedPoint) -> dict[str, object]:
+    result = point.result
+    return {
+        "order": point.order,
+        "form": point.form,
+        "order_used": result.order_used,
+        "status": result.status,
+        "a": result.filter.a.tolist(),
+        "b": result.filter.b.tolist(),
+        "pole": point.pole,
+        "tuning_rmse": point.tuning_rmse,
+        "test_rmse": point.test_rmse,
+        "wiener_ratio": result.wiener_ratio,
+    }
+
+
+def _descent(descent: Descent) -> dict[str, object]:
+    return {
+        "order": descent.order,
+        "start": descent.start,
+        "times": descent.times.tolist(),
+        "rmse": descent.rmse.tolist(),
+        "status": descent.status,
+    }

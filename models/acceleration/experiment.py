@@ -75,12 +75,15 @@ class Learned:
         Candidate duration of the window that was chosen, s.
     span_rmse : dict of float to float
         RMSE of each candidate on the training flights held out, m/s^2.
+    cases : tuple of Case
+        The faster training flights with the twin network's estimate: what the filters were tuned on.
     """
 
     network: WindowDifferentiator
     filters: Mapping[int, TunedFilter]
     span: float
     span_rmse: Mapping[float, float]
+    cases: tuple[Case, ...]
 
 
 @dataclass(frozen=True)
@@ -216,7 +219,7 @@ def fit_learned(
     filters = tune_filters(params().filter.orders, cases, dt, evaluations=effort.filter_evaluations)
     report("network")
     network = train(train_logs, stride=strides[span], seed=seed, iterations=iterations)
-    return Learned(network, filters, span, span_rmse)
+    return Learned(network, filters, span, span_rmse, tuple(cases))
 
 
 def compare(

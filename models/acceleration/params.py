@@ -121,6 +121,19 @@ class Study(_Group):
 
 
 @dataclass(frozen=True)
+class Convergence(_Group):
+    """Gauss-Newton and the paper's Algorithm 2 from the same starts."""
+
+    orders: tuple[int, ...]
+    starts: int
+    poles: tuple[float, ...]
+    rates: tuple[float, ...]
+    segment: float
+    batch: int
+    time: float
+
+
+@dataclass(frozen=True)
 class Scoring(_Group):
     """What counts."""
 
@@ -139,6 +152,7 @@ class Params:
     network: Network
     filter: Filter
     study: Study
+    convergence: Convergence
     scoring: Scoring
 
 
@@ -166,6 +180,7 @@ def params() -> Params:
         network=Network.read(data["network"]),
         filter=Filter.read(data["filter"]),
         study=Study.read(data["study"]),
+        convergence=Convergence.read(data["convergence"]),
         scoring=Scoring.read(data["scoring"]),
     )
 

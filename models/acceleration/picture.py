@@ -7,12 +7,14 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, NullFormatter, ScalarFormatter
 from numpy.typing import NDArray
 
 from phyfilter_ctl.flightlog import FlightLog
 
 from .differentiator import counted, labels
 from .experiment import Comparison
+from .learning import Convergence, Descent
 from .study import IntervalStudy, PoleMap
 
 __all__ = ["COLOURS", "NAMES", "draw"]
@@ -47,13 +49,18 @@ _ORDER_COLOURS = {
     2: COLOURS["phyfilter_2"],
     3: COLOURS["phyfilter_3"],
     4: "#999999",
+    5: "#CC79A7",
 }
 _AXIS_COLOURS = ("#0072B2", "#D55E00", "#009E73")
 _TRAIN, _TEST = "#0072B2", "#D55E00"
 
 
 def draw(
-    comparison: Comparison, *, poles: PoleMap | None = None, intervals: IntervalStudy | None = None
+    comparison: Comparison,
+    *,
+    poles: PoleMap | None = None,
+    intervals: IntervalStudy | None = None,
+    convergence: Convergence | None = None,
 ) -> Figure:
     """Draw velocities, errors, the distribution of speeds and, where they were made, the studies.
 
@@ -62,12 +69,13 @@ def draw(
     comparison : Comparison
     poles : PoleMap, optional
     intervals : IntervalStudy, optional
+    convergence : Convergence, optional
 
     Returns
     -------
     matplotlib.figure.Figure
     """
-    rows = 3 if poles is not None or intervals is not None else 2
+    rows = 2 + (poles is not None or intervals is not None) + (convergence is not None)
     figure = Figure(figsize=(11.0, 3.1 * rows + 0.3), layout="constrained")
     layout = figure.add_gridspec(rows, 6)
     top = max(log.speed(100.0) for log in (*comparison.train, *comparison.test))
@@ -86,6 +94,8 @@ def draw(
         _pole_map(figure.add_subplot(layout[2, :3]), poles, comparison.test_rmse["network"])
     if intervals is not None:
         _interval_study(figure.add_subplot(layout[2, 3:]), intervals)
+    if convergence is not None:
+        _convergence(figure.add_subplot(layout[-1, :3]), figure.add_subplot(layout[-1, 3:]), convergence)
     figure.suptitle(
         f"Acceleration from velocity: {comparison.data} flights, {sum(log.n for log in comparison.train)} training and "
         f"{sum(log.n for log in comparison.test)} test samples every {1e3 * comparison.dt:.3g} ms",
@@ -165,12 +175,59 @@ def _pole_map(axes: Axes, poles: PoleMap, network: float) -> None:
         axes.semilogx(poles.poles, scores, color=_ORDER_COLOURS[n], label=f"n = {n}, equal poles")
     for n, (pole, score) in poles.tuned.items():
         axes.plot(pole, score, "*", color=_ORDER_COLOURS[n], markersize=12, markeredgecolor="black")
-    axes.plot([], [], "*", color="white", markeredgecolor="black", markersize=10, label="tuned in training")
+    for point in poles.learned:
+        axes.plot(
+            point.pole,
+            point.test_rmse,
+            "o" if point.form == "lowpass" else "s",
+            color=_ORDER_COLOURS[point.order],
+            markersize=6,
+            markeredgecolor="black",
+        )
+    for marker, name in (("*", "tuned"), ("o", "learned, low-pass"), ("s", "learned, general")):
+        axes.plot([], [], marker, color="white", markeredgecolor="black", markersize=7, label=name)
     axes.axhline(network, color=COLOURS["network"], linestyle="--", linewidth=1.0, label="network")
     axes.set(xlabel="Poles, geometric mean [rad/s]", ylabel="Test RMSE [m/s$^2$]")
     axes.set_ylim(0.0, 1.15 * max(network, float(np.median(poles.rmse))))
-    axes.legend(fontsize="x-small", frameon=False, ncols=2)
+    axes.legend(fontsize="x-small", ncols=2, facecolor="white", edgecolor="none", framealpha=0.9)
     _dress(axes, "e  Order and poles")
+
+
+def _convergence(left: Axes, right: Axes, convergence: Convergence) -> None:
+    """Wall time against the least RMSE so far, from the same starts, on the same axes."""
+    ways = (
+        (left, convergence.learned, "h  Learning: Gauss-Newton"),
+        (right, convergence.adam, "i  The paper's Algorithm 2: Adam on the coefficients"),
+    )
+    descents = (*convergence.learned, *convergence.adam)
+    # Every curve begins at its start, drawn at the left edge: 0 is not on the axis.
+    edge = 0.5 * min((float(d.times[0]) for d in descents if len(d.times)), default=1.0)
+    for axes, found, title in ways:
+        for descent in found:
+            _way_down(axes, descent, edge)
+        for n, rate in convergence.rates.items():
+            name = f"n = {n}" if axes is left else f"n = {n}, rate {rate:g}"
+            axes.plot([], [], color=_ORDER_COLOURS[n], label=name)
+        axes.set(xlabel="Wall time [s]", ylabel="Training RMSE [m/s$^2$]", xscale="log", yscale="log")
+        axes.legend(fontsize="x-small", frameon=False, ncols=2)
+        _dress(axes, title)
+    latest = max((float(d.times[-1]) for d in descents if len(d.times)), default=1.0)
+    levels = [level for d in descents for level in (d.start, *d.rmse)]
+    for axes in (left, right):
+        axes.set(xlim=(edge, 1.3 * latest), ylim=(0.9 * min(levels), 1.5 * max(levels)))
+        axes.yaxis.set_major_formatter(ScalarFormatter())
+        axes.yaxis.set_minor_formatter(NullFormatter())
+        axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 1.5, 2.0, 3.0, 5.0)))
+
+
+def _way_down(axes: Axes, descent: Descent, edge: float) -> None:
+    """A cross at the end marks a descent that left the stable region."""
+    colour = _ORDER_COLOURS[descent.order]
+    times = np.concatenate([[edge], descent.times])
+    scores = np.concatenate([[descent.start], descent.rmse])
+    axes.plot(times, scores, color=colour, linewidth=1.0, drawstyle="steps-post")
+    marker = "x" if descent.status == "diverged" else "."
+    axes.plot(times[-1], scores[-1], marker, color=colour, markersize=6)
 
 
 def _interval_study(axes: Axes, intervals: IntervalStudy) -> None:

@@ -9,14 +9,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phyfilter_ctl import PhyFilter
+from phyfilter_ctl.design.learning import LearnResult
 from phyfilter_ctl.flightlog import FlightLog
 
 from .differentiator import counted
 from .experiment import Comparison, Effort, Learned, fit_learned
+from .learning import Form, learn_filters
 from .params import params
 from .tuning import Case, filtered, rmse
 
-__all__ = ["IntervalStudy", "PoleMap", "intervals", "order_by_pole", "sampling_intervals"]
+__all__ = ["IntervalStudy", "LearnedPoint", "PoleMap", "intervals", "order_by_pole", "sampling_intervals"]
 
 FloatArray = NDArray[np.float64]
 Report = Callable[[str], None]
@@ -38,12 +40,43 @@ class PoleMap:
         m/s^2.
     tuned : dict of int to (float, float)
         By order: the geometric mean of the tuned filter's poles in rad/s, and its test RMSE.
+    learned : tuple of LearnedPoint
+        Filters learned on the flights that the others were tuned on.
     """
 
     orders: tuple[int, ...]
     poles: FloatArray
     rmse: FloatArray
     tuned: dict[int, tuple[float, float]]
+    learned: tuple[LearnedPoint, ...]
+
+
+@dataclass(frozen=True)
+class LearnedPoint:
+    """A learned filter on the map.
+
+    Attributes
+    ----------
+    order : int
+        Order asked for.
+    form : {"lowpass", "general"}
+    result : LearnResult
+    tuning_rmse : float
+        On the flights it was learned on, by the same measure as the tuned filters, m/s^2.
+    test_rmse : float
+        m/s^2.
+    """
+
+    order: int
+    form: Form
+    result: LearnResult
+    tuning_rmse: float
+    test_rmse: float
+
+    @property
+    def pole(self) -> float:
+        """Geometric mean of the poles, rad/s."""
+        return float(self.result.filter.a[0] ** (1.0 / self.result.order_used))
 
 
 @dataclass(frozen=True)
@@ -65,7 +98,7 @@ class IntervalStudy:
 def order_by_pole(comparison: Comparison) -> PoleMap:
     """Test RMSE over the order and a repeated pole, the network being the comparison's (pole placement).
 
-    The map shows what the tuner aimed at; nothing is chosen by it.
+    The map shows what tuning and learning aimed at; nothing is chosen by it.
     """
     chosen = params().study
     low, high = chosen.poles
@@ -80,7 +113,18 @@ def order_by_pole(comparison: Comparison) -> PoleMap:
         n: (float(found.filter.a[0] ** (1.0 / n)), test[f"phyfilter_{n}"])
         for n, found in comparison.learned.filters.items()
     }
-    return PoleMap(chosen.orders, poles, np.array(scores), tuned)
+    tuning = comparison.learned.cases
+    learned = tuple(
+        LearnedPoint(
+            n,
+            form,
+            result,
+            rmse(filtered(result.filter, tuning, comparison.dt), [case.log for case in tuning]),
+            rmse(filtered(result.filter, cases, comparison.dt), comparison.test),
+        )
+        for (n, form), result in learn_filters(tuning, tuple(comparison.learned.filters)).items()
+    )
+    return PoleMap(chosen.orders, poles, np.array(scores), tuned, learned)
 
 
 def intervals(dt: float) -> list[int]:

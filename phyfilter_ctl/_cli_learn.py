@@ -1,0 +1,304 @@
+"""``phyfilter-ctl learn``: from recorded flights to a table of orders and forms, a picture and the best filter."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import signal
+import threading
+from collections.abc import Sequence
+from pathlib import Path
+from types import EllipsisType, TracebackType
+from typing import TYPE_CHECKING, Protocol
+
+import numpy as np
+from tqdm import tqdm
+
+from . import filterfile
+from ._cli_learn_report import Row, best_of, figures_of, form_name, table_of
+from ._cli_output import check_target, write_figure, write_text
+from .flightlog import FlightLog
+from .sampled import SampledPhyFilter
+
+if TYPE_CHECKING:
+    from .design.learning import Form, LearnEvent, LearnResult
+    from .sampled.sampled_filter import Rule
+
+__all__ = ["add_arguments", "main"]
+
+_FORMS = ("lowpass", "general")
+_METHODS = ("exact", "euler", "tustin")
+_RULES = ("hold", "average")
+_VELOCITIES = ("vx", "vy", "vz")
+_HIGHEST_ORDER = 12
+_STOPPED = 130  # exit status after Ctrl-C, as of a shell
+
+_DESCRIPTION = """Learn filters F = N/D from flights whose true f is known (the label), and compare orders and forms.
+The best one is described and saved: least RMSE on --held-out flights, else on held-out blocks of the flights themselves
+(of filters within 0.1 % the one of fewest coefficients). Ctrl-C stops and keeps the best so far."""
+
+_EPILOG = """columns looked for in a CSV file, unless an option names others:
+  t [s]; x: vx vy vz [m/s]; label: ax ay az, or label_<x>; g_<x>; f_theta_<x>; inertia_<i> or inertia_<i>_<j>
+
+examples:
+  phyfilter-ctl learn flight.csv
+  phyfilter-ctl learn slow_*.csv --held-out fast_*.csv --order 1 2 3 --out filter.toml --picture learned.png
+  phyfilter-ctl learn flight.csv --x px,py --label fx,fy --g ux,uy --f-theta mx,my --inertia 1.2
+  phyfilter-ctl learn flight.csv --order 3 --form general --method tustin --json -
+  phyfilter-ctl design filter.toml                              reads the saved filter"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the options of ``phyfilter-ctl learn``."""
+    parser.description, parser.epilog = _DESCRIPTION, _EPILOG
+    parser.formatter_class = argparse.RawDescriptionHelpFormatter
+    parser.add_argument("logs", nargs="+", metavar="LOG.csv", help="flights to learn from")
+    parser.add_argument("--held-out", nargs="+", default=[], metavar="LOG.csv", help="flights to score on")
+    kinds = parser.add_argument_group("filters")
+    kinds.add_argument(
+        "--order", nargs="+", type=int, default=[1, 2, 3], metavar="N", help="orders (default 1 2 3)"
+    )
+    kinds.add_argument(
+        "--form",
+        nargs="+",
+        choices=_FORMS,
+        default=list(_FORMS),
+        help="N = a_0, or N free (default both)",
+    )
+    kinds.add_argument("--method", choices=_METHODS, default="exact", help="discretisation (default exact)")
+    kinds.add_argument("--starts", type=int, default=5, metavar="K", help="random starts (default 5)")
+    kinds.add_argument("--seed", type=int, default=0, help="of the random starts (default 0)")
+    columns = parser.add_argument_group("columns, with commas between them (none: leave the signal out)")
+    columns.add_argument("--time", metavar="COLUMN", help="times in s (default t)")
+    columns.add_argument(
+        "--dt", type=float, metavar="S", help="sampling interval in s of files without times"
+    )
+    columns.add_argument("--x", metavar="C,C,...", help="measured signal (default vx,vy,vz)")
+    columns.add_argument("--label", metavar="C,C,...", help="true f")
+    columns.add_argument("--g", metavar="C,C,...", help="known part of M x'")
+    columns.add_argument("--f-theta", metavar="C,C,...", help="learned model's estimate of f")
+    columns.add_argument("--inertia", metavar="M,... | C,...", help="M: numbers or columns (default 1)")
+    columns.add_argument("--delimiter", default=",", metavar="CHAR", help="between columns (default ,)")
+    columns.add_argument("--channels", metavar="C,C,...", help="of x, that take part (default all)")
+    columns.add_argument("--g-rule", choices=_RULES, default="hold", help="g between samples (default hold)")
+    columns.add_argument(
+        "--f-theta-rule", choices=_RULES, default="average", help="f_theta between samples (default average)"
+    )
+    output = parser.add_argument_group("output")
+    output.add_argument("--out", metavar="FILTER.toml", help="write the best filter")
+    output.add_argument("--picture", metavar="FILE", help="costs and frequency response as png, pdf or svg")
+    output.add_argument(
+        "--json", metavar="FILE", help="write the figures; - for standard output instead of text"
+    )
+    output.add_argument("--quiet", action="store_true", help="no progress bar")
+
+
+def main(options: argparse.Namespace) -> int:
+    """Run ``phyfilter-ctl learn``; return the exit status, 130 after Ctrl-C.
+
+    Raises
+    ------
+    ValueError, OSError
+        If the options or the logs are wrong, or a file cannot be read or written.
+    """
+    picture = None if options.picture == "none" else options.picture
+    check_target(options.json)
+    check_target(options.out, suffixes=(".toml",))
+    check_target(picture, suffixes=(".png", ".pdf", ".svg"))
+    _check(options)
+    logs, held_out = ([_read(path, options) for path in paths] for paths in (options.logs, options.held_out))
+    with _Interrupt() as interrupt:
+        rows = _learned(options, logs, held_out, interrupt)
+    if not rows:
+        raise KeyboardInterrupt
+    best = best_of(rows)
+    channels = logs[0].channels if options.channels is None else _names("--channels", options.channels)
+    if options.json != "-":
+        print(table_of(logs, held_out, channels, rows, best))
+    if options.json is not None:
+        figures = {"seed": options.seed, **figures_of(logs, held_out, channels, rows, best)}
+        write_text(options.json, json.dumps(figures, indent=2, allow_nan=False) + "\n")
+    if options.out is not None:
+        filterfile.save(options.out, _sampled(options, best.result), signals=_signals(logs))
+    if picture is not None:
+        import matplotlib
+
+        matplotlib.use("Agg")  # a file is all that is wanted; there may be no display
+        write_figure(picture, best.result.plot().figure)
+    return _STOPPED if interrupt.asked else 0
+
+
+# -- options to flights -----------------------------------------------------------------------------------------
+
+
+def _check(options: argparse.Namespace) -> None:
+    if wrong := [n for n in options.order if not 1 <= n <= _HIGHEST_ORDER]:
+        raise ValueError(f"--order: expected 1 to {_HIGHEST_ORDER}, got {wrong[0]}")
+    for name in ("starts", "seed"):
+        if getattr(options, name) < 0:
+            raise ValueError(f"--{name}: expected 0 or more, got {getattr(options, name)}")
+    if options.time is not None and options.dt is not None:
+        raise ValueError("--time and --dt: expected one of them; --dt is for files without times")
+    seen: set[Path] = set()
+    for name in (*options.logs, *options.held_out):
+        if (path := Path(name).resolve()) in seen:
+            raise ValueError(f"{name}: given twice; a score on flights learned from says nothing")
+        seen.add(path)
+
+
+def _read(path: str, options: argparse.Namespace) -> FlightLog:
+    log = FlightLog.from_csv(
+        path,
+        time=None if options.dt is not None else options.time or "t",
+        dt=options.dt,
+        x=_VELOCITIES if options.x is None else _names("--x", options.x),
+        label=_columns("--label", options.label),
+        g=_columns("--g", options.g),
+        f_theta=_columns("--f-theta", options.f_theta),
+        features=None,
+        inertia=_inertia(options.inertia),
+        delimiter=options.delimiter,
+    )
+    if log.label is None:
+        raise ValueError(
+            f"{path}: no label, the true f to learn from; name its columns by --label, or in the file ax, ay, az "
+            "(for vx, vy, vz) or label_<x>"
+        )
+    return log
+
+
+def _names(option: str, text: str) -> list[str]:
+    names = [name.strip() for name in text.split(",")]
+    if not all(names):
+        raise ValueError(f"{option}: expected names of columns with commas between them, got {text!r}")
+    return names
+
+
+def _columns(option: str, text: str | None) -> list[str] | EllipsisType | None:
+    """None leaves a signal out, ``...`` takes the default columns where the file has them."""
+    if text is None:
+        return ...
+    return None if text == "none" else _names(option, text)
+
+
+def _inertia(text: str | None) -> list[float] | list[str] | float | EllipsisType | None:
+    columns = _columns("--inertia", text)
+    if columns is None or isinstance(columns, EllipsisType):
+        return columns
+    try:
+        numbers = [float(entry) for entry in columns]
+    except ValueError:
+        return columns
+    return numbers[0] if len(numbers) == 1 else numbers
+
+
+# -- learning ---------------------------------------------------------------------------------------------------
+
+
+class _Interrupt:
+    """The first Ctrl-C asks the search to stop, the second stops it."""
+
+    asked = False
+
+    def __enter__(self) -> _Interrupt:
+        # Python delivers signals to the main thread, and lets only that one ask for them.
+        self._mine = threading.current_thread() is threading.main_thread()
+        if self._mine:
+            self._before = signal.signal(signal.SIGINT, self._hear)
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._mine:
+            signal.signal(signal.SIGINT, self._before)
+
+    def _hear(self, number: int, frame: object) -> None:
+        if self.asked:
+            raise KeyboardInterrupt
+        self.asked = True
+
+
+class _Bar(Protocol):
+    def set_description(self, desc: str | None = None) -> None: ...
+    def set_postfix_str(self, s: str = "") -> None: ...
+    def update(self) -> object: ...
+
+
+def _learned(
+    options: argparse.Namespace, logs: list[FlightLog], held_out: list[FlightLog], interrupt: _Interrupt
+) -> list[Row]:
+    orders, forms = sorted(set(options.order)), list(dict.fromkeys(options.form))
+    rows: list[Row] = []
+    # disable=None: off where standard error is not a terminal.
+    with tqdm(
+        total=len(orders) * len(forms), disable=True if options.quiet else None, leave=False, unit="filter"
+    ) as bar:
+        for order in orders:
+            for form in forms:
+                row = _row(options, order, form, logs, held_out, interrupt, bar)
+                rows += [] if row is None else [row]
+                if interrupt.asked:
+                    return rows
+                bar.update()
+    return rows
+
+
+def _row(
+    options: argparse.Namespace,
+    order: int,
+    form: Form,
+    logs: list[FlightLog],
+    held_out: list[FlightLog],
+    interrupt: _Interrupt,
+    bar: _Bar,
+) -> Row | None:
+    from .design.learning import learn
+
+    bar.set_description(f"{form_name(form)}, order {order}")
+
+    def report(event: LearnEvent) -> bool:
+        bar.set_postfix_str(f"order {event.order}, RMSE {math.sqrt(max(event.cost, 0.0)):.4g}")
+        return not interrupt.asked
+
+    try:
+        result = learn(
+            logs,
+            order,
+            form=form,
+            starts=options.starts,
+            channels=None if options.channels is None else _names("--channels", options.channels),
+            held_out=held_out or None,
+            seed=options.seed,
+            method=options.method,
+            g=options.g_rule,
+            f_theta=options.f_theta_rule,
+            callback=report,
+        )
+    except ValueError:
+        if interrupt.asked:  # before anything was found
+            return None
+        raise
+    return Row(order, form, result)
+
+
+def _sampled(options: argparse.Namespace, result: LearnResult) -> SampledPhyFilter:
+    g: Rule = options.g_rule
+    f_theta: Rule = options.f_theta_rule
+    # Twelve digits: times of a recording rarely give the interval to the last bit, and people read the file.
+    return result.filter.sampled(float(f"{result.dt:.12g}"), result.method, g=g, f_theta=f_theta)
+
+
+def _signals(logs: Sequence[FlightLog]) -> filterfile.Signals:
+    inertias = [_constant_inertia(log) for log in logs]
+    first = inertias[0]
+    same = first is not None and all(i is not None and np.array_equal(i, first) for i in inertias)
+    return filterfile.Signals(logs[0].channels, unit_x=logs[0].unit, inertia=first if same else None)
+
+
+def _constant_inertia(log: FlightLog) -> np.ndarray | None:
+    """M of a flight where it is known and does not vary."""
+    if log.inertia is None or log.inertia.ndim == 0 or len(log.inertia) != log.n:
+        return log.inertia
+    return log.inertia[0] if np.all(log.inertia == log.inertia[0]) else None

@@ -1,0 +1,163 @@
+"""What ``phyfilter-ctl learn`` reports: the choice among the learned filters, the table, and the figures."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from .flightlog import FlightLog
+
+if TYPE_CHECKING:
+    from .design.learning import Form, LearnResult, WienerFloor
+
+__all__ = ["Row", "best_of", "figures_of", "form_name", "table_of"]
+
+# A filter of more coefficients is chosen where it lowers the RMSE by more than this share.
+_WORTHWHILE = 1e-3
+
+
+@dataclass(frozen=True)
+class Row:
+    """One line of the table."""
+
+    order: int
+    form: Form
+    result: LearnResult
+
+    @property
+    def score(self) -> float | None:
+        """RMSE on what was not learned from; None where there was nothing."""
+        if self.result.held_out_rmse is not None:
+            return self.result.held_out_rmse
+        return None if self.result.wiener is None else self.result.wiener.filter_rmse
+
+    @property
+    def size(self) -> int:
+        """Number of coefficients."""
+        return self.result.order_used * (2 if self.form == "general" else 1)
+
+
+def best_of(rows: Sequence[Row]) -> Row:
+    """Of the filters that score as well as any, the one of fewest coefficients."""
+    scores = {id(row): row.score for row in rows}
+    if all(score is None for score in scores.values()):  # stopped before the first was scored
+        scores = {id(row): row.result.rmse for row in rows}
+    scored = [(row, score) for row in rows if (score := scores[id(row)]) is not None]
+    least = min(score for _, score in scored)
+    good = [(row, score) for row, score in scored if score <= (1.0 + _WORTHWHILE) * least]
+    return min(good, key=lambda entry: (entry[0].size, entry[1]))[0]
+
+
+def form_name(form: Form) -> str:
+    """The form as the tables call it."""
+    return "low-pass" if form == "lowpass" else form
+
+
+def _alone(logs: Sequence[FlightLog], channels: Sequence[str]) -> float | None:
+    """RMSE of f_theta alone, on the samples that are scored."""
+    if not logs:
+        return None
+    squares = []
+    for log in logs:
+        columns = [log.channels.index(name) for name in channels]
+        assert log.label is not None  # checked when it was read
+        gamma = log.label if log.f_theta is None else log.label - log.f_theta
+        squares.append(gamma[1:, columns].ravel() ** 2)
+    return float(np.sqrt(np.mean(np.concatenate(squares))))
+
+
+def table_of(
+    logs: Sequence[FlightLog],
+    held_out: Sequence[FlightLog],
+    channels: Sequence[str],
+    rows: Sequence[Row],
+    best: Row,
+) -> str:
+    """The text: one line a filter, and the best of them described."""
+    held = f", {len(held_out)} held out" if held_out else ""
+    lines = [
+        f"{len(logs)} {'flight' if len(logs) == 1 else 'flights'}{held}: {sum(log.n for log in logs)} samples of "
+        f"{', '.join(channels)}, every {1e3 * best.result.dt:.4g} ms",
+        "",
+        f"{'RMSE of label - f_hat':<24}{'training':>10}{'blocks':>10}{'held out':>10}  "
+        f"{'ratio to Wiener floor':<25}  status",
+    ]
+    name = "f_theta alone" if any(log.f_theta is not None for log in logs) else "f_theta = 0 alone"
+    lines.append(f"{name:<24}{_cell(_alone(logs, channels))}{_cell(None)}{_cell(_alone(held_out, channels))}")
+    for row in rows:
+        result, floor = row.result, row.result.wiener
+        name = f"order {row.order}, {form_name(row.form)}"
+        ratio = (
+            "-"
+            if floor is None
+            else f"{floor.ratio:.3f} ({floor.interval[0]:.3f} to {floor.interval[1]:.3f})"
+        )
+        used = f", order {result.order_used} used" if result.order_used < row.order else ""
+        lines.append(
+            f"{name:<24}{_cell(result.rmse)}{_cell(None if floor is None else floor.filter_rmse)}"
+            f"{_cell(result.held_out_rmse)}  {ratio:<25}  {result.status}{used}{'  <- best' if row is best else ''}"
+        )
+    chosen = best.result
+    lines += ["", f"best: order {chosen.order_used}, {form_name(best.form)} form", chosen.filter.describe()]
+    if chosen.status != "converged":
+        lines.append(f"note: {chosen.message}")
+    return "\n".join(lines)
+
+
+def _cell(value: float | None) -> str:
+    return f"{'-' if value is None else format(value, '.4g'):>10}"
+
+
+def figures_of(
+    logs: Sequence[FlightLog],
+    held_out: Sequence[FlightLog],
+    channels: Sequence[str],
+    rows: Sequence[Row],
+    best: Row,
+) -> dict[str, object]:
+    """What the JSON holds; figures that are infinite or not known are null."""
+    return {
+        "logs": [log.name for log in logs],
+        "held_out": [log.name for log in held_out],
+        "samples": sum(log.n for log in logs),
+        "channels": list(channels),
+        "dt": best.result.dt,
+        "method": best.result.method,
+        "f_theta": {"rmse": _alone(logs, channels), "held_out_rmse": _alone(held_out, channels)},
+        "filters": [_entry(row) for row in rows],
+        "best": rows.index(best),
+        "history": [[e.order, e.start, e.iteration, max(e.cost, 0.0)] for e in best.result.history],
+    }
+
+
+def _entry(row: Row) -> dict[str, object]:
+    result = row.result
+    return {
+        "order": row.order,
+        "form": row.form,
+        "order_used": result.order_used,
+        "status": result.status,
+        "message": result.message,
+        "rmse": result.rmse,
+        "held_out_rmse": result.held_out_rmse,
+        "wiener": None if result.wiener is None else _floor(result.wiener),
+        "a": result.filter.a.tolist(),
+        "b": result.filter.b.tolist(),
+        "poles": [[p.real, p.imag] for p in result.filter.poles.tolist()],
+        "costs": {str(n): cost for n, cost in result.costs.items()},
+    }
+
+
+def _floor(floor: WienerFloor) -> dict[str, object]:
+    low, high = floor.interval
+    return {
+        "rmse": floor.rmse,
+        "filter_rmse": floor.filter_rmse,
+        "ratio": floor.ratio,
+        "interval": [low, high if math.isfinite(high) else None],
+        "taps": len(floor.taps),
+    }

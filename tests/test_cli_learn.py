@@ -1,0 +1,224 @@
+"""``phyfilter-ctl learn``: table, JSON, picture, the saved filter, stopping, and how it says what is wrong."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from phyfilter_ctl import FlightLog, PhyFilter, filterfile
+from phyfilter_ctl.cli import main
+from phyfilter_ctl.design import learning
+
+DT = 0.01
+# The label is made by the filter itself: what the descent leaves is rounding of the log's text and of the sums.
+EXACT = 1e-6
+TRUTH = PhyFilter([300.0, 25.0])
+
+
+def flight(seed: int, *, n: int = 800, name: str = "log", noise: float = 0.0) -> FlightLog:
+    """x a random walk, f_theta and g of their own; f is what the true filter makes of them, and noise."""
+    rng = np.random.default_rng(seed)
+    x = DT * np.cumsum(rng.standard_normal((n, 2)), axis=0)
+    g, f_theta = rng.standard_normal((2, n, 2))
+    label = TRUTH.sampled(DT).run(x, g, f_theta, 1.5) + noise * rng.standard_normal((n, 2))
+    return FlightLog.from_arrays(
+        x=x, dt=DT, g=g, f_theta=f_theta, label=label, inertia=1.5, channels=["px", "py"], name=name
+    )
+
+
+@pytest.fixture
+def logs(tmp_path, monkeypatch) -> Path:
+    """Two flights to learn from and one held out, in the working folder."""
+    monkeypatch.chdir(tmp_path)
+    for seed, name in enumerate(("one", "two", "held")):
+        flight(seed, noise=0.05).to_csv(f"{name}.csv")
+    return tmp_path
+
+
+def test_known_filter_comes_back_through_the_file(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    flight(0).to_csv("log.csv")
+    options = ["--x", "px,py", "--order", "2", "--form", "lowpass", "--out", "filter.toml"]
+    assert main(["learn", "log.csv", *options]) == 0
+    shown = capsys.readouterr()
+    assert "order 2, low-pass" in shown.out
+    assert shown.err == ""
+    found = filterfile.load("filter.toml")
+    np.testing.assert_allclose(found.filter.a, TRUTH.a, rtol=EXACT)
+    assert (found.dt, found.method, found.g) == (DT, "exact", "hold")
+    assert filterfile.load_signals("filter.toml").channels == ("px", "py")
+    # One row a sample in the log, but the same in every one.
+    np.testing.assert_array_equal(filterfile.load_signals("filter.toml").inertia, [1.5, 1.5])
+    # The file is one that the next command takes.
+    assert main(["design", "filter.toml"]) == 0
+    assert "every 0.01 s, exact" in capsys.readouterr().out
+
+
+def test_figures_are_those_of_learn(logs, capsys):
+    arguments = ["one.csv", "two.csv", "--held-out", "held.csv", "--x", "px,py", "--order", "2", "1"]
+    assert main(["learn", *arguments, "--json", "-"]) == 0
+    figures = json.loads(capsys.readouterr().out)
+    assert [(row["order"], row["form"]) for row in figures["filters"]] == [
+        (1, "lowpass"),
+        (1, "general"),
+        (2, "lowpass"),
+        (2, "general"),
+    ]
+    training = [FlightLog.from_csv(f"{name}.csv", x=["px", "py"]) for name in ("one", "two")]
+    held = FlightLog.from_csv("held.csv", x=["px", "py"])
+    expected = learning.learn(training, 2, held_out=held)
+    row = figures["filters"][2]
+    assert row["a"] == expected.filter.a.tolist()
+    assert row["rmse"] == expected.rmse
+    assert row["wiener"]["ratio"] == expected.wiener_ratio
+    # The RMSE by running the filter, by a route that shares nothing with learning.
+    f_hat = PhyFilter(row["a"], row["b"]).sampled(DT).run(held.x, held.g, held.f_theta, held.inertia)
+    assert row["held_out_rmse"] == pytest.approx(np.sqrt(np.mean((f_hat - held.label)[1:] ** 2)), rel=EXACT)
+    gamma = (held.label - held.f_theta)[1:]
+    assert figures["f_theta"]["held_out_rmse"] == pytest.approx(np.sqrt(np.mean(gamma**2)), rel=EXACT)
+    # The truth is of order 2 in the low-pass form: no more coefficients are chosen.
+    assert figures["best"] == 2
+
+
+def test_text_has_every_figure_and_marks_the_best(logs, capsys):
+    assert main(["learn", "one.csv", "--x", "px,py", "--order", "1", "2", "--json", "figures.json"]) == 0
+    shown = capsys.readouterr().out
+    figures = json.loads(Path("figures.json").read_text())
+    for k, row in enumerate(figures["filters"]):
+        form = "low-pass" if row["form"] == "lowpass" else "general"
+        (line,) = [line for line in shown.splitlines() if line.startswith(f"order {row['order']}, {form}")]
+        assert f"{row['rmse']:.4g}" in line
+        assert f"{row['wiener']['ratio']:.3f}" in line
+        assert row["status"] in line
+        assert ("<- best" in line) == (k == figures["best"])
+    # Without held-out flights the held-out blocks decide.
+    scores = [row["wiener"]["filter_rmse"] for row in figures["filters"]]
+    assert scores[figures["best"]] <= 1.001 * min(scores)
+
+
+def test_picture_is_written(logs):
+    arguments = ["one.csv", "--x", "px,py", "--order", "1", "--form", "lowpass", "--picture", "costs.png"]
+    assert main(["learn", *arguments]) == 0
+    assert Path("costs.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_columns_by_name_and_without_times(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    log = flight(3)
+    table = np.hstack([log.x[:, :1], log.label[:, :1], log.g[:, :1], log.f_theta[:, :1]])
+    np.savetxt("bare.csv", table, delimiter=";", header="p;F;thrust;model", comments="")
+    columns = ["--x", "p", "--label", "F", "--g", "thrust", "--f-theta", "model", "--inertia", "1.5"]
+    arguments = ["bare.csv", *columns, "--dt", "0.01", "--delimiter", ";", "--order", "2", "--json", "-"]
+    assert main(["learn", *arguments]) == 0
+    row = json.loads(capsys.readouterr().out)["filters"][0]
+    np.testing.assert_allclose(row["a"], TRUTH.a, rtol=EXACT)
+    # Left out, the signals are missed: the label cannot be explained.
+    without = [*columns[:4], "--g", "none", "--f-theta", "none"]
+    arguments = ["bare.csv", *without, "--dt", "0.01", "--delimiter", ";", "--order", "2", "--json", "-"]
+    assert main(["learn", *arguments]) == 0
+    assert json.loads(capsys.readouterr().out)["filters"][0]["rmse"] > 1e3 * row["rmse"]
+
+
+def test_first_ctrl_c_keeps_the_best_so_far(logs, monkeypatch, capsys):
+    learn = learning.learn
+
+    def interrupted(*arguments, callback, **options):
+        def report(event):
+            if event.order == 2:
+                os.kill(os.getpid(), signal.SIGINT)
+            return callback(event)
+
+        return learn(*arguments, callback=report, **options)
+
+    monkeypatch.setattr(learning, "learn", interrupted)
+    before = signal.getsignal(signal.SIGINT)
+    arguments = ["one.csv", "--x", "px,py", "--order", "1", "2", "3", "--form", "lowpass"]
+    assert main(["learn", *arguments, "--out", "filter.toml", "--json", "figures.json"]) == 130
+    assert signal.getsignal(signal.SIGINT) is before
+    figures = json.loads(Path("figures.json").read_text())
+    assert [row["status"] for row in figures["filters"]] == ["converged", "cancelled"]
+    assert figures["filters"][1]["wiener"] is None
+    assert filterfile.load("filter.toml").filter.order == 1
+    assert "cancelled" in capsys.readouterr().out
+
+
+def test_second_ctrl_c_stops_at_once(logs, monkeypatch, capsys):
+    def stubborn(*arguments, **options):
+        os.kill(os.getpid(), signal.SIGINT)
+        os.kill(os.getpid(), signal.SIGINT)
+        raise AssertionError("went on")
+
+    monkeypatch.setattr(learning, "learn", stubborn)
+    assert main(["learn", "one.csv", "--x", "px,py", "--out", "filter.toml"]) == 130
+    assert capsys.readouterr().err == "phyfilter-ctl: stopped\n"
+    assert not Path("filter.toml").exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["absent.csv"], "absent.csv: No such file"),
+        (["one.csv"], "no column 'vx' (x)"),
+        (["one.csv", "--x", "px,py", "--label", "none"], "no label"),
+        (["one.csv", "--x", "px,py", "--label", "label_px"], "expected 2 columns"),
+        (["one.csv", "--x", "px,,py"], "--x: expected names"),
+        (["one.csv", "--x", "px,py", "--order", "0"], "--order: expected 1 to 12, got 0"),
+        (["one.csv", "--x", "px,py", "--order", "20"], "--order: expected 1 to 12, got 20"),
+        (["one.csv", "--x", "px,py", "--order", "two"], "--order"),
+        (["one.csv", "--x", "px,py", "--form", "bandpass"], "--form"),
+        (["one.csv", "--x", "px,py", "--channels", "pz"], "no channel 'pz'"),
+        (["one.csv", "--x", "px,py", "--inertia", "1,2,3"], "inertia"),
+        (["one.csv", "--x", "px,py", "--seed", "-1"], "--seed"),
+        (["one.csv", "--x", "px,py", "--time", "t", "--dt", "0.01"], "--time and --dt"),
+        (["one.csv", "--x", "px,py", "--held-out", "one.csv"], "given twice"),
+        (["one.csv", "--x", "px,py", "--out", "filter.txt"], "ends in .toml"),
+        (["one.csv", "--x", "px,py", "--picture", "absent/p.png"], "no folder"),
+        (["short.csv", "--x", "px,py", "--order", "12"], "samples of f"),
+        (["still.csv", "--x", "px,py"], "constant"),
+        (["nan.csv", "--x", "px,py"], "line 3"),
+        ([], "LOG.csv"),
+    ],
+)
+def test_bad_input_is_one_line_and_status_2(arguments, message, logs, capsys):
+    flight(4, n=8).to_csv("short.csv")
+    still = np.zeros((50, 2))
+    FlightLog.from_arrays(x=still, dt=DT, label=still, channels=["px", "py"]).to_csv("still.csv")
+    Path("nan.csv").write_text("t,px,py,label_px,label_py\n0,1,2,3,4\n0.01,nan,2,3,4\n")
+    before = sorted(logs.iterdir())
+    try:
+        status = main(["learn", *arguments])
+    except SystemExit as stop:  # found by argparse itself
+        status = stop.code
+    shown = capsys.readouterr()
+    assert status == 2
+    assert message in shown.err
+    assert shown.err.count("\n") == 1
+    assert shown.out == ""
+    assert sorted(logs.iterdir()) == before
+
+
+def test_help_teaches_by_examples_that_run(logs, capsys):
+    with pytest.raises(SystemExit) as stop:
+        main(["learn", "--help"])
+    assert stop.value.code == 0
+    shown = capsys.readouterr().out
+    examples = [line.split()[1:] for line in shown.splitlines() if line.startswith("  phyfilter-ctl learn")]
+    assert len(examples) == 4
+    one, held = (flight(seed, n=300, noise=0.05) for seed in (5, 6))
+    for path, log in (("flight.csv", one), ("slow_1.csv", one), ("fast_1.csv", held)):
+        table = np.hstack(
+            [log.times[:, None], log.x, log.x[:, :1], log.label, log.label[:, :1], log.g, log.f_theta]
+        )
+        header = "t,vx,vy,vz,ax,ay,az,ux,uy,mx,my"
+        table = np.hstack([table, log.x, log.label])
+        np.savetxt(path, table, delimiter=",", header=header + ",px,py,fx,fy", comments="")
+    for words in examples:
+        words = [word.replace("*", "1") for word in words]
+        assert main(words) == 0, words
+    capsys.readouterr()
+    assert main(["design", "filter.toml"]) == 0
