@@ -231,7 +231,7 @@ def learning_plot(
     errors.set_xlabel("Step of a descent", fontsize=_SMALL)
     errors.set_ylabel("RMS error", fontsize=_SMALL)
     errors.grid(True, which="major", color="0.88", linewidth=0.7)
-    errors.tick_params(labelsize=_SMALL)
+    errors.tick_params(which="both", labelsize=_SMALL)
     if named:
         errors.legend(handles=list(named.values()), fontsize="x-small", frameon=False)
     lower = frequency_plot(curves, ax=ax[1:])

@@ -389,3 +389,23 @@ def test_bad_types_are_refused(short):
         learn(short, 2.5)
     with pytest.raises(TypeError, match="one entry a flight"):
         learn([short], 2, weights=2.0)
+
+
+def test_cancelling_the_first_trials_of_unequal_steps_keeps_the_best_so_far() -> None:
+    """Trials run on the mean step; broken off there, the best of them is judged on the real steps."""
+    rng = np.random.default_rng(11)
+    times = np.cumsum(rng.uniform(0.005, 0.015, 1500))
+    x = np.cumsum(0.1 * rng.standard_normal((1500, 1)), axis=0)
+    label = PhyFilter([400.0, 30.0]).sampled(0.01).run(x, times=times)
+    log = FlightLog.from_arrays(x=x, times=times, label=label)
+    seen: list[float] = []
+
+    def stop(event: LearnEvent) -> bool:
+        seen.append(event.cost)
+        return len(seen) < 3
+
+    result = learn(log, 2, callback=stop)
+    assert result.status == "cancelled"
+    assert len(seen) == 3
+    assert np.isfinite(result.rmse)
+    assert all(cost >= 0.0 for cost in seen)

@@ -12,6 +12,7 @@ from itertools import pairwise
 from typing import Literal, get_args
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from ..._sections import FloatArray
 from ...filter import PhyFilter
@@ -315,7 +316,9 @@ def train(
         rollout,
         coordinates,
     )
-    return _descend(training, optimiser or Adam(), batch, patience, epochs, callback, seed)
+    # Two threads of a BLAS make products of this size many times slower where another process runs.
+    with threadpool_limits(1, user_api="blas"):
+        return _descend(training, optimiser or Adam(), batch, patience, epochs, callback, seed)
 
 
 # -- gradients ------------------------------------------------------------------------------------------------------

@@ -268,6 +268,8 @@ def learn(
         search = _search(flights, form, method, n, iterations, recorder.report)
         with suppress(_CancelledError):
             search.climb(n, given, starts, np.random.default_rng(seed))
+        if recorder.cancelled:
+            search.settle()
         return _result(search, n, flights, tests, recorder, wiener)
 
 
@@ -283,7 +285,8 @@ class _Recorder:
         self.events: list[LearnEvent] = []
 
     def report(self, order: int, start: int, descent: Descent) -> None:
-        event = LearnEvent(order, start, descent.iterations, descent.found.cost)
+        # Of an exact fit only rounding is left, of either sign.
+        event = LearnEvent(order, start, descent.iterations, max(descent.found.cost, 0.0))
         self.events.append(event)
         if self.callback is not None and self.callback(event) is False:
             self.cancelled = True

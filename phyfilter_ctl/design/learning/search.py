@@ -70,6 +70,8 @@ class Search:
         Order, start, descent; called after every step that lowered a cost.
     best : dict
         By order; filled by :meth:`climb`, also when a callback breaks off.
+    rough : dict
+        By order: the best trial, for :meth:`settle`.
     """
 
     coarse: Data
@@ -81,6 +83,13 @@ class Search:
     limit: int
     report: Callable[[int, int, Descent], None]
     best: dict[int, Best] = field(default_factory=dict)
+    rough: dict[int, Descent] = field(default_factory=dict)
+
+    def settle(self) -> None:
+        """After a callback broke off: orders that had only been tried are judged on the fine data as they stand."""
+        for n, descent in self.rough.items():
+            if n not in self.best and (found := self._cost(self.fine)(descent.theta)) is not None:
+                self.best[n] = Best(Chain(descent.theta, self.floor), found, 0, False, False)
 
     def climb(self, order: int, given: Sequence[PhyFilter], starts: int, rng: np.random.Generator) -> None:
         """Solve the orders 1 ... order, each warm-started from the one before."""
@@ -132,6 +141,8 @@ class Search:
         def report(descent: Descent) -> None:
             if data is self.fine:
                 self._keep(n, number, descent, False)
+            elif n not in self.rough or descent.found.cost < self.rough[n].found.cost:
+                self.rough[n] = descent
             self.report(n, number, descent)
 
         return levenberg.descend(
