@@ -93,3 +93,20 @@ def floats(arrays: Mapping[str, NDArray[np.generic]], name: str) -> FloatArray:
     if arrays[name].dtype != np.float64:
         raise ValueError(f"{name}: expected float64, got {arrays[name].dtype}")
     return arrays[name].astype(float)
+
+
+def weight_arrays(weights: Iterable[FloatArray], biases: Iterable[FloatArray]) -> dict[str, FloatArray]:
+    """Weights and biases as entries of a file: weights_0, biases_0, weights_1, ..."""
+    entries = {f"weights_{i}": W for i, W in enumerate(weights)}
+    return entries | {f"biases_{i}": b for i, b in enumerate(biases)}
+
+
+def read_weights(
+    path: object, arrays: Mapping[str, NDArray[np.generic]], others: Iterable[str]
+) -> tuple[tuple[FloatArray, ...], tuple[FloatArray, ...]]:
+    """Weights and biases from the entries of a file that holds ``others`` besides, and nothing else."""
+    depth = sum(name.startswith("weights_") for name in arrays)
+    kinds = ("weights", "biases")
+    expect_entries(path, arrays, (*others, *(f"{kind}_{i}" for kind in kinds for i in range(depth))))
+    weights, biases = (tuple(floats(arrays, f"{kind}_{i}") for i in range(depth)) for kind in kinds)
+    return weights, biases

@@ -11,6 +11,9 @@ import numpy as np
 
 from .._sections import FloatArray
 
+# Names of the standardisation, in the order of the class.
+SCALES = ("z_mean", "z_scale", "f_mean", "f_scale")
+
 # Multiplications in one matrix product. OpenBLAS shares larger ones among threads, which on products this narrow
 # costs more than it gains (28,000 rows, 30 -> 20 -> 20 -> 3, on a busy machine: 50 ms instead of 5 ms) and makes
 # the last digits depend on the number of cores. The activations then fit in the cache, and memory stays bounded.

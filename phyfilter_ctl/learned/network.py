@@ -9,10 +9,11 @@ from typing import TYPE_CHECKING, Literal, Self
 
 import casadi as ca
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from .._sections import FloatArray
-from . import _checks, _files
+from . import _arrays, _checks, _files
+from ._layers import SCALES as _SCALES
 from ._layers import Layers, standardisation
 from ._model import FitResult
 
@@ -22,7 +23,6 @@ if TYPE_CHECKING:
 _KIND = "network"
 _SOLVERS = ("lbfgs", "adam")
 _OPTIONS = ("solver", "l2", "max_iterations", "tolerance", "seed")
-_SCALES = ("z_mean", "z_scale", "f_mean", "f_scale")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -184,11 +184,7 @@ class Network:
             As for :meth:`predict`, and if ``cotangent`` is not of shape (N, n_x).
         """
         layers = self._fitted()
-        z = _checks.rows("z", z, layers.sizes[0])
-        cotangent = _checks.rows("cotangent", cotangent, layers.sizes[-1])
-        if len(cotangent) != len(z):
-            raise ValueError(f"cotangent: expected {len(z)} rows as in z, got {len(cotangent)}")
-        return layers.vjp(z, cotangent)
+        return layers.vjp(*_arrays.with_cotangent(z, cotangent, layers.sizes[0], layers.sizes[-1]))
 
     def casadi(self) -> ca.Function:
         """The network at one sample as a CasADi function ``f_theta``: z (n_z,) -> f_theta (n_x,).
@@ -213,8 +209,7 @@ class Network:
         layers = self._fitted()
         arrays = {name: np.array(getattr(self, name)) for name in _OPTIONS}
         arrays |= {name: getattr(layers, name) for name in _SCALES}
-        arrays |= {f"weights_{i}": W for i, W in enumerate(layers.weights)}
-        arrays |= {f"biases_{i}": b for i, b in enumerate(layers.biases)}
+        arrays |= _arrays.weight_arrays(layers.weights, layers.biases)
         _files.write(path, _KIND, arrays)
 
     @classmethod
@@ -227,24 +222,10 @@ class Network:
             If the file is damaged, not of a network or of an unknown version.
         """
         arrays = _files.read(path, _KIND)
-        depth = sum(name.startswith("weights_") for name in arrays)
-        names = {
-            *_OPTIONS,
-            *_SCALES,
-            *(f"{kind}_{i}" for kind in ("weights", "biases") for i in range(depth)),
-        }
-        if names != set(arrays):
-            raise ValueError(
-                f"{path}: expected the entries {sorted(names)}, got {sorted(arrays)}; save it again"
-            )
         try:
-            layers = Layers(
-                tuple(_floats(arrays, f"weights_{i}") for i in range(depth)),
-                tuple(_floats(arrays, f"biases_{i}") for i in range(depth)),
-                *(_floats(arrays, name) for name in _SCALES),
-            )
-            options = {name: arrays[name].item() for name in _OPTIONS}
-            return cls(layers.sizes[1:-1], layers=layers, **options)
+            weights, biases = _arrays.read_weights(path, arrays, (*_OPTIONS, *_SCALES))
+            layers = Layers(weights, biases, *(_arrays.floats(arrays, name) for name in _SCALES))
+            return cls(layers.sizes[1:-1], layers=layers, **{name: arrays[name].item() for name in _OPTIONS})
         except (ValueError, TypeError) as error:
             raise ValueError(f"{path}: damaged ({error}); save it again") from error
 
@@ -290,9 +271,3 @@ def _status(
             f"not converged in {limit} iterations; raise max_iterations, tolerance or l2",
         )
     return "stalled", f"the optimiser found no further descent ({complaint}); usable, or try another seed"
-
-
-def _floats(arrays: dict[str, NDArray[np.generic]], name: str) -> FloatArray:
-    if arrays[name].dtype != np.float64:
-        raise ValueError(f"{name}: expected float64, got {arrays[name].dtype}")
-    return arrays[name].astype(float)

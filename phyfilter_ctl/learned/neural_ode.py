@@ -15,13 +15,13 @@ from numpy.typing import ArrayLike
 from .._sections import FloatArray
 from . import _arrays, _checks, _files
 from ._descent import Descent, descend
+from ._layers import SCALES as _SCALES
 from ._layers import Layers, standardisation
 from ._model import FitResult
 from ._rollout import Segments, ends, misfit
 
 _KIND = "neural_ode"
 _OPTIONS = ("segment", "starts", "g", "u", "l2", "max_iterations", "tolerance", "seed")
-_SCALES = ("z_mean", "z_scale", "f_mean", "f_scale")
 _BETWEEN = ("hold", "average")
 _STARTS = ("free", "measured")
 # Parts of a segment whose mean f gives the first guess: short against the segment, long against the noise.
@@ -309,8 +309,7 @@ class NeuralOde:
         layers = self._fitted()
         arrays = {name: np.array(getattr(self, name)) for name in _OPTIONS}
         arrays |= {name: getattr(layers, name) for name in _SCALES}
-        arrays |= {f"weights_{i}": W for i, W in enumerate(layers.weights)}
-        arrays |= {f"biases_{i}": b for i, b in enumerate(layers.biases)}
+        arrays |= _arrays.weight_arrays(layers.weights, layers.biases)
         _files.write(path, _KIND, arrays)
 
     @classmethod
@@ -323,14 +322,8 @@ class NeuralOde:
             If the file is damaged, of another kind of model or of an unknown version.
         """
         arrays = _files.read(path, _KIND)
-        depth = sum(name.startswith("weights_") for name in arrays)
-        named = [f"{kind}_{i}" for kind in ("weights", "biases") for i in range(depth)]
-        _arrays.expect_entries(path, arrays, (*_OPTIONS, *_SCALES, *named))
         try:
-            weights, biases = (
-                tuple(_arrays.floats(arrays, f"{kind}_{i}") for i in range(depth))
-                for kind in ("weights", "biases")
-            )
+            weights, biases = _arrays.read_weights(path, arrays, (*_OPTIONS, *_SCALES))
             layers = Layers(weights, biases, *(_arrays.floats(arrays, name) for name in _SCALES))
             return cls(layers.sizes[1:-1], layers=layers, **{name: arrays[name].item() for name in _OPTIONS})
         except (ValueError, TypeError) as error:

@@ -198,8 +198,7 @@ class OnnxNetwork:
         arrays = {name: np.array(getattr(self, name)) for name in _OPTIONS}
         arrays["activations"] = np.array([a.name for a in self.layers.activations])
         arrays["constants"] = np.array([[a.first, a.second] for a in self.layers.activations])
-        arrays |= {f"weights_{i}": W for i, W in enumerate(self.layers.weights)}
-        arrays |= {f"biases_{i}": b for i, b in enumerate(self.layers.biases)}
+        arrays |= _arrays.weight_arrays(self.layers.weights, self.layers.biases)
         _files.write(path, _KIND, arrays)
 
     @classmethod
@@ -212,19 +211,13 @@ class OnnxNetwork:
             If the file is damaged, of another kind of model or of an unknown version.
         """
         arrays = _files.read(path, _KIND)
-        depth = sum(name.startswith("weights_") for name in arrays)
-        layers = [f"{kind}_{i}" for kind in ("weights", "biases") for i in range(depth)]
-        _arrays.expect_entries(path, arrays, (*_OPTIONS, "activations", "constants", *layers))
         try:
+            weights, biases = _arrays.read_weights(path, arrays, (*_OPTIONS, "activations", "constants"))
             names = [str(name) for name in arrays["activations"]]
             constants = _arrays.floats(arrays, "constants")
             activations = [
                 Activation(name, *row.tolist()) for name, row in zip(names, constants, strict=True)
             ]
-            weights, biases = (
-                tuple(_arrays.floats(arrays, f"{kind}_{i}") for i in range(depth))
-                for kind in ("weights", "biases")
-            )
             options = {name: arrays[name].item() for name in _OPTIONS}
             return cls(Dense(weights, biases, tuple(activations)), **options)
         except (ValueError, TypeError) as error:
