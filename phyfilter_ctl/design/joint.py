@@ -20,8 +20,8 @@ from ..filter import PhyFilter
 from ..flightlog import FlightLog
 from ..learned import FitResult, LearnedModel
 from ..sampled import SampledPhyFilter
-from .adjoint.algorithms import _Flight, _flight, _sequence, _terms
 from .adjoint.costs import SquaredError, StageCost
+from .adjoint.gradient import Record, listed, record_of, terms_of
 from .adjoint.rollout import Form, Rollout
 from .learning.parametrisation import Chain, chain_of
 
@@ -139,7 +139,7 @@ def joint_gradient(
     (13,)
     """
     rollout = Rollout(sampled, form=form, segments=segments, workers=workers)
-    return _evaluate(rollout, _sequence(logs), model, cost or SquaredError())
+    return _evaluate(rollout, listed(logs), model, cost or SquaredError())
 
 
 def learn_jointly(
@@ -212,7 +212,7 @@ def learn_jointly(
     >>> result.rmse < 0.2 * result.history[0]
     True
     """
-    flights, others = _sequence(logs), [held_out] if isinstance(held_out, FlightLog) else list(held_out)
+    flights, others = listed(logs), [held_out] if isinstance(held_out, FlightLog) else list(held_out)
     if strategy not in get_args(Strategy):
         raise ValueError(f"strategy: expected one of {get_args(Strategy)}, got {strategy!r}")
     if isinstance(iterations, bool) or not isinstance(iterations, (int, np.integer)) or iterations < 1:
@@ -226,7 +226,7 @@ def learn_jointly(
         )
     rollout = Rollout(sampled, form=form, segments=segments, workers=workers)
     for log in (*flights, *others):
-        _flight(rollout, log)
+        record_of(rollout, log)
         _features(log)
     if len(model.parameters) == 0:
         first = _first_fit(model, flights)
@@ -259,9 +259,9 @@ def _evaluate(
     by_model, by_a, by_b = np.zeros(len(model.parameters)), np.zeros(rollout.sampled.order), None
     for log in logs:
         z = _features(log)
-        flight = _flight(rollout, log, model.predict(z))
+        flight = record_of(rollout, log, model.predict(z))
         trace = rollout.forward(flight.inputs)
-        part, r, direct = _terms(rollout, flight.label, trace.f_hat, 1, log.n_x, cost, None)
+        part, r, direct = terms_of(rollout, flight.label, trace.f_hat, 1, log.n_x, cost, None)
         back = rollout.backward(trace, r, signals=True)
         assert back.f_theta is not None  # asked for
         value += part
@@ -274,7 +274,7 @@ def _evaluate(
     return JointGradient(value, by_model, by_a, by_b, squares, count)
 
 
-def _squares(flight: _Flight, f_hat: FloatArray) -> float:
+def _squares(flight: Record, f_hat: FloatArray) -> float:
     return float(np.sum((f_hat - flight.label)[1:] ** 2))
 
 
@@ -334,7 +334,7 @@ class _Joint(Generic[M]):
     def held_out_rmse(self, p: FloatArray) -> float:
         """Over the flights held out."""
         model, rollout = self.at(p)
-        flights = [_flight(rollout, log, model.predict(_features(log))) for log in self.others]
+        flights = [record_of(rollout, log, model.predict(_features(log))) for log in self.others]
         squares = sum(_squares(flight, rollout.forward(flight.inputs).f_hat) for flight in flights)
         return float(np.sqrt(squares / sum(flight.label[1:].size for flight in flights)))
 

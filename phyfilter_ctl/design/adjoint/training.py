@@ -1,14 +1,13 @@
-"""The paper's Algorithms 1 and 2: the gradient by a rollout forwards and costates backwards, and training with it.
+"""The paper's Algorithm 2: coefficients trained by Adam on mini-batches of segments, with early stopping.
 
-Algorithm 2 is a first-order method on raw coefficients and needs a learning rate for each order. For a sum of squares
-Gauss-Newton on exact sensitivities is the better tool; this one takes any stage cost and any discretised filter.
+A first-order method on raw coefficients needs a learning rate for each order. For a sum of squares Gauss-Newton on
+exact sensitivities (``design.learning``) is the better tool; this one takes any stage cost and any discretised filter.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import KW_ONLY, dataclass, field, replace
-from itertools import pairwise
 from typing import Literal, get_args
 
 import numpy as np
@@ -19,108 +18,13 @@ from ...filter import PhyFilter
 from ...flightlog import FlightLog
 from ...sampled import SampledPhyFilter
 from ..learning.parametrisation import Chain, chain_of
-from .costs import CasadiCost, CostTerms, SquaredError, StageCost
-from .rollout import Carry, Form, Inputs, Rollout
+from .costs import SquaredError, StageCost
+from .gradient import Record, gradient_of, listed, record_of, summed, terms_of
+from .rollout import Form, Rollout
 
-__all__ = [
-    "Adam",
-    "AdjointGradient",
-    "CasadiCost",
-    "CostTerms",
-    "SquaredError",
-    "StageCost",
-    "TrainResult",
-    "adjoint_gradient",
-    "train",
-]
+__all__ = ["Adam", "TrainResult", "train"]
 
 Coordinates = Literal["coefficients", "hurwitz"]
-# Samples whose cost is formed at once: its temporaries stay in the cache.
-_COST_ROWS = 1 << 15
-# A log's own step may differ from that of the sampled filter by its rounding.
-_SAME_STEP = 1e-6
-
-
-@dataclass(frozen=True)
-class AdjointGradient:
-    """A cost over one or many records and its gradient.
-
-    Attributes
-    ----------
-    value : float
-        sum l_i + l_N over all samples but the first of each record, where f_hat is f_theta whatever the filter.
-    a : (n,) array
-        Gradient in a_0 ... a_{n-1}; in the low-pass form b_0 = a_0 moves along.
-    b : (n,) array, optional
-        Gradient in b_0 ... b_{n-1}; None in the low-pass form.
-    samples : int
-        Samples in the sum.
-    """
-
-    value: float
-    a: FloatArray
-    b: FloatArray | None
-    samples: int
-
-    @property
-    def vector(self) -> FloatArray:
-        """a, then b in the general form."""
-        return self.a if self.b is None else np.concatenate([self.a, self.b])
-
-
-def adjoint_gradient(
-    logs: FlightLog | Sequence[FlightLog],
-    sampled: SampledPhyFilter,
-    *,
-    form: Form | None = None,
-    cost: StageCost | None = None,
-    terminal: StageCost | None = None,
-    segments: int = 1,
-    workers: int = 1,
-    carry: Carry = "exact",
-) -> AdjointGradient:
-    """Algorithm 1: the cost of a filter over labelled flights and its gradient in the coefficients.
-
-    Parameters
-    ----------
-    logs : FlightLog or sequence of FlightLog
-        Flights with a label (the true f) and equal steps of ``sampled.dt``.
-    sampled : SampledPhyFilter
-        The filter, any discretisation and realisation; see :class:`Rollout`.
-    form, segments, workers, carry
-        As for :class:`Rollout`.
-    cost : StageCost, optional
-        l_i(f_i, f_hat_i, a); None means :class:`SquaredError`.
-    terminal : StageCost, optional
-        l_N of the last sample of each flight; None means ``cost``.
-
-    Returns
-    -------
-    AdjointGradient
-
-    Raises
-    ------
-    ValueError
-        If a flight has no label, steps that differ or another step than the filter; and as for :class:`Rollout`.
-
-    Notes
-    -----
-    The paper's supplement, "Formalization of parameter learning", with the term grad_a l_N that its printed gradient
-    lacks. Cost: about three passes of the filter, linear in the samples.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from phyfilter_ctl import PhyFilter
-    >>> t = 0.01 * np.arange(200)
-    >>> log = FlightLog.from_arrays(x=(1.0 - np.cos(t))[:, None], dt=0.01, label=np.sin(t)[:, None])
-    >>> gradient = adjoint_gradient(log, PhyFilter([20.0]).sampled(0.01))
-    >>> bool(gradient.a[0] < 0.0)  # a faster filter would be better: there is no noise
-    True
-    """
-    rollout = Rollout(sampled, form=form, segments=segments, workers=workers, carry=carry)
-    flights = [_flight(rollout, log) for log in _sequence(logs)]
-    return _sum([_gradient(rollout, [flight], cost or SquaredError(), terminal) for flight in flights])
 
 
 @dataclass(frozen=True)
@@ -302,15 +206,15 @@ def train(
         raise ValueError(f"coordinates: expected one of {get_args(Coordinates)}, got {coordinates!r}")
     if not 0.0 <= validation < 1.0:
         raise ValueError(f"validation: expected a share from 0 to below 1, got {validation!r}")
-    flights = _sequence(logs)
+    flights = listed(logs)
     sampled = filter0.sampled(flights[0].dt) if isinstance(filter0, PhyFilter) else filter0
     rollout = Rollout(sampled, form=form)
     parts = [(log, log) if validation == 0.0 else log.split(1.0 - validation) for log in flights]
-    segments = _segments([_flight(rollout, part) for part, _ in parts], segment, warmup)
+    segments = _segments([record_of(rollout, part) for part, _ in parts], segment, warmup)
     held_out = Rollout(sampled.with_filter(sampled.filter), form=form)
     training = _Training(
         segments,
-        [_flight(held_out, part) for _, part in parts],
+        [record_of(held_out, part) for _, part in parts],
         cost or SquaredError(),
         terminal,
         rollout,
@@ -324,94 +228,6 @@ def train(
 # -- gradients ------------------------------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True)
-class _Flight:
-    """A record with what it is compared to."""
-
-    inputs: Inputs
-    label: FloatArray  # (N, n_f)
-    skip: int = 1  # samples at its start that are not scored
-
-
-def _sequence(logs: FlightLog | Sequence[FlightLog]) -> list[FlightLog]:
-    flights = [logs] if isinstance(logs, FlightLog) else list(logs)
-    if not flights:
-        raise ValueError("logs: expected at least one flight, got none")
-    return flights
-
-
-def _flight(rollout: Rollout, log: FlightLog, f_theta: FloatArray | None = None) -> _Flight:
-    name = f"log {log.name!r}" if log.name else "log"
-    if log.label is None:
-        raise ValueError(
-            f"{name}: expected a label (the true f) to learn from, got none; add it with with_signals"
-        )
-    dt = rollout.sampled.dt
-    if not log.is_uniform or abs(log.dt - dt) > _SAME_STEP * dt:
-        steps = f"steps of {log.dt:g} s" if log.is_uniform else "steps that differ"
-        raise ValueError(
-            f"{name}: expected equal steps of {dt:g} s as in the filter, got {steps}; use resample({dt:g})"
-        )
-    f_theta = log.f_theta if f_theta is None else f_theta
-    return _Flight(rollout.inputs(log.x, log.g, f_theta, log.inertia), log.label)
-
-
-def _gradient(
-    rollout: Rollout, flights: Sequence[_Flight], cost: StageCost, terminal: StageCost | None
-) -> AdjointGradient:
-    """Over flights of one length, run side by side as channels."""
-    channels = flights[0].label.shape[1]
-    inputs = flights[0].inputs if len(flights) == 1 else Inputs.beside([flight.inputs for flight in flights])
-    trace = rollout.forward(inputs)
-    label = np.concatenate([flight.label for flight in flights], axis=1)
-    value, r, direct = _terms(rollout, label, trace.f_hat, flights[0].skip, channels, cost, terminal)
-    back = rollout.backward(trace, r)
-    samples = (len(label) - flights[0].skip) * len(flights)
-    return AdjointGradient(value, back.a + direct, back.b, samples)
-
-
-def _terms(
-    rollout: Rollout,
-    label: FloatArray,
-    f_hat: FloatArray,
-    skip: int,
-    channels: int,
-    cost: StageCost,
-    terminal: StageCost | None,
-) -> tuple[float, FloatArray, FloatArray]:
-    """Cost, its gradient in f_hat and its direct gradient in a. Sums over samples may be formed in parts."""
-    N, a = len(label), rollout.sampled.filter.a
-    last = N if terminal is None else N - 1
-    bounds = [*range(skip, last, _COST_ROWS), last]
-    tasks = [(cost, slice(one, two)) for one, two in pairwise(bounds)]
-    if terminal is not None:
-        tasks.append((terminal, slice(N - 1, N)))
-    r = np.zeros(f_hat.shape)
-
-    def work(task: tuple[StageCost, slice]) -> tuple[float, FloatArray]:
-        one, rows = task
-        terms = one(label[rows].reshape(-1, channels), f_hat[rows].reshape(-1, channels), a)
-        r[rows] = terms.f_hat.reshape(r[rows].shape)
-        return terms.value, terms.a
-
-    values, direct = zip(*rollout.side_by_side(work, tasks), strict=True)
-    return float(np.sum(values)), r, np.sum(direct, axis=0)
-
-
-def _sum(parts: Sequence[AdjointGradient]) -> AdjointGradient:
-    free = [part.b for part in parts if part.b is not None]
-    b = np.sum(free, axis=0) if free else None
-    return AdjointGradient(
-        float(np.sum([part.value for part in parts])),
-        np.sum([part.a for part in parts], axis=0),
-        b,
-        sum(part.samples for part in parts),
-    )
-
-
-# -- training -------------------------------------------------------------------------------------------------------
-
-
 def _check_options(*, segment: int | None, **counts: int) -> None:
     least = {"warmup": 0}
     for name, value in (counts | ({} if segment is None else {"segment": segment})).items():
@@ -420,16 +236,16 @@ def _check_options(*, segment: int | None, **counts: int) -> None:
             raise ValueError(f"{name}: expected a whole number of at least {low}, got {value!r}")
 
 
-def _segments(flights: Sequence[_Flight], length: int | None, warmup: int) -> list[_Flight]:
+def _segments(flights: Sequence[Record], length: int | None, warmup: int) -> list[Record]:
     """Segments of ``length`` steps, each with ``warmup`` steps before it."""
     if length is None:
-        return [_Flight(f.inputs, f.label, min(warmup, len(f.label) - 2) + 1) for f in flights]
+        return [Record(f.inputs, f.label, min(warmup, len(f.label) - 2) + 1) for f in flights]
     pieces = []
     for flight in flights:
         for first in range(warmup, len(flight.label) - length, length):
             here = slice(first - warmup, first + length + 1)
             inputs = flight.inputs.samples(here.start, here.stop)
-            pieces.append(_Flight(inputs, flight.label[here], warmup + 1))
+            pieces.append(Record(inputs, flight.label[here], warmup + 1))
     if not pieces:
         longest = max(len(flight.label) for flight in flights)
         raise ValueError(
@@ -443,8 +259,8 @@ def _segments(flights: Sequence[_Flight], length: int | None, warmup: int) -> li
 class _Training:
     """The problem, as functions of the numbers p that the optimiser moves."""
 
-    segments: list[_Flight]
-    held_out: list[_Flight]
+    segments: list[Record]
+    held_out: list[Record]
     cost: StageCost
     terminal: StageCost | None
     rollout: Rollout
@@ -483,12 +299,12 @@ class _Training:
             filter = PhyFilter(chain.polynomials[0], b, poles=chain.poles)
         return Rollout(self.rollout.sampled.with_filter(filter), form=self.rollout.form)
 
-    def gradient(self, p: FloatArray, rollout: Rollout, batch: Sequence[_Flight]) -> tuple[float, FloatArray]:
+    def gradient(self, p: FloatArray, rollout: Rollout, batch: Sequence[Record]) -> tuple[float, FloatArray]:
         """Mean cost per sample of a batch, and its gradient in p."""
-        groups: dict[tuple[int, int], list[_Flight]] = {}
+        groups: dict[tuple[int, int], list[Record]] = {}
         for flight in batch:
             groups.setdefault((len(flight.label), flight.skip), []).append(flight)
-        total = _sum([_gradient(rollout, group, self.cost, self.terminal) for group in groups.values()])
+        total = summed([gradient_of(rollout, group, self.cost, self.terminal) for group in groups.values()])
         vector = total.vector
         if self.coordinates == "hurwitz":
             n = len(total.a)
@@ -501,7 +317,7 @@ class _Training:
         values, squares, samples = 0.0, 0.0, 0
         for flight in self.held_out:
             f_hat, channels = rollout.forward(flight.inputs).f_hat, flight.label.shape[1]
-            values += _terms(rollout, flight.label, f_hat, 1, channels, self.cost, self.terminal)[0]
+            values += terms_of(rollout, flight.label, f_hat, 1, channels, self.cost, self.terminal)[0]
             squares += float(np.sum((f_hat - flight.label)[1:] ** 2)) / channels
             samples += len(f_hat) - 1
         return values / samples, float(np.sqrt(squares / samples))
