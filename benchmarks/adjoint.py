@@ -222,7 +222,7 @@ def main() -> int:
     for name, (value, limit, above) in checks.items():
         print(
             f"{name}: {value:.3g}, {'at least' if above else 'at most'} {limit:g}: "
-            f"{'holds' if holds[name] else 'DOES NOT HOLD'}"
+            f"{'not judged in a short run' if options.quick else 'holds' if holds[name] else 'DOES NOT HOLD'}"
         )
     if options.json:
         options.json.write_text(json.dumps({"others": times, "growth": rows, "truncation": cut}, indent=1))
