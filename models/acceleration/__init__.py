@@ -6,20 +6,25 @@ x = v,   x' = f,   g = 0,   M = 1,   f_theta a network on a window of past veloc
 from __future__ import annotations
 
 import json
+import math
 from argparse import ArgumentParser, Namespace, RawDescriptionHelpFormatter
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
+from phyfilter_ctl.filterfile import load
 from phyfilter_ctl.flightlog import FlightLog
 
 from .diagram import build
 
 if TYPE_CHECKING:
+    from phyfilter_ctl import PhyFilter, SampledPhyFilter
+
     from .experiment import Comparison
     from .learning import Convergence, Descent
     from .study import IntervalStudy, LearnedPoint, PoleMap
+    from .tuning import Case
 
 __all__ = ["add_arguments", "build", "main"]
 
@@ -37,6 +42,7 @@ _EXAMPLES = """examples:
   phyfilter-ctl run acceleration
   phyfilter-ctl run acceleration --study --json figures.json --picture study.pdf
   phyfilter-ctl run acceleration --train slow_*.csv --test fast_*.csv
+  phyfilter-ctl run acceleration --filter filter.toml           # a filter of `design` or `learn` beside the tuned ones
 
 a recording is a CSV file with the columns t [s], vx vy vz [m/s] (measured) and ax ay az [m/s^2] (true acceleration)"""
 
@@ -77,6 +83,13 @@ def add_arguments(parser: ArgumentParser) -> None:
         default="acceleration.png",
         help="png, pdf or svg (default acceleration.png; none: no picture)",
     )
+    parser.add_argument(
+        "--filter",
+        nargs="+",
+        default=[],
+        metavar="FILE",
+        help="filters on disk (of design --out or learn --out) to score beside the tuned ones",
+    )
     parser.add_argument("--quiet", action="store_true", help="no progress bar")
 
 
@@ -98,6 +111,7 @@ def main(options: Namespace) -> int:
     check_target(options.json)
     target = None if options.picture == "none" else options.picture
     check_target(target, suffixes=(".png", ".pdf", ".svg"))
+    given = {name: load(name) for name in options.filter}
     train_logs, test_logs, data = _flights(options)
     effort = QUICK if options.quick else Effort()
     # A try-out takes two starts of the lower orders, and leaves Adam a tenth of a second.
@@ -117,10 +131,15 @@ def main(options: Namespace) -> int:
             convergence = learning.convergence(
                 comparison.learned.cases, comparison.dt, seed=options.seed, report=report, **few
             )
+    scores = _scores(comparison, given)
     if options.json != "-":
-        print(_table(comparison))
+        print(_table(comparison, scores))
     if options.json is not None:
         figures = _figures(comparison, poles, intervals, convergence)
+        if scores:
+            figures["given"] = {
+                name: {"train": train, "test": test} for name, (train, test) in scores.items()
+            }
         write_text(options.json, json.dumps(figures, indent=2, allow_nan=False) + "\n")
     if target is not None:
         from .picture import draw
@@ -179,7 +198,23 @@ def _flights(options: Namespace) -> tuple[tuple[FlightLog, ...], tuple[FlightLog
     return train_logs, test_logs, "generated"
 
 
-def _table(comparison: Comparison) -> str:
+def _scores(
+    comparison: Comparison, given: Mapping[str, PhyFilter | SampledPhyFilter]
+) -> dict[str, tuple[float, float]]:
+    """Training and test RMSE of filters that were handed in, behind the same network."""
+    from .tuning import filtered, rmse
+
+    def score(name: str, cases: Sequence[Case]) -> float:
+        try:
+            return rmse(filtered(given[name], cases, comparison.dt), [case.log for case in cases])
+        except ValueError as error:
+            raise ValueError(f"{name}: {error}") from error
+
+    train, test = comparison.train_cases(), comparison.test_cases()
+    return {name: (score(name, train), score(name, test)) for name in given}
+
+
+def _table(comparison: Comparison, given: Mapping[str, tuple[float, float]]) -> str:
     """The scores as text, in the order of the JSON."""
     from .picture import NAMES
 
@@ -193,14 +228,25 @@ def _table(comparison: Comparison) -> str:
         f"{'RMSE in m/s^2':<26}{'training':>10}{'test':>10}",
     ]
     lines += [
-        f"{NAMES[name]:<26}{train[name]:>10.4f}{test[name]:>10.4f}{'  least' if test[name] == best else ''}"
+        f"{NAMES[name]:<26}{_score(train[name]):>10}{_score(test[name]):>10}"
+        f"{'  least' if test[name] == best else ''}"
         for name in test
     ]
+    lines += [f"{Path(name).name:<26}{one:>10.4f}{other:>10.4f}" for name, (one, other) in given.items()]
     for order, found in comparison.learned.filters.items():
         poles = ", ".join(f"{p:.4g}" if p.imag else f"{p.real:.4g}" for p in found.filter.poles)
         form = "low-pass form" if found.form == "lowpass" else "general form"
         lines += ["" if order == 1 else None, f"n = {order}: poles {poles} rad/s, {form}"]
     return "\n".join(line for line in lines if line is not None)
+
+
+def _score(value: float) -> str:
+    return f"{value:.4f}" if math.isfinite(value) else "diverged"
+
+
+def _finite(scores: Mapping[str, float]) -> dict[str, float | None]:
+    """For JSON, which has no infinity: null where a method diverged."""
+    return {name: value if math.isfinite(value) else None for name, value in scores.items()}
 
 
 def _figures(
@@ -216,7 +262,7 @@ def _figures(
         "seed": comparison.seed,
         "n_train": sum(log.n for log in comparison.train),
         "n_test": sum(log.n for log in comparison.test),
-        "rmse": comparison.test_rmse,
+        "rmse": _finite(comparison.test_rmse),
         "filters": {
             f"phyfilter_{order}": {
                 "a": found.filter.a.tolist(),
@@ -228,7 +274,7 @@ def _figures(
             }
             for order, found in learned.filters.items()
         },
-        "train_rmse": comparison.train_rmse,
+        "train_rmse": _finite(comparison.train_rmse),
         "tuned": {
             "network": {"length": learned.network.length, "stride": learned.network.stride},
             **{name: vars(result.differentiator) for name, result in comparison.baselines.items()},

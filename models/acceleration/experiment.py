@@ -124,6 +124,11 @@ class Comparison:
         """By method, m/s^2."""
         return {name: rmse(estimates, self.test) for name, estimates in self.test_estimates.items()}
 
+    def train_cases(self) -> list[Case]:
+        """The training flights with the network's estimate."""
+        network = self.train_estimates["network"]
+        return [Case(log, f_theta) for log, f_theta in zip(self.train, network, strict=True)]
+
     def test_cases(self) -> list[Case]:
         """The test flights with the network's estimate."""
         network = self.test_estimates["network"]
@@ -289,14 +294,22 @@ def estimates(
     learned: Learned,
     baselines: Mapping[str, TuneResult[TunableDifferentiator]],
 ) -> dict[str, list[FloatArray]]:
-    """Acceleration by every method, one array (N, n_x) in m/s^2 a flight."""
+    """Acceleration by every method, one array (N, n_x) in m/s^2 a flight; infinite where a method diverges."""
     cases = [Case(log, learned.network.predict(log.x)) for log in logs]
     estimates = {"network": [case.f_theta for case in cases]}
     for order, tuned in learned.filters.items():
         estimates[f"phyfilter_{order}"] = filtered(tuned.filter, cases, dt)
     for name, result in baselines.items():
-        estimates[name] = [result.differentiator.estimate(log.x, log.dt) for log in logs]
+        estimates[name] = [_estimated(result.differentiator, log) for log in logs]
     return estimates
+
+
+def _estimated(differentiator: TunableDifferentiator, log: FlightLog) -> FloatArray:
+    """One flight; a recursion that was stable in training may leave its stable region on faster flights."""
+    try:
+        return differentiator.estimate(log.x, log.dt)
+    except FloatingPointError:
+        return np.full(log.x.shape, np.inf)
 
 
 def steps() -> int:

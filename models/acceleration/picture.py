@@ -128,7 +128,7 @@ def _errors(
     title: str,
 ) -> None:
     """Boxes from the 25th to the 75th percentile of |error|, whiskers to the 5th and 95th; diamonds are the RMSE."""
-    names = list(estimates)
+    names = [name for name in estimates if np.isfinite(scores[name])]  # one that diverged has no box
     errors = [
         np.concatenate(
             [

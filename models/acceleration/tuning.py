@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
-from phyfilter_ctl import PhyFilter
+from phyfilter_ctl import PhyFilter, SampledPhyFilter
 from phyfilter_ctl.flightlog import FlightLog
 
 from .differentiator import counted, labels
@@ -67,12 +67,12 @@ class TunedFilter:
     evaluations: int
 
 
-def filtered(filter: PhyFilter, cases: Sequence[Case], dt: float) -> list[FloatArray]:
+def filtered(filter: PhyFilter | SampledPhyFilter, cases: Sequence[Case], dt: float) -> list[FloatArray]:
     """f_hat (N, n_x) of each flight: x = v, g = 0, M = 1; at its own times where they are not every ``dt``."""
-    sampled = filter.sampled(dt)
+    sampled = filter.sampled(dt) if isinstance(filter, PhyFilter) else filter
     estimates = []
     for case in cases:
-        uniform = case.log.is_uniform and np.isclose(case.log.dt, dt, rtol=1e-6)
+        uniform = case.log.is_uniform and np.isclose(case.log.dt, sampled.dt, rtol=1e-6)
         f_hat = sampled.run(case.log.x, f_theta=case.f_theta, times=None if uniform else case.log.times)
         estimates.append(np.asarray(f_hat, dtype=float))
     return estimates

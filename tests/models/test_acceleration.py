@@ -11,7 +11,7 @@ import control as ct
 import numpy as np
 import pytest
 
-from phyfilter_ctl import PhyFilter, models
+from phyfilter_ctl import PhyFilter, models, save
 from phyfilter_ctl.cli import main
 from phyfilter_ctl.flightlog import FlightLog
 from phyfilter_ctl.learned import Network
@@ -366,3 +366,52 @@ def test_command_refuses_bad_recordings(tmp_path, capsys):
         assert shown.err.count("\n") == 1
         assert "Traceback" not in shown.err
     assert not target.exists()
+
+
+def test_a_filter_on_disk_is_scored_beside_the_tuned_ones(tmp_path, capsys):
+    """The filter file of ``design`` and ``learn``, continuous or sampled at another rate, behind the same network."""
+    trains = [
+        write(tmp_path / f"train_{i}.csv", sine_flight(v, seed=i)) for i, v in enumerate((0.5, 0.6, 0.7))
+    ]
+    test = write(tmp_path / "test.csv", sine_flight(1.5, seed=9))
+    chosen = PhyFilter([400.0, 40.0])
+    save(tmp_path / "continuous.toml", chosen)
+    save(tmp_path / "sampled.toml", chosen.sampled(0.01))
+    arguments = [
+        "run",
+        "acceleration",
+        "--quick",
+        "--quiet",
+        "--picture",
+        "none",
+        "--json",
+        "-",
+        "--train",
+        *trains,
+    ]
+    arguments += ["--test", test, "--filter"]
+    names = [str(tmp_path / "continuous.toml"), str(tmp_path / "sampled.toml")]
+    assert main([*arguments, *names]) == 0
+    given = json.loads(capsys.readouterr().out)["given"]
+    assert list(given) == names
+    assert given[names[0]] == given[names[1]]
+    assert 0.0 < given[names[0]]["test"] < 10.0
+    assert main([*arguments, str(tmp_path / "none.toml")]) == 2
+    assert "none.toml" in capsys.readouterr().err
+
+
+def test_a_method_that_diverges_on_the_test_flights_is_said_to(tmp_path, capsys):
+    """Gains tuned on slow flights that are unstable on a fast one: a score of its own, not the end of the run."""
+    trains = [
+        write(tmp_path / f"train_{i}.csv", sine_flight(v, seed=i)) for i, v in enumerate((0.5, 0.6, 0.7))
+    ]
+    test = write(tmp_path / "test.csv", sine_flight(1.5, seed=9))
+    arguments = ["run", "acceleration", "--quick", "--quiet", "--train", *trains, "--test", test]
+    target, picture = tmp_path / "figures.json", tmp_path / "figure.png"
+    assert main([*arguments, "--json", str(target), "--picture", str(picture)]) == 0
+    (line,) = [row for row in capsys.readouterr().out.splitlines() if row.startswith("robust")]
+    assert line.split()[-1] == "diverged"
+    scores = json.loads(target.read_text())["rmse"]
+    assert scores["robust_differentiator"] is None
+    assert all(value is not None for name, value in scores.items() if name != "robust_differentiator")
+    assert picture.stat().st_size > 0
