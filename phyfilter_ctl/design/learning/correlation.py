@@ -185,13 +185,18 @@ def correlations(part: Stretch, lags: int) -> FloatArray:
         # Negative lags wrap round to beyond the top one.
         length = int(fft.next_fast_len(last - first + top, real=True) or 0)
         wanted = (np.arange(top + 1) - reach) % length
+        # Summed over the channels as spectra: two transforms back, however many channels there are.
+        spectra = np.zeros((2, length // 2 + 1), dtype=np.complex128)
         for channel in range(flight.u.shape[1]):
-            past = np.conj(np.asarray(fft.rfft(flight.u[first - reach : last, channel], length)))
-            for i, signal in enumerate((flight.u, flight.target)):
-                own = signal[first:last, channel]
-                own = own if weight is None else own * weight[first:last, channel]
-                product = np.asarray(fft.rfft(own, length)) * past
-                found[i, : top + 1] += np.asarray(fft.irfft(product, length))[wanted]
+            own = [signal[first:last, channel] for signal in (flight.u, flight.target)]
+            if weight is not None:
+                own = [signal * weight[first:last, channel] for signal in own]
+            u, target = (np.asarray(fft.rfft(signal, length)) for signal in own)
+            whole = reach == 0 and weight is None  # then u is its own past
+            past = u if whole else np.asarray(fft.rfft(flight.u[first - reach : last, channel], length))
+            spectra[0] += u * past.conj()
+            spectra[1] += target * past.conj()
+        found[:, : top + 1] += np.asarray(fft.irfft(spectra, length))[:, wanted]
     return found
 
 
