@@ -9,7 +9,7 @@ supplement "Filtering learning residual with more general form".
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Literal
 
@@ -77,7 +77,7 @@ class PhyFilter:
 
     a: FloatArray
     b: FloatArray
-    poles: ComplexArray = field(hash=False)
+    poles: ComplexArray
 
     def __init__(self, a: ArrayLike, b: ArrayLike | None = None, *, poles: ArrayLike | None = None) -> None:
         a = _coefficients("a", a)
