@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.linalg import block_diag
 
-from ._sections import FloatArray
-from .filter import PhyFilter
-from .sampled import SampledPhyFilter, windows
+from .._sections import FloatArray
+from ..filter import PhyFilter
+from ..sampled import SampledPhyFilter, windows
 
 __all__ = ["PhyFilterBlock", "phyfilter_block"]
 

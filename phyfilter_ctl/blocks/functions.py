@@ -1,0 +1,81 @@
+"""What a block does, as CasADi functions with named variables: the form that diagrams are flattened from."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["BlockFunctions", "Variable", "dependencies"]
+
+
+@dataclass(frozen=True)
+class Variable:
+    """A scalar state, input, output or parameter.
+
+    Parameters
+    ----------
+    name : str
+        As the user reads it, e.g. ``plant.v[0]``.
+    start : float
+        Start value of a state, default of an input or a parameter.
+    unit : str
+        SI unit such as "m/s" or "rad/s"; "" where none is known.
+    description : str
+        One line.
+
+    Examples
+    --------
+    >>> Variable("mass", 1.2, unit="kg").unit
+    'kg'
+    """
+
+    name: str
+    start: float = 0.0
+    unit: str = ""
+    description: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class BlockFunctions:
+    """Equations of one block.
+
+    Parameters
+    ----------
+    states, inputs, outputs, parameters : tuple of Variable
+        Scalar by scalar, in the order of the vectors below; names without the block's own.
+    dynamics : casadi.Function
+        (t, x, u, p) -> x' of a continuous block, the next x of a sampled one; column vectors.
+    output : casadi.Function
+        (t, x, u, p) -> y.
+    """
+
+    states: tuple[Variable, ...]
+    inputs: tuple[Variable, ...]
+    outputs: tuple[Variable, ...]
+    parameters: tuple[Variable, ...]
+    dynamics: ca.Function
+    output: ca.Function
+
+    @property
+    def feedthrough(self) -> NDArray[np.bool_]:
+        """Which input acts on which output without delay, (outputs, inputs)."""
+        return dependencies(self.output, 2)
+
+
+def dependencies(function: ca.Function, argument: int) -> NDArray[np.bool_]:
+    """Which entry of an argument the first result depends on, from the structure, (results, arguments).
+
+    Examples
+    --------
+    >>> x = ca.SX.sym("x", 2)
+    >>> dependencies(ca.Function("f", [x], [ca.vertcat(x[1], 3.0)]), 0).tolist()
+    [[False, True], [False, False]]
+    """
+    pattern = function.jac_sparsity(0, argument)
+    result = np.zeros(pattern.shape, dtype=bool)
+    rows, columns = pattern.get_triplet()
+    result[rows, columns] = True
+    return result

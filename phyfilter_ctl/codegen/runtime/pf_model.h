@@ -1,0 +1,52 @@
+/* What a generated model offers to whoever runs it: the simulation driver, the FMI shell, firmware.
+ *
+ * An instance is one flat block of memory without pointers: memcpy saves and restores it. No function allocates, none
+ * touches anything but its instance. Vectors x (continuous states), u (inputs), y (outputs), p (parameters) are in the
+ * order of the generated header.
+ */
+#ifndef PF_MODEL_H
+#define PF_MODEL_H
+#include <stddef.h>
+
+#ifndef PF_REAL
+#define PF_REAL double
+#endif
+typedef PF_REAL pf_real;
+
+enum { PF_OK = 0, PF_NOT_FINITE = 1, PF_NO_CONVERGENCE = 2, PF_STEP_TOO_SMALL = 3 };
+
+typedef struct pf_model {
+  const char *name;
+  size_t size;             /* bytes of an instance */
+  int n_x, n_u, n_y, n_p;
+  int n_s;                 /* states of the sampled blocks that can be read */
+  int n_tasks;             /* sampled blocks with instants of their own */
+  int communication;       /* 1: a sampled block updates once per communication step (pf_model.update) */
+
+  void (*init)(void *self);      /* all start values; t = 0; nothing sampled yet */
+  pf_real *(*x)(void *self);     /* continuous states, in place */
+  pf_real *(*u)(void *self);     /* inputs, in place */
+  pf_real *(*p)(void *self);     /* parameters as last set, in place; in force after apply */
+  void (*s)(const void *self, pf_real *s); /* copies the states of the sampled blocks */
+
+  /* Checks the parameters together and puts them in force without a jump of any output of a filter. NULL, or why they
+   * are refused: then those in force stay, and p is set back to them. */
+  const char *(*apply)(void *self);
+
+  int (*start)(void *self, pf_real t);                 /* first sample of all sampled blocks */
+  int (*derivatives)(void *self, pf_real t, const pf_real *x, pf_real *dx);
+  int (*outputs)(void *self, pf_real t, const pf_real *x, pf_real *y);
+  pf_real (*next)(const void *self);                   /* next instant of a sampled block; a huge number if none */
+  int (*sample)(void *self, pf_real t, const pf_real *x); /* runs the sampled blocks that are due at t */
+  int (*update)(void *self, pf_real t, pf_real elapsed);  /* communication: one sample after `elapsed` seconds */
+
+  /* Derivative of (dx, y) along a seed of (x, u, p), and its transpose (adds nothing, overwrites the results).
+   * Held outputs and parameters of filters count as constant: their seeds are ignored, their results 0. NULL where the
+   * model has none. */
+  int (*directional)(void *self, pf_real t, const pf_real *seed_x, const pf_real *seed_u, const pf_real *seed_p,
+                     pf_real *dx, pf_real *y);
+  int (*adjoint)(void *self, pf_real t, const pf_real *seed_dx, const pf_real *seed_y, pf_real *x, pf_real *u,
+                 pf_real *p);
+} pf_model;
+
+#endif
