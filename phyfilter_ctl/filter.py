@@ -314,6 +314,24 @@ class PhyFilter:
             nonfinite=nonfinite,
         )
 
+    def faster(self, factor: float) -> PhyFilter:
+        """The same filter with time running faster: F(s / factor), poles and zeros times the factor.
+
+        Raises
+        ------
+        ValueError
+            Unless the factor is positive.
+
+        Examples
+        --------
+        >>> PhyFilter([20.0]).faster(2.0).a.tolist()
+        [40.0]
+        """
+        if not (np.isfinite(factor) and factor > 0.0):
+            raise ValueError(f"factor: expected a positive number, got {factor}")
+        powers = factor ** np.arange(self.order, 0, -1.0)
+        return PhyFilter(self.a * powers, self.b * powers, poles=self.poles * factor)
+
     def formula(self) -> sympy.Expr:
         """F(s) as a SymPy expression in ``s``, coefficients at six digits.
 

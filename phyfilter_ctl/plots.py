@@ -14,7 +14,9 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
-__all__ = ["FrequencyCurve", "frequency_plot", "learning_plot"]
+__all__ = ["FrequencyCurve", "bound_plot", "frequency_plot", "learning_plot", "trade_off_plot"]
+
+FloatArray = NDArray[np.float64]
 
 # Wong, "Color blindness", Nature Methods 8 (2011): told apart in print and by every reader.
 _COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#000000")
@@ -240,3 +242,92 @@ def learning_plot(
     axes = np.empty((3, 1), dtype=object)
     axes[:, 0] = list(ax)
     return ct.ControlPlot(grid, axes, errors.figure, legend=lower.legend)
+
+
+def bound_plot(
+    times: FloatArray, kernel: FloatArray, running: FloatArray, derivative: int, bound: float
+) -> ct.ControlPlot:
+    """How a worst-case bound builds up.
+
+    Parameters
+    ----------
+    times : (N,) array
+        Seconds.
+    kernel : (N,) array
+        Impulse response from the bounded derivative of the residual to the error.
+    running : (N,) array
+        Bound of the error reached after that time.
+    derivative : int
+        Order of the derivative that is bounded.
+    bound : float
+        Its limit.
+
+    Returns
+    -------
+    control.ControlPlot
+        ``axes`` (2, 1) and ``lines`` (2, 1).
+
+    Examples
+    --------
+    >>> import matplotlib
+    >>> matplotlib.use("Agg")
+    >>> t = np.linspace(0.0, 1.0)
+    >>> bound_plot(t, np.exp(-20 * t), 0.05 * (1 - np.exp(-20 * t)), 1, 0.05).axes.shape
+    (2, 1)
+    >>> plt.close("all")
+    """
+    figure, axes = plt.subplots(2, 1, sharex=True, layout="constrained", figsize=(5.4, 4.4), squeeze=False)
+    response, growth = axes[:, 0]
+    (line,) = response.plot(times, kernel, color=_COLOURS[0])
+    response.fill_between(times, kernel, color=_COLOURS[0], alpha=0.15)
+    response.set_ylabel(f"response to gamma^({derivative})", fontsize=_SMALL)
+    (grown,) = growth.plot(times, running, color=_COLOURS[0], label="reached by the worst residual")
+    growth.axhline(bound, color="0.4", linestyle="--", linewidth=1.0, label=f"bound {bound:.4g}")
+    growth.set_ylabel("error", fontsize=_SMALL)
+    growth.set_xlabel("time (s)", fontsize=_SMALL)
+    growth.legend(fontsize="x-small", frameon=False)
+    for axis in (response, growth):
+        axis.grid(True, which="major", color="0.88", linewidth=0.7)
+        axis.tick_params(which="both", labelsize=_SMALL)
+    lines = np.empty((2, 1), dtype=object)
+    lines[:, 0] = [[line], [grown]]
+    return ct.ControlPlot(lines, axes, figure)
+
+
+def trade_off_plot(following: FloatArray, noise: FloatArray, best: int, label: str) -> ct.ControlPlot:
+    """Error that noise causes against error that the residual leaves, one point per design.
+
+    Parameters
+    ----------
+    following, noise : (m,) arrays
+        The two parts of the error.
+    best : int
+        Design that is marked.
+    label : str
+        In which sense they are errors.
+
+    Returns
+    -------
+    control.ControlPlot
+        ``axes`` (1, 1) and ``lines`` (1, 1).
+
+    Examples
+    --------
+    >>> import matplotlib
+    >>> matplotlib.use("Agg")
+    >>> trade_off_plot(np.array([2.0, 1.0]), np.array([0.5, 1.0]), 1, "bound").axes.shape
+    (1, 1)
+    >>> plt.close("all")
+    """
+    figure, axes = plt.subplots(1, 1, layout="constrained", figsize=(4.6, 3.6), squeeze=False)
+    (axis,) = axes[0]
+    (line,) = axis.loglog(following, noise, color=_COLOURS[0])
+    (mark,) = axis.loglog([following[best]], [noise[best]], "o", color=_COLOURS[1], label="least sum")
+    axis.set_xlabel(f"error from the residual ({label})", fontsize=_SMALL)
+    axis.set_ylabel("error from the noise", fontsize=_SMALL)
+    axis.grid(True, which="major", color="0.88", linewidth=0.7)
+    axis.tick_params(which="both", labelsize=_SMALL)
+    axis.legend(fontsize="x-small", frameon=False)
+    lines = np.empty((1, 1), dtype=object)
+    lines[0, 0] = [line, mark]
+    return ct.ControlPlot(lines, axes, figure)

@@ -109,6 +109,28 @@ def flights_of(
     return found
 
 
+def measured_residuals(
+    logs: Sequence[FlightLog], *, channels: Sequence[int | str] | None = None
+) -> tuple[list[FloatArray], float]:
+    """Measured residual of every step of each log, (m, K) each, and the step that all share in s; no label needed.
+
+    Raises
+    ------
+    ValueError
+        Without logs, or where steps differ within a log or between logs.
+    """
+    if not logs:
+        raise ValueError("logs: expected at least one")
+    found, h = [], logs[0].duration / (logs[0].n - 1)
+    for i, log in enumerate(logs):
+        columns = _columns(log, i, channels)
+        u, _, dt, steps = _reduced(log, log.x, columns, "hold", "average")
+        if steps is not None or abs(dt - h) > 1e-6 * h:
+            raise ValueError(f"{named(log, i)}: expected equal steps of {h:.6g} s; resample(dt) it first")
+        found.append(u)
+    return found, h
+
+
 def refuse_uninformative(flights: Sequence[Flight], order: int) -> None:
     """Refuse data that say nothing about a filter of this order.
 

@@ -1,0 +1,19 @@
+"""Filters from promises: least worst-case error, least variance, trade-offs, and what a log says of the data."""
+
+from .promises import LeastBound, TradeOff, bound_trade_off, least_bound
+from .statistics import ResidualStatistics, residual_statistics
+from .variances import LeastVariance, kalman_filter, kalman_variance, least_variance, variance_trade_off
+
+__all__ = [
+    "LeastBound",
+    "LeastVariance",
+    "ResidualStatistics",
+    "TradeOff",
+    "bound_trade_off",
+    "kalman_filter",
+    "kalman_variance",
+    "least_bound",
+    "least_variance",
+    "residual_statistics",
+    "variance_trade_off",
+]

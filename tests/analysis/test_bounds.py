@@ -1,0 +1,286 @@
+"""Ultimate bounds against closed forms, against simulated worst cases, and never below any simulated error."""
+
+import control as ct
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.signal import cont2discrete
+
+import phyfilter_ctl as pf
+from phyfilter_ctl.analysis.bounds import ultimate_bound
+
+# What an exact bound is enclosed to, relative.
+CERTIFIED = 1e-6
+# Rounding of a simulation of a few hundred steps.
+ROUNDING = 1e-9
+
+FAMILIES = ("binomial", "butterworth", "bessel", "itae")
+
+
+def family(name, order, cutoff=20.0):
+    return pf.lowpass(order, cutoff, family="binomial" if order == 1 else name)
+
+
+@pytest.mark.parametrize("order", range(1, 7))
+def test_real_poles_in_closed_form(order):
+    """Real poles: no kernel of F or (1 - F)/s changes its sign, so the L1 norms are the gains at s = 0."""
+    f = pf.place_poles([-4.0 * 1.7**i for i in range(order)])
+    assert ultimate_bound(f, residual={1: 2.0}).bound == pytest.approx(
+        2.0 * f.a[1] / f.a[0] if order > 1 else 0.5
+    )
+    result = ultimate_bound(f, residual={0: 0.0}, inertia_error=0.3, rate=2.0)
+    assert result.prior == pytest.approx(0.6, rel=CERTIFIED)
+    assert ultimate_bound(f, residual={0: 1.0}).bound == pytest.approx(2.0, rel=CERTIFIED)
+
+
+@pytest.mark.parametrize("damping", [0.05, 0.2, 0.5, 0.9, 0.999])
+def test_an_oscillating_pair_in_closed_form(damping):
+    """||w^2/(s^2 + 2 z w s + w^2)||_1 = coth(pi z / (2 sqrt(1 - z^2)))."""
+    f = pf.PhyFilter([900.0, 60.0 * damping])
+    result = ultimate_bound(f, residual={0: 0.0}, inertia_error=1.0, rate=1.0)
+    exact = 1.0 / np.tanh(np.pi * damping / (2.0 * np.sqrt(1.0 - damping**2)))
+    assert exact <= result.prior * (1.0 + 1e-13) <= exact * (1.0 + CERTIFIED)
+
+
+@pytest.mark.parametrize("name", FAMILIES)
+@pytest.mark.parametrize("order", range(1, 7))
+def test_every_bound_is_certified(name, order):
+    f = family(name, order)
+    for numerator in ({1: 1.0}, {0: 1.0}):
+        certificate = ultimate_bound(f, residual=numerator).certificate
+        assert certificate.gap <= CERTIFIED
+        assert certificate.tail <= CERTIFIED * certificate.upper
+
+
+def simulate(system, h, inputs):
+    """Samples of a system under inputs held over steps h: (runs, steps) -> (runs, steps)."""
+    A, B, C, _, _ = cont2discrete((system.A, system.B, system.C, system.D), h)
+    x = np.zeros((len(A), len(inputs)))
+    out = np.empty_like(inputs)
+    for k in range(inputs.shape[1]):
+        out[:, k] = (C @ x)[0]
+        x = A @ x + B * inputs[:, k]
+    return out
+
+
+def error_system(f, k):
+    """(1 - F)/s^k from its polynomials, without the library's kernels."""
+    return ct.tf2ss(ct.tf(f.error_numerator[k:][::-1], np.append(f.a, 1.0)[::-1]))
+
+
+@pytest.mark.parametrize("name", FAMILIES)
+@pytest.mark.parametrize("order", [1, 2, 3, 5, 6])
+def test_a_bang_bang_residual_reaches_the_bound(name, order):
+    f = family(name, order, 3.0)
+    result = ultimate_bound(f, residual={1: 2.0})
+    t = np.linspace(0.0, result.certificate.horizon, 20001)
+    reached = simulate(error_system(f, 1), t[1], result.worst_residual(t)[None, :])
+    assert 0.999 * result.bound <= np.abs(reached).max() <= result.bound * (1.0 + ROUNDING)
+    assert result.exact
+
+
+def test_a_bang_bang_residual_reaches_the_bound_of_a_second_derivative():
+    f = pf.place_poles([-2.0, -3.0, -4 + 5j, -4 - 5j], numerator=3)
+    for k in (1, 2, 3):
+        result = ultimate_bound(f, residual={k: 1.0})
+        t = np.linspace(0.0, result.certificate.horizon, 20001)
+        reached = simulate(error_system(f, k), t[1], result.worst_residual(t)[None, :])
+        assert 0.999 * result.bound <= np.abs(reached).max() <= result.bound * (1.0 + ROUNDING)
+
+
+poles = st.lists(
+    st.tuples(st.floats(0.3, 8.0), st.floats(0.0, 10.0), st.booleans()), min_size=1, max_size=3
+).map(
+    lambda parts: [
+        p
+        for real, imag, pair in parts
+        for p in ([complex(-real, imag), complex(-real, -imag)] if pair else [-real])
+    ]
+)
+
+
+@settings(max_examples=200, deadline=None, derandomize=True)
+@given(
+    poles,
+    st.lists(st.floats(-1.5, 1.5).map(lambda v: round(v, 3)), min_size=6, max_size=6),
+    st.integers(0, 3),
+    st.integers(0, 10**6),
+)
+def test_no_simulated_error_is_above_any_bound(chosen, shape, k, seed):
+    """64 random residuals an example, each with switches at random and at the kernel's own changes of sign."""
+    f = pf.place_poles(chosen)
+    k = min(k, f.order)
+    b = f.a * np.array(shape[: f.order]) if k == 0 else f.a * np.r_[np.ones(k), shape[k : f.order]]
+    if not np.any(b):
+        return
+    f = pf.PhyFilter(f.a, b, poles=f.poles)
+    k = min(k, f.type)
+    rng = np.random.default_rng(seed)
+    h, n = 0.15 / np.abs(f.poles).max(), 400
+    dwell = rng.integers(1, 40, 64)
+    signal = np.sign(rng.standard_normal((64, n)))
+    signal = np.stack([row[np.arange(n) // d] for row, d in zip(signal, dwell, strict=True)])
+    results = {m: ultimate_bound(f, residual={k: 1.0}, method=m) for m in ("exact", "ellipsoid", "lyapunov")}
+    signal[0] = results["exact"].worst_residual(h * np.arange(n))
+    output = (
+        simulate(error_system(f, k), h, signal)
+        if k
+        else signal - simulate(ct.ss(f.transfer_function), h, signal)
+    )
+    reached = float(np.abs(output).max())
+    bounds = [results[m].bound for m in ("exact", "ellipsoid", "lyapunov")]
+    assert reached <= bounds[0] * (1.0 + ROUNDING)
+    assert bounds[0] <= bounds[1] * (1.0 + CERTIFIED)
+    assert bounds[1] <= bounds[2] * (1.0 + CERTIFIED)
+
+
+@settings(max_examples=200, deadline=None, derandomize=True)
+@given(
+    poles,
+    st.floats(0.01, 0.6),
+    st.sampled_from(["exact", "tustin"]),
+    st.booleans(),
+    st.integers(0, 3),
+    st.integers(0, 10**6),
+)
+def test_no_simulated_error_of_a_sampled_filter_is_above_its_bound(
+    chosen, share, method, general, delay, seed
+):
+    """The residual changes its slope four times a step; x is its exact integral and the filter is the real one."""
+    f = pf.place_poles(chosen)
+    rng = np.random.default_rng(seed)
+    if general:
+        f = pf.PhyFilter(f.a, f.a * np.r_[1.0, rng.uniform(-1.0, 1.5, f.order - 1)], poles=f.poles)
+    h = share / np.abs(f.poles).max()
+    sampled = f.sampled(h, method, delay=delay * h)
+    result = ultimate_bound(sampled, residual={1: 1.0})
+    n, fine = 300, 4
+    slope = np.sign(rng.standard_normal((16, n * fine)))
+    slope = np.stack(
+        [row[np.arange(n * fine) // d] for row, d in zip(slope, rng.integers(1, 99, 16), strict=True)]
+    )
+    slope[0] = 1.0
+    gamma = np.concatenate([np.zeros((16, 1)), np.cumsum(slope, axis=1) * h / fine], axis=1)
+    # Integral of a signal on straight lines; the filter starts on a residual that was 0 before.
+    x = (
+        np.concatenate([np.zeros((16, 1)), np.cumsum(0.5 * (gamma[:, 1:] + gamma[:, :-1]), axis=1)], axis=1)
+        * h
+        / fine
+    )
+    late = np.concatenate([np.zeros((16, delay * fine)), x[:, : x.shape[1] - delay * fine]], axis=1)
+    f_hat = sampled.run(late[:, ::fine].T).T
+    at_samples = np.abs(gamma[:, ::fine] - f_hat).max()
+    held = np.repeat(f_hat[:, :-1], fine, axis=1)
+    between = np.abs(gamma[:, 1:] - held).max()
+    assert at_samples <= result.bound * (1.0 + ROUNDING)
+    assert between <= result.between_samples * (1.0 + ROUNDING)
+
+
+def test_a_sum_over_samples_is_no_bound():
+    """A ramp through one pole of 20 rad/s sampled every 18 ms: h/2 + h q/(1 - q), q = exp(-0.36)."""
+    h, q = 0.018, np.exp(-0.36)
+    result = ultimate_bound(pf.PhyFilter([20.0]).sampled(h), residual={1: 1.0})
+    assert result.bound == pytest.approx(h / 2 + h * q / (1 - q), rel=1e-12)
+    assert h * q / (1 - q) < 0.0416 < 0.0505 < result.bound
+
+
+def test_noise_of_a_sampled_filter_is_attained():
+    sampled = pf.lowpass(3, 20.0, family="butterworth").sampled(0.01)
+    result = ultimate_bound(sampled, residual={0: 0.0}, noise=0.1)
+    pulse = sampled.run(np.r_[0.0, 1.0, np.zeros(2000)][:, None])[1:, 0]
+    worst = np.sign(pulse[::-1]) * 0.1
+    reached = sampled.run(np.r_[0.0, worst][:, None])[-1, 0]
+    assert reached == pytest.approx(result.bound, rel=1e-6)
+
+
+def test_several_bounds_take_the_least_and_say_so():
+    f = pf.lowpass(2, 20.0)
+    slow, fast = {0: 1.0, 1: 0.5}, {0: 1.0, 1: 500.0}
+    assert ultimate_bound(f, residual=slow).derivative == 1
+    result = ultimate_bound(f, residual=fast)
+    assert result.derivative == 0
+    assert not result.exact
+    assert result.bound == ultimate_bound(f, residual={0: 1.0}).bound
+
+
+@pytest.mark.parametrize("k", [1, 2])
+def test_the_envelope_holds_from_the_start(k):
+    f = pf.place_poles([-3.0, -2 + 4j, -2 - 4j], numerator=k)
+    result = ultimate_bound(f, residual={k: 1.0})
+    start = dict.fromkeys(range(k), 0.7)
+    rng = np.random.default_rng(3)
+    t = np.linspace(0.0, 6.0, 1201)
+    h = t[1]
+    for _ in range(40):
+        top = np.sign(rng.standard_normal(len(t)))[np.arange(len(t)) // rng.integers(1, 200)]
+        signals = [top]
+        for j in reversed(range(k)):
+            first = 0.7 * rng.choice([-1.0, 1.0])
+            steps = signals[-1][:-1] if j == k - 1 else 0.5 * (signals[-1][1:] + signals[-1][:-1])
+            signals.append(np.r_[first, first + np.cumsum(steps) * h])
+        response = ct.forced_response(ct.ss(f.transfer_function), t, signals[-1])
+        error = np.abs(signals[-1] - response.outputs)
+        # Between samples the second integral is a parabola, the response takes a straight line: h^2 / 8.
+        assert np.all(error <= result.envelope(t, start) + h**2)
+    assert result.envelope([50.0])[0] == pytest.approx(result.bound, rel=1e-3)
+
+
+@pytest.mark.parametrize("name", FAMILIES)
+@pytest.mark.parametrize("order", range(1, 6))
+def test_how_far_ellipsoids_are_from_exact(name, order):
+    f = family(name, order)
+    exact = ultimate_bound(f, residual={1: 1.0}).bound
+    assert (
+        exact
+        <= ultimate_bound(f, residual={1: 1.0}, method="ellipsoid").bound * (1 + CERTIFIED)
+        <= 1.1 * exact
+    )
+    # N = D - s^n: (1 - F)/s^n = 1/D.
+    most = pf.place_poles(f.poles, numerator=order)
+    exact = ultimate_bound(most, residual={order: 1.0}).bound
+    assert (
+        exact
+        <= ultimate_bound(most, residual={order: 1.0}, method="ellipsoid").bound * (1 + CERTIFIED)
+        <= 1.55 * exact
+    )
+
+
+def test_the_textbook_radius_depends_on_coordinates():
+    """Published in no paper, computed with 80 digits: factors over the exact gain of 1/D, binomial."""
+    for order, speed, raw, scaled in ((2, 10.0, 5e3, 8.0), (5, 50.0, 1e25, 1.5e3)):
+        f = pf.place_poles([-speed] * order, numerator=order)
+        exact = ultimate_bound(f, residual={order: 1.0}).bound
+        ratio = ultimate_bound(f, residual={order: 1.0}, method="lyapunov-raw").bound / exact
+        assert raw / 3 < ratio < raw * 3
+        ratio = ultimate_bound(f, residual={order: 1.0}, method="lyapunov").bound / exact
+        assert scaled / 2 < ratio < scaled * 2
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"residual": {0: -1.0}}, "0 or more"),
+        ({"residual": {}}, "got none"),
+        ({"residual": {0.5: 1.0}}, "derivative orders"),
+        ({"residual": {2: 1.0}}, "infinite: the filter is of type 1"),
+        ({"residual": {0: 1.0}, "noise": -1.0}, "noise"),
+        ({"residual": {0: 1.0}, "method": "guess"}, "method"),
+    ],
+)
+def test_bad_bounds_are_refused(arguments, message):
+    with pytest.raises(ValueError, match=message):
+        ultimate_bound(pf.lowpass(2, 20.0), **arguments)
+
+
+def test_a_type_0_filter_has_no_bound_from_derivatives():
+    f = pf.PhyFilter([20.0], [18.0])
+    with pytest.raises(ValueError, match="type 0"):
+        ultimate_bound(f, residual={1: 1.0})
+    with pytest.raises(ValueError, match="steady error"):
+        ultimate_bound(pf.place_poles([-5.0, -5.0], numerator=2).sampled(0.01), residual={2: 1.0})
+
+
+def test_plot_shows_kernel_and_growth():
+    plot = ultimate_bound(pf.lowpass(2, 20.0), residual={1: 1.0}).plot()
+    assert plot.axes.shape == (2, 1)

@@ -1,0 +1,203 @@
+"""Designs from promises against closed forms, sweeps and the Kalman filter; statistics against known processes."""
+
+import numpy as np
+import pytest
+
+import phyfilter_ctl as pf
+from phyfilter_ctl.analysis import error_variance, gauss_markov, ultimate_bound
+from phyfilter_ctl.design.optimal import (
+    bound_trade_off,
+    kalman_filter,
+    kalman_variance,
+    least_bound,
+    least_variance,
+    residual_statistics,
+    variance_trade_off,
+)
+from phyfilter_ctl.design.optimal.statistics import step_mean_spectrum
+
+# A simplex ends where the cost is flat to 1e-4 of it.
+SEARCH = 1e-3
+PROCESS = gauss_markov(1.0, 0.5)
+
+
+def test_first_order_in_closed_form():
+    """delta / w + 2 w nu is least at w = sqrt(delta / (2 nu))."""
+    found = least_bound(1, residual={1: 3.0}, noise=0.02, inertia_error=0.1, rate=2.0)
+    assert found.filter.a[0] == pytest.approx(np.sqrt(3.0 / 0.04), rel=1e-6)
+    assert found.bound.bound == pytest.approx(2.0 * np.sqrt(2.0 * 3.0 * 0.02) + 0.2, rel=1e-6)
+    assert found.status == "optimal"
+
+
+@pytest.mark.parametrize(("type", "k"), [(1, 1), (2, 1), (2, 2)])
+def test_no_second_order_filter_on_a_grid_is_better(type, k):
+    found = least_bound(2, residual={k: 30.0}, noise=0.01, type=type)
+    w0 = np.sqrt(found.filter.a[0])
+    for damping in np.linspace(0.3, 1.6, 14):
+        for speed in w0 * np.geomspace(0.5, 2.0, 15):
+            other = pf.place_poles(np.roots([1.0, 2 * damping * speed, speed**2]), numerator=type)
+            assert (
+                ultimate_bound(other, residual={k: 30.0}, noise=0.01).bound
+                >= (1 - SEARCH) * found.bound.bound
+            )
+
+
+def test_a_third_order_low_pass_promises_no_more_than_a_second():
+    found = least_bound(3, residual={1: 8.0}, noise=0.01)
+    assert found.filter.order == 2
+    assert "order 2 suffices" in found.status
+    best = min(
+        ultimate_bound(
+            pf.place_poles([*(w * np.roots([1.0, 2 * z, 1.0])), -w * r]), residual={1: 8.0}, noise=0.01
+        ).bound
+        for z in (0.6, 0.8, 1.0)
+        for w in found.bound.bound * np.array([40.0, 60.0, 80.0, 110.0])
+        for r in (1.0, 3.0, 8.0)
+    )
+    assert best >= (1 - SEARCH) * found.bound.bound
+
+
+def test_limits_hold_and_are_named():
+    free = least_bound(2, residual={1: 8.0}, noise=0.01)
+    quiet = least_bound(2, residual={1: 8.0}, noise=0.01, noise_limit=0.5 * free.bound.noise)
+    assert quiet.active == "noise_limit"
+    assert quiet.bound.noise <= 0.5 * free.bound.noise * (1 + 1e-6)
+    slow = least_bound(2, residual={1: 8.0}, fastest=10.0)
+    assert slow.active == "fastest"
+    assert np.exp(np.mean(np.log(np.abs(slow.filter.poles)))) == pytest.approx(10.0)
+    kept = least_bound(2, residual={1: 8.0}, accept=lambda f: bool(f.a[-1] < 30.0))
+    assert kept.active == "accept"
+    assert 29.9 < kept.filter.a[-1] < 30.0
+
+
+def test_trade_off_is_a_front_of_best_designs():
+    curve = bound_trade_off(2, residual={1: 8.0}, noise=0.01, points=21)
+    assert np.all(np.diff(curve.following) < 0.0)
+    assert np.all(np.diff(curve.noise) > 0.0)
+    assert curve.following[curve.best] + curve.noise[curve.best] == pytest.approx(0.67463, abs=1e-4)
+    for i in (0, 10, 20):
+        bound = ultimate_bound(curve.filters[i], residual={1: 8.0}, noise=0.01)
+        assert (bound.intrinsic, bound.noise) == pytest.approx((curve.following[i], curve.noise[i]), rel=1e-6)
+    assert curve.plot().axes.shape == (1, 1)
+
+
+@pytest.mark.parametrize("tau", [0.05, 0.5, 50.0])
+def test_the_kalman_filter_is_a_phyfilter(tau):
+    process = gauss_markov(2.0, tau)
+    filter = kalman_filter(residual=process, noise=0.03)
+    variance = error_variance(filter, residual=process, noise=0.03)
+    assert variance.error == pytest.approx(kalman_variance(residual=process, noise=0.03), rel=1e-8)
+
+
+def test_a_random_walk_gives_butterworth():
+    """gamma' = white of density q, noise density r: poles of s^4 + q / r."""
+    filter = kalman_filter(residual=gauss_markov(np.sqrt(9.0 * 1e8 / 2.0), 1e8), noise=0.01)
+    w = (9.0 / 1e-4) ** 0.25
+    np.testing.assert_allclose(filter.a, [w**2, np.sqrt(2.0) * w], rtol=1e-4)
+    assert filter.dc_gain == pytest.approx(1.0, rel=1e-3)
+
+
+@pytest.mark.parametrize("dt", [None, 0.01])
+def test_nothing_beats_kalman_and_the_best_comes_close(dt):
+    found = least_variance(3, residual=PROCESS, noise=0.01, dt=dt)
+    assert 1.0 <= found.ratio < 1.1
+    for w in found.filter.a[0] ** (1 / found.filter.order) * np.geomspace(0.4, 2.5, 9):
+        for z in (0.5, 0.7, 0.87, 1.0, 1.3):
+            other = pf.place_poles(w * np.roots([1.0, 2 * z, 1.0]))
+            other = other if dt is None else other.sampled(dt)
+            assert (
+                error_variance(other, residual=PROCESS, noise=0.01).error
+                >= (1 - SEARCH) * found.variance.error
+            )
+
+
+def test_the_sampled_kalman_variance_against_its_own_recursion():
+    h, tau, sigma = 0.02, 0.5, 0.01
+    a = np.exp(-h / tau)
+    fine = 2000
+    A = np.array([[1 - h / fine / tau, 0.0], [h / fine, 1.0]])
+    step, cov = np.eye(2), np.zeros((2, 2))
+    for _ in range(fine):
+        step, cov = A @ step, A @ cov @ A.T + np.diag([2.0 / tau * h / fine, 0.0])
+    assert step[0, 0] == pytest.approx(a, rel=1e-4)
+    P = np.eye(2)
+    for _ in range(3000):
+        P = step @ P @ step.T + cov
+        K = P[:, 1] / (P[1, 1] + sigma**2)
+        P = P - np.outer(K, P[1])
+    assert kalman_variance(residual=PROCESS, noise=sigma, dt=h) == pytest.approx(P[0, 0], rel=1e-3)
+
+
+def test_trade_off_of_variances():
+    curve = variance_trade_off(2, residual=PROCESS, noise=0.01, dt=0.01, points=11)
+    assert np.all(np.diff(curve.noise) > 0.0)
+    assert curve.best not in (0, 10)
+
+
+def test_step_mean_spectrum_is_the_transform_of_the_covariance():
+    q, theta = 0.3, np.linspace(0.1, 3.0, 7)
+    k = np.arange(1, 400)
+    covariance = ((1 - np.exp(-q)) / q) ** 2 * np.exp(-q * (k - 1))
+    expected = 2 * (q - 1 + np.exp(-q)) / q**2 + 2 * np.cos(np.outer(theta, k)) @ covariance
+    np.testing.assert_allclose(step_mean_spectrum(theta, q), expected, rtol=1e-12)
+
+
+def flight(seed, n=8000, h=0.01, s=1.0, tau=0.4, sigma=0.003):
+    rng = np.random.default_rng(seed)
+    fine = 10
+    a = np.exp(-h / fine / tau)
+    drive = s * np.sqrt(1 - a**2) * rng.standard_normal(n * fine)
+    gamma = np.zeros(n * fine + 1)
+    gamma[0] = s * rng.standard_normal()
+    for i in range(n * fine):
+        gamma[i + 1] = a * gamma[i] + drive[i]
+    x = np.r_[0.0, np.cumsum(0.5 * (gamma[1:] + gamma[:-1]))] * h / fine
+    return pf.FlightLog.from_arrays(x=(x[::fine] + sigma * rng.standard_normal(n + 1))[:, None], dt=h), gamma
+
+
+def test_intervals_cover_the_truth():
+    """Of 20 seeds at 95 %, 16 or more of each: fewer would have a chance of 0.3 %."""
+    covered = np.zeros(3)
+    for seed in range(20):
+        found = residual_statistics(flight(seed, n=3000)[0])
+        for i, (interval, truth) in enumerate(
+            ((found.noise, 0.003), (found.deviation, 1.0), (found.time_constant, 0.4))
+        ):
+            covered[i] += interval.low <= truth <= interval.high
+    assert np.all(covered >= 16)
+
+
+def test_peaks_and_their_share():
+    log, gamma = flight(3)
+    found = residual_statistics(log)
+    assert found.magnitude.value == pytest.approx(np.abs(gamma).max(), rel=0.15)
+    assert found.magnitude.share == pytest.approx(0.05 ** (1.0 / found.blocks))
+    # Blocks of flights that were not looked at: at least the share stays below.
+    below = [
+        residual_statistics(flight(100 + i, n=1500)[0]).magnitude.value <= found.magnitude.value
+        for i in range(10)
+    ]
+    assert sum(below) >= 5
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda: least_bound(7, residual={1: 1.0}, noise=0.1), "1 to 6"),
+        (lambda: least_bound(2, residual={1: 1.0}), "infinitely fast"),
+        (lambda: least_bound(2, residual={0: 1.0}, noise=0.1), "derivative of order 1"),
+        (lambda: least_bound(2, residual={1: 1.0}, type=3, noise=0.1), "type"),
+        (lambda: least_bound(1, residual={1: 1.0}, noise=0.1, accept=lambda f: False), "every speed"),
+        (lambda: least_variance(1, residual=PROCESS, noise=0.1), "infinite variance"),
+        (lambda: least_variance(2, residual=PROCESS, noise=0.0), "positive"),
+        (lambda: bound_trade_off(2, residual={0: 1.0, 1: 1.0}, noise=0.1), "one bounded"),
+        (
+            lambda: residual_statistics(pf.FlightLog.from_arrays(x=np.arange(50.0)[:, None], dt=0.1)),
+            "200 samples",
+        ),
+        (lambda: residual_statistics(flight(0, n=300)[0], confidence=1.0), "between 0 and 1"),
+    ],
+)
+def test_bad_problems(call, message):
+    with pytest.raises(ValueError, match=message):
+        call()
