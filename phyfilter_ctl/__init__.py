@@ -18,37 +18,74 @@ the paper's     :mod:`phyfilter_ctl.models`
 ==============  =======================================================================================
 """
 
-from .analysis import FilterResponse, FilterResponseList, frequency_response
-from .blocks import PhyFilterBlock, phyfilter_block
+from .analysis import (
+    BoundResult,
+    FilterResponse,
+    FilterResponseList,
+    Variance,
+    error_variance,
+    frequency_response,
+    gauss_markov,
+    ultimate_bound,
+)
+from .blocks import (
+    BlockFunctions,
+    FunctionBlock,
+    PhyFilterBlock,
+    SampledBlock,
+    Variable,
+    function_block,
+    learned_block,
+    phyfilter_block,
+    sampled_block,
+)
 from .design import LearnResult, bandpass, learn, learn_jointly, lowpass, numerator_of_type, place_poles
+from .diagram import FlatModel, flatten
 from .filter import PhyFilter
 from .filterfile import Signals, load, load_signals, save
 from .flightlog import FlightLog, split_by_speed, split_flights
+from .plants import Plant, plant
 from .sampled import FilterState, SampledPhyFilter, stack
 
 __all__ = [
+    "BlockFunctions",
+    "BoundResult",
     "FilterResponse",
     "FilterResponseList",
     "FilterState",
+    "FlatModel",
     "FlightLog",
+    "FunctionBlock",
     "LearnResult",
     "PhyFilter",
     "PhyFilterBlock",
+    "Plant",
+    "SampledBlock",
     "SampledPhyFilter",
     "Signals",
+    "Variable",
+    "Variance",
     "bandpass",
+    "error_variance",
+    "flatten",
     "frequency_response",
+    "function_block",
+    "gauss_markov",
     "learn",
     "learn_jointly",
+    "learned_block",
     "load",
     "load_signals",
     "lowpass",
     "numerator_of_type",
     "phyfilter_block",
     "place_poles",
+    "plant",
+    "sampled_block",
     "save",
     "split_by_speed",
     "split_flights",
     "stack",
+    "ultimate_bound",
 ]
 __version__ = "0.1.0"

@@ -1,6 +1,23 @@
 """Blocks for python-control diagrams."""
 
+from .filter_law import filter_law
+from .function_block import FunctionBlock, function_block
 from .functions import BlockFunctions, Variable, dependencies
+from .learned import learned_block
 from .phyfilter import PhyFilterBlock, phyfilter_block
+from .sampled import FilterLaw, SampledBlock, sampled_block
 
-__all__ = ["BlockFunctions", "PhyFilterBlock", "Variable", "dependencies", "phyfilter_block"]
+__all__ = [
+    "BlockFunctions",
+    "FilterLaw",
+    "FunctionBlock",
+    "PhyFilterBlock",
+    "SampledBlock",
+    "Variable",
+    "dependencies",
+    "filter_law",
+    "function_block",
+    "learned_block",
+    "phyfilter_block",
+    "sampled_block",
+]

@@ -66,7 +66,17 @@ class BlockFunctions:
 
 
 def dependencies(function: ca.Function, argument: int) -> NDArray[np.bool_]:
-    """Which entry of an argument the first result depends on, from the structure, (results, arguments).
+    """Which entry of an argument the first result depends on, from the structure.
+
+    Parameters
+    ----------
+    function : casadi.Function
+    argument : int
+        Number of the argument.
+
+    Returns
+    -------
+    (results, arguments) bool array
 
     Examples
     --------

@@ -2,13 +2,33 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from functools import cached_property
+from typing import Any, Literal, NoReturn, get_args
+
+import control as ct
+import numpy as np
+from numpy.typing import ArrayLike
 
 from .._sections import FloatArray
+from ..filter import PhyFilter
 from ..sampled import SampledPhyFilter
+from .continuous import (
+    continuous_filter,
+    continuous_law,
+    continuous_moving_inertia,
+    forward_difference,
+    state_matrices,
+)
+from .filter_law import filter_inputs, filter_law
+from .function_block import FunctionBlock, copied, linear_labels, point, share, unpacked
+from .functions import BlockFunctions
+from .phyfilter import _constant_inertia, _sizes
 
-__all__ = ["FilterLaw"]
+__all__ = ["FilterLaw", "SampledBlock", "sampled_block"]
+
+MovingInertia = Literal["scalar", "diagonal", "full"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,4 +47,326 @@ class FilterLaw:
 
     sampled: SampledPhyFilter
     channels: int
-    inertia: FloatArray | Literal["scalar", "diagonal", "full"] | None = None
+    inertia: FloatArray | MovingInertia | None = None
+
+
+class SampledBlock(ct.NonlinearIOSystem):
+    """A block with a rate of its own in a continuous python-control diagram; made by :func:`sampled_block`.
+
+    At its instants, every ``period`` seconds from the start of a run, it reads its inputs and puts out; in between it
+    holds its outputs. ``control.interconnect`` takes it like any continuous system. python-control cannot run it (its
+    own functions raise an error that says so); ``phyfilter_ctl.simulate`` does.
+
+    Parameters
+    ----------
+    inputs, outputs : sequence of str
+        Labels.
+    period : float
+        Seconds between its instants.
+    name : str
+        Name of the block.
+    law : BlockFunctions or None
+        What it does at an instant: output (t, s, v, q) and dynamics (t, s, v, q) -> next s, on its states s, inputs v
+        and parameters q. None where ``system`` says it and flattening the diagram will find out.
+    filter : FilterLaw or None
+        What the law is made from where the block is a sampled PhyFilter.
+    system : control.InputOutputSystem or None
+        The discrete system that was wrapped.
+    """
+
+    def __init__(
+        self,
+        inputs: Sequence[str],
+        outputs: Sequence[str],
+        *,
+        period: float,
+        name: str,
+        law: BlockFunctions | None = None,
+        filter: FilterLaw | None = None,
+        system: ct.InputOutputSystem | None = None,
+    ) -> None:
+        super().__init__(None, self._refuse, inputs=list(inputs), outputs=list(outputs), dt=0, name=name)
+        self.period = float(period)
+        self.law = law
+        self.filter = filter
+        self.system = system
+
+    def __deepcopy__(self, memo: dict[int, object]) -> SampledBlock:
+        share(memo, self.law, self.filter, self.system)
+        return copied(self, memo)
+
+    def __str__(self) -> str:
+        return (
+            f"{ct.InputOutputSystem.__str__(self)}\nSampled every {self.period:g} s, outputs held in between"
+        )
+
+    # -- what python-control would run --------------------------------------------------------------------------
+
+    def _isstatic(self) -> bool:
+        return False
+
+    def _refuse(self, *_: object) -> NoReturn:
+        raise TypeError(
+            f"block {self.name!r} is sampled every {self.period:g} s in a continuous diagram, which python-control "
+            "cannot run: use phyfilter_ctl.simulate(diagram, timepts, inputs), or "
+            "phyfilter_ctl.flatten(diagram).linearize() for a linear model with the block's continuous equivalent"
+        )
+
+    def _rhs(self, t: float, x: ArrayLike, u: ArrayLike) -> NoReturn:
+        self._refuse(t, x, u)
+
+    def _out(self, t: float, x: ArrayLike, u: ArrayLike) -> NoReturn:
+        self._refuse(t, x, u)
+
+    # -- continuous equivalent ----------------------------------------------------------------------------------
+
+    @cached_property
+    def continuous(self) -> BlockFunctions | ct.StateSpace | None:
+        """What the block does as continuous time sees it; sampling and hold are left out.
+
+        A filter: F itself, with its delay of g and f_theta as a Pade approximant of order 3, without ``limit`` and
+        ``nonfinite``; an M that is an input counts as (M x)' instead of M x', which is the same at x = 0. A linear law:
+        the system whose Tustin discretisation it is. Functions: themselves where they have no states, else x' =
+        (next x - x) / period. None for a nonlinear system that has not been traced.
+        """
+        if self.filter is not None:
+            law = self.filter
+            if isinstance(law.inertia, str):
+                return continuous_moving_inertia(law.sampled, law.channels, law.inertia)
+            return self._named(continuous_filter(law.sampled, law.inertia, law.channels))
+        if self.law is not None:
+            return forward_difference(self.law, self.period)
+        if isinstance(self.system, ct.StateSpace | ct.TransferFunction):
+            return self.linearize()
+        return None
+
+    # python-control's takes any keyword; this one names them.
+    def linearize(  # pyright: ignore[reportIncompatibleMethodOverride]
+        self,
+        x0: ArrayLike | ct.OperatingPoint | None = None,
+        u0: ArrayLike | None = None,
+        t: float = 0.0,
+        params: Mapping[str, ArrayLike] | None = None,
+        eps: float = 1e-6,
+        copy_names: bool = True,
+        *,
+        name: str | None = None,
+        inputs: int | Sequence[str] | None = None,
+        outputs: int | Sequence[str] | None = None,
+        states: int | Sequence[str] | None = None,
+    ) -> ct.StateSpace:
+        """Continuous equivalent of the block, linear: sampling and hold are left out.
+
+        A filter: F itself (see :attr:`continuous`). Any other law: linearised at the point, then the continuous system
+        whose Tustin discretisation that is.
+
+        Parameters
+        ----------
+        x0 : (states,) array, number or control.OperatingPoint, optional
+            State of the law; None means its start. A filter does not need it.
+        u0 : (inputs,) array or number, optional
+            Inputs; None means their defaults. Of a filter only the inertia counts, where that is an input.
+        t : float
+            Time in seconds.
+        params : mapping, optional
+            Parameters that differ from the defaults.
+        eps : float
+            Perturbation with which python-control linearises a wrapped system that is not ours.
+        copy_names : bool
+            Whether the linear system has the names of this one.
+        name : str, optional
+            Name of the linear system; None means that of this one with ``$linearized``.
+        inputs, outputs, states : int or sequence of str, optional
+            Other names.
+
+        Returns
+        -------
+        control.StateSpace
+            Continuous.
+
+        Raises
+        ------
+        ValueError
+            For wrong shapes, or a law that no continuous system gives.
+        """
+        x0, u0 = unpacked(x0, u0)
+        if self.filter is not None:
+            linear = self._linear_filter(self.filter, u0)
+        else:
+            law = self._linear_law(x0, u0, t, params, eps)
+            linear = continuous_law(*law, self.period)
+        labels = linear_labels(self, copy_names, name, inputs, outputs, states)
+        return ct.StateSpace(linear, remove_useless_states=False, **labels)
+
+    def _linear_filter(self, law: FilterLaw, u0: ArrayLike | None) -> ct.StateSpace:
+        n_x, sampled = law.channels, law.sampled
+        if not isinstance(law.inertia, str):
+            return continuous_filter(sampled, law.inertia, n_x)
+        variables = filter_inputs(n_x, self.noutputs, law.inertia)
+        M = point("u0", u0, variables)[2 * n_x + self.noutputs :]
+        constant = M.reshape(n_x, n_x) if law.inertia == "full" else np.broadcast_to(M, (n_x,))
+        return continuous_filter(sampled, constant, n_x, len(M))
+
+    def _linear_law(
+        self,
+        x0: ArrayLike | None,
+        u0: ArrayLike | None,
+        t: float,
+        params: Mapping[str, ArrayLike] | None,
+        eps: float,
+    ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        if self.law is not None:
+            block = FunctionBlock(self.law, self.name, self.period)
+            return state_matrices(block.linearize(x0, u0, t, params))
+        if isinstance(self.system, ct.NonlinearIOSystem) and not isinstance(self.system, ct.StateSpace):
+            system: Any = self.system  # whose stub takes whole seconds only
+            return state_matrices(
+                system.linearize(0.0 if x0 is None else x0, u0, t=t, params=params, eps=eps)
+            )
+        return state_matrices(self.system)
+
+    def _named(self, linear: ct.StateSpace) -> ct.StateSpace:
+        return ct.StateSpace(
+            linear, remove_useless_states=False, **linear_labels(self, True, None, None, None, None)
+        )
+
+
+def sampled_block(
+    system: SampledPhyFilter | ct.InputOutputSystem | BlockFunctions,
+    channels: int | None = None,
+    *,
+    inertia: ArrayLike | MovingInertia | None = None,
+    period: float | None = None,
+    name: str | None = None,
+) -> SampledBlock:
+    """A filter or a discrete controller that runs at its own rate in a continuous python-control diagram.
+
+    Parameters
+    ----------
+    system : SampledPhyFilter, discrete python-control system or BlockFunctions
+        What the block does at its instants.
+    channels : int, optional
+        Number n_x of channels of x of a filter; needed where neither E nor one filter per channel tells it.
+    inertia : float, (n_x,) or (n_x, n_x) array, {"scalar", "diagonal", "full"}, optional
+        Inertia M_hat of a filter. Constant; or which kind of M(t) is an input of the block: one number M[0], a diagonal
+        M[0] ... M[n_x-1], or a matrix M[0,0], M[0,1] ... row by row. None means I.
+    period : float, optional
+        Seconds between instants, for BlockFunctions; a filter or a discrete system has its own.
+    name : str, optional
+        Name of the block; None means that of the system, "phyfilter" for a filter.
+
+    Returns
+    -------
+    SampledBlock
+        Of a filter: inputs x[i], g[i], f_theta[i] and M, outputs f_hat[i]. Else those of the system.
+
+    Raises
+    ------
+    ValueError
+        For a system without a sampling interval, a number of channels that is missing or contradictory, or an inertia
+        of the wrong shape.
+    TypeError
+        For something that cannot be sampled.
+
+    Notes
+    -----
+    At its first instant a filter puts out f_theta and remembers what it reads. Then it is
+    :meth:`SampledPhyFilter.step` at every instant, with g as that says: ``g="hold"`` takes the g of the instant before,
+    so that a command may depend on f_hat without an algebraic loop.
+
+    A continuous diagram cannot have two time bases in python-control; a sampled block therefore says dt = 0 there.
+
+    Examples
+    --------
+    >>> import control as ct
+    >>> from phyfilter_ctl import PhyFilter
+    >>> block = sampled_block(PhyFilter([20.0]).sampled(0.002), 1)
+    >>> plant = ct.ss([[0.0]], [[1.0]], [[1.0]], [[0.0]], inputs="f", outputs="x[0]", name="mass")
+    >>> loop = ct.interconnect([plant, block], inputs=["f", "g[0]", "f_theta[0]"], outputs=["f_hat[0]"])
+    >>> block.period, loop.dt
+    (0.002, 0)
+    >>> ct.step_response(loop, 1.0)
+    Traceback (most recent call last):
+    ...
+    TypeError: block 'phyfilter' is sampled every 0.002 s in a continuous diagram, which python-control cannot run: ...
+    """
+    if isinstance(system, SampledPhyFilter):
+        if period is not None:
+            raise ValueError(f"period: the filter is sampled every {system.dt:g} s; leave period out")
+        return _filter_block(system, channels, inertia, "phyfilter" if name is None else name)
+    if channels is not None or inertia is not None:
+        raise ValueError("channels and inertia: only a SampledPhyFilter has them; leave them out")
+    if isinstance(system, BlockFunctions):
+        if period is None:
+            raise ValueError("period: expected the seconds between instants of the functions, got None")
+        return _law_block(system, _checked_period(period), "sampled" if name is None else name)
+    if isinstance(system, PhyFilter):
+        raise TypeError("sampled_block: a PhyFilter is continuous; sample it first: filter.sampled(dt)")
+    if not isinstance(system, ct.InputOutputSystem) or isinstance(system, ct.FrequencyResponseData):
+        raise TypeError(
+            "sampled_block: expected a SampledPhyFilter, a discrete python-control system or BlockFunctions, got "
+            f"{type(system).__name__}"
+        )
+    if period is not None and period != system.dt:
+        raise ValueError(
+            f"period: {system.name!r} has its own sampling interval {system.dt}; leave period out"
+        )
+    if not isinstance(system.dt, float | int) or isinstance(system.dt, bool) or not system.dt > 0.0:
+        raise ValueError(
+            f"{system.name!r} has dt = {system.dt}: expected a sampling interval in seconds; give it one (dt=...), or "
+            "discretise it with control.sample_system"
+        )
+    name = system.name if name is None else name
+    functions = getattr(system, "functions", None)
+    return SampledBlock(
+        system.input_labels,
+        system.output_labels,
+        period=_checked_period(system.dt),
+        name=name,
+        law=functions if isinstance(functions, BlockFunctions) else None,
+        system=system,
+    )
+
+
+def _filter_block(
+    sampled: SampledPhyFilter, channels: int | None, inertia: ArrayLike | MovingInertia | None, name: str
+) -> SampledBlock:
+    n_x, _ = _sizes(len(sampled.filters), sampled.E, channels)
+    law = FilterLaw(sampled, n_x, _checked_inertia(inertia, n_x))
+    functions = filter_law(sampled, n_x, inertia=law.inertia)
+    block = _law_block(functions, sampled.dt, name)
+    block.filter = law
+    return block
+
+
+def _checked_inertia(
+    inertia: ArrayLike | MovingInertia | None, n_x: int
+) -> FloatArray | MovingInertia | None:
+    """Constant inertia as (n_x,) or (n_x, n_x)."""
+    for kind in get_args(MovingInertia):
+        if isinstance(inertia, str) and inertia == kind:
+            return kind
+    if isinstance(inertia, str):
+        raise ValueError(
+            f"inertia: expected 'scalar', 'diagonal' or 'full' for an input, or the constant, got {inertia!r}"
+        )
+    if inertia is None:
+        return None
+    full = _constant_inertia(inertia, n_x)
+    return full if np.ndim(inertia) == 2 else np.diag(full).copy()
+
+
+def _law_block(law: BlockFunctions, period: float, name: str) -> SampledBlock:
+    return SampledBlock(
+        [entry.name for entry in law.inputs],
+        [entry.name for entry in law.outputs],
+        period=period,
+        name=name,
+        law=law,
+    )
+
+
+def _checked_period(period: float) -> float:
+    if not (np.isfinite(period) and period > 0.0):
+        raise ValueError(f"period: expected positive seconds between instants, got {period}")
+    return float(period)

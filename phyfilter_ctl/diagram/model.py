@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import casadi as ca
+import control as ct
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from ..blocks.functions import BlockFunctions, Variable, dependencies
 from ..blocks.sampled import FilterLaw
+from .linearisation import is_linear, linear_model
+from .naming import override, table
 
 __all__ = ["FlatModel", "Task"]
 
@@ -35,6 +39,8 @@ class Task:
         Its part q of p.
     filter : FilterLaw, optional
         What the law is made from where the block is a sampled PhyFilter; C code runs that instead of the law.
+    continuous : BlockFunctions, optional
+        Its continuous equivalent, for :meth:`FlatModel.linearize`; parameters of the law's names are the law's.
     """
 
     name: str
@@ -44,6 +50,7 @@ class Task:
     held: slice
     parameters: slice
     filter: FilterLaw | None = None
+    continuous: BlockFunctions | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,6 +81,8 @@ class FlatModel:
     At an instant all tasks due put out first, in their order, each on inputs that see the outputs before it; then
     all of them advance their states on inputs that see all outputs. Tasks that are not due keep their outputs.
     Instants that are within 1e-9 of the shorter period of each other coincide.
+
+    Where a nonlinear algebraic loop has no solution, all that depends on it is not-a-number.
     """
 
     name: str
@@ -92,3 +101,106 @@ class FlatModel:
     def feedthrough(self) -> NDArray[np.bool_]:
         """Which input acts on which output without delay, (outputs, inputs)."""
         return dependencies(self.output, 2)
+
+    @property
+    def is_linear(self) -> bool:
+        """Whether dynamics and outputs are linear in states, inputs and held outputs; the sampled laws aside."""
+        return is_linear(self)
+
+    def start_state(self) -> NDArray[np.float64]:
+        """Starts of the states, (states,)."""
+        return _starts(self.states)
+
+    def start_inputs(self) -> NDArray[np.float64]:
+        """Defaults of the inputs, (inputs,)."""
+        return _starts(self.inputs)
+
+    def start_parameters(self, overrides: Mapping[str, ArrayLike] | None = None) -> NDArray[np.float64]:
+        """Parameter vector p.
+
+        Parameters
+        ----------
+        overrides : mapping, optional
+            Values by name: ``block.k``, or ``k`` where only one block has it; an array for all entries of
+            ``block.k[0]``, ``block.k[1]`` ...
+
+        Returns
+        -------
+        (parameters,) array
+
+        Raises
+        ------
+        ValueError
+            For names that are unknown or stand for several parameters, and values of the wrong shape.
+
+        Examples
+        --------
+        >>> import control as ct
+        >>> from phyfilter_ctl.diagram import flatten
+        >>> plant = ct.nlsys(lambda t, x, u, p: p["k"] * (u - x), None, inputs=1, outputs=1, states=1,
+        ...                  params={"k": 2.0}, name="plant")
+        >>> flatten(plant * 3.0).start_parameters({"k": 5.0})
+        array([5.])
+        """
+        return override(self.parameters, overrides or {})
+
+    def linearize(
+        self,
+        x0: ArrayLike | None = None,
+        u0: ArrayLike | None = None,
+        params: Mapping[str, ArrayLike] | None = None,
+        t: float = 0.0,
+    ) -> ct.StateSpace:
+        """Linear model around a point, by exact derivatives.
+
+        Parameters
+        ----------
+        x0 : (states,) array, optional
+            States; None means the start. Those of the continuous equivalents of sampled blocks may follow.
+        u0 : (inputs,) array, optional
+            Inputs; None means their defaults.
+        params : mapping, optional
+            As for :meth:`start_parameters`.
+        t : float
+            Time in seconds.
+
+        Returns
+        -------
+        control.StateSpace
+            With the model's names, "_" for ".". Sampled blocks are replaced by their continuous equivalents, whose
+            states follow the model's.
+
+        Raises
+        ------
+        ValueError
+            For wrong shapes, unknown parameters, or a sampled block without a continuous equivalent.
+
+        Examples
+        --------
+        >>> import control as ct
+        >>> from phyfilter_ctl.diagram import flatten
+        >>> plant = ct.nlsys(lambda t, x, u, p: [u[0] - x[0] ** 2], None, inputs=1, outputs=1, states=1, name="plant")
+        >>> flatten(plant).linearize([3.0]).A.tolist()
+        [[-6.0]]
+        """
+        extra = sum(len(task.continuous.states) for task in self.tasks if task.continuous is not None)
+        n = len(self.states)
+        x = self.start_state() if x0 is None else _vector("x0", x0, {n, n + extra})
+        u = self.start_inputs() if u0 is None else _vector("u0", u0, {len(self.inputs)})
+        return linear_model(self, x, u, self.start_parameters(params), float(t))
+
+    def describe(self) -> str:
+        """Table of all that the model consists of, as text."""
+        return table(self)
+
+
+def _starts(variables: tuple[Variable, ...]) -> NDArray[np.float64]:
+    return np.array([variable.start for variable in variables], dtype=float)
+
+
+def _vector(name: str, value: ArrayLike, sizes: set[int]) -> NDArray[np.float64]:
+    vector = np.atleast_1d(np.asarray(value, dtype=float))
+    if vector.ndim != 1 or len(vector) not in sizes:
+        expected = " or ".join(f"({size},)" for size in sorted(sizes))
+        raise ValueError(f"{name}: expected shape {expected}, got {vector.shape}")
+    return vector

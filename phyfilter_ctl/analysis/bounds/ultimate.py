@@ -36,6 +36,12 @@ class BoundResult:
 
     Attributes
     ----------
+    system : PhyFilter or SampledPhyFilter
+        The filter.
+    method : str
+        How the bound was found.
+    residual : dict of int to float
+        Bounds of derivatives as given.
     bound : float
         |f - f_hat| stays below it once the start is forgotten: ``intrinsic + prior + noise``. At the samples, for a
         sampled filter; see ``between_samples``.

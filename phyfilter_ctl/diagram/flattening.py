@@ -1,0 +1,397 @@
+"""A python-control diagram as one flat model."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from itertools import accumulate, pairwise
+from typing import Literal, cast
+
+import casadi as ca
+import control as ct
+import numpy as np
+
+from ..blocks.functions import BlockFunctions, Variable, dependencies
+from .evaluation import Evaluation, Symbols, call_block, evaluate
+from .loops import Expression, newton_function
+from .model import FlatModel, Task
+from .ordering import components, cycle
+from .wiring import Block, Wiring, input_variables, output_variables, wire
+
+__all__ = ["as_sampled", "discrete_functions", "flatten"]
+
+_ARGUMENTS = ("t", "x", "u", "p", "z")
+
+
+def flatten(
+    sys: ct.InputOutputSystem,
+    *,
+    name: str | None = None,
+    unconnected: Literal["error", "zero"] = "error",
+) -> FlatModel:
+    """One model of a python-control system, of any depth.
+
+    Parameters
+    ----------
+    sys : control.InputOutputSystem
+        StateSpace, TransferFunction, NonlinearIOSystem, a block of this package, or a diagram of such made by
+        ``control.interconnect``, ``*``, ``+``, ``feedback`` ..., in which diagrams may stand as blocks.
+    name : str, optional
+        Name of the model; None takes the system's.
+    unconnected : {"error", "zero"}
+        Inputs of blocks that nothing drives: refused, or 0 as in python-control.
+
+    Returns
+    -------
+    FlatModel
+        States, parameters and held outputs are called ``block.name``, with the blocks of diagrams inside as
+        ``diagram.block.name``; those of a single block have their bare names.
+
+    Raises
+    ------
+    TypeError
+        For a block that is no python-control system, or frequency response data.
+    ValueError
+        For a block that cannot be traced with CasADi, a singular algebraic loop, a loop among sampled blocks, an
+        input that nothing drives or two outputs of one name do, and names that clash; the message names the block.
+
+    Notes
+    -----
+    Parameters. Two blocks with a parameter ``k`` keep each its own, as ``a.k`` and ``b.k``; python-control gives both
+    the value of the last. A value set on the diagram (``interconnect(..., params={"k": 2.0})``) goes to all its
+    blocks that read ``k``.
+
+    Algebraic loops. Those affine in their signals are solved here, exactly; python-control raises for them. Others are
+    solved by Newton's method at each evaluation, from the solution at the start values; where it finds none, the
+    results are not-a-number. Whether a signal depends on another is seen from the structure, so neither a path that
+    crosses one block twice counts as a loop, nor does a loop hide that is at rest at zero input.
+    ``control.interconnect`` itself refuses a loop of linear blocks only: make the diagram with
+    ``control.InterconnectedSystem``, or write one of its blocks with ``control.nlsys``.
+
+    Wiring by name (``connections=None``). An input driven by two outputs of its name is refused; python-control adds
+    them up.
+
+    Examples
+    --------
+    >>> plant = ct.nlsys(lambda t, x, u, params: [(u[0] - params["drag"] * x[0] * np.sqrt(x[0] ** 2)) / params["m"]],
+    ...                  None, inputs="f", outputs="v", states="v", params={"m": 2.0, "drag": 0.5}, name="plant")
+    >>> control = ct.tf([3.0, 1.0], [1.0, 0.0], inputs="e", outputs="f", name="pi")
+    >>> error = ct.summing_junction(["r", "-v"], "e", name="error")
+    >>> loop = ct.interconnect([plant, control, error], inputs="r", outputs="v", name="loop")
+    >>> flat = flatten(loop)
+    >>> [s.name for s in flat.states], [p.name for p in flat.parameters], flat.order
+    (['plant.v', 'pi.x[0]'], ['plant.m', 'plant.drag'], ('plant', 'error', 'pi'))
+    >>> flat.dynamics(0.0, [1.0, 0.0], [2.0], [2.0, 0.5], []).full().ravel().tolist()
+    [1.25, 1.0]
+    """
+    if not isinstance(sys, ct.InputOutputSystem) and not isinstance(sys, ct.FrequencyResponseData):
+        raise TypeError(
+            f"expected a python-control system, got {type(sys).__name__}; a filter becomes one by phyfilter_block"
+        )
+    if unconnected not in ("error", "zero"):
+        raise ValueError(f'unconnected: expected "error" or "zero", got {unconnected!r}')
+    return _assemble(sys, name or sys.name or "system", {}, unconnected)
+
+
+def as_sampled(flat: FlatModel) -> FlatModel:
+    """A purely discrete model as one task of a model without continuous states.
+
+    Parameters
+    ----------
+    flat : FlatModel
+
+    Returns
+    -------
+    FlatModel
+        With dt = 0, one task of period ``flat.dt`` and the task's held outputs as outputs; a continuous model is
+        returned as it is.
+
+    Examples
+    --------
+    >>> flat = as_sampled(flatten(ct.tf([1.0], [1.0, -0.5], 0.1, name="lag")))
+    >>> flat.dt, len(flat.states), flat.tasks[0].period, [s.name for s in flat.tasks[0].law.states]
+    (0.0, 0, 0.1, ['x[0]'])
+    """
+    if flat.dt == 0.0:
+        return flat
+    law = _without_held(flat)
+    t, x = ca.SX.sym("t"), ca.SX(0, 1)
+    u, p = ca.SX.sym("u", len(flat.inputs)), ca.SX.sym("p", len(flat.parameters))
+    z = ca.SX.sym("z", len(flat.outputs))
+    arguments = [t, x, u, p, z]
+    task = Task(
+        name=flat.name,
+        period=flat.dt,
+        law=law,
+        signals=ca.Function("signals", arguments, [u]),
+        held=slice(0, len(flat.outputs)),
+        parameters=slice(0, len(flat.parameters)),
+    )
+    return dataclasses.replace(
+        flat,
+        states=(),
+        held=flat.outputs,
+        dynamics=ca.Function("dynamics", arguments, [ca.SX(0, 1)]),
+        output=ca.Function("output", arguments, [z]),
+        tasks=(task,),
+        dt=0.0,
+    )
+
+
+def discrete_functions(
+    system: ct.InputOutputSystem,
+    path: str,
+    given: Mapping[str, object],
+    unconnected: Literal["error", "zero"],
+) -> BlockFunctions:
+    """A discrete diagram as the law of one sampled block.
+
+    Parameters
+    ----------
+    system : control.InputOutputSystem
+    path : str
+        Name of the block in messages.
+    given : mapping
+        Parameter values from outside.
+    unconnected : {"error", "zero"}
+
+    Returns
+    -------
+    BlockFunctions
+
+    Raises
+    ------
+    ValueError
+        If the diagram is not discrete.
+
+    Examples
+    --------
+    >>> discrete_functions(ct.tf([1.0], [1.0, -0.5], 0.1), "lag", {}, "error").dynamics(0, 2.0, 1.0, []).full().item()
+    2.0
+    """
+    flat = _assemble(system, path, given, unconnected)
+    if flat.dt == 0.0:
+        raise ValueError(f"block {path}: expected a discrete system with dt > 0, got a continuous one")
+    return _without_held(flat)
+
+
+def _without_held(flat: FlatModel) -> BlockFunctions:
+    kind = (
+        ca.SX
+        if flat.dynamics.is_a("SXFunction") and flat.output.is_a("SXFunction")
+        else cast(type[ca.SX], ca.MX)
+    )
+    t = kind.sym("t")
+    x, u, p = (
+        kind.sym(name, len(part))
+        for name, part in zip("xup", (flat.states, flat.inputs, flat.parameters), strict=True)
+    )
+    z = kind(0, 1)
+    return BlockFunctions(
+        states=flat.states,
+        inputs=flat.inputs,
+        outputs=flat.outputs,
+        parameters=flat.parameters,
+        dynamics=ca.Function("dynamics", [t, x, u, p], [flat.dynamics(t, x, u, p, z)]),
+        output=ca.Function("output", [t, x, u, p], [flat.output(t, x, u, p, z)]),
+    )
+
+
+def _assemble(
+    system: ct.InputOutputSystem,
+    name: str,
+    given: Mapping[str, object],
+    unconnected: Literal["error", "zero"],
+) -> FlatModel:
+    dt = _time_base(system, name)
+    wiring = wire(system, given, unconnected)
+    scalar, wiring.blocks = _expanded(wiring.blocks)
+    prefix = isinstance(system, ct.InterconnectedSystem)
+    states = [() if b.period else _named(b, b.functions.states, prefix) for b in wiring.blocks]
+    parameters = [_named(b, b.functions.parameters, prefix) for b in wiring.blocks]
+    held = [_named(b, b.functions.outputs, prefix) if b.period else () for b in wiring.blocks]
+    if dt > 0.0 and any(b.period for b in wiring.blocks):
+        sampled = next(b.path for b in wiring.blocks if b.period)
+        raise ValueError(
+            f"block {sampled} is a sampled block in a discrete diagram (dt = {dt:g} s); wrap the discrete blocks as "
+            "sampled blocks too, which makes the diagram a continuous one of several rates"
+        )
+    inputs = input_variables(wiring, system.input_labels)
+    outputs = output_variables(wiring, _labels(system, len(wiring.outputs)))
+    flat_states, flat_parameters, flat_held = _joined(states), _joined(parameters), _joined(held)
+    for what, variables in zip(
+        ("states", "inputs", "outputs", "parameters", "held outputs"),
+        (flat_states, inputs, outputs, flat_parameters, flat_held),
+        strict=True,
+    ):
+        _check_unique(what, variables, name)
+    kind = ca.SX if scalar else cast(type[ca.SX], ca.MX)
+    symbols = Symbols(
+        kind.sym("t"),
+        *(
+            kind.sym(letter, len(variables))
+            for letter, variables in zip(
+                "xupz", (flat_states, inputs, flat_parameters, flat_held), strict=True
+            )
+        ),
+        start=(np.zeros(1), *(_starts(v) for v in (flat_states, inputs, flat_parameters, flat_held))),
+        states=_parts(states),
+        parameters=_parts(parameters),
+        held=_parts(held),
+    )
+    evaluation = evaluate(wiring, symbols)
+    build = _Builder(symbols, evaluation)
+    derivatives = [
+        call_block(wiring, symbols, i, "dynamics", evaluation.values)
+        for i, block in enumerate(wiring.blocks)
+        if not block.period and block.functions.states
+    ]
+    tasks = _tasks(wiring, symbols, evaluation, build)
+    return FlatModel(
+        name=name,
+        states=flat_states,
+        inputs=inputs,
+        outputs=outputs,
+        parameters=flat_parameters,
+        held=flat_held,
+        dynamics=build.function("dynamics", derivatives),
+        output=build.function("output", [evaluation.values[s] for s in wiring.outputs]),
+        tasks=tasks,
+        dt=dt,
+        order=_order(wiring, evaluation, tasks),
+    )
+
+
+def _time_base(system: ct.InputOutputSystem, name: str) -> float:
+    if system.dt is None or system.dt == 0:
+        return 0.0
+    if system.dt is True:
+        raise ValueError(
+            f"{name}: it is discrete with an unknown sampling interval; give its blocks dt= in seconds"
+        )
+    return float(system.dt)
+
+
+def _expanded(blocks: Sequence[Block]) -> tuple[bool, list[Block]]:
+    """Functions as scalar (SX) expressions where all of them can be."""
+    result, scalar = [], True
+    for block in blocks:
+        functions = {}
+        for which in ("dynamics", "output"):
+            function: ca.Function = getattr(block.functions, which)
+            if not function.is_a("SXFunction"):
+                try:
+                    function = function.expand()
+                except RuntimeError:
+                    # A sampled block stands apart from the others; its law need not be of their kind.
+                    scalar = scalar and bool(block.period)
+            functions[which] = function
+        result.append(dataclasses.replace(block, functions=dataclasses.replace(block.functions, **functions)))
+    return scalar, result
+
+
+class _Builder:
+    """Makes functions of (t, x, u, p, z), with the nonlinear loops solved inside."""
+
+    def __init__(self, symbols: Symbols, evaluation: Evaluation) -> None:
+        self._symbols = symbols
+        self._loops = evaluation.loops
+        self._unknowns = newton_function(evaluation.loops, symbols.all) if evaluation.loops else None
+
+    def function(self, name: str, parts: Sequence[Expression]) -> ca.Function:
+        arguments = self._symbols.all
+        kind = type(self._symbols.t)
+        result = ca.densify(ca.vertcat(*parts)) if parts else kind(0, 1)
+        if kind is ca.SX:
+            result = ca.cse(result)
+        needed = [loop.tau for loop in self._loops if ca.depends_on(result, loop.tau)] if parts else []
+        if self._unknowns is None or not needed:
+            return ca.Function(name, arguments, [result], list(_ARGUMENTS), ["value"])
+        inner = ca.Function(f"{name}_inner", [*arguments, *(loop.tau for loop in self._loops)], [result])
+        outer = [ca.MX.sym(letter, a.shape[0]) for letter, a in zip(_ARGUMENTS, arguments, strict=True)]
+        sizes = [loop.tau.shape[0] for loop in self._loops]
+        unknowns = ca.vertsplit(self._unknowns(*outer), [0, *accumulate(sizes)])
+        return ca.Function(name, outer, [inner(*outer, *unknowns)], list(_ARGUMENTS), ["value"])
+
+
+def _tasks(wiring: Wiring, symbols: Symbols, evaluation: Evaluation, build: _Builder) -> tuple[Task, ...]:
+    tasks, blocks = [], []
+    for i, block in enumerate(wiring.blocks):
+        if not block.period:
+            continue
+        blocks.append(block)
+        tasks.append(
+            Task(
+                name=block.path,
+                period=block.period,
+                law=block.functions,
+                signals=build.function("signals", [evaluation.values[s] for s in block.inputs]),
+                held=symbols.held[i],
+                parameters=symbols.parameters[i],
+                filter=block.filter,
+                continuous=block.continuous,
+            )
+        )
+    owner = [i for i, task in enumerate(tasks) for _ in range(task.held.start, task.held.stop)]
+    edges: dict[int, dict[int, tuple[int, int]]] = {}
+    for i, (task, block) in enumerate(zip(tasks, blocks, strict=True)):
+        used = np.flatnonzero(block.functions.feedthrough.any(axis=0))
+        reads = dependencies(task.signals, 4)[used] if len(used) else np.zeros((0, 0), dtype=bool)
+        edges[i] = {}
+        for row, column in zip(*np.nonzero(reads), strict=True):
+            edges[i].setdefault(owner[column], (int(column), int(used[row])))
+
+    def needs(i: int) -> list[int]:
+        return list(edges[i])
+
+    parts = components(range(len(tasks)), needs)
+    for part in parts:
+        if len(part) > 1 or part[0] in edges[part[0]]:
+            way = cycle(part, needs)
+            hops = [
+                f"{blocks[a].path}.{blocks[a].functions.outputs[edges[b][a][0] - tasks[a].held.start].name} -> "
+                f"{blocks[b].path}.{blocks[b].functions.inputs[edges[b][a][1]].name}"
+                for a, b in pairwise(way)
+            ]
+            raise ValueError(
+                f"sampled blocks wait for each other at an instant: {', '.join(hops)}; let one of them use what it got "
+                'at its instant before (a unit delay; g="hold" for g of a filter), or, if its outputs have nothing to '
+                "do with each other, make one block of each"
+            )
+    return tuple(tasks[part[0]] for part in parts)
+
+
+def _order(wiring: Wiring, evaluation: Evaluation, tasks: Sequence[Task]) -> tuple[str, ...]:
+    known = [task.name for task in tasks] + [wiring.blocks[i].path for i in evaluation.order]
+    return tuple(dict.fromkeys([*known, *(block.path for block in wiring.blocks)]))
+
+
+def _named(block: Block, variables: Sequence[Variable], prefix: bool) -> tuple[Variable, ...]:
+    if not prefix:
+        return tuple(variables)
+    return tuple(dataclasses.replace(v, name=f"{block.path}.{v.name}") for v in variables)
+
+
+def _joined(groups: Sequence[Sequence[Variable]]) -> tuple[Variable, ...]:
+    return tuple(variable for group in groups for variable in group)
+
+
+def _parts(groups: Sequence[Sequence[Variable]]) -> list[slice]:
+    ends = [0, *accumulate(len(group) for group in groups)]
+    return [slice(a, b) for a, b in pairwise(ends)]
+
+
+def _starts(variables: Sequence[Variable]) -> np.ndarray:
+    return np.array([variable.start for variable in variables])
+
+
+def _labels(system: ct.InputOutputSystem, count: int) -> list[str]:
+    labels = list(system.output_labels)
+    return labels if len(labels) == count else [f"y[{i}]" for i in range(count)]
+
+
+def _check_unique(what: str, variables: Sequence[Variable], name: str) -> None:
+    names = [variable.name for variable in variables]
+    if len(set(names)) < len(names):
+        twice = sorted({n for n in names if names.count(n) > 1})
+        raise ValueError(f"{name}: the {what} {', '.join(twice)} stand twice; rename a block or a signal")

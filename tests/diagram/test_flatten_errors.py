@@ -1,0 +1,197 @@
+"""What cannot be flattened is refused with the block's name and the way out."""
+
+import math
+import warnings
+
+import control as ct
+import numpy as np
+import pytest
+
+from phyfilter_ctl import PhyFilter
+from phyfilter_ctl.diagram import flatten
+
+
+def static(function, name="block", **names):
+    names = {"inputs": "u", "outputs": "y"} | names
+    return ct.nlsys(None, function, name=name, **names)
+
+
+def dynamic(update, name="block", states=1, params=None):
+    return ct.nlsys(update, None, inputs=1, outputs=states, states=states, params=params, name=name)
+
+
+def filled(t, x, u, params):
+    dx = np.zeros(2)
+    dx[0], dx[1] = x[1], u[0]
+    return dx
+
+
+UNTRACEABLE = {
+    "math.sin": dynamic(lambda t, x, u, params: [math.sin(x[0])]),
+    "float": dynamic(lambda t, x, u, params: [float(x[0]) ** 2]),
+    "filled in place": dynamic(filled, states=2),
+    "branch on the state": dynamic(lambda t, x, u, params: [x[0] if x[0] > 0.3 else 2 * u[0]]),
+    "branch on time": dynamic(lambda t, x, u, params: -x if t > 1 else x),
+    "branch on a parameter": dynamic(
+        lambda t, x, u, params: -x if params["k"] > 1.5 else x, params={"k": 1.4}
+    ),
+    "python's max": dynamic(lambda t, x, u, params: [max(x[0], u[0])]),
+    "a loop that depends on the state": dynamic(
+        lambda t, x, u, params: [sum(1.0 for _ in range(int(abs(x[0]))))]
+    ),
+    "wrong but finite": dynamic(lambda t, x, u, params: [1.0 if isinstance(x[0], float) else 2.0]),
+}
+
+
+@pytest.mark.parametrize("case", UNTRACEABLE)
+def test_function_that_cannot_be_traced(case):
+    with pytest.raises(
+        ValueError, match=r"block block: its update function cannot be traced .*phyfilter_ctl\.plant"
+    ):
+        flatten(UNTRACEABLE[case])
+
+
+def test_untraceable_block_inside_is_named_by_its_path():
+    inner = ct.interconnect(
+        [dynamic(lambda t, x, u, params: [math.sin(x[0])], name="bad"), ct.ss([], [], [], [[1.0]], name="ok")],
+        connections=[["bad.u[0]", "ok.y[0]"]], inplist=["ok.u[0]"], outlist=["bad.y[0]"], inputs="u", outputs="y",
+        name="inner",
+    )  # fmt: skip
+    outer = ct.interconnect([inner], inplist=["inner.u"], outlist=["inner.y"], name="outer")
+    with pytest.raises(ValueError, match=r"block inner\.bad: its update function"):
+        flatten(outer)
+
+
+def test_output_function_is_named_too():
+    with pytest.raises(ValueError, match="its output function cannot be traced"):
+        flatten(static(lambda t, x, u, params: math.exp(u[0])))
+
+
+def test_block_that_remembers():
+    """A delay written with a list is a state that python-control does not know of."""
+    past = [0.0]
+
+    def delay(t, x, u, params):
+        past.append(float(u[0]))
+        return past[-2]
+
+    with pytest.raises(ValueError, match="keeps something from call to call"):
+        flatten(static(delay, "late"))
+
+
+def test_functions_that_fail_or_never_are_finite():
+    with pytest.raises(
+        ValueError, match=r"block block: its functions fail wherever they are called: .*out of bounds"
+    ):
+        flatten(static(lambda t, x, u, params: u[3]))
+    with pytest.raises(ValueError, match="not finite at any probed point"):
+        flatten(static(lambda t, x, u, params: np.sqrt(-1 - u**2)))
+    with pytest.raises(ValueError, match="gives 2 entries, expected 1"):
+        flatten(static(lambda t, x, u, params: [u[0], u[0]]))
+
+
+def test_things_that_are_no_blocks():
+    with pytest.raises(TypeError, match="phyfilter_block"):
+        flatten(PhyFilter([20.0]))
+    frd = ct.frd(np.array([1.0 + 0j, 0.5]), np.array([1.0, 2.0]), name="measured")
+    with pytest.raises(TypeError, match="block measured: frequency response data"):
+        flatten(frd)
+
+
+def test_transfer_functions():
+    with pytest.raises(ValueError, match=r"block lead: .* proper"):
+        flatten(ct.tf([1.0, 0.0, 0.0], [1.0, 1.0], name="lead"))
+    # Inside a diagram python-control speaks first.
+    with pytest.raises(ValueError, match=r"[Ii]mproper|non-proper"):
+        ct.interconnect([ct.tf([1.0, 0.0, 0.0], [1.0, 1.0], name="lead")], inplist="lead", outlist="lead")
+
+
+def test_discrete_without_interval():
+    with pytest.raises(ValueError, match="unknown: it is discrete with an unknown sampling interval"):
+        flatten(ct.tf([1.0], [1.0, 0.5], True, name="unknown"))
+
+
+def test_sizes_left_open():
+    with pytest.raises(ValueError, match="block open: the numbers of inputs, outputs and states"):
+        flatten(ct.nlsys(lambda t, x, u, params: -x, None, name="open"))
+
+
+def test_matrices_that_are_not_finite():
+    with pytest.raises(ValueError, match="block bad: its state-space matrices are not real and finite"):
+        flatten(ct.ss([[np.nan]], [[1.0]], [[1.0]], [[0.0]], name="bad"))
+
+
+def lag(name, u, y):
+    return ct.tf([1.0], [1.0, 1.0], inputs=u, outputs=y, name=name)
+
+
+def test_unconnected_input():
+    two = static(lambda t, x, u, params: u[0] + u[1], "two", inputs=["y", "d"], outputs="z")
+    with pytest.warns(UserWarning, match="Unused input"):
+        sys = ct.interconnect([lag("lag", "u", "y"), two], inputs="u", outputs="z", name="open")
+    with pytest.raises(ValueError, match=r"nothing drives two\.d; .*unconnected=\"zero\""):
+        flatten(sys)
+    flat = flatten(sys, unconnected="zero")
+    assert float(flat.output(0, [3.0], [1.0], [], [])) == float(sys.output(0, [3.0], [1.0])[0])
+    with pytest.raises(ValueError, match="unconnected: expected"):
+        flatten(sys, unconnected="ignore")
+
+
+def test_unconnected_input_of_a_diagram_inside():
+    """The border of the inner diagram is connected to its block; nothing is connected to the border."""
+    inner = ct.interconnect([lag("lag", "u", "y")], inputs="u", outputs="y", name="inner")
+    with pytest.warns(UserWarning, match="Unused"):
+        outer = ct.interconnect([inner, lag("other", "v", "w")], inputs="v", outputs=["y", "w"], name="outer")
+    with pytest.raises(ValueError, match=r"nothing drives inner\.lag\.u"):
+        flatten(outer)
+
+
+def test_two_outputs_of_one_name():
+    """python-control adds them up where it wires by name; with connections= the same sum is meant."""
+    parts = [lag("a", "u", "y"), lag("b", "u", "y"), lag("c", "y", "z")]
+    with pytest.raises(ValueError, match=r"c\.y is driven by a\.y and by b\.y, all called 'y'"):
+        flatten(ct.interconnect(parts, inputs="u", outputs="z", name="sum"))
+    with pytest.raises(ValueError, match=r"output y is driven by a\.y and by b\.y"):
+        flatten(ct.interconnect(parts[:2], inputs="u", outputs="y", name="sum"))
+    meant = ct.interconnect(parts, connections=[["c.y", "a.y", "b.y"]], inplist=[["a.u", "b.u"]], inputs="u",
+                            outlist=["c.z"], outputs="z", name="sum")  # fmt: skip
+    assert np.asarray(flatten(meant).dynamics(0, [1.0, 2.0, 0.0], [0.0], [], [])).ravel().tolist() == [
+        -1,
+        -2,
+        3,
+    ]
+
+
+def test_input_of_the_diagram_and_output_of_one_name():
+    with pytest.raises(ValueError, match=r"b\.y is driven by a\.y and by the input y"):
+        flatten(
+            ct.interconnect(
+                [lag("a", "u", "y"), lag("b", "y", "z")], inputs=["u", "y"], outputs="z", name="d"
+            )
+        )
+    # Under another name it is a disturbance that is meant.
+    sys = ct.interconnect([lag("a", "u", "y"), lag("b", "y", "z")], inplist=["a.u", "b.y"], inputs=["u", "d"],
+                          outputs="z", name="d")  # fmt: skip
+    assert np.asarray(flatten(sys).dynamics(0, [1.0, 0.0], [0.0, 5.0], [], [])).ravel().tolist() == [
+        -1.0,
+        6.0,
+    ]
+
+
+def test_one_block_twice():
+    """python-control wires the second one's signals to the first, with gain 2; it warns, flatten refuses."""
+    a = lag("a", "u", "y")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)
+        sys = ct.interconnect([a, a, lag("c", "y", "z")], inputs="u", outputs="z", name="d")
+    with pytest.raises(ValueError, match=r"driven by .* \(twice\).*its own name="):
+        flatten(sys)
+
+
+def test_names_that_clash():
+    parts = [lag("a", "u", "y"), lag("a", "y", "z"), lag("a_1", "z", "w")]
+    with pytest.warns(UserWarning, match="duplicate name"):
+        sys = ct.InterconnectedSystem(parts, connections=[[(1, 0), (0, 0)], [(2, 0), (1, 0)]], inplist=[(0, 0)],
+                                      outlist=[(2, 0)], inputs="u", outputs="w", name="d")  # fmt: skip
+    with pytest.raises(ValueError, match="give each block its own name="):
+        flatten(sys)
