@@ -39,6 +39,7 @@ from .blocks import (
     phyfilter_block,
     sampled_block,
 )
+from .codegen import export_c
 from .design import LearnResult, bandpass, learn, learn_jointly, lowpass, numerator_of_type, place_poles
 from .diagram import FlatModel, flatten
 from .filter import PhyFilter
@@ -46,6 +47,7 @@ from .filterfile import Signals, load, load_signals, save
 from .flightlog import FlightLog, split_by_speed, split_flights
 from .plants import Plant, plant
 from .sampled import FilterState, SampledPhyFilter, stack
+from .simulation import Sensitivity, SimulationResponse, sensitivity, simulate, simulate_batch
 
 __all__ = [
     "BlockFunctions",
@@ -62,11 +64,14 @@ __all__ = [
     "Plant",
     "SampledBlock",
     "SampledPhyFilter",
+    "Sensitivity",
     "Signals",
+    "SimulationResponse",
     "Variable",
     "Variance",
     "bandpass",
     "error_variance",
+    "export_c",
     "flatten",
     "frequency_response",
     "function_block",
@@ -83,6 +88,9 @@ __all__ = [
     "plant",
     "sampled_block",
     "save",
+    "sensitivity",
+    "simulate",
+    "simulate_batch",
     "split_by_speed",
     "split_flights",
     "stack",

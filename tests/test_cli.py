@@ -13,7 +13,7 @@ import pytest
 
 import phyfilter_ctl
 from phyfilter_ctl import PhyFilter, filterfile, models
-from phyfilter_ctl._cli_output import write_figure, write_text
+from phyfilter_ctl._output import write_figure, write_text
 from phyfilter_ctl.cli import main
 
 # The figures come from a root finder and a maximiser.

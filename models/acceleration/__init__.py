@@ -101,7 +101,7 @@ def main(options: Namespace) -> int:
     ValueError, OSError
         If the options or the recordings are wrong, or a file cannot be read or written.
     """
-    from phyfilter_ctl._cli_output import check_target, write_figure, write_text
+    from phyfilter_ctl._output import check_target, write_figure, write_text
 
     from . import learning, study
     from .experiment import QUICK, Effort, compare, steps

@@ -12,6 +12,9 @@
 #define PF_REAL double
 #endif
 typedef PF_REAL pf_real;
+typedef double pf_time; /* seconds; double also where pf_real is float, which has no digits left after an hour at 1 kHz */
+
+#define PF_NEVER 1e300 /* pf_model.next: no instant to come */
 
 enum { PF_OK = 0, PF_NOT_FINITE = 1, PF_NO_CONVERGENCE = 2, PF_STEP_TOO_SMALL = 3 };
 
@@ -33,19 +36,22 @@ typedef struct pf_model {
    * are refused: then those in force stay, and p is set back to them. */
   const char *(*apply)(void *self);
 
-  int (*start)(void *self, pf_real t);                 /* first sample of all sampled blocks */
-  int (*derivatives)(void *self, pf_real t, const pf_real *x, pf_real *dx);
-  int (*outputs)(void *self, pf_real t, const pf_real *x, pf_real *y);
-  pf_real (*next)(const void *self);                   /* next instant of a sampled block; a huge number if none */
-  int (*sample)(void *self, pf_real t, const pf_real *x); /* runs the sampled blocks that are due at t */
-  int (*update)(void *self, pf_real t, pf_real elapsed);  /* communication: one sample after `elapsed` seconds */
+  int (*start)(void *self, pf_time t);                 /* first sample of all sampled blocks, on x in place */
+  int (*derivatives)(void *self, pf_time t, const pf_real *x, pf_real *dx);
+  int (*outputs)(void *self, pf_time t, const pf_real *x, pf_real *y);
+  pf_time (*next)(const void *self);                   /* next instant of a sampled block; PF_NEVER if none */
+  /* Runs the sampled blocks whose earliest instant is at or before t, and those that coincide with it. Once: where
+   * next is still at or before t, call again. */
+  int (*sample)(void *self, pf_time t, const pf_real *x);
+  int (*update)(void *self, pf_time t, pf_time elapsed);  /* communication: one sample after `elapsed` seconds */
 
-  /* Derivative of (dx, y) along a seed of (x, u, p), and its transpose (adds nothing, overwrites the results).
+  /* Derivative of (dx, y) along a seed of (x, u, p), and its transpose (adds nothing, overwrites the results), at x and
+   * u in place and the parameters in force.
    * Held outputs and parameters of filters count as constant: their seeds are ignored, their results 0. NULL where the
    * model has none. */
-  int (*directional)(void *self, pf_real t, const pf_real *seed_x, const pf_real *seed_u, const pf_real *seed_p,
+  int (*directional)(void *self, pf_time t, const pf_real *seed_x, const pf_real *seed_u, const pf_real *seed_p,
                      pf_real *dx, pf_real *y);
-  int (*adjoint)(void *self, pf_real t, const pf_real *seed_dx, const pf_real *seed_y, pf_real *x, pf_real *u,
+  int (*adjoint)(void *self, pf_time t, const pf_real *seed_dx, const pf_real *seed_y, pf_real *x, pf_real *u,
                  pf_real *p);
 } pf_model;
 

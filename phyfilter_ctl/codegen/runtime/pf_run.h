@@ -7,16 +7,25 @@ enum { PF_RK4 = 0, PF_ADAPTIVE = 1 }; /* classical Runge-Kutta; Dormand-Prince 5
 
 typedef struct {
   int method;
-  pf_real step;      /* RK4: longest step in seconds; adaptive: longest step, 0 for none */
-  pf_real rtol, atol; /* adaptive */
-  pf_real h;         /* adaptive: step to try next; 0 at first */
+  pf_time step;       /* longest step in seconds; 0: RK4 goes to the next stop in one step, adaptive has no bound */
+  pf_real rtol, atol; /* adaptive: error of a step below atol + rtol |x|, entry by entry */
+  pf_time h;          /* adaptive: step to try next; 0 at first */
 } pf_solver;
 
 size_t pf_work_reals(const pf_model *model); /* length of `work` below */
 
-/* From t to t_end, instants in (t, t_end] included. Inputs are constant unless `slope` (n_u, may be NULL) gives their
- * rates. On failure the instance is left as at the last accepted step; *t_reached tells where. */
-int pf_advance(const pf_model *model, void *self, pf_real *work, pf_solver *solver, pf_real t, pf_real t_end,
-               const pf_real *slope, pf_real *t_reached);
+/* From t to t_end, instants in (t, t_end] included. Inputs are those in the instance at t and constant unless `slope`
+ * (n_u, may be NULL) gives their rates; they are left as at t_end. RK4 divides the way from stop to stop (instants and
+ * t_end) into equal steps; stops within rounding of each other are one. On failure the instance is left as at the last
+ * accepted step; *t_reached tells where. PF_STEP_TOO_SMALL also where t_end is before t or not a number. */
+int pf_advance(const pf_model *model, void *self, pf_real *work, pf_solver *solver, pf_time t, pf_time t_end,
+               const pf_real *slope, pf_time *t_reached);
+
+/* The same without the instants at t_end: for inputs that jump there. Then set u and call pf_catch_up. */
+int pf_approach(const pf_model *model, void *self, pf_real *work, pf_solver *solver, pf_time t, pf_time t_end,
+                const pf_real *slope, pf_time *t_reached);
+
+/* Runs the instants at t, those within rounding of it included; `since` is the time the run came from. */
+int pf_catch_up(const pf_model *model, void *self, pf_time since, pf_time t);
 
 #endif

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .flightlog import FlightLog
+from ..flightlog import FlightLog
 
 if TYPE_CHECKING:
-    from .design.learning import Form, LearnResult, WienerFloor
+    from ..design.learning import Form, LearnResult, WienerFloor
 
 __all__ = ["Row", "best_of", "figures_of", "form_name", "table_of"]
 

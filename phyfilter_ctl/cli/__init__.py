@@ -8,7 +8,8 @@ import sys
 from collections.abc import Sequence
 from typing import NoReturn
 
-from . import __version__, _cli_design, _cli_learn, models
+from .. import __version__, models
+from . import design, export, fmu, learn
 
 __all__ = ["main"]
 
@@ -18,6 +19,9 @@ _EPILOG = """examples:
   phyfilter-ctl design --family butterworth --order 2 --cutoff 20 --dt 0.002 --out filter.toml
   phyfilter-ctl learn flight.csv --order 1 2 3 --out filter.toml
                                                                learn filters from a flight with a known f
+  phyfilter-ctl export filter.toml --fmu filter.fmu --c firmware --channels 3
+                                                               hand it over: FMU, SSP, C
+  phyfilter-ctl fmu check model.fmu                            describe, check, run FMUs of any tool
   phyfilter-ctl COMMAND --help                                 all options of a command, with examples"""
 
 _RUN_EPILOG = """examples:
@@ -78,12 +82,15 @@ def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
     parser.add_argument("--version", action="version", version=f"phyfilter-ctl {__version__}")
     commands = parser.add_subparsers(title="commands", metavar="COMMAND", required=True, parser_class=_Parser)
     _add_run(commands, arguments)
-    design = commands.add_parser("design", help="choose a filter: description, figures, picture, file")
-    _cli_design.add_arguments(design)
-    design.set_defaults(job=_cli_design.main)
-    learn = commands.add_parser("learn", help="learn filters from flights: table, picture, file")
-    _cli_learn.add_arguments(learn)
-    learn.set_defaults(job=_cli_learn.main)
+    for name, module, text in (
+        ("design", design, "choose a filter: description, figures, picture, file"),
+        ("learn", learn, "learn filters from flights: table, picture, file"),
+        ("export", export, "hand a filter or a model over: FMU, SSP, C"),
+        ("fmu", fmu, "describe, check and run FMUs of any tool"),
+    ):
+        command = commands.add_parser(name, help=text)
+        module.add_arguments(command)
+        command.set_defaults(job=module.main)
     return parser
 
 

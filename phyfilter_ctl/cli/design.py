@@ -9,14 +9,14 @@ from typing import TYPE_CHECKING, get_args
 
 import numpy as np
 
-from . import filterfile
-from ._cli_output import check_target, write_figure, write_text
-from .design.placement import Family, bandpass, lowpass, place_poles
-from .filter import PhyFilter
-from .sampled import SampledPhyFilter
+from .. import filterfile
+from .._output import check_target, write_figure, write_text
+from ..design.placement import Family, bandpass, lowpass, place_poles
+from ..filter import PhyFilter
+from ..sampled import SampledPhyFilter
 
 if TYPE_CHECKING:
-    from .analysis.frequency import FilterResponse
+    from ..analysis.frequency import FilterResponse
 
 __all__ = ["add_arguments", "main"]
 
@@ -74,7 +74,7 @@ def main(options: argparse.Namespace) -> int:
     ValueError, OSError
         If the options are wrong or a file cannot be read or written.
     """
-    from .analysis.frequency import frequency_response
+    from ..analysis.frequency import frequency_response
 
     picture = None if options.picture == "none" else options.picture
     check_target(options.json)
@@ -190,7 +190,7 @@ def _figures(
     filter = system if isinstance(system, PhyFilter) else system.filter
     low, high = response.band_edges
     if at:
-        from .analysis.frequency import frequency_response
+        from ..analysis.frequency import frequency_response
 
         there = frequency_response(system, at)
         values = zip(there.omega, np.abs(there.F), np.abs(there.error), there.phase_lag(), strict=True)
@@ -223,7 +223,7 @@ def _finite(value: float) -> float | None:
 
 
 def _text(system: PhyFilter | SampledPhyFilter, figures: dict[str, object]) -> str:
-    from .analysis.frequency import frequency_response
+    from ..analysis.frequency import frequency_response
 
     response = frequency_response(system)
     filter = system if isinstance(system, PhyFilter) else system.filter

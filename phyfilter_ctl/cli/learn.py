@@ -15,15 +15,15 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 from tqdm import tqdm
 
-from . import filterfile
-from ._cli_learn_report import Row, best_of, figures_of, form_name, table_of
-from ._cli_output import check_target, write_figure, write_text
-from .flightlog import FlightLog
-from .sampled import SampledPhyFilter
+from .. import filterfile
+from .._output import check_target, write_figure, write_text
+from ..flightlog import FlightLog
+from ..sampled import SampledPhyFilter
+from .learn_report import Row, best_of, figures_of, form_name, table_of
 
 if TYPE_CHECKING:
-    from .design.learning import Form, LearnEvent, LearnResult
-    from .sampled.sampled_filter import Rule
+    from ..design.learning import Form, LearnEvent, LearnResult
+    from ..sampled.sampled_filter import Rule
 
 __all__ = ["add_arguments", "main"]
 
@@ -254,7 +254,7 @@ def _row(
     interrupt: _Interrupt,
     bar: _Bar,
 ) -> Row | None:
-    from .design.learning import learn
+    from ..design.learning import learn
 
     bar.set_description(f"{form_name(form)}, order {order}")
 

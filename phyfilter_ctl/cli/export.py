@@ -1,0 +1,205 @@
+"""``phyfilter-ctl export``: a filter or a model as an FMU, a system structure package, or C."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from pathlib import Path
+from typing import Literal
+
+import control as ct
+
+from .. import filterfile, models
+from .._output import check_target, write_text
+from ..filter import PhyFilter
+from ..sampled import SampledPhyFilter
+
+__all__ = ["add_arguments", "main"]
+
+_DESCRIPTION = """Hand a filter or a model over: an FMU that needs no Python, a system structure package (SSP), or C99
+without heap and library calls. Give one or more of --fmu, --ssp and --c."""
+
+_EPILOG = """examples:
+  phyfilter-ctl export filter.toml --fmu filter.fmu --channels 3         FMI 3.0, this machine's platform
+  phyfilter-ctl export filter.toml --fmu filter.fmu --fmi 2.0 --platform all
+  phyfilter-ctl export filter.toml --c firmware/filter --channels 3 --real float
+  phyfilter-ctl export acceleration --fmu acceleration.fmu               a model of phyfilter-ctl run
+  phyfilter-ctl export acceleration --ssp acceleration.ssp"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the options of ``phyfilter-ctl export``."""
+    parser.description, parser.epilog = _DESCRIPTION, _EPILOG
+    parser.formatter_class = argparse.RawDescriptionHelpFormatter
+    parser.add_argument(
+        "what", metavar="FILTER_OR_MODEL", help=f"a filter file, or a model: {', '.join(models.available())}"
+    )
+    targets = parser.add_argument_group("what to write")
+    targets.add_argument("--fmu", metavar="FILE.fmu", help="a functional mock-up unit")
+    targets.add_argument("--ssp", metavar="FILE.ssp", help="a model as FMUs with their wiring")
+    targets.add_argument("--c", metavar="DIR", help="C99 sources with a program that checks itself")
+    targets.add_argument("--json", metavar="FILE", help="what was written; - for standard output")
+    filters = parser.add_argument_group("filters")
+    filters.add_argument(
+        "--channels", type=int, metavar="N", help="channels of x (default: as the file names them, or 1)"
+    )
+    filters.add_argument(
+        "--inertia", choices=("scalar", "diagonal", "full"), help="make the inertia an input of that kind"
+    )
+    filters.add_argument(
+        "--dt", type=float, metavar="S", help="sample a continuous filter at this interval in s"
+    )
+    filters.add_argument(
+        "--rate",
+        choices=("communication", "fixed"),
+        default="communication",
+        help="FMU of a sampled filter: a sample per communication step, or every dt (default communication)",
+    )
+    fmu = parser.add_argument_group("FMU and SSP")
+    fmu.add_argument("--fmi", choices=("2.0", "3.0"), help="version (default 3.0; 2.0 inside an SSP)")
+    fmu.add_argument(
+        "--kind", nargs="+", choices=("cs", "me"), help="co-simulation, model exchange (default both)"
+    )
+    fmu.add_argument(
+        "--platform",
+        nargs="+",
+        default=["native"],
+        metavar="NAME",
+        help="native (default), all, none for sources only, or x86_64-linux, aarch64-linux, x86_64-windows, "
+        "x86_64-darwin, aarch64-darwin",
+    )
+    fmu.add_argument(
+        "--split",
+        nargs="+",
+        metavar="PART=BLOCK,BLOCK",
+        help="SSP: blocks of each part (default: each a part)",
+    )
+    fmu.add_argument("--name", help="model identifier, a C identifier")
+    c = parser.add_argument_group("C")
+    c.add_argument("--real", choices=("double", "float"), help="numbers (default: as the filter computes)")
+
+
+def main(options: argparse.Namespace) -> int:
+    """Run ``phyfilter-ctl export``; return the exit status.
+
+    Raises
+    ------
+    ValueError, OSError
+        If the options are wrong, a block cannot be exported, or a file cannot be read or written.
+    """
+    if not (options.fmu or options.ssp or options.c):
+        raise ValueError("expected one of --fmu FILE, --ssp FILE and --c DIR")
+    check_target(options.fmu, suffixes=(".fmu",))
+    check_target(options.ssp, suffixes=(".ssp",))
+    check_target(options.json)
+    system, signals = _read(options)
+    written: dict[str, object] = {}
+    if options.fmu:
+        written["fmu"] = str(_fmu(options, system, signals))
+    if options.ssp:
+        written["ssp"] = str(_ssp(options, system))
+    if options.c:
+        written["c"] = str(_c(options, system, signals))
+    if options.json:
+        write_text(options.json, json.dumps(written, indent=2) + "\n")
+    if options.json != "-":
+        for kind, path in written.items():
+            print(f"{kind:4} {path}")
+    return 0
+
+
+System = ct.InputOutputSystem | PhyFilter | SampledPhyFilter
+
+
+def _read(options: argparse.Namespace) -> tuple[System, filterfile.Signals | None]:
+    name: str = options.what
+    if name in models.available() and not Path(name).is_file():
+        for option in ("channels", "inertia", "dt"):
+            if getattr(options, option) is not None:
+                raise ValueError(f"--{option} is for filters; {name} is a model")
+        return models.load(name).build(), None
+    if not Path(name).exists():
+        raise ValueError(
+            f"{name}: neither a filter file nor a model; models are {', '.join(models.available())}"
+        )
+    system = filterfile.load(name)
+    if options.dt is not None:
+        if isinstance(system, SampledPhyFilter):
+            raise ValueError(f"{name} is sampled every {system.dt:g} s already: leave --dt out")
+        system = system.sampled(options.dt)
+    return system, filterfile.load_signals(name)
+
+
+def _channels(options: argparse.Namespace, signals: filterfile.Signals | None) -> int | None:
+    named = len(signals.channels) if signals is not None else 0
+    return options.channels if options.channels is not None else named or None
+
+
+def _platforms(options: argparse.Namespace) -> tuple[str, ...] | Literal["all"]:
+    if options.platform == ["all"]:
+        return "all"
+    return () if options.platform == ["none"] else tuple(options.platform)
+
+
+def _fmu(options: argparse.Namespace, system: System, signals: filterfile.Signals | None) -> Path:
+    from ..fmi import export_fmu
+
+    inertia = options.inertia
+    if inertia is None and signals is not None and signals.inertia is not None:
+        inertia = signals.inertia
+    return export_fmu(
+        system,
+        options.fmu,
+        fmi=options.fmi or "3.0",
+        kinds=tuple(options.kind or ("cs", "me")),
+        platforms=_platforms(options),
+        name=options.name,
+        channels=_channels(options, signals),
+        inertia=inertia,
+        rate=options.rate,
+        signals=signals,
+    )
+
+
+def _ssp(options: argparse.Namespace, system: System) -> Path:
+    from ..fmi import export_ssp
+
+    if not isinstance(system, ct.InterconnectedSystem):
+        raise ValueError(
+            "--ssp: expected a model that is a diagram of several blocks; export a filter with --fmu"
+        )
+    split: dict[str, list[str]] | None = None
+    if options.split:
+        split = {}
+        for entry in options.split:
+            part, _, blocks = entry.partition("=")
+            if not part or not blocks:
+                raise ValueError(f"--split: expected PART=BLOCK,BLOCK, got {entry!r}")
+            split[part] = blocks.split(",")
+    return export_ssp(
+        system,
+        options.ssp,
+        split=split,
+        fmi=options.fmi or "2.0",
+        platforms=_platforms(options),
+        name=options.name,
+    )
+
+
+def _c(options: argparse.Namespace, system: System, signals: filterfile.Signals | None) -> Path:
+    from ..codegen import export_c
+
+    if isinstance(system, PhyFilter):
+        raise ValueError("--c: expected a sampled filter; give the sampling interval with --dt")
+    inertia = options.inertia
+    if inertia is None and signals is not None and signals.inertia is not None:
+        inertia = signals.inertia
+    return export_c(
+        system,
+        options.c,
+        real=options.real,
+        name=options.name,
+        channels=_channels(options, signals),
+        inertia=inertia,
+        signals=signals,
+    )

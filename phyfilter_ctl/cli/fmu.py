@@ -1,0 +1,186 @@
+"""``phyfilter-ctl fmu``: say what is in an FMU, check it, run it, and check all recipes."""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import io
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from .._output import check_target, write_figure, write_text
+
+if TYPE_CHECKING:
+    from ..fmi import CosimulationResponse
+
+__all__ = ["add_arguments", "main"]
+
+_DESCRIPTION = (
+    "FMUs of any tool, FMI 2.0 and 3.0. check and run load the FMU's code into this process: trust it first."
+)
+
+_EPILOG = """examples:
+  phyfilter-ctl fmu describe model.fmu                      variables, kinds, platforms; loads no code
+  phyfilter-ctl fmu check model.fmu --reference model_out.csv
+  phyfilter-ctl fmu run model.fmu --stop 5 --set plant.m=2 --input inputs.csv --out outputs.csv --picture run.png
+  phyfilter-ctl fmu recipes fmus                            build every recipe's FMU and check it on its record"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the options of ``phyfilter-ctl fmu``."""
+    parser.description, parser.epilog = _DESCRIPTION, _EPILOG
+    parser.formatter_class = argparse.RawDescriptionHelpFormatter
+    jobs = parser.add_subparsers(title="jobs", metavar="JOB", required=True, dest="fmu_job")
+    describe = jobs.add_parser("describe", help="what the FMU says of itself, without loading it")
+    describe.add_argument("file", metavar="FILE.fmu")
+    describe.add_argument("--json", action="store_true", help="as JSON")
+    check = jobs.add_parser("check", help="validate, run, and replay a record")
+    check.add_argument("file", metavar="FILE.fmu")
+    check.add_argument(
+        "--reference", metavar="NAME_out.csv", help="recorded outputs; inputs in NAME_in.csv beside it"
+    )
+    check.add_argument(
+        "--inputs-at",
+        choices=("start", "end"),
+        default="start",
+        help="which inputs a step gets in the replay",
+    )
+    check.add_argument("--no-run", action="store_true", help="look at the archive and the description only")
+    check.add_argument("--json", action="store_true", help="as JSON")
+    run = jobs.add_parser("run", help="simulate")
+    run.add_argument("file", metavar="FILE.fmu")
+    run.add_argument("--stop", type=float, metavar="S", help="last time in s (default: the FMU's, or 1)")
+    run.add_argument(
+        "--step", type=float, metavar="S", help="communication step in s (default: the FMU's, or stop/500)"
+    )
+    run.add_argument("--set", nargs="+", default=[], metavar="NAME=VALUE", help="parameters and starts")
+    run.add_argument(
+        "--input", metavar="FILE.csv", help="inputs over time, first column time, names in the first row"
+    )
+    run.add_argument("--out", metavar="FILE.csv", help="outputs over time; - for standard output")
+    run.add_argument("--picture", metavar="FILE", help="outputs as png, pdf or svg")
+    recipes = jobs.add_parser("recipes", help="build and check the FMU of every recipe in a folder")
+    recipes.add_argument("folder", metavar="DIR")
+    recipes.add_argument("--json", action="store_true", help="as JSON")
+
+
+def main(options: argparse.Namespace) -> int:
+    """Run ``phyfilter-ctl fmu``; return the exit status, 1 where a check found an error.
+
+    Raises
+    ------
+    ValueError, OSError
+        If the options are wrong or a file cannot be read or written.
+    """
+    return {"describe": _describe, "check": _check, "run": _run, "recipes": _recipes}[options.fmu_job](
+        options
+    )
+
+
+def _describe(options: argparse.Namespace) -> int:
+    from ..fmi import describe
+
+    found = describe(options.file)
+    print(found.as_json() if options.json else found)
+    return 0
+
+
+def _check(options: argparse.Namespace) -> int:
+    from ..fmi import check
+
+    report = check(
+        options.file, reference=options.reference, inputs_at=options.inputs_at, run=not options.no_run
+    )
+    print(report.as_json() if options.json else report)
+    return int(not report.ok)
+
+
+def _recipes(options: argparse.Namespace) -> int:
+    from ..fmi.recipes import check_all
+
+    reports = check_all(options.folder)
+    if options.json:
+        print(
+            json.dumps(
+                {name: [json.loads(r.as_json()) for r in entries] for name, entries in reports.items()},
+                indent=2,
+            )
+        )
+    else:
+        for entries in reports.values():
+            for report in entries:
+                print(report)
+    return int(not all(report.ok for entries in reports.values() for report in entries))
+
+
+def _run(options: argparse.Namespace) -> int:
+    from ..fmi import cosimulate, describe
+
+    check_target(options.out)
+    check_target(options.picture, suffixes=(".png", ".pdf", ".svg"))
+    found = describe(options.file)
+    stop = options.stop if options.stop is not None else found.stop_time or 1.0
+    start = found.start_time or 0.0
+    step = options.step if options.step is not None else found.step or (stop - start) / 500.0
+    if not (stop > start and 0.0 < step <= stop - start):
+        raise ValueError(
+            f"expected --stop after {start:g} s and --step within the run, got {stop:g} and {step:g}"
+        )
+    times = start + step * np.arange(round((stop - start) / step) + 1)
+    inputs = {} if options.input is None else _inputs(options.input, times)
+    response = cosimulate(
+        {"fmu": options.file},
+        [],
+        timepts=times,
+        inputs={f"fmu.{name}": values for name, values in inputs.items()},
+        parameters={f"fmu.{name}": value for name, value in map(_setting, options.set)},
+        progress=options.out != "-",
+    )
+    labels = [label.removeprefix("fmu.") for label in response.output_labels or []]
+    if options.out is not None:
+        write_text(options.out, _table(labels, response))
+    if options.picture is not None:
+        import matplotlib
+
+        matplotlib.use("Agg")
+        write_figure(options.picture, response.plot().figure)
+    if options.out != "-":
+        print(f"{found.name}: {len(times)} points, {start:g} to {times[-1]:g} s")
+        for label, values in zip(labels, np.atleast_2d(response.outputs), strict=True):
+            print(
+                f"  {label:24} {values[0]:12.6g} -> {values[-1]:12.6g}   "
+                f"within {values.min():.6g} .. {values.max():.6g}"
+            )
+    return 0
+
+
+def _inputs(path: str, times: np.ndarray) -> dict[str, np.ndarray]:
+    from ..fmi.replay import read_table
+
+    names, table = read_table(Path(path))
+    return {name: np.interp(times, table[:, 0], table[:, i]) for i, name in enumerate(names) if i}
+
+
+def _setting(text: str) -> tuple[str, float | str]:
+    name, separator, value = text.partition("=")
+    if not name or not separator:
+        raise ValueError(f"--set: expected NAME=VALUE, got {text!r}")
+    try:
+        return name, float(value)
+    except ValueError:
+        return name, value
+
+
+def _table(labels: list[str], response: CosimulationResponse) -> str:
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(["time", *labels])
+    outputs = np.atleast_2d(response.outputs)
+    writer.writerows(
+        [repr(float(t)), *(repr(float(v)) for v in row)]
+        for t, row in zip(response.time, outputs.T, strict=True)
+    )
+    return text.getvalue()

@@ -1,0 +1,174 @@
+"""The C table pf_model and the functions that run it, seen from Python; no Python code is called back."""
+
+from __future__ import annotations
+
+import ctypes as ct
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .model import CModel
+
+__all__ = ["Library", "Progress", "Solver", "address", "glue_source"]
+
+_VECTOR = ct.c_void_p
+_POINTER = ct.CFUNCTYPE(_VECTOR, ct.c_void_p)
+_EVALUATE = ct.CFUNCTYPE(ct.c_int, ct.c_void_p, ct.c_double, _VECTOR, _VECTOR)
+
+# Only what is named here leaves the library.
+_GLUE = """\
+#include "pf_simulate.h"
+{include}
+#if defined(_WIN32)
+#define PF_EXPORT __declspec(dllexport)
+#else
+#define PF_EXPORT __attribute__((visibility("default")))
+#endif
+
+extern const pf_model {symbol};
+
+PF_EXPORT const pf_model *pf_exported_model(void);
+PF_EXPORT size_t pf_exported_work(void);
+PF_EXPORT int pf_exported_real(void);
+PF_EXPORT void pf_exported_set_states(void *self, const pf_real *s);
+PF_EXPORT int pf_exported_advance(void *self, pf_real *work, pf_solver *solver, pf_time t, pf_time t_end,
+                                  const pf_real *slope, pf_time *t_reached);
+PF_EXPORT int pf_exported_simulate(void *self, pf_real *work, pf_solver *solver, long long n, const pf_time *times,
+                                   const pf_real *u, int linear, pf_real *x, pf_real *y, pf_real *s,
+                                   pf_progress *progress, pf_time *t_reached);
+
+const pf_model *pf_exported_model(void) {{ return &{symbol}; }}
+
+size_t pf_exported_work(void) {{ return pf_work_reals(&{symbol}) + (size_t){symbol}.n_u; }}
+
+int pf_exported_real(void) {{ return (int)sizeof(pf_real); }}
+
+void pf_exported_set_states(void *self, const pf_real *s) {{
+  {set_states}
+}}
+
+int pf_exported_advance(void *self, pf_real *work, pf_solver *solver, pf_time t, pf_time t_end, const pf_real *slope,
+                        pf_time *t_reached) {{
+  return pf_advance(&{symbol}, self, work, solver, t, t_end, slope, t_reached);
+}}
+
+int pf_exported_simulate(void *self, pf_real *work, pf_solver *solver, long long n, const pf_time *times,
+                         const pf_real *u, int linear, pf_real *x, pf_real *y, pf_real *s, pf_progress *progress,
+                         pf_time *t_reached) {{
+  return pf_simulate(&{symbol}, self, work, solver, n, times, u, linear, x, y, s, progress, t_reached);
+}}
+"""
+
+
+class _Table(ct.Structure):
+    _fields_ = (
+        ("name", ct.c_char_p),
+        ("size", ct.c_size_t),
+        *((name, ct.c_int) for name in ("n_x", "n_u", "n_y", "n_p", "n_s", "n_tasks", "communication")),
+        ("init", ct.CFUNCTYPE(None, ct.c_void_p)),
+        *((name, _POINTER) for name in ("x", "u", "p")),
+        ("s", ct.CFUNCTYPE(None, ct.c_void_p, _VECTOR)),
+        ("apply", ct.CFUNCTYPE(ct.c_char_p, ct.c_void_p)),
+        ("start", ct.CFUNCTYPE(ct.c_int, ct.c_void_p, ct.c_double)),
+        ("derivatives", _EVALUATE),
+        ("outputs", _EVALUATE),
+        ("next", ct.CFUNCTYPE(ct.c_double, ct.c_void_p)),
+        ("sample", ct.CFUNCTYPE(ct.c_int, ct.c_void_p, ct.c_double, _VECTOR)),
+        ("update", ct.CFUNCTYPE(ct.c_int, ct.c_void_p, ct.c_double, ct.c_double)),
+        ("directional", ct.CFUNCTYPE(ct.c_int, ct.c_void_p, ct.c_double, *[_VECTOR] * 5)),
+        ("adjoint", ct.CFUNCTYPE(ct.c_int, ct.c_void_p, ct.c_double, *[_VECTOR] * 5)),
+    )
+
+
+class _SolverDouble(ct.Structure):
+    _fields_ = (
+        ("method", ct.c_int),
+        ("step", ct.c_double),
+        ("rtol", ct.c_double),
+        ("atol", ct.c_double),
+        ("h", ct.c_double),
+    )
+
+
+class _SolverFloat(ct.Structure):
+    _fields_ = (
+        ("method", ct.c_int),
+        ("step", ct.c_double),
+        ("rtol", ct.c_float),
+        ("atol", ct.c_float),
+        ("h", ct.c_double),
+    )
+
+
+Solver = _SolverDouble | _SolverFloat
+
+
+class Progress(ct.Structure):
+    """Shared with a run in another thread: rows done so far; set ``cancel`` to 1 to end it."""
+
+    _fields_ = (("rows", ct.c_longlong), ("cancel", ct.c_int))
+
+
+class Library:
+    """A loaded shared library of one model.
+
+    Parameters
+    ----------
+    path : Path
+        Made from the model's sources and :func:`glue_source`.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._handle = ct.CDLL(str(path))
+        exported = self._handle
+        exported.pf_exported_model.restype = ct.POINTER(_Table)
+        exported.pf_exported_work.restype = ct.c_size_t
+        exported.pf_exported_real.restype = ct.c_int
+        self.set_states = exported.pf_exported_set_states
+        self.set_states.argtypes = [ct.c_void_p, _VECTOR]
+        self.set_states.restype = None
+        self.advance = exported.pf_exported_advance
+        self.advance.argtypes = [
+            ct.c_void_p,
+            _VECTOR,
+            ct.c_void_p,
+            ct.c_double,
+            ct.c_double,
+            _VECTOR,
+            ct.c_void_p,
+        ]
+        self.simulate = exported.pf_exported_simulate
+        self.simulate.argtypes = [
+            ct.c_void_p, _VECTOR, ct.c_void_p, ct.c_longlong, _VECTOR, _VECTOR, ct.c_int, _VECTOR, _VECTOR, _VECTOR,
+            ct.c_void_p, ct.c_void_p,
+        ]  # fmt: skip
+        self.table = exported.pf_exported_model().contents
+        self.work_reals = int(exported.pf_exported_work())
+        self.dtype = np.dtype(np.float64 if exported.pf_exported_real() == 8 else np.float32)
+
+    def solver(self, method: int, step: float, rtol: float, atol: float) -> Solver:
+        """A new pf_solver."""
+        kind = _SolverDouble if self.dtype == np.float64 else _SolverFloat
+        return kind(method, step, rtol, atol, 0.0)
+
+    def view(self, instance: NDArray[np.uint8], pointer: int, length: int) -> NDArray[np.floating]:
+        """The numbers at an address inside an instance, in place."""
+        offset = pointer - instance.ctypes.data
+        return instance[offset : offset + length * self.dtype.itemsize].view(self.dtype)
+
+
+def address(array: NDArray[np.generic] | None) -> int | None:
+    """Where an array's numbers begin; None for none."""
+    return None if array is None else array.ctypes.data
+
+
+def glue_source(model: CModel) -> str:
+    """C text that exports one model's table and the runs of it from a shared library."""
+    header = model.sources.get(f"{model.name}.h", "")
+    settable = f"{model.name}_set_states(" in header
+    return _GLUE.format(
+        include=f'#include "{model.name}.h"\n' if settable else "",
+        symbol=model.symbol,
+        set_states=f"{model.name}_set_states(self, s);" if settable else "(void)self;\n  (void)s;",
+    )

@@ -1,0 +1,293 @@
+"""The C file of a flat diagram: the table pf_model and all behind it."""
+
+from __future__ import annotations
+
+from ..blocks.functions import Variable
+from .casadi_source import Real
+from .diagram_header import Layout, in_comment, in_string, number, room
+
+__all__ = ["source_text"]
+
+
+def _initial(variables: tuple[Variable, ...], real: Real) -> str:
+    return (
+        "{" + ", ".join(number(variable.start, real) for variable in variables) + "}" if variables else "{0}"
+    )
+
+
+def _table(layout: Layout) -> str:
+    name = layout.name
+    products = ("directional", "adjoint")
+    entries = [
+        f'"{name}"', f"sizeof({name})",
+        *(f"{layout.capital}_{key}" for key in ("N_X", "N_U", "N_Y", "N_P", "N_S", "N_TASKS")), "0",
+        f"{name}_init", "states", "inputs", "parameters", "sampled_states", "apply", "start", "derivatives", "outputs",
+        "next_instant", "sample", "NULL", *(product if layout.derivatives else "NULL" for product in products),
+    ]  # fmt: skip
+    lines, line = [], "   "
+    for entry in entries:
+        if len(line) + len(entry) > 106:
+            lines.append(line)
+            line = "   "
+        line += f" {entry},"
+    return f"const pf_model {name}_model = {{\n" + "\n".join([*lines, line.rstrip(",")]) + "\n};\n"
+
+
+def _sample(layout: Layout) -> str:
+    if not layout.tasks:
+        return """\
+static int start(void *instance, pf_time t) {
+  (void)instance;
+  (void)t;
+  return PF_OK;
+}
+
+static pf_time next_instant(const void *instance) {
+  (void)instance;
+  return PF_NEVER;
+}
+
+static int sample(void *instance, pf_time t, const pf_real *x) {
+  (void)instance;
+  (void)t;
+  (void)x;
+  return PF_OK;
+}
+"""
+    name = layout.name
+    outputs, updates, commits, variables = [], [], [], []
+    for i, task in enumerate(layout.tasks):
+        signals = (
+            f"    status = {name}_signals_{i}(&now, x, self->u, self->p_used, self->z, v{i});\n"
+            if task.n_v
+            else ""
+        )
+        variables.append(f"  pf_real v{i}[{max(task.n_v, 1)}];\n{task.declarations}")
+        body = signals + task.output
+        outputs.append(
+            f"  if (due[{i}] && !status) {{ /* {in_comment(task.name)} */\n{body}  }}\n" if body else ""
+        )
+        if task.update:
+            body = ("" if task.settled else signals) + task.update
+            updates.append(f"  if (due[{i}] && !status) {{ /* {in_comment(task.name)} */\n{body}  }}\n")
+        if task.commit:
+            commits.append(f"  if (due[{i}]) {{\n{task.commit}  }}\n")
+    save = f"  const {name} before = *self;\n" if layout.can_fail else ""
+    restore = "*self = before;\n    " if layout.can_fail else ""
+    periods = ", ".join(number(task.period, "double") for task in layout.tasks)
+    unread = "".join(f"  (void)v{i};\n" for i, task in enumerate(layout.tasks) if not task.n_v)
+    return f"""\
+static const pf_time PERIODS[] = {{{periods}}}; /* s */
+
+static pf_time next_instant(const void *instance) {{
+  const {name} *const self = (const {name} *)instance;
+  const int first = pf_earliest(self->start, self->ticks, PERIODS, {len(layout.tasks)});
+  return pf_instant(self->start, self->ticks, PERIODS, first);
+}}
+
+/* All that are due put out first, each on what those before it put out; then all take over what they have seen. */
+static int sample(void *instance, pf_time t, const pf_real *x) {{
+  {name} *const self = ({name} *)instance;
+  const pf_real now = (pf_real)next_instant(self);
+  int due[{len(layout.tasks)}], status = PF_OK;
+{"".join(variables)}{unread}  (void)x;
+  (void)now;
+  if (!pf_due(self->start, self->ticks, PERIODS, {len(layout.tasks)}, t, due)) return PF_OK;
+{save}{"".join(outputs)}{"".join(updates)}  if (status) {{
+    {restore}return status;
+  }}
+{"".join(commits)}  for (int i = 0; i < {len(layout.tasks)}; i++) self->ticks[i] += due[i];
+  return PF_OK;
+}}
+
+static int start(void *instance, pf_time t) {{
+  {name} *const self = ({name} *)instance;
+  self->start = t;
+  for (int i = 0; i < {len(layout.tasks)}; i++) self->ticks[i] = 0;
+  return sample(self, t, self->x);
+}}
+"""
+
+
+def _evaluations(layout: Layout) -> str:
+    name = layout.name
+
+    def evaluation(function: str, equation: str, result: str, present: bool) -> str:
+        if not present:
+            body = f"  (void)instance;\n  (void)t;\n  (void)x;\n  (void){result};\n  return PF_OK;\n"
+        else:
+            body = (
+                f"  const {name} *const self = (const {name} *)instance;\n  const pf_real now = (pf_real)t;\n"
+                f"  return {name}_{equation}(&now, x, self->u, self->p_used, self->z, {result});\n"
+            )
+        return f"static int {function}(void *instance, pf_time t, const pf_real *x, pf_real *{result}) {{\n{body}}}\n"
+
+    text = evaluation("derivatives", "dynamics", "dx", bool(layout.states))
+    text += "\n" + evaluation("outputs", "output", "y", bool(layout.outputs))
+    if layout.derivatives:
+        point = "&now, self->x, self->u, self->p_used, self->z"
+        opening = (
+            f"  const {name} *const self = (const {name} *)instance;\n  const pf_real now = (pf_real)t;\n"
+        )
+        text += f"""
+static int directional(void *instance, pf_time t, const pf_real *seed_x, const pf_real *seed_u, const pf_real *seed_p,
+                       pf_real *dx, pf_real *y) {{
+{opening}  return {name}_directional({point}, seed_x, seed_u, seed_p, dx, y);
+}}
+
+static int adjoint(void *instance, pf_time t, const pf_real *seed_dx, const pf_real *seed_y, pf_real *x, pf_real *u,
+                   pf_real *p) {{
+{opening}  for (int i = 0; i < {layout.capital}_N_P; i++) p[i] = 0; /* those of filters stay so */
+  return {name}_adjoint({point}, seed_dx, seed_y, x, u, p);
+}}
+"""
+    return text
+
+
+def _parameters(layout: Layout) -> str:
+    name = layout.name
+    checks = "".join(task.check for task in layout.tasks)
+    commits = "".join(task.put_in_force for task in layout.tasks)
+    if not layout.parameters:
+        return (
+            "static const char *apply(void *instance) {\n  (void)instance;\n  return NULL;\n}\n"
+            + _set_parameters(name, layout.capital)
+        )
+    messages = ",\n".join(
+        f'    "{in_string(variable.name)} is not a number"' for variable in layout.parameters
+    )
+    return f"""\
+static const char *const NOT_A_NUMBER[] = {{
+{messages}}};
+
+static const char *apply(void *instance) {{
+  {name} *const self = ({name} *)instance;
+  const char *refusal = NULL;
+  for (int i = {layout.capital}_N_P - 1; i >= 0; i--)
+    if (self->p[i] != self->p[i]) refusal = NOT_A_NUMBER[i];
+{checks}  if (refusal) {{
+    memcpy(self->p, self->p_used, sizeof self->p);
+    return refusal;
+  }}
+{commits}  memcpy(self->p_used, self->p, sizeof self->p);
+  return NULL;
+}}
+
+{_set_parameters(name, layout.capital)}"""
+
+
+def _set_parameters(name: str, capital: str) -> str:
+    return f"""
+void {name}_seal({name}_parameters *parameters) {{
+  parameters->version = {capital}_PARAMETERS_VERSION;
+  parameters->crc = pf_crc32(parameters->p, sizeof parameters->p);
+}}
+
+const char *{name}_set_parameters({name} *self, const {name}_parameters *parameters) {{
+  if (parameters->version != {capital}_PARAMETERS_VERSION) return "parameters of another version of {name}";
+  if (parameters->crc != pf_crc32(parameters->p, sizeof parameters->p)) return "parameters damaged: CRC-32 differs";
+  memcpy(self->p, parameters->p, sizeof self->p);
+  return apply(self);
+}}
+"""
+
+
+def _step(layout: Layout) -> str:
+    name, capital = layout.name, layout.capital
+    if layout.between:
+        going_on = f"""\
+  if (!status) {{
+    pf_real work[{8 * len(layout.states) + len(layout.inputs) + 1}];
+    pf_solver solver = {{PF_RK4, {capital}_STEP, 0, 0, 0}};
+    pf_time reached;
+    const pf_time end = (pf_time)(self->steps + 1) * {capital}_STEP;
+    status = pf_approach(&{name}_model, self, work, &solver, t, end, NULL, &reached);
+  }}
+"""
+        catch_up = f"status = pf_catch_up(&{name}_model, self, t - {capital}_STEP, t);"
+    else:
+        going_on = ""
+        catch_up = f"""\
+for (const pf_time limit = t + PF_COINCIDENT * {capital}_STEP; !status && next_instant(self) <= limit;)
+      status = sample(self, limit, self->x);"""
+    return f"""\
+int {name}_step({name} *self, const pf_real *u, pf_real *y) {{
+  const pf_time t = (pf_time)self->steps * {capital}_STEP;
+  const {name} before = *self;
+  int status = PF_OK;
+  for (int i = 0; i < {capital}_N_U; i++) self->u[i] = u[i];
+  if (self->steps == 0)
+    status = start(self, 0);
+  else
+    {catch_up}
+  if (!status) status = outputs(self, t, self->x, y);
+{going_on}  if (status) {{
+    *self = before;
+    return status;
+  }}
+  self->steps++;
+  return PF_OK;
+}}
+"""
+
+
+def source_text(layout: Layout, equations: str) -> str:
+    """The file ``<name>.c``: the table and all behind it; ``equations`` is the name of the included file."""
+    name = layout.name
+    real = layout.real
+    inits = "".join(task.init for task in layout.tasks)
+    law_states = len(layout.law_states)
+    copies = f"  for (int i = 0; i < {law_states}; i++) *s++ = self->s[i];\n" if law_states else ""
+    copies += "".join(task.states for task in layout.tasks)
+    write = f"  for (int i = 0; i < {law_states}; i++) self->s[i] = s[i];\n" if law_states else ""
+    set_unread = "" if law_states else "  (void)self;\n  (void)s;\n"
+    copy_unread = "" if copies else "  (void)self;\n  (void)s;\n"
+    return f"""\
+/* {in_comment(layout.description)}. Generated. */
+#include "{name}.h"
+
+#include <math.h>
+#include <string.h>
+
+#include "{equations}"
+#include "pf_crc.h"
+#include "pf_instants.h"
+{'#include "pf_run.h"' + chr(10) if layout.between else ""}
+static const {name} INITIAL = {{
+    .start = PF_NEVER,
+    .x = {_initial(layout.states, real)},
+    .u = {_initial(layout.inputs, real)},
+    .p = {_initial(layout.parameters, real)},
+    .p_used = {_initial(layout.parameters, real)},
+    .z = {_initial(layout.held, real)},
+    .s = {_initial(layout.law_states, real)}}};
+
+void {name}_init(void *instance) {{
+  {name} *const self = ({name} *)instance;
+  memcpy(self, &INITIAL, sizeof INITIAL);
+{inits}}}
+
+static pf_real *states(void *self) {{ return (({name} *)self)->x; }}
+static pf_real *inputs(void *self) {{ return (({name} *)self)->u; }}
+static pf_real *parameters(void *self) {{ return (({name} *)self)->p; }}
+
+static void sampled_states(const void *instance, pf_real *s) {{
+  const {name} *const self = (const {name} *)instance;
+{copy_unread}{copies}}}
+
+void {name}_set_states({name} *self, const pf_real *s) {{
+{set_unread}{write}}}
+
+{_evaluations(layout)}
+{_sample(layout)}
+{_parameters(layout)}
+void {name}_reset({name} *self) {{
+  pf_real kept[{room(layout.parameters)}];
+  memcpy(kept, self->p_used, sizeof kept);
+  {name}_init(self);
+  memcpy(self->p, kept, sizeof kept);
+  (void)apply(self);
+}}
+
+{_table(layout)}
+{_step(layout)}"""

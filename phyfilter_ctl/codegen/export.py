@@ -1,0 +1,84 @@
+"""One way to C for diagrams and filters alike."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Literal
+
+import control as ct
+from numpy.typing import ArrayLike
+
+from ..diagram import FlatModel, flatten
+from ..filter import PhyFilter
+from ..filterfile import Signals
+from ..sampled import SampledPhyFilter
+from .export_diagram import export_diagram
+from .export_filter import export_filter
+
+__all__ = ["export_c"]
+
+
+def export_c(
+    system: ct.InputOutputSystem | FlatModel | SampledPhyFilter,
+    folder: str | Path,
+    *,
+    real: Literal["double", "float"] | None = None,
+    name: str | None = None,
+    channels: int | None = None,
+    inertia: ArrayLike | Literal["scalar", "diagonal", "full"] | None = None,
+    signals: Signals | None = None,
+) -> Path:
+    """Write a sampled filter, a plant or a diagram as C99.
+
+    Parameters
+    ----------
+    system : control.InputOutputSystem, FlatModel or SampledPhyFilter
+    folder : str or Path
+        Written whole or not at all; files that no export wrote are not touched.
+    real : {"double", "float"}, optional
+        Numbers of the C code; by default double, for a filter those it computes in.
+    name : str, optional
+        Prefix of all symbols, a C identifier.
+    channels, inertia, signals
+        Of a filter: number of channels of x; constant inertia or the kind that is an input; names and units.
+
+    Returns
+    -------
+    Path
+        The folder.
+
+    Raises
+    ------
+    TypeError
+        If the system is of another kind; a continuous filter needs ``sampled(dt)``.
+    ValueError
+        As :func:`export_diagram` and :func:`export_filter`.
+    FileExistsError
+        If the folder holds files that no export wrote.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> with tempfile.TemporaryDirectory() as parent:
+    ...     written = export_c(PhyFilter([20.0]).sampled(0.002), Path(parent, "wing"), channels=3, name="wing")
+    ...     (written / "wing.h").is_file()
+    True
+    """
+    if isinstance(system, PhyFilter):
+        raise TypeError("a continuous filter has no steps: expected a sampled one, filter.sampled(dt)")
+    if isinstance(system, SampledPhyFilter):
+        known = system.E.shape[0] if system.E is not None else len(system.filters)
+        named = len(signals.channels) if signals is not None and signals.channels else known
+        return export_filter(
+            system,
+            folder,
+            named if channels is None else channels,
+            real=real,
+            inertia=inertia,
+            name=name or "phyfilter",
+            signals=signals,
+        )
+    if channels is not None or inertia is not None or signals is not None:
+        raise ValueError("channels, inertia and signals are those of a filter; a diagram brings its own")
+    flat = system if isinstance(system, FlatModel) else flatten(system)
+    return export_diagram(flat, folder, name=name, real=real or "double")

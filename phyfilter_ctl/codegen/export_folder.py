@@ -1,0 +1,90 @@
+"""Folders of generated files, written all or not at all."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import tempfile
+from collections.abc import Mapping
+from pathlib import Path
+
+__all__ = ["write_folder"]
+
+_LIST = "pf_files.txt"
+_FIRST_LINE = "Written by phyfilter_ctl; the next export to this folder replaces these files:"
+
+
+def write_folder(folder: str | Path, files: Mapping[str, str]) -> Path:
+    """Writes text files to a folder, in one go.
+
+    Parameters
+    ----------
+    folder : str or Path
+        Made if it is not there; its parent must be. An earlier export is replaced.
+    files : mapping of str to str
+        Plain file name to text.
+
+    Returns
+    -------
+    Path
+        The folder.
+
+    Raises
+    ------
+    FileExistsError
+        If the folder holds files that no export wrote; nothing is touched then.
+    FileNotFoundError
+        If there is no folder for it to be in.
+    ValueError
+        If a file name is not plain.
+
+    Examples
+    --------
+    >>> with tempfile.TemporaryDirectory() as parent:
+    ...     sorted(path.name for path in write_folder(Path(parent, "code"), {"a.c": ""}).iterdir())
+    ['a.c', 'pf_files.txt']
+    """
+    target = Path(folder).absolute()
+    for name in files:
+        if Path(name).name != name:
+            raise ValueError(f"files: expected plain file names, got {name!r}")
+    if not target.parent.is_dir():
+        raise FileNotFoundError(f"{target.parent}: there is no such folder to export into; make it first")
+    if target.exists():
+        _check_ours(target)
+    fresh = Path(tempfile.mkdtemp(prefix=f".{target.name}_", dir=target.parent))
+    try:
+        contents = {**files, _LIST: "\n".join([_FIRST_LINE, *sorted(files)]) + "\n"}
+        for name, text in contents.items():
+            Path(fresh, name).write_text(text, encoding="utf-8", newline="\n")
+        umask = os.umask(0)
+        os.umask(umask)
+        fresh.chmod(0o777 & ~umask)  # mkdtemp's folders are the owner's alone
+        if target.exists():
+            old = Path(tempfile.mkdtemp(prefix=f".{target.name}_old_", dir=target.parent))
+            os.replace(target, old / "old")
+            os.replace(fresh, target)
+            shutil.rmtree(old, ignore_errors=True)
+        else:
+            os.replace(fresh, target)
+    except BaseException:
+        shutil.rmtree(fresh, ignore_errors=True)
+        raise
+    return target
+
+
+def _check_ours(target: Path) -> None:
+    if not target.is_dir():
+        raise FileExistsError(f"{target} is a file; expected a folder to export into")
+    present = {path.name for path in target.iterdir()}
+    listing = target / _LIST
+    ours: set[str] = set()
+    if listing.is_file():
+        first, *names = listing.read_text(encoding="utf-8").splitlines() or [""]
+        ours = {_LIST, *names} if first == _FIRST_LINE else set()
+    foreign = sorted(present - ours)
+    if foreign:
+        raise FileExistsError(
+            f"{target} holds files that no export wrote ({', '.join(foreign[:5])}); move them away or take "
+            "another folder"
+        )

@@ -1,0 +1,390 @@
+"""A sampled PhyFilter as C: its options and numbers beside the runtime of pf_filter.h, which is the same for all."""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from collections.abc import Iterable
+from dataclasses import dataclass
+from functools import lru_cache
+from importlib.resources import files
+from math import ceil, isinf
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .._sections import FloatArray
+from ..filterfile import Signals
+from ..sampled import SampledPhyFilter
+from ..sampled.loop import channels as channels_of_f
+from .identifiers import checked_identifier
+
+__all__ = ["FilterSource", "filter_source", "runtime_files"]
+
+InertiaInput = Literal["scalar", "diagonal", "full"]
+
+_METHODS = {"exact": 0, "euler": 1, "tustin": 2}
+_INERTIA = {"scalar": 1, "diagonal": 2, "full": 3}
+_FORMAT = 1  # PF_FILTER_FORMAT
+_MAX_ORDER = 12  # PF_MAX_ORDER
+# Intervals that a delay keeps beyond delay / dt: the one just finished, the one before the record, one for rounding.
+_SPARE_INTERVALS = 3
+
+
+@dataclass(frozen=True, eq=False)
+class FilterSource:
+    """C99 sources of one sampled filter.
+
+    Parameters
+    ----------
+    name : str
+        Name of the C struct, and prefix of all its symbols; ``<name>_parameters`` holds its numbers.
+    sources : dict of str to str
+        ``<name>.h``, ``<name>.c`` and the files of the runtime. Each ``.c`` is compiled.
+    sampled : SampledPhyFilter
+        What they were made from, in the precision of the C code.
+    n_x, n_f : int
+        Channels of x and g, and of f_theta and f_hat.
+    orders : tuple of int
+        Order of each filter: one for all channels, or one per channel of f.
+    inertia_entries : int
+        Numbers in the inertia that is given at every step; 0 where none is.
+    variable, tunable : bool
+        Whether steps of other lengths, and other coefficients, are possible while running.
+    """
+
+    name: str
+    sources: dict[str, str]
+    sampled: SampledPhyFilter
+    n_x: int
+    n_f: int
+    orders: tuple[int, ...]
+    inertia_entries: int
+    variable: bool
+    tunable: bool
+
+    @property
+    def real(self) -> Literal["float", "double"]:
+        """C type of its numbers."""
+        return "float" if self.sampled.precision == "float32" else "double"
+
+    @property
+    def limit(self) -> FloatArray | None:
+        """Bounds on \\|f_hat\\|, (n_f,), where it has any."""
+        limit = self.sampled.limit
+        return None if limit is None else np.broadcast_to(limit, (self.n_f,)).copy()
+
+
+def filter_source(
+    sampled: SampledPhyFilter,
+    channels: int,
+    *,
+    name: str = "phyfilter",
+    inertia: ArrayLike | InertiaInput | None = None,
+    variable: bool = True,
+    tunable: bool = True,
+    past: int | None = None,
+    signals: Signals | None = None,
+) -> FilterSource:
+    """The C sources of a sampled filter.
+
+    Parameters
+    ----------
+    sampled : SampledPhyFilter
+        ``precision`` decides between float (compensated) and double.
+    channels : int
+        Number n_x of channels of x.
+    name : str
+        C identifier, prefix of all its symbols.
+    inertia : float, (n_x,) or (n_x, n_x) array, {"scalar", "diagonal", "full"} or None
+        Constant inertia, or the kind of inertia given at every step, or None for I.
+    variable : bool
+        Whether steps of other lengths than dt must be possible.
+    tunable : bool
+        Whether a and b (and the poles) may be set while running. Without it, less memory and fewer instructions.
+    past : int, optional
+        Intervals kept for a delay; by default as many as nominal steps need. More keep every detail where steps are
+        shorter than dt.
+    signals : Signals, optional
+        Names of the channels and units, for the comments.
+
+    Returns
+    -------
+    FilterSource
+
+    Raises
+    ------
+    ValueError
+        For ``realisation="paper"``, an order above 12, numbers of channels that contradict each other, an inertia of
+        another shape, a name that is no C identifier, or a ``past`` that is too small.
+
+    Examples
+    --------
+    >>> from phyfilter_ctl import PhyFilter
+    >>> source = filter_source(PhyFilter([400.0, 40.0]).sampled(0.002), 3, name="wing")
+    >>> sorted(source.sources)
+    ['pf_crc.h', 'pf_filter.h', 'pf_filter_code.h', 'pf_hurwitz.h', 'pf_tune.c', 'pf_tune.h', 'wing.c', 'wing.h']
+    """
+    name = checked_identifier(name)
+    if sampled.realisation == "paper":
+        raise ValueError(
+            "realisation='paper' has no C: its integrators grow without bound; use realisation='sections'"
+        )
+    if sampled.order > _MAX_ORDER:
+        raise ValueError(
+            f"order {sampled.order}: the C runtime holds orders up to {_MAX_ORDER}; lower the order"
+        )
+    if channels < 1:
+        raise ValueError(f"channels: expected at least 1, got {channels}")
+    n_f = channels_of_f(sampled, channels)
+    kind, constant = inertia_kind(inertia, channels)
+    needed = ceil(sampled.delay / sampled.dt) + _SPARE_INTERVALS if sampled.delay else 0
+    if past is not None and past < needed:
+        raise ValueError(
+            f"past: {past} intervals for a delay of {sampled.delay:g} s: expected at least {needed}"
+        )
+    numbers = _Numbers.of(sampled, channels, constant, variable=variable, tunable=tunable)
+    options = {
+        "N_X": channels,
+        "N_F": n_f,
+        "ORDER": sampled.order,
+        "FILTERS": len(sampled.filters),
+        "FLOAT": int(sampled.precision == "float32"),
+        "METHOD": _METHODS[sampled.method],
+        "G_AVERAGE": int(sampled.g == "average"),
+        "F_THETA_AVERAGE": int(sampled.f_theta == "average"),
+        "INERTIA": kind,
+        "INERTIA_INPUT": int(kind > 0 and constant is None),
+        "DIRECTION": int(sampled.E is not None),
+        "PAST": 0 if not needed else past or needed,
+        "LIMIT": int(sampled.limit is not None),
+        "HOLD_BAD": int(sampled.nonfinite == "hold"),
+        "PAIRS": numbers.pairs,
+        "LOWPASS": int(numbers.lowpass),
+        "VARIABLE": int(variable),
+        "TUNABLE": int(tunable),
+    }
+    runtime = ["pf_crc.h", "pf_filter.h", "pf_filter_code.h", "pf_hurwitz.h"]
+    if variable or tunable or sampled.nonfinite == "hold":
+        runtime += ["pf_tune.c", "pf_tune.h"]
+    sources = {
+        f"{name}.h": _header(name, sampled, options, Signals() if signals is None else signals),
+        f"{name}.c": _code(name, numbers),
+        **runtime_files(runtime),
+    }
+    entries = 0 if constant is not None else (0, 1, channels, channels**2)[kind]
+    orders = tuple(entry.order for entry in sampled.filters)
+    return FilterSource(name, sources, sampled, channels, n_f, orders, entries, variable, tunable)
+
+
+def runtime_files(names: Iterable[str]) -> dict[str, str]:
+    """Texts of the runtime's static C files.
+
+    Parameters
+    ----------
+    names : iterable of str
+
+    Examples
+    --------
+    >>> "PF_MODEL_H" in runtime_files(["pf_model.h"])["pf_model.h"]
+    True
+    """
+    return {name: _runtime(name) for name in sorted(names)}
+
+
+@lru_cache(maxsize=32)
+def _runtime(name: str) -> str:
+    return files(__name__.rpartition(".")[0]).joinpath("runtime", name).read_text(encoding="utf-8")
+
+
+def inertia_kind(inertia: ArrayLike | InertiaInput | None, n_x: int) -> tuple[int, FloatArray | None]:
+    """Its kind as in pf_filter.h, and its entries where it is constant."""
+    if inertia is None:
+        return 0, None
+    if isinstance(inertia, str):
+        if inertia not in _INERTIA:
+            raise ValueError(f"inertia: expected one of {', '.join(_INERTIA)} or numbers, got {inertia!r}")
+        return _INERTIA[inertia], None
+    M = np.asarray(inertia, dtype=float)
+    if M.shape not in ((), (n_x,), (n_x, n_x)) or not np.all(np.isfinite(M)):
+        raise ValueError(
+            f"inertia: expected a finite number or shape ({n_x},) or ({n_x}, {n_x}), got shape {M.shape}"
+        )
+    return M.ndim + 1, M.reshape(-1)
+
+
+# -- numbers --------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class _Numbers:
+    """The parameter struct, member by member in its order."""
+
+    real: Literal["float", "double"]
+    orders: tuple[int, ...]
+    members: dict[str, tuple[str, NDArray[np.float64]]]  # name -> ("double" or "real", values)
+    pairs: int
+    lowpass: bool
+
+    @classmethod
+    def of(
+        cls,
+        sampled: SampledPhyFilter,
+        n_x: int,
+        inertia: FloatArray | None,
+        *,
+        variable: bool,
+        tunable: bool,
+    ) -> _Numbers:
+        n, filters = sampled.order, sampled.filters
+        dA, equilibrium, C = sampled._coefficients.bank
+        a, b, poles = np.zeros((len(filters), n)), np.zeros((len(filters), n)), np.zeros((len(filters), n, 2))
+        for i, entry in enumerate(filters):
+            a[i, : entry.order], b[i, : entry.order] = entry.a, entry.b
+            poles[i, : entry.order] = np.stack([entry.poles.real, entry.poles.imag], axis=1)
+        members = {
+            "dt": ("double", np.asarray(sampled.dt)),
+            "delay": ("double", np.asarray(sampled.delay)),
+            "a": ("double", a),
+        }
+        if tunable:
+            members["b"] = ("double", b)
+        if tunable or variable or sampled.nonfinite == "hold":
+            members["poles"] = ("double", poles)
+        members |= {"dA": ("real", dA), "equilibrium": ("real", equilibrium), "C": ("real", C)}
+        if sampled.limit is not None:
+            bounds = np.broadcast_to(sampled.limit, (channels_of_f(sampled, n_x),))
+            members["limit"] = ("real", bounds)
+        if sampled.E is not None:
+            members["E_left"] = ("real", sampled._measure)
+        if inertia is not None:
+            members["inertia"] = ("real", inertia)
+        real = "float" if sampled.precision == "float32" else "double"
+        members = {
+            name: (kind, kept(values, real if kind == "real" else "double"))
+            for name, (kind, values) in members.items()
+        }
+        above = np.any(dA != 0.0, axis=0)
+        pairs = sum(1 << j for j in range(n - 1) if tunable or above[j, j + 1])
+        only_last = np.append(np.zeros(n - 1), 1.0)
+        lowpass = not tunable and not np.any(C - only_last)
+        return cls(real, tuple(entry.order for entry in filters), members, pairs, lowpass)
+
+    @property
+    def crc(self) -> int:
+        data = struct.pack(f"<{len(self.orders)}I", *self.orders)
+        for kind, values in self.members.values():
+            single = kind == "real" and self.real == "float"
+            data += values.astype("<f4" if single else "<f8").tobytes()
+        return zlib.crc32(data)
+
+    def text(self) -> str:
+        lines = [f"  .version = {_FORMAT}u,", f"  .crc = 0x{self.crc:08x}u,"]
+        lines.append(f"  .order = {{{', '.join(f'{order}u' for order in self.orders)}}},")
+        for name, (kind, values) in self.members.items():
+            single = kind == "real" and self.real == "float"
+            lines += _wrapped(f"  .{name} = {braces(values, single)},")
+        return "\n".join(lines)
+
+
+def kept(values: NDArray[np.floating], real: Literal["float", "double"]) -> NDArray[np.float64]:
+    """Values as the C type holds them; a bound without end is its largest number, which is the same to a clamp."""
+    dtype = np.dtype(np.float32 if real == "float" else np.float64)
+    largest = float(np.finfo(dtype).max)
+    with np.errstate(over="ignore"):
+        rounded = np.asarray(values, dtype=float).astype(dtype)
+    return np.clip(rounded.astype(float), -largest, largest)
+
+
+def braces(values: NDArray[np.float64], single: bool) -> str:
+    if values.ndim == 0:
+        return _literal(float(values), single)
+    return "{" + ", ".join(braces(entry, single) for entry in values) + "}"
+
+
+def _literal(value: float, single: bool) -> str:
+    """A constant of C that reads back as the same number."""
+    assert not isinf(value)
+    text = str(np.float32(value)) if single else repr(value)
+    return f"{text}f" if single else text
+
+
+def _wrapped(line: str, width: int = 110) -> list[str]:
+    if len(line) <= width:
+        return [line]
+    cut = line.rfind(", ", 0, width) + 1
+    return [line[:cut], *_wrapped("      " + line[cut + 1 :], width)]
+
+
+# -- text -----------------------------------------------------------------------------------------------------------
+
+
+def _header(name: str, sampled: SampledPhyFilter, options: dict[str, int], signals: Signals) -> str:
+    defines = "\n".join(f"#define {name}_{option} {value}" for option, value in options.items())
+    guard = f"PF_GENERATED_{name.upper()}_H"
+    return f"""\
+/* {name}: a sampled PhyFilter. pf_filter.h says how it is used.
+ *
+{_describe(sampled, options["N_X"], options["N_F"], signals)}
+ */
+#ifndef {guard}
+#define {guard}
+#ifdef __cplusplus
+extern "C" {{
+#endif
+
+{defines}
+#define PF_NAME {name}
+#include "pf_filter.h"
+
+extern const {name}_params {name}_parameters;
+
+#ifdef __cplusplus
+}}
+#endif
+#endif
+"""
+
+
+def _describe(sampled: SampledPhyFilter, n_x: int, n_f: int, signals: Signals) -> str:
+    """Formula, signals, units and options as lines of a C comment."""
+    shared = len(sampled.filters) == 1
+    lines = [
+        f"F{'' if shared else i}(s) = {entry.formula()}" + ("" if shared else f"   for f_hat[{i}]")
+        for i, entry in enumerate(sampled.filters)
+    ]
+    direction = ", in M x' = g + E f" if sampled.E is not None else ""
+    lines += [
+        "",
+        f"x[{n_x}]        measured state, {signals.unit_x or 'in its SI unit'}",
+        f"g[{n_x}]        known part of M x', {signals.unit_g or 'in the unit of M x / s'}",
+        f"f_theta[{n_f}]  learned model of f{direction}, {signals.unit_f or 'in the unit of g'}",
+        f"f_hat[{n_f}]    estimate of f, {signals.unit_f or 'in the unit of g'}",
+    ]
+    if signals.channels:
+        lines.append(f"channels: {', '.join(signals.channels)}")
+    lines += [
+        "",
+        f"dt = {sampled.dt:g} s, method {sampled.method}, g {sampled.g}, f_theta {sampled.f_theta}, "
+        f"{sampled.precision}, a sample that is not finite: {sampled.nonfinite}",
+    ]
+    if sampled.delay:
+        lines.append(f"delay of the measurement x: {sampled.delay:g} s")
+    if sampled.limit is not None:
+        lines.append(f"|f_hat| <= {np.array2string(sampled.limit, max_line_width=90)}")
+    text = [line.replace("*/", "* /").replace("/*", "/ *") for entry in lines for line in entry.split("\n")]
+    return "\n".join(f" * {line}".rstrip() for line in text)
+
+
+def _code(name: str, numbers: _Numbers) -> str:
+    return f"""\
+#include "{name}.h"
+
+#define PF_NAME {name}
+#include "pf_filter_code.h"
+
+const {name}_params {name}_parameters = {{
+{numbers.text()}
+}};
+"""

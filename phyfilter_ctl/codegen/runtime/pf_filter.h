@@ -1,0 +1,210 @@
+/* A sampled PhyFilter, for every set of options, in C99: the declarations. pf_filter_code.h has the functions.
+ *
+ * A generated header sets the options of one filter as macros that start with its name and includes this file once:
+ *
+ *   #define wing_N_X 3                channels of x and g              #define wing_FLOAT 1       real is float, else double
+ *   #define wing_N_F 3                channels of f_theta and f_hat
+ *   #define wing_ORDER 2              largest order                    #define wing_METHOD 0      PF_EXACT, _EULER, _TUSTIN
+ *   #define wing_FILTERS 1            1 shared, or N_F                 #define wing_G_AVERAGE 0   0 held, 1 mean of the ends
+ *   #define wing_PAIRS 0x1            bit i: sections i, i + 1 may     #define wing_F_THETA_AVERAGE 1
+ *                                     be a complex pair                #define wing_INERTIA 0     0 I, 1 scalar, 2 diagonal, 3 full
+ *   #define wing_LOWPASS 1            C = (0, ..., 0, 1), never tuned  #define wing_INERTIA_INPUT 0  1: given at every step
+ *   #define wing_DIRECTION 0          1: E                             #define wing_PAST 0        intervals kept for a delay; 0: none
+ *   #define wing_LIMIT 0              1: bounds on |f_hat|             #define wing_HOLD_BAD 0    1: nonfinite="hold"
+ *   #define wing_VARIABLE 1           steps of other lengths           #define wing_TUNABLE 1     a, b while running
+ *   #define PF_NAME wing              (VARIABLE, TUNABLE and HOLD_BAD need pf_tune.c)
+ *   #include "pf_filter.h"
+ *
+ * which declares, for PF_NAME wing (any number of filters in one program, each with a name of its own):
+ *
+ *   wing            one filter: a flat struct in the caller's hands, no pointers inside; memcpy saves and restores it
+ *   wing_params     its numbers, with version and CRC-32; the generated `wing_parameters` is one
+ *   wing_init(self, params)                 0, or PF_FILTER_VERSION, _CORRUPT, _NOT_HURWITZ, _INVALID (self unusable then)
+ *   wing_reset(self)                        forgets all samples; coefficients, limit stay
+ *   wing_start(self, x0, f_hat0, f_theta0, M0, g0)   first sample; all but x0 may be NULL. Optional: the first
+ *                                           step or output does it too, at f_hat = f_theta.
+ *   wing_step(self, x, g, f_theta, M, f_hat)         one sample, nominal step. As SampledPhyFilter.step: g of a held
+ *                                           signal is the one held over the step that ends now. M: entries row by row,
+ *                                           NULL keeps the last one (I at first); ignored unless INERTIA_INPUT.
+ *   wing_step_after(self, x, g, f_theta, M, dt, f_hat)  the same after dt seconds (VARIABLE)
+ *   wing_output(self, x, g, f_theta, M, f_hat), wing_output_after(..., dt, f_hat)
+ *   wing_remember(self, g)                  The two phases of a block in a diagram. output: puts f_hat out; a held g is
+ *                                           not looked at but the one last remembered is used. remember, once all
+ *                                           blocks have put out: takes the g that acts from now on.
+ *   wing_shift_x(self, dx)                  the estimate of x jumped by dx: a reset, not an acceleration
+ *   wing_set_limit(self, limit)             N_F bounds (LIMIT)
+ *   wing_retune(self, a, b)                 FILTERS x ORDER coefficients in double, ascending, short ones padded with
+ *   wing_retune_poles(self, poles, b)       zeros; poles FILTERS x ORDER x (re, im). f_hat does not jump. (TUNABLE)
+ *
+ * All but remember and reset return 0 or a code below; then nothing has changed, f_hat neither. With HOLD_BAD a sample
+ * that is not finite is no error: f_hat is f_theta then, self->held is 1 and the gap becomes one longer step.
+ *
+ * Delay: PAST intervals are kept, enough for nominal steps. Where shorter steps need more, the two neighbours that are
+ * shortest together become one with the same integral; the averages lose detail finer than delay / PAST, nothing else.
+ * Build without -ffast-math; with -std=c99 (no fused multiply-add) results are the same bit for bit on every target.
+ */
+#ifndef PF_FILTER_COMMON
+#define PF_FILTER_COMMON
+#include <stddef.h>
+#include <stdint.h>
+
+#define PF_FILTER_FORMAT 1u /* of the parameter struct */
+
+enum {
+  PF_FILTER_OK = 0,
+  PF_FILTER_NOT_FINITE = 1,  /* a sample, or a number given */
+  PF_FILTER_STEP = 2,        /* not a positive length, or forward Euler would diverge at it */
+  PF_FILTER_VERSION = 3,
+  PF_FILTER_CORRUPT = 4,     /* CRC-32 of the parameters */
+  PF_FILTER_NOT_HURWITZ = 5, /* a pole on or right of the imaginary axis */
+  PF_FILTER_NO_REST = 6,     /* F(0) = 0: no constant residual gives f_hat0 */
+  PF_FILTER_INVALID = 7      /* parameters out of range: step, delay, order or limit */
+};
+
+static inline const char *pf_filter_message(int code) {
+  switch (code) {
+    case PF_FILTER_OK: return "ok";
+    case PF_FILTER_NOT_FINITE: return "a number is not finite";
+    case PF_FILTER_STEP: return "the step is not positive, or forward Euler diverges at it: |1 + p h| >= 1";
+    case PF_FILTER_VERSION: return "the parameters are of another format version";
+    case PF_FILTER_CORRUPT: return "the CRC-32 of the parameters is wrong";
+    case PF_FILTER_NOT_HURWITZ: return "D is not Hurwitz: a pole on or right of the imaginary axis";
+    case PF_FILTER_NO_REST: return "F(0) = 0: no constant residual gives this f_hat; start without it";
+    default: return "a parameter is out of range";
+  }
+}
+
+#define PF_CAT_(a, b) a##_##b
+#define PF_CAT(a, b) PF_CAT_(a, b)
+#define PF_P(member) PF_CAT(PF_NAME, member) /* PF_P(step) is wing_step where PF_NAME is wing */
+#endif
+
+/* Rounding within one state must be that of its type, and f_hat must not depend on where the compiler fuses. */
+#include <float.h>
+#if defined(__FAST_MATH__) || (defined(FLT_EVAL_METHOD) && FLT_EVAL_METHOD == 2)
+#error "the filter needs IEEE arithmetic: build without -ffast-math, and on 32-bit x86 with -msse2 -mfpmath=sse"
+#endif
+
+#if PF_P(INERTIA) == 0
+#define PF_ENTRIES 1
+#elif PF_P(INERTIA) == 1
+#define PF_ENTRIES 1
+#elif PF_P(INERTIA) == 2
+#define PF_ENTRIES PF_P(N_X)
+#else
+#define PF_ENTRIES (PF_P(N_X) * PF_P(N_X))
+#endif
+#define PF_WIDE (PF_P(VARIABLE) || PF_P(HOLD_BAD)) /* steps other than the nominal one happen */
+
+#if PF_P(FLOAT)
+typedef float PF_P(real);
+#else
+typedef double PF_P(real);
+#endif
+
+typedef struct {
+  uint32_t version, crc; /* PF_FILTER_FORMAT; CRC-32 (zlib's) of all numbers below in order, low byte first */
+  uint32_t order[PF_P(FILTERS)];
+  double dt, delay;                                        /* s */
+  double a[PF_P(FILTERS)][PF_P(ORDER)];                    /* ascending, (rad/s)^(n-i) */
+#if PF_P(TUNABLE)
+  double b[PF_P(FILTERS)][PF_P(ORDER)];
+#endif
+#if PF_WIDE || PF_P(TUNABLE)
+  double poles[PF_P(FILTERS)][PF_P(ORDER)][2];             /* real, imaginary part in rad/s */
+#endif
+  PF_P(real) dA[PF_P(FILTERS)][PF_P(ORDER)][PF_P(ORDER)];  /* transition over a nominal step, minus I */
+  PF_P(real) equilibrium[PF_P(FILTERS)][PF_P(ORDER)];
+  PF_P(real) C[PF_P(FILTERS)][PF_P(ORDER)];
+#if PF_P(LIMIT)
+  PF_P(real) limit[PF_P(N_F)];                             /* bound on |f_hat| */
+#endif
+#if PF_P(DIRECTION)
+  PF_P(real) E_left[PF_P(N_F)][PF_P(N_X)];                 /* left inverse of E */
+#endif
+#if PF_P(INERTIA) && !PF_P(INERTIA_INPUT)
+  PF_P(real) inertia[PF_ENTRIES];                          /* constant */
+#endif
+} PF_P(params);
+
+#if PF_P(PAST)
+typedef struct {
+  double dt;
+  PF_P(real) g[2][PF_P(N_X)], f_theta[2][PF_P(N_F)], inertia[2][PF_ENTRIES]; /* at its beginning and end */
+} PF_P(interval);
+#endif
+
+typedef struct {
+  PF_P(real) w[PF_P(N_F)][PF_P(ORDER)]; /* states of the sections, in the unit of f */
+#if PF_P(FLOAT)
+  PF_P(real) carry[PF_P(N_F)][PF_P(ORDER)]; /* what rounding took from them */
+#endif
+  PF_P(real) x[PF_P(N_X)], g[PF_P(N_X)], f_theta[PF_P(N_F)]; /* of the last sample */
+#if !PF_P(G_AVERAGE)
+  PF_P(real) g_held[PF_P(N_X)]; /* remembered: acts until the next sample */
+#endif
+#if PF_P(INERTIA)
+  PF_P(real) inertia[PF_ENTRIES];
+#endif
+  PF_P(real) rate; /* 1 / dt */
+  PF_P(real) dA[PF_P(FILTERS)][PF_P(ORDER)][PF_P(ORDER)];
+  PF_P(real) equilibrium[PF_P(FILTERS)][PF_P(ORDER)], C[PF_P(FILTERS)][PF_P(ORDER)];
+#if PF_P(DIRECTION)
+  PF_P(real) E_left[PF_P(N_F)][PF_P(N_X)];
+#endif
+#if PF_P(LIMIT)
+  PF_P(real) limit[PF_P(N_F)];
+#endif
+  int32_t started, held, has_g, has_inertia;
+#if PF_WIDE
+  PF_P(real) dA_other[PF_P(FILTERS)][PF_P(ORDER)][PF_P(ORDER)]; /* of the last step of another length, dt_other */
+  double dt_other;
+#endif
+  double dt;
+#if PF_WIDE || PF_P(TUNABLE)
+  int32_t order[PF_P(FILTERS)];
+  double poles[PF_P(FILTERS)][PF_P(ORDER)][2];
+#endif
+#if PF_P(TUNABLE)
+  double a[PF_P(FILTERS)][PF_P(ORDER)], b[PF_P(FILTERS)][PF_P(ORDER)]; /* in force */
+  double a_home[PF_P(FILTERS)][PF_P(ORDER)], poles_home[PF_P(FILTERS)][PF_P(ORDER)][2]; /* as exported: exact poles */
+#endif
+#if PF_P(HOLD_BAD) || PF_P(PAST)
+  double gap; /* seconds from the last accepted sample to the last one */
+  double sum_g[PF_P(N_X)], sum_f_theta[PF_P(N_F)]; /* integrals since the last accepted sample, `delay` late */
+  PF_P(real) inertia_then[PF_ENTRIES]; /* inertia at their beginning */
+#endif
+#if PF_P(PAST)
+  double delay;
+  int32_t count;
+  PF_P(interval) past[PF_P(PAST)]; /* oldest first */
+#endif
+} PF_NAME;
+
+int PF_P(init)(PF_NAME *self, const PF_P(params) *params);
+void PF_P(reset)(PF_NAME *self);
+int PF_P(start)(PF_NAME *self, const PF_P(real) *x0, const PF_P(real) *f_hat0, const PF_P(real) *f_theta0,
+                const PF_P(real) *inertia0, const PF_P(real) *g0);
+int PF_P(step)(PF_NAME *self, const PF_P(real) *x, const PF_P(real) *g, const PF_P(real) *f_theta,
+               const PF_P(real) *inertia, PF_P(real) *f_hat);
+int PF_P(output)(PF_NAME *self, const PF_P(real) *x, const PF_P(real) *g, const PF_P(real) *f_theta,
+                 const PF_P(real) *inertia, PF_P(real) *f_hat);
+#if PF_P(VARIABLE)
+int PF_P(step_after)(PF_NAME *self, const PF_P(real) *x, const PF_P(real) *g, const PF_P(real) *f_theta,
+                     const PF_P(real) *inertia, double dt, PF_P(real) *f_hat);
+int PF_P(output_after)(PF_NAME *self, const PF_P(real) *x, const PF_P(real) *g, const PF_P(real) *f_theta,
+                       const PF_P(real) *inertia, double dt, PF_P(real) *f_hat);
+#endif
+void PF_P(remember)(PF_NAME *self, const PF_P(real) *g);
+int PF_P(shift_x)(PF_NAME *self, const PF_P(real) *dx);
+#if PF_P(LIMIT)
+int PF_P(set_limit)(PF_NAME *self, const PF_P(real) *limit);
+#endif
+#if PF_P(TUNABLE)
+int PF_P(retune)(PF_NAME *self, const double *a, const double *b);
+int PF_P(retune_poles)(PF_NAME *self, const double *poles, const double *b);
+#endif
+
+#undef PF_ENTRIES
+#undef PF_WIDE
+#undef PF_NAME

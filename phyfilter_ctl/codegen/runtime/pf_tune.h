@@ -1,0 +1,36 @@
+/* Coefficients of a filter at run time: from polynomials or poles to the matrices of the recursion. All in double, no
+ * libm, no memory but the caller's and the stack. Firmware that never retunes and runs at one rate leaves it out.
+ *
+ * D = s^n + a[n-1] s^(n-1) + ... + a[0]. Poles are pairs (real, imaginary) in rad/s, slowest first, each complex pair
+ * together with the positive imaginary part first. Matrices are n x n, row by row.
+ */
+#ifndef PF_TUNE_H
+#define PF_TUNE_H
+
+#include "pf_hurwitz.h" /* PF_MAX_ORDER */
+
+enum { PF_EXACT = 0, PF_EULER = 1, PF_TUSTIN = 2 };
+
+/* Poles of D, repeated ones recognised. 0 where D is not Hurwitz, a coefficient is not finite or n is out of range. */
+int pf_roots(int n, const double *a, double *poles);
+
+/* Pairs conjugates, sorts. 0 where a pole is not in the open left half plane, lacks its conjugate or is not finite. */
+int pf_sort_poles(int n, double *poles);
+
+/* a[0..n-1] of the monic polynomial with these roots. */
+void pf_polynomial(int n, const double *poles, double *a);
+
+/* The chain of sections of unit gain, w' = A (w - equilibrium u), and the row C with C w = F u for F = N/D. */
+void pf_chain(int n, const double *poles, double *A, double *equilibrium);
+void pf_chain_output(int n, const double *poles, const double *a, const double *b, double *C);
+
+/* dA = exp(A h) - I, A h or (I - A h/2)^-1 A h, by method. */
+void pf_transition(int n, const double *poles, int method, double h, double *dA);
+
+/* Whether forward Euler diverges, |1 + p h| >= 1 for some pole. */
+int pf_euler_diverges(int n, const double *poles, double h);
+
+/* State (n) with output C w = y: at rest where F(0) allows it, else the smallest one. Adds it to w. */
+void pf_move_output(int n, const double *equilibrium, const double *C, double y, double *w);
+
+#endif

@@ -1,0 +1,81 @@
+"""Runs of compiled C."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import Literal
+
+import numpy as np
+from tqdm import tqdm
+
+from ..codegen import CompiledModel, CompilerError, compile_model
+from ..diagram import FlatModel, as_sampled
+from .arguments import Run
+from .response import Outcome
+from .steps import KEPT
+
+__all__ = ["compiles", "pays", "run_compiled"]
+
+# Measured: the virtual machine takes 1.35 ns an instruction; compiling 0.5 s, and 40 us an instruction.
+_VM_INSTRUCTION = 1.35e-9
+_COMPILE, _COMPILE_INSTRUCTION = 0.5, 40e-6
+
+
+def compiles(flat: FlatModel) -> bool:
+    """Compile a model, or find that there is no compiler, or no C code for a part of it."""
+    try:
+        _compiled(flat)
+    except (CompilerError, ValueError):
+        return False
+    return True
+
+
+def pays(steps: float, instructions: int) -> bool:
+    """Whether compiling a step takes less time than running it so often in the virtual machine."""
+    return steps * instructions * _VM_INSTRUCTION > _COMPILE + instructions * _COMPILE_INSTRUCTION
+
+
+@lru_cache(maxsize=KEPT)
+def _compiled(flat: FlatModel) -> CompiledModel:
+    return compile_model(as_sampled(flat))
+
+
+def run_compiled(
+    flat: FlatModel,
+    run: Run,
+    *,
+    method: Literal["rk4", "adaptive"],
+    max_step: float | None,
+    rtol: float,
+    atol: float,
+    progress: bool,
+) -> Outcome:
+    """A run in one call of C."""
+    try:
+        model = _compiled(flat)
+    except CompilerError as error:
+        raise CompilerError(f"{error}; or simulate with backend='vm', which needs none") from error
+    discrete = flat.dt > 0.0
+    with tqdm(total=len(run.times), disable=not progress, unit="row", desc="simulated") as bar:
+
+        def show(rows: int) -> None:
+            bar.update(rows - bar.n)
+
+        answer = model.simulate(
+            run.times,
+            run.inputs if flat.inputs else None,
+            initial_state=None if discrete else run.start,
+            sampled_state=run.start if discrete else None,
+            params={v.name: float(p) for v, p in zip(flat.parameters, run.parameters, strict=True)},
+            method=method,
+            max_step=max_step,
+            rtol=rtol,
+            atol=atol,
+            interpolation=run.interpolation,
+            progress=show if progress else None,
+        )
+    # A sampled law has advanced its states when a row is filled; a discrete diagram records them before.
+    states = np.vstack([run.start, answer.sampled_states[:-1]]) if discrete else answer.states
+    message = "" if answer.success else answer.message
+    failed_at = np.inf if answer.success else answer.t_reached
+    return Outcome(states, answer.outputs, 0, message, failed_at)

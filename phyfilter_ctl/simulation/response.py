@@ -1,0 +1,113 @@
+"""What a run gives back: python-control's response, with what became of it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Literal, NamedTuple, TypeAlias
+
+import control as ct
+import numpy as np
+
+from .._sections import FloatArray
+from ..blocks.functions import Variable
+from ..diagram import FlatModel
+from .arguments import Run
+
+__all__ = ["Backend", "Method", "Outcome", "SimulationResponse", "response_of"]
+
+Method: TypeAlias = Literal["rk4", "adaptive", "exact"]
+Backend: TypeAlias = Literal["vm", "c"]
+
+
+class Outcome(NamedTuple):
+    """What a run found, time-major."""
+
+    x: FloatArray  # (N, n_x)
+    y: FloatArray  # (N, n_y)
+    steps: int
+    message: str
+    failed_at: float
+
+
+class SimulationResponse(ct.TimeResponseData):
+    """A ``control.TimeResponseData`` made by :func:`simulate`; its ``.plot()`` and shapes are python-control's.
+
+    Parameters
+    ----------
+    time : (N,) array
+        Seconds.
+    outputs : (n_y, N) array
+    states : (n_x, N) array
+    inputs : (n_u, N) array
+    labels : tuple of (outputs, states, inputs)
+        Names of the signals.
+    name : str
+        Name of the diagram.
+    method : {"rk4", "adaptive", "exact", "discrete"}
+        How it was integrated.
+    backend : {"vm", "c"}
+        What ran it.
+    steps : int
+        Steps of integration; 0 where they were not counted.
+    message : str
+        "" where the run succeeded; else what happened, when, and what to try. ``success`` says which.
+    failed_at : float
+        Time in seconds that the run came to before it failed; inf where it succeeded. Later values are NaN.
+    squeeze : bool, optional
+        As for ``control.input_output_response``.
+    """
+
+    def __init__(
+        self,
+        time: FloatArray,
+        outputs: FloatArray,
+        *,
+        states: FloatArray,
+        inputs: FloatArray,
+        labels: tuple[list[str], list[str], list[str]],
+        name: str,
+        method: Method | Literal["discrete"],
+        backend: Backend,
+        steps: int = 0,
+        message: str = "",
+        failed_at: float = np.inf,
+        squeeze: bool | None = None,
+    ) -> None:
+        super().__init__(
+            time, outputs, states=states, inputs=inputs, issiso=len(outputs) == 1 and len(inputs) == 1,
+            output_labels=labels[0], state_labels=labels[1], input_labels=labels[2], squeeze=squeeze,
+            title=f"Response of {name}", sysname=name, success=not message, message=message or None,
+        )  # fmt: skip
+        self.method = method
+        self.backend = backend
+        self.steps = steps
+        self.failed_at = failed_at
+
+
+def response_of(
+    flat: FlatModel,
+    run: Run,
+    outcome: Outcome,
+    *,
+    method: Method | Literal["discrete"],
+    backend: Backend,
+    squeeze: bool | None,
+) -> SimulationResponse:
+    """Time-major arrays as a response."""
+    x, y, steps, message, failed_at = outcome
+    if not message and not np.all(np.isfinite(y)):
+        row, column = np.argwhere(~np.isfinite(y))[0]
+        failed_at = float(run.times[row])
+        message = (
+            f"output {flat.outputs[column].name} is {y[row, column]} at t = {failed_at:.9g} s, while the states are "
+            "finite; look for a division by 0 or a root of a negative number on the way to it"
+        )
+    return SimulationResponse(
+        run.times, y.T, states=x.T, inputs=run.inputs.T,
+        labels=(_names(flat.outputs), _names(flat.states), _names(flat.inputs)), name=flat.name, method=method,
+        backend=backend, steps=steps, message=message, failed_at=failed_at, squeeze=squeeze,
+    )  # fmt: skip
+
+
+def _names(variables: Iterable[Variable]) -> list[str]:
+    return [variable.name for variable in variables]

@@ -1,0 +1,298 @@
+"""Time responses of any diagram."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import Literal, cast, get_args
+
+import control as ct
+import numpy as np
+from numpy.typing import ArrayLike
+from tqdm import tqdm
+
+from ..diagram import FlatModel, flatten
+from . import compiled, vm
+from .arguments import Inputs, Interpolation, Parameters, Run, Start, prepare
+from .exponential import has_linear_states, linear_part
+from .response import SimulationResponse, response_of
+from .steplength import default_step
+from .steps import advance_rk4, at_node
+
+__all__ = ["as_flat", "simulate", "simulate_batch"]
+
+MethodChoice = Literal["auto", "rk4", "adaptive", "exact"]
+BackendChoice = Literal["auto", "vm", "c"]
+# A matrix exponential of more coupled states costs more than it saves.
+_MOST_COUPLED = 200
+
+
+@dataclass(frozen=True)
+class Options:
+    """How a run is to be done."""
+
+    method: MethodChoice
+    backend: BackendChoice
+    max_step: float | None
+    rtol: float
+    atol: float
+    squeeze: bool | None
+
+    def __post_init__(self) -> None:
+        for name, choices in (("method", MethodChoice), ("backend", BackendChoice)):
+            if getattr(self, name) not in get_args(choices):
+                raise ValueError(f"{name}: expected one of {get_args(choices)}, got {getattr(self, name)!r}")
+        if self.method == "exact" and self.backend == "c":
+            raise ValueError("method='exact' runs in the virtual machine: expected backend='vm', got 'c'")
+        if self.max_step is not None and not 0.0 < self.max_step < np.inf:
+            raise ValueError(
+                f"max_step: expected a positive number of seconds or None, got {self.max_step!r}"
+            )
+        if not (0.0 < self.rtol < 1.0 and 0.0 < self.atol < np.inf):
+            raise ValueError(
+                f"rtol, atol: expected 0 < rtol < 1 and a positive atol, got {self.rtol!r} and {self.atol!r}"
+            )
+
+
+def simulate(
+    sys: ct.InputOutputSystem | FlatModel,
+    timepts: ArrayLike,
+    inputs: Inputs | None = None,
+    initial_state: Start | None = None,
+    *,
+    params: Parameters | None = None,
+    method: MethodChoice = "auto",
+    backend: BackendChoice = "auto",
+    max_step: float | None = None,
+    rtol: float = 1e-8,
+    atol: float = 1e-10,
+    interpolation: Interpolation = "linear",
+    squeeze: bool | None = None,
+    progress: bool = False,
+) -> SimulationResponse:
+    """Response of a diagram to inputs: ``control.input_output_response``, compiled, and with sampled blocks.
+
+    Parameters
+    ----------
+    sys : control.InputOutputSystem or FlatModel
+        Any python-control system, or what :func:`flatten` made of it (once, for many runs).
+    timepts : (N,) array
+        Seconds, increasing; need not be evenly spaced. A discrete diagram wants its sampling interval between them.
+        Sampled blocks have their first instant at the first time.
+    inputs : number, (n_u, N) array, (N,) array or list, optional
+        Inputs at the times; a number for all, or a list of numbers and arrays that are stacked. None means the defaults
+        of the inputs (0 for python-control's).
+    initial_state : array, list, mapping or number, optional
+        Start of the n_x states; a list of arrays is put together, a closing 0 fills the rest; a mapping changes the
+        named ones. None means the start values of the blocks (0 for python-control's).
+    params : mapping, optional
+        Parameters by name, as for :meth:`FlatModel.start_parameters`.
+    method : {"auto", "rk4", "adaptive", "exact"}
+        "rk4": classical Runge-Kutta, equal steps between events (times and instants of sampled blocks). "adaptive":
+        Dormand-Prince with error control, 8(5,3) in the virtual machine and 5(4) in C; starts anew at instants and at
+        kinks of the inputs. "exact": exponential Runge-Kutta of fourth order, exact for parts of df/dx that are
+        constant. "auto": exact for a diagram linear in its states, else adaptive.
+    backend : {"auto", "vm", "c"}
+        CasADi's virtual machine, or C compiled on the spot (kept for the next run). "auto": C where a compiler is found
+        and the run is long enough to pay for compiling.
+    max_step : float, optional
+        Longest step in seconds. None: for "rk4" and for the nonlinear parts of "exact", 0.2 of the time constant of
+        the fastest pole at the start, and never beyond the next event; for "adaptive", no bound.
+    rtol, atol : float
+        Adaptive: error of a step relative to, and beside, the size of the states.
+    interpolation : {"linear", "hold"}
+        Inputs between the times: on straight lines as in python-control, or each held until the next.
+    squeeze : bool, optional
+        As for ``control.input_output_response``.
+    progress : bool
+        Show a progress bar.
+
+    Returns
+    -------
+    SimulationResponse
+        A ``control.TimeResponseData``. At an instant of a sampled block the outputs are those after it has run. A
+        run that meets numbers that are not finite, or steps that become too small, has ``success`` False, NaN from
+        there on and a ``message`` that says what to try.
+
+    Raises
+    ------
+    ValueError
+        For wrong shapes, unknown names and options, or a diagram that cannot be flattened.
+    CompilerError
+        For backend="c" without a compiler, or with one that fails.
+
+    Examples
+    --------
+    >>> lag = ct.tf([2.0], [1.0, 2.0])
+    >>> response = simulate(lag, [0.0, 0.5, 1.0], 1.0)
+    >>> response.outputs.round(6).tolist()
+    [0.0, 0.632121, 0.864665]
+    """
+    flat = as_flat(sys)
+    options = Options(method, backend, max_step, rtol, atol, squeeze)
+    run = prepare(flat, timepts, inputs, initial_state, params, interpolation)
+    return _simulate(flat, run, _decided(flat, run, options, 1), progress)
+
+
+def simulate_batch(
+    sys: ct.InputOutputSystem | FlatModel,
+    timepts: ArrayLike,
+    inputs: Inputs | None = None,
+    initial_state: Start | None = None,
+    *,
+    params: Mapping[str, ArrayLike] | None = None,
+    method: MethodChoice = "auto",
+    backend: BackendChoice = "auto",
+    max_step: float | None = None,
+    rtol: float = 1e-8,
+    atol: float = 1e-10,
+    interpolation: Interpolation = "linear",
+    squeeze: bool | None = None,
+    workers: int | None = None,
+    progress: bool = False,
+) -> ct.TimeResponseList:
+    """Many runs of one diagram, over the cores.
+
+    Parameters
+    ----------
+    sys, timepts
+        As for :func:`simulate`.
+    inputs
+        As for :func:`simulate`, or (B, n_u, N): one for each run, e.g. noise of B seeds.
+    initial_state
+        As for :func:`simulate`, or (B, n_x).
+    params : mapping, optional
+        By name: numbers for all runs, or arrays whose first axis are the B runs.
+    method, backend, max_step, rtol, atol, interpolation, squeeze
+        As for :func:`simulate`; backend="auto" compiles where the whole batch pays for it.
+    workers : int, optional
+        Threads; None means one per core.
+    progress : bool
+        Show a progress bar.
+
+    Returns
+    -------
+    control.TimeResponseList
+        B responses of type SimulationResponse, equal bit for bit to single runs with the same method and backend.
+
+    Raises
+    ------
+    ValueError
+        As for :func:`simulate`, and where nothing tells B, or several things contradict each other.
+
+    Examples
+    --------
+    >>> lag = ct.nlsys(lambda t, x, u, p: [p["rate"] * (u[0] - x[0])], None, inputs=1, outputs=1, states=1,
+    ...                params={"rate": 1.0}, name="lag")
+    >>> runs = simulate_batch(lag, [0.0, 1.0], 1.0, params={"rate": [1.0, 2.0]})
+    >>> [float(run.outputs[-1].round(4)) for run in runs]
+    [0.6321, 0.8647]
+    """
+    flat = as_flat(sys)
+    options = Options(method, backend, max_step, rtol, atol, squeeze)
+    if workers is not None and workers < 1:
+        raise ValueError(f"workers: expected at least 1, got {workers}")
+    runs = [
+        prepare(flat, timepts, u, x0, p, interpolation) for u, x0, p in _batch(inputs, initial_state, params)
+    ]
+    decided = _decided(flat, runs[0], options, len(runs))
+    with tqdm(total=len(runs), disable=not progress, unit="run") as bar:
+
+        def one(run: Run) -> SimulationResponse:
+            response = _simulate(flat, run, decided, False)
+            bar.update()
+            return response
+
+        # The first run builds (or compiles) all functions; then the threads only run them.
+        first = one(runs[0])
+        with ThreadPoolExecutor(workers or os.cpu_count() or 1) as pool:
+            return ct.TimeResponseList([first, *pool.map(one, runs[1:])])
+
+
+def as_flat(sys: ct.InputOutputSystem | FlatModel) -> FlatModel:
+    """The flat model of a system."""
+    return sys if isinstance(sys, FlatModel) else flatten(sys)
+
+
+def _decided(flat: FlatModel, run: Run, options: Options, runs: int) -> Options:
+    """Options without "auto"."""
+    method, backend = options.method, options.backend
+    if method == "auto":
+        small = max((len(group) for group in linear_part(flat).groups), default=0) <= _MOST_COUPLED
+        method = "exact" if backend != "c" and has_linear_states(flat) and small else "adaptive"
+    if not flat.states or flat.dt > 0.0:
+        method = "rk4"  # nothing to integrate
+    if backend == "auto":
+        backend = "c" if method != "exact" and _worth_compiling(flat, run, options, runs) else "vm"
+    return Options(method, backend, options.max_step, options.rtol, options.atol, options.squeeze)
+
+
+def _worth_compiling(flat: FlatModel, run: Run, options: Options, runs: int) -> bool:
+    length = float(run.times[-1] - run.times[0])
+    steps = len(run.times) + sum(length / task.period for task in flat.tasks)
+    if options.max_step is not None:
+        steps = max(steps, length / options.max_step)
+    functions = [at_node(flat)] if flat.dt == 0.0 else [flat.dynamics, flat.output]
+    functions += [advance_rk4(flat)] if flat.dt == 0.0 else []
+    if not all(function.is_a("SXFunction") for function in functions):
+        return False  # instructions of unknown size
+    return compiled.pays(runs * steps, sum(f.n_instructions() for f in functions)) and compiled.compiles(flat)
+
+
+def _simulate(flat: FlatModel, run: Run, options: Options, progress: bool) -> SimulationResponse:
+    method = cast(Literal["rk4", "adaptive", "exact"], options.method)
+    longest = options.max_step
+    if longest is None and method != "adaptive" and flat.dt == 0.0:
+        longest = default_step(flat, run, without_linear=method == "exact")
+    if options.backend == "c":
+        assert method != "exact"
+        outcome = compiled.run_compiled(
+            flat,
+            run,
+            method=method,
+            max_step=longest,
+            rtol=options.rtol,
+            atol=options.atol,
+            progress=progress,
+        )
+    elif flat.dt > 0.0:
+        outcome, _ = vm.run_pieces(flat, run, vm.discrete_pieces(flat, run), progress=progress)
+    elif method == "adaptive":
+        outcome = vm.run_adaptive(
+            flat, run, rtol=options.rtol, atol=options.atol, max_step=longest, progress=progress
+        )
+    else:
+        outcome, _ = vm.run_pieces(flat, run, vm.fixed_pieces(flat, run, method, longest), progress=progress)
+    return response_of(
+        flat, run, outcome, method="discrete" if flat.dt > 0.0 else method,
+        backend="c" if options.backend == "c" else "vm", squeeze=options.squeeze,
+    )  # fmt: skip
+
+
+def _batch(
+    inputs: Inputs | None, initial_state: Start | None, params: Mapping[str, ArrayLike] | None
+) -> list[tuple[Inputs | None, Start | None, dict[str, ArrayLike]]]:
+    """Arguments of each run."""
+    per_run = {name: np.asarray(value, dtype=float) for name, value in (params or {}).items()}
+    several_u = inputs if isinstance(inputs, np.ndarray) and inputs.ndim == 3 else None
+    several_x = initial_state if isinstance(initial_state, np.ndarray) and initial_state.ndim == 2 else None
+    sizes = {f"params[{name!r}]": len(value) for name, value in per_run.items() if value.ndim}
+    if several_u is not None:
+        sizes["inputs"] = len(several_u)
+    if several_x is not None:
+        sizes["initial_state"] = len(several_x)
+    if len(set(sizes.values())) != 1 or 0 in sizes.values():
+        raise ValueError(
+            "expected one number B of runs from params (arrays of B), inputs (an array (B, n_u, N)) or initial_state "
+            f"(an array (B, n_x)), got {sizes or 'none of them'}"
+        )
+    return [
+        (
+            inputs if several_u is None else several_u[i],
+            initial_state if several_x is None else several_x[i],
+            {name: value[i] if value.ndim else value for name, value in per_run.items()},
+        )
+        for i in range(next(iter(sizes.values())))
+    ]

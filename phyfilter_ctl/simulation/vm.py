@@ -1,0 +1,251 @@
+"""Runs in CasADi's virtual machine."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from functools import lru_cache
+from itertools import pairwise
+from typing import Literal, NamedTuple
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+from tqdm import tqdm
+
+from .._sections import FloatArray
+from ..diagram import FlatModel
+from .adaptive import Integrator, StepError
+from .arguments import Run
+from .chains import Chain
+from .exponential import advance_exponential, tables
+from .response import Outcome
+from .schedule import WINDOW, Nodes, Steps, nodes, steps_between
+from .steps import KEPT, Layout, advance_rk4, at_node, discrete_step, full_step, split_step, start_state
+
+__all__ = ["Piece", "discrete_pieces", "diverged", "fixed_pieces", "run_adaptive", "run_pieces"]
+
+# Steps whose lengths agree to this use one set of matrices: the times themselves are no better known.
+_SAME_LENGTH = 1e-12
+
+
+class Piece(NamedTuple):
+    """Steps of a run that one function takes."""
+
+    step: ca.Function
+    p: FloatArray
+    data: FloatArray  # (S, n_d)
+    rows: NDArray[np.intp]  # (S,) row of the record, -1 for none
+
+
+def fixed_pieces(
+    flat: FlatModel, run: Run, method: Literal["rk4", "exact"], max_step: float | None
+) -> Iterator[Piece]:
+    """RK4 or the exponential method, in steps no longer than ``max_step`` between nodes."""
+    layout = Layout(flat)
+    for window in nodes(run.times, [task.period for task in flat.tasks]):
+        for steps in steps_between(window, max_step):
+            data = _data(layout, run, window, steps)
+            p, capacity = run.parameters, 1
+            if method == "exact":
+                lengths, data[:, layout.table] = _lengths(data[:, 1], run.times)
+                columns = tables(flat, run.parameters, lengths.tolist())
+                capacity = 1 << (len(lengths) - 1).bit_length()
+                columns = np.vstack([columns, np.zeros((capacity - len(columns), columns.shape[1]))])
+                p = np.concatenate([p, columns.ravel()])
+                advance = advance_exponential(flat, capacity)
+            else:
+                advance = advance_rk4(flat)
+            node = at_node(flat)
+            step = full_step(node, advance) if steps.first.all() else split_step(node, advance, layout.node)
+            yield Piece(step, p, data, np.where(steps.first, window.row[steps.node], -1))
+
+
+def discrete_pieces(flat: FlatModel, run: Run) -> Iterator[Piece]:
+    """A discrete diagram: one step from time to time."""
+    layout = Layout(flat)
+    for start in range(0, len(run.times), WINDOW):
+        rows = np.arange(start, min(start + WINDOW, len(run.times)))
+        data = np.zeros((len(rows), layout.data))
+        data[:, 0] = run.times[rows]
+        data[:, layout.input(0)] = run.inputs[rows]
+        yield Piece(discrete_step(flat), run.parameters, data, rows)
+
+
+def run_pieces(
+    flat: FlatModel,
+    run: Run,
+    pieces: Iterator[Piece],
+    *,
+    state: FloatArray | None = None,
+    progress: bool = False,
+) -> tuple[Outcome, FloatArray]:
+    """Run them one after another; stops where the state is no longer finite.
+
+    Returns also what the steps record behind x and y, (N, more).
+    """
+    n_x, n_y = len(flat.states), len(flat.outputs)
+    record: FloatArray | None = None
+    state = start_state(flat, run.start) if state is None else state
+    chain: Chain | None = None
+    count, message, failed_at = 0, "", np.inf
+    with _bar(run, progress) as bar:
+        for step, p, data, rows in pieces:
+            if chain is None or chain.step is not step:
+                chain = Chain(step, state if chain is None else chain.state, p)
+            chain.p = p
+            part = chain.run(data)
+            if record is None:
+                record = np.full((len(run.times), part.shape[1]), np.nan)
+            wanted = rows >= 0
+            record[rows[wanted]] = part[wanted]
+            count += len(data)
+            good = np.all(np.isfinite(part[wanted][:, :n_x]), axis=1)
+            if not good.all() or not np.all(np.isfinite(chain.state)):
+                times = data[wanted, 0][~good]
+                failed_at = float(times[0]) if len(times) else float(data[-1, 0] + data[-1, 1])
+                record[run.times >= failed_at] = np.nan
+                message = diverged(flat, record[:, :n_x], failed_at)
+                break
+            bar.update(float(data[-1, 0] - bar.n - run.times[0]))
+    assert record is not None  # a run has at least one time
+    outcome = Outcome(record[:, :n_x], record[:, n_x : n_x + n_y], count, message, failed_at)
+    return outcome, record[:, n_x + n_y :]
+
+
+def diverged(flat: FlatModel, x: FloatArray, failed_at: float) -> str:
+    """What to say of a state that is no longer finite."""
+    known = x[np.all(np.isfinite(x), axis=1)]
+    which = ""
+    if len(known) and known.shape[1]:
+        which = f"; the largest state before was {flat.states[int(np.argmax(np.abs(known[-1])))].name}"
+    return (
+        f"the state is no longer finite at t = {failed_at:.9g} s{which}. Either the diagram is unstable, or the step "
+        "is too long for it: try a smaller max_step, method='exact' where fast parts are linear, or method='adaptive'"
+    )
+
+
+def run_adaptive(
+    flat: FlatModel, run: Run, *, rtol: float, atol: float, max_step: float | None, progress: bool
+) -> Outcome:
+    """Adaptive steps from one discontinuity to the next."""
+    layout = Layout(flat)
+    n_x, n_s, n_z = layout.sizes
+    x = np.full((len(run.times), n_x), np.nan)
+    z = np.zeros((len(run.times), n_z))
+    integrator = Integrator(flat, run.parameters, rtol=rtol, atol=atol, max_step=max_step)
+    chain = Chain(at_node(flat), start_state(flat, run.start), run.parameters)
+    failed_at, message = np.inf, ""
+    with _bar(run, progress) as bar:
+        for window in nodes(run.times, [task.period for task in flat.tasks]):
+            data = _data(layout, run, window, next(steps_between(window, None, size=len(window.due) + 1)))
+            breaks = _breaks(layout, window, data)
+            later = np.zeros(0, dtype=np.intp)
+            try:
+                for first, stop in pairwise(breaks):
+                    if flat.tasks:
+                        chain.run(data[first : first + 1])
+                    state = chain.state
+                    held = state[n_x + n_s :]
+                    begin, end = float(window.times[first]), float(window.times[stop])
+                    rows = window.row[first:stop]
+                    rows = rows[rows >= 0]
+                    z[rows] = held
+                    later = rows[run.times[rows] > begin]
+                    x[rows[: len(rows) - len(later)]] = state[:n_x]
+                    if n_x and end > begin:
+                        u = data[first, layout.input(0)], data[stop - 1, layout.input(2)]
+                        state[:n_x], x[later] = integrator.run(
+                            state[:n_x], held, (begin, end), u, run.times[later]
+                        )
+                        chain.state = state
+            except StepError as error:
+                x[later[: len(error.inside)]] = error.inside
+                failed_at = error.time
+                message = (
+                    f"{error}. The diagram is stiff or has a singularity there: try method='exact' where its fast "
+                    "parts are linear, larger rtol and atol, or method='rk4' with a max_step you choose"
+                )
+                break
+            bar.update(float(window.times[-1] - bar.n - run.times[0]))
+    good = np.asarray(np.isfinite(x).all(axis=1))
+    return Outcome(x, _outputs(flat, run, x, z, good), integrator.steps, message, failed_at)
+
+
+def _breaks(layout: Layout, window: Nodes, data: FloatArray) -> list[int]:
+    """Nodes at which integration starts anew: instants, and kinks and jumps of the inputs; and the end."""
+    begin, end = data[:, layout.input(0)], data[:, layout.input(2)]
+    length = np.diff(window.times)[:, None]
+    new = np.array(window.due.any(axis=1))
+    new[0] = True
+    if layout.inputs and len(new) > 1:
+        rate = (end - begin) / np.where(length > 0.0, length, 1.0)
+        size = np.maximum(np.abs(begin[1:]), np.abs(end[1:])) + np.abs(end[:-1])
+        # Rates differ by the rounding of the inputs and of the times.
+        same = np.abs(rate[1:] - rate[:-1]) * length[1:] <= 1e-12 * size
+        joined = np.abs(begin[1:] - end[:-1]) <= 1e-14 * size
+        new[1:] |= ~(same & joined).all(axis=1)
+    return [*np.flatnonzero(new).tolist(), len(new)]
+
+
+def _outputs(flat: FlatModel, run: Run, x: FloatArray, z: FloatArray, good: NDArray[np.bool_]) -> FloatArray:
+    """Outputs at all times at once; the sampled blocks have run."""
+    y = np.full((len(x), len(flat.outputs)), np.nan)
+    size = 256
+    mapped = _mapped(flat, size)
+    for start in range(0, len(x), size):
+        rows = slice(start, start + size)
+        parts = [run.times[rows, None], x[rows], run.inputs[rows], None, z[rows]]
+        count = len(run.times[rows])
+        filled = [
+            run.parameters
+            if part is None
+            else np.vstack([part, np.repeat(part[-1:], size - count, axis=0)]).T
+            for part in parts
+        ]
+        filled[3] = np.repeat(run.parameters[:, None], size, axis=1)
+        y[rows] = np.asarray(mapped(*filled), dtype=float).T[:count]
+    y[~good] = np.nan
+    return y
+
+
+@lru_cache(maxsize=KEPT)
+def _mapped(flat: FlatModel, size: int) -> ca.Function:
+    return flat.output.map(size)
+
+
+def _data(layout: Layout, run: Run, window: Nodes, steps: Steps) -> FloatArray:
+    """Data columns of steps, row by row."""
+    data = np.zeros((len(steps.times), layout.data))
+    data[:, 0] = steps.times
+    data[:, 1] = steps.ends - steps.times
+    if layout.inputs:
+        left = window.left[steps.node]
+        right = np.minimum(left + 1, len(run.times) - 1)
+        begin = run.times[left]
+        span = np.where(right > left, run.times[right] - begin, 1.0)
+        middle = steps.times + 0.5 * (steps.ends - steps.times)
+        for stage, at in enumerate((steps.times, middle, steps.ends)):
+            weight = np.clip((at - begin) / span, 0.0, 1.0)[:, None] * (run.interpolation == "linear")
+            data[:, layout.input(stage)] = (1.0 - weight) * run.inputs[left] + weight * run.inputs[right]
+    data[:, layout.due] = window.due[steps.node] & steps.first[:, None]
+    data[:, layout.node] = steps.first
+    return data
+
+
+def _lengths(h: FloatArray, times: FloatArray) -> tuple[FloatArray, NDArray[np.intp]]:
+    """The different step lengths, and which of them each step has."""
+    order = np.argsort(h)
+    ranked = h[order]
+    slack = _SAME_LENGTH * ranked[1:] + 8 * np.finfo(float).eps * np.abs(times).max()
+    group = np.concatenate([[0], np.cumsum(np.diff(ranked) > slack)])
+    index = np.empty(len(h), dtype=np.intp)
+    index[order] = group
+    counts = np.bincount(group)
+    return np.bincount(group, ranked) / counts, index
+
+
+def _bar(run: Run, progress: bool) -> tqdm:
+    return tqdm(
+        total=float(run.times[-1] - run.times[0]), disable=not progress, unit="s", desc="simulated",
+        bar_format="{desc}: {percentage:3.0f}%|{bar}| {n:.1f}/{total:.1f} s [{elapsed}<{remaining}]",
+    )  # fmt: skip

@@ -1,0 +1,108 @@
+"""export and fmu: what a user types, with a real compiler where one is there."""
+
+import json
+import shutil
+import subprocess
+
+import pytest
+
+import phyfilter_ctl as pf
+from phyfilter_ctl.cli import main
+
+COMPILER = shutil.which("gcc") or shutil.which("cc")
+needs_compiler = pytest.mark.skipif(COMPILER is None, reason="no C compiler on this machine")
+
+
+@pytest.fixture
+def filter_file(tmp_path):
+    path = tmp_path / "wing.toml"
+    pf.save(path, pf.lowpass(2, 20.0).sampled(0.002), signals=pf.Signals(["vx", "vy"], unit_x="m/s"))
+    return str(path)
+
+
+@needs_compiler
+def test_a_filter_as_fmu_and_back(filter_file, tmp_path, capsys):
+    target = tmp_path / "wing.fmu"
+    assert main(["export", filter_file, "--fmu", str(target), "--fmi", "2.0"]) == 0
+    assert str(target) in capsys.readouterr().out
+    assert main(["fmu", "describe", str(target), "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["fmi"] == "2.0"
+    assert {"x[0]", "f_hat[1]"} <= {variable["name"] for variable in found["variables"]}
+    assert main(["fmu", "check", str(target), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["ok"]
+
+
+@needs_compiler
+def test_an_fmu_runs_on_inputs(filter_file, tmp_path, capsys):
+    target, inputs, out = tmp_path / "wing.fmu", tmp_path / "in.csv", tmp_path / "out.csv"
+    assert main(["export", filter_file, "--fmu", str(target), "--channels", "2", "--fmi", "2.0"]) == 0
+    inputs.write_text("time,x[0]\n0,0\n1,3\n")
+    picture = tmp_path / "run.png"
+    arguments = [
+        "--stop",
+        "1",
+        "--step",
+        "0.002",
+        "--input",
+        str(inputs),
+        "--out",
+        str(out),
+        "--picture",
+        str(picture),
+    ]
+    assert main(["fmu", "run", str(target), *arguments]) == 0
+    rows = out.read_text().splitlines()
+    assert rows[0] == "time,f_hat[0],f_hat[1]"
+    # x grows by 3 a second with g = f_theta = 0, so f = 3.
+    assert float(rows[-1].split(",")[1]) == pytest.approx(3.0, abs=1e-3)
+    assert float(rows[-1].split(",")[2]) == 0.0
+    assert picture.stat().st_size > 1000
+
+
+@needs_compiler
+def test_a_filter_as_c_checks_itself(filter_file, tmp_path, capsys):
+    folder = tmp_path / "firmware"
+    assert main(["export", filter_file, "--c", str(folder), "--real", "float", "--json", "-"]) == 0
+    assert json.loads(capsys.readouterr().out)["c"] == str(folder)
+    program = tmp_path / "check"
+    sources = sorted(map(str, folder.glob("*.c")))
+    flags = ["-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-Werror"]
+    subprocess.run([str(COMPILER), *flags, *sources, "-o", str(program)], check=True)
+    assert subprocess.run([str(program)], check=False, capture_output=True).returncode == 0
+
+
+@needs_compiler
+def test_recipes_are_built_and_checked(capsys):
+    from pathlib import Path
+
+    fmus = Path(__file__).parents[1] / "fmus"
+    assert main(["fmu", "recipes", str(fmus)]) == 0
+    assert capsys.readouterr().out.count(": ok") >= 4
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["export", "acceleration"], "--fmu FILE, --ssp FILE and --c DIR"),
+        (["export", "nothing.toml", "--fmu", "a.fmu"], "neither a filter file nor a model"),
+        (["export", "acceleration", "--fmu", "a.zip"], "ends in .fmu"),
+        (["export", "acceleration", "--fmu", "a.fmu", "--channels", "3"], "is a model"),
+        (["fmu", "describe", "nothing.fmu"], "nothing.fmu"),
+        (["fmu", "run", "nothing.fmu", "--set", "a"], "nothing.fmu"),
+    ],
+)
+def test_wrong_commands_say_what_is_wrong(arguments, message, capsys):
+    assert main(arguments) == 2
+    assert message in capsys.readouterr().err
+
+
+def test_filter_options_that_do_not_fit(filter_file, tmp_path, capsys):
+    assert main(["export", filter_file, "--ssp", str(tmp_path / "a.ssp")]) == 2
+    assert "diagram of several blocks" in capsys.readouterr().err
+    assert main(["export", filter_file, "--c", str(tmp_path / "c"), "--dt", "0.1"]) == 2
+    assert "sampled every 0.002 s already" in capsys.readouterr().err
+    continuous = tmp_path / "continuous.toml"
+    pf.save(continuous, pf.lowpass(2, 20.0))
+    assert main(["export", str(continuous), "--c", str(tmp_path / "c")]) == 2
+    assert "--dt" in capsys.readouterr().err
