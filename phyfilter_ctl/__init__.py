@@ -45,6 +45,7 @@ from .diagram import FlatModel, flatten
 from .filter import PhyFilter
 from .filterfile import Signals, load, load_signals, save
 from .flightlog import FlightLog, split_by_speed, split_flights
+from .fmi import cosimulate, export_fmu, export_ssp, import_fmu
 from .plants import Plant, plant
 from .sampled import FilterState, SampledPhyFilter, stack
 from .simulation import Sensitivity, SimulationResponse, sensitivity, simulate, simulate_batch
@@ -70,12 +71,16 @@ __all__ = [
     "Variable",
     "Variance",
     "bandpass",
+    "cosimulate",
     "error_variance",
     "export_c",
+    "export_fmu",
+    "export_ssp",
     "flatten",
     "frequency_response",
     "function_block",
     "gauss_markov",
+    "import_fmu",
     "learn",
     "learn_jointly",
     "learned_block",

@@ -231,6 +231,17 @@ class FilterResponse:
         step = f", h = {1e3 * self.system.dt:.3g} ms" if isinstance(self.system, SampledPhyFilter) else ""
         return f"n = {self._filter.order}, {band} rad/s{step}"
 
+    def curve(self, label: str | None = None) -> plots.FrequencyCurve:
+        """What a frequency plot draws of it.
+
+        Parameters
+        ----------
+        label : str, optional
+            Entry of the legend instead of :attr:`label`.
+        """
+        name = self.label if label is None else label
+        return plots.FrequencyCurve(name, self.omega, self.F, self.error, -self.phase_lag(), self.nyquist)
+
     def plot(self, ax: Sequence[Axes] | None = None, *, label: str | None = None) -> ct.ControlPlot:
         """Draw |F|, |1 - F| and the phase of F.
 
@@ -315,10 +326,7 @@ class FilterResponseList(tuple[FilterResponse, ...]):
         if labels is not None and len(labels) != len(self):
             raise ValueError(f"labels: expected one for each of the {len(self)} responses, got {len(labels)}")
         names = [response.label for response in self] if labels is None else labels
-        curves = [
-            plots.FrequencyCurve(name, each.omega, each.F, each.error, -each.phase_lag(), each.nyquist)
-            for name, each in zip(names, self, strict=True)
-        ]
+        curves = [each.curve(name) for name, each in zip(names, self, strict=True)]
         return plots.frequency_plot(curves, ax=ax)
 
 

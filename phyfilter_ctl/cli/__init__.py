@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from typing import NoReturn
 
 from .. import __version__, models
-from . import design, export, fmu, learn
+from . import analyze, design, export, fmu, learn
 
 __all__ = ["main"]
 
@@ -19,6 +19,7 @@ _EPILOG = """examples:
   phyfilter-ctl design --family butterworth --order 2 --cutoff 20 --dt 0.002 --out filter.toml
   phyfilter-ctl learn flight.csv --order 1 2 3 --out filter.toml
                                                                learn filters from a flight with a known f
+  phyfilter-ctl analyze filter.toml --slope 3 --noise 0.01     what it promises: bounds, noise, margins
   phyfilter-ctl export filter.toml --fmu filter.fmu --c firmware --channels 3
                                                                hand it over: FMU, SSP, C
   phyfilter-ctl fmu check model.fmu                            describe, check, run FMUs of any tool
@@ -85,6 +86,7 @@ def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
     for name, module, text in (
         ("design", design, "choose a filter: description, figures, picture, file"),
         ("learn", learn, "learn filters from flights: table, picture, file"),
+        ("analyze", analyze, "what a filter promises: bounds, noise, margins"),
         ("export", export, "hand a filter or a model over: FMU, SSP, C"),
         ("fmu", fmu, "describe, check and run FMUs of any tool"),
     ):

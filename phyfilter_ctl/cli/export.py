@@ -76,6 +76,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     fmu.add_argument("--name", help="model identifier, a C identifier")
     c = parser.add_argument_group("C")
+    c.add_argument("--fixed", action="store_true", help="coefficients and step fixed: least code and memory")
     c.add_argument("--real", choices=("double", "float"), help="numbers (default: as the filter computes)")
 
 
@@ -202,4 +203,6 @@ def _c(options: argparse.Namespace, system: System, signals: filterfile.Signals 
         channels=_channels(options, signals),
         inertia=inertia,
         signals=signals,
+        tunable=not options.fixed,
+        variable=not options.fixed,
     )

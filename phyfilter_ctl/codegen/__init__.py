@@ -4,7 +4,6 @@ from .compiled import CompiledModel, CompiledRun, compile_model
 from .compiler import Compiler, CompilerError, cached_library, compile_sources, find_compiler
 from .diagram_source import diagram_model
 from .export import export_c
-from .export import export_c
 from .export_diagram import export_diagram
 from .export_filter import export_filter
 from .export_folder import write_folder
@@ -25,7 +24,6 @@ __all__ = [
     "compile_model",
     "compile_sources",
     "diagram_model",
-    "export_c",
     "export_c",
     "export_diagram",
     "export_filter",

@@ -27,6 +27,8 @@ def export_c(
     channels: int | None = None,
     inertia: ArrayLike | Literal["scalar", "diagonal", "full"] | None = None,
     signals: Signals | None = None,
+    tunable: bool = True,
+    variable: bool = True,
 ) -> Path:
     """Write a sampled filter, a plant or a diagram as C99.
 
@@ -41,6 +43,10 @@ def export_c(
         Prefix of all symbols, a C identifier.
     channels, inertia, signals
         Of a filter: number of channels of x; constant inertia or the kind that is an input; names and units.
+    tunable : bool
+        Whether coefficients may be set at run time. Without, the code is smaller.
+    variable : bool
+        Of a filter: whether a step may have another length than dt. Without either, code and memory are least.
 
     Returns
     -------
@@ -76,9 +82,11 @@ def export_c(
             real=real,
             inertia=inertia,
             name=name or "phyfilter",
+            variable=variable,
+            tunable=tunable,
             signals=signals,
         )
     if channels is not None or inertia is not None or signals is not None:
         raise ValueError("channels, inertia and signals are those of a filter; a diagram brings its own")
     flat = system if isinstance(system, FlatModel) else flatten(system)
-    return export_diagram(flat, folder, name=name, real=real or "double")
+    return export_diagram(flat, folder, name=name, real=real or "double", tunable=tunable)

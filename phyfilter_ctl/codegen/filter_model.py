@@ -129,9 +129,7 @@ def _sampled_model(
         )
     return CModel(
         name,
-        source.sources
-        | {f"{name}_model.c": code}
-        | runtime_files([*_RUNTIME, "pf_filter_model.h", "pf_tune.h", "pf_hurwitz.h"]),
+        source.sources | {f"{name}_model.c": code} | runtime_files([*_RUNTIME, "pf_filter_model.h"]),
         f"{name}_model",
         (),
         inputs,
@@ -203,7 +201,15 @@ static const {name}_numbers {name}_parameters = {{
 #define PF_FILTER_MODEL
 #include "pf_filter_continuous.h"
 """
-    runtime = [*_RUNTIME, "pf_filter_continuous.h", "pf_tune.c", "pf_tune.h", "pf_hurwitz.h"]
+    runtime = [
+        *_RUNTIME,
+        "pf_filter_continuous.h",
+        "pf_arithmetic.h",
+        "pf_hurwitz.h",
+        "pf_tune.c",
+        "pf_tune.h",
+    ]
+    runtime += ["pf_roots.c"] if tunable else []
     inputs = _inputs(channels, channels, signals, signals)
     return CModel(
         name,

@@ -1,47 +1,61 @@
 /* A sampled PhyFilter, for every set of options, in C99: the declarations. pf_filter_code.h has the functions.
  *
- * A generated header sets the options of one filter as macros that start with its name and includes this file once:
+ * A generated header sets the options of one filter as macros that start with its name and includes this file:
  *
- *   #define wing_N_X 3                channels of x and g              #define wing_FLOAT 1       real is float, else double
- *   #define wing_N_F 3                channels of f_theta and f_hat
- *   #define wing_ORDER 2              largest order                    #define wing_METHOD 0      PF_EXACT, _EULER, _TUSTIN
- *   #define wing_FILTERS 1            1 shared, or N_F                 #define wing_G_AVERAGE 0   0 held, 1 mean of the ends
- *   #define wing_PAIRS 0x1            bit i: sections i, i + 1 may     #define wing_F_THETA_AVERAGE 1
- *                                     be a complex pair                #define wing_INERTIA 0     0 I, 1 scalar, 2 diagonal, 3 full
- *   #define wing_LOWPASS 1            C = (0, ..., 0, 1), never tuned  #define wing_INERTIA_INPUT 0  1: given at every step
- *   #define wing_DIRECTION 0          1: E                             #define wing_PAST 0        intervals kept for a delay; 0: none
- *   #define wing_LIMIT 0              1: bounds on |f_hat|             #define wing_HOLD_BAD 0    1: nonfinite="hold"
- *   #define wing_VARIABLE 1           steps of other lengths           #define wing_TUNABLE 1     a, b while running
- *   #define PF_NAME wing              (VARIABLE, TUNABLE and HOLD_BAD need pf_tune.c)
+ *   #define wing_N_X 3              channels of x and g
+ *   #define wing_N_F 3              channels of f_theta and f_hat
+ *   #define wing_ORDER 2            largest order
+ *   #define wing_FILTERS 1          1 shared by all channels, or N_F
+ *   #define wing_FLOAT 1            real is float, with a compensation word per state; else double
+ *   #define wing_METHOD 0           PF_EXACT, PF_EULER, PF_TUSTIN of pf_tune.h
+ *   #define wing_G_AVERAGE 0        g: 0 held, 1 mean of both ends of a step
+ *   #define wing_F_THETA_AVERAGE 1
+ *   #define wing_INERTIA 0          0 I, 1 scalar, 2 diagonal, 3 full
+ *   #define wing_INERTIA_INPUT 0    1: given at every step
+ *   #define wing_DIRECTION 0        1: E, f acts in fewer directions than x has channels
+ *   #define wing_PAST 0             intervals kept for a delay; 0: no delay
+ *   #define wing_LIMIT 0            1: bounds on |f_hat|
+ *   #define wing_HOLD_BAD 0         1: nonfinite="hold"
+ *   #define wing_PAIRS 1            bit i: sections i and i + 1 may be a complex pair
+ *   #define wing_LOWPASS 0          1: C = (0, ..., 0, 1), never tuned
+ *   #define wing_VARIABLE 1         steps of other lengths
+ *   #define wing_TUNABLE 1          a and b while running
+ *   #define PF_NAME wing
  *   #include "pf_filter.h"
  *
- * which declares, for PF_NAME wing (any number of filters in one program, each with a name of its own):
+ * and its source file defines PF_NAME again and includes pf_filter_code.h. VARIABLE, TUNABLE and HOLD_BAD need
+ * pf_tune.c, TUNABLE pf_roots.c too. Any number of filters may stand in one program, each with a name of its own. For
+ * PF_NAME wing there are:
  *
- *   wing            one filter: a flat struct in the caller's hands, no pointers inside; memcpy saves and restores it
- *   wing_params     its numbers, with version and CRC-32; the generated `wing_parameters` is one
- *   wing_init(self, params)                 0, or PF_FILTER_VERSION, _CORRUPT, _NOT_HURWITZ, _INVALID (self unusable then)
- *   wing_reset(self)                        forgets all samples; coefficients, limit stay
- *   wing_start(self, x0, f_hat0, f_theta0, M0, g0)   first sample; all but x0 may be NULL. Optional: the first
- *                                           step or output does it too, at f_hat = f_theta.
- *   wing_step(self, x, g, f_theta, M, f_hat)         one sample, nominal step. As SampledPhyFilter.step: g of a held
- *                                           signal is the one held over the step that ends now. M: entries row by row,
- *                                           NULL keeps the last one (I at first); ignored unless INERTIA_INPUT.
- *   wing_step_after(self, x, g, f_theta, M, dt, f_hat)  the same after dt seconds (VARIABLE)
- *   wing_output(self, x, g, f_theta, M, f_hat), wing_output_after(..., dt, f_hat)
- *   wing_remember(self, g)                  The two phases of a block in a diagram. output: puts f_hat out; a held g is
- *                                           not looked at but the one last remembered is used. remember, once all
- *                                           blocks have put out: takes the g that acts from now on.
- *   wing_shift_x(self, dx)                  the estimate of x jumped by dx: a reset, not an acceleration
- *   wing_set_limit(self, limit)             N_F bounds (LIMIT)
- *   wing_retune(self, a, b)                 FILTERS x ORDER coefficients in double, ascending, short ones padded with
- *   wing_retune_poles(self, poles, b)       zeros; poles FILTERS x ORDER x (re, im). f_hat does not jump. (TUNABLE)
+ *   wing, wing_real     One filter: a flat struct in the caller's hands, without pointers; memcpy saves and restores it.
+ *   wing_params         Its numbers, with version and CRC-32. The generated `wing_parameters` is one.
+ *   wing_init(self, params)              First of all. Not 0: the filter must not be used.
+ *   wing_reset(self)                     Forgets all samples; coefficients and limits stay.
+ *   wing_start(self, x0, f_hat0, f_theta0, M0, g0)
+ *       The first sample; all but x0 may be NULL. Optional: the first step or output does it too, at f_hat = f_theta.
+ *   wing_step(self, x, g, f_theta, M, f_hat)
+ *       One sample after a nominal step. g, as of SampledPhyFilter.step: where it is held, the one that acted over the
+ *       step that ends now. M: its entries row by row; NULL keeps the last one (I at first); not looked at unless
+ *       INERTIA_INPUT. f_hat may be the same memory as f_theta.
+ *   wing_step_after(self, x, g, f_theta, M, dt, f_hat)      The same after dt seconds (VARIABLE).
+ *   wing_output(self, x, g, f_theta, M, f_hat), wing_output_after(self, x, g, f_theta, M, dt, f_hat),
+ *   wing_remember(self, g)
+ *       The two phases of a block in a diagram. output puts f_hat out; a held g is the one last remembered, not the one
+ *       given (but at the first sample, which keeps it). remember, once all blocks have put out, takes the g that
+ *       acts from now on; nothing where g is averaged.
+ *   wing_shift_x(self, dx)               The estimate of x jumped by dx: a reset, not an acceleration.
+ *   wing_set_limit(self, limit)          N_F bounds (LIMIT).
+ *   wing_retune(self, a, b), wing_retune_poles(self, poles, b)   (TUNABLE)
+ *       Other coefficients of the same orders, all filters at once, in double: a and b FILTERS x ORDER, ascending, the
+ *       short ones padded with zeros; poles FILTERS x ORDER x (real, imaginary). f_hat does not jump.
  *
- * All but remember and reset return 0 or a code below; then nothing has changed, f_hat neither. With HOLD_BAD a sample
- * that is not finite is no error: f_hat is f_theta then, self->held is 1 and the gap becomes one longer step.
+ * All but reset and remember return 0 or a code below; then nothing has changed, f_hat neither. With HOLD_BAD a sample
+ * that is not finite is no error: f_hat is f_theta, self->held is 1, and the gap becomes part of one longer step.
  *
  * Delay: PAST intervals are kept, enough for nominal steps. Where shorter steps need more, the two neighbours that are
- * shortest together become one with the same integral; the averages lose detail finer than delay / PAST, nothing else.
- * Build without -ffast-math; with -std=c99 (no fused multiply-add) results are the same bit for bit on every target.
+ * shortest together become one of the same integral; the averages lose detail finer than delay / PAST, nothing else.
+ * Only pf_tune.c, pf_roots.c, a delay and a gap compute in double where real is float. No heap, no libm, nothing global
+ * that changes. With -std=c99 (no fused multiply-add) and without -ffast-math results are the same bits everywhere.
  */
 #ifndef PF_FILTER_COMMON
 #define PF_FILTER_COMMON

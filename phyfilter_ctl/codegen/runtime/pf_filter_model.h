@@ -55,7 +55,8 @@ static void PF_P(model_init)(void *instance) {
   (void)PF_P(init)(&self->filter, &PF_P(parameters)); /* generated, hence whole */
   self->begun = PF_NEVER;
 #if PF_N_M
-  for (int i = 0; i < PF_N_M; i++) self->u[2 * PF_N_X + PF_N_F + i] = (pf_real)(PF_P(INERTIA) < 3 || i % (PF_N_X + 1) == 0);
+  for (int i = 0; i < PF_N_M; i++) /* I */
+    self->u[2 * PF_N_X + PF_N_F + i] = (pf_real)(PF_P(INERTIA) < 3 || i % (PF_N_X + 1) == 0);
 #endif
 #if PF_N_P
   pf_real *p = self->p;

@@ -11,13 +11,14 @@
 
 enum { PF_EXACT = 0, PF_EULER = 1, PF_TUSTIN = 2 };
 
-/* Poles of D, repeated ones recognised. 0 where D is not Hurwitz, a coefficient is not finite or n is out of range. */
+/* pf_roots.c: poles of D, repeated ones recognised. 0 where D is not Hurwitz, a coefficient is not finite or n is out
+ * of range. */
 int pf_roots(int n, const double *a, double *poles);
 
 /* Pairs conjugates, sorts. 0 where a pole is not in the open left half plane, lacks its conjugate or is not finite. */
 int pf_sort_poles(int n, double *poles);
 
-/* a[0..n-1] of the monic polynomial with these roots. */
+/* pf_tune.c from here on. a[0..n-1] of the monic polynomial with these roots. */
 void pf_polynomial(int n, const double *poles, double *a);
 
 /* The chain of sections of unit gain, w' = A (w - equilibrium u), and the row C with C w = F u for F = N/D. */

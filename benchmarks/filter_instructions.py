@@ -1,0 +1,267 @@
+"""One step of the exported filter on a Cortex-M7: instructions and bytes, and the same bits as on this machine.
+
+Debian's gcc-arm-none-eabi compiles what ``export_c`` writes, qemu-system-arm's mps2-an500 board runs it with one tick
+of virtual time per instruction (-icount), and its SysTick counts 999 steps of 3 channels; the same loop around an empty
+function is subtracted. The f_hat of both machines are compared by CRC-32. Counted are instructions, not cycles: the M7
+issues up to two at once, and its memory decides the rest.
+
+    python benchmarks/filter_instructions.py [--quick]
+"""
+
+from __future__ import annotations
+
+import argparse
+import shutil
+import subprocess
+import sys
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from phyfilter_ctl import PhyFilter, SampledPhyFilter
+from phyfilter_ctl.codegen import FilterSource, filter_source
+
+TARGET = ("arm-none-eabi-gcc", "-mcpu=cortex-m7", "-mfpu=fpv5-d16", "-mfloat-abi=hard", "-mthumb")
+HOST = ("cc",)
+FLAGS = ("-std=c99", "-O2", "-Wall", "-Wextra", "-Wpedantic", "-Werror", "-ffunction-sections")
+BOARD = ("qemu-system-arm", "-M", "mps2-an500", "-nographic", "-semihosting", "-icount", "shift=0", "-kernel")
+NANOSECONDS_PER_TICK = 40  # SysTick runs at 25 MHz; an instruction takes 1 ns
+STEPS = 999
+DT = 0.002
+LIMIT = 600  # instructions of a step of 3 channels, order 6, float, low-pass, fixed coefficients
+
+# SysTick counts down 24 bits.
+BOARD_C = """\
+/* A Cortex-M7 without an operating system: vectors, floating point on, output through the debugger. */
+#include <stdint.h>
+
+int main(void);
+void put_text(const char *text);
+void reset(void);
+extern unsigned char bss_begin[], bss_end[];
+
+static void call_host(unsigned operation, const void *argument) {
+  register unsigned r0 __asm__("r0") = operation;
+  register const void *r1 __asm__("r1") = argument;
+  __asm__ volatile("bkpt 0xab" : "+r"(r0) : "r"(r1) : "memory");
+}
+
+void put_text(const char *text) { call_host(4, text); }
+
+void reset(void) {
+  *(volatile uint32_t *)0xE000ED88 |= 0xFu << 20; /* CPACR: floating point */
+  __asm__ volatile("dsb\\n isb");
+  for (unsigned char *p = bss_begin; p < bss_end; p++) *p = 0;
+  *(volatile uint32_t *)0xE000E014 = 0xFFFFFF; /* SysTick: reload, clear, processor clock and on */
+  *(volatile uint32_t *)0xE000E018 = 0;
+  *(volatile uint32_t *)0xE000E010 = 5;
+  main();
+  call_host(0x18, (const void *)0x20026);
+  for (;;) {}
+}
+
+__attribute__((section(".vectors"), used)) static const struct {
+  uint32_t stack;
+  void (*begin[15])(void);
+} vectors = {0x20200000, {reset}};
+"""
+
+BOARD_LD = """\
+ENTRY(reset)
+SECTIONS {
+  .text 0x0 : { KEEP(*(.vectors)) *(.text*) *(.rodata*) *(.ARM.*) }
+  .data 0x20000000 : { *(.data*) }
+  .bss : { bss_begin = .; *(.bss*) *(COMMON) bss_end = .; }
+}
+"""
+
+MAIN_C = """\
+#include "wing.h"
+#include "pf_crc.h"
+
+#define STEPS 999
+typedef int step_of(wing *, const wing_real *, const wing_real *, const wing_real *, const wing_real *, wing_real *);
+
+static wing filter;
+static wing_real x[STEPS + 1][wing_N_X], g[STEPS + 1][wing_N_X], f_theta[STEPS + 1][wing_N_F];
+static wing_real f_hat[STEPS + 1][wing_N_F];
+static uint32_t seed = 1;
+void put_text(const char *text);
+
+#ifdef __arm__
+#define TICKS (*(volatile uint32_t *)0xE000E018)
+#else
+#include <stdio.h>
+#define TICKS 0u
+void put_text(const char *text) { fputs(text, stdout); }
+#endif
+
+static step_of nothing;
+__attribute__((noinline)) static int nothing(wing *self, const wing_real *a, const wing_real *b, const wing_real *c,
+                                             const wing_real *d, wing_real *e) {
+  (void)self, (void)a, (void)b, (void)c, (void)d, (void)e;
+  __asm__ volatile("");
+  return 0;
+}
+
+static wing_real noise(void) {
+  seed = seed * 1664525u + 1013904223u;
+  return (wing_real)(int32_t)(seed >> 8) * (wing_real)(1.0 / 8388608.0) - (wing_real)1;
+}
+
+static void put_number(uint32_t value) {
+  char text[12], *p = text + sizeof text - 1;
+  *p = 0;
+  do *--p = (char)('0' + value % 10);
+  while (value /= 10);
+  put_text(p);
+  put_text(" ");
+}
+
+static uint32_t ticks_of(step_of *volatile step) {
+  const uint32_t begin = TICKS;
+  for (int k = 1; k <= STEPS; k++) step(&filter, x[k], g[k - 1], f_theta[k], 0, f_hat[k]);
+  return (begin - TICKS) & 0xFFFFFFu;
+}
+
+int main(void) {
+  uint32_t crc = 0, empty, full;
+  for (int k = 0; k <= STEPS; k++) {
+    for (int i = 0; i < wing_N_X; i++) {
+      x[k][i] = (k ? x[k - 1][i] : (wing_real)0) + (wing_real)0.01 * noise();
+      g[k][i] = noise();
+    }
+    for (int i = 0; i < wing_N_F; i++) f_theta[k][i] = noise();
+  }
+  if (wing_init(&filter, &wing_parameters)) return 1;
+  empty = ticks_of(nothing);
+  wing_start(&filter, x[0], 0, f_theta[0], 0, 0);
+  full = ticks_of(wing_step);
+  for (int k = 1; k <= STEPS; k++)
+#if wing_FLOAT
+    crc = pf_crc32_float(crc, f_hat[k], wing_N_F);
+#else
+    crc = pf_crc32_double(crc, f_hat[k], wing_N_F);
+#endif
+  put_number(full);
+  put_number(empty);
+  put_number(crc);
+  put_number((uint32_t)sizeof(wing));
+  put_number((uint32_t)sizeof(wing_params));
+  put_text("\\n");
+  return 0;
+}
+"""
+
+
+@dataclass(frozen=True)
+class Row:
+    """One filter: instructions of a step, bytes of code, memory and parameters, and whether both machines agree."""
+
+    instructions: float
+    code: int
+    memory: int
+    parameters: int
+    same: bool
+
+
+def run(command: tuple[str, ...], folder: Path) -> str:
+    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False, timeout=300)
+    if done.returncode:
+        raise SystemExit(f"{' '.join(command[:4])} ... failed:\n{done.stderr[:3000]}")
+    return done.stdout or done.stderr  # qemu writes what the board says to standard error
+
+
+def measure(source: FilterSource, folder: Path) -> Row:
+    for file, text in {
+        **source.sources,
+        "board.c": BOARD_C,
+        "board.ld": BOARD_LD,
+        "main.c": MAIN_C,
+    }.items():
+        (folder / file).write_text(text)
+    files = (*(file for file in source.sources if file.endswith(".c")), "main.c")
+    linking = ("-nostartfiles", "-Wl,--gc-sections", "-T", "board.ld", "board.c", "-lc", "-lgcc")
+    run((*TARGET, *FLAGS, *files, *linking, "-o", "board.elf"), folder)
+    run((*HOST, *FLAGS, *files, "-o", "host"), folder)
+    full, empty, crc, memory, parameters = map(int, run((*BOARD, "board.elf"), folder).split())
+    host_crc = int(run((str(folder / "host"),), folder).split()[2])
+    run((*TARGET, *FLAGS, "-c", "wing.c", "-o", "wing.o"), folder)
+    symbols = run(("arm-none-eabi-nm", "-S", "wing.o"), folder).splitlines()
+    sizes = {parts[3]: int(parts[1], 16) for line in symbols if len(parts := line.split()) == 4}
+    # The step and what it calls; the checks of the parameters, start, shift and retuning are not in it.
+    code = sum(
+        size for name, size in sizes.items() if name.startswith(("wing_step", "wing_take_", "wing_begin_"))
+    )
+    return Row((full - empty) * NANOSECONDS_PER_TICK / STEPS, code, memory, parameters, crc == host_crc)
+
+
+def filters(orders: tuple[int, ...]) -> list[tuple[str, int, SampledPhyFilter, bool]]:
+    """(form, order, filter, tunable): repeated poles in the low-pass form, Butterworth in the general one, any a, b."""
+    found = []
+    for n in orders:
+        circle = PhyFilter.from_poles(20.0 * np.exp(1j * np.pi * (2 * np.arange(n) + n + 1) / (2 * n)))
+        general = PhyFilter(circle.a, circle.a * np.linspace(1.0, 0.5, n), poles=circle.poles)
+        found += [
+            ("low-pass, real poles", n, PhyFilter.from_poles([-20.0] * n).sampled(DT), False),
+            ("general, complex poles", n, general.sampled(DT), False),
+            ("tunable", n, general.sampled(DT), True),
+        ]
+    return found
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--quick", action="store_true", help="orders 2 and 6 in float only")
+    quick = parser.parse_args().quick
+    for program in (TARGET[0], BOARD[0], *HOST):
+        if shutil.which(program) is None:
+            print(f"skipped: {program} not found")
+            return 0
+    print(run((TARGET[0], "--version"), Path.cwd()).splitlines()[0] + ", " + " ".join(FLAGS[:2]))
+    print(run((BOARD[0], "--version"), Path.cwd()).splitlines()[0] + ", mps2-an500; 3 channels")
+    print(
+        f"{'form':<24}{'real':<8}{'order':>5}{'instructions':>14}{'code':>7}{'RAM':>6}{'constants':>11}"
+        "  bits as on the host"
+    )
+    failures = []
+    with tempfile.TemporaryDirectory() as parent:
+        for precision in ("float32",) if quick else ("float32", "float64"):
+            for number, (form, n, sampled, tunable) in enumerate(
+                filters((2, 6) if quick else (1, 2, 3, 4, 5, 6))
+            ):
+                source = filter_source(
+                    SampledPhyFilter(sampled.filter, DT, precision=precision),
+                    3,
+                    name="wing",
+                    variable=tunable,
+                    tunable=tunable,
+                )
+                folder = Path(parent, f"{precision}_{number}")
+                folder.mkdir()
+                row = measure(source, folder)
+                print(
+                    f"{form:<24}{source.real:<8}{n:>5}{row.instructions:>14.0f}{row.code:>7}{row.memory:>6}"
+                    f"{row.parameters:>11}  {'yes' if row.same else 'NO'}",
+                    flush=True,
+                )
+                if not row.same:
+                    failures.append(f"{form} {n} {source.real}: other bits than on the host")
+                if source.real == "float" and n == 6 and not tunable and row.instructions >= LIMIT:
+                    failures.append(
+                        f"{form} {n}: {row.instructions:.0f} instructions, expected below {LIMIT}"
+                    )
+    print(
+        "\n".join(failures)
+        if failures
+        else f"order 6, float, fixed coefficients: below {LIMIT}; all bits equal"
+    )
+    return int(bool(failures))
+
+
+if __name__ == "__main__":
+    sys.exit(main())

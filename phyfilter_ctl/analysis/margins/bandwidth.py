@@ -1,0 +1,200 @@
+"""Largest bandwidth of a family of filters that a loop bears."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal
+
+import control as ct
+import numpy as np
+
+from ...filter import PhyFilter
+from ...sampled import SampledPhyFilter
+from ._actuator import checked_number
+from .complete import loop_margin
+
+__all__ = ["BandwidthLimit", "largest_bandwidth"]
+
+_POINTS_PER_DECADE = 24
+_TOLERANCE = 1e-9
+# Golden section steps into a dip of the modulus margin between points of the scan.
+_DIP_STEPS = 16
+_GOLDEN = 0.5 * (np.sqrt(5.0) - 1.0)
+
+
+@dataclass(frozen=True, eq=False)
+class BandwidthLimit:
+    """Bandwidths a loop bears; made by :func:`largest_bandwidth`.
+
+    Parameters
+    ----------
+    limit : float
+        Every bandwidth from the lower end of the range up to this is borne, in rad/s; the upper end where all are, nan
+        where the lower end is not.
+    islands : tuple of (float, float)
+        Further intervals of borne bandwidths above the limit.
+    modulus_margin : float
+        What was asked for.
+    status : {"limit", "all", "none"}
+    message : str
+        What was found, and what to try.
+    """
+
+    limit: float
+    islands: tuple[tuple[float, float], ...]
+    modulus_margin: float
+    status: Literal["limit", "all", "none"]
+    message: str
+
+
+def largest_bandwidth(
+    make: Callable[[float], PhyFilter | SampledPhyFilter],
+    *,
+    kp: float = 0.0,
+    kd: float = 0.0,
+    actuator: ct.TransferFunction | ct.StateSpace | None = None,
+    delay: float = 0.0,
+    dt: float | None = None,
+    inertia_ratio: float = 1.0,
+    modulus_margin: float = 0.0,
+    low: float = 0.1,
+    high: float = 1e3,
+) -> BandwidthLimit:
+    """Largest bandwidth for which the complete loop is stable, or keeps a modulus margin.
+
+    Parameters
+    ----------
+    make : callable
+        Bandwidth in rad/s -> filter, continuous in it: ``lambda w: PhyFilter([w])``.
+    kp, kd, actuator, delay, dt, inertia_ratio
+        As for :func:`loop_margin`; both gains 0 leaves the inner loop.
+    modulus_margin : float
+        Least distance of the open loop from -1 that is asked for, in [0, 1); 0 asks for stability alone.
+    low, high : float
+        Range of bandwidths to search in rad/s.
+
+    Returns
+    -------
+    BandwidthLimit
+        limit to 1e-9 relative.
+
+    Raises
+    ------
+    TypeError, ValueError
+        As for :func:`loop_margin`; if the range is empty or the modulus margin out of range; and what ``make`` raises.
+
+    Notes
+    -----
+    The modulus margin is a continuous function of the bandwidth and 0 where the loop is unstable, so a bandwidth that
+    is not borne shows as a dip: the range is scanned, every dip is followed down, and each end bisected.
+
+    Examples
+    --------
+    First order behind a lag of 100 ms and 20 ms of delay, kp/kd = 10/6:
+
+    >>> import control as ct
+    >>> found = largest_bandwidth(lambda w: PhyFilter([w]), kp=10.0, kd=6.0, actuator=ct.tf(1, [0.1, 1]), delay=0.02)
+    >>> round(found.limit, 2), found.islands
+    (16.92, ())
+    """
+    low, high = checked_number("low", low, least=0.0), checked_number("high", high, least=0.0)
+    if not 0.0 < low < high:
+        raise ValueError(f"low, high: expected 0 < low < high, got {low:g} and {high:g} rad/s")
+    wanted = checked_number("modulus_margin", modulus_margin, least=0.0)
+    if wanted >= 1.0:
+        raise ValueError(
+            f"modulus_margin: expected a number in [0, 1), got {wanted:g}; no loop that acts reaches 1"
+        )
+
+    def spare(bandwidth: float) -> float:
+        """Positive where the bandwidth is borne."""
+        margin = loop_margin(
+            make(bandwidth),
+            kp=kp,
+            kd=kd,
+            actuator=actuator,
+            delay=delay,
+            inertia_ratio=inertia_ratio,
+            dt=dt,
+        )
+        return margin.modulus_margin - wanted
+
+    points, values = _scan(spare, low, high)
+    intervals = _intervals(spare, points, values)
+    if not intervals or intervals[0][0] > low:
+        islands = "" if not intervals else f"; borne are {_text(intervals)}"
+        message = (
+            f"the lowest bandwidth, {low:g} rad/s, is not borne{islands}; lower the gains or start lower"
+        )
+        return BandwidthLimit(float("nan"), tuple(intervals), wanted, "none", message)
+    (_, limit), *islands = intervals
+    if limit == high:
+        message = f"every bandwidth up to {high:g} rad/s is borne; raise high"
+        return BandwidthLimit(limit, (), wanted, "all", message)
+    beyond = f"; beyond it {_text(islands)} are borne again, cut off from it" if islands else ""
+    message = f"borne up to {limit:.6g} rad/s{beyond}"
+    return BandwidthLimit(limit, tuple(islands), wanted, "limit", message)
+
+
+def _scan(spare: Callable[[float], float], low: float, high: float) -> tuple[list[float], list[float]]:
+    """Points of the range and the margin there; a dip that stays positive is followed down to its least value."""
+    count = int(np.ceil(_POINTS_PER_DECADE * np.log10(high / low))) + 2
+    points = [float(w) for w in np.geomspace(low, high, count)]
+    points[0], points[-1] = low, high
+    values = [spare(w) for w in points]
+    extra = []
+    for i in range(1, count - 1):
+        left, here, right = values[i - 1 : i + 2]
+        if 0.0 < here <= left and here <= right and here < max(left, right):
+            extra.append(_follow(spare, points[i - 1], points[i + 1]))
+    merged = sorted([*zip(points, values, strict=True), *extra])
+    return [w for w, _ in merged], [value for _, value in merged]
+
+
+def _follow(spare: Callable[[float], float], low: float, high: float) -> tuple[float, float]:
+    """Golden section for the least value; stops where it is not positive."""
+    a, b = low, high
+    inner = [b - _GOLDEN * (b - a), a + _GOLDEN * (b - a)]
+    seen = [spare(w) for w in inner]
+    for _ in range(_DIP_STEPS):
+        if min(seen) <= 0.0:
+            break
+        if seen[0] < seen[1]:
+            b = inner[1]
+            inner = [b - _GOLDEN * (b - a), inner[0]]
+            seen = [spare(inner[0]), seen[0]]
+        else:
+            a = inner[0]
+            inner = [inner[1], a + _GOLDEN * (b - a)]
+            seen = [seen[1], spare(inner[1])]
+    k = int(seen[1] < seen[0])
+    return inner[k], seen[k]
+
+
+def _intervals(
+    spare: Callable[[float], float], points: list[float], values: list[float]
+) -> list[tuple[float, float]]:
+    """Intervals of positive values, ends inside the range bisected; the end given is on the borne side."""
+    found: list[tuple[float, float]] = []
+    start = points[0] if values[0] > 0.0 else None
+    for i in range(1, len(points)):
+        before, after = values[i - 1] > 0.0, values[i] > 0.0
+        if before == after:
+            continue
+        good, bad = (points[i - 1], points[i]) if before else (points[i], points[i - 1])
+        while abs(bad - good) > _TOLERANCE * good:
+            middle = 0.5 * (good + bad)
+            good, bad = (middle, bad) if spare(middle) > 0.0 else (good, middle)
+        if after:
+            start = good
+        elif start is not None:
+            found.append((start, good))
+            start = None
+    if start is not None:
+        found.append((start, points[-1]))
+    return found
+
+
+def _text(intervals: list[tuple[float, float]]) -> str:
+    return ", ".join(f"{a:.4g} to {b:.4g} rad/s" for a, b in intervals)

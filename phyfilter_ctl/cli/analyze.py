@@ -1,0 +1,260 @@
+"""``phyfilter-ctl analyze``: what a filter promises, on one page."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+from typing import TYPE_CHECKING
+
+import control as ct
+import numpy as np
+
+from .. import filterfile
+from .._output import check_target, write_figure, write_text
+from ..filter import PhyFilter
+from ..flightlog import FlightLog
+from ..sampled import SampledPhyFilter
+
+if TYPE_CHECKING:
+    from ..analysis import BoundResult, LoopMargin, PriorMargin
+    from ..design.optimal import ResidualStatistics
+
+__all__ = ["add_arguments", "main"]
+
+_DESCRIPTION = """What a filter promises, on one page: its response, how large the error can become and how much
+of it is noise, how wrong the inertia may be, what margins are left once f_hat is fed back."""
+
+_EPILOG = """examples:
+  phyfilter-ctl analyze filter.toml                                 response and margins of the inner loop
+  phyfilter-ctl analyze filter.toml --slope 3 --noise 0.01          with |gamma'| <= 3 and noise of x
+  phyfilter-ctl analyze filter.toml --lag 0.1 --delay 0.02 --kp 10 --kd 6 --picture report.png
+  phyfilter-ctl analyze filter.toml --log flight.csv --x vx,vy,vz   noise and bounds estimated from a flight"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the options of ``phyfilter-ctl analyze``."""
+    parser.description, parser.epilog = _DESCRIPTION, _EPILOG
+    parser.formatter_class = argparse.RawDescriptionHelpFormatter
+    parser.add_argument("file", metavar="FILTER.toml", help="a filter file")
+    data = parser.add_argument_group("what is known of the data")
+    data.add_argument("--slope", type=float, metavar="D", help="bound of |gamma'|, gamma = f - f_theta")
+    data.add_argument(
+        "--residual",
+        nargs="+",
+        default=[],
+        metavar="K=D",
+        help="bounds of derivatives of gamma by order: 0=4 1=12",
+    )
+    data.add_argument(
+        "--noise", type=float, default=0.0, metavar="S", help="bound, and deviation, of the noise of x"
+    )
+    data.add_argument("--inertia-error", type=float, default=0.0, metavar="D", help="bound of |M - M_hat|")
+    data.add_argument("--rate", type=float, default=0.0, metavar="R", help="bound of |x'|")
+    data.add_argument(
+        "--log", nargs="+", default=[], metavar="CSV", help="estimate slope and noise from flights"
+    )
+    data.add_argument("--x", default="vx,vy,vz", metavar="C,C,...", help="columns of x (default vx,vy,vz)")
+    data.add_argument("--f-theta", metavar="C,C,...", help="columns of f_theta (default: none)")
+    loop = parser.add_argument_group("the loop")
+    loop.add_argument("--lag", type=float, metavar="S", help="first-order lag of the actuator in s")
+    loop.add_argument("--delay", type=float, default=0.0, metavar="S", help="delay of the command in s")
+    loop.add_argument("--kp", type=float, metavar="K", help="outer gain on position per unit inertia, 1/s^2")
+    loop.add_argument("--kd", type=float, metavar="K", help="outer gain on velocity per unit inertia, 1/s")
+    output = parser.add_argument_group("output")
+    output.add_argument(
+        "--json", metavar="FILE", help="write the figures; - for standard output instead of the text"
+    )
+    output.add_argument("--picture", metavar="FILE", help="the page as png, pdf or svg")
+
+
+def main(options: argparse.Namespace) -> int:
+    """Run ``phyfilter-ctl analyze``; return the exit status.
+
+    Raises
+    ------
+    ValueError, OSError
+        If the options are wrong or a file cannot be read or written.
+    """
+    from ..analysis import error_variance, frequency_response, loop_margin, prior_margin, ultimate_bound
+    from ..design.optimal import residual_statistics
+
+    check_target(options.json)
+    check_target(options.picture, suffixes=(".png", ".pdf", ".svg"))
+    system = filterfile.load(options.file)
+    statistics = residual_statistics([_log(path, options) for path in options.log]) if options.log else None
+    residual, noise = _bounds(options, statistics)
+    response = frequency_response(system)
+    bound = None
+    if residual:
+        bound = ultimate_bound(
+            system, residual=residual, noise=noise, inertia_error=options.inertia_error, rate=options.rate
+        )
+    deviation = None
+    if noise and isinstance(system, SampledPhyFilter):
+        deviation = math.sqrt(error_variance(system, noise=noise).noise)
+    actuator = None if options.lag is None else ct.tf([1.0], [options.lag, 1.0])
+    inner = prior_margin(system, actuator=actuator, delay=options.delay)
+    outer = None
+    if options.kp is not None or options.kd is not None:
+        kp, kd = options.kp or 0.0, options.kd or 0.0
+        outer = loop_margin(system, kp=kp, kd=kd, actuator=actuator, delay=options.delay)
+    figures: dict[str, object] = {
+        "filter": {"a": _first(system).a.tolist(), "b": _first(system).b.tolist()},
+        "bandwidth": _finite(response.bandwidth),
+        "error_peak": response.error_peak.value,
+        "noise_gain": _finite(response.noise_gain),
+        "statistics": None if statistics is None else _statistics(statistics),
+        "bound": None if bound is None else _bound(bound),
+        "noise_deviation": deviation,
+        "inner_loop": _margins(inner),
+        "complete_loop": None if outer is None else _margins(outer),
+    }
+    if options.json is not None:
+        write_text(options.json, json.dumps(figures, indent=2, allow_nan=False) + "\n")
+    if options.json != "-":
+        print(_text(system, statistics, bound, deviation, inner, outer))
+    if options.picture is not None:
+        import matplotlib
+
+        matplotlib.use("Agg")
+        from ..plots import analysis_plot
+
+        curves = [response.curve()]
+        growth = None
+        if bound is not None and isinstance(system, PhyFilter):
+            assert bound.certificate is not None
+            times = np.linspace(0.0, 0.6 * bound.certificate.horizon, 500)
+            growth = (times, bound.envelope(times), bound.bound)
+        loops = {"inner loop": inner} | ({} if outer is None else {"complete loop": outer})
+        sensitivities = {name: margin.sensitivity(response.omega) for name, margin in loops.items()}
+        write_figure(options.picture, analysis_plot(curves, response.omega, sensitivities, growth).figure)
+    return 0
+
+
+def _first(system: PhyFilter | SampledPhyFilter) -> PhyFilter:
+    return system if isinstance(system, PhyFilter) else system.filters[0]
+
+
+def _log(path: str, options: argparse.Namespace) -> FlightLog:
+    return FlightLog.from_csv(
+        path,
+        x=options.x.split(","),
+        f_theta=None if options.f_theta is None else options.f_theta.split(","),
+        label=None,
+        g=None,
+        features=None,
+        inertia=None,
+    )
+
+
+def _bounds(
+    options: argparse.Namespace, statistics: ResidualStatistics | None
+) -> tuple[dict[int, float], float]:
+    residual: dict[int, float] = {}
+    for entry in options.residual:
+        order, _, value = entry.partition("=")
+        try:
+            residual[int(order)] = float(value)
+        except ValueError as error:
+            raise ValueError(f"--residual: expected K=D such as 1=12, got {entry!r}") from error
+    if options.slope is not None:
+        residual[1] = options.slope
+    if statistics is None:
+        return residual, options.noise
+    return residual or {1: statistics.slope.value}, options.noise or statistics.noise.value
+
+
+# -- figures and text -------------------------------------------------------------------------------------------
+
+
+def _finite(value: float) -> float | None:
+    return float(value) if math.isfinite(value) else None
+
+
+def _statistics(found: ResidualStatistics) -> dict[str, object]:
+    return {
+        "noise": list(found.noise),
+        "deviation": list(found.deviation),
+        "time_constant": list(found.time_constant),
+        "magnitude": list(found.magnitude),
+        "slope": list(found.slope),
+        "confidence": found.confidence,
+    }
+
+
+def _bound(bound: BoundResult) -> dict[str, object]:
+    return {
+        "bound": bound.bound,
+        "intrinsic": bound.intrinsic,
+        "prior": bound.prior,
+        "noise": bound.noise,
+        "between_samples": bound.between_samples,
+        "derivative": bound.derivative,
+        "exact": bound.exact,
+        "certified_to": None if bound.certificate is None else bound.certificate.gap,
+    }
+
+
+def _margins(margin: PriorMargin | LoopMargin) -> dict[str, object]:
+    return {
+        "stable": margin.is_stable,
+        "stable_ratios": [[low, _finite(high)] for low, high in margin.stable_ratios],
+        "gain_margin": [_finite(value) for value in margin.gain_margin],
+        "phase_margin_deg": _finite(math.degrees(margin.phase_margin)),
+        "delay_margin": _finite(margin.delay_margin),
+        "modulus_margin": margin.modulus_margin,
+    }
+
+
+def _text(
+    system: PhyFilter | SampledPhyFilter,
+    statistics: ResidualStatistics | None,
+    bound: BoundResult | None,
+    deviation: float | None,
+    inner: PriorMargin,
+    outer: LoopMargin | None,
+) -> str:
+    lines = [_first(system).describe()]
+    if isinstance(system, SampledPhyFilter):
+        lines.append(f"{'sampled':<12}every {system.dt:g} s, {system.method}")
+    if statistics is not None:
+        share = 100.0 * statistics.slope.share
+        lines += [
+            "",
+            f"from the flights ({100.0 * statistics.confidence:g} % confidence)",
+            _line(
+                "noise of x",
+                f"{statistics.noise.value:.4g}  ({statistics.noise.low:.4g} to {statistics.noise.high:.4g})",
+            ),
+            _line(
+                "residual",
+                f"deviation {statistics.deviation.value:.4g}, time constant {statistics.time_constant.value:.4g} s",
+            ),
+            _line(
+                "largest |gamma'|",
+                f"{statistics.slope.value:.4g}; {share:.3g} % of {statistics.block:.3g} s stay below",
+            ),
+        ]
+    if bound is not None:
+        lines += ["", "largest error f - f_hat"]
+        parts = f"residual {bound.intrinsic:.4g} + inertia {bound.prior:.4g} + noise {bound.noise:.4g}"
+        lines.append(_line("bound", f"{bound.bound:.6g} = {parts}"))
+        if isinstance(system, SampledPhyFilter):
+            lines.append(_line("between samples", f"{bound.between_samples:.6g}"))
+        kind = "attained by a bang-bang residual" if bound.exact else "least of the single ones"
+        lines.append(_line("from", f"derivative {bound.derivative} of gamma; {kind}"))
+    if deviation is not None:
+        lines.append(_line("noise of f_hat", f"{deviation:.4g} (standard deviation)"))
+    lines += ["", "inner loop: f_hat fed back", *("  " + line for line in inner.describe().splitlines())]
+    if outer is not None:
+        lines += [
+            "",
+            "complete loop: with the outer gains",
+            *("  " + line for line in outer.describe().splitlines()),
+        ]
+    return "\n".join(lines)
+
+
+def _line(name: str, text: str) -> str:
+    return f"  {name:<18}{text}"

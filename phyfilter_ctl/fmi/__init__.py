@@ -1,0 +1,39 @@
+"""FMUs (FMI 2.0 and 3.0) and system structure packages: written, read, checked, run together."""
+
+from .archive import ArchiveLimits
+from .check import CheckReport, Finding, check
+from .cosimulation import CosimulationResponse, cosimulate
+from .cosimulation_wiring import Wire
+from .export import export_fmu
+from .importing import import_fmu
+from .importing_blocks import FmuBlock, FmuModel
+from .importing_steps import FmuSteps
+from .inspect import FmuDescription, FmuKind, FmuUnit, FmuVariable, describe
+from .instance import FmuError
+from .ssp import export_ssp, write_ssp
+from .ssp_cut import CutDiagram, cut_diagram
+
+__all__ = [
+    "ArchiveLimits",
+    "CheckReport",
+    "CosimulationResponse",
+    "CutDiagram",
+    "Finding",
+    "FmuBlock",
+    "FmuDescription",
+    "FmuError",
+    "FmuKind",
+    "FmuModel",
+    "FmuSteps",
+    "FmuUnit",
+    "FmuVariable",
+    "Wire",
+    "check",
+    "cosimulate",
+    "cut_diagram",
+    "describe",
+    "export_fmu",
+    "export_ssp",
+    "import_fmu",
+    "write_ssp",
+]

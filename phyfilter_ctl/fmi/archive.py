@@ -1,0 +1,304 @@
+"""FMU and SSP archives of unknown origin, read without trusting them."""
+
+from __future__ import annotations
+
+import shutil
+import stat
+import tempfile
+import zipfile
+import zlib
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from xml.parsers import expat
+
+import lxml.etree as etree
+
+__all__ = ["ArchiveLimits", "archive_entries", "extracted", "parse_xml", "read_entry", "unpack"]
+
+_CHUNK = 1 << 16
+# Archives of this project and of the common tools are stored or deflated; FMI and SSP allow nothing else.
+_METHODS = {zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED}
+# Below this, a high compression ratio says nothing (empty tables compress well) and harms nobody.
+_SMALL = 1 << 20
+_DAMAGE = (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError, OSError, ValueError)
+
+
+@dataclass(frozen=True)
+class ArchiveLimits:
+    """What an archive may hold at most.
+
+    Parameters
+    ----------
+    entries : int
+        Files and folders.
+    size : int
+        Bytes of all files together, unpacked.
+    ratio : float
+        Unpacked over packed size of one file, where it is over 1 MiB.
+    xml : int
+        Bytes of one XML document.
+    """
+
+    entries: int = 10_000
+    size: int = 2 << 30
+    ratio: float = 200.0
+    xml: int = 64 << 20
+
+
+def archive_entries(path: str | Path, limits: ArchiveLimits | None = None) -> tuple[zipfile.ZipInfo, ...]:
+    """Directory of an archive, refused as a whole if one entry is not harmless.
+
+    Parameters
+    ----------
+    path : str or Path
+    limits : ArchiveLimits, optional
+
+    Raises
+    ------
+    ValueError
+        If the file is no archive; if an entry would be written outside its folder (absolute paths, drive letters,
+        "..", backslashes), is a link or a device, is encrypted or compressed in an unusual way; if two entries have
+        the same name, also but for the case; if a limit is exceeded.
+    FileNotFoundError
+        If there is no such file.
+    """
+    limits = limits or ArchiveLimits()
+    with _opened(Path(path)) as archive:
+        return _checked(Path(path), archive, limits)
+
+
+def read_entry(path: str | Path, name: str, limits: ArchiveLimits | None = None) -> bytes:
+    """One file of an archive.
+
+    Parameters
+    ----------
+    path : str or Path
+    name : str
+        As in the archive, with forward slashes.
+    limits : ArchiveLimits, optional
+
+    Raises
+    ------
+    ValueError
+        As for :func:`archive_entries`; if there is no such entry; if it is damaged.
+    """
+    limits = limits or ArchiveLimits()
+    path = Path(path)
+    with _opened(path) as archive:
+        entries = {entry.filename: entry for entry in _checked(path, archive, limits)}
+        if name not in entries:
+            raise ValueError(f"{path}: expected an entry {name!r}; there is none")
+        return b"".join(_pieces(path, archive, entries[name], limits, limits.size))
+
+
+def unpack(path: str | Path, folder: Path, limits: ArchiveLimits | None = None) -> None:
+    """Unpack an archive into an existing, empty folder.
+
+    Parameters
+    ----------
+    path : str or Path
+    folder : Path
+    limits : ArchiveLimits, optional
+
+    Raises
+    ------
+    ValueError
+        As for :func:`archive_entries`; if a file is damaged or larger than its entry says; if an XML document that
+        describes the archive declares a document type (entities, external files).
+    """
+    limits = limits or ArchiveLimits()
+    path = Path(path)
+    left = limits.size
+    with _opened(path) as archive:
+        for entry in _checked(path, archive, limits):
+            target = folder.joinpath(*entry.filename.rstrip("/").split("/"))
+            if entry.is_dir():
+                target.mkdir(parents=True, exist_ok=True)
+                continue
+            target.parent.mkdir(parents=True, exist_ok=True)
+            with target.open("xb") as file:
+                for piece in _pieces(path, archive, entry, limits, left):
+                    left -= len(piece)
+                    file.write(piece)
+    for document in _descriptions(folder):
+        parse_xml(document.read_bytes(), f"{path}: {document.relative_to(folder).as_posix()}", limits)
+
+
+@contextmanager
+def extracted(path: str | Path, limits: ArchiveLimits | None = None) -> Iterator[Path]:
+    """Private temporary folder with the content of an archive; removed at the end.
+
+    Parameters
+    ----------
+    path : str or Path
+    limits : ArchiveLimits, optional
+
+    Raises
+    ------
+    ValueError
+        As for :func:`unpack`.
+    """
+    folder = Path(tempfile.mkdtemp(prefix="phyfilter-"))
+    try:
+        unpack(path, folder, limits)
+        yield folder
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+def parse_xml(data: bytes, name: str, limits: ArchiveLimits | None = None) -> etree._Element:
+    """Root of an XML document that may come from anywhere.
+
+    Parameters
+    ----------
+    data : bytes
+    name : str
+        For messages.
+    limits : ArchiveLimits, optional
+
+    Raises
+    ------
+    ValueError
+        If it is not well-formed, larger than the limit, or declares a document type: without one there are no
+        entities to expand and no external files to read.
+    """
+    limits = limits or ArchiveLimits()
+    if len(data) > limits.xml:
+        raise ValueError(f"{name}: {len(data)} bytes, expected at most {limits.xml}")
+    scanner = expat.ParserCreate()
+    doctypes: list[str] = []
+    scanner.StartDoctypeDeclHandler = lambda doctype, *_: _stop(doctypes, doctype)
+    options = etree.XMLParser(resolve_entities=False, no_network=True, load_dtd=False, huge_tree=False)
+    try:
+        scanner.Parse(data, True)
+        return etree.fromstring(data, options)
+    except _FoundDoctypeError as error:
+        raise ValueError(
+            f"{name}: declares a document type ({doctypes[0]!r}); refused, as entities may expand without bound and "
+            "read other files. FMI and SSP documents need none"
+        ) from error
+    except (
+        expat.ExpatError,
+        etree.XMLSyntaxError,
+        LookupError,
+        ValueError,
+    ) as error:  # the last two: encodings
+        raise ValueError(f"{name}: not a well-formed XML document: {error}") from error
+
+
+class _FoundDoctypeError(Exception):
+    """Ends the scan before a declaration within the document type is read."""
+
+
+def _stop(doctypes: list[str], doctype: str) -> None:
+    doctypes.append(doctype)
+    raise _FoundDoctypeError
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[zipfile.ZipFile]:
+    if not path.exists():
+        raise FileNotFoundError(f"{path}: there is no such file")
+    if not path.is_file():
+        raise ValueError(f"{path}: expected an archive, got a folder")
+    try:
+        archive = zipfile.ZipFile(path)
+    except _DAMAGE as error:
+        raise ValueError(f"{path}: no ZIP archive, or a damaged one: {error}") from error
+    with archive:
+        yield archive
+
+
+def _checked(path: Path, archive: zipfile.ZipFile, limits: ArchiveLimits) -> tuple[zipfile.ZipInfo, ...]:
+    entries = archive.infolist()
+    if len(entries) > limits.entries:
+        raise ValueError(f"{path}: {len(entries)} entries, expected at most {limits.entries}")
+    seen: dict[str, str] = {}
+    folders: dict[str, str] = {}
+    for entry in entries:
+        problem = _unsafe_name(entry) or _unusual(entry, limits)
+        if problem:
+            raise ValueError(f"{path}: entry {entry.orig_filename!r} {problem}; refused")
+        key = entry.filename.rstrip("/").casefold()
+        if key in seen:
+            raise ValueError(
+                f"{path}: two entries of one name, {seen[key]!r} and {entry.filename!r}; refused"
+            )
+        seen[key] = entry.filename
+        parents = key.split("/")[: None if entry.is_dir() else -1]
+        folders.update({"/".join(parents[: i + 1]): entry.filename for i in range(len(parents))})
+    for entry in entries:
+        key = entry.filename.casefold()
+        if not entry.is_dir() and key in folders:
+            raise ValueError(f"{path}: {entry.filename!r} is a file and a folder ({folders[key]!r}); refused")
+    total = sum(entry.file_size for entry in entries)
+    if total > limits.size:
+        raise ValueError(f"{path}: {total} bytes unpacked, expected at most {limits.size}; refused")
+    return tuple(entries)
+
+
+def _unsafe_name(entry: zipfile.ZipInfo) -> str:
+    name = entry.orig_filename  # zipfile cuts `filename` at a NUL
+    if any(ord(character) < 32 or ord(character) == 127 for character in name):
+        return "has a control character in its name"
+    if "\\" in name:
+        return "has a backslash in its name"
+    if name.startswith("/"):
+        return "has an absolute path"
+    if ":" in name:
+        return "has a drive letter or a stream in its name"
+    parts = name.removesuffix("/").split("/")
+    if ".." in parts:
+        return "leads out of its folder"
+    if "" in parts or "." in parts:
+        return "has an empty part in its path"
+    if any(part.endswith((".", " ")) for part in parts):
+        return "has a name that ends in a dot or a space, which some systems drop"
+    return ""
+
+
+def _unusual(entry: zipfile.ZipInfo, limits: ArchiveLimits) -> str:
+    mode = entry.external_attr >> 16
+    kind = stat.S_IFMT(mode)
+    if kind not in (0, stat.S_IFREG, stat.S_IFDIR):
+        return "is a link" if stat.S_ISLNK(mode) else "is neither a file nor a folder"
+    if entry.flag_bits & 0x1:
+        return "is encrypted"
+    if entry.compress_type not in _METHODS:
+        return f"is compressed by method {entry.compress_type}, expected stored or deflated"
+    if entry.file_size > max(_SMALL, limits.ratio * entry.compress_size):
+        ratio = entry.file_size / max(entry.compress_size, 1)
+        return f"unpacks to {ratio:.0f} times its size, expected at most {limits.ratio:g}"
+    return ""
+
+
+def _pieces(
+    path: Path, archive: zipfile.ZipFile, entry: zipfile.ZipInfo, limits: ArchiveLimits, left: int
+) -> Iterator[bytes]:
+    """Content of an entry; what an entry says of its size is not believed."""
+    allowed = min(left, entry.file_size)
+    try:
+        with archive.open(entry) as file:
+            while piece := file.read(_CHUNK):
+                allowed -= len(piece)
+                if allowed < 0:
+                    raise ValueError(f"larger than the {entry.file_size} bytes its entry says")
+                yield piece
+    except _DAMAGE as error:
+        raise ValueError(f"{path}: entry {entry.filename!r} cannot be read: {error}") from error
+
+
+def _descriptions(folder: Path) -> list[Path]:
+    """XML documents that other readers will parse with less care."""
+    patterns = (
+        "modelDescription.xml",
+        "sources/buildDescription.xml",
+        "terminalsAndIcons/*.xml",
+        "*.ssd",
+        "**/*.ssv",
+        "**/*.ssm",
+        "**/*.ssb",
+    )
+    return [path for pattern in patterns for path in sorted(folder.glob(pattern)) if path.is_file()]

@@ -1,0 +1,298 @@
+"""FMUs and python-control systems run together, exchanging signals at communication points."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Literal
+
+import control as ct
+import numpy as np
+from numpy.typing import ArrayLike
+
+from .._sections import FloatArray
+from .archive import ArchiveLimits
+from .cosimulation_parts import Part, make_part, step_problem
+from .cosimulation_run import Outside, Run, Signal, StepControl, step_count
+from .cosimulation_wiring import Connection, Wire, Wiring, parameters_by_part, wire_up
+from .inspect import Scalar
+from .ssp_cut import CutDiagram
+from .ssp_read import opened_ssp
+
+__all__ = ["CosimulationResponse", "cosimulate"]
+
+Participant = str | Path | ct.InputOutputSystem
+
+
+class CosimulationResponse(ct.TimeResponseData):
+    """Result of :func:`cosimulate`: python-control's response data, and how it came about.
+
+    Parameters
+    ----------
+    time : (N,) array
+    outputs : (p, N) array
+    inputs : (m, N) array or None
+    output_labels, input_labels : sequence of str
+    steps, rejected : int
+        Communication steps made, and those that step control took back.
+    messages : dict of str to tuple of str
+        What each part logged.
+    message : str
+        "" where the run succeeded, else what happened and what to try; ``success`` says which.
+    """
+
+    def __init__(
+        self,
+        time: FloatArray,
+        outputs: FloatArray,
+        inputs: FloatArray | None = None,
+        *,
+        output_labels: Sequence[str],
+        input_labels: Sequence[str] = (),
+        steps: int = 0,
+        rejected: int = 0,
+        messages: Mapping[str, tuple[str, ...]] | None = None,
+        message: str = "",
+    ) -> None:
+        super().__init__(
+            time,
+            outputs,
+            None,
+            inputs,
+            issiso=False,
+            output_labels=list(output_labels),
+            input_labels=None if inputs is None else list(input_labels),
+            title="Co-simulation",
+            sysname="cosimulation",
+            success=not message,
+            message=message,
+        )
+        self.steps, self.rejected = steps, rejected
+        self.messages = dict(messages or {})
+
+
+def cosimulate(
+    parts: Mapping[str, Participant] | CutDiagram | str | Path,
+    connections: Sequence[Connection | Wire] | None = None,
+    *,
+    timepts: ArrayLike,
+    step: float | None = None,
+    inputs: Mapping[str, Signal] | None = None,
+    outputs: Sequence[str] | None = None,
+    scheme: Literal["jacobi", "gauss-seidel"] = "jacobi",
+    order: Sequence[str] | None = None,
+    parameters: Mapping[str, Scalar] | None = None,
+    initial_state: Mapping[str, ArrayLike] | None = None,
+    tolerance: float | None = None,
+    absolute_tolerance: float | None = None,
+    units: Literal["raise", "warn", "ignore"] = "raise",
+    progress: bool = False,
+    limits: ArchiveLimits | None = None,
+) -> CosimulationResponse:
+    """Run FMUs and python-control systems wired together.
+
+    At a communication point t_k every part has reached t_k; outputs are handed on along direct feedthrough until
+    they settle, then each part advances to t_{k+1} on inputs that it holds:
+
+    * Jacobi: the inputs at t_k, for all parts alike.
+    * Gauss-Seidel: part after part, in order; a part sees the outputs at t_{k+1} of the parts before it.
+
+    Both are of first order in the communication step. **The FMUs' code is run in this process.**
+
+    Parameters
+    ----------
+    parts : dict of str to str, Path or control.InputOutputSystem; or an SSP file; or CutDiagram
+        FMU files (co-simulation; one with model exchange only is integrated here), blocks from :func:`import_fmu`
+        (each run makes a new instance), or python-control systems. An SSP file, or a diagram cut by
+        :func:`cut_diagram`, brings its own connections and parameters, and names for inputs and outputs.
+    connections : sequence of tuple of str
+        ``(input, output, ...)`` as in ``ct.interconnect``: ``("plant.f[0]", "controller.u[0]")``; several outputs are
+        summed, ``"-part.y"`` is subtracted, ``"plant.f"`` stands for all its elements.
+    timepts : (N,) array_like
+        Times in seconds, increasing, at which results are wanted; communication points all of them.
+    step : float, optional
+        Longest communication step; the spacing of ``timepts`` by default. With ``tolerance``: the first step.
+    inputs : dict of str to float, (N,) array_like or callable, optional
+        What drives inputs from outside, by ``part.input``: constant, at ``timepts`` (linear in between), or a function
+        of time. An input that nothing drives keeps its start value.
+    outputs : sequence of str, optional
+        ``part.output``; all of them by default.
+    scheme : {"jacobi", "gauss-seidel"}
+    order : sequence of str, optional
+        Parts in the order of Gauss-Seidel; as given by default.
+    parameters : dict of str to number or text, optional
+        Parameters and start values by ``part.name``.
+    initial_state : dict of str to (n,) array_like, optional
+        Of python-control systems, by part; by default the start values that its blocks know of, else zero.
+    tolerance, absolute_tolerance : float, optional
+        Step control: each step is made once and again as two halves, the difference of all outputs is kept below
+        ``absolute_tolerance + tolerance * |y|``, and the finer result is kept. All parts must be able to put back their
+        state. ``absolute_tolerance`` is ``tolerance`` by default.
+    units : {"raise", "warn", "ignore"}
+        Where a wire joins different units.
+    progress : bool
+        Show a progress bar.
+    limits : ArchiveLimits, optional
+
+    Returns
+    -------
+    CosimulationResponse
+        A ``control.TimeResponseData``: ``outputs`` and ``inputs`` by full name. Where step control comes to steps
+        below 1e-12 of the span, ``success`` is False, ``message`` says what to try, and later outputs are NaN.
+
+    Raises
+    ------
+    ValueError
+        If a name is unknown, an input is driven twice, units differ, a part cannot make the steps or cannot go back
+        for step control.
+    FmuError
+        If an FMU fails: its name, the call, the time and what it logged. All instances are freed.
+
+    Notes
+    -----
+    Outputs on a loop of direct feedthrough are handed on once per communication step around the loop; an FMU that
+    does not say which inputs its outputs depend on counts as if they depended on all.
+
+    References
+    ----------
+    Schierz, T., Arnold, M., Clauss, C.: Co-simulation with communication step size control in an FMI compatible
+    master algorithm. 9th International Modelica Conference, 2012.
+
+    Examples
+    --------
+    >>> import control as ct
+    >>> plant = ct.ss([[0.0]], [[1.0]], [[1.0]], [[0.0]], inputs="u", outputs="y")
+    >>> gain = ct.ss([], [], [], [[2.0]], inputs="e", outputs="u")
+    >>> response = cosimulate(
+    ...     {"plant": plant, "gain": gain},
+    ...     [("plant.u", "gain.u"), ("gain.e", "-plant.y")],
+    ...     timepts=[0.0, 0.5, 1.0],
+    ...     step=0.01,
+    ...     initial_state={"plant": [1.0]},
+    ... )
+    >>> response.output_labels
+    ['plant.y', 'gain.u']
+    >>> abs(float(response.outputs[0, -1]) - 0.1353) < 0.01  # exp(-2 t)
+    True
+    """
+    times = _checked_times(timepts, step)
+    if scheme not in ("jacobi", "gauss-seidel"):
+        raise ValueError(f'scheme: expected "jacobi" or "gauss-seidel", got {scheme!r}')
+    for name, value in (("tolerance", tolerance), ("absolute_tolerance", absolute_tolerance)):
+        if value is not None and not 0.0 < value < np.inf:
+            raise ValueError(f"{name}: expected a number > 0, got {value}")
+    with ExitStack() as stack:
+        names: Mapping[str, str] = {}
+        wires: Sequence[Connection | Wire] = connections or ()
+        outside: Mapping[str, Sequence[Wire]] = {}
+        if isinstance(parts, str | Path):
+            system = stack.enter_context(opened_ssp(parts, limits=limits))
+            parts, wires, outside, names = (
+                system.parts,
+                [*system.wires, *wires],
+                system.inputs,
+                system.outputs,
+            )
+            parameters = {**system.parameters, **(parameters or {})}
+        elif isinstance(parts, CutDiagram):
+            outside = {label: [Wire(sink, "") for sink in sinks] for label, sinks in parts.inputs.items()}
+            parts, wires, names = parts.parts, [*parts.wires, *wires], parts.outputs
+        members = _members(stack, parts, parameters or {}, initial_state or {}, limits)
+        wiring = wire_up(members, wires, units=units)
+        run = Run(
+            members,
+            wiring,
+            Outside(wiring, inputs or {}, outside, times),
+            _sequence(members, scheme, order),
+            _chosen(wiring, outputs, names),
+        )
+        control = StepControl(tolerance, absolute_tolerance or tolerance) if tolerance is not None else None
+        _check_steps(members, times, step, control)
+        return _response(run, times, run.over(times, step, control, progress))
+
+
+def _members(
+    stack: ExitStack,
+    parts: Mapping[str, Participant],
+    parameters: Mapping[str, Scalar],
+    initial_state: Mapping[str, ArrayLike],
+    limits: ArchiveLimits | None,
+) -> list[Part]:
+    if not parts:
+        raise ValueError("parts: expected at least one")
+    strange = sorted(set(initial_state) - set(parts))
+    if strange:
+        raise ValueError(f"initial_state: {strange[0]!r} names no part; there are {list(parts)}")
+    values = parameters_by_part(list(parts), parameters)
+    members: list[Part] = []
+    for name, thing in parts.items():
+        part = make_part(name, thing, values[name], initial_state=initial_state.get(name), limits=limits)
+        stack.callback(part.close)
+        members.append(part)
+    return members
+
+
+def _checked_times(timepts: ArrayLike, step: float | None) -> FloatArray:
+    times = np.asarray(timepts, dtype=float)
+    if times.ndim != 1 or len(times) < 2 or not np.all(np.isfinite(times)) or np.any(np.diff(times) <= 0.0):
+        raise ValueError("timepts: expected at least two finite times in seconds, increasing")
+    if step is not None and not 0.0 < step < np.inf:
+        raise ValueError(f"step: expected seconds > 0, got {step}")
+    return times
+
+
+def _check_steps(
+    parts: Sequence[Part], times: FloatArray, step: float | None, control: StepControl | None
+) -> None:
+    if control is None:
+        spans = np.diff(times)
+        steps = spans / [step_count(float(span), step) for span in spans]
+        problems = [problem for part in parts if (problem := step_problem(part, steps))]
+    else:
+        stuck = [part.name for part in parts if not part.can_go_back]
+        rigid = [part.name for part in parts if not part.variable_step or part.interval]
+        problems = []
+        if stuck:
+            problems.append(
+                f"tolerance: {', '.join(stuck)} cannot put back a state, which step control needs"
+            )
+        if rigid:
+            problems.append(
+                f"tolerance: {', '.join(rigid)} cannot make steps of any length, as step control does"
+            )
+    if problems:
+        raise ValueError("; ".join(problems))
+
+
+def _sequence(parts: Sequence[Part], scheme: str, order: Sequence[str] | None) -> list[int] | None:
+    names = [part.name for part in parts]
+    if order is not None and sorted(order) != sorted(names):
+        raise ValueError(f"order: expected each part once, of {names}, got {list(order)}")
+    if scheme == "jacobi":
+        if order is not None:
+            raise ValueError('order: means nothing to scheme="jacobi"; expected scheme="gauss-seidel"')
+        return None
+    return [names.index(name) for name in order or names]
+
+
+def _chosen(wiring: Wiring, outputs: Sequence[str] | None, names: Mapping[str, str]) -> dict[str, int]:
+    if outputs is None:
+        everything = {label: j for j, label in enumerate(wiring.sources)}
+        return {name: wiring.source(label) for name, label in names.items()} or everything
+    return {label: wiring.source(names.get(label, label)) for label in outputs}
+
+
+def _response(run: Run, times: FloatArray, result: tuple[FloatArray, FloatArray]) -> CosimulationResponse:
+    outputs, inputs = result
+    return CosimulationResponse(
+        times,
+        outputs.T,
+        inputs.T if run.outside.labels else None,
+        output_labels=list(run.chosen),
+        input_labels=run.outside.labels,
+        steps=run.steps,
+        rejected=run.rejected,
+        messages={part.name: part.messages() for part in run.parts},
+        message=run.message,
+    )

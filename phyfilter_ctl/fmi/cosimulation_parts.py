@@ -1,0 +1,401 @@
+"""What can take part in a co-simulation: FMUs, and python-control systems beside them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Protocol
+
+import control as ct
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.integrate import solve_ivp
+from scipy.linalg import expm
+
+from .._sections import FloatArray
+from ..blocks import SampledBlock
+from ..blocks.functions import BlockFunctions
+from .archive import ArchiveLimits
+from .importing import import_fmu
+from .importing_steps import FmuSteps
+from .inspect import FmuDescription, FmuUnit, Scalar
+from .instance import FmuInstance
+from .units import unit_definition
+from .unpacked import UnpackedFmu
+
+__all__ = ["FmuPart", "Part", "SystemPart", "make_part", "step_problem"]
+
+# A python-control part is to count as exact beside communication errors of 1e-3 ... 1e-6.
+_RTOL, _ATOL = 1e-9, 1e-11
+# Communication steps that differ by less are rounding of one step.
+_SAME_STEP = 1e-6
+_PROBES = 3
+
+
+class Part(Protocol):
+    """One participant."""
+
+    name: str
+    inputs: tuple[str, ...]
+    outputs: tuple[str, ...]
+    start: FloatArray  # of the inputs
+    feedthrough: NDArray[np.bool_]  # (outputs, inputs): which input acts on which output without delay
+    can_go_back: bool
+    variable_step: bool
+    interval: float | None  # steps must be multiples of it
+
+    def unit(self, label: str) -> tuple[str, FmuUnit | None]: ...
+    def initialise(self, start_time: float, stop_time: float) -> None: ...
+    def begin(self) -> None: ...
+    def put(self, u: FloatArray) -> None: ...
+    def get(self) -> FloatArray: ...
+    def advance(self, t: float, h: float, *, final: bool) -> None: ...
+    def save(self) -> object: ...
+    def restore(self, state: object) -> None: ...
+    def forget(self, state: object) -> None: ...
+    def messages(self) -> tuple[str, ...]: ...
+    def close(self) -> None: ...
+
+
+class FmuPart:
+    """A co-simulation FMU.
+
+    Parameters
+    ----------
+    name : str
+    fmu : UnpackedFmu
+    owned : bool
+        Whether to remove its files at the end.
+    values : dict
+        Parameters and start values.
+    """
+
+    def __init__(self, name: str, fmu: UnpackedFmu, *, owned: bool, values: Mapping[str, Scalar]) -> None:
+        self.name = name
+        self._fmu, self._owned, self._values = fmu, owned, dict(values)
+        self.instance = FmuInstance(fmu, "cs", name)
+        self._in = self.instance.signals("input")
+        self._out = self.instance.signals("output")
+        self.inputs, self.outputs = self._in.labels, self._out.labels
+        description = fmu.description
+        starts = {
+            label: float(value)
+            for entry in description.of("input")
+            for label, value in zip(entry.labels, entry.starts, strict=False)
+            if not isinstance(value, str)
+        }
+        starts |= {key: float(value) for key, value in values.items() if key in starts}
+        self.start = np.array([starts.get(label, 0.0) for label in self.inputs])
+        self.feedthrough = _declared(description, self.inputs, self.outputs)
+        self.can_go_back = self.instance.ability.state
+        self.variable_step = self.instance.ability.variable_step
+        self.interval = self.instance.ability.fixed_step
+        self._units = dict(zip(self.inputs + self.outputs, self._in.units + self._out.units, strict=True))
+
+    def unit(self, label: str) -> tuple[str, FmuUnit | None]:
+        name = self._units[label]
+        return name, self._fmu.description.units.get(name) or _understood(name)
+
+    def initialise(self, start_time: float, stop_time: float) -> None:
+        self.instance.initialise(start_time, stop_time=stop_time, values=self._values)
+
+    def begin(self) -> None:
+        self.instance.begin()
+
+    def put(self, u: FloatArray) -> None:
+        self._in.write(self.instance, u)
+
+    def get(self) -> FloatArray:
+        return self._out.read(self.instance)
+
+    def advance(self, t: float, h: float, *, final: bool) -> None:
+        self.instance.do_step(t, h, final=final)
+
+    def save(self) -> object:
+        return self.instance.save()
+
+    def restore(self, state: object) -> None:
+        self.instance.restore(state)
+
+    def forget(self, state: object) -> None:
+        self.instance.forget(state)
+
+    def messages(self) -> tuple[str, ...]:
+        return self.instance.messages
+
+    def close(self) -> None:
+        self.instance.close()
+        if self._owned:
+            self._fmu.close()
+
+
+class SystemPart:
+    """A python-control system; inputs are held over a communication step.
+
+    Parameters
+    ----------
+    name : str
+    system : control.InputOutputSystem
+        A linear continuous one is advanced exactly, another continuous one by DOP853 with rtol 1e-9; a discrete one
+        makes the updates that fit into the step.
+    params : dict of str to float
+    initial_state : (n,) array_like, optional
+    """
+
+    def __init__(
+        self,
+        name: str,
+        system: ct.InputOutputSystem,
+        *,
+        params: Mapping[str, float],
+        initial_state: ArrayLike | None = None,
+    ) -> None:
+        self.name = name
+        if isinstance(system, ct.TransferFunction):
+            system = ct.tf2ss(system)
+        if not isinstance(system, ct.NonlinearIOSystem):
+            raise TypeError(f"{name}: expected a system with states and outputs, got {type(system).__name__}")
+        leaves = _leaves(system)
+        sampled = [block.name for block in leaves if isinstance(block, SampledBlock)]
+        if sampled:
+            raise TypeError(
+                f"{name}: {sampled[0]!r} is a sampled block, which python-control cannot run; export the part with "
+                "export_fmu and give the FMU"
+            )
+        self._system = system
+        self.inputs = tuple(self._system.input_labels)
+        self.outputs = tuple(self._system.output_labels)
+        self.start = np.zeros(len(self.inputs))
+        n = self._system.nstates or 0
+        x = _start(leaves) if initial_state is None else np.array(initial_state, dtype=float)
+        if x.shape != (n,) or not np.all(np.isfinite(x)):
+            raise ValueError(f"{name}: initial_state: expected {n} finite values, got shape {x.shape}")
+        known = _parameters(system, leaves)
+        unknown = sorted(set(params) - known)
+        if unknown:
+            raise ValueError(f"{name}: there is no parameter {unknown[0]!r}; there are {sorted(known)}")
+        self._params = dict(params)  # None where empty: python-control warns when linear systems get any
+        self._x, self._t = x, 0.0
+        self._u = self.start
+        self.can_go_back = True
+        dt = self._system.dt
+        self._discrete = dt is True or bool(dt)
+        self.variable_step = True
+        self.interval = float(dt) if dt and dt is not True else None
+        self._linear = isinstance(self._system, ct.StateSpace)
+        self._powers: dict[float, tuple[FloatArray, FloatArray]] = {}
+        self.feedthrough = self._probed()
+
+    def unit(self, label: str) -> tuple[str, FmuUnit | None]:
+        functions = getattr(self._system, "functions", None)
+        if isinstance(functions, BlockFunctions):
+            units = {entry.name: entry.unit for entry in (*functions.inputs, *functions.outputs)}
+        else:
+            units = getattr(self._system, "units", {})
+        name = str(units.get(label, ""))
+        return name, _understood(name)
+
+    def initialise(self, start_time: float, stop_time: float) -> None:
+        self._t = start_time
+
+    def begin(self) -> None:
+        """Nothing to do: the state is there."""
+
+    def put(self, u: FloatArray) -> None:
+        self._u = u.copy()
+
+    def get(self) -> FloatArray:
+        return _vector(self._system.output(self._t, self._x, self._u, params=self._params or None))
+
+    def advance(self, t: float, h: float, *, final: bool) -> None:
+        if self._discrete:
+            self._update(t, h)
+        elif len(self._x):
+            self._x = self._exactly(h) if self._linear else self._integrated(t, h)
+        self._t = t + h
+
+    def save(self) -> object:
+        return self._t, self._x.copy(), self._u.copy()
+
+    def restore(self, state: object) -> None:
+        assert isinstance(state, tuple)
+        self._t, self._x, self._u = state[0], state[1].copy(), state[2].copy()
+
+    def forget(self, state: object) -> None:
+        """Nothing to free."""
+
+    def messages(self) -> tuple[str, ...]:
+        return ()
+
+    def close(self) -> None:
+        """Nothing to free."""
+
+    def _update(self, t: float, h: float) -> None:
+        count = 1 if self.interval is None else round(h / self.interval)
+        period = h / count
+        for k in range(count):
+            now = t + k * period
+            self._x = _vector(self._system.dynamics(now, self._x, self._u, params=self._params or None))
+
+    def _exactly(self, h: float) -> FloatArray:
+        assert isinstance(self._system, ct.StateSpace)
+        if h not in self._powers:
+            n, m = len(self._x), len(self.inputs)
+            block = np.zeros((n + m, n + m))
+            block[:n] = np.hstack([self._system.A, self._system.B])
+            power = np.asarray(expm(block * h), dtype=np.float64)
+            if len(self._powers) > 64:  # steps of their own each: nothing to gain from remembering
+                self._powers.clear()
+            self._powers[h] = power[:n, :n], power[:n, n:]
+        A, B = self._powers[h]
+        return A @ self._x + B @ self._u
+
+    def _integrated(self, t: float, h: float) -> FloatArray:
+        def rate(now: float, x: FloatArray) -> FloatArray:
+            return _vector(self._system.dynamics(now, x, self._u, params=self._params or None))
+
+        solution = solve_ivp(
+            rate, (t, t + h), self._x, method="DOP853", rtol=_RTOL, atol=_ATOL, t_eval=[t + h]
+        )
+        if not solution.success:
+            raise RuntimeError(f"{self.name}: no solution from t = {t:g} to {t + h:g}: {solution.message}")
+        return solution.y[:, -1]
+
+    def _probed(self) -> NDArray[np.bool_]:
+        """Feedthrough: known of a linear system, else from outputs at random points."""
+        if isinstance(self._system, ct.StateSpace):
+            return np.asarray(self._system.D) != 0.0
+        found = np.zeros((len(self.outputs), len(self.inputs)), dtype=bool)
+        rng = np.random.default_rng(0)
+        before = self._x, self._u
+        for _ in range(_PROBES):
+            self._x = before[0] + rng.standard_normal(len(before[0]))
+            u = rng.standard_normal(len(self.inputs))
+            self._u = u
+            base = self.get()
+            for j in range(len(u)):
+                self._u = u + np.eye(len(u))[j]
+                found[:, j] |= self.get() != base
+        self._x, self._u = before
+        return found
+
+
+def _leaves(system: ct.InputOutputSystem) -> list[ct.InputOutputSystem]:
+    """Blocks of a diagram, inner diagrams opened, in the order of the states."""
+    if isinstance(system, ct.InterconnectedSystem):
+        return [leaf for block in system.syslist for leaf in _leaves(block)]
+    return [system]
+
+
+def _start(leaves: Sequence[ct.InputOutputSystem]) -> FloatArray:
+    """Start values that blocks know of, else zero."""
+    parts = [getattr(block, "start_state", np.zeros(block.nstates or 0)) for block in leaves]
+    return np.concatenate([np.zeros(0), *parts])
+
+
+def _parameters(system: ct.NonlinearIOSystem, leaves: Sequence[ct.InputOutputSystem]) -> set[str]:
+    known = set(system.params)
+    for block in leaves:
+        known |= set(getattr(block, "params", {}))
+        functions = getattr(block, "functions", None)
+        if isinstance(functions, BlockFunctions):
+            names = {entry.name for entry in functions.parameters}
+            names |= {name.partition("[")[0] for name in names}
+            known |= names | {f"{block.name}.{name}" for name in names}
+    return known
+
+
+def _understood(unit: str) -> FmuUnit | None:
+    """What a unit's name says, where its file or system does not define it."""
+    found = unit_definition(unit)
+    return None if found.exponents is None else FmuUnit(found.exponents, found.factor)
+
+
+def _vector(value: ArrayLike) -> FloatArray:
+    return np.asarray(value, dtype=float).reshape(-1)
+
+
+def make_part(
+    name: str,
+    thing: str | Path | ct.InputOutputSystem,
+    values: Mapping[str, Scalar],
+    *,
+    initial_state: ArrayLike | None = None,
+    limits: ArchiveLimits | None = None,
+) -> Part:
+    """A participant from what the user gave.
+
+    Parameters
+    ----------
+    name : str
+    thing : str, Path or control.InputOutputSystem
+        FMU file, imported FMU, or python-control system.
+    values : dict
+        Its parameters and start values.
+    initial_state : array_like, optional
+        Of a python-control system.
+    limits : ArchiveLimits, optional
+
+    Raises
+    ------
+    TypeError
+        If it is none of these.
+    """
+    if isinstance(thing, str | Path):
+        fmu = UnpackedFmu(thing, limits=limits)
+        if "cs" in fmu.description.kinds:
+            return _fmu_part(name, fmu, True, values)
+        fmu.close()
+        thing = import_fmu(thing, kind="me", name=name, parameters=values, limits=limits)
+        values = {}
+    if isinstance(thing, FmuSteps):
+        return _fmu_part(name, thing.source, False, thing.values | dict(values))
+    if isinstance(thing, ct.InputOutputSystem):
+        numbers = {key: float(value) for key, value in values.items()}
+        return SystemPart(name, thing, params=numbers, initial_state=initial_state)
+    raise TypeError(
+        f"{name}: expected an FMU file, an imported FMU or a python-control system, got {type(thing)}"
+    )
+
+
+def _fmu_part(name: str, fmu: UnpackedFmu, owned: bool, values: Mapping[str, Scalar]) -> FmuPart:
+    try:
+        return FmuPart(name, fmu, owned=owned, values=values)
+    except BaseException:
+        if owned:
+            fmu.close()
+        raise
+
+
+def _declared(
+    description: FmuDescription, inputs: tuple[str, ...], outputs: tuple[str, ...]
+) -> NDArray[np.bool_]:
+    """Feedthrough from the model structure; where nothing is said FMI means every input."""
+    owner = {label: entry.name for entry in description.variables for label in entry.labels}
+    result = np.ones((len(outputs), len(inputs)), dtype=bool)
+    for i, output in enumerate(outputs):
+        known = description.dependencies.get(owner[output])
+        if known is not None:
+            result[i] = [owner[label] in known for label in inputs]
+    return result
+
+
+def step_problem(part: Part, steps: FloatArray) -> str:
+    """Why a part cannot make these communication steps; "" if it can.
+
+    Parameters
+    ----------
+    part : Part
+    steps : (k,) array
+        Seconds.
+    """
+    if not part.variable_step and np.ptp(steps) > _SAME_STEP * np.max(steps):
+        return f"{part.name}: all communication steps must be equal, got {np.min(steps):g} to {np.max(steps):g} s"
+    if part.interval:
+        counts = steps / part.interval
+        if np.any(np.abs(counts - np.round(counts)) > _SAME_STEP * counts) or np.any(counts < 0.5):
+            return (
+                f"{part.name}: communication steps must be multiples of {part.interval:g} s, got {np.min(steps):g} to "
+                f"{np.max(steps):g} s"
+            )
+    return ""

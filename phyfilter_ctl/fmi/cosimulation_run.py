@@ -1,0 +1,276 @@
+"""The master algorithms: Jacobi and Gauss-Seidel, equal steps and steps by the error."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import ArrayLike
+from tqdm import tqdm
+
+from .._sections import FloatArray
+from .cosimulation_parts import Part
+from .cosimulation_wiring import Wire, Wiring
+from .instance import FmuError
+
+__all__ = ["Outside", "Run", "Signal", "StepControl", "step_count"]
+
+Signal = float | ArrayLike | Callable[[float], float]
+# Step control: safety, and how much a step may change; the usual values for a method of order one.
+_SAFETY, _SHRINK, _GROW = 0.9, 0.2, 4.0
+# Communication steps below this part of the span cannot be told from rounding of the time.
+_SMALLEST = 1e-12
+
+
+class _StepTooSmallError(Exception):
+    """Step control came to an end."""
+
+
+@dataclass
+class StepControl:
+    """Tolerances, and the step to try next.
+
+    Parameters
+    ----------
+    rtol, atol : float
+    step : float
+    """
+
+    rtol: float
+    atol: float
+    step: float = 0.0
+
+
+class Outside:
+    """Inputs that no part drives.
+
+    Parameters
+    ----------
+    wiring : Wiring
+    inputs : dict of str to number, array or callable
+    connectors : dict of str to sequence of Wire
+        What a name in ``inputs`` drives, where it is no input itself.
+    times : (N,) array
+        Of the arrays in ``inputs``.
+    """
+
+    def __init__(
+        self,
+        wiring: Wiring,
+        inputs: Mapping[str, Signal],
+        connectors: Mapping[str, Sequence[Wire]],
+        times: FloatArray,
+    ) -> None:
+        self.labels = tuple(inputs)
+        self._signals = [_signal(name, value, times) for name, value in inputs.items()]
+        self.matrix = np.zeros((len(wiring.sinks), len(inputs)))
+        self.offset = np.zeros(len(wiring.sinks))
+        for j, name in enumerate(inputs):
+            for wire in connectors.get(name, [Wire(name, "")]):
+                i = wiring.sink(wire.sink)
+                if wiring.driven[i] or np.any(self.matrix[i]):
+                    raise ValueError(f"inputs: {wire.sink!r} is driven already")
+                self.matrix[i, j] = wire.gain
+                self.offset[i] = wire.offset
+        self.driven = np.any(self.matrix != 0.0, axis=1)
+
+    def at(self, t: float) -> FloatArray:
+        """Values at a time.
+
+        Parameters
+        ----------
+        t : float
+        """
+        return np.array([signal(t) for signal in self._signals], dtype=float)
+
+
+@dataclass
+class Run:
+    """A co-simulation in progress; u and y are all inputs and outputs.
+
+    Parameters
+    ----------
+    parts : sequence of Part
+    wiring : Wiring
+    outside : Outside
+    sequence : sequence of int or None
+        Parts in the order of Gauss-Seidel; None for Jacobi.
+    chosen : dict of str to int
+        Name and place of the outputs wanted.
+    """
+
+    parts: Sequence[Part]
+    wiring: Wiring
+    outside: Outside
+    sequence: Sequence[int] | None
+    chosen: Mapping[str, int]
+    u: FloatArray = field(init=False)
+    y: FloatArray = field(init=False)
+    steps: int = 0
+    rejected: int = 0
+    message: str = ""
+
+    def over(
+        self, times: FloatArray, step: float | None, control: StepControl | None, progress: bool
+    ) -> tuple[FloatArray, FloatArray]:
+        """Outputs and outside inputs at all times; NaN from where the run cannot go on.
+
+        Parameters
+        ----------
+        times : (N,) array
+        step : float, optional
+        control : StepControl, optional
+        progress : bool
+        """
+        self._initialise(times)
+        rows = np.empty((len(times), len(self.chosen)))
+        places = list(self.chosen.values())
+        rows[0] = self.y[places]
+        if control is not None:
+            control.step = step or float(np.min(np.diff(times)))
+        with tqdm(total=len(times) - 1, disable=not progress, desc="co-simulation") as bar:
+            for k, (t, end) in enumerate(pairwise(times.tolist()), start=1):
+                try:
+                    if control is None:
+                        self._equal_steps(t, end, step)
+                    else:
+                        self._controlled(t, end, control, float(times[-1] - times[0]))
+                except _StepTooSmallError as error:
+                    self.message = str(error)
+                    rows[k:] = np.nan
+                    break
+                rows[k] = self.y[places]
+                bar.update()
+        return rows, np.array([self.outside.at(float(t)) for t in times])
+
+    def _initialise(self, times: FloatArray) -> None:
+        start, stop = float(times[0]), float(times[-1])
+        for part in self.parts:
+            part.initialise(start, stop)
+        self.u = np.concatenate([np.zeros(0), *(part.start for part in self.parts)])
+        self._settle(start, fresh=True)
+        for part in self.parts:
+            part.begin()
+        self._settle(start, fresh=True)
+
+    def _wired(self, y: FloatArray, t: float) -> FloatArray:
+        u = np.where(self.wiring.driven, self.wiring.weights @ y + self.wiring.offset, self.u)
+        outside = self.outside
+        return np.where(outside.driven, outside.matrix @ outside.at(t) + outside.offset, u)
+
+    def _put(self, u: FloatArray) -> None:
+        for part, place in zip(self.parts, self.wiring.input_slices, strict=True):
+            part.put(u[place])
+        self.u = u
+
+    def _get(self) -> FloatArray:
+        return np.concatenate([np.zeros(0), *(part.get() for part in self.parts)])
+
+    def _settle(self, t: float, *, fresh: bool = False) -> None:
+        """Hand signals on at one instant."""
+        self.y = self._get()
+        for _ in range(self.wiring.passes):
+            u = self._wired(self.y, t)
+            if not fresh and np.array_equal(u, self.u, equal_nan=True):
+                return
+            self._put(u)
+            self.y = self._get()
+            fresh = False
+
+    def _advance(self, t: float, end: float, *, final: bool = True) -> None:
+        h = end - t
+        if self.sequence is None:
+            for part in self.parts:
+                part.advance(t, h, final=final)
+        else:
+            for i in self.sequence:
+                place = self.wiring.input_slices[i]
+                u = self._wired(self.y, t)
+                self.u[place] = u[place]
+                self.parts[i].put(u[place])
+                self.parts[i].advance(t, h, final=final)
+                self.y[self.wiring.output_slices[i]] = self.parts[i].get()
+        self._settle(end)
+
+    def _equal_steps(self, t: float, end: float, step: float | None) -> None:
+        points = np.linspace(t, end, step_count(end - t, step) + 1)
+        for a, b in pairwise(points.tolist()):
+            self._advance(a, b)
+            self.steps += 1
+
+    def _controlled(self, t: float, end: float, control: StepControl, span: float) -> None:
+        while t < end:
+            target = end if t + control.step > end - _SMALLEST * span else t + control.step
+            state = [part.save() for part in self.parts], self.u.copy(), self.y.copy()
+            error = self._twice(t, target, state, control)
+            accepted = error <= 1.0
+            if not accepted:
+                self._back(state)
+            for part, saved in zip(self.parts, state[0], strict=True):
+                part.forget(saved)
+            change = _SAFETY / np.sqrt(error) if error > 0.0 else _GROW
+            proposal = (target - t) * float(np.clip(change, _SHRINK, _GROW))
+            # A step cut short to land on a result is no reason for small steps after it.
+            control.step = max(control.step, proposal) if accepted and target == end else proposal
+            if accepted:
+                t = target
+                self.steps += 1
+            else:
+                self.rejected += 1
+                if control.step < _SMALLEST * span:
+                    raise _StepTooSmallError(
+                        f"the communication step fell below {_SMALLEST * span:g} s at t = {t:g}: loosen the tolerance, "
+                        "or look for a jump in a signal there"
+                    )
+
+    def _twice(
+        self, t: float, end: float, state: tuple[list[object], FloatArray, FloatArray], control: StepControl
+    ) -> float:
+        """One step, then two halves from the same state; the error over what is allowed. A discarded step is wrong
+        beyond measure."""
+        middle = t + 0.5 * (end - t)
+        try:
+            self._advance(t, end, final=False)
+            coarse = self.y.copy()
+            self._back(state)
+            self._advance(t, middle, final=False)
+            self._advance(middle, end, final=False)
+        except FmuError as error:
+            if error.status == "discard":
+                return np.inf
+            raise
+        error = np.abs(self.y - coarse) / (control.atol + control.rtol * np.abs(self.y))
+        return float(np.max(np.where(np.isfinite(error), error, np.inf), initial=0.0))
+
+    def _back(self, state: tuple[list[object], FloatArray, FloatArray]) -> None:
+        for part, saved in zip(self.parts, state[0], strict=True):
+            part.restore(saved)
+        self.u, self.y = state[1].copy(), state[2].copy()
+
+
+def step_count(span: float, step: float | None) -> int:
+    """Equal communication steps between two results.
+
+    Parameters
+    ----------
+    span : float
+    step : float, optional
+        Longest.
+    """
+    return 1 if step is None else max(1, int(np.ceil(span / step * (1.0 - 1e-9))))
+
+
+def _signal(name: str, value: Signal, times: FloatArray) -> Callable[[float], float]:
+    if callable(value):
+        return value
+    array = np.asarray(value, dtype=float)
+    if array.shape not in ((), times.shape) or not np.all(np.isfinite(array)):
+        raise ValueError(
+            f"inputs: {name!r}: expected a number, {len(times)} finite values (one per time) or a function of time, "
+            f"got shape {array.shape}"
+        )
+    if array.ndim == 0:
+        return lambda t: float(array)
+    return lambda t: float(np.interp(t, times, array))

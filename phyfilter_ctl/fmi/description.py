@@ -1,0 +1,416 @@
+"""What an FMU says of its model: one form, from which the XML of FMI 2.0 and 3.0 and the C table are written."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from itertools import product
+from math import prod
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..blocks.functions import Variable
+from ..codegen.model import CModel
+
+__all__ = ["FmuExperiment", "FmuInterface", "FmuSolver", "InterfaceVariable", "fmu_interface"]
+
+Kind = Literal[
+    "time", "input", "output", "parameter", "state", "derivative", "sampled",
+    "solver_step", "solver_rtol", "solver_atol",
+]  # fmt: skip
+Fmi = Literal["2.0", "3.0"]
+Method = Literal["rk4", "adaptive"]
+
+# Kind: causality, variability, initial.
+_ROLES: dict[str, tuple[str, str, str]] = {
+    "time": ("independent", "continuous", ""),
+    "input": ("input", "continuous", "exact"),
+    "output": ("output", "continuous", "calculated"),
+    "parameter": ("parameter", "tunable", "exact"),
+    "state": ("local", "continuous", "exact"),
+    "derivative": ("local", "continuous", "calculated"),
+    "sampled": ("local", "discrete", "calculated"),
+    "solver_step": ("parameter", "fixed", "exact"),
+    "solver_rtol": ("parameter", "fixed", "exact"),
+    "solver_atol": ("parameter", "fixed", "exact"),
+}
+# FMI 2.0.5 and 3.0.2, "structured": identifiers, quoted or plain, with indices, joined by dots.
+_QUOTED = r"'(?:[A-Za-z0-9_!#$%&()*+,\-./:;<>=?@\[\]^{}|~ ]|\\['\"?\\abfnrtv])+'"
+_PART = rf"(?:[A-Za-z_][A-Za-z0-9_]*|{_QUOTED})(?:\[\d+(?:,\d+)*\])?"
+_LEGAL = re.compile(rf"{_PART}(?:\.{_PART})*")
+_INDEXED = re.compile(r"(.*[^\[\]])\[(\d+(?:,\d+)*)\]")
+_DEFAULT_STEP = 1e-3
+_DEFAULT_STOP = 10.0
+
+
+@dataclass(frozen=True)
+class FmuSolver:
+    """How a co-simulation FMU integrates between communication points and events.
+
+    Parameters
+    ----------
+    method : {"rk4", "adaptive"}
+        Classical Runge-Kutta of fixed step, or Dormand-Prince 5(4).
+    step : float, optional
+        Longest step in seconds; 1 ms for rk4, no bound (0) for adaptive. The FMU's parameter ``solver.step``.
+    rtol, atol : float
+        Error of a step below atol + rtol |x|; ``solver.rtol`` and ``solver.atol``. Adaptive only.
+
+    Raises
+    ------
+    ValueError
+        If the method is another, or a number is negative or not finite.
+
+    Examples
+    --------
+    >>> FmuSolver().step, FmuSolver("adaptive").step
+    (0.001, 0.0)
+    """
+
+    method: Method = "rk4"
+    step: float | None = None
+    rtol: float = 1e-8
+    atol: float = 1e-10
+
+    def __post_init__(self) -> None:
+        if self.method not in ("rk4", "adaptive"):
+            raise ValueError(f"solver method: expected 'rk4' or 'adaptive', got {self.method!r}")
+        if self.step is None:
+            object.__setattr__(self, "step", _DEFAULT_STEP if self.method == "rk4" else 0.0)
+        for name, value in (("step", self.step), ("rtol", self.rtol), ("atol", self.atol)):
+            if value is None or not 0.0 <= value < float("inf"):
+                raise ValueError(f"solver {name}: expected a number >= 0, got {value!r}")
+        if self.method == "rk4" and self.step == 0.0:
+            raise ValueError("solver step: rk4 needs a step above 0 s, got 0")
+
+
+@dataclass(frozen=True)
+class FmuExperiment:
+    """What importers run by default.
+
+    Parameters
+    ----------
+    start, stop : float
+        Seconds.
+    step : float, optional
+        Communication step in seconds.
+    tolerance : float
+        Relative, for solvers of the importer and the adaptive one inside.
+
+    Raises
+    ------
+    ValueError
+        If stop is not after start, or the step or tolerance not above 0.
+    """
+
+    start: float = 0.0
+    stop: float = _DEFAULT_STOP
+    step: float | None = None
+    tolerance: float = 1e-6
+
+    def __post_init__(self) -> None:
+        if not self.start < self.stop < float("inf"):
+            raise ValueError(f"experiment: expected start < stop, got {self.start!r} and {self.stop!r}")
+        if not self.tolerance > 0.0 or (self.step is not None and not self.step > 0.0):
+            raise ValueError(
+                f"experiment: expected step and tolerance above 0, got {self.step!r} and {self.tolerance!r}"
+            )
+
+
+@dataclass(frozen=True)
+class InterfaceVariable:
+    """A variable of an FMU; its value reference is its place in :attr:`FmuInterface.variables`.
+
+    Parameters
+    ----------
+    name : str
+    kind : str
+        Which vector of the model it is part of.
+    first : int
+        Where in that vector.
+    shape : tuple of int
+        () for a scalar.
+    start : tuple of float, optional
+        Flat, row by row.
+    unit, description : str
+    derivative_of : int, optional
+        Value reference of the state.
+    """
+
+    name: str
+    kind: Kind
+    first: int = 0
+    shape: tuple[int, ...] = ()
+    start: tuple[float, ...] | None = None
+    unit: str = ""
+    description: str = ""
+    derivative_of: int | None = None
+
+    @property
+    def count(self) -> int:
+        """Number of scalars."""
+        return prod(self.shape)
+
+    @property
+    def causality(self) -> str:
+        """FMI's causality."""
+        return _ROLES[self.kind][0]
+
+    @property
+    def variability(self) -> str:
+        """FMI's variability."""
+        return _ROLES[self.kind][1]
+
+    @property
+    def initial(self) -> str:
+        """FMI's initial; "" for time."""
+        return _ROLES[self.kind][2]
+
+
+@dataclass(frozen=True, eq=False)
+class FmuInterface:
+    """A model as an FMU shows it.
+
+    Parameters
+    ----------
+    model : CModel
+    fmi : {"2.0", "3.0"}
+    exchange, simulation : bool
+        Model exchange; co-simulation.
+    variables : tuple of InterfaceVariable
+        By value reference.
+    solver : FmuSolver
+    experiment : FmuExperiment
+    author, description : str
+    depends : (n_x + n_y, n_x + n_u) bool array
+        Which derivative and output depends on which state and input.
+    derivatives : bool
+        Whether the model has directional and adjoint derivatives.
+    """
+
+    model: CModel
+    fmi: Fmi
+    exchange: bool
+    simulation: bool
+    variables: tuple[InterfaceVariable, ...]
+    solver: FmuSolver
+    experiment: FmuExperiment
+    author: str = ""
+    description: str = ""
+    depends: NDArray[np.bool_] = field(default_factory=lambda: np.zeros((0, 0), dtype=bool))
+    derivatives: bool = True
+
+    def of_kind(self, *kinds: Kind) -> tuple[int, ...]:
+        """Value references of the variables of some kinds.
+
+        Parameters
+        ----------
+        kinds : str
+        """
+        return tuple(i for i, variable in enumerate(self.variables) if variable.kind in kinds)
+
+    def dependencies(self, reference: int) -> tuple[int, ...]:
+        """Value references of the states and inputs that an output or derivative depends on.
+
+        Parameters
+        ----------
+        reference : int
+        """
+        variable = self.variables[reference]
+        n_x = len(self.model.states)
+        first = variable.first + (n_x if variable.kind == "output" else 0)
+        row = self.depends[first : first + variable.count].any(axis=0)
+        found = []
+        for i in self.of_kind("input", "state"):
+            known = self.variables[i]
+            at = known.first + (n_x if known.kind == "input" else 0)
+            if row[at : at + known.count].any():
+                found.append(i)
+        return tuple(found)
+
+    @property
+    def sampled(self) -> bool:
+        """Whether blocks inside act at instants only: then outputs at the start depend on more than later."""
+        return bool(self.model.tasks) or self.model.communication > 0.0
+
+
+def fmu_interface(
+    model: CModel,
+    *,
+    fmi: Fmi = "3.0",
+    kinds: Sequence[Literal["cs", "me"]] = ("cs", "me"),
+    solver: FmuSolver | None = None,
+    experiment: FmuExperiment | None = None,
+    arrays: bool = True,
+    author: str = "",
+    description: str = "",
+    derivatives: bool = True,
+) -> FmuInterface:
+    """The variables and structure of an FMU.
+
+    Parameters
+    ----------
+    model : CModel
+    fmi : {"2.0", "3.0"}
+    kinds : sequence of {"cs", "me"}
+        Co-simulation, model exchange.
+    solver : FmuSolver, optional
+    experiment : FmuExperiment, optional
+    arrays : bool
+        FMI 3: x[0], x[1], ... become one array x. FMI 2 has scalars only.
+    author, description : str
+    derivatives : bool
+        Whether the model has directional and adjoint derivatives.
+
+    Raises
+    ------
+    ValueError
+        If a name is not legal in FMI's structured naming convention, or two are equal; the message names it.
+    """
+    if fmi not in ("2.0", "3.0"):
+        raise ValueError(f"fmi: expected '2.0' or '3.0', got {fmi!r}")
+    chosen = set(kinds)
+    if not chosen or not chosen <= {"cs", "me"}:
+        raise ValueError(f"kinds: expected 'cs', 'me' or both, got {tuple(kinds)!r}")
+    solver, experiment = solver or FmuSolver(), experiment or FmuExperiment()
+    grouped = arrays and fmi == "3.0"
+    variables = [InterfaceVariable("time", "time", unit="s", description="Independent variable")]
+    for kind, vector in (("input", model.inputs), ("output", model.outputs), ("parameter", model.parameters)):
+        variables += _variables(kind, vector, grouped)
+    taken = {variable.name for variable in variables}
+    states = _variables("state", _beside(model.states, taken), grouped)
+    first_state = len(variables)
+    variables += states
+    for i, state in enumerate(states):
+        variables.append(
+            InterfaceVariable(
+                f"der({state.name})", "derivative", state.first, state.shape, None, _rate(state.unit),
+                f"Time derivative of {state.name}", first_state + i,
+            )
+        )  # fmt: skip
+    taken = {variable.name for variable in variables}
+    variables += _variables("sampled", _beside(model.sampled_states, taken), grouped)
+    if "cs" in chosen and model.states:
+        variables += _solver_variables(solver)
+    _check_names(variables)
+    n_x, n_rows = len(model.states), len(model.states) + len(model.outputs)
+    shape = (n_rows, n_x + len(model.inputs))
+    depends = np.asarray(model.depends, dtype=bool)
+    return FmuInterface(
+        model=model,
+        fmi=fmi,
+        exchange="me" in chosen,
+        simulation="cs" in chosen,
+        variables=tuple(variables),
+        solver=solver,
+        experiment=experiment,
+        author=author,
+        description=description or model.description,
+        # A model that does not say depends on everything: safe for whoever looks for algebraic loops.
+        depends=depends if depends.shape == shape else np.ones(shape, dtype=bool),
+        derivatives=derivatives,
+    )
+
+
+def _solver_variables(solver: FmuSolver) -> list[InterfaceVariable]:
+    texts = (
+        "Longest step of the solver",
+        "Relative tolerance of the solver",
+        "Absolute tolerance of the solver",
+    )
+    variables = [
+        InterfaceVariable(
+            "solver.step", "solver_step", start=(solver.step or 0.0,), unit="s", description=texts[0]
+        )
+    ]
+    if solver.method == "adaptive":
+        variables.append(
+            InterfaceVariable("solver.rtol", "solver_rtol", start=(solver.rtol,), description=texts[1])
+        )
+        variables.append(
+            InterfaceVariable("solver.atol", "solver_atol", start=(solver.atol,), description=texts[2])
+        )
+    return variables
+
+
+def _beside(vector: tuple[Variable, ...], taken: set[str]) -> tuple[Variable, ...]:
+    """States whose names inputs, outputs or parameters have already get a name of their own."""
+    bases = {_base(name) for name in taken}
+
+    def named(variable: Variable) -> Variable:
+        clash = variable.name in taken or _base(variable.name) in bases
+        name = f"state.{variable.name}" if clash else variable.name
+        return Variable(name, variable.start, variable.unit, variable.description)
+
+    return tuple(named(variable) for variable in vector)
+
+
+def _base(name: str) -> str:
+    match = _INDEXED.fullmatch(name)
+    return match.group(1) if match else name
+
+
+def _rate(unit: str) -> str:
+    if not unit or unit == "1":
+        return "1/s" if unit else ""
+    return f"{unit}/s" if re.fullmatch(r"[A-Za-z ]+", unit) else f"({unit})/s"
+
+
+def _variables(kind: Kind, vector: tuple[Variable, ...], grouped: bool) -> list[InterfaceVariable]:
+    started = kind in {"input", "parameter", "state"}
+    result, i = [], 0
+    while i < len(vector):
+        base, shape = _array_at(vector, i) if grouped else ("", ())
+        if prod(shape) < 2:
+            base, shape = vector[i].name, ()
+        part = vector[i : i + prod(shape)]
+        start = tuple(float(variable.start) for variable in part) if started else None
+        result.append(InterfaceVariable(base, kind, i, shape, start, part[0].unit, part[0].description))
+        i += len(part)
+    return result
+
+
+def _array_at(vector: tuple[Variable, ...], i: int) -> tuple[str, tuple[int, ...]]:
+    """Name and shape of the array that begins at i: all its elements in a row, counted from 0."""
+    match = _INDEXED.fullmatch(vector[i].name)
+    if match is None:
+        return "", ()
+    base, unit = match.group(1), vector[i].unit
+    everywhere = [variable for variable in vector if _base(variable.name) == base and "[" in variable.name]
+    here = vector[i : i + len(everywhere)]
+    indices = []
+    for variable in here:
+        found = _INDEXED.fullmatch(variable.name)
+        if found is None or found.group(1) != base or variable.unit != unit:
+            return "", ()
+        indices.append(tuple(int(k) for k in found.group(2).split(",")))
+    if len({len(index) for index in indices}) != 1:
+        return "", ()
+    shape = tuple(max(part) + 1 for part in zip(*indices, strict=True))
+    complete = list(product(*(range(n) for n in shape)))
+    return (base, shape) if indices == complete else ("", ())
+
+
+def _check_names(variables: list[InterfaceVariable]) -> None:
+    for variable in variables:
+        name = variable.name
+        plain = name[4:-1] if variable.kind == "derivative" else name
+        if _LEGAL.fullmatch(plain) is None:
+            raise ValueError(
+                f"{variable.kind} {name!r} is no legal FMI name: expected identifiers with indices such as v[0], "
+                f"joined by dots, or a part in single quotes; rename the signal, e.g. {_legal(plain)!r}"
+            )
+    double = [name for name, count in Counter(variable.name for variable in variables).items() if count > 1]
+    if double:
+        raise ValueError(
+            f"two variables of the FMU are called {double[0]!r}; rename one of the signals or blocks"
+        )
+
+
+def _legal(name: str) -> str:
+    text = re.sub(r"[^0-9A-Za-z_.\[\],]+", "_", name).strip("_.") or "signal"
+    return text if _LEGAL.fullmatch(text) else re.sub(r"[^0-9A-Za-z_]+", "_", f"s_{text}").strip("_")

@@ -1,0 +1,248 @@
+"""Self-contained FMUs of filters, plants and diagrams."""
+
+from __future__ import annotations
+
+import hashlib
+import warnings
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Literal
+
+import control as ct
+from numpy.typing import ArrayLike
+
+from ..codegen.compiler import CompilerError
+from ..codegen.diagram_source import diagram_model
+from ..codegen.filter_model import filter_model
+from ..codegen.identifiers import checked_identifier, identifier
+from ..codegen.model import CModel
+from ..diagram import FlatModel, flatten
+from ..filter import PhyFilter
+from ..filterfile import Signals
+from ..sampled import SampledPhyFilter
+from .archive_write import write_archive
+from .build import build_binaries, platform_names
+from .description import Fmi, FmuExperiment, FmuInterface, FmuSolver, fmu_interface
+from .description_xml import build_description, model_description, terminals_and_icons
+from .documentation import documentation_page, icon_png, icon_svg, terminal_png
+from .glue import fmu_sources
+
+__all__ = ["export_fmu"]
+
+# RK4 is stable up to |p h| = 2.78 and exact to 1e-6 at a tenth of this.
+_STEPS_PER_POLE = 20.0
+
+
+def export_fmu(
+    system: ct.InputOutputSystem | FlatModel | CModel | PhyFilter | SampledPhyFilter | Sequence[PhyFilter],
+    path: str | Path,
+    *,
+    fmi: Fmi = "3.0",
+    kinds: Sequence[Literal["cs", "me"]] = ("cs", "me"),
+    platforms: Sequence[str] | Literal["all"] = ("native",),
+    name: str | None = None,
+    channels: int | None = None,
+    inertia: ArrayLike | Literal["scalar", "diagonal", "full"] | None = None,
+    rate: Literal["communication", "fixed"] = "communication",
+    signals: Signals | None = None,
+    solver: FmuSolver | None = None,
+    experiment: FmuExperiment | None = None,
+    arrays: bool = True,
+    author: str = "",
+    description: str = "",
+    compiler: str | Path | Sequence[str] | None = None,
+) -> Path:
+    """Write a filter, a plant or a diagram as an FMU that needs nothing but itself to run.
+
+    Parameters
+    ----------
+    system : control.InputOutputSystem, PhyFilter, SampledPhyFilter or sequence of PhyFilter
+        A diagram or block of python-control, or a filter (a sequence: one continuous filter per channel). What
+        :func:`flatten` or ``diagram_model`` made of it is accepted too.
+    path : str or Path
+        The file; replaced if it exists, and only once the FMU is complete.
+    fmi : {"3.0", "2.0"}
+    kinds : sequence of {"cs", "me"}
+        Co-simulation, model exchange.
+    platforms : sequence of str or "all"
+        "native" is this machine with the system's compiler; "x86_64-linux", "aarch64-linux", "x86_64-windows",
+        "x86_64-darwin", "aarch64-darwin" or "all" need the extra ``cross``. () makes an FMU of sources only.
+    name : str, optional
+        Model identifier, a C identifier. By default the diagram's name or "phyfilter".
+    channels : int, optional
+        Of a filter: number n_x of channels of x. By default those that E, the limit or ``signals`` tell, else 1.
+    inertia : float, (n_x,) or (n_x, n_x) array, {"scalar", "diagonal", "full"} or None
+        Of a filter: constant inertia; or, where it is sampled, the kind that is an input; or None for I.
+    rate : {"communication", "fixed"}
+        A sampled filter takes one sample per communication step, over the time that has passed; or every dt seconds.
+    signals : Signals, optional
+        Of a filter: names of channels and units.
+    solver : FmuSolver, optional
+        Of co-simulation with continuous states. By default RK4 in steps of 1 ms, shorter for a filter with fast poles.
+    experiment : FmuExperiment, optional
+        Start, stop, step and tolerance that importers take by default.
+    arrays : bool
+        FMI 3: x[0], x[1], ... as one array x. False for importers without arrays.
+    author, description : str
+        For the model description.
+    compiler : str, Path or sequence of str, optional
+        For "native"; by default $CC, cc, gcc, clang or ziglang's.
+
+    Returns
+    -------
+    Path
+        ``path``.
+
+    Raises
+    ------
+    ValueError
+        If a block cannot be traced or a name is not legal in FMI (the message names it); for options that contradict
+        each other.
+    CompilerError
+        If the compiler fails, or one for other platforms is missing.
+    TypeError
+        If ``system`` is none of the above.
+
+    Warns
+    -----
+    UserWarning
+        If this machine has no compiler: the FMU then holds sources only, and its documentation says so.
+
+    Notes
+    -----
+    The archive is the same to the byte for the same system, tool chain and SOURCE_DATE_EPOCH.
+
+    Co-simulation: inputs are constant over a communication step (FMI 2: or of given slope). Outputs are evaluated when
+    asked for, so they follow inputs that are set at the same point. A step on an input that is not finite is discarded.
+
+    References
+    ----------
+    .. [1] Functional Mock-up Interface Specification, versions 2.0.5 and 3.0.2, Modelica Association.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from phyfilter_ctl import PhyFilter
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     export_fmu(PhyFilter([400.0, 40.0]).sampled(0.002), Path(folder, "wing.fmu"), channels=3).name
+    'wing.fmu'
+    """
+    chosen = platform_names(platforms)
+    model, filters = _c_model(system, name, channels, inertia, rate, signals)
+    interface = fmu_interface(
+        model, fmi=fmi, kinds=kinds, solver=_solver(solver, filters if model.states else ()), experiment=experiment,
+        arrays=arrays, author=author, description=description,
+    )  # fmt: skip
+    tolerant = isinstance(system, SampledPhyFilter) and system.nonfinite == "hold"
+    token, sources = _sealed(interface, tolerant)
+    binaries: dict[str, bytes] = {}
+    try:
+        if chosen:
+            binaries = build_binaries(sources, name=model.name, fmi=fmi, platforms=chosen, compiler=compiler)
+    except CompilerError as error:
+        if compiler is not None or chosen != ("native",) or not str(error).startswith("no C compiler"):
+            raise
+        warnings.warn(
+            f"{Path(path).name} holds sources only, it runs nowhere as it is: {error}", stacklevel=2
+        )
+    notes = [system.describe()] if isinstance(system, PhyFilter) else []
+    page = documentation_page(interface, filters=filters, notes=notes, sources_only=not binaries)
+    return write_archive(path, _entries(interface, token, sources, page) | binaries)
+
+
+def _c_model(
+    system: ct.InputOutputSystem | FlatModel | CModel | PhyFilter | SampledPhyFilter | Sequence[PhyFilter],
+    name: str | None,
+    channels: int | None,
+    inertia: ArrayLike | Literal["scalar", "diagonal", "full"] | None,
+    rate: Literal["communication", "fixed"],
+    signals: Signals | None,
+) -> tuple[CModel, tuple[PhyFilter, ...]]:
+    """The C sources, and the filters to draw."""
+    if isinstance(system, (PhyFilter, SampledPhyFilter)) or (
+        isinstance(system, (list, tuple)) and system and all(isinstance(part, PhyFilter) for part in system)
+    ):
+        filters = system.filters if isinstance(system, SampledPhyFilter) else system
+        parts = (filters,) if isinstance(filters, PhyFilter) else tuple(filters)
+        count = channels if channels is not None else _channels(system, parts, signals)
+        return (
+            filter_model(
+                system, count, inertia=inertia, name=name or "phyfilter", rate=rate, signals=signals
+            ),
+            parts,
+        )
+    for option, value in (("channels", channels), ("inertia", inertia), ("signals", signals)):
+        if value is not None:
+            raise ValueError(f"{option} belongs to filters; a diagram has its own")
+    if rate != "communication":
+        raise ValueError(
+            f"rate={rate!r} belongs to filters; the sampled blocks of a diagram run on their own grids"
+        )
+    if isinstance(system, CModel):
+        return (system if name is None else replace(system, name=checked_identifier(name))), ()
+    if isinstance(system, ct.InputOutputSystem):
+        system = flatten(system)
+    if not isinstance(system, FlatModel):
+        raise TypeError(
+            f"export_fmu: expected a filter or a python-control system, got {type(system).__name__}; wrap equations "
+            "with phyfilter_ctl.plant or function_block"
+        )
+    return diagram_model(system, name=name or _own_name(system.name)), ()
+
+
+def _own_name(name: str) -> str:
+    # python-control numbers what the user left without a name.
+    plain = identifier(name or "diagram").removeprefix("pf_").strip("_")
+    return plain if plain[:1].isalpha() else f"model_{plain}".rstrip("_")
+
+
+def _channels(
+    system: PhyFilter | SampledPhyFilter | Sequence[PhyFilter],
+    parts: tuple[PhyFilter, ...],
+    signals: Signals | None,
+) -> int:
+    if signals is not None and signals.channels:
+        return len(signals.channels)
+    if isinstance(system, SampledPhyFilter) and system.E is not None:
+        return int(system._measure.shape[1])
+    return len(parts)
+
+
+def _solver(solver: FmuSolver | None, filters: tuple[PhyFilter, ...]) -> FmuSolver:
+    if solver is not None or not filters:
+        return solver or FmuSolver()
+    fastest = max(float(abs(part.poles).max()) for part in filters)
+    return FmuSolver(step=min(1e-3, 1.0 / (_STEPS_PER_POLE * fastest)))
+
+
+def _sealed(interface: FmuInterface, accept_bad_inputs: bool) -> tuple[str, dict[str, str]]:
+    """Token from the content, and the sources with it inside."""
+    open_sources = fmu_sources(interface, "", accept_bad_inputs=accept_bad_inputs)
+    digest = hashlib.sha256()
+    for text in (
+        model_description(interface, "", ()),
+        *(part for item in open_sources.items() for part in item),
+    ):
+        digest.update(text.encode("utf-8") + b"\0")
+    code = digest.hexdigest()
+    token = "-".join((code[:8], code[8:12], code[12:16], code[16:20], code[20:32]))
+    return token, fmu_sources(interface, token, accept_bad_inputs=accept_bad_inputs)
+
+
+def _entries(
+    interface: FmuInterface, token: str, sources: dict[str, str], page: str
+) -> dict[str, bytes | str]:
+    files = [name for name in sources if name.endswith(".c")]
+    entries: dict[str, bytes | str] = {f"sources/{name}": text for name, text in sources.items()}
+    entries["modelDescription.xml"] = model_description(interface, token, files)
+    entries["documentation/index.html"] = page
+    if interface.fmi == "2.0":
+        entries["model.png"] = icon_png()
+        return entries
+    entries["sources/buildDescription.xml"] = build_description(interface, files)
+    entries["terminalsAndIcons/terminalsAndIcons.xml"] = terminals_and_icons(interface)
+    entries["terminalsAndIcons/icon.png"] = icon_png()
+    entries["terminalsAndIcons/icon.svg"] = icon_svg()
+    entries["terminalsAndIcons/terminal.png"] = terminal_png()
+    return entries

@@ -1,0 +1,139 @@
+"""The C that ties one model to the FMI shell, and the shell's own files."""
+
+from __future__ import annotations
+
+from importlib import resources
+from importlib.util import find_spec
+from pathlib import Path
+
+import numpy as np
+
+from ..codegen.diagram_source import runtime_sources
+from .description import FmuInterface
+
+__all__ = ["SHELL", "fmi_headers", "fmu_sources", "glue_source"]
+
+SHELL = ("pf_fmi.h", "pf_fmi.c", "pf_fmi_run.c", "pf_fmi_state.c", "pf_fmi_derivative.c")
+_FRONT = {"2.0": "pf_fmi2.c", "3.0": "pf_fmi3.c"}
+_HEADERS = {
+    "2.0": ("fmi2Functions.h", "fmi2FunctionTypes.h", "fmi2TypesPlatform.h"),
+    "3.0": ("fmi3Functions.h", "fmi3FunctionTypes.h", "fmi3PlatformTypes.h"),
+}
+_RUNTIME = ("pf_model.h", "pf_run.h", "pf_run.c")
+# Steps of the solver, or instants, within one communication step: more is a mistake in the importer's units.
+_MOST_STEPS = 1e7
+
+
+def fmi_headers(fmi: str) -> dict[str, str]:
+    """The standard's C headers: needed to compile, not part of an FMU.
+
+    Parameters
+    ----------
+    fmi : {"2.0", "3.0"}
+
+    Raises
+    ------
+    RuntimeError
+        If fmpy, which brings them, is not installed.
+    """
+    found = find_spec("fmpy")
+    if found is None or found.origin is None:
+        raise RuntimeError("the FMI headers come with fmpy, which is not installed: pip install fmpy")
+    folder = Path(found.origin).parent / "c-code"
+    return {name: (folder / name).read_text(encoding="utf-8") for name in _HEADERS[fmi]}
+
+
+def fmu_sources(interface: FmuInterface, token: str, *, accept_bad_inputs: bool = False) -> dict[str, str]:
+    """Everything in the folder sources: model, runtime, shell and the table between them.
+
+    Parameters
+    ----------
+    interface : FmuInterface
+    token : str
+    accept_bad_inputs : bool
+        Leave inputs that are not finite to the model (``nonfinite="hold"``).
+    """
+    folder = resources.files(__package__) / "shell"
+    shell = {name: (folder / name).read_text(encoding="utf-8") for name in (*SHELL, _FRONT[interface.fmi])}
+    own = {
+        f"{interface.model.name}_fmu.c": glue_source(interface, token, accept_bad_inputs=accept_bad_inputs)
+    }
+    sources = {**runtime_sources(_RUNTIME), **interface.model.sources, **shell, **own}
+    return dict(sorted(sources.items()))
+
+
+def glue_source(interface: FmuInterface, token: str, *, accept_bad_inputs: bool = False) -> str:
+    """``<name>_fmu.c``: the table pf_fmu_here.
+
+    Parameters
+    ----------
+    interface : FmuInterface
+    token : str
+    accept_bad_inputs : bool
+    """
+    model = interface.model
+    variables = "\n".join(
+        f"    {{PF_FMI_{variable.kind.upper()}, {variable.first}, {variable.count}}}, "
+        f"/* {i}: {_in_comment(variable.name)} */"
+        for i, variable in enumerate(interface.variables)
+    )
+    names = ", ".join(_quoted(variable.name) for variable in model.inputs) or "0"
+    counts = np.concatenate([[0], np.cumsum(interface.depends.sum(axis=1))])
+    columns = [int(column) for column in np.nonzero(interface.depends)[1]] or [0]
+    solver, kinds = interface.solver, []
+    if interface.exchange:
+        kinds.append("PF_FMI_MODEL_EXCHANGE")
+    if interface.simulation:
+        kinds.append("PF_FMI_CO_SIMULATION")
+    method = "PF_RK4" if solver.method == "rk4" else "PF_ADAPTIVE"
+    return f"""\
+/* The FMU's variables and how they lie in the model. Generated. */
+#include "pf_fmi.h"
+
+extern const pf_model {model.symbol};
+
+static const pf_fmi_variable VARIABLES[] = {{
+{variables}
+}};
+
+static const char *const INPUTS[] = {{{names}}};
+
+/* Rows: derivatives, outputs. Columns: states, inputs. */
+static const uint32_t ROWS[] = {{{_list(counts.tolist())}}};
+static const uint32_t COLUMNS[] = {{{_list(columns)}}};
+
+const pf_fmu pf_fmu_here = {{
+    .model = &{model.symbol},
+    .token = "{{{token}}}",
+    .kinds = {" | ".join(kinds)},
+    .variables = VARIABLES,
+    .n_variables = {len(interface.variables)},
+    .inputs = INPUTS,
+    .solver = {{{method}, {solver.step!r}, {solver.rtol!r}, {solver.atol!r}, 0.0}},
+    .communication = {float(model.communication)!r},
+    .longest_step = {_longest_step(interface)!r},
+    .accept_bad_inputs = {int(accept_bad_inputs)},
+    .rows = ROWS,
+    .columns = COLUMNS}};
+"""
+
+
+def _in_comment(text: str) -> str:
+    return text.replace("*/", "* /").replace("/*", "/ *").replace("??", "? ?")
+
+
+def _quoted(text: str) -> str:
+    escaped = text.replace("\\", "\\\\").replace('"', '\\"').replace("?", "\\?")  # ?? would be a trigraph
+    return f'"{escaped}"'
+
+
+def _list(numbers: list[int]) -> str:
+    lines = [numbers[i : i + 24] for i in range(0, len(numbers), 24)]
+    return ",\n    ".join(", ".join(str(number) for number in line) for line in lines)
+
+
+def _longest_step(interface: FmuInterface) -> float:
+    intervals = [period for _, period in interface.model.tasks]
+    if interface.model.states and interface.solver.method == "rk4" and interface.solver.step:
+        intervals.append(interface.solver.step)
+    return _MOST_STEPS * min(intervals) if intervals else 1e300

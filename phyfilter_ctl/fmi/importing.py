@@ -1,0 +1,126 @@
+"""FMUs imported."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from .archive import ArchiveLimits
+from .importing_blocks import FmuModel
+from .importing_steps import FmuSteps
+from .inspect import FmuDescription, Kind, Scalar
+from .unpacked import UnpackedFmu
+
+__all__ = ["import_fmu"]
+
+
+def import_fmu(
+    path: str | Path,
+    *,
+    kind: Kind | None = None,
+    name: str | None = None,
+    step: float | None = None,
+    parameters: Mapping[str, Scalar] | None = None,
+    start_time: float = 0.0,
+    tolerance: float | None = None,
+    events: Literal["raise", "ignore"] = "raise",
+    limits: ArchiveLimits | None = None,
+) -> FmuModel | FmuSteps:
+    """Import an FMU (FMI 2.0 or 3.0) as a python-control system.
+
+    **The FMU's code is run in this process, with all it may do.** Import files you trust only; :func:`describe` reads
+    any file without running it.
+
+    Parameters
+    ----------
+    path : str or Path
+    kind : {"me", "cs"}, optional
+        Model exchange gives a continuous system (its states and derivatives are python-control's), co-simulation a
+        discrete one (the FMU integrates itself). None: model exchange if the FMU has it and has no event indicators.
+    name : str, optional
+        Of the block; the model's name by default.
+    step : float, optional
+        Communication step in seconds of a co-simulation FMU; its default experiment's by default.
+    parameters : dict of str to number or text, optional
+        Values of parameters and start values; elements of arrays as ``a[0]``.
+    start_time : float
+        Seconds.
+    tolerance : float, optional
+        Relative, of the FMU's own solver.
+    events : {"raise", "ignore"}
+        What to do with a model-exchange FMU that has events, which python-control's simulation does not handle.
+    limits : ArchiveLimits, optional
+        What the archive may hold at most.
+
+    Returns
+    -------
+    FmuModel or FmuSteps
+        Its inputs and outputs are the FMU's (an array ``x`` as ``x[0]``, ``x[1]``, ...; a dot in a name, which
+        python-control does not allow, becomes an underscore), ``params`` its numeric parameters, ``units`` their
+        units.
+
+    Raises
+    ------
+    FileNotFoundError, ValueError
+        As for :func:`describe`; if the FMU has no binary for this platform, is of another kind, or no step is known.
+    FmuError
+        If the FMU itself fails.
+
+    Examples
+    --------
+    >>> block = import_fmu("drone.fmu", kind="me")                                  # doctest: +SKIP
+    >>> ct.input_output_response(block, timepts, inputs, block.start_state)       # doctest: +SKIP
+    """
+    if kind not in (None, "me", "cs"):
+        raise ValueError(f'kind: expected "me" or "cs", got {kind!r}')
+    if events not in ("raise", "ignore"):
+        raise ValueError(f'events: expected "raise" or "ignore", got {events!r}')
+    fmu = UnpackedFmu(path, limits=limits)
+    description = fmu.description
+    try:
+        if kind is None:
+            continuous = "me" in description.kinds and not (
+                description.event_indicators and "cs" in description.kinds
+            )
+            kind = "me" if continuous else "cs"
+        label = name or re.sub(r"\W", "_", description.name)
+        _known(description, parameters or {})
+        if kind == "me":
+            return FmuModel(
+                fmu,
+                name=label,
+                parameters=parameters,
+                start_time=start_time,
+                tolerance=tolerance,
+                events=events,
+            )
+        dt = step or description.step
+        if dt is None or not 0.0 < dt < np.inf:
+            raise ValueError(
+                f"{path}: step: expected seconds > 0, got {dt}; the FMU's default experiment names none"
+            )
+        return FmuSteps(
+            fmu, name=label, step=dt, parameters=parameters, start_time=start_time, tolerance=tolerance
+        )
+    except BaseException:
+        fmu.close()
+        raise
+
+
+def _known(description: FmuDescription, parameters: Mapping[str, Scalar]) -> None:
+    settable = {
+        label
+        for entry in description.variables
+        if entry.start or entry.causality == "input"
+        for label in (entry.name, *entry.labels)
+    }
+    unknown = [key for key in parameters if key not in settable]
+    if unknown:
+        raise ValueError(
+            f"{description.path}: no variable with a start value is called {', '.join(unknown)}; "
+            f"there are {', '.join(sorted(settable))}"
+        )

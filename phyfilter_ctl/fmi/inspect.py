@@ -1,0 +1,494 @@
+"""What an FMU says of itself, read without loading its code."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import re
+import tempfile
+import zipfile
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cache
+from itertools import product
+from pathlib import Path
+from typing import Literal
+
+import fmpy
+import lxml.etree as etree
+from fmpy.model_description import ModelDescription, ModelVariable, ValidationError, read_model_description
+
+from .archive import ArchiveLimits, archive_entries, parse_xml, read_entry
+
+__all__ = ["FmuDescription", "FmuKind", "FmuUnit", "FmuVariable", "describe", "native_platform"]
+
+_VERSIONS = {"2.0": "2.0", "3.0": "3.0"}
+# FMI 2.0 folder names of what FMI 3.0 calls architecture-system.
+_FMI2_FOLDERS = {
+    "linux64": "x86_64-linux",
+    "linux32": "x86-linux",
+    "win64": "x86_64-windows",
+    "win32": "x86-windows",
+    "darwin64": "x86_64-darwin",
+}
+_SUFFIXES = (".so", ".dll", ".dylib")
+_BASE_UNITS = ("kg", "m", "s", "A", "K", "mol", "cd", "rad")
+Scalar = float | int | bool | str
+Kind = Literal["me", "cs"]
+_KINDS: dict[Kind, str] = {"me": "ModelExchange", "cs": "CoSimulation"}
+
+
+@dataclass(frozen=True)
+class FmuUnit:
+    """A unit in SI base units: value in SI = factor * value + offset.
+
+    Parameters
+    ----------
+    exponents : dict of str to int
+        Of kg, m, s, A, K, mol, cd, rad; only those that are not zero.
+    factor, offset : float
+    """
+
+    exponents: Mapping[str, int]
+    factor: float = 1.0
+    offset: float = 0.0
+
+
+@dataclass(frozen=True)
+class FmuVariable:
+    """A variable of an FMU; an array is one variable.
+
+    Parameters
+    ----------
+    name, type, causality, variability, initial, unit, display_unit, description : str
+        As in the model description; type is "Float64" for FMI 2.0's "Real". "" where there is none.
+    reference : int
+        Value reference.
+    shape : tuple of int
+        () for a scalar.
+    start : tuple
+        Start values, flat; one value may stand for a whole array; empty where there is none.
+    minimum, maximum, nominal : float or None
+    derivative_of : str
+        Name of the state that this is the derivative of, or "".
+    """
+
+    name: str
+    reference: int
+    type: str
+    causality: str
+    variability: str
+    initial: str = ""
+    unit: str = ""
+    display_unit: str = ""
+    shape: tuple[int, ...] = ()
+    start: tuple[Scalar, ...] = ()
+    minimum: float | None = None
+    maximum: float | None = None
+    nominal: float | None = None
+    derivative_of: str = ""
+    description: str = ""
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """Names of its scalars in C order: ``x`` itself, or ``x[0]``, ``x[1]``, or ``x[0,0]``, ...
+
+        Examples
+        --------
+        >>> FmuVariable("x", 1, "Float64", "input", "continuous", shape=(2,)).labels
+        ('x[0]', 'x[1]')
+        """
+        if not self.shape:
+            return (self.name,)
+        indices = product(*(range(size) for size in self.shape))
+        return tuple(f"{self.name}[{','.join(map(str, index))}]" for index in indices)
+
+    @property
+    def starts(self) -> tuple[Scalar, ...]:
+        """One start value per label; empty where there is none.
+
+        Examples
+        --------
+        >>> FmuVariable("x", 1, "Float64", "input", "continuous", shape=(2,), start=(0.5,)).starts
+        (0.5, 0.5)
+        """
+        count = len(self.labels)
+        return self.start * count if len(self.start) == 1 else self.start
+
+
+@dataclass(frozen=True)
+class FmuKind:
+    """Capabilities of an FMU as model exchange or co-simulation.
+
+    Parameters
+    ----------
+    identifier : str
+        Stem of the binary's name.
+    state : bool
+        Its state can be taken and put back (needed for a rollback).
+    serialize : bool
+    directional_derivatives, adjoint_derivatives : bool
+    variable_step : bool
+        Co-simulation only: communication steps may differ.
+    fixed_step : float or None
+        Communication steps must be multiples of this.
+    needs_tool : bool
+        It only runs beside the tool that made it.
+    once_per_process : bool
+        It has global data: two instances would share it.
+    """
+
+    identifier: str
+    state: bool = False
+    serialize: bool = False
+    directional_derivatives: bool = False
+    adjoint_derivatives: bool = False
+    variable_step: bool = True
+    fixed_step: float | None = None
+    needs_tool: bool = False
+    once_per_process: bool = False
+
+
+@dataclass(frozen=True)
+class FmuDescription:
+    """What an FMU says of itself; made by :func:`describe`.
+
+    Parameters
+    ----------
+    path, name, fmi, description, tool, generated, token : str
+        File, model name, FMI version, one line, generating tool, date, GUID or instantiation token.
+    kinds : dict of str to FmuKind
+        "me" and "cs", as far as it has them.
+    platforms : tuple of str
+        With a binary, as ``x86_64-linux``.
+    sources : bool
+        Whether C sources are inside.
+    variables : tuple of FmuVariable
+    units : dict of str to FmuUnit
+    states, event_indicators : int
+        Number of continuous states and of event indicators.
+    dependencies : dict of str to tuple of str or None
+        For each output and state derivative: the variables it is said to depend on; None where nothing is said.
+    start_time, stop_time, step, tolerance : float or None
+        Default experiment.
+    entries, size : int
+        Files in the archive, bytes unpacked.
+    """
+
+    path: str
+    name: str
+    fmi: str
+    kinds: Mapping[Kind, FmuKind]
+    platforms: tuple[str, ...]
+    sources: bool
+    variables: tuple[FmuVariable, ...]
+    units: Mapping[str, FmuUnit] = field(default_factory=dict)
+    states: int = 0
+    event_indicators: int = 0
+    dependencies: Mapping[str, tuple[str, ...] | None] = field(default_factory=dict)
+    start_time: float | None = None
+    stop_time: float | None = None
+    step: float | None = None
+    tolerance: float | None = None
+    description: str = ""
+    tool: str = ""
+    generated: str = ""
+    token: str = ""
+    entries: int = 0
+    size: int = 0
+
+    def of(self, causality: str) -> tuple[FmuVariable, ...]:
+        """Variables of one causality.
+
+        Parameters
+        ----------
+        causality : str
+            "input", "output", "parameter", "local", ...
+        """
+        return tuple(variable for variable in self.variables if variable.causality == causality)
+
+    @property
+    def state_labels(self) -> tuple[str, ...]:
+        """Names of the continuous states, in the order of the derivatives in the model structure."""
+        by_name = {variable.name: variable for variable in self.variables}
+        derivatives = (by_name[name] for name in self.dependencies if by_name[name].derivative_of)
+        return tuple(label for entry in derivatives for label in by_name[entry.derivative_of].labels)
+
+    def as_json(self) -> str:
+        """All of it as JSON."""
+        return json.dumps(dataclasses.asdict(self), indent=2, ensure_ascii=False)
+
+    def __str__(self) -> str:
+        kinds = ", ".join(f"{name} ({_abilities(kind)})" for name, kind in self.kinds.items())
+        facts = {
+            "file": f"{self.path}, {self.entries} entries, {self.size} bytes unpacked",
+            "FMI": f"{self.fmi}, {kinds}",
+            "platforms": ", ".join(self.platforms) or "none",
+            "sources": "yes" if self.sources else "no",
+            "made by": " ".join(part for part in (self.tool, self.generated) if part) or "not said",
+            "states": f"{self.states}, {self.event_indicators} event indicators",
+            "experiment": _experiment(self),
+        }
+        head = f"{self.name}: {self.description}" if self.description else self.name
+        lines = [head, *(f"  {key:<11} {text}" for key, text in facts.items())]
+        for causality in (
+            "input",
+            "output",
+            "parameter",
+            "structuralParameter",
+            "calculatedParameter",
+            "local",
+        ):
+            entries = self.of(causality)
+            if entries:
+                lines.append(f"  {causality}")
+                lines += [f"    {_variable_line(entry)}" for entry in entries]
+        return "\n".join(lines)
+
+
+def native_platform() -> str:
+    """Name of this machine's platform, as ``x86_64-linux``."""
+    return fmpy.platform_tuple
+
+
+def describe(path: str | Path, *, limits: ArchiveLimits | None = None) -> FmuDescription:
+    """Read an FMU's description. Nothing of the FMU is run.
+
+    Parameters
+    ----------
+    path : str or Path
+    limits : ArchiveLimits, optional
+        What the archive may hold at most.
+
+    Raises
+    ------
+    FileNotFoundError
+        If there is no such file.
+    ValueError
+        If the archive is damaged or hostile, is no FMU, has another FMI version than 2.0 or 3.0, or a description
+        that its schema does not allow (with the lines concerned).
+    """
+    path = Path(path)
+    entries = archive_entries(path, limits)
+    names = {entry.filename for entry in entries}
+    if "modelDescription.xml" not in names:
+        raise ValueError(f"{path}: no modelDescription.xml inside: not an FMU")
+    documents = {
+        name: read_entry(path, name, limits)
+        for name in ("modelDescription.xml", "sources/buildDescription.xml")
+        if name in names
+    }
+    roots = {name: parse_xml(data, f"{path}: {name}", limits) for name, data in documents.items()}
+    _validate(path, roots["modelDescription.xml"])
+    with tempfile.TemporaryDirectory(prefix="phyfilter-") as folder:
+        for name, data in documents.items():
+            target = Path(folder, *name.split("/"))
+            target.parent.mkdir(exist_ok=True)
+            target.write_bytes(data)
+        model = _read(Path(folder), str(path))
+    return _described(path, roots["modelDescription.xml"], model, entries)
+
+
+@cache
+def _schema(version: str) -> etree.XMLSchema:
+    """FMI's schema, as fmpy ships it."""
+    folder = Path(fmpy.__file__).parent / "schema" / f"fmi{version[0]}"
+    return etree.XMLSchema(file=str(folder / f"fmi{version[0]}ModelDescription.xsd"))
+
+
+def _validate(path: Path, root: etree._Element) -> None:
+    schema = _schema(_version(path, root))
+    if not schema.validate(root):
+        problems = "\n".join(f"  line {entry.line}: {entry.message}" for entry in schema.error_log)
+        raise ValueError(f"{path}: modelDescription.xml is not valid:\n{problems}")
+
+
+def _read(folder: Path, name: str) -> ModelDescription:
+    """fmpy's description of an unpacked FMU; its errors as ValueError.
+
+    Beyond the schema nothing is validated here: FMUs with undefined units or odd names are many, and run. `check`
+    reports them.
+    """
+    try:
+        return read_model_description(str(folder), validate=False)
+    except ValidationError as error:
+        raise ValueError(f"{name}: modelDescription.xml is not valid: {'; '.join(error.problems)}") from error
+    except (
+        Exception
+    ) as error:  # fmpy raises what its parser stumbles over: KeyError, IndexError, bare Exception
+        raise ValueError(f"{name}: modelDescription.xml cannot be read: {error!r}") from error
+
+
+def _version(path: Path, root: etree._Element) -> str:
+    if root.tag != "fmiModelDescription":
+        raise ValueError(
+            f"{path}: modelDescription.xml starts with <{root.tag}>, expected <fmiModelDescription>"
+        )
+    found = root.get("fmiVersion") or "none"
+    # FMI 3.0 minor and beta versions read as 3.0; FMI 1.0 has another interface altogether.
+    version = _VERSIONS.get(found) or ("3.0" if re.fullmatch(r"3\.0(\.\d+|-.*)?", found) else "")
+    if not version:
+        raise ValueError(f"{path}: FMI version {found!r}; expected 2.0 or 3.0")
+    return version
+
+
+def _described(
+    path: Path, root: etree._Element, model: ModelDescription, entries: tuple[zipfile.ZipInfo, ...]
+) -> FmuDescription:
+    names = [entry.filename for entry in entries]
+    variables = tuple(_variable(entry) for entry in model.modelVariables if entry.type is not None)
+    kinds: dict[Kind, FmuKind] = {}
+    for kind, tag in _KINDS.items():
+        if (element := root.find(tag)) is not None:
+            kinds[kind] = _kind(element)
+    experiment = model.defaultExperiment
+    return FmuDescription(
+        path=str(path),
+        name=model.modelName or path.stem,
+        fmi=_version(path, root),
+        kinds=kinds,
+        platforms=_platforms(names),
+        sources=any(re.fullmatch(r"sources/.+\.(c|cc|cpp)", name) for name in names),
+        variables=_with_derivatives(model, variables),
+        units={unit.name: _unit(unit) for unit in model.unitDefinitions if unit.name and unit.baseUnit},
+        states=model.numberOfContinuousStates,
+        event_indicators=model.numberOfEventIndicators,
+        dependencies={
+            entry.variable.name: None
+            if entry.dependencies is None
+            else tuple(known.name for known in entry.dependencies)
+            for entry in [*model.outputs, *model.derivatives]
+            if entry.variable is not None
+        },
+        start_time=_number(experiment.startTime) if experiment else None,
+        stop_time=_number(experiment.stopTime) if experiment else None,
+        step=_number(experiment.stepSize) if experiment else None,
+        tolerance=_number(experiment.tolerance) if experiment else None,
+        description=model.description or "",
+        tool=model.generationTool or "",
+        generated=model.generationDateAndTime or "",
+        token=model.instantiationToken or "",
+        entries=len(entries),
+        size=sum(entry.file_size for entry in entries),
+    )
+
+
+def _with_derivatives(model: ModelDescription, variables: tuple[FmuVariable, ...]) -> tuple[FmuVariable, ...]:
+    states = {
+        entry.name: entry.derivative.name
+        for entry in model.modelVariables
+        if isinstance(entry.derivative, ModelVariable)
+    }
+    return tuple(dataclasses.replace(entry, derivative_of=states.get(entry.name, "")) for entry in variables)
+
+
+def _variable(entry: ModelVariable) -> FmuVariable:
+    declared = entry.declaredType
+    kind = {"Real": "Float64", "Integer": "Int32"}.get(entry.type, entry.type)
+
+    def attribute(name: str) -> str | None:
+        """Of the variable, else of the type it is declared with."""
+        own = getattr(entry, name)
+        return own if own is not None or declared is None else getattr(declared, name)
+
+    return FmuVariable(
+        name=entry.name,
+        reference=entry.valueReference,
+        type=kind,
+        causality=entry.causality or "local",
+        variability=entry.variability or "",
+        initial=entry.initial or "",
+        unit=attribute("unit") or "",
+        display_unit=attribute("displayUnit") or "",
+        shape=tuple(entry.shape or ()),
+        start=_start(kind, entry.start),
+        minimum=_number(attribute("min")),
+        maximum=_number(attribute("max")),
+        nominal=_number(attribute("nominal")),
+        description=entry.description or "",
+    )
+
+
+def _start(kind: str, text: str | None) -> tuple[Scalar, ...]:
+    if text is None:
+        return ()
+    if kind in ("String", "Binary"):
+        return (text,)
+    if kind == "Boolean":
+        return tuple(word in ("true", "1") for word in text.split())
+    return tuple(float(word) if kind.startswith("Float") else int(word) for word in text.split())
+
+
+def _kind(element: etree._Element) -> FmuKind:
+    """Capabilities from the XML itself: fmpy drops some of FMI 3.0's."""
+
+    def flag(*names: str) -> bool:
+        return any(element.get(name) in ("true", "1") for name in names)
+
+    fixed = element.get("fixedInternalStepSize")
+    return FmuKind(
+        identifier=element.get("modelIdentifier", ""),
+        state=flag("canGetAndSetFMUstate", "canGetAndSetFMUState"),
+        serialize=flag("canSerializeFMUstate", "canSerializeFMUState"),
+        directional_derivatives=flag("providesDirectionalDerivative", "providesDirectionalDerivatives"),
+        adjoint_derivatives=flag("providesAdjointDerivatives"),
+        variable_step=flag("canHandleVariableCommunicationStepSize"),
+        fixed_step=_number(fixed),
+        needs_tool=flag("needsExecutionTool"),
+        once_per_process=flag("canBeInstantiatedOnlyOncePerProcess"),
+    )
+
+
+def _unit(unit: object) -> FmuUnit:
+    base = getattr(unit, "baseUnit", None)
+    exponents = {name: int(getattr(base, name)) for name in _BASE_UNITS if getattr(base, name, 0)}
+    return FmuUnit(exponents, float(getattr(base, "factor", 1.0)), float(getattr(base, "offset", 0.0)))
+
+
+def _platforms(names: list[str]) -> tuple[str, ...]:
+    found = {
+        _FMI2_FOLDERS.get(match.group(1), match.group(1))
+        for name in names
+        if name.endswith(_SUFFIXES) and (match := re.fullmatch(r"binaries/([^/]+)/[^/]+", name))
+    }
+    return tuple(sorted(found))
+
+
+def _number(text: str | float | None) -> float | None:
+    return None if text is None else float(text)
+
+
+def _abilities(kind: FmuKind) -> str:
+    words = {
+        "state": kind.state,
+        "serialized state": kind.serialize,
+        "directional derivatives": kind.directional_derivatives,
+        "adjoint derivatives": kind.adjoint_derivatives,
+        "variable step": kind.variable_step,
+        "needs its tool": kind.needs_tool,
+        "one instance per process": kind.once_per_process,
+    }
+    return ", ".join(word for word, has in words.items() if has) or "no options"
+
+
+def _experiment(description: FmuDescription) -> str:
+    words = {
+        "start": description.start_time,
+        "stop": description.stop_time,
+        "step": description.step,
+        "tolerance": description.tolerance,
+    }
+    return ", ".join(f"{word} {value:g}" for word, value in words.items() if value is not None) or "not said"
+
+
+def _variable_line(entry: FmuVariable) -> str:
+    size = "x".join(map(str, entry.shape))
+    start = ", ".join(f"{value:g}" if isinstance(value, float) else str(value) for value in entry.start)
+    parts = [
+        f"{entry.name}{f' ({size})' if size else ''}",
+        f"[{entry.unit}]" if entry.unit else "",
+        f"= {start}" if start else "",
+        "" if entry.variability in ("continuous", "") else entry.variability,
+        f"  {entry.description}" if entry.description else "",
+    ]
+    return " ".join(part for part in parts if part)

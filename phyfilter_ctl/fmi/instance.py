@@ -1,0 +1,510 @@
+"""One running instance of an FMU, the same for FMI 2.0 and 3.0, model exchange and co-simulation."""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import weakref
+from collections import deque
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
+from functools import cache
+from pathlib import Path
+from typing import Any, TypeVar
+
+import fmpy
+import numpy as np
+from fmpy import fmi2, fmi3
+from fmpy.fmi1 import FMICallException
+
+from .._sections import FloatArray
+from .inspect import FmuDescription, FmuKind, Kind, Scalar, native_platform
+from .signals import Signals, is_numeric
+from .unpacked import UnpackedFmu
+
+__all__ = ["FmuError", "FmuInstance"]
+
+T = TypeVar("T")
+_STATUS = ("ok", "warning", "discard", "error", "fatal", "pending")
+_FMI2_FOLDERS = {"x86_64-linux": "linux64", "x86_64-windows": "win64", "x86_64-darwin": "darwin64"}
+_KEPT_MESSAGES = 200
+_SHOWN_MESSAGES = 5
+
+
+class FmuError(RuntimeError):
+    """A call into an FMU failed.
+
+    Parameters
+    ----------
+    instance, call : str
+        Name of the instance, FMI function.
+    status : str
+        "discard", "error", "fatal", or "refused" where the importer itself stopped.
+    detail : str
+        What the FMU logged, or what to do.
+    """
+
+    def __init__(self, instance: str, call: str, status: str, detail: str = "") -> None:
+        super().__init__(f"FMU {instance!r}: {call}: {status}{f': {detail}' if detail else ''}")
+        self.instance = instance
+        self.call = call
+        self.status = status
+
+
+class _Log:
+    """Last messages of one instance."""
+
+    def __init__(self) -> None:
+        self.messages: deque[str] = deque(maxlen=_KEPT_MESSAGES)
+
+    def add(self, status: int, category: bytes | None, message: bytes | None) -> None:
+        label = _STATUS[status] if 0 <= status < len(_STATUS) else str(status)
+        text = (message or b"").decode("utf-8", "replace").strip()
+        self.messages.append(f"[{label}] {(category or b'').decode('utf-8', 'replace')}: {text}")
+
+
+# FMI 2.0's logger is variadic. fmpy formats the messages in C and passes them to one logger per process, so this one
+# serves all instances, finds the instance by its environment pointer, and must never be freed.
+_LOGS: weakref.WeakValueDictionary[int, _Log] = weakref.WeakValueDictionary()
+
+
+def _log_fmi2(environment: int | None, _: bytes, status: int, category: bytes, message: bytes) -> None:
+    log = _LOGS.get(environment or 0)
+    if log is not None:
+        log.add(status, category, message)
+
+
+_LOGGER = fmi2.fmi2CallbackLoggerTYPE(_log_fmi2)
+_ALLOCATE = fmi2.fmi2CallbackAllocateMemoryTYPE(fmpy.calloc)
+_FREE = fmi2.fmi2CallbackFreeMemoryTYPE(fmpy.free)
+
+
+@cache
+def _logger_proxy() -> Callable[..., object] | None:
+    try:
+        from fmpy.logging import addLoggerProxy
+    except (ImportError, OSError, AttributeError):  # fmpy has no such library for some platforms
+        return None
+    return addLoggerProxy
+
+
+def _proxied(callbacks: fmi2.fmi2CallbackFunctions) -> fmi2.fmi2CallbackFunctions:
+    """Make the messages of all FMI 2.0 instances come to `_LOGGER`, formatted."""
+    callbacks.logger = _LOGGER
+    proxy = _logger_proxy()
+    if proxy is not None:
+        proxy(ctypes.byref(callbacks))
+    return callbacks
+
+
+class FmuInstance:
+    """An instance of an FMU; frees itself.
+
+    Parameters
+    ----------
+    fmu : UnpackedFmu
+        Its code is loaded and run in this process.
+    kind : {"me", "cs"}
+    name : str
+        Instance name, for the FMU's log and for messages.
+
+    Raises
+    ------
+    ValueError
+        If the FMU is not of this kind; if it needs the tool that made it.
+    FmuError
+        If the binary cannot be loaded or refuses to make an instance.
+    """
+
+    def __init__(self, fmu: UnpackedFmu, kind: Kind, name: str) -> None:
+        self.source = fmu  # keeps the folder
+        self.description: FmuDescription = fmu.description
+        self.name = name
+        self.kind: Kind = kind
+        self.ability = self._ability()
+        self.time = 0.0
+        self.next_event: float | None = None
+        self._log = _Log()
+        self._snapshots: list[Any] = []
+        self._broken = ""
+        self._initialised = False
+        self._callbacks: fmi2.fmi2CallbackFunctions | None = None
+        self._fmu: Any = self._load()
+        self._instantiate()
+        self._free = weakref.finalize(self, _release, self._fmu, self._snapshots, self.description.fmi)
+
+    @property
+    def messages(self) -> tuple[str, ...]:
+        """What the FMU logged, oldest first."""
+        return tuple(self._log.messages)
+
+    @property
+    def state_is_usable(self) -> bool:
+        """Whether the state can be taken and put back."""
+        return self.ability.state
+
+    # -- life -------------------------------------------------------------------------------------------------
+
+    def initialise(
+        self,
+        start_time: float,
+        *,
+        stop_time: float | None = None,
+        tolerance: float | None = None,
+        values: Mapping[str, Scalar] | None = None,
+    ) -> None:
+        """Enter initialisation with these start values and parameters.
+
+        Parameters
+        ----------
+        start_time, stop_time : float
+        tolerance : float, optional
+            Relative, of the FMU's own solver.
+        values : dict of str to number or text, optional
+            By variable, or by element for an array (``a[0]``).
+        """
+        self.time = start_time
+        self.set_values(values or {})
+        if self.description.fmi == "2.0":
+            self._call("fmi2SetupExperiment", self._fmu.setupExperiment, tolerance, start_time, stop_time)
+            self._call("fmi2EnterInitializationMode", self._fmu.enterInitializationMode)
+        else:
+            arguments = (tolerance, start_time, stop_time)
+            self._call("fmi3EnterInitializationMode", self._fmu.enterInitializationMode, *arguments)
+
+    def begin(self) -> None:
+        """Leave initialisation; a model-exchange FMU is then in continuous time."""
+        self._call("ExitInitializationMode", self._fmu.exitInitializationMode)
+        self._initialised = True
+        if self.kind == "me":
+            self._iterate_events()
+            self._call("EnterContinuousTimeMode", self._fmu.enterContinuousTimeMode)
+
+    def reset(self) -> None:
+        """Back to the state of a fresh instance."""
+        self._drop_snapshots()
+        self._call("Reset", self._fmu.reset)
+        self._initialised = False
+
+    def close(self) -> None:
+        """Terminate and free the instance. Calling it again does nothing."""
+        if self._free.alive and self._initialised and not self._broken:
+            with suppress(FmuError):
+                self._call("Terminate", self._fmu.terminate)
+        if self._broken == "a fatal error":
+            self._free.detach()  # after a fatal error no function may be called, not even to free it
+        else:
+            self._free()
+        self._broken = self._broken or "closed"
+
+    # -- values -----------------------------------------------------------------------------------------------
+
+    def signals(self, causality: str) -> Signals:
+        """All numeric variables of one causality.
+
+        Parameters
+        ----------
+        causality : str
+        """
+        fmi = self.description.fmi
+        return Signals([entry for entry in self.description.of(causality) if is_numeric(entry, fmi)], fmi)
+
+    def set_values(self, values: Mapping[str, Scalar]) -> None:
+        """Set single variables.
+
+        Parameters
+        ----------
+        values : dict of str to number or text
+            By variable (one value fills an array), or by element of an array.
+
+        Raises
+        ------
+        ValueError
+            If there is no such variable.
+        """
+        by_label = {
+            label: entry for entry in self.description.variables for label in (entry.name, *entry.labels)
+        }
+        wanted: dict[str, dict[str, Scalar]] = {}
+        for label, value in values.items():
+            if label not in by_label:
+                raise ValueError(f"FMU {self.name!r}: there is no variable {label!r}")
+            wanted.setdefault(by_label[label].name, {})[label] = value
+        for name, given in wanted.items():
+            entry = by_label[name]
+            if entry.causality == "structuralParameter":
+                raise ValueError(
+                    f"FMU {self.name!r}: {name} is a structural parameter, which cannot be changed here"
+                )
+            if entry.type == "String":
+                self._call(f"set {name}", self._fmu.setString, [entry.reference], [str(given[name])])
+                continue
+            whole = dict(zip(entry.labels, entry.starts or (0.0,) * len(entry.labels), strict=True))
+            if name in given:
+                whole = dict.fromkeys(whole, given[name])
+            whole |= {label: value for label, value in given.items() if label in whole}
+            numbers = np.array([float(value) for value in whole.values()])
+            Signals([entry], self.description.fmi).write(self, numbers)
+
+    def call_raw(self, function: str, *arguments: object) -> None:
+        """An FMI function by its name, the instance first.
+
+        Parameters
+        ----------
+        function : str
+        arguments
+            After the instance.
+        """
+        self._call(function, getattr(self._fmu, function), self._fmu.component, *arguments)
+
+    # -- co-simulation ----------------------------------------------------------------------------------------
+
+    def do_step(self, t: float, h: float, *, final: bool = True) -> None:
+        """Advance from t by h on the inputs set.
+
+        Parameters
+        ----------
+        t, h : float
+            Seconds.
+        final : bool
+            False where the state before t may be put back.
+
+        Raises
+        ------
+        FmuError
+            With status "discard" where a smaller step may help.
+        """
+        self.time = t
+        answer = self._call(f"fmi{self.description.fmi[0]}DoStep", self._fmu.doStep, t, h, final)
+        if answer is not None:  # FMI 3.0: event, terminate, early return, last successful time
+            _, terminate, early, reached = answer
+            if terminate:
+                raise FmuError(
+                    self.name, "fmi3DoStep", "refused", f"the FMU asks to end the run at t = {reached:g}"
+                )
+            if early and reached < t + h * (1 - 1e-9):
+                raise FmuError(
+                    self.name, "fmi3DoStep", "discard", f"returned early, at t = {reached:g} of {t + h:g}"
+                )
+        self.time = t + h
+
+    def save(self) -> object:
+        """The whole state, to be given back to :meth:`restore` or :meth:`forget`."""
+        names = ("getFMUstate", "getFMUState")
+        state = self._call("GetFMUState", getattr(self._fmu, names[self.description.fmi == "3.0"]))
+        self._snapshots.append(state)
+        return state
+
+    def restore(self, state: object) -> None:
+        """Put a state back.
+
+        Parameters
+        ----------
+        state : object
+            From :meth:`save`.
+        """
+        names = ("setFMUstate", "setFMUState")
+        self._call("SetFMUState", getattr(self._fmu, names[self.description.fmi == "3.0"]), state)
+
+    def forget(self, state: object) -> None:
+        """Free a state.
+
+        Parameters
+        ----------
+        state : object
+            From :meth:`save`.
+        """
+        if any(entry is state for entry in self._snapshots):
+            self._snapshots[:] = [entry for entry in self._snapshots if entry is not state]
+            names = ("freeFMUstate", "freeFMUState")
+            self._call("FreeFMUState", getattr(self._fmu, names[self.description.fmi == "3.0"]), state)
+
+    # -- model exchange ---------------------------------------------------------------------------------------
+
+    def states(self) -> FloatArray:
+        """Continuous states now."""
+        return self._vector(self._fmu.getContinuousStates, "GetContinuousStates")
+
+    def derivatives(self, t: float, x: FloatArray) -> FloatArray:
+        """State derivatives at a time and a state, on the inputs set.
+
+        Parameters
+        ----------
+        t : float
+        x : (states,) array
+        """
+        self.set_point(t, x)
+        fmi3_name = self.description.fmi == "3.0"
+        function = self._fmu.getContinuousStateDerivatives if fmi3_name else self._fmu.getDerivatives
+        return self._vector(function, "GetDerivatives")
+
+    def directional(
+        self, unknowns: Sequence[int], knowns: Sequence[int], seed: FloatArray, count: int
+    ) -> FloatArray:
+        """Directional derivative of the unknowns along a seed of the knowns.
+
+        Parameters
+        ----------
+        unknowns, knowns : sequence of int
+            Value references.
+        seed : array
+            One value per scalar of the knowns.
+        count : int
+            Scalars of the unknowns.
+        """
+        arguments = (list(unknowns), list(knowns), seed.tolist())
+        sizes = () if self.description.fmi == "2.0" else (count,)
+        return np.array(
+            self._call("GetDirectionalDerivative", self._fmu.getDirectionalDerivative, *arguments, *sizes)
+        )
+
+    def set_point(self, t: float, x: FloatArray) -> None:
+        """Set time and continuous states.
+
+        Parameters
+        ----------
+        t : float
+        x : (states,) array
+        """
+        self.time = t
+        self._call("SetTime", self._fmu.setTime, t)
+        if len(x):
+            values = (ctypes.c_double * len(x))(*x)
+            self._call("SetContinuousStates", self._fmu.setContinuousStates, values, len(x))
+
+    def _vector(self, function: Callable[..., object], name: str) -> FloatArray:
+        count = self.description.states
+        if count == 0:
+            return np.zeros(0)
+        values = (ctypes.c_double * count)()
+        self._call(name, function, values, count)
+        return np.ctypeslib.as_array(values).copy()
+
+    def _iterate_events(self) -> None:
+        update = getattr(
+            self._fmu, "newDiscreteStates" if self.description.fmi == "2.0" else "updateDiscreteStates"
+        )
+        for _ in range(100):
+            again, terminate, _, _, timed, event = self._call("UpdateDiscreteStates", update)
+            if terminate:
+                raise FmuError(self.name, "UpdateDiscreteStates", "refused", "the FMU asks to end the run")
+            self.next_event = event if timed else None
+            if not again:
+                return
+        raise FmuError(
+            self.name, "UpdateDiscreteStates", "refused", "discrete states do not settle in 100 updates"
+        )
+
+    # -- inside -----------------------------------------------------------------------------------------------
+
+    def _ability(self) -> FmuKind:
+        kinds = self.description.kinds
+        if self.kind not in kinds:
+            words = {"me": "model exchange", "cs": "co-simulation"}
+            has = " and ".join(words[kind] for kind in kinds) or "neither"
+            raise ValueError(
+                f"{self.description.path}: expected an FMU for {words[self.kind]}; it is for {has}"
+            )
+        if kinds[self.kind].needs_tool:
+            raise ValueError(
+                f"{self.description.path}: needs the tool that made it ({self.description.tool}) to run"
+            )
+        return kinds[self.kind]
+
+    def _load(self) -> object:
+        two = self.description.fmi == "2.0"
+        classes = (fmi2.FMU2Model, fmi2.FMU2Slave) if two else (fmi3.FMU3Model, fmi3.FMU3Slave)
+        options: dict[str, Any] = {
+            "guid": self.description.token,
+            "modelIdentifier": self.ability.identifier,
+            "unzipDirectory": str(self.source.folder),
+            "instanceName": self.name,
+        }
+        if two:
+            options["libraryPath"] = str(_fmi2_library(self.source.folder, self.ability.identifier))
+        with _same_folder():
+            try:
+                return classes[self.kind == "cs"](**options)
+            except (
+                Exception
+            ) as error:  # fmpy raises bare exceptions, ctypes AttributeError for a missing function
+                raise FmuError(self.name, "load the binary", "refused", str(error)) from error
+
+    def _instantiate(self) -> None:
+        try:
+            if self.description.fmi == "2.0":
+                callbacks = fmi2.fmi2CallbackFunctions()
+                callbacks.allocateMemory = _ALLOCATE
+                callbacks.freeMemory = _FREE
+                callbacks.componentEnvironment = id(self._log)
+                self._callbacks = callbacks
+                _LOGS[id(self._log)] = self._log
+                self._fmu.instantiate(callbacks=_proxied(callbacks))
+            else:
+                log = self._log
+                self._fmu.instantiate(
+                    logMessage=lambda _, status, category, text: log.add(status, category, text)
+                )
+        except Exception as error:  # fmpy raises a bare exception where the FMU returns NULL
+            self._fmu.freeLibrary()
+            raise FmuError(self.name, "Instantiate", "error", self._logged() or str(error)) from error
+
+    def _claim_log(self) -> None:
+        """Another user of fmpy in this process may have taken the messages since the last call."""
+        if self._callbacks is not None:
+            _proxied(fmi2.fmi2CallbackFunctions())
+
+    def _call(self, name: str, function: Callable[..., T], *arguments: object) -> T:
+        if self._broken:
+            raise FmuError(
+                self.name, name, "refused", f"the instance has ended ({self._broken}); make a new one"
+            )
+        self._claim_log()
+        try:
+            return function(*arguments)
+        except FMICallException as error:
+            status = _STATUS[error.status] if 0 <= error.status < len(_STATUS) else f"status {error.status}"
+            self._initialised = (
+                self._initialised and status == "discard"
+            )  # after an error: reset or free, no more
+            if status == "fatal":
+                self._broken = "a fatal error"
+            where = f"at t = {self.time:g}"
+            logged = self._logged()
+            raise FmuError(
+                self.name, error.function, status, f"{where}; {logged}" if logged else where
+            ) from error
+
+    def _logged(self) -> str:
+        return "; ".join(list(self._log.messages)[-_SHOWN_MESSAGES:])
+
+    def _drop_snapshots(self) -> None:
+        for state in list(self._snapshots):
+            self.forget(state)
+
+
+def _fmi2_library(folder: Path, identifier: str) -> Path:
+    here = native_platform()
+    names = [name for name in (here, _FMI2_FOLDERS.get(here)) if name]
+    found = [folder / "binaries" / name / (identifier + fmpy.sharedLibraryExtension) for name in names]
+    return next((path for path in found if path.is_file()), found[-1])
+
+
+def _release(fmu: Any, snapshots: list[Any], fmi: str) -> None:
+    """Free what an instance holds, whatever happened before."""
+    for state in snapshots:
+        with suppress(Exception):
+            (fmu.freeFMUstate if fmi == "2.0" else fmu.freeFMUState)(state)
+    snapshots.clear()
+    with suppress(Exception):
+        fmu.freeInstance()
+
+
+@contextmanager
+def _same_folder() -> Iterator[None]:
+    """fmpy changes the working folder while it loads, and stays there when that fails."""
+    before = os.getcwd()
+    try:
+        yield
+    finally:
+        os.chdir(before)

@@ -1,0 +1,169 @@
+"""Recorded results of an FMU, and the same run again."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from .._sections import FloatArray
+from .inspect import Scalar
+from .instance import FmuInstance
+from .signals import Signals
+from .unpacked import UnpackedFmu
+
+__all__ = ["Reference", "read_reference", "read_table", "replay", "write_reference"]
+
+
+@dataclass(frozen=True, eq=False)
+class Reference:
+    """Recorded inputs and outputs of a run.
+
+    Parameters
+    ----------
+    times : (N,) array
+        Communication points, seconds.
+    inputs : dict of str to (N,) array
+        At these times.
+    outputs : dict of str to (N,) array
+    """
+
+    times: FloatArray
+    inputs: Mapping[str, FloatArray]
+    outputs: Mapping[str, FloatArray]
+
+
+def read_reference(path: str | Path) -> Reference:
+    """Read ``NAME_out.csv`` and, where there is one, ``NAME_in.csv`` beside it.
+
+    Parameters
+    ----------
+    path : str or Path
+        Of the outputs.
+
+    Raises
+    ------
+    ValueError
+        If a file is no table of numbers with times that increase.
+    FileNotFoundError
+        If there is no such file.
+    """
+    path = Path(path)
+    if not path.name.endswith("_out.csv"):
+        raise ValueError(
+            f"{path}: expected a file NAME_out.csv, with NAME_in.csv beside it where there are inputs"
+        )
+    names, table = read_table(path)
+    times = table[:, 0]
+    inputs: dict[str, FloatArray] = {}
+    given = path.with_name(path.name.removesuffix("_out.csv") + "_in.csv")
+    if given.exists():
+        labels, values = read_table(given)
+        inputs = {label: np.interp(times, values[:, 0], values[:, j]) for j, label in enumerate(labels) if j}
+    return Reference(times, inputs, {label: table[:, j] for j, label in enumerate(names) if j})
+
+
+def write_reference(path: str | Path, reference: Reference) -> None:
+    """Write ``NAME_out.csv`` and ``NAME_in.csv``; numbers read back as they were.
+
+    Parameters
+    ----------
+    path : str or Path
+        Of the outputs, ``NAME_out.csv``.
+    reference : Reference
+    """
+    path = Path(path)
+    tables = {path: reference.outputs}
+    if reference.inputs:
+        tables[path.with_name(path.name.removesuffix("_out.csv") + "_in.csv")] = reference.inputs
+    for target, columns in tables.items():
+        with target.open("w", newline="", encoding="utf-8") as file:
+            writer = csv.writer(file, lineterminator="\n", quoting=csv.QUOTE_NONNUMERIC)
+            writer.writerow(["time", *columns])
+            writer.writerows(np.column_stack([reference.times, *columns.values()]).tolist())
+
+
+def replay(
+    fmu: UnpackedFmu,
+    reference: Reference,
+    *,
+    inputs_at: Literal["start", "end"] = "start",
+    parameters: Mapping[str, Scalar] | None = None,
+) -> tuple[tuple[str, ...], FloatArray]:
+    """Run a co-simulation FMU on recorded inputs, one communication step between two recorded times.
+
+    Parameters
+    ----------
+    fmu : UnpackedFmu
+    reference : Reference
+    inputs_at : {"start", "end"}
+        Inputs of a step are those recorded at its start (then outputs are read after the next inputs are set) or at
+        its end (for a sampled block that takes its sample at the end of the step).
+    parameters : dict, optional
+
+    Returns
+    -------
+    labels : tuple of str
+    outputs : (N, k) array
+
+    Raises
+    ------
+    ValueError
+        If the FMU lacks a recorded signal or is not for co-simulation.
+    FmuError
+        If it fails.
+    """
+    labels = tuple(reference.outputs)
+    instance = FmuInstance(fmu, "cs", "replay")
+    try:
+        inputs = _vector(instance, "input", tuple(reference.inputs))
+        outputs = _vector(instance, "output", labels)
+        table = np.tile(inputs[0].read(instance), (len(reference.times), 1))
+        for label, place in zip(reference.inputs, inputs[1], strict=True):
+            table[:, place] = reference.inputs[label]
+        times = reference.times
+        instance.initialise(float(times[0]), stop_time=float(times[-1]), values=parameters)
+        inputs[0].write(instance, table[0])
+        instance.begin()
+        rows = [outputs[0].read(instance)[outputs[1]]]
+        for k in range(1, len(times)):
+            if inputs_at == "end":
+                inputs[0].write(instance, table[k])
+            instance.do_step(float(times[k - 1]), float(times[k] - times[k - 1]))
+            if inputs_at == "start":
+                inputs[0].write(instance, table[k])
+            rows.append(outputs[0].read(instance)[outputs[1]])
+        return labels, np.array(rows)
+    finally:
+        instance.close()
+
+
+def _vector(instance: FmuInstance, causality: str, labels: Sequence[str]) -> tuple[Signals, list[int]]:
+    signals = instance.signals(causality)
+    missing = [label for label in labels if label not in signals.labels]
+    if missing:
+        raise ValueError(
+            f"recorded {causality} {missing[0]!r}: the FMU has {', '.join(signals.labels) or 'none'}"
+        )
+    return signals, [signals.labels.index(label) for label in labels]
+
+
+def read_table(path: Path) -> tuple[list[str], FloatArray]:
+    """A CSV file with a header; first column time."""
+    with path.open(newline="", encoding="utf-8-sig") as file:
+        rows: Sequence[list[str]] = [row for row in csv.reader(file) if row]
+    if len(rows) < 2 or rows[0][0].strip() != "time":
+        raise ValueError(f'{path}: expected a header that starts with "time", and at least one row')
+    try:
+        table = np.array([[float(cell) for cell in row] for row in rows[1:]])
+    except ValueError as error:
+        raise ValueError(f"{path}: expected numbers in equally long rows: {error}") from error
+    if table.ndim != 2 or table.shape[1] != len(rows[0]):
+        raise ValueError(f"{path}: rows and header differ in length")
+    if not np.all(np.isfinite(table[:, 0])) or np.any(np.diff(table[:, 0]) <= 0.0):
+        raise ValueError(f"{path}: expected times that increase")
+    return [name.strip() for name in rows[0]], table

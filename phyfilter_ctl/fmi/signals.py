@@ -1,0 +1,124 @@
+"""Variables of an FMU as one vector of numbers, read and set in as few calls as there are types."""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Sequence
+from typing import Any, Protocol
+
+import numpy as np
+
+from .._sections import FloatArray
+from .inspect import FmuVariable
+
+__all__ = ["Signals", "is_numeric"]
+
+_FMI2_TYPES = {
+    "Float64": ("Real", ctypes.c_double),
+    "Int32": ("Integer", ctypes.c_int),
+    "Enumeration": ("Integer", ctypes.c_int),
+    "Boolean": ("Boolean", ctypes.c_int),
+}
+_FMI3_TYPES: dict[str, tuple[str, type]] = {
+    "Float32": ("Float32", ctypes.c_float),
+    "Float64": ("Float64", ctypes.c_double),
+    "Enumeration": ("Int64", ctypes.c_int64),
+    "Boolean": ("Boolean", ctypes.c_bool),
+} | {
+    f"{s}Int{n}": (f"{s}Int{n}", getattr(ctypes, f"c_{s.lower()}int{n}"))
+    for s in ("", "U")
+    for n in (8, 16, 32, 64)
+}
+
+
+class Callee(Protocol):
+    """An instance, as far as signals need it."""
+
+    def call_raw(self, function: str, *arguments: object) -> None: ...
+
+
+def is_numeric(variable: FmuVariable, fmi: str) -> bool:
+    """Whether a variable can be a signal.
+
+    Parameters
+    ----------
+    variable : FmuVariable
+    fmi : str
+        "2.0" or "3.0".
+    """
+    return variable.type in (_FMI2_TYPES if fmi == "2.0" else _FMI3_TYPES)
+
+
+class Signals:
+    """Some variables of an instance as one vector of numbers.
+
+    Parameters
+    ----------
+    variables : sequence of FmuVariable
+    fmi : str
+        "2.0" or "3.0".
+    """
+
+    def __init__(self, variables: Sequence[FmuVariable], fmi: str) -> None:
+        self.labels = tuple(label for variable in variables for label in variable.labels)
+        self.units = tuple(variable.unit for variable in variables for _ in variable.labels)
+        self.references = tuple(variable.reference for variable in variables)
+        types = _FMI2_TYPES if fmi == "2.0" else _FMI3_TYPES
+        prefix = f"fmi{fmi[0]}"
+        places: dict[str, list[int]] = {}
+        chosen: dict[str, list[FmuVariable]] = {}
+        start = 0
+        for variable in variables:
+            if variable.type not in types:
+                raise ValueError(f"{variable.name}: a variable of type {variable.type} cannot be a signal")
+            key = types[variable.type][0]
+            count = len(variable.labels)
+            chosen.setdefault(key, []).append(variable)
+            places.setdefault(key, []).extend(range(start, start + count))
+            start += count
+        self._groups = []
+        c_types: dict[str, Any] = dict(types.values())
+        for key, entries in chosen.items():
+            references = (ctypes.c_uint * len(entries))(*(entry.reference for entry in entries))
+            values = (c_types[key] * len(places[key]))()
+            counts = (len(entries),) if fmi == "2.0" else (len(entries), len(places[key]))
+            view = np.ctypeslib.as_array(values)
+            self._groups.append(
+                (
+                    f"{prefix}Get{key}",
+                    f"{prefix}Set{key}",
+                    references,
+                    counts,
+                    values,
+                    view,
+                    np.array(places[key]),
+                )
+            )
+
+    def __len__(self) -> int:
+        return len(self.labels)
+
+    def read(self, instance: Callee) -> FloatArray:
+        """Values now.
+
+        Parameters
+        ----------
+        instance : FmuInstance
+        """
+        result = np.empty(len(self.labels))
+        for get, _, references, counts, values, view, places in self._groups:
+            instance.call_raw(get, references, counts[0], values, *counts[1:])
+            result[places] = view
+        return result
+
+    def write(self, instance: Callee, vector: FloatArray) -> None:
+        """Set all of them.
+
+        Parameters
+        ----------
+        instance : FmuInstance
+        vector : (len(self),) array
+        """
+        for _, put, references, counts, values, view, places in self._groups:
+            view[:] = vector[places]
+            instance.call_raw(put, references, counts[0], values, *counts[1:])

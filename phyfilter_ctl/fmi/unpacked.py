@@ -1,0 +1,52 @@
+"""FMUs in private temporary folders, from where their code can be loaded."""
+
+from __future__ import annotations
+
+import shutil
+import tempfile
+import weakref
+from pathlib import Path
+
+from .archive import ArchiveLimits, unpack
+from .inspect import describe, native_platform
+
+__all__ = ["UnpackedFmu"]
+
+
+class UnpackedFmu:
+    """An FMU in a private temporary folder, which is removed by :meth:`close` or with this object.
+
+    Parameters
+    ----------
+    path : str or Path
+    limits : ArchiveLimits, optional
+
+    Raises
+    ------
+    ValueError
+        As for :func:`describe`; if the FMU has no binary for this platform (those it has are named).
+    """
+
+    def __init__(self, path: str | Path, *, limits: ArchiveLimits | None = None) -> None:
+        self.description = describe(path, limits=limits)
+        here = native_platform()
+        if here not in self.description.platforms:
+            has = ", ".join(self.description.platforms) or "none"
+            remedy = (
+                "; its C sources are inside: build them with fmpy.build.build_platform_binary"
+                if self.description.sources
+                else "; ask for an export for this platform"
+            )
+            raise ValueError(f"{path}: no binary for {here}; it has binaries for {has}{remedy}")
+        folder = tempfile.mkdtemp(prefix="phyfilter-")
+        self._remove = weakref.finalize(self, shutil.rmtree, folder, ignore_errors=True)
+        self.folder = Path(folder)
+        try:
+            unpack(path, self.folder, limits)
+        except BaseException:
+            self.close()
+            raise
+
+    def close(self) -> None:
+        """Remove the folder."""
+        self._remove()

@@ -1,0 +1,180 @@
+"""What a filter promises: bounds, trade-offs, the page that ``analyze`` draws."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import control as ct
+import matplotlib.pyplot as plt
+import numpy as np
+from numpy.typing import NDArray
+
+from ._style import COLOURS, SMALL
+from .frequency import FrequencyCurve, frequency_plot
+
+__all__ = ["analysis_plot", "bound_plot", "trade_off_plot"]
+
+FloatArray = NDArray[np.float64]
+
+
+def bound_plot(
+    times: FloatArray, kernel: FloatArray, running: FloatArray, derivative: int, bound: float
+) -> ct.ControlPlot:
+    """How a worst-case bound builds up.
+
+    Parameters
+    ----------
+    times : (N,) array
+        Seconds.
+    kernel : (N,) array
+        Impulse response from the bounded derivative of the residual to the error.
+    running : (N,) array
+        Bound of the error reached after that time.
+    derivative : int
+        Order of the derivative that is bounded.
+    bound : float
+        Its limit.
+
+    Returns
+    -------
+    control.ControlPlot
+        ``axes`` (2, 1) and ``lines`` (2, 1).
+
+    Examples
+    --------
+    >>> import matplotlib
+    >>> matplotlib.use("Agg")
+    >>> t = np.linspace(0.0, 1.0)
+    >>> bound_plot(t, np.exp(-20 * t), 0.05 * (1 - np.exp(-20 * t)), 1, 0.05).axes.shape
+    (2, 1)
+    >>> plt.close("all")
+    """
+    figure, axes = plt.subplots(2, 1, sharex=True, layout="constrained", figsize=(5.4, 4.4), squeeze=False)
+    response, growth = axes[:, 0]
+    (line,) = response.plot(times, kernel, color=COLOURS[0])
+    response.fill_between(times, kernel, color=COLOURS[0], alpha=0.15)
+    response.set_ylabel(f"response to gamma^({derivative})", fontsize=SMALL)
+    (grown,) = growth.plot(times, running, color=COLOURS[0], label="reached by the worst residual")
+    growth.axhline(bound, color="0.4", linestyle="--", linewidth=1.0, label=f"bound {bound:.4g}")
+    growth.set_ylabel("Error", fontsize=SMALL)
+    growth.set_xlabel("Time [s]", fontsize=SMALL)
+    growth.legend(fontsize="x-small", frameon=False)
+    for axis in (response, growth):
+        axis.grid(True, which="major", color="0.88", linewidth=0.7)
+        axis.tick_params(which="both", labelsize=SMALL)
+    lines = np.empty((2, 1), dtype=object)
+    lines[:, 0] = [[line], [grown]]
+    return ct.ControlPlot(lines, axes, figure)
+
+
+def trade_off_plot(following: FloatArray, noise: FloatArray, best: int, label: str) -> ct.ControlPlot:
+    """Error that noise causes against error that the residual leaves, one point per design.
+
+    Parameters
+    ----------
+    following, noise : (m,) arrays
+        The two parts of the error.
+    best : int
+        Design that is marked.
+    label : str
+        In which sense they are errors.
+
+    Returns
+    -------
+    control.ControlPlot
+        ``axes`` (1, 1) and ``lines`` (1, 1).
+
+    Examples
+    --------
+    >>> import matplotlib
+    >>> matplotlib.use("Agg")
+    >>> trade_off_plot(np.array([2.0, 1.0]), np.array([0.5, 1.0]), 1, "bound").axes.shape
+    (1, 1)
+    >>> plt.close("all")
+    """
+    figure, axes = plt.subplots(1, 1, layout="constrained", figsize=(4.6, 3.6), squeeze=False)
+    (axis,) = axes[0]
+    (line,) = axis.loglog(following, noise, color=COLOURS[0])
+    (mark,) = axis.loglog([following[best]], [noise[best]], "o", color=COLOURS[1], label="least sum")
+    axis.set_xlabel(f"error from the residual ({label})", fontsize=SMALL)
+    axis.set_ylabel("error from the noise", fontsize=SMALL)
+    axis.grid(True, which="major", color="0.88", linewidth=0.7)
+    axis.tick_params(which="both", labelsize=SMALL)
+    axis.legend(fontsize="x-small", frameon=False)
+    lines = np.empty((1, 1), dtype=object)
+    lines[0, 0] = [line, mark]
+    return ct.ControlPlot(lines, axes, figure)
+
+
+def analysis_plot(
+    curves: Sequence[FrequencyCurve],
+    omega: FloatArray,
+    sensitivities: Mapping[str, FloatArray],
+    growth: tuple[FloatArray, FloatArray, float] | None,
+) -> ct.ControlPlot:
+    """One page on a filter: its response, how its loops treat the residual, how large the error can become.
+
+    Parameters
+    ----------
+    curves : sequence of FrequencyCurve
+    omega : (N,) array
+        Frequencies in rad/s of the sensitivities.
+    sensitivities : dict of str to (N,) array
+        |1/(1 + L)| by loop.
+    growth : tuple of (m,) array, (m,) array, float, optional
+        Times in s, bound of the error up to them, its limit.
+
+    Returns
+    -------
+    control.ControlPlot
+        ``axes`` (2, 2): magnitude, bound; phase, sensitivity.
+
+    Examples
+    --------
+    >>> import matplotlib
+    >>> matplotlib.use("Agg")
+    >>> omega = np.logspace(-1, 2)
+    >>> F = 1.0 / (1.0 + 1j * omega)
+    >>> curve = FrequencyCurve("n = 1", omega, F, 1.0 - F, np.angle(F))
+    >>> analysis_plot([curve], omega, {"inner loop": np.abs(1.0 - F)}, None).axes.shape
+    (2, 2)
+    >>> plt.close("all")
+    """
+    figure, axes = plt.subplots(
+        2, 2, layout="constrained", figsize=(8.4, 5.2), height_ratios=(3, 2), squeeze=False
+    )
+    left = frequency_plot(curves, ax=list(axes[:, 0]))
+    top, bottom = axes[:, 1]
+    lines = np.empty((2, 2), dtype=object)
+    lines[:, 0] = left.lines[:, 0]
+    if growth is None:
+        top.text(
+            0.5,
+            0.5,
+            "no bound of the residual given",
+            ha="center",
+            va="center",
+            transform=top.transAxes,
+            color="0.4",
+        )
+        top.set_axis_off()
+        lines[0, 1] = []
+    else:
+        times, running, limit = growth
+        lines[0, 1] = top.plot(times, running, color=COLOURS[0], label="largest error so far")
+        top.axhline(limit, color="0.4", linestyle="--", linewidth=1.0, label=f"bound {limit:.4g}")
+        top.set_xlabel("Time [s]", fontsize=SMALL)
+        top.set_ylabel("Error", fontsize=SMALL)
+        top.legend(fontsize="x-small", frameon=False)
+    lines[1, 1] = [
+        bottom.loglog(omega, values, color=COLOURS[i], label=name)[0]
+        for i, (name, values) in enumerate(sensitivities.items())
+    ]
+    bottom.axhline(1.0, color="0.6", linewidth=0.8)
+    bottom.set_xlabel("Frequency [rad/s]", fontsize=SMALL)
+    bottom.set_ylabel("residual left, |1/(1 + L)|", fontsize=SMALL)
+    bottom.legend(fontsize="x-small", frameon=False)
+    for axis in (top, bottom):
+        axis.grid(True, which="major", color="0.88", linewidth=0.7)
+        axis.tick_params(which="both", labelsize=SMALL)
+    return ct.ControlPlot(lines, axes, figure)

@@ -1,0 +1,151 @@
+"""The checker finds what is wrong, and only that."""
+
+import json
+import zipfile
+
+import control as ct
+import numpy as np
+import pytest
+from foreign_fmus import description, oscillator
+
+from phyfilter_ctl.fmi import check
+from phyfilter_ctl.fmi.replay import Reference, read_reference, write_reference
+
+T = np.linspace(0.0, 1.0, 51)
+M, K, D, C = 2.0, 8.0, 0.4, 3.0
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    return tmp_path_factory.mktemp("foreign")
+
+
+def held_response(u):
+    """x, v, force at T on inputs held from one time to the next, by python-control."""
+    A = [[0.0, 1.0], [-(K + C) / M, -D / M]]
+    plant = ct.ss(A, [[0.0], [C / M]], [[1.0, 0.0], [0.0, 1.0], [-C, 0.0]], [[0.0], [0.0], [C]])
+    return ct.forced_response(ct.c2d(plant, 0.02, "zoh"), T, u, [1.0, 0.0]).outputs
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory):
+    path = tmp_path_factory.mktemp("reference") / "oscillator_out.csv"
+    u = np.sin(3 * T)
+    x, v, force = held_response(u)
+    write_reference(path, Reference(T, {"place": u}, {"x": x, "v": v, "force": force}))
+    return path
+
+
+@pytest.mark.parametrize("fmi", ["2.0", "3.0"])
+def test_sound_fmu(folder, fmi):
+    report = check(oscillator(folder, fmi))
+    assert report.ok
+    assert not report.findings
+    assert "model exchange: dependencies" in report.stages
+    assert "co-simulation: state" in report.stages
+    assert str(report).startswith(f"{folder}/oscillator.fmu: ok\n")
+    assert json.loads(report.as_json())["ok"] is True
+
+
+@pytest.mark.parametrize(
+    ("options", "stage", "message"),
+    [
+        (
+            {"declared": False},
+            "co-simulation: dependencies",
+            "force depends on place, which its dependencies leave out",
+        ),
+        ({"defines": ("FAIL_AT=0.5",)}, "co-simulation: run", "spring broke at t = 0.5: too long"),
+        ({"guid": "other"}, "model exchange: run", "guid is other, not oscillator"),
+        ({"defines": ("NO_STATE",)}, "co-simulation: state", "fmi2GetFMUstate: error"),
+        ({"unit": "yard"}, "structure and names", "yard"),
+        ({"unit": "yard"}, "units", "place: unit 'yard' is not defined by base units"),
+    ],
+)
+def test_broken_fmus(folder, options, stage, message):
+    report = check(oscillator(folder, name="broken", **options))
+    found = [entry.message for entry in report.errors if entry.stage == stage]
+    assert any(message in text for text in found), str(report)
+    assert "failed" in str(report)
+
+
+def test_forgetful_state(folder):
+    """An FMU that leaves something out of its state is caught by the bits of what follows."""
+    report = check(oscillator(folder, name="forgetful", defines=("FORGETS",)))
+    (error,) = report.errors
+    assert error.stage == "co-simulation: state"
+    assert "expected the same bits" in error.message
+
+
+def test_files_that_are_no_fmu(tmp_path):
+    path = tmp_path / "x.fmu"
+    path.write_bytes(b"nothing")
+    report = check(path)
+    assert [entry.stage for entry in report.errors] == ["archive and schema"]
+    assert not check(tmp_path / "none.fmu").ok
+    with zipfile.ZipFile(path, "w") as archive:
+        archive.writestr("modelDescription.xml", description().replace('name="v"', 'name="x"'))
+    assert any("not unique" in entry.message for entry in check(path).errors)
+
+
+def test_another_platform_is_not_passed_silently(folder):
+    report = check(oscillator(folder, name="windows", platform="win64"))
+    assert report.ok
+    assert [entry.level for entry in report.findings] == ["note"]
+    assert "not run: no binary for" in report.findings[0].message
+
+
+def test_nothing_is_run_when_not_wanted(folder):
+    report = check(oscillator(folder, name="other", guid="other"), run=False)
+    assert report.ok
+    assert "model exchange: run" not in report.stages
+
+
+@pytest.mark.parametrize("fmi", ["2.0"])
+def test_replay(folder, recorded, fmi):
+    report = check(oscillator(folder, fmi), reference=recorded, rtol=0.0, atol=1e-8)
+    assert report.ok, str(report)
+    # RK4 steps of 1 ms against the exact response.
+    assert 0.0 < report.figures["largest deviation from the reference"] < 1e-9
+    wrong = check(oscillator(folder, fmi), reference=recorded, rtol=0.0, atol=1e-8, inputs_at="end")
+    assert any(entry.stage == "replay" and "recorded" in entry.message for entry in wrong.errors)
+
+
+def test_replay_of_another_models_record(folder, recorded, tmp_path):
+    path = tmp_path / "y_out.csv"
+    path.write_text("time,q\n0,0\n1,0\n")
+    report = check(oscillator(folder), reference=path)
+    assert any("recorded output 'q': the FMU has x, v, force" in entry.message for entry in report.errors)
+
+
+def test_records_read_back(tmp_path):
+    rng = np.random.default_rng(0)
+    path = tmp_path / "a_out.csv"
+    write_reference(path, Reference(T, {"u": rng.standard_normal(51)}, {"y[0]": rng.standard_normal(51)}))
+    first = read_reference(path)
+    write_reference(path, first)
+    again = read_reference(path)
+    assert np.array_equal(first.outputs["y[0]"], again.outputs["y[0]"])
+    assert np.array_equal(first.inputs["u"], np.random.default_rng(0).standard_normal(51))
+    assert path.read_text().splitlines()[0] == '"time","y[0]"'
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("t,y\n0,1\n", 'expected a header that starts with "time"'),
+        ("time,y\n", "at least one row"),
+        ("time,y\n0,x\n", "expected numbers"),
+        ("time,y\n0,1\n1\n", "equally long rows"),
+        ("time,y\n0,1\n0,1\n", "times that increase"),
+    ],
+)
+def test_records_that_are_none(tmp_path, text, message):
+    path = tmp_path / "a_out.csv"
+    path.write_text(text)
+    with pytest.raises(ValueError, match=message):
+        read_reference(path)
+    with pytest.raises(ValueError, match=r"expected a file NAME_out\.csv"):
+        read_reference(tmp_path / "a.csv")
+    with pytest.raises(ValueError, match='expected "start" or "end"'):
+        check(path, inputs_at="middle")  # type: ignore[arg-type]  # the error is the point

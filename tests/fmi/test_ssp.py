@@ -1,0 +1,340 @@
+"""System structure packages: diagrams cut into parts, packages written, read, and run by others."""
+
+import zipfile
+
+import control as ct
+import lxml.etree as etree
+import numpy as np
+import pytest
+from fmpy.ssp.simulation import simulate_ssp
+from fmpy.ssp.ssd import read_ssd, read_ssv
+from foreign_fmus import description, oscillator
+
+from phyfilter_ctl.fmi import Wire, cosimulate, cut_diagram, write_ssp
+from phyfilter_ctl.fmi.ssp_read import opened_ssp
+
+T = np.linspace(0.0, 2.0, 21)
+U = np.array([np.ones_like(T), np.sin(T)])
+ORDER_ONE = 0.15
+SPLITS = {
+    "blocks": None,
+    "two": {"plant": ["plant"], "rest": ["controller", "lowpass"]},
+    "crossed": {"one": ["lowpass", "plant"], "controller": ["controller"]},
+    "whole": {"all": ["plant", "controller", "lowpass"]},
+}
+WIRES = [Wire("a.place", "b.x")]
+
+
+def diagram():
+    """Sums, gains, direct feedthrough, a nonlinear plant, outputs that are sums and inputs."""
+    plant = ct.nlsys(
+        lambda t, x, u, p: np.array([x[1], -p.get("k", 4.0) * np.sin(x[0]) - 0.3 * x[1] + u[0]]),
+        lambda t, x, u, p: x,
+        inputs=["f"],
+        outputs=["q", "v"],
+        states=["q", "v"],
+        params={"k": 4.0},
+        name="plant",
+    )
+    controller = ct.ss(
+        [[-5.0]],
+        [[1.0, 0.0]],
+        [[2.0], [0.0]],
+        [[3.0, 1.0], [1.0, 0.0]],
+        inputs=["e", "w"],
+        outputs=["u", "m"],
+        name="controller",
+    )
+    lowpass = ct.tf([1], [0.1, 1], inputs="y", outputs="yf", name="lowpass")
+    return ct.interconnect(
+        [plant, controller, lowpass],
+        connections=[
+            ["plant.f", "controller.u", "-lowpass.yf"],
+            ["controller.e", "-plant.q", "-lowpass.yf"],
+            ["lowpass.y", "plant.v"],
+        ],
+        inplist=["controller.e", ["controller.w", "plant.f"]],
+        inputs=["ref", "w"],
+        outlist=["plant.q", ["plant.v", "-plant.q"], "controller.u", "plant.f"],
+        outputs=["q", "mix", "u", "f"],
+        name="loop",
+        check_unused=False,
+    )
+
+
+@pytest.fixture(scope="module")
+def fmu(tmp_path_factory):
+    return oscillator(tmp_path_factory.mktemp("foreign"))
+
+
+@pytest.mark.parametrize("split", SPLITS.values(), ids=list(SPLITS))
+def test_parts_converge_to_the_diagram(split):
+    system = diagram()
+    monolith = ct.input_output_response(
+        system, T, U, [0.5, 0.0, 0.0, 0.0], solve_ivp_kwargs={"rtol": 1e-10, "atol": 1e-12}
+    )
+    cut = cut_diagram(system, split)
+    start = {name: np.zeros(part.nstates) for name, part in cut.parts.items()}
+    for name, part in cut.parts.items():
+        start[name][[label.endswith("plant_q") for label in part.state_labels]] = 0.5
+    errors = []
+    for step in (0.01, 0.005):
+        found = cosimulate(cut, timepts=T, step=step, inputs={"ref": U[0], "w": U[1]}, initial_state=start)
+        assert found.output_labels == ["q", "mix", "u", "f"]
+        errors.append(float(np.max(np.abs(found.outputs - monolith.outputs))))
+    assert errors[0] < 0.02
+    assert abs(errors[0] / errors[1] - 2.0) < ORDER_ONE
+
+
+def test_names_of_connectors():
+    cut = cut_diagram(diagram(), SPLITS["two"])
+    assert cut.parts["plant"].input_labels == ["controller_u", "lowpass_yf", "w"], (
+        "summands are named as their sources"
+    )
+    assert cut.parts["rest"].input_labels == ["plant_q", "ref", "controller_w", "lowpass_y"]
+    assert cut.parts["rest"].params == {}
+    assert cut.parts["plant"].params == {"k": 4.0}
+    assert cut.inputs == {"ref": ("rest.ref",), "w": ("plant.w", "rest.controller_w")}
+    assert cut.outputs["mix"] == "plant.mix"
+
+
+@pytest.mark.parametrize(
+    ("split", "message"),
+    [
+        ({"plant": ["plant"]}, "no part holds controller, lowpass"),
+        ({"plant": ["plant", "motor"]}, "names 'motor'; the diagram has the blocks"),
+        ({"a": ["plant", "controller"], "b": ["plant", "lowpass"]}, "'plant' is in 'a' and in 'b'"),
+        ({"plant": "plant"}, "expected a list of block names"),
+    ],
+)
+def test_wrong_splits(split, message):
+    with pytest.raises(ValueError, match=message):
+        cut_diagram(diagram(), split)
+
+
+def test_what_cannot_be_cut():
+    with pytest.raises(TypeError, match="expected an interconnected system"):
+        cut_diagram(ct.ss([[-1.0]], [[1.0]], [[1.0]], [[0.0]]))  # type: ignore[arg-type]  # the error is the point
+    a, b = (ct.ss([[-1.0]], [[1.0]], [[1.0]], [[0.0]], name=name, inputs="u", outputs="y") for name in "ab")
+    summed = ct.interconnect([a, b], connections=False, inplist=["a.u", "b.u"], outlist=[["a.y", "b.y"]])
+    with pytest.raises(ValueError, match=r"sums signals of the parts \['a', 'b'\]"):
+        cut_diagram(summed)
+
+
+def package(path, fmu, **options):
+    given = {
+        "inputs": {"where": ["b.place"]},
+        "outputs": {"xa": "a.x", "xb": "b.x"},
+        "parameters": {"b.k": 20.0},
+        "stop_time": 2.0,
+    }
+    return write_ssp(path, {"a": fmu, "b": fmu}, WIRES, **(given | options))
+
+
+def test_written_and_read(tmp_path, fmu):
+    path = package(tmp_path / "two.ssp", fmu)
+    with opened_ssp(path) as found:
+        assert found.wires == tuple(WIRES)
+        assert {key: [w.sink for w in wires] for key, wires in found.inputs.items()} == {"where": ["b.place"]}
+        assert found.outputs == {"xa": "a.x", "xb": "b.x"}
+        assert (found.parameters["b.k"], found.parameters["a.k"]) == (20.0, 8.0)
+        assert (found.start_time, found.stop_time) == (0.0, 2.0)
+    packed = cosimulate(path, timepts=T, step=0.01, inputs={"where": U[1]})
+    loose = cosimulate(
+        {"a": fmu, "b": fmu},
+        [("a.place", "b.x")],
+        timepts=T,
+        step=0.01,
+        inputs={"b.place": U[1]},
+        outputs=["a.x", "b.x"],
+        parameters={"b.k": 20.0},
+    )
+    assert packed.output_labels == ["xa", "xb"]
+    assert np.array_equal(packed.outputs, loose.outputs)
+    stiffer = cosimulate(path, timepts=T, step=0.01, inputs={"where": U[1]}, parameters={"b.k": 8.0})
+    assert not np.array_equal(stiffer.outputs, packed.outputs), "what the caller says wins over the package"
+
+
+def test_run_by_fmpy(tmp_path, fmu):
+    """Another importer on the same package: both first order, so they meet as the step shrinks."""
+    path = package(tmp_path / "two.ssp", fmu)
+    values = read_ssv(str(path), resource="resources/parameters.ssv")
+    differences = []
+    for step in (0.01, 0.005):
+        theirs = simulate_ssp(
+            str(path),
+            stop_time=2.0,
+            step_size=step,
+            parameter_set=values,
+            input={"where": lambda t: np.sin(t)},
+        )
+        times = step * np.arange(len(theirs) + 1)
+        ours = cosimulate(path, timepts=times, inputs={"where": np.sin})
+        # fmpy notes with each row the time at which its step began.
+        difference = [
+            np.max(np.abs(theirs[name] - ours.outputs[i, 1:])) for i, name in enumerate(("xa", "xb"))
+        ]
+        differences.append(max(difference))
+    assert differences[0] < 0.1
+    assert abs(differences[0] / differences[1] - 2.0) < ORDER_ONE
+
+
+def test_valid_and_reproducible(tmp_path, fmu):
+    first = package(tmp_path / "a.ssp", fmu)
+    second = package(tmp_path / "b.ssp", fmu)
+    assert first.read_bytes() == second.read_bytes()
+    assert read_ssd(str(first), validate=True).system.name == "system"
+    assert read_ssv(str(first), resource="resources/parameters.ssv", validate=True).parameters
+    bare = package(tmp_path / "c.ssp", fmu, inputs={}, outputs={}, stop_time=None)
+    assert read_ssd(str(bare), validate=True).system.connectors == []
+    run = cosimulate(bare, timepts=T, inputs={"b.place": 0.1}, outputs=["a.x"])
+    assert run.outputs.shape == (1, len(T))
+
+
+def test_what_cannot_be_written(tmp_path, fmu):
+    with pytest.raises(ValueError, match=r"expected a file that ends in .ssp"):
+        package(tmp_path / "x.zip", fmu)
+    with pytest.raises(ValueError, match=r"'a.place' is driven twice"):
+        package(tmp_path / "x.ssp", fmu, inputs={"where": ["a.place"]})
+    with pytest.raises(ValueError, match=r"'a.q' is not an output of a component"):
+        package(tmp_path / "x.ssp", fmu, outputs={"q": "a.q"})
+    with pytest.raises(ValueError, match=r"parameters: 'b.q' is none"):
+        package(tmp_path / "x.ssp", fmu, parameters={"b.q": 1.0})
+    assert not list(tmp_path.iterdir())
+
+
+SSD = """<?xml version="1.0" encoding="UTF-8"?>
+<ssd:SystemStructureDescription xmlns:ssd="http://ssp-standard.org/SSP1/SystemStructureDescription"
+  xmlns:ssc="http://ssp-standard.org/SSP1/SystemStructureCommon"
+  xmlns:ssv="http://ssp-standard.org/SSP1/SystemStructureParameterValues"
+  xmlns:ssm="http://ssp-standard.org/SSP1/SystemStructureParameterMapping" version="1.0" name="nested">
+  <ssd:System name="nested">
+    <ssd:Connectors><ssd:Connector name="where" kind="input"/><ssd:Connector name="out" kind="output"/></ssd:Connectors>
+    <ssd:Elements>
+      <ssd:Component name="a" source="resources/m.fmu">
+        <ssd:Connectors><ssd:Connector name="place" kind="input"/>
+          <ssd:Connector name="x" kind="output"/></ssd:Connectors>
+        <ssd:ParameterBindings><ssd:ParameterBinding><ssd:ParameterValues><ssv:ParameterSet version="1.0" name="p">
+          <ssv:Parameters><ssv:Parameter name="k"><ssv:Real value="5.0"/></ssv:Parameter>
+          <ssv:Parameter name="unknown"><ssv:Real value="5.0"/></ssv:Parameter>
+          <ssv:Parameter name="softness"><ssv:Real value="2.0"/></ssv:Parameter></ssv:Parameters>
+        </ssv:ParameterSet></ssd:ParameterValues>{mapping}</ssd:ParameterBinding></ssd:ParameterBindings>
+      </ssd:Component>
+      <ssd:System name="inner">
+        <ssd:Connectors><ssd:Connector name="u" kind="input"/><ssd:Connector name="y" kind="output"/></ssd:Connectors>
+        <ssd:Elements><ssd:Component name="b" source="{source}"><ssd:Connectors>
+          <ssd:Connector name="place" kind="input"/><ssd:Connector name="x" kind="output"/></ssd:Connectors>
+        </ssd:Component></ssd:Elements>
+        <ssd:Connections>
+          <ssd:Connection startConnector="u" endElement="b" endConnector="place">
+            <ssc:LinearTransformation factor="3" offset="0.5"/></ssd:Connection>
+          <ssd:Connection startConnector="y" endElement="b" endConnector="x"/>
+        </ssd:Connections>
+      </ssd:System>
+    </ssd:Elements>
+    <ssd:Connections>
+      <ssd:Connection startElement="a" startConnector="place" endConnector="where"/>
+      <ssd:Connection startElement="a" startConnector="x" endElement="inner" endConnector="u">
+        <ssc:LinearTransformation factor="2" offset="0.1"/></ssd:Connection>
+      <ssd:Connection startElement="inner" startConnector="y" endConnector="out"/>{extra}
+    </ssd:Connections>
+  </ssd:System>
+</ssd:SystemStructureDescription>"""
+MAPPING = """<ssd:ParameterMapping><ssm:ParameterMapping version="1.0">
+<ssm:MappingEntry source="softness" target="k"><ssc:LinearTransformation factor="-1" offset="9"/></ssm:MappingEntry>
+</ssm:ParameterMapping></ssd:ParameterMapping>"""
+
+
+def foreign(path, fmu, *, source="resources/m.fmu", mapping="", extra=""):
+    with zipfile.ZipFile(path, "w") as archive:
+        archive.writestr("SystemStructure.ssd", SSD.format(source=source, mapping=mapping, extra=extra))
+        archive.write(fmu, "resources/m.fmu")
+    return path
+
+
+def test_a_foreign_package_with_inner_systems(tmp_path, fmu):
+    """Connections either way round, transformations in a chain, inline bindings, a mapping."""
+    with opened_ssp(foreign(tmp_path / "x.ssp", fmu)) as found:
+        assert list(found.parts) == ["a", "inner.b"]
+        (wire,) = found.wires
+        assert (wire.sink, wire.source) == ("inner.b.place", "a.x")
+        assert (wire.gain, wire.offset) == (pytest.approx(6.0), pytest.approx(0.8))
+        assert found.parameters == {"a.k": 5.0}
+        assert found.outputs == {"out": "inner.b.x"}
+    with opened_ssp(foreign(tmp_path / "y.ssp", fmu, mapping=MAPPING)) as found:
+        assert found.parameters == {"a.k": 7.0}
+    run = cosimulate(tmp_path / "x.ssp", timepts=T, step=0.01, inputs={"where": 0.3})
+    loose = cosimulate(
+        {"a": fmu, "b": fmu},
+        [Wire("b.place", "a.x", 6.0, 0.8)],
+        timepts=T,
+        step=0.01,
+        inputs={"a.place": 0.3},
+        outputs=["b.x"],
+        parameters={"a.k": 5.0},
+    )
+    assert np.allclose(run.outputs, loose.outputs, atol=1e-12)
+
+
+def test_units_are_converted(tmp_path, fmu):
+    """SSP has the importer do it: millimetres on one side."""
+    text = description(unit="mm").replace(
+        '<Unit name="N">', '<Unit name="mm"><BaseUnit m="1" factor="0.001"/></Unit><Unit name="N">'
+    )
+    small = tmp_path / "small.fmu"
+    with zipfile.ZipFile(fmu) as source, zipfile.ZipFile(small, "w") as target:
+        for name in source.namelist():
+            target.writestr(name, text if name == "modelDescription.xml" else source.read(name))
+    path = write_ssp(tmp_path / "x.ssp", {"a": fmu, "b": small}, [Wire("b.place", "a.x")])
+    with opened_ssp(path) as found:
+        assert found.wires[0].gain == pytest.approx(1000.0)
+    with pytest.raises(ValueError, match="differ by a factor of 1000"):
+        cosimulate({"a": fmu, "b": small}, [("b.place", "a.x")], timepts=T)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"source": "../outside.fmu"}, "expected a file inside the package"),
+        ({"source": "resources/%2e%2e/%2e%2e/outside.fmu"}, "expected a file inside the package"),
+        ({"source": "file:///etc/passwd"}, "expected a file inside the package"),
+        ({"source": "resources/none.fmu"}, "expected a file inside the package"),
+        (
+            {"extra": '<ssd:Connection startElement="a" startConnector="q" endConnector="out"/>'},
+            "'a.q'; there is no such connector",
+        ),
+        (
+            {"extra": '<ssd:Connection startElement="a" startConnector="x" endConnector="out"/>'},
+            "out' is driven twice",
+        ),
+        (
+            {"extra": '<ssd:Connection startElement="a" startConnector="x" endConnector="where"/>'},
+            "are both sources",
+        ),
+        ({"extra": "<ssd:Nonsense/>"}, "SystemStructure.ssd is not valid"),
+    ],
+)
+def test_packages_that_are_refused(tmp_path, fmu, options, message):
+    path = foreign(tmp_path / "x.ssp", fmu, **options)
+    with pytest.raises(ValueError, match=message):
+        cosimulate(path, timepts=T)
+
+
+def test_no_package(tmp_path, fmu):
+    with pytest.raises(ValueError, match=r"no SystemStructure.ssd inside"):
+        cosimulate(fmu, timepts=T)
+    bomb = tmp_path / "x.ssp"
+    with zipfile.ZipFile(bomb, "w") as archive:
+        archive.writestr("SystemStructure.ssd", '<!DOCTYPE x [<!ENTITY a "b">]><x/>')
+    with pytest.raises(ValueError, match="declares a document type"):
+        cosimulate(bomb, timepts=T)
+
+
+def test_the_schema_is_the_standards(tmp_path, fmu):
+    with zipfile.ZipFile(package(tmp_path / "x.ssp", fmu)) as archive:
+        root = etree.fromstring(archive.read("SystemStructure.ssd"))
+    assert root.tag == "{http://ssp-standard.org/SSP1/SystemStructureDescription}SystemStructureDescription"
+    units = [
+        unit.get("name") for unit in root.iter("{http://ssp-standard.org/SSP1/SystemStructureCommon}Unit")
+    ]
+    assert units == ["m"]

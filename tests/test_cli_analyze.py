@@ -1,0 +1,94 @@
+"""analyze: the page agrees with the library, in text, JSON and picture."""
+
+import json
+
+import numpy as np
+import pytest
+
+import phyfilter_ctl as pf
+from phyfilter_ctl.analysis import loop_margin, prior_margin, ultimate_bound
+from phyfilter_ctl.cli import main
+
+
+@pytest.fixture
+def continuous(tmp_path):
+    path = tmp_path / "filter.toml"
+    pf.save(path, pf.lowpass(2, 20.0))
+    return str(path)
+
+
+@pytest.fixture
+def sampled(tmp_path):
+    path = tmp_path / "sampled.toml"
+    pf.save(path, pf.lowpass(2, 20.0).sampled(0.01))
+    return str(path)
+
+
+def test_page_of_a_continuous_filter(continuous, tmp_path, capsys):
+    picture = tmp_path / "page.png"
+    arguments = [
+        "--slope",
+        "3",
+        "--inertia-error",
+        "0.1",
+        "--rate",
+        "2",
+        "--lag",
+        "0.05",
+        "--kp",
+        "10",
+        "--kd",
+        "6",
+    ]
+    assert main(["analyze", continuous, *arguments, "--json", "-", "--picture", str(picture)]) == 0
+    figures = json.loads(capsys.readouterr().out)
+    f = pf.lowpass(2, 20.0)
+    expected = ultimate_bound(f, residual={1: 3.0}, inertia_error=0.1, rate=2.0)
+    assert figures["bound"]["bound"] == expected.bound
+    assert figures["bound"]["prior"] == expected.prior
+    import control as ct
+
+    lag = ct.tf([1.0], [0.05, 1.0])
+    assert figures["inner_loop"]["modulus_margin"] == prior_margin(f, actuator=lag).modulus_margin
+    assert (
+        figures["complete_loop"]["delay_margin"] == loop_margin(f, kp=10.0, kd=6.0, actuator=lag).delay_margin
+    )
+    assert picture.stat().st_size > 10_000
+
+
+def test_page_of_a_sampled_filter(sampled, capsys):
+    assert main(["analyze", sampled, "--residual", "0=4", "1=12", "--noise", "0.01"]) == 0
+    text = capsys.readouterr().out
+    for words in ("between samples", "least of the single ones", "noise of f_hat", "stable M_hat/M"):
+        assert words in text
+
+
+def test_data_from_a_flight(sampled, tmp_path, capsys):
+    rng = np.random.default_rng(1)
+    gamma = np.zeros((6001, 1))
+    for k in range(6000):
+        gamma[k + 1] = 0.98 * gamma[k] + 0.2 * rng.standard_normal()
+    x = np.cumsum(0.01 * gamma, axis=0) + 0.002 * rng.standard_normal((6001, 1))
+    log = tmp_path / "flight.csv"
+    pf.FlightLog.from_arrays(x=x, dt=0.01, channels=["vx"]).to_csv(log)
+    assert main(["analyze", sampled, "--log", str(log), "--x", "vx", "--json", "-"]) == 0
+    figures = json.loads(capsys.readouterr().out)
+    value, low, high = figures["statistics"]["noise"]
+    assert low < value < high
+    assert value == pytest.approx(0.002, rel=0.1)
+    assert figures["bound"]["derivative"] == 1
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--residual", "1"], "K=D"),
+        (["--slope", "-1"], "0 or more"),
+        (["--delay", "-1", "--lag", "0.1"], "delay"),
+        (["--log", "nothing.csv"], "nothing.csv"),
+        (["--picture", "page.txt"], "ends in"),
+    ],
+)
+def test_wrong_options(continuous, arguments, message, capsys):
+    assert main(["analyze", continuous, *arguments]) == 2
+    assert message in capsys.readouterr().err
