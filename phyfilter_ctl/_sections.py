@@ -22,6 +22,8 @@ ComplexArray = NDArray[np.complex128]
 # Coefficients that a set of poles reproduces to this relative error are the same polynomial in double
 # precision: rounding each a_i once and forming the product of n factors costs about n eps.
 SAME_POLYNOMIAL = 1e-14
+# Poles whose magnitudes differ by less than this, relative, are equally fast.
+_SAME_SPEED = 1e-10
 # Taylor series of expm1 below this norm: 18 terms leave 0.5**18 / 19! < 1e-22 of the result.
 _TAYLOR_NORM = 0.5
 _TAYLOR_TERMS = 18
@@ -81,9 +83,15 @@ def _merge_clusters(roots: ComplexArray, radius: float) -> ComplexArray:
 
 
 def sort_poles(poles: ComplexArray) -> ComplexArray:
-    """Slowest first; each complex pair together and exactly conjugate, the positive imaginary part first."""
+    """Slowest first; each complex pair together and exactly conjugate, the positive imaginary part first.
+
+    Magnitudes that differ by rounding count as equal: Butterworth's poles come in one order, however they were found.
+    """
     kept = poles[poles.imag >= 0.0]
-    order = np.lexsort((kept.imag, kept.real, np.abs(kept)))
+    kept = kept[np.argsort(np.abs(kept), kind="stable")]
+    size = np.abs(kept)
+    speed = np.cumsum(np.diff(size, prepend=size[:1]) > _SAME_SPEED * size)
+    order = np.lexsort((kept.imag, kept.real, speed))
     both: list[complex] = []
     for pole in kept[order]:
         both += [pole] if pole.imag == 0.0 else [pole, pole.conjugate()]

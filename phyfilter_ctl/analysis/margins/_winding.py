@@ -14,7 +14,7 @@ from ._factors import Factors
 
 __all__ = ["zeros_on_the_right"]
 
-# Pieces shorter than this fraction of the range that still cannot be certified have a zero on the axis, to rounding.
+# Pieces shorter than this share of their frequency that still cannot be certified have a zero on the axis, to rounding.
 _SHORTEST = 1e-13
 # Beyond this many pieces the curve passes 0 closer than double precision tells.
 _MOST_PIECES = 2**20
@@ -59,7 +59,7 @@ def zeros_on_the_right(q: Factors, p: Factors, delay: float, ratio: complex, gri
         turn += float(np.sum(np.angle(right[certain] / left[certain])))
         low, high, left, right = (part[~certain] for part in (low, high, left, right))
         pieces += len(low)
-        if pieces > _MOST_PIECES or np.any(high - low < _SHORTEST * last):
+        if pieces > _MOST_PIECES or np.any(high - low < _SHORTEST * np.maximum(np.abs(low) + np.abs(high), grid[0])):
             return None
         middle = 0.5 * (low + high)
         value = curve(middle)

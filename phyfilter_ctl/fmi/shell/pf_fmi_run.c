@@ -95,6 +95,9 @@ int pf_fmi_update_discrete(pf_fmi *self, int *states_changed, int *next_defined,
   *states_changed = *next_defined = 0;
   *next = 0;
   if (!pf_fmi_in(self, PF_FMI_EVENT, "updateDiscreteStates")) return PF_FMI_ERROR;
+  if (model->n_tasks && saved->time - saved->last_event > pf_fmu_here.longest_step)
+    return pf_fmi_say(self, PF_FMI_ERROR, "updateDiscreteStates: %.9g s after the last event; expected a stop at every "
+                      "time event", saved->time - saved->last_event);
   memcpy(self->work, self->x, states);
   const int status = apply_staged(self);
   *states_changed = memcmp(self->work, self->x, states) != 0;
