@@ -7,9 +7,14 @@ training data. PhyFilter passes the learning residual through a designed filter 
 ==============  =======================================================================================
 choose F        :func:`place_poles`, :func:`lowpass`, :func:`bandpass`, :class:`PhyFilter`
 learn F         :func:`learn`, :func:`learn_jointly`; :mod:`phyfilter_ctl.design` has the paper's algorithms
-understand it   :func:`frequency_response`, ``PhyFilter.describe``
+understand it   :func:`frequency_response`, :func:`ultimate_bound`, :func:`error_variance`, :func:`prior_margin`,
+                :func:`loop_margin`, :func:`signal_margin`; designs from them: :mod:`phyfilter_ctl.design.optimal`
 run it          :class:`SampledPhyFilter` (``PhyFilter.sampled``), :func:`stack`
-connect it      :func:`phyfilter_block`, a python-control system
+connect it      :func:`phyfilter_block`, :func:`sampled_block`, :func:`learned_block`, :func:`plant`: python-control
+                systems, wired with ``control.interconnect``
+simulate        :func:`flatten`, :func:`simulate`, :func:`simulate_batch`, :func:`sensitivity`
+hand it over    :func:`export_c`, :func:`export_fmu`, :func:`export_ssp`
+co-simulate     :func:`import_fmu`, :func:`cosimulate`
 keep it         :func:`save`, :func:`load` (TOML)
 data            :class:`FlightLog`, :func:`split_by_speed`
 models of f     :mod:`phyfilter_ctl.learned`
@@ -19,13 +24,20 @@ the paper's     :mod:`phyfilter_ctl.models`
 """
 
 from .analysis import (
+    BandwidthLimit,
     BoundResult,
     FilterResponse,
     FilterResponseList,
+    InertiaVerdict,
+    LoopMargin,
+    PriorMargin,
     Variance,
     error_variance,
     frequency_response,
     gauss_markov,
+    largest_bandwidth,
+    loop_margin,
+    prior_margin,
     ultimate_bound,
 )
 from .blocks import (
@@ -41,7 +53,7 @@ from .blocks import (
 )
 from .codegen import export_c
 from .design import LearnResult, bandpass, learn, learn_jointly, lowpass, numerator_of_type, place_poles
-from .diagram import FlatModel, flatten
+from .diagram import FlatModel, flatten, signal_margin
 from .filter import PhyFilter
 from .filterfile import Signals, load, load_signals, save
 from .flightlog import FlightLog, split_by_speed, split_flights
@@ -51,6 +63,7 @@ from .sampled import FilterState, SampledPhyFilter, stack
 from .simulation import Sensitivity, SimulationResponse, sensitivity, simulate, simulate_batch
 
 __all__ = [
+    "BandwidthLimit",
     "BlockFunctions",
     "BoundResult",
     "FilterResponse",
@@ -59,10 +72,13 @@ __all__ = [
     "FlatModel",
     "FlightLog",
     "FunctionBlock",
+    "InertiaVerdict",
     "LearnResult",
+    "LoopMargin",
     "PhyFilter",
     "PhyFilterBlock",
     "Plant",
+    "PriorMargin",
     "SampledBlock",
     "SampledPhyFilter",
     "Sensitivity",
@@ -81,19 +97,23 @@ __all__ = [
     "function_block",
     "gauss_markov",
     "import_fmu",
+    "largest_bandwidth",
     "learn",
     "learn_jointly",
     "learned_block",
     "load",
     "load_signals",
+    "loop_margin",
     "lowpass",
     "numerator_of_type",
     "phyfilter_block",
     "place_poles",
     "plant",
+    "prior_margin",
     "sampled_block",
     "save",
     "sensitivity",
+    "signal_margin",
     "simulate",
     "simulate_batch",
     "split_by_speed",

@@ -1,6 +1,7 @@
-"""python-control diagrams as one model."""
+"""python-control diagrams as one model, and their margins at any signal."""
 
 from .flattening import as_sampled, flatten
 from .model import FlatModel, Task
+from .opening import SignalMargin, open_loop, signal_margin
 
-__all__ = ["FlatModel", "Task", "as_sampled", "flatten"]
+__all__ = ["FlatModel", "SignalMargin", "Task", "as_sampled", "flatten", "open_loop", "signal_margin"]

@@ -188,6 +188,8 @@ class FmuInterface:
     author, description : str
     depends : (n_x + n_y, n_x + n_u) bool array
         Which derivative and output depends on which state and input.
+    on_time : (n_x + n_y,) bool array
+        Which depends on time itself.
     derivatives : bool
         Whether the model has directional and adjoint derivatives.
     """
@@ -202,6 +204,7 @@ class FmuInterface:
     author: str = ""
     description: str = ""
     depends: NDArray[np.bool_] = field(default_factory=lambda: np.zeros((0, 0), dtype=bool))
+    on_time: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, dtype=bool))
     derivatives: bool = True
 
     def of_kind(self, *kinds: Kind) -> tuple[int, ...]:
@@ -214,7 +217,7 @@ class FmuInterface:
         return tuple(i for i, variable in enumerate(self.variables) if variable.kind in kinds)
 
     def dependencies(self, reference: int) -> tuple[int, ...]:
-        """Value references of the states and inputs that an output or derivative depends on.
+        """Value references of what an output or derivative depends on: states, inputs, time.
 
         Parameters
         ----------
@@ -223,12 +226,12 @@ class FmuInterface:
         variable = self.variables[reference]
         n_x = len(self.model.states)
         first = variable.first + (n_x if variable.kind == "output" else 0)
-        row = self.depends[first : first + variable.count].any(axis=0)
-        found = []
+        row = np.any(self.depends[first : first + variable.count], axis=0).tolist()
+        found = list(self.of_kind("time")) if self.on_time[first : first + variable.count].any() else []
         for i in self.of_kind("input", "state"):
             known = self.variables[i]
             at = known.first + (n_x if known.kind == "input" else 0)
-            if row[at : at + known.count].any():
+            if any(row[at : at + known.count]):
                 found.append(i)
         return tuple(found)
 
@@ -249,6 +252,7 @@ def fmu_interface(
     author: str = "",
     description: str = "",
     derivatives: bool = True,
+    on_time: NDArray[np.bool_] | None = None,
 ) -> FmuInterface:
     """The variables and structure of an FMU.
 
@@ -265,6 +269,8 @@ def fmu_interface(
     author, description : str
     derivatives : bool
         Whether the model has directional and adjoint derivatives.
+    on_time : (n_x + n_y,) bool array, optional
+        Which derivative and output depends on time itself; None means none does.
 
     Raises
     ------
@@ -279,8 +285,9 @@ def fmu_interface(
     solver, experiment = solver or FmuSolver(), experiment or FmuExperiment()
     grouped = arrays and fmi == "3.0"
     variables = [InterfaceVariable("time", "time", unit="s", description="Independent variable")]
-    for kind, vector in (("input", model.inputs), ("output", model.outputs), ("parameter", model.parameters)):
-        variables += _variables(kind, vector, grouped)
+    variables += _variables("input", model.inputs, grouped)
+    variables += _variables("output", model.outputs, grouped)
+    variables += _variables("parameter", model.parameters, grouped)
     taken = {variable.name for variable in variables}
     states = _variables("state", _beside(model.states, taken), grouped)
     first_state = len(variables)
@@ -312,6 +319,7 @@ def fmu_interface(
         description=description or model.description,
         # A model that does not say depends on everything: safe for whoever looks for algebraic loops.
         depends=depends if depends.shape == shape else np.ones(shape, dtype=bool),
+        on_time=np.zeros(n_rows, dtype=bool) if on_time is None else on_time,
         derivatives=derivatives,
     )
 

@@ -10,8 +10,10 @@ from pathlib import Path
 from typing import Literal
 
 import control as ct
-from numpy.typing import ArrayLike
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
+from ..blocks.functions import dependencies
 from ..codegen.compiler import CompilerError
 from ..codegen.diagram_source import diagram_model
 from ..codegen.filter_model import filter_model
@@ -129,10 +131,13 @@ def export_fmu(
     'wing.fmu'
     """
     chosen = platform_names(platforms)
+    if isinstance(system, ct.InputOutputSystem):
+        system = flatten(system)
     model, filters = _c_model(system, name, channels, inertia, rate, signals)
     interface = fmu_interface(
         model, fmi=fmi, kinds=kinds, solver=_solver(solver, filters if model.states else ()), experiment=experiment,
         arrays=arrays, author=author, description=description,
+        on_time=_on_time(system) if isinstance(system, FlatModel) else None,
     )  # fmt: skip
     tolerant = isinstance(system, SampledPhyFilter) and system.nonfinite == "hold"
     token, sources = _sealed(interface, tolerant)
@@ -152,7 +157,7 @@ def export_fmu(
 
 
 def _c_model(
-    system: ct.InputOutputSystem | FlatModel | CModel | PhyFilter | SampledPhyFilter | Sequence[PhyFilter],
+    system: FlatModel | CModel | PhyFilter | SampledPhyFilter | Sequence[PhyFilter],
     name: str | None,
     channels: int | None,
     inertia: ArrayLike | Literal["scalar", "diagonal", "full"] | None,
@@ -181,14 +186,22 @@ def _c_model(
         )
     if isinstance(system, CModel):
         return (system if name is None else replace(system, name=checked_identifier(name))), ()
-    if isinstance(system, ct.InputOutputSystem):
-        system = flatten(system)
     if not isinstance(system, FlatModel):
         raise TypeError(
             f"export_fmu: expected a filter or a python-control system, got {type(system).__name__}; wrap equations "
             "with phyfilter_ctl.plant or function_block"
         )
     return diagram_model(system, name=name or _own_name(system.name)), ()
+
+
+def _on_time(flat: FlatModel) -> NDArray[np.bool_]:
+    """Which derivative and output depends on time itself."""
+    if flat.dt > 0.0:  # all of it happens at instants
+        return np.zeros(len(flat.outputs), dtype=bool)
+    parts = ((flat.dynamics, flat.states), (flat.output, flat.outputs))
+    return np.concatenate(
+        [dependencies(part, 0)[:, 0] if rows else np.zeros(0, bool) for part, rows in parts]
+    )
 
 
 def _own_name(name: str) -> str:

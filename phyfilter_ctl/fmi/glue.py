@@ -53,7 +53,7 @@ def fmu_sources(interface: FmuInterface, token: str, *, accept_bad_inputs: bool 
     accept_bad_inputs : bool
         Leave inputs that are not finite to the model (``nonfinite="hold"``).
     """
-    folder = resources.files(__package__) / "shell"
+    folder = resources.files("phyfilter_ctl.fmi") / "shell"
     shell = {name: (folder / name).read_text(encoding="utf-8") for name in (*SHELL, _FRONT[interface.fmi])}
     own = {
         f"{interface.model.name}_fmu.c": glue_source(interface, token, accept_bad_inputs=accept_bad_inputs)

@@ -84,7 +84,7 @@ def test_first_order_is_lost_at_the_nyquist_frequency(w: float):
     h = 0.002
     gains = {"exact": -np.expm1(-w * h), "euler": w * h, "tustin": w * h / (1.0 + 0.5 * w * h)}
     for method, q in gains.items():
-        margin = prior_margin(PhyFilter([w]).sampled(h, method=method))  # type: ignore[arg-type]
+        margin = prior_margin(PhyFilter([w]).sampled(h, method=method))
         assert margin.stable_ratios == ((0.0, pytest.approx(2.0 / q, rel=CLOSE)),)
         assert margin.ratio_crossings[-1].omega == pytest.approx(np.pi / h, rel=1e-6)
         # L = q/(z - 1).
@@ -145,7 +145,9 @@ def test_upper_limits_by_simulation(n: int):
     sampled = repeated(n).sampled(0.005)
     margin = prior_margin(sampled)
     # Lost at the Nyquist frequency the first-order loop decays to rounding within a few hundred steps.
-    found = simulated_limit(sampled, margin.max_ratio, spread=0.01 if n == 1 else 0.04, steps=1200 if n == 1 else 6000)
+    found = simulated_limit(
+        sampled, margin.max_ratio, spread=0.01 if n == 1 else 0.04, steps=1200 if n == 1 else 6000
+    )
     assert found == pytest.approx(margin.max_ratio, rel=SIMULATED)
 
 
@@ -159,7 +161,7 @@ def test_lower_limits_by_simulation(n: int):
 @pytest.mark.parametrize("method", ["exact", "euler", "tustin"])
 @pytest.mark.parametrize("delay", [0.0, 0.0137, 0.03])
 def test_lag_delay_and_outer_loop_by_simulation(method: str, delay: float):
-    sampled = PhyFilter.from_poles([-9.0, -9.0]).sampled(0.01, method=method)  # type: ignore[arg-type]
+    sampled = PhyFilter.from_poles([-9.0, -9.0]).sampled(0.01, method=method)
     loop = {"kp": 10.0, "kd": 6.0, "delay": delay}
     margin = loop_margin(sampled, actuator=ct.tf(1, [0.05, 1]), **loop)
     found = simulated_limit(sampled, margin.max_ratio, lag=0.05, **loop)
@@ -228,6 +230,18 @@ def test_delay_margin_of_many_steps():
     assert margin.delay_margin == pytest.approx(5e-4 * 0.5 * (np.pi / theta - 1.0), rel=1e-5)
 
 
+@pytest.mark.parametrize("gains", [(0.0, 0.0), (0.0, 6.0), (10.0, 6.0)])
+def test_long_delays_are_counted_along_the_circle(gains: tuple[float, float]):
+    """More than a hundred steps: the turns of chi against the eigenvalues of the large matrix."""
+    kp, kd = gains
+    margin = loop_margin(repeated(3, 8.0), kp=kp, kd=kd, actuator=ct.tf(1, [0.05, 1]), delay=0.1203, dt=0.001)
+    counts = []
+    for mu in (0.05, 0.4, 1.0, 2.0, 5.0, 40.0, 0.5j, 1.0 + 1.0j):
+        counts.append(margin.loop.unstable(mu))
+        assert counts[-1] == np.count_nonzero(np.abs(margin.loop.roots(mu)) >= 1.0)
+    assert len(set(counts)) > 2
+
+
 def test_a_loop_below_one_bears_any_delay():
     margin = prior_margin(PhyFilter([20.0], [8.0]), dt=0.01)  # |L| < 0.4/0.6 at all frequencies
     assert margin.delay_margin == np.inf
@@ -267,7 +281,7 @@ def test_largest_bandwidth_sampled_tends_to_the_continuous_one():
 
 def test_bad_input():
     sampled = PhyFilter([20.0]).sampled(0.01)
-    with pytest.raises(ValueError, match="dt: 0.02 s contradicts"):
+    with pytest.raises(ValueError, match=r"dt: 0\.02 s contradicts"):
         prior_margin(sampled, dt=0.02)
     with pytest.raises(ValueError, match="g='average'"):
         prior_margin(PhyFilter([20.0]).sampled(0.01, g="average"))

@@ -142,8 +142,8 @@ def test_sources_only_without_a_compiler(tmp_path, monkeypatch):
     assert validate_fmu(str(path)) == []
     with pytest.raises(CompilerError, match="not found"):
         export_fmu(FILTER, tmp_path / "b.fmu", compiler="no-such-cc")
+    monkeypatch.setattr("phyfilter_ctl.fmi.build.find_spec", lambda name: None)
     with pytest.raises(CompilerError, match="cross"):
-        monkeypatch.setattr("phyfilter_ctl.fmi.build.find_spec", lambda name: None)
         build_binaries({}, name="a", fmi="3.0", platforms=("aarch64-linux",))
     assert not (tmp_path / "b.fmu").exists()
 
@@ -211,7 +211,8 @@ def test_arrays():
 @pytest.mark.parametrize(
     ("text", "exponents", "factor"),
     [
-        ("m/s^2", {"m": 1, "s": -2}, 1.0), ("N m", {"kg": 1, "m": 2, "s": -2}, 1.0), ("rad/s", {"s": -1, "rad": 1}, 1.0),
+        ("m/s^2", {"m": 1, "s": -2}, 1.0), ("N m", {"kg": 1, "m": 2, "s": -2}, 1.0),
+        ("rad/s", {"s": -1, "rad": 1}, 1.0),
         ("kg", {"kg": 1}, 1.0), ("1/s", {"s": -1}, 1.0), ("(rad/s)^2", {"s": -2, "rad": 2}, 1.0), ("1", {}, 1.0),
         ("kg*m**2", {"kg": 1, "m": 2}, 1.0), ("N.m/rad", {"kg": 1, "m": 2, "s": -2, "rad": -1}, 1.0),
         ("km/h", {"m": 1, "s": -1}, 1 / 3.6), ("deg", {"rad": 1}, np.pi / 180), ("mm", {"m": 1}, 1e-3),
@@ -248,6 +249,35 @@ def test_structure_is_complete_without_sparsity():
     interface = fmu_interface(model)
     assert interface.depends.all()
     assert 'dependencies=""' not in model_description(interface, "0", ())
+
+
+def test_dependence_on_time_is_told(tmp_path):
+    def swing(t, x, u, p):
+        return {"a": np.cos(t) - x.a, "b": x.a}, {"early": x.b, "late": x.b + t}
+
+    system = pf.plant(swing, states={"a": 0.0, "b": 0.0}, inputs={})
+    description = fmpy.read_model_description(str(export_fmu(system, tmp_path / "a.fmu", platforms=())))
+    found = {
+        u.variable.name: [d.name for d in u.dependencies]
+        for u in description.outputs + description.derivatives
+    }
+    assert found == {"early": ["b"], "late": ["time", "b"], "der(a)": ["time", "a"], "der(b)": ["a"]}
+
+
+def test_single_precision_filter(tmp_path):
+    sampled = FILTER.sampled(PERIOD, precision="float32")
+    path = export_fmu(sampled, tmp_path / "a.fmu", channels=2, compiler=quick_compiler())
+    x = np.random.default_rng(1).normal(size=(50, 2)).cumsum(axis=0) * 0.01
+    with Instance(path) as fmu:
+        fmu.start(x=x[0])
+        found = [fmu.get("f_hat")]
+        for row in x[1:]:
+            fmu.step(PERIOD, x=row)
+            found.append(fmu.get("f_hat"))
+    expected = sampled.run(x)
+    np.testing.assert_allclose(
+        found, expected, rtol=0, atol=4 * np.finfo(np.float32).eps * np.abs(expected).max()
+    )
 
 
 # ---- bad input ----

@@ -11,9 +11,11 @@ import tempfile
 from functools import cache
 from pathlib import Path
 
+import control as ct
 import pytest
 from exported_fmus import SYSTEMS
 
+import phyfilter_ctl as pf
 from phyfilter_ctl.codegen import CompilerError, compile_sources
 from phyfilter_ctl.fmi.description import FmuSolver, fmu_interface
 from phyfilter_ctl.fmi.export import _c_model
@@ -22,7 +24,14 @@ from phyfilter_ctl.fmi.glue import fmi_headers, fmu_sources
 HERE = Path(__file__).parent / "fuzz"
 SANITIZERS = ("-fsanitize=address,undefined", "-fno-sanitize-recover=all", "-g", "-O1", "-std=gnu99")
 SEQUENCES = 1500
-CASES = [("sampled", "2.0"), ("sampled", "3.0"), ("loop", "3.0"), ("continuous", "2.0"), ("fixed", "3.0"), ("loop", "2.0")]
+CASES = [
+    ("sampled", "2.0"),
+    ("sampled", "3.0"),
+    ("loop", "3.0"),
+    ("continuous", "2.0"),
+    ("fixed", "3.0"),
+    ("loop", "2.0"),
+]
 
 
 @cache
@@ -38,6 +47,8 @@ def sanitizers_work():
 
 def fuzzer(name, fmi, folder):
     system, options = SYSTEMS[name]()
+    if isinstance(system, ct.InputOutputSystem):
+        system = pf.flatten(system)
     model, _ = _c_model(
         system, "fuzzed", options.get("channels"), None, options.get("rate", "communication"), None
     )
@@ -46,7 +57,9 @@ def fuzzer(name, fmi, folder):
     sources = {**fmi_headers(fmi), **fmu_sources(interface, "fuzz"), "fuzz.h": (HERE / "fuzz.h").read_text()}
     file = f"fuzz{fmi[0]}.c"
     sources[file] = (HERE / file).read_text()
-    return compile_sources(sources, Path(folder, f"{name}{fmi[0]}"), kind="program", name=name, flags=SANITIZERS)
+    return compile_sources(
+        sources, Path(folder, f"{name}{fmi[0]}"), kind="program", name=name, flags=SANITIZERS
+    )
 
 
 def run(program, sequences, seed):

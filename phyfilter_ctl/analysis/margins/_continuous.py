@@ -117,7 +117,7 @@ class ContinuousLoop:
 
     @cached_property
     def _reach(self) -> tuple[float, float, float]:
-        """(where the delay outruns the phase of P/Q for good, end of the grid, ratio below which nothing lies beyond)."""
+        """Where the delay outruns the phase of P/Q, the end of the grid, the ratio that all beyond it exceeds."""
         if self.delay == 0.0:
             return float("inf"), float("inf"), float("inf")
         omega = _sweep.grid(self.corners, float("inf"))

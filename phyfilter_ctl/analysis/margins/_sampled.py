@@ -216,9 +216,8 @@ def _turn(curve: Callable[[FloatArray], ComplexArray], omega: FloatArray, values
         turn += float(np.sum(np.angle(right[straight] / left[straight])))
         if np.all(straight):
             return turn
-        low, middle, high, left, value, right = (
-            part[~straight] for part in (low, middle, high, left, value, right)
-        )
+        low, middle, high = low[~straight], middle[~straight], high[~straight]
+        left, value, right = left[~straight], value[~straight], right[~straight]
         low, high = np.concatenate([low, middle]), np.concatenate([middle, high])
         left, right = np.concatenate([left, value]), np.concatenate([value, right])
     return float("nan")

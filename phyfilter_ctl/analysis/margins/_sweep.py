@@ -69,7 +69,7 @@ class Crossing(NamedTuple):
     omega : float
         Frequency of that pole in rad/s.
     leaving : int
-        1 where the pole leaves the stable region as the ratio grows, -1 where it enters, 0 where that was not looked at.
+        1 where the pole leaves the stable region as the ratio grows, -1 where it enters, 0 where it is real.
     """
 
     ratio: float
@@ -94,8 +94,8 @@ def grid(corners: ComplexArray, end: float, *, turn: float = 0.0) -> FloatArray:
         count = max(0, int((high - first) / spacing) + 1) if high > first else 0
         if count > _MOST_POINTS:
             raise ValueError(
-                f"the delay of {turn:g} s turns the loop {high * turn / (2.0 * np.pi):.3g} times below {high:.4g} rad/s, "
-                "where its gain still counts, too often to search; leave out dynamics that are that much faster"
+                f"the delay of {turn:g} s turns the loop {high * turn / (2.0 * np.pi):.3g} times below {high:.4g} "
+                "rad/s, where its gain still counts, too often to search; leave out dynamics that are that much faster"
             )
         parts.append(first + spacing * np.arange(count))
     points = np.unique(np.concatenate(parts))

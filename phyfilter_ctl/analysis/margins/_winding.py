@@ -59,7 +59,9 @@ def zeros_on_the_right(q: Factors, p: Factors, delay: float, ratio: complex, gri
         turn += float(np.sum(np.angle(right[certain] / left[certain])))
         low, high, left, right = (part[~certain] for part in (low, high, left, right))
         pieces += len(low)
-        if pieces > _MOST_PIECES or np.any(high - low < _SHORTEST * np.maximum(np.abs(low) + np.abs(high), grid[0])):
+        if pieces > _MOST_PIECES or np.any(
+            high - low < _SHORTEST * np.maximum(np.abs(low) + np.abs(high), grid[0])
+        ):
             return None
         middle = 0.5 * (low + high)
         value = curve(middle)

@@ -125,7 +125,8 @@ int pf_fmi_update_discrete(pf_fmi *self, int *states_changed, int *next_defined,
 /* ---- model exchange ---- */
 
 int pf_fmi_set_time(pf_fmi *self, double t) {
-  if (!pf_fmi_in(self, PF_FMI_EVENT | PF_FMI_CONTINUOUS, "setTime")) return PF_FMI_ERROR;
+  const uint32_t modes = self->saved->interface == PF_FMI_MODEL_EXCHANGE ? PF_FMI_EVENT | PF_FMI_CONTINUOUS : 0;
+  if (!pf_fmi_in(self, modes, "setTime")) return PF_FMI_ERROR;
   if (!is_finite(t)) return pf_fmi_say(self, PF_FMI_ERROR, "setTime: %g is no time", t);
   self->saved->time = t;
   self->fresh = 0;
