@@ -78,7 +78,7 @@ def test_recipes_are_built_and_checked(capsys):
 
     fmus = Path(__file__).parents[1] / "fmus"
     assert main(["fmu", "recipes", str(fmus)]) == 0
-    assert capsys.readouterr().out.count(": ok") >= 4
+    assert capsys.readouterr().out.count(": ok") >= 6
 
 
 @pytest.mark.parametrize(

@@ -2,11 +2,21 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
+import casadi as ca
 import control as ct
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from phyfilter_ctl.blocks import PhyFilterBlock, phyfilter_block
+from phyfilter_ctl.blocks import (
+    BlockFunctions,
+    FunctionBlock,
+    PhyFilterBlock,
+    Variable,
+    function_block,
+    phyfilter_block,
+)
 from phyfilter_ctl.filter import PhyFilter
 from phyfilter_ctl.sampled import SampledPhyFilter
 
@@ -60,20 +70,34 @@ def build(
     learned = differentiator_block(differentiator, filter.dt)
     repair = phyfilter_block(filter, _AXES, name="phyfilter")
     axes = range(_AXES)
+    # g = 0: nothing of v' is known. python-control has no block without inputs.
+    nothing = ct.StateSpace(
+        [],
+        [],
+        [],
+        np.zeros((_AXES, _AXES)),
+        None,
+        inputs=_AXES,
+        outputs=[f"g[{i}]" for i in axes],
+        name="nothing",
+    )
     return ct.interconnect(
-        [learned, repair],
-        connections=[[f"phyfilter.f_theta[{i}]", f"differentiator.f_theta[{i}]"] for i in axes],
-        inplist=[[f"differentiator.v[{i}]", f"phyfilter.x[{i}]"] for i in axes],
+        [learned, repair, nothing],
+        connections=[
+            [f"phyfilter.{name}[{i}]", f"{block}.{name}[{i}]"]
+            for block, name in (("differentiator", "f_theta"), ("nothing", "g"))
+            for i in axes
+        ],
+        inplist=[[f"differentiator.v[{i}]", f"phyfilter.x[{i}]", f"nothing.u[{i}]"] for i in axes],
         inputs=[f"v[{i}]" for i in axes],
         outlist=[f"phyfilter.f_hat[{i}]" for i in axes] + [f"differentiator.f_theta[{i}]" for i in axes],
         outputs=[f"f_hat[{i}]" for i in axes] + [f"f_theta[{i}]" for i in axes],
-        ignore_inputs=[f"phyfilter.g[{i}]" for i in axes],  # g = 0: nothing of v' is known
         name="acceleration",
         dt=filter.dt,
     )
 
 
-def differentiator_block(differentiator: WindowDifferentiator, dt: float) -> ct.NonlinearIOSystem:
+def differentiator_block(differentiator: WindowDifferentiator, dt: float) -> FunctionBlock:
     """A learned differentiator as a discrete block; its states are the past velocities, the newest first.
 
     Parameters
@@ -84,7 +108,7 @@ def differentiator_block(differentiator: WindowDifferentiator, dt: float) -> ct.
 
     Returns
     -------
-    control.NonlinearIOSystem
+    FunctionBlock
         Inputs v[0..2], outputs f_theta[0..2].
 
     Examples
@@ -93,24 +117,23 @@ def differentiator_block(differentiator: WindowDifferentiator, dt: float) -> ct.
     >>> block.nstates
     90
     """
-    reach = differentiator.reach
-
-    def update(t: float, x: FloatArray, u: FloatArray, parameters: dict[str, float]) -> FloatArray:
-        return np.concatenate([u, x[:-_AXES]])
-
-    def output(t: float, x: FloatArray, u: FloatArray, parameters: dict[str, float]) -> FloatArray:
-        past = np.concatenate([u, x]).reshape(reach + 1, _AXES)
-        return differentiator.predict(past[::-1])[-1]
-
-    return ct.nlsys(
-        update,
-        output,
-        inputs=[f"v[{i}]" for i in range(_AXES)],
-        outputs=[f"f_theta[{i}]" for i in range(_AXES)],
-        states=[f"v[{i}]_{j}" for j in range(1, reach + 1) for i in range(_AXES)],
-        dt=dt,
-        name="differentiator",
+    reach, stride = differentiator.reach, differentiator.stride
+    t, x, u = ca.SX.sym("t"), ca.SX.sym("x", _AXES * reach), ca.SX.sym("u", _AXES)
+    p = ca.SX(0, 1)
+    past = ca.vertcat(u, x)
+    window = [past[_AXES * lag : _AXES * (lag + 1)] for lag in range(0, reach + 1, stride)]
+    # The features of WindowDifferentiator: the newest velocity, then the steps back.
+    steps = [newer - older for newer, older in pairwise(window)]
+    prediction = differentiator.model.casadi()(ca.vertcat(window[0], *steps))
+    functions = BlockFunctions(
+        tuple(Variable(f"past[{j},{i}]", unit="m/s") for j in range(1, reach + 1) for i in range(_AXES)),
+        tuple(Variable(f"v[{i}]", unit="m/s") for i in range(_AXES)),
+        tuple(Variable(f"f_theta[{i}]", unit="m/s^2") for i in range(_AXES)),
+        (),
+        ca.Function("dynamics", [t, x, u, p], [past[: _AXES * reach]]),
+        ca.Function("output", [t, x, u, p], [prediction]),
     )
+    return function_block(functions, name="differentiator", dt=dt)
 
 
 def rest_state(system: ct.InputOutputSystem, v0: ArrayLike) -> FloatArray:
@@ -123,11 +146,11 @@ def rest_state(system: ct.InputOutputSystem, v0: ArrayLike) -> FloatArray:
     """
     v0 = np.asarray(v0, dtype=float)
     blocks = getattr(system, "syslist", ())
-    if len(blocks) != 2 or not isinstance(blocks[1], PhyFilterBlock):
+    if len(blocks) != 3 or not isinstance(blocks[1], PhyFilterBlock):
         raise ValueError(f"expected the system that build() returned, got {system.name!r}")
     if v0.shape != (_AXES,):
         raise ValueError(f"v0: expected shape ({_AXES},), got {v0.shape}")
-    learned, repair = blocks
+    learned, repair, _ = blocks
     window = np.tile(v0, learned.nstates // _AXES)
     f_theta0 = np.asarray(learned.output(0.0, window, v0), dtype=float)
     return np.concatenate([window, repair.rest_state(v0, np.zeros(_AXES), f_theta0)])

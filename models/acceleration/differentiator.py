@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
+import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -32,6 +33,10 @@ class Predictor(Protocol):
 
     def predict(self, z: ArrayLike) -> FloatArray:
         """Accelerations (N, n_x) in m/s^2."""
+        ...
+
+    def casadi(self) -> ca.Function:
+        """The same for one sample: z (n_z,) -> (n_x,)."""
         ...
 
 
@@ -118,11 +123,20 @@ class LeastSquaresSlope:
     def predict(self, z: ArrayLike) -> FloatArray:
         """Slope (N, n_x) of the features z (N, L n_x)."""
         z = np.asarray(z, dtype=float)
-        centred = 0.5 * (self.length - 1) - np.arange(self.length)
-        # v_{k-js} = v_k - (the first j steps): the weight of a step is minus the sum of those beyond it.
-        weights = np.cumsum(centred)[:-1] / (self.spacing * np.sum(centred**2))
         steps = z.reshape(len(z), self.length, -1)[:, 1:]
-        return np.einsum("j,kjc->kc", weights, steps)
+        return np.einsum("j,kjc->kc", self._weights, steps)
+
+    def casadi(self) -> ca.Function:
+        """The same for one sample of three axes: z (3 L,) -> (3,)."""
+        z = ca.SX.sym("z", 3 * self.length)
+        steps = ca.reshape(z, 3, self.length)[:, 1:]
+        return ca.Function("slope", [z], [steps @ ca.DM(self._weights)])
+
+    @property
+    def _weights(self) -> FloatArray:
+        """Of the steps: v_{k-js} = v_k - (the first j steps), so that of a step is minus the sum of those beyond it."""
+        centred = 0.5 * (self.length - 1) - np.arange(self.length)
+        return np.cumsum(centred)[:-1] / (self.spacing * np.sum(centred**2))
 
 
 def stride_of(span: float, dt: float) -> int:
