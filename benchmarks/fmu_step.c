@@ -61,14 +61,15 @@ static void check(int status) {
   exit(1);
 }
 
-static void quiet2(void *environment, const char *name, fmi2Status status, const char *category, const char *text, ...) {
+static void log2_to_stderr(void *environment, const char *name, fmi2Status status, const char *category,
+                           const char *text, ...) {
   (void)environment;
   (void)name;
   (void)status;
   fprintf(stderr, "%s: %s\n", category, text);
 }
 
-static void quiet3(void *environment, fmi3Status status, const char *category, const char *text) {
+static void log3_to_stderr(void *environment, fmi3Status status, const char *category, const char *text) {
   (void)environment;
   (void)status;
   fprintf(stderr, "%s: %s\n", category, text);
@@ -76,7 +77,7 @@ static void quiet3(void *environment, fmi3Status status, const char *category, c
 
 /* One run of so many steps; the last f_hat and the sum of all that came before, so that none can be left out. */
 static double run2(void *library, const char *token, const unsigned *refs, long steps, double *sum) {
-  static const fmi2CallbackFunctions callbacks = {quiet2, calloc, free, NULL, NULL};
+  static const fmi2CallbackFunctions callbacks = {log2_to_stderr, calloc, free, NULL, NULL};
   fmi2InstantiateTYPE *const instantiate = (fmi2InstantiateTYPE *)symbol(library, "fmi2Instantiate");
   fmi2SetRealTYPE *const set = (fmi2SetRealTYPE *)symbol(library, "fmi2SetReal");
   fmi2GetRealTYPE *const get = (fmi2GetRealTYPE *)symbol(library, "fmi2GetReal");
@@ -110,7 +111,7 @@ static double run3(void *library, const char *token, const unsigned *refs, long 
   fmi3SetFloat64TYPE *const set = (fmi3SetFloat64TYPE *)symbol(library, "fmi3SetFloat64");
   fmi3GetFloat64TYPE *const get = (fmi3GetFloat64TYPE *)symbol(library, "fmi3GetFloat64");
   fmi3DoStepTYPE *const step = (fmi3DoStepTYPE *)symbol(library, "fmi3DoStep");
-  fmi3Instance it = instantiate("bench", token, NULL, 0, 0, 0, 0, NULL, 0, NULL, quiet3, NULL);
+  fmi3Instance it = instantiate("bench", token, NULL, 0, 0, 0, 0, NULL, 0, NULL, log3_to_stderr, NULL);
   double values[3 * N], f_hat[N], reached;
   fmi3Boolean event, terminate, early;
   if (!it) check(1);
@@ -147,9 +148,9 @@ int main(void) {
   unsigned refs[4];
   long steps, repetitions;
   double fmu = 1e9, plain = 1e9, difference = 0;
-  if (scanf("%7s %4095s %127s %ld %ld %u %u %u %u", version, path, token, &steps, &repetitions, refs, refs + 1, refs + 2,
-            refs + 3) != 9)
-    return 1;
+  if (scanf("%7s %4095s %127s %ld %ld", version, path, token, &steps, &repetitions) != 5) return 1;
+  for (int i = 0; i < 4; i++)
+    if (scanf("%u", refs + i) != 1) return 1;
   for (int i = 0; i < 9; i++) {
     double *const numbers[] = {&dA[0][0], &dA[0][1], &dA[1][0], &dA[1][1], equilibrium, equilibrium + 1, C, C + 1, &h};
     if (scanf("%lf", numbers[i]) != 1) return 1;

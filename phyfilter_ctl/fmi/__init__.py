@@ -4,6 +4,7 @@ from .archive import ArchiveLimits
 from .check import CheckReport, Finding, check
 from .cosimulation import CosimulationResponse, cosimulate
 from .cosimulation_wiring import Wire
+from .description import FmuExperiment, FmuSolver
 from .export import export_fmu
 from .importing import import_fmu
 from .importing_blocks import FmuBlock, FmuModel
@@ -22,8 +23,10 @@ __all__ = [
     "FmuBlock",
     "FmuDescription",
     "FmuError",
+    "FmuExperiment",
     "FmuKind",
     "FmuModel",
+    "FmuSolver",
     "FmuSteps",
     "FmuUnit",
     "FmuVariable",

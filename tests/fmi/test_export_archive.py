@@ -280,6 +280,19 @@ def test_single_precision_filter(tmp_path):
     )
 
 
+def test_signals_name_channels_and_units(tmp_path):
+    signals = pf.Signals(["x", "y"], unit_x="m/s", unit_g="m/s^2", unit_f="m/s^2")
+    bank = [FILTER, pf.PhyFilter([1000.0, 300.0, 30.0])]
+    path = export_fmu(bank, tmp_path / "a.fmu", signals=signals, platforms=())
+    assert validate_fmu(str(path)) == []
+    variables = {v.name: v for v in fmpy.read_model_description(str(path)).modelVariables}
+    assert variables["x"].unit == "m/s"
+    assert variables["f_hat"].unit == variables["g"].unit == "m/s^2"
+    assert variables["x"].shape == (2,)
+    assert float(variables["a[1,2]"].start) == 30.0  # orders differ: no rectangular array
+    assert variables["a[1,2]"].unit == "rad/s"
+
+
 # ---- bad input ----
 
 

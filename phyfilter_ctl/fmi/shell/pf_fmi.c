@@ -100,11 +100,13 @@ pf_fmi *pf_fmi_new(const char *name, const char *token, int interface, void (*ca
     return complain(name, callback, environment, log, "the token (GUID) is not that of this FMU");
   if (!(pf_fmu_here.kinds & interface))
     return complain(name, callback, environment, log, "the FMU was exported without this interface type");
-  const size_t saved = aligned(sizeof(pf_fmi_saved)), size = aligned(model->size), slopes = aligned(u * sizeof(pf_real));
+  const size_t saved = aligned(sizeof(pf_fmi_saved)), size = aligned(model->size);
+  const size_t slopes = aligned(u * sizeof(pf_real));
   const size_t vector = x + y > x + u + p ? x + y : x + u + p; /* of knowns or unknowns */
   const size_t reals = pf_work_reals(model) + y + x + (size_t)model->n_s + 2 * vector;
   const size_t head = aligned(sizeof(pf_fmi));
-  char *const block = calloc(1, head + saved + size + slopes + size + aligned(reals * sizeof(pf_real)) + strlen(name) + 1);
+  const size_t scratch = size + aligned(reals * sizeof(pf_real));
+  char *const block = calloc(1, head + saved + size + slopes + scratch + strlen(name) + 1);
   if (!block) return complain(name, callback, environment, log, "out of memory");
   pf_fmi *const self = (pf_fmi *)(void *)block;
   self->model = model;
@@ -119,7 +121,7 @@ pf_fmi *pf_fmi_new(const char *name, const char *token, int interface, void (*ca
   self->s = self->dx + x;
   self->seed = self->s + model->n_s;
   self->result = self->seed + vector;
-  self->name = self->spare + size + aligned(reals * sizeof(pf_real));
+  self->name = self->spare + scratch;
   memcpy(self->name, name, strlen(name) + 1);
   self->x = model->x(self->self);
   self->u = model->u(self->self);

@@ -23,10 +23,9 @@ fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2String guid, f
   (void)resources;
   (void)visible;
   if (type != fmi2ModelExchange && type != fmi2CoSimulation) return NULL;
-  pf_fmi *const self =
-      pf_fmi_new(name, guid, type == fmi2CoSimulation ? PF_FMI_CO_SIMULATION : PF_FMI_MODEL_EXCHANGE,
-                 functions ? (void (*)(void))functions->logger : NULL, functions ? functions->componentEnvironment : NULL,
-                 log_message);
+  pf_fmi *const self = pf_fmi_new(name, guid, type == fmi2CoSimulation ? PF_FMI_CO_SIMULATION : PF_FMI_MODEL_EXCHANGE,
+                                  functions ? (void (*)(void))functions->logger : NULL,
+                                  functions ? functions->componentEnvironment : NULL, log_message);
   if (self) (void)pf_fmi_log_categories(self, logging_on, 0, NULL);
   return self;
 }

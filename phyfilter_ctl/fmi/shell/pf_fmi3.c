@@ -133,7 +133,9 @@ fmi3Status fmi3ExitConfigurationMode(fmi3Instance instance) {
   REFUSED("exitConfigurationMode");
 }
 
-fmi3Status fmi3Terminate(fmi3Instance instance) { return enter(instance, PF_FMI_RUNNING, PF_FMI_TERMINATED, "terminate"); }
+fmi3Status fmi3Terminate(fmi3Instance instance) {
+  return enter(instance, PF_FMI_RUNNING, PF_FMI_TERMINATED, "terminate");
+}
 
 fmi3Status fmi3Reset(fmi3Instance instance) {
   SELF
@@ -225,7 +227,8 @@ fmi3Status fmi3GetIntervalDecimal(fmi3Instance instance, const fmi3ValueReferenc
 }
 
 fmi3Status fmi3GetIntervalFraction(fmi3Instance instance, const fmi3ValueReference refs[], size_t n,
-                                   fmi3UInt64 counters[], fmi3UInt64 resolutions[], fmi3IntervalQualifier qualifiers[]) {
+                                   fmi3UInt64 counters[], fmi3UInt64 resolutions[],
+                                   fmi3IntervalQualifier qualifiers[]) {
   (void)refs;
   (void)counters;
   (void)resolutions;

@@ -273,7 +273,10 @@ int pf_fmi_step(pf_fmi *self, double t, double h, double *reached, int *event) {
   } else {
     *reached = end;
   }
-  if (!code && model->communication) code = model->update(self->self, *reached, elapsed_since(*reached == end ? h : *reached - t, end));
+  if (!code && model->communication) {
+    const pf_time elapsed = *reached == end ? h : *reached - t; /* h itself: no rounding of a difference */
+    code = model->update(self->self, *reached, elapsed_since(elapsed, end));
+  }
   self->fresh = 0;
   saved->sloped = 0; /* slopes are those of one step */
   if (code) {

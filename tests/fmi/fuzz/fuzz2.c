@@ -9,13 +9,15 @@ static void on_log(fmi2ComponentEnvironment environment, fmi2String name, fmi2St
   messages += status != fmi2OK;
 }
 
-static const fmi2CallbackFunctions CALLBACKS = {on_log, calloc, free, NULL, NULL}, SILENT = {NULL, NULL, NULL, NULL, NULL};
+static const fmi2CallbackFunctions CALLBACKS = {on_log, calloc, free, NULL, NULL};
+static const fmi2CallbackFunctions SILENT = {NULL, NULL, NULL, NULL, NULL};
 
 static fmi2Component make(void) {
   const char *const token = chance(95) ? pf_fmu_here.token : chance(50) ? "{%s%n}" : NULL;
   const char *const name = chance(97) ? "fuzz" : chance(50) ? "" : NULL;
   const fmi2CallbackFunctions *const functions = chance(90) ? &CALLBACKS : chance(50) ? &SILENT : NULL;
-  return fmi2Instantiate(name, chance(60) ? fmi2CoSimulation : fmi2ModelExchange, token, NULL, functions, 0, chance(10));
+  const fmi2Type type = chance(60) ? fmi2CoSimulation : fmi2ModelExchange;
+  return fmi2Instantiate(name, type, token, NULL, functions, 0, chance(10));
 }
 
 static fmi2Status forward(fmi2Component it) {

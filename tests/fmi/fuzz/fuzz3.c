@@ -37,17 +37,19 @@ static fmi3Instance make(void) {
   if (chance(40)) return fmi3InstantiateModelExchange(name, token, NULL, 0, chance(10), NULL, log);
   if (chance(3)) return fmi3InstantiateScheduledExecution(name, token, NULL, 0, 0, NULL, log, NULL, NULL, NULL);
   references[0] = reference();
-  return fmi3InstantiateCoSimulation(name, token, NULL, 0, chance(10), chance(30), chance(50), references, chance(5), NULL,
-                                     log, chance(30) ? on_update : NULL);
+  const fmi3IntermediateUpdateCallback update = chance(30) ? on_update : NULL;
+  return fmi3InstantiateCoSimulation(name, token, NULL, 0, chance(10), chance(30), chance(50), references, chance(5),
+                                     NULL, log, update);
 }
 
 static fmi3Status forward(fmi3Instance it) { /* the next step of a sensible run */
   fmi3Boolean a, b, c, d, e;
   fmi3Float64 t = 0;
-  const uint32_t mode = ((pf_fmi *)it)->saved->mode, exchange = ((pf_fmi *)it)->saved->interface == PF_FMI_MODEL_EXCHANGE;
+  const int exchange = ((pf_fmi *)it)->saved->interface == PF_FMI_MODEL_EXCHANGE;
   const double now = ((pf_fmi *)it)->saved->time;
-  switch (mode) {
-    case PF_FMI_INSTANTIATED: return fmi3EnterInitializationMode(it, chance(20), 1e-6, chance(80) ? 0.0 : uniform(), 0, 0);
+  switch (((pf_fmi *)it)->saved->mode) {
+    case PF_FMI_INSTANTIATED:
+      return fmi3EnterInitializationMode(it, chance(20), 1e-6, chance(80) ? 0.0 : uniform(), 0, 0);
     case PF_FMI_INITIALIZATION: return fmi3ExitInitializationMode(it);
     case PF_FMI_EVENT:
       if (chance(50)) return fmi3UpdateDiscreteStates(it, &a, &b, &c, &d, &e, &t);
@@ -86,7 +88,9 @@ static fmi3Status any_call(fmi3Instance it, uint32_t who) {
   const uint32_t *const refs = chance(97) ? references : NULL;
   double *const values = chance(97) ? numbers : NULL;
   const uint32_t other[] = {reference(), reference()};
-  const size_t others = below(3), seeds = chance(90) && others ? pf_fmu_here.variables[other[0] % pf_fmu_here.n_variables].count : below(9);
+  const size_t others = below(3), n_x = chance(70) ? (size_t)pf_fmu_here.model->n_x : below(ROOM);
+  const uint32_t width = pf_fmu_here.variables[other[0] % pf_fmu_here.n_variables].count;
+  const size_t seeds = chance(90) && others ? width : below(9);
   fmi3Boolean flags[5];
   fmi3Boolean *const flag = chance(95) ? flags : NULL;
   size_t rows[ROOM], columns[ROOM];
@@ -104,9 +108,9 @@ static fmi3Status any_call(fmi3Instance it, uint32_t who) {
     case 10: return fmi3EnterStepMode(it);
     case 11: return fmi3UpdateDiscreteStates(it, flag, flags + 1, flags + 2, flags + 3, flags + 4, &t);
     case 12: return fmi3SetTime(it, number());
-    case 13: return fmi3SetContinuousStates(it, values, chance(70) ? (size_t)pf_fmu_here.model->n_x : below(ROOM));
-    case 14: return fmi3GetContinuousStates(it, values, chance(70) ? (size_t)pf_fmu_here.model->n_x : below(ROOM));
-    case 15: return fmi3GetContinuousStateDerivatives(it, values, chance(70) ? (size_t)pf_fmu_here.model->n_x : below(ROOM));
+    case 13: return fmi3SetContinuousStates(it, values, n_x);
+    case 14: return fmi3GetContinuousStates(it, values, n_x);
+    case 15: return fmi3GetContinuousStateDerivatives(it, values, n_x);
     case 16: return fmi3DoStep(it, number(), step_size(), 0, flag, flags + 1, flags + 2, &t);
     case 17: return fmi3Terminate(it);
     case 18: return fmi3Reset(it);
@@ -149,7 +153,8 @@ static double correct_run(fmi3Instance it) {
 }
 
 static fmi3Instance fresh(int event_mode) { /* with it, instants at the end of a step are left to the importer */
-  return fmi3InstantiateCoSimulation("right", pf_fmu_here.token, NULL, 0, 0, event_mode, 0, NULL, 0, NULL, on_log, NULL);
+  const char *const token = pf_fmu_here.token;
+  return fmi3InstantiateCoSimulation("right", token, NULL, 0, 0, event_mode, 0, NULL, 0, NULL, on_log, NULL);
 }
 
 int main(int n, char **argument) {
@@ -189,7 +194,8 @@ int main(int n, char **argument) {
         pf_fmi *const self = (pf_fmi *)pool[i];
         self->intermediate = NULL;
         self->saved->early_return = 0;
-        if (fmi3Reset(self) != fmi3OK || correct_run(self) != expected[self->saved->event_mode]) fail("a wrong run afterwards", seed);
+        if (fmi3Reset(self) != fmi3OK || correct_run(self) != expected[self->saved->event_mode])
+          fail("a wrong run afterwards", seed);
       }
       fmi3FreeInstance(pool[i]);
     }
