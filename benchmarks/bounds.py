@@ -27,13 +27,17 @@ CERTIFIED, ELLIPSOID, ELLIPSOID_OF_D, MILLISECONDS = 1e-6, 1.1, 1.55, 5.0
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--quick", action="store_true", help="orders 1 to 3")
     quick = parser.parse_args().quick
     missed: list[str] = []
     times: list[float] = []
     for kernel in ("(1 - F)/s", "1/D"):
-        print(f"{kernel:10} {'':12} {'rad/s':>6} {'exact':>11} {'ellipsoid':>10} {'scaled':>10} {'textbook':>10}")
+        print(
+            f"{kernel:10} {'':12} {'rad/s':>6} {'exact':>11} {'ellipsoid':>10} {'scaled':>10} {'textbook':>10}"
+        )
         for order in range(1, 4 if quick else 7):
             for family in FAMILIES if order > 1 else FAMILIES[:1]:
                 for cutoff in (10.0, 50.0):

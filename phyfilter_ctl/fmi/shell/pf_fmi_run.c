@@ -5,6 +5,7 @@
 
 #define SAME_INSTANT 1e-9     /* of the time since the last one */
 #define TIME_ROUNDING 8.9e-16 /* 4 eps */
+#define LEAST_PIECE 1e-6      /* of a communication step: more often the importer is not called back */
 
 static pf_time magnitude(pf_time t) { return t < 0 ? -t : t; }
 
@@ -182,13 +183,14 @@ int pf_fmi_nominals(pf_fmi *self, double *nominals, size_t n) {
 /* ---- co-simulation ---- */
 
 /* Where the next piece of a step ends. Pieces are for the importer's eyes: it is shown the state after each. */
-static pf_time piece_end(const pf_fmi *self, pf_time t, pf_time goal, int events) {
+static pf_time piece_end(const pf_fmi *self, pf_time t, pf_time goal, pf_time least, int events) {
   const pf_model *const model = self->model;
   const pf_solver *const solver = &self->saved->solver;
   pf_time end = goal;
   if (self->intermediate && model->n_x) {
-    const pf_time length = solver->method == PF_ADAPTIVE && solver->h > 0 ? solver->h : solver->step;
-    if (length > 0 && t + length < end) end = t + length;
+    const pf_time wanted = solver->method == PF_ADAPTIVE && solver->h > 0 ? solver->h : solver->step;
+    const pf_time length = wanted > least ? wanted : least;
+    if (wanted > 0 && t + length < end) end = t + length;
   }
   if (events) {
     const pf_time next = model->next(self->self);
@@ -202,11 +204,12 @@ static int advance(pf_fmi *self, pf_time end, double *reached, int *event) {
   const pf_model *const model = self->model;
   pf_fmi_saved *const saved = self->saved;
   const int events = saved->event_mode && model->n_tasks;
+  const pf_time least = LEAST_PIECE * (end - saved->time) + TIME_ROUNDING * magnitude(end);
   pf_time t = saved->time, goal = end;
   int code = PF_OK;
   if (events) code = pf_catch_up(model, self->self, saved->last_event, t); /* an event the importer passed over */
   while (!code && t < goal) {
-    const pf_time stop = piece_end(self, t, goal, events), before = t;
+    const pf_time stop = piece_end(self, t, goal, least, events), before = t;
     const pf_real *const slopes = saved->sloped ? self->slopes : NULL;
     code = (events ? pf_approach : pf_advance)(model, self->self, self->work, &saved->solver, t, stop, slopes, &t);
     if (code) break;
