@@ -6,7 +6,7 @@
 Two kernels: (1 - F)/s of the low-pass filter (residual of bounded slope) and 1/D, which is (1 - F)/s^n of N = D - s^n
 (residual of bounded n-th derivative; the paper's forcing form). Exact gains in s and s^n, the others as factors over
 them. Exits with status 1 if an exact bound is not certified to 1e-6, an ellipsoid exceeds 1.1 (to n = 5) or 1.55, or,
-unless --quick, the median time of an exact bound is above 5 ms.
+unless --quick, the median time of an exact bound is above 5 ms or a trade-off curve of 100 designs takes more than 5 s.
 """
 
 from __future__ import annotations
@@ -20,10 +20,11 @@ import numpy as np
 import phyfilter_ctl as pf
 from phyfilter_ctl.analysis import ultimate_bound
 from phyfilter_ctl.analysis.bounds.ultimate import Method
+from phyfilter_ctl.design.optimal import bound_trade_off, variance_trade_off
 
 FAMILIES = ("binomial", "butterworth", "bessel", "itae")
 OTHERS: tuple[Method, ...] = ("ellipsoid", "lyapunov", "lyapunov-raw")
-CERTIFIED, ELLIPSOID, ELLIPSOID_OF_D, MILLISECONDS = 1e-6, 1.1, 1.55, 5.0
+CERTIFIED, ELLIPSOID, ELLIPSOID_OF_D, MILLISECONDS, SECONDS = 1e-6, 1.1, 1.55, 5.0, 5.0
 
 
 def main() -> int:
@@ -64,6 +65,16 @@ def main() -> int:
                         missed.append(f"{kernel} {family} {order}: ellipsoid {ratios[0]:.3f}")
         print()
     print(f"exact bound: {np.median(times):.2f} ms (median), {np.max(times):.2f} ms (longest)")
+    begun = time.perf_counter()
+    curve = bound_trade_off(3, residual={1: 8.0}, noise=0.01)
+    seconds = [time.perf_counter() - begun]
+    begun = time.perf_counter()
+    variance_trade_off(3, residual=pf.gauss_markov(1.0, 0.5), noise=0.01, dt=0.01)
+    seconds.append(time.perf_counter() - begun)
+    count = len(curve.filters)
+    print(f"curves of {count} designs, n = 3: {seconds[0]:.2f} s (bounds), {seconds[1]:.2f} s (variances)")
+    if not quick and max(seconds) > SECONDS:
+        missed.append("a trade-off curve takes too long")
     if not quick and np.median(times) > MILLISECONDS:
         missed.append("an exact bound takes too long")
     for line in missed:
