@@ -1,6 +1,8 @@
 """FMUs exported by the library for the tests, and one way of calling them all through fmpy's thin wrappers."""
 
+import atexit
 import ctypes
+import shutil
 import tempfile
 from functools import cache
 from pathlib import Path
@@ -15,6 +17,7 @@ from phyfilter_ctl.codegen import find_compiler
 from phyfilter_ctl.fmi.export import export_fmu
 
 FOLDER = Path(tempfile.mkdtemp(prefix="exported_fmus_"))
+atexit.register(shutil.rmtree, FOLDER, ignore_errors=True)
 PERIOD = 0.002
 FILTER = pf.PhyFilter([400.0, 40.0])
 GENERAL = pf.PhyFilter([8000.0, 1200.0, 60.0], [8000.0, 1200.0, 0.0])

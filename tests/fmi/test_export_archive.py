@@ -264,6 +264,18 @@ def test_dependence_on_time_is_told(tmp_path):
     assert found == {"early": ["b"], "late": ["time", "b"], "der(a)": ["time", "a"], "der(b)": ["a"]}
 
 
+def test_step_at_which_euler_diverges_is_discarded(tmp_path):
+    path = export_fmu(FILTER.sampled(PERIOD, "euler"), tmp_path / "a.fmu", compiler=quick_compiler())
+    with Instance(path) as fmu:
+        fmu.start(x=1.0)
+        fmu.step(PERIOD, x=1.1)
+        before = fmu.get("f_hat")
+        assert refused(fmu.fmu.doStep, PERIOD, 0.2) == 2  # |1 - 20 * 0.2| > 1
+        assert "Euler" in fmu.messages[-1]
+        assert fmu.get("f_hat") == before
+        fmu.step(PERIOD, x=1.1)
+
+
 def test_single_precision_filter(tmp_path):
     sampled = FILTER.sampled(PERIOD, precision="float32")
     path = export_fmu(sampled, tmp_path / "a.fmu", channels=2, compiler=quick_compiler())

@@ -202,6 +202,8 @@ int pf_fmi_failure(pf_fmi *self, const char *call, int code) {
                       pf_fmu_here.inputs[bad]);
   return pf_fmi_say(self, PF_FMI_DISCARD, "%s at %.9g s: %s", call, self->saved->time,
                     code == PF_NO_CONVERGENCE   ? "an equation inside was not solved"
+                    : code == PF_STEP_TOO_SMALL && !self->model->n_x
+                        ? "a step of this length is not possible; forward Euler would diverge"
                     : code == PF_STEP_TOO_SMALL ? "the solver's steps became too short; the model is stiff or diverges"
                                                 : "a number is no longer finite");
 }

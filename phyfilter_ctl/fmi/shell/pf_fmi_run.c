@@ -5,6 +5,7 @@
 
 #define SAME_INSTANT 1e-9     /* of the time since the last one */
 #define TIME_ROUNDING 8.9e-16 /* 4 eps */
+#define MOST_STEPS 1e7        /* of the solver in a communication step: more is a slip in somebody's units */
 #define LEAST_PIECE 1e-6      /* of a communication step: more often the importer is not called back */
 
 static pf_time magnitude(pf_time t) { return t < 0 ? -t : t; }
@@ -247,6 +248,11 @@ static int may_step(pf_fmi *self, double t, double h) {
   if (h > pf_fmu_here.longest_step || !(t + h > t)) {
     pf_fmi_say(self, PF_FMI_ERROR, "doStep: a step of %.9g s from %.9g s; expected at most %.9g s and more than "
                "rounding", h, t, pf_fmu_here.longest_step);
+    return 0;
+  }
+  if (self->model->n_x && saved->solver.step > 0 && h > MOST_STEPS * saved->solver.step) {
+    pf_fmi_say(self, PF_FMI_ERROR, "doStep: a step of %.9g s in solver steps of %.9g s; expected at most 1e7 of them",
+               h, saved->solver.step);
     return 0;
   }
   if (saved->stop_defined && t + h > saved->stop + 1e-9 * h + slack(saved->start, saved->stop)) {
