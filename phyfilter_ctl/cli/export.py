@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Literal
 
 import control as ct
+from numpy.typing import ArrayLike
 
 from .. import filterfile, models
 from .._output import check_target, write_text
@@ -109,6 +110,7 @@ def main(options: argparse.Namespace) -> int:
     return 0
 
 
+InertiaInput = Literal["scalar", "diagonal", "full"]
 System = ct.InputOutputSystem | PhyFilter | SampledPhyFilter
 
 
@@ -136,6 +138,13 @@ def _channels(options: argparse.Namespace, signals: filterfile.Signals | None) -
     return options.channels if options.channels is not None else named or None
 
 
+def _inertia(
+    options: argparse.Namespace, signals: filterfile.Signals | None
+) -> ArrayLike | InertiaInput | None:
+    """The kind that becomes an input, else what the file says of the inertia."""
+    return options.inertia if options.inertia is not None or signals is None else signals.inertia
+
+
 def _platforms(options: argparse.Namespace) -> tuple[str, ...] | Literal["all"]:
     if options.platform == ["all"]:
         return "all"
@@ -145,9 +154,6 @@ def _platforms(options: argparse.Namespace) -> tuple[str, ...] | Literal["all"]:
 def _fmu(options: argparse.Namespace, system: System, signals: filterfile.Signals | None) -> Path:
     from ..fmi import export_fmu
 
-    inertia = options.inertia
-    if inertia is None and signals is not None and signals.inertia is not None:
-        inertia = signals.inertia
     return export_fmu(
         system,
         options.fmu,
@@ -156,7 +162,7 @@ def _fmu(options: argparse.Namespace, system: System, signals: filterfile.Signal
         platforms=_platforms(options),
         name=options.name,
         channels=_channels(options, signals),
-        inertia=inertia,
+        inertia=_inertia(options, signals),
         rate=options.rate,
         signals=signals,
     )
@@ -192,16 +198,13 @@ def _c(options: argparse.Namespace, system: System, signals: filterfile.Signals 
 
     if isinstance(system, PhyFilter):
         raise ValueError("--c: expected a sampled filter; give the sampling interval with --dt")
-    inertia = options.inertia
-    if inertia is None and signals is not None and signals.inertia is not None:
-        inertia = signals.inertia
     return export_c(
         system,
         options.c,
         real=options.real,
         name=options.name,
         channels=_channels(options, signals),
-        inertia=inertia,
+        inertia=_inertia(options, signals),
         signals=signals,
         tunable=not options.fixed,
         variable=not options.fixed,

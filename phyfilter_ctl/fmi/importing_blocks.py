@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from typing import Literal
 
@@ -19,7 +20,7 @@ __all__ = ["FmuBlock", "FmuModel", "ct_names"]
 _NUMERIC = ("Float64", "Float32", "Int", "UInt", "Enumeration", "Boolean")
 
 
-class FmuBlock(ct.NonlinearIOSystem):
+class FmuBlock(ct.NonlinearIOSystem, ABC):
     """An FMU as a python-control system; what model exchange and co-simulation have in common.
 
     Parameters
@@ -118,11 +119,13 @@ class FmuBlock(ct.NonlinearIOSystem):
     def _signals(self) -> tuple[Signals, Signals]:
         return self.instance.signals("input"), self.instance.signals("output")
 
+    @abstractmethod
     def _next(self, t: float, x: FloatArray, u: FloatArray, params: Mapping[str, float]) -> FloatArray:
-        raise NotImplementedError
+        """Derivatives, or the next state."""
 
+    @abstractmethod
     def _now(self, t: float, x: FloatArray, u: FloatArray, params: Mapping[str, float]) -> FloatArray:
-        raise NotImplementedError
+        """Outputs."""
 
     def _restart(self, time: float, params: Mapping[str, float]) -> None:
         """Initialise anew: the one way to change a fixed parameter."""

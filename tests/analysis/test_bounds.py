@@ -284,3 +284,13 @@ def test_a_type_0_filter_has_no_bound_from_derivatives():
 def test_plot_shows_kernel_and_growth():
     plot = ultimate_bound(pf.lowpass(2, 20.0), residual={1: 1.0}).plot()
     assert plot.axes.shape == (2, 1)
+
+
+def test_poles_too_far_apart_for_a_certificate_are_refused():
+    """Rather than filling the memory; the ellipsoid still answers."""
+    f = pf.place_poles([-1e-4, -1e4])
+    with pytest.raises(ValueError, match="ellipsoid"):
+        ultimate_bound(f, residual={1: 1.0})
+    assert np.isfinite(ultimate_bound(f, residual={1: 1.0}, method="ellipsoid").bound)
+    with pytest.raises(ValueError, match="longer step"):
+        ultimate_bound(pf.PhyFilter([1e-4]).sampled(1e-4), residual={1: 1.0})

@@ -106,6 +106,11 @@ class Kernel:
         to_integral = np.linalg.solve(self.A.T, self.C)
         step = _FIRST_STEP / float(np.abs(np.linalg.eigvals(self.A)).max())
         count = 2 + int(10.0 / (beta * step))
+        if count > _MOST_POINTS:
+            raise ValueError(
+                f"the slowest pole decays over {count:.1e} steps of the fastest one: too many to enclose the bound; "
+                "use method='ellipsoid', or place the poles closer together or further from the axis"
+            )
         while True:
             X = self.states(step, count)
             total = float(np.abs(np.diff(X @ to_integral)).sum())

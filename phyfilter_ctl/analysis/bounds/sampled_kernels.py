@@ -46,6 +46,11 @@ class SampledKernels:
         slow = np.sqrt(radius)  # V = x' P x falls at least by this factor squared in a step
         P = np.asarray(solve_discrete_lyapunov((M / slow).T, np.eye(len(M))))
         count = 64 + int(np.ceil(20.0 / -np.log(radius))) if radius > 0.0 else 64
+        if count > _MOST_SAMPLES:
+            raise ValueError(
+                f"the slowest pole decays over {count:.1e} samples: too many to add up; take a longer step, or "
+                "the bound of the continuous filter"
+            )
         while True:
             X = _powers(M, -equilibrium, count)
             rest = np.sqrt(max(X[-1] @ P @ X[-1], 0.0)) / (1.0 - slow)

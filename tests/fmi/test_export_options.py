@@ -1,0 +1,81 @@
+"""Every option of the sampled filter acts in its FMU as in Python: the matrix, each option met with several others."""
+
+import numpy as np
+import pytest
+from exported_fmus import PERIOD, Instance, quick_compiler
+
+import phyfilter_ctl as pf
+from phyfilter_ctl.fmi.export import export_fmu
+
+N = 160
+# The same sums in another order, of numbers of size 1 to 30; a delay adds averages over parts of steps.
+AGREE = 1e-11
+# A loop in float32 and a record whose states are in double differ by a few roundings of f_hat.
+AGREE_FLOAT32 = 2e-6
+
+LOWPASS = pf.PhyFilter.from_poles([-20.0, -5 + 8j, -5 - 8j])
+GENERAL = pf.PhyFilter(LOWPASS.a, [LOWPASS.a[0], 0.7 * LOWPASS.a[1], 12.0], poles=LOWPASS.poles)
+BANDPASS = pf.PhyFilter(LOWPASS.a, [0.0, LOWPASS.a[1], 3.0], poles=LOWPASS.poles)
+SLOW = pf.PhyFilter([3.0])
+DIRECTION = [[1.0, 0.5], [0.0, 1.0], [-0.3, 2.0]]
+MASSES = [1.2, 0.8, 2.0]
+FULL = [[1.2, 0.1, 0.0], [0.1, 0.8, 0.2], [0.0, 0.2, 2.0]]
+
+CASES = {
+    "general": (GENERAL, {}, None),
+    "band": (BANDPASS, {"g": "average", "f_theta": "hold"}, "scalar"),
+    "euler": (LOWPASS, {"method": "euler", "f_theta": "hold"}, "diagonal"),
+    "tustin": (GENERAL, {"method": "tustin", "g": "average"}, MASSES),
+    "direction": (LOWPASS, {"E": DIRECTION, "g": "average"}, "full"),
+    "direction and limit": (BANDPASS, {"E": DIRECTION, "limit": [0.3, 1.0], "method": "tustin"}, FULL),
+    "limit": (GENERAL, {"limit": 0.5, "f_theta": "hold"}, "scalar"),
+    "whole delay": (GENERAL, {"delay": 3 * PERIOD, "g": "average"}, None),
+    "delay": (LOWPASS, {"delay": 2.55 * PERIOD, "method": "euler"}, "full"),
+    "delay and direction": (BANDPASS, {"delay": 0.4 * PERIOD, "E": DIRECTION, "f_theta": "hold"}, "diagonal"),
+    "one filter a channel": ([SLOW, GENERAL, LOWPASS], {"g": "average"}, MASSES),
+    "float32": (GENERAL, {"precision": "float32", "limit": 2.0}, "diagonal"),
+    "held": (LOWPASS, {"nonfinite": "hold", "g": "average"}, "scalar"),
+    "held and late": (GENERAL, {"nonfinite": "hold", "delay": 1.5 * PERIOD}, None),
+}
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_options_are_those_of_python(case, tmp_path):
+    filters, options, inertia = CASES[case]
+    filters = filters if isinstance(filters, list) else [filters]
+    sampled = pf.SampledPhyFilter(filters, PERIOD, **options)
+    rng = np.random.default_rng(4)
+    n_f = 2 if "E" in options else 3
+    x = 0.02 * np.cumsum(rng.standard_normal((N, 3)), axis=0)
+    g, f_theta = rng.standard_normal((N, 3)), rng.standard_normal((N, n_f))
+    M = np.eye(3) + 0.1 * rng.standard_normal((N, 3, 3))
+    diagonal = M[:, [0, 1, 2], [0, 1, 2]]
+    given, value = {
+        "scalar": (diagonal[:, :1], diagonal[:, :1] * np.ones(3)),
+        "diagonal": (diagonal, diagonal),
+        "full": (M.reshape(N, 9), M),
+    }.get(inertia if isinstance(inertia, str) else "", (None, inertia))
+    if options.get("nonfinite") == "hold":
+        x[40], x[60:64, 1], g[90], f_theta[120, 0] = np.nan, np.inf, np.nan, np.nan
+    fmi = "2.0" if list(CASES).index(case) % 2 else "3.0"
+    path = export_fmu(
+        sampled,
+        tmp_path / "a.fmu",
+        fmi=fmi,
+        channels=3,
+        inertia=inertia,
+        name="options",
+        compiler=quick_compiler(),
+    )
+    expected = sampled.run(x, g, f_theta, inertia=value)
+    with Instance(path) as fmu:
+        extra = {} if given is None else {"M": given[0]}
+        fmu.start(x=x[0], g=g[0], f_theta=f_theta[0], **extra)
+        found = [fmu.get("f_hat")]
+        for k in range(1, N):
+            extra = {} if given is None else {"M": given[k]}
+            # A held g is the one of the step that ends now: what run calls row k - 1 is remembered by the FMU.
+            fmu.step(PERIOD, x=x[k], g=g[k], f_theta=f_theta[k], **extra)
+            found.append(fmu.get("f_hat"))
+    tolerance = AGREE if sampled.precision == "float64" else 50 * AGREE_FLOAT32
+    np.testing.assert_allclose(found, expected, rtol=0, atol=tolerance * np.abs(expected).max())
