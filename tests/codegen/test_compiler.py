@@ -128,6 +128,7 @@ def test_a_cache_that_others_can_write_to_is_not_used(tmp_path, monkeypatch):
 
 
 def test_threads_that_compile_the_same_get_the_same(tmp_path, monkeypatch):
+    find_compiler()  # skipped where there is none
     monkeypatch.setenv("PHYFILTER_CTL_CACHE", str(tmp_path))
     found: list[Path] = []
     text = {"a.c": "int a(void); int a(void) { return 3; }"}

@@ -1,0 +1,51 @@
+"""Tests and doctests that compile are skipped, by name, on a machine without any C compiler."""
+
+from __future__ import annotations
+
+import doctest
+from collections.abc import Generator
+from functools import cache
+
+import pytest
+
+from phyfilter_ctl.codegen import CompilerError, find_compiler
+
+
+@cache
+def _why_not() -> str:
+    """Why nothing can be compiled here; "" where it can."""
+    try:
+        find_compiler()
+    except CompilerError as error:
+        return str(error)
+    return ""
+
+
+def _caused_by_it(error: BaseException | None) -> bool:
+    """Whether an error, or what it came from, is that there is no compiler."""
+    # pytest collects the failures of a doctest in `failures`.
+    causes = [error, *getattr(error, "failures", ())]
+    seen: set[int] = set()
+    while causes:
+        cause = causes.pop()
+        if cause is None or id(cause) in seen:
+            continue
+        seen.add(id(cause))
+        if isinstance(cause, CompilerError) and str(cause).startswith("no C compiler"):
+            return True
+        if isinstance(cause, doctest.UnexpectedException):
+            causes.append(cause.exc_info[1])
+        causes += [cause.__cause__, cause.__context__]
+    return False
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_makereport(
+    item: pytest.Item, call: pytest.CallInfo[None]
+) -> Generator[None, pytest.TestReport, pytest.TestReport]:
+    """Turn the one error that no test is about into a skip with its reason."""
+    report = yield
+    if report.failed and call.excinfo is not None and _caused_by_it(call.excinfo.value) and _why_not():
+        report.outcome = "skipped"
+        report.longrepr = (str(item.path), item.location[1] or 0, f"Skipped: {_why_not()}")
+    return report
