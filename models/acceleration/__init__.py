@@ -8,13 +8,13 @@ from __future__ import annotations
 import json
 import math
 from argparse import ArgumentParser, Namespace, RawDescriptionHelpFormatter
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 from phyfilter_ctl.filterfile import load
 from phyfilter_ctl.flightlog import FlightLog
+from phyfilter_ctl.models.progress import progress
 
 from .diagram import build
 
@@ -119,7 +119,7 @@ def main(options: Namespace) -> int:
     total = steps() + (1 + len(study.intervals(train_logs[0].dt)) if options.study else 0)
     total += len(few.get("orders", params().convergence.orders)) if options.convergence else 0
     poles, intervals, convergence = None, None, None
-    with _progress(total, options.quiet) as report:
+    with progress(total, options.quiet) as report:
         comparison = compare(
             train_logs, test_logs, data=data, seed=options.seed, effort=effort, report=report
         )
@@ -146,28 +146,6 @@ def main(options: Namespace) -> int:
 
         write_figure(target, draw(comparison, poles=poles, intervals=intervals, convergence=convergence))
     return 0
-
-
-class _Report(Protocol):
-    def __call__(self, text: str, /) -> None: ...
-
-
-@contextmanager
-def _progress(total: int, quiet: bool) -> Iterator[_Report]:
-    from tqdm import tqdm
-
-    # disable=None: off where standard error is not a terminal.
-    with tqdm(total=total, disable=True if quiet else None, leave=False, unit="step") as bar:
-        begun = False
-
-        def report(text: str, /) -> None:
-            nonlocal begun
-            if begun:
-                bar.update()
-            begun = True
-            bar.set_description(text)
-
-        yield report
 
 
 def _check(options: Namespace) -> None:

@@ -5,7 +5,7 @@ Everything is fitted and tuned on the training flights. The test flights are onl
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from phyfilter_ctl.baselines import BASELINES, TunableDifferentiator, TuneResult, tune
 from phyfilter_ctl.flightlog import FlightLog, split_by_speed
+from phyfilter_ctl.models.progress import Report, silent
 
 from .differentiator import WindowDifferentiator, counted, labels, stride_of, train
 from .params import params
@@ -31,7 +32,6 @@ __all__ = [
 ]
 
 FloatArray = NDArray[np.float64]
-Report = Callable[[str], None]
 
 BASELINE_NAMES = tuple(BASELINES)
 # A recording at another rate than the rest: a window of so many samples would mean another time.
@@ -135,10 +135,6 @@ class Comparison:
         return [Case(log, f_theta) for log, f_theta in zip(self.test, network, strict=True)]
 
 
-def _silent(text: str) -> None:
-    pass
-
-
 def prepare(train: Sequence[FlightLog], test: Sequence[FlightLog]) -> tuple[tuple[FlightLog, ...], float]:
     """Check the flights; return the training flights, a single one cut in pieces, and the nominal interval in s.
 
@@ -175,7 +171,7 @@ def prepare(train: Sequence[FlightLog], test: Sequence[FlightLog]) -> tuple[tupl
 
 
 def fit_learned(
-    train_logs: Sequence[FlightLog], dt: float, *, seed: int, effort: Effort, report: Report = _silent
+    train_logs: Sequence[FlightLog], dt: float, *, seed: int, effort: Effort, report: Report = silent
 ) -> Learned:
     """Choose the window, tune the filters and train the network, on training flights only.
 
@@ -234,7 +230,7 @@ def compare(
     data: str,
     seed: int = 0,
     effort: Effort | None = None,
-    report: Report = _silent,
+    report: Report = silent,
 ) -> Comparison:
     """Fit and tune every method on the training flights and run it on all flights.
 

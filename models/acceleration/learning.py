@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -15,6 +15,7 @@ from phyfilter_ctl import PhyFilter
 from phyfilter_ctl.design.adjoint import Adam, train
 from phyfilter_ctl.design.learning import LearnEvent, LearnResult, learn
 from phyfilter_ctl.flightlog import FlightLog
+from phyfilter_ctl.models.progress import Report
 
 from .differentiator import counted
 from .params import params
@@ -24,7 +25,6 @@ __all__ = ["Convergence", "Descent", "Form", "convergence", "learn_filters"]
 
 FloatArray = NDArray[np.float64]
 Form = Literal["lowpass", "general"]
-Report = Callable[[str], None]
 
 _ENDLESS = 10**9  # epochs: time is what stops Adam here
 

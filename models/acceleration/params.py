@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import tomllib
-from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from typing import Any, Self
+
+from phyfilter_ctl.models.parameters import read
 
 __all__ = ["PATH", "Params", "params"]
 
@@ -15,21 +14,7 @@ PATH = Path(__file__).with_name("params.toml")
 
 
 @dataclass(frozen=True)
-class _Group:
-    """One table of the file; the fields are its keys."""
-
-    @classmethod
-    def read(cls, table: Mapping[str, Mapping[str, Any]]) -> Self:
-        names = {entry.name for entry in fields(cls)}
-        if names != set(table):
-            raise ValueError(
-                f"{PATH.name}: {cls.__name__} expects the keys {sorted(names)}, got {sorted(table)}"
-            )
-        return cls(**{name: _frozen(entry["value"]) for name, entry in table.items()})
-
-
-@dataclass(frozen=True)
-class Sampling(_Group):
+class Sampling:
     """Rate, amount and start of the generated flights."""
 
     dt: float
@@ -42,7 +27,7 @@ class Sampling(_Group):
 
 
 @dataclass(frozen=True)
-class SetPoints(_Group):
+class SetPoints:
     """Velocity commands."""
 
     train_speed_low: float
@@ -55,7 +40,7 @@ class SetPoints(_Group):
 
 
 @dataclass(frozen=True)
-class Vehicle(_Group):
+class Vehicle:
     """Velocity loop and drag."""
 
     velocity_gain: float
@@ -67,7 +52,7 @@ class Vehicle(_Group):
 
 
 @dataclass(frozen=True)
-class Wind(_Group):
+class Wind:
     """Gusts."""
 
     deviation: float
@@ -75,7 +60,7 @@ class Wind(_Group):
 
 
 @dataclass(frozen=True)
-class Sensor(_Group):
+class Sensor:
     """Error of the velocity estimate."""
 
     white: float
@@ -84,7 +69,7 @@ class Sensor(_Group):
 
 
 @dataclass(frozen=True)
-class Network(_Group):
+class Network:
     """The learned differentiator and its training."""
 
     units: int
@@ -97,7 +82,7 @@ class Network(_Group):
 
 
 @dataclass(frozen=True)
-class Filter(_Group):
+class Filter:
     """What the tuner of the filters may do."""
 
     orders: tuple[int, ...]
@@ -111,7 +96,7 @@ class Filter(_Group):
 
 
 @dataclass(frozen=True)
-class Study(_Group):
+class Study:
     """Ranges of the studies."""
 
     poles: tuple[float, ...]
@@ -121,7 +106,7 @@ class Study(_Group):
 
 
 @dataclass(frozen=True)
-class Convergence(_Group):
+class Convergence:
     """Gauss-Newton and the paper's Algorithm 2 from the same starts."""
 
     orders: tuple[int, ...]
@@ -134,7 +119,7 @@ class Convergence(_Group):
 
 
 @dataclass(frozen=True)
-class Scoring(_Group):
+class Scoring:
     """What counts."""
 
     left_out: float
@@ -170,20 +155,4 @@ def params() -> Params:
     >>> params().sampling.dt
     0.002
     """
-    data = tomllib.loads(PATH.read_text(encoding="utf-8"))
-    return Params(
-        sampling=Sampling.read(data["sampling"]),
-        setpoints=SetPoints.read(data["setpoints"]),
-        vehicle=Vehicle.read(data["vehicle"]),
-        wind=Wind.read(data["wind"]),
-        sensor=Sensor.read(data["sensor"]),
-        network=Network.read(data["network"]),
-        filter=Filter.read(data["filter"]),
-        study=Study.read(data["study"]),
-        convergence=Convergence.read(data["convergence"]),
-        scoring=Scoring.read(data["scoring"]),
-    )
-
-
-def _frozen(value: Any) -> Any:
-    return tuple(value) if isinstance(value, list) else value
+    return read(PATH, Params)

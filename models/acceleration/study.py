@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from phyfilter_ctl import PhyFilter
 from phyfilter_ctl.design.learning import LearnResult
 from phyfilter_ctl.flightlog import FlightLog
+from phyfilter_ctl.models.progress import Report
 
 from .differentiator import counted
 from .experiment import Comparison, Effort, Learned, fit_learned
@@ -21,7 +22,6 @@ from .tuning import Case, filtered, rmse
 __all__ = ["IntervalStudy", "LearnedPoint", "PoleMap", "intervals", "order_by_pole", "sampling_intervals"]
 
 FloatArray = NDArray[np.float64]
-Report = Callable[[str], None]
 
 # Enough rows must be left for the window, the split and the start that is left out.
 _FEWEST_ROWS = 20
