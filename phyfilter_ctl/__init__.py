@@ -50,6 +50,7 @@ from .blocks import (
     learned_block,
     phyfilter_block,
     sampled_block,
+    wired,
 )
 from .codegen import export_c
 from .design import LearnResult, bandpass, learn, learn_jointly, lowpass, numerator_of_type, place_poles
@@ -60,7 +61,15 @@ from .flightlog import FlightLog, split_by_speed, split_flights
 from .fmi import cosimulate, export_fmu, export_ssp, import_fmu
 from .plants import Plant, plant
 from .sampled import FilterState, SampledPhyFilter, stack
-from .simulation import Sensitivity, SimulationResponse, sensitivity, simulate, simulate_batch
+from .simulation import (
+    Sensitivity,
+    SimulationResponse,
+    linearize_sampled,
+    sampled_open_loop,
+    sensitivity,
+    simulate,
+    simulate_batch,
+)
 
 __all__ = [
     "BandwidthLimit",
@@ -101,6 +110,7 @@ __all__ = [
     "learn",
     "learn_jointly",
     "learned_block",
+    "linearize_sampled",
     "load",
     "load_signals",
     "loop_margin",
@@ -111,6 +121,7 @@ __all__ = [
     "plant",
     "prior_margin",
     "sampled_block",
+    "sampled_open_loop",
     "save",
     "sensitivity",
     "signal_margin",
@@ -120,5 +131,6 @@ __all__ = [
     "split_flights",
     "stack",
     "ultimate_bound",
+    "wired",
 ]
 __version__ = "0.1.0"

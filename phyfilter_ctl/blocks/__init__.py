@@ -1,11 +1,14 @@
 """Blocks for python-control diagrams."""
 
+from .adaptive import adaptive_block
+from .delay_line import delay_line
 from .filter_law import filter_law
 from .function_block import FunctionBlock, function_block
 from .functions import BlockFunctions, Variable, dependencies
 from .learned import learned_block
 from .phyfilter import PhyFilterBlock, phyfilter_block
 from .sampled import FilterLaw, SampledBlock, sampled_block
+from .wiring import wired
 
 __all__ = [
     "BlockFunctions",
@@ -14,10 +17,13 @@ __all__ = [
     "PhyFilterBlock",
     "SampledBlock",
     "Variable",
+    "adaptive_block",
+    "delay_line",
     "dependencies",
     "filter_law",
     "function_block",
     "learned_block",
     "phyfilter_block",
     "sampled_block",
+    "wired",
 ]

@@ -174,20 +174,30 @@ def open_loop(
     >>> open_loop(loop, "p.u").dcgain().item()
     2.0
     """
-    if not isinstance(system, ct.InterconnectedSystem):
-        raise TypeError(
-            f"system: expected a diagram made by control.interconnect, got {type(system).__name__}; a single block has "
-            "no loop to open"
-        )
-    probed = _probe(system, signal, signal)
     # What drives no input is 0, as where the diagram came from.
-    flat = flatten(probed, unconnected="zero")
+    flat = flatten(probed(system, signal), unconnected="zero")
     inputs = flat.start_inputs() if u0 is None else np.atleast_1d(np.asarray(u0, dtype=float))
     if u0 is not None:
         if inputs.shape != (system.ninputs,):
             raise ValueError(f"u0: expected shape ({system.ninputs},), got {inputs.shape}")
         inputs = np.append(inputs, 0.0)
-    closed = flat.linearize(x0, inputs, params, t)
+    return loop_gain(flat.linearize(x0, inputs, params, t), signal)
+
+
+def loop_gain(closed: ct.StateSpace, signal: str) -> ct.StateSpace:
+    """L of a linear model of a :func:`probed` diagram, from its last input d to its last output r = -L (r + d).
+
+    Parameters
+    ----------
+    closed : control.StateSpace
+    signal : str
+        Where it was probed, for messages.
+
+    Raises
+    ------
+    ValueError
+        If the diagram opened there has a singular algebraic loop.
+    """
     A, B, C = np.asarray(closed.A), np.asarray(closed.B)[:, -1:], np.asarray(closed.C)[-1:]
     through = 1.0 + float(np.asarray(closed.D)[-1, -1])
     if through == 0.0:
@@ -205,6 +215,28 @@ def open_loop(
         outputs="out",
         remove_useless_states=False,
     )
+
+
+def probed(system: ct.InputOutputSystem, signal: str) -> ct.InterconnectedSystem:
+    """A diagram with a last input d that is added at a signal and a last output that reads the signal before it.
+
+    Parameters
+    ----------
+    system : control.InterconnectedSystem
+    signal : str
+        As for :func:`open_loop`.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If the system is no diagram, or has no such signal.
+    """
+    if not isinstance(system, ct.InterconnectedSystem):
+        raise TypeError(
+            f"system: expected a diagram made by control.interconnect, got {type(system).__name__}; a single block has "
+            "no loop to open"
+        )
+    return _probe(system, signal, signal)
 
 
 def _probe(diagram: ct.InterconnectedSystem, place: str, signal: str) -> ct.InterconnectedSystem:

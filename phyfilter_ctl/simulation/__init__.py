@@ -1,7 +1,16 @@
 """Diagrams run: in CasADi's virtual machine or as compiled C, one by one or in batches."""
 
 from .response import SimulationResponse
+from .sampled_loop import linearize_sampled, sampled_open_loop
 from .sensitivity import Sensitivity, sensitivity
 from .simulate import simulate, simulate_batch
 
-__all__ = ["Sensitivity", "SimulationResponse", "sensitivity", "simulate", "simulate_batch"]
+__all__ = [
+    "Sensitivity",
+    "SimulationResponse",
+    "linearize_sampled",
+    "sampled_open_loop",
+    "sensitivity",
+    "simulate",
+    "simulate_batch",
+]

@@ -61,7 +61,7 @@ def prepare(
         ]
         raise ValueError(f"params: expected finite values, got others for {', '.join(wrong)}")
     return Run(
-        times, _inputs(flat, inputs, len(times)), _start(flat, initial_state), parameters, interpolation
+        times, _inputs(flat, inputs, len(times)), start_vector(flat, initial_state), parameters, interpolation
     )
 
 
@@ -120,7 +120,7 @@ def _inputs(flat: FlatModel, inputs: Inputs | None, N: int) -> FloatArray:
     return np.ascontiguousarray(table.T)
 
 
-def _start(flat: FlatModel, initial_state: Start | None) -> FloatArray:
+def start_vector(flat: FlatModel, initial_state: Start | None) -> FloatArray:
     start = flat.start_state()
     n_x = len(start)
     if initial_state is None:
