@@ -1,5 +1,6 @@
 """Plants: equations of motion, written once, as python-control systems."""
 
+from .aerial_manipulator import aerial_manipulator
 from .algebra import (
     cross,
     dot,
@@ -14,18 +15,42 @@ from .algebra import (
     stack,
     where,
 )
+from .arm_motion import ArmMotion
+from .arm_parts import Link
 from .bodies import mass, rigid_body
+from .coupling import (
+    Accelerations,
+    coupled_accelerations,
+    coupling_force,
+    coupling_torque,
+    payload_motion,
+)
 from .declaration import Columns
 from .factory import Plant, plant
+from .quadrotor import allocation_matrix, quadrotor
+from .serial_arm import SerialArm
+from .small_arm import small_arm
+from .wind import wind_field
 
 __all__ = [
+    "Accelerations",
+    "ArmMotion",
     "Columns",
+    "Link",
     "Plant",
+    "SerialArm",
+    "aerial_manipulator",
+    "allocation_matrix",
+    "coupled_accelerations",
+    "coupling_force",
+    "coupling_torque",
     "cross",
     "dot",
     "mass",
     "norm",
+    "payload_motion",
     "plant",
+    "quadrotor",
     "quaternion_product",
     "quaternion_rate",
     "rigid_body",
@@ -33,7 +58,9 @@ __all__ = [
     "rotate_back",
     "rotation_matrix",
     "skew",
+    "small_arm",
     "solve",
     "stack",
     "where",
+    "wind_field",
 ]

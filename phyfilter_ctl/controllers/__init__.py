@@ -1,0 +1,37 @@
+"""Controllers of the vehicles in ``plants``: tracking laws as sampled blocks, and the aerial manipulator's planner."""
+
+from .allocation import allocate
+from .attitude import AttitudeGains, attitude_error, attitude_gains
+from .indi import indi
+from .known_force import KnownForce, known_force
+from .l1_adaptive import l1_adaptive
+from .planner import (
+    CooperativePlanner,
+    PathSample,
+    Plan,
+    PlannedPath,
+    PlannerLimits,
+    PlannerWeights,
+    follow,
+)
+from .tracking import attitude_controller, position_controller
+
+__all__ = [
+    "AttitudeGains",
+    "CooperativePlanner",
+    "KnownForce",
+    "PathSample",
+    "Plan",
+    "PlannedPath",
+    "PlannerLimits",
+    "PlannerWeights",
+    "allocate",
+    "attitude_controller",
+    "attitude_error",
+    "attitude_gains",
+    "follow",
+    "indi",
+    "known_force",
+    "l1_adaptive",
+    "position_controller",
+]

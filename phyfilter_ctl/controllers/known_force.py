@@ -1,0 +1,165 @@
+"""The force that a multirotor knows of: the prior of its estimator."""
+
+from __future__ import annotations
+
+import operator
+from typing import Literal, get_args
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..blocks.sampled import SampledBlock, sampled_block
+from ..plants.algebra import Array, rotate, stack
+from ..plants.declaration import Columns
+from ..plants.factory import Results, plant
+from ._checks import UP, check_not_negative, check_positive, clip, drag_force, three
+
+__all__ = ["KnownForce", "known_force"]
+
+KnownForce = Literal["applied", "collective", "commanded"]
+
+
+def known_force(
+    *,
+    mass: float,
+    gravity: float = 9.81,
+    drag: ArrayLike = 0.0,
+    motor_lag: float,
+    rotor_max: float,
+    delay_steps: int = 0,
+    kind: KnownForce = "applied",
+    period: float,
+    name: str = "prior",
+) -> SampledBlock:
+    """The known part g of m v' = g + f: thrust, weight and rotor drag.
+
+        g = thrust - m g e_z - R D R' v
+
+    with the measured attitude R and velocity v, and as thrust
+
+    * applied: R e_z times the thrust that a model of the rotors gives on the commands, delayed as they are;
+    * collective: R e_z times the thrust commanded, as if neither motor lag nor delay were;
+    * commanded: the force F that was wanted, as if the vehicle turned at once as well.
+
+    Parameters
+    ----------
+    mass : float
+        Nominal mass m in kg.
+    gravity : float
+        m/s^2.
+    drag : number or (3,) array
+        Rotor drag along the body's axes in N s/m.
+    motor_lag : float
+        Time constant of the rotors' thrust in s.
+    rotor_max : float
+        Largest thrust of a rotor in N.
+    delay_steps : int
+        Number of samples by which the commands reach the rotors late.
+    kind : {"applied", "collective", "commanded"}
+    period : float
+        Sampling interval in seconds.
+    name : str
+        Name of the block.
+
+    Returns
+    -------
+    SampledBlock
+        Inputs thrust (N, commanded to each rotor, not delayed), q and v (m/s, world), both measured, and F (N, world),
+        whatever the kind; output g (N, world). Parameters mass, gravity, drag, motor_lag and rotor_max.
+
+    Raises
+    ------
+    ValueError
+        For a mass, lag, limit or period that is not positive, negative drag, gravity or delay, or an unknown kind.
+    TypeError
+        For a delay that is no whole number.
+
+    Notes
+    -----
+    No command of the present instant acts on g, so that a command may depend on the force that an estimator finds with
+    g, without an algebraic loop. Applied needs none: the rotors have not answered yet, and e^(-h/motor_lag) over each
+    period h for which a command is held makes their model exact at the instants. Collective and commanded use the
+    command of the instant before, which has been held until now. What they leave out, motor lag, delay and turning, an
+    estimator finds as part of f.
+
+    Examples
+    --------
+    >>> prior = known_force(mass=3.0, motor_lag=0.04, rotor_max=16.2, delay_steps=5, period=0.002)
+    >>> prior.input_labels[:5], prior.output_labels
+    (['thrust[0]', 'thrust[1]', 'thrust[2]', 'thrust[3]', 'q[0]'], ['g[0]', 'g[1]', 'g[2]'])
+    >>> prior.law.feedthrough.any(axis=0).tolist() == [False] * 4 + [True] * 7 + [False] * 3
+    True
+    """
+    for label, value, unit in (
+        ("mass", mass, "kg"),
+        ("motor_lag", motor_lag, "s"),
+        ("rotor_max", rotor_max, "N"),
+        ("period", period, "s"),
+    ):
+        check_positive(label, value, unit)
+    check_not_negative("gravity", gravity, "m/s^2")
+    coefficients = three("drag", drag, "coefficients in N s/m")
+    if kind not in get_args(KnownForce):
+        raise ValueError(f"kind: expected {', '.join(map(repr, get_args(KnownForce)))}, got {kind!r}")
+    try:
+        steps = operator.index(delay_steps)
+    except TypeError as error:
+        raise TypeError(f"delay_steps: expected a whole number of samples, got {delay_steps!r}") from error
+    if steps < 0:
+        raise ValueError(f"delay_steps: expected 0 samples or more, got {steps}")
+
+    hover, zero = np.full(4, 0.25 * mass * gravity), np.zeros(3)
+    weight = np.array([0.0, 0.0, mass * gravity])
+    states = {
+        "applied": {
+            "rotor": (hover, "N", "modelled thrust of each rotor"),
+            **(
+                {"past": (np.tile(hover, steps), "N", "commands on their way, the oldest first")}
+                if steps
+                else {}
+            ),
+        },
+        "collective": {"before": (hover, "N", "thrust commanded at the instant before")},
+        "commanded": {"before": (weight, "N", "force wanted at the instant before")},
+    }
+
+    def equations(t: Array, x: Columns, u: Columns, p: Columns) -> tuple[Results, Results]:
+        axis = rotate(u.q, UP)
+        if kind == "applied":
+            line = stack(x.past, u.thrust) if steps else u.thrust
+            answer = 1.0 - np.exp(-period / p.motor_lag)
+            following: Results = {"rotor": x.rotor + answer * (clip(line[:4], 0.0, p.rotor_max) - x.rotor)}
+            if steps:
+                following = {**following, "past": line[4:]}
+            thrust = axis * _total(x.rotor)
+        elif kind == "collective":
+            following, thrust = {"before": u.thrust}, axis * _total(clip(x.before, 0.0, p.rotor_max))
+        else:
+            following, thrust = {"before": u.F}, x.before
+        return following, {"g": thrust - p.mass * p.gravity * UP - drag_force(u.q, u.v, p.drag)}
+
+    law = plant(
+        equations,
+        name=name,
+        states=states[kind],
+        inputs={
+            "thrust": (hover, "N", "commanded thrust of each rotor"),
+            "q": ([1.0, 0.0, 0.0, 0.0], "", "attitude quaternion, body to world"),
+            "v": (zero, "m/s", "velocity, world"),
+            "F": (weight, "N", "wanted thrust, world"),
+        },
+        outputs={"g": ("N", "known force, world")},
+        parameters={
+            "mass": (mass, "kg", "nominal mass"),
+            "gravity": (gravity, "m/s^2", "gravity, against z"),
+            "drag": (coefficients, "N s/m", "rotor drag, body axes"),
+            "motor_lag": (motor_lag, "s", "time constant of the rotors"),
+            "rotor_max": (rotor_max, "N", "largest thrust of a rotor"),
+        },
+        dt=period,
+    )
+    return sampled_block(law, name=name)
+
+
+def _total(rotors: Array) -> Array:
+    return rotors[0] + rotors[1] + rotors[2] + rotors[3]

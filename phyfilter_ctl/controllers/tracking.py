@@ -1,0 +1,338 @@
+"""Position and attitude control of a multirotor, as sampled blocks."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..blocks.sampled import SampledBlock, sampled_block
+from ..plants.algebra import Array, cross, dot, norm, quaternion_product, rotate, rotate_back, stack, where
+from ..plants.declaration import Columns
+from ..plants.factory import Results, plant
+from ._checks import (
+    UP,
+    check_not_negative,
+    check_positive,
+    clip,
+    drag_force,
+    each_axis,
+    pair,
+    three,
+)
+from .allocation import allocate
+from .attitude import attitude_error
+
+__all__ = ["attitude_controller", "position_controller"]
+
+# N: far below any thrust, yet its square divides without overflow where the law is linearised.
+_TINY = 1e-9
+_AXES = "horizontal and vertical"
+
+
+def position_controller(
+    *,
+    mass: float,
+    gravity: float = 9.81,
+    drag: ArrayLike = 0.0,
+    kp: ArrayLike,
+    kd: ArrayLike,
+    ki: ArrayLike = 0.0,
+    integral_limit: ArrayLike = 3.0,
+    drag_lead: float = 0.0,
+    period: float,
+    name: str = "position",
+) -> SampledBlock:
+    """Force that makes a multirotor follow a trajectory, with drag fed forward.
+
+        F = m (a_ref + g e_z + Kp e_r + Kd e_v + i) + R D R' (v_ref + drag_lead a_ref) - f_hat
+        e_r = r_ref - r,    e_v = v_ref - v
+        i_(k+1) = clip(i_k + Ki h e_r, -integral_limit, integral_limit)
+
+    with D = diag(drag), R the measured attitude, h the period, and i = 0 on an axis with Ki = 0.
+
+    Parameters
+    ----------
+    mass : float
+        Nominal mass m in kg.
+    gravity : float
+        g in m/s^2.
+    drag : number or (3,) array
+        Rotor drag along the body's axes in N s/m.
+    kp, kd, ki : number or (2,) array
+        Gains in 1/s^2, 1/s and 1/s^3: horizontal and vertical, or one for both.
+    integral_limit : number or (2,) array
+        Largest acceleration in m/s^2 that the integral asks for on each axis; it stops there (clamping) and does not
+        wind up.
+    drag_lead : float
+        How much earlier in s the drag's share of F is asked for. The attitude loop knows the rate of the rest of F from
+        the jerk, but follows this share kw/kR later.
+    period : float
+        Sampling interval in seconds.
+    name : str
+        Name of the block.
+
+    Returns
+    -------
+    SampledBlock
+        Inputs r, v and q (measured), r_ref, v_ref, a_ref, and f_hat (estimate of the unknown force, N, world); output F
+        (N, world). All arguments but ``period`` are parameters of the block, gains and limits with two entries.
+
+    Raises
+    ------
+    ValueError
+        For a mass or a period that is not positive, or gains, drag or limits that are negative or of another shape.
+
+    Notes
+    -----
+    The drag acts at the reference's speed, not at the measured one, so that it adds no feedback: M. Faessler,
+    A. Franchi, D. Scaramuzza, "Differential flatness of quadrotor dynamics subject to rotor drag for accurate tracking
+    of high-speed trajectories", IEEE Robotics and Automation Letters 3(2), 2018.
+
+    Examples
+    --------
+    Hover, 0.1 m too low:
+
+    >>> block = position_controller(mass=3.0, kp=[5.0, 8.0], kd=4.0, period=0.002)
+    >>> inputs = np.zeros(22)
+    >>> inputs[[2, 6]] = -0.1, 1.0
+    >>> values = [entry.start for entry in block.law.parameters]
+    >>> block.law.output(0.0, [0.0] * 3, inputs, values).full().ravel().round(3).tolist()
+    [0.0, 0.0, 31.83]
+    """
+    check_positive("mass", mass, "kg")
+    check_positive("period", period, "s")
+    check_not_negative("gravity", gravity, "m/s^2")
+    check_not_negative("drag_lead", drag_lead, "s")
+    zero = np.zeros(3)
+
+    def equations(t: Array, x: Columns, u: Columns, p: Columns) -> tuple[Results, Results]:
+        kp, kd, ki, limit = (each_axis(value) for value in (p.kp, p.kd, p.ki, p.integral_limit))
+        e_r, e_v = u.r_ref - u.r, u.v_ref - u.v
+        wanted = u.a_ref + p.gravity * UP + kp * e_r + kd * e_v + x.integral
+        F = p.mass * wanted + drag_force(u.q, u.v_ref + p.drag_lead * u.a_ref, p.drag) - u.f_hat
+        # Without a gain the state is emptied: an integrator that nothing drives would be a mode at 0 of the whole loop.
+        following = where(ki, clip(x.integral + ki * period * e_r, -limit, limit), 0.0)
+        return {"integral": following}, {"F": F}
+
+    law = plant(
+        equations,
+        name=name,
+        states={"integral": (zero, "m/s^2", "acceleration that the integral asks for")},
+        inputs={
+            "r": (zero, "m", "position, world"),
+            "v": (zero, "m/s", "velocity, world"),
+            "q": ([1.0, 0.0, 0.0, 0.0], "", "attitude quaternion, body to world"),
+            "r_ref": (zero, "m", "wanted position"),
+            "v_ref": (zero, "m/s", "wanted velocity"),
+            "a_ref": (zero, "m/s^2", "wanted acceleration"),
+            "f_hat": (zero, "N", "estimated unknown force, world"),
+        },
+        outputs={"F": ("N", "wanted thrust, world")},
+        parameters={
+            "mass": (mass, "kg", "nominal mass"),
+            "gravity": (gravity, "m/s^2", "gravity, against z"),
+            "drag": (three("drag", drag, "coefficients in N s/m"), "N s/m", "rotor drag, body axes"),
+            "kp": (pair("kp", kp, _AXES), "1/s^2", f"position gain, {_AXES}"),
+            "kd": (pair("kd", kd, _AXES), "1/s", f"velocity gain, {_AXES}"),
+            "ki": (pair("ki", ki, _AXES), "1/s^3", f"integral gain, {_AXES}"),
+            "integral_limit": (
+                pair("integral_limit", integral_limit, _AXES),
+                "m/s^2",
+                f"largest share of the integral, {_AXES}",
+            ),
+            "drag_lead": (drag_lead, "s", "how much earlier drag is asked for"),
+        },
+        dt=period,
+    )
+    return sampled_block(law, name=name)
+
+
+def attitude_controller(
+    *,
+    mass: float,
+    J: ArrayLike,
+    arm: float,
+    torque_ratio: float,
+    gravity: float = 9.81,
+    rotor_max: float,
+    kR: ArrayLike,
+    kw: ArrayLike,
+    motor_lag: float,
+    lead_filter: float,
+    delay: float = 0.0,
+    thrust_lead: float | None = None,
+    tilt_lead: float = 0.0,
+    rate_feedforward: float = 1.0,
+    tilt_max: float = 1.0,
+    lift_min: float = 0.1,
+    yaw: float = 0.0,
+    period: float,
+    name: str = "attitude",
+) -> SampledBlock:
+    """Rotor thrusts that point the thrust of a multirotor along a wanted force, and make it as large.
+
+        z      = direction of F + tilt_lead m j_ref
+        tau    = J (kR e + kw (omega_ref - omega)) + omega x J omega,     omega_ref = R' (z x z'),  F' = m j_ref
+        T      = (F + thrust_lead m j_ref) . R e_z
+        rotors = allocate(T, (1 + motor_lag s)/(1 + lead_filter s) tau)
+
+    with the attitude error e of :func:`attitude_error` from the measured attitude R to the one whose z axis is z at
+    heading ``yaw``, and :func:`allocate` for the limits.
+
+    Parameters
+    ----------
+    mass : float
+        Nominal mass m in kg.
+    J : (3,) array
+        Moments of inertia about the body's axes in kg m^2.
+    arm, torque_ratio : float
+        As for :func:`phyfilter_ctl.plants.allocation_matrix`, in m.
+    gravity : float
+        m/s^2; of use for ``lift_min`` only.
+    rotor_max : float
+        Largest thrust of a rotor in N.
+    kR, kw : number or (2,) array
+        Gains of attitude error in 1/s^2 and of angular rate in 1/s: tilt and yaw, or one for both; see
+        :func:`attitude_gains`.
+    motor_lag : float
+        Time constant of the rotors' thrust in s, which the lead of the torque takes out of the loop; 0 for no lead.
+    lead_filter : float
+        Time constant in s that takes its place; the lead multiplies the gyroscope's noise by motor_lag/lead_filter.
+    delay : float
+        Time in s by which the commands reach the rotors late; of use for ``thrust_lead`` only.
+    thrust_lead : float, optional
+        How much earlier the size of the thrust is asked for, in s. None means motor_lag + delay + period/2, with which
+        it arrives in time; 0 means not at all.
+    tilt_lead : float
+        The same of its direction. With ``rate_feedforward`` at 1 the tilt follows a steadily turning direction without
+        lag, and 0 is right.
+    rate_feedforward : float
+        Share of omega_ref that is used, 0 to 1.
+    tilt_max : float
+        Largest angle of z from the vertical in rad; the horizontal part of F is cut down to it.
+    lift_min : float
+        Least vertical part of F that is made, as a share of m g; it also gives z a meaning where F is 0.
+    yaw : float
+        Wanted heading in rad.
+    period : float
+        Sampling interval in seconds.
+    name : str
+        Name of the block.
+
+    Returns
+    -------
+    SampledBlock
+        Inputs F (N, world), q, omega (rad/s, body) and j_ref (m/s^3, world), output thrust (N, command to each rotor).
+        All arguments but ``delay`` and ``period`` are parameters of the block, gains with two entries.
+
+    Raises
+    ------
+    ValueError
+        For masses, inertias, lengths or times that are not positive, gains that are negative or of another shape, or a
+        tilt_max that is not between 0 and pi/2.
+
+    Notes
+    -----
+    Tilt and heading have each their own error and gains, and the tilt does not wait for the heading: D. Brescianini,
+    R. D'Andrea, "Tilt-prioritized quadrocopter attitude control", IEEE Transactions on Control Systems Technology
+    28(2), 2020. Lead and rate take the trajectory's jerk, no measured signal, so they add no noise: F' leaves out what
+    the feedback adds to F, and omega_ref the rate at which the heading would turn about z.
+
+    Examples
+    --------
+    Hover needs a quarter of the weight from each rotor:
+
+    >>> block = attitude_controller(mass=3.0, J=[0.035, 0.035, 0.06], arm=0.25, torque_ratio=0.016, rotor_max=16.2,
+    ...                             kR=[100.0, 4.0], kw=[20.0, 4.0], motor_lag=0.04, lead_filter=0.01, period=0.002)
+    >>> values = [entry.start for entry in block.law.parameters]
+    >>> hover = [0.0, 0.0, 29.43, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]
+    >>> block.law.output(0.0, [0.0] * 3, hover, values).full().ravel().round(4).tolist()
+    [7.3575, 7.3575, 7.3575, 7.3575]
+    """
+    thrust_lead = motor_lag + delay + 0.5 * period if thrust_lead is None else thrust_lead
+    for label, value, unit in (
+        ("mass", mass, "kg"),
+        ("arm", arm, "m"),
+        ("torque_ratio", torque_ratio, "m"),
+        ("gravity", gravity, "m/s^2"),
+        ("rotor_max", rotor_max, "N"),
+        ("lead_filter", lead_filter, "s"),
+        ("lift_min", lift_min, "weights"),
+        ("period", period, "s"),
+    ):
+        check_positive(label, value, unit)
+    for label, value in (
+        ("motor_lag", motor_lag),
+        ("delay", delay),
+        ("thrust_lead", thrust_lead),
+        ("tilt_lead", tilt_lead),
+    ):
+        check_not_negative(label, value, "s")
+    if not 0.0 < tilt_max < 0.5 * np.pi:
+        raise ValueError(f"tilt_max: expected an angle between 0 and pi/2 rad, got {tilt_max}")
+    inertia = three("J", J, "moments of inertia in kg m^2")
+    if inertia.min() <= 0.0:
+        raise ValueError(f"J: expected three positive moments of inertia in kg m^2, got {J!r}")
+    zero = np.zeros(3)
+
+    def equations(t: Array, x: Columns, u: Columns, p: Columns) -> tuple[Results, Results]:
+        rate = p.mass * u.j_ref
+        aimed = _limited(u.F + p.tilt_lead * rate, p)
+        size = norm(aimed)
+        z = aimed / size
+        turning = rotate_back(u.q, cross(z, rate) / size)
+        error = attitude_error(u.q, _attitude(z, p.yaw))
+        angular = each_axis(p.kR) * error + each_axis(p.kw) * (p.rate_feedforward * turning - u.omega)
+        torque = p.J * angular + cross(u.omega, p.J * u.omega)
+        sharpness = p.motor_lag / p.lead_filter
+        led = where(p.motor_lag, sharpness * torque + (1.0 - sharpness) * x.smooth, torque)
+        T = dot(_limited(u.F, p) + p.thrust_lead * rate, rotate(u.q, UP))
+        rotors = allocate(T, led, arm=p.arm, torque_ratio=p.torque_ratio, rotor_max=p.rotor_max)
+        kept = np.exp(-period / p.lead_filter)
+        return {"smooth": kept * x.smooth + (1.0 - kept) * torque}, {"thrust": rotors}
+
+    law = plant(
+        equations,
+        name=name,
+        states={"smooth": (zero, "N m", "smoothed torque of the lead")},
+        inputs={
+            "F": ([0.0, 0.0, mass * gravity], "N", "wanted thrust, world"),
+            "q": ([1.0, 0.0, 0.0, 0.0], "", "attitude quaternion, body to world"),
+            "omega": (zero, "rad/s", "angular velocity, body"),
+            "j_ref": (zero, "m/s^3", "wanted jerk"),
+        },
+        outputs={"thrust": ("N", "commanded thrust of each rotor")},
+        parameters={
+            "mass": (mass, "kg", "nominal mass"),
+            "J": (inertia, "kg m^2", "moments of inertia"),
+            "arm": (arm, "m", "rotor to centre of mass"),
+            "torque_ratio": (torque_ratio, "m", "yaw torque per thrust"),
+            "gravity": (gravity, "m/s^2", "gravity, against z"),
+            "rotor_max": (rotor_max, "N", "largest thrust of a rotor"),
+            "kR": (pair("kR", kR, "tilt and yaw"), "1/s^2", "attitude gain, tilt and yaw"),
+            "kw": (pair("kw", kw, "tilt and yaw"), "1/s", "rate gain, tilt and yaw"),
+            "motor_lag": (motor_lag, "s", "time constant that the lead takes out"),
+            "lead_filter": (lead_filter, "s", "time constant that takes its place"),
+            "thrust_lead": (thrust_lead, "s", "how much earlier thrust is asked for"),
+            "tilt_lead": (tilt_lead, "s", "how much earlier tilt is asked for"),
+            "rate_feedforward": (rate_feedforward, "", "share of the rate fed forward"),
+            "tilt_max": (tilt_max, "rad", "largest tilt asked for"),
+            "lift_min": (lift_min, "", "least vertical force, share of the weight"),
+            "yaw": (yaw, "rad", "wanted heading"),
+        },
+        dt=period,
+    )
+    return sampled_block(law, name=name)
+
+
+def _limited(F: Array, p: Columns) -> Array:
+    """A force with a least vertical part, and no further from the vertical than the largest tilt."""
+    up = np.fmax(F[2], p.lift_min * p.mass * p.gravity)
+    share = np.fmin(1.0, np.tan(p.tilt_max) * up / np.fmax(norm(F[:2]), _TINY))
+    return stack(share * F[0], share * F[1], up)
+
+
+def _attitude(z: Array, yaw: Array) -> Array:
+    """Attitude with a z axis (not downwards), turned from the vertical the shortest way, after the heading."""
+    upright = stack(1.0 + z[2], -z[1], z[0], 0.0) / np.sqrt(2.0 * (1.0 + z[2]))
+    return quaternion_product(upright, stack(np.cos(0.5 * yaw), 0.0, 0.0, np.sin(0.5 * yaw)))
