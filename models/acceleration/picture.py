@@ -11,6 +11,7 @@ from matplotlib.ticker import LogLocator, NullFormatter, ScalarFormatter
 from numpy.typing import NDArray
 
 from phyfilter_ctl.flightlog import FlightLog
+from phyfilter_ctl.plots import dress
 
 from .differentiator import counted, labels
 from .experiment import Comparison
@@ -117,7 +118,7 @@ def _velocities(axes: Axes, logs: Sequence[FlightLog], title: str, top: float) -
         xlabel="Time, flights one after another [s]", ylabel="Velocity [m/s]", ylim=(-1.1 * top, 1.1 * top)
     )
     axes.legend(fontsize="x-small", ncols=3, loc="lower left", frameon=False)
-    _dress(axes, title)
+    dress(axes, title)
 
 
 def _errors(
@@ -153,7 +154,7 @@ def _errors(
     axes.set_xticks(at, [NAMES[name] for name in names], rotation=35, ha="right", rotation_mode="anchor")
     axes.set_ylabel("Absolute error [m/s$^2$]")
     axes.legend(fontsize="x-small", frameon=False)
-    _dress(axes, title)
+    dress(axes, title)
 
 
 def _speeds(axes: Axes, comparison: Comparison) -> None:
@@ -167,7 +168,7 @@ def _speeds(axes: Axes, comparison: Comparison) -> None:
         axes.hist(speeds[name], edges.tolist(), density=True, color=colour, alpha=0.55, label=name)
     axes.set(xlabel="Speed [m/s]", ylabel="Density [s/m]")
     axes.legend(fontsize="x-small", frameon=False)
-    _dress(axes, "f  Distribution of speeds")
+    dress(axes, "f  Distribution of speeds")
 
 
 def _pole_map(axes: Axes, poles: PoleMap, network: float) -> None:
@@ -190,7 +191,7 @@ def _pole_map(axes: Axes, poles: PoleMap, network: float) -> None:
     axes.set(xlabel="Poles, geometric mean [rad/s]", ylabel="Test RMSE [m/s$^2$]")
     axes.set_ylim(0.0, 1.15 * max(network, float(np.median(poles.rmse))))
     axes.legend(fontsize="x-small", ncols=2, facecolor="white", edgecolor="none", framealpha=0.9)
-    _dress(axes, "e  Order and poles")
+    dress(axes, "e  Order and poles")
 
 
 def _convergence(left: Axes, right: Axes, convergence: Convergence) -> None:
@@ -210,7 +211,7 @@ def _convergence(left: Axes, right: Axes, convergence: Convergence) -> None:
             axes.plot([], [], color=_ORDER_COLOURS[n], label=name)
         axes.set(xlabel="Wall time [s]", ylabel="Training RMSE [m/s$^2$]", xscale="log", yscale="log")
         axes.legend(fontsize="x-small", frameon=False, ncols=2)
-        _dress(axes, title)
+        dress(axes, title)
     latest = max((float(d.times[-1]) for d in descents if len(d.times)), default=1.0)
     levels = [level for d in descents for level in (d.start, *d.rmse)]
     for axes in (left, right):
@@ -237,15 +238,4 @@ def _interval_study(axes: Axes, intervals: IntervalStudy) -> None:
     axes.set(xlabel="Sampling interval [ms]", ylabel="Test RMSE [m/s$^2$]")
     axes.set_ylim(bottom=0.0)
     axes.legend(fontsize="x-small", frameon=False)
-    _dress(axes, "g  Sampling interval")
-
-
-def _dress(axes: Axes, title: str) -> None:
-    axes.set_title(title, loc="left", fontsize="small", fontweight="bold")
-    for label in (axes.xaxis.label, axes.yaxis.label):
-        label.set_fontsize("small")
-    axes.tick_params(labelsize="x-small")
-    axes.grid(True, axis="y", color="0.92", linewidth=0.6)
-    axes.set_axisbelow(True)
-    for side in ("top", "right"):
-        axes.spines[side].set_visible(False)
+    dress(axes, "g  Sampling interval")

@@ -1,14 +1,26 @@
 """Draws results that were computed elsewhere; computes nothing. python-control's plotting conventions."""
 
-from .frequency import FrequencyCurve, frequency_plot
+from ._style import COLOURS, dress
+from .budget import budget_curves, budget_plot
+from .estimates import estimate_plot
+from .frequency import FrequencyCurve, FrequencyLimit, frequency_plot
 from .learning import learning_plot
+from .poles import PoleSet, pole_plot
 from .promises import analysis_plot, bound_plot, trade_off_plot
 
 __all__ = [
+    "COLOURS",
     "FrequencyCurve",
+    "FrequencyLimit",
+    "PoleSet",
     "analysis_plot",
     "bound_plot",
+    "budget_curves",
+    "budget_plot",
+    "dress",
+    "estimate_plot",
     "frequency_plot",
     "learning_plot",
+    "pole_plot",
     "trade_off_plot",
 ]

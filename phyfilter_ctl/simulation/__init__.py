@@ -3,9 +3,10 @@
 from .response import SimulationResponse
 from .sampled_loop import linearize_sampled, sampled_open_loop
 from .sensitivity import Sensitivity, sensitivity
-from .simulate import simulate, simulate_batch
+from .simulate import BackendChoice, simulate, simulate_batch
 
 __all__ = [
+    "BackendChoice",
     "Sensitivity",
     "SimulationResponse",
     "linearize_sampled",

@@ -409,3 +409,13 @@ def test_cancelling_the_first_trials_of_unequal_steps_keeps_the_best_so_far() ->
     assert len(seen) == 3
     assert np.isfinite(result.rmse)
     assert all(cost >= 0.0 for cost in seen)
+
+
+def test_a_fit_down_to_rounding_has_a_wiener_floor() -> None:
+    """Costs of moments with a block held out are then rounding of either sign; the refits must not fall over them."""
+    n, dt = 28_000, 0.002
+    t = dt * np.arange(n)
+    f = np.stack([np.sin((1 + i) * t) + 0.5 * np.sin(7.0 * t + i) for i in range(3)], axis=1)
+    noise = 1e-3 * np.random.default_rng(0).standard_normal((n, 3))
+    result = learn(FlightLog.from_arrays(x=dt * np.cumsum(f, axis=0) + noise, dt=dt, label=f), 4, form="general")
+    assert result.wiener is not None

@@ -69,14 +69,15 @@ def descend(
     iterations, growth = now.iterations, 2.0
     while not done and iterations - now.iterations < limit:
         free = ~bound(theta, found.gradient, upper, lower)
-        if not np.any(free):
+        # A cost at rounding may be negative, with a curvature that is none.
+        if not np.any(free) or found.cost <= negligible:
             done = True
             break
         step = _step(found, free, damping)
         trial = np.clip(theta + step, lower, upper)
         step = trial - theta
         promised = -float(found.gradient @ step + 0.5 * step @ found.curvature @ step)
-        if promised <= _PROMISE * found.cost or found.cost <= negligible:
+        if promised <= _PROMISE * found.cost:
             done = True
             break
         iterations += 1

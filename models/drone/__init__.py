@@ -1,0 +1,270 @@
+"""The drone: a circle at 2 m/s with an unknown mass, in a wind that nothing was trained on.
+
+x = m v,   m v' = g + f,   g the thrust that acts, weight and drag,   f_theta SEER-I, trained on masses alone
+"""
+
+from __future__ import annotations
+
+import json
+from argparse import ArgumentParser, Namespace, RawDescriptionHelpFormatter
+from typing import TYPE_CHECKING
+
+from .diagram import build
+
+if TYPE_CHECKING:
+    from phyfilter_ctl.models.progress import Report
+
+    from .comparison import Comparison
+
+__all__ = ["add_arguments", "build", "main"]
+
+# Of --quick: flights and their length in s.
+_QUICK_SEEDS, _QUICK_DURATION = 4, 14.0
+
+_DESCRIPTION = """Fly a quadrotor on a circle at 2 m/s with an unknown payload, without and with the wind of a fan.
+
+SEER-I, a Chebyshev model with an adaptive law, was trained on payloads in still air. A PhyFilter repairs it in the
+wind. PD with and without integral action, observer, INDI and L1 fly beside it, all tuned by one procedure."""
+
+_EXAMPLES = """examples:
+  phyfilter-ctl run drone
+  phyfilter-ctl run drone --quick --json figures.json --picture flights.pdf
+  phyfilter-ctl run drone --study --picture study.pdf           # what is left open, one thing at a time
+  phyfilter-ctl run drone --replay flight_1.csv flight_2.csv    # the residual force on recorded flights
+  phyfilter-ctl run drone --tune                                # find the gains of all methods anew (about ten minutes)
+
+a recording is a CSV file with the columns t [s], vx vy vz [m/s], qx qy qz qw, T_sp, hover_throttle, fax fay faz [N]"""
+
+
+def add_arguments(parser: ArgumentParser) -> None:
+    """Add the options of ``phyfilter-ctl run drone``."""
+    parser.description = _DESCRIPTION
+    parser.epilog = _EXAMPLES
+    parser.formatter_class = RawDescriptionHelpFormatter
+    job = parser.add_mutually_exclusive_group()
+    job.add_argument(
+        "--study",
+        action="store_true",
+        help="vary what is left open, one thing at a time, and map who wins where",
+    )
+    job.add_argument(
+        "--replay", nargs="+", metavar="FILE", help="estimate the residual force on recorded flights instead"
+    )
+    job.add_argument(
+        "--cosimulate",
+        action="store_true",
+        help="fly one flight as FMUs (vehicle, controller, filter) joined by SSP, against the diagram",
+    )
+    job.add_argument("--tune", action="store_true", help="tune all methods anew and print the result as TOML")
+    parser.add_argument("--seeds", type=int, metavar="N", help="number of test flights (default 20)")
+    parser.add_argument("--quick", action="store_true", help="four short flights: a try-out, in seconds")
+    parser.add_argument("--speed", type=float, metavar="V", help="of the circle, m/s (default 2)")
+    parser.add_argument("--radius", type=float, metavar="R", help="of the circle, m (default 1.5)")
+    parser.add_argument(
+        "--payload",
+        type=float,
+        nargs=2,
+        metavar=("LOW", "HIGH"),
+        help="range of the unknown mass, kg (default 0.15 0.9)",
+    )
+    parser.add_argument(
+        "--replay-train",
+        nargs="+",
+        default=[],
+        metavar="FILE",
+        help="recorded flights to learn a model from, for --replay",
+    )
+    parser.add_argument(
+        "--thrust-delay",
+        type=float,
+        default=0.0,
+        metavar="S",
+        help="let the recorded set-point act later, for --replay",
+    )
+    parser.add_argument(
+        "--scheduler", metavar="ADDRESS", help="a Dask scheduler that spreads the study over its workers"
+    )
+    parser.add_argument(
+        "--json", metavar="FILE", help="write the figures; - for standard output instead of the table"
+    )
+    parser.add_argument(
+        "--picture",
+        metavar="FILE",
+        default="drone.png",
+        help="png, pdf or svg (default drone.png; none: no picture)",
+    )
+    parser.add_argument(
+        "--out",
+        metavar="DIR",
+        default="drone_filter",
+        help="where the tuned filter goes, as FMU and C (default drone_filter; none: nowhere)",
+    )
+    parser.add_argument("--quiet", action="store_true", help="no progress bar")
+
+
+def main(options: Namespace) -> int:
+    """Run the job; return the exit status.
+
+    Raises
+    ------
+    ValueError, OSError
+        If options or recordings are wrong, the circle cannot be flown, or a file cannot be read or written.
+    """
+    from phyfilter_ctl._output import check_target
+
+    _check(options)
+    check_target(options.json)
+    target = None if options.picture == "none" else options.picture
+    check_target(target, suffixes=(".png", ".pdf", ".svg"))
+    if options.replay:
+        return _replay(options, target)
+    if options.tune:
+        return _tune(options)
+    if options.cosimulate:
+        return _cosimulate(options)
+    return _study(options, target) if options.study else _compare(options, target)
+
+
+def _check(options: Namespace) -> None:
+    from .params import params
+    from .reference import check_feasible
+
+    if options.seeds is not None and options.seeds < 1:
+        raise ValueError(f"--seeds: expected 1 or more, got {options.seeds}")
+    if options.scheduler and not options.study:
+        raise ValueError("--scheduler: only --study is spread over a cluster; add --study")
+    if (options.replay_train or options.thrust_delay) and not options.replay:
+        raise ValueError("--replay-train and --thrust-delay belong to --replay; add --replay FILES")
+    mission, vehicle = params().mission, params().vehicle
+    if options.payload and not 0.0 <= options.payload[0] <= options.payload[1]:
+        raise ValueError(
+            f"--payload: expected 0 <= LOW <= HIGH, got {options.payload[0]:g} and {options.payload[1]:g} kg"
+        )
+    check_feasible(
+        mission.speed if options.speed is None else options.speed,
+        mission.radius if options.radius is None else options.radius,
+        vehicle.mass + (options.payload[1] if options.payload else params().mass.high),
+    )
+
+
+def _seeds(options: Namespace) -> range:
+    from .params import params
+
+    count = _QUICK_SEEDS if options.quick else params().seeds.test
+    return range(count if options.seeds is None else options.seeds)
+
+
+def _compare(options: Namespace, target: str | None) -> int:
+    from phyfilter_ctl._output import write_figure
+    from phyfilter_ctl.models.progress import progress
+
+    from . import comparison, report
+    from .picture import draw
+
+    seeds, duration = _seeds(options), _QUICK_DURATION if options.quick else None
+    with progress(comparison.steps() + 2, options.quiet) as say:
+        found = comparison.compare(
+            seeds,
+            duration=duration,
+            payload=tuple(options.payload) if options.payload else None,
+            others=_circle(options),
+            report=say,
+        )
+        figures = report.figures(found)
+        say("real-time factor")
+        method = found.methods["phyfilter"]
+        figures["realtime_factor"] = comparison.realtime_factor(
+            method, found.training, duration=10.0 if options.quick else 60.0
+        )
+        notes = _hand_over(options, found, figures, say)
+    if options.json != "-":
+        print(report.table(found))
+        print(f"\nwhole closed loop: {figures['realtime_factor']:.0f} times real time on one core")
+        print("\n".join(notes))
+    _write_json(options, figures)
+    if target is not None:
+        write_figure(target, draw(found))
+    return 0
+
+
+def _circle(options: Namespace) -> dict[str, float]:
+    """Parameters of the diagram for another circle."""
+    given = {"speed": options.speed, "radius": options.radius}
+    return {f"controller.reference.{name}": value for name, value in given.items() if value is not None}
+
+
+def _hand_over(options: Namespace, found: Comparison, figures: dict[str, object], say: Report) -> list[str]:
+    """Export the tuned filter and replay a flight through it; what is to be said about it."""
+    from tempfile import TemporaryDirectory
+
+    from .handover import hand_over
+
+    say("filter as FMU and C")
+    with TemporaryDirectory() as scratch:
+        folder = scratch if options.out == "none" else options.out
+        handed = hand_over(found.methods["phyfilter"].method, found.training.model, folder)
+    figures["fmu_max_abs_difference"] = handed.fmu_max_abs_difference
+    figures["c_max_abs_difference"] = handed.differences.get("c")
+    return [handed.message]
+
+
+def _cosimulate(options: Namespace) -> int:
+    from . import cosimulation
+    from .training import train
+    from .tuning import tuned
+
+    found = cosimulation.cosimulation(
+        tuned()["phyfilter"].method, train().model, duration=4.0 if options.quick else 20.0
+    )
+    if options.json != "-":
+        print(cosimulation.table(found))
+    _write_json(options, cosimulation.figures(found))
+    return 0
+
+
+def _tune(options: Namespace) -> int:
+    from phyfilter_ctl.models.progress import progress
+
+    from . import tuning
+    from .methods import METHODS
+    from .training import train
+
+    with progress(sum(tuning.steps(name) for name in METHODS), options.quiet) as say:
+        found = tuning.tune_all(train().model, report=say)
+    print(tuning.text(found), end="")
+    return 0
+
+
+def _study(options: Namespace, target: str | None) -> int:
+    from phyfilter_ctl._output import write_figure
+
+    from . import study
+
+    found = study.run(_seeds(options), quick=options.quick, scheduler=options.scheduler, quiet=options.quiet)
+    if options.json != "-":
+        print(study.table(found))
+    _write_json(options, study.figures(found))
+    if target is not None:
+        write_figure(target, study.draw(found))
+    return 0
+
+
+def _replay(options: Namespace, target: str | None) -> int:
+    from phyfilter_ctl._output import write_figure
+
+    from . import replay
+
+    found = replay.replay(options.replay, train=options.replay_train, thrust_delay=options.thrust_delay)
+    if options.json != "-":
+        print(replay.table(found))
+    _write_json(options, replay.figures(found))
+    if target is not None:
+        write_figure(target, replay.draw(found))
+    return 0
+
+
+def _write_json(options: Namespace, figures: object) -> None:
+    from phyfilter_ctl._output import write_text
+
+    if options.json is not None:
+        write_text(options.json, json.dumps(figures, indent=2, allow_nan=False) + "\n")

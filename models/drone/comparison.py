@@ -1,0 +1,264 @@
+"""All methods on the same test flights: errors, reductions, and what was estimated."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.stats import binom
+
+from phyfilter_ctl.models.progress import Report, silent
+from phyfilter_ctl.simulation import BackendChoice
+
+from .experiment import Flights, Score, fly
+from .flights import Scenario, conditions
+from .methods import METHODS, MethodName
+from .params import params
+from .training import Training, train
+from .tuning import TunedMethod, tuned
+
+__all__ = [
+    "SCENARIOS",
+    "Comparison",
+    "Estimation",
+    "Interval",
+    "Reduction",
+    "compare",
+    "median_interval",
+    "realtime_factor",
+    "steps",
+]
+
+FloatArray = NDArray[np.float64]
+
+SCENARIOS: tuple[Scenario, ...] = ("mass", "wind")
+_ESTIMATES = ("f_mass", "f_wind", "f_hat", "f_theta")
+
+
+@dataclass(frozen=True)
+class Interval:
+    """A median over seeds with a distribution-free interval.
+
+    Attributes
+    ----------
+    median, low, high : float
+        low and high are order statistics that enclose the median of all seeds with at least 95 %.
+    """
+
+    median: float
+    low: float
+    high: float
+
+
+def median_interval(values: FloatArray) -> Interval:
+    """Median and its interval from order statistics: P(x_(k) < median < x_(n+1-k)) = 1 - 2 P(Binomial(n, 1/2) < k).
+
+    Parameters
+    ----------
+    values : (B,) array
+
+    Examples
+    --------
+    >>> interval = median_interval(np.arange(20.0))
+    >>> interval.median, interval.low, interval.high
+    (9.5, 5.0, 14.0)
+    """
+    ordered = np.sort(np.asarray(values, dtype=float))
+    n = len(ordered)
+    k = max(1, int(binom.ppf(0.025, n, 0.5)))
+    return Interval(float(np.median(ordered)), float(ordered[k - 1]), float(ordered[n - k]))
+
+
+@dataclass(frozen=True)
+class Estimation:
+    """How far estimates of the unknown force are from the truth, RMSE in N over the counted time, one a flight.
+
+    Attributes
+    ----------
+    force : (B,) array
+        f_hat against f_mass + f_wind.
+    mass_part : (B,) array or None
+        f_theta against f_mass, where SEER-I flies along.
+    wind_part : (B,) array or None
+        f_hat - f_theta against f_wind, where both are there.
+    """
+
+    force: FloatArray
+    mass_part: FloatArray | None
+    wind_part: FloatArray | None
+
+
+@dataclass(frozen=True)
+class Reduction:
+    """By how much PhyFilter's mean error is below another method's, flight by flight, in per cent.
+
+    Attributes
+    ----------
+    over : str
+        The other method.
+    interval : Interval
+    """
+
+    over: MethodName
+    interval: Interval
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """What the methods did on the test flights.
+
+    Attributes
+    ----------
+    seeds : tuple of int
+    methods : dict of str to TunedMethod
+    training : Training
+        Of SEER-I.
+    scores : dict of (scenario, method) to Score
+    estimation : dict of (scenario, method) to Estimation
+        For the methods that estimate.
+    shown : dict of str to Flights
+        One windy flight of every method, with all signals: that of the seed with PhyFilter's median error.
+    still : dict of str to Flights
+        The same seed without wind.
+    """
+
+    seeds: tuple[int, ...]
+    methods: Mapping[MethodName, TunedMethod]
+    training: Training
+    scores: Mapping[tuple[Scenario, MethodName], Score]
+    estimation: Mapping[tuple[Scenario, MethodName], Estimation]
+    shown: Mapping[MethodName, Flights]
+    still: Mapping[MethodName, Flights]
+
+    def mae(self, scenario: Scenario, part: str = "total") -> dict[MethodName, Interval]:
+        """Mean errors in m, median over the seeds; ``part`` is total, horizontal or vertical."""
+        return {
+            name: median_interval(getattr(self.scores[scenario, name], part))
+            for kind, name in self.scores
+            if kind == scenario
+        }
+
+    def reduction(
+        self, scenario: Scenario, over: MethodName, *, of: MethodName = "phyfilter", part: str = "total"
+    ) -> Reduction:
+        """Reduction of the error of one method against another's, in per cent."""
+        ours, theirs = (getattr(self.scores[scenario, name], part) for name in (of, over))
+        return Reduction(over, median_interval(100.0 * (1.0 - ours / theirs)))
+
+
+def steps(methods: Sequence[MethodName] = METHODS) -> int:
+    """Number of reports of :func:`compare`."""
+    return len(SCENARIOS) * len(methods) + 1
+
+
+def compare(
+    seeds: Sequence[int] | None = None,
+    *,
+    methods: Sequence[MethodName] = METHODS,
+    duration: float | None = None,
+    payload: tuple[float, float] | None = None,
+    others: Mapping[str, ArrayLike] | None = None,
+    backend: BackendChoice = "auto",
+    report: Report = silent,
+) -> Comparison:
+    """Fly every method over the test seeds, with unknown mass and with wind beside it.
+
+    Parameters
+    ----------
+    seeds : sequence of int, optional
+        None means those of ``params.toml``.
+    methods : sequence of str
+    duration : float, optional
+        s; None means that of ``params.toml``.
+    payload : (float, float), optional
+        Range of the unknown mass, kg; None means that of ``params.toml``.
+    others : mapping, optional
+        Other parameters of the diagram, such as the speed of the circle.
+    backend : {"auto", "vm", "c"}
+        As for ``simulate``.
+    report : callable
+        Called at the beginning of every step.
+    """
+    seeds = tuple(range(params().seeds.test)) if seeds is None else tuple(seeds)
+    training, entries = train(backend), tuned()
+    scores: dict[tuple[Scenario, MethodName], Score] = {}
+    estimation: dict[tuple[Scenario, MethodName], Estimation] = {}
+    for name in methods:
+        method = entries[name].method
+        keep = ("r", "r_ref", *_kept(name))
+        for scenario in SCENARIOS:
+            report(f"{name}, {scenario}")
+            flights = fly(
+                method,
+                conditions(seeds, scenario, payload=payload),
+                training.model,
+                keep=keep,
+                duration=duration,
+                others=others,
+                backend=backend,
+            )
+            scores[scenario, name] = flights.score()
+            if len(keep) > 2:
+                estimation[scenario, name] = _estimation(flights)
+    report("flights to show")
+    shown_by = "phyfilter" if "phyfilter" in methods else methods[0]
+    total = scores["wind", shown_by].total
+    seed = seeds[int(np.argsort(total)[len(total) // 2])]
+
+    def showing(scenario: Scenario) -> dict[MethodName, Flights]:
+        return {
+            name: fly(
+                entries[name].method,
+                conditions([seed], scenario, payload=payload),
+                training.model,
+                keep=("r", "r_ref", "wind", "f_mass", "f_wind", *_kept(name)),
+                duration=duration,
+                others=others,
+                backend=backend,
+            )
+            for name in methods
+        }
+
+    chosen: dict[MethodName, TunedMethod] = {name: entries[name] for name in methods}
+    return Comparison(seeds, chosen, training, scores, estimation, showing("wind"), showing("mass"))
+
+
+def _kept(name: MethodName) -> tuple[str, ...]:
+    """Signals of the estimate that the method's diagram has."""
+    if name in ("baseline", "integral", "known_mass"):
+        return ()
+    return _ESTIMATES if name in ("seer", "phyfilter", "phyfilter_type2") else _ESTIMATES[:3]
+
+
+def _estimation(flights: Flights) -> Estimation:
+    signals = {
+        name: flights.signals[name][:, flights.counted] for name in _ESTIMATES if name in flights.signals
+    }
+
+    def rms(error: FloatArray) -> FloatArray:
+        return np.sqrt(np.mean(np.sum(error**2, axis=2), axis=1))
+
+    f_mass, f_wind, f_hat = (signals[name] for name in _ESTIMATES[:3])
+    force = rms(f_hat - f_mass - f_wind)
+    if "f_theta" not in signals:
+        return Estimation(force, None, None)
+    f_theta = signals["f_theta"]
+    return Estimation(force, rms(f_theta - f_mass), rms(f_hat - f_theta - f_wind))
+
+
+def realtime_factor(
+    method: TunedMethod, training: Training, *, duration: float = 60.0, backend: BackendChoice = "auto"
+) -> float:
+    """Simulated over elapsed time of the whole closed loop on one core, once it is compiled."""
+    wind = conditions([0], "wind")
+
+    def once() -> float:
+        start = time.perf_counter()
+        fly(method.method, wind, training.model, keep=("r",), duration=duration, backend=backend, workers=1)
+        return time.perf_counter() - start
+
+    once()
+    return duration / once()

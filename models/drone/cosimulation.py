@@ -1,0 +1,435 @@
+"""The loop as FMUs in a system structure package, co-simulated at the controllers' rate, against the diagram.
+
+A co-simulation FMU advances on inputs that are set before the step and runs its sampled blocks at the step's end. What
+it samples there is as old as those inputs: one sample late, unless the part that the signal comes from has made the
+step already (Gauss-Seidel). Filter and controller answer each other within an instant, each with samples of its own, so
+one of the wires between them is late in any order; so is a command into a vehicle that samples it.
+"""
+
+from __future__ import annotations
+
+import tempfile
+import time
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Literal
+
+import control as ct
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from phyfilter_ctl.blocks import Variable, delay_line, wired
+from phyfilter_ctl.diagram import FlatModel, flatten
+from phyfilter_ctl.fmi import FmuSolver, Wire, cosimulate, export_fmu, write_ssp
+from phyfilter_ctl.learned import Chebyshev
+from phyfilter_ctl.simulation import simulate
+
+from .diagram import (
+    MEASURED,
+    NOISES,
+    controller_part,
+    filter_part,
+    quadrotor_plant,
+    sensors,
+    steps_of_delay,
+    vehicle_part,
+    wind,
+)
+from .experiment import start_state
+from .flights import Scenario, conditions, noise, timepts
+from .methods import Method
+from .params import params
+
+__all__ = ["CUTS", "CoSimulation", "Cut", "CutRun", "cosimulation"]
+
+FloatArray = NDArray[np.float64]
+Fmi = Literal["2.0", "3.0"]
+_AXES = range(3)
+
+
+@dataclass(frozen=True)
+class Cut:
+    """A way to cut the loop and to run the parts.
+
+    Attributes
+    ----------
+    name : str
+    parts : tuple of str
+        FMUs, in the order of Gauss-Seidel.
+    scheme : {"jacobi", "gauss-seidel"}
+    late : tuple of str
+        Signals between the parts that are sampled one instant late.
+    """
+
+    name: str
+    parts: tuple[str, ...]
+    scheme: Literal["jacobi", "gauss-seidel"]
+    late: tuple[str, ...]
+
+
+_THREE = ("vehicle", "estimator", "controller")
+CUTS = (
+    Cut("three_jacobi", _THREE, "jacobi", (*MEASURED, "f_hat", "F", "thrust")),
+    Cut("three", _THREE, "gauss-seidel", ("F", "thrust")),
+    Cut("two", ("body", "computer"), "gauss-seidel", ()),
+)
+"""Vehicle, filter and controller as FMUs of their own, run side by side or one after the other; and two FMUs without a
+late wire: the body, which has no sampled block, and a computer with filter, controller and the delay of commands."""
+
+
+@dataclass(frozen=True, eq=False)
+class CutRun:
+    """What became of a cut.
+
+    Attributes
+    ----------
+    cut : Cut
+    position : (N, 3) array
+        m.
+    difference : float
+        Largest distance of the position from that of the diagram, m.
+    unexplained : float
+        From that of the diagram with one sample of delay in the late wires, m.
+    seconds : float
+        That the co-simulation took.
+    """
+
+    cut: Cut
+    position: FloatArray
+    difference: float
+    unexplained: float
+    seconds: float
+
+
+@dataclass(frozen=True, eq=False)
+class CoSimulation:
+    """Co-simulations of one flight.
+
+    Attributes
+    ----------
+    step : float
+        Of the communication, s.
+    time : (N,) array
+        s.
+    noise : (18, N) array
+        Of the diagram's inputs; Jacobi flies without that of the sensors.
+    position : (N, 3) array
+        In the diagram, m.
+    runs : dict of str to CutRun
+        By name of the cut.
+    """
+
+    step: float
+    time: FloatArray
+    noise: FloatArray
+    position: FloatArray
+    runs: Mapping[str, CutRun]
+
+    @property
+    def duration(self) -> float:
+        """Of the flight, s."""
+        return float(self.time[-1])
+
+    @property
+    def differences(self) -> dict[str, float]:
+        """Largest distance from the diagram by cut, m."""
+        return {name: run.difference for name, run in self.runs.items()}
+
+
+def cosimulation(
+    method: Method,
+    model: Chebyshev | None = None,
+    *,
+    duration: float = 20.0,
+    seed: int = 0,
+    scenario: Scenario = "wind",
+    fmi: Fmi = "2.0",
+    cuts: Iterable[Cut] = CUTS,
+    folder: str | Path | None = None,
+) -> CoSimulation:
+    """Fly the loop as FMUs and compare with the diagram.
+
+    Parameters
+    ----------
+    method : Method
+        One that estimates the force.
+    model : Chebyshev, optional
+        SEER-I's model, for the methods that use it.
+    duration : float
+        s.
+    seed : int
+        Of mass, wind and noise.
+    scenario : {"mass", "wind"}
+    fmi : {"2.0", "3.0"}
+        Of the FMUs.
+    cuts : iterable of Cut
+        Of ``CUTS``.
+    folder : str or Path, optional
+        Where to leave the packages, ``drone_3.ssp`` and ``drone_2.ssp``; None: nowhere.
+
+    Returns
+    -------
+    CoSimulation
+
+    Raises
+    ------
+    ValueError
+        If the method estimates nothing.
+    CompilerError
+        If this machine has no C compiler.
+
+    Examples
+    --------
+    >>> {cut.name: cut.late for cut in CUTS if cut.scheme == "gauss-seidel"}
+    {'three': ('F', 'thrust'), 'two': ()}
+    """
+    estimator = filter_part(method, model)
+    if estimator is None:
+        raise ValueError(
+            f"{method.name}: expected a method with an estimator; its loop has no filter to cut off"
+        )
+    blocks = {"vehicle": vehicle_part(), "controller": controller_part(method), "estimator": estimator}
+    flight = _Flight(blocks, seed, scenario, timepts(duration))
+    plain = {False: flight.fly({}, quiet=False)}
+    runs: dict[str, CutRun] = {}
+    with tempfile.TemporaryDirectory(prefix="phyfilter-") as scratch:
+        for cut in cuts:
+            quiet = cut.scheme == "jacobi"
+            if quiet not in plain:
+                plain[quiet] = flight.fly({}, quiet=quiet)
+            signals = plain[quiet]
+            first = {name: rows[0] for name, rows in signals.items()}
+            package = Path(scratch if folder is None else folder, f"drone_{len(cut.parts)}.ssp")
+            if all(run.cut.parts != cut.parts for run in runs.values()):
+                flight.write(cut, package, fmi, first)
+            begin = time.perf_counter()
+            r = flight.cosimulated(cut, package)
+            seconds = time.perf_counter() - begin
+            late = {name: first[name] for name in cut.late if name in first}
+            expected = flight.fly(late, quiet=quiet)["r"] if late else signals["r"]
+            runs[cut.name] = CutRun(cut, r, _apart(r, signals["r"]), _apart(r, expected), seconds)
+    return CoSimulation(params().sampling.dt, flight.time, flight.noise, plain[False]["r"], runs)
+
+
+def _apart(r: FloatArray, other: FloatArray) -> float:
+    return float(np.max(np.linalg.norm(r - other, axis=1)))
+
+
+class _Flight:
+    """One flight, in one piece or in parts."""
+
+    def __init__(
+        self, blocks: Mapping[str, ct.InterconnectedSystem], seed: int, scenario: Scenario, time: FloatArray
+    ) -> None:
+        self.blocks, self.time = blocks, time
+        drawn = conditions([seed], scenario).parameters()
+        # By their names inside the vehicle.
+        self.settings = {name.removeprefix("vehicle."): values[0] for name, values in drawn.items()}
+        self.start = {name.removeprefix("vehicle."): value for name, value in start_state().items()}
+        self.noise = noise([seed], len(time))[0]
+        # Two samples without: the FMUs start on sensors at rest, and Gauss-Seidel looks one sample ahead.
+        self.noise[:, :2] = 0.0
+
+    def inputs(self, *, quiet: bool) -> FloatArray:
+        """Noise of the diagram's inputs, (18, N); with ``quiet`` of the wind alone."""
+        names = np.repeat(NOISES, len(_AXES))
+        return np.where((names == "n_wind")[:, np.newaxis], self.noise, 0.0) if quiet else self.noise
+
+    def fly(self, late: Mapping[str, FloatArray], *, quiet: bool) -> dict[str, FloatArray]:
+        """The diagram, with one sample of delay in some signals, which start at these values: signals (N, k)."""
+        systems: list[ct.InputOutputSystem] = list(self.blocks.values())
+        wires, outputs = _wires(self.blocks), {"r": "vehicle.r"}
+        for sink, source in list(wires.items()):
+            signal = source.partition(".")[2]
+            outputs[signal] = source
+            if signal in late:
+                wires[sink] = f"late_{signal}.{signal}_delayed"
+        for signal, start in late.items():
+            labels = [f"{signal}[{i}]" for i in range(len(start))]
+            name = f"late_{signal}"
+            systems.append(delay_line(labels, 1, params().sampling.dt, name=name, start=start))
+            wires[f"{name}.{signal}"] = outputs[signal]
+        inputs: dict[str, str | list[str]] = {name: f"vehicle.{name}" for name in NOISES}
+        loop = wired(systems, wires, inputs=inputs, outputs=outputs, name="loop")
+        response = simulate(
+            loop,
+            self.time,
+            self.inputs(quiet=quiet),
+            {f"vehicle.{name}": value for name, value in self.start.items()},
+            params={f"vehicle.{name}": value for name, value in self.settings.items()},
+            method="rk4",
+            max_step=params().sampling.max_step,
+            interpolation="hold",
+        )
+        if not response.success:
+            raise RuntimeError(f"the flight fails: {response.message}")
+        rows = np.asarray(response.outputs).T
+        bases = [label.partition("[")[0] for label in loop.output_labels]
+        return {name: rows[:, [i for i, base in enumerate(bases) if base == name]] for name in outputs}
+
+    def write(self, cut: Cut, path: Path, fmi: Fmi, first: Mapping[str, FloatArray]) -> None:
+        """The package of a cut; what this flight draws, and the first signals, are start values of the FMUs."""
+        if "body" in cut.parts:
+            blocks = {"body": _body(), "computer": _computer(self.blocks)}
+            wires = {f"computer.{name}": f"body.{name}" for name in _measured(blocks["computer"])}
+            wires |= {"body.thrust": "computer.thrust_delayed"}
+        else:
+            blocks, wires = {name: self.blocks[name] for name in cut.parts}, _wires(self.blocks)
+        flown = cut.parts[0]
+        solver = FmuSolver(step=params().sampling.max_step)
+        with tempfile.TemporaryDirectory(prefix="phyfilter-") as folder:
+            files = {name: Path(folder, f"{name}.fmu") for name in blocks}
+            for name, block in blocks.items():
+                flat = _started(flatten(block), {} if name == "body" else first, self.start, self.settings)
+                export_fmu(flat, files[name], fmi=fmi, kinds=("cs",), name=name, solver=solver)
+            write_ssp(
+                path,
+                files,
+                [Wire(*pair) for pair in _single(blocks, wires)],
+                name="drone",
+                inputs={
+                    label: [f"{flown}.{label}"]
+                    for label in blocks[flown].input_labels
+                    if label.partition("[")[0] in NOISES
+                },
+                outputs={f"r[{i}]": f"{flown}.r[{i}]" for i in _AXES},
+                stop_time=float(self.time[-1]),
+            )
+
+    def cosimulated(self, cut: Cut, package: Path) -> FloatArray:
+        """Positions (N, 3)."""
+        names = [f"{name}[{i}]" for name in NOISES for i in _AXES]
+        given = self.inputs(quiet=cut.scheme == "jacobi").copy()
+        if cut.scheme == "gauss-seidel":
+            # What a part puts out at the end of its step goes to the next part at once: it has to hold that instant's
+            # noise. That of the wind acts over the step and stays.
+            ahead = [i for i, name in enumerate(names) if not name.startswith("n_wind")]
+            given[ahead, :-1] = self.noise[ahead, 1:]
+        response = cosimulate(
+            package,
+            timepts=self.time,
+            inputs=dict(zip(names, given, strict=True)),
+            scheme=cut.scheme,
+            order=cut.parts if cut.scheme == "gauss-seidel" else None,
+        )
+        return np.asarray(response.outputs).T
+
+
+def _body() -> ct.InterconnectedSystem:
+    """What flies and what measures, without the delay of the commands: no sampled block."""
+    wires = {"wind.r": "quadrotor.r", "quadrotor.wind": "wind.wind"}
+    inputs: dict[str, str | list[str]] = {"thrust": "quadrotor.thrust", "n_wind": "wind.noise"}
+    return wired(
+        [quadrotor_plant(), wind(), sensors()],
+        wires | {f"sensors.{name}": f"quadrotor.{name}" for name in ("r", "v", "q", "omega", "a")},
+        inputs=inputs | {name: f"sensors.{name}" for name in NOISES if name != "n_wind"},
+        outputs={name: f"sensors.{name}" for name in MEASURED} | {"r": "quadrotor.r"},
+        name="body",
+    )
+
+
+def _computer(blocks: Mapping[str, ct.InterconnectedSystem]) -> ct.InterconnectedSystem:
+    """Filter, controller and the delay of the commands."""
+    values = params().vehicle
+    delay = delay_line(
+        [f"thrust[{i}]" for i in range(4)],
+        steps_of_delay(),
+        params().sampling.dt,
+        name="delay",
+        start=0.25 * values.mass * values.gravity,
+        unit="N",
+    )
+    inside = {name: blocks[name] for name in ("controller", "estimator")}
+    wires = {sink: source for sink, source in _wires(blocks).items() if sink.partition(".")[0] in inside}
+    measured: dict[str, list[str]] = {}
+    for sink, source in list(wires.items()):
+        if source.startswith("vehicle."):
+            measured.setdefault(source.removeprefix("vehicle."), []).append(sink)
+            del wires[sink]
+    return wired(
+        [*inside.values(), delay],
+        wires | {"delay.thrust": "controller.thrust"},
+        inputs=measured,
+        outputs={"thrust_delayed": "delay.thrust_delayed", "f_hat": "estimator.f_hat"},
+        name="computer",
+    )
+
+
+def _bases(labels: Iterable[str]) -> list[str]:
+    return list(dict.fromkeys(label.partition("[")[0] for label in labels))
+
+
+def _measured(block: ct.InterconnectedSystem) -> list[str]:
+    return [name for name in _bases(block.input_labels) if name in MEASURED]
+
+
+def _wires(blocks: Mapping[str, ct.InterconnectedSystem]) -> dict[str, str]:
+    """Wires of the loop, sink to source."""
+    wires = {"vehicle.thrust": "controller.thrust"}
+    for name in ("controller", "estimator"):
+        wires |= {f"{name}.{signal}": f"vehicle.{signal}" for signal in _measured(blocks[name])}
+    wires |= {f"estimator.{name}": f"controller.{name}" for name in ("F", "thrust")}
+    return wires | {"controller.f_hat": "estimator.f_hat"}
+
+
+def _single(
+    blocks: Mapping[str, ct.InterconnectedSystem], wires: Mapping[str, str]
+) -> Iterable[tuple[str, str]]:
+    """Wires entry by entry."""
+    for sink, source in wires.items():
+        block, _, base = sink.partition(".")
+        for label in blocks[block].input_labels:
+            if label.partition("[")[0] == base:
+                yield f"{block}.{label}", source + label.removeprefix(base)
+
+
+def _started(
+    flat: FlatModel,
+    inputs: Mapping[str, ArrayLike],
+    states: Mapping[str, ArrayLike],
+    parameters: Mapping[str, ArrayLike],
+) -> FlatModel:
+    """The model with other start values; names that are not its own change nothing."""
+
+    def changed(variables: tuple[Variable, ...], given: Mapping[str, ArrayLike]) -> tuple[Variable, ...]:
+        entries: dict[str, float] = {}
+        for name, value in given.items():
+            numbers = np.asarray(value, dtype=float)
+            labels = [name] if numbers.ndim == 0 else [f"{name}[{i}]" for i in range(len(numbers))]
+            entries |= dict(zip(labels, numbers.reshape(-1).tolist(), strict=True))
+        return tuple(replace(entry, start=entries.get(entry.name, entry.start)) for entry in variables)
+
+    return replace(
+        flat,
+        inputs=changed(flat.inputs, inputs),
+        states=changed(flat.states, states),
+        parameters=changed(flat.parameters, parameters),
+    )
+
+
+def table(found: CoSimulation) -> str:
+    """Differences from the diagram as text."""
+    lines = [
+        f"{found.duration:g} s at {1e3 * found.step:g} ms, largest difference of the position from the diagram, m",
+        "",
+        f"{'':<40}{'difference':>12}{'unexplained':>13}   late wires",
+    ]
+    for run in found.runs.values():
+        late = ", ".join(run.cut.late) or "none"
+        name = f"{len(run.cut.parts)} FMUs, {run.cut.scheme}"
+        lines.append(f"{name:<40}{run.difference:>12.2e}{run.unexplained:>13.2e}   {late}")
+    lines += ["", "unexplained: from the diagram with one sample of delay in the late wires"]
+    return "\n".join(lines)
+
+
+def figures(found: CoSimulation) -> dict[str, object]:
+    """The same for JSON."""
+    return {
+        "step": found.step,
+        "duration": found.duration,
+        "runs": {
+            name: {"difference": run.difference, "unexplained": run.unexplained, "seconds": run.seconds}
+            for name, run in found.runs.items()
+        },
+    }

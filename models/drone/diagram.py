@@ -1,0 +1,348 @@
+"""The closed loop as a python-control diagram.
+
+    reference --> position --F--> attitude --thrust--> delay --> quadrotor --> sensors --+
+                     ^                                    |           ^                  |
+                     |                                    v          wind                |
+                     +--f_hat-- filter <--g-- prior <-----+-----------------q, v --------+
+                                   ^------ f_theta -- seer <------ v, g -----------------+
+
+x = m v,  m v' = g + f:  g = the thrust that acts - m g e_z - R D R' v,  f = f_mass + f_wind.
+"""
+
+from __future__ import annotations
+
+import casadi as ca
+import control as ct
+import numpy as np
+
+from phyfilter_ctl.blocks import FunctionBlock, delay_line, wired
+from phyfilter_ctl.controllers import attitude_controller, attitude_gains, known_force, position_controller
+from phyfilter_ctl.learned import Chebyshev
+from phyfilter_ctl.plants import Columns, plant, quadrotor, quaternion_product, stack, wind_field
+from phyfilter_ctl.plants.algebra import Array
+from phyfilter_ctl.plants.factory import Results
+
+from .methods import Method, estimator, filter_of, seer_block
+from .params import params
+from .reference import circle
+
+__all__ = ["MEASURED", "NOISES", "build", "controller_part", "filter_part", "steps_of_delay", "vehicle_part"]
+
+NOISES = ("n_r", "n_v", "n_q", "n_omega", "n_a", "n_wind")
+"""Inputs of three entries each: unit white noise of the sensors and of the wind."""
+
+MEASURED = ("r_m", "v_m", "q_m", "omega_m", "a_m")
+"""What the sensors give."""
+
+
+def steps_of_delay() -> int:
+    """Samples between a command and the rotors."""
+    return round(params().vehicle.delay / params().sampling.dt)
+
+
+def sensors() -> FunctionBlock:
+    """What is measured: the truth and white noise of unit variance, scaled."""
+    values = params().sensors
+    three, unit = np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0])
+
+    def equations(t: Array, x: Columns, u: Columns, p: Columns) -> tuple[Results, Results]:
+        tilt = stack(ca.SX(1.0), 0.5 * p.attitude * u.n_q)
+        return {}, {
+            "r_m": u.r + p.position * u.n_r,
+            "v_m": u.v + p.velocity * u.n_v,
+            "q_m": quaternion_product(u.q, tilt) / ca.norm_2(tilt),
+            "omega_m": u.omega + p.rate * u.n_omega,
+            "a_m": u.a + p.specific_force * u.n_a,
+        }
+
+    return plant(
+        equations,
+        name="sensors",
+        states={},
+        inputs={
+            "r": (three, "m"),
+            "v": (three, "m/s"),
+            "q": unit,
+            "omega": (three, "rad/s"),
+            "a": (three, "m/s^2"),
+            **dict.fromkeys(NOISES[:-1], three),
+        },
+        outputs={"r_m": "m", "v_m": "m/s", "q_m": "", "omega_m": "rad/s", "a_m": "m/s^2"},
+        parameters={
+            "position": (values.position, "m"),
+            "velocity": (values.velocity, "m/s"),
+            "attitude": (values.attitude, "rad"),
+            "rate": (values.rate, "rad/s"),
+            "specific_force": (values.specific_force, "m/s^2"),
+        },
+    )
+
+
+def momentum() -> FunctionBlock:
+    """x = m v with the nominal mass."""
+
+    def equations(t: Array, x: Columns, u: Columns, p: Columns) -> tuple[Results, Results]:
+        return {}, {"x": p.mass * u.v}
+
+    return plant(
+        equations,
+        name="momentum",
+        states={},
+        inputs={"v": (np.zeros(3), "m/s")},
+        outputs={"x": "kg m/s"},
+        parameters={"mass": (params().vehicle.mass, "kg")},
+    )
+
+
+def nothing(name: str) -> FunctionBlock:
+    """No force at all, for what takes one and is given none."""
+    return plant(lambda t, x, u, p: ({}, {"zero": np.zeros(3)}), name=name, states={}, outputs={"zero": "N"})
+
+
+def acceleration_feature(period: float) -> FunctionBlock:
+    """SEER-I's feature: the difference of two velocities of the history over their distance in time."""
+
+    def equations(t: Array, x: Columns, u: Columns, p: Columns) -> tuple[Results, Results]:
+        return {}, {"z": (u.v - u.v_before) / p.distance}
+
+    return plant(
+        equations,
+        name="history",
+        states={},
+        inputs={"v": (np.zeros(3), "m/s"), "v_before": (np.zeros(3), "m/s")},
+        outputs={"z": "m/s^2"},
+        parameters={"distance": (period, "s")},
+    )
+
+
+def quadrotor_plant() -> FunctionBlock:
+    """The vehicle of ``params.toml``."""
+    values = params().vehicle
+    return quadrotor(
+        mass=values.mass,
+        J=values.inertia,
+        arm=values.arm,
+        torque_ratio=values.torque_ratio,
+        motor_lag=values.motor_lag,
+        drag=values.drag,
+        gravity=values.gravity,
+        rotor_max=values.rotor_max,
+    )
+
+
+def wind() -> FunctionBlock:
+    """The fan of ``params.toml``, switched off: speed, directions and turbulence are drawn per flight."""
+    values, mission = params().wind, params().mission
+    return wind_field(
+        jet_speed=0.0,
+        airspeed=values.airspeed,
+        jet_origin=(-values.fan_distance, values.jet_offset, mission.height),
+        jet_direction=(1.0, 0.0, 0.0),
+        jet_width=values.jet_width,
+        turbulence=values.turbulence,
+        length_scale=values.length_scale,
+        noise_interval=params().sampling.dt,
+    )
+
+
+def vehicle_part() -> ct.InterconnectedSystem:
+    """What flies: delay of the commands, vehicle, wind and sensors."""
+    delay = delay_line(
+        [f"thrust[{i}]" for i in range(4)],
+        steps_of_delay(),
+        params().sampling.dt,
+        name="delay",
+        start=0.25 * params().vehicle.mass * params().vehicle.gravity,
+        unit="N",
+    )
+    wires = {
+        "quadrotor.thrust": "delay.thrust_delayed",
+        "wind.r": "quadrotor.r",
+        "quadrotor.wind": "wind.wind",
+    }
+    return wired(
+        [delay, quadrotor_plant(), wind(), sensors()],
+        wires | {f"sensors.{name}": f"quadrotor.{name}" for name in ("r", "v", "q", "omega", "a")},
+        inputs={"thrust": "delay.thrust", "n_wind": "wind.noise"}
+        | {name: f"sensors.{name}" for name in NOISES if name != "n_wind"},
+        outputs={name: f"sensors.{name}" for name in MEASURED}
+        | {name: f"quadrotor.{name}" for name in ("r", "v", "q", "f_mass", "f_wind")}
+        | {"wind": "wind.wind"},
+        name="vehicle",
+    )
+
+
+def controller_part(method: Method) -> ct.InterconnectedSystem:
+    """What tracks: reference, outer loop and attitude loop."""
+    vehicle, dt = params().vehicle, params().sampling.dt
+    kp, kd, ki = method.gains
+    # A held command acts half a sample later on average.
+    late = vehicle.delay + 0.5 * dt
+    gains = attitude_gains(motor_lag=vehicle.motor_lag, delay=late, sharpness=params().tuning.sharpness)
+    position = position_controller(
+        mass=vehicle.mass,
+        gravity=vehicle.gravity,
+        drag=vehicle.drag,
+        drag_lead=gains.kw[0] / gains.kR[0],  # the attitude loop's lag
+        kp=kp,
+        kd=kd,
+        ki=ki,
+        period=dt,
+    )
+    attitude = attitude_controller(
+        mass=vehicle.mass,
+        J=vehicle.inertia,
+        arm=vehicle.arm,
+        torque_ratio=vehicle.torque_ratio,
+        gravity=vehicle.gravity,
+        rotor_max=vehicle.rotor_max,
+        kR=gains.kR,
+        kw=gains.kw,
+        motor_lag=vehicle.motor_lag,
+        lead_filter=gains.lead_filter,
+        delay=late,
+        period=dt,
+    )
+    wires = {f"position.{name}": f"reference.{name}" for name in ("r_ref", "v_ref", "a_ref")}
+    return wired(
+        [circle(), position, attitude],
+        wires | {"attitude.j_ref": "reference.j_ref", "attitude.F": "position.F"},
+        inputs={
+            "r_m": "position.r",
+            "v_m": "position.v",
+            "q_m": ["position.q", "attitude.q"],
+            "omega_m": "attitude.omega",
+            "f_hat": "position.f_hat",
+        },
+        outputs={
+            "F": "position.F",
+            "thrust": "attitude.thrust",
+            "r_ref": "reference.r_ref",
+            "v_ref": "reference.v_ref",
+        },
+        name="controller",
+    )
+
+
+def filter_part(method: Method, model: Chebyshev | None = None) -> ct.InterconnectedSystem | None:
+    """What estimates the unknown force from the measurements and the commands; None where the method does not.
+
+    Parameters
+    ----------
+    method : Method
+    model : Chebyshev, optional
+        SEER-I's model, for the methods that use it.
+
+    Raises
+    ------
+    ValueError
+        If the method needs a model and none is given.
+    """
+    vehicle, dt = params().vehicle, params().sampling.dt
+    block = estimator(method)
+    if block is None and not method.uses_seer:
+        return None
+    prior = known_force(
+        mass=vehicle.mass,
+        gravity=vehicle.gravity,
+        drag=vehicle.drag,
+        motor_lag=vehicle.motor_lag,
+        rotor_max=vehicle.rotor_max,
+        delay_steps=steps_of_delay(),
+        kind=method.known,
+        period=dt,
+        name="prior",
+    )
+    systems: list[ct.InputOutputSystem] = [momentum(), prior]
+    wires: dict[str, str] = {}
+    velocity, attitude = ["momentum.v", "prior.v"], ["prior.q"]
+    outputs = {"g": "prior.g"}
+    if method.uses_seer:
+        if model is None:
+            raise ValueError(
+                f"{method.name}: expected a trained SEER-I model, got None; training.train() makes one"
+            )
+        steps = round(params().seer.history / dt)
+        systems += [
+            delay_line([f"v[{i}]" for i in range(3)], steps, dt, name="past", unit="m/s"),
+            acceleration_feature(steps * dt),
+            seer_block(method, model),
+        ]
+        wires |= {
+            "history.v_before": "past.v_delayed",
+            "seer.z": "history.z",
+            "seer.x": "momentum.x",
+            "seer.g": "prior.g",
+        }
+        velocity += ["past.v", "history.v"]
+        outputs |= {"f_theta": "seer.f_theta"}
+    if block is not None:
+        systems.append(block)
+        wires |= {"filter.g": "prior.g"}
+        outputs |= {"f_hat": "filter.f_hat"}
+        if method.name == "indi":
+            attitude.append("filter.q")
+        else:
+            wires |= {"filter.x": "momentum.x"}
+        if method.uses_seer:
+            wires |= {"filter.f_theta": "seer.f_theta"}
+        elif filter_of(method) is not None:
+            systems.append(nothing("no_model"))
+            wires |= {"filter.f_theta": "no_model.zero"}
+    else:
+        outputs |= {"f_hat": "seer.f_theta"}
+    inputs: dict[str, str | list[str]] = {
+        "v_m": velocity,
+        "q_m": attitude,
+        "thrust": "prior.thrust",
+        "F": "prior.F",
+    }
+    if method.name == "indi":
+        inputs["a_m"] = "filter.a"
+    return wired(systems, wires, inputs=inputs, outputs=outputs, name="estimator")
+
+
+def build(method: Method | None = None, model: Chebyshev | None = None) -> ct.InterconnectedSystem:
+    """The whole closed loop.
+
+    Parameters
+    ----------
+    method : Method, optional
+        None: the observer of order 1 at 6 rad/s, which needs no training.
+    model : Chebyshev, optional
+        SEER-I's model, for the methods that use it.
+
+    Returns
+    -------
+    control.InterconnectedSystem
+        Named "drone". Inputs: white noise of unit variance n_r, n_v, n_q, n_omega, n_a, n_wind, three entries each,
+        each value held for a sample. Outputs r, v, q, r_ref, v_ref, f_mass, f_wind, wind, v_m, F, thrust, and where the
+        method has them g, f_theta and f_hat.
+
+    Examples
+    --------
+    >>> drone = build()
+    >>> drone.name, drone.ninputs, drone.output_labels[:3]
+    ('drone', 18, ['r[0]', 'r[1]', 'r[2]'])
+    """
+    method = Method("observer", 2.0, 6.0) if method is None else method
+    vehicle, controller, filter = vehicle_part(), controller_part(method), filter_part(method, model)
+    wires = {f"controller.{name}": f"vehicle.{name}" for name in MEASURED if name != "a_m"}
+    wires |= {"vehicle.thrust": "controller.thrust"}
+    outputs = {name: f"vehicle.{name}" for name in ("r", "v", "q", "f_mass", "f_wind", "wind", "v_m")}
+    outputs |= {name: f"controller.{name}" for name in ("r_ref", "v_ref", "F", "thrust")}
+    systems: list[ct.InputOutputSystem] = [vehicle, controller]
+    if filter is not None:
+        systems.append(filter)
+        wires |= {"controller.f_hat": "estimator.f_hat"}
+        wires |= {f"estimator.{name}": f"controller.{name}" for name in ("F", "thrust")}
+        known = {label.split("[")[0] for label in filter.input_labels}
+        wires |= {f"estimator.{name}": f"vehicle.{name}" for name in MEASURED if name in known}
+        known = dict.fromkeys(label.split("[")[0] for label in filter.output_labels)
+        outputs |= {name: f"estimator.{name}" for name in known}
+    else:
+        systems.append(nothing("no_estimate"))
+        wires |= {"controller.f_hat": "no_estimate.zero"}
+    return wired(
+        systems, wires, inputs={name: f"vehicle.{name}" for name in NOISES}, outputs=outputs, name="drone"
+    )

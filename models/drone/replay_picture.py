@@ -1,0 +1,114 @@
+"""The picture of a replay: estimates over time, scores, and how late the thrust acts."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, NullFormatter, ScalarFormatter
+
+from phyfilter_ctl.plots import dress
+
+from .replay_recordings import AXES, BAND
+
+if TYPE_CHECKING:
+    from .replay import Flight, Replay
+
+__all__ = ["draw", "title"]
+
+NAMES = {
+    "zero": "no estimate (0)",
+    "difference": "difference of v, less g",
+    "lowpass": "low-pass difference of v, less g",
+    "mean": "mean of the training flights",
+    "model": "learned model alone",
+    "phyfilter_1": "PhyFilter, n = 1",
+    "type_2": "PhyFilter, n = 2, type 2",
+}
+_NOT_DRAWN = ("zero", "difference", "lowpass", "mean")
+_COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00")
+_SHOWN = 10.0  # s
+
+
+def title(name: str) -> str:
+    """A method in words.
+
+    Examples
+    --------
+    >>> title("phyfilter_1+model")
+    'PhyFilter, n = 1 + learned model'
+    """
+    base = name.removesuffix("+model")
+    return NAMES.get(base, base) + (" + learned model" if base != name else "")
+
+
+def draw(replay: Replay) -> Figure:
+    """Estimates over time on the flight with the strongest force, the scores, and the scan of delays.
+
+    Parameters
+    ----------
+    replay : Replay
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+    """
+    figure = Figure(figsize=(11.0, 6.4), layout="constrained")
+    layout = figure.add_gridspec(2, 6)
+    shown = max(replay.flights, key=lambda each: float(np.mean(each.recording.label**2)))
+    _series(figure.add_subplot(layout[0, :3]), shown, replay, 0, "a")
+    _series(figure.add_subplot(layout[0, 3:]), shown, replay, 2, "b")
+    _dots(figure.add_subplot(layout[1, :4]), replay)
+    _delays(figure.add_subplot(layout[1, 4:]), replay)
+    figure.suptitle(
+        f"Residual force per unit mass, {len(replay.flights)} recorded flights", fontsize="medium"
+    )
+    return figure
+
+
+def _series(axes: Axes, flight: Flight, replay: Replay, i: int, letter: str) -> None:
+    """Ten seconds after the start-up: the label, every filter, and the learned model alone."""
+    log = flight.recording.log
+    t = log.times - log.times[0]
+    rows = (t >= replay.start_up) & (t <= replay.start_up + _SHOWN)
+    axes.plot(t[rows], flight.recording.label[rows, i], color="0.75", linewidth=2.0, label="fa / m")
+    drawn = [name for name in replay.scores if name not in _NOT_DRAWN]
+    for k, name in enumerate(drawn):
+        f_hat = flight.estimates[name][rows, i]
+        axes.plot(t[rows], f_hat, color=_COLOURS[k % len(_COLOURS)], linewidth=0.9, label=title(name))
+    axes.set(xlabel="Time [s]", ylabel="Force per unit mass [m/s$^2$]")
+    if letter == "a":
+        axes.legend(fontsize="x-small", ncols=2, facecolor="white", edgecolor="none", framealpha=0.9)
+    dress(axes, f"{letter}  {log.name}, {AXES[i]}")
+
+
+def _dots(axes: Axes, replay: Replay) -> None:
+    """A logarithmic axis, where no estimate at all and a good one both have room; so dots, bars have no foot there."""
+    # One that diverged has no dot.
+    finite = {key: s for key, s in replay.scores.items() if np.isfinite([s.total, s.ahead]).all()}
+    at = np.arange(len(finite))
+    axes.plot([s.total for s in finite.values()], at, "o", color=_COLOURS[0], label="against fa")
+    ahead = [s.ahead for s in finite.values()]
+    axes.plot(ahead, at, "D", color=_COLOURS[1], markersize=5, label=f"{replay.horizon:.3g} s ahead")
+    axes.set_yticks(at, [title(name) for name in finite])
+    axes.invert_yaxis()
+    axes.set(xlabel="RMSE over all flights [m/s$^2$]", xscale="log")
+    axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 3.0, 5.0)))
+    axes.xaxis.set_major_formatter(ScalarFormatter())
+    axes.xaxis.set_minor_formatter(NullFormatter())
+    axes.legend(fontsize="x-small", frameon=False)
+    dress(axes, "c  Scores")
+
+
+def _delays(axes: Axes, replay: Replay) -> None:
+    for each in replay.flights:
+        scan = each.recording.delays
+        axes.plot(1e3 * scan.delays, scan.rms / scan.rms[0], color=_COLOURS[0], linewidth=0.7, alpha=0.6)
+        axes.plot(1e3 * scan.best, 1.0 - scan.reduction, ".", color=_COLOURS[1], markersize=6)
+    axes.set(
+        xlabel="Delay of the thrust set-point [ms]",
+        ylabel=f"Left at {BAND[0]:g} to {BAND[1]:g} Hz, relative",
+    )
+    dress(axes, "d  How late the thrust acts")

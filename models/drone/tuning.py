@@ -1,0 +1,277 @@
+"""One procedure tunes every method: the least error on flights with unknown mass alone, at a given modulus margin.
+
+For every bandwidth of the estimator the outer loop is made as fast as the margin lets it be: the least distance of the
+loop gain from -1, opened at the wanted force, horizontal and vertical, without payload and with the heaviest, with
+motors slower than the model says. Of these pairs the one that flies the tuning flights with the least error is taken,
+among those whose rotor commands jitter no more than allowed. These flights are short and scored from the moment the
+unknown mass takes hold, so that the speed of an estimate counts. No method sees wind before the test.
+
+In still air SEER-I leaves a filter behind it nothing to do, and errors there would tune it away. What it is for are
+forces that the model does not know; so its bandwidth is found with f_theta = 0, and the outer loop then with SEER-I.
+"""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from functools import cache, lru_cache
+from pathlib import Path
+
+import control as ct
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from phyfilter_ctl.analysis import frequency_response
+from phyfilter_ctl.learned import Chebyshev
+from phyfilter_ctl.models.progress import Report, silent
+from phyfilter_ctl.simulation import sampled_open_loop
+
+from .diagram import build
+from .experiment import Flights, fly, start_state
+from .flights import conditions
+from .methods import METHODS, Method, MethodName
+from .params import params
+
+__all__ = ["PATH", "TunedMethod", "jitter", "modulus_margin", "text", "tune", "tune_all", "tuned"]
+
+PATH = Path(__file__).with_name("tuned.toml")
+
+# rad/s; the first below anything in the loop, the last just below the Nyquist frequency.
+_OMEGA = np.geomspace(0.05, 1500.0, 300)
+# s in which the hover settles, with the adaptation.
+_SETTLE = 4.0
+# Poles on the unit circle are states that nothing moves (an integral without gain, coefficients without excitation).
+_ROUND_OFF = 1e-7
+_FILTERS = ("phyfilter", "phyfilter_type2")
+_CHANNELS = ("F[0]", "F[2]")
+
+
+@dataclass(frozen=True)
+class TunedMethod:
+    """A method and what its tuning found.
+
+    Attributes
+    ----------
+    method : Method
+    modulus_margin : float
+        Least over channels and payloads.
+    mae : float
+        Median over the tuning flights of the mean |e|, start-up and all, m.
+    jitter : float
+        Of the rotor commands on these flights, see :func:`jitter`.
+    """
+
+    method: Method
+    modulus_margin: float
+    mae: float
+    jitter: float
+
+
+def jitter(flights: Flights) -> float:
+    """Noise of the rotor commands over the hover thrust: rms of their change from sample to sample, over sqrt 2.
+
+    Parameters
+    ----------
+    flights : Flights
+        With ``thrust`` kept.
+    """
+    change = np.diff(flights.signals["thrust"][:, flights.counted], axis=1)
+    hover = 0.25 * params().vehicle.mass * params().vehicle.gravity
+    return float(np.sqrt(0.5 * np.mean(change**2)) / hover)
+
+
+def modulus_margin(method: Method, model: Chebyshev | None = None) -> float:
+    """Least distance of the sampled loop gain from -1 at hover; 0 where the loop is unstable.
+
+    Parameters
+    ----------
+    method : Method
+    model : Chebyshev, optional
+        SEER-I's model, for the methods that use it.
+    """
+    return min(_margin(method, model, *point) for point in _points())
+
+
+def _points() -> list[tuple[str, float]]:
+    """Channels and payloads where the margin is taken, the narrowest first."""
+    return [(channel, mass) for channel in _CHANNELS for mass in (params().mass.high, 0.0)]
+
+
+def _margin(method: Method, model: Chebyshev | None, channel: str, added_mass: float) -> float:
+    settings = method.parameters() | {
+        "vehicle.quadrotor.added_mass": added_mass,
+        "vehicle.quadrotor.motor_lag": params().tuning.lag_factor * params().vehicle.motor_lag,
+        "controller.reference.speed": 1e-9,
+    }
+    if method.name == "known_mass":
+        mass = params().vehicle.mass + added_mass
+        settings |= {"controller.position.mass": mass, "controller.attitude.mass": mass}
+    with threadpool_limits(1):  # two threads are slower on matrices of this size
+        return _distance(method, model, channel, settings)
+
+
+def _distance(method: Method, model: Chebyshev | None, channel: str, settings: Mapping[str, float]) -> float:
+    L = sampled_open_loop(
+        _diagram(method.structure, model),
+        f"controller.position.{channel}",
+        start_state(),
+        settle=_SETTLE,
+        params=settings,
+    )
+    through = 1.0 + float(np.asarray(L.D)[0, 0])
+    closed = np.linalg.eigvals(np.asarray(L.A) - np.asarray(L.B) @ np.asarray(L.C) / through)
+    if np.abs(closed).max() > 1.0 + _ROUND_OFF:
+        return 0.0
+    return float(np.abs(1.0 + np.asarray(frequency_response(L, _OMEGA).frdata).reshape(-1)).min())
+
+
+@lru_cache(maxsize=64)
+def _diagram(structure: Method, model: Chebyshev | None) -> ct.InterconnectedSystem:
+    return build(structure, model)
+
+
+def tune(
+    name: MethodName, model: Chebyshev, *, seer_rate: float = 0.0, report: Report = silent
+) -> TunedMethod:
+    """Tune one method.
+
+    Parameters
+    ----------
+    name : str
+        One of ``METHODS``.
+    model : Chebyshev
+        Of SEER-I.
+    seer_rate : float
+        Of the SEER-I that a PhyFilter repairs, 1/s: that of SEER-I flown alone, which the filter is plugged onto.
+    report : callable
+        Called with a few words at the beginning of every step, :func:`steps` times.
+    """
+    best: TunedMethod | None = None
+    for start in _candidates(name):
+        report(f"{name}: {start.bandwidth:.3g}" if start.tunable else name)
+        method = _fastest(start, model)
+        if method is None:
+            continue
+        found = _flown(method, model)
+        if best is None or found.mae < best.mae:
+            best = found
+    if best is not None and name in _FILTERS:  # found without a model; now onto SEER-I
+        method = _fastest(replace(best.method, with_model=True, seer_rate=seer_rate), model)
+        best = None if method is None else _flown(method, model)
+    if best is None:
+        raise ValueError(
+            f"{name}: no outer loop has a modulus margin of {params().tuning.modulus_margin} and quiet rotors"
+        )
+    return best
+
+
+def _flown(method: Method, model: Chebyshev) -> TunedMethod:
+    """What the method does on the tuning flights."""
+    flights = conditions(params().seeds.tune, "mass")
+    flown = fly(method, flights, model, keep=("r", "r_ref", "thrust"), duration=params().tuning.duration)
+    mae = float(np.median(flown.score(whole=True).total))
+    return TunedMethod(method, modulus_margin(method, model), mae, jitter(flown))
+
+
+def tune_all(model: Chebyshev, *, report: Report = silent) -> dict[MethodName, TunedMethod]:
+    """Tune every method, in the order of ``METHODS``: PhyFilters take SEER-I as it was tuned alone."""
+    found: dict[MethodName, TunedMethod] = {}
+    for name in METHODS:
+        rate = found["seer"].method.bandwidth if "seer" in found else 0.0
+        found[name] = tune(name, model, seer_rate=rate, report=report)
+    return found
+
+
+def _candidates(name: MethodName) -> Iterator[Method]:
+    values = params().tuning
+    start = Method(name, values.slowest, damping=values.damping, with_model=name not in _FILTERS)
+    low, high = values.integral if name == "integral" else values.bandwidths
+    for bandwidth in np.geomspace(low, high, values.points) if start.tunable else [0.0]:
+        yield start.with_bandwidth(round(float(bandwidth), 3))
+
+
+def _fastest(start: Method, model: Chebyshev) -> Method | None:
+    """The method with the fastest outer loop that has the margin and quiet rotors; None where there is none."""
+    values = params().tuning
+    grid = np.round(np.arange(values.slowest, values.fastest + 1e-9, values.step), 6)
+    one = conditions(params().seeds.tune[:1], "mass")
+
+    def good(i: int) -> bool:
+        method = replace(start, position_bandwidth=float(grid[i]))
+        if jitter(fly(method, one, model, keep=("thrust",), duration=values.duration)) > values.jitter:
+            return False
+        return all(_margin(method, model, *point) >= values.modulus_margin for point in _points())
+
+    low, high = 0, len(grid)
+    if not good(0):
+        return None
+    while high - low > 1:
+        middle = (low + high) // 2
+        low, high = (middle, high) if good(middle) else (low, middle)
+    return replace(start, position_bandwidth=float(grid[low]))
+
+
+def steps(name: MethodName) -> int:
+    """Number of reports of :func:`tune`."""
+    return len(list(_candidates(name)))
+
+
+def text(found: dict[MethodName, TunedMethod]) -> str:
+    """The tuned methods as TOML."""
+    lines = [
+        "# Found by `phyfilter-ctl run drone --tune` on flights with unknown mass in still air, before any test.",
+        "# Rates in rad/s (1/s for SEER-I), the mean error over the tuning flights (median) in m;",
+        "# jitter is noise of the rotor commands over the hover thrust.",
+    ]
+    for name, entry in found.items():
+        method = entry.method
+        lines += [
+            "",
+            f"[{name}]",
+            f"position_bandwidth = {method.position_bandwidth}",
+            f"bandwidth = {method.bandwidth}",
+            f"seer_rate = {method.seer_rate}",
+            f"modulus_margin = {entry.modulus_margin:.4f}",
+            f"mae = {entry.mae:.5f}",
+            f"jitter = {entry.jitter:.4f}",
+        ]
+    return "\n".join(lines) + "\n"
+
+
+@cache
+def tuned() -> dict[MethodName, TunedMethod]:
+    """The methods as ``tuned.toml`` has them.
+
+    Raises
+    ------
+    ValueError
+        If a method is missing there.
+
+    Examples
+    --------
+    >>> all(entry.modulus_margin >= 0.5 for entry in tuned().values())
+    True
+    """
+    data = tomllib.loads(PATH.read_text(encoding="utf-8"))
+    missing = [name for name in METHODS if name not in data]
+    if missing:
+        raise ValueError(
+            f"{PATH.name}: no entry for {', '.join(missing)}; phyfilter-ctl run drone --tune makes them"
+        )
+    damping = params().tuning.damping
+    return {
+        name: TunedMethod(
+            Method(
+                name,
+                data[name]["position_bandwidth"],
+                data[name]["bandwidth"],
+                data[name]["seer_rate"],
+                damping=damping,
+            ),
+            data[name]["modulus_margin"],
+            data[name]["mae"],
+            data[name]["jitter"],
+        )
+        for name in METHODS
+    }

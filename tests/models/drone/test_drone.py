@@ -1,0 +1,263 @@
+"""The drone study: reference, draws, diagram, scores, tuning, and the command line."""
+
+from __future__ import annotations
+
+import importlib
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.stats import binom
+
+from phyfilter_ctl import flatten, models, simulate
+from phyfilter_ctl.cli import main
+
+ROOM = f"{models.__name__}.drone"
+comparison = importlib.import_module(f"{ROOM}.comparison")
+diagram = importlib.import_module(f"{ROOM}.diagram")
+experiment = importlib.import_module(f"{ROOM}.experiment")
+flights = importlib.import_module(f"{ROOM}.flights")
+methods = importlib.import_module(f"{ROOM}.methods")
+params = importlib.import_module(f"{ROOM}.params")
+reference = importlib.import_module(f"{ROOM}.reference")
+report = importlib.import_module(f"{ROOM}.report")
+training = importlib.import_module(f"{ROOM}.training")
+tuning = importlib.import_module(f"{ROOM}.tuning")
+
+# Central differences over 1 ms of a circle at 1.3 rad/s with a smooth start.
+DIFFERENCE = 1e-4
+# m: Runge-Kutta at 2 ms against 0.5 ms over ten seconds.
+STEP = 1e-6
+# N: constant force after ten time constants, without noise.
+SETTLED = 1e-3
+# The margin of a tuned method, found anew by another process.
+SAME = 2e-4
+
+OBSERVER = methods.Method("observer", 2.0, 6.0)
+SILENT = {
+    f"vehicle.sensors.{name}": 0.0 for name in ("position", "velocity", "attitude", "rate", "specific_force")
+}
+
+
+def outputs(
+    method: methods.Method, duration: float, settings: dict[str, object], step: float = 0.002
+) -> dict[str, np.ndarray]:
+    """A flight without noise."""
+    flat = flatten(diagram.build(method))
+    time = flights.timepts(duration)
+    run = simulate(flat, time, None, experiment.start_state(), params={**method.parameters(), **SILENT, **settings},
+                   method="rk4", max_step=step, backend="vm")  # fmt: skip
+    assert run.success, run.message
+    signals: dict[str, list[np.ndarray]] = {}
+    for label, row in zip(run.output_labels, run.outputs, strict=True):
+        signals.setdefault(label.split("[")[0], []).append(row)
+    return {name: np.array(rows).T for name, rows in signals.items()}
+
+
+@pytest.fixture(scope="module")
+def still_air() -> dict[str, np.ndarray]:
+    return outputs(OBSERVER, 8.0, {"vehicle.quadrotor.added_mass": 0.4})
+
+
+def test_reference_is_its_own_derivative() -> None:
+    """r, v, a and j of the circle, each by differences of the one before; also over the smooth start."""
+    block, h = reference.circle(), 1e-3
+    times = np.linspace(0.05, 6.0, 60)
+    at = {shift: np.array([block._out(t + shift, [], []) for t in times]) for shift in (-h, 0.0, h)}
+    for k in range(3):
+        slope = (at[h] - at[-h])[:, 3 * k : 3 * k + 3] / (2.0 * h)
+        np.testing.assert_allclose(at[0.0][:, 3 * k + 3 : 3 * k + 6], slope, atol=DIFFERENCE)
+
+
+def test_starts_at_rest_and_comes_to_its_speed() -> None:
+    block = reference.circle()
+    first, later = (np.split(block._out(t, [], []), 4) for t in (0.0, 10.0))
+    np.testing.assert_allclose(first[1:], 0.0, atol=1e-12)
+    np.testing.assert_allclose(np.linalg.norm(later[1]), params.params().mission.speed, rtol=1e-12)
+
+
+@given(seed=st.integers(0, 10_000))
+def test_mass_of_a_seed_is_the_same_with_and_without_wind(seed: int) -> None:
+    still, windy = (flights.conditions([seed], kind) for kind in ("mass", "wind"))
+    values = params.params()
+    assert still.added_mass == windy.added_mass
+    assert values.mass.low <= still.added_mass[0] <= values.mass.high
+    assert not still.jet_speed.any()
+    assert not still.mean.any()
+    assert values.wind.jet_speed_low <= windy.jet_speed[0] <= values.wind.jet_speed_high
+    np.testing.assert_allclose(np.linalg.norm(windy.mean), values.wind.mean)
+
+
+def test_training_tuning_and_test_seeds_are_apart() -> None:
+    seeds = params.params().seeds
+    groups = [set(seeds.train), set(seeds.tune), set(range(seeds.test))]
+    assert sum(len(group) for group in groups) == len(set.union(*groups))
+
+
+def test_force_is_what_is_missing(still_air: dict[str, np.ndarray]) -> None:
+    """m v' = g + f along a flight: the mean of g + f over a step is m dv/h."""
+    vehicle, dt = params.params().vehicle, params.params().sampling.dt
+    f, g, v = (still_air[name] for name in ("f_mass", "g", "v"))
+    wanted = vehicle.mass * np.diff(v, axis=0) / dt
+    known = 0.5 * (g[1:] + g[:-1]) + 0.5 * (f[1:] + f[:-1]) + 0.5 * np.diff(still_air["f_wind"], axis=0)
+    np.testing.assert_allclose(
+        known[10:], wanted[10:], atol=2e-3
+    )  # trapezoids of a thrust with a lag of 40 ms
+
+
+def test_observer_finds_the_weight(still_air: dict[str, np.ndarray]) -> None:
+    """On the circle the vertical residual is constant: the estimate settles on it."""
+    f = still_air["f_mass"] + still_air["f_wind"]
+    np.testing.assert_allclose(still_air["f_hat"][-500:, 2], f[-500:, 2], atol=30 * SETTLED)
+    assert abs(np.mean(still_air["f_hat"][-500:, 2]) + 0.4 * params.params().vehicle.gravity) < 0.05
+
+
+def test_integration_is_converged() -> None:
+    windy = {"vehicle.quadrotor.added_mass": 0.4, "vehicle.wind.jet_speed": 5.0}
+    coarse, fine = (outputs(OBSERVER, 6.0, windy, step)["r"] for step in (0.002, 0.0005))
+    assert np.abs(coarse - fine).max() < STEP
+
+
+@pytest.mark.parametrize("name", methods.METHODS)
+def test_every_method_flies(name: str) -> None:
+    """Tuned, in the wind, with noise: within a metre of the circle after the start-up."""
+    method = tuning.tuned()[name].method
+    flown = experiment.fly(
+        method, flights.conditions([300], "wind"), training.train("vm").model, duration=9.0, backend="vm"
+    )
+    assert not flown.message
+    assert flown.score().total.max() < 1.0
+
+
+def test_score_leaves_the_start_up_out() -> None:
+    time = np.arange(0.0, 10.0, 0.5)
+    r = np.zeros((1, len(time), 3))
+    r[0, time < params.params().mission.left_out] = 100.0
+    r[0, time >= params.params().mission.left_out] = [0.3, 0.4, 1.2]
+    given_ = flights.conditions([0], "mass")
+    score = experiment.Flights(OBSERVER, given_, time, {"r": r, "r_ref": np.zeros_like(r)}, "").score()
+    np.testing.assert_allclose([score.total[0], score.horizontal[0], score.vertical[0]], [1.3, 0.5, 1.2])
+
+
+def test_a_failed_flight_scores_infinity() -> None:
+    time = np.arange(0.0, 10.0, 0.5)
+    r = np.full((1, len(time), 3), np.nan)
+    flown = experiment.Flights(
+        OBSERVER, flights.conditions([0], "mass"), time, {"r": r, "r_ref": 0.0 * r}, "fell"
+    )
+    assert np.isinf(flown.score().total[0])
+
+
+@given(n=st.integers(6, 40))
+def test_interval_covers_the_median_with_95_per_cent(n: int) -> None:
+    interval = comparison.median_interval(np.arange(float(n)))
+    below = int(interval.low)  # order statistics k - 1 and n - k of 0, 1, ...
+    assert 1.0 - 2.0 * binom.cdf(below, n, 0.5) >= 0.95 or below == 0
+    assert 1.0 - 2.0 * binom.cdf(below + 1, n, 0.5) < 0.95
+    assert interval.low + interval.high == n - 1
+
+
+@pytest.mark.parametrize("name", ["baseline", "phyfilter"])
+def test_tuned_methods_have_their_margin(name: str) -> None:
+    entry = tuning.tuned()[name]
+    found = tuning.modulus_margin(entry.method, training.train("vm").model)
+    assert found == pytest.approx(entry.modulus_margin, abs=SAME)
+    assert found >= params.params().tuning.modulus_margin
+
+
+def test_all_methods_are_tuned_within_the_limits() -> None:
+    values, entries = params.params().tuning, tuning.tuned()
+    assert list(entries) == list(methods.METHODS)
+    assert all(entry.modulus_margin >= values.modulus_margin for entry in entries.values())
+    assert entries["phyfilter"].method.seer_rate == entries["seer"].method.bandwidth
+
+
+def test_filters_are_what_they_are_called() -> None:
+    first = methods.filter_of(methods.Method("phyfilter", 2.0, 6.0, 1.0))
+    second = methods.filter_of(methods.Method("phyfilter_type2", 2.0, 6.0, 1.0))
+    assert first is not None
+    assert second is not None
+    assert (first.order, first.type, second.order, second.type) == (1, 1, 2, 2)
+    assert methods.filter_of(methods.Method("indi", 2.0, 6.0)) is None
+
+
+def test_seer_learned_the_mass_and_not_the_wind() -> None:
+    trained = training.train("vm")
+    assert trained.rmse < 0.1 * trained.label_rms
+    assert trained.model.bounds is not None
+    np.testing.assert_allclose(trained.model.bounds[-1], [0.0, params.params().mass.high])
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--speed", "12"], "fly slower than 3.9 m/s"),
+        (["--payload", "-0.5", "0.2"], "0 <= LOW <= HIGH"),
+        (["--payload", "0.2", "40"], "take a smaller mass"),
+        (["--seeds", "0"], "1 or more"),
+        (["--scheduler", "tcp://127.0.0.1:1"], "add --study"),
+        (["--thrust-delay", "0.1"], "belong to --replay"),
+        (["--replay", "no-such-file.csv"], "no-such-file.csv"),
+        (["--picture", "flight.xyz"], "flight.xyz"),
+    ],
+)
+def test_bad_input_is_refused_before_anything_flies(
+    arguments: list[str],
+    message: str,
+    capsys: pytest.CaptureFixture[str],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert main(["run", "drone", *arguments]) == 2
+    assert message in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
+
+
+def test_methods_refuse_bad_gains() -> None:
+    for arguments in (
+        ("baseline", 0.0),
+        ("baseline", float("nan")),
+        ("observer", 2.0, -1.0),
+        ("nobody", 2.0),
+    ):
+        with pytest.raises(ValueError, match=r"expected"):
+            methods.Method(*arguments)
+    with pytest.raises(ValueError, match="trained SEER-I model"):
+        diagram.build(methods.Method("seer", 2.0, 1.0))
+    with pytest.raises(ValueError, match="scenario"):
+        flights.conditions([0], "storm")
+    with pytest.raises(ValueError, match="payload"):
+        flights.conditions([0], "mass", payload=(0.5, 0.2))
+
+
+def test_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Two short flights a method: the table, the JSON with all its keys, the picture and the filter."""
+    figures, picture, out = tmp_path / "figures.json", tmp_path / "flights.png", tmp_path / "filter"
+    files = ["--json", str(figures), "--picture", str(picture), "--out", str(out)]
+    code = main(["run", "drone", "--quick", "--seeds", "2", "--quiet", *files])
+    text = capsys.readouterr().out
+    assert code == 0
+    assert "PhyFilter below, %" in text
+    found = json.loads(figures.read_text())
+    wanted = {
+        "baseline",
+        "integral",
+        "seer",
+        "observer",
+        "indi",
+        "l1",
+        "phyfilter",
+        "phyfilter_type2",
+        "known_mass",
+    }
+    for key in ("mae", "mae_horizontal"):
+        assert set(found[key]) == {"mass", "wind"}
+        assert all(set(values) == wanted for values in found[key].values())
+    for key in ("seer", "seer_mass_only", "baseline", "integral"):
+        assert np.isfinite(found[f"reduction_vs_{key}_pct"])
+    assert found["realtime_factor"] > 0.0
+    assert picture.stat().st_size > 50_000
