@@ -171,7 +171,8 @@ class Run:
     def _settle(self, t: float, *, fresh: bool = False) -> None:
         """Hand signals on at one instant."""
         self.y = self._get()
-        for _ in range(self.wiring.passes):
+        # What comes from outside has yet to reach the outputs that it passes through to.
+        for _ in range(self.wiring.passes + bool(np.any(self.outside.driven))):
             u = self._wired(self.y, t)
             if not fresh and np.array_equal(u, self.u, equal_nan=True):
                 return
