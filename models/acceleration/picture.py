@@ -189,7 +189,7 @@ def _pole_map(axes: Axes, poles: PoleMap, network: float) -> None:
         axes.plot([], [], marker, color="white", markeredgecolor="black", markersize=7, label=name)
     axes.axhline(network, color=COLOURS["network"], linestyle="--", linewidth=1.0, label="network")
     axes.set(xlabel="Poles, geometric mean [rad/s]", ylabel="Test RMSE [m/s$^2$]")
-    axes.set_ylim(0.0, 1.15 * max(network, float(np.median(poles.rmse))))
+    axes.set_ylim(0.0, 1.6 * max(network, float(np.median(poles.rmse))))
     axes.legend(fontsize="x-small", ncols=2, facecolor="white", edgecolor="none", framealpha=0.9)
     dress(axes, "e  Order and poles")
 

@@ -33,6 +33,14 @@ COLOURS: dict[str, str] = {
 # In the panels over time: the paper's three.
 _FLOWN: tuple[MethodName, ...] = ("baseline", "seer", "phyfilter")
 _ESTIMATORS: tuple[MethodName, ...] = ("observer", "seer", "phyfilter")
+# Below the bars there is room for two short lines.
+_LABELS: dict[str, str] = {
+    "integral": "PD with\nintegral",
+    "observer": "observer\n(f_theta = 0)",
+    "phyfilter": "PhyFilter,\norder 1",
+    "phyfilter_type2": "PhyFilter,\ntype 2",
+    "known_mass": "PD, told\nthe mass",
+}
 # Every so many samples are drawn.
 _EVERY = 10
 
@@ -143,11 +151,7 @@ def _bars(axes: Axes, comparison: Comparison) -> None:
                 fontsize=6,
                 ha="center",
             )
-    labels = [
-        NAMES[name].replace(" with ", "\nwith ").replace(", ", ",\n").replace(" that ", "\nthat ")
-        for name in names
-    ]
-    axes.set_xticks(np.arange(len(names)), [label.replace(" (", "\n(") for label in labels])
+    axes.set_xticks(np.arange(len(names)), [_LABELS.get(name, NAMES[name]) for name in names])
     axes.set_ylabel("Mean |e|, median of the flights [cm]")
     axes.set_yscale("log")
     dress(axes, "d  Mean error: plain in still air, hatched in the wind")
@@ -178,7 +182,7 @@ def _parts(axes: Axes, comparison: Comparison) -> None:
     axes.set(xlabel="RMSE of the estimate [N]", xlim=(0.0, None))
     axes.invert_yaxis()
     axes.legend(fontsize="xx-small", frameon=False)
-    dress(axes, "e  Estimated against true force, in the wind")
+    dress(axes, "e  Errors of the estimates in the wind")
 
 
 def _estimate(axes: Axes, flights: Flights, name: MethodName, letter: str) -> None:

@@ -22,7 +22,7 @@ from .flights import Scenario, conditions
 from .margins import Limits, limits
 from .methods import Method, MethodName
 from .params import params
-from .study_points import AXES, FORMS, USED, AxisName, Grid, LearnedFilter, Point, bandwidths, plan
+from .study_points import AXES, FORMS, USED, AxisName, Form, Grid, LearnedFilter, Point, bandwidths, plan
 from .training import train
 from .tuning import tuned
 from .variant import Variant, flown, margin

@@ -80,7 +80,7 @@ class Grid:
     bandwidths: int = 8
     map_bandwidths: int = 6
     map_speeds: int = 6
-    delays: tuple[int, ...] = (0, 5, 10, 15, 20, 30)
+    delays: tuple[int, ...] = (0, 3, 6, 9, 12, 15)
     factors: tuple[float, ...] = (0.0, 0.5, 1.0, 1.5, 2.0)
     duration: float | None = None
 

@@ -101,8 +101,7 @@ def _learned(study: Study) -> list[str]:
         lines.append(_row(f"  {label('learned', family)}", [*errors, *found]))
     wanted = params().tuning.modulus_margin
     lines.append(
-        f"  outer: its bandwidth in rad/s, the fastest up to the tuned one with a margin of {wanted:g}; not: not "
-        "flown, no outer loop has it"
+        f"  outer: its bandwidth in rad/s, the fastest up to the tuned one with margin {wanted:g}; not: none has it"
     )
     return lines
 
@@ -136,8 +135,7 @@ def _limits(study: Study) -> list[str]:
     ]
     return [
         *lines,
-        "  flight, linear: vertical axis, simulated and linearised; vehicle: all axes; held: the force commanded over "
-        "each step",
+        "  flight, linear: vertical axis, simulated and linearised; vehicle: all axes; held: the force commanded",
         f"  formula for held: inner loop {formula.inner:.1f}, complete {formula.complete:.1f}, complete and sampled "
         f"{formula.sampled:.1f}",
     ]

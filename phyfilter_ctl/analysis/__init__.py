@@ -1,6 +1,7 @@
 """Analysis: what a filter does to signals."""
 
 from .bounds import BoundResult, Certificate, ultimate_bound
+from .budget import ErrorBudget, error_budget
 from .frequency import FilterResponse, FilterResponseList, Peak, frequency_response
 from .margins import (
     BandwidthLimit,
@@ -12,25 +13,31 @@ from .margins import (
     loop_margin,
     prior_margin,
 )
+from .poles import PolesAndZeros, PoleZeroMap, pole_zero_map
 from .variance import Variance, error_variance, gauss_markov
 
 __all__ = [
     "BandwidthLimit",
     "BoundResult",
     "Certificate",
+    "ErrorBudget",
     "FilterResponse",
     "FilterResponseList",
     "InertiaVerdict",
     "LoopMargin",
     "LoopMargins",
     "Peak",
+    "PoleZeroMap",
+    "PolesAndZeros",
     "PriorMargin",
     "Variance",
+    "error_budget",
     "error_variance",
     "frequency_response",
     "gauss_markov",
     "largest_bandwidth",
     "loop_margin",
+    "pole_zero_map",
     "prior_margin",
     "ultimate_bound",
 ]

@@ -242,7 +242,13 @@ class FilterResponse:
         name = self.label if label is None else label
         return plots.FrequencyCurve(name, self.omega, self.F, self.error, -self.phase_lag(), self.nyquist)
 
-    def plot(self, ax: Sequence[Axes] | None = None, *, label: str | None = None) -> ct.ControlPlot:
+    def plot(
+        self,
+        ax: Sequence[Axes] | None = None,
+        *,
+        label: str | None = None,
+        limits: Sequence[plots.FrequencyLimit] = (),
+    ) -> ct.ControlPlot:
         """Draw |F|, |1 - F| and the phase of F.
 
         Parameters
@@ -251,12 +257,14 @@ class FilterResponse:
             Magnitude and phase; None makes a new figure.
         label : str, optional
             Entry of the legend instead of :attr:`label`.
+        limits : sequence of FrequencyLimit
+            What |F| or |1 - F| must stay below, drawn beside them.
 
         Returns
         -------
         control.ControlPlot
         """
-        return FilterResponseList((self,)).plot(ax, labels=None if label is None else [label])
+        return FilterResponseList((self,)).plot(ax, labels=None if label is None else [label], limits=limits)
 
     # -- inside ---------------------------------------------------------------------------------------------------
 
@@ -303,7 +311,11 @@ class FilterResponseList(tuple[FilterResponse, ...]):
     """Responses of several filters over one axis; a tuple that can draw itself."""
 
     def plot(
-        self, ax: Sequence[Axes] | None = None, *, labels: Sequence[str] | None = None
+        self,
+        ax: Sequence[Axes] | None = None,
+        *,
+        labels: Sequence[str] | None = None,
+        limits: Sequence[plots.FrequencyLimit] = (),
     ) -> ct.ControlPlot:
         """Draw all responses into one magnitude and one phase diagram.
 
@@ -313,6 +325,8 @@ class FilterResponseList(tuple[FilterResponse, ...]):
             Magnitude and phase; None makes a new figure.
         labels : sequence of str, optional
             One entry of the legend each instead of the responses' own.
+        limits : sequence of FrequencyLimit
+            What |F| or |1 - F| must stay below, drawn beside them.
 
         Returns
         -------
@@ -327,7 +341,7 @@ class FilterResponseList(tuple[FilterResponse, ...]):
             raise ValueError(f"labels: expected one for each of the {len(self)} responses, got {len(labels)}")
         names = [response.label for response in self] if labels is None else labels
         curves = [each.curve(name) for name, each in zip(names, self, strict=True)]
-        return plots.frequency_plot(curves, ax=ax)
+        return plots.frequency_plot(curves, limits=limits, ax=ax)
 
 
 @overload

@@ -9,12 +9,13 @@ from collections.abc import Sequence
 from typing import NoReturn
 
 from .. import __version__, models
-from . import analyze, design, export, fmu, learn
+from . import analyze, app, design, export, fmu, learn
 
 __all__ = ["main"]
 
 _EPILOG = """examples:
-  phyfilter-ctl run acceleration                               repair a learned differentiator, print the scores
+  phyfilter-ctl run drone                                      fly a drone with unknown mass in unseen wind
+  phyfilter-ctl app                                            design a filter with the mouse, in the browser
   phyfilter-ctl design --poles -20,-20                         choose a filter and see what it does
   phyfilter-ctl design --family butterworth --order 2 --cutoff 20 --dt 0.002 --out filter.toml
   phyfilter-ctl learn flight.csv --order 1 2 3 --out filter.toml
@@ -26,7 +27,7 @@ _EPILOG = """examples:
   phyfilter-ctl COMMAND --help                                 all options of a command, with examples"""
 
 _RUN_EPILOG = """examples:
-  phyfilter-ctl run acceleration
+  phyfilter-ctl run drone
   phyfilter-ctl run acceleration --help"""
 
 # Values that begin with a minus sign would be taken for options.
@@ -89,6 +90,7 @@ def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
         ("analyze", analyze, "what a filter promises: bounds, noise, margins"),
         ("export", export, "hand a filter or a model over: FMU, SSP, C"),
         ("fmu", fmu, "describe, check and run FMUs of any tool"),
+        ("app", app, "design interactively, on a page in the browser"),
     ):
         command = commands.add_parser(name, help=text)
         module.add_arguments(command)

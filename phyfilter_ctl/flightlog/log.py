@@ -19,6 +19,7 @@ from numpy.typing import ArrayLike
 from .._sections import FloatArray
 from . import checks
 from .columns import VELOCITIES, default_columns, inertia_option, read_log
+from .comparison import EstimateComparison
 from .csvfile import write_csv
 from .resampling import Pick, uniform_grid
 
@@ -498,6 +499,49 @@ class FlightLog:
             raise ValueError(f"g: expected 'hold' or 'linear', got {g!r}")
         times, linear, hold = uniform_grid(self.times, dt)
         return self._at(times, linear, hold if g == "hold" else linear)
+
+    def compare(self, estimates: Mapping[str, ArrayLike], *, unit: str | None = None) -> EstimateComparison:
+        """Estimates of f beside the label: errors, RMSE, and ``.plot()``. f_theta comes last where the log has one.
+
+        Parameters
+        ----------
+        estimates : mapping of str to (N, n_x) array_like
+            Estimates f_hat by name.
+        unit : str, optional
+            Unit of f; None means m/s^2 for x in m/s without an inertia, else not known.
+
+        Returns
+        -------
+        EstimateComparison
+
+        Raises
+        ------
+        TypeError
+            If an estimate is not an array of real numbers.
+        ValueError
+            If the log has no label, there is nothing to compare, or an estimate has another shape or is not finite.
+
+        Examples
+        --------
+        >>> from phyfilter_ctl.flightlog import FlightLog
+        >>> log = FlightLog.from_arrays(x=[[0.0], [1.0], [2.0]], dt=1.0, label=[[1.0], [1.0], [1.0]])
+        >>> log.compare({"half": [[0.5], [0.5], [0.5]]}).rmse
+        {'half': 0.5}
+        """
+        if self.label is None:
+            raise ValueError(
+                "compare: the log has no label, the true f to compare with; see with_signals(label=...)"
+            )
+        checked = {
+            name: value
+            for name, given in (*estimates.items(), ("f_theta", self.f_theta))
+            if (value := checks.signal(name, given, self.x.shape, self.channels)) is not None
+        }
+        if not checked:
+            raise ValueError("estimates: expected at least one estimate, and the log has no f_theta either")
+        if unit is None:
+            unit = "m/s^2" if self.unit == "m/s" and self.inertia is None else ""
+        return EstimateComparison(self.times, self.label, checked, self.channels, unit)
 
     def _at(
         self,

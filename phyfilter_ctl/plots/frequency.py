@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import control as ct
 import matplotlib.pyplot as plt
@@ -16,7 +17,9 @@ from numpy.typing import NDArray
 
 from ._style import COLOURS, SMALL
 
-__all__ = ["FrequencyCurve", "frequency_plot"]
+__all__ = ["FrequencyCurve", "FrequencyLimit", "frequency_plot"]
+
+_LIMIT = "0.35"
 
 
 @dataclass(frozen=True)
@@ -45,12 +48,52 @@ class FrequencyCurve:
     nyquist: float = np.inf
 
 
-def frequency_plot(curves: Sequence[FrequencyCurve], *, ax: Sequence[Axes] | None = None) -> ct.ControlPlot:
+@dataclass(frozen=True)
+class FrequencyLimit:
+    """What |F| or |1 - F| must stay below over a range of frequencies.
+
+    Attributes
+    ----------
+    of : {"F", "error"}
+        |F| or |1 - F|.
+    magnitude : float
+        The limit, positive.
+    low, high : float
+        The range in rad/s; 0 and infinity leave it open.
+
+    Raises
+    ------
+    ValueError
+        If the magnitude is not positive or the range is empty.
+    """
+
+    of: Literal["F", "error"]
+    magnitude: float
+    low: float = 0.0
+    high: float = np.inf
+
+    def __post_init__(self) -> None:
+        if self.of not in ("F", "error"):
+            raise ValueError(f"of: expected 'F' or 'error', got {self.of!r}")
+        if not (np.isfinite(self.magnitude) and self.magnitude > 0.0):
+            raise ValueError(f"magnitude: expected a positive number, got {self.magnitude}")
+        if not 0.0 <= self.low < self.high:
+            raise ValueError(f"expected 0 <= low < high rad/s, got {self.low} and {self.high}")
+
+
+def frequency_plot(
+    curves: Sequence[FrequencyCurve],
+    *,
+    limits: Sequence[FrequencyLimit] = (),
+    ax: Sequence[Axes] | None = None,
+) -> ct.ControlPlot:
     """Magnitude of F (full) and 1 - F (dashed), and phase of F, over frequency, on one axis for all filters.
 
     Parameters
     ----------
     curves : sequence of FrequencyCurve
+    limits : sequence of FrequencyLimit
+        Drawn grey, full for F and dashed for 1 - F, with hatches on the side to be kept clear.
     ax : two Axes, optional
         Where to draw magnitude and phase; None makes a new figure.
 
@@ -85,9 +128,11 @@ def frequency_plot(curves: Sequence[FrequencyCurve], *, ax: Sequence[Axes] | Non
         lines[0].extend(magnitude.loglog(curve.omega, np.abs(curve.F), color=colour, label=curve.label))
         lines[0].extend(magnitude.loglog(curve.omega, np.abs(curve.error), color=colour, linestyle="--"))
         lines[1].extend(phase.semilogx(curve.omega, np.rad2deg(curve.phase), color=colour, label=curve.label))
+    _dress(curves, limits, magnitude, phase)
     _mark_nyquist(curves, magnitude, phase)
-    _dress(curves, magnitude, phase)
-    legend = _legend(magnitude, lines[0][::2])
+    for limit in limits:
+        _draw_limit(magnitude, limit)
+    legend = _legend(magnitude, lines[0][::2], limits)
     grid = np.empty((2, 1), dtype=object)
     grid[:, 0] = lines
     axes = np.array([[magnitude], [phase]], dtype=object)
@@ -113,23 +158,55 @@ def _mark_nyquist(curves: Sequence[FrequencyCurve], magnitude: Axes, phase: Axes
     for nyquist in sorted({curve.nyquist for curve in curves if np.isfinite(curve.nyquist)}):
         for axes in (magnitude, phase):
             axes.axvline(nyquist, color="0.5", linestyle=":", linewidth=1.0)
+        # Right of the line, where this filter draws nothing, and away from the others.
         magnitude.annotate(
             "Nyquist",
-            (nyquist, 0.03),
+            (nyquist, _free_height(curves, nyquist, magnitude)),
             xycoords=("data", "axes fraction"),
-            xytext=(-3, 0),
+            xytext=(3, 0),
             textcoords="offset points",
             rotation=90,
-            ha="right",
-            va="bottom",
+            ha="left",
+            va="center",
             fontsize="x-small",
             color="0.4",
         )
 
 
-def _dress(curves: Sequence[FrequencyCurve], magnitude: Axes, phase: Axes) -> None:
+def _free_height(curves: Sequence[FrequencyCurve], omega: float, axes: Axes) -> float:
+    """Height of the axes, as a share, that is farthest from all curves at a frequency."""
+    bottom, top = np.log10(axes.get_ylim())
+    taken = [
+        (np.log10(max(float(np.interp(omega, curve.omega, np.abs(values))), 1e-300)) - bottom)
+        / (top - bottom)
+        for curve in curves
+        if curve.omega[-1] > omega
+        for values in (curve.F, curve.error)
+    ]
+    heights = (0.5, 0.15, 0.3, 0.7)
+    return max(heights, key=lambda height: min((abs(height - each) for each in taken), default=1.0))
+
+
+def _draw_limit(axes: Axes, limit: FrequencyLimit) -> None:
+    left, right = axes.get_xlim()
+    low, high = max(limit.low, left), min(limit.high, right)
+    if low >= high:
+        return
+    level = limit.magnitude
+    style = "-" if limit.of == "F" else "--"
+    axes.plot([low, high], [level, level], color=_LIMIT, linestyle=style, linewidth=1.6, scalex=False)
+    axes.fill_between(
+        [low, high], level, 1.35 * level, facecolor="none", edgecolor="0.6", hatch="////", linewidth=0.0
+    )
+    axes.set_xlim(left, right)
+
+
+def _dress(
+    curves: Sequence[FrequencyCurve], limits: Sequence[FrequencyLimit], magnitude: Axes, phase: Axes
+) -> None:
     drawn = np.concatenate([np.abs(values) for curve in curves for values in (curve.F, curve.error)])
     drawn = drawn[np.isfinite(drawn) & (drawn > 0.0)]
+    drawn = np.append(drawn, [limit.magnitude for limit in limits])
     if len(drawn):
         top = float(drawn.max())
         # Four decades: less is not read off, and a zero of 1 - F would stretch the axis without end.
@@ -144,12 +221,17 @@ def _dress(curves: Sequence[FrequencyCurve], magnitude: Axes, phase: Axes) -> No
         axes.margins(x=0.0)
 
 
-def _legend(axes: Axes, filters: Sequence[Line2D]) -> Legend:
+def _legend(axes: Axes, filters: Sequence[Line2D], limits: Sequence[FrequencyLimit]) -> Legend:
     """Above the axes, where it covers no curve."""
     styles = [
         Line2D([], [], color="0.3", label="$F$"),
         Line2D([], [], color="0.3", linestyle="--", label="$1-F$"),
     ]
+    if limits:
+        styles.append(Line2D([], [], color=_LIMIT, linewidth=1.6, label="limits"))
+    entries = len(filters) + len(styles)
+    # Filled column after column: the filters in the first, what the lines mean in the next.
+    columns = entries if len(filters) == 1 else max(2, -(-entries // len(filters)))
     return axes.legend(
         handles=[*filters, *styles],
         fontsize="x-small",
@@ -157,6 +239,6 @@ def _legend(axes: Axes, filters: Sequence[Line2D]) -> Legend:
         bbox_to_anchor=(0.0, 1.0),
         borderaxespad=0.4,
         frameon=False,
-        ncols=min(4, len(filters) + 2),
+        ncols=columns,
         columnspacing=1.2,
     )

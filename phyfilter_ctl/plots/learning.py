@@ -9,11 +9,14 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
+from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
 from ._style import COLOURS, SMALL
 from .frequency import FrequencyCurve, frequency_plot
 
 __all__ = ["learning_plot"]
+
+_MARKERS = (".", "s", "^", "D", "v", "x", "+")
 
 
 def learning_plot(
@@ -75,13 +78,18 @@ def learning_plot(
             np.sqrt(costs),
             color=COLOURS[(order - 1) % len(COLOURS)],
             linewidth=1.0,
-            marker=".",
+            marker=_MARKERS[(order - 1) % len(_MARKERS)],
             markersize=3,
         )
         lines.append(line)
         named.setdefault(order, line).set_label(f"order {order}")
     errors.set_xlabel("Step of a descent", fontsize=SMALL)
-    errors.set_ylabel("RMS error", fontsize=SMALL)
+    errors.set_ylabel("RMS error [unit of f]", fontsize=SMALL)
+    drawn = [cost for *_, cost in events]
+    if drawn and max(drawn) < 100.0 * min(drawn):  # less than a decade of errors: powers of ten would not do
+        errors.yaxis.set_major_locator(LogLocator(subs=(1.0, 1.5, 2.0, 3.0, 5.0, 7.0)))
+        errors.yaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
+        errors.yaxis.set_minor_formatter(NullFormatter())
     errors.grid(True, which="major", color="0.88", linewidth=0.7)
     errors.tick_params(which="both", labelsize=SMALL)
     if named:

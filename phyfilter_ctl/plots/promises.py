@@ -14,6 +14,9 @@ from .frequency import FrequencyCurve, frequency_plot
 
 __all__ = ["analysis_plot", "bound_plot", "trade_off_plot"]
 
+# Of the loops, beside their colours.
+_STYLES = ("-", "--", "-.", ":")
+
 FloatArray = NDArray[np.float64]
 
 
@@ -53,10 +56,11 @@ def bound_plot(
     response, growth = axes[:, 0]
     (line,) = response.plot(times, kernel, color=COLOURS[0])
     response.fill_between(times, kernel, color=COLOURS[0], alpha=0.15)
-    response.set_ylabel(f"response to gamma^({derivative})", fontsize=SMALL)
+    unit = {0: " [1/s]", 1: ""}.get(derivative, f" [s$^{derivative - 1}$]" if derivative > 2 else " [s]")
+    response.set_ylabel(f"Response to $\\gamma^{{({derivative})}}${unit}", fontsize=SMALL)
     (grown,) = growth.plot(times, running, color=COLOURS[0], label="reached by the worst residual")
     growth.axhline(bound, color="0.4", linestyle="--", linewidth=1.0, label=f"bound {bound:.4g}")
-    growth.set_ylabel("Error", fontsize=SMALL)
+    growth.set_ylabel("Error [unit of f]", fontsize=SMALL)
     growth.set_xlabel("Time [s]", fontsize=SMALL)
     growth.legend(fontsize="x-small", frameon=False)
     for axis in (response, growth):
@@ -96,8 +100,9 @@ def trade_off_plot(following: FloatArray, noise: FloatArray, best: int, label: s
     (axis,) = axes[0]
     (line,) = axis.loglog(following, noise, color=COLOURS[0])
     (mark,) = axis.loglog([following[best]], [noise[best]], "o", color=COLOURS[1], label="least sum")
-    axis.set_xlabel(f"error from the residual ({label})", fontsize=SMALL)
-    axis.set_ylabel("error from the noise", fontsize=SMALL)
+    axis.set_title(label, loc="left", fontsize="x-small")
+    axis.set_xlabel("Error from the residual [unit of f]", fontsize=SMALL)
+    axis.set_ylabel("Error from the noise [unit of f]", fontsize=SMALL)
     axis.grid(True, which="major", color="0.88", linewidth=0.7)
     axis.tick_params(which="both", labelsize=SMALL)
     axis.legend(fontsize="x-small", frameon=False)
@@ -151,7 +156,8 @@ def analysis_plot(
         top.text(
             0.5,
             0.5,
-            "no bound of the residual given",
+            "the bound over time needs a continuous filter\nand a bound of the residual",
+            fontsize=SMALL,
             ha="center",
             va="center",
             transform=top.transAxes,
@@ -164,16 +170,20 @@ def analysis_plot(
         lines[0, 1] = top.plot(times, running, color=COLOURS[0], label="largest error so far")
         top.axhline(limit, color="0.4", linestyle="--", linewidth=1.0, label=f"bound {limit:.4g}")
         top.set_xlabel("Time [s]", fontsize=SMALL)
-        top.set_ylabel("Error", fontsize=SMALL)
+        top.set_ylabel("Error [unit of f]", fontsize=SMALL)
+        top.margins(x=0.0)
         top.legend(fontsize="x-small", frameon=False)
     lines[1, 1] = [
-        bottom.loglog(omega, values, color=COLOURS[i], label=name)[0]
+        bottom.loglog(
+            omega, values, color=COLOURS[i % len(COLOURS)], linestyle=_STYLES[i % len(_STYLES)], label=name
+        )[0]
         for i, (name, values) in enumerate(sensitivities.items())
     ]
     bottom.axhline(1.0, color="0.6", linewidth=0.8)
     bottom.set_xlabel("Frequency [rad/s]", fontsize=SMALL)
-    bottom.set_ylabel("residual left, |1/(1 + L)|", fontsize=SMALL)
-    bottom.legend(fontsize="x-small", frameon=False)
+    bottom.set_ylabel("Residual left, |1/(1 + L)|", fontsize=SMALL)
+    bottom.margins(x=0.0)
+    bottom.legend(fontsize="x-small", frameon=False, loc="lower right")
     for axis in (top, bottom):
         axis.grid(True, which="major", color="0.88", linewidth=0.7)
         axis.tick_params(which="both", labelsize=SMALL)

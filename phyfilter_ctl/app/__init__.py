@@ -1,0 +1,59 @@
+"""The interactive designer: one front end, one Python function from message to reply, two hosts."""
+
+from __future__ import annotations
+
+import os
+from typing import TYPE_CHECKING
+
+from ..filter import PhyFilter
+from ..flightlog import FlightLog
+from ..sampled import SampledPhyFilter
+from .handle import Session, handle
+
+if TYPE_CHECKING:
+    from .widget import Designer
+
+__all__ = ["Session", "designer", "handle"]
+
+
+def designer(
+    filter: PhyFilter | SampledPhyFilter | None = None,
+    *,
+    log: FlightLog | str | os.PathLike[str] | None = None,
+) -> Designer:
+    """Design a filter interactively, in a notebook.
+
+    Parameters
+    ----------
+    filter : PhyFilter or SampledPhyFilter, optional
+        Where the design begins; None means two poles at -20 rad/s. A sampled one brings its step and method.
+    log : FlightLog or path, optional
+        A recording to try it on; a path is read by :meth:`FlightLog.from_csv`.
+
+    Returns
+    -------
+    Designer
+        Show it as the last line of a cell; ``.filter`` is the current design at any time.
+
+    Raises
+    ------
+    ImportError
+        Without the extra ``notebook``.
+    TypeError, ValueError, OSError
+        For a filter or a recording that the designer cannot show or read.
+
+    Notes
+    -----
+    While the kernel works, the designer goes on with what the browser can compute; Python's answers follow. The same
+    designer opens as a page of its own with ``phyfilter-ctl app``.
+    """
+    try:
+        from .widget import Designer
+    except ModuleNotFoundError as error:
+        if (error.name or "").partition(".")[0] not in ("anywidget", "ipywidgets", "traitlets"):
+            raise
+        raise ImportError(
+            f"the designer in a notebook needs {error.name}, which is not installed: "
+            "pip install 'phyfilter-ctl[notebook]'"
+        ) from error
+    return Designer(filter, log=log)

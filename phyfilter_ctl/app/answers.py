@@ -1,0 +1,306 @@
+"""What a design does: curves and figures, by the library's own functions, quick enough to follow a drag."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import control as ct
+import numpy as np
+from numpy.linalg import LinAlgError
+
+from .._sections import ComplexArray, FloatArray
+from ..analysis import frequency_response, prior_margin, ultimate_bound
+from ..analysis.frequency import FilterResponse
+from ..filter import PhyFilter
+from ..sampled import SampledPhyFilter
+from .designs import Design
+from .loops import phase_and_delay, read_off
+from .steps import settling_time, step_response
+
+__all__ = ["answer", "listed"]
+
+_CURVE_POINTS = 320  # logarithmic; resonances have some of their own
+_PEAK_POINTS = 20
+# Poles this far apart cost the exact bound more time than a drag has; the ellipsoid's is certified too.
+_FAR_APART = 1500.0
+_MOST_SAMPLES = 60_000  # over which the sampled bound is added up
+# Beyond so many steps of delay the continuous loop, with one step more for hold and average, stands for the sampled.
+_FEW_STEPS = 50.0
+
+
+class Figure(NamedTuple):
+    """One entry of "numbers"."""
+
+    key: str
+    label: str
+    value: float | None
+    unit: str
+    note: str = ""
+
+    def as_json(self) -> dict[str, object]:
+        """Without a value that JSON cannot hold."""
+        value = self.value if self.value is not None and math.isfinite(self.value) else None
+        note = self.note or ("" if value is not None else "not defined for this filter")
+        entry: dict[str, object] = {
+            "key": self.key,
+            "label": self.label,
+            "value": value,
+            "unit": self.unit,
+        }
+        return entry | ({"note": note} if note else {})
+
+
+def answer(design: Design) -> dict[str, object]:
+    """The reply to op "design".
+
+    Parameters
+    ----------
+    design : Design
+
+    Returns
+    -------
+    dict
+        filter, frequency, step, numbers, stable_sampled, messages.
+    """
+    filter = design.filter
+    messages: list[str] = []
+    sampled: SampledPhyFilter | None = None
+    try:
+        sampled = design.sampled
+    except ValueError as error:  # forward Euler at too long a step
+        messages.append(str(error))
+    curves, response, as_sampled = _frequency(design, filter, sampled)
+    band, settling = _band(response), settling_time(filter)
+    figures = [*_shape(design, band, settling, as_sampled), *_bounds(design, filter, sampled)]
+    figures += _margins(design, filter, sampled)
+    messages += _advice(design, band)
+    return {
+        "filter": {
+            "a": filter.a.tolist(),
+            "b": filter.b.tolist(),
+            "poles": [[p.real, p.imag] for p in filter.poles.tolist()],
+            "zeros": [[z.real, z.imag] for z in filter.zeros.tolist()],
+            "type": filter.type,
+            "dc_gain": filter.dc_gain,
+        },
+        "frequency": curves,
+        "step": _step(filter, settling),
+        "numbers": [figure.as_json() for figure in figures],
+        "stable_sampled": sampled is not None,
+        "messages": messages,
+    }
+
+
+def listed(values: FloatArray) -> list[float | None]:
+    """Numbers as JSON holds them: null for what is not finite.
+
+    Parameters
+    ----------
+    values : (N,) array
+
+    Returns
+    -------
+    list of float or None
+
+    Examples
+    --------
+    >>> listed(np.array([1.0, np.nan, np.inf]))
+    [1.0, None, None]
+    """
+    found: list[float | None] = values.tolist()
+    if not np.all(np.isfinite(values)):
+        found = [value if value is not None and math.isfinite(value) else None for value in found]
+    return found
+
+
+# -- curves -----------------------------------------------------------------------------------------------------
+
+
+def _frequency(
+    design: Design, filter: PhyFilter, sampled: SampledPhyFilter | None
+) -> tuple[dict[str, object], FilterResponse, FilterResponse | None]:
+    """Curves, and the responses of F and of the sampled F."""
+    omega = _grid(design, filter)
+    response = frequency_response(filter, omega)
+    S, as_sampled = np.full(len(omega), complex(np.nan, np.nan)), None
+    if sampled is not None:
+        below = omega <= np.pi / design.dt
+        as_sampled = frequency_response(sampled, omega[below])
+        S[below] = as_sampled.F
+    curves: dict[str, object] = {"omega": omega.tolist()}
+    for key, value in (("F", response.F), ("E", response.error), ("S", S)):
+        curves[key] = _pair(value)
+    return curves, response, as_sampled
+
+
+def _pair(values: ComplexArray) -> list[list[float | None]]:
+    """Magnitude and unwrapped phase in degrees."""
+    phase = np.full(len(values), np.nan)
+    known = np.isfinite(values)
+    phase[known] = np.rad2deg(np.unwrap(np.angle(values[known])))
+    return [listed(np.abs(values)), listed(phase)]
+
+
+def _grid(design: Design, filter: PhyFilter) -> FloatArray:
+    """A decade and a half to either side of poles and zeros, and of what is drawn; dense at resonances."""
+    nyquist = np.pi / design.dt
+    zeros = np.abs(filter.zeros)
+    marks = np.concatenate([np.abs(filter.poles), zeros[zeros > 0.0], _drawn(design.limits)])
+    low = min(0.03 * float(marks.min()), 0.03 * nyquist)
+    high = max(30.0 * float(marks.max()), 1.2 * nyquist)
+    pairs = filter.poles[filter.poles.imag > -2.0 * filter.poles.real]
+    around = (pairs.imag[:, None] + pairs.real[:, None] * np.linspace(-3.0, 3.0, _PEAK_POINTS)).ravel()
+    grid = np.concatenate([np.geomspace(low, high, _CURVE_POINTS - 1), around, [nyquist]])
+    return np.unique(grid[(grid >= low) & (grid <= high)])
+
+
+def _drawn(limits: object) -> list[float]:
+    """Every positive number of the limits under a name with "omega" in it."""
+
+    def found(value: object, counts: bool) -> Iterator[float]:
+        if isinstance(value, dict):
+            for key, entry in value.items():
+                yield from found(entry, counts or "omega" in str(key))
+        elif isinstance(value, list):
+            for entry in value:
+                yield from found(entry, counts)
+        elif counts and isinstance(value, float) and 1e-6 <= value <= 1e8:
+            yield value
+
+    return list(found(limits, False))
+
+
+def _step(filter: PhyFilter, settling: float) -> dict[str, object]:
+    t, F, E = step_response(filter, settling)
+    return {"t": listed(t), "F": listed(F), "E": listed(E)}
+
+
+# -- figures ----------------------------------------------------------------------------------------------------
+
+
+def _shape(
+    design: Design, band: tuple[float, float], settling: float, sampled: FilterResponse | None
+) -> list[Figure]:
+    low, high = band
+    note = f"from {low:.4g} to {high:.4g} rad/s" if low > 0.0 else ""
+    gain = None if sampled is None else sampled.noise_gain
+    unit = design.assume.unit
+    lost = "" if sampled is not None else "the sampled filter is unstable"
+    return [
+        Figure("bandwidth", "Bandwidth of F, -3 dB", high - low, "rad/s", note),
+        Figure("settling", "Settling of the step response, 2 %", settling, "s"),
+        Figure("noise_gain", "Noise gain, f_hat per white noise on x", gain, "1/s", lost),
+        Figure(
+            "noise",
+            "Standard deviation of f_hat from the noise of x",
+            None if gain is None else gain * design.assume.noise,
+            unit,
+            lost or "M_hat = 1",
+        ),
+        Figure(
+            "euler_dt",
+            "Largest step of forward Euler",
+            design.euler_dt,
+            "s",
+            "stable below it; the exact and Tustin methods are stable at any step",
+        ),
+    ]
+
+
+def _band(response: FilterResponse) -> tuple[float, float]:
+    try:
+        low, high = response.band_edges
+    except (ValueError, IndexError, ZeroDivisionError):  # N = 0 passes nothing
+        return float("nan"), float("nan")
+    return float(low), float(high)
+
+
+def _bounds(design: Design, filter: PhyFilter, sampled: SampledPhyFilter | None) -> list[Figure]:
+    """Certified ultimate bounds for the assumed slope, of F and of F as it runs."""
+    unit, residual = design.assume.unit, {1: design.assume.slope}
+    label = "Ultimate bound of the error"
+    labels = {"bound": label, "bound_sampled": f"{label} at the samples"}
+    if filter.type == 0:
+        note = "none: F(0) is not 1, so the error grows with a residual that grows"
+        return [Figure(key, text, None, unit, note) for key, text in labels.items()]
+    decay = float(np.min(-filter.poles.real))
+    far = float(np.max(np.abs(filter.poles))) > _FAR_APART * decay
+    try:
+        bound = ultimate_bound(filter, residual=residual, method="ellipsoid" if far else "exact").bound
+        note = "certified, not the least: the poles are far apart" if far else "certified; attained"
+    except (ValueError, LinAlgError):
+        bound, note = float("nan"), "the poles are too far apart for a certificate"
+    found = [Figure("bound", labels["bound"], bound, unit, note)]
+    return [*found, _sampled_bound(labels["bound_sampled"], design, sampled, residual)]
+
+
+def _sampled_bound(
+    label: str, design: Design, sampled: SampledPhyFilter | None, residual: dict[int, float]
+) -> Figure:
+    unit = design.assume.unit
+    if sampled is None:
+        return Figure("bound_sampled", label, None, unit, "the sampled filter is unstable")
+    radius = float(np.max(np.abs(1.0 + np.linalg.eigvals(sampled.transition[0]))))
+    if radius >= 1.0 or -_MOST_SAMPLES * math.log(max(radius, 1e-300)) < 20.0:
+        note = "too many samples to add up: see the bound of the continuous filter"
+        return Figure("bound_sampled", label, None, unit, note)
+    try:
+        bound = ultimate_bound(sampled, residual=residual).bound
+    except (ValueError, LinAlgError):
+        return Figure("bound_sampled", label, None, unit, "no certificate: see the continuous filter")
+    return Figure("bound_sampled", label, bound, unit, "certified")
+
+
+def _margins(design: Design, filter: PhyFilter, sampled: SampledPhyFilter | None) -> list[Figure]:
+    """Prior margins with lag and delay, of the sampled loop where it is quick."""
+    assume = design.assume
+    actuator = ct.TransferFunction([1.0], [assume.lag, 1.0]) if assume.lag > 0.0 else None
+    exact = sampled is not None and assume.delay <= _FEW_STEPS * design.dt
+    note = "sampled loop" if exact else "continuous loop with one step more of delay"
+    delay = assume.delay if exact else assume.delay + design.dt
+    values: dict[str, float | None] = dict.fromkeys(
+        ("ratio_low", "ratio_high", "phase_margin", "delay_margin")
+    )
+    notes = dict.fromkeys(values, note)
+    try:
+        margin = prior_margin(
+            sampled if exact and sampled is not None else filter,
+            actuator=actuator,
+            delay=delay,
+            inertia_ratio=assume.ratio,
+        )
+        margin = read_off(margin) if exact else margin
+        values["ratio_low"], values["ratio_high"] = margin.min_ratio, margin.max_ratio
+        values["phase_margin"], values["delay_margin"] = phase_and_delay(margin)
+    except (ValueError, LinAlgError, FloatingPointError):
+        notes = dict.fromkeys(values, "the loop could not be searched: its time scales are too far apart")
+    for key, value in values.items():
+        if value is not None and math.isnan(value):
+            notes[key] = f"unstable at M_hat/M = 1; {note}"
+        elif value is not None and math.isinf(value):
+            notes[key] = f"no limit; {note}"
+        elif value == 0.0 and key == "ratio_low":
+            notes[key] = f"no lower limit; {note}"
+        elif value == 0.0:
+            notes[key] = f"unstable at M_hat/M = {assume.ratio:g}; {note}"
+    return [
+        Figure("ratio_low", "Least M_hat/M", values["ratio_low"], "", notes["ratio_low"]),
+        Figure("ratio_high", "Largest M_hat/M", values["ratio_high"], "", notes["ratio_high"]),
+        Figure("delay_margin", "Delay margin", values["delay_margin"], "s", notes["delay_margin"]),
+        Figure("phase_margin", "Phase margin", values["phase_margin"], "deg", notes["phase_margin"]),
+    ]
+
+
+def _advice(design: Design, band: tuple[float, float]) -> list[str]:
+    """What a look at the figures should not miss."""
+    messages: list[str] = []
+    nyquist = np.pi / design.dt
+    _, high = band
+    if math.isfinite(high) and high > 0.5 * nyquist:
+        messages.append(
+            f"The band of F reaches {high:.4g} rad/s and the Nyquist frequency is {nyquist:.4g} rad/s: sample faster, "
+            "or the sampled F is another filter."
+        )
+    return messages

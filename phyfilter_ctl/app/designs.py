@@ -1,0 +1,364 @@
+"""The design that a message carries: poles, a numerator, a sampling and what is assumed; from and to JSON."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Literal, cast, get_args
+
+import numpy as np
+
+from .. import _sections
+from .._sections import FloatArray
+from ..analysis import frequency_response
+from ..design.placement import Family, bandpass, lowpass, numerator_of_type, place_poles
+from ..filter import PhyFilter
+from ..sampled import SampledPhyFilter
+from .checking import Fields, MessageError, real, shown
+
+__all__ = ["FAMILIES", "Assumptions", "Design", "Numerator", "design_of_family"]
+
+Method = Literal["exact", "euler", "tustin"]
+
+HIGHEST_ORDER = 8
+SLOWEST, FASTEST = 1e-3, 1e5  # |p| in rad/s
+SHORTEST_STEP, LONGEST_STEP = 1e-5, 1.0  # s
+LARGEST_COEFFICIENT = 1e60
+_LARGEST_ZERO = 1e7  # rad/s
+_MOST_LIMITS = 64  # entries in the drawn limits, all levels together
+_LIMIT_DEPTH = 4
+_LARGEST_ASSUMED = 1e12
+
+# "damped": complex pairs of one damping ratio and one natural frequency. The rest are those of the library.
+FAMILIES: tuple[str, ...] = (*get_args(Family), "damped", "bandpass")
+
+
+@dataclass(frozen=True)
+class Numerator:
+    """How N is chosen.
+
+    Parameters
+    ----------
+    kind : {"lowpass", "type", "zeros", "b"}
+        N = a_0; b_i = a_i for i < type and 0 beyond; N = gain * prod (s - zero); the coefficients.
+    type : int
+    zeros : tuple of complex
+        In rad/s, in conjugate pairs.
+    gain : float
+        Leading coefficient of N.
+    b : tuple of float
+        Ascending.
+    """
+
+    kind: Literal["lowpass", "type", "zeros", "b"] = "lowpass"
+    type: int = 1
+    zeros: tuple[complex, ...] = ()
+    gain: float = 1.0
+    b: tuple[float, ...] = ()
+
+    def as_json(self) -> dict[str, object]:
+        """As a message has it."""
+        if self.kind == "type":
+            return {"kind": "type", "type": self.type}
+        if self.kind == "zeros":
+            return {"kind": "zeros", "zeros": [[z.real, z.imag] for z in self.zeros], "gain": self.gain}
+        return {"kind": "b", "b": list(self.b)} if self.kind == "b" else {"kind": "lowpass"}
+
+
+@dataclass(frozen=True)
+class Assumptions:
+    """What the figures are computed for.
+
+    Parameters
+    ----------
+    slope : float
+        Bound of the residual's derivative.
+    noise : float
+        Standard deviation of the noise of x, per sample.
+    ratio : float
+        M_hat / M.
+    lag, delay : float
+        Of the actuator, in s.
+    unit : str
+        Unit of f.
+    """
+
+    slope: float = 1.0
+    noise: float = 1e-3
+    ratio: float = 1.0
+    lag: float = 0.02
+    delay: float = 0.0
+    unit: str = ""
+
+    def as_json(self) -> dict[str, object]:
+        """As a message has it."""
+        return dict(vars(self))
+
+
+@dataclass(frozen=True, eq=False)
+class Design:
+    """A filter being designed.
+
+    Parameters
+    ----------
+    poles : tuple of complex
+        In rad/s.
+    numerator : Numerator
+    dt : float
+        Sampling interval in s.
+    method : {"exact", "euler", "tustin"}
+    assume : Assumptions
+    limits : mapping or None
+        Limits that are drawn; kept as they came.
+    """
+
+    poles: tuple[complex, ...] = (-20.0 + 0.0j, -20.0 + 0.0j)
+    numerator: Numerator = field(default_factory=Numerator)
+    dt: float = 0.002
+    method: Method = "exact"
+    assume: Assumptions = field(default_factory=Assumptions)
+    limits: Mapping[str, object] | None = None
+
+    @classmethod
+    def read(cls, message: Fields) -> Design:
+        """The design of a message, checked: its filter can be built.
+
+        Raises
+        ------
+        MessageError
+            Naming the field.
+        """
+        fields = message.fields("design")
+        fields.only("poles", "numerator", "sampling", "assume", "limits")
+        poles = fields.points("poles", 1, HIGHEST_ORDER, size=FASTEST)
+        _check_poles(fields, poles)
+        sampling = fields.fields("sampling")
+        sampling.only("dt", "method")
+        method = sampling.choice("method", get_args(Method)) if "method" in sampling else "exact"
+        design = cls(
+            tuple(poles),
+            _numerator(fields.fields("numerator"), len(poles)) if "numerator" in fields else Numerator(),
+            sampling.number("dt", SHORTEST_STEP, LONGEST_STEP, unit="s"),
+            cast(Method, method),
+            _assumptions(fields.fields("assume")) if "assume" in fields else Assumptions(),
+            _limits(fields) if "limits" in fields else None,
+        )
+        try:
+            _ = design.filter
+        except ValueError as error:
+            raise fields.error("poles", str(error)) from error
+        return design
+
+    def with_filter(self, filter: PhyFilter | SampledPhyFilter) -> Design:
+        """The same sampling and assumptions around another filter.
+
+        Parameters
+        ----------
+        filter : PhyFilter or SampledPhyFilter
+            Sampled: one filter for all channels; its step and method are taken over.
+
+        Raises
+        ------
+        ValueError
+            If it is of another size than a designer shows.
+        """
+        if isinstance(filter, SampledPhyFilter):
+            if not SHORTEST_STEP <= filter.dt <= LONGEST_STEP:
+                raise ValueError(
+                    f"dt: expected {SHORTEST_STEP:g} to {LONGEST_STEP:g} s, got {filter.dt:g} s; sample it "
+                    "otherwise"
+                )
+            design = replace(self, dt=filter.dt, method=filter.method)
+            return design.with_filter(filter.filter)
+        size = np.abs(filter.poles)
+        if filter.order > HIGHEST_ORDER or size.min() < SLOWEST or size.max() > FASTEST:
+            raise ValueError(
+                f"poles: expected 1 to {HIGHEST_ORDER} poles of {SLOWEST:g} to {FASTEST:g} rad/s, got "
+                f"{filter.order} of {size.min():.3g} to {size.max():.3g} rad/s"
+            )
+        return replace(self, poles=tuple(filter.poles.tolist()), numerator=_numerator_of(filter))
+
+    @cached_property
+    def filter(self) -> PhyFilter:
+        """F."""
+        if self.numerator.kind == "lowpass":
+            return PhyFilter.from_poles(self.poles)
+        if self.numerator.kind == "type":
+            return place_poles(self.poles, numerator=self.numerator.type)
+        return PhyFilter.from_poles(self.poles, self._b)
+
+    @property
+    def _b(self) -> FloatArray:
+        if self.numerator.kind == "b":
+            return np.array(self.numerator.b)
+        b = np.zeros(len(self.poles))
+        zeros = np.array(self.numerator.zeros, dtype=np.complex128)
+        monic = np.append(_sections.polynomial_from_roots(_paired(zeros)), 1.0)
+        b[: len(monic)] = self.numerator.gain * monic
+        return b
+
+    @property
+    def sampled(self) -> SampledPhyFilter:
+        """F as it runs.
+
+        Raises
+        ------
+        ValueError
+            If forward Euler diverges.
+        """
+        return self.filter.sampled(self.dt, self.method)
+
+    @property
+    def euler_dt(self) -> float:
+        """The step in s at which forward Euler loses stability."""
+        poles = self.filter.poles
+        return float(np.min(-2.0 * poles.real / np.abs(poles) ** 2))
+
+    def as_json(self) -> dict[str, object]:
+        """As a message has it."""
+        return {
+            "poles": [[p.real, p.imag] for p in self.poles],
+            "numerator": self.numerator.as_json(),
+            "sampling": {"dt": self.dt, "method": self.method},
+            "assume": self.assume.as_json(),
+            "limits": self.limits,
+        }
+
+
+def design_of_family(message: Fields, like: Design) -> Design:
+    """The design of op "family": poles by a family and a cutoff, the rest of it as before.
+
+    Parameters
+    ----------
+    message : Fields
+        family, order, cutoff, and where they count: type, damping ("damped" alone), band (two edges: a band-pass, the
+        family then its prototype; cutoff and type do not count).
+    like : Design
+        Gives sampling and assumptions.
+
+    Raises
+    ------
+    MessageError, ValueError
+        If a field is wrong or the family has no such filter.
+    """
+    family = message.choice("family", FAMILIES)
+    order = message.integer("order", 1, HIGHEST_ORDER)
+    if family == "bandpass" or "band" in message:
+        if family == "damped":
+            raise message.error("family", "a band-pass needs a prototype of another family; try butterworth")
+        low, high = message.numbers("band", 2, 2, size=FASTEST)
+        prototype = "butterworth" if family == "bandpass" else family
+        return like.with_filter(bandpass(order, low, high, family=cast(Family, prototype)))
+    cutoff = message.number("cutoff", SLOWEST, FASTEST, unit="rad/s")
+    kind = message.integer("type", 1, order) if "type" in message else 1
+    # Type 1 is N = a_0 either way.
+    numerator: Literal["lowpass"] | int = "lowpass" if kind == 1 else kind
+    if family != "damped":
+        return like.with_filter(lowpass(order, cutoff, family=cast(Family, family), numerator=numerator))
+    damping = message.number("damping", 0.01, 1.0) if "damping" in message else math.sqrt(0.5)
+    pair = complex(-damping, math.sqrt(1.0 - damping**2))
+    poles = [pair, pair.conjugate()] * (order // 2) + [-1.0 + 0.0j] * (order % 2)
+    prototype = place_poles(poles, numerator=numerator)
+    return like.with_filter(prototype.faster(cutoff / frequency_response(prototype).band_edges[1]))
+
+
+# -- reading ----------------------------------------------------------------------------------------------------
+
+
+def _check_poles(fields: Fields, poles: list[complex]) -> None:
+    for i, pole in enumerate(poles):
+        if not pole.real < 0.0:
+            raise fields.error(
+                f"poles[{i}]",
+                f"expected a real part below 0, got {pole:.6g}; move it into the left half plane",
+            )
+        if not SLOWEST <= abs(pole) <= FASTEST:
+            raise fields.error(
+                f"poles[{i}]", f"expected a size of {SLOWEST:g} to {FASTEST:g} rad/s, got {abs(pole):.6g}"
+            )
+
+
+def _numerator(fields: Fields, order: int) -> Numerator:
+    kind = fields.choice("kind", ("lowpass", "type", "zeros", "b"))
+    if kind == "lowpass":
+        fields.only("kind")
+        return Numerator()
+    if kind == "type":
+        fields.only("kind", "type")
+        return Numerator("type", type=fields.integer("type", 1, order))
+    if kind == "b":
+        fields.only("kind", "b")
+        return Numerator("b", b=tuple(fields.numbers("b", order, order, size=LARGEST_COEFFICIENT)))
+    fields.only("kind", "zeros", "gain")
+    zeros = fields.points("zeros", 0, order - 1, size=_LARGEST_ZERO)
+    gain = fields.number("gain", -LARGEST_COEFFICIENT, LARGEST_COEFFICIENT)
+    try:
+        _paired(np.array(zeros, dtype=np.complex128))
+    except ValueError as error:
+        raise fields.error("zeros", str(error).replace("pole", "zero")) from error
+    return Numerator("zeros", zeros=tuple(zeros), gain=gain)
+
+
+def _paired(zeros: np.ndarray) -> np.ndarray:
+    return _sections.pair_conjugates(zeros) if len(zeros) else zeros
+
+
+def _assumptions(fields: Fields) -> Assumptions:
+    usual = Assumptions()
+    ranges = {
+        "slope": (0.0, _LARGEST_ASSUMED, ""),
+        "noise": (0.0, _LARGEST_ASSUMED, ""),
+        "ratio": (1e-3, 1e3, ""),
+        "lag": (0.0, 10.0, "s"),
+        "delay": (0.0, 10.0, "s"),
+    }
+    fields.only(*ranges, "unit")
+    given = {
+        key: fields.number(key, low, high, unit=unit) if key in fields else float(getattr(usual, key))
+        for key, (low, high, unit) in ranges.items()
+    }
+    return Assumptions(**given, unit=fields.text("unit") if "unit" in fields else "")
+
+
+def _limits(fields: Fields) -> Mapping[str, object]:
+    """The drawn limits: any small object of numbers, words and lists, kept for the front end."""
+    left = _MOST_LIMITS
+
+    def checked(value: object, where: str, depth: int) -> object:
+        nonlocal left
+        left -= 1
+        if left < 0 or depth > _LIMIT_DEPTH:
+            raise MessageError(where, f"expected at most {_MOST_LIMITS} entries in {_LIMIT_DEPTH} levels")
+        if value is None or isinstance(value, bool):
+            return value
+        if isinstance(value, int | float):
+            return real(value, -_LARGEST_ASSUMED, _LARGEST_ASSUMED, where)
+        if isinstance(value, str):
+            return Fields({"limits": value}, "design.").text("limits")
+        if isinstance(value, list | tuple):
+            return [checked(entry, f"{where}[{i}]", depth + 1) for i, entry in enumerate(value)]
+        if isinstance(value, Mapping):
+            if any(not isinstance(key, str) or len(key) > 40 for key in value):
+                raise MessageError(where, "expected names of at most 40 characters")
+            return {key: checked(entry, f"{where}.{key}", depth + 1) for key, entry in value.items()}
+        raise MessageError(where, f"expected numbers, words and lists, got {shown(value)}")
+
+    found = checked(fields.get("limits"), f"{fields.where}limits", 0)
+    if not isinstance(found, dict):
+        raise fields.error("limits", f"expected an object, got {shown(found)}")
+    return found
+
+
+def _numerator_of(filter: PhyFilter) -> Numerator:
+    if filter.is_lowpass:
+        return Numerator()
+    kind = filter.type
+    if kind > 0 and np.array_equal(filter.b, numerator_of_type(filter.a, kind)):
+        return Numerator("type", type=kind)
+    nonzero = np.flatnonzero(filter.b)
+    if len(nonzero) == 1:  # a band-pass, N = gain s^m: its zeros can be seen and moved
+        power = int(nonzero[0])
+        return Numerator("zeros", zeros=(0j,) * power, gain=float(filter.b[power]))
+    return Numerator("b", b=tuple(filter.b.tolist()))

@@ -1,0 +1,340 @@
+"""One Python function between the designer's front end and the library: a message in, a reply out.
+
+Messages and replies are what JSON holds: complex numbers [re, im], SI units, rad/s, null for what is not finite. Every
+request has ``id``, ``op`` and the fields of that op; every reply has ``id``, ``op``, ``ok`` and either the answer or an
+``error`` of one sentence and, where a field is to blame, ``where``.
+
+========  ==========================================  ===============================================================
+op        request                                     reply
+========  ==========================================  ===============================================================
+hello                                                 version, design, families, log, can
+design    design                                      filter, frequency, step, numbers, stable_sampled, messages
+family    family, order, cutoff, damping, type, band  design
+log       name, text                                  log
+forget                                                log (null)
+estimate  design, channel                             t, f_hat, f_theta, label, rmse, rmse_model, wiener, messages
+learn     order, form                                 job
+job       job                                         state, curve, message, design
+cancel    job                                         state, curve, message
+python    design                                      text
+save      design, name                                name, mime, base64
+open      name, text                                  design, messages
+export    design, kind, channels                      name, mime, base64
+========  ==========================================  ===============================================================
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Mapping
+from functools import lru_cache
+from typing import cast
+
+import numpy as np
+from numpy.linalg import LinAlgError
+from threadpoolctl import ThreadpoolController
+
+from ..design.learning import Form
+from ..filter import PhyFilter
+from ..flightlog import FlightLog
+from ..sampled import SampledPhyFilter
+from . import answers, exports, logs
+from .checking import Fields, MessageError
+from .designs import FAMILIES, HIGHEST_ORDER, Design, design_of_family
+from .jobs import LearningJob
+
+__all__ = ["Session", "handle"]
+
+_LARGEST_LOG = 20_000_000  # characters
+_LARGEST_FILE = 200_000
+_MOST_CHANNELS = 12
+_LONGEST_ERROR = 600
+_WAIT_FOR_CANCEL = 0.5  # s
+_LARGEST_ID = 2**53  # integers that JavaScript holds
+
+Reply = dict[str, object]
+
+
+class Session:
+    """What one front end has open: the current design, a log, a learning job. Sessions share nothing.
+
+    Parameters
+    ----------
+    start : PhyFilter or SampledPhyFilter, optional
+        Where the design begins; None means two poles at -20 rad/s.
+    log : FlightLog, optional
+        Open from the start.
+
+    Raises
+    ------
+    ValueError
+        If ``start`` is of another size than a designer shows.
+
+    Examples
+    --------
+    >>> session = Session()
+    >>> reply = handle(session, {"id": 1, "op": "hello"})
+    >>> reply["ok"], reply["design"]["poles"]
+    (True, [[-20.0, 0.0], [-20.0, 0.0]])
+    """
+
+    def __init__(
+        self, start: PhyFilter | SampledPhyFilter | None = None, *, log: FlightLog | None = None
+    ) -> None:
+        self._lock = threading.Lock()
+        self._design = Design() if start is None else Design().with_filter(start)
+        self._log = log
+        self._job: LearningJob | None = None
+        self._jobs = 0
+
+    @property
+    def design(self) -> Design:
+        """The design last asked about."""
+        with self._lock:
+            return self._design
+
+    @property
+    def filter(self) -> PhyFilter:
+        """Its filter."""
+        return self.design.filter
+
+    @property
+    def log(self) -> FlightLog | None:
+        """The open log."""
+        with self._lock:
+            return self._log
+
+    @property
+    def job(self) -> LearningJob | None:
+        """The last learning job."""
+        with self._lock:
+            return self._job
+
+    def close(self) -> None:
+        """End the learning job, if one runs."""
+        job = self.job
+        if job is not None:
+            job.cancel(_WAIT_FOR_CANCEL)
+
+    # -- changes, all under the lock ------------------------------------------------------------------------------
+
+    def set_design(self, design: Design) -> None:
+        """Make this the current design.
+
+        Parameters
+        ----------
+        design : Design
+        """
+        with self._lock:
+            self._design = design
+
+    def set_log(self, log: FlightLog | None) -> None:
+        """Open another log, or none; a job on the old one ends.
+
+        Parameters
+        ----------
+        log : FlightLog or None
+        """
+        with self._lock:
+            self._log, job = log, self._job
+        if job is not None:
+            job.cancel()
+
+    def begin(self, order: int, form: Form) -> LearningJob:
+        """Start learning from the open log.
+
+        Parameters
+        ----------
+        order : int
+        form : {"lowpass", "general"}
+
+        Raises
+        ------
+        ValueError
+            If there is no log with a label, or a job still runs.
+        """
+        with self._lock:
+            if self._log is None:
+                raise ValueError("no log is open: drop a CSV file with a label first")
+            if self._log.label is None:
+                raise ValueError(
+                    "the log has no label, the true f to learn from: expected columns label_<x> (or ax for vx)"
+                )
+            if self._job is not None and self._job.running:
+                raise ValueError(f"job {self._job.number} still learns: cancel it or wait for its end")
+            self._jobs += 1
+            self._job = LearningJob(self._jobs, self._log, order, form=form, like=self._design)
+            self._job.start()
+            return self._job
+
+
+def handle(session: Session, message: Mapping[str, object]) -> Reply:
+    """Answer one message of the front end. Never raises: what is wrong is said in the reply.
+
+    Parameters
+    ----------
+    session : Session
+    message : mapping
+        As the JSON reader gives it.
+
+    Returns
+    -------
+    dict
+        Ready for ``json.dumps(..., allow_nan=False)``.
+
+    Examples
+    --------
+    >>> session = Session()
+    >>> reply = handle(session, {"id": 2, "op": "family", "family": "binomial", "order": 2, "cutoff": 20.0})
+    >>> reply["ok"], len(reply["design"]["poles"])
+    (True, 2)
+    >>> handle(session, {"id": 3, "op": "family", "family": "cauer", "order": 2, "cutoff": 20.0})["where"]
+    'family'
+    """
+    head: Reply = {"id": None, "op": None}
+    try:
+        fields = Fields.of(message)
+        head["id"] = fields.integer("id", 0, _LARGEST_ID)
+        op = fields.choice("op", tuple(_OPERATIONS))
+        head["op"] = op
+        work, known = _OPERATIONS[op]
+        fields.only("id", "op", *known)
+        # Two BLAS threads are several times slower on matrices of this size. numpy's flags are the thread's own.
+        with _blas().limit(limits=1, user_api="blas"), np.errstate(all="ignore"):
+            return head | {"ok": True} | work(session, fields)
+    except MessageError as error:
+        return head | {"ok": False, "error": _sentence(error), "where": error.where}
+    except Exception as error:
+        if isinstance(error, ValueError | TypeError) and not isinstance(error, LinAlgError):
+            return head | {"ok": False, "error": _sentence(error)}
+        # Whatever else: its text may name files of this machine.
+        text = f"the computation failed ({type(error).__name__}): change the design a little and try again"
+        return head | {"ok": False, "error": text}
+
+
+# -- operations -------------------------------------------------------------------------------------------------
+
+
+def _hello(session: Session, fields: Fields) -> Reply:
+    log = session.log
+    return {
+        "version": _version(),
+        "design": session.design.as_json(),
+        "families": list(FAMILIES),
+        "log": None if log is None else logs.summary(log),
+        "can": exports.abilities(),
+    }
+
+
+def _design(session: Session, fields: Fields) -> Reply:
+    design = Design.read(fields)
+    session.set_design(design)
+    return answers.answer(design)
+
+
+def _family(session: Session, fields: Fields) -> Reply:
+    return {"design": design_of_family(fields, session.design).as_json()}
+
+
+def _log(session: Session, fields: Fields) -> Reply:
+    log = logs.read_log(fields.text("name"), fields.text("text", _LARGEST_LOG))
+    session.set_log(log)
+    return {"log": logs.summary(log)}
+
+
+def _forget(session: Session, fields: Fields) -> Reply:
+    session.set_log(None)
+    return {"log": None}
+
+
+def _estimate(session: Session, fields: Fields) -> Reply:
+    design = Design.read(fields)
+    channel = fields.integer("channel", 0, _MOST_CHANNELS - 1) if "channel" in fields else 0
+    log, job = session.log, session.job
+    if log is None:
+        raise ValueError("no log is open: drop a CSV file first")
+    wiener = job.wiener if job is not None and job.log is log else None
+    return logs.estimate(log, design, channel, wiener)
+
+
+def _learn(session: Session, fields: Fields) -> Reply:
+    order = fields.integer("order", 1, HIGHEST_ORDER)
+    form = fields.choice("form", ("lowpass", "general")) if "form" in fields else "lowpass"
+    return {"job": session.begin(order, cast(Form, form)).number}
+
+
+def _job(session: Session, fields: Fields) -> Reply:
+    return _asked(session, fields).snapshot()
+
+
+def _cancel(session: Session, fields: Fields) -> Reply:
+    job = _asked(session, fields)
+    job.cancel(_WAIT_FOR_CANCEL)
+    return job.snapshot()
+
+
+def _python(session: Session, fields: Fields) -> Reply:
+    return {"text": exports.python_text(Design.read(fields))}
+
+
+def _save(session: Session, fields: Fields) -> Reply:
+    return exports.saved(Design.read(fields), fields.text("name") if "name" in fields else "filter")
+
+
+def _open(session: Session, fields: Fields) -> Reply:
+    if "name" in fields:
+        fields.text("name")
+    design, messages = exports.opened(fields.text("text", _LARGEST_FILE), session.design)
+    return {"design": design.as_json(), "messages": messages}
+
+
+def _export(session: Session, fields: Fields) -> Reply:
+    design = Design.read(fields)
+    kind = fields.choice("kind", ("fmu2", "fmu3", "c"))
+    channels = fields.integer("channels", 1, _MOST_CHANNELS) if "channels" in fields else 1
+    return exports.export(design, cast(exports.Kind, kind), channels)
+
+
+_OPERATIONS: Mapping[str, tuple[Callable[[Session, Fields], Reply], tuple[str, ...]]] = {
+    "hello": (_hello, ()),
+    "design": (_design, ("design",)),
+    "family": (_family, ("family", "order", "cutoff", "damping", "type", "band")),
+    "log": (_log, ("name", "text")),
+    "forget": (_forget, ()),
+    "estimate": (_estimate, ("design", "channel")),
+    "learn": (_learn, ("order", "form")),
+    "job": (_job, ("job",)),
+    "cancel": (_cancel, ("job",)),
+    "python": (_python, ("design",)),
+    "save": (_save, ("design", "name")),
+    "open": (_open, ("name", "text")),
+    "export": (_export, ("design", "kind", "channels")),
+}
+
+
+# -- inside -----------------------------------------------------------------------------------------------------
+
+
+def _asked(session: Session, fields: Fields) -> LearningJob:
+    number = fields.integer("job", 0, _LARGEST_ID)
+    job = session.job
+    if job is None or job.number != number:
+        raise fields.error("job", f"there is no job {number}; start one with op learn")
+    return job
+
+
+def _sentence(error: Exception) -> str:
+    text = " ".join(str(error).split()) or type(error).__name__
+    return text if len(text) <= _LONGEST_ERROR else text[:_LONGEST_ERROR] + " ..."
+
+
+@lru_cache(maxsize=1)
+def _blas() -> ThreadpoolController:
+    """Found once: looking for the libraries takes longer than a design."""
+    return ThreadpoolController()
+
+
+def _version() -> str:
+    from .. import __version__  # at the call: the root imports the rooms
+
+    return __version__

@@ -1,0 +1,196 @@
+"""A recorded flight in the designer: read from CSV text, the estimate on it, thinned for drawing."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from .._sections import FloatArray
+from ..flightlog import FlightLog
+from .answers import listed
+from .checking import MessageError, shown
+from .designs import Design
+
+__all__ = ["estimate", "read_log", "summary"]
+
+_TIMES = ("t", "time", "time_s", "times", "timestamp", "seconds")
+_MOST_CHANNELS = 12
+_MOST_SAMPLES = 2_000_000
+_DRAWN = 1500
+_SAME_STEP = 1e-3
+_HEAD = 100_000  # characters in which the header must stand
+_DERIVED = ("label_", "g_", "f_theta_", "feature_", "inertia_")
+
+
+def read_log(name: str, text: str) -> FlightLog:
+    """A log from CSV text with a header line.
+
+    Parameters
+    ----------
+    name : str
+        Of the file; only ever shown.
+    text : str
+        Columns: times in s (``t`` or ``time``), x, and the further ones of :meth:`FlightLog.from_csv`: ``label_<x>``
+        (``ax`` for ``vx``), ``g_<x>``, ``f_theta_<x>``, inertia. x are the columns that have a label;
+        without labels all that are none of these.
+
+    Raises
+    ------
+    MessageError
+        If there is no time or no x, or the text is broken; the line is named.
+    """
+    header, delimiter = _header(text)
+    time = next((column for column in header if column.lower() in _TIMES), None)
+    if time is None:
+        raise MessageError("text", f"no column of times: expected t or time in s, got {_some(header)}")
+    x, label = _signals([column for column in header if column != time])
+    if not x:
+        raise MessageError(
+            "text", f"no column of x beside {shown(time)}: expected velocities, got {_some(header)}"
+        )
+    if len(x) > _MOST_CHANNELS:
+        raise MessageError(
+            "text",
+            f"expected at most {_MOST_CHANNELS} channels, got {len(x)}: {_some(x)}; drop columns, or name labels "
+            "label_<x> for those that count",
+        )
+    with tempfile.TemporaryDirectory(prefix="phyfilter_") as folder:
+        path = Path(folder, "log.csv")
+        path.write_text(text, encoding="utf-8", newline="")
+        try:
+            log = FlightLog.from_csv(
+                path, time=time, x=x, label=label, features=None, delimiter=delimiter, name=Path(name).stem
+            )
+        except (TypeError, ValueError) as error:
+            raise MessageError(
+                "text", str(error).replace(f"{path}: ", "").replace(str(path), "the log")
+            ) from error
+    if log.n > _MOST_SAMPLES:
+        raise MessageError("text", f"expected at most {_MOST_SAMPLES} samples, got {log.n}; cut the log")
+    return log
+
+
+def summary(log: FlightLog) -> dict[str, object]:
+    """What a reply says of a log.
+
+    Parameters
+    ----------
+    log : FlightLog
+
+    Returns
+    -------
+    dict
+    """
+    held = [key for key in ("label", "g", "f_theta", "inertia") if getattr(log, key) is not None]
+    return {
+        "name": log.name,
+        "samples": log.n,
+        "dt": log.dt,
+        "channels": list(log.channels),
+        "has_label": log.label is not None,
+        "has_f_theta": log.f_theta is not None,
+        "columns": ["times", "x", *held],
+    }
+
+
+def estimate(
+    log: FlightLog, design: Design, channel: int, wiener: Sequence[float] | None
+) -> dict[str, object]:
+    """The reply to op "estimate": the filter run on one channel of the log, at the log's own rate.
+
+    Parameters
+    ----------
+    log : FlightLog
+    design : Design
+    channel : int
+    wiener : sequence of float, optional
+        RMSE of the causal Wiener filter for each channel, where known.
+
+    Raises
+    ------
+    MessageError
+        If there is no such channel.
+    ValueError
+        If forward Euler diverges at the log's step.
+    """
+    if channel >= log.n_x:
+        raise MessageError(
+            "channel", f"expected 0 to {log.n_x - 1} of {_some(list(log.channels))}, got {channel}"
+        )
+    sampled = design.filter.sampled(log.dt, design.method)
+    # An inertia may couple the channels; without one each stands alone.
+    pick = slice(channel, channel + 1) if log.inertia is None else slice(None)
+    f_hat = sampled.run(
+        log.x[:, pick],
+        None if log.g is None else log.g[:, pick],
+        None if log.f_theta is None else log.f_theta[:, pick],
+        log.inertia,
+        None if log.is_uniform else log.times,
+    )
+    mine = np.asarray(f_hat[:, 0 if log.inertia is None else channel], dtype=float)
+    f_theta = None if log.f_theta is None else log.f_theta[:, channel]
+    label = None if log.label is None else log.label[:, channel]
+    keep = _drawn([each for each in (mine, f_theta, label) if each is not None])
+    model = 0.0 if f_theta is None else f_theta
+    messages = []
+    if abs(log.dt - design.dt) > _SAME_STEP * design.dt:
+        messages.append(
+            f"The log has a step of {log.dt:.4g} s, which the estimate takes; the design has {design.dt:.4g} s."
+        )
+    return {
+        "t": listed(log.times[keep]),
+        "f_hat": listed(mine[keep]),
+        "f_theta": None if f_theta is None else listed(f_theta[keep]),
+        "label": None if label is None else listed(label[keep]),
+        "rmse": None if label is None else _rms(label - mine),
+        "rmse_model": None if label is None else _rms(label - model),
+        "wiener": None if wiener is None else wiener[channel],
+        "messages": messages,
+    }
+
+
+def _rms(error: FloatArray) -> float | None:
+    """Without the first sample, where f_hat = f_theta."""
+    value = float(np.sqrt(np.mean(error[1:] ** 2)))
+    return value if np.isfinite(value) else None
+
+
+def _drawn(series: Sequence[FloatArray]) -> np.ndarray:
+    """Samples to draw: in every interval the least and the largest of each series, so no peak is lost."""
+    n = len(series[0])
+    if n <= _DRAWN:
+        return np.arange(n)
+    edges = np.linspace(0, n, _DRAWN // (2 * len(series)) + 1).astype(np.intp)
+    kept: list[int] = []
+    for first, last in zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True):
+        for values in series:
+            part = values[first:last]
+            kept += [first + int(np.argmin(part)), first + int(np.argmax(part))]
+    return np.unique(kept)
+
+
+def _header(text: str) -> tuple[list[str], str]:
+    lines = (line.strip() for line in text[:_HEAD].removeprefix("\ufeff").splitlines())
+    first = next((line for line in lines if line and not line.startswith("#")), None)
+    if first is None:
+        raise MessageError("text", "expected a header line and rows of numbers, got nothing")
+    delimiter = max(",;\t", key=first.count)
+    return [name.strip().strip('"') for name in first.split(delimiter)], delimiter
+
+
+def _signals(columns: Sequence[str]) -> tuple[list[str], list[str] | None]:
+    """Columns of x, and of their labels."""
+    labels = {c: f"label_{c}" for c in columns if f"label_{c}" in columns}
+    # vx goes with ax.
+    labels |= {c: f"a{c[1:]}" for c in columns if c[:1] == "v" and f"a{c[1:]}" in columns and c not in labels}
+    if labels:
+        return list(labels), list(labels.values())
+    return [c for c in columns if not c.startswith(_DERIVED)], None
+
+
+def _some(names: Sequence[str]) -> str:
+    more = ", ..." if len(names) > 6 else ""
+    return ", ".join(shown(name) for name in names[:6]) + more

@@ -1,0 +1,407 @@
+"""The designer as a page of one's own: an ASGI application that answers one browser on this machine.
+
+What keeps others out: the socket is bound to 127.0.0.1; a random token, which travels in the fragment of the address
+and in a header, never in a cookie or a query; the Host and Origin of every request are compared; and a content
+security policy allows the page nothing but its own three files and this server.
+"""
+
+from __future__ import annotations
+
+import base64
+import contextlib
+import hmac
+import json
+import os
+import secrets
+import socket
+import threading
+import uuid
+import webbrowser
+from collections.abc import AsyncIterator, Mapping
+from pathlib import Path
+from typing import NoReturn
+
+import anyio
+import anyio.to_thread
+import uvicorn
+from starlette.applications import Starlette
+from starlette.datastructures import Headers, MutableHeaders
+from starlette.requests import ClientDisconnect, Request
+from starlette.responses import Response
+from starlette.routing import Route
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+from threadpoolctl import threadpool_limits
+
+from .handle import Session, handle
+
+__all__ = ["TOKEN_HEADER", "create_app", "serve"]
+
+TOKEN_HEADER = "x-phyfilter-token"
+LARGEST_LOG = 25_000_000  # bytes of a request that carries a recording
+LARGEST_OTHER = 1_000_000  # bytes of any other
+BODY_SECONDS = 30.0  # a request must have arrived by then
+WAITING = (
+    8  # requests of one kind that may queue (the page sends one at a time); all fit in anyio's 40 threads
+)
+
+_FOLDER = Path(__file__).parent
+# The only files there are to get: no path of a request ever reaches the file system.
+_FILES = {
+    "/": ("page.html", "text/html"),
+    "/page.js": ("page.js", "text/javascript"),
+    "/page.css": ("page.css", "text/css"),
+    "/designer.js": ("designer.js", "text/javascript"),
+    "/designer.css": ("designer.css", "text/css"),
+}
+_HEADERS = {
+    "content-security-policy": "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; "
+    "img-src 'self' data:; font-src 'none'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'",
+    "x-content-type-options": "nosniff",
+    "x-frame-options": "DENY",
+    "referrer-policy": "no-referrer",
+    "cache-control": "no-store",
+    "cross-origin-opener-policy": "same-origin",
+    "cross-origin-resource-policy": "same-origin",
+}
+# Which computations wait for each other; a lane is a thread, so a long export does not hold up the next design.
+_LANES = {
+    "log": ("log", "forget", "estimate", "learn"),
+    "job": ("job", "cancel"),
+    "export": ("export",),
+}
+_SECONDS = {"design": 30.0, "log": 60.0, "job": 10.0, "export": 180.0}
+_LARGE = frozenset({"log"})
+# What is written under --out: the name comes from here, never from a request.
+_NAMES = {
+    "save": "filter.toml",
+    "fmu2": "filter_fmi2.fmu",
+    "fmu3": "filter_fmi3.fmu",
+    "c": "filter_c.zip",
+}
+
+Reply = dict[str, object]
+
+
+class _RefusedError(Exception):
+    """A request that is not answered: HTTP status and one sentence."""
+
+    def __init__(self, status: int, reason: str) -> None:
+        super().__init__(reason)
+        self.status = status
+
+
+# -- who may ask ----------------------------------------------------------------------------------------------------
+
+
+class _Guard:
+    """Refuses strangers before anything is read, and puts the security headers on every answer."""
+
+    def __init__(self, app: ASGIApp, *, port: int, token: str) -> None:
+        self._app = app
+        self._hosts = (f"127.0.0.1:{port}", f"localhost:{port}")
+        self._token = token.encode()
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        if scope["type"] == "lifespan":
+            return await self._app(scope, receive, send)
+        if scope["type"] != "http":  # there are no web sockets here
+            return await send({"type": "websocket.close", "code": 1008})
+
+        async def send_guarded(message: Message) -> None:
+            if message["type"] == "http.response.start":
+                MutableHeaders(scope=message).update(_HEADERS)
+            await send(message)
+
+        try:
+            self._check(scope["method"], Headers(scope=scope))
+        except _RefusedError as refused:
+            return await _refusal(refused)(scope, receive, send_guarded)
+        await self._app(scope, receive, send_guarded)
+
+    def _check(self, method: str, headers: Headers) -> None:
+        host = _single(headers, "host")
+        if host not in self._hosts:  # a foreign name that resolves to this machine
+            raise _RefusedError(403, f"wrong Host: expected {self._hosts[0]}")
+        if method in ("GET", "HEAD"):
+            return
+        if _single(headers, "origin") != f"http://{host}":
+            raise _RefusedError(403, f"wrong Origin: expected http://{host}")
+        if headers.get("sec-fetch-site", "same-origin") != "same-origin":
+            raise _RefusedError(403, "the request comes from another site")
+        if not hmac.compare_digest((_single(headers, TOKEN_HEADER) or "").encode(), self._token):
+            raise _RefusedError(
+                401, "wrong or missing token: open the address that phyfilter-ctl app printed, to its end"
+            )
+        if (_single(headers, "content-type") or "").split(";")[0].strip().lower() != "application/json":
+            raise _RefusedError(415, "wrong Content-Type: expected application/json")
+
+
+def _single(headers: Headers, name: str) -> str | None:
+    """The value of a header that must stand once."""
+    values = headers.getlist(name)
+    return values[0] if len(values) == 1 else None
+
+
+# -- what is answered -----------------------------------------------------------------------------------------------
+
+
+class _Lane:
+    """One computation at a time."""
+
+    def __init__(self, seconds: float) -> None:
+        self.seconds = seconds
+        self._turn = threading.Lock()
+        self._count = threading.Lock()
+        self._waiting = 0
+
+    def enter(self) -> bool:
+        """Take a place in the queue; false if it is full."""
+        with self._count:
+            if self._waiting >= WAITING:
+                return False
+            self._waiting += 1
+            return True
+
+    def run(self, session: Session, message: dict[str, object]) -> Reply:
+        """Answer in a thread; one that was given up on still holds its turn until it ends."""
+        try:
+            with self._turn:
+                return handle(session, message)
+        finally:
+            with self._count:
+                self._waiting -= 1
+
+
+class _Desk:
+    """Takes messages off requests, has them answered in threads, keeps copies of downloads."""
+
+    def __init__(self, session: Session, out: Path | None) -> None:
+        self._session = session
+        self._out = out
+        self._lanes = {name: _Lane(seconds) for name, seconds in _SECONDS.items()}
+        self._lane_of = {op: name for name, ops in _LANES.items() for op in ops}
+
+    async def message(self, request: Request) -> Response:
+        try:
+            body = await _body(request)
+            message = await anyio.to_thread.run_sync(_message, body)
+            reply = await self._answer(message)
+            return _json(await anyio.to_thread.run_sync(_text, reply))
+        except _RefusedError as refused:
+            return _refusal(refused)
+
+    async def _answer(self, message: dict[str, object]) -> Reply:
+        op = message.get("op")
+        lane = self._lanes[self._lane_of.get(op, "design") if isinstance(op, str) else "design"]
+        if not lane.enter():
+            return _failed(message, "Python is busy: wait for its answers, then try again")
+        try:
+            with anyio.fail_after(lane.seconds):
+                reply = await anyio.to_thread.run_sync(
+                    lane.run, self._session, message, abandon_on_cancel=True
+                )
+        except TimeoutError:
+            return _failed(
+                message, f"no answer within {lane.seconds:g} s: use fewer poles or a shorter recording"
+            )
+        return reply if self._out is None else await anyio.to_thread.run_sync(self._keep, message, reply)
+
+    def _keep(self, message: Mapping[str, object], reply: Reply) -> Reply:
+        """Write a download under the folder of --out too."""
+        kind = message.get("kind") if message.get("op") == "export" else message.get("op")
+        data = reply.get("base64")
+        if not reply.get("ok") or kind not in _NAMES or not isinstance(data, str) or self._out is None:
+            return reply
+        try:
+            path = _write_whole(self._out, _NAMES[str(kind)], base64.b64decode(data))
+        except OSError as error:
+            return _failed(message, f"{self._out}: {error.strerror or 'cannot be written'}")
+        return {**reply, "written": str(path)}
+
+
+async def _body(request: Request) -> bytes:
+    """The whole body, or a refusal as soon as it is too long or too slow."""
+    length = request.headers.get("content-length", "0")
+    if not length.isdecimal() or len(length) > 12 or int(length) > LARGEST_LOG:
+        raise _too_large(LARGEST_LOG)
+    parts, total = [], 0
+    try:
+        with anyio.fail_after(BODY_SECONDS):
+            async for part in request.stream():
+                total += len(part)
+                if total > LARGEST_LOG:
+                    raise _too_large(LARGEST_LOG)
+                parts.append(part)
+    except TimeoutError:
+        raise _RefusedError(408, f"the request did not arrive within {BODY_SECONDS:g} s") from None
+    except ClientDisconnect:
+        raise _RefusedError(400, "the browser went away") from None
+    return b"".join(parts)
+
+
+def _message(body: bytes) -> dict[str, object]:
+    """The JSON object of a request."""
+    try:
+        message = json.loads(body.decode(), parse_constant=_refuse_constant)
+    except (
+        ValueError,
+        RecursionError,
+    ):  # not UTF-8, not JSON, NaN, a number of 5000 digits, nested without end
+        raise _RefusedError(400, "expected a JSON object of finite numbers, in UTF-8") from None
+    if not isinstance(message, dict):
+        raise _RefusedError(400, f"expected a JSON object, got {type(message).__name__}")
+    if len(body) > LARGEST_OTHER and message.get("op") not in _LARGE:
+        raise _too_large(LARGEST_OTHER)
+    return message
+
+
+def _refuse_constant(name: str) -> NoReturn:
+    raise ValueError(name)
+
+
+def _too_large(limit: int) -> _RefusedError:
+    return _RefusedError(413, f"the request is larger than {limit / 1e6:g} MB")
+
+
+def _failed(message: Mapping[str, object], error: str) -> Reply:
+    return {"id": message.get("id"), "op": message.get("op"), "ok": False, "error": error}
+
+
+def _text(reply: Reply) -> str:
+    return json.dumps(reply, allow_nan=False, separators=(",", ":"))
+
+
+def _json(text: str, status: int = 200) -> Response:
+    return Response(text, status, media_type="application/json")
+
+
+def _refusal(refused: _RefusedError) -> Response:
+    # The rest of a refused body is not waited for.
+    close = {"connection": "close"}
+    text = json.dumps({"id": None, "op": None, "ok": False, "error": str(refused)})
+    return Response(text, refused.status, headers=close, media_type="application/json")
+
+
+def _write_whole(folder: Path, name: str, data: bytes) -> Path:
+    """Write a file whole or not at all; a link of that name is replaced, not followed."""
+    part = folder / f".{name}.{uuid.uuid4().hex}.tmp"
+    try:
+        with part.open("xb") as file:
+            file.write(data)
+        os.replace(part, folder / name)
+    finally:
+        part.unlink(missing_ok=True)
+    return folder / name
+
+
+# -- the application ------------------------------------------------------------------------------------------------
+
+
+def create_app(session: Session, *, port: int, token: str, out: Path | None = None) -> ASGIApp:
+    """The ASGI application of one designer.
+
+    Parameters
+    ----------
+    session : Session
+        What the designer works on.
+    port : int
+        Port of 127.0.0.1 that it will be served at: the Host and Origin of a request must name it.
+    token : str
+        Secret that requests must carry in the header ``x-phyfilter-token``; at least 16 characters.
+    out : Path, optional
+        Existing folder that gets a copy of every download, under fixed names; None for downloads only.
+
+    Raises
+    ------
+    ValueError
+        If the token is short or ``out`` is no folder.
+
+    Examples
+    --------
+    >>> import secrets
+    >>> from phyfilter_ctl.app.handle import Session
+    >>> app = create_app(Session(), port=8000, token=secrets.token_urlsafe(32))
+    """
+    if len(token) < 16:
+        raise ValueError(f"expected a token of 16 characters or more, got {len(token)}")
+    if out is not None and not out.is_dir():
+        raise ValueError(f"{out}: expected an existing folder")
+    desk = _Desk(session, out.resolve() if out is not None else None)
+
+    @contextlib.asynccontextmanager
+    async def lifespan(_: Starlette) -> AsyncIterator[None]:
+        yield
+        session.close()
+
+    routes = [Route(path, _file, methods=["GET"]) for path in _FILES]
+    routes.append(Route("/message", desk.message, methods=["POST"]))
+    app = Starlette(routes=routes, lifespan=lifespan)
+    app.router.redirect_slashes = False
+    return _Guard(app, port=port, token=token)
+
+
+async def _file(request: Request) -> Response:
+    name, kind = _FILES[request.url.path]
+    return Response(await anyio.to_thread.run_sync((_FOLDER / name).read_bytes), media_type=kind)
+
+
+def serve(
+    session: Session,
+    *,
+    port: int = 0,
+    out: Path | None = None,
+    browser: bool = True,
+    token: str | None = None,
+) -> None:
+    """Serve the designer on 127.0.0.1 until Ctrl-C, with one BLAS thread.
+
+    Prints the address, whose fragment is the token.
+
+    Parameters
+    ----------
+    session : Session
+        What the designer works on; its learning job is cancelled at the end.
+    port : int
+        Port, 0 for a free one.
+    out : Path, optional
+        Existing folder that gets a copy of every download.
+    browser : bool
+        Open the address in the browser.
+    token : str, optional
+        Secret of the address; None for a random one of 256 bits.
+
+    Raises
+    ------
+    ValueError
+        If ``port`` is no port or ``out`` is no folder.
+    OSError
+        If the port is taken.
+    """
+    if not 0 <= port <= 65535:
+        raise ValueError(f"port: expected 0 to 65535, got {port}")
+    token = secrets.token_urlsafe(32) if token is None else token
+    with socket.socket() as listener, threadpool_limits(limits=1):
+        if os.name == "posix":  # elsewhere this option lets two programs share a port
+            listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        listener.bind(("127.0.0.1", port))
+        listener.listen()  # from here on a browser waits instead of failing
+        port = listener.getsockname()[1]
+        config = uvicorn.Config(
+            create_app(session, port=port, token=token, out=out),
+            log_config=None,
+            log_level="error",
+            access_log=False,
+            server_header=False,
+            proxy_headers=False,
+            ws="none",
+            lifespan="on",
+            limit_concurrency=64,
+            timeout_keep_alive=30,
+            timeout_graceful_shutdown=1,
+        )
+        address = f"http://127.0.0.1:{port}/#token={token}"
+        print(f"the designer is at {address}\nCtrl-C ends it", flush=True)
+        if browser:  # a browser that runs in the terminal would never return
+            threading.Thread(target=webbrowser.open, args=(address,), daemon=True).start()
+        with contextlib.suppress(KeyboardInterrupt):  # uvicorn hands the signal on once it has closed
+            uvicorn.Server(config).run(sockets=[listener])

@@ -1,0 +1,122 @@
+"""The designer in a notebook: an anywidget whose messages are answered in the kernel."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import anywidget
+import traitlets
+
+from ..filter import PhyFilter
+from ..flightlog import FlightLog
+from ..sampled import SampledPhyFilter
+from .handle import Session, handle
+
+__all__ = ["Designer", "designer"]
+
+_FOLDER = Path(__file__).parent
+
+
+class Designer(anywidget.AnyWidget):
+    """A live designer; :func:`designer` makes it.
+
+    Its trait ``design`` is the current design as the front end has it (poles, numerator, sampling, assumptions), for
+    ``observe``.
+
+    Parameters
+    ----------
+    filter : PhyFilter or SampledPhyFilter, optional
+        Where the design begins; None means two poles at -20 rad/s.
+    log : FlightLog or path, optional
+        A recording to try it on; a path is read by :meth:`FlightLog.from_csv`.
+    """
+
+    _esm = (_FOLDER / "designer.js").read_text(encoding="utf-8")
+    _css = (_FOLDER / "designer.css").read_text(encoding="utf-8")
+    design = traitlets.Dict(read_only=True)
+
+    def __init__(
+        self,
+        filter: PhyFilter | SampledPhyFilter | None = None,
+        *,
+        log: FlightLog | str | os.PathLike[str] | None = None,
+    ) -> None:
+        if filter is not None and not isinstance(filter, PhyFilter | SampledPhyFilter):
+            raise TypeError(f"filter: expected a PhyFilter or a SampledPhyFilter, got {filter!r}")
+        recording = log if isinstance(log, FlightLog) or log is None else FlightLog.from_csv(log)
+        self._session = Session(filter, log=recording)
+        super().__init__()
+        self.set_trait("design", self._session.design.as_json())
+        self.on_msg(self._answer)
+
+    @property
+    def filter(self) -> PhyFilter:
+        """The filter that is designed now."""
+        return self._session.filter
+
+    @property
+    def sampled(self) -> SampledPhyFilter:
+        """The same as it runs, sampled as the designer shows.
+
+        Raises
+        ------
+        ValueError
+            If forward Euler diverges.
+        """
+        return self._session.design.sampled
+
+    def close(self) -> None:
+        """Take the designer off the page and end its learning job."""
+        # Widgets that were never opened are closed too, by their own end.
+        session: Session | None = self.__dict__.get("_session")
+        if session is not None:
+            session.close()
+        super().close()
+
+    def _answer(self, widget: anywidget.AnyWidget, message: object, buffers: list[memoryview]) -> None:
+        known = message if isinstance(message, dict) else {}
+        self.send(handle(self._session, known))
+        self.set_trait("design", self._session.design.as_json())
+
+
+def designer(
+    filter: PhyFilter | SampledPhyFilter | None = None,
+    *,
+    log: FlightLog | str | os.PathLike[str] | None = None,
+) -> Designer:
+    """Design a filter interactively, in a notebook.
+
+    While the kernel works, the designer goes on with what the browser can compute; Python's answers follow.
+
+    Parameters
+    ----------
+    filter : PhyFilter or SampledPhyFilter, optional
+        Where the design begins; None means two poles at -20 rad/s. A sampled one brings its step and method.
+    log : FlightLog or path, optional
+        A recording to try it on; a path is read by :meth:`FlightLog.from_csv`.
+
+    Returns
+    -------
+    Designer
+        Show it as the last line of a cell; ``.filter`` is the current design at any time.
+
+    Raises
+    ------
+    TypeError
+        If ``filter`` is something else.
+    ValueError
+        If it is of another size than a designer shows (order 1 to 8, poles of 1e-3 to 1e5 rad/s), or the recording
+        is broken.
+    OSError
+        If the recording cannot be read.
+
+    Examples
+    --------
+    >>> from phyfilter_ctl import PhyFilter
+    >>> from phyfilter_ctl.app.widget import designer
+    >>> live = designer(PhyFilter.from_poles([-20.0, -20.0]))
+    >>> live.filter
+    PhyFilter(a=[400.0, 40.0])
+    """
+    return Designer(filter, log=log)

@@ -1,0 +1,40 @@
+// What the designer's preview computes, for test_preview.py: node preview.mjs designer.js < questions.json
+//
+// A question is {design, omega, below, duration, points}, answered with every curve and figure of the preview, or {call, given},
+// answered with what the exported function of that name returns.
+import { readFileSync } from "node:fs";
+import { pathToFileURL } from "node:url";
+
+const preview = await import(pathToFileURL(process.argv[2]).href);
+const pair = ({ re, im }) => [Array.from(re), Array.from(im)];
+
+function answer({ design, omega, below, duration, points }) {
+  const filter = preview.filterOf(design);
+  const { dt, method } = design.sampling;
+  const sampled = preview.sampledResponse(filter, dt, method, below);
+  const step = preview.stepResponse(filter, duration, points);
+  const F = preview.response(filter, omega);
+  return {
+    a: filter.a,
+    b: filter.b,
+    c: filter.c,
+    type: filter.type,
+    zeros: filter.zeros,
+    F: pair(F),
+    E: pair(preview.errorResponse(filter, omega)),
+    phase: Array.from(preview.polar(F).phase),
+    S: pair(sampled.F),
+    SE: pair(sampled.E),
+    t: Array.from(step.t),
+    step: Array.from(step.F),
+    stepError: Array.from(step.E),
+    noiseGain: preview.noiseGain(filter, dt, method),
+    eulerLimit: preview.eulerLimit(filter),
+    bandwidth: preview.bandwidth(filter),
+    settling: preview.settlingTime(filter),
+  };
+}
+
+const questions = JSON.parse(readFileSync(0, "utf8"));
+const answers = questions.map((question) => (question.call ? (preview[question.call](...question.given) ?? null) : answer(question)));
+process.stdout.write(JSON.stringify(answers));
