@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 from argparse import ArgumentParser, Namespace, RawDescriptionHelpFormatter
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from .diagram import build
@@ -237,15 +238,26 @@ def _tune(options: Namespace) -> int:
 
 def _study(options: Namespace, target: str | None) -> int:
     from phyfilter_ctl._output import write_figure
+    from phyfilter_ctl.models.progress import progress
 
     from . import study
+    from .study_picture import draw
+    from .study_points import Grid
+    from .study_report import figures, table
 
-    found = study.run(_seeds(options), quick=options.quick, scheduler=options.scheduler, quiet=options.quiet)
+    grid = Grid()
+    if options.quick:
+        few = tuple(range(2))
+        grid = Grid(few, few, 3, 2, 2, (0, 6), (0.0, 1.0, 2.0), _QUICK_DURATION)
+    if options.seeds is not None:
+        grid = replace(grid, seeds=tuple(range(options.seeds)))
+    with progress(study.steps(grid=grid), options.quiet) as say:
+        found = study.study(grid=grid, report=say, scheduler=options.scheduler)
     if options.json != "-":
-        print(study.table(found))
-    _write_json(options, study.figures(found))
+        print(table(found))
+    _write_json(options, figures(found))
     if target is not None:
-        write_figure(target, study.draw(found))
+        write_figure(target, draw(found))
     return 0
 
 

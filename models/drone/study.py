@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import lru_cache, partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -129,6 +129,8 @@ class Study:
         best: dict[tuple[float, float], tuple[float, str]] = {}
         for family, curve in self.curves("map").items():
             for outcome in curve:
+                if scenario not in outcome.errors:
+                    continue
                 point, entry = outcome.point, (outcome.spread(scenario).median, family)
                 # SEER-I has no filter whose bandwidth could be varied: it stands in every column.
                 for w in self.map_bandwidths if family == "seer" else (point.value,):
@@ -194,16 +196,24 @@ def evaluate(
     return Outcome(point, errors, found, variant.method.position_bandwidth)
 
 
+@lru_cache(maxsize=256)
 def _with_margin(variant: Variant, model: Chebyshev, needed: bool) -> tuple[Variant, float]:
-    """The variant and its margin; where one is needed, with the fastest outer loop up to its own that has it."""
+    """The variant and its margin; where one is needed, with the fastest outer loop that has it, as the tuning does."""
     tuning, found = params().tuning, margin(variant, model)
-    while needed and found < tuning.modulus_margin:
-        slower = variant.method.position_bandwidth - tuning.step
-        if slower < tuning.slowest:
-            break
-        variant = replace(variant, method=replace(variant.method, position_bandwidth=slower))
-        found = margin(variant, model)
-    return variant, found
+    if not needed:
+        return variant, found
+    step = tuning.step if found >= tuning.modulus_margin else -tuning.step
+    while True:
+        w = round(variant.method.position_bandwidth + step, 6)
+        if not tuning.slowest <= w <= tuning.fastest:
+            return variant, found
+        following = replace(variant, method=replace(variant.method, position_bandwidth=w))
+        held = margin(following, model)
+        if step > 0.0 and held < tuning.modulus_margin:
+            return variant, found
+        variant, found = following, held
+        if step < 0.0 and held >= tuning.modulus_margin:
+            return variant, found
 
 
 def records(

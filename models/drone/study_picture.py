@@ -127,7 +127,7 @@ def _margins(axes: Axes, study: Study, letter: str) -> None:
         for known, where in study.limits.all.items():
             if known in _FAMILIES and np.isfinite(where):
                 axes.plot(where, 0.0, "x", color=_FAMILIES[known], ms=7, mew=1.6, clip_on=False)
-        axes.plot([], [], "kx", ms=6, label="breaks, motors as modelled")
+        axes.plot([], [], "kx", ms=6, label="observer breaks, motors as modelled")
     wanted = params().tuning.modulus_margin
     axes.axhline(wanted, color="0.5", lw=0.8, ls=":", label="asked for in tuning")
     axes.set(xlabel=_LABELS["g"], ylabel="Modulus margin", ylim=(0.0, None))
@@ -189,6 +189,11 @@ def _map(axes: Axes, study: Study, scenario: Scenario, letter: str) -> None:
     axes.set(xlabel=_LABELS["map"], ylabel="Circle [rad/s]")
     handles = [Patch(color=colour, label=NAMES[name]) for colour, name in zip(colours, MAPPED, strict=True)]
     axes.legend(
-        handles=handles, fontsize="xx-small", ncols=3, loc="lower center", bbox_to_anchor=(0.5, -0.42)
+        handles=handles,
+        fontsize="xx-small",
+        ncols=3,
+        loc="upper center",
+        bbox_to_anchor=(0.5, -0.18),
+        frameon=False,
     )
     dress(axes, f"{letter}  Who wins, {'with wind' if scenario == 'wind' else 'unknown mass only'}; cm")

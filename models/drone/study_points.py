@@ -106,7 +106,7 @@ class Point:
     with_margin : bool
         Whether its modulus margin is taken.
     needs_margin : bool
-        Whether it is flown with the margin of ``params.toml`` only, the outer loop made slower until it has it.
+        Whether it is flown with the margin of ``params.toml`` only, the outer loop as fast as that lets it be.
     """
 
     axis: AxisName
@@ -162,7 +162,8 @@ def plan(
     axes : sequence of str
         Of ``AXES``.
     methods : mapping
-        As tuned. All filters fly with the outer loop and the SEER-I of the tuned PhyFilter.
+        As tuned. On the axes ``g`` and ``order`` all filters fly with the outer loop of the tuned PhyFilter, on ``map``
+        and ``learned`` with the fastest that has the margin.
     grid : Grid
     learned : sequence of LearnedFilter
         For the axis of that name.
@@ -223,15 +224,16 @@ def _conditions(axis: AxisName, name: str, method: Method, grid: Grid) -> Iterat
 
 
 def _map(methods: Mapping[MethodName, Method], grid: Grid) -> Iterator[Point]:
-    ours = methods["phyfilter"]
+    """Each with the fastest outer loop that has the margin: the margins are the same, the outer loops are not."""
+    seer = methods["seer"]
+    filters: tuple[MethodName, ...] = ("observer", "phyfilter")
     for speed in np.geomspace(*_SPEEDS, grid.map_speeds):
         fast = round(float(speed), 3)
-        seer = replace(methods["seer"], position_bandwidth=ours.position_bandwidth)
         yield Point("map", "seer", seer.bandwidth, Variant(seer), speed=fast)
         for w in bandwidths(grid.map_bandwidths):
-            for name in ("observer", "phyfilter"):
-                method = replace(ours, name=name, bandwidth=w)
-                yield Point("map", name, w, Variant(method), speed=fast)
+            for name in filters:
+                variant = Variant(methods[name].with_bandwidth(w))
+                yield Point("map", name, w, variant, speed=fast, with_margin=True, needs_margin=True)
 
 
 def bandwidths(count: int) -> tuple[float, ...]:

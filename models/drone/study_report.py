@@ -101,7 +101,7 @@ def _learned(study: Study) -> list[str]:
         lines.append(_row(f"  {label('learned', family)}", [*errors, *found]))
     wanted = params().tuning.modulus_margin
     lines.append(
-        f"  outer: its bandwidth in rad/s, the fastest up to the tuned one with margin {wanted:g}; not: none has it"
+        f"  outer: its bandwidth in rad/s, the fastest with a margin of {wanted:g}; not: none has it"
     )
     return lines
 
@@ -116,7 +116,7 @@ def _map(study: Study, scenario: Scenario) -> list[str]:
             for w in study.map_bandwidths
         ]
         lines.append(_row(f"  {speed:.2f}", cells))
-    lines.append("  P PhyFilter, O observer, S SEER-I; the outer loop is the same for all three")
+    lines.append("  P PhyFilter, O observer, S SEER-I; each with the fastest outer loop that has the margin")
     return lines
 
 

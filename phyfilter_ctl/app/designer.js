@@ -1047,10 +1047,19 @@ class Chart {
     context.fillStyle = palette.muted;
     context.textAlign = "center";
     context.textBaseline = "top";
+    const columns = vertical.map(({ value, minor }) => ({ at: Math.round(this.px(value)) + 0.5, minor }));
+    const rows = horizontal.map(({ value, minor }) => ({ at: Math.round(this.py(value)) + 0.5, minor }));
+    for (const faint of [true, false]) {
+      // One path for all lines of a colour: a drag draws this in every frame.
+      context.strokeStyle = faint ? palette.faint : palette.grid;
+      context.beginPath();
+      for (const { at, minor } of columns) if (Boolean(minor) === faint) line(context, [at, this.top, at, bottom]);
+      for (const { at, minor } of rows) if (Boolean(minor) === faint) line(context, [MARGIN.left, at, right, at]);
+      context.stroke();
+    }
     let free = -Infinity;
-    for (const { value, text, minor } of vertical) {
+    for (const { value, text } of vertical) {
       const at = Math.round(this.px(value)) + 0.5;
-      stroke(context, minor ? palette.faint : palette.grid, [at, this.top, at, bottom]);
       const half = text ? context.measureText(text).width / 2 : 0;
       if (!text || at - half < free || at + half > width) continue;
       context.fillText(text, at, bottom + 6);
@@ -1058,10 +1067,8 @@ class Chart {
     }
     context.textAlign = "right";
     context.textBaseline = "middle";
-    for (const { value, text, minor } of horizontal) {
-      const at = Math.round(this.py(value)) + 0.5;
-      stroke(context, minor ? palette.faint : palette.grid, [MARGIN.left, at, right, at]);
-      if (text) context.fillText(text, MARGIN.left - 7, at);
+    for (const { value, text } of horizontal) {
+      if (text) context.fillText(text, MARGIN.left - 7, Math.round(this.py(value)) + 0.5);
     }
     context.fillStyle = palette.muted;
     context.textAlign = "center";
@@ -1122,12 +1129,17 @@ class Chart {
 }
 
 /** @param {CanvasRenderingContext2D} context @param {string} colour @param {number[]} ends */
-function stroke(context, colour, [x1, y1, x2, y2]) {
+function stroke(context, colour, ends) {
   context.strokeStyle = colour;
   context.beginPath();
+  line(context, ends);
+  context.stroke();
+}
+
+/** @param {CanvasRenderingContext2D} context @param {number[]} ends */
+function line(context, [x1, y1, x2, y2]) {
   context.moveTo(x1, y1);
   context.lineTo(x2, y2);
-  context.stroke();
 }
 
 /** @param {number[]} range @param {number} count @param {boolean} [degrees] */
@@ -1753,7 +1765,7 @@ class Designer {
     if (current) this.compare(reply);
     this.showMessages(reply.messages ?? []);
     this.showComparison();
-    this.paint();
+    this.showNumbers(); // the curves are the preview's: they stand already
     if (asked) this.measure("drag-to-answer", asked);
     if (this.failed) this.say("");
     if (this.log && current && (!this.dragging || performance.now() - (this.estimatedAt ?? 0) > 200)) void this.askEstimate();

@@ -17,7 +17,8 @@ import socket
 import threading
 import uuid
 import webbrowser
-from collections.abc import AsyncIterator, Mapping
+from collections.abc import AsyncIterator, Callable, Mapping
+from functools import partial
 from pathlib import Path
 from typing import NoReturn
 
@@ -39,6 +40,7 @@ __all__ = ["TOKEN_HEADER", "create_app", "serve"]
 TOKEN_HEADER = "x-phyfilter-token"
 LARGEST_LOG = 25_000_000  # bytes of a request that carries a recording
 LARGEST_OTHER = 1_000_000  # bytes of any other
+QUICKLY_READ = 100_000  # bytes of JSON that are read without a thread
 BODY_SECONDS = 30.0  # a request must have arrived by then
 WAITING = (
     8  # requests of one kind that may queue (the page sends one at a time); all fit in anyio's 40 threads
@@ -162,11 +164,11 @@ class _Lane:
             self._waiting += 1
             return True
 
-    def run(self, session: Session, message: dict[str, object]) -> Reply:
-        """Answer in a thread; one that was given up on still holds its turn until it ends."""
+    def run(self, work: Callable[[], str]) -> str:
+        """Work in this thread, in turn; what was given up on still holds its turn until it ends."""
         try:
             with self._turn:
-                return handle(session, message)
+                return work()
         finally:
             with self._count:
                 self._waiting -= 1
@@ -184,27 +186,29 @@ class _Desk:
     async def message(self, request: Request) -> Response:
         try:
             body = await _body(request)
-            message = await anyio.to_thread.run_sync(_message, body)
-            reply = await self._answer(message)
-            return _json(await anyio.to_thread.run_sync(_text, reply))
+            small = len(body) <= QUICKLY_READ
+            message = _message(body) if small else await anyio.to_thread.run_sync(_message, body)
+            return _json(await self._answer(message))
         except _RefusedError as refused:
             return _refusal(refused)
 
-    async def _answer(self, message: dict[str, object]) -> Reply:
+    async def _answer(self, message: dict[str, object]) -> str:
         op = message.get("op")
         lane = self._lanes[self._lane_of.get(op, "design") if isinstance(op, str) else "design"]
         if not lane.enter():
-            return _failed(message, "Python is busy: wait for its answers, then try again")
+            return _text(_failed(message, "Python is busy: wait for its answers, then try again"))
+        # All of it in one thread: on a busy machine every change of threads costs milliseconds.
+        work = partial(self._work, message)
         try:
             with anyio.fail_after(lane.seconds):
-                reply = await anyio.to_thread.run_sync(
-                    lane.run, self._session, message, abandon_on_cancel=True
-                )
+                return await anyio.to_thread.run_sync(lane.run, work, abandon_on_cancel=True)
         except TimeoutError:
-            return _failed(
-                message, f"no answer within {lane.seconds:g} s: use fewer poles or a shorter recording"
-            )
-        return reply if self._out is None else await anyio.to_thread.run_sync(self._keep, message, reply)
+            error = f"no answer within {lane.seconds:g} s: use fewer poles or a shorter recording"
+            return _text(_failed(message, error))
+
+    def _work(self, message: dict[str, object]) -> str:
+        reply = handle(self._session, message)
+        return _text(reply if self._out is None else self._keep(message, reply))
 
     def _keep(self, message: Mapping[str, object], reply: Reply) -> Reply:
         """Write a download under the folder of --out too."""
@@ -380,7 +384,11 @@ def serve(
     if not 0 <= port <= 65535:
         raise ValueError(f"port: expected 0 to 65535, got {port}")
     token = secrets.token_urlsafe(32) if token is None else token
-    with socket.socket() as listener, threadpool_limits(limits=1):
+    # Named as TCP, or the event loop does not switch off the delay of small packets: 40 ms on every answer.
+    with (
+        socket.socket(socket.AF_INET, socket.SOCK_STREAM, socket.IPPROTO_TCP) as listener,
+        threadpool_limits(limits=1),
+    ):
         if os.name == "posix":  # elsewhere this option lets two programs share a port
             listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         listener.bind(("127.0.0.1", port))
