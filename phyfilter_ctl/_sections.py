@@ -8,6 +8,10 @@ size of the residual that drives it:
 
 ``v`` is the section before (or the input of the chain). The pair tends to two equal real poles as omega -> 0, so
 repeated and nearly repeated poles need no special case. N enters as a combination of the states.
+
+The fastest section comes first: each state then passes what lies below its own pole, and the weights are about the
+steps of F from one pole to the next. Slowest first, no state would pass more than the slowest pole lets through, and
+weights that grow with the ratio of the poles, and cancel, would have to bring the rest back.
 """
 
 from __future__ import annotations
@@ -120,17 +124,24 @@ def pair_conjugates(poles: ComplexArray, tolerance: float = 1e-9) -> ComplexArra
     return sort_poles(np.array(kept, dtype=np.complex128))
 
 
+def _fastest_first(poles: ComplexArray) -> ComplexArray:
+    """Sorted poles turned round, of each pair the positive imaginary part again first: the order of the chain."""
+    return poles[::-1].conj()
+
+
 def chain(poles: ComplexArray) -> tuple[FloatArray, FloatArray]:
     """State matrix A (n, n) of the chain of sections and its equilibrium for a unit input (n,).
 
-    The input vector is ``-A @ equilibrium``; it is zero but for the first section.
+    ``poles`` as :func:`sort_poles` has them, slowest first; the chain begins with the fastest. The input vector is
+    ``-A @ equilibrium``; it is zero but for the first section.
     """
     n = len(poles)
+    p = _fastest_first(poles)
     A = np.zeros((n, n))
     equilibrium = np.ones(n)
     i = 0
     while i < n:
-        pole = poles[i]
+        pole = p[i]
         if pole.imag == 0.0:
             A[i, i] = pole.real
             if i:
@@ -158,7 +169,7 @@ def chain_output(poles: ComplexArray, a: FloatArray, b: FloatArray) -> FloatArra
     # In s / scale all coefficients are of one size. Numerator of state i: the gains up to it times the
     # denominators after it, so its degree falls by one a state and the system is triangular.
     scale = abs(a[0]) ** (1.0 / n)
-    p = poles / scale
+    p = _fastest_first(poles) / scale
     columns = np.zeros((n, n))
     gain, i = 1.0, 0
     while i < n:

@@ -172,7 +172,7 @@ class PhyFilter:
 
     @cached_property
     def sections(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Chain of first- and second-order sections of unit gain: (A, equilibrium, C).
+        """Chain of first- and second-order sections of unit gain, the fastest pole first: (A, equilibrium, C).
 
         Returns
         -------

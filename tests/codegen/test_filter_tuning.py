@@ -145,6 +145,26 @@ def test_chain_is_the_filter(tune):
         assert C @ equilibrium == pytest.approx(b[0] / a[0], rel=4e-16, abs=4e-16 * np.abs(C).sum())
 
 
+def test_chain_keeps_its_digits_over_five_decades(tune):
+    """The weights stay of the size of F because the fastest section comes first, as in Python."""
+    rng = np.random.default_rng(8)
+    for n in range(2, 9):
+        poles = PhyFilter.from_poles(-np.geomspace(1e-2, 1e3, n)).poles
+        if n > 3:
+            poles = _sections.sort_poles(np.append(poles[:-2], [-40 + 30j, -40 - 30j]))
+        a = _sections.polynomial_from_roots(poles)
+        b = a * rng.uniform(0.2, 1.5, n) * rng.choice([-1.0, 1.0], n)
+        expected = PhyFilter(a, b, poles=poles).sections
+        for ours, python in zip(tune.chain(poles, a, b), expected, strict=True):
+            np.testing.assert_allclose(ours, python, rtol=AGREE, atol=AGREE * np.abs(python).max())
+        for s in 1j * np.geomspace(1e-3, 1e4, 8):
+            response = tune.chain(poles, a, b)[2] @ np.linalg.solve(
+                s * np.eye(n) - expected[0], -expected[0] @ expected[1]
+            )
+            wanted = np.polyval(b[::-1], s) / np.prod(s - poles)
+            assert abs(response - wanted) < AGREE * np.max(np.abs(b / a))
+
+
 def test_lowpass_is_the_last_section(tune):
     _, _, C = tune.chain(np.array([-3.0, -4.0], dtype=complex), [12.0, 7.0], [12.0, 0.0])
     assert C.tolist() == [0.0, 1.0]

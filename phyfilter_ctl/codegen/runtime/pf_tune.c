@@ -16,10 +16,19 @@ void pf_polynomial(int n, const double *poles, double *a) {
 
 /* -- the chain of sections ------------------------------------------------------------------------------------------ */
 
+/* Pole i of the chain, which begins with the fastest: slowest first, weights of the states would grow with the ratio of
+ * the poles, and cancel. Of a pair the positive imaginary part again comes first. */
+static pf_complex chained(int n, const double *poles, int i) {
+  const double *const pole = &poles[2 * (n - 1 - i)];
+  const pf_complex p = {pole[0], -pole[1]};
+  return p;
+}
+
 void pf_chain(int n, const double *poles, double *A, double *equilibrium) {
   for (int i = 0; i < n * n; i++) A[i] = 0.0;
   for (int i = 0; i < n; i++) {
-    const double re = poles[2 * i], im = poles[2 * i + 1];
+    const pf_complex p = chained(n, poles, i);
+    const double re = p.re, im = p.im;
     equilibrium[i] = 1.0;
     A[i * n + i] = re;
     if (im == 0.0) {
@@ -37,12 +46,13 @@ void pf_chain(int n, const double *poles, double *A, double *equilibrium) {
   }
 }
 
-/* prod (s - p) of the poles from `first` on, ascending with the leading 1, in units of `unit`. */
+/* prod (s - p) of the poles of the chain from `first` on, ascending with the leading 1, in units of `unit`. */
 static void denominator(int n, int first, const double *poles, double unit, double *d) {
   pf_complex z[PF_MAX_ORDER];
   for (int i = first; i < n; i++) {
-    z[i - first].re = poles[2 * i] / unit;
-    z[i - first].im = poles[2 * i + 1] / unit;
+    const pf_complex p = chained(n, poles, i);
+    z[i - first].re = p.re / unit;
+    z[i - first].im = p.im / unit;
   }
   pf_expand_(n - first, z, d);
   d[n - first] = 1.0;
@@ -63,7 +73,8 @@ void pf_chain_output(int n, const double *poles, const double *a, const double *
   unit = pf_power_of_two_(pf_exponent_(a[0]) / n);
   for (int i = 0; i < n * n; i++) columns[i] = 0.0;
   for (int i = 0; i < n; i++) {
-    const double re = poles[2 * i] / unit, im = poles[2 * i + 1] / unit;
+    const pf_complex p = chained(n, poles, i);
+    const double re = p.re / unit, im = p.im / unit;
     if (im == 0.0) {
       gain *= -re;
       denominator(n, i + 1, poles, unit, later);

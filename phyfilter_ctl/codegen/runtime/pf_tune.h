@@ -21,7 +21,8 @@ int pf_sort_poles(int n, double *poles);
 /* pf_tune.c from here on. a[0..n-1] of the monic polynomial with these roots. */
 void pf_polynomial(int n, const double *poles, double *a);
 
-/* The chain of sections of unit gain, w' = A (w - equilibrium u), and the row C with C w = F u for F = N/D. */
+/* The chain of sections of unit gain, the fastest first: w' = A (w - equilibrium u), and the row C with C w = F u for
+ * F = N/D. */
 void pf_chain(int n, const double *poles, double *A, double *equilibrium);
 void pf_chain_output(int n, const double *poles, const double *a, const double *b, double *C);
 
