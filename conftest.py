@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import doctest
-from collections.abc import Generator
+import sys
+from collections.abc import Generator, Iterator
 from functools import cache
 
 import pytest
@@ -37,6 +38,14 @@ def _caused_by_it(error: BaseException | None) -> bool:
             causes.append(cause.exc_info[1])
         causes += [cause.__cause__, cause.__context__]
     return False
+
+
+@pytest.fixture(autouse=True)
+def _no_figures_left() -> Iterator[None]:
+    """Close what a test drew: python-control draws the next one into the figure that is open."""
+    yield
+    if "matplotlib.pyplot" in sys.modules:
+        sys.modules["matplotlib.pyplot"].close("all")
 
 
 @pytest.hookimpl(wrapper=True)

@@ -76,7 +76,8 @@ def draw(study: Study) -> Figure:
         else:
             _errors(axes, axis, study.curves(axis), letter)
     figure.suptitle(
-        f"Mean |e| on the circle: median of {len(study.grid.seeds)} flights a point, bands from quartile to quartile; "
+        f"Mean |e| on the circle: median of {len(study.grid.seeds)} flights a point "
+        f"({len(study.grid.map_seeds)} on maps), bands from quartile to quartile; "
         "solid with wind, dashed with unknown mass only",
         fontsize="medium",
     )
@@ -177,7 +178,7 @@ def _map(axes: Axes, study: Study, scenario: Scenario, letter: str) -> None:
             axes.text(
                 j + 0.5,
                 i + 0.5,
-                f"{NAMES[winners[w, v]][0]} {100.0 * medians[w, v]:.1f}",
+                f"{NAMES[winners[w, v]][0].upper()} {100.0 * medians[w, v]:.1f}",
                 ha="center",
                 va="center",
                 fontsize="xx-small",
