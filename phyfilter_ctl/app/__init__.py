@@ -39,8 +39,13 @@ def designer(
     ------
     ImportError
         Without the extra ``notebook``.
-    TypeError, ValueError, OSError
-        For a filter or a recording that the designer cannot show or read.
+    TypeError
+        If ``filter`` is something else.
+    ValueError
+        If it is of another size than a designer shows (order 1 to 8, poles of 1e-3 to 1e5 rad/s), or the recording is
+        broken.
+    OSError
+        If the recording cannot be read.
 
     Notes
     -----

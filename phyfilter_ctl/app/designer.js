@@ -758,6 +758,11 @@ function filled(element, given, children) {
   return element;
 }
 
+/** Text that may stand already. @param {Element} element @param {string} text */
+function write(element, text) {
+  if (element.textContent !== text) element.textContent = text;
+}
+
 /** A number at so many significant digits, short. @param {number | null | undefined} value @param {number} [digits] */
 export function short(value, digits = 4) {
   if (value === null || value === undefined || Number.isNaN(value)) return "–";
@@ -2686,14 +2691,15 @@ class Designer {
     this.plane.measure();
     if (first && this.plane.width) this.plane.fit();
     this.computeCurves();
+    // Canvases before text: text on a canvas makes the browser lay out whatever has changed, once for every change.
+    this.drawStep();
+    if (this.log) this.drawLog();
+    this.drawBode();
     this.plane.euler = this.state.sampling.method === "euler" ? this.state.sampling.dt : null;
     this.plane.draw();
     this.showTable();
     this.showKnobs();
     this.showNumbers();
-    this.drawBode();
-    this.drawStep();
-    if (this.log) this.drawLog();
     this.fresh = false;
   }
 
@@ -2862,8 +2868,8 @@ class Designer {
       const note = number?.note ?? "";
       const unit = number?.unit ?? { bandwidth: "rad/s", settling: "s", euler_dt: "s", noise_gain: "1/s", noise: this.state.assume.unit }[key] ?? "";
       const [text, shownUnit] = value === null && /^no (upper |lower )?limit/.test(note) ? ["∞", ""] : inUnit(value, unit);
-      card.value.textContent = text;
-      card.unit.textContent = text === "∞" || text === "–" ? "" : shownUnit;
+      write(card.value, text);
+      write(card.unit, text === "∞" || text === "–" ? "" : shownUnit);
       card.element.setAttribute("data-value", value === null ? "" : String(value));
       card.element.classList.toggle("pf-waiting", stale && !own);
       card.element.classList.toggle("pf-bad", /^unstable|is unstable/.test(note) && !live);
@@ -2945,7 +2951,7 @@ class Designer {
     const { readout } = this.parts;
     const w = this.cursorAt;
     if (w === null) {
-      readout.textContent = "Point at a curve to read it.";
+      write(readout, "Point at a curve to read it.");
       return;
     }
     const value = (curve) => {

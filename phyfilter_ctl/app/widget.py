@@ -13,7 +13,7 @@ from ..flightlog import FlightLog
 from ..sampled import SampledPhyFilter
 from .handle import Session, handle
 
-__all__ = ["Designer", "designer"]
+__all__ = ["Designer"]
 
 _FOLDER = Path(__file__).parent
 
@@ -78,45 +78,3 @@ class Designer(anywidget.AnyWidget):
         known = message if isinstance(message, dict) else {}
         self.send(handle(self._session, known))
         self.set_trait("design", self._session.design.as_json())
-
-
-def designer(
-    filter: PhyFilter | SampledPhyFilter | None = None,
-    *,
-    log: FlightLog | str | os.PathLike[str] | None = None,
-) -> Designer:
-    """Design a filter interactively, in a notebook.
-
-    While the kernel works, the designer goes on with what the browser can compute; Python's answers follow.
-
-    Parameters
-    ----------
-    filter : PhyFilter or SampledPhyFilter, optional
-        Where the design begins; None means two poles at -20 rad/s. A sampled one brings its step and method.
-    log : FlightLog or path, optional
-        A recording to try it on; a path is read by :meth:`FlightLog.from_csv`.
-
-    Returns
-    -------
-    Designer
-        Show it as the last line of a cell; ``.filter`` is the current design at any time.
-
-    Raises
-    ------
-    TypeError
-        If ``filter`` is something else.
-    ValueError
-        If it is of another size than a designer shows (order 1 to 8, poles of 1e-3 to 1e5 rad/s), or the recording
-        is broken.
-    OSError
-        If the recording cannot be read.
-
-    Examples
-    --------
-    >>> from phyfilter_ctl import PhyFilter
-    >>> from phyfilter_ctl.app.widget import designer
-    >>> live = designer(PhyFilter.from_poles([-20.0, -20.0]))
-    >>> live.filter
-    PhyFilter(a=[400.0, 40.0])
-    """
-    return Designer(filter, log=log)

@@ -50,7 +50,7 @@ def wire(monkeypatch):
 
 
 def test_the_front_end_gets_module_and_style():
-    live = widget.designer()
+    live = pf.designer()
     opened = live.comm.__dict__["sent"][0]
     assert opened[0] == "comm_open"
     state = opened[1]["state"]
@@ -62,7 +62,7 @@ def test_the_front_end_gets_module_and_style():
 
 
 def test_a_message_is_answered_as_on_the_page():
-    live, page = widget.designer(), Session()
+    live, page = pf.designer(), Session()
     for message in (
         {"id": 1, "op": "hello"},
         {"id": 2, "op": "design", "design": DESIGN},
@@ -74,7 +74,7 @@ def test_a_message_is_answered_as_on_the_page():
 
 
 def test_the_filter_is_the_one_on_the_screen():
-    live = widget.designer(pf.PhyFilter.from_poles([-7.0]))
+    live = pf.designer(pf.PhyFilter.from_poles([-7.0]))
     seen = []
     live.observe(lambda change: seen.append(change["new"]), "design")
     assert live.filter == pf.PhyFilter.from_poles([-7.0])
@@ -91,7 +91,7 @@ def test_the_filter_is_the_one_on_the_screen():
 
 
 def test_a_sampled_filter_brings_its_sampling():
-    live = widget.designer(pf.PhyFilter.from_poles([-7.0, -8.0]).sampled(0.004, "tustin"))
+    live = pf.designer(pf.PhyFilter.from_poles([-7.0, -8.0]).sampled(0.004, "tustin"))
     assert live.design["sampling"] == {"dt": 0.004, "method": "tustin"}
     assert live.sampled.method == "tustin"
 
@@ -107,13 +107,13 @@ def log() -> pf.FlightLog:
 def test_a_recording_comes_along(kind, tmp_path):
     path = tmp_path / "flight.csv"
     path.write_text("t,vx,vy,vz\n" + "".join(f"{0.01 * k},{k},0,1\n" for k in range(30)))
-    live = widget.designer(log={"log": log(), "path": path, "text": str(path)}[kind])
+    live = pf.designer(log={"log": log(), "path": path, "text": str(path)}[kind])
     summary = live.comm.send_in({"id": 1, "op": "hello"})["log"]
     assert summary["samples"] == (2000 if kind == "log" else 30)
 
 
 def test_learning_runs_beside_the_kernel_and_ends_with_the_widget():
-    live = widget.designer(log=log())
+    live = pf.designer(log=log())
     job = live.comm.send_in({"id": 1, "op": "learn", "order": 1, "form": "lowpass"})["job"]
     before = time.monotonic()
     while (reply := live.comm.send_in({"id": 2, "op": "job", "job": job}))["state"] == "running":
@@ -128,13 +128,13 @@ def test_learning_runs_beside_the_kernel_and_ends_with_the_widget():
 
 
 def test_two_designers_share_nothing():
-    one, other = widget.designer(), widget.designer()
+    one, other = pf.designer(), pf.designer()
     one.comm.send_in({"id": 1, "op": "design", "design": DESIGN})
     assert other.filter != one.filter
 
 
 def test_what_is_not_a_message_is_answered_or_ignored():
-    live = widget.designer()
+    live = pf.designer()
     for nonsense in (None, 1, "x", [1], {"id": None}, {"id": 1, "op": ["design"]}):
         reply = live.comm.send_in(nonsense)
         assert reply is None or not reply["ok"]
@@ -143,8 +143,8 @@ def test_what_is_not_a_message_is_answered_or_ignored():
 
 def test_bad_arguments_are_refused(tmp_path):
     with pytest.raises(TypeError, match="expected a PhyFilter"):
-        widget.designer([400.0, 40.0])
+        pf.designer([400.0, 40.0])
     with pytest.raises(ValueError, match="1 to 8 poles"):
-        widget.designer(pf.PhyFilter.from_poles([-1.0] * 9))
+        pf.designer(pf.PhyFilter.from_poles([-1.0] * 9))
     with pytest.raises(OSError, match="none"):
-        widget.designer(log=tmp_path / "none.csv")
+        pf.designer(log=tmp_path / "none.csv")

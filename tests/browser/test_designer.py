@@ -54,13 +54,6 @@ SHOWN = 6e-4
 # Poles that went through typed values and products of them.
 SAME = 1e-12
 
-_SERVE = """
-import argparse
-from phyfilter_ctl.cli import app
-parser = argparse.ArgumentParser()
-app.add_arguments(parser)
-app.main(parser.parse_args())
-"""
 ENVIRONMENT = {**os.environ, "PYTHONPATH": str(Path(pf.__file__).parents[1])}
 
 
@@ -161,7 +154,7 @@ def browser() -> Iterator[Any]:
 def served(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Served]:
     out = tmp_path_factory.mktemp("out")
     process = subprocess.Popen(
-        [sys.executable, "-c", _SERVE, "--no-browser", "--out", str(out)],
+        [sys.executable, "-m", "phyfilter_ctl", "app", "--no-browser", "--out", str(out)],
         stdout=subprocess.PIPE,
         text=True,
         env=ENVIRONMENT,
@@ -524,10 +517,7 @@ def test_it_can_be_read(browser: Any, served: Served, scheme: str, width: int) -
 # -- the notebook ---------------------------------------------------------------------------------------------------
 
 CELLS = [
-    "import phyfilter_ctl as pf\n"
-    "from phyfilter_ctl.app.widget import designer\n"
-    "live = designer(pf.PhyFilter.from_poles([-20.0, -20.0]))\n"
-    "live",
+    "import phyfilter_ctl as pf\nlive = pf.designer(pf.PhyFilter.from_poles([-20.0, -20.0]))\nlive",
     "import json, os\nprint('kernel', os.getpid(), json.dumps(sorted(live.filter.poles.real)), 'end')",
 ]
 
