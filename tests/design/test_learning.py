@@ -417,5 +417,7 @@ def test_a_fit_down_to_rounding_has_a_wiener_floor() -> None:
     t = dt * np.arange(n)
     f = np.stack([np.sin((1 + i) * t) + 0.5 * np.sin(7.0 * t + i) for i in range(3)], axis=1)
     noise = 1e-3 * np.random.default_rng(0).standard_normal((n, 3))
-    result = learn(FlightLog.from_arrays(x=dt * np.cumsum(f, axis=0) + noise, dt=dt, label=f), 4, form="general")
+    result = learn(
+        FlightLog.from_arrays(x=dt * np.cumsum(f, axis=0) + noise, dt=dt, label=f), 4, form="general"
+    )
     assert result.wiener is not None
