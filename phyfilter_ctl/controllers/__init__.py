@@ -4,6 +4,7 @@ from .allocation import allocate
 from .attitude import AttitudeGains, attitude_error, attitude_gains
 from .indi import indi
 from .known_force import KnownForce, known_force
+from .known_torque import known_torque
 from .l1_adaptive import l1_adaptive
 from .planner import (
     CooperativePlanner,
@@ -32,6 +33,7 @@ __all__ = [
     "follow",
     "indi",
     "known_force",
+    "known_torque",
     "l1_adaptive",
     "position_controller",
 ]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from ..blocks.sampled import SampledBlock, sampled_block
 from ..plants.algebra import Array, cross, dot, norm, quaternion_product, rotate, rotate_back, stack, where
@@ -166,15 +166,18 @@ def attitude_controller(
     tilt_max: float = 1.0,
     lift_min: float = 0.1,
     yaw: float = 0.0,
+    trim: ArrayLike | None = None,
+    torque_estimate: bool = False,
     period: float,
     name: str = "attitude",
 ) -> SampledBlock:
     """Rotor thrusts that point the thrust of a multirotor along a wanted force, and make it as large.
 
         z      = direction of F + tilt_lead m j_ref
-        tau    = J (kR e + kw (omega_ref - omega)) + omega x J omega,     omega_ref = R' (z x z'),  F' = m j_ref
+        tau    = J (kR e + kw (omega_ref - omega)) + omega x J omega - tau_hat
+        omega_ref = R' (z x z'),  F' = m j_ref
         T      = (F + thrust_lead m j_ref) . R e_z
-        rotors = allocate(T, (1 + motor_lag s)/(1 + lead_filter s) tau)
+        rotors = allocate(T, (1 + motor_lag s)/(1 + lead_filter s) tau - trim)
 
     with the attitude error e of :func:`attitude_error` from the measured attitude R to the one whose z axis is z at
     heading ``yaw``, and :func:`allocate` for the limits.
@@ -214,6 +217,11 @@ def attitude_controller(
         Least vertical part of F that is made, as a share of m g; it also gives z a meaning where F is 0.
     yaw : float
         Wanted heading in rad.
+    trim : (3,) array, optional
+        Known constant torque on the body, such as the weight of an arm, in N m, that the rotors make up. None means
+        none, and no parameter.
+    torque_estimate : bool
+        Whether there is an input tau_hat, the estimate of an unknown torque; without it tau_hat is 0.
     period : float
         Sampling interval in seconds.
     name : str
@@ -222,8 +230,9 @@ def attitude_controller(
     Returns
     -------
     SampledBlock
-        Inputs F (N, world), q, omega (rad/s, body) and j_ref (m/s^3, world), output thrust (N, command to each rotor).
-        All arguments but ``delay`` and ``period`` are parameters of the block, gains with two entries.
+        Inputs F (N, world), q, omega (rad/s, body), j_ref (m/s^3, world) and, if asked for, tau_hat (N m, body); output
+        thrust (N, command to each rotor). All numbers but ``delay`` and ``period`` are parameters of the block, gains
+        with two entries.
 
     Raises
     ------
@@ -284,13 +293,19 @@ def attitude_controller(
         error = attitude_error(u.q, _attitude(z, p.yaw))
         angular = each_axis(p.kR) * error + each_axis(p.kw) * (p.rate_feedforward * turning - u.omega)
         torque = p.J * angular + cross(u.omega, p.J * u.omega)
+        if torque_estimate:
+            torque = torque - u.tau_hat
         sharpness = p.motor_lag / p.lead_filter
         led = where(p.motor_lag, sharpness * torque + (1.0 - sharpness) * x.smooth, torque)
+        if known:
+            led = led - p.trim
         T = dot(_limited(u.F, p) + p.thrust_lead * rate, rotate(u.q, UP))
         rotors = allocate(T, led, arm=p.arm, torque_ratio=p.torque_ratio, rotor_max=p.rotor_max)
         kept = np.exp(-period / p.lead_filter)
         return {"smooth": kept * x.smooth + (1.0 - kept) * torque}, {"thrust": rotors}
 
+    known = {} if trim is None else {"trim": (_signed(trim), "N m", "known constant torque, body")}
+    estimate = {"tau_hat": (zero, "N m", "estimated unknown torque, body")} if torque_estimate else {}
     law = plant(
         equations,
         name=name,
@@ -300,6 +315,7 @@ def attitude_controller(
             "q": ([1.0, 0.0, 0.0, 0.0], "", "attitude quaternion, body to world"),
             "omega": (zero, "rad/s", "angular velocity, body"),
             "j_ref": (zero, "m/s^3", "wanted jerk"),
+            **estimate,
         },
         outputs={"thrust": ("N", "commanded thrust of each rotor")},
         parameters={
@@ -319,10 +335,18 @@ def attitude_controller(
             "tilt_max": (tilt_max, "rad", "largest tilt asked for"),
             "lift_min": (lift_min, "", "least vertical force, share of the weight"),
             "yaw": (yaw, "rad", "wanted heading"),
+            **known,
         },
         dt=period,
     )
     return sampled_block(law, name=name)
+
+
+def _signed(torque: ArrayLike) -> NDArray[np.float64]:
+    array = np.asarray(torque, dtype=float)
+    if array.shape != (3,) or not np.isfinite(array).all():
+        raise ValueError(f"trim: expected three finite numbers of N m, got {torque!r}")
+    return array
 
 
 def _limited(F: Array, p: Columns) -> Array:

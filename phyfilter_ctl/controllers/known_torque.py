@@ -1,0 +1,141 @@
+"""The torque that a multirotor knows of: the prior of an estimator of torque."""
+
+from __future__ import annotations
+
+import operator
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..blocks.sampled import SampledBlock, sampled_block
+from ..plants.algebra import Array, cross, stack
+from ..plants.declaration import Columns
+from ..plants.factory import Results, plant
+from ..plants.quadrotor import _SIGNS
+from ._checks import check_not_negative, check_positive, clip, three
+
+__all__ = ["known_torque"]
+
+
+def known_torque(
+    *,
+    J: ArrayLike,
+    arm: float,
+    torque_ratio: float,
+    motor_lag: float,
+    rotor_max: float,
+    trim: ArrayLike = (0.0, 0.0, 0.0),
+    start: ArrayLike = 0.0,
+    delay_steps: int = 0,
+    period: float,
+    name: str = "prior_torque",
+) -> SampledBlock:
+    """The known part g of J omega' = g + f: torque of the rotors, gyroscopic torque, and what is known to pull.
+
+        g = tau - omega x J omega + trim,      (T, tau) = A rotor
+
+    with the measured angular velocity, and the rotors' thrusts as a model of them gives them on the commands, delayed
+    as they are.
+
+    Parameters
+    ----------
+    J : (3,) array
+        Nominal moments of inertia about the body's axes in kg m^2.
+    arm, torque_ratio : float
+        As for :func:`phyfilter_ctl.plants.allocation_matrix`, in m.
+    motor_lag : float
+        Time constant of the rotors' thrust in s.
+    rotor_max : float
+        Largest thrust of a rotor in N.
+    trim : (3,) array
+        Known constant torque in body axes, such as the weight of an arm at rest, in N m.
+    start : number or (4,) array
+        Thrust of each rotor before the first sample, in N.
+    delay_steps : int
+        Number of samples by which the commands reach the rotors late.
+    period : float
+        Sampling interval in seconds.
+    name : str
+        Name of the block.
+
+    Returns
+    -------
+    SampledBlock
+        Inputs thrust (N, commanded to each rotor, not delayed) and omega (rad/s, body, measured); output g (N m, body).
+        Parameters J, arm, torque_ratio, motor_lag, rotor_max and trim.
+
+    Raises
+    ------
+    ValueError
+        For inertias, lengths, a lag, limit or period that are not positive, a negative delay, or arrays of another
+        shape.
+    TypeError
+        For a delay that is no whole number.
+
+    Notes
+    -----
+    As the kind "applied" of :func:`known_force`: no command of the present instant acts on g, and e^(-h/motor_lag) over
+    each period h makes the rotors' model exact at the instants.
+
+    Examples
+    --------
+    >>> prior = known_torque(J=[0.035, 0.035, 0.06], arm=0.25, torque_ratio=0.016, motor_lag=0.04, rotor_max=16.2,
+    ...                      delay_steps=5, period=0.002)
+    >>> prior.input_labels[3:], prior.output_labels
+    (['thrust[3]', 'omega[0]', 'omega[1]', 'omega[2]'], ['g[0]', 'g[1]', 'g[2]'])
+    """
+    for label, value, unit in (
+        ("arm", arm, "m"),
+        ("torque_ratio", torque_ratio, "m"),
+        ("motor_lag", motor_lag, "s"),
+        ("rotor_max", rotor_max, "N"),
+        ("period", period, "s"),
+    ):
+        check_positive(label, value, unit)
+    inertia = three("J", J, "moments of inertia in kg m^2")
+    if inertia.min() <= 0.0:
+        raise ValueError(f"J: expected three positive moments of inertia in kg m^2, got {J!r}")
+    known = np.asarray(trim, dtype=float)
+    if known.shape != (3,) or not np.isfinite(known).all():
+        raise ValueError(f"trim: expected three finite numbers of N m, got {trim!r}")
+    before = np.asarray(start, dtype=float)
+    if before.shape not in ((), (4,)) or not np.isfinite(before).all():
+        raise ValueError(f"start: expected one or four finite numbers of N, got {start!r}")
+    try:
+        steps = operator.index(delay_steps)
+    except TypeError as error:
+        raise TypeError(f"delay_steps: expected a whole number of samples, got {delay_steps!r}") from error
+    check_not_negative("delay_steps", steps, "samples")
+    rotors, zero = np.broadcast_to(before, (4,)).copy(), np.zeros(3)
+
+    def equations(t: Array, x: Columns, u: Columns, p: Columns) -> tuple[Results, Results]:
+        line = stack(x.past, u.thrust) if steps else u.thrust
+        answer = 1.0 - np.exp(-period / p.motor_lag)
+        following: Results = {"rotor": x.rotor + answer * (clip(line[:4], 0.0, p.rotor_max) - x.rotor)}
+        if steps:
+            following = {**following, "past": line[4:]}
+        length = p.arm / np.sqrt(2.0)
+        tau = stack(length, length, p.torque_ratio) * (_SIGNS[1:] @ x.rotor)
+        return following, {"g": tau - cross(u.omega, p.J * u.omega) + p.trim}
+
+    past = {"past": (np.tile(rotors, steps), "N", "commands on their way, the oldest first")} if steps else {}
+    law = plant(
+        equations,
+        name=name,
+        states={"rotor": (rotors, "N", "modelled thrust of each rotor"), **past},
+        inputs={
+            "thrust": (rotors, "N", "commanded thrust of each rotor"),
+            "omega": (zero, "rad/s", "angular velocity, body"),
+        },
+        outputs={"g": ("N m", "known torque, body")},
+        parameters={
+            "J": (inertia, "kg m^2", "nominal moments of inertia"),
+            "arm": (arm, "m", "rotor to centre of mass"),
+            "torque_ratio": (torque_ratio, "m", "yaw torque per thrust"),
+            "motor_lag": (motor_lag, "s", "time constant of the rotors"),
+            "rotor_max": (rotor_max, "N", "largest thrust of a rotor"),
+            "trim": (known, "N m", "known constant torque, body"),
+        },
+        dt=period,
+    )
+    return sampled_block(law, name=name)
