@@ -8,9 +8,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.stats import binom
 
 from phyfilter_ctl.models.progress import Report, silent
+from phyfilter_ctl.models.statistics import Interval, median_interval
 from phyfilter_ctl.simulation import BackendChoice
 
 from .experiment import Flights, Score, fly
@@ -24,10 +24,8 @@ __all__ = [
     "SCENARIOS",
     "Comparison",
     "Estimation",
-    "Interval",
     "Reduction",
     "compare",
-    "median_interval",
     "realtime_factor",
     "steps",
 ]
@@ -36,40 +34,6 @@ FloatArray = NDArray[np.float64]
 
 SCENARIOS: tuple[Scenario, ...] = ("mass", "wind")
 _ESTIMATES = ("f_mass", "f_wind", "f_hat", "f_theta")
-
-
-@dataclass(frozen=True)
-class Interval:
-    """A median over seeds with a distribution-free interval.
-
-    Attributes
-    ----------
-    median, low, high : float
-        low and high are order statistics that enclose the median of all seeds with at least 95 %.
-    """
-
-    median: float
-    low: float
-    high: float
-
-
-def median_interval(values: FloatArray) -> Interval:
-    """Median and its interval from order statistics: P(x_(k) < median < x_(n+1-k)) = 1 - 2 P(Binomial(n, 1/2) < k).
-
-    Parameters
-    ----------
-    values : (B,) array
-
-    Examples
-    --------
-    >>> interval = median_interval(np.arange(20.0))
-    >>> interval.median, interval.low, interval.high
-    (9.5, 5.0, 14.0)
-    """
-    ordered = np.sort(np.asarray(values, dtype=float))
-    n = len(ordered)
-    k = max(1, int(binom.ppf(0.025, n, 0.5)))
-    return Interval(float(np.median(ordered)), float(ordered[k - 1]), float(ordered[n - k]))
 
 
 @dataclass(frozen=True)

@@ -14,6 +14,7 @@ from scipy.stats import binom
 
 from phyfilter_ctl import flatten, models, simulate
 from phyfilter_ctl.cli import main
+from phyfilter_ctl.models.statistics import median_interval
 
 ROOM = f"{models.__name__}.drone"
 comparison = importlib.import_module(f"{ROOM}.comparison")
@@ -153,7 +154,7 @@ def test_a_failed_flight_scores_infinity() -> None:
 
 @given(n=st.integers(6, 40))
 def test_interval_covers_the_median_with_95_per_cent(n: int) -> None:
-    interval = comparison.median_interval(np.arange(float(n)))
+    interval = median_interval(np.arange(float(n)))
     below = int(interval.low)  # order statistics k - 1 and n - k of 0, 1, ...
     assert 1.0 - 2.0 * binom.cdf(below, n, 0.5) >= 0.95 or below == 0
     assert 1.0 - 2.0 * binom.cdf(below + 1, n, 0.5) < 0.95

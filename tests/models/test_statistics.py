@@ -1,0 +1,30 @@
+"""Median and interval of a few flights."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from phyfilter_ctl.models.statistics import median_interval
+
+
+def test_interval_covers_the_median_as_often_as_it_says() -> None:
+    """Of 4000 draws of 20 from a skewed law, at least 95 % of the intervals hold its median (95.9 % expected)."""
+    rng = np.random.default_rng(0)
+    truth = np.log(2.0)
+    held = 0
+    for row in rng.exponential(1.0, (4000, 20)):
+        interval = median_interval(row)
+        held += interval.low < truth < interval.high
+    assert 0.95 < held / 4000 < 0.968
+
+
+def test_few_values_give_their_range() -> None:
+    interval = median_interval([3.0, 1.0, 2.0])
+    assert (interval.median, interval.low, interval.high) == (2.0, 1.0, 3.0)
+
+
+@pytest.mark.parametrize("values", [[], [[1.0, 2.0]]])
+def test_no_row_of_numbers_is_refused(values: list[object]) -> None:
+    with pytest.raises(ValueError, match="expected one row of numbers"):
+        median_interval(np.asarray(values, dtype=float))
