@@ -1,0 +1,197 @@
+"""The aerial manipulator: pick and place with an arm that pulls, a load that nothing knows, in the wind of a fan.
+
+Force: x = m v, torque: x = J omega;   f_theta SEER-I, trained on the arm alone in still air
+"""
+
+from __future__ import annotations
+
+import json
+from argparse import ArgumentParser, Namespace, RawDescriptionHelpFormatter
+from typing import TYPE_CHECKING
+
+from .diagram import build
+
+if TYPE_CHECKING:
+    from .comparison import Comparison
+    from .params import Mission
+
+__all__ = ["add_arguments", "build", "main"]
+
+_QUICK_SEEDS = 4
+
+_DESCRIPTION = """Fly a multirotor with an arm to an object on a stand, pick it and place it, in the jet of a fan.
+
+A cooperative planner shares the way between platform and arm. SEER-I, Chebyshev models of the arm's force and torque,
+was trained hovering in still air with an empty gripper. PhyFilters of force and torque repair it under wind and load.
+PD with and without integral action and disturbance observers fly beside it, all tuned by one procedure."""
+
+_EXAMPLES = """examples:
+  phyfilter-ctl run aerial_manipulator
+  phyfilter-ctl run aerial_manipulator --quick --json figures.json --picture mission.pdf
+  phyfilter-ctl run aerial_manipulator --place 1.8 0.2 1.0 --payload 0.2
+  phyfilter-ctl run aerial_manipulator --study                  # gusts, load transfer, an arm that helps, the planner
+  phyfilter-ctl run aerial_manipulator --out fmus_of_the_arm    # FMUs of vehicle, controller and filters as well
+  phyfilter-ctl run aerial_manipulator --tune                   # find the gains of all methods anew (ten minutes)"""
+
+
+def add_arguments(parser: ArgumentParser) -> None:
+    """Add the options of ``phyfilter-ctl run aerial_manipulator``."""
+    parser.description = _DESCRIPTION
+    parser.epilog = _EXAMPLES
+    parser.formatter_class = RawDescriptionHelpFormatter
+    job = parser.add_mutually_exclusive_group()
+    job.add_argument("--study", action="store_true", help="vary what is left open, one thing at a time")
+    job.add_argument("--tune", action="store_true", help="tune all methods anew and print the result as TOML")
+    parser.add_argument("--seeds", type=int, metavar="N", help="number of test missions (default 20)")
+    parser.add_argument("--quick", action="store_true", help="four missions, one case: a try-out, in seconds")
+    for name, text in (("pick", "the object"), ("place", "the place")):
+        parser.add_argument(
+            f"--{name}", type=float, nargs=3, metavar=("X", "Y", "Z"), help=f"where {text} is, m"
+        )
+    parser.add_argument("--payload", type=float, metavar="KG", help="mass of the object (default 0.3)")
+    parser.add_argument(
+        "--json", metavar="FILE", help="write the figures; - for standard output instead of the table"
+    )
+    parser.add_argument(
+        "--picture",
+        metavar="FILE",
+        default="aerial_manipulator.png",
+        help="png, pdf or svg (default aerial_manipulator.png; none: no picture)",
+    )
+    parser.add_argument(
+        "--out",
+        metavar="DIR",
+        help="export vehicle, controller and filters as FMUs, and replay a mission through each",
+    )
+    parser.add_argument("--quiet", action="store_true", help="no progress bar")
+
+
+def main(options: Namespace) -> int:
+    """Run the job; return the exit status.
+
+    Raises
+    ------
+    ValueError, OSError
+        If options are wrong, the mission cannot be flown, or a file cannot be written.
+    """
+    from phyfilter_ctl._output import check_target
+
+    mission = _mission(options)
+    check_target(options.json)
+    target = None if options.picture == "none" else options.picture
+    check_target(target, suffixes=(".png", ".pdf", ".svg"))
+    if options.out is not None:
+        _check_out(options)
+    if options.tune:
+        return _tune(options)
+    return _study(options) if options.study else _compare(options, mission, target)
+
+
+def _check_out(options: Namespace) -> None:
+    """A folder that FMUs can go to, and a compiler to make them: before anything flies."""
+    from pathlib import Path
+
+    from phyfilter_ctl.codegen import find_compiler
+
+    if options.study or options.tune:
+        raise ValueError("--out: FMUs come with the comparison; leave out --study and --tune")
+    if not Path(options.out).parent.is_dir():
+        raise FileNotFoundError(f"--out: there is no folder {Path(options.out).parent}")
+    find_compiler()
+
+
+def _mission(options: Namespace) -> Mission | None:
+    """The mission that is asked for, checked; None for that of the file."""
+    from .mission import changed, check
+    from .params import params
+
+    if options.seeds is not None and options.seeds < 1:
+        raise ValueError(f"--seeds: expected 1 or more, got {options.seeds}")
+    mission = changed(pick=options.pick, place=options.place, payload=options.payload)
+    check(mission)
+    if mission == params().mission:
+        return None
+    if options.study or options.tune:
+        raise ValueError(
+            "--pick, --place and --payload change the comparison only; leave out --study and --tune"
+        )
+    return mission
+
+
+def _seeds(options: Namespace) -> range:
+    from .params import params
+
+    count = _QUICK_SEEDS if options.quick else params().test.seeds
+    return range(count if options.seeds is None else options.seeds)
+
+
+def _compare(options: Namespace, mission: Mission | None, target: str | None) -> int:
+    from phyfilter_ctl._output import write_figure
+    from phyfilter_ctl.models.progress import progress
+
+    from . import comparison, report
+    from .picture import draw
+
+    cases = ("mission",) if options.quick else tuple(comparison.CASES)
+    with progress(comparison.steps(cases=cases) + 1, options.quiet) as say:
+        found = comparison.compare(_seeds(options), cases=cases, mission=mission, report=say)
+        figures = report.figures(found)
+        say("real-time factor")
+        factor = comparison.realtime_factor(found.methods["phyfilter"], found.training)
+    figures["realtime_factor"] = factor
+    notes = [f"whole closed loop: {factor:.0f} times real time on one core"]
+    if options.out is not None:
+        notes.append(_hand_over(options, found, figures))
+    if options.json != "-":
+        print(report.table(found))
+        print("\n" + "\n".join(notes))
+    _write_json(options, figures)
+    if target is not None:
+        write_figure(target, draw(found))
+    return 0
+
+
+def _hand_over(options: Namespace, found: Comparison, figures: dict[str, object]) -> str:
+    """Export the parts and replay a mission through them; what is to be said about it."""
+    from phyfilter_ctl.models.progress import progress
+
+    from .handover import PARTS, hand_over
+
+    with progress(2 * len(PARTS), options.quiet) as say:
+        handed = hand_over(found.methods["phyfilter"].method, found.training.seer, options.out, report=say)
+    figures["fmu_max_abs_difference"] = handed.largest
+    apart = ", ".join(f"{part} {value:.2g}" for part, value in handed.largest.items())
+    return f"FMI 2.0 and 3.0 repeat a mission's {handed.samples} samples; largest difference of an output: {apart}"
+
+
+def _study(options: Namespace) -> int:
+    from phyfilter_ctl.models.progress import progress
+
+    from . import study
+
+    with progress(study.steps(), options.quiet) as say:
+        rows = study.run(_seeds(options), report=say)
+    if options.json != "-":
+        print(study.table(rows))
+    _write_json(options, study.figures(rows))
+    return 0
+
+
+def _tune(options: Namespace) -> int:
+    from phyfilter_ctl.models.progress import progress
+
+    from . import tuning
+    from .methods import METHODS
+    from .training import train
+
+    with progress(sum(tuning.steps(name) for name in METHODS), options.quiet) as say:
+        found = tuning.tune_all(train().seer, report=say)
+    print(tuning.text(found), end="")
+    return 0
+
+
+def _write_json(options: Namespace, figures: object) -> None:
+    from phyfilter_ctl._output import write_text
+
+    if options.json is not None:
+        write_text(options.json, json.dumps(figures, indent=2, allow_nan=False) + "\n")

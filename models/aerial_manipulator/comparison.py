@@ -1,0 +1,221 @@
+"""All methods on the same missions: errors of the end effector, what was grasped and placed, reductions."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from phyfilter_ctl.models.progress import Report, silent
+from phyfilter_ctl.models.statistics import Interval, median_interval
+
+from .experiment import Backend, Flights, Score, fly
+from .methods import METHODS, MethodName
+from .mission import changed, reference
+from .params import Mission, params
+from .training import Training, off_distribution, train
+from .tuning import TunedMethod, tuned
+
+__all__ = ["CASES", "Case", "Comparison", "Reduction", "compare", "realtime_factor", "steps"]
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Case:
+    """What a mission meets.
+
+    Parameters
+    ----------
+    turbulence : float
+        Gusts over the local mean speed.
+    transfer : float
+        s in which the load comes and goes.
+    """
+
+    turbulence: float
+    transfer: float
+
+
+CASES: dict[str, Case] = {
+    "mission": Case(params().wind.turbulence, params().mission.transfer),
+    "quick_load": Case(params().wind.turbulence, 0.2),
+    "gusty": Case(0.2, params().mission.transfer),
+}
+"""The mission as it is, with the load within 0.2 s, and with twice the turbulence."""
+
+_SHOWN = ("r_e", "r", "wind", "f_coupling", "f_payload", "f_wind", "tau_coupling", "tau_payload", "thrust")
+
+
+@dataclass(frozen=True)
+class Reduction:
+    """By how much PhyFilter is below another method, mission by mission, in per cent.
+
+    Attributes
+    ----------
+    over : str
+    mean, variance : Interval
+        Of |e| over the mission.
+    """
+
+    over: MethodName
+    mean: Interval
+    variance: Interval
+
+
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """What the methods did on the test missions.
+
+    Attributes
+    ----------
+    seeds : tuple of int
+    mission : Mission
+    methods : dict of str to TunedMethod
+    training : Training
+        Of SEER-I.
+    off_distribution : dict of str to dict
+        Its errors elsewhere, see :func:`training.off_distribution`.
+    scores : dict of (case, method) to Score
+    planner_seconds : (K,) array
+        Solve times of the planner.
+    planner_statuses : tuple of str
+        What came out of them.
+    shown : dict of str to Flights
+        One mission of every method, with its signals: that of the seed with PhyFilter's median mean error.
+    """
+
+    seeds: tuple[int, ...]
+    mission: Mission
+    methods: Mapping[MethodName, TunedMethod]
+    training: Training
+    off_distribution: Mapping[str, Mapping[str, float]]
+    scores: Mapping[tuple[str, MethodName], Score]
+    planner_seconds: FloatArray
+    planner_statuses: tuple[str, ...]
+    shown: Mapping[MethodName, Flights]
+
+    def interval(self, case: str, name: MethodName, field: str) -> Interval:
+        """Median over the seeds of a field of the scores, in its unit."""
+        return median_interval(getattr(self.scores[case, name], field))
+
+    def reduction(
+        self, over: MethodName, *, of: MethodName = "phyfilter", case: str = "mission"
+    ) -> Reduction:
+        """Reduction of mean and variance of the error of one method against another's."""
+        ours, theirs = self.scores[case, of], self.scores[case, over]
+        parts = [100.0 * (1.0 - getattr(ours, name) / getattr(theirs, name)) for name in ("mean", "variance")]
+        return Reduction(over, *(median_interval(part) for part in parts))
+
+    def planner_ms(self, percentile: float) -> float:
+        """Percentile of the planner's solve times, ms."""
+        return float(1e3 * np.percentile(self.planner_seconds, percentile))
+
+
+def steps(methods: Sequence[MethodName] = METHODS, cases: Sequence[str] = tuple(CASES)) -> int:
+    """Number of reports of :func:`compare`."""
+    return 2 + len(cases) * len(methods) + 1
+
+
+def compare(
+    seeds: Sequence[int] | None = None,
+    *,
+    methods: Sequence[MethodName] = METHODS,
+    cases: Sequence[str] = tuple(CASES),
+    mission: Mission | None = None,
+    backend: Backend = "auto",
+    report: Report = silent,
+) -> Comparison:
+    """Fly every method over the test seeds in every case.
+
+    Parameters
+    ----------
+    seeds : sequence of int, optional
+        None means those of ``params.toml``.
+    methods : sequence of str
+    cases : sequence of str
+        Of ``CASES``.
+    mission : Mission, optional
+        None means that of ``params.toml``; the time in which the load comes is the case's.
+    backend : {"auto", "vm", "c"}
+        As for ``simulate``.
+    report : callable
+        Called at the beginning of every step.
+
+    Raises
+    ------
+    ValueError
+        Before anything flies, for a mission that cannot be flown.
+    """
+    seeds = tuple(range(params().test.seeds)) if seeds is None else tuple(seeds)
+    report("planner")
+    path = reference(mission).path
+    report("training of SEER-I")
+    training, entries = train(backend), tuned()
+    elsewhere = off_distribution(training, backend)
+    scores: dict[tuple[str, MethodName], Score] = {}
+    for name in methods:
+        for label in cases:
+            report(f"{name}, {label}")
+            scores[label, name] = _flown(
+                name, seeds, training, CASES[label], mission, backend=backend
+            ).score()
+    report("missions to show")
+    shown_by = "phyfilter" if "phyfilter" in methods else methods[0]
+    mean = scores[cases[0], shown_by].mean
+    seed = seeds[int(np.argsort(mean)[len(mean) // 2])]
+    shown: dict[MethodName, Flights] = {
+        name: _flown(name, (seed,), training, CASES[cases[0]], mission, keep=_SHOWN, backend=backend)
+        for name in methods
+    }
+    return Comparison(
+        seeds,
+        params().mission if mission is None else mission,
+        {name: entries[name] for name in methods},
+        training,
+        elsewhere,
+        scores,
+        path.solve_seconds,
+        path.statuses,
+        shown,
+    )
+
+
+def _flown(
+    name: MethodName,
+    seeds: Sequence[int],
+    training: Training,
+    case: Case,
+    mission: Mission | None,
+    *,
+    keep: Sequence[str] = ("r_e",),
+    backend: Backend,
+) -> Flights:
+    method = tuned()[name].method
+    return fly(
+        method,
+        seeds,
+        training.seer,
+        mission=changed(mission, transfer=case.transfer),
+        keep=(
+            *keep,
+            *(("f_hat", "tau_hat") if len(keep) > 1 and name not in ("baseline", "integral") else ()),
+        ),
+        others={"vehicle.wind.turbulence": case.turbulence},
+        backend=backend,
+    )
+
+
+def realtime_factor(method: TunedMethod, training: Training, *, backend: Backend = "auto") -> float:
+    """Simulated over elapsed time of the whole closed loop on one core, once it is compiled."""
+
+    def once() -> float:
+        begin = time.perf_counter()
+        fly(method.method, (0,), training.seer, backend=backend, workers=1)
+        return time.perf_counter() - begin
+
+    once()
+    return params().mission.duration / min(once() for _ in range(3))

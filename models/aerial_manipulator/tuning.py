@@ -1,0 +1,334 @@
+"""One procedure tunes every method: the least error on missions in still air, at a given modulus margin.
+
+The margin is 1/max |S| of the sampled loop, S from what is added to a wanted force or torque to the sum, each of the
+six by itself, without load and with it, with motors slower than the model says. For given bandwidths of the estimators
+
+1. the outer loop is made as fast as the margin lets it be around an attitude loop that is as stiff as it lets it be,
+   horizontally, and then vertically,
+2. and the missions that tune are flown, with the load, in still air.
+
+What makes the rotor commands noisier than allowed is left out.
+Of the bandwidths of the torque's estimator, then of the force's, the one with the least error is taken. No method sees
+wind before the test.
+"""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cache, lru_cache
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import schur, solve_triangular
+from threadpoolctl import threadpool_limits
+
+from phyfilter_ctl.diagram import FlatModel, flatten
+from phyfilter_ctl.models.progress import Report, silent
+from phyfilter_ctl.simulation import linearize_sampled
+
+from .diagram import build
+from .experiment import Flights, fly
+from .methods import METHODS, Method, MethodName
+from .params import params
+from .seer import Seer
+from .vehicle import nominal_mass
+
+__all__ = ["PATH", "TunedMethod", "jitter", "modulus_margin", "steps", "text", "tune", "tune_all", "tuned"]
+
+FloatArray = NDArray[np.float64]
+
+PATH = Path(__file__).with_name("tuned.toml")
+
+# rad/s; the first below anything in the loop, the last just below the Nyquist frequency.
+_OMEGA = np.geomspace(0.05, 1500.0, 200)
+# s in which the hover settles.
+_SETTLE = 5.0
+# Poles on the unit circle are states that nothing moves (an integral without gain); several of them scatter.
+_ROUND_OFF = 1e-6
+# rad/s of the force's estimator while the torque's is chosen.
+_FORCE = 4.0
+_ATTITUDE_STEP = 0.02
+
+
+@dataclass(frozen=True)
+class TunedMethod:
+    """A method and what its tuning found.
+
+    Attributes
+    ----------
+    method : Method
+    modulus_margin : float
+        Least over channels and loads.
+    mae : float
+        Median over the tuning missions of the mean |e|, m.
+    jitter : float
+        Of the rotor commands on these missions, see :func:`jitter`.
+    """
+
+    method: Method
+    modulus_margin: float
+    mae: float
+    jitter: float
+
+
+def jitter(flights: Flights) -> float:
+    """Noise of the rotor commands over the hover thrust: rms of their change from sample to sample, over sqrt 2.
+
+    Parameters
+    ----------
+    flights : Flights
+        With ``thrust`` kept.
+    """
+    change = np.diff(flights.signals["thrust"][:, flights.time >= flights.mission.left_out], axis=1)
+    hover = 0.25 * nominal_mass() * params().vehicle.gravity
+    return float(np.sqrt(0.5 * np.mean(change**2)) / hover)
+
+
+def modulus_margin(method: Method, seer: Seer | None = None) -> float:
+    """Least 1/max |S| at hover over the six channels, without load and with it; 0 where the loop is unstable.
+
+    Parameters
+    ----------
+    method : Method
+    seer : Seer, optional
+        SEER-I's models, for the methods that use them.
+    """
+    return float(_all_margins(method, seer).min())
+
+
+def _all_margins(method: Method, seer: Seer | None) -> FloatArray:
+    """The lesser of the margins without load and with it, (6,)."""
+    with threadpool_limits(1):  # two threads are slower on matrices of this size
+        return np.minimum(*(_margins(method, seer, held) for held in (0.0, params().mission.payload)))
+
+
+def _margins(method: Method, seer: Seer | None, held: float) -> FloatArray:
+    """Margins of the force's channels and of the torque's, (6,)."""
+    settings = method.parameters() | {
+        "vehicle.load.held": held,
+        "vehicle.manipulator.motor_lag": params().tuning.lag_factor * params().vehicle.motor_lag,
+        "vehicle.wind.jet_speed": 0.0,
+    }
+    flat = _flat(method.structure, seer if method.uses_seer else None)
+    closed = linearize_sampled(flat, settle=_SETTLE, params=settings)
+    A, B, C, D = (np.asarray(part) for part in (closed.A, closed.B, closed.C, closed.D))
+    if not np.isfinite(A).all():
+        return np.zeros(6)
+    # One Schur form gives poles and responses; six channels of 170 states take a tenth of what they take by themselves.
+    U, Z = (np.asarray(part) for part in schur(A, output="complex")[:2])
+    if np.abs(np.diag(U)).max() > 1.0 + _ROUND_OFF:
+        return np.zeros(6)
+    ends = [f"{signal}[{i}]" for signal in ("F", "tau") for i in range(3)]
+    u = [closed.input_labels.index(f"d_{end}") for end in ends]
+    y = [closed.output_labels.index(end) for end in ends]
+    inwards, outwards, one = Z.conj().T @ B[:, u], C[y] @ Z, np.eye(len(A))
+    S = [
+        1.0 + np.diag(outwards @ solve_triangular(z * one - U, inwards) + D[np.ix_(y, u)])
+        for z in np.exp(1j * _OMEGA * params().sampling.dt)
+    ]
+    return 1.0 / np.abs(S).max(axis=0)
+
+
+@lru_cache(maxsize=64)
+def _flat(structure: Method, seer: Seer | None) -> FlatModel:
+    return flatten(build(structure, seer, probed=True))
+
+
+def tune(name: MethodName, seer: Seer, *, report: Report = silent) -> TunedMethod:
+    """Tune one method.
+
+    Parameters
+    ----------
+    name : str
+        One of ``METHODS``.
+    seer : Seer
+        SEER-I's models.
+    report : callable
+        Called with a few words at the beginning of every step, :func:`steps` times.
+
+    Raises
+    ------
+    ValueError
+        If no gains have the margin.
+    """
+    values = params().tuning
+    start = Method(
+        name,
+        values.slowest,
+        _FORCE if name in ("observer", "phyfilter") else (values.integral[0] if name == "integral" else 0.0),
+        values.torque[0] if name in ("observer", "phyfilter") else 0.0,
+        damping=values.damping,
+    )
+    best = start
+    found: dict[Method, TunedMethod] = {}
+    for which in _stages(name):
+        low, high = getattr(values, which)
+        field = "torque_bandwidth" if which == "torque" else "bandwidth"
+        results = []
+        for value in np.geomspace(low, high, values.points):
+            candidate = replace(best, **{field: round(float(value), 3)})
+            report(f"{name}: {which} {value:.3g} rad/s")
+            results.append(_tuned(candidate, seer))
+        best = _best(name, results).method
+        found = {entry.method: entry for entry in results if entry is not None}
+    if not _stages(name):
+        report(name)
+        return _best(name, [_tuned(start, seer)])
+    return found[best]
+
+
+def _stages(name: MethodName) -> tuple[str, ...]:
+    """Which bandwidths a method has, in the order of their tuning."""
+    if name in ("observer", "phyfilter"):
+        return ("torque", "force")
+    return ("integral",) if name == "integral" else ()
+
+
+def _best(name: MethodName, results: list[TunedMethod | None]) -> TunedMethod:
+    kept = [entry for entry in results if entry is not None]
+    if not kept:
+        raise ValueError(f"{name}: no gains have a modulus margin of {params().tuning.modulus_margin}")
+    return min(kept, key=lambda entry: entry.mae)
+
+
+def _tuned(candidate: Method, seer: Seer) -> TunedMethod | None:
+    """Attitude loop and outer loop as fast as the margin lets them be, flown; None where nothing is allowed."""
+    fastest = _fastest(candidate, seer)
+    if fastest is None:
+        return None
+    method, margin = fastest
+    still = {"vehicle.wind.jet_speed": 0.0}
+    flown = fly(method, params().tuning.seeds, seer, others=still, keep=("r_e", "thrust"))
+    noise = jitter(flown)
+    if noise > params().tuning.jitter:
+        return None
+    return TunedMethod(method, margin, float(np.median(flown.score().mean)), noise)
+
+
+def _fastest(candidate: Method, seer: Seer) -> tuple[Method, float] | None:
+    """The fastest outer loop that the margin allows around the stiffest attitude loop that it allows there."""
+    values = params().tuning
+    soft, stiff = values.attitude[1], values.attitude[0]
+    attitudes = np.round(np.arange(soft, stiff - 1e-9, -_ATTITUDE_STEP), 3)
+    speeds = np.round(np.arange(values.slowest, values.fastest + 1e-9, values.step), 6)
+    known: dict[Method, FloatArray] = {}
+
+    def margins(method: Method) -> FloatArray:
+        if method not in known:
+            known[method] = _all_margins(method, seer)
+        return known[method]
+
+    def at(speed: float, attitude: float) -> Method:
+        return replace(candidate, position_bandwidth=float(speed), attitude_margin=float(attitude))
+
+    last = len(attitudes) // 2
+
+    def allowed(speed: float) -> Method | None:
+        """With the stiffest attitude loop that the torque's channels allow, looked for from the last one on."""
+        nonlocal last
+        while last > 0 and margins(at(speed, attitudes[last]))[3:].min() < values.modulus_margin:
+            last -= 1
+        while (
+            last + 1 < len(attitudes)
+            and margins(at(speed, attitudes[last + 1]))[3:].min() >= values.modulus_margin
+        ):
+            last += 1
+        return holding(at(speed, attitudes[last]))
+
+    def holding(method: Method) -> Method | None:
+        return method if margins(method).min() >= values.modulus_margin else None
+
+    level = _last(speeds, allowed)
+    if level is None:
+        return None
+    faster = speeds[speeds >= level.position_bandwidth]
+    found = _last(faster, lambda speed: holding(replace(level, vertical_bandwidth=float(speed))))
+    found = level if found is None else found
+    return found, float(margins(found).min())
+
+
+def _last(speeds: FloatArray, allowed: Callable[[float], Method | None]) -> Method | None:
+    """What is allowed at the highest speed at which something is, by bisection; None where nothing is at the first."""
+    found, low, high = allowed(float(speeds[0])), 0, len(speeds)
+    if found is None:
+        return None
+    while high - low > 1:
+        middle = (low + high) // 2
+        faster = allowed(float(speeds[middle]))
+        if faster is None:
+            high = middle
+        else:
+            low, found = middle, faster
+    return found
+
+
+def tune_all(seer: Seer, *, report: Report = silent) -> dict[MethodName, TunedMethod]:
+    """Tune every method, in the order of ``METHODS``."""
+    found: dict[MethodName, TunedMethod] = {}
+    for name in METHODS:
+        found[name] = tune(name, seer, report=report)
+    return found
+
+
+def steps(name: MethodName) -> int:
+    """Number of reports of :func:`tune`."""
+    return max(1, len(_stages(name)) * params().tuning.points)
+
+
+def text(found: dict[MethodName, TunedMethod]) -> str:
+    """The tuned methods as TOML."""
+    lines = [
+        "# Found by `phyfilter-ctl run aerial_manipulator --tune` on missions in still air, before any test flight.",
+        "# Bandwidths in rad/s, the mean error over the tuning missions (median) in m.",
+    ]
+    for name, entry in found.items():
+        method = entry.method
+        lines += [
+            "",
+            f"[{name}]",
+            f"position_bandwidth = {method.position_bandwidth}",
+            f"bandwidth = {method.bandwidth}",
+            f"torque_bandwidth = {method.torque_bandwidth}",
+            f"attitude_margin = {method.attitude_margin}",
+            f"vertical_bandwidth = {method.vertical_bandwidth}",
+            f"modulus_margin = {entry.modulus_margin:.4f}",
+            f"mae = {entry.mae:.5f}",
+            f"jitter = {entry.jitter:.4f}",
+        ]
+    return "\n".join(lines) + "\n"
+
+
+@cache
+def tuned() -> dict[MethodName, TunedMethod]:
+    """The methods as ``tuned.toml`` has them.
+
+    Raises
+    ------
+    ValueError
+        If a method is missing there.
+
+    Examples
+    --------
+    >>> all(entry.modulus_margin >= 0.5 for entry in tuned().values())
+    True
+    """
+    data = tomllib.loads(PATH.read_text(encoding="utf-8"))
+    missing = [name for name in METHODS if name not in data]
+    if missing:
+        raise ValueError(
+            f"{PATH.name}: no entry for {', '.join(missing)}; phyfilter-ctl run aerial_manipulator --tune makes them"
+        )
+    names = ("position_bandwidth", "bandwidth", "torque_bandwidth", "attitude_margin", "vertical_bandwidth")
+    damping = params().tuning.damping
+    return {
+        name: TunedMethod(
+            Method(name, *(data[name][key] for key in names), damping=damping),
+            data[name]["modulus_margin"],
+            data[name]["mae"],
+            data[name]["jitter"],
+        )
+        for name in METHODS
+    }

@@ -1,0 +1,44 @@
+"""The aerial manipulator's parts as FMUs, each replayed on a mission."""
+
+from __future__ import annotations
+
+import importlib
+from pathlib import Path
+
+import pytest
+
+from phyfilter_ctl import models
+
+ROOM = f"{models.__name__}.aerial_manipulator"
+handover = importlib.import_module(f"{ROOM}.handover")
+methods = importlib.import_module(f"{ROOM}.methods")
+
+# m, rad, N, N m and their rates: the same operations in the same order; SEER-I's sums may be taken in another.
+SAME = 1e-11
+SAMPLES = 500
+
+
+@pytest.mark.parametrize("version", ["2.0", "3.0"])
+def test_parts_repeat_a_mission(tmp_path: Path, version: str) -> None:
+    method = methods.Method("observer", 2.0, 4.0, 6.0)
+    found = handover.hand_over(method, None, tmp_path / "fmus", samples=SAMPLES, versions=[version])
+    assert found.samples == SAMPLES
+    assert sorted(found.largest) == sorted(handover.PARTS)
+    for label, outputs in found.differences.items():
+        assert found.fmus[label].is_file()
+        assert outputs, label
+        assert max(outputs.values()) <= SAME, (label, outputs)
+    assert {"r_e[0]", "f_wind[2]"} <= set(found.differences[f"vehicle, FMI {version}"])
+    assert {"thrust[3]", "joint_ref[4]"} <= set(found.differences[f"controller, FMI {version}"])
+    assert {"f_hat[0]", "tau_hat[2]"} <= set(found.differences[f"filter, FMI {version}"])
+
+
+def test_nothing_to_hand_over_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="expected a method with filters"):
+        handover.hand_over(methods.Method("baseline", 2.0), None, tmp_path / "fmus")
+    with pytest.raises(FileNotFoundError, match="no folder"):
+        handover.hand_over(methods.Method("observer", 2.0, 4.0, 6.0), None, tmp_path / "a" / "b")
+    (tmp_path / "file").touch()
+    with pytest.raises(FileExistsError, match="expected a folder"):
+        handover.hand_over(methods.Method("observer", 2.0, 4.0, 6.0), None, tmp_path / "file")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["file"]
