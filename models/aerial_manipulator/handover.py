@@ -36,7 +36,7 @@ Fmi = Literal["2.0", "3.0"]
 # A method that needs no training.
 _PLAIN = Method("observer", 2.0, 4.0, 6.0)
 
-PARTS = ("vehicle", "controller", "filter")
+PARTS: tuple[str, ...] = ("vehicle", "controller", "filter")
 """What is handed over."""
 
 
@@ -61,7 +61,7 @@ class HandOver:
     @property
     def largest(self) -> dict[str, float]:
         """The largest difference of each part, over its outputs and versions."""
-        found = dict.fromkeys(PARTS, 0.0)
+        found: dict[str, float] = dict.fromkeys(PARTS, 0.0)
         for label, values in self.differences.items():
             part = label.split(",")[0]
             found[part] = max(found[part], *values.values())

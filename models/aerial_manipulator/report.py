@@ -11,6 +11,7 @@ from phyfilter_ctl.models.statistics import Interval
 from .comparison import Comparison
 from .experiment import Score
 from .methods import NAMES, MethodName
+from .params import params
 
 __all__ = ["figures", "table"]
 
@@ -38,6 +39,9 @@ def _errors(comparison: Comparison) -> str:
     lines = [
         f"pick and place of {mission.payload:g} kg, {n} simulated missions a method; |e| of the end effector in cm, "
         "median [its 95 % interval]",
+        f"jet of {params().wind.jet_speed:g} m/s with gusts of {100 * params().wind.turbulence:g} %, load within "
+        f"{mission.transfer:g} s; grasp window {mission.grasp[0]:g} to {mission.grasp[1]:g} s (lift-off at "
+        f"{mission.load:g} s), place window {mission.settle[0]:g} to {mission.settle[1]:g} s",
         f"grasped and placed: within {tolerance:g} cm for the whole window, of {n}; windows: largest |e| there, median "
         "and worst mission",
         "",

@@ -15,7 +15,7 @@ from .methods import METHODS, NAMES, MethodName
 from .mission import changed, reference
 from .params import params
 from .training import train
-from .tuning import tuned
+from .tuning import modulus_margin, tuned
 
 __all__ = ["Row", "figures", "run", "steps", "swaying", "table"]
 
@@ -23,6 +23,7 @@ FloatArray = NDArray[np.float64]
 
 _TURBULENCE = (0.0, 0.05, 0.1, 0.15, 0.2, 0.3)
 _TRANSFER = (0.0, 0.2, 0.5, 1.0)
+_ARM = "arm makes up"
 _SHARES = (0.0, 0.5, 1.0)
 _METHODS: tuple[MethodName, ...] = ("integral", "observer", "phyfilter")
 
@@ -38,12 +39,15 @@ class Row:
     value : str
     method : str
     score : Score
+    margin : float or None
+        Modulus margin, where what is varied changes the loop.
     """
 
     what: str
     value: str
     method: MethodName
     score: Score
+    margin: float | None = None
 
 
 def swaying(time: float, h: FloatArray, u_before: FloatArray) -> tuple[ArrayLike, ArrayLike]:
@@ -79,9 +83,7 @@ def run(seeds: Sequence[int], *, report: Report = silent) -> list[Row]:
     """
     seer, rows = train().seer, []
 
-    def add(
-        what: str, value: str, name: MethodName, others: dict[str, ArrayLike], **of_mission: float
-    ) -> None:
+    def add(what: str, value: str, name: MethodName, others: dict[str, float], **of_mission: float) -> None:
         report(f"{what} {value}, {name}")
         flights = fly(
             tuned()[name].method,
@@ -90,7 +92,8 @@ def run(seeds: Sequence[int], *, report: Report = silent) -> list[Row]:
             mission=changed(transfer=of_mission.get("transfer")),
             others=others,
         )
-        rows.append(Row(what, value, name, flights.score()))
+        margin = modulus_margin(tuned()[name].method, seer, others=others) if what == _ARM else None
+        rows.append(Row(what, value, name, flights.score(), margin))
 
     for name in _METHODS:
         for turbulence in _TURBULENCE:
@@ -99,7 +102,7 @@ def run(seeds: Sequence[int], *, report: Report = silent) -> list[Row]:
             add("load within", f"{transfer:g} s", name, {}, transfer=transfer)
     for name in METHODS:
         for share in _SHARES:
-            add("arm makes up", f"{100 * share:g} %", name, {"controller.arm.share": share})
+            add(_ARM, f"{100 * share:g} %", name, {"controller.arm.share": share})
     for label, attitude in (("level", None), ("swaying", swaying)):
         report(f"planner told {label}")
         goals = reference(attitude=attitude)
@@ -115,7 +118,8 @@ def table(rows: Sequence[Row]) -> str:
         f"{n} missions each; |e| in cm: mean (median), windows (median / worst), lift-off (median); passed: grasped / "
         f"placed of {n}",
         "",
-        f"{'':<14}{'':<10}{'':<25}{'mean':>7}{'grasp window':>15}{'place window':>15}{'lift-off':>10}{'passed':>10}",
+        f"{'':<14}{'':<10}{'':<25}{'mean':>7}{'grasp window':>15}{'place window':>15}{'lift-off':>10}{'passed':>10}"
+        f"{'margin':>9}",
     ]
     before = ""
     for row in rows:
@@ -127,6 +131,7 @@ def table(rows: Sequence[Row]) -> str:
             f"{row.what:<14}{row.value:<10}{NAMES[row.method]:<25}{100 * np.median(score.mean):>7.2f}"
             + "".join(f"{text:>15}" for text in windows)
             + f"{100 * np.median(score.lift_off):>10.2f}{f'{score.grasped.sum()} / {score.placed.sum()}':>10}"
+            + ("" if row.margin is None else f"{row.margin:>9.2f}")
         )
     return "\n".join(lines)
 
@@ -147,6 +152,7 @@ def figures(rows: Sequence[Row]) -> list[dict[str, object]]:
             "lift_off_cm": cm(float(np.median(row.score.lift_off))),
             "grasped": int(row.score.grasped.sum()),
             "placed": int(row.score.placed.sum()),
+            "modulus_margin": row.margin,
         }
         for row in rows
     ]

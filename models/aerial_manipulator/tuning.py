@@ -15,7 +15,7 @@ wind before the test.
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cache, lru_cache
 from pathlib import Path
@@ -87,7 +87,9 @@ def jitter(flights: Flights) -> float:
     return float(np.sqrt(0.5 * np.mean(change**2)) / hover)
 
 
-def modulus_margin(method: Method, seer: Seer | None = None) -> float:
+def modulus_margin(
+    method: Method, seer: Seer | None = None, *, others: Mapping[str, float] | None = None
+) -> float:
     """Least 1/max |S| at hover over the six channels, without load and with it; 0 where the loop is unstable.
 
     Parameters
@@ -95,23 +97,29 @@ def modulus_margin(method: Method, seer: Seer | None = None) -> float:
     method : Method
     seer : Seer, optional
         SEER-I's models, for the methods that use them.
+    others : mapping, optional
+        Other parameters of the diagram.
     """
-    return float(_all_margins(method, seer).min())
+    return float(_all_margins(method, seer, others or {}).min())
 
 
-def _all_margins(method: Method, seer: Seer | None) -> FloatArray:
+def _all_margins(method: Method, seer: Seer | None, others: Mapping[str, float]) -> FloatArray:
     """The lesser of the margins without load and with it, (6,)."""
     with threadpool_limits(1):  # two threads are slower on matrices of this size
-        return np.minimum(*(_margins(method, seer, held) for held in (0.0, params().mission.payload)))
+        return np.minimum(*(_margins(method, seer, held, others) for held in (0.0, params().mission.payload)))
 
 
-def _margins(method: Method, seer: Seer | None, held: float) -> FloatArray:
+def _margins(method: Method, seer: Seer | None, held: float, others: Mapping[str, float]) -> FloatArray:
     """Margins of the force's channels and of the torque's, (6,)."""
-    settings = method.parameters() | {
-        "vehicle.load.held": held,
-        "vehicle.manipulator.motor_lag": params().tuning.lag_factor * params().vehicle.motor_lag,
-        "vehicle.wind.jet_speed": 0.0,
-    }
+    settings = (
+        method.parameters()
+        | dict(others)
+        | {
+            "vehicle.load.held": held,
+            "vehicle.manipulator.motor_lag": params().tuning.lag_factor * params().vehicle.motor_lag,
+            "vehicle.wind.jet_speed": 0.0,
+        }
+    )
     flat = _flat(method.structure, seer if method.uses_seer else None)
     closed = linearize_sampled(flat, settle=_SETTLE, params=settings)
     A, B, C, D = (np.asarray(part) for part in (closed.A, closed.B, closed.C, closed.D))
@@ -218,7 +226,7 @@ def _fastest(candidate: Method, seer: Seer) -> tuple[Method, float] | None:
 
     def margins(method: Method) -> FloatArray:
         if method not in known:
-            known[method] = _all_margins(method, seer)
+            known[method] = _all_margins(method, seer, {})
         return known[method]
 
     def at(speed: float, attitude: float) -> Method:
