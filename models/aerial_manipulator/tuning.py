@@ -14,7 +14,6 @@ wind before the test.
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cache, lru_cache
@@ -26,6 +25,7 @@ from scipy.linalg import schur, solve_triangular
 from threadpoolctl import threadpool_limits
 
 from phyfilter_ctl.diagram import FlatModel, flatten
+from phyfilter_ctl.models.gains import command_jitter, gains_text, read_gains
 from phyfilter_ctl.models.progress import Report, silent
 from phyfilter_ctl.simulation import linearize_sampled
 
@@ -41,6 +41,7 @@ __all__ = ["PATH", "TunedMethod", "jitter", "modulus_margin", "steps", "text", "
 FloatArray = NDArray[np.float64]
 
 PATH = Path(__file__).with_name("tuned.toml")
+_GAINS = ("position_bandwidth", "bandwidth", "torque_bandwidth", "attitude_margin", "vertical_bandwidth")
 
 # rad/s; the first below anything in the loop, the last just below the Nyquist frequency.
 _OMEGA = np.geomspace(0.05, 1500.0, 200)
@@ -82,9 +83,8 @@ def jitter(flights: Flights) -> float:
     flights : Flights
         With ``thrust`` kept.
     """
-    change = np.diff(flights.signals["thrust"][:, flights.time >= flights.mission.left_out], axis=1)
     hover = 0.25 * nominal_mass() * params().vehicle.gravity
-    return float(np.sqrt(0.5 * np.mean(change**2)) / hover)
+    return command_jitter(flights.signals["thrust"][:, flights.time >= flights.mission.left_out], hover)
 
 
 def modulus_margin(
@@ -286,27 +286,19 @@ def steps(name: MethodName) -> int:
     return max(1, len(_stages(name)) * params().tuning.points)
 
 
-def text(found: dict[MethodName, TunedMethod]) -> str:
+def text(found: Mapping[MethodName, TunedMethod]) -> str:
     """The tuned methods as TOML."""
-    lines = [
-        "# Found by `phyfilter-ctl run aerial_manipulator --tune` on missions in still air, before any test flight.",
-        "# Bandwidths in rad/s, the mean error over the tuning missions (median) in m.",
+    header = [
+        "Found by `phyfilter-ctl run aerial_manipulator --tune` on missions in still air, before any test flight.",
+        "Bandwidths in rad/s, the mean error over the tuning missions (median) in m.",
     ]
-    for name, entry in found.items():
-        method = entry.method
-        lines += [
-            "",
-            f"[{name}]",
-            f"position_bandwidth = {method.position_bandwidth}",
-            f"bandwidth = {method.bandwidth}",
-            f"torque_bandwidth = {method.torque_bandwidth}",
-            f"attitude_margin = {method.attitude_margin}",
-            f"vertical_bandwidth = {method.vertical_bandwidth}",
-            f"modulus_margin = {entry.modulus_margin:.4f}",
-            f"mae = {entry.mae:.5f}",
-            f"jitter = {entry.jitter:.4f}",
-        ]
-    return "\n".join(lines) + "\n"
+    return gains_text(header, {name: _entry(entry) for name, entry in found.items()})
+
+
+def _entry(entry: TunedMethod) -> dict[str, float | str]:
+    gains: dict[str, float | str] = {name: getattr(entry.method, name) for name in _GAINS}
+    figures = {"modulus_margin": 4, "mae": 5, "jitter": 4}
+    return gains | {name: f"{getattr(entry, name):.{digits}f}" for name, digits in figures.items()}
 
 
 @cache
@@ -323,20 +315,12 @@ def tuned() -> dict[MethodName, TunedMethod]:
     >>> all(entry.modulus_margin >= 0.5 for entry in tuned().values())
     True
     """
-    data = tomllib.loads(PATH.read_text(encoding="utf-8"))
-    missing = [name for name in METHODS if name not in data]
-    if missing:
-        raise ValueError(
-            f"{PATH.name}: no entry for {', '.join(missing)}; phyfilter-ctl run aerial_manipulator --tune makes them"
-        )
-    names = ("position_bandwidth", "bandwidth", "torque_bandwidth", "attitude_margin", "vertical_bandwidth")
+    data = read_gains(PATH, METHODS, command="phyfilter-ctl run aerial_manipulator --tune")
     damping = params().tuning.damping
     return {
         name: TunedMethod(
-            Method(name, *(data[name][key] for key in names), damping=damping),
-            data[name]["modulus_margin"],
-            data[name]["mae"],
-            data[name]["jitter"],
+            Method(name, *(data[name][key] for key in _GAINS), damping=damping),
+            *(data[name][key] for key in ("modulus_margin", "mae", "jitter")),
         )
         for name in METHODS
     }

@@ -12,7 +12,6 @@ forces that the model does not know; so its bandwidth is found with f_theta = 0,
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cache, lru_cache
@@ -24,6 +23,7 @@ from threadpoolctl import threadpool_limits
 
 from phyfilter_ctl.analysis import frequency_response
 from phyfilter_ctl.learned import Chebyshev
+from phyfilter_ctl.models.gains import command_jitter, gains_text, read_gains
 from phyfilter_ctl.models.progress import Report, silent
 from phyfilter_ctl.simulation import sampled_open_loop
 
@@ -36,6 +36,7 @@ from .params import params
 __all__ = ["PATH", "TunedMethod", "jitter", "modulus_margin", "text", "tune", "tune_all", "tuned"]
 
 PATH = Path(__file__).with_name("tuned.toml")
+_GAINS = ("position_bandwidth", "bandwidth", "seer_rate")
 
 # rad/s; the first below anything in the loop, the last just below the Nyquist frequency.
 _OMEGA = np.geomspace(0.05, 1500.0, 300)
@@ -76,9 +77,8 @@ def jitter(flights: Flights) -> float:
     flights : Flights
         With ``thrust`` kept.
     """
-    change = np.diff(flights.signals["thrust"][:, flights.counted], axis=1)
     hover = 0.25 * params().vehicle.mass * params().vehicle.gravity
-    return float(np.sqrt(0.5 * np.mean(change**2)) / hover)
+    return command_jitter(flights.signals["thrust"][:, flights.counted], hover)
 
 
 def modulus_margin(method: Method, model: Chebyshev | None = None) -> float:
@@ -217,26 +217,20 @@ def steps(name: MethodName) -> int:
     return len(list(_candidates(name)))
 
 
-def text(found: dict[MethodName, TunedMethod]) -> str:
+def text(found: Mapping[MethodName, TunedMethod]) -> str:
     """The tuned methods as TOML."""
-    lines = [
-        "# Found by `phyfilter-ctl run drone --tune` on flights with unknown mass in still air, before any test.",
-        "# Rates in rad/s (1/s for SEER-I), the mean error over the tuning flights (median) in m;",
-        "# jitter is noise of the rotor commands over the hover thrust.",
+    header = [
+        "Found by `phyfilter-ctl run drone --tune` on flights with unknown mass in still air, before any test.",
+        "Rates in rad/s (1/s for SEER-I), the mean error over the tuning flights (median) in m;",
+        "jitter is noise of the rotor commands over the hover thrust.",
     ]
-    for name, entry in found.items():
-        method = entry.method
-        lines += [
-            "",
-            f"[{name}]",
-            f"position_bandwidth = {method.position_bandwidth}",
-            f"bandwidth = {method.bandwidth}",
-            f"seer_rate = {method.seer_rate}",
-            f"modulus_margin = {entry.modulus_margin:.4f}",
-            f"mae = {entry.mae:.5f}",
-            f"jitter = {entry.jitter:.4f}",
-        ]
-    return "\n".join(lines) + "\n"
+    return gains_text(header, {name: _entry(entry) for name, entry in found.items()})
+
+
+def _entry(entry: TunedMethod) -> dict[str, float | str]:
+    gains: dict[str, float | str] = {name: getattr(entry.method, name) for name in _GAINS}
+    figures = {"modulus_margin": 4, "mae": 5, "jitter": 4}
+    return gains | {name: f"{getattr(entry, name):.{digits}f}" for name, digits in figures.items()}
 
 
 @cache
@@ -253,25 +247,11 @@ def tuned() -> dict[MethodName, TunedMethod]:
     >>> all(entry.modulus_margin >= 0.5 for entry in tuned().values())
     True
     """
-    data = tomllib.loads(PATH.read_text(encoding="utf-8"))
-    missing = [name for name in METHODS if name not in data]
-    if missing:
-        raise ValueError(
-            f"{PATH.name}: no entry for {', '.join(missing)}; phyfilter-ctl run drone --tune makes them"
-        )
-    damping = params().tuning.damping
-    return {
-        name: TunedMethod(
-            Method(
-                name,
-                data[name]["position_bandwidth"],
-                data[name]["bandwidth"],
-                data[name]["seer_rate"],
-                damping=damping,
-            ),
-            data[name]["modulus_margin"],
-            data[name]["mae"],
-            data[name]["jitter"],
-        )
-        for name in METHODS
-    }
+    data = read_gains(PATH, METHODS, command="phyfilter-ctl run drone --tune")
+    return {name: _tuned(name, data[name]) for name in METHODS}
+
+
+def _tuned(name: MethodName, values: Mapping[str, float]) -> TunedMethod:
+    speed, bandwidth, rate = (values[key] for key in _GAINS)
+    method = Method(name, speed, bandwidth, rate, damping=params().tuning.damping)
+    return TunedMethod(method, values["modulus_margin"], values["mae"], values["jitter"])
