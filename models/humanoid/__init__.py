@@ -1,0 +1,183 @@
+"""The humanoid: it stands while a lateral force pulls at one hand, and leans into what the filter has estimated.
+
+M q'' = g + f,   g from a nominal twin that is simulated one step from the true state,   f = J_hand' F
+"""
+
+from __future__ import annotations
+
+import json
+from argparse import ArgumentParser, Namespace, RawDescriptionHelpFormatter
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    import control as ct
+
+__all__ = ["add_arguments", "build", "main"]
+
+_DESCRIPTION = """Let dm_control's humanoid (40.8 kg) stand under a constant lateral force on its right hand.
+
+An LQR holds each stance. A PhyFilter estimates the force from what the robot does beyond a nominal twin, and moves the
+LQR's target: the body leans into the force. Bisection finds the largest force held, without the filter and with it."""
+
+_EXAMPLES = """examples:
+  phyfilter-ctl run humanoid
+  phyfilter-ctl run humanoid --quick --json figures.json --picture none
+  phyfilter-ctl run humanoid --forces 20 -90 --stances normal --animation standing.gif
+  phyfilter-ctl run humanoid --gears 2          # the variant with doubled motor torques
+  phyfilter-ctl run humanoid --study --stances wider      # filters, what f_hat does, noise
+
+needs the extra mujoco: pip install 'phyfilter-ctl[mujoco]'"""
+
+
+def build(stance: str = "normal") -> ct.StateSpace:
+    """The linearised loop; see ``diagram.py``.
+
+    Parameters
+    ----------
+    stance : {"normal", "wide", "wider"}
+    """
+    from . import diagram
+
+    return diagram.build(stance)
+
+
+def add_arguments(parser: ArgumentParser) -> None:
+    """Add the options of ``phyfilter-ctl run humanoid``.
+
+    Parameters
+    ----------
+    parser : ArgumentParser
+    """
+    parser.description = _DESCRIPTION
+    parser.epilog = _EXAMPLES
+    parser.formatter_class = RawDescriptionHelpFormatter
+    parser.add_argument("--stances", nargs="+", metavar="NAME", help="of normal, wide, wider (default: all)")
+    parser.add_argument(
+        "--forces",
+        type=float,
+        nargs="+",
+        default=[20.0, 90.0, -90.0],
+        metavar="N",
+        help="trials at these forces: positive across the body, negative away from it (default 20 90 -90)",
+    )
+    parser.add_argument(
+        "--gears", type=float, default=1.0, metavar="K", help="factor on the motor torques (default 1)"
+    )
+    parser.add_argument(
+        "--a0", type=float, metavar="A", help="the filter's poles lie at -A rad/s (default 20)"
+    )
+    parser.add_argument("--order", type=int, metavar="N", help="of the filter (default 1)")
+    parser.add_argument(
+        "--study", action="store_true", help="variants of the filter and its use, in each stance"
+    )
+    parser.add_argument("--quick", action="store_true", help="the normal stance and 5 s trials: a try-out")
+    parser.add_argument(
+        "--json", metavar="FILE", help="write the figures; - for standard output instead of the table"
+    )
+    parser.add_argument(
+        "--picture",
+        metavar="FILE",
+        default="humanoid.png",
+        help="png, pdf or svg (default humanoid.png; none: no picture)",
+    )
+    parser.add_argument(
+        "--animation",
+        metavar="FILE",
+        help="gif of the last force, slow, first stance, without and with the filter",
+    )
+    parser.add_argument("--quiet", action="store_true", help="no progress bar")
+
+
+def main(options: Namespace) -> int:
+    """Run the job; return the exit status.
+
+    Parameters
+    ----------
+    options : Namespace
+        As parsed.
+
+    Raises
+    ------
+    ValueError, OSError
+        If options are wrong, the extra ``mujoco`` is missing, or a file cannot be written.
+    """
+    from phyfilter_ctl._output import check_target
+
+    stances, duration = _checked(options)
+    check_target(options.json)
+    target = None if options.picture == "none" else options.picture
+    check_target(target, suffixes=(".png", ".pdf", ".svg"))
+    check_target(options.animation, suffixes=(".gif",))
+    if options.study:
+        return _study(options, stances, duration)
+    return _compare(options, stances, duration, target)
+
+
+def _checked(options: Namespace) -> tuple[tuple[str, ...], float | None]:
+    from .params import STANCES, params, stance
+    from .robot import load
+
+    quick = STANCES[:1] if options.quick else STANCES
+    stances = tuple(dict.fromkeys(options.stances or quick))
+    for name in stances:
+        stance(name)
+    if not np.isfinite(options.forces).all():
+        raise ValueError(f"--forces: expected finite forces in N, got {options.forces}")
+    if options.a0 is not None and not (np.isfinite(options.a0) and options.a0 > 0.0):
+        raise ValueError(f"--a0: expected a positive number in rad/s, got {options.a0}")
+    if options.order is not None and options.order < 1:
+        raise ValueError(f"--order: expected 1 or more, got {options.order}")
+    load(options.gears)
+    rules = params().trial
+    return stances, rules.onset + rules.rise + 2.0 if options.quick else None
+
+
+def _compare(options: Namespace, stances: tuple[str, ...], duration: float | None, target: str | None) -> int:
+    from phyfilter_ctl._output import write_figure
+    from phyfilter_ctl.models.progress import progress
+
+    from . import limits, picture, report
+    from .trial import phyfilter
+
+    forces = tuple(dict.fromkeys(options.forces))
+    law = phyfilter(options.a0, options.order)
+    with progress(limits.steps(stances, forces), options.quiet) as say:
+        found = limits.compare(
+            stances, forces, gears=options.gears, filter=law, duration=duration, report=say
+        )
+    if options.json != "-":
+        print(report.table(found))
+    _write_json(options, report.figures(found))
+    if target is not None:
+        write_figure(target, picture.draw(found))
+    if options.animation is not None:
+        chosen = {
+            "LQR alone": found.trials[stances[0], "slow", forces[-1], "alone"],
+            "PhyFilter": found.trials[stances[0], "slow", forces[-1], "filter"],
+        }
+        picture.animate(found.humanoid, chosen, options.animation)
+    return 0
+
+
+def _study(options: Namespace, stances: tuple[str, ...], duration: float | None) -> int:
+    from phyfilter_ctl.models.progress import progress
+
+    from . import limits, report
+
+    found = {}
+    with progress(14 * len(stances), options.quiet) as say:
+        for name in stances:
+            found[name] = limits.study(name, duration=duration, report=say)
+    if options.json != "-":
+        print("\n\n".join(report.study_table(name, rows) for name, rows in found.items()))
+    _write_json(options, [report.study_figures(name, rows) for name, rows in found.items()])
+    return 0
+
+
+def _write_json(options: Namespace, figures: object) -> None:
+    from phyfilter_ctl._output import write_text
+
+    if options.json is not None:
+        write_text(options.json, json.dumps(figures, indent=2, allow_nan=False) + "\n")

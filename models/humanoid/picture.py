@@ -1,0 +1,192 @@
+"""The comparison as a picture, and a trial as an animation."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from .limits import PROFILES, Comparison
+from .robot import FloatArray, Humanoid
+from .trial import Trial
+
+__all__ = ["animate", "draw", "skeleton"]
+
+_COLOURS = {"alone": "tab:gray", "filter": "tab:blue"}
+_LABELS = {"alone": "LQR alone", "filter": "with PhyFilter"}
+_SIZE = 280  # pixels of a frame's side
+_FRAMES_PER_SECOND = 10
+
+
+def skeleton(humanoid: Humanoid, q: FloatArray) -> list[FloatArray]:
+    """Lines (2, 3) from each body to the one that carries it.
+
+    Parameters
+    ----------
+    humanoid : Humanoid
+    q : (28,) array
+        Configuration.
+    """
+    data = humanoid.data()
+    data.qpos[:] = q
+    humanoid.mujoco.mj_kinematics(humanoid.model, data)
+    parents = humanoid.model.body_parentid
+    return [np.array([data.xpos[parents[i]], data.xpos[i]]) for i in range(2, humanoid.model.nbody)]
+
+
+def draw(found: Comparison) -> Figure:
+    """Held forces by stance; centre of mass and estimate over time; the postures.
+
+    Parameters
+    ----------
+    found : Comparison
+    """
+    figure = Figure(figsize=(11.0, 7.0), layout="constrained")
+    bars, postures, centre, estimate = np.ravel(np.asarray(figure.subplots(2, 2), dtype=object))
+    _draw_limits(bars, found)
+    _draw_postures(postures, found)
+    _draw_trials(centre, estimate, found)
+    return figure
+
+
+def _draw_limits(axes: Axes, found: Comparison) -> None:
+    width, names = 0.2, list(found.schedules)
+    for i, profile in enumerate(PROFILES):
+        for j, mode in enumerate(("alone", "filter")):
+            least = [min(found.limit(n, profile, d, mode).force for d in (1.0, -1.0)) for n in names]
+            place = np.arange(len(names)) + (2 * i + j - 1.5) * width
+            axes.bar(
+                place,
+                least,
+                0.9 * width,
+                color=_COLOURS[mode],
+                alpha=1.0 if profile == "slow" else 0.5,
+                label=f"{profile} force, {_LABELS[mode]}",
+            )
+    for k, name in enumerate(names):
+        axes.hlines(
+            min(found.tipping[name]), k - 0.45, k + 0.45, color="black", label="" if k else "tips, upright"
+        )
+    axes.set_xticks(np.arange(len(names)), names)
+    axes.set_ylabel("held in both directions [N]")
+    axes.legend(fontsize="x-small")
+
+
+def _draw_postures(axes: Axes, found: Comparison) -> None:
+    for k, points in enumerate(found.schedules.values()):
+        for point, colour in ((points.upright, "tab:gray"), (points.points[-1], "tab:blue")):
+            for line in skeleton(found.humanoid, point.q):
+                axes.plot(line[:, 1] + 1.8 * k, line[:, 2], color=colour, linewidth=2.0)
+    force = next(iter(found.schedules.values())).forces[-1]
+    axes.set(aspect="equal", xlabel="y [m], stances side by side", ylabel="z [m]")
+    axes.set_title(f"target: upright, and under {force:g} N on the right hand", fontsize="small")
+    axes.axhline(0.0, color="black", linewidth=0.8)
+
+
+def _draw_trials(centre: Axes, estimate: Axes, found: Comparison) -> None:
+    chosen = [key for key in found.trials if key[1] == "slow"] or list(found.trials)
+    centre.set(xlabel="t [s]", ylabel="centre of mass, y [m]")
+    estimate.set(xlabel="t [s]", ylabel="hand force [N]")
+    if not chosen:
+        return
+    stance, force = chosen[0][0], max((key[2] for key in chosen if key[0] == chosen[0][0]), key=abs)
+    for key, trial in found.trials.items():
+        if key[0] == stance and key[1] == "slow" and key[2] == force:
+            centre.plot(trial.time, trial.centre[:, 1], color=_COLOURS[key[3]], label=_LABELS[key[3]])
+            if key[3] == "filter":
+                estimate.plot(trial.time, trial.f_hat, color=_COLOURS[key[3]], label="estimate")
+                estimate.plot(trial.time, trial.force, color="black", linestyle="--", label="force")
+    centre.set_title(f"{stance} stance, {force:g} N", fontsize="small")
+    centre.legend(fontsize="x-small")
+    estimate.legend(fontsize="x-small")
+
+
+def animate(humanoid: Humanoid, trials: dict[str, Trial], path: str) -> str:
+    """Write trials side by side as a GIF.
+
+    Parameters
+    ----------
+    humanoid : Humanoid
+    trials : dict
+        By caption.
+    path : str
+        Ends in .gif.
+
+    Returns
+    -------
+    str
+        What drew it: MuJoCo's renderer where there is OpenGL without a screen (EGL), else Matplotlib.
+    """
+    from PIL import Image
+
+    step = float(humanoid.model.opt.timestep)
+    count = round(max(trial.time[-1] for trial in trials.values()) * _FRAMES_PER_SECOND)
+    stride = round(1.0 / (_FRAMES_PER_SECOND * step))
+    pictures = []
+    with _renderer(humanoid) as (who, image):
+        for k in range(count):
+            rows = [trial.q[min(k * stride, len(trial.q) - 1)] for trial in trials.values()]
+            pictures.append(Image.fromarray(np.hstack([image(q) for q in rows])).quantize(64))
+    pictures[0].save(
+        path, save_all=True, append_images=pictures[1:], duration=1000 // _FRAMES_PER_SECOND, loop=0
+    )
+    return who
+
+
+@contextlib.contextmanager
+def _renderer(humanoid: Humanoid) -> Iterator[tuple[str, Any]]:
+    """A name and a function from a configuration to an image (size, size, 3)."""
+    try:
+        from mujoco.egl import GLContext
+
+        context = GLContext(_SIZE, _SIZE)
+        context.make_current()
+    except Exception:  # no driver, no library, no device: each fails in its own way
+        yield "Matplotlib", lambda q: _drawn_skeleton(humanoid, q)
+        return
+    try:
+        yield "MuJoCo", _mujoco_image(humanoid)
+    finally:
+        context.free()
+
+
+def _mujoco_image(humanoid: Humanoid) -> Any:
+    mujoco, model, data = humanoid.mujoco, humanoid.model, humanoid.data()
+    scene, option = mujoco.MjvScene(model, 2000), mujoco.MjvOption()
+    option.sitegroup[:] = 0
+    for effect in (mujoco.mjtRndFlag.mjRND_SKYBOX, mujoco.mjtRndFlag.mjRND_REFLECTION):
+        scene.flags[effect] = 0  # a GIF has few colours
+    camera, place = mujoco.MjvCamera(), mujoco.MjrRect(0, 0, _SIZE, _SIZE)
+    camera.lookat[:], camera.distance, camera.azimuth, camera.elevation = (0.0, 0.0, 0.85), 3.2, 180.0, -8.0
+    context = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100)
+    mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN, context)
+
+    def image(q: FloatArray) -> NDArray[np.uint8]:
+        data.qpos[:] = q
+        mujoco.mj_forward(model, data)
+        mujoco.mjv_updateScene(model, data, option, None, camera, mujoco.mjtCatBit.mjCAT_ALL.value, scene)
+        mujoco.mjr_render(place, scene, context)
+        pixels = np.empty((_SIZE, _SIZE, 3), dtype=np.uint8)
+        mujoco.mjr_readPixels(pixels, None, place, context)
+        return pixels[::-1]
+
+    return image
+
+
+def _drawn_skeleton(humanoid: Humanoid, q: FloatArray) -> NDArray[np.uint8]:
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+    figure = Figure(figsize=(_SIZE / 100.0, _SIZE / 100.0), dpi=100)
+    axes: Any = figure.add_subplot(projection="3d")
+    for line in skeleton(humanoid, q):
+        axes.plot(*line.T, color="tab:blue", linewidth=3.0)
+    axes.set(xlim=(-0.9, 0.9), ylim=(-0.9, 0.9), zlim=(0.0, 1.8))
+    axes.view_init(elev=8.0, azim=0.0)
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    return np.asarray(canvas.buffer_rgba(), dtype=np.uint8)[..., :3].copy()

@@ -1,0 +1,213 @@
+"""LQR about a posture, and set-points for every force: what a known hand force changes in the target.
+
+    x_{k+1} = A x_k + B u_k   about (posture, its motors, its force),    u = u*(F) - K(F) (x - x*(F))
+
+F is the force that the filter has estimated ("retarget"): it moves the steady state, leaning the body into the force.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from phyfilter_ctl.models.progress import Report, silent
+
+from .params import params
+from .posture import Posture, stand
+from .robot import FloatArray, Humanoid
+
+__all__ = ["Schedule", "SetPoint", "lqr", "regulate", "schedule"]
+
+# Doublings of the Riccati iteration: 2^14 steps of 5 ms. Feet that creep never settle; their places have no weight.
+_SQUARINGS = 14
+_HEIGHTS = np.linspace(-0.004, 0.002, 121)  # m, searched for the soft contacts that carry the weight
+
+
+@dataclass(frozen=True, eq=False)
+class SetPoint:
+    """A posture on its soft contacts with the regulator about it.
+
+    Attributes
+    ----------
+    posture : Posture
+    q : (28,) array
+        The posture, lowered so that the contacts carry it.
+    K : (21, 54) array
+        Gain on configuration and velocity.
+    A, B
+        Discrete linearisation.
+    """
+
+    posture: Posture
+    q: FloatArray
+    K: FloatArray
+    A: FloatArray
+    B: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Schedule:
+    """Set-points of one stance over the lateral hand force, linear in between.
+
+    Attributes
+    ----------
+    stance : str
+    forces : (m,) array
+        N, increasing.
+    points : tuple of SetPoint
+    """
+
+    stance: str
+    forces: FloatArray
+    points: tuple[SetPoint, ...]
+
+    def at(self, humanoid: Humanoid, force: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Configuration, motors and gain for a lateral force; beyond the last set-point the last one.
+
+        Parameters
+        ----------
+        humanoid : Humanoid
+        force : float
+            N.
+        """
+        force = float(np.clip(force, self.forces[0], self.forces[-1]))
+        i = int(np.clip(np.searchsorted(self.forces, force, side="right") - 1, 0, len(self.points) - 2))
+        low, high = self.points[i], self.points[i + 1]
+        part = (force - self.forces[i]) / (self.forces[i + 1] - self.forces[i])
+        q = humanoid.moved(low.q, part * humanoid.difference(low.q, high.q))
+        control = (1.0 - part) * low.posture.control + part * high.posture.control
+        return q, control, (1.0 - part) * low.K + part * high.K
+
+    @property
+    def upright(self) -> SetPoint:
+        """The set-point without a force."""
+        return self.points[int(np.argmin(np.abs(self.forces)))]
+
+
+def lqr(A: FloatArray, B: FloatArray, Q: FloatArray, R: FloatArray) -> FloatArray:
+    """Gain K of the discrete LQR, by the doubling form of the Riccati iteration.
+
+    G <- G + A W G A',  H <- H + A' H W A,  A <- A W A  with W = (I + G H)^{-1}; after j rounds H is the cost of
+    2^j steps. Unlike a solver of the algebraic equation it needs no stabilisable drift where Q sees none.
+
+    Parameters
+    ----------
+    A, B, Q, R
+        As usual.
+
+    References
+    ----------
+    Chu, Fan, Lin, Wang, "Structure-preserving algorithms for periodic discrete-time algebraic Riccati equations", Int.
+    J. Control 77 (2004).
+    """
+    step, H = A, Q
+    G = B @ np.linalg.solve(R, B.T)
+    for _ in range(_SQUARINGS):
+        W = np.linalg.inv(np.eye(len(A)) + G @ H)
+        G, H, step = G + step @ W @ G @ step.T, H + step.T @ H @ W @ step, step @ W @ step
+        G, H = 0.5 * (G + G.T), 0.5 * (H + H.T)
+    return np.asarray(np.linalg.solve(R + B.T @ H @ B, B.T @ H @ A), dtype=float)
+
+
+def regulate(humanoid: Humanoid, posture: Posture) -> SetPoint:
+    """Set a posture on its contacts and close the loop about it.
+
+    Parameters
+    ----------
+    humanoid : Humanoid
+    posture : Posture
+
+    Returns
+    -------
+    SetPoint
+    """
+    mujoco, model, data = humanoid.mujoco, humanoid.model, humanoid.data()
+    data.xfrc_applied[humanoid.hand, :3] = posture.force
+    q = np.array(posture.q)
+
+    def unbalanced(lower: float) -> float:
+        data.qpos[:] = q
+        data.qpos[2] += lower
+        data.qvel[:] = 0.0
+        data.qacc[:] = 0.0
+        mujoco.mj_inverse(model, data)
+        return abs(float(data.qfrc_inverse[2]))
+
+    q[2] += min(_HEIGHTS, key=unbalanced)
+    mujoco.mj_resetData(model, data)
+    data.qpos[:], data.ctrl[:] = q, posture.control
+    data.xfrc_applied[humanoid.hand, :3] = posture.force
+    mujoco.mj_forward(model, data)
+    A, B = np.zeros((2 * model.nv, 2 * model.nv)), np.zeros((2 * model.nv, model.nu))
+    mujoco.mjd_transitionFD(model, data, 1e-6, True, A, B, None, None)
+    K = lqr(A, B, _weights(humanoid, data), params().regulator.control * np.eye(model.nu))
+    return SetPoint(posture, q, K, A, B)
+
+
+def _weights(humanoid: Humanoid, data: object) -> FloatArray:
+    """Q: the centre of mass over the feet, the torso, the joints; the place in the world has no weight."""
+    weights, nv, model = params().regulator, humanoid.nv, humanoid.model
+    centre, foot = np.zeros((3, nv)), np.zeros((3, nv))
+    humanoid.mujoco.mj_jacSubtreeCom(model, data, centre, 1)
+    for number in humanoid.feet:
+        humanoid.mujoco.mj_jacBodyCom(model, data, foot, None, number)
+        centre -= 0.5 * foot
+    level, height = centre[:2].T @ centre[:2], centre[2:].T @ centre[2:]
+    joints = np.full(nv, weights.joint)
+    joints[:3], joints[3:6] = 0.0, weights.root
+    for i in range(1, model.njnt):
+        if any(part in model.joint(i).name for part in ("shoulder", "elbow")):
+            joints[model.jnt_dofadr[i]] = weights.arm
+    rates = np.full(nv, weights.rate)
+    rates[:3] = 0.0
+    Q = np.zeros((2 * nv, 2 * nv))
+    Q[:nv, :nv] = weights.centre * level + weights.height * height + np.diag(joints)
+    Q[nv:, nv:] = weights.centre_rate * level + np.diag(rates)
+    return Q
+
+
+def schedule(
+    humanoid: Humanoid,
+    name: str,
+    *,
+    largest: float | None = None,
+    spacing: float | None = None,
+    report: Report = silent,
+) -> Schedule:
+    """Set-points of a stance for lateral hand forces.
+
+    Parameters
+    ----------
+    humanoid : Humanoid
+    name : str
+        The stance.
+    largest, spacing : float, optional
+        Of the forces, in N; None takes those of ``params.toml``.
+    report : Report
+        Told what is being computed.
+
+    Returns
+    -------
+    Schedule
+
+    Raises
+    ------
+    ValueError
+        For an unknown stance, or forces that are not positive.
+    """
+    grid = params().schedule
+    largest = grid.largest if largest is None else largest
+    spacing = grid.spacing if spacing is None else spacing
+    if not (np.isfinite(largest) and np.isfinite(spacing) and 0.0 < spacing <= largest):
+        raise ValueError(f"schedule: expected 0 < spacing <= largest in N, got {spacing} and {largest}")
+    report(f"postures, {name} stance")
+    upright = stand(humanoid, name)
+    points = {0.0: regulate(humanoid, upright)}
+    for side in (1.0, -1.0):
+        posture = upright
+        for size in np.arange(1, round(largest / spacing) + 1) * spacing:
+            posture = stand(humanoid, name, (0.0, side * float(size), 0.0), start=posture)
+            points[side * float(size)] = regulate(humanoid, posture)
+    forces = np.array(sorted(points))
+    return Schedule(name, forces, tuple(points[float(force)] for force in forces))

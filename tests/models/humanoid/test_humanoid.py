@@ -1,0 +1,241 @@
+"""The humanoid: statics, regulator, estimate, trials, and the command line."""
+
+from __future__ import annotations
+
+import importlib
+import json
+
+import numpy as np
+import pytest
+from scipy.linalg import solve_discrete_are
+
+from phyfilter_ctl import models
+from phyfilter_ctl.cli import main
+
+mujoco = pytest.importorskip("mujoco", reason="needs the extra mujoco")
+pytest.importorskip("dm_control", reason="needs the extra mujoco")
+
+ROOM = f"{models.__name__}.humanoid"
+limits = importlib.import_module(f"{ROOM}.limits")
+params = importlib.import_module(f"{ROOM}.params")
+picture = importlib.import_module(f"{ROOM}.picture")
+posture = importlib.import_module(f"{ROOM}.posture")
+regulator = importlib.import_module(f"{ROOM}.regulator")
+robot = importlib.import_module(f"{ROOM}.robot")
+trial = importlib.import_module(f"{ROOM}.trial")
+
+# N: least squares stop at a cost that leaves this on the base.
+BALANCED = 0.05
+# N, of 20: the twin's feet push back otherwise than the robot's, see the README.
+ESTIMATED = 1.0
+
+
+@pytest.fixture(scope="module")
+def humanoid():
+    return robot.load()
+
+
+@pytest.fixture(scope="module")
+def points(humanoid):
+    """Set-points of the normal stance at -30, 0 and 30 N."""
+    return regulator.schedule(humanoid, "normal", largest=30.0, spacing=30.0)
+
+
+@pytest.fixture(scope="module")
+def far(humanoid):
+    """Set-points of the normal stance to 90 N."""
+    return regulator.schedule(humanoid, "normal", largest=90.0, spacing=30.0)
+
+
+def test_mass_and_motors(humanoid):
+    assert humanoid.mass == pytest.approx(40.84, abs=0.01)
+    assert humanoid.nv == 27
+    assert len(humanoid.motor_dof) == 21
+    assert humanoid.torque[:6].tolist() == [0.0] * 6
+    assert robot.load(2.0).torque.tolist() == (2.0 * humanoid.torque).tolist()
+
+
+@pytest.mark.parametrize("name", params.STANCES)
+def test_stances_stand_flat_and_balanced(humanoid, name):
+    """Forces and moments about the origin by hand: weight at the centre of mass, feet, nothing else."""
+    found = posture.stand(humanoid, name)
+    assert found.feet[..., 2] == pytest.approx(0.0, abs=1e-4)
+    assert np.abs(found.control).max() < params.params().statics.torque_share
+    loads = found.corner_forces.reshape(-1, 3)
+    weight = np.array([0.0, 0.0, -humanoid.weight])
+    np.testing.assert_allclose(loads.sum(axis=0) + weight, 0.0, atol=BALANCED)
+    moment = np.cross(found.feet.reshape(-1, 3), loads).sum(axis=0) + np.cross(found.centre, weight)
+    np.testing.assert_allclose(moment, 0.0, atol=BALANCED)
+    assert np.all(loads[:, 2] > 0.0)
+
+
+def test_wider_stances_tip_later(humanoid):
+    tips = [posture.tipping_force(humanoid, posture.stand(humanoid, name), 1.0) for name in params.STANCES]
+    assert tips[0] < tips[1] < tips[2]
+    assert tips[0] == pytest.approx(43.0, abs=1.0)
+
+
+def test_posture_leans_into_the_force(humanoid, far):
+    """Moments about x by hand: with 90 N at the hand the centre of pressure is still under the feet."""
+    leaning = far.points[-1].posture
+    assert leaning.unbalanced < BALANCED
+    assert leaning.centre[1] < -0.1
+    pressure = leaning.centre[1] + leaning.force[1] * leaning.hand[2] / humanoid.weight
+    assert leaning.feet[..., 1].min() < pressure < leaning.feet[..., 1].max()
+    assert leaning.force[1] > posture.tipping_force(humanoid, far.upright.posture, 1.0)
+
+
+def test_posture_does_not_move_in_the_simulator(humanoid, far):
+    """The leaning set-point under its force, regulated: an independent check of the statics."""
+    point, data = far.points[-1], humanoid.data()
+    data.qpos[:] = point.q
+    data.xfrc_applied[humanoid.hand, :3] = point.posture.force
+    for _ in range(400):
+        change = humanoid.difference(point.q, data.qpos)
+        data.ctrl[:] = point.posture.control - point.K @ np.concatenate([change, data.qvel])
+        humanoid.mujoco.mj_step(humanoid.model, data)
+    relative = data.qpos[7:] - point.q[7:]
+    assert np.abs(relative).max() < 0.1  # rad; the feet creep by centimetres meanwhile
+
+
+def test_lqr_is_scipys():
+    rng = np.random.default_rng(1)
+    A, B = np.eye(5) + 0.1 * rng.standard_normal((5, 5)), rng.standard_normal((5, 2))
+    Q, R = np.eye(5), 2.0 * np.eye(2)
+    P = solve_discrete_are(A, B, Q, R)
+    expected = np.linalg.solve(R + B.T @ P @ B, B.T @ P @ A)
+    np.testing.assert_allclose(regulator.lqr(A, B, Q, R), expected, rtol=1e-9, atol=1e-12)
+
+
+def test_set_points_are_interpolated(humanoid, points):
+    q, control, K = points.at(humanoid, 15.0)
+    low, high = points.points[1], points.points[2]
+    np.testing.assert_allclose(q[7:], 0.5 * (low.q[7:] + high.q[7:]), atol=1e-12)
+    np.testing.assert_allclose(control, 0.5 * (low.posture.control + high.posture.control), atol=1e-12)
+    np.testing.assert_allclose(K, 0.5 * (low.K + high.K), atol=1e-9)
+    np.testing.assert_array_equal(points.at(humanoid, 99.0)[0], points.at(humanoid, 30.0)[0])
+
+
+@pytest.mark.parametrize("force", [20.0, -20.0])
+def test_force_is_estimated(humanoid, points, force):
+    found = trial.run(humanoid, points, force, duration=4.0)
+    assert found.held
+    assert abs(limits.mean_estimate(found) - force) < ESTIMATED
+    before = found.time < 0.9
+    assert np.abs(found.f_hat[before]).max() < 1e-6  # the twin is the robot while nothing pulls
+
+
+def test_ninety_newtons_that_rise_are_held_with_the_filter_only(humanoid, far):
+    rise = params.params().trial.rise
+    alone = trial.run(humanoid, far, 90.0, mode="alone", rise=rise, duration=6.0)
+    off_the_motors = trial.run(humanoid, far, 90.0, mode="torque", rise=rise, duration=6.0)
+    filtered = trial.run(humanoid, far, 90.0, rise=rise, duration=6.0)
+    assert not alone.held
+    assert not off_the_motors.held
+    assert filtered.held
+    assert filtered.centre[-1, 1] < -0.1
+
+
+def test_sudden_ninety_newtons_are_not_held_in_the_normal_stance(humanoid, far):
+    assert not trial.run(humanoid, far, 90.0).held
+
+
+def test_bisection_brackets_the_limit(humanoid, far):
+    force, capped = limits.largest_force(humanoid, far, 1.0, mode="alone", duration=4.0)
+    step = params.params().trial.resolution
+    assert not capped
+    assert trial.run(humanoid, far, force, mode="alone", duration=4.0).held
+    assert not trial.run(humanoid, far, force + step, mode="alone", duration=4.0).held
+
+
+def test_trials_repeat_themselves_noise_included(humanoid, points):
+    one, other = (trial.run(humanoid, points, 10.0, noise=0.01, duration=2.0) for _ in range(2))
+    np.testing.assert_array_equal(one.f_hat, other.f_hat)
+
+
+def test_linearised_loop_leans_against_the_force(humanoid):
+    loop = models.load("humanoid").build()
+    assert loop.dt == pytest.approx(0.005)
+    assert loop.ninputs == 2
+    push = np.linalg.matrix_power(loop.A, 100) @ loop.B[:, 0]
+    assert float((loop.C @ push)[0]) > 0.0
+
+
+def test_animation_without_opengl(humanoid, points, tmp_path, monkeypatch):
+    found = trial.run(humanoid, points, 0.0, mode="alone", duration=0.3)
+    image = picture._drawn_skeleton(humanoid, found.q[0])
+    assert image.shape[2] == 3
+    assert image.std() > 1.0
+    target = tmp_path / "a.gif"
+    assert picture.animate(humanoid, {"alone": found}, str(target)) in ("MuJoCo", "Matplotlib")
+    assert target.read_bytes()[:4] == b"GIF8"
+
+
+def test_command_line(tmp_path, capsys):
+    figures, drawn = tmp_path / "f.json", tmp_path / "p.png"
+    arguments = [
+        "run",
+        "humanoid",
+        "--quick",
+        "--forces",
+        "20",
+        "--json",
+        str(figures),
+        "--picture",
+        str(drawn),
+        "--quiet",
+    ]
+    assert main(arguments) == 0
+    assert "largest force held" in capsys.readouterr().out
+    found = json.loads(figures.read_text())
+    assert drawn.stat().st_size > 10_000
+    held = {
+        (each["profile"], each["mode"]): each["force"]
+        for each in found["largest_held_n"]
+        if each["direction"] == "y"
+    }
+    assert held["slow", "filter"] > found["tipping_n"]["normal"]["y"] > held["slow", "alone"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--stances", "crouched"], "expected one of normal, wide, wider, got 'crouched'"),
+        (["--forces", "nan"], "--forces: expected finite forces"),
+        (["--gears", "0"], "gears: expected a positive factor"),
+        (["--a0", "-1"], "--a0: expected a positive number"),
+        (["--order", "0"], "--order: expected 1 or more"),
+        (["--picture", "p.gif"], "ends in .png"),
+        (["--animation", "a.mp4"], "ends in .gif"),
+    ],
+)
+def test_wrong_options_say_so(arguments, words, capsys):
+    assert main(["run", "humanoid", *arguments]) == 2
+    assert words in capsys.readouterr().err
+
+
+def test_wrong_arguments_say_so(humanoid, points):
+    with pytest.raises(ValueError, match="force: expected three finite"):
+        posture.stand(humanoid, "normal", (0.0, np.inf, 0.0))
+    with pytest.raises(ValueError, match="force: expected a finite force"):
+        trial.run(humanoid, points, np.nan)
+    with pytest.raises(ValueError, match="mode: expected one of alone, filter, torque"):
+        trial.run(humanoid, points, 1.0, mode="both")
+    with pytest.raises(ValueError, match="expected rise, noise >= 0"):
+        trial.run(humanoid, points, 1.0, rise=-1.0)
+    with pytest.raises(ValueError, match="0 < spacing <= largest"):
+        regulator.schedule(humanoid, "normal", largest=10.0, spacing=20.0)
+
+
+@pytest.mark.parametrize("missing", ["mujoco", "dm_control"])
+def test_missing_extra_is_named(missing, monkeypatch, capsys):
+    if missing == "mujoco":
+
+        def absent(name):
+            raise ImportError(name)
+
+        monkeypatch.setattr("phyfilter_ctl.plants.legged.simulator.import_module", absent)
+    else:
+        monkeypatch.setattr(robot, "find_spec", lambda name: None)
+    assert main(["run", "humanoid"]) == 2
+    assert "pip install 'phyfilter-ctl[mujoco]'" in capsys.readouterr().err
