@@ -11,13 +11,15 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from phyfilter_ctl.plots import COLOURS, dress
+
 from .limits import PROFILES, Comparison
 from .robot import FloatArray, Humanoid
 from .trial import Trial
 
 __all__ = ["animate", "draw", "skeleton"]
 
-_COLOURS = {"alone": "tab:gray", "filter": "tab:blue"}
+_COLOURS = {"alone": "#999999", "filter": COLOURS[0]}
 _LABELS = {"alone": "LQR alone", "filter": "with PhyFilter"}
 _SIZE = 280  # pixels of a frame's side
 _FRAMES_PER_SECOND = 10
@@ -74,24 +76,26 @@ def _draw_limits(axes: Axes, found: Comparison) -> None:
         )
     axes.set_xticks(np.arange(len(names)), names)
     axes.set_ylabel("held in both directions [N]")
-    axes.legend(fontsize="x-small")
+    axes.set_ylim(0.0, 1.4 * axes.get_ylim()[1])  # room for the legend
+    axes.legend(fontsize="x-small", frameon=False, loc="upper left", ncols=2)
+    dress(axes, "a  Largest force on the right hand")
 
 
 def _draw_postures(axes: Axes, found: Comparison) -> None:
     for k, points in enumerate(found.schedules.values()):
-        for point, colour in ((points.upright, "tab:gray"), (points.points[-1], "tab:blue")):
+        for point, colour in ((points.upright, _COLOURS["alone"]), (points.points[-1], _COLOURS["filter"])):
             for line in skeleton(found.humanoid, point.q):
                 axes.plot(line[:, 1] + 1.8 * k, line[:, 2], color=colour, linewidth=2.0)
     force = next(iter(found.schedules.values())).forces[-1]
     axes.set(aspect="equal", xlabel="y [m], stances side by side", ylabel="z [m]")
-    axes.set_title(f"target: upright, and under {force:g} N on the right hand", fontsize="small")
     axes.axhline(0.0, color="black", linewidth=0.8)
+    dress(axes, f"b  Postures: upright, and under {force:g} N")
 
 
 def _draw_trials(centre: Axes, estimate: Axes, found: Comparison) -> None:
     chosen = [key for key in found.trials if key[1] == "slow"] or list(found.trials)
-    centre.set(xlabel="t [s]", ylabel="centre of mass, y [m]")
-    estimate.set(xlabel="t [s]", ylabel="hand force [N]")
+    centre.set(xlabel="Time [s]", ylabel="y [m]")
+    estimate.set(xlabel="Time [s]", ylabel="N")
     if not chosen:
         return
     stance, force = chosen[0][0], max((key[2] for key in chosen if key[0] == chosen[0][0]), key=abs)
@@ -101,9 +105,10 @@ def _draw_trials(centre: Axes, estimate: Axes, found: Comparison) -> None:
             if key[3] == "filter":
                 estimate.plot(trial.time, trial.f_hat, color=_COLOURS[key[3]], label="estimate")
                 estimate.plot(trial.time, trial.force, color="black", linestyle="--", label="force")
-    centre.set_title(f"{stance} stance, {force:g} N", fontsize="small")
-    centre.legend(fontsize="x-small")
-    estimate.legend(fontsize="x-small")
+    for axes in (centre, estimate):
+        axes.legend(fontsize="x-small", frameon=False)
+    dress(centre, f"c  Centre of mass, {stance} stance, {force:g} N")
+    dress(estimate, "d  Force on the hand")
 
 
 def animate(humanoid: Humanoid, trials: dict[str, Trial], path: str) -> str:
