@@ -36,7 +36,7 @@ version = release = phyfilter_ctl.__version__
 extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "sphinx.ext.viewcode"]
 root_doc = "docs/index"
 include_patterns = ["docs/**", "notebooks/*.py", "models/*/README.md", "fmus/README.md", "CHANGELOG.md"]
-exclude_patterns = ["docs/conf.py", ".*", "build", "dist", "out", "**/__pycache__"]
+exclude_patterns = ["docs/conf.py", "docs/screenshots.py", ".*", "build", "dist", "out", "**/__pycache__"]
 nitpicky = True
 # Types in docstrings are prose such as "(N, n_x) array"; only explicit roles must lead somewhere.
 nitpick_ignore_regex = [("py:(class|obj)", r".*")]

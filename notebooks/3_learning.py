@@ -135,7 +135,7 @@ for (form, order), row in table.items():
     if order == 2:
         size = np.exp(np.mean(np.log(np.abs(row.filter.poles))))
         axis.plot(size, row.rmse, "*", markersize=12, label=f"learned, {form}, n = 2")
-axis.axhline(result.wiener.rmse, color="0.4", linestyle="--", label="Wiener floor")
+axis.axhline(result.wiener.rmse, color="0.4", linestyle="--", label="Wiener filter, held out")
 axis.set(xlabel="pole [rad/s]", ylabel="RMSE [N]")
 axis.legend(frameon=False)
 dress(axis, "Swept by hand, learned, and what is possible")

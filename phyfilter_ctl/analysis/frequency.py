@@ -64,6 +64,8 @@ class FilterResponse:
     Examples
     --------
     >>> response = frequency_response(PhyFilter([20.0]), [2.0, 20.0])
+    >>> response
+    <FilterResponse of PhyFilter(a=[20.0]): 2 points, 2 to 20 rad/s>
     >>> np.abs(response.F).round(4).tolist()
     [0.995, 0.7071]
     >>> round(response.bandwidth, 9)
@@ -265,6 +267,10 @@ class FilterResponse:
         control.ControlPlot
         """
         return FilterResponseList((self,)).plot(ax, labels=None if label is None else [label], limits=limits)
+
+    def __repr__(self) -> str:
+        points = f"{len(self.omega)} point{'s' * (len(self.omega) != 1)}"
+        return f"<FilterResponse of {self.system!r}: {points}, {self.omega[0]:.4g} to {self.omega[-1]:.4g} rad/s>"
 
     # -- inside ---------------------------------------------------------------------------------------------------
 

@@ -69,8 +69,11 @@ def answer(design: Design) -> dict[str, object]:
     sampled: SampledPhyFilter | None = None
     try:
         sampled = design.sampled
-    except ValueError as error:  # forward Euler at too long a step
-        messages.append(str(error))
+    except ValueError:  # forward Euler at too long a step
+        messages.append(
+            f"Sampled every {1e3 * design.dt:.4g} ms with forward Euler the filter is unstable: choose the exact "
+            f"method, or a step below {1e3 * design.euler_dt:.4g} ms."
+        )
     curves, response, as_sampled = _frequency(design, filter, sampled)
     band, settling = _band(response), settling_time(filter)
     figures = [*_shape(design, band, settling, as_sampled), *_bounds(design, filter, sampled)]

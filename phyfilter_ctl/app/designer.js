@@ -547,7 +547,7 @@ const gainAt = (filter, omega) => {
  * @returns {number | null}
  */
 export function bandwidth(filter) {
-  const omega = frequencyGrid(filter, { low: 0.01 * slowest(filter), high: 100 * fastest(filter), points: 400 });
+  const omega = frequencyGrid(filter, { low: 0.01 * slowest(filter), high: Math.max(100 * fastest(filter), lastCrossing(filter)), points: 400 });
   const gains = Array.from(omega, (w) => gainAt(filter, w));
   const top = gains.indexOf(Math.max(...gains));
   const peak = top > 0 && top + 1 < gains.length ? largestGain(filter, omega[top - 1], omega[top + 1]) : gains[top];
@@ -562,6 +562,19 @@ export function bandwidth(filter) {
   let before = top;
   while (before >= 0 && gains[before] >= level) before--;
   return before < 0 ? null : high - crossing(filter, level, omega[before], omega[before + 1]);
+}
+
+/**
+ * A frequency above which |F| stays below |F(0)|/sqrt(2), 0 where F(0) = 0: each of the n terms of N is below its share there, as
+ * |D| > omega^n / 2 from twice n times the fastest pole on.
+ * @param {Filter} filter
+ */
+function lastCrossing(filter) {
+  const { order: n, b } = filter;
+  const share = Math.abs(filter.dcGain) / Math.SQRT2 / (2 * n);
+  if (share === 0) return 0;
+  const most = Math.max(2 * n * fastest(filter), ...b.map((value, i) => (Math.abs(value) / share) ** (1 / (n - i))));
+  return Math.min(most, 1e7 * fastest(filter)); // an F(0) that is only rounding
 }
 
 /** Peak of |F| between two frequencies, by golden section. @param {Filter} filter @param {number} low @param {number} high */
@@ -774,14 +787,14 @@ export function short(value, digits = 4) {
   return text.replace(/-/g, "−");
 }
 
-/** A value in a unit that reads well. @param {number | null} value @param {string} unit @returns {[string, string]} */
-export function inUnit(value, unit) {
+/** A value in a unit that reads well. @param {number | null} value @param {string} unit @param {number} [digits] @returns {[string, string]} */
+export function inUnit(value, unit, digits = 4) {
   if (value !== null && unit === "s" && value !== 0) {
     const size = Math.abs(value);
-    if (size < 1e-3) return [short(value * 1e6), "µs"];
-    if (size < 1) return [short(value * 1e3), "ms"];
+    if (size < 1e-3) return [short(value * 1e6, digits), "µs"];
+    if (size < 1) return [short(value * 1e3, digits), "ms"];
   }
-  return [short(value), unit === "deg" ? "°" : unit];
+  return [short(value, digits), unit === "deg" ? "°" : unit];
 }
 
 /** What someone typed as a number; NaN if it is none. @param {string} text */
@@ -811,6 +824,8 @@ const SHORT_NAMES = {
   phase_margin: "Phase margin",
 };
 
+const IN_UNIT_OF_F = ["noise", "bound", "bound_sampled"];
+
 const MEANINGS = {
   bandwidth: "Residuals slower than this pass into the estimate; |F| has fallen to 71 % there.",
   settling: "Time after which the answer to a sudden, constant residual stays within 2 % of its end.",
@@ -833,6 +848,9 @@ const FAMILY_NAMES = {
   damped: "Damped pairs",
   bandpass: "Band-pass",
 };
+
+const WIENER =
+  "Wiener filter: about the least that a causal linear filter can reach. Every block of the log is scored by one fitted to the others, so a filter learned from all of it can come out slightly below.";
 
 const TYPE_MEANINGS = ["constants", "ramps", "parabolas", "cubics"];
 
@@ -1088,9 +1106,8 @@ class Chart {
     if (!text) return;
     const { width } = context.measureText(text);
     const left = context.textAlign === "right" ? x - width : x;
-    const top = context.textBaseline === "bottom" ? y - 12 : y;
     context.fillStyle = palette.card;
-    context.fillRect(left - 3, top - 2, width + 6, 15);
+    context.fillRect(left - 3, y - 2, width + 6, 15);
     context.fillStyle = palette.muted;
     context.fillText(text, x, y);
   }
@@ -1103,8 +1120,9 @@ class Chart {
     context.setLineDash([]);
     const right = at + 6 + context.measureText(text).width > this.width - MARGIN.right;
     context.textAlign = right ? "right" : "left";
-    context.textBaseline = "bottom";
-    this.badge(context, palette, text, right ? at - 5 : at + 5, this.height - this.bottom - 5);
+    context.textBaseline = "top";
+    // Above 0 dB, where the curves are seldom.
+    this.badge(context, palette, text, right ? at - 5 : at + 5, this.top + 3);
   }
 
   /** @param {CanvasRenderingContext2D} context @param {Series} series */
@@ -1112,9 +1130,10 @@ class Chart {
     context.beginPath();
     let down = false;
     const [low, high] = [-50, this.height + 50]; // far outside, a canvas spends long on dashes
+    const [left, right] = this.settings.logX ? [this.x[0] / 1.2, 1.2 * this.x[1]] : [2 * this.x[0] - this.x[1], 2 * this.x[1] - this.x[0]];
     for (let k = 0; k < x.length; k++) {
       const value = y[k];
-      const inside = x[k] >= this.x[0] / 1.2 - (this.settings.logX ? 0 : 1) && x[k] <= this.x[1] * 1.2;
+      const inside = x[k] >= left && x[k] <= right;
       if (value === null || Number.isNaN(value) || !inside) {
         down = false;
         continue;
@@ -1162,6 +1181,7 @@ function linearTicks([low, high], count, degrees = false) {
 function logTicks([low, high], size) {
   const ticks = [];
   const decades = Math.log10(high / low);
+  if (decades < 0.7) return linearTicks([low, high], size / 20); // hardly a 1, 2 or 5 in it
   const every = Math.max(1, Math.ceil((decades * 46) / size));
   for (let power = Math.floor(Math.log10(low)); power <= Math.ceil(Math.log10(high)); power++) {
     for (let lead = 1; lead < 10; lead++) {
@@ -1231,6 +1251,8 @@ const TOGETHER = 10; // px from it
 const SNAP = 4; // px: real roots this near become equal
 const RIM = 20; // px
 const DAMPING_RAYS = [0.2, 0.4, 0.6, 0.8, 0.95];
+const FAR_APART = 15; // ratio from which the slowest poles crowd at the origin
+const PLANE_HINT = "Drag a pole ×; double-click adds one";
 
 class Plane {
   /**
@@ -1361,9 +1383,12 @@ class Plane {
   }
 
   wheel(event) {
+    // The bare wheel scrolls the page or the notebook, which are longer than a screen; a pinch comes with ctrlKey.
+    if (!event.ctrlKey && !event.metaKey) return;
     event.preventDefault();
-    if (event.shiftKey && this.view.log) this.view.decades = Math.min(Math.max(this.view.decades + Math.sign(event.deltaY), 1), 9);
-    this.zoom(event.shiftKey ? 1 : 1.12 ** Math.sign(event.deltaY));
+    const decades = event.shiftKey && this.view.log;
+    if (decades) this.view.decades = Math.min(Math.max(this.view.decades + Math.sign(event.deltaY), 1), 9);
+    this.zoom(decades ? 1 : 1.12 ** Math.sign(event.deltaY));
   }
 
   hover(event) {
@@ -1499,16 +1524,19 @@ class Plane {
       tick.textContent = log ? text : `−${text}`;
       parts.push(tick);
     }
-    const real = g("text", { class: "pf-axis-name", x: 6, y: oy - 16 });
-    real.textContent = log ? "Re s, log, rad/s" : "Re s, rad/s";
+    // On the right, where no pole can be.
+    const real = g("text", { class: "pf-axis-name", x: this.width - 6, y: oy - 7, "text-anchor": "end" });
+    real.textContent = "Re s, rad/s";
+    const scale = g("text", { class: "pf-axis-name", x: this.width - 6, y: oy + 17, "text-anchor": "end" });
+    scale.textContent = log ? "log |s|" : "";
     const imaginary = g("text", { class: "pf-axis-name", x: ox + 6, y: 14 });
     imaginary.textContent = "Im s";
     const stable = g("text", { class: "pf-axis-name", x: this.width - 6, y: this.height - 8, "text-anchor": "end" });
     stable.textContent = "unstable";
-    this.grid.replaceChildren(...parts, real);
+    this.grid.replaceChildren(...parts);
     this.unstable.after(this.ghosts);
     this.labels?.remove();
-    this.labels = g("g", { class: "pf-plane-grid", "aria-hidden": "true" }, imaginary, stable);
+    this.labels = g("g", { class: "pf-plane-grid", "aria-hidden": "true" }, real, scale, imaginary, stable);
     this.ghosts.before(this.labels);
   }
 
@@ -1667,6 +1695,7 @@ class Designer {
     this.estimate = null;
     this.job = null;
     this.curve = [];
+    this.greeted = false;
     this.shown = { F: true, E: true, S: true };
     this.cursorAt = null;
     this.frame = 0;
@@ -1697,13 +1726,19 @@ class Designer {
   async start() {
     this.say("Starting Python …");
     const reply = await this.link.ask("hello");
-    if (!this.ok(reply)) return;
+    this.greeted = true;
+    if (!this.ok(reply)) {
+      void this.ask();
+      return;
+    }
     this.can = reply.can ?? this.can;
     if (Array.isArray(reply.families)) this.offerFamilies(reply.families);
     this.showAbilities();
     if (reply.version) this.parts.version.textContent = reply.version;
-    if (reply.design && this.undoStack.length === 0) this.load(reply.design, { fit: true });
-    this.saved = JSON.stringify(this.design());
+    if (reply.design && this.undoStack.length === 0 && !this.dragging) {
+      this.load(reply.design, { fit: true });
+      this.saved = JSON.stringify(this.design());
+    } else void this.ask(); // something was designed while Python started
     this.setLog(reply.log ?? null);
     this.say("Ready. Drag a pole, type a value, or start from a family.");
   }
@@ -1747,6 +1782,8 @@ class Designer {
 
   /** Ask Python about the design as it is; the newest question wins. */
   async ask() {
+    // The design that Python holds comes first: a question would put this one in its place.
+    if (!this.greeted) return;
     const design = this.design();
     const text = JSON.stringify(design);
     if (text === this.asking) return;
@@ -2096,6 +2133,8 @@ class Designer {
     this.log = log;
     this.channel = 0;
     this.estimate = null;
+    this.logWindow = null; // times in s that are drawn, null: all
+    this.logWhole = null;
     this.curve = [];
     this.learnMessage("");
     this.showLog();
@@ -2110,14 +2149,66 @@ class Designer {
 
   async askEstimate() {
     this.estimatedAt = performance.now();
-    const reply = await this.link.ask("estimate", { design: this.design(), channel: this.channel }, { latest: true });
+    const reply = await this.link.ask("estimate", { design: this.design(), channel: this.channel, ...(this.logWindow ? { window: this.logWindow } : {}) }, { latest: true });
     if (!reply || !this.log) return;
     if (!reply.ok) {
       this.estimate = null;
       this.fail(reply);
     } else this.estimate = reply;
+    this.logWhole ??= reply.ok ? [reply.t[0], reply.t[reply.t.length - 1]] : null;
     this.showEstimate();
     this.paint();
+  }
+
+  /** Draw a part of the log, or all of it. @param {number} low s @param {number} high s */
+  showWindow(low, high) {
+    if (!this.logWhole) return;
+    const [first, last] = this.logWhole;
+    const least = 10 * this.log.dt;
+    const span = Math.min(Math.max(high - low, least), last - first);
+    const from = Math.min(Math.max((low + high - span) / 2, first), last - span);
+    this.logWindow = span >= 0.999 * (last - first) ? null : [from, from + span];
+    void this.askEstimate();
+  }
+
+  /** Move or scale the part that is drawn. @param {number} factor @param {number} shift in parts of its width */
+  moveWindow(factor, shift) {
+    if (!this.logWhole) return;
+    const [low, high] = this.logWindow ?? this.logWhole;
+    const middle = (low + high) / 2 + shift * (high - low);
+    const half = (factor * (high - low)) / 2;
+    this.showWindow(middle - half, middle + half);
+  }
+
+  /** A stretch marked with the mouse is what is drawn next. */
+  markWindow() {
+    const { overlay } = this.logChart;
+    const box = g("rect", { class: "pf-marked", visibility: "hidden" });
+    overlay.append(box);
+    overlay.addEventListener("dblclick", () => this.logWhole && this.showWindow(...this.logWhole));
+    overlay.addEventListener("pointerdown", (event) => {
+      if (event.button !== 0 || !this.estimate) return;
+      const { left } = overlay.getBoundingClientRect();
+      const held = (at) => Math.min(Math.max(at - left, MARGIN.left), this.logChart.width - MARGIN.right);
+      const start = held(event.clientX);
+      let end = start;
+      overlay.setPointerCapture(event.pointerId);
+      const move = (next) => {
+        end = held(next.clientX);
+        const values = { visibility: "visible", x: Math.min(start, end), width: Math.abs(end - start), y: this.logChart.top, height: this.logChart.inner.height };
+        for (const [name, value] of Object.entries(values)) box.setAttribute(name, String(value));
+      };
+      const stop = (last) => {
+        overlay.removeEventListener("pointermove", move);
+        overlay.removeEventListener("pointerup", stop);
+        overlay.removeEventListener("pointercancel", stop);
+        box.setAttribute("visibility", "hidden");
+        if (last.type === "pointerup" && Math.abs(end - start) > 6) this.showWindow(this.logOrigin + this.logChart.xAt(Math.min(start, end)), this.logOrigin + this.logChart.xAt(Math.max(start, end)));
+      };
+      overlay.addEventListener("pointermove", move);
+      overlay.addEventListener("pointerup", stop);
+      overlay.addEventListener("pointercancel", stop);
+    });
   }
 
   async learn() {
@@ -2312,7 +2403,10 @@ class Designer {
       selected: () => this.chosen,
       remove: () => this.remove(),
       say: (text) => this.say(text, "warn"),
-      hover: (text) => (this.parts.planeReadout.textContent = text),
+      hover: (text) => {
+        this.planeText = text;
+        this.showPlaneText();
+      },
       refit: () => this.paint(),
     });
     root.append(
@@ -2376,7 +2470,7 @@ class Designer {
           this.keep("fmu2", this.button("export-fmu2", "FMU 2", () => void this.export("fmu2"), { class: "pf-primary" })),
           this.keep("fmu3", this.button("export-fmu3", "FMU 3", () => void this.export("fmu3"), { class: "pf-primary" })),
           this.keep("c", this.button("export-c", "C", () => void this.export("c"), { class: "pf-primary" })),
-          h("label", { class: "pf-channels", title: "Channels of x in the export" }, "×", this.keep("channels", h("input", { type: "number", min: 1, max: 12, value: 1, "aria-label": "Channels of the export", "data-test": "channels" }))),
+          h("label", { class: "pf-channels", title: "Channels of x in the export: one filter for each" }, "channels", this.keep("channels", h("input", { type: "number", min: 1, max: 12, value: 1, "aria-label": "Channels of the export", "data-test": "channels" }))),
         ),
         theme,
       ),
@@ -2397,8 +2491,8 @@ class Designer {
     return h("section", { class: "pf-figures", "aria-label": "Figures" }, this.parts.numbers, h("div", { class: "pf-under" }, this.parts.explain, this.parts.messages));
   }
 
-  /** A labelled number with its unit. @param {string} test @param {string} label @param {string} unit @param {(value: number) => string | void} set */
-  numberField(test, label, unit, set) {
+  /** A labelled number with its unit. @param {string} test @param {string} label @param {string} unit @param {(value: number) => string | void} set @param {string} [title] */
+  numberField(test, label, unit, set, title = "") {
     const input = h("input", { type: "text", inputmode: "decimal", autocomplete: "off", spellcheck: "false", "data-test": test, "aria-label": unit ? `${label} in ${unit}` : label });
     input.addEventListener("change", () => {
       const value = typed(input.value);
@@ -2408,7 +2502,7 @@ class Designer {
       else this.paint();
     });
     const unitText = h("span", { class: "pf-unit" }, unit);
-    return { input, unitText, element: h("label", { class: "pf-field" }, h("span", { class: "pf-name" }, label), h("span", { class: "pf-entry" }, input, unitText)) };
+    return { input, unitText, element: h("label", { class: "pf-field", title: title || null }, h("span", { class: "pf-name" }, label), h("span", { class: "pf-entry" }, input, unitText)) };
   }
 
   buildKnobs() {
@@ -2430,7 +2524,7 @@ class Designer {
     });
     this.keep("cutoff", cutoff.input);
     const slider = this.keep("cutoffSlider", this.logSlider("cutoff-slider", "Bandwidth", 0.1, 1e4, (value) => this.setCutoff(value), "speed"));
-    const damping = this.numberField("damping", "Damping ratio", "", (value) => {
+    const damping = this.numberField("damping", "Damping ζ", "", (value) => {
       if (!(value >= 0.01 && value <= 1)) return `Damping ratio: expected 0.01 to 1, got ${value}.`;
       this.damping = value;
       void this.askFamily({ damping: value });
@@ -2518,18 +2612,18 @@ class Designer {
 
   buildAssumptions() {
     const rows = [
-      ["slope", "Slope of γ ≤", () => `${this.unit()}/s`, 1, 0, 1e12],
-      ["noise", "Noise of x, sd", () => `${this.unit()}·s`, 1, 0, 1e12],
-      ["ratio", "M̂/M", () => "", 1, 1e-3, 1e3],
-      ["lag", "Actuator lag", () => "ms", 1e3, 0, 10],
-      ["delay", "Delay", () => "ms", 1e3, 0, 10],
+      ["slope", "Slope of γ ≤", () => `${this.unit()}/s`, 1, 0, 1e12, "How fast the residual γ = f − f_θ, what the model misses, may change: the error bound rests on it"],
+      ["noise", "Noise of x, sd", () => `${this.unit()}·s`, 1, 0, 1e12, "Standard deviation of the white noise on every sample of x"],
+      ["ratio", "M̂/M", () => "", 1, 1e-3, 1e3, "Modelled inertia over the true one: the margins start from it"],
+      ["lag", "Actuator lag", () => "ms", 1e3, 0, 10, "Time constant between the command that cancels f̂ and its force"],
+      ["delay", "Delay", () => "ms", 1e3, 0, 10, "Further dead time in the loop"],
     ];
-    this.assumed = rows.map(([key, label, unit, factor, low, high]) => {
+    this.assumed = rows.map(([key, label, unit, factor, low, high, title]) => {
       const entry = this.numberField(key, label, unit(), (value) => {
         if (!(value / factor >= low && value / factor <= high)) return `${label}: expected ${short(low * factor)} to ${short(high * factor)} ${unit()}, got ${short(value)}.`;
         this.edit(key, () => (this.state.assume[key] = value / factor));
         return "";
-      });
+      }, title);
       return { ...entry, key, factor, unit };
     });
     const unit = h("input", { type: "text", maxlength: 40, placeholder: "m/s²", "data-test": "unit", "aria-label": "Unit of f", onchange: () => this.edit("unit", () => (this.state.assume.unit = unit.value.trim())) });
@@ -2542,20 +2636,20 @@ class Designer {
   }
 
   buildPlane() {
-    this.plane.element.append(this.keep("planeReadout", h("span", { class: "pf-readout pf-on-plane", "data-test": "plane-readout" })));
+    const readout = this.keep("planeReadout", h("p", { class: "pf-readout pf-below-plane", "data-test": "plane-readout" }, PLANE_HINT));
     const log = this.button("plane-log", "log", () => {
       this.plane.view.log = !this.plane.view.log;
       log.setAttribute("aria-pressed", String(this.plane.view.log));
       this.plane.fit();
     }, { "aria-pressed": "false", title: "Distance from the origin in decades; directions stay" });
-    const view = h("div", { class: "pf-group" }, this.button("zoom-out", "−", () => this.plane.zoom(1.5), { class: "pf-icon", "aria-label": "Zoom out" }), this.button("zoom-in", "+", () => this.plane.zoom(1 / 1.5), { class: "pf-icon", "aria-label": "Zoom in" }), this.button("fit", "Fit", () => this.plane.fit()), log);
+    const view = h("div", { class: "pf-group" }, this.button("zoom-out", "−", () => this.plane.zoom(1.5), { class: "pf-icon", "aria-label": "Zoom out", title: "Zoom out, or Ctrl and the wheel" }), this.button("zoom-in", "+", () => this.plane.zoom(1 / 1.5), { class: "pf-icon", "aria-label": "Zoom in", title: "Zoom in, or Ctrl and the wheel" }), this.button("fit", "Fit", () => this.plane.fit(), { title: "Show all poles and zeros" }), log);
     const tools = h(
       "div",
       { class: "pf-bar" },
       h("div", { class: "pf-group" }, this.button("add-pole", "+ pole", () => this.add("pole"), { title: "Or double-click the plane" }), this.button("add-pair", "+ pair", () => this.add("pair"), { title: "Two conjugate poles" }), this.button("add-zero", "+ zero", () => this.add("zero"), { title: "A zero of F; or double-click with Alt" })),
       h("div", { class: "pf-group pf-right" }, this.keep("delete", this.button("delete", "Delete", () => this.remove(), { title: "Delete the selected one, Del" }))),
     );
-    return this.card("Poles and zeros", [this.plane.element, tools], { side: [view], className: "pf-plane-card" });
+    return this.card("Poles and zeros", [this.plane.element, readout, tools], { side: [view], className: "pf-plane-card" });
   }
 
   buildTable() {
@@ -2616,13 +2710,24 @@ class Designer {
       label: "Estimate on the log",
       height: 230,
       xLabel: "t, s",
-      yLabel: "",
+      yLabel: "f",
       onCursor: (t) => {
         this.logAt = t;
         this.paint();
       },
     });
     this.costChart = new Chart({ test: "cost-plot", label: "Cost while learning", height: 150, logY: true, xLabel: "improvements", yLabel: "RMSE" });
+    this.markWindow();
+    const part = (test, text, words, factor, shift) => this.button(test, text, () => this.moveWindow(factor, shift), { class: "pf-icon", "aria-label": words, title: words });
+    const parts = h(
+      "div",
+      { class: "pf-group pf-right", role: "group", "aria-label": "Part of the log that is drawn" },
+      part("log-earlier", "‹", "Earlier", 1, -0.5),
+      part("log-later", "›", "Later", 1, 0.5),
+      part("log-out", "−", "Draw a longer part", 2, 0),
+      part("log-in", "+", "Draw a shorter part, or mark it in the plot", 0.5, 0),
+      this.keep("logAll", this.button("log-whole", "Whole", () => this.logWhole && this.showWindow(...this.logWhole), { title: "Draw the whole log; or double-click the plot" })),
+    );
     const file = h("input", { type: "file", accept: ".csv,.txt,.tsv,.toml", "data-test": "log-file", "aria-label": "Pick a CSV log", onchange: (event) => this.picked(event) });
     this.keep("drop", h("label", { class: "pf-drop", "data-test": "drop" }, h("strong", {}, "Drop a recorded log here"), h("span", {}, "or pick a CSV file: a column t in s, the measured x, and if known label_x, g_x, f_theta_x"), file));
     const channel = h("select", { "data-test": "channel", "aria-label": "Channel", onchange: () => {
@@ -2641,7 +2746,7 @@ class Designer {
     this.keep("learnMessage", h("p", { class: "pf-note", "data-test": "learn-message" }));
     const field = (text, input) => h("label", { class: "pf-field" }, h("span", { class: "pf-name" }, text), input);
     this.keep("learning", h("div", { class: "pf-learning" }, h("h3", {}, "Learn"), field("Order up to", this.parts.learnOrder), field("Form", this.parts.learnForm), h("div", { class: "pf-bar" }, this.parts.learn, this.parts.cancel), this.parts.learnMessage, this.costChart.element));
-    this.keep("logBody", h("div", { class: "pf-log-body" }, h("div", { class: "pf-log-left" }, h("div", { class: "pf-bar" }, this.parts.logLegend, this.parts.logReadout), this.logChart.element, this.parts.rmse), this.parts.learning));
+    this.keep("logBody", h("div", { class: "pf-log-body" }, h("div", { class: "pf-log-left" }, h("div", { class: "pf-bar" }, this.parts.logLegend, this.parts.logReadout, parts), this.logChart.element, this.parts.rmse), this.parts.learning));
     this.keep("forget", this.button("forget", "Close the log", () => void this.forget()));
     return this.card("Log", [this.parts.drop, this.parts.logBody], { test: "log-card", side: [this.parts.logSummary, channel, this.parts.forget], className: "pf-log-card" });
   }
@@ -2667,6 +2772,13 @@ class Designer {
       this.parts[name].disabled = !able;
       this.parts[name].title = able ? { fmu2: "FMU of FMI 2.0", fmu3: "FMU of FMI 3.0", c: "C99 sources in a zip" }[name] : why || "not on this machine";
     }
+  }
+
+  /** Where the mouse is; else what can be done. */
+  showPlaneText() {
+    const sizes = this.poles.map(({ re, im }) => Math.hypot(re, im));
+    const apart = !this.plane.view.log && Math.max(...sizes) > FAR_APART * Math.min(...sizes);
+    write(this.parts.planeReadout, this.planeText || (apart ? "Poles far apart: “log” shows each" : PLANE_HINT));
   }
 
   select(kind, id) {
@@ -2697,6 +2809,7 @@ class Designer {
     this.drawBode();
     this.plane.euler = this.state.sampling.method === "euler" ? this.state.sampling.dt : null;
     this.plane.draw();
+    this.showPlaneText();
     this.showTable();
     this.showKnobs();
     this.showNumbers();
@@ -2866,8 +2979,9 @@ class Designer {
       const live = stale && own;
       const value = live || !number ? (this.preview?.get(key) ?? null) : number.value;
       const note = number?.note ?? "";
-      const unit = number?.unit ?? { bandwidth: "rad/s", settling: "s", euler_dt: "s", noise_gain: "1/s", noise: this.state.assume.unit }[key] ?? "";
-      const [text, shownUnit] = value === null && /^no (upper |lower )?limit/.test(note) ? ["∞", ""] : inUnit(value, unit);
+      const unit = this.unitOf(key, number);
+      const [full, shownUnit] = value === null && /^no (upper |lower )?limit/.test(note) ? ["∞", ""] : inUnit(value, unit);
+      const text = full.length > 6 ? inUnit(value, unit, 3)[0] : full; // what a card has room for
       write(card.value, text);
       write(card.unit, text === "∞" || text === "–" ? "" : shownUnit);
       card.element.setAttribute("data-value", value === null ? "" : String(value));
@@ -2882,6 +2996,12 @@ class Designer {
       this.cards.delete(key);
     }
     if (this.explained) this.explain(this.explained);
+  }
+
+  /** Unit of a figure; what is in the unit of f says so before one is named. @param {string} key @param {any} number */
+  unitOf(key, number) {
+    if (IN_UNIT_OF_F.includes(key)) return number?.unit || this.unit();
+    return number?.unit ?? { bandwidth: "rad/s", settling: "s", euler_dt: "s", noise_gain: "1/s" }[key] ?? "";
   }
 
   numberCard(key) {
@@ -3108,13 +3228,14 @@ class Designer {
   showEstimate() {
     const found = this.estimate;
     const entries = [
-      ["RMSE of f̂", found?.rmse],
-      ["of the model alone", found?.rmse_model],
-      ["causal Wiener floor", found?.wiener],
+      ["RMSE of f̂", found?.rmse, "Root mean square of label − f̂ over the log"],
+      ["of the model alone", found?.rmse_model, "Root mean square of label − f_θ over the log"],
+      ["Wiener filter, held out", found?.wiener, WIENER],
     ].filter(([, value]) => typeof value === "number");
-    const unit = this.state.assume.unit;
-    this.parts.rmse.replaceChildren(...entries.map(([text, value]) => h("div", {}, h("dt", {}, text), h("dd", {}, `${short(value)}${unit ? ` ${unit}` : ""}`))));
-    const messages = found?.messages ?? [];
+    this.parts.logAll.disabled = !this.logWindow;
+    this.parts.rmse.replaceChildren(...entries.map(([text, value, title]) => h("div", { title }, h("dt", {}, text), h("dd", {}, `${short(value)} ${this.unit()}`))));
+    const messages = [...(found?.messages ?? [])];
+    if (typeof found?.wiener === "number") messages.push(WIENER);
     if (messages.length) this.parts.rmse.append(h("p", { class: "pf-note" }, messages.join(" ")));
     const lines = [["label", "label, the truth", "L", DASHES.solid], ["f_theta", "f_θ, the model", "M", DASHES.dot], ["f_hat", "f̂, the estimate", "F", DASHES.solid]].filter(([key]) => found?.[key]);
     this.parts.logLegend.replaceChildren(...lines.map(([, text, colour, dash]) => h("span", { class: "pf-legend" }, swatch(`pf-stroke-${colour}`, dash), text)));
@@ -3124,21 +3245,26 @@ class Designer {
     const { palette, estimate } = this;
     const lines = [];
     if (estimate) {
-      const x = estimate.t;
+      const [start, end] = this.logWhole;
+      // Times since 1970, say, are shown from the first one on.
+      this.logOrigin = Math.abs(start) > 100 * (end - start) ? start : 0;
+      const x = this.logOrigin ? estimate.t.map((t) => t - this.logOrigin) : estimate.t;
+      const wanted = this.logWindow?.map((t) => t - this.logOrigin);
       if (estimate.label) lines.push({ x, y: estimate.label, colour: palette.L, width: 3 });
       if (estimate.f_theta) lines.push({ x, y: estimate.f_theta, colour: palette.M, dash: DASHES.dot, width: 1.5 });
       lines.push({ x, y: estimate.f_hat, colour: palette.F, width: 1.5 });
       const [low, high] = [Math.min(...lines.map(({ y }) => smallest(y))), Math.max(...lines.map(({ y }) => largest(y)))];
       const room = 0.06 * (high - low || 1);
-      Object.assign(this.logChart, { x: [x[0], x[x.length - 1]], y: [low - room, high + room] });
+      Object.assign(this.logChart, { x: wanted && x[x.length - 1] > wanted[0] && x[0] < wanted[1] ? wanted : [x[0], x[x.length - 1]], y: [low - room, high + room] });
     }
-    this.logChart.settings.yLabel = this.state.assume.unit;
+    this.logChart.settings.xLabel = this.logOrigin ? `t − ${this.logOrigin}, s` : "t, s";
+    this.logChart.settings.yLabel = this.state.assume.unit ? `f, ${this.state.assume.unit}` : "f";
     this.logChart.series = lines;
     this.logChart.draw(palette);
     this.logChart.cursor(this.logAt ?? null);
-    const at = estimate && typeof this.logAt === "number" ? estimate.t.findIndex((t) => t >= this.logAt) : -1;
+    const at = estimate && typeof this.logAt === "number" ? estimate.t.findIndex((t) => t >= this.logAt + this.logOrigin) : -1;
     const read = (key, name) => (estimate?.[key] ? `   ${name} ${short(estimate[key][at], 3)}` : "");
-    this.parts.logReadout.textContent = at < 0 ? "" : `t ${short(estimate.t[at], 4)} s${read("f_hat", "f̂")}${read("label", "label")}${read("f_theta", "f_θ")}`;
+    this.parts.logReadout.textContent = at < 0 ? "" : `t ${short(estimate.t[at] - this.logOrigin, 4)} s${read("f_hat", "f̂")}${read("label", "label")}${read("f_theta", "f_θ")}`;
     if (!this.curve.length) return;
     const costs = this.curve.map(([, cost]) => cost).filter((cost) => cost > 0);
     const [low, high] = [Math.min(...costs), Math.max(...costs)];
@@ -3176,7 +3302,7 @@ class Designer {
     const wanted = ["bandwidth", "settling", "noise_gain", "bound", "ratio_high", "delay_margin"];
     const cell = (numbers, key) => {
       const number = numbers?.find((each) => each.key === key);
-      return h("td", {}, number ? inUnit(number.value, number.unit).join(" ") : "…");
+      return h("td", {}, number ? inUnit(number.value, this.unitOf(key, number)).join(" ") : "…");
     };
     const now = this.answer?.numbers;
     const head = h("tr", {}, h("td"), h("th", { scope: "col" }, "now"), ...this.pins.map((pin, i) => h("th", { scope: "col" }, pin.name || String(i + 1))));

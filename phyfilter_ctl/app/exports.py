@@ -24,6 +24,7 @@ Kind = Literal["fmu2", "fmu3", "c"]
 
 _NAME = re.compile(r"[^A-Za-z0-9_.-]+")
 _LONGEST_NAME = 60
+_LONG_LINE = 70
 _SAME_DAY = (1980, 1, 1, 0, 0, 0)  # the archive of one design is the same to the byte
 
 
@@ -53,7 +54,10 @@ def python_text(design: Design) -> str:
     str
         Lines that leave ``filter``, and ``sampled`` where the sampled filter is stable.
     """
-    poles = f"[{', '.join(_number(p) for p in design.poles)}]"
+    numbers = [_number(p) for p in design.poles]
+    poles = f"[{', '.join(numbers)}]"
+    if len(poles) > _LONG_LINE:
+        poles = "[\n" + "".join(f"    {number},\n" for number in numbers) + "]"
     if design.numerator.kind == "type":
         made = f"pf.place_poles({poles}, numerator={design.numerator.type})"
     elif design.numerator.kind == "lowpass":

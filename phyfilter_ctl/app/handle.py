@@ -12,7 +12,7 @@ design    design                                      filter, frequency, step, n
 family    family, order, cutoff, damping, type, band  design
 log       name, text                                  log
 forget                                                log (null)
-estimate  design, channel                             t, f_hat, f_theta, label, rmse, rmse_model, wiener, messages
+estimate  design, channel, window                     t, f_hat, f_theta, label, rmse, rmse_model, wiener, messages
 learn     order, form                                 job
 job       job                                         state, curve, message, design
 cancel    job                                         state, curve, message
@@ -46,6 +46,7 @@ from .jobs import LearningJob
 __all__ = ["Session", "handle"]
 
 _LARGEST_LOG = 20_000_000  # characters
+_LATEST = 1e12  # s; times may count from 1970
 _LARGEST_FILE = 200_000
 _MOST_CHANNELS = 12
 _LONGEST_ERROR = 600
@@ -254,7 +255,8 @@ def _estimate(session: Session, fields: Fields) -> Reply:
     if log is None:
         raise ValueError("no log is open: drop a CSV file first")
     wiener = job.wiener if job is not None and job.log is log else None
-    return logs.estimate(log, design, channel, wiener)
+    window = fields.numbers("window", 2, 2, size=_LATEST) if "window" in fields else None
+    return logs.estimate(log, design, channel, wiener, window=window)
 
 
 def _learn(session: Session, fields: Fields) -> Reply:
@@ -301,7 +303,7 @@ _OPERATIONS: Mapping[str, tuple[Callable[[Session, Fields], Reply], tuple[str, .
     "family": (_family, ("family", "order", "cutoff", "damping", "type", "band")),
     "log": (_log, ("name", "text")),
     "forget": (_forget, ()),
-    "estimate": (_estimate, ("design", "channel")),
+    "estimate": (_estimate, ("design", "channel", "window")),
     "learn": (_learn, ("order", "form")),
     "job": (_job, ("job",)),
     "cancel": (_cancel, ("job",)),

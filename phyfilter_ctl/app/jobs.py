@@ -69,7 +69,10 @@ class LearningJob:
 
     @property
     def wiener(self) -> tuple[float, ...] | None:
-        """RMSE of the causal Wiener filter for each channel, on held-out blocks; None until the job is done."""
+        """RMSE of the causal Wiener filter for each channel; None until the job is done.
+
+        On all samples, each block of them by a response fitted without it: what was fitted to them, too, may be below.
+        """
         with self._lock:
             return self._wiener
 
@@ -184,7 +187,8 @@ class LearningJob:
         with self._lock:
             self._design, self._wiener = design, wiener
             self._curve.append((self._steps, result.rmse))
-        self._end("done", f"RMSE {result.rmse:.4g}, order {result.order_used}: {result.message}{self._note}")
+        said = result.message.removeprefix(f"order {result.order_used}: ")
+        self._end("done", f"RMSE {result.rmse:.4g}, order {result.order_used}: {said}{self._note}")
 
     def _end(self, state: State, message: str) -> None:
         with self._lock:

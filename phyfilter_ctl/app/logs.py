@@ -97,7 +97,12 @@ def summary(log: FlightLog) -> dict[str, object]:
 
 
 def estimate(
-    log: FlightLog, design: Design, channel: int, wiener: Sequence[float] | None
+    log: FlightLog,
+    design: Design,
+    channel: int,
+    wiener: Sequence[float] | None,
+    *,
+    window: Sequence[float] | None = None,
 ) -> dict[str, object]:
     """The reply to op "estimate": the filter run on one channel of the log, at the log's own rate.
 
@@ -107,12 +112,15 @@ def estimate(
     design : Design
     channel : int
     wiener : sequence of float, optional
-        RMSE of the causal Wiener filter for each channel, where known.
+        RMSE of the causal Wiener filter for each channel, where known. It is over the samples of ``rmse``, each block
+        of them by a response fitted without it; a filter fitted to the block as well may have a lower ``rmse``.
+    window : (2,) sequence of float, optional
+        First and last time in s that is drawn; None means all of them. The errors are over the whole log.
 
     Raises
     ------
     MessageError
-        If there is no such channel.
+        If there is no such channel, or the window begins after its end.
     ValueError
         If forward Euler diverges at the log's step.
     """
@@ -133,7 +141,8 @@ def estimate(
     mine = np.asarray(f_hat[:, 0 if log.inertia is None else channel], dtype=float)
     f_theta = None if log.f_theta is None else log.f_theta[:, channel]
     label = None if log.label is None else log.label[:, channel]
-    keep = _drawn([each for each in (mine, f_theta, label) if each is not None])
+    seen = _seen(log.times, window)
+    keep = seen.start + _drawn([each[seen] for each in (mine, f_theta, label) if each is not None])
     model = 0.0 if f_theta is None else f_theta
     messages = []
     if abs(log.dt - design.dt) > _SAME_STEP * design.dt:
@@ -156,6 +165,18 @@ def _rms(error: FloatArray) -> float | None:
     """Without the first sample, where f_hat = f_theta."""
     value = float(np.sqrt(np.mean(error[1:] ** 2)))
     return value if np.isfinite(value) else None
+
+
+def _seen(times: FloatArray, window: Sequence[float] | None) -> slice:
+    """Samples of the window, and one to either side so that lines reach its edges; two at least."""
+    if window is None:
+        return slice(0, len(times))
+    low, high = window
+    if not low < high:
+        raise MessageError("window", f"expected a first time before the last, got {low:g} and {high:g} s")
+    first, last = np.searchsorted(times, [low, high]).tolist()
+    first = min(max(first - 1, 0), len(times) - 2)
+    return slice(first, max(min(last + 1, len(times)), first + 2))
 
 
 def _drawn(series: Sequence[FloatArray]) -> np.ndarray:

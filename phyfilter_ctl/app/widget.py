@@ -19,17 +19,10 @@ _FOLDER = Path(__file__).parent
 
 
 class Designer(anywidget.AnyWidget):
-    """A live designer; :func:`designer` makes it.
+    """A live designer; :func:`phyfilter_ctl.app.designer` makes it and says what it takes.
 
     Its trait ``design`` is the current design as the front end has it (poles, numerator, sampling, assumptions), for
     ``observe``.
-
-    Parameters
-    ----------
-    filter : PhyFilter or SampledPhyFilter, optional
-        Where the design begins; None means two poles at -20 rad/s.
-    log : FlightLog or path, optional
-        A recording to try it on; a path is read by :meth:`FlightLog.from_csv`.
     """
 
     _esm = (_FOLDER / "designer.js").read_text(encoding="utf-8")

@@ -185,7 +185,8 @@ def test_settling_of_a_band_pass_is_of_its_peak():
 def test_forward_euler_that_diverges_is_said_and_not_fatal():
     reply = answered(Session(), "design", design=message_of([-2000.0, -20.0], method="euler"))
     assert not reply["stable_sampled"]
-    assert "diverges" in reply["messages"][0]
+    assert "unstable" in reply["messages"][0]
+    assert "below 1 ms" in reply["messages"][0]
     assert set(reply["frequency"]["S"][0]) == {None}
     assert numbers(reply)["noise_gain"] is None
     assert numbers(reply)["bandwidth"] > 0.0
@@ -414,6 +415,22 @@ def test_long_estimate_is_thinned_without_losing_a_peak():
     assert min(reply["label"]) == -8.0
     assert reply["t"][reply["label"].index(9.0)] == pytest.approx(31.234)
     assert reply["rmse"] == pytest.approx(np.sqrt(np.mean(label[1:] ** 2)))
+
+
+def test_a_window_of_a_long_estimate_is_drawn_in_full():
+    n, dt = 50_000, 0.001
+    label = np.sin(np.arange(n) / 300.0)[:, None]
+    session = Session(log=FlightLog.from_arrays(x=np.zeros((n, 1)), dt=dt, label=label))
+    whole = answered(session, "estimate", design=DESIGNS["one pole"])
+    part = answered(session, "estimate", design=DESIGNS["one pole"], window=[20.0005, 20.5005])
+    np.testing.assert_allclose(part["t"], dt * np.arange(20_000, 20_502))
+    np.testing.assert_array_equal(part["label"], label[20_000:20_502, 0])
+    assert part["rmse"] == whole["rmse"]
+    assert len(answered(session, "estimate", design=DESIGNS["one pole"], window=[1e6, 2e6])["t"]) == 2
+    assert len(answered(session, "estimate", design=DESIGNS["one pole"], window=[-9.0, -8.0])["t"]) == 2
+    for wrong in ([2.0, 1.0], [1.0], "all", [None, 1.0]):
+        reply = refused(session, "estimate", design=DESIGNS["one pole"], window=wrong)
+        assert reply["where"].startswith("window")
 
 
 @pytest.mark.parametrize(

@@ -191,6 +191,15 @@ def test_python_text_is_pasteable():
     np.testing.assert_array_equal(found["sampled"].filter.a, Design.read(Fields({"design": TYPE_2})).filter.a)
 
 
+def test_python_text_of_a_high_order_has_a_line_for_each_pole():
+    design = message_of([complex(-3.0 * k, sign * k) for k in range(1, 5) for sign in (1, -1)])
+    text = answered(Session(), "python", design=design)["text"]
+    assert max(map(len, text.splitlines())) < 80
+    found: dict = {}
+    exec(text, found)
+    np.testing.assert_array_equal(found["filter"].a, Design.read(Fields({"design": design})).filter.a)
+
+
 def test_python_text_of_a_sampling_that_diverges_says_so():
     text = answered(Session(), "python", design=message_of([-2000.0], method="euler"))["text"]
     assert "# forward Euler diverges" in text

@@ -48,6 +48,12 @@ def test_a_known_filter_is_learned_back():
     np.testing.assert_allclose(found["a"], TRUTH.a, rtol=EXACT)
 
 
+def test_message_names_the_order_once():
+    session = Session(log=flight(noise=0.5))
+    reply = ended(session, answered(session, "learn", order=1)["job"])
+    assert reply["message"].count("order 1") == 1
+
+
 def test_curve_falls_and_ends_at_the_rmse():
     session = Session(log=flight(noise=0.5, channels=2))
     job = answered(session, "learn", order=2)["job"]

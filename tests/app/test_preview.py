@@ -37,8 +37,9 @@ ROOTS = 1e-7
 PHASE = 1e-6
 DIGITS = 60
 POINTS = 120
-# Poles within this many decades: further apart the library's own sampled response of a general N has lost more digits.
-DECADES = 0.8
+# Poles within this many decades. At four the noise gain of forward Euler, order 7 and 8, has lost digits in the preview
+# (2e-9) and in the library (5e-9); all else agrees to 4e-12 there too.
+DECADES = 3.0
 
 Pair = list[float]
 
@@ -220,9 +221,8 @@ def test_figures_are_the_library_s(answered: Answered) -> None:
         limit = float(np.min(-2.0 * filter.poles.real / np.abs(filter.poles) ** 2))
         assert answer["eulerLimit"] == pytest.approx(limit, rel=AGREES)
         bandwidth = frequency_response(filter).bandwidth
-        if answer["bandwidth"] is None:
-            assert not np.isfinite(bandwidth)
-        elif filter.is_lowpass or filter.order == 1:
+        assert (answer["bandwidth"] is None) == (not np.isfinite(bandwidth))
+        if filter.is_lowpass or filter.order == 1:
             assert answer["bandwidth"] == pytest.approx(bandwidth, rel=AGREES)
 
 
@@ -370,6 +370,7 @@ def test_short_numbers() -> None:
 def test_units_that_read_well() -> None:
     questions = [{"call": "inUnit", "given": [value, "s"]} for value in (0.0125, 3e-5, 2.5, 0.0)]
     assert ask(questions) == [["12.5", "ms"], ["30", "µs"], ["2.5", "s"], ["0", "s"]]
+    assert call("inUnit", 0.0138642, "m", 3) == ["0.0139", "m"]
 
 
 def test_the_module_asks_for_nothing_off_the_machine() -> None:

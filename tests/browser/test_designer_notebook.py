@@ -1,0 +1,80 @@
+"""The designer in JupyterLab, in a real browser."""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+import os
+import re
+import signal
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+from designer_hosts import CHROMIUM, SHOWN, bandwidth, jupyter_lab, open_notebook, run_cell, watching
+
+pytestmark = [
+    pytest.mark.skipif(
+        CHROMIUM is None, reason="there is no chromium: the designer is not tried in a notebook"
+    ),
+    pytest.mark.skipif(os.name != "posix", reason="the kernel is stopped and continued by POSIX signals"),
+    pytest.mark.skipif(
+        importlib.util.find_spec("jupyterlab") is None,
+        reason="jupyterlab is not installed: the designer is not tried in a notebook",
+    ),
+]
+
+CELLS = [
+    "import phyfilter_ctl as pf\nlive = pf.designer(pf.PhyFilter.from_poles([-25.0, -25.0]))\nlive",
+    "import json, os\nprint('kernel', os.getpid(), json.dumps(sorted(live.filter.poles.real)), 'end')",
+]
+
+
+@pytest.fixture(scope="module")
+def jupyter(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
+    with jupyter_lab(tmp_path_factory.mktemp("jupyter"), CELLS) as address:
+        yield address
+
+
+def test_in_a_notebook_the_filter_follows_the_drag(browser: Any, jupyter: str) -> None:
+    with watching(browser, viewport={"width": 1500, "height": 1400}) as lab:
+        open_notebook(lab, jupyter)
+        run_cell(lab, 0)
+        lab.page.wait_for_selector('[data-test="designer"]')
+        lab.until(lambda: lab.text("status").startswith("Ready"))
+        lab.settled()
+        assert lab.poles() == [-25.0, -25.0]  # the filter it was given, not the page's own start
+        assert lab.colourful("bode-magnitude")
+        before = lab.drawn("bode-magnitude")
+        lab("pole-0").scroll_into_view_if_needed()
+        lab.drag("pole-0", -60.0, 0.0)
+        assert lab.drawn("bode-magnitude") != before
+        lab.settled()
+        assert lab.number("bandwidth") == pytest.approx(bandwidth(lab.poles()), rel=SHOWN)
+        lab("pole-0").scroll_into_view_if_needed()
+        lab.picture("notebook")
+
+        # The object in the kernel is the design on the screen.
+        run_cell(lab, 1)
+        output = lab.page.locator(".jp-Notebook .jp-CodeCell").nth(1).locator(".jp-OutputArea-output")
+        output.wait_for()
+        found = re.search(r"kernel (\d+) (\[.*?\]) end", output.inner_text())
+        assert found
+        shown = sorted(p.real for p in lab.poles())
+        assert json.loads(found[2]) == pytest.approx(shown, rel=SHOWN)
+
+        # A kernel that does not answer: the preview goes on, the answer follows.
+        lab("pole-0").scroll_into_view_if_needed()
+        before = lab.drawn("bode-magnitude")
+        os.kill(int(found[1]), signal.SIGSTOP)
+        try:
+            lab.drag("pole-0", -40.0, 0.0)
+            assert lab.drawn("bode-magnitude") != before
+            lab.until(lambda: lab("busy").is_visible())
+            lab.picture("notebook_busy")
+        finally:
+            os.kill(int(found[1]), signal.SIGCONT)
+        lab.settled()
+        assert lab.number("bandwidth") == pytest.approx(bandwidth(lab.poles()), rel=SHOWN)
+        ours = [text for text in lab.complaints if "designer" in text.lower() or "phyfilter" in text.lower()]
+        assert ours == []
