@@ -11,6 +11,7 @@ from .importing_blocks import FmuBlock, FmuModel
 from .importing_steps import FmuSteps
 from .inspect import FmuDescription, FmuKind, FmuUnit, FmuVariable, describe
 from .instance import FmuError
+from .mujoco import export_mujoco_fmu
 from .ssp import export_ssp, write_ssp
 from .ssp_cut import CutDiagram, cut_diagram
 
@@ -36,6 +37,7 @@ __all__ = [
     "cut_diagram",
     "describe",
     "export_fmu",
+    "export_mujoco_fmu",
     "export_ssp",
     "import_fmu",
     "write_ssp",

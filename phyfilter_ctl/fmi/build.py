@@ -111,6 +111,7 @@ def build_binaries(
     fmi: str,
     platforms: Sequence[str],
     compiler: str | Path | Sequence[str] | None = None,
+    flags: Sequence[str] = (),
 ) -> dict[str, bytes]:
     """Shared libraries of an FMU.
 
@@ -125,6 +126,8 @@ def build_binaries(
         "native", for the compiler of this machine, or names of :data:`PLATFORMS`, for ziglang's.
     compiler : str, Path or sequence of str, optional
         For "native"; see :func:`find_compiler`.
+    flags : sequence of str
+        More for the compiler, such as libraries.
 
     Returns
     -------
@@ -144,7 +147,11 @@ def build_binaries(
         with tempfile.TemporaryDirectory(prefix="phyfilter_ctl_") as folder:
             library = Path(folder, name + target.suffix)
             compile_sources(
-                files, library, name=name, compiler=command, flags=_flags(target, name, _is_zig(command))
+                files,
+                library,
+                name=name,
+                compiler=command,
+                flags=(*_flags(target, name, _is_zig(command)), *flags),
             )
             found[f"binaries/{target.folder(fmi)}/{name}{target.suffix}"] = library.read_bytes()
     return found

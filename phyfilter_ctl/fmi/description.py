@@ -19,7 +19,7 @@ from ..codegen.model import CModel
 __all__ = ["FmuExperiment", "FmuInterface", "FmuSolver", "InterfaceVariable", "fmu_interface"]
 
 Kind = Literal[
-    "time", "input", "output", "parameter", "state", "derivative", "sampled",
+    "time", "input", "output", "parameter", "fixed", "state", "derivative", "sampled",
     "solver_step", "solver_rtol", "solver_atol",
 ]  # fmt: skip
 Fmi = Literal["2.0", "3.0"]
@@ -31,6 +31,7 @@ _ROLES: dict[str, tuple[str, str, str]] = {
     "input": ("input", "continuous", "exact"),
     "output": ("output", "continuous", "calculated"),
     "parameter": ("parameter", "tunable", "exact"),
+    "fixed": ("parameter", "fixed", "exact"),
     "state": ("local", "continuous", "exact"),
     "derivative": ("local", "continuous", "calculated"),
     "sampled": ("local", "discrete", "calculated"),
@@ -192,6 +193,10 @@ class FmuInterface:
         Which depends on time itself.
     derivatives : bool
         Whether the model has directional and adjoint derivatives.
+    fixed_step : float
+        Communication steps are multiples of this, in seconds; 0: they may have any length.
+    why : str
+        C function that says why the model refused the last call; "": the codes of pf_model.h say it all.
     """
 
     model: CModel
@@ -206,6 +211,8 @@ class FmuInterface:
     depends: NDArray[np.bool_] = field(default_factory=lambda: np.zeros((0, 0), dtype=bool))
     on_time: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, dtype=bool))
     derivatives: bool = True
+    fixed_step: float = 0.0
+    why: str = ""
 
     def of_kind(self, *kinds: Kind) -> tuple[int, ...]:
         """Value references of the variables of some kinds.
@@ -253,6 +260,9 @@ def fmu_interface(
     description: str = "",
     derivatives: bool = True,
     on_time: NDArray[np.bool_] | None = None,
+    tunable: bool = True,
+    fixed_step: float = 0.0,
+    why: str = "",
 ) -> FmuInterface:
     """The variables and structure of an FMU.
 
@@ -271,6 +281,12 @@ def fmu_interface(
         Whether the model has directional and adjoint derivatives.
     on_time : (n_x + n_y,) bool array, optional
         Which derivative and output depends on time itself; None means none does.
+    tunable : bool
+        Whether parameters may change while running.
+    fixed_step : float
+        Communication steps are multiples of this, in seconds; 0: they may have any length.
+    why : str
+        C function that says why the model refused the last call.
 
     Raises
     ------
@@ -287,7 +303,7 @@ def fmu_interface(
     variables = [InterfaceVariable("time", "time", unit="s", description="Independent variable")]
     variables += _variables("input", model.inputs, grouped)
     variables += _variables("output", model.outputs, grouped)
-    variables += _variables("parameter", model.parameters, grouped)
+    variables += _variables("parameter" if tunable else "fixed", model.parameters, grouped)
     taken = {variable.name for variable in variables}
     states = _variables("state", _beside(model.states, taken), grouped)
     first_state = len(variables)
@@ -321,6 +337,8 @@ def fmu_interface(
         depends=depends if depends.shape == shape else np.ones(shape, dtype=bool),
         on_time=np.zeros(n_rows, dtype=bool) if on_time is None else on_time,
         derivatives=derivatives,
+        fixed_step=fixed_step,
+        why=why,
     )
 
 
@@ -369,7 +387,7 @@ def _rate(unit: str) -> str:
 
 
 def _variables(kind: Kind, vector: tuple[Variable, ...], grouped: bool) -> list[InterfaceVariable]:
-    started = kind in {"input", "parameter", "state"}
+    started = kind in {"input", "parameter", "fixed", "state"}
     result, i = [], 0
     while i < len(vector):
         base, shape = _array_at(vector, i) if grouped else ("", ())

@@ -180,6 +180,8 @@ def _description2(interface: FmuInterface, token: str, files: Sequence[str]) -> 
 
 
 def _source_files(element: ET.Element, files: Sequence[str]) -> None:
+    if not files:
+        return
     group = ET.SubElement(element, "SourceFiles")
     for name in files:
         ET.SubElement(group, "File", name=name)
@@ -202,7 +204,7 @@ def _dependencies(
         return
     found = list(interface.dependencies(reference))
     if at_start:
-        found += interface.of_kind("parameter")
+        found += interface.of_kind("parameter", "fixed")
     found.sort()
     unknown.set("dependencies", " ".join(str(i + offset) for i in found))
     unknown.set("dependenciesKind", " ".join("dependent" for _ in found))
@@ -224,6 +226,8 @@ def _description3(interface: FmuInterface, token: str) -> ET.Element:
     if interface.exchange:
         ET.SubElement(root, "ModelExchange", shared, needsCompletedIntegratorStep="false")
     if interface.simulation:
+        if interface.fixed_step:
+            shared = shared | {"fixedInternalStepSize": _number(interface.fixed_step)}
         ET.SubElement(
             root, "CoSimulation", shared, canHandleVariableCommunicationStepSize="true", hasEventMode="true",
             providesIntermediateUpdate=_flag(bool(interface.model.states)), mightReturnEarlyFromDoStep="true",

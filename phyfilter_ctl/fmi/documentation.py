@@ -74,7 +74,7 @@ def documentation_page(
     parts += [f"<p>{escape(sentence)}</p>" for sentence in _how_it_runs(interface)]
     for kind, title in (
         ("input", "Inputs"), ("output", "Outputs"), ("parameter", "Parameters, tunable while running"),
-        ("state", "Continuous states"), ("sampled", "States of sampled blocks"),
+        ("fixed", "Parameters of the start"), ("state", "Continuous states"), ("sampled", "States of sampled blocks"),
     ):  # fmt: skip
         chosen = [variable for variable in interface.variables if variable.kind == kind]
         if chosen:

@@ -140,7 +140,7 @@ def export_fmu(
         on_time=_on_time(system) if isinstance(system, FlatModel) else None,
     )  # fmt: skip
     tolerant = isinstance(system, SampledPhyFilter) and system.nonfinite == "hold"
-    token, sources = _sealed(interface, tolerant)
+    token, sources = sealed(interface, accept_bad_inputs=tolerant)
     binaries: dict[str, bytes] = {}
     try:
         if chosen:
@@ -153,7 +153,7 @@ def export_fmu(
         )
     notes = [system.describe()] if isinstance(system, PhyFilter) else []
     page = documentation_page(interface, filters=filters, notes=notes, sources_only=not binaries)
-    return write_archive(path, _entries(interface, token, sources, page) | binaries)
+    return write_archive(path, fmu_entries(interface, token, sources, page) | binaries)
 
 
 def _c_model(
@@ -229,8 +229,15 @@ def _solver(solver: FmuSolver | None, filters: tuple[PhyFilter, ...]) -> FmuSolv
     return FmuSolver(step=min(1e-3, 1.0 / (_STEPS_PER_POLE * fastest)))
 
 
-def _sealed(interface: FmuInterface, accept_bad_inputs: bool) -> tuple[str, dict[str, str]]:
-    """Token from the content, and the sources with it inside."""
+def sealed(interface: FmuInterface, *, accept_bad_inputs: bool = False) -> tuple[str, dict[str, str]]:
+    """Token from the content, and the sources with it inside.
+
+    Parameters
+    ----------
+    interface : FmuInterface
+    accept_bad_inputs : bool
+        Leave inputs that are not finite to the model.
+    """
     open_sources = fmu_sources(interface, "", accept_bad_inputs=accept_bad_inputs)
     digest = hashlib.sha256()
     for text in (
@@ -243,9 +250,20 @@ def _sealed(interface: FmuInterface, accept_bad_inputs: bool) -> tuple[str, dict
     return token, fmu_sources(interface, token, accept_bad_inputs=accept_bad_inputs)
 
 
-def _entries(
+def fmu_entries(
     interface: FmuInterface, token: str, sources: dict[str, str], page: str
 ) -> dict[str, bytes | str]:
+    """Everything of an FMU's archive but the binaries.
+
+    Parameters
+    ----------
+    interface : FmuInterface
+    token : str
+    sources : dict of str to str
+        Of the folder sources; none: there is no such folder.
+    page : str
+        documentation/index.html.
+    """
     files = [name for name in sources if name.endswith(".c")]
     entries: dict[str, bytes | str] = {f"sources/{name}": text for name, text in sources.items()}
     entries["modelDescription.xml"] = model_description(interface, token, files)
@@ -253,7 +271,8 @@ def _entries(
     if interface.fmi == "2.0":
         entries["model.png"] = icon_png()
         return entries
-    entries["sources/buildDescription.xml"] = build_description(interface, files)
+    if files:
+        entries["sources/buildDescription.xml"] = build_description(interface, files)
     entries["terminalsAndIcons/terminalsAndIcons.xml"] = terminals_and_icons(interface)
     entries["terminalsAndIcons/icon.png"] = icon_png()
     entries["terminalsAndIcons/icon.svg"] = icon_svg()

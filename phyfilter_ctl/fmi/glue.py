@@ -77,6 +77,8 @@ def glue_source(interface: FmuInterface, token: str, *, accept_bad_inputs: bool 
         f"/* {i}: {_in_comment(variable.name)} */"
         for i, variable in enumerate(interface.variables)
     )
+    reason = f"\n    .why = {interface.why}," if interface.why else ""
+    declared = f"const char *{interface.why}(void);\n" if interface.why else ""
     names = ", ".join(_quoted(variable.name) for variable in model.inputs) or "0"
     counts = np.concatenate([[0], np.cumsum(interface.depends.sum(axis=1))])
     columns = [int(column) for column in np.nonzero(interface.depends)[1]] or [0]
@@ -91,7 +93,7 @@ def glue_source(interface: FmuInterface, token: str, *, accept_bad_inputs: bool 
 #include "pf_fmi.h"
 
 extern const pf_model {model.symbol};
-
+{declared}
 static const pf_fmi_variable VARIABLES[] = {{
 {variables}
 }};
@@ -112,7 +114,7 @@ const pf_fmu pf_fmu_here = {{
     .solver = {{{method}, {solver.step!r}, {solver.rtol!r}, {solver.atol!r}, 0.0}},
     .communication = {float(model.communication)!r},
     .longest_step = {_longest_step(interface)!r},
-    .accept_bad_inputs = {int(accept_bad_inputs)},
+    .accept_bad_inputs = {int(accept_bad_inputs)},{reason}
     .rows = ROWS,
     .columns = COLUMNS}};
 """

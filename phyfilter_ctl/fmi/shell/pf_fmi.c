@@ -128,7 +128,7 @@ pf_fmi *pf_fmi_new(const char *name, const char *token, int interface, void (*ca
   self->values[PF_FMI_TIME] = &self->saved->time;
   self->values[PF_FMI_INPUT] = self->u;
   self->values[PF_FMI_OUTPUT] = self->y;
-  self->values[PF_FMI_PARAMETER] = model->p(self->self);
+  self->values[PF_FMI_PARAMETER] = self->values[PF_FMI_FIXED] = model->p(self->self);
   self->values[PF_FMI_STATE] = self->x;
   self->values[PF_FMI_DERIVATIVE] = self->dx;
   self->values[PF_FMI_SAMPLED] = self->s;
@@ -167,6 +167,7 @@ void pf_fmi_delete(pf_fmi *self) {
 static const uint32_t SETTABLE[PF_FMI_KINDS] = {
     [PF_FMI_INPUT] = PF_FMI_BEFORE | PF_FMI_RUNNING | PF_FMI_INTERMEDIATE,
     [PF_FMI_PARAMETER] = PF_FMI_BEFORE | PF_FMI_EVENT | PF_FMI_STEP,
+    [PF_FMI_FIXED] = PF_FMI_BEFORE,
     [PF_FMI_STATE] = PF_FMI_BEFORE,
     [PF_FMI_SOLVER_STEP] = PF_FMI_BEFORE,
     [PF_FMI_SOLVER_RTOL] = PF_FMI_BEFORE,
@@ -200,6 +201,8 @@ int pf_fmi_failure(pf_fmi *self, const char *call, int code) {
   if (bad >= 0)
     return pf_fmi_say(self, PF_FMI_DISCARD, "%s at %.9g s: input '%s' is not finite", call, self->saved->time,
                       pf_fmu_here.inputs[bad]);
+  if (pf_fmu_here.why)
+    return pf_fmi_say(self, PF_FMI_DISCARD, "%s at %.9g s: %.400s", call, self->saved->time, pf_fmu_here.why());
   return pf_fmi_say(self, PF_FMI_DISCARD, "%s at %.9g s: %s", call, self->saved->time,
                     code == PF_NO_CONVERGENCE   ? "an equation inside was not solved"
                     : code == PF_STEP_TOO_SMALL && !self->model->n_x
@@ -268,7 +271,7 @@ int pf_fmi_set(pf_fmi *self, const uint32_t *references, size_t n, const double 
     pf_real *const to = self->values[variable.kind] + variable.first;
     for (uint32_t k = 0; k < variable.count; k++) to[k] = values[k];
     values += variable.count;
-    if (variable.kind == PF_FMI_PARAMETER) self->saved->staged = 1;
+    if (variable.kind == PF_FMI_PARAMETER || variable.kind == PF_FMI_FIXED) self->saved->staged = 1;
   }
   self->fresh = 0;
   return PF_FMI_OK;

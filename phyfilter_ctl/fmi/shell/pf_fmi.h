@@ -34,6 +34,7 @@ typedef enum {
   PF_FMI_INPUT,
   PF_FMI_OUTPUT,
   PF_FMI_PARAMETER,
+  PF_FMI_FIXED, /* a parameter that cannot change while running */
   PF_FMI_STATE,
   PF_FMI_DERIVATIVE,
   PF_FMI_SAMPLED,
@@ -59,6 +60,7 @@ typedef struct { /* generated for each FMU */
   pf_time longest_step;               /* of a communication step: more would never end */
   int accept_bad_inputs;              /* inputs that are not finite are the model's affair */
   const uint32_t *rows, *columns;     /* dependencies of (x', y) on (x, u), compressed rows */
+  const char *(*why)(void);           /* why the model refused the last call of this thread; NULL: codes say it all */
 } pf_fmu;
 
 extern const pf_fmu pf_fmu_here;
