@@ -3,6 +3,7 @@
 import json
 import shutil
 import subprocess
+from pathlib import Path
 
 import pytest
 
@@ -73,12 +74,12 @@ def test_a_filter_as_c_checks_itself(filter_file, tmp_path, capsys):
 
 
 @needs_compiler
-def test_recipes_are_built_and_checked(capsys):
-    from pathlib import Path
-
-    fmus = Path(__file__).parents[1] / "fmus"
-    assert main(["fmu", "recipes", str(fmus)]) == 0
-    assert capsys.readouterr().out.count(": ok") >= 6
+def test_recipes_are_built_and_checked(tmp_path, capsys):
+    """Two of the repository's; the rest take minutes, their own systems have tests of their own."""
+    for name in ("phyfilter_sampled", "drone_filter"):
+        shutil.copytree(Path(__file__).parents[1] / "fmus" / name, tmp_path / name)
+    assert main(["fmu", "recipes", str(tmp_path)]) == 0
+    assert capsys.readouterr().out.count(": ok") == 4
 
 
 @pytest.mark.parametrize(
