@@ -11,7 +11,7 @@ pays for its own fit.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
 import numpy as np
@@ -58,7 +58,7 @@ class WienerFloor:
         Number of blocks.
     """
 
-    taps: FloatArray
+    taps: FloatArray = field(repr=False)
     dt: float
     rmse: float
     filter_rmse: float
