@@ -126,7 +126,7 @@ def export_mujoco_fmu(
 
     References
     ----------
-    .. [1] Todorov, Erez and Tassa, "MuJoCo: a physics engine for model-based control", IROS 2012.
+    .. [2] Todorov, Erez and Tassa, "MuJoCo: a physics engine for model-based control", IROS 2012.
 
     Examples
     --------
