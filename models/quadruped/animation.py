@@ -1,0 +1,128 @@
+"""A walk as a GIF: MuJoCo's renderer where the machine can draw off screen, line drawings otherwise."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from ctypes.util import find_library
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+
+from phyfilter_ctl.plants.legged.simulator import simulator
+
+from .robot import LEGS, compile_model
+from .terrain import Terrain
+
+__all__ = ["animate", "prefer_off_screen"]
+
+FloatArray = NDArray[np.float64]
+Pixels = NDArray[np.uint8]
+
+_SIZE = (640, 360)
+_EVERY = 4  # of the policy's steps: 12.5 pictures a second
+_COLOURS = 64
+
+
+def animate(path: Path, qpos: FloatArray, *, terrain: Terrain | None = None, renderer: bool = True) -> str:
+    """Write a walk.
+
+    Parameters
+    ----------
+    path : Path
+        GIF.
+    qpos : (N, 19) array
+        One row every 20 ms.
+    terrain : Terrain, optional
+        None: flat.
+    renderer : bool
+        Try MuJoCo's renderer first.
+
+    Returns
+    -------
+    str
+        Which of the two drew it.
+    """
+    rows = np.asarray(qpos, dtype=float)[::_EVERY]
+    how = "MuJoCo's renderer"
+    try:
+        if not renderer:
+            raise RuntimeError("not wanted")
+        pictures = list(_rendered(rows, terrain))
+    except Exception as error:  # every GL library fails in its own way
+        how = f"line drawing (no off-screen rendering: {type(error).__name__})"
+        pictures = list(_drawn(rows, terrain))
+    images = [Image.fromarray(entry).quantize(_COLOURS) for entry in pictures]
+    with path.open("wb") as file:
+        images[0].save(
+            file,
+            format="GIF",
+            save_all=True,
+            append_images=images[1:],
+            duration=20 * _EVERY,
+            loop=0,
+            optimize=True,
+        )
+    return how
+
+
+def prefer_off_screen() -> None:
+    """Ask MuJoCo to draw off screen where there is no display; to be called before MuJoCo is imported."""
+    if "DISPLAY" not in os.environ and "MUJOCO_GL" not in os.environ and find_library("EGL"):
+        os.environ["MUJOCO_GL"] = "egl"
+
+
+def _rendered(rows: FloatArray, terrain: Terrain | None) -> Iterator[Pixels]:
+    mujoco = simulator("the animation")
+    model = compile_model(terrain=terrain)
+    data = mujoco.MjData(model)
+    camera = mujoco.MjvCamera()
+    camera.distance, camera.azimuth, camera.elevation = 1.7, 125.0, -14.0
+    with mujoco.Renderer(model, _SIZE[1], _SIZE[0]) as view:
+        for row in rows:
+            data.qpos[:] = row
+            mujoco.mj_kinematics(model, data)
+            mujoco.mj_comPos(model, data)
+            camera.lookat = row[:3]
+            view.update_scene(data, camera)
+            yield view.render()
+
+
+def _drawn(rows: FloatArray, terrain: Terrain | None) -> Iterator[Pixels]:
+    """Trunk and legs as lines, seen from the side; left legs in colour."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    mujoco = simulator("the animation")
+    model = compile_model(terrain=terrain)
+    ground = Terrain() if terrain is None else terrain
+    data = mujoco.MjData(model)
+    figure = Figure(figsize=(_SIZE[0] / 100.0, _SIZE[1] / 100.0), dpi=100)
+    canvas = FigureCanvasAgg(figure)
+    axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
+    for row in rows:
+        data.qpos[:] = row
+        mujoco.mj_kinematics(model, data)
+        axes.clear()
+        middle = row[0]
+        x = np.linspace(middle - 0.9, middle + 0.9, 200)
+        axes.fill_between(x, ground.height(x, row[1]), -1.0, color="0.85")
+        for leg in sorted(LEGS, key=lambda name: name.endswith("L")):
+            bodies = [data.body(f"{leg}_{part}").xpos for part in ("hip", "thigh", "shank")]
+            points = np.array([*bodies, data.geom(f"{leg}_foot").xpos])
+            axes.plot(
+                points[:, 0] + 0.2 * points[:, 1],
+                points[:, 2],
+                color="#0072B2" if leg.endswith("L") else "0.55",
+                linewidth=3.0,
+                marker="o",
+                markersize=3.0,
+            )
+        hips = np.array([data.body(f"{leg}_hip").xpos for leg in ("FL", "FR", "HR", "HL", "FL")])
+        axes.fill(hips[:, 0] + 0.2 * hips[:, 1], hips[:, 2] + 0.25 * hips[:, 1], color="0.35")
+        axes.set(xlim=(middle - 0.8, middle + 0.8), ylim=(row[2] - 0.45, row[2] + 0.45), aspect="equal")
+        axes.set_axis_off()
+        canvas.draw()
+        yield np.asarray(canvas.buffer_rgba())[..., :3].copy()

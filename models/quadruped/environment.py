@@ -1,0 +1,232 @@
+"""The training environment: E robots on flat ground, randomised as the paper's Table S1 says.
+
+Reward per second, weights in ``params.toml``; a step of the policy gives its share, so that returns stay near 1:
+
+    r = w_v exp(-|v - v_c|^2/width) + w_t exp(-(omega_z - omega_c)^2/width) + w_z v_z^2 + w_r |omega_xy|^2
+        + w_u |up_xy|^2 + w_h (z - z_0)^2 + w_tau |tau|^2 + w_a |a - a_last|^2,    and w_f for a fall
+
+For commands beyond 1 m/s the first width grows with the square of the commanded speed.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .batch import Batch, Motion
+from .gait import frequency, trot
+from .loop import FilterChoice, JointLoop
+from .params import params
+from .policy import ACTIONS, observe
+
+__all__ = ["PRIVILEGED", "Step", "Walk"]
+
+FloatArray = NDArray[np.float64]
+
+# Seen by the critic alone: velocity 3, height, payload, friction, gains 2.
+PRIVILEGED = 8
+
+
+@dataclass(frozen=True)
+class Step:
+    """What one step of all environments gave.
+
+    Attributes
+    ----------
+    observations : (E, 47) array
+    privileged : (E, 8) array
+    reward : (E,) array
+    done, timeout : (E,) bool array
+        done: the episode ended; timeout: because its time was up.
+    """
+
+    observations: FloatArray
+    privileged: FloatArray
+    reward: FloatArray
+    done: NDArray[np.bool_]
+    timeout: NDArray[np.bool_]
+
+
+class Walk:
+    """Randomised walking on flat ground.
+
+    Parameters
+    ----------
+    size : int
+        Number of environments.
+    choice : FilterChoice, optional
+        The filter in the loop; None: none.
+    seed : int
+    velocity : float
+        Largest commanded forward speed, m/s; sideways speed and turn rate are the table's.
+    threads : int
+    """
+
+    def __init__(
+        self,
+        size: int,
+        choice: FilterChoice | None,
+        *,
+        seed: int,
+        velocity: float | None = None,
+        threads: int = 2,
+    ) -> None:
+        self.size = size
+        self.rng = np.random.default_rng(seed)
+        self.batch = Batch(size, threads=threads)
+        self.loop = JointLoop(self.batch, choice)
+        self._forward = params().randomisation.velocity[1] if velocity is None else velocity
+        training, control = params().training, params().control
+        self._step_time = control.dt * control.decimation
+        self._episode = round(training.episode / self._step_time)
+        self._resample = round(training.resample / self._step_time)
+        self.phase, self.command = np.zeros(size), np.zeros((size, 3))
+        self.action = np.zeros((size, ACTIONS))
+        self.age = np.zeros(size, dtype=np.int64)
+        self.payload, self.friction = np.zeros(size), np.zeros(size)
+        self._restart(np.arange(size))
+        # Episodes end at different times.
+        self.age = self.rng.integers(0, self._episode, size)
+
+    def _restart(self, which: NDArray[np.intp]) -> None:
+        if not len(which):
+            return
+        table, rng, k = params().randomisation, self.rng, len(which)
+        nominal = params().control
+        self.payload[which] = rng.uniform(*table.payload, k)
+        self.friction[which] = rng.uniform(*table.friction, k)
+        self.loop.kp[which, 0] = nominal.kp * rng.uniform(*table.gain, k)
+        self.loop.kd[which, 0] = nominal.kd * rng.uniform(*table.gain, k)
+        self.phase[which] = rng.uniform(0.0, 2.0 * np.pi, k)
+        self.action[which] = 0.0
+        self.age[which] = 0
+        self._new_commands(which)
+        self._physical()
+        joints = trot(self.phase[which], np.zeros((k, 3)))
+        self.batch.reset(which, joints=joints)
+        chosen = np.zeros(self.size, dtype=bool)
+        chosen[which] = True
+        self.loop.restart(chosen)
+
+    def _physical(self) -> None:
+        self.batch.set_payload(self.payload)
+        self.batch.set_friction(self.friction)
+
+    def _new_commands(self, which: NDArray[np.intp]) -> None:
+        low, high = params().randomisation.velocity
+        k = len(which)
+        self.command[which, 0] = self.rng.uniform(-self._forward, self._forward, k)
+        self.command[which, 1:] = self.rng.uniform(low, high, (k, 2))
+        # One in five walks straight: what is judged later must not be rare.
+        straight = self.rng.uniform(size=k) < 0.2
+        self.command[which, 1:] *= np.where(straight, 0.0, 1.0)[:, None]
+
+    def observations(self) -> tuple[FloatArray, FloatArray]:
+        """What policy and critic see now, (E, 47) and (E, 8)."""
+        return self._observe(self.batch.motion)
+
+    def _observe(self, motion: Motion) -> tuple[FloatArray, FloatArray]:
+        table, rng = params().randomisation, self.rng
+        seen = observe(motion, self.phase, self.command, self.action)
+        seen[:, :3] += table.noise_angle * rng.uniform(-1.0, 1.0, (self.size, 3))
+        seen[:, 3:6] += 0.25 * table.noise_rate * rng.uniform(-1.0, 1.0, (self.size, 3))
+        seen[:, 9:21] += table.noise_angle * rng.uniform(-1.0, 1.0, (self.size, 12))
+        seen[:, 21:33] += 0.05 * table.noise_rate * rng.uniform(-1.0, 1.0, (self.size, 12))
+        nominal = params().control
+        privileged = np.column_stack(
+            [
+                motion.velocity,
+                10.0 * (motion.position[:, 2] - 0.3),
+                self.payload / 3.0,
+                self.friction,
+                self.loop.kp[:, 0] / nominal.kp,
+                self.loop.kd[:, 0] / nominal.kd,
+            ]
+        )
+        return seen, privileged
+
+    def step(self, action: FloatArray) -> Step:
+        """Advance by one step of the policy; robots that fell or whose time is up start afresh.
+
+        Parameters
+        ----------
+        action : (E, 12) array
+        """
+        p = params()
+        action = np.clip(action, -p.control.action_limit, p.control.action_limit)
+        change = np.square(action - self.action).sum(axis=1)
+        self.action = action
+        self.phase = np.mod(self.phase + 2.0 * np.pi * frequency(self.command) * self._step_time, 2.0 * np.pi)
+        self.loop.advance(trot(self.phase, self.command) + p.control.action_scale * action)
+        self.age += 1
+        motion = self.batch.motion
+        fallen = self.batch.fallen(motion)
+        timeout = (self.age >= self._episode) & ~fallen
+        reward = self._reward(motion, change, fallen)
+        done = fallen | timeout
+        self._new_commands(np.flatnonzero((self.age % self._resample == 0) & ~done))
+        if done.any():
+            self._restart(np.flatnonzero(done))
+            motion = self.batch.motion
+        seen, privileged = self._observe(motion)
+        return Step(seen, privileged, reward, done, timeout)
+
+    def _reward(self, motion: Motion, change: FloatArray, fallen: NDArray[np.bool_]) -> FloatArray:
+        p, weights = params(), params().reward
+        off = np.square(motion.velocity[:, :2] - self.command[:, :2]).sum(axis=1)
+        turn = np.square(motion.rate[:, 2] - self.command[:, 2])
+        height = motion.position[:, 2] - (p.gait.height + p.robot.foot_radius)
+        return self._step_time * (
+            weights.velocity
+            * np.exp(-off / (weights.width * np.maximum(1.0, np.abs(self.command[:, 0])) ** 2))
+            + weights.turn * np.exp(-turn / weights.width)
+            + weights.vertical * motion.velocity[:, 2] ** 2
+            + weights.rolling * np.square(motion.rate[:, :2]).sum(axis=1)
+            + weights.tilt * np.square(motion.up[:, :2]).sum(axis=1)
+            + weights.height * height**2
+            + weights.torque * np.square(self.loop.torque).sum(axis=1)
+            + weights.change * change
+            + weights.fall * fallen
+        )
+
+    # -- to go on later --------------------------------------------------------------------------------------------
+
+    def state(self) -> dict[str, NDArray[np.generic]]:
+        """Everything that the next step depends on, as arrays."""
+        found: dict[str, NDArray[np.generic]] = {
+            name: np.array(getattr(self, name)) for name in ("phase", "command", "action", "age", "payload")
+        }
+        found["friction"] = self.friction.copy()
+        found["rng"] = np.frombuffer(json.dumps(self.rng.bit_generator.state).encode(), dtype=np.uint8)
+        found |= {f"batch_{name}": value for name, value in self.batch.state().items()}
+        found |= {f"loop_{name}": value for name, value in self.loop.state().items()}
+        return found
+
+    def restore(self, state: dict[str, NDArray[np.generic]]) -> None:
+        """Go on from there.
+
+        Parameters
+        ----------
+        state : dict
+            Of :meth:`state`, of as many environments.
+
+        Raises
+        ------
+        ValueError
+            If it is of another number of environments.
+        """
+        if len(state["phase"]) != self.size:
+            raise ValueError(f"a state of {len(state['phase'])} environments, expected {self.size}")
+        for name in ("phase", "command", "action", "age", "payload", "friction"):
+            setattr(self, name, np.array(state[name]))
+        self.rng.bit_generator.state = json.loads(state["rng"].tobytes().decode())
+        self._physical()
+        self.batch.restore(_part(state, "batch_"))
+        self.loop.restore(_part(state, "loop_"))
+
+
+def _part(state: dict[str, NDArray[np.generic]], prefix: str) -> dict[str, NDArray[np.generic]]:
+    return {name.removeprefix(prefix): value for name, value in state.items() if name.startswith(prefix)}

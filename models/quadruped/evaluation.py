@@ -1,0 +1,338 @@
+"""Walks that are judged: every policy from every phase of the gait, under loads, speeds, grounds, pushes.
+
+Velocity error of a walk: |mean forward velocity - command| over all but its beginning; a robot that fell stands still
+(error = |command|). Terrain: passed if it got far enough without a fall. Push: survived if it did not fall.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .batch import Batch
+from .gait import frequency, trot
+from .loop import FilterChoice, JointLoop, advance
+from .params import params
+from .policy import ACTIONS, Policy, observe
+from .robot import check_payload
+from .terrain import Terrain
+
+__all__ = ["Case", "Group", "Outcome", "Trace", "phases", "recorded", "walk"]
+
+FloatArray = NDArray[np.float64]
+
+# The command is reached in this time, s; the heading is held by a turn rate per rad, 1/s, up to so much, rad/s.
+_RAMP = 1.0
+_HEADING, _TURN = 1.0, 0.5
+# Pushes begin here, s; so far to the side do robots of one batch start, m.
+_PUSH_AT = 5.0
+_ASIDE = 1.0
+
+
+@dataclass(frozen=True)
+class Case:
+    """What a robot is asked to do.
+
+    Parameters
+    ----------
+    payload : float
+        kg.
+    speed : float
+        Forward, m/s.
+    strength : float
+        Part of the commanded torque that the motors give.
+    push : float
+        Lateral force, N.
+
+    Raises
+    ------
+    ValueError
+        For a payload that the legs cannot carry, a speed beyond the gait's, or another strength than (0, 1].
+    """
+
+    payload: float = 0.0
+    speed: float = 1.0
+    strength: float = 1.0
+    push: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.strength <= 1.0:
+            raise ValueError(f"strength: expected more than 0 and at most 1, got {self.strength}")
+        check_payload(self.payload, strength=self.strength)
+        if not abs(self.speed) <= params().gait.speed_high:
+            raise ValueError(f"speed: expected up to {params().gait.speed_high} m/s, got {self.speed}")
+        if not np.isfinite(self.push):
+            raise ValueError(f"push: expected a force in N, got {self.push}")
+
+
+@dataclass(frozen=True)
+class Trace:
+    """One instant after the other, for the first policy and phase of every case.
+
+    Attributes
+    ----------
+    time : (N,) array
+        s.
+    speed : (N, cases) array
+        Forward, m/s.
+    f_hat : (N, cases, 12) array
+        N m.
+    qpos : (N, cases, 19) array
+    """
+
+    time: FloatArray
+    speed: FloatArray
+    f_hat: FloatArray
+    qpos: FloatArray
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How walks ended; axes (cases, policies, phases).
+
+    Attributes
+    ----------
+    error : array
+        |mean forward velocity - command|, m/s.
+    ripple : array
+        Standard deviation of the forward velocity, m/s; nan for a fall.
+    fallen : bool array
+    distance : array
+        Along x, until the fall, m.
+    estimate : array
+        Mean of |f_hat| over joints and time, N m.
+    trace : Trace
+    """
+
+    error: FloatArray
+    ripple: FloatArray
+    fallen: NDArray[np.bool_]
+    distance: FloatArray
+    estimate: FloatArray
+    trace: Trace
+
+    @property
+    def survived(self) -> FloatArray:
+        """Part of the robots that did not fall, per case."""
+        return 1.0 - self.fallen.mean(axis=(1, 2))
+
+    @property
+    def passed(self) -> FloatArray:
+        """Part of the robots that crossed the terrain, per case."""
+        return ((self.distance >= params().test.distance) & ~self.fallen).mean(axis=(1, 2))
+
+
+def phases(*, validation: bool = False, count: int | None = None) -> FloatArray:
+    """Phases of the gait at the start, rad.
+
+    Parameters
+    ----------
+    validation : bool
+        Those between the test's: what is chosen, is chosen on them.
+    count : int, optional
+        None: as in ``params.toml``.
+    """
+    n = params().test.phases if count is None else count
+    return 2.0 * np.pi * (np.arange(n) + (0.5 if validation else 0.0)) / n
+
+
+@dataclass(frozen=True)
+class Group:
+    """Policies that share a joint loop.
+
+    Parameters
+    ----------
+    policies : sequence of Policy
+    choice : FilterChoice, optional
+        None: no filter.
+
+    Raises
+    ------
+    ValueError
+        Without policies.
+    """
+
+    policies: Sequence[Policy]
+    choice: FilterChoice | None = None
+
+    def __post_init__(self) -> None:
+        if not self.policies:
+            raise ValueError("expected at least one policy")
+
+
+def walk(
+    groups: Sequence[Group],
+    cases: Sequence[Case],
+    *,
+    starts: FloatArray | None = None,
+    terrain: Terrain | None = None,
+    duration: float | None = None,
+    far: float = np.inf,
+    threads: int = 2,
+) -> list[Outcome]:
+    """Let every policy walk every case from every phase.
+
+    Parameters
+    ----------
+    groups : sequence of Group
+    cases : sequence of Case
+    starts : (P,) array, optional
+        Phases; None: those of the test.
+    terrain : Terrain, optional
+        None: flat.
+    duration : float, optional
+        s; None: as in ``params.toml``.
+    far : float
+        The walk ends as soon as every robot fell or got so far, m.
+    threads : int
+
+    Returns
+    -------
+    list of Outcome
+        Of each group.
+
+    Raises
+    ------
+    ValueError
+        Without groups or cases.
+    """
+    if not groups or not cases:
+        raise ValueError("walk: expected at least one group of policies and one case")
+    crowd = _Crowd(groups, cases, phases() if starts is None else starts, terrain, threads)
+    p = params()
+    step = p.control.dt * p.control.decimation
+    count = round((p.test.duration if duration is None else duration) / step)
+    skipped = min(round(p.test.left_out / step), count // 2)
+    velocity, estimate = np.zeros((count, crowd.size)), np.zeros(crowd.size)
+    f_hat: list[FloatArray] = []
+    qpos: list[FloatArray] = []
+    for k in range(count):
+        crowd.step(k * step)
+        velocity[k] = np.where(crowd.fallen, 0.0, crowd.motion.velocity[:, 0])
+        now = np.concatenate([loop.f_hat for loop in crowd.loops])
+        estimate += np.abs(now).mean(axis=1) / count
+        f_hat.append(now[crowd.shown])
+        qpos.append(crowd.batch.qpos[crowd.shown].copy())
+        if (crowd.fallen | (crowd.distance >= far)).all():
+            break
+    scored = velocity[skipped:]
+    error = np.abs(np.where(crowd.fallen, 0.0, scored.mean(axis=0)) - crowd.speed)
+    ripple = np.where(crowd.fallen, np.nan, scored.std(axis=0))
+    time = np.array([step * (k + 1) for k in range(len(f_hat))])
+    estimates, poses = np.array(f_hat), np.array(qpos)
+    found = []
+    for k, (rows, shape) in enumerate(zip(crowd.rows, crowd.shapes, strict=True)):
+        of = slice(k * len(cases), (k + 1) * len(cases))
+        trace = Trace(time, velocity[: len(time), crowd.shown[of]], estimates[:, of], poses[:, of])
+        fallen = crowd.fallen[rows].reshape(shape)
+        a, b, c, d = (v[rows].reshape(shape) for v in (error, ripple, crowd.distance, estimate))
+        found.append(Outcome(a, b, fallen, c, d, trace))
+    return found
+
+
+def recorded(
+    group: Group, cases: Sequence[Case], *, starts: FloatArray, duration: float, threads: int = 2
+) -> list[tuple[FloatArray, FloatArray]]:
+    """Joint velocities and torques of walks, at the rate of the joint loop; those that fall are left out.
+
+    Parameters
+    ----------
+    group : Group
+    cases : sequence of Case
+    starts : (P,) array
+        Phases, rad.
+    duration : float
+        s.
+    threads : int
+
+    Returns
+    -------
+    list of (qd, torque)
+        (N, 12) each, rad/s and N m; a row's torque acts from that row to the next one.
+    """
+    crowd = _Crowd([group], cases, starts, None, threads)
+    step = params().control.dt * params().control.decimation
+    qd, torques = [crowd.batch.qd.copy()], []
+
+    def watch(torque: FloatArray) -> None:
+        torques.append(torque.copy())
+        qd.append(crowd.batch.qd.copy())
+
+    for k in range(round(duration / step)):
+        crowd.step(k * step, watch)
+    velocity, torque = np.array(qd), np.array([*torques, torques[-1]])
+    return [(velocity[:, i], torque[:, i]) for i in np.flatnonzero(~crowd.fallen)]
+
+
+class _Crowd:
+    """All robots of one walk, ordered (group, case, policy, phase)."""
+
+    def __init__(
+        self,
+        groups: Sequence[Group],
+        cases: Sequence[Case],
+        start: FloatArray,
+        terrain: Terrain | None,
+        threads: int,
+    ) -> None:
+        self.shapes = [(len(cases), len(group.policies), len(start)) for group in groups]
+        ends = np.cumsum([0, *(int(np.prod(shape)) for shape in self.shapes)])
+        self.rows = [slice(int(a), int(b)) for a, b in itertools.pairwise(ends)]
+        self.size = int(ends[-1])
+        index = np.concatenate([np.indices(shape).reshape(3, -1) for shape in self.shapes], axis=1)
+        case, number, self.phase = index[0], index[1], start[index[2]]
+        member = np.concatenate([np.full(int(np.prod(s)), k) for k, s in enumerate(self.shapes)])
+        self._brains = [
+            (policy, np.flatnonzero((member == k) & (number == i)))
+            for k, group in enumerate(groups)
+            for i, policy in enumerate(group.policies)
+        ]
+        self.shown = np.flatnonzero((index[1] == 0) & (index[2] == 0))
+        self.speed, self._push = (
+            np.array([getattr(entry, name) for entry in cases])[case] for name in ("speed", "push")
+        )
+        # Half of them is pushed to the left.
+        self._push = self._push * np.where(index[2] % 2 == 1, -1.0, 1.0)
+        self.batch = Batch(self.size, terrain=terrain, threads=threads)
+        self.batch.set_payload(np.array([entry.payload for entry in cases])[case])
+        # Every robot of a group starts at another place of the lane.
+        each = np.array([max(1, len(group.policies) * len(start) - 1) for group in groups])[member]
+        place = np.zeros((self.size, 3))
+        place[:, 1] = _ASIDE * (2.0 * (index[1] * len(start) + index[2]) / each - 1.0)
+        self.batch.reset(np.arange(self.size), joints=trot(self.phase, np.zeros((self.size, 3))), place=place)
+        self.loops = [
+            JointLoop(self.batch, group.choice, rows=rows)
+            for group, rows in zip(groups, self.rows, strict=True)
+        ]
+        strength = np.array([entry.strength for entry in cases])[case]
+        for loop in self.loops:
+            loop.strength[:, 0] = strength[loop.rows]
+        self.action = np.zeros((self.size, ACTIONS))
+        self.fallen = np.zeros(self.size, dtype=bool)
+        self.distance = np.zeros(self.size)
+        self.motion = self.batch.motion
+
+    def step(self, time: float, watch: Callable[[FloatArray], None] | None = None) -> None:
+        """One step of the policies."""
+        p, motion = params(), self.motion
+        command = np.zeros((self.size, 3))
+        command[:, 0] = self.speed * min(1.0, time / _RAMP)
+        command[:, 2] = np.clip(-_HEADING * motion.yaw, -_TURN, _TURN)
+        seen = observe(motion, self.phase, command, self.action)
+        for policy, mine in self._brains:
+            self.action[mine] = policy(seen[mine])
+        step = p.control.dt * p.control.decimation
+        self.phase = np.mod(self.phase + 2.0 * np.pi * frequency(command) * step, 2.0 * np.pi)
+        pushed = _PUSH_AT <= time < _PUSH_AT + p.push.duration
+        force = np.zeros((self.size, 3))
+        force[:, 1] = self._push if pushed else 0.0
+        self.batch.push(force)
+        target = trot(self.phase, command) + p.control.action_scale * self.action
+        advance(self.batch, self.loops, target, watch=watch)
+        self.motion = self.batch.motion
+        self.fallen |= self.batch.fallen(self.motion)
+        self.distance = np.where(self.fallen, self.distance, self.motion.position[:, 0])

@@ -1,0 +1,272 @@
+"""The joint loop at 200 Hz: PD, and the filter that corrects its target.
+
+    tau = Kp (q_d - f_hat/Kp - q) - Kd q',   cut at the motors' limits;   M q'' = -d q' + tau + f,   f_hat = F(s) f
+
+M is constant and diagonal, contact is left out of g unless asked for: f_hat then carries the load of the legs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from phyfilter_ctl.filter import PhyFilter
+from phyfilter_ctl.plants.legged import JointQuantities, JointSpacePrior, JointTorqueFilter
+from phyfilter_ctl.plants.legged.filter import AntiWindup, Gate, JointFilterState
+
+from .batch import Batch
+from .params import params
+from .robot import joint_inertia
+
+__all__ = ["FilterChoice", "JointLoop", "advance", "make_filter", "paper_filter"]
+
+FloatArray = NDArray[np.float64]
+GateSource = Literal["none", "contact", "tilt"]
+
+
+@dataclass(frozen=True)
+class FilterChoice:
+    """A filter of the joint torques.
+
+    Parameters
+    ----------
+    a : tuple of float
+        Coefficients, ascending.
+    b : tuple of float, optional
+        Of the numerator; None: the low-pass form.
+    limit : float
+        On |f_hat|, N m.
+    anti_windup : {"clamp", "back_calculation", "residual", "none"}
+    gate : {"none", "contact", "tilt"}
+        What opens it: nothing, the load of each foot, or an upright and calm trunk.
+    gate_action : {"scale", "hold"}
+        What a closed gate does to f_hat: it dies out, or stays.
+    leak : float
+        rad/s.
+    gain : float
+        Part of f_hat that is used.
+    """
+
+    a: tuple[float, ...]
+    b: tuple[float, ...] | None = None
+    limit: float = 20.0
+    anti_windup: AntiWindup = "clamp"
+    gate: GateSource = "none"
+    gate_action: Gate = "hold"
+    leak: float = 0.0
+    gain: float = 1.0
+
+    @staticmethod
+    def of(record: Mapping[str, Any]) -> FilterChoice:
+        """As a training record has it.
+
+        Parameters
+        ----------
+        record : mapping
+
+        Raises
+        ------
+        ValueError
+            For unknown or missing entries.
+        """
+        try:
+            values: dict[str, Any] = {n: tuple(v) if isinstance(v, list) else v for n, v in record.items()}
+            return FilterChoice(**values)
+        except TypeError as error:
+            raise ValueError(f"record of a filter: {error}") from None
+
+
+def paper_filter() -> FilterChoice:
+    """Order 1 with the paper's a0.
+
+    Examples
+    --------
+    >>> paper_filter().a
+    (1.0,)
+    """
+    numbers = params().filter
+    return FilterChoice((numbers.a0,), limit=numbers.limit)
+
+
+def make_filter(choice: FilterChoice) -> JointTorqueFilter:
+    """The filter of twelve joints.
+
+    Parameters
+    ----------
+    choice : FilterChoice
+    """
+    p = params()
+    prior = JointSpacePrior(
+        inertia="constant",
+        bias="damping",
+        contact="omitted",
+        constant_inertia=joint_inertia(),
+        damping=p.robot.damping,
+    )
+    return JointTorqueFilter(
+        PhyFilter(choice.a, choice.b),
+        prior,
+        p.control.dt,
+        limit=choice.limit,
+        anti_windup=choice.anti_windup,
+        gate=choice.gate_action,
+        leak=choice.leak,
+    )
+
+
+# A foot carries when it is loaded with more than this, N; a trunk is calm below this rate of roll and pitch, rad/s, and
+# this tilt.
+_CARRIES = 5.0
+_CALM_RATE, _CALM_TILT = 1.5, 0.15
+# Arrays that the next step depends on, besides the filter's state.
+_KEPT = ("kp", "kd", "strength", "torque", "f_hat")
+
+
+class JointLoop:
+    """PD and filter around a batch of robots, or around some of them.
+
+    Parameters
+    ----------
+    batch : Batch
+    choice : FilterChoice, optional
+        None: PD alone.
+    rows : slice
+        Which robots; all by default.
+    """
+
+    def __init__(
+        self, batch: Batch, choice: FilterChoice | None = None, *, rows: slice = slice(None)
+    ) -> None:
+        p = params()
+        self.batch, self.choice, self.rows = batch, choice, rows
+        self.filter = None if choice is None else make_filter(choice)
+        size = len(range(*rows.indices(batch.size)))
+        self.kp, self.kd = np.full((size, 1), p.control.kp), np.full((size, 1), p.control.kd)
+        self.strength = np.ones((size, 1))
+        # What the correction of the target is made with: the gain as it is known.
+        self.nominal = p.control.kp
+        self._limits = np.tile(p.robot.torque_limits, 4)
+        self.torque = np.zeros((size, 12))
+        self.f_hat = np.zeros((size, 12))
+        self._state: JointFilterState | None = None
+        self.restart(np.ones(size, dtype=bool))
+
+    def restart(self, which: NDArray[np.bool_]) -> None:
+        """Forget what was estimated, after a reset.
+
+        Parameters
+        ----------
+        which : (E,) bool array
+        """
+        self.torque[which] = 0.0
+        self.f_hat[which] = 0.0
+        if self.filter is None:
+            return
+        qd = self.batch.qd[self.rows]
+        self._state = (
+            self.filter.start(qd) if self._state is None else self.filter.reset(self._state, which, qd)
+        )
+
+    def advance(self, target: FloatArray) -> None:
+        """Hold a target for one step of the policy.
+
+        Parameters
+        ----------
+        target : (E, 12) array
+            Joint angles.
+        """
+        for _ in range(params().control.decimation):
+            self.batch.step(self.update(target))
+
+    def update(self, target: FloatArray) -> FloatArray:
+        """One sample of the joint loop: what the motors give until the next.
+
+        Parameters
+        ----------
+        target : (E, 12) array
+            Joint angles.
+
+        Returns
+        -------
+        (E, 12) array
+            In N m; ``torque`` is what they are told.
+        """
+        q, qd = self.batch.q[self.rows], self.batch.qd[self.rows]
+        self._estimate(qd)
+        wanted = target - self.f_hat / self.nominal
+        self.torque = np.clip(self.kp * (wanted - q) - self.kd * qd, -self._limits, self._limits)
+        return self.strength * self.torque
+
+    def _estimate(self, qd: FloatArray) -> None:
+        if self.filter is None or self._state is None or self.choice is None:
+            return
+        gate = self._gate()
+        self._state, f_hat = self.filter.step(self._state, qd, JointQuantities(qd), self.torque, gate=gate)
+        self.f_hat = f_hat * self.choice.gain
+
+    def _gate(self) -> FloatArray | None:
+        if self.choice is None or self.choice.gate == "none":
+            return None
+        if self.choice.gate == "contact":
+            return np.repeat((self.batch.load[self.rows] > _CARRIES).astype(float), 3, axis=1)
+        tilt, rate = self.batch.lean
+        calm = (rate[self.rows] < _CALM_RATE) & (tilt[self.rows] < _CALM_TILT)
+        return calm[:, None].astype(float)
+
+    def state(self) -> dict[str, NDArray[np.generic]]:
+        """What the next step depends on."""
+        found: dict[str, NDArray[np.generic]] = {name: np.array(getattr(self, name)) for name in _KEPT}
+        if self._state is not None:
+            found |= {name: value for name, value in self._state._asdict().items() if value is not None}
+        return found
+
+    def restore(self, state: dict[str, NDArray[np.generic]]) -> None:
+        """Go on from there.
+
+        Parameters
+        ----------
+        state : dict
+            Of :meth:`state`, of a loop with the same filter.
+
+        Raises
+        ------
+        ValueError
+            If that loop had another filter.
+        """
+        if ("w" in state) != (self._state is not None):
+            raise ValueError("a state with a filter in one case, without in the other")
+        for name in _KEPT:
+            setattr(self, name, np.array(state[name]))
+        if self._state is not None:
+            parts = {name: state.get(name) for name in JointFilterState._fields}
+            self._state = JointFilterState(**parts)  # pyright: ignore[reportArgumentType] - arrays that it made itself
+
+
+def advance(
+    batch: Batch,
+    loops: Sequence[JointLoop],
+    target: FloatArray,
+    *,
+    watch: Callable[[FloatArray], None] | None = None,
+) -> None:
+    """Hold targets for one step of the policies, in several loops that share a batch.
+
+    Parameters
+    ----------
+    batch : Batch
+    loops : sequence of JointLoop
+        Whose rows follow one another and make up the batch.
+    target : (E, 12) array
+        Joint angles.
+    watch : function of the torques (E, 12), optional
+        Called after every step of the simulator.
+    """
+    for _ in range(params().control.decimation):
+        torque = np.concatenate([loop.update(target[loop.rows]) for loop in loops])
+        batch.step(torque)
+        if watch is not None:
+            watch(torque)

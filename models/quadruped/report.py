@@ -1,0 +1,191 @@
+"""Table and JSON of a comparison."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .comparison import Comparison, Scores
+from .params import params
+
+__all__ = ["figures", "table"]
+
+FloatArray = NDArray[np.float64]
+
+# What the paper prints: velocity error at 60 % of the weight, m/s, at most.
+_PAPER_PAYLOAD = 0.2
+
+
+def table(found: Comparison) -> str:
+    """The table that is printed.
+
+    Parameters
+    ----------
+    found : Comparison
+    """
+    plan, scores = found.plan, found.scores
+    walks = len(plan.seeds) * plan.phases
+    lines = [
+        f"quadruped of {params().robot.mass} kg, trained on flat ground with payloads of {_range('payload')} kg and "
+        f"{_range('velocity')} m/s;",
+        f"{len(plan.seeds)} policies x {plan.phases} phases of the gait = {walks} walks a column, those to 3 m/s fewer",
+        "",
+        "velocity error |mean v - command|, m/s (falls, %)",
+        _row("", [f"{100 * part:.0f} %" for part in plan.payloads], "payload, 1 m/s"),
+    ]
+    for name, score in scores.items():
+        lines.append(_row(found.methods[name].label, _cells(score.payload, score.payload_fallen)))
+    lines += ["", _row("", [f"{speed:g}" for speed in plan.speeds], "commanded speed, m/s")]
+    for name, score in scores.items():
+        lines.append(_row(found.methods[name].label, _cells(score.speed, score.speed_fallen)))
+    heaviest = f"{100 * max(plan.payloads):.0f} %"
+    test = params().test
+    lines += [
+        "",
+        _row(
+            "", ["no load", heaviest, "push"], f"motors at {100 * test.strength:.0f} %; push: part that stood"
+        ),
+    ]
+    for name, score in scores.items():
+        cells = [*(f"{value:.2f}" for value in score.strength.mean(axis=(1, 2))), f"{score.push.mean():.2f}"]
+        lines.append(_row(found.methods[name].label, cells))
+    if plan.terrains:
+        lines += [
+            "",
+            _row(
+                "",
+                list(plan.terrains),
+                f"part that passed {test.distance:g} m; difficulties {_list(plan.difficulties)}",
+            ),
+        ]
+        for name, score in scores.items():
+            cells = [_list(score.terrain[kind].mean(axis=(1, 2))) for kind in plan.terrains]
+            lines.append(_row(found.methods[name].label, cells, width=18))
+    lines += ["", *_verdict(found)]
+    speed = found.throughput
+    lines += [
+        "",
+        f"steps of 5 ms per second, {speed.robots} robots: MuJoCo alone {speed.bare:.0f}, with the joint loop "
+        f"{speed.loop:.0f}, with the filter {speed.filtered:.0f}",
+    ]
+    return "\n".join(lines)
+
+
+def _range(name: str) -> str:
+    low, high = getattr(params().randomisation, name)
+    return f"{low:g}..{high:g}"
+
+
+def _list(values: tuple[float, ...] | FloatArray) -> str:
+    return "/".join(f"{value:.2f}".lstrip("0") if value < 1.0 else f"{value:.1f}" for value in values)
+
+
+def _row(label: str, cells: list[str], note: str = "", width: int = 12) -> str:
+    text = f"{label:<28}" + "".join(f"{cell:>{width}}" for cell in cells)
+    return f"{text}   {note}" if note else text
+
+
+def _cells(errors: FloatArray, fallen: FloatArray) -> list[str]:
+    return [
+        f"{error:.2f}" + (f" ({100 * part:.0f})" if part else "")
+        for error, part in zip(errors.mean(axis=(1, 2)), fallen, strict=True)
+    ]
+
+
+def columns(score: Scores, found: Comparison) -> dict[str, float]:
+    """One number a column; terrains and push count as failures, so that less is better everywhere.
+
+    Parameters
+    ----------
+    score : Scores
+    found : Comparison
+    """
+    plan = found.plan
+    result = {
+        f"payload {100 * part:.0f} %": float(value.mean())
+        for part, value in zip(plan.payloads, score.payload, strict=True)
+    }
+    result |= {
+        f"{speed:g} m/s": float(value.mean()) for speed, value in zip(plan.speeds, score.speed, strict=True)
+    }
+    result |= {
+        "weak motors": float(score.strength[0].mean()),
+        "weak motors, loaded": float(score.strength[1].mean()),
+        "push": 1.0 - float(score.push.mean()),
+    }
+    return result | {kind: 1.0 - float(values.mean()) for kind, values in score.terrain.items()}
+
+
+def _verdict(found: Comparison) -> list[str]:
+    """Against the base policy, column by column, and against the paper's figure."""
+    if "base" not in found.scores:
+        return []
+    base = columns(found.scores["base"], found)
+    lines = []
+    for name, score in found.scores.items():
+        if name == "base":
+            continue
+        mine = columns(score, found)
+        better = [key for key in base if mine[key] < base[key] - _EQUAL]
+        worse = [key for key in base if mine[key] > base[key] + _EQUAL]
+        lines.append(
+            f"{found.methods[name].label}: better than the base policy in {len(better)} of {len(base)} columns, "
+            f"worse in {len(worse)}" + (f": {', '.join(worse)}" if worse else "")
+        )
+    if max(found.plan.payloads) >= 0.6:
+        for name in ("filter", "improved"):
+            if name in found.scores:
+                reached = float(found.scores[name].payload[-1].mean())
+                verb = "holds" if reached <= _PAPER_PAYLOAD else "does not hold"
+                lines.append(
+                    f"paper, 60 % payload: at most {_PAPER_PAYLOAD} m/s with the filter; {found.methods[name].label}: "
+                    f"{reached:.2f} m/s, {verb}"
+                )
+    return lines
+
+
+# Columns that differ by less are equal: m/s, and parts of the robots.
+_EQUAL = 0.01
+
+
+def figures(found: Comparison) -> dict[str, object]:
+    """The content of the JSON file.
+
+    Parameters
+    ----------
+    found : Comparison
+    """
+    plan = found.plan
+    return {
+        "seeds": list(plan.seeds),
+        "phases": plan.phases,
+        "payloads": list(plan.payloads),
+        "speeds": list(plan.speeds),
+        "difficulties": list(plan.difficulties),
+        "methods": {name: _figures(score) for name, score in found.scores.items()},
+        "columns": {name: columns(score, found) for name, score in found.scores.items()},
+        "training_reward": found.curves,
+        "steps_per_second": {
+            "robots": found.throughput.robots,
+            "mujoco": found.throughput.bare,
+            "loop": found.throughput.loop,
+            "filter": found.throughput.filtered,
+        },
+    }
+
+
+def _figures(score: Scores) -> dict[str, object]:
+    return {
+        "payload_error": score.payload.mean(axis=(1, 2)).tolist(),
+        "payload_error_by_policy": score.payload.mean(axis=2).tolist(),
+        "payload_fallen": score.payload_fallen.tolist(),
+        "speed_error": score.speed.mean(axis=(1, 2)).tolist(),
+        "speed_error_by_policy": score.speed.mean(axis=2).tolist(),
+        "speed_fallen": score.speed_fallen.tolist(),
+        "weak_motors_error": score.strength.mean(axis=(1, 2)).tolist(),
+        "push_survival": float(score.push.mean()),
+        "terrain_success": {
+            kind: values.mean(axis=(1, 2)).tolist() for kind, values in score.terrain.items()
+        },
+        "mean_abs_f_hat": score.estimate.tolist(),
+    }
