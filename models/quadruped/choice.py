@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from phyfilter_ctl.models.progress import Report, silent
+from phyfilter_ctl.plants.legged.filter import AntiWindup
 
 from .comparison import Plan, Scores, score
 from .evaluation import phases
@@ -45,8 +46,18 @@ class Candidate:
         return float(np.mean(list(self.columns.values())))
 
 
-def _gated(a0: float, limit: float = 20.0) -> FilterChoice:
-    return FilterChoice((a0,), limit=limit, gate="tilt", gate_action="scale")
+# Seconds in which f_hat is taken from the motors, and given back.
+_FADE = (0.05, 0.5)
+
+
+def _gated(
+    a0: float,
+    limit: float = 20.0,
+    *,
+    fade: tuple[float, float] = (0.0, 0.0),
+    windup: AntiWindup = "clamp",
+) -> FilterChoice:
+    return FilterChoice((a0,), limit=limit, anti_windup=windup, gate="tilt", gate_action="scale", fade=fade)
 
 
 CANDIDATES: dict[str, FilterChoice | None] = {
@@ -66,6 +77,12 @@ CANDIDATES: dict[str, FilterChoice | None] = {
     "a0 = 3, trunk not calm: f_hat dies": _gated(3.0),
     "a0 = 4, trunk not calm: f_hat dies": _gated(4.0),
     "the same, limit 8 N m": _gated(4.0, limit=8.0),
+    "residual 8 N m, trunk not calm: dies": _gated(4.0, 8.0, windup="residual"),
+    "residual 8 N m, trunk not calm: fades": _gated(4.0, 8.0, fade=_FADE, windup="residual"),
+    "a0 = 2, trunk not calm: fades in 50 ms": _gated(2.0, fade=_FADE),
+    "a0 = 3, trunk not calm: fades in 50 ms": _gated(3.0, fade=_FADE),
+    "a0 = 4, trunk not calm: fades in 50 ms": _gated(4.0, fade=_FADE),
+    "the same, limit of 8 N m": _gated(4.0, 8.0, fade=_FADE),
     "order 2, a = (16, 8)": FilterChoice((16.0, 8.0)),
     "order 2, type 2, a = b = (4, 4)": FilterChoice((4.0, 4.0), (4.0, 4.0)),
     "band-pass 0.1 to 4 rad/s": FilterChoice((0.4, 4.1), (0.0, 4.0)),

@@ -49,6 +49,14 @@ class FilterChoice:
         rad/s.
     gain : float
         Part of f_hat that is used.
+    fade : (float, float)
+        Seconds in which the gate "tilt" takes f_hat from the motors when it closes, and gives it back when it opens;
+        (0, 0): it acts on the estimate alone.
+
+    Raises
+    ------
+    ValueError
+        For times that are not both positive, or a fade without that gate.
     """
 
     a: tuple[float, ...]
@@ -59,6 +67,13 @@ class FilterChoice:
     gate_action: Gate = "hold"
     leak: float = 0.0
     gain: float = 1.0
+    fade: tuple[float, float] = (0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        if self.fade != (0.0, 0.0) and (self.gate != "tilt" or not min(self.fade) > 0.0):
+            raise ValueError(
+                f"fade: expected two positive times and the gate 'tilt', got {self.fade}, {self.gate!r}"
+            )
 
     @staticmethod
     def of(record: Mapping[str, Any]) -> FilterChoice:
@@ -123,7 +138,7 @@ def make_filter(choice: FilterChoice) -> JointTorqueFilter:
 _CARRIES = 5.0
 _CALM_RATE, _CALM_TILT = 1.5, 0.15
 # Arrays that the next step depends on, besides the filter's state.
-_KEPT = ("kp", "kd", "strength", "torque", "f_hat")
+_KEPT = ("kp", "kd", "strength", "torque", "f_hat", "share")
 
 
 class JointLoop:
@@ -152,6 +167,8 @@ class JointLoop:
         self._limits = np.tile(p.robot.torque_limits, 4)
         self.torque = np.zeros((size, 12))
         self.f_hat = np.zeros((size, 12))
+        # Part of f_hat that the gate leaves to the motors.
+        self.share = np.ones((size, 1))
         self._state: JointFilterState | None = None
         self.restart(np.ones(size, dtype=bool))
 
@@ -164,6 +181,7 @@ class JointLoop:
         """
         self.torque[which] = 0.0
         self.f_hat[which] = 0.0
+        self.share[which] = 1.0
         if self.filter is None:
             return
         qd = self.batch.qd[self.rows]
@@ -206,7 +224,10 @@ class JointLoop:
             return
         gate = self._gate()
         self._state, f_hat = self.filter.step(self._state, qd, JointQuantities(qd), self.torque, gate=gate)
-        self.f_hat = f_hat * self.choice.gain
+        if gate is not None and self.choice.fade[0] > 0.0:
+            time = np.where(gate < self.share, *self.choice.fade)
+            self.share = self.share - np.expm1(-params().control.dt / time) * (gate - self.share)
+        self.f_hat = f_hat * (self.choice.gain * self.share)
 
     def _gate(self) -> FloatArray | None:
         if self.choice is None or self.choice.gate == "none":

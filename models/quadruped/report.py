@@ -117,19 +117,18 @@ def columns(score: Scores, found: Comparison) -> dict[str, float]:
 
 
 def _verdict(found: Comparison) -> list[str]:
-    """Against the base policy, column by column, and against the paper's figure."""
-    if "base" not in found.scores:
-        return []
-    base = columns(found.scores["base"], found)
+    """Against the first method, column by column, and against the paper's figure."""
+    first = next(iter(found.scores))
+    base = columns(found.scores[first], found)
     lines = []
     for name, score in found.scores.items():
-        if name == "base":
+        if name == first:
             continue
         mine = columns(score, found)
         better = [key for key in base if mine[key] < base[key] - _EQUAL]
         worse = [key for key in base if mine[key] > base[key] + _EQUAL]
         lines.append(
-            f"{found.methods[name].label}: better than the base policy in {len(better)} of {len(base)} columns, "
+            f"{found.methods[name].label}: better than the first row in {len(better)} of {len(base)} columns, "
             f"worse in {len(worse)}" + (f": {', '.join(worse)}" if worse else "")
         )
     if max(found.plan.payloads) >= 0.6:

@@ -272,6 +272,27 @@ def test_filter_takes_the_sag_of_a_loaded_stance():
     assert heights[1] == pytest.approx(nominal, abs=0.003)
 
 
+def test_fade_takes_the_estimate_from_the_motors_of_a_tilted_robot():
+    pytest.importorskip("mujoco", reason="mujoco is not installed: nothing to step")
+    two = batch.Batch(2)
+    choice = loop.FilterChoice((4.0,), gate="tilt", gate_action="hold", fade=(0.05, 0.5))
+    joint_loop = loop.JointLoop(two, choice)
+    target = np.tile(gait.neutral(), (2, 1))
+    for _ in range(10):
+        joint_loop.advance(target)
+    before = joint_loop.f_hat.copy()
+    two.qpos[1, 3:7] = [np.cos(0.2), np.sin(0.2), 0.0, 0.0]  # rolled by 0.4 rad
+    for _ in range(20):  # 100 ms without a step of the robot
+        joint_loop.update(target)
+    assert np.all(joint_loop.share[0] == 1.0)
+    assert joint_loop.share[1] == pytest.approx(np.exp(-0.1 / 0.05))
+    assert joint_loop.f_hat[1] == pytest.approx(before[1] * np.exp(-2.0))
+    with pytest.raises(ValueError, match="two positive times and the gate 'tilt'"):
+        loop.FilterChoice((1.0,), fade=(0.1, 0.1))
+    with pytest.raises(ValueError, match="two positive times"):
+        loop.FilterChoice((1.0,), gate="tilt", fade=(0.1, 0.0))
+
+
 # -- policies ----------------------------------------------------------------------------------------------------
 
 
