@@ -1,15 +1,35 @@
-"""Tests and doctests that compile are skipped, by name, on a machine without any C compiler."""
+"""How the suite runs everywhere: one BLAS thread a worker, hypothesis without chance, what cannot be compiled skipped.
+
+Random search is a command of its own, ``python -m tests.fuzz``.
+"""
 
 from __future__ import annotations
 
 import doctest
+import os
 import sys
 from collections.abc import Generator, Iterator
 from functools import cache
 
+# Before anything imports numpy: two workers with two threads each wait for one another. A setting from outside stays.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+import hypothesis
 import pytest
 
 from phyfilter_ctl.codegen import CompilerError, find_compiler
+
+pytest_plugins = ["tests.cpu_budget"]
+
+hypothesis.settings.register_profile("suite", derandomize=True, deadline=None, database=None)
+hypothesis.settings.register_profile(
+    "fuzz",
+    deadline=None,
+    database=None,
+    print_blob=True,
+    max_examples=int(os.environ.get("PHYFILTER_FUZZ_EXAMPLES", "1000")),
+)
+hypothesis.settings.load_profile(os.environ.get("PHYFILTER_HYPOTHESIS_PROFILE", "suite"))
 
 
 @cache
