@@ -10,11 +10,11 @@ from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Final
 
-from ._protocol import Differentiator, SearchRange, TunableDifferentiator
 from .difference import BackwardDifference
 from .kalman import KalmanDifferentiator
 from .lowpass import LowpassDifference
 from .observers import DisturbanceObserver, Evolver, FeedbackNeuralNetwork, LinearESO, SeerII
+from .protocol import Differentiator, SearchRange, TunableDifferentiator
 from .robust import RobustDifferentiator
 from .tracking import TrackingDifferentiator
 from .tuning import TuneResult, tune

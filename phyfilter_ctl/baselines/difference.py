@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from .._sections import FloatArray
 from . import _checks
-from ._protocol import SearchRange
+from .protocol import SearchRange
 
 
 @dataclass(frozen=True)

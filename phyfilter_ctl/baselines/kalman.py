@@ -12,7 +12,7 @@ from scipy.signal import lfilter
 
 from .._sections import FloatArray
 from . import _checks
-from ._protocol import SearchRange
+from .protocol import SearchRange
 
 
 @dataclass(frozen=True)

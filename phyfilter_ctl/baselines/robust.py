@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from .._sections import FloatArray
 from . import _checks, _recursion
-from ._protocol import SearchRange
+from .protocol import SearchRange
 
 _ADVICE = "raise substeps, or lower k1, k2 or mu"
 

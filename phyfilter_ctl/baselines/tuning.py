@@ -13,7 +13,7 @@ from scipy.optimize import minimize
 
 from .._sections import FloatArray
 from . import _checks
-from ._protocol import SearchRange, TunableDifferentiator
+from .protocol import SearchRange, TunableDifferentiator
 
 _Flight = tuple[FloatArray, FloatArray, float, int]
 

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from .._sections import FloatArray
 from ..analysis.margins import LoopMargins
 from ..analysis.margins._statespace import StateSpaceLoop
-from ..analysis.margins._sweep import lag_to_instability
+from ..analysis.margins.sweep import lag_to_instability
 from .flattening import flatten
 
 __all__ = ["SignalMargin", "open_loop", "signal_margin"]

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from ._dictionary import Dictionary
-from ._model import FitResult, LearnedModel
 from ._window import window
 from .adaptation import AdaptationRun, AdaptationState, AdaptiveChebyshev
 from .chebyshev import Chebyshev
+from .dictionary import Dictionary
 from .koopman import Koopman
+from .model import FitResult, LearnedModel
 from .network import Network
 from .neural_ode import NeuralOde, Trajectory
 from .online_koopman import KoopmanRun, KoopmanState, OnlineKoopman

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._sections import FloatArray
-from ._dense import Activation, Dense
+from .dense import Activation, Dense
 
 if TYPE_CHECKING:
     import onnx

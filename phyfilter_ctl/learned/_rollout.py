@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from .._sections import FloatArray
-from ._layers import Layers
+from .layers import Layers
 
 # Segments in one batch: the activations of all stages stay in a few MB.
 _BATCH = 256

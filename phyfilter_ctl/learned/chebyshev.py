@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from .._sections import FloatArray
 from . import _arrays, _checks, _files
 from ._least_squares import ridge
-from ._model import FitResult
+from .model import FitResult
 
 _KIND = "chebyshev"
 _OPTIONS = ("degree", "n_d", "degree_d", "l2", "outside")

@@ -12,9 +12,9 @@ from numpy.typing import ArrayLike
 
 from .._sections import FloatArray
 from . import _arrays, _checks, _files
-from ._dictionary import Dictionary
 from ._least_squares import ridge
-from ._model import FitResult
+from .dictionary import Dictionary
+from .model import FitResult
 
 _KIND = "koopman"
 _OF_DICTIONARY = ("n_z", "degree", "width")

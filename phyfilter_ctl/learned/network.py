@@ -13,9 +13,9 @@ from numpy.typing import ArrayLike
 
 from .._sections import FloatArray
 from . import _arrays, _checks, _files
-from ._layers import SCALES as _SCALES
-from ._layers import Layers, standardisation
-from ._model import FitResult
+from .layers import SCALES as _SCALES
+from .layers import Layers, standardisation
+from .model import FitResult
 
 if TYPE_CHECKING:
     from sklearn.neural_network import MLPRegressor

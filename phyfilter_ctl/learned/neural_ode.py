@@ -15,10 +15,10 @@ from numpy.typing import ArrayLike
 from .._sections import FloatArray
 from . import _arrays, _checks, _files
 from ._descent import Descent, descend
-from ._layers import SCALES as _SCALES
-from ._layers import Layers, standardisation
-from ._model import FitResult
 from ._rollout import Segments, ends, misfit
+from .layers import SCALES as _SCALES
+from .layers import Layers, standardisation
+from .model import FitResult
 
 _KIND = "neural_ode"
 _OPTIONS = ("segment", "starts", "g", "u", "l2", "max_iterations", "tolerance", "seed")

@@ -13,11 +13,11 @@ from numpy.typing import ArrayLike
 
 from .._sections import FloatArray
 from . import _arrays, _checks, _files
-from ._dense import Activation, Dense
 from ._descent import descend
-from ._layers import standardisation
-from ._model import FitResult
 from ._onnx_reader import RefusedError, dense_layers
+from .dense import Activation, Dense
+from .layers import standardisation
+from .model import FitResult
 
 _KIND = "onnx"
 _OPTIONS = ("l2", "max_iterations", "tolerance")
@@ -57,7 +57,7 @@ class OnnxNetwork:
 
     Examples
     --------
-    >>> from phyfilter_ctl.learned._dense import Activation, Dense
+    >>> from phyfilter_ctl.learned.dense import Activation, Dense
     >>> relu, last = Activation("relu"), Activation("identity")
     >>> network = OnnxNetwork(Dense((np.eye(2), np.ones((2, 1))), (np.zeros(2), np.zeros(1)), (relu, last)))
     >>> network.predict([[3.0, -1.0]]).tolist()

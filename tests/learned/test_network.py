@@ -15,7 +15,7 @@ from sklearn.neural_network import MLPRegressor
 from sklearn.preprocessing import StandardScaler
 
 from phyfilter_ctl.learned import FitResult, LearnedModel, Network, window
-from phyfilter_ctl.learned._layers import Layers
+from phyfilter_ctl.learned.layers import Layers
 
 # The same sums in another order: some 20 terms of size 10.
 SAME_FORMULA = 1e-12

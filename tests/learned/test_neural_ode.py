@@ -13,8 +13,8 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from phyfilter_ctl.learned import LearnedModel, NeuralOde, Trajectory
-from phyfilter_ctl.learned._layers import Layers
 from phyfilter_ctl.learned._rollout import Segments, ends, misfit
+from phyfilter_ctl.learned.layers import Layers
 
 # The same sums in another order: some 20 terms of size 10.
 SAME_FORMULA = 1e-12

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from phyfilter_ctl.learned import LearnedModel, OnnxNetwork
-from phyfilter_ctl.learned._dense import SLOPE, VALUE, Activation, Dense
+from phyfilter_ctl.learned.dense import SLOPE, VALUE, Activation, Dense
 
 onnx = pytest.importorskip("onnx", reason="the package onnx is not installed (extra: onnx)")
 TensorProto, helper, numpy_helper = onnx.TensorProto, onnx.helper, onnx.numpy_helper

@@ -1,10 +1,10 @@
 """Margins of loops with the filter in them: inertia, gain, phase, delay, bandwidth."""
 
-from ._margins import LoopMargins
-from ._sweep import Crossing
 from .bandwidth import BandwidthLimit, largest_bandwidth
 from .complete import LoopMargin, loop_margin
+from .loop_margins import LoopMargins
 from .prior import InertiaVerdict, PriorMargin, prior_margin
+from .sweep import Crossing
 
 __all__ = [
     "BandwidthLimit",

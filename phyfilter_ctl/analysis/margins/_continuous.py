@@ -16,7 +16,7 @@ from numpy.polynomial import polynomial as poly
 
 from ..._sections import ComplexArray, FloatArray
 from ...filter import PhyFilter
-from . import _sweep
+from . import sweep
 from ._actuator import Actuator
 from ._factors import Factors, roots_of, trimmed
 from ._winding import zeros_on_the_right
@@ -120,7 +120,7 @@ class ContinuousLoop:
         """Where the delay outruns the phase of P/Q, the end of the grid, the ratio that all beyond it exceeds."""
         if self.delay == 0.0:
             return float("inf"), float("inf"), float("inf")
-        omega = _sweep.grid(self.corners, float("inf"))
+        omega = sweep.grid(self.corners, float("inf"))
         # Not the whole delay: the phase is looked at on a grid only.
         forward = np.flatnonzero(self._phase_slope(omega) > 0.5 * self.delay)
         start = float(omega[min(int(forward[-1]) + 1, len(omega) - 1)]) if len(forward) else 0.0
@@ -154,9 +154,9 @@ class ContinuousLoop:
     def grid(self) -> FloatArray:
         """Frequencies dense enough that every crossing has its own interval, up into the tail."""
         if self.delay == 0.0:
-            logarithmic = _sweep.grid(self.corners, float("inf"))
+            logarithmic = sweep.grid(self.corners, float("inf"))
             return np.union1d(logarithmic, self._exact_crossings)
-        return _sweep.grid(np.append(self.corners, 1.0 / self.delay), self._reach[1], turn=self.delay)
+        return sweep.grid(np.append(self.corners, 1.0 / self.delay), self._reach[1], turn=self.delay)
 
     @property
     def _exact_crossings(self) -> FloatArray:

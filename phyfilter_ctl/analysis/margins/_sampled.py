@@ -18,7 +18,7 @@ from ..._sections import ComplexArray, FloatArray, expm1
 from ...sampled import SampledPhyFilter
 from ...sampled.windows import mean_weights
 from .. import _paths, _resolvent
-from . import _sweep
+from . import sweep
 from ._actuator import Actuator
 from ._factors import roots_of, trimmed
 
@@ -130,7 +130,7 @@ class SampledLoop:
         ]
         corners = np.concatenate([*parts, outer, roots_of(filter.error_numerator)[1], [self.nyquist]])
         late = self.delay + self.sampled.delay + 4.0 * self.sampled.dt
-        return _sweep.grid(corners[corners != 0.0].astype(np.complex128), self.nyquist, turn=late)
+        return sweep.grid(corners[corners != 0.0].astype(np.complex128), self.nyquist, turn=late)
 
     def matrix(self, ratio: complex) -> FloatArray | ComplexArray:
         """State matrix of the closed loop minus I; its eigenvalues are z - 1.

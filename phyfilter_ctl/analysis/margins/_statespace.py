@@ -10,7 +10,7 @@ import numpy as np
 
 from ..._sections import ComplexArray, FloatArray
 from .. import _resolvent
-from . import _sweep
+from . import sweep
 
 __all__ = ["StateSpaceLoop"]
 
@@ -78,7 +78,7 @@ class StateSpaceLoop:
     def _real(self, point: float) -> tuple[float, float]:
         """1 and L at a real point, (0, 1) at a pole."""
         value = complex(_resolvent.evaluate(*self._matrices, np.array([point], dtype=np.complex128))[0, 0, 0])
-        finite = np.isfinite(value) and abs(value) < 1.0 / _sweep.SAME
+        finite = np.isfinite(value) and abs(value) < 1.0 / sweep.SAME
         return (1.0, value.real) if finite else (0.0, 1.0)
 
     @cached_property
@@ -93,7 +93,7 @@ class StateSpaceLoop:
         corners = corners[np.abs(corners) > 1e-9 * np.max(np.abs(corners), initial=0.0)]
         if len(corners) == 0:
             corners = np.ones(1, dtype=np.complex128)
-        return _sweep.grid(corners, self.nyquist, turn=4.0 * self._step)
+        return sweep.grid(corners, self.nyquist, turn=4.0 * self._step)
 
     def roots(self, ratio: complex) -> ComplexArray:
         A, B, C, D = self._matrices

@@ -8,7 +8,7 @@ import control as ct
 
 from ...filter import PhyFilter
 from ...sampled import SampledPhyFilter
-from ._margins import LoopMargins, build_loop
+from .loop_margins import LoopMargins, build_loop
 from .prior import _positive
 
 __all__ = ["LoopMargin", "loop_margin"]

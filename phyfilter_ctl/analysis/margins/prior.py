@@ -14,7 +14,7 @@ from ...filter import PhyFilter
 from ...sampled import SampledPhyFilter
 from . import _inertia
 from ._actuator import checked_number
-from ._margins import LoopMargins, build_loop
+from .loop_margins import LoopMargins, build_loop
 
 __all__ = ["InertiaVerdict", "PriorMargin", "prior_margin"]
 

@@ -13,8 +13,8 @@ from numpy.typing import ArrayLike
 
 from .._sections import FloatArray
 from . import _arrays, _checks
-from ._layers import standardisation
 from ._least_squares import ridge
+from .layers import standardisation
 
 # Most functions: a Gram matrix then has 2 MB, and its inversion in every step stays possible.
 _MOST_TERMS = 512

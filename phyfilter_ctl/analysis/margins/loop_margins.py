@@ -12,11 +12,11 @@ from numpy.typing import ArrayLike
 from ..._sections import ComplexArray, FloatArray
 from ...filter import PhyFilter
 from ...sampled import SampledPhyFilter
-from . import _sweep
+from . import sweep
 from ._actuator import checked_actuator, checked_number
 from ._continuous import ContinuousLoop
 from ._sampled import SampledLoop
-from ._sweep import Crossing
+from .sweep import Crossing
 
 __all__ = ["LoopMargins", "build_loop"]
 
@@ -47,7 +47,7 @@ class LoopMargins:
     """
 
     inertia_ratio: float
-    loop: _sweep.Loop = field(repr=False)
+    loop: sweep.Loop = field(repr=False)
 
     # -- over all ratios ----------------------------------------------------------------------------------------
 
@@ -58,12 +58,12 @@ class LoopMargins:
         With delay there are infinitely many; given are those up to a frequency beyond which poles only leave, and a
         few beyond it.
         """
-        return tuple(_sweep.ratio_crossings(self.loop))
+        return tuple(sweep.ratio_crossings(self.loop))
 
     @cached_property
     def stable_ratios(self) -> tuple[tuple[float, float], ...]:
         """Open intervals (low, high) of mu > 0 for which the loop is stable, ascending; high may be inf."""
-        return tuple(_sweep.intervals(self.loop, list(self.ratio_crossings)))
+        return tuple(sweep.intervals(self.loop, list(self.ratio_crossings)))
 
     @property
     def min_ratio(self) -> float:
@@ -127,7 +127,7 @@ class LoopMargins:
     @property
     def gain_crossings(self) -> FloatArray:
         """Frequencies in rad/s at which |L| = 1, ascending."""
-        return _sweep.gain_crossings(self.loop, self.inertia_ratio)
+        return sweep.gain_crossings(self.loop, self.inertia_ratio)
 
     @cached_property
     def phase_margin(self) -> float:
@@ -135,7 +135,7 @@ class LoopMargins:
         reaches 1, 0 if it is unstable as it is."""
         if not self.is_stable:
             return 0.0
-        _, lag = _sweep.lag_to_instability(self.loop, self.inertia_ratio)
+        _, lag = sweep.lag_to_instability(self.loop, self.inertia_ratio)
         return float(np.min(np.minimum(lag, 2.0 * np.pi - lag), initial=np.inf))
 
     @cached_property
@@ -149,7 +149,7 @@ class LoopMargins:
             return 0.0
         if np.isfinite(self.loop.nyquist):
             return _sampled_delay_margin(self.loop, self.inertia_ratio)
-        omega, lag = _sweep.lag_to_instability(self.loop, self.inertia_ratio)
+        omega, lag = sweep.lag_to_instability(self.loop, self.inertia_ratio)
         return float(np.min(lag / omega, initial=np.inf))
 
     @cached_property
@@ -202,7 +202,7 @@ class LoopMargins:
 
         Q, P = self.loop.at_zero
         limit = abs(Q + self.inertia_ratio * P) / abs(P) if P else float("inf")
-        return min(_sweep.least(distance, self.loop.grid)[0], limit)
+        return min(sweep.least(distance, self.loop.grid)[0], limit)
 
     # -- text and inside ----------------------------------------------------------------------------------------
 
@@ -241,7 +241,7 @@ class LoopMargins:
             with np.errstate(divide="ignore"):
                 return np.abs(Q + self.inertia_ratio * P) / np.abs(Q)
 
-        found = [_sweep.least(distance, self.loop.grid)]
+        found = [sweep.least(distance, self.loop.grid)]
         Q, P = self.loop.at_zero
         if Q:
             found.append((abs(Q + self.inertia_ratio * P) / abs(Q), 0.0))
@@ -257,7 +257,7 @@ def build_loop(
     dt: float | None,
     kp: float = 0.0,
     kd: float = 0.0,
-) -> tuple[PhyFilter | SampledPhyFilter, _sweep.Loop]:
+) -> tuple[PhyFilter | SampledPhyFilter, sweep.Loop]:
     """The filter as it runs, and its loop; all arguments checked."""
     if not isinstance(filter, PhyFilter | SampledPhyFilter):
         raise TypeError(f"filter: expected a PhyFilter or a SampledPhyFilter, got {type(filter).__name__}")
@@ -284,7 +284,7 @@ def build_loop(
     return filter, SampledLoop(filter, act, delay, kp, kd)
 
 
-def _sampled_delay_margin(loop: _sweep.Loop, ratio: float) -> float:
+def _sampled_delay_margin(loop: sweep.Loop, ratio: float) -> float:
     """Whole steps only turn the loop, so the gain crossings of each part of a step tell how many it bears."""
     h = np.pi / loop.nyquist
 
@@ -293,7 +293,7 @@ def _sampled_delay_margin(loop: _sweep.Loop, ratio: float) -> float:
         later = loop.later(part * h)
         if later.unstable(ratio) != 0:
             return part
-        omega, lag = _sweep.lag_to_instability(later, ratio)
+        omega, lag = sweep.lag_to_instability(later, ratio)
         return part + float(np.ceil(np.min(lag / (omega * h), initial=np.inf)))
 
     losses = [first_loss(i / _FRACTIONS) for i in range(_FRACTIONS)]
