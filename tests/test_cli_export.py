@@ -3,6 +3,8 @@
 import json
 import shutil
 import subprocess
+from contextlib import redirect_stdout
+from io import StringIO
 from pathlib import Path
 
 import pytest
@@ -14,30 +16,42 @@ COMPILER = shutil.which("gcc") or shutil.which("cc")
 needs_compiler = pytest.mark.skipif(COMPILER is None, reason="no C compiler on this machine")
 
 
+def save_wing(path):
+    pf.save(path, pf.lowpass(2, 20.0).sampled(0.002), signals=pf.Signals(["vx", "vy"], unit_x="m/s"))
+
+
 @pytest.fixture
 def filter_file(tmp_path):
     path = tmp_path / "wing.toml"
-    pf.save(path, pf.lowpass(2, 20.0).sampled(0.002), signals=pf.Signals(["vx", "vy"], unit_x="m/s"))
+    save_wing(path)
     return str(path)
 
 
+@pytest.fixture(scope="module")
+def wing(tmp_path_factory):
+    """The same filter as FMU."""
+    folder = tmp_path_factory.mktemp("wing")
+    source, target = str(folder / "wing.toml"), str(folder / "wing.fmu")
+    save_wing(source)
+    with redirect_stdout(StringIO()) as shown:
+        assert main(["export", source, "--fmu", target, "--fmi", "2.0"]) == 0
+    assert target in shown.getvalue()
+    return target
+
+
 @needs_compiler
-def test_a_filter_as_fmu_and_back(filter_file, tmp_path, capsys):
-    target = tmp_path / "wing.fmu"
-    assert main(["export", filter_file, "--fmu", str(target), "--fmi", "2.0"]) == 0
-    assert str(target) in capsys.readouterr().out
-    assert main(["fmu", "describe", str(target), "--json"]) == 0
+def test_a_filter_as_fmu_and_back(wing, capsys):
+    assert main(["fmu", "describe", wing, "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
     assert found["fmi"] == "2.0"
     assert {"x[0]", "f_hat[1]"} <= {variable["name"] for variable in found["variables"]}
-    assert main(["fmu", "check", str(target), "--json"]) == 0
+    assert main(["fmu", "check", wing, "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["ok"]
 
 
 @needs_compiler
-def test_an_fmu_runs_on_inputs(filter_file, tmp_path, capsys):
-    target, inputs, out = tmp_path / "wing.fmu", tmp_path / "in.csv", tmp_path / "out.csv"
-    assert main(["export", filter_file, "--fmu", str(target), "--channels", "2", "--fmi", "2.0"]) == 0
+def test_an_fmu_runs_on_inputs(wing, tmp_path):
+    inputs, out = tmp_path / "in.csv", tmp_path / "out.csv"
     inputs.write_text("time,x[0]\n0,0\n1,3\n")
     picture = tmp_path / "run.png"
     arguments = [
@@ -52,13 +66,30 @@ def test_an_fmu_runs_on_inputs(filter_file, tmp_path, capsys):
         "--picture",
         str(picture),
     ]
-    assert main(["fmu", "run", str(target), *arguments]) == 0
+    assert main(["fmu", "run", wing, *arguments]) == 0
     rows = out.read_text().splitlines()
     assert rows[0] == "time,f_hat[0],f_hat[1]"
     # x grows by 3 a second with g = f_theta = 0, so f = 3.
     assert float(rows[-1].split(",")[1]) == pytest.approx(3.0, abs=1e-3)
     assert float(rows[-1].split(",")[2]) == 0.0
     assert picture.stat().st_size > 1000
+
+
+@needs_compiler
+def test_a_refused_start_value_ends_the_run(wing, tmp_path, capsys):
+    """No Hurwitz filter has a[0] = -1: the FMU only warns and would go on with the coefficients it was made with."""
+    out = tmp_path / "out.csv"
+    run = ["fmu", "run", wing, "--stop", "0.01", "--out"]
+    assert main([*run, str(out), "--set", "a[0]=-1"]) == 1
+    shown = capsys.readouterr()
+    assert shown.out == ""
+    assert "refused: a[0] is 965.685, not -1" in shown.err
+    assert "not Hurwitz" in shown.err
+    assert not out.exists()
+    assert main([*run, "-", "--set", "a[0]=300"]) == 0
+    shown = capsys.readouterr()
+    assert shown.out.startswith("time,")
+    assert "warning" not in shown.err
 
 
 @needs_compiler

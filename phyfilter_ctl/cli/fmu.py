@@ -6,6 +6,7 @@ import argparse
 import csv
 import io
 import json
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -14,6 +15,7 @@ import numpy as np
 from .._output import check_target, write_figure, write_text
 
 if TYPE_CHECKING:
+    from .._sections import FloatArray
     from ..fmi import CosimulationResponse
 
 __all__ = ["add_arguments", "main"]
@@ -56,7 +58,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     run.add_argument(
         "--step", type=float, metavar="S", help="communication step in s (default: the FMU's, or stop/500)"
     )
-    run.add_argument("--set", nargs="+", default=[], metavar="NAME=VALUE", help="parameters and starts")
+    run.add_argument(
+        "--set",
+        nargs="+",
+        default=[],
+        metavar="NAME=VALUE",
+        help="parameters and start values; one that the FMU refuses ends the run",
+    )
     run.add_argument(
         "--input", metavar="FILE.csv", help="inputs over time, first column time, names in the first row"
     )
@@ -68,7 +76,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def main(options: argparse.Namespace) -> int:
-    """Run ``phyfilter-ctl fmu``; return the exit status, 1 where a check found an error.
+    """Run ``phyfilter-ctl fmu``; return the exit status: 1 where a check found an error or the FMU failed.
 
     Raises
     ------
@@ -117,7 +125,8 @@ def _recipes(options: argparse.Namespace) -> int:
 
 
 def _run(options: argparse.Namespace) -> int:
-    from ..fmi import cosimulate, describe
+    from ..fmi import FmuError, describe
+    from ..fmi.instance import complaints
 
     check_target(options.out)
     check_target(options.picture, suffixes=(".png", ".pdf", ".svg"))
@@ -130,15 +139,13 @@ def _run(options: argparse.Namespace) -> int:
             f"expected --stop after {start:g} s and --step within the run, got {stop:g} and {step:g}"
         )
     times = start + step * np.arange(round((stop - start) / step) + 1)
-    inputs = {} if options.input is None else _inputs(options.input, times)
-    response = cosimulate(
-        {"fmu": options.file},
-        [],
-        timepts=times,
-        inputs={f"fmu.{name}": values for name, values in inputs.items()},
-        parameters={f"fmu.{name}": value for name, value in map(_setting, options.set)},
-        progress=options.out != "-",
-    )
+    try:
+        response = _response(options, times)
+    except FmuError as error:
+        print(f"phyfilter-ctl: error: {error}", file=sys.stderr)
+        return 1
+    for message in complaints(response.messages["fmu"]):
+        print(f"phyfilter-ctl: the FMU says: {message}", file=sys.stderr)
     labels = [label.removeprefix("fmu.") for label in response.output_labels or []]
     if options.out is not None:
         write_text(options.out, _table(labels, response))
@@ -157,7 +164,21 @@ def _run(options: argparse.Namespace) -> int:
     return 0
 
 
-def _inputs(path: str, times: np.ndarray) -> dict[str, np.ndarray]:
+def _response(options: argparse.Namespace, times: FloatArray) -> CosimulationResponse:
+    from ..fmi import cosimulate
+
+    inputs = {} if options.input is None else _inputs(options.input, times)
+    return cosimulate(
+        {"fmu": options.file},
+        [],
+        timepts=times,
+        inputs={f"fmu.{name}": values for name, values in inputs.items()},
+        parameters={f"fmu.{name}": value for name, value in map(_setting, options.set)},
+        progress=options.out != "-",
+    )
+
+
+def _inputs(path: str, times: FloatArray) -> dict[str, FloatArray]:
     from ..fmi.replay import read_table
 
     names, table = read_table(Path(path))

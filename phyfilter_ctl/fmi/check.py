@@ -17,7 +17,7 @@ from fmpy.validation import validate_fmu
 from .._sections import FloatArray
 from .archive import ArchiveLimits, extracted
 from .inspect import FmuDescription, Kind, describe, native_platform
-from .instance import FmuError, FmuInstance
+from .instance import FmuError, FmuInstance, complaints
 from .replay import Reference, read_reference, replay
 from .signals import Signals
 from .unpacked import UnpackedFmu
@@ -240,6 +240,8 @@ def _dynamic(checker: _Checker, fmu: UnpackedFmu, kind: Kind) -> None:
             rate = instance.derivatives(_start(description), instance.states())
             if not np.all(np.isfinite(rate)):
                 checker.error(f"state derivatives are not finite at the start: {rate.tolist()}")
+        for message in complaints(instance.messages):
+            checker.note(f"the FMU says: {message}")
     if fmu.description.kinds[kind].state and kind == "cs":
         with checker.stage(f"{word}: state"), _started(fmu, kind) as instance:
             _round_trip(checker, instance)

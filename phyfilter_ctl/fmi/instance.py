@@ -6,7 +6,7 @@ import ctypes
 import os
 import weakref
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from functools import cache
 from pathlib import Path
@@ -22,11 +22,12 @@ from .inspect import FmuDescription, FmuKind, Kind, Scalar, native_platform
 from .signals import Signals, is_numeric
 from .unpacked import UnpackedFmu
 
-__all__ = ["FmuError", "FmuInstance"]
+__all__ = ["FmuError", "FmuInstance", "complaints"]
 
 T = TypeVar("T")
 _STATUS = ("ok", "warning", "discard", "error", "fatal", "pending")
 _FMI2_FOLDERS = {"x86_64-linux": "linux64", "x86_64-windows": "win64", "x86_64-darwin": "darwin64"}
+_FLOAT32 = 2.0**-23  # two roundings of a number on its way through a single
 _KEPT_MESSAGES = 200
 _SHOWN_MESSAGES = 5
 
@@ -49,6 +50,22 @@ class FmuError(RuntimeError):
         self.instance = instance
         self.call = call
         self.status = status
+
+
+def complaints(messages: Iterable[str]) -> list[str]:
+    """What an FMU logged beyond information, each message once.
+
+    Parameters
+    ----------
+    messages : iterable of str
+        Of an instance.
+
+    Examples
+    --------
+    >>> complaints(["[warning] steps: long", "[ok] steps: 3 made", "[warning] steps: long"])
+    ['[warning] steps: long']
+    """
+    return [message for message in dict.fromkeys(messages) if not message.startswith("[ok]")]
 
 
 class _Log:
@@ -128,6 +145,7 @@ class FmuInstance:
         self._snapshots: list[Any] = []
         self._broken = ""
         self._initialised = False
+        self._given: dict[str, Scalar] = {}
         self._callbacks: fmi2.fmi2CallbackFunctions | None = None
         self._fmu: Any = self._load()
         self._instantiate()
@@ -164,7 +182,8 @@ class FmuInstance:
             By variable, or by element for an array (``a[0]``).
         """
         self.time = start_time
-        self.set_values(values or {})
+        self._given = dict(values or {})
+        self.set_values(self._given)
         if self.description.fmi == "2.0":
             self._call("fmi2SetupExperiment", self._fmu.setupExperiment, tolerance, start_time, stop_time)
             self._call("fmi2EnterInitializationMode", self._fmu.enterInitializationMode)
@@ -173,9 +192,16 @@ class FmuInstance:
             self._call("fmi3EnterInitializationMode", self._fmu.enterInitializationMode, *arguments)
 
     def begin(self) -> None:
-        """Leave initialisation; a model-exchange FMU is then in continuous time."""
+        """Leave initialisation; a model-exchange FMU is then in continuous time.
+
+        Raises
+        ------
+        FmuError
+            If the FMU fails, or a parameter that was set is not the one in force.
+        """
         self._call("ExitInitializationMode", self._fmu.exitInitializationMode)
         self._initialised = True
+        self._check_parameters()
         if self.kind == "me":
             self._iterate_events()
             self._call("EnterContinuousTimeMode", self._fmu.enterContinuousTimeMode)
@@ -474,6 +500,25 @@ class FmuInstance:
             raise FmuError(
                 self.name, error.function, status, f"{where}; {logged}" if logged else where
             ) from error
+
+    def _check_parameters(self) -> None:
+        """An FMU may refuse a parameter with a warning, which fmpy lets pass, and run on with another value."""
+        given, fmi = self._given, self.description.fmi
+        entries = [
+            entry
+            for entry in self.description.of("parameter")
+            if is_numeric(entry, fmi) and not given.keys().isdisjoint((entry.name, *entry.labels))
+        ]
+        signals = Signals(entries, fmi)
+        owners = [entry.name for entry in entries for _ in entry.labels]
+        refused = []
+        for label, owner, found in zip(signals.labels, owners, signals.read(self), strict=True):
+            wanted = float(given.get(label, given.get(owner, found)))
+            if not np.isclose(found, wanted, rtol=_FLOAT32, atol=0.0, equal_nan=True):
+                refused.append(f"{label} is {found:g}, not {wanted:g}")
+        if refused:
+            detail = "; ".join(refused) + (f": {logged}" if (logged := self._logged()) else "")
+            raise FmuError(self.name, "set parameters", "refused", detail)
 
     def _logged(self) -> str:
         return "; ".join(list(self._log.messages)[-_SHOWN_MESSAGES:])

@@ -1,5 +1,6 @@
 """FMUs run together, against the closed form of the coupled system and against loops by hand."""
 
+import json
 import tempfile
 import warnings
 
@@ -9,6 +10,7 @@ import pytest
 from foreign_fmus import oscillator
 from scipy.linalg import expm
 
+from phyfilter_ctl.cli import main
 from phyfilter_ctl.fmi import FmuError, Wire, cosimulate, import_fmu
 
 M, K, D, C = 2.0, 8.0, 0.4, 3.0
@@ -120,6 +122,19 @@ def test_step_control(build):
     # Steps by the error: fewer than equal steps of the same accuracy need.
     equal = run(parts, scheme="gauss-seidel", step=2.0 / runs[2].steps)
     assert errors[2] < 1.5 * np.max(np.abs(equal.outputs - exact()))
+
+
+def test_warnings_of_an_fmu_are_shown(build, capsys):
+    """They do not end a run; a parameter that the FMU replaced with another value does."""
+    path = str(build(defines=("WARNS",)))
+    assert main(["fmu", "run", path, "--out", "-"]) == 0
+    shown = capsys.readouterr()
+    assert shown.out.startswith("time,x,v,force")
+    assert shown.err == "phyfilter-ctl: the FMU says: [warning] warning: stiff spring\n"
+    assert main(["fmu", "check", path, "--json"]) == 0
+    assert "stiff spring" in json.loads(capsys.readouterr().out)["findings"][0]["message"]
+    with pytest.raises(FmuError, match=r"d is 0, not -1: \[warning\].* no damping below 0"):
+        run({"a": path, "b": path}, parameters={"a.d": -1.0})
 
 
 def test_step_control_retries_what_an_fmu_discards(build):

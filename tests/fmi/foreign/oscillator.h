@@ -9,7 +9,7 @@
 #define N 1
 #endif
 /* Further peculiarities: NO_STATE (cannot give its state), FORGETS (leaves x out when the state is put back), EVENT_AT
- * (announces a time event). */
+ * (announces a time event), WARNS (takes a damping below 0 for 0, and calls a spring above 5 N/m stiff). */
 #ifndef FAIL_AT
 #define FAIL_AT 1e300 /* doStep answers Error from this time on */
 #endif

@@ -37,7 +37,20 @@ fmi2Status fmi2SetupExperiment(fmi2Component c, fmi2Boolean td, fmi2Real toleran
 }
 
 fmi2Status fmi2EnterInitializationMode(fmi2Component c) { return c ? fmi2OK : fmi2Error; }
-fmi2Status fmi2ExitInitializationMode(fmi2Component c) { return c ? fmi2OK : fmi2Error; }
+fmi2Status fmi2ExitInitializationMode(fmi2Component c) {
+#ifdef WARNS
+  Instance *self = c;
+  const char *what = MODEL(c)->damping < 0 ? "no damping below 0" : MODEL(c)->stiffness > 5 ? "stiff spring" : NULL;
+  if (MODEL(c)->damping < 0) MODEL(c)->damping = 0;
+  if (what) {
+    fmi2CallbackLogger log;
+    *(void **)&log = self->logger;
+    log(self->environment, self->name, fmi2Warning, "warning", "%s", what);
+    return fmi2Warning;
+  }
+#endif
+  return c ? fmi2OK : fmi2Error;
+}
 fmi2Status fmi2Terminate(fmi2Component c) { return c ? fmi2OK : fmi2Error; }
 
 fmi2Status fmi2Reset(fmi2Component c) {
