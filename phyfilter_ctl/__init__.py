@@ -59,7 +59,7 @@ from .blocks import (
 )
 from .codegen import export_c
 from .design import LearnResult, bandpass, learn, learn_jointly, lowpass, numerator_of_type, place_poles
-from .diagram import FlatModel, flatten, signal_margin
+from .diagram import FlatModel, flatten
 from .filter import PhyFilter
 from .filterfile import Signals, load, load_signals, save
 from .flightlog import FlightLog, split_by_speed, split_flights
@@ -72,6 +72,7 @@ from .simulation import (
     linearize_sampled,
     sampled_open_loop,
     sensitivity,
+    signal_margin,
     simulate,
     simulate_batch,
 )

@@ -2,6 +2,6 @@
 
 from .flattening import as_sampled, flatten
 from .model import FlatModel, Task
-from .opening import SignalMargin, open_loop, signal_margin
+from .opening import SignalMargin, open_loop
 
-__all__ = ["FlatModel", "SignalMargin", "Task", "as_sampled", "flatten", "open_loop", "signal_margin"]
+__all__ = ["FlatModel", "SignalMargin", "Task", "as_sampled", "flatten", "open_loop"]

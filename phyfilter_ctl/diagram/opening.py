@@ -17,14 +17,14 @@ from ..analysis.margins._statespace import StateSpaceLoop
 from ..analysis.margins.sweep import lag_to_instability
 from .flattening import flatten
 
-__all__ = ["SignalMargin", "open_loop", "signal_margin"]
+__all__ = ["SignalMargin", "open_loop"]
 
 _CUT = "opened_in", "opened_out"
 
 
 @dataclass(frozen=True, eq=False)
 class SignalMargin:
-    """Margins of a diagram at one of its signals; made by :func:`signal_margin`.
+    """Margins of a diagram at one of its signals; made by :func:`phyfilter_ctl.signal_margin`.
 
     Parameters
     ----------
@@ -86,44 +86,6 @@ class SignalMargin:
         return self._margins.sensitivity_peak
 
 
-def signal_margin(
-    system: ct.InputOutputSystem,
-    signal: str,
-    *,
-    x0: ArrayLike | None = None,
-    u0: ArrayLike | None = None,
-    params: Mapping[str, ArrayLike] | None = None,
-    t: float = 0.0,
-) -> SignalMargin:
-    """Margins of a whole diagram with the loop opened at a named signal.
-
-    Parameters
-    ----------
-    system, signal, x0, u0, params, t
-        As for :func:`open_loop`.
-
-    Returns
-    -------
-    SignalMargin
-
-    Raises
-    ------
-    TypeError, ValueError
-        As for :func:`open_loop`.
-
-    Examples
-    --------
-    >>> plant = ct.tf([1.0], [1.0, 3.0, 3.0, 1.0], inputs="u", outputs="y", name="plant")
-    >>> control = ct.tf([2.0], [1.0], inputs="e", outputs="u", name="p")
-    >>> loop = ct.interconnect([plant, control, ct.summing_junction(["r", "-y"], "e", name="error")],
-    ...                        inputs="r", outputs="y")
-    >>> margin = signal_margin(loop, "plant.u")
-    >>> [round(g, 6) for g in margin.gain_margin]
-    [0.0, 4.0]
-    """
-    return SignalMargin(signal, open_loop(system, signal, x0=x0, u0=u0, params=params, t=t))
-
-
 def open_loop(
     system: ct.InputOutputSystem,
     signal: str,
@@ -162,8 +124,8 @@ def open_loop(
     -----
     A signal d is added at the place and the sum r before it read: r = -L (r + d). So the diagram stays closed and the
     point of linearisation is its own; L follows from the closed system r = T d as -T/(1 + T). Sampled blocks
-    count as their continuous equivalents: what hold and sampling cost is in :func:`prior_margin` and
-    :func:`loop_margin`, not here.
+    count as their continuous equivalents: what hold and sampling cost is in
+    :func:`phyfilter_ctl.simulation.sampled_open_loop`, not here.
 
     Examples
     --------
@@ -176,12 +138,7 @@ def open_loop(
     """
     # What drives no input is 0, as where the diagram came from.
     flat = flatten(probed(system, signal), unconnected="zero")
-    inputs = flat.start_inputs() if u0 is None else np.atleast_1d(np.asarray(u0, dtype=float))
-    if u0 is not None:
-        if inputs.shape != (system.ninputs,):
-            raise ValueError(f"u0: expected shape ({system.ninputs},), got {inputs.shape}")
-        inputs = np.append(inputs, 0.0)
-    return loop_gain(flat.linearize(x0, inputs, params, t), signal)
+    return loop_gain(flat.linearize(x0, probed_inputs(system, u0), params, t), signal)
 
 
 def loop_gain(closed: ct.StateSpace, signal: str) -> ct.StateSpace:
@@ -237,6 +194,27 @@ def probed(system: ct.InputOutputSystem, signal: str) -> ct.InterconnectedSystem
             "no loop to open"
         )
     return _probe(system, signal, signal)
+
+
+def probed_inputs(system: ct.InputOutputSystem, u0: ArrayLike | None) -> FloatArray | None:
+    """Inputs of the :func:`probed` diagram for those of the diagram, nothing added at the signal.
+
+    Parameters
+    ----------
+    system : control.InterconnectedSystem
+    u0 : (inputs,) array or None
+
+    Raises
+    ------
+    ValueError
+        For a wrong shape.
+    """
+    if u0 is None:
+        return None
+    inputs = np.atleast_1d(np.asarray(u0, dtype=float))
+    if inputs.shape != (system.ninputs,):
+        raise ValueError(f"u0: expected shape ({system.ninputs},), got {inputs.shape}")
+    return np.append(inputs, 0.0)
 
 
 def _probe(diagram: ct.InterconnectedSystem, place: str, signal: str) -> ct.InterconnectedSystem:

@@ -3,6 +3,7 @@
 from .response import SimulationResponse
 from .sampled_loop import linearize_sampled, sampled_open_loop
 from .sensitivity import Sensitivity, sensitivity
+from .signal_margin import signal_margin
 from .simulate import BackendChoice, simulate, simulate_batch
 
 __all__ = [
@@ -12,6 +13,7 @@ __all__ = [
     "linearize_sampled",
     "sampled_open_loop",
     "sensitivity",
+    "signal_margin",
     "simulate",
     "simulate_batch",
 ]

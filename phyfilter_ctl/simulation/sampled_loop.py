@@ -12,21 +12,26 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .._sections import FloatArray
+from ..blocks.function_block import point
 from ..diagram import FlatModel, flatten
-from ..diagram.opening import loop_gain, probed
+from ..diagram.opening import loop_gain, probed, probed_inputs
 from .arguments import Start, start_vector
 from .steps import Layout, Results, advance_rk4, at_node, compose, cut, start_state
 
 __all__ = ["linearize_sampled", "sampled_open_loop"]
+
+# In a period, if none are given: each makes the function that is differentiated longer.
+_MOST_STEPS = 64
 
 
 def linearize_sampled(
     sys: ct.InputOutputSystem | FlatModel,
     initial_state: Start | None = None,
     *,
+    u0: ArrayLike | None = None,
     settle: float = 0.0,
     params: Mapping[str, ArrayLike] | None = None,
-    substeps: int = 1,
+    substeps: int | None = None,
 ) -> ct.StateSpace:
     """Discrete linear model of a diagram whose sampled blocks share one period.
 
@@ -40,12 +45,15 @@ def linearize_sampled(
         With at least one sampled block, all of one period.
     initial_state : array, list, mapping or number, optional
         As for :func:`simulate`.
+    u0 : (inputs,) array, optional
+        Inputs, held throughout; None means their defaults.
     settle : float
-        Seconds that the diagram runs with its default inputs before it is linearised where it has come to.
+        Seconds that the diagram runs before it is linearised where it has come to: whole periods, and at least one,
+        because at its first instant a sampled filter only starts and passes nothing on.
     params : mapping, optional
         As for :func:`simulate`.
-    substeps : int
-        Steps of Runge-Kutta between instants.
+    substeps : int, optional
+        Steps of Runge-Kutta between instants; None means as many as the fastest mode at the start asks for.
 
     Returns
     -------
@@ -56,8 +64,9 @@ def linearize_sampled(
     Raises
     ------
     ValueError
-        For a diagram without sampled blocks, with several periods, without inputs or outputs; or if it does not stay
-        finite while it settles.
+        For a diagram without sampled blocks, with several periods, without inputs or outputs; for inputs of the wrong
+        shape, a negative time to settle, substeps below 1, or none given where a mode is so fast that it takes more
+        than 64; or if the diagram does not stay finite while it settles.
 
     Examples
     --------
@@ -73,12 +82,13 @@ def linearize_sampled(
     [-0.5, 0.0]
     """
     flat = sys if isinstance(sys, FlatModel) else flatten(sys)
-    map_ = _period_map(flat, substeps)
-    p = flat.start_parameters(params)
-    state, t = _settled(flat, map_, start_state(flat, start_vector(flat, initial_state)), p, settle)
-    u = flat.start_inputs()
-    if not len(u) or not flat.outputs:
+    period = _common_period(flat)
+    if not flat.inputs or not flat.outputs:
         raise ValueError(f"{flat.name} has no inputs or no outputs: a linear model needs one of each")
+    u, p = point("u0", u0, flat.inputs), flat.start_parameters(params)
+    x = start_vector(flat, initial_state)
+    map_ = _period_map(flat, period, _enough_steps(flat, period, x, u, p) if substeps is None else substeps)
+    state, t = _settled(flat, map_, start_state(flat, x), u, p, settle)
     A, B, C, D = (np.asarray(part, dtype=float) for part in map_.jacobian(state, t, u, p))
     names = [f"x[{i}]" for i in range(len(A))]
     return ct.StateSpace(
@@ -99,9 +109,10 @@ def sampled_open_loop(
     signal: str,
     initial_state: Start | None = None,
     *,
+    u0: ArrayLike | None = None,
     settle: float = 0.0,
     params: Mapping[str, ArrayLike] | None = None,
-    substeps: int = 1,
+    substeps: int | None = None,
 ) -> ct.StateSpace:
     """Loop gain L of a sampled diagram opened at a signal, so that 1 + L is the return difference there.
 
@@ -111,7 +122,7 @@ def sampled_open_loop(
         With sampled blocks of one period.
     signal : str
         As for :func:`phyfilter_ctl.diagram.open_loop`.
-    initial_state, settle, params, substeps
+    initial_state, u0, settle, params, substeps
         As for :func:`linearize_sampled`.
 
     Returns
@@ -124,6 +135,12 @@ def sampled_open_loop(
     TypeError, ValueError
         As for :func:`phyfilter_ctl.diagram.open_loop` and :func:`linearize_sampled`.
 
+    Notes
+    -----
+    What is added at the signal is held from instant to instant. So L is that of the diagram where the signal itself is
+    held, or only sampled blocks read it; where a continuous block drives a continuous one, it is that of a loop with a
+    hold in this place. The closed loop that belongs to it, and whether that is stable, is the diagram's in any case.
+
     Examples
     --------
     >>> from phyfilter_ctl.blocks import sampled_block, wired
@@ -133,13 +150,14 @@ def sampled_open_loop(
     >>> abs(1.0 + sampled_open_loop(loop, "gain.u")(-1.0)).round(9).item()  # 2/1.5 times the gain would be the limit
     0.25
     """
-    flat = _probed(system, signal)
-    closed = linearize_sampled(flat, initial_state, settle=settle, params=params, substeps=substeps)
+    flat, u0 = probed_flat(system, signal), probed_inputs(system, u0)
+    closed = linearize_sampled(flat, initial_state, u0=u0, settle=settle, params=params, substeps=substeps)
     return loop_gain(closed, signal)
 
 
 @lru_cache(maxsize=16)
-def _probed(system: ct.InputOutputSystem, signal: str) -> FlatModel:
+def probed_flat(system: ct.InputOutputSystem, signal: str) -> FlatModel:
+    """The diagram with its probe at the signal, flat; see :func:`phyfilter_ctl.diagram.opening.probed`."""
     return flatten(probed(system, signal), unconnected="zero")
 
 
@@ -152,8 +170,7 @@ class _PeriodMap:
     jacobian: ca.Function
 
 
-@lru_cache(maxsize=16)
-def _period_map(flat: FlatModel, substeps: int) -> _PeriodMap:
+def _common_period(flat: FlatModel) -> float:
     periods = {task.period for task in flat.tasks}
     if not periods:
         raise ValueError(f"{flat.name} has no sampled blocks: use flatten(...).linearize()")
@@ -161,9 +178,37 @@ def _period_map(flat: FlatModel, substeps: int) -> _PeriodMap:
         raise ValueError(
             f"{flat.name} has sampled blocks of several periods, {sorted(periods)} s: expected one for all"
         )
+    return periods.pop()
+
+
+def _enough_steps(flat: FlatModel, period: float, x: FloatArray, u: FloatArray, p: FloatArray) -> int:
+    """In a step no mode at the start moves by more than half a radian: Runge-Kutta is (1/2)^5/120 of it off."""
+    if not len(x):
+        return 1
+    slope = _slope(flat)(0.0, x, u, p, [variable.start for variable in flat.held])
+    fastest = float(np.abs(np.linalg.eigvals(np.nan_to_num(np.asarray(slope, dtype=float)))).max())
+    steps = max(1, int(np.ceil(2.0 * fastest * period)))
+    if steps > _MOST_STEPS:
+        raise ValueError(
+            f"{flat.name} has a mode of {fastest:.3g} rad/s, which takes {steps} steps of Runge-Kutta in the period of "
+            f"{period:g} s: give substeps if it may cost that, or leave the mode out"
+        )
+    return steps
+
+
+@lru_cache(maxsize=16)
+def _slope(flat: FlatModel) -> ca.Function:
+    arguments = [ca.MX.sym(name, flat.dynamics.size1_in(i)) for i, name in enumerate("txupz")]
+    return ca.Function(
+        "pf_slope", arguments, [ca.densify(ca.jacobian(flat.dynamics(*arguments), arguments[1]))]
+    )
+
+
+@lru_cache(maxsize=16)
+def _period_map(flat: FlatModel, period: float, substeps: int) -> _PeriodMap:
     if substeps < 1:
         raise ValueError(f"substeps: expected at least 1, got {substeps}")
-    period, layout = periods.pop(), Layout(flat)
+    layout = Layout(flat)
     node, advance, h = at_node(flat), advance_rk4(flat), period / substeps
 
     def body(state: ca.SX, t: ca.SX, u: ca.SX, p: ca.SX) -> Results:
@@ -185,19 +230,18 @@ def _period_map(flat: FlatModel, substeps: int) -> _PeriodMap:
 
 
 def _settled(
-    flat: FlatModel, map_: _PeriodMap, state: FloatArray, p: FloatArray, settle: float
+    flat: FlatModel, map_: _PeriodMap, state: FloatArray, u: FloatArray, p: FloatArray, settle: float
 ) -> tuple[FloatArray, float]:
-    """Where the diagram comes to, and when."""
-    steps = round(settle / map_.period)
-    if steps:
-        many = map_.step.mapaccum("pf_settle", steps, {"base": 10})
-        times = map_.period * np.arange(steps)[None]
-        u = np.tile(flat.start_inputs()[:, None], (1, steps))
-        state = np.asarray(
-            many(state, times, u, np.tile(p[:, None], (1, steps)))[0][:, -1], dtype=float
-        ).reshape(-1)
+    """Where the diagram comes to, and when: past the first instant, at which what starts itself does not act."""
+    if not (np.isfinite(settle) and settle >= 0.0):
+        raise ValueError(f"settle: expected 0 or more seconds, got {settle}")
+    steps = max(1, round(settle / map_.period))
+    many = map_.step.mapaccum("pf_settle", steps, {"base": 10})
+    times = map_.period * np.arange(steps)[None]
+    columns = (np.tile(part[:, None], (1, steps)) for part in (u, p))
+    state = np.asarray(many(state, times, *columns)[0][:, -1], dtype=float).reshape(-1)
     if not np.isfinite(state).all():
         raise ValueError(
-            f"{flat.name} does not stay finite over the {settle:g} s it settles: start nearer to its rest"
+            f"{flat.name} does not stay finite over the {steps * map_.period:g} s it settles: start nearer to its rest"
         )
     return state, steps * map_.period

@@ -6,10 +6,10 @@ import control as ct
 import numpy as np
 import pytest
 
-from phyfilter_ctl import PhyFilter, phyfilter_block
+from phyfilter_ctl import PhyFilter, phyfilter_block, signal_margin
 from phyfilter_ctl.analysis.margins import loop_margin, prior_margin
 from phyfilter_ctl.blocks import sampled_block
-from phyfilter_ctl.diagram.opening import open_loop, signal_margin
+from phyfilter_ctl.diagram.opening import open_loop
 
 # State space against transfer functions of order six.
 CLOSE = 1e-7

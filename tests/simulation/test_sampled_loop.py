@@ -5,9 +5,10 @@ from __future__ import annotations
 import control as ct
 import numpy as np
 import pytest
+from scipy.linalg import expm
 
-from phyfilter_ctl import PhyFilter
-from phyfilter_ctl.analysis.margins import prior_margin
+from phyfilter_ctl import PhyFilter, flatten, signal_margin
+from phyfilter_ctl.analysis.margins import loop_margin, prior_margin
 from phyfilter_ctl.blocks import sampled_block, wired
 from phyfilter_ctl.plants import mass, plant
 from phyfilter_ctl.simulation import linearize_sampled, sampled_open_loop, simulate
@@ -65,6 +66,155 @@ def pendulum(weight: float = 0.0) -> ct.InterconnectedSystem:
     )
     wires = {"body.torque": "law.torque", "law.angle": "body.angle", "law.rate": "body.rate"}
     return wired([body, control], wires, inputs={"wanted": "law.wanted"}, outputs={"angle": "body.angle"})
+
+
+LAG, KP, KD = 0.1, 10.0, 6.0
+FINE = 16  # steps of Runge-Kutta for comparisons with exponentials: (0.2/16)^4/120 of a mode of 10 rad/s in 20 ms
+
+
+def position_loop(filter: PhyFilter, h: float, *, law_sampled: bool, **options) -> ct.InterconnectedSystem:
+    """Force lag, velocity x, position p; tau = -kp p - kd x - f_hat, by a continuous law or a sampled one."""
+    law = ct.ss([], [], [], [[-KP, -KD, -1.0]], h if law_sampled else 0,
+                inputs=["p", "x", "f_hat"], outputs="tau", name="law")  # fmt: skip
+    parts = [
+        ct.tf([1.0], [LAG, 1.0], inputs="tau", outputs="f", name="act"),
+        ct.tf([1.0], [1.0, 0.0], inputs="f", outputs="x", name="mass"),
+        ct.tf([1.0], [1.0, 0.0], inputs="x", outputs="p", name="position"),
+        sampled_block(filter.sampled(h, **options), 1, name="filter"),
+        sampled_block(law) if law_sampled else law,
+    ]
+    wires = {
+        "act.tau": "law.tau", "mass.f": "act.f", "position.x": "mass.x", "filter.x": "mass.x",
+        "filter.g": "law.tau", "law.p": "position.p", "law.x": "mass.x", "law.f_hat": "filter.f_hat",
+    }  # fmt: skip
+    return wired(parts, wires, inputs={"f_theta": "filter.f_theta"}, outputs={"x": "mass.x"}, name="loop")
+
+
+def by_hand(filter: PhyFilter, h: float) -> tuple[np.ndarray, ct.StateSpace]:
+    """The same with the continuous law from instant to instant: closed-loop matrix, and L at the actuator.
+
+    States f, x, p, those of 1/D in companion form, x and tau of the instant before.
+    """
+    n = filter.order
+    drift = np.array([[-1.0 / LAG, -KD / LAG, -KP / LAG], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+    flow = expm(h * np.block([[drift, np.eye(3, 1) / LAG], [np.zeros((1, 4))]]))
+    A, B = np.diag(np.ones(n - 1), 1), np.eye(n)[:, -1:]
+    A[-1] = -filter.a
+    companion = expm(h * np.block([[A, B], [np.zeros((1, n + 1))]]))
+    Ad, Bd = companion[:n, :n], companion[:n, n:]
+
+    unit = np.eye(5 + n)
+    f_x_p, w, before = unit[:3], unit[3 : 3 + n], unit[3 + n :]
+    w = Ad @ w + Bd * ((f_x_p[1] - before[0]) / h - before[1])  # u = (x_k - x_{k-1})/h - g_{k-1}
+    f_hat = filter.b @ w
+    tau = -KP * f_x_p[2] - KD * f_x_p[1] - f_hat
+    closed = np.vstack([flow[:3, :3] @ f_x_p - flow[:3, 3:] * f_hat, w, f_x_p[1], tau])
+    # What is added to tau in front of the actuator, d, makes tau = T d before it; L = -T/(1 + T).
+    added = np.vstack([flow[:3, 3:], np.zeros((n + 2, 1))])
+    T = ct.ss(closed, added, tau[None], 0.0, h, remove_useless_states=False)
+    return closed, ct.ss(closed - added * tau, added, -tau[None], 0.0, T.dt, remove_useless_states=False)
+
+
+@pytest.mark.parametrize(
+    ("poles", "h", "options"),
+    [
+        ([-120.0], 0.02, {}),
+        ([-20.0], 0.002, {}),
+        ([-20.0], 0.02, {"nonfinite": "hold"}),
+        ([-30.0, -45.0], 0.02, {}),
+        ([-30.0, -45.0], 0.002, {"limit": 5.0}),
+        ([-8.0, -9.0 + 7.0j, -9.0 - 7.0j], 0.01, {}),
+    ],
+)
+def test_the_sampled_filter_acts_by_default(
+    poles: list[complex], h: float, options: dict[str, str | float]
+) -> None:
+    """At its first instant f_hat = f_theta: the model is of the instants after that, whatever there is to settle."""
+    filter = PhyFilter.from_poles(poles)
+    closed, L = by_hand(filter, h)
+    moving = 3 + filter.order  # x and tau of the instant before add poles at 0
+    expected = np.sort(np.abs(np.linalg.eigvals(closed)))[-moving:]
+    diagram = position_loop(filter, h, law_sampled=False, **options)
+    flat = flatten(diagram)
+    for settle in (0.0, 0.4 * h, h):
+        found = np.sort(np.abs(linearize_sampled(flat, settle=settle, substeps=FINE).poles()))
+        np.testing.assert_allclose(found[-moving:], expected, rtol=ROUND_OFF)
+    z = np.exp(1j * h * np.array([1.0, 10.0, 60.0]))
+    np.testing.assert_allclose(sampled_open_loop(diagram, "act.tau", substeps=FINE)(z), L(z), rtol=1e-8)
+
+
+def test_a_slow_growth_is_the_one_that_a_run_shows() -> None:
+    """120 rad/s every 20 ms: |L| = 3.60 at 10 rad/s and poles of 1.0017, which a simulated loop grows by."""
+    h, steps = 0.02, 400
+    diagram = position_loop(PhyFilter([120.0]), h, law_sampled=False)
+    assert abs(sampled_open_loop(diagram, "act.tau")(np.exp(10j * h))) == pytest.approx(3.60, abs=0.005)
+    radius = np.abs(linearize_sampled(diagram).poles()).max()
+    assert radius == pytest.approx(1.0017, abs=5e-5)
+    times = h * np.arange(2 * steps + 3)
+    y = simulate(diagram, times, None, {"position.x[0]": 1.0}, method="rk4", max_step=h).outputs.ravel()
+    # One pair r exp(+-j a) left: y_k y_{k+2} - y_{k+1}^2 grows by r^2 a step.
+    growth = y[:-2] * y[2:] - y[1:-1] ** 2
+    assert (growth[2 * steps] / growth[steps]) ** (0.5 / steps) == pytest.approx(radius, rel=ROUND_OFF)
+
+
+@pytest.mark.parametrize("settle", [-0.01, np.nan, np.inf])
+def test_refuses_a_time_to_settle_that_is_none(settle: float) -> None:
+    with pytest.raises(ValueError, match="settle: expected 0 or more seconds"):
+        linearize_sampled(pendulum(), settle=settle)
+
+
+def test_inputs_are_held_while_it_settles() -> None:
+    """y' = u - y^3, u = r - y held: at rest at y = 1 for r = 2, where y' = u - 3 y."""
+    h = 0.1
+    body = plant(lambda t, x, u, p: {"y": u.u - x.y**3}, name="body", states={"y": 0.0}, inputs={"u": 0.0})
+    gain = sampled_block(ct.ss([], [], [], [[1.0, -1.0]], h, inputs=["r", "y"], outputs="u", name="gain"))
+    wires = {"body.u": "gain.u", "gain.y": "body.y"}
+    loop = wired([body, gain], wires, inputs={"r": "gain.r"}, outputs={"y": "body.y"})
+    poles = linearize_sampled(loop, u0=[2.0], settle=20.0, substeps=FINE).poles()
+    q = np.exp(-3.0 * h)
+    assert np.sort(poles.real) == pytest.approx([0.0, q - (1.0 - q) / 3.0], abs=1e-8)
+    with pytest.raises(ValueError, match=r"u0: expected shape \(1,\) for r"):
+        linearize_sampled(loop, u0=[1.0, 2.0])
+
+
+# -- margins at a signal -------------------------------------------------------------------------------------------
+
+
+def test_margins_of_a_sampled_loop() -> None:
+    """Those that the filter's own loop has in closed form; the continuous equivalents bear four times the delay."""
+    h, filter = 0.02, PhyFilter([20.0])
+    own = loop_margin(filter.sampled(h), kp=KP, kd=KD, actuator=ct.tf([1.0], [LAG, 1.0]))
+    margin = signal_margin(position_loop(filter, h, law_sampled=True), "act.tau", substeps=FINE)
+    assert margin.is_stable
+    assert margin.gain_margin == pytest.approx(own.gain_margin, rel=1e-6)
+    assert margin.phase_margin == pytest.approx(own.phase_margin, rel=1e-6)
+    assert margin.modulus_margin == pytest.approx(own.modulus_margin, rel=1e-6)
+    # A part of a step is a lag in phase here; exact where it is whole.
+    assert margin.delay_margin == pytest.approx(own.delay_margin, rel=1e-2)
+
+
+def test_an_unstable_sampled_loop_has_no_margin() -> None:
+    """Its continuous equivalents are stable, with a phase margin of 6.5 degrees."""
+    h, filter, lag = 0.02, PhyFilter([120.0]), ct.tf([1.0], [LAG, 1.0])
+    assert np.rad2deg(loop_margin(filter, kp=KP, kd=KD, actuator=lag).phase_margin) > 6.0
+    for law_sampled, signal in ((True, "act.tau"), (False, "law.f_hat"), (False, "filter.x[0]")):
+        margin = signal_margin(position_loop(filter, h, law_sampled=law_sampled), signal)
+        assert (margin.is_stable, margin.phase_margin, margin.delay_margin) == (False, 0.0, 0.0)
+
+
+def test_margins_that_the_instants_do_not_tell_are_refused() -> None:
+    diagram = position_loop(PhyFilter([120.0]), 0.02, law_sampled=False)
+    for signal in ("act.tau", "mass.x"):
+        with pytest.raises(
+            ValueError, match=r"open the loop where filter reads or puts out.*linearize_sampled"
+        ):
+            signal_margin(diagram, signal)
+    with pytest.raises(ValueError, match=r"starts at 0, got 1\.0"):
+        signal_margin(diagram, "law.f_hat", t=1.0)
+    lag = ct.tf([1.0], [1.0, 1.0], inputs="u", outputs="y", name="lag")
+    continuous = ct.interconnect([lag], [["lag.u", "-lag.y"]], "lag.u", "lag.y", inputs="u", outputs="y")
+    with pytest.raises(ValueError, match="no sampled blocks"):
+        signal_margin(continuous, "lag.u", settle=1.0)
 
 
 def test_held_gain_on_an_integrator() -> None:
@@ -125,6 +275,21 @@ def test_substeps_converge() -> None:
     assert 12.0 < errors[0] / errors[1] < 20.0  # fourth order
 
 
+def held_lag(rate: float) -> ct.InterconnectedSystem:
+    lag = ct.tf([rate], [1.0, rate], inputs="u", outputs="y", name="lag")
+    hold = sampled_block(ct.ss([], [], [], [[1.0]], PERIOD, inputs="r", outputs="u", name="hold"))
+    return wired([lag, hold], {"lag.u": "hold.u"}, inputs={"r": "hold.r"}, outputs={"y": "lag.y"})
+
+
+@pytest.mark.parametrize("rate", [1.0, 2000.0, 10000.0])
+def test_fast_modes_get_the_steps_they_need(rate: float) -> None:
+    """Beyond 1390 rad/s one step of Runge-Kutta over 2 ms would make a stable lag grow."""
+    fastest = np.abs(linearize_sampled(held_lag(rate)).poles()).max()
+    # At most half a time constant a step: each is (1/2)^5/120 off, relative to at least exp(-1/2).
+    steps = max(1.0, 2.0 * rate * PERIOD)
+    assert fastest == pytest.approx(np.exp(-rate * PERIOD), rel=steps * 0.5**5 / 120.0 * np.exp(0.5))
+
+
 def test_refuses_what_has_no_period_or_several() -> None:
     with pytest.raises(ValueError, match="no sampled blocks"):
         linearize_sampled(ct.tf([1.0], [1.0, 1.0], name="lag"))
@@ -138,3 +303,5 @@ def test_refuses_what_has_no_period_or_several() -> None:
         linearize_sampled(both)
     with pytest.raises(ValueError, match="substeps"):
         linearize_sampled(pendulum(), substeps=0)
+    with pytest.raises(ValueError, match=r"1e\+05 rad/s, which takes 400 steps.*give substeps"):
+        linearize_sampled(held_lag(1e5))
