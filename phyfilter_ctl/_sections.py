@@ -17,7 +17,7 @@ weights that grow with the ratio of the poles, and cancel, would have to bring t
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import solve_triangular
 
 FloatArray = NDArray[np.float64]
@@ -26,6 +26,9 @@ ComplexArray = NDArray[np.complex128]
 # Coefficients that a set of poles reproduces to this relative error are the same polynomial in double
 # precision: rounding each a_i once and forming the product of n factors costs about n eps.
 SAME_POLYNOMIAL = 1e-14
+# Poles given beside coefficients must reproduce them to this (they may have been typed with fewer digits).
+_POLES_AGREE = 1e-6
+_LARGEST_POLE = 1e300  # rad/s; sums of a few stay finite
 # Poles whose magnitudes differ by less than this, relative, are equally fast.
 _SAME_SPEED = 1e-10
 # Taylor series of expm1 below this norm: 18 terms leave 0.5**18 / 19! < 1e-22 of the result.
@@ -98,7 +101,7 @@ def sort_poles(poles: ComplexArray) -> ComplexArray:
     order = np.lexsort((kept.imag, kept.real, speed))
     both: list[complex] = []
     for pole in kept[order]:
-        both += [pole] if pole.imag == 0.0 else [pole, pole.conjugate()]
+        both += [complex(pole.real)] if pole.imag == 0.0 else [pole, pole.conjugate()]
     return np.array(both, dtype=np.complex128)
 
 
@@ -122,6 +125,47 @@ def pair_conjugates(poles: ComplexArray, tolerance: float = 1e-9) -> ComplexArra
     if unpaired:
         raise ValueError(_LONELY.format(unpaired[0], unpaired[0].conjugate()))
     return sort_poles(np.array(kept, dtype=np.complex128))
+
+
+def found_poles(a: FloatArray) -> ComplexArray:
+    """Roots of D for coefficients from outside, whatever their size."""
+    try:
+        with np.errstate(all="ignore"):
+            return roots_of_monic(a)
+    except np.linalg.LinAlgError:
+        raise ValueError(
+            f"a: poles that belong to {a.tolist()} are too far apart for double precision; use from_poles"
+        ) from None
+
+
+def given_poles(poles: ArrayLike, n: int | None = None) -> ComplexArray:
+    """Finite poles, n of them, sorted and in exact pairs."""
+    roots = np.atleast_1d(np.asarray(poles, dtype=np.complex128))
+    if roots.ndim != 1 or len(roots) == 0:
+        raise ValueError(f"poles: expected at least one pole in one dimension, got shape {roots.shape}")
+    if n not in (None, len(roots)):
+        raise ValueError(f"poles: expected {n} for the {n} coefficients in a, got {len(roots)}")
+    # Compared by parts: the magnitude itself may overflow.
+    if not np.all(np.maximum(np.abs(roots.real), np.abs(roots.imag)) < _LARGEST_POLE):
+        raise ValueError(f"poles: expected finite ones below {_LARGEST_POLE:g} rad/s, got {roots}")
+    return pair_conjugates(roots)
+
+
+def agreeing(roots: ComplexArray, a: FloatArray, b: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """a and b of D = prod (s - root): as given where that holds to rounding, else from the roots.
+
+    F and 1 - F are evaluated over the poles, with numerators from a and b: they add up to 1 as D and a agree.
+    """
+    product = polynomial_from_roots(roots)
+    with np.errstate(all="ignore"):
+        difference = relative_difference(product, a)
+    if not difference <= _POLES_AGREE:
+        raise ValueError(
+            f"poles do not belong to a: their product gives {product.tolist()}, a is {a.tolist()}; give one of the two"
+        )
+    if difference <= len(a) * SAME_POLYNOMIAL:
+        return a, b
+    return product, np.where(b == a, product, b * (product / a))  # type and F(0) stay
 
 
 def _fastest_first(poles: ComplexArray) -> ComplexArray:

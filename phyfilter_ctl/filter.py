@@ -29,8 +29,8 @@ __all__ = ["PhyFilter"]
 # Two coefficients that agree to this count as equal when the type of 1 - F is read off: they come out of
 # products of n poles, each rounded.
 _SAME_COEFFICIENT = 1e-12
-# Poles given beside coefficients must reproduce them to this (they may have been typed with fewer digits).
-_POLES_AGREE = 1e-6
+# A leading coefficient of N below this share of the largest is none: its zero is beyond what a double can hold.
+_NO_COEFFICIENT = 1e-300
 
 
 @dataclass(frozen=True, init=False, eq=False, repr=False)
@@ -45,7 +45,8 @@ class PhyFilter:
         Ascending coefficients b_0 ... b_{n-1} of N. None means the low-pass form N = a_0.
     poles : array_like, shape (n,), optional
         The roots of D where they are known exactly (repeated ones cannot be recovered from ``a`` to full
-        precision). They must agree with ``a``.
+        precision). They must agree with ``a`` to 1e-6. Where they agree no better than typed digits do, the poles
+        count: ``a`` becomes their product, and ``b`` follows it, b_i / a_i kept.
 
     Attributes
     ----------
@@ -55,8 +56,9 @@ class PhyFilter:
     Raises
     ------
     ValueError
-        If D is empty, has a pole that is not in the open left half plane (the pole is named), if ``b`` has another
-        length than ``a``, if a coefficient is not finite, or if ``poles`` do not belong to ``a``.
+        If D is empty, has a pole that is not in the open left half plane (the pole is named) or a coefficient that is
+        not positive, if ``b`` has another length than ``a``, if a coefficient is not finite, or if ``poles`` do not
+        belong to ``a``.
 
     Notes
     -----
@@ -91,13 +93,24 @@ class PhyFilter:
                     f"b has {len(b)} coefficients but a has {len(a)}: expected b_0 ... b_{len(a) - 1}, as many as "
                     "in a; pad with zeros"
                 )
-        roots = _sections.roots_of_monic(a) if poles is None else _given_poles(poles, a)
+        roots = _sections.found_poles(a) if poles is None else _sections.given_poles(poles, len(a))
         worst = roots[np.argmax(roots.real)]
         if not worst.real < 0.0:
             raise ValueError(
                 f"D is not Hurwitz: pole {worst:.6g} rad/s has real part {worst.real:.6g}, expected < 0; "
                 "the filter would not forget its start"
             )
+        if not np.all(a > 0.0):
+            k = int(np.argmin(a))
+            raise ValueError(
+                f"D is not Hurwitz: a_{k} = {a[k]:.6g}, expected > 0: with every pole in the left half plane all "
+                "coefficients are positive"
+            )
+        if poles is not None:
+            a, b = _sections.agreeing(roots, a, b)
+        with np.errstate(over="ignore"):
+            if not np.all(np.isfinite(b / a)):
+                raise ValueError(f"b: b_i / a_i leaves the range of double precision for b = {b.tolist()}")
         for name, value in (("a", a), ("b", b), ("poles", roots)):
             value.flags.writeable = False
             object.__setattr__(self, name, value)
@@ -123,13 +136,15 @@ class PhyFilter:
         >>> PhyFilter.from_poles([-3.0 + 4.0j, -3.0 - 4.0j]).a.tolist()
         [25.0, 6.0]
         """
-        roots = np.atleast_1d(np.asarray(poles, dtype=np.complex128))
-        if roots.ndim != 1 or len(roots) == 0:
-            raise ValueError(f"poles: expected at least one pole in one dimension, got shape {roots.shape}")
-        if not np.all(np.isfinite(roots)):
-            raise ValueError(f"poles: not all finite, got {roots}")
-        roots = _sections.pair_conjugates(roots)
-        return cls(_sections.polynomial_from_roots(roots), b, poles=roots)
+        roots = _sections.given_poles(poles)
+        a = _sections.polynomial_from_roots(roots)
+        # Below the normal numbers digits are lost, and at 0 the pole is.
+        if np.all(roots.real < 0.0) and not (np.all(np.isfinite(a)) and np.all(a >= np.finfo(float).tiny)):
+            raise ValueError(
+                f"poles: their product leaves the range of double precision, a = {a.tolist()}; choose a unit of time "
+                "in which they are about 1"
+            )
+        return cls(a, b, poles=roots)
 
     @property
     def order(self) -> int:
@@ -144,7 +159,8 @@ class PhyFilter:
     @cached_property
     def zeros(self) -> ComplexArray:
         """Zeros of F (roots of N), shape (m,) with m < n."""
-        degree = int(np.max(np.nonzero(self.b)[0], initial=0))
+        size = np.abs(self.b)
+        degree = int(np.max(np.flatnonzero(size > _NO_COEFFICIENT * size.max()), initial=0))
         if degree == 0:
             return np.zeros(0, dtype=np.complex128)
         return np.roots(self.b[degree::-1]).astype(np.complex128)
@@ -386,6 +402,13 @@ class PhyFilter:
     def __hash__(self) -> int:
         return hash((self.a.tobytes(), self.b.tobytes()))
 
+    def __setstate__(self, state: dict[str, object]) -> None:
+        # numpy forgets on a copy or in a pickle that an array is read-only.
+        for name, value in state.items():
+            if name in ("a", "b", "poles") and isinstance(value, np.ndarray):
+                value.flags.writeable = False
+            object.__setattr__(self, name, value)
+
     def __repr__(self) -> str:
         numerator = "" if self.is_lowpass else f", b={self.b.tolist()}"
         return f"PhyFilter(a={self.a.tolist()}{numerator})"
@@ -394,7 +417,7 @@ class PhyFilter:
 def _coefficients(name: str, values: ArrayLike) -> FloatArray:
     """A finite, non-empty vector of its own."""
     try:
-        vector = np.array(values, dtype=float)
+        vector = np.array(values, dtype=float) + 0.0  # no -0.0: it would equal 0.0 and hash apart
     except (TypeError, ValueError) as error:
         raise ValueError(f"{name}: expected a list of real numbers, got {values!r}") from error
     if vector.ndim != 1 or len(vector) == 0:
@@ -405,21 +428,6 @@ def _coefficients(name: str, values: ArrayLike) -> FloatArray:
     if not np.all(np.isfinite(vector)):
         raise ValueError(f"{name}: every coefficient must be finite, got {vector.tolist()}")
     return vector
-
-
-def _given_poles(poles: ArrayLike, a: FloatArray) -> ComplexArray:
-    roots = np.atleast_1d(np.asarray(poles, dtype=np.complex128))
-    if roots.shape != a.shape:
-        raise ValueError(
-            f"poles: expected {len(a)} for the {len(a)} coefficients in a, got shape {roots.shape}"
-        )
-    roots = _sections.pair_conjugates(roots)
-    product = _sections.polynomial_from_roots(roots)
-    if np.all(a > 0.0) and _sections.relative_difference(product, a) > _POLES_AGREE:
-        raise ValueError(
-            f"poles do not belong to a: their product gives {product.tolist()}, a is {a.tolist()}; give one of the two"
-        )
-    return roots
 
 
 def _trimmed(ascending: FloatArray) -> FloatArray:

@@ -1,6 +1,8 @@
 """PhyFilter: coefficients, poles, responses by independent routes, refusals."""
 
+import copy
 import dataclasses
+import pickle
 
 import control as ct
 import numpy as np
@@ -165,6 +167,92 @@ def test_poles_that_do_not_belong_are_refused():
         PhyFilter([400.0, 40.0], poles=[-20.0, -21.0])
     with pytest.raises(ValueError, match="expected 2"):
         PhyFilter([400.0, 40.0], poles=[-20.0])
+
+
+@pytest.mark.parametrize(
+    ("a", "message"),
+    [
+        ([400.0, -40.0], "not Hurwitz: a_1 = -40"),
+        ([400.0, 0.0], "not Hurwitz: a_1 = 0"),
+        ([-400.0, -40.0], "not Hurwitz: a_0 = -400"),
+    ],
+)
+def test_poles_do_not_cover_for_unstable_coefficients(a, message):
+    with pytest.raises(ValueError, match=message):
+        PhyFilter(a, poles=[-20.0, -20.0])
+    with pytest.raises(ValueError, match="not Hurwitz"):
+        PhyFilter(a, [1.0, 2.0])
+
+
+@pytest.mark.parametrize("bad", [np.nan, -np.inf])
+def test_given_poles_must_be_finite(bad):
+    for a in ([400.0, 40.0], [-1.0]):
+        with pytest.raises(ValueError, match="poles: expected finite"):
+            PhyFilter(a, poles=[bad] * len(a))
+
+
+def test_sizes_that_leave_double_precision_are_refused():
+    for roots in ([-1e-200] * 2, [-1e-160] * 2, [-1e200] * 2):
+        with pytest.raises(ValueError, match="poles: their product leaves the range"):
+            PhyFilter.from_poles(roots)
+    with pytest.raises(ValueError, match="poles: expected finite ones below"):
+        PhyFilter.from_poles([complex(-1e308, 1e308), complex(-1e308, -1e308)])
+    with pytest.raises(ValueError, match="too far apart"):
+        PhyFilter([1e-300, 1e308])
+    with pytest.raises(ValueError, match="b_i / a_i leaves the range"):
+        PhyFilter([1e-200], [1e200])
+
+
+@pytest.mark.parametrize("b", [None, [400.0, 0.0], [400.0, 40.0], [300.0, 7.0]])
+@pytest.mark.parametrize("a", [[400.0, 40.0], [400.0003, 40.0], [399.9999, 40.00003]])
+def test_f_and_its_error_add_up_to_one(a, b):
+    """Of real poles sum |a_i s^i| <= 2^(n/2) |D| on the axis: what a rounds away grows by no more than that."""
+    given = np.array(a)
+    # b where it equals a stays so: that is what the type is.
+    filter = PhyFilter(given, b and np.where(np.array(b) == [400.0, 40.0], given, b), poles=[-20.0, -20.0])
+    s = 1j * np.logspace(-6, 6, 400)
+    rounding = 2 * 2 * 1e-14 + 32 * np.finfo(float).eps
+    np.testing.assert_allclose(filter(s) + filter.error(s), 1.0, atol=rounding, rtol=0)
+    assert filter.poles.tolist() == [-20.0, -20.0]
+    assert filter.is_lowpass == (b is None or b == [400.0, 0.0])
+    assert filter.type == {None: 1, 400.0: 1 + (b is not None and b[1] == 40.0), 300.0: 0}[b and b[0]]
+    # Two roundings of the ratio.
+    assert filter.dc_gain == pytest.approx(1.0 if b is None or b[0] == 400.0 else 300.0 / a[0], rel=4e-16)
+    again = PhyFilter(filter.a, filter.b, poles=filter.poles)
+    assert again == filter
+
+
+def test_coefficients_that_poles_give_to_rounding_stay():
+    a = np.array([400.0, 40.0]) * (1.0 + 4 * np.finfo(float).eps)
+    assert PhyFilter(a, poles=[-20.0, -20.0]).a.tolist() == a.tolist()
+
+
+def test_equal_filters_hash_alike_whatever_the_sign_of_a_zero():
+    one, other = PhyFilter([400.0, 40.0], [0.0, 40.0]), PhyFilter([400.0, 40.0], [-0.0, 40.0])
+    assert one == other
+    assert hash(one) == hash(other)
+    assert hash(one.sampled(0.01)) == hash(other.sampled(0.01, delay=-0.0))
+    roots = PhyFilter.from_poles([complex(-20.0, -0.0), -20.0]).poles
+    assert not np.any(np.signbit(roots.imag))
+
+
+@pytest.mark.parametrize("again", [copy.copy, copy.deepcopy, lambda f: pickle.loads(pickle.dumps(f))])
+def test_copies_are_read_only_and_the_same(again):
+    filter = PhyFilter(PhyFilter.from_poles([-1e-6, -3.0, -1e6]).a, [1.0, 2.0, 3.0])
+    assert filter.type == 0  # something cached to carry over
+    twin = again(filter)
+    assert twin == filter
+    assert hash(twin) == hash(filter)
+    for name in ("a", "b", "poles"):
+        assert getattr(twin, name).tobytes() == getattr(filter, name).tobytes()
+        assert not getattr(twin, name).flags.writeable
+
+
+def test_zeros_beyond_double_precision_are_none():
+    a = PhyFilter.from_poles([-1.0, -2.0, -3.0]).a
+    assert PhyFilter(a, [1.0, 2.0, 5e-324]).zeros.tolist() == [-0.5]
+    assert PhyFilter(a, [1.0, 5e-324, 0.0]).zeros.tolist() == []
+    assert np.max(np.abs(PhyFilter(a, [0.0, 1.0, 1e-250]).zeros)) == pytest.approx(1e250)
 
 
 def test_channels_are_checked():

@@ -223,7 +223,8 @@ def test_reads_what_a_person_writes(tmp_path: Path) -> None:
         b"a = [\r\n  400, # a_0\r\n  4e1,\r\n]\r\n[signals.units]\r\nx = 'm/s'\r\n[sampled]\r\ndt = 2e-3\r\n"
     )
     again = load(path)
-    assert again == PhyFilter([400.0, 40.0]).sampled(0.002)
+    # Poles typed to ten digits count before coefficients.
+    assert again == PhyFilter.from_poles([-20.0, -20.00000001]).sampled(0.002)
     assert load_signals(path).unit_x == "m/s"
 
 
@@ -270,6 +271,10 @@ def test_reads_what_a_person_writes(tmp_path: Path) -> None:
             r"a\[1\]: expected a finite number, got an integer of",
         ),
         (GOOD.replace("40.0]", "-40.0]"), "a: D is not Hurwitz: pole"),
+        (
+            GOOD.replace("40.0]", "-40.0]") + "poles = [[-20.0, 0.0], [-20.0, 0.0]]",
+            "a, poles: D is not Hurwitz: a_1 = -40",
+        ),
         (GOOD + "b = [1.0]", "a, b: b has 1 coefficients but a has 2"),
         (GOOD + "b = [1.0, -inf]", r"b\[1\]: expected a finite number, got -inf"),
         (GOOD + "poles = [[-20.0, 0.0], [-21.0, 0.0]]", "a, poles: poles do not belong to a"),

@@ -7,7 +7,7 @@
     version = 1
     a = [400.0, 40.0]                        # ascending a_0 ... a_(n-1); a_i in (rad/s)^(n-i)
     b = [400.0, 0.0]                         # ascending; left out: the low-pass form N = a_0
-    poles = [[-20.0, 0.0], [-20.0, 0.0]]     # [real, imaginary] in rad/s; may be left out, must agree with a
+    poles = [[-20.0, 0.0], [-20.0, 0.0]]     # [real, imaginary] in rad/s; may be left out, must agree with a to 1e-6
 
     [sampled]                                # only of a SampledPhyFilter
     dt = 0.002                               # s
@@ -272,7 +272,7 @@ def _kept_by_reading(filter: PhyFilter) -> bool:
         again = PhyFilter(filter.a, filter.b, poles=filter.poles)
     except ValueError:
         return False
-    return np.array_equal(again.poles, filter.poles)
+    return again == filter and np.array_equal(again.poles, filter.poles)
 
 
 def _options(sampled: SampledPhyFilter) -> dict[str, object]:
