@@ -22,7 +22,7 @@ from threadpoolctl import threadpool_limits
 
 from phyfilter_ctl.app import Session, answers, handle
 from phyfilter_ctl.app.checking import Fields
-from phyfilter_ctl.app.designs import Design
+from phyfilter_ctl.app.designs import Design, read_design
 from phyfilter_ctl.app.steps import settling_time
 
 LIMIT = 25.0  # ms
@@ -96,7 +96,7 @@ def parts(count: int) -> dict[str, float]:
     """Medians of what an answer is made of, order 4."""
     times: dict[str, list[float]] = {}
     for message in designs(4, count):
-        for name, work in work_of(Design.read(Fields({"design": message}))).items():
+        for name, work in work_of(read_design(Fields({"design": message}))).items():
             times.setdefault(name, []).append(seconds(work)[0])
     medians = {name: 1e3 * float(np.median(values)) for name, values in times.items()}
     print("order 4: " + ", ".join(f"{name} {value:.1f} ms" for name, value in medians.items()))

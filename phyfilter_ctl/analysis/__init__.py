@@ -1,11 +1,13 @@
 """Analysis: what a filter does to signals."""
 
-from .bounds import BoundResult, Certificate, ultimate_bound
+from .bounds import BoundResult, Certificate, QuadraticProof, ultimate_bound
 from .budget import ErrorBudget, error_budget
 from .frequency import FilterResponse, FilterResponseList, Peak, frequency_response
 from .margins import (
     BandwidthLimit,
+    Crossing,
     InertiaVerdict,
+    Loop,
     LoopMargin,
     LoopMargins,
     PriorMargin,
@@ -20,16 +22,19 @@ __all__ = [
     "BandwidthLimit",
     "BoundResult",
     "Certificate",
+    "Crossing",
     "ErrorBudget",
     "FilterResponse",
     "FilterResponseList",
     "InertiaVerdict",
+    "Loop",
     "LoopMargin",
     "LoopMargins",
     "Peak",
     "PoleZeroMap",
     "PolesAndZeros",
     "PriorMargin",
+    "QuadraticProof",
     "Variance",
     "error_budget",
     "error_variance",

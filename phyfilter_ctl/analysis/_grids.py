@@ -11,11 +11,15 @@ from .._sections import FloatArray
 from ..filter import PhyFilter
 from ..sampled import SampledPhyFilter
 
-__all__ = ["checked", "decades", "default", "nyquist", "ordered", "search"]
+__all__ = ["breaks", "checked", "decades", "default", "nyquist", "ordered", "search"]
 
 Filter = PhyFilter | SampledPhyFilter
 
 _POINTS_PER_DECADE = 200
+_MOST_POINTS = 20_000  # with poles a hundred decades apart, still as many to a decade as a real pole needs
+# A zero slower than every pole by more than this, or faster, is left out: |F| has fallen so far there that neither the
+# band (to 1e-6 of the peak at most) nor a peak can lie beyond it.
+_REACH = 1e12
 
 
 def nyquist(system: Filter) -> float:
@@ -58,15 +62,22 @@ def decades(sizes: FloatArray, nyquist: float) -> FloatArray:
     low, high = (sizes.min(), sizes.max()) if len(sizes) else (1.0, 1.0)
     low = min(1e-2 * low, 1e-2 * nyquist)
     high = min(1e2 * high, nyquist)
-    return np.geomspace(low, high, int(np.ceil(_POINTS_PER_DECADE * np.log10(high / low))) + 1)
+    count = int(np.ceil(_POINTS_PER_DECADE * (np.log10(high) - np.log10(low)))) + 1
+    return np.geomspace(low, high, min(count, _MOST_POINTS))
+
+
+def breaks(filter: PhyFilter) -> FloatArray:
+    """Frequencies in rad/s at which |F| bends: the sizes of its poles, and of the zeros within reach of them."""
+    poles, zeros = np.abs(filter.poles), np.abs(filter.zeros)
+    near = (zeros >= poles.min() / _REACH) & (zeros <= poles.max() * _REACH)
+    return np.concatenate([poles, zeros[near]])
 
 
 def search(system: Filter) -> FloatArray:
     """0 and frequencies dense enough that every maximum and crossing has its own interval."""
     filter = system if isinstance(system, PhyFilter) else system.filter
     limit = nyquist(system)
-    sizes = np.abs(np.concatenate([filter.poles, filter.zeros]))
-    grid = decades(sizes, limit)
+    grid = decades(breaks(filter), limit)
     # A lightly damped pair rises over its |Re p|, far narrower than the grid.
     pairs = filter.poles[filter.poles.imag > 0.0]
     around = (pairs.imag[:, None] - pairs.real[:, None] * np.linspace(-8.0, 8.0, 65)).ravel()

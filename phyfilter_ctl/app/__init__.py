@@ -8,12 +8,14 @@ from typing import TYPE_CHECKING
 from ..filter import PhyFilter
 from ..flightlog import FlightLog
 from ..sampled import SampledPhyFilter
+from .designs import Assumptions, Design, Numerator
 from .handle import Session, handle
+from .jobs import LearningJob
 
 if TYPE_CHECKING:
     from .widget import Designer
 
-__all__ = ["Session", "designer", "handle"]
+__all__ = ["Assumptions", "Design", "LearningJob", "Numerator", "Session", "designer", "handle"]
 
 
 def designer(

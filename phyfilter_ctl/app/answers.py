@@ -11,7 +11,7 @@ import numpy as np
 from numpy.linalg import LinAlgError
 
 from .._sections import ComplexArray, FloatArray
-from ..analysis import frequency_response, prior_margin, ultimate_bound
+from ..analysis import _grids, frequency_response, prior_margin, ultimate_bound
 from ..analysis.frequency import FilterResponse
 from ..filter import PhyFilter
 from ..sampled import SampledPhyFilter
@@ -149,8 +149,7 @@ def _pair(values: ComplexArray) -> list[list[float | None]]:
 def _grid(design: Design, filter: PhyFilter) -> FloatArray:
     """A decade and a half to either side of poles and zeros, and of what is drawn; dense at resonances."""
     nyquist = np.pi / design.dt
-    zeros = np.abs(filter.zeros)
-    marks = np.concatenate([np.abs(filter.poles), zeros[zeros > 0.0], _drawn(design.limits)])
+    marks = np.concatenate([_grids.breaks(filter), _drawn(design.limits)])
     low = min(0.03 * float(marks.min()), 0.03 * nyquist)
     high = max(30.0 * float(marks.max()), 1.2 * nyquist)
     pairs = filter.poles[filter.poles.imag > -2.0 * filter.poles.real]
@@ -250,10 +249,10 @@ def _sampled_bound(
         note = "too many samples to add up: see the bound of the continuous filter"
         return Figure("bound_sampled", label, None, unit, note)
     try:
-        bound = ultimate_bound(sampled, residual=residual).bound
+        found = ultimate_bound(sampled, residual=residual)
     except (ValueError, LinAlgError):
         return Figure("bound_sampled", label, None, unit, "no certificate: see the continuous filter")
-    return Figure("bound_sampled", label, bound, unit, "certified")
+    return Figure("bound_sampled", label, found.bound, unit, f"certified as long as {found.assumptions[0]}")
 
 
 def _margins(design: Design, filter: PhyFilter, sampled: SampledPhyFilter | None) -> list[Figure]:

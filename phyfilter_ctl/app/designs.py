@@ -18,7 +18,7 @@ from ..filter import PhyFilter
 from ..sampled import SampledPhyFilter
 from .checking import Fields, MessageError, real, shown
 
-__all__ = ["FAMILIES", "Assumptions", "Design", "Numerator", "design_of_family"]
+__all__ = ["FAMILIES", "Assumptions", "Design", "Numerator", "design_of_family", "read_design"]
 
 Method = Literal["exact", "euler", "tustin"]
 
@@ -121,36 +121,6 @@ class Design:
     assume: Assumptions = field(default_factory=Assumptions)
     limits: Mapping[str, object] | None = None
 
-    @classmethod
-    def read(cls, message: Fields) -> Design:
-        """The design of a message, checked: its filter can be built.
-
-        Raises
-        ------
-        MessageError
-            Naming the field.
-        """
-        fields = message.fields("design")
-        fields.only("poles", "numerator", "sampling", "assume", "limits")
-        poles = fields.points("poles", 1, HIGHEST_ORDER, size=FASTEST)
-        _check_poles(fields, poles)
-        sampling = fields.fields("sampling")
-        sampling.only("dt", "method")
-        method = sampling.choice("method", get_args(Method)) if "method" in sampling else "exact"
-        design = cls(
-            tuple(poles),
-            _numerator(fields.fields("numerator"), len(poles)) if "numerator" in fields else Numerator(),
-            sampling.number("dt", SHORTEST_STEP, LONGEST_STEP, unit="s"),
-            cast(Method, method),
-            _assumptions(fields.fields("assume")) if "assume" in fields else Assumptions(),
-            _limits(fields) if "limits" in fields else None,
-        )
-        try:
-            _ = design.filter
-        except ValueError as error:
-            raise fields.error("poles", str(error)) from error
-        return design
-
     def with_filter(self, filter: PhyFilter | SampledPhyFilter) -> Design:
         """The same sampling and assumptions around another filter.
 
@@ -225,6 +195,41 @@ class Design:
             "assume": self.assume.as_json(),
             "limits": self.limits,
         }
+
+
+def read_design(message: Fields) -> Design:
+    """The design of a message, checked: its filter can be built.
+
+    Parameters
+    ----------
+    message : Fields
+        With a field "design".
+
+    Raises
+    ------
+    MessageError
+        Naming the field.
+    """
+    fields = message.fields("design")
+    fields.only("poles", "numerator", "sampling", "assume", "limits")
+    poles = fields.points("poles", 1, HIGHEST_ORDER, size=FASTEST)
+    _check_poles(fields, poles)
+    sampling = fields.fields("sampling")
+    sampling.only("dt", "method")
+    method = sampling.choice("method", get_args(Method)) if "method" in sampling else "exact"
+    design = Design(
+        tuple(poles),
+        _numerator(fields.fields("numerator"), len(poles)) if "numerator" in fields else Numerator(),
+        sampling.number("dt", SHORTEST_STEP, LONGEST_STEP, unit="s"),
+        cast(Method, method),
+        _assumptions(fields.fields("assume")) if "assume" in fields else Assumptions(),
+        _limits(fields) if "limits" in fields else None,
+    )
+    try:
+        _ = design.filter
+    except ValueError as error:
+        raise fields.error("poles", str(error)) from error
+    return design
 
 
 def design_of_family(message: Fields, like: Design) -> Design:

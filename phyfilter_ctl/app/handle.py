@@ -40,7 +40,7 @@ from ..flightlog import FlightLog
 from ..sampled import SampledPhyFilter
 from . import answers, exports, logs
 from .checking import Fields, MessageError
-from .designs import FAMILIES, HIGHEST_ORDER, Design, design_of_family
+from .designs import FAMILIES, HIGHEST_ORDER, Design, design_of_family, read_design
 from .jobs import LearningJob
 
 __all__ = ["Session", "handle"]
@@ -228,7 +228,7 @@ def _hello(session: Session, fields: Fields) -> Reply:
 
 
 def _design(session: Session, fields: Fields) -> Reply:
-    design = Design.read(fields)
+    design = read_design(fields)
     session.set_design(design)
     return answers.answer(design)
 
@@ -249,7 +249,7 @@ def _forget(session: Session, fields: Fields) -> Reply:
 
 
 def _estimate(session: Session, fields: Fields) -> Reply:
-    design = Design.read(fields)
+    design = read_design(fields)
     channel = fields.integer("channel", 0, _MOST_CHANNELS - 1) if "channel" in fields else 0
     log, job = session.log, session.job
     if log is None:
@@ -276,11 +276,11 @@ def _cancel(session: Session, fields: Fields) -> Reply:
 
 
 def _python(session: Session, fields: Fields) -> Reply:
-    return {"text": exports.python_text(Design.read(fields))}
+    return {"text": exports.python_text(read_design(fields))}
 
 
 def _save(session: Session, fields: Fields) -> Reply:
-    return exports.saved(Design.read(fields), fields.text("name") if "name" in fields else "filter")
+    return exports.saved(read_design(fields), fields.text("name") if "name" in fields else "filter")
 
 
 def _open(session: Session, fields: Fields) -> Reply:
@@ -291,7 +291,7 @@ def _open(session: Session, fields: Fields) -> Reply:
 
 
 def _export(session: Session, fields: Fields) -> Reply:
-    design = Design.read(fields)
+    design = read_design(fields)
     kind = fields.choice("kind", ("fmu2", "fmu3", "c"))
     channels = fields.integer("channels", 1, _MOST_CHANNELS) if "channels" in fields else 1
     return exports.export(design, cast(exports.Kind, kind), channels)

@@ -1,5 +1,6 @@
 """C for microcontrollers, simulations and FMUs."""
 
+from .binding import Library
 from .compiled import CompiledModel, CompiledRun, compile_model
 from .compiler import Compiler, CompilerError, cached_library, compile_sources, find_compiler
 from .diagram_source import diagram_model
@@ -20,6 +21,7 @@ __all__ = [
     "CompilerError",
     "FilterSource",
     "Instance",
+    "Library",
     "cached_library",
     "compile_model",
     "compile_sources",

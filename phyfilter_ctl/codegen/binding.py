@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes as ct
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +11,7 @@ from numpy.typing import NDArray
 
 from .model import CModel
 
-__all__ = ["Library", "Progress", "Solver", "address", "glue_source"]
+__all__ = ["Library", "Progress", "address", "glue_source"]
 
 _VECTOR = ct.c_void_p
 _POINTER = ct.CFUNCTYPE(_VECTOR, ct.c_void_p)
@@ -101,9 +102,6 @@ class _SolverFloat(ct.Structure):
     )
 
 
-Solver = _SolverDouble | _SolverFloat
-
-
 class Progress(ct.Structure):
     """Shared with a run in another thread: rows done so far; set ``cancel`` to 1 to end it."""
 
@@ -117,6 +115,15 @@ class Library:
     ----------
     path : Path
         Made from the model's sources and :func:`glue_source`.
+
+    Attributes
+    ----------
+    table : Structure
+        The model's pf_model.
+    work_reals : int
+        Numbers of working memory that a run needs.
+    dtype : dtype
+        Of all numbers but times: pf_real.
     """
 
     def __init__(self, path: Path) -> None:
@@ -125,35 +132,49 @@ class Library:
         exported.pf_exported_model.restype = ct.POINTER(_Table)
         exported.pf_exported_work.restype = ct.c_size_t
         exported.pf_exported_real.restype = ct.c_int
-        self.set_states = exported.pf_exported_set_states
-        self.set_states.argtypes = [ct.c_void_p, _VECTOR]
-        self.set_states.restype = None
-        self.advance = exported.pf_exported_advance
-        self.advance.argtypes = [
-            ct.c_void_p,
-            _VECTOR,
-            ct.c_void_p,
-            ct.c_double,
-            ct.c_double,
-            _VECTOR,
-            ct.c_void_p,
-        ]
-        self.simulate = exported.pf_exported_simulate
-        self.simulate.argtypes = [
+        exported.pf_exported_set_states.argtypes = [ct.c_void_p, _VECTOR]
+        exported.pf_exported_set_states.restype = None
+        exported.pf_exported_advance.argtypes = [
+            ct.c_void_p, _VECTOR, ct.c_void_p, ct.c_double, ct.c_double, _VECTOR, ct.c_void_p
+        ]  # fmt: skip
+        exported.pf_exported_simulate.argtypes = [
             ct.c_void_p, _VECTOR, ct.c_void_p, ct.c_longlong, _VECTOR, _VECTOR, ct.c_int, _VECTOR, _VECTOR, _VECTOR,
             ct.c_void_p, ct.c_void_p,
         ]  # fmt: skip
-        self.table = exported.pf_exported_model().contents
+        self.set_states: Callable[[int, int | None], None] = exported.pf_exported_set_states
+        self.advance: Callable[..., int] = exported.pf_exported_advance
+        self.simulate: Callable[..., int] = exported.pf_exported_simulate
+        self.table: ct.Structure = exported.pf_exported_model().contents
         self.work_reals = int(exported.pf_exported_work())
-        self.dtype = np.dtype(np.float64 if exported.pf_exported_real() == 8 else np.float32)
+        double = exported.pf_exported_real() == 8
+        self.dtype: np.dtype[np.floating] = np.dtype(np.float64 if double else np.float32)
 
-    def solver(self, method: int, step: float, rtol: float, atol: float) -> Solver:
-        """A new pf_solver."""
+    def solver(self, method: int, step: float, rtol: float, atol: float) -> ct.Structure:
+        """A new pf_solver.
+
+        Parameters
+        ----------
+        method : int
+            0: RK4, 1: adaptive.
+        step : float
+            Longest step in seconds; 0: from stop to stop.
+        rtol, atol : float
+            Of the adaptive method.
+        """
         kind = _SolverDouble if self.dtype == np.float64 else _SolverFloat
         return kind(method, step, rtol, atol, 0.0)
 
     def view(self, instance: NDArray[np.uint8], pointer: int, length: int) -> NDArray[np.floating]:
-        """The numbers at an address inside an instance, in place."""
+        """The numbers at an address inside an instance, in place.
+
+        Parameters
+        ----------
+        instance : (size,) array of bytes
+        pointer : int
+            The address.
+        length : int
+            Numbers from there on.
+        """
         offset = pointer - instance.ctypes.data
         return instance[offset : offset + length * self.dtype.itemsize].view(self.dtype)
 

@@ -29,17 +29,19 @@ class Instance:
     ----------
     memory : (size,) array of bytes
         All of it: copy it to save the state, copy it back to restore it.
+    address : int
+        Where it begins.
     x, u, p : arrays
         Continuous states, inputs, and parameters as last set, in place.
     """
 
     def __init__(self, model: CModel, library: Library) -> None:
         self._model, self._library, self._table = model, library, library.table
-        self.memory = np.zeros(self._table.size, np.uint8)
-        self.address = self.memory.ctypes.data
-        self.x = library.view(self.memory, self._table.x(self.address), self._table.n_x)
-        self.u = library.view(self.memory, self._table.u(self.address), self._table.n_u)
-        self.p = library.view(self.memory, self._table.p(self.address), self._table.n_p)
+        self.memory: NDArray[np.uint8] = np.zeros(self._table.size, np.uint8)
+        self.address: int = self.memory.ctypes.data
+        self.x: Array = library.view(self.memory, self._table.x(self.address), self._table.n_x)
+        self.u: Array = library.view(self.memory, self._table.u(self.address), self._table.n_u)
+        self.p: Array = library.view(self.memory, self._table.p(self.address), self._table.n_p)
         self._work = np.empty(library.work_reals, library.dtype)
         self.init()
 

@@ -14,6 +14,7 @@ from .instance import FmuError
 from .mujoco import export_mujoco_fmu
 from .ssp import export_ssp, write_ssp
 from .ssp_cut import CutDiagram, cut_diagram
+from .unpacked import UnpackedFmu
 
 __all__ = [
     "ArchiveLimits",
@@ -31,6 +32,7 @@ __all__ = [
     "FmuSteps",
     "FmuUnit",
     "FmuVariable",
+    "UnpackedFmu",
     "Wire",
     "check",
     "cosimulate",

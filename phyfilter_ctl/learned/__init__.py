@@ -5,8 +5,10 @@ from __future__ import annotations
 from ._window import window
 from .adaptation import AdaptationRun, AdaptationState, AdaptiveChebyshev
 from .chebyshev import Chebyshev
+from .dense import Activation, Dense
 from .dictionary import Dictionary
 from .koopman import Koopman
+from .layers import Layers
 from .model import FitResult, LearnedModel
 from .network import Network
 from .neural_ode import NeuralOde, Trajectory
@@ -14,15 +16,18 @@ from .online_koopman import KoopmanRun, KoopmanState, OnlineKoopman
 from .onnx import OnnxNetwork
 
 __all__ = [
+    "Activation",
     "AdaptationRun",
     "AdaptationState",
     "AdaptiveChebyshev",
     "Chebyshev",
+    "Dense",
     "Dictionary",
     "FitResult",
     "Koopman",
     "KoopmanRun",
     "KoopmanState",
+    "Layers",
     "LearnedModel",
     "Network",
     "NeuralOde",

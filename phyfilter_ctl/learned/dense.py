@@ -15,7 +15,20 @@ from . import _arrays
 
 @dataclass(frozen=True)
 class Activation:
-    """An elementwise function by name; ``first`` and ``second`` are its numbers (slope, limits), if it has any."""
+    """An elementwise function by name.
+
+    Parameters
+    ----------
+    name : str
+        "identity", "relu", "leaky_relu", "elu", "selu", "tanh", "sigmoid", "softplus", "softsign" or "clip".
+    first, second : float
+        Its numbers (slope, limits), if it has any.
+
+    Raises
+    ------
+    ValueError
+        If there is no such function, or its numbers are none for it.
+    """
 
     name: str
     first: float = 0.0

@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import os
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Generic, Literal, Protocol, Self, TypeVar, runtime_checkable
+from typing import Generic, Literal, Protocol, Self, TypeVar, runtime_checkable
 
+import casadi as ca
 from numpy.typing import ArrayLike
 
 from .._sections import FloatArray
-
-if TYPE_CHECKING:
-    import casadi as ca
 
 M_co = TypeVar("M_co", covariant=True)
 

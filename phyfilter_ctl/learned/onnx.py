@@ -57,7 +57,7 @@ class OnnxNetwork:
 
     Examples
     --------
-    >>> from phyfilter_ctl.learned.dense import Activation, Dense
+    >>> from phyfilter_ctl.learned import Activation, Dense
     >>> relu, last = Activation("relu"), Activation("identity")
     >>> network = OnnxNetwork(Dense((np.eye(2), np.ones((2, 1))), (np.zeros(2), np.zeros(1)), (relu, last)))
     >>> network.predict([[3.0, -1.0]]).tolist()

@@ -4,7 +4,8 @@
 sample at a time, ``windows`` averages signals over (delayed, longer) steps, and ``paper_form`` is Eq. (5) as printed.
 """
 
-from .loop import FilterState
+from .loop import FilterState, Interval
+from .paper_form import PaperState
 from .sampled_filter import SampledPhyFilter, stack
 
-__all__ = ["FilterState", "SampledPhyFilter", "stack"]
+__all__ = ["FilterState", "Interval", "PaperState", "SampledPhyFilter", "stack"]

@@ -22,10 +22,18 @@ Array = NDArray[np.floating]
 
 
 class Interval(NamedTuple):
-    """What g, f_theta and the inertia did between two samples; kept for a delayed measurement."""
+    """What g, f_theta and the inertia did between two samples; kept for a delayed measurement.
+
+    Attributes
+    ----------
+    dt : float
+        Seconds between them.
+    g, f_theta, inertia : pair of arrays
+        At the beginning and at the end; the inertia None for I.
+    """
 
     dt: float
-    g: tuple[Array, Array]  # at its beginning and end
+    g: tuple[Array, Array]
     f_theta: tuple[Array, Array]
     inertia: tuple[Array, Array] | None
 

@@ -19,13 +19,23 @@ Array = NDArray[np.floating]
 
 
 class PaperState(NamedTuple):
-    """Integrators of one sample: each (n_x,), or (order, n_x) for chains of them."""
+    """Integrators of one sample, of a filter of order n.
 
-    xi: Array  # (n, n_x): xi and its derivatives
-    alpha: Array  # (n, n_x): f_hat and its integrals
-    beta: Array  # (n, n_x): f_theta and its integrals
-    x: Array  # (n, n_x): x and its integrals
-    g: Array  # (n - 1, n_x): integrals of g, used by the general form
+    Attributes
+    ----------
+    xi : (n, n_x) array
+        xi and its derivatives.
+    alpha, beta, x : (n, n_x) arrays
+        f_hat, f_theta and x, each with its integrals.
+    g : (n - 1, n_x) array
+        Integrals of g, used by the general form.
+    """
+
+    xi: Array
+    alpha: Array
+    beta: Array
+    x: Array
+    g: Array
 
 
 def start(filter: PhyFilter, x0: Array, f_theta0: Array) -> PaperState:

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from phyfilter_ctl import PhyFilter, place_poles
 from phyfilter_ctl.app import Session, handle
 from phyfilter_ctl.app.checking import Fields, MessageError, shown
-from phyfilter_ctl.app.designs import Design
+from phyfilter_ctl.app.designs import Design, read_design
 
 # Products of up to eight poles, each rounded.
 SAME_POLYNOMIAL = 1e-12
@@ -79,7 +79,7 @@ def test_python_text_rebuilds_the_filter(message):
     text = answered(session, "python", design=message)["text"]
     found: dict = {}
     exec(text, found)
-    filter = Design.read(Fields({"design": message})).filter
+    filter = read_design(Fields({"design": message})).filter
     np.testing.assert_array_equal(found["filter"].a, filter.a)
     np.testing.assert_array_equal(found["filter"].b, filter.b)
     np.testing.assert_array_equal(found["filter"].poles, filter.poles)
@@ -93,8 +93,8 @@ def test_python_text_rebuilds_the_filter(message):
 @settings(max_examples=30, deadline=None)
 @given(designs())
 def test_designs_survive_their_own_json(message):
-    design = Design.read(Fields({"design": message}))
-    again = Design.read(Fields({"design": design.as_json()}))
+    design = read_design(Fields({"design": message}))
+    again = read_design(Fields({"design": design.as_json()}))
     assert again.filter == design.filter
     assert again.as_json() == design.as_json()
 

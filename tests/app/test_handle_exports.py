@@ -15,7 +15,7 @@ from designer_messages import answered, message_of, refused
 from phyfilter_ctl import PhyFilter, filterfile
 from phyfilter_ctl.app import Session
 from phyfilter_ctl.app.checking import Fields
-from phyfilter_ctl.app.designs import Design
+from phyfilter_ctl.app.designs import read_design
 from phyfilter_ctl.codegen import CompilerError, find_compiler
 from phyfilter_ctl.fmi import check, describe
 
@@ -50,11 +50,11 @@ def test_saved_and_opened(message, tmp_path):
     assert (reply["name"], reply["mime"]) == ("wing.toml", "application/toml")
     path = tmp_path / reply["name"]
     path.write_bytes(data_of(reply))
-    design = Design.read(Fields({"design": message}))
+    design = read_design(Fields({"design": message}))
     assert filterfile.load(path).filter == design.filter  # type: ignore[union-attr]  # sampled, so it has one
     back = answered(session, "open", name="wing.toml", text=path.read_text())
     assert back["messages"] == []
-    again = Design.read(Fields({"design": back["design"]}))
+    again = read_design(Fields({"design": back["design"]}))
     assert again.filter == design.filter
     assert (again.dt, again.method) == (design.dt, design.method)
     assert again.numerator.kind == message["numerator"]["kind"]
@@ -188,7 +188,7 @@ def test_python_text_is_pasteable():
     assert "numerator=2" in text
     found: dict = {}
     exec(text, found)
-    np.testing.assert_array_equal(found["sampled"].filter.a, Design.read(Fields({"design": TYPE_2})).filter.a)
+    np.testing.assert_array_equal(found["sampled"].filter.a, read_design(Fields({"design": TYPE_2})).filter.a)
 
 
 def test_python_text_of_a_high_order_has_a_line_for_each_pole():
@@ -197,7 +197,7 @@ def test_python_text_of_a_high_order_has_a_line_for_each_pole():
     assert max(map(len, text.splitlines())) < 80
     found: dict = {}
     exec(text, found)
-    np.testing.assert_array_equal(found["filter"].a, Design.read(Fields({"design": design})).filter.a)
+    np.testing.assert_array_equal(found["filter"].a, read_design(Fields({"design": design})).filter.a)
 
 
 def test_python_text_of_a_sampling_that_diverges_says_so():

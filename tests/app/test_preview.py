@@ -22,7 +22,7 @@ from phyfilter_ctl._sections import expm1
 from phyfilter_ctl.analysis import frequency_response
 from phyfilter_ctl.app.answers import settling_time
 from phyfilter_ctl.app.checking import Fields
-from phyfilter_ctl.app.designs import Design
+from phyfilter_ctl.app.designs import read_design
 from phyfilter_ctl.sampled import SampledPhyFilter
 
 DESIGNER = Path(app.__file__).with_name("designer.js")
@@ -123,7 +123,7 @@ def case(
         "numerator": numerator(rng, poles, base),
         "sampling": {"dt": dt, "method": method},
     }
-    read = Design.read(Fields({"design": design}))
+    read = read_design(Fields({"design": design}))
     omega = np.geomspace(min(sizes) / 30.0, max(sizes) * 30.0, POINTS)
     below = np.geomspace(min(min(sizes), 1.0 / dt) / 30.0, math.pi / dt, POINTS)
     question = {
@@ -325,7 +325,7 @@ def test_scaling_is_time_running_faster() -> None:
     cases = [case(rng, 1 + i % 8, kind=i % 3) for i in range(16)]
     made = ask([{"call": "scaled", "given": [each.question["design"], 1.7]} for each in cases])
     for each, design in zip(cases, made, strict=True):
-        filter = Design.read(Fields({"design": {**each.question["design"], **design}})).filter
+        filter = read_design(Fields({"design": {**each.question["design"], **design}})).filter
         s = 1.7j * np.array(each.question["omega"])
         assert relative(filter(s), each.filter.faster(1.7)(s)) < AGREES
 

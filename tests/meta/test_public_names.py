@@ -1,9 +1,13 @@
 """Every public name is documented down to its arguments, and takes no argument it does not name."""
 
+import builtins
+import functools
 import importlib
 import inspect
 import pkgutil
 import re
+import sys
+import typing
 
 import numpy as np
 import pytest
@@ -16,6 +20,7 @@ def public_modules():
     for info in pkgutil.iter_modules(pf.__path__, "phyfilter_ctl."):
         if not info.name.rsplit(".", 1)[1].startswith("_"):
             yield importlib.import_module(info.name)
+    yield importlib.import_module("phyfilter_ctl.design.optimal")  # has a page of its own
 
 
 def public_callables():
@@ -66,6 +71,56 @@ def test_misspelt_keywords_fail(name):
     thing = CALLABLES[name]
     with pytest.raises(TypeError):
         inspect.signature(thing).bind_partial(no_such_keyword=1)
+
+
+class Names(dict):
+    """What a module knows; a name that only type checkers import is the room's of that name, or another package's."""
+
+    def __missing__(self, name):
+        if name.startswith("_"):
+            raise KeyError(name)
+        return next((thing for thing in CALLABLES.values() if thing.__name__ == name), typing.Any)
+
+
+def classes_of(annotation):
+    if inspect.isclass(annotation):
+        yield annotation
+    arguments = annotation if isinstance(annotation, list) else typing.get_args(annotation)
+    for argument in arguments:
+        yield from classes_of(argument)
+
+
+def annotated(thing):
+    """A function; or a class with its bases, and what they have that is public."""
+    if not inspect.isclass(thing):
+        return [thing]
+    own = [base for base in thing.__mro__ if base.__module__.startswith("phyfilter_ctl")]
+    members = [
+        value for base in own for name, value in vars(base).items() if name[0] != "_" or name == "__init__"
+    ]
+    inner = {
+        property: "fget",
+        functools.cached_property: "func",
+        classmethod: "__func__",
+        staticmethod: "__func__",
+    }
+    functions = [getattr(value, inner.get(type(value), "__self__"), value) for value in members]
+    return own + [function for function in functions if inspect.isfunction(function)]
+
+
+def test_what_public_names_refer_to_is_public():
+    """Classes in the signatures and fields of a room's names are names of a room themselves."""
+    public, hidden = set(CALLABLES.values()), set()
+    for thing in public:
+        for part in annotated(thing):
+            names = Names(vars(builtins) | vars(sys.modules[part.__module__]))
+            for key, annotation in inspect.get_annotations(part).items():
+                text = getattr(annotation, "__forward_arg__", annotation)
+                meant = eval(text, {}, names) if isinstance(text, str) else text
+                hidden |= set(() if key[0] == "_" else classes_of(meant)) - public
+    missing = {f"{each.__module__}.{each.__name__}" for each in hidden}
+    missing = sorted(name for name in missing if name.startswith("phyfilter_ctl."))
+    assert not missing, f"add them to the __all__ of their rooms: {missing}"
 
 
 def test_names_the_user_was_promised():

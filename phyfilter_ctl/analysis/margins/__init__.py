@@ -4,12 +4,13 @@ from .bandwidth import BandwidthLimit, largest_bandwidth
 from .complete import LoopMargin, loop_margin
 from .loop_margins import LoopMargins
 from .prior import InertiaVerdict, PriorMargin, prior_margin
-from .sweep import Crossing
+from .sweep import Crossing, Loop
 
 __all__ = [
     "BandwidthLimit",
     "Crossing",
     "InertiaVerdict",
+    "Loop",
     "LoopMargin",
     "LoopMargins",
     "PriorMargin",

@@ -16,7 +16,7 @@ from . import sweep
 from ._actuator import checked_actuator, checked_number
 from ._continuous import ContinuousLoop
 from ._sampled import SampledLoop
-from .sweep import Crossing
+from .sweep import Crossing, Loop
 
 __all__ = ["LoopMargins", "build_loop"]
 
@@ -47,7 +47,7 @@ class LoopMargins:
     """
 
     inertia_ratio: float
-    loop: sweep.Loop = field(repr=False)
+    loop: Loop = field(repr=False)
 
     # -- over all ratios ----------------------------------------------------------------------------------------
 
@@ -257,7 +257,7 @@ def build_loop(
     dt: float | None,
     kp: float = 0.0,
     kd: float = 0.0,
-) -> tuple[PhyFilter | SampledPhyFilter, sweep.Loop]:
+) -> tuple[PhyFilter | SampledPhyFilter, Loop]:
     """The filter as it runs, and its loop; all arguments checked."""
     if not isinstance(filter, PhyFilter | SampledPhyFilter):
         raise TypeError(f"filter: expected a PhyFilter or a SampledPhyFilter, got {type(filter).__name__}")
@@ -284,7 +284,7 @@ def build_loop(
     return filter, SampledLoop(filter, act, delay, kp, kd)
 
 
-def _sampled_delay_margin(loop: sweep.Loop, ratio: float) -> float:
+def _sampled_delay_margin(loop: Loop, ratio: float) -> float:
     """Whole steps only turn the loop, so the gain crossings of each part of a step tell how many it bears."""
     h = np.pi / loop.nyquist
 

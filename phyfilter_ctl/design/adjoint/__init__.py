@@ -6,7 +6,7 @@ forwards and backwards, segment beside segment (``block_map``), ``paper_rollout`
 
 from .costs import CasadiCost, CostTerms, SquaredError, StageCost
 from .gradient import AdjointGradient, adjoint_gradient
-from .rollout import Rollout
+from .rollout import Cotangents, Rollout, RolloutInputs, RolloutTrace
 from .training import Adam, TrainResult, train
 
 __all__ = [
@@ -14,7 +14,10 @@ __all__ = [
     "AdjointGradient",
     "CasadiCost",
     "CostTerms",
+    "Cotangents",
     "Rollout",
+    "RolloutInputs",
+    "RolloutTrace",
     "SquaredError",
     "StageCost",
     "TrainResult",

@@ -12,7 +12,7 @@ from ..._sections import FloatArray
 from ...flightlog import FlightLog
 from ...sampled import SampledPhyFilter
 from .costs import SquaredError, StageCost
-from .rollout import Carry, Form, Inputs, Rollout
+from .rollout import Carry, Form, Rollout, RolloutInputs
 
 __all__ = ["AdjointGradient", "adjoint_gradient"]
 
@@ -111,7 +111,7 @@ def adjoint_gradient(
 class Record:
     """A record with what it is compared to."""
 
-    inputs: Inputs
+    inputs: RolloutInputs
     label: FloatArray  # (N, n_f)
     skip: int = 1  # samples at its start that are not scored
 
@@ -144,7 +144,11 @@ def gradient_of(
 ) -> AdjointGradient:
     """Over flights of one length, run side by side as channels."""
     channels = flights[0].label.shape[1]
-    inputs = flights[0].inputs if len(flights) == 1 else Inputs.beside([flight.inputs for flight in flights])
+    inputs = (
+        flights[0].inputs
+        if len(flights) == 1
+        else RolloutInputs.beside([flight.inputs for flight in flights])
+    )
     trace = rollout.forward(inputs)
     label = np.concatenate([flight.label for flight in flights], axis=1)
     value, r, direct = terms_of(rollout, label, trace.f_hat, flights[0].skip, channels, cost, terminal)

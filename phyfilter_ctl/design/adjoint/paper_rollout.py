@@ -18,7 +18,7 @@ from ..._sections import FloatArray
 from ...filter import PhyFilter
 
 if TYPE_CHECKING:
-    from .rollout import Inputs
+    from .rollout import RolloutInputs
 
 _X, _G, _F = range(3)
 
@@ -70,7 +70,7 @@ class PaperMap:
         return f_hat, states[:-1]
 
     def backward(
-        self, inputs: Inputs, f_hat: FloatArray, states: list[FloatArray], r: FloatArray
+        self, inputs: RolloutInputs, f_hat: FloatArray, states: list[FloatArray], r: FloatArray
     ) -> tuple[FloatArray, tuple[FloatArray, FloatArray, FloatArray]]:
         """Gradient of sum(r * f_hat) in the coefficients, and in x, g and f_theta."""
         now, slopes, h = self.now, self.slopes, self.dt

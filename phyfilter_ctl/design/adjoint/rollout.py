@@ -24,7 +24,7 @@ from ...sampled.recursion import _banded
 from .block_map import BLOCK, BlockMap
 from .paper_rollout import PaperMap
 
-__all__ = ["Carry", "Cotangents", "Form", "Inputs", "Rollout", "Trace"]
+__all__ = ["Carry", "Cotangents", "Form", "Rollout", "RolloutInputs", "RolloutTrace"]
 
 Form = Literal["lowpass", "general"]
 Carry = Literal["exact", "none"]
@@ -32,47 +32,85 @@ S = TypeVar("S")
 T = TypeVar("T")
 
 
-class Inputs(NamedTuple):
-    """Signals of one record, or of several of one length side by side as further channels."""
+class RolloutInputs(NamedTuple):
+    """Signals of one record, or of several of one length side by side as further channels.
 
-    x: FloatArray  # (N, n_x)
-    g: FloatArray  # (N, n_x)
-    f_theta: FloatArray  # (N, n_f)
-    inertia: FloatArray | None  # (1 or N, n_x) or (1 or N, n_x, n_x)
-    u: FloatArray  # (N - 1, n_f): measured residual of each step
+    Attributes
+    ----------
+    x, g : (N, n_x) arrays
+    f_theta : (N, n_f) array
+    inertia : (1 or N, n_x) or (1 or N, n_x, n_x) array, or None
+    u : (N - 1, n_f) array
+        Measured residual of each step.
+    """
 
-    def samples(self, first: int, last: int) -> Inputs:
-        """Samples ``first`` to ``last - 1``."""
+    x: FloatArray
+    g: FloatArray
+    f_theta: FloatArray
+    inertia: FloatArray | None
+    u: FloatArray
+
+    def samples(self, first: int, last: int) -> RolloutInputs:
+        """Samples ``first`` to ``last - 1``.
+
+        Parameters
+        ----------
+        first, last : int
+        """
         here, M = slice(first, last), self.inertia
         M = M if M is None or len(M) == 1 else M[here]
-        return Inputs(self.x[here], self.g[here], self.f_theta[here], M, self.u[first : last - 1])
+        return RolloutInputs(self.x[here], self.g[here], self.f_theta[here], M, self.u[first : last - 1])
 
     @staticmethod
-    def beside(parts: Sequence[Inputs]) -> Inputs:
-        """Records of one length as channels of one; their inertia is in ``u`` already and is left out."""
+    def beside(parts: Sequence[RolloutInputs]) -> RolloutInputs:
+        """Records of one length as channels of one; their inertia is in ``u`` already and is left out.
+
+        Parameters
+        ----------
+        parts : sequence of RolloutInputs
+        """
         x, g, f_theta, u = (
             np.concatenate(columns, axis=1)
             for columns in zip(*((part.x, part.g, part.f_theta, part.u) for part in parts), strict=True)
         )
-        return Inputs(x, g, f_theta, None, u)
+        return RolloutInputs(x, g, f_theta, None, u)
 
 
-class Trace(NamedTuple):
-    """A forward rollout, kept for the way back."""
+class RolloutTrace(NamedTuple):
+    """A forward rollout, kept for the way back.
 
-    f_hat: FloatArray  # (N, n_f)
-    inputs: Inputs
-    states: list[list[FloatArray]]  # what the realisation needs again
+    Attributes
+    ----------
+    f_hat : (N, n_f) array
+    inputs : RolloutInputs
+    states : list of lists of arrays
+        What the realisation needs again, segment by segment.
+    """
+
+    f_hat: FloatArray
+    inputs: RolloutInputs
+    states: list[list[FloatArray]]
 
 
 class Cotangents(NamedTuple):
-    """Gradient of sum(cotangent * f_hat), a number."""
+    """Gradient of sum(cotangent * f_hat), a number.
 
-    a: FloatArray  # (n,) in a_0 ... a_{n-1}; low-pass form: with b_0 = a_0 moving along
-    b: FloatArray | None  # (n,) in b_0 ... b_{n-1}; None for the low-pass form
-    x: FloatArray | None  # (N, n_x); the signals None unless asked for
-    g: FloatArray | None  # (N, n_x)
-    f_theta: FloatArray | None  # (N, n_f)
+    Attributes
+    ----------
+    a : (n,) array
+        In a_0 ... a_{n-1}; low-pass form: with b_0 = a_0 moving along.
+    b : (n,) array or None
+        In b_0 ... b_{n-1}; None for the low-pass form.
+    x, g : (N, n_x) arrays or None
+        The signals None unless asked for.
+    f_theta : (N, n_f) array or None
+    """
+
+    a: FloatArray
+    b: FloatArray | None
+    x: FloatArray | None
+    g: FloatArray | None
+    f_theta: FloatArray | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,7 +190,7 @@ class Rollout:
         g: ArrayLike | None = None,
         f_theta: ArrayLike | None = None,
         inertia: ArrayLike | None = None,
-    ) -> Inputs:
+    ) -> RolloutInputs:
         """Check the signals of a record and form the measured residual of each step.
 
         Parameters
@@ -179,19 +217,19 @@ class Rollout:
         u = record._residual(self.sampled, *signals, None, slice(0, len(signals[0]) - 1))
         x, g, f_theta, u = (part.astype(float, copy=False) for part in (*signals[:3], u))
         M = signals[3]
-        return Inputs(x, g, f_theta, None if M is None else M.astype(float, copy=False), u)
+        return RolloutInputs(x, g, f_theta, None if M is None else M.astype(float, copy=False), u)
 
-    def forward(self, inputs: Inputs) -> Trace:
+    def forward(self, inputs: RolloutInputs) -> RolloutTrace:
         """Roll the filter out over a record, from rest.
 
         Parameters
         ----------
-        inputs : Inputs
+        inputs : RolloutInputs
             From :meth:`inputs`.
         """
         if self.sampled.realisation == "paper":
             f_hat, states = self._paper.forward(inputs.x, inputs.g, inputs.f_theta)
-            return Trace(f_hat, inputs, [states])
+            return RolloutTrace(f_hat, inputs, [states])
         f_hat = inputs.f_theta.copy()
         pieces = self._pieces(len(inputs.u))
         starts = self._borders(pieces, lambda rows: self._map.final_state(inputs.u[rows]), forwards=True)
@@ -201,14 +239,14 @@ class Rollout:
             f_hat[1:][pieces[i]] += y
             return states
 
-        return Trace(f_hat, inputs, self.side_by_side(work, range(len(pieces))))
+        return RolloutTrace(f_hat, inputs, self.side_by_side(work, range(len(pieces))))
 
-    def backward(self, trace: Trace, cotangent: FloatArray, *, signals: bool = False) -> Cotangents:
+    def backward(self, trace: RolloutTrace, cotangent: FloatArray, *, signals: bool = False) -> Cotangents:
         """Run the costate back over a record.
 
         Parameters
         ----------
-        trace : Trace
+        trace : RolloutTrace
             From :meth:`forward`.
         cotangent : (N, n_f) array
             Gradient of the cost in each f_hat.
@@ -289,7 +327,7 @@ class Rollout:
         return entering if forwards else entering[:, ::-1]
 
     def _to_signals(
-        self, inputs: Inputs, r: FloatArray, cotangent: FloatArray
+        self, inputs: RolloutInputs, r: FloatArray, cotangent: FloatArray
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Cotangents of x, g and f_theta from those of f_hat and u: the transpose of the measured residual."""
         sampled = self.sampled

@@ -1,12 +1,14 @@
 """Filters from promises: least worst-case error, least variance, trade-offs, and what a log says of the data."""
 
 from .promises import LeastBound, TradeOff, bound_trade_off, least_bound
-from .statistics import ResidualStatistics, residual_statistics
+from .statistics import Interval, Peak, ResidualStatistics, residual_statistics
 from .variances import LeastVariance, kalman_filter, kalman_variance, least_variance, variance_trade_off
 
 __all__ = [
+    "Interval",
     "LeastBound",
     "LeastVariance",
+    "Peak",
     "ResidualStatistics",
     "TradeOff",
     "bound_trade_off",

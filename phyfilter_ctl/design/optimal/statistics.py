@@ -23,7 +23,12 @@ _INDEPENDENT = 4.0
 
 
 class Interval(NamedTuple):
-    """An estimate with the ends of its confidence interval."""
+    """An estimate with the ends of its confidence interval.
+
+    Attributes
+    ----------
+    value, low, high : float
+    """
 
     value: float
     low: float
@@ -31,7 +36,12 @@ class Interval(NamedTuple):
 
 
 class Peak(NamedTuple):
-    """The largest value seen, and the share of blocks of data that stay below it, with the stated confidence."""
+    """The largest value seen, and the share of blocks of data that stay below it, with the stated confidence.
+
+    Attributes
+    ----------
+    value, share : float
+    """
 
     value: float
     share: float
