@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import json
 import os
+import signal
 import subprocess
 import sys
 from pathlib import Path
+from typing import IO
 
 import numpy as np
 import pytest
@@ -25,11 +27,15 @@ def figures_of(capsys: pytest.CaptureFixture[str], *arguments: str) -> dict:
     return json.loads(capsys.readouterr().out)
 
 
-def run(*arguments: str, cwd: Path) -> subprocess.CompletedProcess[str]:
+def run(
+    *arguments: str, cwd: Path, stdout: IO[str] | int = subprocess.PIPE
+) -> subprocess.CompletedProcess[str]:
     environment = {**os.environ, "PYTHONPATH": str(Path(phyfilter_ctl.__file__).parents[1])}
+    environment.pop("PYTHONUNBUFFERED", None)  # what is left to the end of the process is tested too
     return subprocess.run(
         [sys.executable, "-m", "phyfilter_ctl", *arguments],
-        capture_output=True,
+        stdout=stdout,
+        stderr=subprocess.PIPE,
         text=True,
         cwd=cwd,
         env=environment,
@@ -47,6 +53,46 @@ def test_module_runs_as_the_command(tmp_path):
     assert refused.stderr.startswith("phyfilter-ctl: error: D is not Hurwitz")
     assert refused.stderr.count("\n") == 1
     assert list(tmp_path.iterdir()) == []
+
+
+def closed_pipe() -> IO[str]:
+    """Standard output as `phyfilter-ctl ... | head` leaves it."""
+    reader, writer = os.pipe()
+    os.close(reader)
+    return os.fdopen(writer, "w")
+
+
+@pytest.mark.skipif(os.name != "posix", reason="a reader that leaves is another error on Windows")
+def test_a_reader_that_leaves_ends_the_process_quietly(tmp_path):
+    with closed_pipe() as left:
+        ended = run("design", "--poles", "-20,-20", cwd=tmp_path, stdout=left)
+    assert (ended.returncode, ended.stderr) == (128 + signal.SIGPIPE, "")
+
+
+@pytest.mark.skipif(os.name != "posix", reason="a reader that leaves is another error on Windows")
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["--help"],
+        ["run", "acceleration", "--help"],
+        ["design", "--poles", "-20", "--json", "-"],
+        ["fmu", "check", "nothing.fmu", "--json"],
+    ],
+)
+def test_a_reader_that_leaves_every_command(arguments, monkeypatch, capfd):
+    """What is left in the buffer is written in time: Python's own flush at the end would print a traceback."""
+    with closed_pipe() as left, monkeypatch.context() as patch:
+        patch.setattr("sys.stdout", left)
+        assert main(arguments) == 141
+    assert capfd.readouterr().err == ""
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="there is no /dev/full")
+def test_a_full_disk_behind_standard_output_is_one_line(monkeypatch, capfd):
+    with Path("/dev/full").open("w") as full, monkeypatch.context() as patch:
+        patch.setattr("sys.stdout", full)
+        assert main(["design", "--poles", "-20,-20"]) == 2
+    assert capfd.readouterr().err == "phyfilter-ctl: error: No space left on device\n"
 
 
 @pytest.mark.parametrize(

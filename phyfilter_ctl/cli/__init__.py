@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import argparse
+import os
 import re
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from typing import NoReturn
 
 from .. import __version__, models
@@ -34,6 +36,14 @@ _RUN_EPILOG = """examples:
 _SIGNED = ("--poles",)
 
 
+# Status of a process that SIGPIPE ended, 128 + 13.
+_SIGPIPE = 141
+
+
+class _NobodyReadsError(Exception):
+    """The reader of standard output has left, as ``head`` does."""
+
+
 class _Parser(argparse.ArgumentParser):
     """Says what is wrong in one line."""
 
@@ -52,7 +62,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     Returns
     -------
     int
-        0; 2 where an argument or an input is wrong, with one line on standard error.
+        0; 2 where an argument or an input is wrong, with one line on standard error; 141, as a shell says of SIGPIPE,
+        where standard output is a pipe that nobody reads any more.
 
     Examples
     --------
@@ -64,14 +75,33 @@ def main(argv: Sequence[str] | None = None) -> int:
     """
     arguments = _with_signed_values(sys.argv[1:] if argv is None else argv)
     try:
-        options = _parser(arguments).parse_args(arguments)
-        return int(options.job(options))
+        with _flushed_output():
+            options = _parser(arguments).parse_args(arguments)
+            return int(options.job(options))
+    except _NobodyReadsError:
+        return _SIGPIPE
     except (ValueError, TypeError, OSError) as error:
         print(f"phyfilter-ctl: error: {_one_line(error)}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
         print("phyfilter-ctl: stopped", file=sys.stderr)
         return 130
+
+
+@contextmanager
+def _flushed_output() -> Iterator[None]:
+    """Write what is left of standard output while a failure can still be told; Python's own flush is too late."""
+    try:
+        yield
+    finally:
+        try:
+            sys.stdout.flush()
+        except OSError as error:
+            with open(os.devnull, "wb") as nothing:
+                os.dup2(nothing.fileno(), sys.stdout.fileno())  # Python will try once more
+            if isinstance(error, BrokenPipeError):
+                raise _NobodyReadsError from None
+            raise
 
 
 def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
