@@ -61,6 +61,12 @@ def test_page_of_a_sampled_filter(sampled, capsys):
     text = capsys.readouterr().out
     for words in ("between samples", "least of the single ones", "noise of f_hat", "stable M_hat/M"):
         assert words in text
+    assert "as long as        g is held between the samples" in text
+    assert main(["analyze", sampled, "--slope", "4", "--json", "-"]) == 0
+    assert json.loads(capsys.readouterr().out)["bound"]["assumptions"] == [
+        "g is held between the samples",
+        "f_theta goes straight from sample to sample",
+    ]
 
 
 def test_data_from_a_flight(sampled, tmp_path, capsys):

@@ -192,6 +192,7 @@ def _bound(bound: BoundResult) -> dict[str, object]:
         "between_samples": bound.between_samples,
         "derivative": bound.derivative,
         "exact": bound.exact,
+        "assumptions": list(bound.assumptions),
         "certified_to": None if bound.certificate is None else bound.certificate.gap,
     }
 
@@ -244,6 +245,7 @@ def _text(
             lines.append(_line("between samples", f"{bound.between_samples:.6g}"))
         kind = "attained by a bang-bang residual" if bound.exact else "least of the single ones"
         lines.append(_line("from", f"derivative {bound.derivative} of gamma; {kind}"))
+        lines += [_line("as long as", text) for text in bound.assumptions]
     if deviation is not None:
         lines.append(_line("noise of f_hat", f"{deviation:.4g} (standard deviation)"))
     lines += ["", "inner loop: f_hat fed back", *("  " + line for line in inner.describe().splitlines())]

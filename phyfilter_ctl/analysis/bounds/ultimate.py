@@ -364,11 +364,8 @@ def _usable(given: Mapping[int, float], limit: int, filter: PhyFilter | SampledP
         if isinstance(filter, SampledPhyFilter) and shared.type > 1:
             reason = f"{_left_of_a_ramp(filter)}; bound gamma or its first derivative"
         else:
-            other = (
-                ""
-                if isinstance(filter, SampledPhyFilter) and least > 1
-                else f", or use a filter of type {least} (numerator_of_type)"
-            )
+            type_helps = isinstance(filter, PhyFilter) or least == 1
+            other = f", or use a filter of type {least} (numerator_of_type)" if type_helps else ""
             reason = (
                 f"infinite: the filter is of type {shared.type}, so a residual whose derivative of order {least} is "
                 f"bounded can grow without end and the error with it; bound a derivative up to order {limit}{other}"
@@ -384,6 +381,6 @@ def _left_of_a_ramp(sampled: SampledPhyFilter) -> str:
     if not left:
         return "not worked out for a sampled filter"
     return (
-        f"infinite: sampled with method={sampled.method!r}, the filter leaves {' and '.join(left)} times the slope of a "
-        "ramp as a steady error, and the slope can grow without end"
+        f"infinite: sampled with method={sampled.method!r}, the filter leaves {' and '.join(left)} times the slope of "
+        "a ramp as a steady error, and the slope can grow without end"
     )
