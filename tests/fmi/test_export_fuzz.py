@@ -23,7 +23,7 @@ from phyfilter_ctl.fmi.glue import fmi_headers, fmu_sources
 
 HERE = Path(__file__).parent / "fuzz"
 SANITIZERS = ("-fsanitize=address,undefined", "-fno-sanitize-recover=all", "-g", "-O1", "-std=gnu99")
-SEQUENCES = 10_000
+SEQUENCES = 3_000
 CASES = [
     ("sampled", "2.0"),
     ("sampled", "3.0"),

@@ -31,12 +31,9 @@ def table(path):
     return header, np.array(rows, dtype=float)
 
 
-# A compiler takes 10 s over each of its two versions; `phyfilter-ctl fmu recipes fmus` builds and checks it as well.
-LONG = "aerial_manipulator_vehicle"
-
-
+# CI builds and checks every one with `phyfilter-ctl fmu recipes fmus`.
 @needs_compiler
-@pytest.mark.parametrize("name", [name for name in RECIPES if name != LONG])
+@pytest.mark.parametrize("name", ["acceleration", "phyfilter_sampled"])
 def test_fmus_reproduce_the_record(name):
     reports = check_recipe(ROOT / name)
     assert reports

@@ -18,7 +18,11 @@ def test_all_are_percent_files():
     assert [int(path.stem.split("_")[0]) for path in NOTEBOOKS] == list(range(1, len(NOTEBOOKS) + 1))
 
 
-@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+# The first two stand for the way that all are run; CI runs the rest.
+IN_ORDER = [pytest.param(path, id=path.stem, marks=[] if i < 2 else pytest.mark.slow) for i, path in enumerate(NOTEBOOKS)]
+
+
+@pytest.mark.parametrize("path", IN_ORDER)
 # The kernel's client library warns about its own event loop and file descriptors; the code under test runs elsewhere.
 @pytest.mark.filterwarnings("default")
 def test_notebook_runs(path):

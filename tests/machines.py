@@ -1,0 +1,208 @@
+"""The suite on machines of every kind, as a table: processor kernels, threads, Python, oldest and newest dependencies.
+
+    python -m tests.machines                             this environment, as it is
+    python -m tests.machines --core-type Haswell Zen     with the kernels of three processors
+    python -m tests.machines --python 3.11 3.13 --resolution lowest-direct highest
+                                                         in environments made for it (needs uv)
+    python -m tests.machines --bare                      no compiler, HOME, fonts, network, writable checkout
+    python -m tests.machines --sensitive                 only what depends on rounding and training
+    python -m tests.machines -- -n 0 tests/test_filter.py     these files, with these options of pytest
+
+Options multiply. One line a machine: passed, failed, skipped (whose reasons follow the table), wall and CPU seconds.
+"""
+
+from __future__ import annotations
+
+import argparse
+import itertools
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+import xml.etree.ElementTree as ElementTree
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[1]
+# What trains, factorises or searches, so that another order of summation shows.
+SENSITIVE = (
+    "tests/learned",
+    "tests/design",
+    "tests/analysis",
+    "tests/baselines",
+    "tests/models/test_acceleration.py",
+)
+SHOWN = ("numpy", "scipy", "control", "casadi")
+_VERSIONS = f"from importlib.metadata import version; print(*map(version, {SHOWN!r}))"
+# No network but loopback and a checkout that cannot be written, for one command: Linux, and the right to do so.
+_SEALED = (
+    "tools=/usr/sbin:/usr/bin:/sbin:/bin; PATH=$tools ip link set lo up; PATH=$tools mount --bind {root} {root}"
+    ' && PATH=$tools mount -o remount,bind,ro {root} && exec "$@"'
+)
+
+
+@dataclass(frozen=True)
+class Machine:
+    """One line of the table."""
+
+    python: str  # interpreter, "" for this one
+    resolution: str  # "" where the environment is taken as it is
+    core_type: str
+    threads: str
+    bare: bool
+
+    def environment(self, scratch: Path) -> dict[str, str]:
+        """Variables under which the suite runs."""
+        named = dict(os.environ)
+        if self.bare:
+            named = {
+                name: value
+                for name, value in named.items()
+                if name not in ("CC", "DISPLAY", "XDG_CACHE_HOME")
+            }
+            (scratch / "bin").mkdir(exist_ok=True)  # no compiler on it, nor anything else
+            named |= {
+                "PATH": str(scratch / "bin"),
+                "HOME": "/dev/null/home",
+                "FONTCONFIG_FILE": "/dev/null/fonts.conf",
+            }
+        if self.core_type:
+            named["OPENBLAS_CORETYPE"] = self.core_type
+        if self.threads:
+            named["OPENBLAS_NUM_THREADS"] = self.threads
+        return named
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What a run of the suite came to."""
+
+    counts: Counter[str]
+    failed: tuple[str, ...]
+    reasons: Counter[str]
+    wall: float
+    cpu: float
+
+
+def interpreter(machine: Machine, scratch: Path) -> str:
+    """The Python of a machine; made, with its dependencies, where another version or another age is asked for."""
+    if not machine.python and not machine.resolution:
+        return sys.executable
+    folder = scratch / f"python-{machine.python.replace(os.sep, '_')}-{machine.resolution or 'highest'}"
+    python = folder / ("Scripts" if os.name == "nt" else "bin") / "python"
+    if not python.exists():
+        uv = shutil.which("uv")
+        if uv is None:
+            raise SystemExit(
+                "other versions need uv (pip install uv); without it leave --python and --resolution out"
+            )
+        made = [uv, "venv", "-q", "--python", machine.python or sys.executable, str(folder)]
+        age = ["--resolution", machine.resolution or "highest"]
+        install = [uv, "pip", "install", "-q", "--python", str(python), *age, "-e", f"{ROOT}[test]"]
+        for command in (made, install):
+            subprocess.run(command, check=True)
+    return str(python)
+
+
+def run(machine: Machine, python: str, arguments: Sequence[str], scratch: Path) -> Outcome:
+    """One run of the suite, its counts read from pytest's own report."""
+    report = scratch / "report.xml"
+    report.unlink(missing_ok=True)
+    command = [python, "-m", "pytest", "-q", "-p", "no:cacheprovider", f"--junitxml={report}", *arguments]
+    if machine.bare and (seal := sealed()):
+        command = [*seal, *command]
+    before, began = os.times(), time.perf_counter()
+    done = subprocess.run(
+        command,
+        cwd=ROOT,
+        env=machine.environment(scratch),
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+    )
+    wall, after = time.perf_counter() - began, os.times()
+    if not report.exists():
+        raise SystemExit(f"{' '.join(command)}\nended without a report:\n{done.stdout[-3000:]}")
+    counts, reasons, failed = Counter[str](), Counter[str](), []
+    for case in ElementTree.parse(report).iter("testcase"):
+        kinds = {child.tag: child for child in case}
+        kind = next((tag for tag in ("error", "failure", "skipped") if tag in kinds), "passed")
+        counts["failed" if kind in ("error", "failure") else kind] += 1
+        if kind == "skipped":
+            reasons[kinds[kind].get("message", "")] += 1
+        elif kind != "passed":
+            failed.append(f"{case.get('classname')}::{case.get('name')}")
+    counts["failed"] += done.returncode != 0 and not failed
+    cpu = sum(after[2:4]) - sum(before[2:4])
+    return Outcome(counts, tuple(failed), reasons, wall, cpu)
+
+
+def sealed() -> list[str]:
+    """The command in front of another that takes network and writing away; none where the system does not let it."""
+    unshare, shell = shutil.which("unshare"), shutil.which("sh")
+    if unshare is None or shell is None:
+        return []
+    front = [unshare, "--net", "--mount", shell, "-c", _SEALED.format(root=ROOT), "sh"]
+    return front if subprocess.run([*front, "/bin/true"], capture_output=True).returncode == 0 else []
+
+
+def table(rows: Sequence[tuple[Machine, str, str, Outcome]]) -> Iterator[str]:
+    """The table in Markdown, then why tests were skipped and which failed."""
+    yield f"| kernels | threads | Python | {', '.join(SHOWN)} | passed | failed | skipped | wall s | CPU s |"
+    yield "|" + "---|" * 9
+    for machine, python, versions, outcome in rows:
+        c = outcome.counts
+        yield (
+            f"| {machine.core_type or 'own'} | {machine.threads or 'own'} | {python}{' bare' if machine.bare else ''} "
+            f"| {versions} | {c['passed']} | {c['failed']} | {c['skipped']} | {outcome.wall:.0f} | {outcome.cpu:.0f} |"
+        )
+    reasons = sum((outcome.reasons for *_, outcome in rows), Counter[str]())
+    yield from (f"skipped {count} times: {reason}" for reason, count in reasons.most_common())
+    for machine, python, _, outcome in rows:
+        yield from (f"failed ({machine.core_type or 'own'}, {python}): {name}" for name in outcome.failed)
+
+
+def main() -> int:
+    """Run what is asked for and print the table; 1 if anything failed."""
+    parser = argparse.ArgumentParser(
+        prog="python -m tests.machines", description=(__doc__ or "").split("\n\n")[0]
+    )
+    parser.add_argument("--python", nargs="+", default=[""], help="versions or interpreters (needs uv)")
+    parser.add_argument("--resolution", nargs="+", default=[""], choices=["", "lowest-direct", "highest"])
+    parser.add_argument(
+        "--core-type", nargs="+", default=[""], help="OPENBLAS_CORETYPE, e.g. Haswell Zen Nehalem"
+    )
+    parser.add_argument("--threads", nargs="+", default=[""], help="BLAS threads")
+    parser.add_argument(
+        "--bare", action="store_true", help="without compiler, HOME, fonts, network, writable checkout"
+    )
+    parser.add_argument("--sensitive", action="store_true", help="only what depends on rounding")
+    parser.add_argument("--environments", type=Path, help="folder that keeps environments for the next run")
+    parser.add_argument("tests", nargs="*", help="files and options for pytest instead of the whole suite")
+    asked = parser.parse_args()
+    rows = []
+    with tempfile.TemporaryDirectory() as name:
+        scratch = Path(name)
+        for values in itertools.product(asked.python, asked.resolution, asked.core_type, asked.threads):
+            machine = Machine(*values, asked.bare)
+            python = interpreter(machine, asked.environments or scratch)
+            ask = "import platform; print(platform.python_version())"
+            known = [
+                subprocess.run(
+                    [python, "-c", code], check=True, capture_output=True, text=True
+                ).stdout.strip()
+                for code in (ask, _VERSIONS)
+            ]
+            outcome = run(machine, python, asked.tests or (SENSITIVE if asked.sensitive else ()), scratch)
+            rows.append((machine, known[0], known[1], outcome))
+            print(*table(rows[-1:]), sep="\n", flush=True)
+    print("", *table(rows), sep="\n")
+    return int(any(outcome.counts["failed"] for *_, outcome in rows))
+
+
+if __name__ == "__main__":
+    sys.exit(main())
