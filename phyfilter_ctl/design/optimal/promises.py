@@ -71,8 +71,9 @@ def least_bound(
     noise_limit : float, optional
         Largest part of the bound that noise may have.
     accept : callable, optional
-        Whether a filter may be used, e.g. ``lambda f: pf.prior_margin(f, actuator=act, delay=0.02).modulus > 0.5``;
-        expected to hold for slow filters and to fail from some speed on.
+        Whether a filter may be used, e.g.
+        ``lambda f: pf.prior_margin(f, actuator=act, delay=0.02).modulus_margin > 0.5``; expected to hold for slow
+        filters and to fail from some speed on.
     fastest : float, optional
         Largest geometric mean of the poles in rad/s.
 
