@@ -1,17 +1,32 @@
-"""Files that the commands write: whole or not at all."""
+"""Files and folders that are written: whole or not at all, even where the process is killed.
+
+What is new is made beside its target, under a name of its own (a *temporary*), and moved there in one step. A killed
+process leaves its temporary behind; the next write of the same target removes it. It tells a leftover from the work of
+another process by a lock that every writer holds on its temporary, and which ends with the process, however that ends.
+"""
 
 from __future__ import annotations
 
 import os
+import re
+import secrets
+import shutil
 import sys
-import uuid
-from collections.abc import Callable, Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import IO
+from typing import IO, TYPE_CHECKING
 
-from matplotlib.figure import Figure
+if sys.platform != "win32":
+    import fcntl
 
-__all__ = ["check_target", "write_figure", "write_text"]
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+__all__ = ["check_target", "replacing", "replacing_folder", "write_figure", "write_text"]
+
+_MARK_BYTES = 6
+_MARK = re.compile(rf"[0-9a-f]{{{2 * _MARK_BYTES}}}\.tmp")
 
 
 def check_target(path: str | None, *, suffixes: Sequence[str] = ()) -> None:
@@ -45,22 +60,150 @@ def write_text(path: str, text: str) -> None:
     if path == "-":
         sys.stdout.write(text)
     else:
-        _write_whole(Path(path), lambda file: file.write(text.encode()))
+        with replacing(path) as file:
+            file.write(text.encode())
 
 
 def write_figure(path: str, figure: Figure) -> None:
     """Write a figure in the format that the ending of the path names."""
-    target = Path(path)
-    kind = target.suffix.lower().removeprefix(".")
-    _write_whole(target, lambda file: figure.savefig(file, format=kind, dpi=150))
+    with replacing(path) as file:
+        figure.savefig(file, format=Path(path).suffix.lower().removeprefix("."), dpi=150)
 
 
-def _write_whole(path: Path, write: Callable[[IO[bytes]], object]) -> None:
-    path = Path(os.path.realpath(path))  # a link stays a link
-    part = path.with_name(f".{path.name}.{uuid.uuid4().hex}.tmp")
+@contextmanager
+def replacing(path: str | os.PathLike[str], *, follow_links: bool = True) -> Iterator[IO[bytes]]:
+    """A file that takes the place of ``path`` at the end of the block; where the block raises, all stays as it was.
+
+    Parameters
+    ----------
+    path : str or path
+        An existing file's permissions are kept. What is no file (a device, a pipe) is written to as it is.
+    follow_links : bool
+        A link stays a link, and its target is replaced; False replaces the link.
+
+    Raises
+    ------
+    OSError
+        If the folder does not exist or cannot be written to.
+    """
+    if follow_links and os.path.exists(path) and not (os.path.isfile(path) or os.path.isdir(path)):
+        with open(path, "wb") as file:
+            yield file
+        return
+    target = Path(os.path.realpath(path) if follow_links else path)
+    _remove_leftovers(target)
+    part, file = _new_file(target)
     try:
-        with part.open("xb") as file:
-            write(file)
-        os.replace(part, path)
+        with file:
+            with suppress(FileNotFoundError):
+                shutil.copymode(target, part)
+            yield file
+            file.flush()
+            os.fsync(file.fileno())  # else a power cut may leave the new name with old or no content
+            if sys.platform == "win32":
+                file.close()  # an open file cannot be moved there
+            os.replace(part, target)
     finally:
         part.unlink(missing_ok=True)
+
+
+@contextmanager
+def replacing_folder(path: str | os.PathLike[str]) -> Iterator[Path]:
+    """A new folder that takes the place of ``path``, with all in it, at the end of the block.
+
+    A folder cannot be replaced in one step. A process killed between the two it takes leaves the old one in its
+    temporary; the next write puts it back first.
+
+    Parameters
+    ----------
+    path : str or path
+        A link stays a link.
+
+    Raises
+    ------
+    OSError
+        If the parent does not exist or cannot be written to.
+    """
+    target = Path(os.path.realpath(path))
+    _remove_leftovers(target)
+    part, descriptor = _new_folder(target)
+    try:
+        new = part / "new"
+        new.mkdir()
+        yield new
+        if target.exists():
+            os.replace(target, part / "old")
+        os.replace(new, target)
+    finally:
+        _remove_folder(part, target)
+        if descriptor is not None:
+            os.close(descriptor)
+
+
+def _beside(target: Path) -> Path:
+    return target.with_name(f".{target.name}.{secrets.token_hex(_MARK_BYTES)}.tmp")
+
+
+def _new_file(target: Path) -> tuple[Path, IO[bytes]]:
+    while True:
+        part = _beside(target)
+        file = part.open("xb")
+        if _claimed(file.fileno(), part):
+            return part, file
+        file.close()
+
+
+def _new_folder(target: Path) -> tuple[Path, int | None]:
+    while True:
+        part = _beside(target)
+        part.mkdir(mode=0o700)
+        if sys.platform == "win32":
+            return part, None
+        with suppress(FileNotFoundError):
+            descriptor = os.open(part, os.O_RDONLY)
+            if _claimed(descriptor, part):
+                return part, descriptor
+            os.close(descriptor)
+
+
+def _claimed(descriptor: int, part: Path) -> bool:
+    """Lock a new temporary; False where another process took it for a leftover in the instant before."""
+    if sys.platform == "win32":
+        return True
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        return os.path.samestat(os.fstat(descriptor), os.stat(part))
+    except (BlockingIOError, FileNotFoundError):
+        return False
+    except OSError:  # a file system without locks, on which nobody can take anything for a leftover
+        return True
+
+
+def _remove_leftovers(target: Path) -> None:
+    """Remove the temporaries of this target whose writers are gone. Without such locks (Windows) they stay."""
+    prefix = f".{target.name}."
+    with suppress(OSError), os.scandir(target.parent) as entries:
+        for name in [entry.name for entry in entries]:
+            if name.startswith(prefix) and _MARK.fullmatch(name, len(prefix)):
+                _remove_leftover(target.with_name(name), target)
+
+
+def _remove_leftover(part: Path, target: Path) -> None:
+    if sys.platform == "win32":
+        return
+    with suppress(OSError):
+        descriptor = os.open(part, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK)
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            if part.is_dir():
+                _remove_folder(part, target)
+            else:
+                part.unlink()
+        finally:
+            os.close(descriptor)
+
+
+def _remove_folder(part: Path, target: Path) -> None:
+    if (part / "old").exists() and not target.exists():
+        os.replace(part / "old", target)
+    shutil.rmtree(part, ignore_errors=True)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import subprocess
 import tempfile
 from collections.abc import Mapping
@@ -351,12 +350,9 @@ def _through_fmpy(path: Path, version: Fmi, record: _Record) -> FloatArray:
 
 def _write_flight(folder: Path, record: _Record) -> None:
     """The flight in the form that ``phyfilter-ctl fmu check --reference`` takes."""
-    with tempfile.TemporaryDirectory(prefix=".flight_", dir=folder) as scratch:
-        reference = Reference(
-            record.time,
-            {f"{name}[{i}]": values[:, i] for name, values in record.inputs.items() for i in _AXES},
-            {f"f_hat[{i}]": record.f_hat[:, i] for i in _AXES},
-        )
-        write_reference(Path(scratch, "flight_out.csv"), reference)
-        for name in ("flight_in.csv", "flight_out.csv"):
-            os.replace(Path(scratch, name), folder / name)
+    reference = Reference(
+        record.time,
+        {f"{name}[{i}]": values[:, i] for name, values in record.inputs.items() for i in _AXES},
+        {f"f_hat[{i}]": record.f_hat[:, i] for i in _AXES},
+    )
+    write_reference(folder / "flight_out.csv", reference)

@@ -11,6 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from phyfilter_ctl._output import replacing
 from phyfilter_ctl.plots import COLOURS, dress
 
 from .limits import PROFILES, Comparison
@@ -137,9 +138,15 @@ def animate(humanoid: Humanoid, trials: dict[str, Trial], path: str) -> str:
         for k in range(count):
             rows = [trial.q[min(k * stride, len(trial.q) - 1)] for trial in trials.values()]
             pictures.append(Image.fromarray(np.hstack([image(q) for q in rows])).quantize(64))
-    pictures[0].save(
-        path, save_all=True, append_images=pictures[1:], duration=1000 // _FRAMES_PER_SECOND, loop=0
-    )
+    with replacing(path) as file:
+        pictures[0].save(
+            file,
+            format="GIF",
+            save_all=True,
+            append_images=pictures[1:],
+            duration=1000 // _FRAMES_PER_SECOND,
+            loop=0,
+        )
     return who
 
 

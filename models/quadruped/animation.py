@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
+from phyfilter_ctl._output import replacing
 from phyfilter_ctl.plants.legged.simulator import simulator
 
 from .robot import LEGS, compile_model
@@ -55,7 +56,7 @@ def animate(path: Path, qpos: FloatArray, *, terrain: Terrain | None = None, ren
         how = f"line drawing (no off-screen rendering: {type(error).__name__})"
         pictures = list(_drawn(rows, terrain))
     images = [Image.fromarray(entry).quantize(_COLOURS) for entry in pictures]
-    with path.open("wb") as file:
+    with replacing(path) as file:
         images[0].save(
             file,
             format="GIF",

@@ -21,6 +21,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from phyfilter_ctl._output import replacing
+
 from .environment import PRIVILEGED, Step, Walk
 from .loop import FilterChoice
 from .params import params
@@ -106,15 +108,15 @@ class Trainer:
         self._t.manual_seed(training.seed)
         p = params().training
         self.training = training
-        self.iterations = p.iterations if training.iterations is None else training.iterations
+        self.iterations: int = p.iterations if training.iterations is None else training.iterations
         size = p.environments if training.environments is None else training.environments
-        self.walk = Walk(
+        self.walk: Walk = Walk(
             size, training.choice, seed=training.seed, velocity=training.velocity, threads=threads
         )
         self._last = self.walk.observations()
         self._algorithm = self._make(size)
         self.rewards: list[float] = []
-        self.seconds = 0.0
+        self.seconds: float = 0.0
 
     @property
     def done(self) -> int:
@@ -469,7 +471,5 @@ def _iterations(trainer: Trainer) -> Iterator[int]:
 
 
 def _write(path: Path, trainer: Trainer) -> None:
-    part = path.with_name(f".{path.name}.tmp")
-    with part.open("wb") as file:
+    with replacing(path) as file:
         np.savez(file, **trainer.checkpoint())  # pyright: ignore[reportArgumentType] - arrays by name
-    part.replace(path)

@@ -15,7 +15,6 @@ import os
 import secrets
 import socket
 import threading
-import uuid
 import webbrowser
 from collections.abc import AsyncIterator, Callable, Mapping
 from functools import partial
@@ -33,6 +32,7 @@ from starlette.routing import Route
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from threadpoolctl import threadpool_limits
 
+from .._output import replacing
 from .handle import Session, handle
 
 __all__ = ["TOKEN_HEADER", "create_app", "serve"]
@@ -217,7 +217,9 @@ class _Desk:
         if not reply.get("ok") or kind not in _NAMES or not isinstance(data, str) or self._out is None:
             return reply
         try:
-            path = _write_whole(self._out, _NAMES[str(kind)], base64.b64decode(data))
+            path = self._out / _NAMES[str(kind)]
+            with replacing(path, follow_links=False) as file:
+                file.write(base64.b64decode(data))
         except OSError as error:
             return _failed(message, f"{self._out}: {error.strerror or 'cannot be written'}")
         return {**reply, "written": str(path)}
@@ -284,18 +286,6 @@ def _refusal(refused: _RefusedError) -> Response:
     close = {"connection": "close"}
     text = json.dumps({"id": None, "op": None, "ok": False, "error": str(refused)})
     return Response(text, refused.status, headers=close, media_type="application/json")
-
-
-def _write_whole(folder: Path, name: str, data: bytes) -> Path:
-    """Write a file whole or not at all; a link of that name is replaced, not followed."""
-    part = folder / f".{name}.{uuid.uuid4().hex}.tmp"
-    try:
-        with part.open("xb") as file:
-            file.write(data)
-        os.replace(part, folder / name)
-    finally:
-        part.unlink(missing_ok=True)
-    return folder / name
 
 
 # -- the application ------------------------------------------------------------------------------------------------

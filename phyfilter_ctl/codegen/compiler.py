@@ -16,6 +16,8 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Literal
 
+from .._output import replacing
+
 __all__ = ["Compiler", "CompilerError", "cached_library", "compile_sources", "find_compiler"]
 
 _NAMES = ("cc", "gcc", "clang")
@@ -178,15 +180,9 @@ def compile_sources(
                 f"{name or 'the model'}: {' '.join(found.command)} ({found.version}) failed:\n{_shortened(run)}"
             )
         # Into place by a rename: another process sees all of it or nothing.
-        handle, beside = tempfile.mkstemp(dir=output.parent, prefix=".new_", suffix=output.suffix)
-        os.close(handle)
-        try:
-            shutil.copyfile(product, beside)
-            os.chmod(beside, 0o700)
-            os.replace(beside, output)
-        except BaseException:
-            Path(beside).unlink(missing_ok=True)
-            raise
+        with replacing(output) as file:
+            os.chmod(file.name, 0o700)
+            file.write(product.read_bytes())
     return output
 
 

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import os
-import shutil
-import tempfile
 from collections.abc import Mapping
 from pathlib import Path
+
+from .._output import replacing_folder
 
 __all__ = ["write_folder"]
 
@@ -40,6 +39,7 @@ def write_folder(folder: str | Path, files: Mapping[str, str]) -> Path:
 
     Examples
     --------
+    >>> import tempfile
     >>> with tempfile.TemporaryDirectory() as parent:
     ...     sorted(path.name for path in write_folder(Path(parent, "code"), {"a.c": ""}).iterdir())
     ['a.c', 'pf_files.txt']
@@ -52,24 +52,10 @@ def write_folder(folder: str | Path, files: Mapping[str, str]) -> Path:
         raise FileNotFoundError(f"{target.parent}: there is no such folder to export into; make it first")
     if target.exists():
         _check_ours(target)
-    fresh = Path(tempfile.mkdtemp(prefix=f".{target.name}_", dir=target.parent))
-    try:
-        contents = {**files, _LIST: "\n".join([_FIRST_LINE, *sorted(files)]) + "\n"}
+    contents = {**files, _LIST: "\n".join([_FIRST_LINE, *sorted(files)]) + "\n"}
+    with replacing_folder(target) as fresh:
         for name, text in contents.items():
             Path(fresh, name).write_text(text, encoding="utf-8", newline="\n")
-        umask = os.umask(0)
-        os.umask(umask)
-        fresh.chmod(0o777 & ~umask)  # mkdtemp's folders are the owner's alone
-        if target.exists():
-            old = Path(tempfile.mkdtemp(prefix=f".{target.name}_old_", dir=target.parent))
-            os.replace(target, old / "old")
-            os.replace(fresh, target)
-            shutil.rmtree(old, ignore_errors=True)
-        else:
-            os.replace(fresh, target)
-    except BaseException:
-        shutil.rmtree(fresh, ignore_errors=True)
-        raise
     return target
 
 

@@ -30,9 +30,7 @@ from __future__ import annotations
 
 import json
 import os
-import shutil
 import tomllib
-import uuid
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -41,6 +39,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from .._output import replacing
 from ..filter import PhyFilter
 from ..flightlog import checks
 from ..sampled import SampledPhyFilter
@@ -165,7 +164,9 @@ def save(
         raise TypeError(f"signals: expected Signals or None, got {signals!r}")
     if signals is not None:
         _refuse_disagreement(filter, signals)
-    _write_whole(Path(path), _text(filter, signals).encode())
+    data = _text(filter, signals).encode()
+    with replacing(path) as file:
+        file.write(data)
 
 
 def load(path: str | os.PathLike[str]) -> PhyFilter | SampledPhyFilter:
@@ -314,22 +315,6 @@ def _value(value: object) -> str:
     if isinstance(value, dict):
         return f"{{ {', '.join(f'{key} = {_value(entry)}' for key, entry in value.items())} }}"
     return repr(value)  # the shortest text that reads back as the same double; the int version
-
-
-def _write_whole(path: Path, data: bytes) -> None:
-    path = Path(os.path.realpath(path))  # a link stays a link
-    part = path.with_name(f".{path.name}.{uuid.uuid4().hex}.tmp")
-    try:
-        with part.open("xb") as file:
-            file.write(data)
-            file.flush()
-            os.fsync(file.fileno())  # else a power cut may leave the new name with old or no content
-        if path.exists():
-            shutil.copymode(path, part)
-        os.replace(part, path)
-    except BaseException:
-        part.unlink(missing_ok=True)
-        raise
 
 
 # -- reading ----------------------------------------------------------------------------------------------------

@@ -6,6 +6,7 @@ The fast path cannot say what is wrong with a row, or leave out a column of text
 from __future__ import annotations
 
 import csv
+import io
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -14,6 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
+from .._output import replacing
 from .._sections import FloatArray
 
 __all__ = ["CsvFile", "open_csv", "write_csv"]
@@ -175,6 +177,8 @@ def write_csv(path: Path, header: Sequence[str], table: FloatArray, delimiter: s
         )
     if header[0].startswith("#"):
         raise ValueError(f"the first column's name {header[0]!r} would make the header a comment; rename it")
-    with path.open("w", encoding="utf-8", newline="") as file:
+    with replacing(path) as whole:
+        file = io.TextIOWrapper(whole, "utf-8", newline="")
         csv.writer(file, delimiter=delimiter, lineterminator="\n").writerow(header)
         file.writelines(delimiter.join(map(repr, row)) + "\n" for row in table.tolist())
+        file.detach()  # flushed, and not closed yet

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import os
-import tempfile
 import zipfile
 from collections.abc import Mapping
 from pathlib import Path
+
+from .._output import replacing
 
 __all__ = ["write_archive"]
 
@@ -36,6 +36,7 @@ def write_archive(path: str | Path, entries: Mapping[str, bytes | str]) -> Path:
 
     Examples
     --------
+    >>> import tempfile
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     first = write_archive(Path(folder, "a.zip"), {"b": "2", "a": "1"}).read_bytes()
     ...     first == write_archive(Path(folder, "a.zip"), {"a": b"1", "b": b"2"}).read_bytes()
@@ -48,25 +49,16 @@ def write_archive(path: str | Path, entries: Mapping[str, bytes | str]) -> Path:
         )
     if target.is_dir():
         raise IsADirectoryError(f"{target} is a folder; expected the name of a file")
-    handle, beside = tempfile.mkstemp(dir=target.parent, prefix=f".{target.name}_")
-    try:
-        with (
-            os.fdopen(handle, "wb") as stream,
-            zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED, compresslevel=9) as archive,
-        ):
-            for name in sorted(entries):
-                content = entries[name]
-                data = content.encode("utf-8") if isinstance(content, str) else content
-                info = zipfile.ZipInfo(name, _TIME)
-                info.create_system = _UNIX
-                info.external_attr = (_PROGRAM if name.startswith("binaries/") else _FILE) << 16
-                info.compress_type = zipfile.ZIP_DEFLATED
-                archive.writestr(info, data)
-        umask = os.umask(0)
-        os.umask(umask)
-        os.chmod(beside, 0o666 & ~umask)  # mkstemp's files are the owner's alone
-        os.replace(beside, target)
-    except BaseException:
-        Path(beside).unlink(missing_ok=True)
-        raise
+    with (
+        replacing(target) as stream,
+        zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED, compresslevel=9) as archive,
+    ):
+        for name in sorted(entries):
+            content = entries[name]
+            data = content.encode("utf-8") if isinstance(content, str) else content
+            info = zipfile.ZipInfo(name, _TIME)
+            info.create_system = _UNIX
+            info.external_attr = (_PROGRAM if name.startswith("binaries/") else _FILE) << 16
+            info.compress_type = zipfile.ZIP_DEFLATED
+            archive.writestr(info, data)
     return target

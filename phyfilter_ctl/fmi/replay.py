@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import io
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,6 +11,7 @@ from typing import Literal
 
 import numpy as np
 
+from .._output import replacing
 from .._sections import FloatArray
 from .inspect import Scalar
 from .instance import FmuInstance
@@ -81,10 +83,12 @@ def write_reference(path: str | Path, reference: Reference) -> None:
     if reference.inputs:
         tables[path.with_name(path.name.removesuffix("_out.csv") + "_in.csv")] = reference.inputs
     for target, columns in tables.items():
-        with target.open("w", newline="", encoding="utf-8") as file:
+        with replacing(target) as whole:
+            file = io.TextIOWrapper(whole, "utf-8", newline="")
             writer = csv.writer(file, lineterminator="\n", quoting=csv.QUOTE_NONNUMERIC)
             writer.writerow(["time", *columns])
             writer.writerows(np.column_stack([reference.times, *columns.values()]).tolist())
+            file.detach()  # flushed, and not closed yet
 
 
 def replay(

@@ -6,11 +6,9 @@ is checked against its size before memory is set aside for it.
 
 from __future__ import annotations
 
-import contextlib
 import io
 import math
 import os
-import secrets
 import struct
 import tokenize
 import zipfile
@@ -19,6 +17,8 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+
+from .._output import replacing
 
 FORMAT = "phyfilter-learned-model"
 VERSION = 1
@@ -43,22 +43,13 @@ _DAMAGE = (
 
 
 def write(path: str | os.PathLike[str], kind: str, arrays: Mapping[str, Array]) -> None:
-    """Write the arrays beside the path and move them there, so that a reader never meets half a file."""
-    target = Path(path)
+    """Write the arrays to a file, whole or not at all."""
     named = {"format": np.array(FORMAT), "version": np.array(VERSION), "kind": np.array(kind), **arrays}
     for name, array in named.items():
         if array.dtype.kind not in _PLAIN_KINDS:
             raise TypeError(f"{name}: expected numbers or text, got dtype {array.dtype}")
-    scratch = target.with_name(f".{target.name}.{secrets.token_hex(4)}.tmp")
-    try:
-        with open(scratch, "xb") as file:
-            np.savez(file, allow_pickle=False, **named)
-            file.flush()
-            os.fsync(file.fileno())
-        os.replace(scratch, target)
-    finally:
-        with contextlib.suppress(FileNotFoundError):
-            scratch.unlink()
+    with replacing(path) as file:
+        np.savez(file, allow_pickle=False, **named)
 
 
 def read(path: str | os.PathLike[str], kind: str) -> dict[str, Array]:
