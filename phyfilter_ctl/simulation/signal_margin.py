@@ -9,7 +9,6 @@ from numpy.typing import ArrayLike
 
 from ..blocks.functions import dependencies
 from ..diagram import FlatModel, SignalMargin, open_loop
-from .arguments import Start
 from .sampled_loop import probed_flat, sampled_open_loop
 
 __all__ = ["signal_margin"]
@@ -19,7 +18,7 @@ def signal_margin(
     system: ct.InputOutputSystem,
     signal: str,
     *,
-    x0: Start | None = None,
+    x0: ArrayLike | None = None,
     u0: ArrayLike | None = None,
     params: Mapping[str, ArrayLike] | None = None,
     t: float = 0.0,
