@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,6 +14,9 @@ from .gait import neutral
 from .params import params
 from .robot import LEGS, compile_model
 from .terrain import Terrain
+
+if TYPE_CHECKING:
+    from mujoco._structs import MjModel  # the public name is not seen by type checkers
 
 __all__ = ["Batch", "Motion"]
 
@@ -76,9 +80,9 @@ class Batch:
         simulator("the quadruped")
         from mujoco.batch import Batch as Pool
 
-        self.terrain = Terrain() if terrain is None else terrain
+        self.terrain: Terrain = Terrain() if terrain is None else terrain
         self.size = size
-        self.model = compile_model(terrain=self.terrain)
+        self.model: MjModel = compile_model(terrain=self.terrain)
         self._pool = Pool(self.model, nsim=size, nthread=threads)
         self._qpos, self._qvel = self._pool.bind("qpos"), self._pool.bind("qvel")
         self._ctrl, self._push = self._pool.bind("ctrl"), self._pool.bind("xfrc_applied")

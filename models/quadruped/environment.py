@@ -75,18 +75,20 @@ class Walk:
         threads: int = 2,
     ) -> None:
         self.size = size
-        self.rng = np.random.default_rng(seed)
-        self.batch = Batch(size, threads=threads)
-        self.loop = JointLoop(self.batch, choice)
+        self.rng: np.random.Generator = np.random.default_rng(seed)
+        self.batch: Batch = Batch(size, threads=threads)
+        self.loop: JointLoop = JointLoop(self.batch, choice)
         self._forward = params().randomisation.velocity[1] if velocity is None else velocity
         training, control = params().training, params().control
         self._step_time = control.dt * control.decimation
         self._episode = round(training.episode / self._step_time)
         self._resample = round(training.resample / self._step_time)
-        self.phase, self.command = np.zeros(size), np.zeros((size, 3))
-        self.action = np.zeros((size, ACTIONS))
-        self.age = np.zeros(size, dtype=np.int64)
-        self.payload, self.friction = np.zeros(size), np.zeros(size)
+        self.phase: FloatArray = np.zeros(size)
+        self.command: FloatArray = np.zeros((size, 3))
+        self.action: FloatArray = np.zeros((size, ACTIONS))
+        self.age: NDArray[np.int64] = np.zeros(size, dtype=np.int64)
+        self.payload: FloatArray = np.zeros(size)
+        self.friction: FloatArray = np.zeros(size)
         self._restart(np.arange(size))
         # Episodes end at different times.
         self.age = self.rng.integers(0, self._episode, size)

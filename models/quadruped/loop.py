@@ -157,18 +157,21 @@ class JointLoop:
         self, batch: Batch, choice: FilterChoice | None = None, *, rows: slice = slice(None)
     ) -> None:
         p = params()
-        self.batch, self.choice, self.rows = batch, choice, rows
-        self.filter = None if choice is None else make_filter(choice)
+        self.batch: Batch = batch
+        self.choice: FilterChoice | None = choice
+        self.rows: slice = rows
+        self.filter: JointTorqueFilter | None = None if choice is None else make_filter(choice)
         size = len(range(*rows.indices(batch.size)))
-        self.kp, self.kd = np.full((size, 1), p.control.kp), np.full((size, 1), p.control.kd)
-        self.strength = np.ones((size, 1))
+        self.kp: FloatArray = np.full((size, 1), p.control.kp)
+        self.kd: FloatArray = np.full((size, 1), p.control.kd)
+        self.strength: FloatArray = np.ones((size, 1))
         # What the correction of the target is made with: the gain as it is known.
-        self.nominal = p.control.kp
+        self.nominal: float = p.control.kp
         self._limits = np.tile(p.robot.torque_limits, 4)
-        self.torque = np.zeros((size, 12))
-        self.f_hat = np.zeros((size, 12))
+        self.torque: FloatArray = np.zeros((size, 12))
+        self.f_hat: FloatArray = np.zeros((size, 12))
         # Part of f_hat that the gate leaves to the motors.
-        self.share = np.ones((size, 1))
+        self.share: FloatArray = np.ones((size, 1))
         self._state: JointFilterState | None = None
         self.restart(np.ones(size, dtype=bool))
 

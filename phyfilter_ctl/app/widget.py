@@ -27,7 +27,7 @@ class Designer(anywidget.AnyWidget):
 
     _esm = (_FOLDER / "designer.js").read_text(encoding="utf-8")
     _css = (_FOLDER / "designer.css").read_text(encoding="utf-8")
-    design = traitlets.Dict(read_only=True)
+    design: traitlets.Dict[str, object] = traitlets.Dict(read_only=True)
 
     def __init__(
         self,

@@ -86,7 +86,7 @@ class SampledBlock(ct.NonlinearIOSystem):
         system: ct.InputOutputSystem | None = None,
     ) -> None:
         super().__init__(None, self._refuse, inputs=list(inputs), outputs=list(outputs), dt=0, name=name)
-        self.period = float(period)
+        self.period: float = float(period)
         self.law = law
         self.filter = filter
         self.system = system

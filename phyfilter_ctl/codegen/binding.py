@@ -145,7 +145,7 @@ class Library:
         self.advance: Callable[..., int] = exported.pf_exported_advance
         self.simulate: Callable[..., int] = exported.pf_exported_simulate
         self.table: ct.Structure = exported.pf_exported_model().contents
-        self.work_reals = int(exported.pf_exported_work())
+        self.work_reals: int = int(exported.pf_exported_work())
         double = exported.pf_exported_real() == 8
         self.dtype: np.dtype[np.floating] = np.dtype(np.float64 if double else np.float32)
 

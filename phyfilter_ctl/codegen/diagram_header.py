@@ -74,7 +74,8 @@ def number(value: float, real: Real) -> str:
 
 
 def room(entries: Sequence[object]) -> int:
-    return max(len(entries), 1)  # C has no arrays of length 0
+    """Length of the array that holds them: C has none of length 0."""
+    return max(len(entries), 1)
 
 
 def in_string(text: str) -> str:

@@ -302,6 +302,7 @@ def kept(values: NDArray[np.floating], real: Literal["float", "double"]) -> NDAr
 
 
 def braces(values: NDArray[np.float64], single: bool) -> str:
+    """An array as C initialises one, in float where ``single``."""
     if values.ndim == 0:
         return _literal(float(values), single)
     return "{" + ", ".join(braces(entry, single) for entry in values) + "}"

@@ -11,10 +11,10 @@ import numpy as np
 
 try:
     import torch
-except ImportError as error:
+except ImportError as _error:
     raise ImportError(
         "phyfilter_ctl.design.torch_layer needs PyTorch: install it with pip install 'phyfilter-ctl[torch]'"
-    ) from error
+    ) from _error
 
 from .._sections import FloatArray
 from ..filter import PhyFilter
@@ -115,6 +115,10 @@ class PhyFilterLayer(torch.nn.Module):
     """
 
     scale: torch.Tensor  # of b beside logarithms
+    theta: torch.nn.Parameter
+    b_scaled: torch.nn.Parameter | None
+    a: torch.nn.Parameter
+    b: torch.nn.Parameter | None
 
     def __init__(
         self,
@@ -130,7 +134,7 @@ class PhyFilterLayer(torch.nn.Module):
         super().__init__()
         if coordinates not in ("hurwitz", "coefficients"):
             raise ValueError(f"coordinates: expected 'hurwitz' or 'coefficients', got {coordinates!r}")
-        self.sampled = filter.sampled(dt, method=method, g=g, f_theta=f_theta)
+        self.sampled: SampledPhyFilter = filter.sampled(dt, method=method, g=g, f_theta=f_theta)
         self.form = Rollout(self.sampled, form=form).form
         self.coordinates = coordinates
         n = filter.order

@@ -13,7 +13,8 @@ from numpy.typing import ArrayLike
 
 from .._sections import FloatArray
 from .archive import ArchiveLimits
-from .cosimulation_parts import Part, make_part, step_problem
+from .cosimulation_part import Part, step_problem
+from .cosimulation_parts import make_part
 from .cosimulation_run import Outside, Run, Signal, StepControl, step_count
 from .cosimulation_wiring import Connection, Wire, Wiring, parameters_by_part, wire_up
 from .inspect import Scalar
@@ -68,8 +69,9 @@ class CosimulationResponse(ct.TimeResponseData):
             success=not message,
             message=message,
         )
-        self.steps, self.rejected = steps, rejected
-        self.messages = dict(messages or {})
+        self.steps: int = steps
+        self.rejected: int = rejected
+        self.messages: dict[str, tuple[str, ...]] = dict(messages or {})
 
 
 def cosimulate(

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Protocol
 
 import control as ct
 import numpy as np
@@ -16,6 +15,7 @@ from .._sections import FloatArray
 from ..blocks import SampledBlock
 from ..blocks.functions import BlockFunctions
 from .archive import ArchiveLimits
+from .cosimulation_part import Part
 from .importing import import_fmu
 from .importing_steps import FmuSteps
 from .inspect import FmuDescription, FmuUnit, Scalar
@@ -23,41 +23,14 @@ from .instance import FmuInstance
 from .units import unit_definition
 from .unpacked import UnpackedFmu
 
-__all__ = ["FmuPart", "Part", "SystemPart", "make_part", "step_problem"]
+__all__ = ["FmuPart", "SystemPart", "make_part"]
 
 # A python-control part is to count as exact beside communication errors of 1e-3 ... 1e-6.
 _RTOL, _ATOL = 1e-9, 1e-11
-# Communication steps that differ by less are rounding of one step.
-_SAME_STEP = 1e-6
 _PROBES = 3
 
 
-class Part(Protocol):
-    """One participant."""
-
-    name: str
-    inputs: tuple[str, ...]
-    outputs: tuple[str, ...]
-    start: FloatArray  # of the inputs
-    feedthrough: NDArray[np.bool_]  # (outputs, inputs): which input acts on which output without delay
-    can_go_back: bool
-    variable_step: bool
-    interval: float | None  # steps must be multiples of it
-
-    def unit(self, label: str) -> tuple[str, FmuUnit | None]: ...
-    def initialise(self, start_time: float, stop_time: float) -> None: ...
-    def begin(self) -> None: ...
-    def put(self, u: FloatArray) -> None: ...
-    def get(self) -> FloatArray: ...
-    def advance(self, t: float, h: float, *, final: bool) -> None: ...
-    def save(self) -> object: ...
-    def restore(self, state: object) -> None: ...
-    def forget(self, state: object) -> None: ...
-    def messages(self) -> tuple[str, ...]: ...
-    def close(self) -> None: ...
-
-
-class FmuPart:
+class FmuPart(Part):
     """A co-simulation FMU.
 
     Parameters
@@ -73,10 +46,11 @@ class FmuPart:
     def __init__(self, name: str, fmu: UnpackedFmu, *, owned: bool, values: Mapping[str, Scalar]) -> None:
         self.name = name
         self._fmu, self._owned, self._values = fmu, owned, dict(values)
-        self.instance = FmuInstance(fmu, "cs", name)
+        self.instance: FmuInstance = FmuInstance(fmu, "cs", name)
         self._in = self.instance.signals("input")
         self._out = self.instance.signals("output")
-        self.inputs, self.outputs = self._in.labels, self._out.labels
+        self.inputs: tuple[str, ...] = self._in.labels
+        self.outputs: tuple[str, ...] = self._out.labels
         description = fmu.description
         starts = {
             label: float(value)
@@ -85,51 +59,62 @@ class FmuPart:
             if not isinstance(value, str)
         }
         starts |= {key: float(value) for key, value in values.items() if key in starts}
-        self.start = np.array([starts.get(label, 0.0) for label in self.inputs])
-        self.feedthrough = _declared(description, self.inputs, self.outputs)
-        self.can_go_back = self.instance.ability.state
-        self.variable_step = self.instance.ability.variable_step
-        self.interval = self.instance.ability.fixed_step
+        self.start: FloatArray = np.array([starts.get(label, 0.0) for label in self.inputs])
+        self.feedthrough: NDArray[np.bool_] = _declared(description, self.inputs, self.outputs)
+        self.can_go_back: bool = self.instance.ability.state
+        self.variable_step: bool = self.instance.ability.variable_step
+        self.interval: float | None = self.instance.ability.fixed_step
         self._units = dict(zip(self.inputs + self.outputs, self._in.units + self._out.units, strict=True))
 
     def unit(self, label: str) -> tuple[str, FmuUnit | None]:
+        """Unit of an input or output, and its meaning: as the FMU defines it, else as its name says."""
         name = self._units[label]
         return name, self._fmu.description.units.get(name) or _understood(name)
 
     def initialise(self, start_time: float, stop_time: float) -> None:
+        """Enter the initialisation with the parameters and start values."""
         self.instance.initialise(start_time, stop_time=stop_time, values=self._values)
 
     def begin(self) -> None:
+        """Leave the initialisation."""
         self.instance.begin()
 
     def put(self, u: FloatArray) -> None:
+        """Set all inputs."""
         self._in.write(self.instance, u)
 
     def get(self) -> FloatArray:
+        """Read all outputs."""
         return self._out.read(self.instance)
 
     def advance(self, t: float, h: float, *, final: bool) -> None:
+        """One step of the FMU."""
         self.instance.do_step(t, h, final=final)
 
     def save(self) -> object:
+        """A state of the FMU."""
         return self.instance.save()
 
     def restore(self, state: object) -> None:
+        """Put a state of the FMU back."""
         self.instance.restore(state)
 
     def forget(self, state: object) -> None:
+        """Free a state of the FMU."""
         self.instance.forget(state)
 
     def messages(self) -> tuple[str, ...]:
+        """What the FMU logged so far."""
         return self.instance.messages
 
     def close(self) -> None:
+        """Free the instance, and remove the files where they are its own."""
         self.instance.close()
         if self._owned:
             self._fmu.close()
 
 
-class SystemPart:
+class SystemPart(Part):
     """A python-control system; inputs are held over a communication step.
 
     Parameters
@@ -163,9 +148,9 @@ class SystemPart:
                 "export_fmu and give the FMU"
             )
         self._system = system
-        self.inputs = tuple(self._system.input_labels)
-        self.outputs = tuple(self._system.output_labels)
-        self.start = np.zeros(len(self.inputs))
+        self.inputs: tuple[str, ...] = tuple(self._system.input_labels)
+        self.outputs: tuple[str, ...] = tuple(self._system.output_labels)
+        self.start: FloatArray = np.zeros(len(self.inputs))
         n = self._system.nstates or 0
         x = _start(leaves) if initial_state is None else np.array(initial_state, dtype=float)
         if x.shape != (n,) or not np.all(np.isfinite(x)):
@@ -181,12 +166,13 @@ class SystemPart:
         dt = self._system.dt
         self._discrete = dt is True or bool(dt)
         self.variable_step = True
-        self.interval = float(dt) if dt and dt is not True else None
+        self.interval: float | None = float(dt) if dt and dt is not True else None
         self._linear = isinstance(self._system, ct.StateSpace)
         self._powers: dict[float, tuple[FloatArray, FloatArray]] = {}
-        self.feedthrough = self._probed()
+        self.feedthrough: NDArray[np.bool_] = self._probed()
 
     def unit(self, label: str) -> tuple[str, FmuUnit | None]:
+        """Unit of an input or output, where the block gives one, and its meaning."""
         functions = getattr(self._system, "functions", None)
         if isinstance(functions, BlockFunctions):
             units = {entry.name: entry.unit for entry in (*functions.inputs, *functions.outputs)}
@@ -196,18 +182,22 @@ class SystemPart:
         return name, _understood(name)
 
     def initialise(self, start_time: float, stop_time: float) -> None:
+        """Set the clock; the states are there."""
         self._t = start_time
 
     def begin(self) -> None:
         """Nothing to do: the state is there."""
 
     def put(self, u: FloatArray) -> None:
+        """Hold these inputs from now on."""
         self._u = u.copy()
 
     def get(self) -> FloatArray:
+        """Outputs at the present time, state and inputs."""
         return _vector(self._system.output(self._t, self._x, self._u, params=self._params or None))
 
     def advance(self, t: float, h: float, *, final: bool) -> None:
+        """Over h seconds: exactly where linear, else integrated; a discrete one by the updates that fit."""
         if self._discrete:
             self._update(t, h)
         elif len(self._x):
@@ -215,9 +205,11 @@ class SystemPart:
         self._t = t + h
 
     def save(self) -> object:
+        """Time, state and inputs."""
         return self._t, self._x.copy(), self._u.copy()
 
     def restore(self, state: object) -> None:
+        """Put time, state and inputs back."""
         assert isinstance(state, tuple)
         self._t, self._x, self._u = state[0], state[1].copy(), state[2].copy()
 
@@ -225,6 +217,7 @@ class SystemPart:
         """Nothing to free."""
 
     def messages(self) -> tuple[str, ...]:
+        """None."""
         return ()
 
     def close(self) -> None:
@@ -378,24 +371,3 @@ def _declared(
         if known is not None:
             result[i] = [owner[label] in known for label in inputs]
     return result
-
-
-def step_problem(part: Part, steps: FloatArray) -> str:
-    """Why a part cannot make these communication steps; "" if it can.
-
-    Parameters
-    ----------
-    part : Part
-    steps : (k,) array
-        Seconds.
-    """
-    if not part.variable_step and np.ptp(steps) > _SAME_STEP * np.max(steps):
-        return f"{part.name}: all communication steps must be equal, got {np.min(steps):g} to {np.max(steps):g} s"
-    if part.interval:
-        counts = steps / part.interval
-        if np.any(np.abs(counts - np.round(counts)) > _SAME_STEP * counts) or np.any(counts < 0.5):
-            return (
-                f"{part.name}: communication steps must be multiples of {part.interval:g} s, got {np.min(steps):g} to "
-                f"{np.max(steps):g} s"
-            )
-    return ""

@@ -7,11 +7,11 @@ from dataclasses import dataclass, field
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 from tqdm import tqdm
 
 from .._sections import FloatArray
-from .cosimulation_parts import Part
+from .cosimulation_part import Part
 from .cosimulation_wiring import Wire, Wiring
 from .instance import FmuError
 
@@ -63,10 +63,10 @@ class Outside:
         connectors: Mapping[str, Sequence[Wire]],
         times: FloatArray,
     ) -> None:
-        self.labels = tuple(inputs)
+        self.labels: tuple[str, ...] = tuple(inputs)
         self._signals = [_signal(name, value, times) for name, value in inputs.items()]
-        self.matrix = np.zeros((len(wiring.sinks), len(inputs)))
-        self.offset = np.zeros(len(wiring.sinks))
+        self.matrix: FloatArray = np.zeros((len(wiring.sinks), len(inputs)))
+        self.offset: FloatArray = np.zeros(len(wiring.sinks))
         for j, name in enumerate(inputs):
             for wire in connectors.get(name, [Wire(name, "")]):
                 i = wiring.sink(wire.sink)
@@ -74,7 +74,7 @@ class Outside:
                     raise ValueError(f"inputs: {wire.sink!r} is driven already")
                 self.matrix[i, j] = wire.gain
                 self.offset[i] = wire.offset
-        self.driven = np.any(self.matrix != 0.0, axis=1)
+        self.driven: NDArray[np.bool_] = np.any(self.matrix != 0.0, axis=1)
 
     def at(self, t: float) -> FloatArray:
         """Values at a time.

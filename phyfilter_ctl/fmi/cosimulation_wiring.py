@@ -12,7 +12,7 @@ from typing import Literal
 import numpy as np
 
 from .._sections import FloatArray
-from .cosimulation_parts import Part
+from .cosimulation_part import Part
 from .inspect import FmuUnit
 
 __all__ = ["Connection", "Wire", "Wiring", "wire_up"]

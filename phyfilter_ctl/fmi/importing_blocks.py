@@ -68,7 +68,7 @@ class FmuBlock(ct.NonlinearIOSystem, ABC):
         self._fixed = dict(parameters)
         self._start_time = start_time
         self._tolerance = tolerance
-        self.instance = FmuInstance(fmu, kind, name)
+        self.instance: FmuInstance = FmuInstance(fmu, kind, name)
         self._inputs, self._outputs = self._signals()
         numbers = _parameters(self.description, kind)
         numbers |= {key: float(value) for key, value in parameters.items() if key in numbers}
@@ -87,7 +87,7 @@ class FmuBlock(ct.NonlinearIOSystem, ABC):
             zip(outputs, self._outputs.units, strict=True)
         )
         others = {label: entry.unit for entry in self.description.variables for label in entry.labels}
-        self.units = {key: others[key] for key in [*states, *numbers] if others.get(key)}
+        self.units: dict[str, str] = {key: others[key] for key in [*states, *numbers] if others.get(key)}
         self.units |= {key: unit for key, unit in units.items() if unit}
         self._in_force: dict[str, float] = {}
         self._running = False
@@ -193,7 +193,7 @@ class FmuModel(FmuBlock):
         )
         self._events: Literal["raise", "ignore"] = events
         self._restart(start_time, self.params)
-        self.start_state = self.instance.states()
+        self.start_state: FloatArray = self.instance.states()
         self.start_state.flags.writeable = False
 
     def __deepcopy__(self, memo: dict[int, object]) -> FmuModel:

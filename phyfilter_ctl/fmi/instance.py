@@ -138,8 +138,8 @@ class FmuInstance:
         self.description: FmuDescription = fmu.description
         self.name = name
         self.kind: Kind = kind
-        self.ability = self._ability()
-        self.time = 0.0
+        self.ability: FmuKind = self._ability()
+        self.time: float = 0.0
         self.next_event: float | None = None
         self._log = _Log()
         self._snapshots: list[Any] = []

@@ -34,7 +34,9 @@ _FMI3_TYPES: dict[str, tuple[str, type]] = {
 class Callee(Protocol):
     """An instance, as far as signals need it."""
 
-    def call_raw(self, function: str, *arguments: object) -> None: ...
+    def call_raw(self, function: str, *arguments: object) -> None:
+        """Call a function of the FMU and check its status."""
+        ...
 
 
 def is_numeric(variable: FmuVariable, fmi: str) -> bool:
@@ -60,9 +62,9 @@ class Signals:
     """
 
     def __init__(self, variables: Sequence[FmuVariable], fmi: str) -> None:
-        self.labels = tuple(label for variable in variables for label in variable.labels)
-        self.units = tuple(variable.unit for variable in variables for _ in variable.labels)
-        self.references = tuple(variable.reference for variable in variables)
+        self.labels: tuple[str, ...] = tuple(label for variable in variables for label in variable.labels)
+        self.units: tuple[str, ...] = tuple(variable.unit for variable in variables for _ in variable.labels)
+        self.references: tuple[int, ...] = tuple(variable.reference for variable in variables)
         types = _FMI2_TYPES if fmi == "2.0" else _FMI3_TYPES
         prefix = f"fmi{fmi[0]}"
         places: dict[str, list[int]] = {}

@@ -8,7 +8,7 @@ import weakref
 from pathlib import Path
 
 from .archive import ArchiveLimits, unpack
-from .inspect import describe, native_platform
+from .inspect import FmuDescription, describe, native_platform
 
 __all__ = ["UnpackedFmu"]
 
@@ -21,6 +21,11 @@ class UnpackedFmu:
     path : str or Path
     limits : ArchiveLimits, optional
 
+    Attributes
+    ----------
+    description : FmuDescription
+    folder : Path
+
     Raises
     ------
     ValueError
@@ -28,7 +33,7 @@ class UnpackedFmu:
     """
 
     def __init__(self, path: str | Path, *, limits: ArchiveLimits | None = None) -> None:
-        self.description = describe(path, limits=limits)
+        self.description: FmuDescription = describe(path, limits=limits)
         here = native_platform()
         if here not in self.description.platforms:
             has = ", ".join(self.description.platforms) or "none"
@@ -40,7 +45,7 @@ class UnpackedFmu:
             raise ValueError(f"{path}: no binary for {here}; it has binaries for {has}{remedy}")
         folder = tempfile.mkdtemp(prefix="phyfilter-")
         self._remove = weakref.finalize(self, shutil.rmtree, folder, ignore_errors=True)
-        self.folder = Path(folder)
+        self.folder: Path = Path(folder)
         try:
             unpack(path, self.folder, limits)
         except BaseException:

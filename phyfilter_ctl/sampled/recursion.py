@@ -37,6 +37,7 @@ class BlockKernel:
 
     @classmethod
     def build(cls, dA: FloatArray, equilibrium: FloatArray, C: FloatArray) -> BlockKernel:
+        """Of w <- w + dA (w - equilibrium u) with output C w."""
         n = len(dA)
         powers = np.zeros((_BLOCK + 1, n, n))  # (I + dA)^j - I
         for j in range(_BLOCK):

@@ -155,7 +155,7 @@ class Integrator:
         self._dense = _Call(_interpolant(flat), [*given, after, slopes])
         self._max_step = np.inf if max_step is None else max_step
         self._h = 0.0
-        self.steps = 0
+        self.steps: int = 0
 
     def run(
         self,

@@ -121,6 +121,7 @@ def _inputs(flat: FlatModel, inputs: Inputs | None, N: int) -> FloatArray:
 
 
 def start_vector(flat: FlatModel, initial_state: Start | None) -> FloatArray:
+    """States (n_x,) from what the user gave; None means the start values of the diagram."""
     start = flat.start_state()
     n_x = len(start)
     if initial_state is None:

@@ -38,25 +38,54 @@ _ENDLESS = 1e12
 
 
 class Loop(Protocol):
-    """Q + mu P = 0 on the boundary of stability (j omega or the unit circle), and a count for any mu: of the poles that
-    are not stable, None where one is on the boundary as far as rounding tells."""
+    """Q + mu P = 0 on the boundary of stability: j omega, or the unit circle."""
 
     @property
-    def nyquist(self) -> float: ...
+    def nyquist(self) -> float:
+        """Highest frequency in rad/s; inf where the loop is not sampled."""
+        ...
+
     @cached_property
-    def tail(self) -> tuple[float, float]: ...
+    def tail(self) -> tuple[float, float]:
+        """Frequency beyond which poles only leave the stable region, and the ratio up to which every crossing is on the
+        grid; inf where the grid has all."""
+        ...
+
     @cached_property
-    def grid(self) -> FloatArray: ...
+    def grid(self) -> FloatArray:
+        """Frequencies in rad/s, dense enough that every crossing has its own interval."""
+        ...
+
     @cached_property
-    def at_zero(self) -> tuple[float, float]: ...
+    def at_zero(self) -> tuple[float, float]:
+        """Q and P at omega = 0, real, but for a common factor."""
+        ...
+
     @cached_property
-    def at_nyquist(self) -> tuple[float, float] | None: ...
+    def at_nyquist(self) -> tuple[float, float] | None:
+        """The same at :attr:`nyquist`; None where nothing crosses there."""
+        ...
+
     @property
-    def delay(self) -> float: ...
-    def __call__(self, omega: FloatArray, /) -> tuple[ComplexArray, ComplexArray]: ...
-    def later(self, extra: float) -> Loop: ...
-    def roots(self, ratio: complex) -> ComplexArray | None: ...
-    def unstable(self, ratio: complex) -> int | None: ...
+    def delay(self) -> float:
+        """Seconds of delay."""
+        ...
+
+    def __call__(self, omega: FloatArray, /) -> tuple[ComplexArray, ComplexArray]:
+        """Q and P at frequencies in rad/s."""
+        ...
+
+    def later(self, extra: float) -> Loop:
+        """The loop with ``extra`` seconds more delay."""
+        ...
+
+    def roots(self, ratio: complex) -> ComplexArray | None:
+        """Closed-loop poles at a ratio mu, in rad/s or as z; None where there are infinitely many."""
+        ...
+
+    def unstable(self, ratio: complex) -> int | None:
+        """How many poles are not stable at a ratio mu; None where one is on the boundary as far as rounding tells."""
+        ...
 
 
 class Crossing(NamedTuple):

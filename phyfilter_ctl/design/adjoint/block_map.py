@@ -48,6 +48,7 @@ class BlockMap:
 
     @classmethod
     def build(cls, filter: PhyFilter, method: Method, dt: float) -> BlockMap:
+        """Of a filter that is discretised by a method with a step of dt seconds."""
         A, equilibrium, C = filter.sections
         n = filter.order
         omega = abs(filter.a[0]) ** (1.0 / n)

@@ -117,6 +117,7 @@ class Record:
 
 
 def listed(logs: FlightLog | Sequence[FlightLog]) -> list[FlightLog]:
+    """One flight or several as a list that is not empty."""
     flights = [logs] if isinstance(logs, FlightLog) else list(logs)
     if not flights:
         raise ValueError("logs: expected at least one flight, got none")
@@ -124,6 +125,7 @@ def listed(logs: FlightLog | Sequence[FlightLog]) -> list[FlightLog]:
 
 
 def record_of(rollout: Rollout, log: FlightLog, f_theta: FloatArray | None = None) -> Record:
+    """A flight with its label, sampled as the filter is; f_theta is the log's if None."""
     name = f"log {log.name!r}" if log.name else "log"
     if log.label is None:
         raise ValueError(
@@ -186,6 +188,7 @@ def terms_of(
 
 
 def summed(parts: Sequence[AdjointGradient]) -> AdjointGradient:
+    """Cost, gradient and number of samples over all parts."""
     free = [part.b for part in parts if part.b is not None]
     b = np.sum(free, axis=0) if free else None
     return AdjointGradient(

@@ -44,6 +44,7 @@ class PaperMap:
 
     @classmethod
     def build(cls, filter: PhyFilter, dt: float, *, lowpass: bool) -> PaperMap:
+        """Of a filter with a step of dt seconds, in the low-pass form or the general one."""
         n = filter.order
         p = filter.a if lowpass else np.concatenate([filter.a, filter.b])
         origin = _assemble(np.zeros(len(p)), n, lowpass=lowpass)

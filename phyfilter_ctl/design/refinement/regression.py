@@ -33,6 +33,7 @@ class Tuned(Generic[M]):
 
     @classmethod
     def of(cls, model: M, trainable: slice | ArrayLike | None) -> Tuned[M]:
+        """Of a fitted model, with some of its parameters moving; None: all."""
         count = len(model.parameters)
         if count == 0:
             raise ValueError("the model has no parameters to refine: fit it first")
@@ -52,6 +53,7 @@ class Tuned(Generic[M]):
 
     @property
     def count(self) -> int:
+        """Number p of moving parameters."""
         return len(self.index)
 
     def moved(self, change: FloatArray) -> M:
@@ -111,6 +113,7 @@ def checked_logs(name: str, logs: FlightLog | Sequence[FlightLog], dt: float) ->
 
 
 def features_of(log: FlightLog) -> FloatArray:
+    """Features z (N, n_z), which the log must have."""
     if log.features is None:
         raise ValueError("the log has no features")
     return log.features

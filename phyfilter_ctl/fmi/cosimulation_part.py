@@ -1,0 +1,111 @@
+"""What a participant of a co-simulation can do."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .._sections import FloatArray
+from .inspect import FmuUnit
+
+__all__ = ["Part", "step_problem"]
+
+# Communication steps that differ by less are rounding of one step.
+_SAME_STEP = 1e-6
+
+
+class Part(Protocol):
+    """One participant.
+
+    Attributes
+    ----------
+    name : str
+    inputs, outputs : tuple of str
+        Labels.
+    start : (inputs,) array
+        Values of the inputs that nothing drives.
+    feedthrough : (outputs, inputs) bool array
+        Which input acts on which output without delay.
+    can_go_back : bool
+        Whether :meth:`save` and :meth:`restore` work.
+    variable_step : bool
+        Whether communication steps may differ.
+    interval : float or None
+        Seconds that steps must be multiples of.
+    """
+
+    name: str
+    inputs: tuple[str, ...]
+    outputs: tuple[str, ...]
+    start: FloatArray
+    feedthrough: NDArray[np.bool_]
+    can_go_back: bool
+    variable_step: bool
+    interval: float | None
+
+    def unit(self, label: str) -> tuple[str, FmuUnit | None]:
+        """Unit of an input or output, and what it means, where that is known."""
+        ...
+
+    def initialise(self, start_time: float, stop_time: float) -> None:
+        """Start at a time in seconds; inputs may still be set and outputs read before :meth:`begin`."""
+        ...
+
+    def begin(self) -> None:
+        """End the initialisation."""
+        ...
+
+    def put(self, u: FloatArray) -> None:
+        """Set all inputs."""
+        ...
+
+    def get(self) -> FloatArray:
+        """All outputs."""
+        ...
+
+    def advance(self, t: float, h: float, *, final: bool) -> None:
+        """Step from t to t + h; ``final`` where no earlier state will be restored."""
+        ...
+
+    def save(self) -> object:
+        """The state as it is now."""
+        ...
+
+    def restore(self, state: object) -> None:
+        """Go back to a saved state."""
+        ...
+
+    def forget(self, state: object) -> None:
+        """Free a saved state."""
+        ...
+
+    def messages(self) -> tuple[str, ...]:
+        """What the part logged."""
+        ...
+
+    def close(self) -> None:
+        """Free everything."""
+        ...
+
+
+def step_problem(part: Part, steps: FloatArray) -> str:
+    """Why a part cannot make these communication steps; "" if it can.
+
+    Parameters
+    ----------
+    part : Part
+    steps : (k,) array
+        Seconds.
+    """
+    if not part.variable_step and np.ptp(steps) > _SAME_STEP * np.max(steps):
+        return f"{part.name}: all communication steps must be equal, got {np.min(steps):g} to {np.max(steps):g} s"
+    if part.interval:
+        counts = steps / part.interval
+        if np.any(np.abs(counts - np.round(counts)) > _SAME_STEP * counts) or np.any(counts < 0.5):
+            return (
+                f"{part.name}: communication steps must be multiples of {part.interval:g} s, got {np.min(steps):g} to "
+                f"{np.max(steps):g} s"
+            )
+    return ""
