@@ -109,9 +109,12 @@ def dense_layers(model: onnx.ModelProto) -> Dense:
     inputs = [value for value in graph.input if value.name not in constants]
     if len(inputs) != 1 or len(graph.output) != 1:
         raise RefusedError(f"expected one input and one output, got {len(inputs)} and {len(graph.output)}")
+    if not inputs[0].name:
+        raise RefusedError("the input has no name")  # no name is how an operand that is left out is written
     chain, current = _Chain(_width(inputs[0])), inputs[0].name
-    for node in graph.node:
-        current = _follow(node, chain, current, constants)
+    with np.errstate(all="ignore"):  # a layer refuses what is not finite
+        for node in graph.node:
+            current = _follow(node, chain, current, constants)
     if current != graph.output[0].name:
         raise RefusedError(
             f"expected a chain that ends in the output {graph.output[0].name!r}, got {current!r}"
@@ -137,10 +140,10 @@ def _follow(node: onnx.NodeProto, chain: _Chain, current: str, constants: dict[s
     if others or names.count(current) > 1:
         raise RefusedError(f"{where}: expected a chain, got a branch through {[*others, current][0]!r}")
     try:
-        if current not in names:
-            constants[outputs[0]] = _constant_result(node.op_type, attributes, [constants[n] for n in names])
-            return current
         operands = [None if name in (current, "") else constants[name] for name in names]
+        if current not in names:
+            constants[outputs[0]] = _constant_result(node.op_type, attributes, operands)
+            return current
         SUPPORTED[node.op_type](chain, attributes, operands, names.index(current))
     except RefusedError as error:
         raise RefusedError(f"{where}: {error}") from error
@@ -159,7 +162,7 @@ def _gemm(chain: _Chain, attributes: Attributes, operands: Operands, place: int)
         raise RefusedError(f"expected a weight matrix, got shape {B.shape}")
     W = (B.T if _integer(attributes, "transB", 0) else B) * _real(attributes, "alpha", 1.0)
     C = operands[2] if len(operands) > 2 else None
-    b = np.zeros(1) if C is None else _floats(C) * _real(attributes, "beta", 1.0)
+    b = np.zeros(1) if C is None else C.astype(float) * _real(attributes, "beta", 1.0)
     chain.dense(W, b)
 
 
@@ -174,8 +177,8 @@ def _add(chain: _Chain, attributes: Attributes, operands: Operands, place: int) 
 
 
 def _sub(chain: _Chain, attributes: Attributes, operands: Operands, place: int) -> None:
-    sign, other = (1.0, operands[1]) if place == 0 else (-1.0, operands[0])
-    chain.affine(np.array([sign]), -sign * _row(_floats(other), chain.width))
+    sign = 1.0 if place == 0 else -1.0
+    chain.affine(np.array([sign]), -sign * _row(_given(operands, 1 - place), chain.width))
 
 
 def _mul(chain: _Chain, attributes: Attributes, operands: Operands, place: int) -> None:
@@ -242,7 +245,7 @@ def _clip(chain: _Chain, attributes: Attributes, operands: Operands, place: int)
         operand = operands[i + 1] if len(operands) > i + 1 else None
         if operand is not None and operand.size != 1:
             raise RefusedError(f"expected one number as {name}, got shape {operand.shape}")
-        limits[i] = _real(attributes, name, limits[i]) if operand is None else float(_floats(operand).item())
+        limits[i] = _real(attributes, name, limits[i]) if operand is None else float(operand.item())
     if place != 0 or not limits[0] <= limits[1]:
         raise RefusedError(f"expected limits (least, greatest), got {limits}")
     chain.activate(Activation("clip", *limits))
@@ -290,15 +293,15 @@ SUPPORTED: dict[str, Rule] = {
 }
 
 
-def _constant_result(operator: str, attributes: Attributes, operands: list[Array]) -> Array:
+def _constant_result(operator: str, attributes: Attributes, operands: Operands) -> Array:
     """What a node without the signal gives: exporters keep weights behind such nodes."""
     if operator == "Constant":
         return _constant_value(attributes)
     if operator == "Identity":
-        return operands[0]
+        return _present(operands, 0)
     if operator == "Cast":
         _real_type(attributes)
-        return operands[0]
+        return _present(operands, 0)
     raise RefusedError("expected an operand that depends on the input, got constants only")
 
 
@@ -359,7 +362,6 @@ def _width(value: onnx.ValueInfoProto) -> int | None:
 
 def _row(values: FloatArray, width: int | None) -> FloatArray:
     """A constant that is the same for every sample, as a vector (width,) or (1,)."""
-    values = _floats(values)
     if values.size != 1 and values.shape not in ((values.size,), (1, values.size)):
         raise RefusedError(f"expected one number for each channel, got shape {values.shape}")
     if values.size not in (1, width or values.size):
@@ -367,14 +369,15 @@ def _row(values: FloatArray, width: int | None) -> FloatArray:
     return values.reshape(-1)
 
 
-def _given(operands: Operands, place: int) -> FloatArray:
-    return _floats(operands[place] if place < len(operands) else None)
-
-
-def _floats(operand: Array | None) -> FloatArray:
+def _present(operands: Operands, place: int) -> Array:
+    operand = operands[place] if place < len(operands) else None
     if operand is None:
         raise RefusedError("an operand is missing")
-    return operand.astype(float)
+    return operand
+
+
+def _given(operands: Operands, place: int) -> FloatArray:
+    return _present(operands, place).astype(float)
 
 
 def _integer(attributes: Attributes, name: str, default: int) -> int:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import importlib
 import sys
 from collections.abc import Callable
@@ -351,6 +350,25 @@ def ending_elsewhere() -> onnx.ModelProto:
     return model(nodes, [], n_x=3)
 
 
+def leaving_out_operands(operator: str) -> onnx.ModelProto:
+    """A node on constants alone, which leaves one out: ONNX writes that as an operand without a name."""
+    nodes = [
+        helper.make_node(operator, ["", "W"], ["V"], name="odd", to=TensorProto.DOUBLE),
+        helper.make_node("MatMul", ["z", "V"], ["f"]),
+    ]
+    return model(nodes, [constant("W", 3, 2)])
+
+
+def without_a_name() -> onnx.ModelProto:
+    proto = one("MatMul", "W")
+    proto.graph.input[0].name = proto.graph.node[0].input[0] = ""
+    return proto
+
+
+def with_an_infinite_factor() -> onnx.ModelProto:
+    return one("Gemm", "W", alpha=float("inf"))
+
+
 def many_layers() -> onnx.ModelProto:
     """A short file that asks for gigabytes: layer after layer on the same wide signal."""
     names = ["z", *(f"v{i}" for i in range(50)), "f"]
@@ -382,6 +400,11 @@ REFUSED: list[tuple[Callable[[], onnx.ModelProto], str]] = [
     (skipping, "got a branch through 'z'"),
     (ending_elsewhere, "expected a chain that ends in the output 'f', got 'g'"),
     (many_layers, "more than 8388608 weights"),
+    (lambda: leaving_out_operands("Identity"), "'odd' .*an operand is missing"),
+    (lambda: leaving_out_operands("Cast"), "'odd' .*an operand is missing"),
+    (lambda: one("Sub"), "'odd' .*an operand is missing"),
+    (without_a_name, "the input has no name"),
+    (with_an_infinite_factor, "every number must be finite"),
 ]
 
 
@@ -400,21 +423,11 @@ def test_division_by_the_signal_and_by_zero() -> None:
         read(model([node], [numpy_helper.from_array(np.zeros(3), "zero")], n_x=3))
 
 
-def test_damaged_bytes_are_refused_or_read() -> None:
+def test_cut_off_files_are_refused() -> None:
     whole = gemm_chain().SerializeToString()
     for size in range(0, len(whole), 37):
         with pytest.raises(ValueError, match="model"):
             OnnxNetwork.read(whole[:size])
-    rng = np.random.default_rng(1)
-    refused = 0
-    for _ in range(300):
-        spoiled = bytearray(whole)
-        spoiled[int(rng.integers(len(whole)))] ^= int(rng.integers(1, 256))
-        with contextlib.suppress(ValueError):  # and nothing else: the weights are most of the bytes
-            OnnxNetwork.read(bytes(spoiled))
-            continue
-        refused += 1
-    assert refused > 30
 
 
 def test_files_beyond_any_size_are_refused(tmp_path: Path) -> None:
