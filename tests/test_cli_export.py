@@ -104,6 +104,7 @@ def test_a_filter_as_c_checks_itself(filter_file, tmp_path, capsys):
     assert subprocess.run([str(program)], check=False, capture_output=True).returncode == 0
 
 
+@pytest.mark.slow
 @needs_compiler
 def test_recipes_are_built_and_checked(tmp_path, capsys):
     """Two of the repository's; the rest take minutes, their own systems have tests of their own."""

@@ -206,6 +206,7 @@ def test_every_method_is_causal(quick):
         assert not np.allclose(other[name][0][500:], again[name][0][500:]), name
 
 
+@pytest.mark.slow
 def test_the_test_flights_do_not_enter_the_tuning():
     train = [sine_flight(v, seed=i, name=f"t{i}") for i, v in enumerate((0.5, 0.7, 0.9, 1.0))]
     one, other = (
@@ -262,6 +263,7 @@ def test_one_training_flight_is_cut_in_four():
 # -- studies ------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_pole_map_and_intervals(quick):
     found = study.order_by_pole(quick)
     assert found.rmse.shape == (len(found.orders), len(found.poles))

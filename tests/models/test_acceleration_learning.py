@@ -124,6 +124,7 @@ def test_irregular_recordings_are_resampled():
     assert found.learned[0].status == "converged"
 
 
+@pytest.mark.slow
 def test_command_writes_the_studies(tmp_path: Path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     for i, speed in enumerate((0.5, 0.7, 0.9, 1.5)):
