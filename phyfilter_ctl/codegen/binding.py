@@ -114,7 +114,7 @@ class Library:
     Parameters
     ----------
     path : Path
-        Made from the model's sources and :func:`glue_source`.
+        Made from the model's sources and the text of ``glue_source``.
 
     Attributes
     ----------
