@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 from phyfilter_ctl.models.progress import Report, silent
+
+if TYPE_CHECKING:
+    from distributed import Client, Future
 
 __all__ = ["on_cluster"]
 
@@ -36,12 +39,12 @@ def on_cluster(
     report : callable
         Called as each job is waited for.
     timeout : float
-        s to reach the scheduler.
+        s to reach the scheduler, and to wait for a worker where it has none.
 
     Raises
     ------
     ValueError
-        Without Dask, or if no scheduler answers.
+        Without Dask, if no scheduler answers, or if it has no workers.
     """
     try:
         from distributed import Client
@@ -62,5 +65,21 @@ def on_cluster(
         answers = []
         for name, future in zip(names, futures, strict=True):
             report(name)
-            answers.append(future.result())
+            answers.append(_answer(future, client, timeout))
         return answers
+
+
+def _answer(future: Future[Answer], client: Client, timeout: float) -> Answer:
+    """Without workers a job waits for ever."""
+    while True:
+        try:
+            return future.result(timeout)
+        except TimeoutError:
+            if future.done():  # the job's own
+                raise
+            if not client.nthreads():
+                address = client.scheduler_info()["address"]
+                raise ValueError(
+                    f"scheduler: {address} has no workers after {timeout:g} s; start some with "
+                    f"`dask worker {address}`, in an environment that has this package"
+                ) from None
