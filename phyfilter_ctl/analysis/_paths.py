@@ -66,7 +66,7 @@ def noise_gain(system: PhyFilter | SampledPhyFilter) -> float:
         A, equilibrium, C = system.sections
         drive = A @ (A @ equilibrium)
         P = solve_continuous_lyapunov(A, -np.outer(drive, drive))
-        return float(np.sqrt(C @ P @ C))
+        return float(np.sqrt(max(C @ P @ C, 0.0)))
     dA, equilibrium, C = system.transition
     # u_k = (nu_k - nu_{k-1})/h. The state w_k - B nu_k/h sees each nu once: it is driven by dA B nu_{k-1}/h.
     B = -dA @ equilibrium / system.dt
@@ -75,7 +75,8 @@ def noise_gain(system: PhyFilter | SampledPhyFilter) -> float:
     T = np.linalg.inv(np.eye(len(dA)) + 0.5 * dA)
     drive = T @ dA @ B
     P = solve_continuous_lyapunov(T @ dA, -np.outer(drive, drive))
-    return float(np.sqrt(C @ P @ C + (C @ B) ** 2))
+    # Where F(0) = 0 and every sample forgets the last the two cancel, to a rounding of either sign.
+    return float(np.sqrt(max(C @ P @ C + (C @ B) ** 2, 0.0)))
 
 
 def _recursion(system: SampledPhyFilter, omega: FloatArray) -> tuple[ComplexArray, ComplexArray]:

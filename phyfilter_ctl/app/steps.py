@@ -48,6 +48,8 @@ def settling_time(filter: PhyFilter) -> float:
     final = abs(float(C @ equilibrium))
     passes_dc = final > _NO_DC * float(np.abs(C) @ np.abs(equilibrium))
     level = _SETTLED * (final if passes_dc else float(distance.max()))
+    if level < np.finfo(float).tiny:  # F is 0, or so small that its digits are gone
+        return float("nan") if np.any(distance) else 0.0
     if distance[-1] > level:
         return float("nan")
     return max(_last_sample_outside(times, distance, level), _last_swing_outside(times, distance, level))

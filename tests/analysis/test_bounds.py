@@ -363,3 +363,19 @@ def test_poles_too_far_apart_for_a_certificate_are_refused():
     assert np.isfinite(ultimate_bound(f, residual={1: 1.0}, method="ellipsoid").bound)
     with pytest.raises(ValueError, match="longer step"):
         ultimate_bound(pf.PhyFilter([1e-4]).sampled(1e-4), residual={1: 1.0})
+
+
+def test_sampled_filters_that_forget_at_once_have_a_bound() -> None:
+    """Nothing is divided by the 0 that a pole leaves of itself in a step, with no warning on the way."""
+    for f, h, method in (
+        (pf.PhyFilter.from_poles([-1e5] * 5), 1e-5, "euler"),  # 1 + p h = 0
+        (pf.PhyFilter([1e5]), 1.0, "exact"),
+    ):
+        result = ultimate_bound(f.sampled(h, method), residual={1: 1.0})
+        # One sample per pole with Euler, half a step of averaging less; f_hat is the last mean otherwise.
+        assert result.bound == pytest.approx((f.order - 0.5) * h, rel=1e-6)
+    with pytest.raises(ValueError, match="too unlike in size for a certificate"):
+        ultimate_bound(
+            pf.PhyFilter.from_poles([-0.5 + 99990j, -0.5 - 99990j] * 4).sampled(1.0),
+            residual={1: 1.0},
+        )

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from scipy.linalg import block_diag
 
 from phyfilter_ctl import PhyFilter
-from phyfilter_ctl.analysis import FilterResponse, FilterResponseList, _resolvent, frequency_response
+from phyfilter_ctl.analysis import FilterResponse, FilterResponseList, _grids, _resolvent, frequency_response
 from phyfilter_ctl.design import bandpass, lowpass, place_poles
 from phyfilter_ctl.sampled import SampledPhyFilter, stack
 
@@ -448,3 +448,29 @@ def test_at_zero_frequency() -> None:
         assert isinstance(response, FilterResponse)
         assert response.F.tolist() == [1.0]
         assert response.error.tolist() == [0.0]
+
+
+def test_zeros_out_of_reach_leave_band_and_peak_alone() -> None:
+    """Their sizes span 350 decades: the search stays short and finite."""
+    poles = [-20.0, -15 + 8j, -15 - 8j]
+    far = frequency_response(PhyFilter.from_poles(poles, [1.1e-88, 1.0, 1.3e-266]), OMEGA)
+    near = frequency_response(PhyFilter.from_poles(poles, [0.0, 1.0, 0.0]), OMEGA)
+    assert far.band_edges == pytest.approx(near.band_edges, rel=CLOSE)
+    assert far.peak == pytest.approx(near.peak, rel=1e-6)  # where it is, to the square root of rounding
+
+
+@pytest.mark.parametrize("poles", [[-1e-100, -1e100], [-1e-90, -1.0, -1e90]])
+def test_the_search_grid_is_bounded(poles: list[float]) -> None:
+    filter = PhyFilter.from_poles(poles)
+    assert len(_grids.search(filter)) <= _grids._MOST_POINTS + 2
+    assert frequency_response(filter).bandwidth == pytest.approx(-poles[0], rel=1e-2)
+
+
+def test_noise_that_cancels_is_zero_not_nan() -> None:
+    """F(0) = 0 and steps so long that every sample forgets the last: f_hat is F(0) u."""
+    sampled = PhyFilter.from_poles(
+        [-59864.39 + 80089.04j, -59864.39 - 80089.04j, -99990.0], [0.0, -1.738, 3.983]
+    ).sampled(1.0)
+    # Rounding of the two variances that cancel, each of size (C B)^2, leaves the root of eps.
+    size = np.abs(sampled.transition[2]).sum() / sampled.dt
+    assert 0.0 <= frequency_response(sampled).noise_gain <= 1e-7 * size

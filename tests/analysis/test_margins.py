@@ -13,8 +13,8 @@ from scipy.linalg import expm
 from scipy.optimize import brentq
 
 from phyfilter_ctl import PhyFilter
-from phyfilter_ctl.analysis.margins import largest_bandwidth, loop_margin, prior_margin
-from phyfilter_ctl.analysis.margins._factors import roots_of
+from phyfilter_ctl.analysis.margins import _winding, largest_bandwidth, loop_margin, prior_margin
+from phyfilter_ctl.analysis.margins._factors import Factors, roots_of
 
 # Closed forms and refined figures: repeated poles leave about 1e-14.
 CLOSE = 1e-9
@@ -585,3 +585,20 @@ def test_block_matrix_of_the_tests_is_right():
     state = expm(0.1 * A) @ np.array([1.0 - 10.0 * 0.3, 0.3, 0.0])
     f_hat = state[0] + 10.0 * state[1]
     assert f_hat == pytest.approx(np.exp(-1.0), rel=1e-12)
+
+
+def test_counting_poles_has_an_end(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A delay that turns the loop a hundred thousand times is refused after a bounded number of evaluations."""
+    looked_at = 0
+    bounds = Factors.bounds
+
+    def counted(self: Factors, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        nonlocal looked_at
+        looked_at += len(low) * len(self.poles)
+        return bounds(self, low, high)
+
+    monkeypatch.setattr(Factors, "bounds", counted)
+    with pytest.raises(ValueError, match="shorten the delay"):
+        _ = prior_margin(repeated(7, 99990.0, full=True), delay=10.0).is_stable
+    # The pieces of the last halving are counted before they are refused, no more than twice the rest.
+    assert looked_at <= 3 * _winding._MOST_WORK

@@ -179,6 +179,11 @@ def test_settling_of_a_band_pass_is_of_its_peak():
     assert settling_time(band) == pytest.approx(expected, rel=SETTLING)
 
 
+def test_settling_of_next_to_nothing():
+    assert settling_time(PhyFilter([1.0], [0.0])) == 0.0
+    assert np.isnan(settling_time(PhyFilter([1.0], [5e-324])))
+
+
 # -- corners ----------------------------------------------------------------------------------------------------
 
 

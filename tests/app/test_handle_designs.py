@@ -7,7 +7,7 @@ import copy
 import numpy as np
 import pytest
 from designer_messages import answered, message_of, refused
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from phyfilter_ctl import PhyFilter, place_poles
@@ -53,8 +53,17 @@ def designs(draw) -> dict:
     )
 
 
+def with_b(poles: list[complex], b: list[float], dt: float = 0.002) -> dict:
+    return message_of(poles, numerator={"kind": "b", "b": b}, dt=dt)
+
+
 @settings(max_examples=40, deadline=None)
 @given(designs())
+@example(with_b([-20.0, -15 + 8j, -15 - 8j], [1.1085011130014349e-88, 1.0, 1.2912435758480616e-266], dt=0.1))
+@example(with_b([-1806.0, -0.1256, -1.0], [-0.0, 976454.5, -2.2250738585072014e-308]))
+@example(with_b([-1.0], [5e-324]))
+@example(with_b([-1.0], [0.0]))
+@example(message_of([-0.5 + 99990j, -0.5 - 99990j] * 4, dt=1.0))
 def test_every_design_is_answered(message):
     session = Session()
     reply = answered(session, "design", design=message)  # through JSON without NaN

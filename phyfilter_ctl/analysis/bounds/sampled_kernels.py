@@ -7,11 +7,12 @@ tau, not a sum over samples, bounds the error.
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.linalg import solve_discrete_lyapunov
+from scipy.linalg import LinAlgWarning, solve_discrete_lyapunov
 
 from ..._sections import FloatArray
 from ...sampled import SampledPhyFilter
@@ -21,6 +22,8 @@ __all__ = ["SampledKernels"]
 
 _GAP = 1e-8
 _MOST_SAMPLES = 4_000_000
+# A filter that forgets faster than by this in a sample is taken to forget by as much: nothing is divided by zero.
+_DEADBEAT = 1e-2
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,8 +46,8 @@ class SampledKernels:
         radius = float(np.abs(np.linalg.eigvals(M)).max())
         if radius >= 1.0:
             raise ValueError(f"the sampled filter is unstable: a pole of magnitude {radius:.6g}")
-        slow = np.sqrt(radius)  # V = x' P x falls at least by this factor squared in a step
-        P = np.asarray(solve_discrete_lyapunov((M / slow).T, np.eye(len(M))))
+        slow = np.sqrt(max(radius, _DEADBEAT))  # V = x' P x falls at least by this factor squared in a step
+        P = _lyapunov(M / slow)
         count = 64 + int(np.ceil(20.0 / -np.log(radius))) if radius > 0.0 else 64
         if count > _MOST_SAMPLES:
             raise ValueError(
@@ -91,6 +94,20 @@ class SampledKernels:
         total = float(np.abs(np.diff(impulse, prepend=0.0)).sum()) / self.sampled.dt
         rest = 2.0 * rest / self.sampled.dt
         return Certificate(total, total + rest, rest, self.sampled.dt * len(impulse), len(impulse))
+
+
+def _lyapunov(M: FloatArray) -> FloatArray:
+    """P with M' P M - P <= 0."""
+    eye = np.eye(len(M))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", LinAlgWarning)  # the residual below judges
+        P = np.asarray(solve_discrete_lyapunov(M.T, eye))
+    if not np.linalg.norm(M.T @ P @ M - P + eye) < 1.0:
+        raise ValueError(
+            "the states of the sampled filter are too unlike in size for a certificate: its poles swing too often in a "
+            "step; sample faster, or take the bound of the continuous filter"
+        )
+    return P
 
 
 def _powers(M: FloatArray, start: FloatArray, count: int) -> FloatArray:

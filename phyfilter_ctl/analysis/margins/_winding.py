@@ -16,8 +16,8 @@ __all__ = ["zeros_on_the_right"]
 
 # Pieces shorter than this share of their frequency that still cannot be certified have a zero on the axis, to rounding.
 _SHORTEST = 1e-13
-# Beyond this many pieces the curve passes 0 closer than double precision tells.
-_MOST_PIECES = 2**20
+# Pieces times factors beyond which the count is refused: some thousand turns of the delay for any order.
+_MOST_WORK = 2**18
 # Rounding of psi itself, relative to |q| + |mu p|.
 _ROUNDING = 1e-13
 
@@ -34,6 +34,11 @@ def zeros_on_the_right(q: Factors, p: Factors, delay: float, ratio: complex, gri
         mu. A real one makes the curve its own mirror image: half of it is enough.
     grid : (K,) array
         Positive frequencies in rad/s to start from.
+
+    Raises
+    ------
+    ValueError
+        If the curve turns so often, or passes 0 so often so closely, that the poles take too many pieces to count.
     """
     size = abs(ratio)
     last = 2.0 * float(np.max(np.abs(np.concatenate([q.poles, p.poles, q.zeros, p.zeros])), initial=1.0))
@@ -59,10 +64,14 @@ def zeros_on_the_right(q: Factors, p: Factors, delay: float, ratio: complex, gri
         turn += float(np.sum(np.angle(right[certain] / left[certain])))
         low, high, left, right = (part[~certain] for part in (low, high, left, right))
         pieces += len(low)
-        if pieces > _MOST_PIECES or np.any(
-            high - low < _SHORTEST * np.maximum(np.abs(low) + np.abs(high), grid[0])
-        ):
+        if np.any(high - low < _SHORTEST * np.maximum(np.abs(low) + np.abs(high), grid[0])):
             return None
+        if pieces * (len(q.poles) + len(p.poles)) > _MOST_WORK:
+            raise ValueError(
+                f"the poles of this loop take more than {pieces} pieces of the frequency axis to count: its delay of "
+                f"{delay:g} s is too long against {last:.3g} rad/s, where it ends; shorten the delay, or leave out "
+                "dynamics that are that much faster"
+            )
         middle = 0.5 * (low + high)
         value = curve(middle)
         low, high = np.concatenate([low, middle]), np.concatenate([middle, high])
