@@ -138,7 +138,7 @@ def _run(options: argparse.Namespace) -> int:
         raise ValueError(
             f"expected --stop after {start:g} s and --step within the run, got {stop:g} and {step:g}"
         )
-    times = start + step * np.arange(round((stop - start) / step) + 1)
+    times = start + step * np.arange(round((stop - start) / step) + 1, dtype=np.float64)
     try:
         response = _response(options, times)
     except FmuError as error:

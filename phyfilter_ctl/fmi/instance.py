@@ -513,7 +513,8 @@ class FmuInstance:
         owners = [entry.name for entry in entries for _ in entry.labels]
         refused = []
         for label, owner, found in zip(signals.labels, owners, signals.read(self), strict=True):
-            wanted = float(given.get(label, given.get(owner, found)))
+            key = label if label in given else owner
+            wanted = float(given[key]) if key in given else found
             if not np.isclose(found, wanted, rtol=_FLOAT32, atol=0.0, equal_nan=True):
                 refused.append(f"{label} is {found:g}, not {wanted:g}")
         if refused:
