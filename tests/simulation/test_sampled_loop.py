@@ -181,7 +181,7 @@ def test_inputs_are_held_while_it_settles() -> None:
 
 
 def test_margins_of_a_sampled_loop() -> None:
-    """Those that the filter's own loop has in closed form; the continuous equivalents bear four times the delay."""
+    """Those that the loop of the filter has by its own equations."""
     h, filter = 0.02, PhyFilter([20.0])
     own = loop_margin(filter.sampled(h), kp=KP, kd=KD, actuator=ct.tf([1.0], [LAG, 1.0]))
     margin = signal_margin(position_loop(filter, h, law_sampled=True), "act.tau", substeps=FINE)
