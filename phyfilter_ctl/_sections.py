@@ -28,6 +28,8 @@ ComplexArray = NDArray[np.complex128]
 SAME_POLYNOMIAL = 1e-14
 # Poles given beside coefficients must reproduce them to this (they may have been typed with fewer digits).
 _POLES_AGREE = 1e-6
+# More poles than this leave no digits in the coefficients; finding them takes time with the cube of their number.
+HIGHEST_ORDER = 64
 _LARGEST_POLE = 1e300  # rad/s; sums of a few stay finite
 # Poles whose magnitudes differ by less than this, relative, are equally fast.
 _SAME_SPEED = 1e-10
@@ -68,11 +70,12 @@ def roots_of_monic(a: FloatArray) -> ComplexArray:
     if np.all(scaled > 0.0):  # no root at all on or right of the axis without this
         for radius in 10.0 ** np.arange(-1.0, -8.5, -0.5):
             merged = _merge_clusters(roots, radius)
-            if len(np.unique(merged)) < n:
-                error = relative_difference(polynomial_from_roots(merged), scaled)
-                if error <= n * SAME_POLYNOMIAL:
-                    roots = merged
-                    break
+            if len(np.unique(merged)) == n:  # none is near another: closer still, neither
+                break
+            error = relative_difference(polynomial_from_roots(merged), scaled)
+            if error <= n * SAME_POLYNOMIAL:
+                roots = merged
+                break
     return sort_poles(roots * scale)
 
 
@@ -81,7 +84,7 @@ def _merge_clusters(roots: ComplexArray, radius: float) -> ComplexArray:
     near = np.abs(roots[:, None] - roots[None, :]) <= radius * np.abs(roots)[:, None]
     reach = near | near.T
     for _ in range(len(roots).bit_length()):
-        reach = (reach.astype(np.intp) @ reach.astype(np.intp)) > 0
+        reach = reach @ reach
     merged = np.array([roots[row].mean() for row in reach], dtype=np.complex128)
     # A cluster that is its own mirror image has a real mean.
     alone = np.abs(merged.imag) <= 4.0 * np.finfo(float).eps * np.abs(merged)
@@ -145,6 +148,8 @@ def given_poles(poles: ArrayLike, n: int | None = None) -> ComplexArray:
         raise ValueError(f"poles: expected at least one pole in one dimension, got shape {roots.shape}")
     if n not in (None, len(roots)):
         raise ValueError(f"poles: expected {n} for the {n} coefficients in a, got {len(roots)}")
+    if len(roots) > HIGHEST_ORDER:
+        raise ValueError(f"poles: expected at most {HIGHEST_ORDER}, got {len(roots)}: choose a lower order")
     # Compared by parts: the magnitude itself may overflow.
     if not np.all(np.maximum(np.abs(roots.real), np.abs(roots.imag)) < _LARGEST_POLE):
         raise ValueError(f"poles: expected finite ones below {_LARGEST_POLE:g} rad/s, got {roots}")
@@ -239,6 +244,47 @@ def chain_output(poles: ComplexArray, a: FloatArray, b: FloatArray) -> FloatArra
 def _denominator(poles: ComplexArray) -> FloatArray:
     """Ascending coefficients of prod (s - p) with the leading 1."""
     return np.concatenate([polynomial_from_roots(poles), [1.0]])
+
+
+def covariance(poles: ComplexArray, other: ComplexArray, noise: float) -> FloatArray:
+    """Covariance (n, m) of the states of two chains, less equilibrium times input, on one random input.
+
+    The input is a random walk of unit intensity and white noise of intensity ``noise`` on it: the solution of
+    A X + X A_other' + e e_other' + noise b b_other' = 0, e the equilibria, b the input vectors (zero but for the first
+    entry). With a section s + N, N^2 = -omega^2, each block of X is one division. ``poles`` as :func:`chain` has them.
+    """
+    p, q = _fastest_first(poles), _fastest_first(other)
+    (_, e), (_, f) = chain(poles), chain(other)
+    X = np.zeros((len(p), len(q)))
+    i = 0
+    while i < len(p):
+        rows = slice(i, i + (1 if p[i].imag == 0.0 else 2))
+        j = 0
+        while j < len(q):
+            columns = slice(j, j + (1 if q[j].imag == 0.0 else 2))
+            R = np.outer(e[rows], f[columns])
+            if i > 0:
+                R[0] += abs(p[i]) * X[i - 1, columns]
+            if j > 0:
+                R[:, 0] += abs(q[j]) * X[rows, j - 1]
+            if i == j == 0:
+                R[0, 0] += noise * abs(p[0]) * abs(q[0])
+            s = p[i].real + q[j].real
+            alpha = s * s + (p[i].imag - q[j].imag) * (p[i].imag + q[j].imag)
+            RN = R @ _turn(q[j]).T
+            RN_and_R = 2.0 * s * RN - alpha * R
+            square = q[j].imag ** 2
+            whole = s * (alpha + 2.0 * square) * R + (alpha - 2.0 * s * s) * RN + _turn(p[i]) @ RN_and_R
+            X[rows, columns] = -whole / (alpha * alpha + 4.0 * s * s * square)
+            j = columns.stop
+        i = rows.stop
+    return X
+
+
+def _turn(pole: complex) -> FloatArray:
+    """N, the section without its damping: its square is -omega^2."""
+    r = abs(pole)
+    return np.zeros((1, 1)) if pole.imag == 0.0 else np.array([[0.0, -(pole.imag**2) / r], [r, 0.0]])
 
 
 def expm1(A: FloatArray, step: FloatArray | float) -> FloatArray:

@@ -425,6 +425,11 @@ def _coefficients(name: str, values: ArrayLike) -> FloatArray:
             f"{name}: expected the coefficients {name}_0 ... {name}_(n-1) of an order n >= 1 in one dimension, "
             f"got shape {vector.shape}"
         )
+    if len(vector) > _sections.HIGHEST_ORDER:
+        raise ValueError(
+            f"{name}: expected at most {_sections.HIGHEST_ORDER} coefficients, got {len(vector)}: choose a lower "
+            "order"
+        )
     if not np.all(np.isfinite(vector)):
         raise ValueError(f"{name}: every coefficient must be finite, got {vector.tolist()}")
     return vector

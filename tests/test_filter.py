@@ -248,6 +248,14 @@ def test_copies_are_read_only_and_the_same(again):
         assert not getattr(twin, name).flags.writeable
 
 
+def test_orders_have_an_end():
+    assert PhyFilter.from_poles([-1.0] * 64).order == 64
+    with pytest.raises(ValueError, match="a: expected at most 64"):
+        PhyFilter(np.ones(65))
+    with pytest.raises(ValueError, match="poles: expected at most 64"):
+        PhyFilter.from_poles(-np.ones(100_000))
+
+
 def test_zeros_beyond_double_precision_are_none():
     a = PhyFilter.from_poles([-1.0, -2.0, -3.0]).a
     assert PhyFilter(a, [1.0, 2.0, 5e-324]).zeros.tolist() == [-0.5]

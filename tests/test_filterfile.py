@@ -216,6 +216,19 @@ inertia = 1.2
     )
 
 
+def test_saves_nothing_that_reading_refuses(tmp_path: Path) -> None:
+    many = SampledPhyFilter([PhyFilter([20.0])] * 1025, 0.01)
+    with pytest.raises(ValueError, match="at most 1024 poles together, got 1025 filters"):
+        save(tmp_path / "f.toml", many)
+    wide = PhyFilter([20.0]).sampled(0.01, limit=np.full(200_000, 1.0))
+    with pytest.raises(ValueError, match="at most 500000 bytes"):
+        save(tmp_path / "f.toml", wide)
+    assert not list(tmp_path.iterdir())
+    most = SampledPhyFilter([PhyFilter.from_poles(-np.geomspace(1.0, 3.0, 64))] * 16, 0.01)
+    save(tmp_path / "f.toml", most)
+    assert load(tmp_path / "f.toml") == most
+
+
 def test_reads_what_a_person_writes(tmp_path: Path) -> None:
     path = tmp_path / "f.toml"
     path.write_bytes(
@@ -285,6 +298,15 @@ def test_reads_what_a_person_writes(tmp_path: Path) -> None:
         (
             GOOD + "poles = [[-20.0, nan], [-20.0, 0.0]]",
             r"poles\[0\]\[1\]: expected a finite number, got nan",
+        ),
+        (GOOD.replace("40.0]", "1.0, " * 2000 + "]"), "a: a: expected at most 64 coefficients, got 2001"),
+        (GOOD + "# " + "x" * 500_000, "expected a filter file of at most 500000 bytes"),
+        (GOOD + "[" + "a." * 2000 + "b]", "expected keys of at most 16 parts"),
+        (GOOD + 'c = { "\\"" . ' + "'.' . " * 2000 + "b = 1 }", "expected keys of at most 16 parts"),
+        (GOOD + "c" * 100_000 + " = 1", "c{60}: unknown key"),
+        (
+            TWO + "[[filters]]\na = [20.0]\n" * 1024,
+            "filters: expected filters of at most 1024 poles together",
         ),
         (GOOD + "sampled = 3", "sampled: expected a table, got an integer: 3"),
         (SAMPLED.replace("dt = 0.002", ""), "sampled.dt: missing"),

@@ -30,8 +30,7 @@ from __future__ import annotations
 
 import json
 import os
-import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -43,7 +42,7 @@ from .._output import replacing
 from ..filter import PhyFilter
 from ..flightlog import checks
 from ..sampled import SampledPhyFilter
-from .table import TomlTable
+from .table import TomlTable, parsed, refuse_oversize
 
 __all__ = ["Signals", "load", "load_signals", "save"]
 
@@ -59,6 +58,8 @@ _RARE_CHOICES = {"realisation": "sections", "nonfinite": "raise"}  # written whe
 _SAMPLED_KEYS = ("dt", *_CHOICES, *_RARE_CHOICES, "E", "delay", "limit")
 _SIGNAL_KEYS = ("channels", "units", "inertia")
 _UNIT_KEYS = ("x", "g", "f")
+# Poles of all filters of a file together: finding them is what takes time.
+_MOST_POLES = 1024
 
 
 @dataclass(frozen=True, init=False)
@@ -130,7 +131,8 @@ def save(
     TypeError
         If ``filter`` or ``signals`` is something else.
     ValueError
-        If the filter and ``signals`` disagree about the number of channels.
+        If the filter and ``signals`` disagree about the number of channels, or the file would be one that :func:`load`
+        refuses for its size.
     OSError
         If the file cannot be written.
 
@@ -164,7 +166,10 @@ def save(
         raise TypeError(f"signals: expected Signals or None, got {signals!r}")
     if signals is not None:
         _refuse_disagreement(filter, signals)
+    filters = (filter,) if isinstance(filter, PhyFilter) else filter.filters
+    _refuse_many([entry.order for entry in filters])
     data = _text(filter, signals).encode()
+    refuse_oversize(data)
     with replacing(path) as file:
         file.write(data)
 
@@ -187,7 +192,8 @@ def load(path: str | os.PathLike[str]) -> PhyFilter | SampledPhyFilter:
         If the file cannot be read.
     ValueError
         If it is no TOML (the line is named), no filter, of a version this library does not read, has an unknown key,
-        or a value of the wrong type, not finite or not allowed by the filter: the file and the key are named.
+        or a value of the wrong type, not finite or not allowed by the filter: the file and the key are named. If it is
+        longer than 500 kB or holds filters of more than 1024 poles together.
 
     Examples
     --------
@@ -321,11 +327,7 @@ def _value(value: object) -> str:
 
 
 def _read(path: Path) -> tuple[PhyFilter | SampledPhyFilter, Signals]:
-    try:
-        values = tomllib.loads(path.read_bytes().decode("utf-8-sig"))
-    except (ValueError, RecursionError) as error:  # also text that is not UTF-8
-        raise ValueError(f"{path}: no TOML file: {error}") from error
-    top = TomlTable(path, "", values)
+    top = TomlTable(path, "", parsed(path))
     _refuse_other_formats(top)
     top.refuse_unknown(_TOP_KEYS)
     filters = _read_filters(top)
@@ -370,6 +372,7 @@ def _read_filters(top: TomlTable) -> tuple[PhyFilter, ...]:
     tables = top.tables("filters")
     for table in tables:
         table.refuse_unknown(_FILTER_KEYS)
+    _refuse_many([len(table.numbers("a")) for table in tables], lambda text: top.error("filters", text))
     return tuple(_read_filter(table) for table in tables)
 
 
@@ -419,6 +422,14 @@ def _read_signals(table: TomlTable) -> Signals:
 
 
 # -- checks -----------------------------------------------------------------------------------------------------
+
+
+def _refuse_many(orders: Sequence[int], error: Callable[[str], ValueError] = ValueError) -> None:
+    if sum(orders) > _MOST_POLES:
+        raise error(
+            f"expected filters of at most {_MOST_POLES} poles together, got {len(orders)} filters of {sum(orders)}; "
+            "one filter may serve all channels"
+        )
 
 
 def _inertia(values: ArrayLike, channels: int) -> Inertia:

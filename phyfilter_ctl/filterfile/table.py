@@ -4,14 +4,21 @@ from __future__ import annotations
 
 import difflib
 import math
+import re
+import tomllib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar
 
-__all__ = ["TomlTable"]
+__all__ = ["TomlTable", "parsed", "refuse_oversize"]
 
 _Entry = TypeVar("_Entry")
+_LARGEST = 500_000  # bytes; parsed in a fraction of a second
+# A key of more parts, a.b.c...: the reader takes time and memory with the square of their number.
+_DEEPEST = 16
+_PART = r"""(?:[\w-]+|"(?:[^"\\\n]|\\.)*"|'[^'\n]*')[ \t]*\.[ \t]*"""
+_DEEP_KEY = re.compile(rf"(?:^|[\[{{,\n])[ \t]*(?:{_PART}){{{_DEEPEST}}}")
 _SHOWN = 60  # characters of an offending value that an error repeats
 _KINDS = {
     bool: "true or false",
@@ -53,7 +60,7 @@ class TomlTable:
             if key not in known:
                 near = difflib.get_close_matches(key, known, n=1)
                 hint = f"did you mean {near[0]!r}? " if near else ""
-                raise self.error(key, f"unknown key; {hint}expected one of {', '.join(known)}")
+                raise self.error(key[:_SHOWN], f"unknown key; {hint}expected one of {', '.join(known)}")
 
     def number(self, key: str) -> float:
         """A finite number."""
@@ -152,6 +159,36 @@ class TomlTable:
         if not isinstance(value, list):
             raise self._wrong(key, expected, value)
         return [entry(f"{key}[{i}]", item) for i, item in enumerate(value)]
+
+
+def parsed(path: Path) -> Mapping[str, object]:
+    """What a TOML file holds, read in a time that goes with its length.
+
+    Raises
+    ------
+    OSError
+        If it cannot be read.
+    ValueError
+        If it is no TOML (the line is named), or larger than a filter can be.
+    """
+    with path.open("rb") as file:
+        data = file.read(_LARGEST + 1)
+    try:
+        refuse_oversize(data)
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from error
+    try:
+        return tomllib.loads(data.decode("utf-8-sig"))
+    except (ValueError, RecursionError) as error:  # also text that is not UTF-8
+        raise ValueError(f"{path}: no TOML file: {error}") from error
+
+
+def refuse_oversize(data: bytes) -> None:
+    """Raise for a file that would take long to parse."""
+    if len(data) > _LARGEST:
+        raise ValueError(f"expected a filter file of at most {_LARGEST} bytes, got more")
+    if _DEEP_KEY.search(data.decode("utf-8", "replace")):
+        raise ValueError(f"expected keys of at most {_DEEPEST} parts, got one of more")
 
 
 def _short(value: object) -> str:
