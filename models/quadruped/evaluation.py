@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .batch import Batch
-from .gait import frequency, trot
+from .gait import frequency, sent, trot
 from .loop import FilterChoice, JointLoop, advance
 from .params import params
 from .policy import ACTIONS, Policy, observe
@@ -303,7 +303,8 @@ class _Crowd:
         each = np.array([max(1, len(group.policies) * len(start) - 1) for group in groups])[member]
         place = np.zeros((self.size, 3))
         place[:, 1] = _ASIDE * (2.0 * (index[1] * len(start) + index[2]) / each - 1.0)
-        self.batch.reset(np.arange(self.size), joints=trot(self.phase, np.zeros((self.size, 3))), place=place)
+        joints = sent(trot(self.phase, np.zeros((self.size, 3))))
+        self.batch.reset(np.arange(self.size), joints=joints, place=place)
         self.loops = [
             JointLoop(self.batch, group.choice, rows=rows)
             for group, rows in zip(groups, self.rows, strict=True)

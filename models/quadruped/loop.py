@@ -19,6 +19,7 @@ from phyfilter_ctl.plants.legged import JointQuantities, JointSpacePrior, JointT
 from phyfilter_ctl.plants.legged.filter import AntiWindup, Gate, JointFilterState
 
 from .batch import Batch
+from .gait import sent
 from .params import params
 from .robot import joint_inertia
 
@@ -218,7 +219,7 @@ class JointLoop:
         """
         q, qd = self.batch.q[self.rows], self.batch.qd[self.rows]
         self._estimate(qd)
-        wanted = target - self.f_hat / self.nominal
+        wanted = sent(target - self.f_hat / self.nominal)
         self.torque = np.clip(self.kp * (wanted - q) - self.kd * qd, -self._limits, self._limits)
         return self.strength * self.torque
 

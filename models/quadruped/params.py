@@ -60,6 +60,7 @@ class Control:
     kp: float
     kd: float
     action_scale: float
+    resolution: float
     action_limit: float
 
 

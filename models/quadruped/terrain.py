@@ -90,7 +90,8 @@ class Terrain:
             z = _between(rng.uniform(0.0, 0.02 + 0.12 * d, (60, 100)), x, y)
         elif self.kind == "wave":
             k = 2.0 * np.pi / _WAVE
-            z = (0.015 + 0.04 * d) * (np.sin(k * x) + np.sin(k * y + 1.0)[:, None])
+            # Whole micrometres: the last digit of a sine depends on the processor.
+            z = np.round((0.015 + 0.04 * d) * (np.sin(k * x) + np.sin(k * y + 1.0)[:, None]), 6)
         elif self.kind == "gravel":
             z = rng.uniform(0.0, 0.01 + 0.05 * d, (len(y), len(x)))
         else:

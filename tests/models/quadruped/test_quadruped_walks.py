@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -21,6 +22,7 @@ loop = importlib.import_module(f"{ROOM}.loop")
 methods = importlib.import_module(f"{ROOM}.methods")
 params = importlib.import_module(f"{ROOM}.params")
 policy = importlib.import_module(f"{ROOM}.policy")
+terrain = importlib.import_module(f"{ROOM}.terrain")
 training = importlib.import_module(f"{ROOM}.training")
 
 WEIGHT = params.params().robot.mass
@@ -46,6 +48,29 @@ def test_groups_in_one_batch_walk_as_each_alone():
         for name in ("error", "ripple", "fallen", "distance", "estimate"):
             assert np.array_equal(getattr(found, name), getattr(alone, name), equal_nan=True), name
         assert np.array_equal(found.trace.qpos, alone.trace.qpos)
+
+
+def test_walks_do_not_depend_on_the_order_of_sums():
+    """Neurons in another order and a gain of 1 + 2^-52, on rough ground: the same walks to the bit.
+
+    That is how processors differ from one another; unrounded, the walks part.
+    """
+    [first] = shipped("filter")
+    (weights, bias), (next_weights, next_bias), *rest = first.layers
+    order = np.random.default_rng(0).permutation(len(bias))
+    layers = ((weights[order], bias[order]), (next_weights[:, order], next_bias), *rest)
+    other = policy.Policy(layers, first.robot, first.record)
+    paper = loop.paper_filter()
+    changed = replace(paper, gain=np.nextafter(1.0, 2.0))
+    ground = terrain.Terrain("rough", 0.8)
+    groups = [evaluation.Group([first], paper), evaluation.Group([other], changed)]
+    one, two = (
+        evaluation.walk([group], [evaluation.Case()], starts=STARTS, terrain=ground, duration=2.0)[0]
+        for group in groups
+    )
+    assert not np.array_equal(one.trace.f_hat, two.trace.f_hat)
+    assert np.array_equal(one.trace.qpos, two.trace.qpos)
+    assert np.array_equal(one.distance, two.distance)
 
 
 def test_filter_carries_what_it_was_not_trained_for():
