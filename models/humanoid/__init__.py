@@ -26,6 +26,7 @@ _EXAMPLES = """examples:
   phyfilter-ctl run humanoid --quick --json figures.json --picture none
   phyfilter-ctl run humanoid --forces 20 -90 --stances normal --animation standing.gif
   phyfilter-ctl run humanoid --gears 2          # the variant with doubled motor torques
+  phyfilter-ctl run humanoid --friction elliptic --duration 60    # feet that hardly creep, a minute long
   phyfilter-ctl run humanoid --study --stances wider      # filters, what f_hat does, noise
 
 needs the extra mujoco: pip install 'phyfilter-ctl[mujoco]'"""
@@ -65,6 +66,13 @@ def add_arguments(parser: ArgumentParser) -> None:
     parser.add_argument(
         "--gears", type=float, default=1.0, metavar="K", help="factor on the motor torques (default 1)"
     )
+    parser.add_argument(
+        "--friction",
+        choices=("pyramidal", "elliptic"),
+        default="pyramidal",
+        help="MuJoCo's friction cones: the model's own, in which feet creep, or elliptic ones (default pyramidal)",
+    )
+    parser.add_argument("--duration", type=float, metavar="S", help="of a trial, s (default 10)")
     parser.add_argument(
         "--a0", type=float, metavar="A", help="the filter's poles lie at -A rad/s (default 20)"
     )
@@ -129,9 +137,14 @@ def _checked(options: Namespace) -> tuple[tuple[str, ...], float | None]:
         raise ValueError(f"--a0: expected a positive number in rad/s, got {options.a0}")
     if options.order is not None and options.order < 1:
         raise ValueError(f"--order: expected 1 or more, got {options.order}")
-    load(options.gears)
+    load(options.gears, options.friction)
     rules = params().trial
-    return stances, rules.onset + rules.rise + 2.0 if options.quick else None
+    full = rules.onset + rules.rise
+    if options.duration is not None and not (np.isfinite(options.duration) and options.duration > full):
+        raise ValueError(
+            f"--duration: expected more than {full:g} s, when the slow force is there, got {options.duration}"
+        )
+    return stances, full + 2.0 if options.quick and options.duration is None else options.duration
 
 
 def _compare(options: Namespace, stances: tuple[str, ...], duration: float | None, target: str | None) -> int:
@@ -145,7 +158,13 @@ def _compare(options: Namespace, stances: tuple[str, ...], duration: float | Non
     law = phyfilter(options.a0, options.order)
     with progress(limits.steps(stances, forces), options.quiet) as say:
         found = limits.compare(
-            stances, forces, gears=options.gears, filter=law, duration=duration, report=say
+            stances,
+            forces,
+            gears=options.gears,
+            friction=options.friction,
+            filter=law,
+            duration=duration,
+            report=say,
         )
     if options.json != "-":
         print(report.table(found))
@@ -169,7 +188,7 @@ def _study(options: Namespace, stances: tuple[str, ...], duration: float | None)
     found = {}
     with progress(14 * len(stances), options.quiet) as say:
         for name in stances:
-            found[name] = limits.study(name, duration=duration, report=say)
+            found[name] = limits.study(name, friction=options.friction, duration=duration, report=say)
     if options.json != "-":
         print("\n\n".join(report.study_table(name, rows) for name, rows in found.items()))
     _write_json(options, [report.study_figures(name, rows) for name, rows in found.items()])

@@ -12,7 +12,7 @@ from phyfilter_ctl.models.progress import Report, silent
 from .params import params
 from .posture import tipping_force
 from .regulator import Schedule, schedule
-from .robot import Humanoid, load
+from .robot import Friction, Humanoid, load
 from .trial import Mode, Trial, phyfilter, run
 
 __all__ = ["PROFILES", "Comparison", "Limit", "StudyRow", "compare", "largest_force", "steps", "study"]
@@ -49,6 +49,8 @@ class Comparison:
     trials : dict
         By (stance, profile, force, mode).
     filter : PhyFilter
+    duration : float
+        Of a trial in s.
     """
 
     humanoid: Humanoid
@@ -57,6 +59,7 @@ class Comparison:
     limits: tuple[Limit, ...]
     trials: dict[tuple[str, str, float, Mode], Trial]
     filter: PhyFilter
+    duration: float
 
     def limit(self, stance: str, profile: str, direction: float, mode: Mode) -> Limit:
         """One of the limits.
@@ -141,6 +144,7 @@ def compare(
     forces: tuple[float, ...],
     *,
     gears: float = 1.0,
+    friction: Friction = "pyramidal",
     filter: PhyFilter | None = None,
     duration: float | None = None,
     report: Report = silent,
@@ -154,10 +158,12 @@ def compare(
         Lateral hand forces in N: positive across the body, negative away from it.
     gears : float
         Factor on the motor torques.
+    friction : {"pyramidal", "elliptic"}
+        As for :func:`load`.
     filter : PhyFilter, optional
         None takes that of ``params.toml``.
     duration : float, optional
-        Of a trial in s.
+        Of a trial in s; None takes that of ``params.toml``.
     report : Report
         Told what is being computed.
 
@@ -166,7 +172,8 @@ def compare(
     ValueError
         For unknown stances, or numbers out of range.
     """
-    humanoid, law = load(gears), phyfilter() if filter is None else filter
+    humanoid, law = load(gears, friction), phyfilter() if filter is None else filter
+    duration = params().trial.duration if duration is None else duration
     schedules = {name: schedule(humanoid, name, report=report) for name in stances}
     limits, trials = [], {}
     modes: tuple[Mode, ...] = ("alone", "filter")
@@ -191,21 +198,29 @@ def compare(
         )
         for name, points in schedules.items()
     }
-    return Comparison(humanoid, schedules, tipping, tuple(limits), trials, law)
+    return Comparison(humanoid, schedules, tipping, tuple(limits), trials, law, duration)
 
 
-def study(stance: str, *, duration: float | None = None, report: Report = silent) -> tuple[StudyRow, ...]:
+def study(
+    stance: str,
+    *,
+    friction: Friction = "pyramidal",
+    duration: float | None = None,
+    report: Report = silent,
+) -> tuple[StudyRow, ...]:
     """Variants of the filter, of what is done with f_hat and of the sensors, in one stance.
 
     Parameters
     ----------
     stance : str
+    friction : {"pyramidal", "elliptic"}
+        As for :func:`load`.
     duration : float, optional
         Of a trial in s.
     report : Report
         Told what is being computed.
     """
-    humanoid = load()
+    humanoid = load(friction=friction)
     points = schedule(humanoid, stance, report=report)
     band = PhyFilter([400.0, 40.0], [0.0, 40.0])
     type2 = PhyFilter([400.0, 40.0], [400.0, 40.0])

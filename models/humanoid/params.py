@@ -64,6 +64,13 @@ class Filter:
 
 
 @dataclass(frozen=True)
+class Contacts:
+    """Of the variant with elliptic friction cones."""
+
+    impratio: float
+
+
+@dataclass(frozen=True)
 class TrialRules:
     """A trial, and when it is lost."""
 
@@ -85,6 +92,7 @@ class Params:
     regulator: Regulator
     schedule: ScheduleGrid
     filter: Filter
+    contacts: Contacts
     trial: TrialRules
 
 

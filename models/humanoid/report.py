@@ -20,7 +20,8 @@ def table(found: Comparison) -> str:
     lines = [
         f"{humanoid.mass:.1f} kg humanoid of dm_control, motors at {humanoid.gears:g} times its torques; a constant "
         "lateral force on the right hand,",
-        f"sudden or rising over {rules.rise:g} s, for {rules.duration:g} s; y: across the body, -y: away from it",
+        f"sudden or rising over {rules.rise:g} s, trials of {found.duration:g} s, {humanoid.friction} friction cones; "
+        "y: across the body, -y: away from it",
         "",
         "largest force held in N (in steps of "
         f"{rules.resolution:g}, largest tried {found.schedules[next(iter(found.schedules))].forces[-1]:g})",
@@ -41,7 +42,7 @@ def table(found: Comparison) -> str:
         "",
         "tips at: static limit of the upright posture taken as rigid, centre of pressure at the edge of the feet.",
         "Beyond it a slow force is held by leaning; a sudden one would need a step, and this robot takes none.",
-        "slide: of the feet, to the end; MuJoCo's friction gives way slowly under a lasting tangential force.",
+        "slide: of the feet, to the end; MuJoCo's pyramidal cones give way slowly under a lasting tangential force.",
     ]
     if found.trials:
         lines += [
@@ -77,6 +78,8 @@ def figures(found: Comparison) -> dict[str, object]:
     return {
         "mass_kg": found.humanoid.mass,
         "gears": found.humanoid.gears,
+        "friction": found.humanoid.friction,
+        "duration_s": found.duration,
         "filter": {"a": found.filter.a.tolist(), "b": found.filter.b.tolist()},
         "tipping_n": {name: {"y": pair[0], "-y": pair[1]} for name, pair in found.tipping.items()},
         "largest_held_n": [

@@ -6,17 +6,20 @@ from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
 from types import ModuleType
-from typing import Any
+from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
 from phyfilter_ctl.plants.legged.simulator import simulator
 
-__all__ = ["FEET", "HAND", "HandForce", "Humanoid", "load"]
+from .params import params
+
+__all__ = ["FEET", "HAND", "Friction", "HandForce", "Humanoid", "load"]
 
 FloatArray = NDArray[np.float64]
 HandForce = tuple[float, float, float]
+Friction = Literal["pyramidal", "elliptic"]
 
 HAND = "right_hand"
 FEET = ("right_foot", "left_foot")
@@ -46,6 +49,8 @@ class Humanoid:
         Numbers of the bodies.
     gears : float
         Factor on the motors' torque.
+    friction : {"pyramidal", "elliptic"}
+        MuJoCo's friction cones.
     """
 
     mujoco: ModuleType
@@ -55,6 +60,7 @@ class Humanoid:
     hand: int
     feet: tuple[int, int]
     gears: float
+    friction: Friction = "pyramidal"
 
     @property
     def mass(self) -> float:
@@ -110,21 +116,25 @@ class Humanoid:
         return result
 
 
-def load(gears: float = 1.0) -> Humanoid:
+def load(gears: float = 1.0, friction: Friction = "pyramidal") -> Humanoid:
     """Read the humanoid from dm_control's files.
 
     Parameters
     ----------
     gears : float
         Factor on all motor torques: 2 is the variant with doubled gears.
+    friction : {"pyramidal", "elliptic"}
+        Cones: the model's own, in which feet creep under a lasting force, or elliptic and stiffer ones.
 
     Raises
     ------
     ValueError
-        For gears that are not positive, or without the extra ``mujoco``.
+        For gears that are not positive, unknown cones, or without the extra ``mujoco``.
     """
     if not (np.isfinite(gears) and gears > 0.0):
         raise ValueError(f"gears: expected a positive factor on the motor torques, got {gears}")
+    if friction not in get_args(Friction):
+        raise ValueError(f"friction: expected one of {', '.join(get_args(Friction))}, got {friction!r}")
     try:
         mujoco = simulator("the humanoid")
     except ImportError as error:
@@ -136,8 +146,11 @@ def load(gears: float = 1.0) -> Humanoid:
         )
     model = mujoco.MjModel.from_xml_path(str(Path(package.origin).parent / "suite" / "humanoid.xml"))
     model.actuator_gear[:, 0] *= gears
+    if friction == "elliptic":
+        model.opt.cone, model.opt.impratio = mujoco.mjtCone.mjCONE_ELLIPTIC, params().contacts.impratio
     motor_dof = model.jnt_dofadr[model.actuator_trnid[:, 0]].astype(np.intp)
     torque = np.zeros(model.nv)
     torque[motor_dof] = model.actuator_gear[:, 0]
     feet = (int(model.body(FEET[0]).id), int(model.body(FEET[1]).id))
-    return Humanoid(mujoco, model, torque, motor_dof, int(model.body(HAND).id), feet, float(gears))
+    hand = int(model.body(HAND).id)
+    return Humanoid(mujoco, model, torque, motor_dof, hand, feet, float(gears), friction)

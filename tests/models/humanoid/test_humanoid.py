@@ -140,6 +140,18 @@ def test_sudden_ninety_newtons_are_not_held_in_the_normal_stance(humanoid, far):
     assert not trial.run(humanoid, far, 90.0).held
 
 
+def test_elliptic_cones_hold_the_feet(humanoid, points):
+    """A soft contact creeps in proportion to 1/impratio; a factor of 2 for the other cone."""
+    firm, rules = robot.load(friction="elliptic"), params.params()
+    again = regulator.schedule(firm, "normal", largest=30.0, spacing=30.0)
+    creeping, held = (
+        trial.run(one, law, 20.0, rise=rules.trial.rise, duration=4.0)
+        for one, law in ((humanoid, points), (firm, again))
+    )
+    assert held.held
+    assert held.slide < 2.0 * creeping.slide / rules.contacts.impratio
+
+
 def test_bisection_brackets_the_limit(humanoid, far):
     force, capped = limits.largest_force(humanoid, far, 1.0, mode="alone", duration=4.0)
     step = params.params().trial.resolution
@@ -186,8 +198,10 @@ def test_command_line(tmp_path, capsys):
         "--quiet",
     ]
     assert main(arguments) == 0
-    assert "largest force held" in capsys.readouterr().out
-    found = json.loads(figures.read_text())
+    printed, found = capsys.readouterr().out, json.loads(figures.read_text())
+    assert "largest force held" in printed
+    assert "trials of 5 s, pyramidal friction cones" in printed
+    assert (found["duration_s"], found["friction"]) == (5.0, "pyramidal")
     assert drawn.stat().st_size > 10_000
     held = {
         (each["profile"], each["mode"]): each["force"]
@@ -204,6 +218,7 @@ def test_command_line(tmp_path, capsys):
         (["--forces", "nan"], "--forces: expected finite forces"),
         (["--gears", "0"], "gears: expected a positive factor"),
         (["--a0", "-1"], "--a0: expected a positive number"),
+        (["--duration", "3"], "--duration: expected more than 3 s"),
         (["--order", "0"], "--order: expected 1 or more"),
         (["--picture", "p.gif"], "ends in .png"),
         (["--animation", "a.mp4"], "ends in .gif"),
@@ -223,6 +238,8 @@ def test_wrong_arguments_say_so(humanoid, points):
         trial.run(humanoid, points, 1.0, mode="both")
     with pytest.raises(ValueError, match="expected rise, noise >= 0"):
         trial.run(humanoid, points, 1.0, rise=-1.0)
+    with pytest.raises(ValueError, match="friction: expected one of pyramidal, elliptic"):
+        robot.load(friction="dry")
     with pytest.raises(ValueError, match="0 < spacing <= largest"):
         regulator.schedule(humanoid, "normal", largest=10.0, spacing=20.0)
 
