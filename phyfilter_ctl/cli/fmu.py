@@ -126,7 +126,7 @@ def _recipes(options: argparse.Namespace) -> int:
 
 def _run(options: argparse.Namespace) -> int:
     from ..fmi import FmuError, describe
-    from ..fmi.instance import complaints
+    from ..fmi.messages import complaints
 
     check_target(options.out)
     check_target(options.picture, suffixes=(".png", ".pdf", ".svg"))

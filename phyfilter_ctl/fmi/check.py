@@ -17,7 +17,8 @@ from fmpy.validation import validate_fmu
 from .._sections import FloatArray
 from .archive import ArchiveLimits, extracted
 from .inspect import FmuDescription, Kind, describe, native_platform
-from .instance import FmuError, FmuInstance, complaints
+from .instance import FmuError, FmuInstance
+from .messages import complaints
 from .replay import Reference, read_reference, replay
 from .signals import Signals
 from .unpacked import UnpackedFmu

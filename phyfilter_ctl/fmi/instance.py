@@ -5,10 +5,8 @@ from __future__ import annotations
 import ctypes
 import os
 import weakref
-from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
-from functools import cache
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -19,17 +17,15 @@ from fmpy.fmi1 import FMICallException
 
 from .._sections import FloatArray
 from .inspect import FmuDescription, FmuKind, Kind, Scalar, native_platform
+from .messages import MessageLog, claim_messages, fmi2_callbacks, status_word
 from .signals import Signals, is_numeric
 from .unpacked import UnpackedFmu
 
-__all__ = ["FmuError", "FmuInstance", "complaints"]
+__all__ = ["FmuError", "FmuInstance"]
 
 T = TypeVar("T")
-_STATUS = ("ok", "warning", "discard", "error", "fatal", "pending")
 _FMI2_FOLDERS = {"x86_64-linux": "linux64", "x86_64-windows": "win64", "x86_64-darwin": "darwin64"}
 _FLOAT32 = 2.0**-23  # two roundings of a number on its way through a single
-_KEPT_MESSAGES = 200
-_SHOWN_MESSAGES = 5
 
 
 class FmuError(RuntimeError):
@@ -50,68 +46,6 @@ class FmuError(RuntimeError):
         self.instance = instance
         self.call = call
         self.status = status
-
-
-def complaints(messages: Iterable[str]) -> list[str]:
-    """What an FMU logged beyond information, each message once.
-
-    Parameters
-    ----------
-    messages : iterable of str
-        Of an instance.
-
-    Examples
-    --------
-    >>> complaints(["[warning] steps: long", "[ok] steps: 3 made", "[warning] steps: long"])
-    ['[warning] steps: long']
-    """
-    return [message for message in dict.fromkeys(messages) if not message.startswith("[ok]")]
-
-
-class _Log:
-    """Last messages of one instance."""
-
-    def __init__(self) -> None:
-        self.messages: deque[str] = deque(maxlen=_KEPT_MESSAGES)
-
-    def add(self, status: int, category: bytes | None, message: bytes | None) -> None:
-        label = _STATUS[status] if 0 <= status < len(_STATUS) else str(status)
-        text = (message or b"").decode("utf-8", "replace").strip()
-        self.messages.append(f"[{label}] {(category or b'').decode('utf-8', 'replace')}: {text}")
-
-
-# FMI 2.0's logger is variadic. fmpy formats the messages in C and passes them to one logger per process, so this one
-# serves all instances, finds the instance by its environment pointer, and must never be freed.
-_LOGS: weakref.WeakValueDictionary[int, _Log] = weakref.WeakValueDictionary()
-
-
-def _log_fmi2(environment: int | None, _: bytes, status: int, category: bytes, message: bytes) -> None:
-    log = _LOGS.get(environment or 0)
-    if log is not None:
-        log.add(status, category, message)
-
-
-_LOGGER = fmi2.fmi2CallbackLoggerTYPE(_log_fmi2)
-_ALLOCATE = fmi2.fmi2CallbackAllocateMemoryTYPE(fmpy.calloc)
-_FREE = fmi2.fmi2CallbackFreeMemoryTYPE(fmpy.free)
-
-
-@cache
-def _logger_proxy() -> Callable[..., object] | None:
-    try:
-        from fmpy.logging import addLoggerProxy
-    except (ImportError, OSError, AttributeError):  # fmpy has no such library for some platforms
-        return None
-    return addLoggerProxy
-
-
-def _proxied(callbacks: fmi2.fmi2CallbackFunctions) -> fmi2.fmi2CallbackFunctions:
-    """Make the messages of all FMI 2.0 instances come to `_LOGGER`, formatted."""
-    callbacks.logger = _LOGGER
-    proxy = _logger_proxy()
-    if proxy is not None:
-        proxy(ctypes.byref(callbacks))
-    return callbacks
 
 
 class FmuInstance:
@@ -141,7 +75,7 @@ class FmuInstance:
         self.ability: FmuKind = self._ability()
         self.time: float = 0.0
         self.next_event: float | None = None
-        self._log = _Log()
+        self._log = MessageLog()
         self._snapshots: list[Any] = []
         self._broken = ""
         self._initialised = False
@@ -459,13 +393,8 @@ class FmuInstance:
     def _instantiate(self) -> None:
         try:
             if self.description.fmi == "2.0":
-                callbacks = fmi2.fmi2CallbackFunctions()
-                callbacks.allocateMemory = _ALLOCATE
-                callbacks.freeMemory = _FREE
-                callbacks.componentEnvironment = id(self._log)
-                self._callbacks = callbacks
-                _LOGS[id(self._log)] = self._log
-                self._fmu.instantiate(callbacks=_proxied(callbacks))
+                self._callbacks = fmi2_callbacks(self._log)
+                self._fmu.instantiate(callbacks=self._callbacks)
             else:
                 log = self._log
                 self._fmu.instantiate(
@@ -473,30 +402,26 @@ class FmuInstance:
                 )
         except Exception as error:  # fmpy raises a bare exception where the FMU returns NULL
             self._fmu.freeLibrary()
-            raise FmuError(self.name, "Instantiate", "error", self._logged() or str(error)) from error
-
-    def _claim_log(self) -> None:
-        """Another user of fmpy in this process may have taken the messages since the last call."""
-        if self._callbacks is not None:
-            _proxied(fmi2.fmi2CallbackFunctions())
+            raise FmuError(self.name, "Instantiate", "error", self._log.latest() or str(error)) from error
 
     def _call(self, name: str, function: Callable[..., T], *arguments: object) -> T:
         if self._broken:
             raise FmuError(
                 self.name, name, "refused", f"the instance has ended ({self._broken}); make a new one"
             )
-        self._claim_log()
+        if self._callbacks is not None:
+            claim_messages()
         try:
             return function(*arguments)
         except FMICallException as error:
-            status = _STATUS[error.status] if 0 <= error.status < len(_STATUS) else f"status {error.status}"
+            status = status_word(error.status)
             self._initialised = (
                 self._initialised and status == "discard"
             )  # after an error: reset or free, no more
             if status == "fatal":
                 self._broken = "a fatal error"
             where = f"at t = {self.time:g}"
-            logged = self._logged()
+            logged = self._log.latest()
             raise FmuError(
                 self.name, error.function, status, f"{where}; {logged}" if logged else where
             ) from error
@@ -518,11 +443,8 @@ class FmuInstance:
             if not np.isclose(found, wanted, rtol=_FLOAT32, atol=0.0, equal_nan=True):
                 refused.append(f"{label} is {found:g}, not {wanted:g}")
         if refused:
-            detail = "; ".join(refused) + (f": {logged}" if (logged := self._logged()) else "")
+            detail = "; ".join(refused) + (f": {logged}" if (logged := self._log.latest()) else "")
             raise FmuError(self.name, "set parameters", "refused", detail)
-
-    def _logged(self) -> str:
-        return "; ".join(list(self._log.messages)[-_SHOWN_MESSAGES:])
 
     def _drop_snapshots(self) -> None:
         for state in list(self._snapshots):
