@@ -22,13 +22,7 @@ from phyfilter_ctl.codegen import CompilerError, find_compiler
 pytest_plugins = ["tests.cpu_budget"]
 
 hypothesis.settings.register_profile("suite", derandomize=True, deadline=None, database=None)
-hypothesis.settings.register_profile(
-    "fuzz",
-    deadline=None,
-    database=None,
-    print_blob=True,
-    max_examples=int(os.environ.get("PHYFILTER_FUZZ_EXAMPLES", "1000")),
-)
+hypothesis.settings.register_profile("fuzz", deadline=None, database=None, print_blob=True)
 hypothesis.settings.load_profile(os.environ.get("PHYFILTER_HYPOTHESIS_PROFILE", "suite"))
 
 
