@@ -52,12 +52,12 @@ def pytest_runtest_call(item: pytest.Function) -> Generator[None, object, object
     workers = int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "1"))
     share = min(1.0, workers / len(item.session.items))
     seconds = 60.0 * item.config.getoption("--fuzz-minutes") * share
-    end, over, failed, examples = time.monotonic() + seconds, False, False, 0
+    end, over, failed, examples = 0.0, False, False, 0
     inner = item.function.hypothesis.inner_test
 
     @functools.wraps(inner)
     def bounded(*arguments: object, **keywords: object) -> None:
-        nonlocal over, failed, examples
+        nonlocal end, over, failed, examples
         examples += 1
         try:
             inner(*arguments, **keywords)
@@ -66,7 +66,11 @@ def pytest_runtest_call(item: pytest.Function) -> Generator[None, object, object
         except Exception:
             failed = True
             raise
-        over = not failed and time.monotonic() > end  # what has failed is shrunk for as long as that takes
+        now = time.monotonic()
+        end = (
+            end or now + seconds
+        )  # from the first example on, which may have compiled something for all of them
+        over = not failed and now > end  # what has failed is shrunk for as long as that takes
         if over:
             pytest.skip("the time is over")
 
