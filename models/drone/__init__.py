@@ -83,7 +83,9 @@ def add_arguments(parser: ArgumentParser) -> None:
         help="let the recorded set-point act later, for --replay",
     )
     parser.add_argument(
-        "--scheduler", metavar="ADDRESS", help="a Dask scheduler that spreads the study over its workers"
+        "--scheduler",
+        metavar="ADDRESS",
+        help="a Dask scheduler that spreads the study over its workers; it must have one within 30 s",
     )
     parser.add_argument(
         "--json", metavar="FILE", help="write the figures; - for standard output instead of the table"
