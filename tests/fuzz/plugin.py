@@ -67,9 +67,8 @@ def pytest_runtest_call(item: pytest.Function) -> Generator[None, object, object
             failed = True
             raise
         now = time.monotonic()
-        end = (
-            end or now + seconds
-        )  # from the first example on, which may have compiled something for all of them
+        # From the first example on, which may have compiled something for all of them.
+        end = end or now + seconds
         over = not failed and now > end  # what has failed is shrunk for as long as that takes
         if over:
             pytest.skip("the time is over")
