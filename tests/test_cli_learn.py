@@ -101,6 +101,22 @@ def test_text_has_every_figure_and_marks_the_best(logs, capsys):
     assert scores[figures["best"]] <= 1.001 * min(scores)
 
 
+def test_what_is_wrong_with_a_label_is_printed_and_in_the_figures(logs, capsys):
+    t = DT * np.arange(800)[:, None] * [1.0, 2.0]
+    g = np.full_like(t, -9.81)
+    x = np.sin(t) * [1.0, 0.5] - 9.81 * DT * np.arange(800)[:, None]
+    log = FlightLog.from_arrays(x=x, dt=DT, g=g, label=np.cos(t) + g, channels=["px", "py"])
+    log.to_csv("holds_g.csv")
+    arguments = ["--x", "px,py", "--order", "1", "--form", "lowpass", "--json", "figures.json"]
+    assert main(["learn", "holds_g.csv", *arguments]) == 0
+    shown = capsys.readouterr()
+    assert "note: the label of px differs from M x' - g by g" in shown.out
+    assert shown.err == ""
+    assert len(json.loads(Path("figures.json").read_text())["notes"]) == 2
+    assert main(["learn", "one.csv", *arguments, "--g", "none"]) == 0
+    assert "note: no g: M x' is taken as f" in capsys.readouterr().out
+
+
 def test_picture_is_written(logs):
     arguments = ["one.csv", "--x", "px,py", "--order", "1", "--form", "lowpass", "--picture", "costs.png"]
     assert main(["learn", *arguments]) == 0

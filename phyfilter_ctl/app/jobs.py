@@ -188,7 +188,8 @@ class LearningJob:
             self._design, self._wiener = design, wiener
             self._curve.append((self._steps, result.rmse))
         said = result.message.removeprefix(f"order {result.order_used}: ")
-        self._end("done", f"RMSE {result.rmse:.4g}, order {result.order_used}: {said}{self._note}")
+        notes = "".join(f"; {note}" for note in result.notes)
+        self._end("done", f"RMSE {result.rmse:.4g}, order {result.order_used}: {said}{self._note}{notes}")
 
     def _end(self, state: State, message: str) -> None:
         with self._lock:

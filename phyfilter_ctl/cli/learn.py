@@ -7,6 +7,7 @@ import json
 import math
 import signal
 import threading
+import warnings
 from collections.abc import Sequence
 from pathlib import Path
 from types import EllipsisType, TracebackType
@@ -108,7 +109,8 @@ def main(options: argparse.Namespace) -> int:
     check_target(picture, suffixes=(".png", ".pdf", ".svg"))
     _check(options)
     logs, held_out = ([_read(path, options) for path in paths] for paths in (options.logs, options.held_out))
-    with _Interrupt() as interrupt:
+    with _Interrupt() as interrupt, warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "the label of", UserWarning)  # it stands among the notes
         rows = _learned(options, logs, held_out, interrupt)
     if not rows:
         raise KeyboardInterrupt

@@ -42,7 +42,8 @@ class Row:
 
 
 def best_of(rows: Sequence[Row]) -> Row:
-    """Of the filters that score as well as any, the one of fewest coefficients."""
+    """Of the filters that score as well as any, the one of fewest coefficients; F(0) identified, where any is."""
+    rows = [row for row in rows if row.result.is_identified] or rows
     scores = {id(row): row.score for row in rows}
     if all(score is None for score in scores.values()):  # stopped before the first was scored
         scores = {id(row): row.result.rmse for row in rows}
@@ -103,8 +104,12 @@ def table_of(
         )
     chosen = best.result
     lines += ["", f"best: order {chosen.order_used}, {form_name(best.form)} form", chosen.filter.describe()]
-    if chosen.status != "converged":
-        lines.append(f"note: {chosen.message}")
+    said = [
+        row.result.message
+        for row in rows
+        if row.result.status == "F(0) not identified" or (row is best and chosen.status != "converged")
+    ]
+    lines += [f"note: {text}" for text in (*said, *chosen.notes)]
     return "\n".join(lines)
 
 
@@ -130,6 +135,7 @@ def figures_of(
         "f_theta": {"rmse": _alone(logs, channels), "held_out_rmse": _alone(held_out, channels)},
         "filters": [_entry(row) for row in rows],
         "best": rows.index(best),
+        "notes": list(best.result.notes),
         "history": [[e.order, e.start, e.iteration, max(e.cost, 0.0)] for e in best.result.history],
     }
 

@@ -91,7 +91,7 @@ def long_session() -> tuple[Session, int]:
     """A search that would take many seconds, once it is under way."""
     rng = np.random.default_rng(9)
     x = np.cumsum(rng.standard_normal((60_000, 3)), axis=0)
-    log = FlightLog.from_arrays(x=DT * x, dt=DT, label=rng.standard_normal((60_000, 3)) + 0.1 * x)
+    log = FlightLog.from_arrays(x=DT * x, dt=DT, label=rng.standard_normal((60_000, 3)))
     session = Session(log=log)
     job = answered(session, "learn", order=8, form="general")["job"]
     until = time.perf_counter() + PATIENCE

@@ -9,153 +9,44 @@ Levenberg and Marquardt's descent runs on exact sensitivities of the sampled fil
 from __future__ import annotations
 
 import operator
+import warnings
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal, SupportsIndex, get_args
+from typing import SupportsIndex, get_args
 
-import control as ct
 import numpy as np
 from numpy.typing import ArrayLike
 from threadpoolctl import threadpool_limits
 
-from ..._sections import ComplexArray, FloatArray
+from ..._sections import FloatArray
 from ...filter import PhyFilter
 from ...flightlog import FlightLog
 from ...sampled.coefficients import Method
 from ...sampled.sampled_filter import Rule
 from . import levenberg
 from .correlation import MOST_LAGS, memory
+from .label_check import label_faults
 from .levenberg import Descent
 from .parametrisation import Chain
 from .residuals import Flight, flights_of, refuse_uninformative
+from .result import LearnEvent, LearnResult, Status, is_identified
 from .samples import response
 from .search import Best, Search
 from .sensitivity import Data, Evaluation, Form, evaluate, filter_of
 from .sources import sources
-from .wiener import WienerFloor, wiener_floor
+from .wiener import wiener_floor
 
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
-__all__ = ["LearnEvent", "LearnResult", "WienerFloor", "learn"]
-
-Status = Literal["converged", "order adds nothing", "at bound", "iteration limit", "cancelled"]
+__all__ = ["learn"]
 
 HIGHEST_ORDER = 12
 # An order that lowers the squared error by less than this share adds nothing.
 _ADDS_NOTHING = 1e-4
 # Squared errors below this share of the target's square are rounding.
 _EXACT = 1e-14
+# A decay rate of 2 pi / T settles to 0.2 % within a flight of T, and flights resolve frequencies 2 pi / T apart.
+_SHOWN = 2.0 * np.pi
+_SLOW = 0.1  # of the sampling rate: what is slow in logs of a few samples
 _REFITS = 4  # Gauss-Newton steps of the filter learned without a block
-_POINTS = 400
-
-
-@dataclass(frozen=True)
-class LearnEvent:
-    """One step that lowered the cost.
-
-    Attributes
-    ----------
-    order : int
-        Order being learned.
-    start : int
-        Number of the start within the order; the lower ones are warm starts from the order before.
-    iteration : int
-        Steps from this start so far.
-    cost : float
-        Weighted mean square of gamma* - F u.
-    """
-
-    order: int
-    start: int
-    iteration: int
-    cost: float
-
-
-@dataclass(frozen=True, eq=False)
-class LearnResult:
-    """What :func:`learn` found.
-
-    Attributes
-    ----------
-    filter : PhyFilter
-        The learned filter.
-    rmse : float
-        Root-mean-square of label - f_hat over samples and channels of the training flights, unweighted, in the unit
-        of f. The first sample of each flight, where f_hat = f_theta, is left out.
-    cost : float
-        Weighted mean square that was minimised.
-    held_out_rmse : float or None
-        As ``rmse`` on the held-out flights.
-    order_used : int
-        Order of ``filter``; below the one asked for where the low-pass form gains nothing from it.
-    status : str
-        "converged"; "order adds nothing" (low-pass form: the lower order is returned); "at bound" (a pole wants to
-        be faster or slower than the data can show); "iteration limit"; "cancelled" (best so far).
-    message : str
-        The status in words, and what to try.
-    history : tuple of LearnEvent
-        Every step that lowered a cost, of all orders and starts.
-    costs : dict
-        Least cost by order.
-    wiener : WienerFloor or None
-        The causal Wiener filter and the comparison with it.
-    dt : float
-        Sampling interval in s of the first flight.
-    method : str
-        Discretisation the filter was learned for.
-    """
-
-    filter: PhyFilter
-    rmse: float
-    cost: float
-    held_out_rmse: float | None
-    order_used: int
-    status: Status
-    message: str
-    history: tuple[LearnEvent, ...]
-    costs: dict[int, float]
-    wiener: WienerFloor | None
-    dt: float
-    method: Method
-
-    @property
-    def wiener_ratio(self) -> float | None:
-        """RMSE of the filter over that of the causal Wiener filter, on the same held-out blocks; None without it."""
-        return None if self.wiener is None else self.wiener.ratio
-
-    @property
-    def wiener_interval(self) -> tuple[float, float] | None:
-        """95 % interval of ``wiener_ratio``."""
-        return None if self.wiener is None else self.wiener.interval
-
-    def plot(self, *, ax: Sequence[Axes] | None = None) -> ct.ControlPlot:
-        """Cost over the steps of the descents, and the filter beside the Wiener filter over frequency.
-
-        Parameters
-        ----------
-        ax : three Axes, optional
-            Where to draw the cost curve, magnitude and phase; None makes a new figure.
-
-        Returns
-        -------
-        control.ControlPlot
-        """
-        from ... import plots
-
-        omega = np.geomspace(1e-4, 1.0, _POINTS) * np.pi / self.dt
-        responses = {f"n = {self.order_used}": _sampled_response(self, omega)}
-        if self.wiener is not None:
-            lags = self.wiener.dt * np.arange(len(self.wiener.taps))
-            taps = np.asarray(self.wiener.taps, dtype=np.complex128)
-            responses["Wiener"] = np.exp(-1j * np.outer(omega, lags)) @ taps
-        curves = [
-            plots.FrequencyCurve(name, omega, F, 1.0 - F, np.unwrap(np.angle(F)), np.pi / self.dt)
-            for name, F in responses.items()
-        ]
-        events = [(event.order, event.start, event.iteration, event.cost) for event in self.history]
-        return plots.learning_plot(events, curves, ax=ax)
 
 
 def learn(
@@ -181,8 +72,8 @@ def learn(
     Parameters
     ----------
     logs : FlightLog or sequence of FlightLog
-        Flights with a label, the true f; they stay apart. A missing f_theta or g is 0. Steps may differ, within a
-        flight and between flights.
+        Flights with a label, the true f = M x' - g; they stay apart. A missing f_theta or g is 0. Steps may differ,
+        within a flight and between flights.
     order : int
         Order n of D, 1 to 12. Lower orders are learned on the way.
     form : {"lowpass", "general"}
@@ -223,11 +114,16 @@ def learn(
         If a label is missing, there are fewer samples than parameters, the residual is constant, the order is outside
         1 to 12, or an option is none of the above.
 
+    Warns
+    -----
+    UserWarning
+        If a label cannot be f: over whole flights its mean is not that of M x' - g, or it differs by g itself.
+
     Notes
     -----
     D is parametrised by the logarithms of its Schwarz form (Routh's ratios): Hurwitz for any value, every D met once,
     no branch where poles meet. The decay rates of the poles add up to at most 3 n / h (h the longest step) and each is
-    at least 1 / T (T the longest flight); frequencies stay below the Nyquist frequency. N enters linearly and is
+    at least 2 pi / T (T the longest flight); frequencies stay below the Nyquist frequency. N enters linearly and is
     solved for (variable projection: Golub and Pereyra, SIAM J. Numer. Anal. 10 (1973)). Derivatives are those of
     the sampled filter: the chain with doubled poles is discretised as a whole.
 
@@ -236,7 +132,9 @@ def learn(
     summed sample by sample; there the trials run on the mean step (and weighted signals), the answer does not.
 
     The general form of order n contains that of order n - 1: its cost never rises. A low-pass filter whose bounded
-    additional pole does not pay is not returned; the lower order is.
+    additional pole does not pay is not returned; the lower order is. Nor is a general filter with |1 - F(0)| > 1: where
+    a label has lost its mean or drifts, slow poles follow it at frequencies at which the residual itself holds
+    little, and the price is paid by the first constant residual.
 
     Examples
     --------
@@ -262,6 +160,7 @@ def learn(
         else flights_of(_listed("held_out", held_out), channels=channels, g=g, f_theta=f_theta)
     )
     given = _starts(start, n)
+    notes = _notes(logs, flights, channels)
     recorder = _Recorder(callback)
     # Two threads of a BLAS make products of this size ten times slower.
     with threadpool_limits(1, user_api="blas"):
@@ -270,7 +169,20 @@ def learn(
             search.climb(n, given, starts, np.random.default_rng(seed))
         if recorder.cancelled:
             search.settle()
-        return _result(search, n, flights, tests, recorder, wiener)
+        return _result(search, n, flights, tests, recorder, wiener, notes)
+
+
+def _notes(
+    logs: FlightLog | Sequence[FlightLog], flights: Sequence[Flight], channels: Sequence[int | str] | None
+) -> tuple[str, ...]:
+    """What to know of the logs; faults of their labels are warned of."""
+    names = _listed("logs", logs)[0].channels
+    chosen = names if channels is None else [c if isinstance(c, str) else names[c] for c in channels]
+    faults = label_faults(flights, chosen)
+    for fault in faults:
+        warnings.warn(fault, stacklevel=3)
+    missing = [] if any(flight.g is not None for flight in flights) else ["no g: M x' is taken as f"]
+    return (*missing, *faults)
 
 
 class _CancelledError(Exception):
@@ -306,7 +218,8 @@ def _search(
     step = max(flight.dt if flight.steps is None else float(np.max(flight.steps)) for flight in flights)
     shortest = min(flight.dt for flight in flights)
     floor = max(
-        1.0 / longest, memory(order) / (MOST_LAGS * shortest) if longest > MOST_LAGS * shortest else 0.0
+        min(_SHOWN / longest, _SLOW / shortest),
+        memory(order) / (MOST_LAGS * shortest) if longest > MOST_LAGS * shortest else 0.0,
     )
     # A gap is one long step, but no reason to keep the poles slow; forward Euler has no choice.
     typical = max(flight.dt for flight in flights)
@@ -323,6 +236,7 @@ def _result(
     tests: Sequence[Flight],
     recorder: _Recorder,
     wiener: bool,
+    notes: tuple[str, ...],
 ) -> LearnResult:
     if not search.best:
         raise ValueError("no start had a finite cost; check the label and the residual for extreme values")
@@ -332,10 +246,13 @@ def _result(
         least = min(entry.cost for entry in search.best.values())
         enough = max(least, 0.0) / (1.0 - _ADDS_NOTHING) + _EXACT * search.fine.energy / search.fine.weight
         used = min(n for n, entry in search.best.items() if entry.cost <= enough)
+    else:
+        identified = [n for n, entry in search.best.items() if is_identified(_filter(entry, search))]
+        used = max(identified, default=min(search.best))
     best = search.best[used]
     if not recorder.cancelled:
-        status = _status(best, used, order, search.floor)
-    filter = filter_of(best.chain, best.found.c, search.form)
+        status = _status(best, used, order, search)
+    filter = _filter(best, search)
     floor = None
     if wiener and not recorder.cancelled:
         floor = wiener_floor(flights, filter, lambda data: _refitted(data, best, search), search.method)
@@ -347,6 +264,7 @@ def _result(
         order_used=used,
         status=status,
         message=_message(status, used, order, search),
+        notes=notes,
         history=tuple(recorder.events),
         costs={n: max(entry.cost, 0.0) for n, entry in sorted(search.best.items())},
         wiener=floor,
@@ -355,12 +273,18 @@ def _result(
     )
 
 
-def _status(best: Best, used: int, order: int, floor: float) -> Status:
+def _filter(best: Best, search: Search) -> PhyFilter:
+    return filter_of(best.chain, best.found.c, search.form)
+
+
+def _status(best: Best, used: int, order: int, search: Search) -> Status:
+    if search.form == "general" and not is_identified(_filter(search.best[max(search.best)], search)):
+        return "F(0) not identified"
     if used < order:
         return "order adds nothing"
     if not best.done:
         return "iteration limit"
-    slow = bool(np.any(-best.chain.poles.real < 1.01 * floor))
+    slow = bool(np.any(-best.chain.poles.real < 1.01 * search.floor))
     return "at bound" if best.bound or slow else "converged"
 
 
@@ -371,14 +295,27 @@ def _message(status: Status, used: int, order: int, search: Search) -> str:
             f"no low-pass filter above order {used}, up to {order}, lowers the squared error by "
             f"{100 * _ADDS_NOTHING:g} %: the filter of order {used} is returned; try form='general'"
         ),
+        "F(0) not identified": _not_identified(used, search),
         "at bound": (
-            f"order {used}: a pole lies at a bound (decay rates from {search.floor:.3g} rad/s, one over the longest "
+            f"order {used}: a pole lies at a bound (decay rates from {search.floor:.3g} rad/s, 2 pi over the longest "
             f"flight, to about {1.0 / search.step:.3g} rad/s, the sampling): try a lower order, longer flights or "
             "faster sampling"
         ),
         "iteration limit": f"order {used}: the best descent was still going down; raise iterations",
         "cancelled": f"cancelled by the callback: the best filter so far, of order {used}",
     }[status]
+
+
+def _not_identified(used: int, search: Search) -> str:
+    order = max(search.best)
+    refused = _filter(search.best[order], search)
+    slowest = float(np.min(np.abs(refused.poles)))
+    return (
+        f"order {order}: F(0) is not identified: it would be {refused.dc_gain:.3g}, and a constant residual estimated "
+        f"worse than by f_theta alone; near {slowest:.2g} rad/s the flights hold little but the label's own error (a "
+        f"lost mean, a drift, another unit than M x' - g): the filter of order {used} is returned; put the label's "
+        "mean and slow part right, add flights with steady residuals, or take form='lowpass', where F(0) = 1"
+    )
 
 
 def _refitted(data: Data, best: Best, search: Search) -> PhyFilter:
@@ -389,7 +326,7 @@ def _refitted(data: Data, best: Best, search: Search) -> PhyFilter:
 
     begun = levenberg.start(cost, best.chain.theta)
     if begun is None:
-        return filter_of(best.chain, best.found.c, search.form)
+        return _filter(best, search)
     upper, lower = search.box(best.chain.order)
     descent = levenberg.descend(
         cost, begun, upper, lower, limit=_REFITS, negligible=0.0, report=lambda _: None
@@ -400,15 +337,6 @@ def _refitted(data: Data, best: Best, search: Search) -> PhyFilter:
 def _rmse(filter: PhyFilter, flights: Sequence[Flight], method: Method) -> float:
     squares = sum(float(np.sum((f.target - response(filter, f, method)) ** 2)) for f in flights)
     return float(np.sqrt(squares / sum(flight.samples for flight in flights)))
-
-
-def _sampled_response(result: LearnResult, omega: FloatArray) -> ComplexArray:
-    """The sampled filter from u to f_hat - f_theta at frequencies in rad/s."""
-    dA, equilibrium, C = result.filter.sampled(result.dt, result.method).transition
-    back = np.exp(-1j * omega * result.dt)[:, None, None]
-    eye = np.eye(len(dA))
-    states = np.linalg.solve(eye - back * (eye + dA), np.tile(-dA @ equilibrium, (len(omega), 1))[..., None])
-    return np.asarray(states[..., 0] @ C, dtype=np.complex128)
 
 
 # -- checks --------------------------------------------------------------------------------------------------

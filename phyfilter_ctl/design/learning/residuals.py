@@ -36,6 +36,8 @@ class Flight:
         How much all of it counts.
     sample_weights : (m, K) array or None
         How much each sample counts beside that.
+    g : (m, K) array or None
+        g at sample k + 1, where the log has one.
     """
 
     u: FloatArray
@@ -44,6 +46,7 @@ class Flight:
     steps: FloatArray | None
     weight: float = 1.0
     sample_weights: FloatArray | None = None
+    g: FloatArray | None = None
 
     @property
     def is_plain(self) -> bool:
@@ -103,7 +106,8 @@ def flights_of(
         columns = _columns(log, i, channels)
         weight, own = (1.0, None) if weights is None else _weight(weights[i], log, i, len(columns))
         u, target, dt, steps = _reduced(log, log.label, columns, g, f_theta)
-        found.append(Flight(u, target, dt, steps, weight, own))
+        known = None if log.g is None else np.array(log.g[1:, columns], dtype=float)
+        found.append(Flight(u, target, dt, steps, weight, own, known))
     if not any(flight.takes_part for flight in found):
         raise ValueError("weights: all are 0, nothing to fit; give at least one flight a positive weight")
     return found

@@ -1,0 +1,158 @@
+"""What learning returns, and what it tells while it runs."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal
+
+import control as ct
+import numpy as np
+
+from ..._sections import ComplexArray, FloatArray
+from ...filter import PhyFilter
+from ...sampled.coefficients import Method
+from .wiener import WienerFloor
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+Status = Literal[
+    "converged", "order adds nothing", "F(0) not identified", "at bound", "iteration limit", "cancelled"
+]
+
+# A constant residual may be left with as much error as f_theta alone leaves, |1 - F(0)| = 1 (band-pass), and a little.
+_MOST_LEFT = 1.05
+_POINTS = 400
+
+
+def is_identified(filter: PhyFilter) -> bool:
+    """Whether F(0) is one that data can have shown: a constant residual is left no worse than by f_theta alone."""
+    return abs(1.0 - filter.dc_gain) <= _MOST_LEFT
+
+
+@dataclass(frozen=True)
+class LearnEvent:
+    """One step that lowered the cost.
+
+    Attributes
+    ----------
+    order : int
+        Order being learned.
+    start : int
+        Number of the start within the order; the lower ones are warm starts from the order before.
+    iteration : int
+        Steps from this start so far.
+    cost : float
+        Weighted mean square of gamma* - F u.
+    """
+
+    order: int
+    start: int
+    iteration: int
+    cost: float
+
+
+@dataclass(frozen=True, eq=False)
+class LearnResult:
+    """What :func:`learn` found.
+
+    Attributes
+    ----------
+    filter : PhyFilter
+        The learned filter.
+    rmse : float
+        Root-mean-square of label - f_hat over samples and channels of the training flights, unweighted, in the unit
+        of f. The first sample of each flight, where f_hat = f_theta, is left out.
+    cost : float
+        Weighted mean square that was minimised.
+    held_out_rmse : float or None
+        As ``rmse`` on the held-out flights.
+    order_used : int
+        Order of ``filter``; below the one asked for where the low-pass form gains nothing from it, or F(0) of the
+        general form is not identified.
+    status : str
+        "converged"; "order adds nothing" (low-pass form: the lower order is returned); "F(0) not identified"
+        (general form: the fit of this order would estimate a constant residual worse than f_theta alone; a lower
+        order is returned); "at bound" (a pole wants to be faster or slower than the data can show); "iteration
+        limit"; "cancelled" (best so far).
+    message : str
+        The status in words, and what to try.
+    notes : tuple of str
+        What was assumed of the logs, and what is wrong with their labels; the latter is also issued as a warning.
+    history : tuple of LearnEvent
+        Every step that lowered a cost, of all orders and starts.
+    costs : dict
+        Least cost by order.
+    wiener : WienerFloor or None
+        The causal Wiener filter and the comparison with it.
+    dt : float
+        Sampling interval in s of the first flight.
+    method : str
+        Discretisation the filter was learned for.
+    """
+
+    filter: PhyFilter
+    rmse: float
+    cost: float
+    held_out_rmse: float | None
+    order_used: int
+    status: Status
+    message: str
+    notes: tuple[str, ...]
+    history: tuple[LearnEvent, ...]
+    costs: dict[int, float]
+    wiener: WienerFloor | None
+    dt: float
+    method: Method
+
+    @property
+    def is_identified(self) -> bool:
+        """Whether F(0) is one that data can have shown: a constant residual is left no worse than by f_theta alone."""
+        return is_identified(self.filter)
+
+    @property
+    def wiener_ratio(self) -> float | None:
+        """RMSE of the filter over that of the causal Wiener filter, on the same held-out blocks; None without it."""
+        return None if self.wiener is None else self.wiener.ratio
+
+    @property
+    def wiener_interval(self) -> tuple[float, float] | None:
+        """95 % interval of ``wiener_ratio``."""
+        return None if self.wiener is None else self.wiener.interval
+
+    def plot(self, *, ax: Sequence[Axes] | None = None) -> ct.ControlPlot:
+        """Cost over the steps of the descents, and the filter beside the Wiener filter over frequency.
+
+        Parameters
+        ----------
+        ax : three Axes, optional
+            Where to draw the cost curve, magnitude and phase; None makes a new figure.
+
+        Returns
+        -------
+        control.ControlPlot
+        """
+        from ... import plots
+
+        omega = np.geomspace(1e-4, 1.0, _POINTS) * np.pi / self.dt
+        responses = {f"n = {self.order_used}": _sampled_response(self, omega)}
+        if self.wiener is not None:
+            lags = self.wiener.dt * np.arange(len(self.wiener.taps))
+            taps = np.asarray(self.wiener.taps, dtype=np.complex128)
+            responses["Wiener"] = np.exp(-1j * np.outer(omega, lags)) @ taps
+        curves = [
+            plots.FrequencyCurve(name, omega, F, 1.0 - F, np.unwrap(np.angle(F)), np.pi / self.dt)
+            for name, F in responses.items()
+        ]
+        events = [(event.order, event.start, event.iteration, event.cost) for event in self.history]
+        return plots.learning_plot(events, curves, ax=ax)
+
+
+def _sampled_response(result: LearnResult, omega: FloatArray) -> ComplexArray:
+    """The sampled filter from u to f_hat - f_theta at frequencies in rad/s."""
+    dA, equilibrium, C = result.filter.sampled(result.dt, result.method).transition
+    back = np.exp(-1j * omega * result.dt)[:, None, None]
+    eye = np.eye(len(dA))
+    states = np.linalg.solve(eye - back * (eye + dA), np.tile(-dA @ equilibrium, (len(omega), 1))[..., None])
+    return np.asarray(states[..., 0] @ C, dtype=np.complex128)
