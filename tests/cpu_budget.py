@@ -9,9 +9,10 @@ from __future__ import annotations
 
 import os
 from collections import Counter
-from collections.abc import Generator
+from collections.abc import Collection, Generator, Iterable
 
 import pytest
+from _pytest.mark.structures import ParameterSet
 
 # Ten times what a file may take on a machine of 2024, five minutes of which are all that the suite has.
 LIMIT = 100.0
@@ -32,6 +33,16 @@ def over_budget(spent: Counter[str], limit: float = LIMIT) -> list[str]:
         f"{name}: {seconds:.0f} CPU s of at most {limit:.0f}; share what it builds in a fixture, or mark depth as slow"
         for name, seconds in spent.most_common()
         if seconds > limit
+    ]
+
+
+def slow_but(kept: Collection[object], values: Iterable[object]) -> list[ParameterSet]:
+    """Values (tuples for several names) of a parametrised test: those kept stand for all, the rest is depth."""
+    return [
+        pytest.param(
+            *value if isinstance(value, tuple) else (value,), marks=() if value in kept else pytest.mark.slow
+        )
+        for value in values
     ]
 
 

@@ -18,6 +18,7 @@ from phyfilter_ctl.app.checking import Fields
 from phyfilter_ctl.app.designs import read_design
 from phyfilter_ctl.codegen import CompilerError, find_compiler
 from phyfilter_ctl.fmi import check, describe
+from tests.cpu_budget import slow_but
 
 TYPE_2 = message_of([-20.0, -15 + 8j, -15 - 8j], numerator={"kind": "type", "type": 2})
 SECRETS = message_of([-20.0, -30.0], numerator={"kind": "b", "b": [600.0, 12.0]}, dt=0.01, method="tustin")
@@ -118,7 +119,9 @@ def test_files_that_are_no_designs_are_refused(text, said, tmp_path):
     assert "/" not in reply["error"].replace("rad/s", "")
 
 
-@pytest.mark.parametrize(("kind", "version"), [("fmu2", "2.0"), ("fmu3", "3.0")])
+@pytest.mark.parametrize(
+    ("kind", "version"), slow_but((("fmu3", "3.0"),), (("fmu2", "2.0"), ("fmu3", "3.0")))
+)
 def test_fmu_is_accepted_by_the_checker(kind, version, tmp_path, compiler):
     reply = answered(Session(), "export", design=TYPE_2, kind=kind, channels=3)
     assert reply["name"] == "phyfilter.fmu"

@@ -8,6 +8,7 @@ import pytest
 
 from phyfilter_ctl import PhyFilter, stack
 from phyfilter_ctl.blocks.filter_law import filter_law
+from tests.cpu_budget import slow_but
 
 H = 0.002
 N = 160
@@ -62,7 +63,10 @@ def check(sampled, law, x, g, f_theta, inertia=None, put_in=None):
     )
 
 
-@pytest.mark.parametrize("filter", [LOWPASS, GENERAL, BANDPASS], ids=["lowpass", "general", "bandpass"])
+FORMS = {"lowpass": LOWPASS, "general": GENERAL, "bandpass": BANDPASS}
+
+
+@pytest.mark.parametrize("filter", slow_but([GENERAL], FORMS.values()), ids=FORMS)
 @pytest.mark.parametrize("method", ["exact", "euler", "tustin"])
 @pytest.mark.parametrize("option", ["plain", "delay", "limit", "E", "float32"])
 @pytest.mark.parametrize("nonfinite", ["raise", "hold"])

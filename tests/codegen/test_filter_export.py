@@ -12,6 +12,7 @@ from phyfilter_ctl.codegen.compiler import compile_sources
 from phyfilter_ctl.codegen.export import export_c
 from phyfilter_ctl.codegen.export_filter import export_filter
 from phyfilter_ctl.filterfile import Signals
+from tests.cpu_budget import slow_but
 
 H = 0.002
 STRICT = ["-Wall", "-Wextra", "-Wpedantic", "-Werror"]
@@ -37,7 +38,7 @@ EXPORTS = {
 
 
 @pytest.mark.parametrize("real", ["double", "float"])
-@pytest.mark.parametrize("name", EXPORTS)
+@pytest.mark.parametrize("name", slow_but(("usual", "everything"), EXPORTS))
 def test_exported_folder_checks_itself(name, real, tmp_path):
     sampled, settings = EXPORTS[name]
     folder = export_filter(sampled, tmp_path / "out", 3, real=real, name="wing", **settings)

@@ -11,6 +11,7 @@ import pytest
 from phyfilter_ctl import PhyFilter, stack
 from phyfilter_ctl.codegen.compiler import compile_sources, find_compiler
 from phyfilter_ctl.codegen.filter_source import FilterSource, filter_source
+from tests.cpu_budget import slow_but
 
 H = 0.002
 CALLS = 10_000
@@ -56,7 +57,7 @@ def run(source: FilterSource, folder: Path, *, calls: int, flags=(), compiler=No
     return crc, int(refused)
 
 
-@pytest.mark.parametrize("name", SOURCES)
+@pytest.mark.parametrize("name", slow_but(("everything",), SOURCES))
 def test_no_call_does_harm(name, tmp_path):
     """Wrong calls are refused and change nothing; a correct run afterwards is right."""
     try:
@@ -69,7 +70,7 @@ def test_no_call_does_harm(name, tmp_path):
     assert 0.01 * CALLS < refused < 0.9 * CALLS
 
 
-@pytest.mark.parametrize("name", SOURCES)
+@pytest.mark.parametrize("name", slow_but(("everything",), SOURCES))
 def test_same_bits_at_every_optimisation(name, tmp_path):
     results = {level: run(SOURCES[name], tmp_path, calls=200, flags=[level]) for level in ("-O0", "-O3")}
     assert results["-O0"] == results["-O3"]

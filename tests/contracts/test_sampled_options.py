@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from phyfilter_ctl import PhyFilter, SampledPhyFilter, phyfilter_block, stack
+from tests.cpu_budget import slow_but
 
 H = 0.002
 N = 240
@@ -53,7 +54,10 @@ def by_steps(sampled: SampledPhyFilter, x, g, f_theta, inertia=None, times=None)
     return np.array(f_hat), np.array(held)
 
 
-@pytest.mark.parametrize("filter", [LOWPASS, GENERAL, BANDPASS], ids=["lowpass", "general", "bandpass"])
+FORMS = {"lowpass": LOWPASS, "general": GENERAL, "bandpass": BANDPASS}
+
+
+@pytest.mark.parametrize("filter", slow_but([GENERAL], FORMS.values()), ids=FORMS)
 @pytest.mark.parametrize("method", ["exact", "euler", "tustin"])
 @pytest.mark.parametrize("option", ["plain", "delay", "limit", "E", "float32", "delay, E, float32"])
 def test_run_is_the_step_loop(filter, method, option):

@@ -10,6 +10,7 @@ from phyfilter_ctl.design.adjoint import adjoint_gradient
 from phyfilter_ctl.design.joint import joint_gradient, learn_jointly
 from phyfilter_ctl.flightlog import FlightLog
 from phyfilter_ctl.learned import Chebyshev, Dictionary, Koopman, LearnedModel, Network, NeuralOde
+from tests.cpu_budget import slow_but
 
 # Sixth-order central differences along one direction; what is left is their own rounding over the step.
 DIFFERENCES = 1e-9
@@ -82,7 +83,7 @@ def test_filter_part_is_the_adjoint_gradient():
 
 
 @pytest.mark.parametrize("strategy", ["simultaneous", "alternating"])
-@pytest.mark.parametrize("form", ["lowpass", "general"])
+@pytest.mark.parametrize("form", slow_but(("general",), ("lowpass", "general")))
 def test_together_is_better_than_one_after_the_other(strategy, form):
     """Started from the best fit of the model alone: the filter and the model both move, on flights unseen too."""
     logs, others = [log_of(600, seed) for seed in (0, 1)], [log_of(600, 7)]

@@ -17,22 +17,12 @@ from phyfilter_ctl.codegen import CompilerError, compile_sources
 from phyfilter_ctl.fmi.description import FmuSolver, fmu_interface
 from phyfilter_ctl.fmi.export import _c_model
 from phyfilter_ctl.fmi.glue import fmi_headers, fmu_sources
+from tests.cpu_budget import slow_but
 
 HERE = Path(__file__).parent / "fuzz"
 SANITIZERS = ("-fsanitize=address,undefined", "-fno-sanitize-recover=all", "-g", "-O1", "-std=gnu99")
 SEQUENCES = 3_000
-QUICK = {
-    ("sampled", "2.0"),
-    ("sampled", "3.0"),
-    ("loop", "3.0"),
-    ("continuous", "2.0"),
-    ("fixed", "3.0"),
-    ("loop", "2.0"),
-}
-CASES = [
-    pytest.param(*case, marks=[] if case in QUICK else pytest.mark.slow)
-    for case in product(SYSTEMS, ("2.0", "3.0"))
-]
+CASES = slow_but([("sampled", "3.0")], product(SYSTEMS, ("2.0", "3.0")))
 
 
 @cache

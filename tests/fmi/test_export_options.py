@@ -6,6 +6,7 @@ from exported_fmus import PERIOD, Instance, quick_compiler
 
 import phyfilter_ctl as pf
 from phyfilter_ctl.fmi.export import export_fmu
+from tests.cpu_budget import slow_but
 
 N = 160
 # The same sums in another order, of numbers of size 1 to 30; a delay adds averages over parts of steps.
@@ -39,7 +40,7 @@ CASES = {
 }
 
 
-@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize("case", slow_but(("direction and limit", "delay", "held", "float32"), CASES))
 def test_options_are_those_of_python(case, tmp_path):
     filters, options, inertia = CASES[case]
     filters = filters if isinstance(filters, list) else [filters]

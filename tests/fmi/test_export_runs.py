@@ -21,6 +21,7 @@ from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
 from phyfilter_ctl.fmi.description import FmuSolver
+from tests.cpu_budget import slow_but
 
 VERSIONS = ("2.0", "3.0")
 # Same operations in the same order in C as in numpy, but for sums over short vectors: a few units in the last place.
@@ -45,7 +46,7 @@ def free_swing(t, mass=2.0, stiffness=8.0, damping=0.4, force=0.0):
 
 
 @pytest.mark.parametrize("fmi", VERSIONS)
-@pytest.mark.parametrize("name", MODELS)
+@pytest.mark.parametrize("name", slow_but(("sampled", "oscillator"), MODELS))
 def test_valid(name, fmi):
     path = exported(name, fmi)
     assert validate_fmu(str(path)) == []

@@ -266,6 +266,7 @@ def lagrange(arm):
     return sp.lambdify([list(c), list(d), list(e)], list(sp.Matrix.vstack(*parts)), modules="math", cse=True)
 
 
+@pytest.mark.slow
 def test_equal_to_lagrange_for_a_reduced_arm():
     """One joint, about y and off the middle; platform and link with all six moments of inertia."""
     turn = Rotation.from_euler("xyz", [0.3, -0.5, 0.7]).as_matrix()

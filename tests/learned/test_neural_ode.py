@@ -15,6 +15,7 @@ from scipy.integrate import solve_ivp
 from phyfilter_ctl.learned import LearnedModel, NeuralOde, Trajectory
 from phyfilter_ctl.learned._rollout import Segments, ends, misfit
 from phyfilter_ctl.learned.layers import Layers
+from tests.cpu_budget import slow_but
 
 # The same sums in another order: some 20 terms of size 10.
 SAME_FORMULA = 1e-12
@@ -189,7 +190,7 @@ def test_free_starts_take_the_noise_out_of_the_law() -> None:
     assert errors["free"].sum() < 0.7 * errors["measured"].sum()
 
 
-@pytest.mark.parametrize("g", ["hold", "average"])
+@pytest.mark.parametrize("g", slow_but(("average",), ("hold", "average")))
 def test_the_law_of_drag_is_recovered_beside_a_known_thrust(g: str) -> None:
     h, rng = 0.02, np.random.default_rng(0)
     t = h * np.arange(1500)

@@ -4,6 +4,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.cpu_budget import slow_but
+
 jupytext = pytest.importorskip("jupytext", reason="jupytext is not installed: notebooks are not executed")
 nbclient = pytest.importorskip("nbclient", reason="nbclient is not installed: notebooks are not executed")
 pytest.importorskip("ipykernel", reason="ipykernel is not installed: notebooks are not executed")
@@ -18,11 +20,10 @@ def test_all_are_percent_files():
     assert [int(path.stem.split("_")[0]) for path in NOTEBOOKS] == list(range(1, len(NOTEBOOKS) + 1))
 
 
-# The first two stand for the way that all are run; CI runs the rest.
-IN_ORDER = [pytest.param(path, id=path.stem, marks=[] if i < 2 else pytest.mark.slow) for i, path in enumerate(NOTEBOOKS)]
+# The first stands for the way that all are run; CI runs the rest.
 
 
-@pytest.mark.parametrize("path", IN_ORDER)
+@pytest.mark.parametrize("path", slow_but(NOTEBOOKS[:1], NOTEBOOKS), ids=lambda path: path.stem)
 # The kernel's client library warns about its own event loop and file descriptors; the code under test runs elsewhere.
 @pytest.mark.filterwarnings("default")
 def test_notebook_runs(path):

@@ -111,6 +111,7 @@ def test_another_flight_is_told_apart(flight, tmp_path):
     assert found.differences["c"] == pytest.approx(expected, rel=1e-9)
 
 
+@pytest.mark.slow
 @needs_compiler
 def test_filter_on_a_learned_model_with_held_g(tmp_path):
     flown = handover.record_flight(REPAIRED, MODEL, duration=1.0)
@@ -153,6 +154,7 @@ def test_what_cannot_be_handed_over(flight, tmp_path):
         cosimulation.cosimulation(methods.Method("baseline", 2.0))
 
 
+@pytest.mark.slow
 @needs_compiler
 def test_one_sample_is_all_that_a_cut_costs(cosimulated):
     """Off the diagram as far as one sample of delay in the late wires takes it, to rounding."""
@@ -165,6 +167,7 @@ def test_one_sample_is_all_that_a_cut_costs(cosimulated):
     assert cosimulated.step == params().sampling.dt
 
 
+@pytest.mark.slow
 @needs_compiler
 def test_same_trajectory_from_vm_c_and_fmus(cosimulated):
     drone = diagram.build(OBSERVER)

@@ -53,6 +53,7 @@ def test_linearised_loop_agrees_with_flight_and_formula():
     assert exact == pytest.approx(margins.predicted(OUTER).sampled, rel=OF_SAMPLED)
 
 
+@pytest.mark.slow
 def test_late_command_as_g_is_a_slower_filter():
     """1 + w h lateness divides the bandwidth: first order in w h, so 6 %."""
     held = margins.predicted(OUTER).sampled
@@ -65,6 +66,7 @@ def test_applied_thrust_has_no_limit():
     assert margins.exact_bandwidth(OUTER, "applied", which="all") == np.inf
 
 
+@pytest.mark.slow
 def test_vehicle_breaks_in_the_horizontal_first_where_the_force_wanted_is_g():
     whole = margins.exact_bandwidth(OUTER, "commanded", which="all", low=5.0, high=50.0, tolerance=0.1)
     assert whole < 0.2 * margins.predicted(OUTER).complete

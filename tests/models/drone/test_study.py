@@ -100,6 +100,7 @@ def test_wrong_plans_are_refused_before_anything_flies():
 # -- variants -----------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_replaced_filter_is_the_methods_own(model):
     """The loop wired here against the comparison's, with the same coefficients."""
     own = methods.filter_of(OURS)
@@ -110,6 +111,7 @@ def test_replaced_filter_is_the_methods_own(model):
     np.testing.assert_allclose(score.total, plain.total, rtol=SAME_FLIGHT)
 
 
+@pytest.mark.slow
 def test_margin_of_a_variant_is_that_of_the_tuning():
     """A late sample moves it little; what is taken is the same."""
     observer = Method("observer", 1.9, 2.0)
