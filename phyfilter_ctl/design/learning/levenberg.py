@@ -16,6 +16,9 @@ _LEAST_DAMPING, _MOST_DAMPING = 1e-12, 1e10
 _LONGEST_STEP = 2.0
 # The descent is done once a step promises less than this of the cost.
 _PROMISE = 1e-10
+# A descent is still going down, and ends at the limit, where a step has given and the next promises more than this. The
+# others are at their end, but may need some more steps to see it.
+_GOING_DOWN = 1e-6
 
 
 class Descent(NamedTuple):
@@ -54,6 +57,7 @@ def descend(
     upper, lower : (n,) arrays
         The box. A start outside is not moved in; it may only come closer.
     limit : int
+        Twice as many, at most, while they lower the cost by next to nothing.
     negligible : float
         Cost at which the fit is exact to rounding.
     report : callable
@@ -66,8 +70,8 @@ def descend(
     """
     theta, found, done, damping = now.theta, now.found, now.done, now.damping
     upper, lower = np.maximum(upper, theta), np.minimum(lower, theta)
-    iterations, growth = now.iterations, 2.0
-    while not done and iterations - now.iterations < limit:
+    iterations, growth, gained = now.iterations, 2.0, 0.0
+    while not done:
         free = ~bound(theta, found.gradient, upper, lower)
         # A cost at rounding may be negative, with a curvature that is none.
         if not np.any(free) or found.cost <= negligible:
@@ -79,6 +83,9 @@ def descend(
         promised = -float(found.gradient @ step + 0.5 * step @ found.curvature @ step)
         if promised <= _PROMISE * found.cost:
             done = True
+            break
+        taken = iterations - now.iterations
+        if taken > limit and (taken >= 2 * limit or min(gained, promised) > _GOING_DOWN * found.cost):
             break
         iterations += 1
         reached = evaluate(trial)

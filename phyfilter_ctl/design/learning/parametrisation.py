@@ -23,7 +23,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.linalg import hessenberg, lu_factor, lu_solve, solve_triangular
+from scipy.linalg import get_lapack_funcs, hessenberg, lu_solve, solve_triangular
 
 from ..._sections import ComplexArray, FloatArray
 
@@ -91,12 +91,22 @@ class Chain:
 
         T_i solves T A2 - A T = A_i [I 0], T B2 = B_i. Adding the second times B2' leaves two Lyapunov equations
         with the operator X -> A X + X A' (floor 0), which is regular for every Hurwitz A.
+
+        Raises
+        ------
+        numpy.linalg.LinAlgError
+            If it is singular to rounding: without the floor a pole would lie on the imaginary axis.
         """
         n, A, B = self.order, self._skew, self.B
         eye = np.eye(n)
-        operator = lu_factor(np.kron(A, eye) + np.kron(eye, A), check_finite=False)
+        (getrf,) = get_lapack_funcs(("getrf",), (A,))
+        lu, order, _ = getrf(np.kron(A, eye) + np.kron(eye, A))
+        pivots = np.abs(np.diag(lu))
+        if np.min(pivots) <= np.finfo(float).eps * np.max(pivots):
+            raise np.linalg.LinAlgError("a pole of the chain without its floor lies on the imaginary axis")
         slopes, inputs = self._slopes
         drive = inputs[:, :, None] * B
+        operator = (lu, order)
         first = lu_solve(operator, -(slopes + drive).reshape(n, n * n).T, check_finite=False).T
         first = first.reshape(n, n, n)
         behind = (first @ B)[:, :, None] * B - drive

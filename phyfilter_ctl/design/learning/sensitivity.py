@@ -63,8 +63,8 @@ def step_matrix(method: Method, generator: FloatArray, h: float | FloatArray) ->
 
 
 def evaluate(data: Data, chain: Chain, form: Form) -> Evaluation | None:
-    """Cost, gradient and Gauss-Newton matrix by theta; None where the sampled filter is not stable, or where a
-    block that was taken out of the moments left only rounding.
+    """Cost, gradient and Gauss-Newton matrix by theta; None where the sampled filter is not stable, its sensitivities
+    are not known, or a block that was taken out of the moments left only rounding.
 
     The general form solves for c by linear least squares and projects the sensitivities (Kaufman's variable
     projection, BIT 15 (1975)); its gradient is exact. In the low-pass form c is a function of theta.
@@ -76,7 +76,10 @@ def evaluate(data: Data, chain: Chain, form: Form) -> Evaluation | None:
     if np.diag(G).min() <= 0.0 < np.diag(G).max():  # no covariance; a record of zeros has one, of zeros
         return None
     n = chain.order
-    rows = chain.sensitivities
+    try:
+        rows = chain.sensitivities
+    except np.linalg.LinAlgError:
+        return None
     if form == "lowpass":
         kappa, slopes = chain.lowpass
         c = np.zeros(n)
