@@ -249,9 +249,10 @@ def _denominator(poles: ComplexArray) -> FloatArray:
 def covariance(poles: ComplexArray, other: ComplexArray, noise: float) -> FloatArray:
     """Covariance (n, m) of the states of two chains, less equilibrium times input, on one random input.
 
-    The input is a random walk of unit intensity and white noise of intensity ``noise`` on it: the solution of
+    The input is a random walk of unit intensity with white noise of intensity ``noise`` on it: the solution of
     A X + X A_other' + e e_other' + noise b b_other' = 0, e the equilibria, b the input vectors (zero but for the first
-    entry). With a section s + N, N^2 = -omega^2, each block of X is one division. ``poles`` as :func:`chain` has them.
+    entry). Section by section from the first: with sigma I + N for each, N^2 = -omega^2 I, a block of X is
+    a polynomial of the two N over a number. ``poles`` as :func:`chain` has them.
     """
     p, q = _fastest_first(poles), _fastest_first(other)
     (_, e), (_, f) = chain(poles), chain(other)
@@ -269,12 +270,11 @@ def covariance(poles: ComplexArray, other: ComplexArray, noise: float) -> FloatA
                 R[:, 0] += abs(q[j]) * X[rows, j - 1]
             if i == j == 0:
                 R[0, 0] += noise * abs(p[0]) * abs(q[0])
-            s = p[i].real + q[j].real
+            s, square = p[i].real + q[j].real, q[j].imag ** 2
             alpha = s * s + (p[i].imag - q[j].imag) * (p[i].imag + q[j].imag)
             RN = R @ _turn(q[j]).T
-            RN_and_R = 2.0 * s * RN - alpha * R
-            square = q[j].imag ** 2
-            whole = s * (alpha + 2.0 * square) * R + (alpha - 2.0 * s * s) * RN + _turn(p[i]) @ RN_and_R
+            whole = s * (alpha + 2.0 * square) * R + (alpha - 2.0 * s * s) * RN
+            whole += _turn(p[i]) @ (2.0 * s * RN - alpha * R)
             X[rows, columns] = -whole / (alpha * alpha + 4.0 * s * s * square)
             j = columns.stop
         i = rows.stop
@@ -282,7 +282,7 @@ def covariance(poles: ComplexArray, other: ComplexArray, noise: float) -> FloatA
 
 
 def _turn(pole: complex) -> FloatArray:
-    """N, the section without its damping: its square is -omega^2."""
+    """N, a section without its damping."""
     r = abs(pole)
     return np.zeros((1, 1)) if pole.imag == 0.0 else np.array([[0.0, -(pole.imag**2) / r], [r, 0.0]])
 

@@ -96,6 +96,7 @@ def step(
     dt: float | None,
 ) -> tuple[FilterState, Array]:
     """See :meth:`SampledPhyFilter.step`."""
+    check_state(sampled, state)
     dtype = state.x.dtype
     x = np.asarray(x, dtype)
     g = np.zeros_like(state.x) if g is None else np.asarray(g, dtype)
@@ -275,36 +276,6 @@ def shift_x(sampled: SampledPhyFilter, state: FilterState, dx: ArrayLike) -> Fil
     return state._replace(x=state.x + jump, paper=paper)
 
 
-def retune(sampled: SampledPhyFilter, state: FilterState, new: SampledPhyFilter) -> FilterState:
-    """See :meth:`SampledPhyFilter.retune`."""
-    if state.paper is not None or new.realisation == "paper":
-        raise ValueError(
-            "realisation='paper' cannot be retuned: its integrators have no meaning in another filter"
-        )
-    n_f = channels(new, len(state.x))
-    if n_f != len(state.f_theta):
-        raise ValueError(f"retune: the new filter has {n_f} channels of f, the state {len(state.f_theta)}")
-    w = state.w.astype(float) if state.carry is None else state.w.astype(float) + state.carry
-    y = (w * sampled._coefficients.bank[2]).sum(axis=1)
-    if [entry.order for entry in new.filters] == [entry.order for entry in sampled.filters]:
-        _, equilibrium, C = new._coefficients.bank
-        jump = y - (w * C).sum(axis=1)
-        w = w + _move_output(equilibrium, C, jump)
-    else:
-        w = _move_output(new._coefficients.bank[1], new._coefficients.bank[2], y)
-    kept = w.astype(new.precision)
-    carry = (w - kept).astype(np.float32) if new.precision == "float32" else None
-    return _cast(state, np.dtype(new.precision))._replace(w=kept, carry=carry)
-
-
-def _move_output(equilibrium: Array, C: Array, y: Array) -> Array:
-    """State (n_f, n) with output y (n_f,): at rest where F(0) allows it, else the smallest one."""
-    rest = (C * equilibrium).sum(axis=1)
-    use_rest = np.abs(rest) > 1e-6 * np.abs(C).sum(axis=1)
-    direction = np.where(use_rest[:, None], equilibrium, C)
-    return y[:, None] * direction / (C * direction).sum(axis=1)[:, None]
-
-
 def _at_rest(sampled: SampledPhyFilter, y: Array) -> Array:
     """State (n_f, n) of the constant residual for which C w = y."""
     _, equilibrium, C = sampled._coefficients.bank
@@ -316,18 +287,28 @@ def _at_rest(sampled: SampledPhyFilter, y: Array) -> Array:
             )
     if not np.any(y):
         return np.zeros((len(y), sampled.order))
-    return _move_output(equilibrium, C, y)
+    return y[:, None] * equilibrium / (C * equilibrium).sum(axis=1)[:, None]
 
 
-def _cast(state: FilterState, dtype: np.dtype) -> FilterState:
-    if state.x.dtype == dtype:
-        return state
-    cast = {
-        name: value.astype(dtype)
-        for name in ("x", "g", "f_theta", "inertia")
-        if (value := getattr(state, name)) is not None
-    }
-    return state._replace(**cast)
+def check_state(sampled: SampledPhyFilter, state: FilterState) -> None:
+    """Refuse the state of a filter that differs in order, channels, precision or realisation."""
+    C, paper = sampled._coefficients.nominal.C, sampled.realisation == "paper"
+    n_f = len(state.x) if sampled.E is None else sampled.E.shape[1]
+    shape = state.w.shape
+    if (
+        (state.paper is not None) is paper
+        and (paper or shape[-C.ndim :] == C.shape)
+        and shape[0] == n_f
+        and state.x.dtype == C.dtype
+    ):
+        return
+    made = "of realisation='paper'" if state.paper is not None else f"of order {shape[1]}"
+    ours = "of realisation='paper'" if paper else f"of order {sampled.order}"
+    raise ValueError(
+        f"state: made by a filter {made} with {shape[0]} channels of f in {state.x.dtype}, given to one {ours} with "
+        f"{channels(sampled, len(state.x))} in {sampled.precision}; go on with the filter that made it, or take it "
+        "over with that filter's retune(state, new_filter)"
+    )
 
 
 def channels(sampled: SampledPhyFilter, n_x: int) -> int:

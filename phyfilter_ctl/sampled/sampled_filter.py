@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .._sections import FloatArray
 from ..filter import PhyFilter
-from . import loop, record
+from . import loop, record, retuning
 from .coefficients import Coefficients, Method, Precision, checked_direction, checked_limit, transition
 from .loop import FilterState
 
@@ -400,35 +400,54 @@ class SampledPhyFilter:
         return loop.shift_x(self, state, dx)
 
     def retune(self, state: FilterState, new_filter: SampledPhyFilter | PhyFilter) -> FilterState:
-        """State with which another filter goes on from here; f_hat does not jump.
+        """State with which another filter goes on from here: f_hat does not jump, and rest stays rest.
 
         Parameters
         ----------
         state : FilterState
             Of this filter.
         new_filter : SampledPhyFilter or PhyFilter
-            The filter to go on with; a PhyFilter stands for ``self.with_filter(new_filter)``.
+            The filter to go on with, of any order, step and method; a PhyFilter stands for
+            ``self.with_filter(new_filter)``.
 
         Returns
         -------
         FilterState
             For ``new_filter.step`` (or ``self.with_filter(new_filter).step``).
 
+        Raises
+        ------
+        ValueError
+            If the state is not of a filter like this one (order, channels, precision), the new filter has another
+            number of channels, or either is the paper's realisation.
+
         Notes
         -----
-        Equal orders keep the states of the sections, which mean the same in both, and move them along the new
-        equilibrium by what the output would have jumped; other orders start at rest on the present output.
+        The new filter goes on from the state in which it would most likely be, had it run all the time, where the
+        residual is a random walk with white noise on it, as strong as the walk at the slowest pole of the new filter.
+        So the estimate of a constant residual stays as it is for every change of poles, zeros, order or step, and a
+        filter retuned to itself goes on as if nothing had been. The output is then brought back to where it was;
+        what that takes dies away and is never larger than at first. Where F(0) changes, f_hat stays at the instant of
+        the change only, and goes from there to the new F(0) times the residual as the new filter settles; from and to
+        F(0) = 0 (band-pass) too. With N = 0 there is no output to keep.
 
         Examples
         --------
         >>> slow, fast = PhyFilter([2.0]).sampled(0.01), PhyFilter([400.0, 40.0]).sampled(0.01)
         >>> state, before = slow.step(slow.start([0.0]), [1.0])
         >>> state = slow.retune(state, fast)
-        >>> float(state.w[0, -1]) == float(before[0])
+        >>> bool(abs(state.w[0, -1] - before[0]) < 1e-12)
+        True
+
+        At rest on the residual 5 nothing moves any more:
+
+        >>> butterworth = PhyFilter([400.0, 800.0**0.5]).sampled(0.01)
+        >>> state = butterworth.retune(butterworth.start([0.0], f_hat0=[5.0]), fast)
+        >>> abs(float(fast.step(state, [0.05])[1][0]) - 5.0) < 1e-12
         True
         """
         new = self.with_filter(new_filter) if isinstance(new_filter, PhyFilter) else new_filter
-        return loop.retune(self, state, new)
+        return retuning.retune(self, state, new)
 
     # -- equality and text --------------------------------------------------------------------------------------
 

@@ -232,6 +232,22 @@ def test_continuous_retuning_does_not_jump(continuous):
     np.testing.assert_array_equal(ours.memory, memory)
 
 
+def test_continuous_rest_stays_rest(continuous):
+    """An equilibrium of the old coefficients is one of the new: no state moves."""
+    ours = instance(continuous["each"])
+    ours.u[:] = [1.0, -2.0, 0.5, *([-5.0] * 3), *([0.0] * 3)]
+    assert ours.start(0.0) == 0
+    ours.x[:] = 5.0 * np.concatenate([entry.sections[1] for entry in (SECOND, PhyFilter([3.0]), GENERAL)])
+    for changed in (
+        {"a[0,0]": 400.0, "a[0,1]": 8.0, "a[1,0]": 11.0, "a[2,2]": 35.0, "b[2,2]": 1.0},
+        {"a[0,1]": 900.0, "a[2,2]": 28.0, "b[2,1]": -40.0},
+    ):
+        ours.set_parameters(changed)
+        np.testing.assert_allclose(ours.outputs(0.0), 5.0, rtol=1e-13)
+        # Each derivative is a sum of terms as large as the fastest pole, 900 rad/s, times the state.
+        np.testing.assert_allclose(ours.derivatives(0.0), 0.0, atol=1e-13 * 900.0 * 5.0)
+
+
 def test_names_and_units():
     noted = Signals(["north", "east"], unit_x="m/s", unit_g="N", unit_f="N", inertia=1.2)
     model = filter_model(SECOND.sampled(H, limit=np.inf), 2, inertia=noted.inertia, signals=noted)

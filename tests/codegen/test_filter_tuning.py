@@ -13,6 +13,7 @@ from phyfilter_ctl import PhyFilter, _sections
 from phyfilter_ctl.codegen.compiler import compile_sources
 from phyfilter_ctl.codegen.filter_source import filter_source, runtime_files
 from phyfilter_ctl.sampled.coefficients import transition
+from phyfilter_ctl.sampled.retuning import Chain, moved
 
 H = 0.002
 # What C and Python may differ by where the poles are well conditioned; both err by some eps times the condition.
@@ -62,6 +63,12 @@ class Tune:
         self._call("pf_chain", n, pairs(poles), A, equilibrium)
         self._call("pf_chain_output", n, pairs(poles), np.array(a), np.array(b), C)
         return A, equilibrium, C
+
+    def move_state(self, old, new, w):
+        w = np.array(w)
+        chains = [v for chain in (old, new) for v in (pairs(chain.poles), chain.equilibrium, chain.C)]
+        self._call("pf_move_state", len(w), *chains, w)
+        return w
 
 
 def pairs(poles):
@@ -170,6 +177,30 @@ def test_lowpass_is_the_last_section(tune):
     assert C.tolist() == [0.0, 1.0]
 
 
+def test_a_state_moves_as_in_python(tune):
+    """From likely states of one filter to those of another of its order; other numerators, repeated poles, F = 0."""
+    rng = np.random.default_rng(9)
+    for n in range(1, 7):
+        for k in range(12):
+            filters = [
+                PhyFilter.from_poles([-20.0] * n if (k + i) % 3 == 0 else spread_poles(n, rng))
+                for i in range(2)
+            ]
+            old, new = (
+                PhyFilter(entry.a, entry.a * rng.uniform(-0.5, 1.5, n) * (k < 11), poles=entry.poles)
+                for entry in filters
+            )
+            chains = [Chain(entry.poles, *entry.sections[1:]) for entry in (old, new)]
+            sampled, state = old.sampled(0.01), old.sampled(0.01).start([0.0])
+            for u in np.cumsum(rng.standard_normal(50)):
+                state, _ = sampled.step(state, [0.0], [-u])
+            w = state.w[0]
+            expected = moved(*chains, w[None])[0]
+            condition = np.sqrt(np.linalg.cond(_sections.covariance(old.poles, old.poles, 0.01)))
+            size = AGREE * condition * max(np.abs(w).max(), np.abs(expected).max())
+            np.testing.assert_allclose(tune.move_state(*chains, w), expected, rtol=0.0, atol=size)
+
+
 @settings(max_examples=150, deadline=None, derandomize=True)
 @given(
     st.lists(st.floats(-30.0, 10.0), min_size=1, max_size=3),
@@ -248,6 +279,29 @@ def test_there_and_back_is_the_same_filter(by, library):
         one, other = (filter.step(x[k], g[k - 1], f_theta[k])[1] for filter in (returned, stayed))
         # The poles are the exported ones, six of them equal; only dA is summed in another order.
         np.testing.assert_allclose(one, other, atol=AGREE)
+
+
+@pytest.mark.parametrize("precision", ["float64", "float32"])
+@pytest.mark.parametrize("n", [1, 2, 3, 4, 6])
+def test_rest_stays_rest(n, precision, library):
+    """A constant residual's estimate over hundreds of samples, to and from equal, undamped and many other poles."""
+    sources, compiled = library
+    ours = CFilter(compiled, sources[n, precision])
+    level = np.array([5.0, -0.25])
+    assert ours.start(np.zeros(2), level) == 0
+    general = butterworth(n, 9.0)
+    shares = np.array([1.0, *np.linspace(1.4, -0.6, n - 1)])
+    damped = [-1 + 19.97j, -1 - 19.97j, -3.0, -3.0, -90.0, -90.0][:n] if n > 1 else [-20.0]
+    for a, b in (
+        (butterworth(n, 35.0).a, None),
+        (general.a, shares * general.a),
+        (PhyFilter.from_poles(damped).a, None),
+        (PhyFilter.from_poles([-20.0] * n).a, None),
+    ):
+        assert ours.retune([a], [a * np.eye(n)[0] if b is None else b]) == 0
+        f_hat = np.array([ours.step(np.zeros(2), -level, np.zeros(2))[1] for _ in range(200)], dtype=float)
+        # At most a hundred times the rounding of a state, see tests/test_retuning.py; the weights of b sum up to 10.
+        np.testing.assert_allclose(f_hat / level, 1.0, rtol=0.0, atol=1000 * np.finfo(precision).eps)
 
 
 @settings(max_examples=60, deadline=None, derandomize=True)

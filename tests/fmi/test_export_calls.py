@@ -290,6 +290,22 @@ def test_retuning_while_running(fmi):
 
 @pytest.mark.parametrize("fmi", VERSIONS)
 @pytest.mark.parametrize("name", ["sampled", "continuous"])
+def test_retuning_at_rest(name, fmi):
+    """The estimate of a constant residual stays where it is, not only at the instant."""
+    with Instance(exported(name, fmi)) as fmu:
+        fmu.start(x=0.0, g=-5.0)
+        for _ in range(5):
+            fmu.step(2.0)
+        before, a, b = (fmu.get(variable) for variable in ("f_hat", "a", "b"))
+        np.testing.assert_allclose(before, 5.0, rtol=1e-9)  # settled
+        fmu.set(a=a * np.linspace(1.5, 1.0, len(a)), b=1.5 * b)
+        for _ in range(60):
+            fmu.step(PERIOD)
+            np.testing.assert_allclose(fmu.get("f_hat"), before, rtol=1e-9)
+
+
+@pytest.mark.parametrize("fmi", VERSIONS)
+@pytest.mark.parametrize("name", ["sampled", "continuous"])
 def test_bad_parameters_are_refused_together(name, fmi):
     with Instance(exported(name, fmi)) as fmu, Instance(exported(name, fmi)) as twin:
         fmu.start()

@@ -47,7 +47,8 @@
  *   wing_set_limit(self, limit)          N_F bounds (LIMIT).
  *   wing_retune(self, a, b), wing_retune_poles(self, poles, b)   (TUNABLE)
  *       Other coefficients of the same orders, all filters at once, in double: a and b FILTERS x ORDER, ascending, the
- *       short ones padded with zeros; poles FILTERS x ORDER x (real, imaginary). f_hat does not jump.
+ *       short ones padded with zeros; poles FILTERS x ORDER x (real, imaginary). f_hat does not jump;
+ *       at rest it stays where it is for as long as the residual does, where F(0) is the same.
  *
  * All but reset and remember return 0 or a code below; then nothing has changed, f_hat neither. With HOLD_BAD a sample
  * that is not finite is no error: f_hat is f_theta, self->held is 1, and the gap becomes part of one longer step.

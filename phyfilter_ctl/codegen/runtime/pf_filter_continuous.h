@@ -154,22 +154,21 @@ static void PF_P(model_s)(const void *self, pf_real *s) {
 }
 
 #if PF_N_P
-/* The states in coordinates of the new chains, so that f_hat does not jump: as in a sampled filter the sections keep
- * their states, moved along the new equilibrium by what the output would have jumped. */
+/* The states as states of the new chains: f_hat does not jump, and rest stays rest, as in a sampled filter. */
 static void PF_P(exchange)(PF_P(model_instance) *self, const PF_P(chain) *chains) {
   pf_real v[PF_N_X];
   PF_P(moved)(self, v);
   for (int i = 0, first = 0; i < PF_N_X; i++) {
     const PF_P(chain) *const old = &self->chains[PF_BANK(i)], *const next = &chains[PF_BANK(i)];
     const int n = PF_P(order_of)(i);
-    double w[PF_N], C[PF_N], jump = 0.0;
+    double w[PF_N], old_C[PF_N], C[PF_N];
     const double moved = (double)v[i];
     for (int j = 0; j < n; j++) {
       w[j] = (double)self->x[first + j] + (double)old->B[j] * moved;
+      old_C[j] = (double)old->C[j];
       C[j] = (double)next->C[j];
-      jump += ((double)old->C[j] - C[j]) * w[j];
     }
-    pf_move_output(n, next->equilibrium, C, jump, w);
+    pf_move_state(n, &old->poles[0][0], old->equilibrium, old_C, &next->poles[0][0], next->equilibrium, C, w);
     for (int j = 0; j < n; j++) self->x[first + j] = (pf_real)(w[j] - (double)next->B[j] * moved);
     first += n;
   }

@@ -1,40 +1,40 @@
 /* Part of pf_filter_code.h: other coefficients while the filter runs. */
 
-/* Puts checked coefficients in force; every output stays where it is. */
+/* Puts checked coefficients in force; every output stays where it is, and rest stays rest. */
 static void PF_P(exchange_)(PF_NAME *self, const double *a, const double *b, double (*poles)[PF_N][2]) {
-  PF_T old_C[PF_BANKS][PF_N];
-  memcpy(old_C, self->C, sizeof old_C);
+  double equilibrium[2][PF_BANKS][PF_N], C[2][PF_BANKS][PF_N]; /* before and after, as rounded for the recursion */
   for (int i = 0; i < PF_BANKS; i++) {
     const int n = (int)self->order[i];
-    double dA[PF_N * PF_N], A[PF_N * PF_N], equilibrium[PF_N], C[PF_N];
+    double dA[PF_N * PF_N], A[PF_N * PF_N], rest[PF_N], output[PF_N];
     pf_transition(n, &poles[i][0][0], PF_P(METHOD), self->dt, dA);
-    pf_chain(n, &poles[i][0][0], A, equilibrium);
-    pf_chain_output(n, &poles[i][0][0], &a[i * PF_N], &b[i * PF_N], C);
+    pf_chain(n, &poles[i][0][0], A, rest);
+    pf_chain_output(n, &poles[i][0][0], &a[i * PF_N], &b[i * PF_N], output);
     for (int j = 0; j < n; j++) {
+      equilibrium[0][i][j] = (double)self->equilibrium[i][j];
+      C[0][i][j] = (double)self->C[i][j];
       for (int k = 0; k < n; k++) self->dA[i][j][k] = (PF_T)dA[j * n + k];
-      self->equilibrium[i][j] = (PF_T)equilibrium[j];
-      self->C[i][j] = (PF_T)C[j];
+      self->equilibrium[i][j] = (PF_T)rest[j];
+      self->C[i][j] = (PF_T)output[j];
+      equilibrium[1][i][j] = (double)self->equilibrium[i][j];
+      C[1][i][j] = (double)self->C[i][j];
       self->a[i][j] = a[i * PF_N + j];
       self->b[i][j] = b[i * PF_N + j];
     }
   }
-  memcpy(self->poles, poles, sizeof self->poles);
 #if PF_WIDE
   self->dt_other = 0.0;
 #endif
   for (int i = 0; i < PF_N_F; i++) {
-    const int n = (int)self->order[PF_BANK(i)];
-    double w[PF_N], equilibrium[PF_N], C[PF_N], jump = 0.0;
+    const int bank = PF_BANK(i), n = (int)self->order[bank];
+    double w[PF_N];
     for (int j = 0; j < n; j++) {
       w[j] = (double)self->w[i][j];
 #if PF_P(FLOAT)
       w[j] += (double)self->carry[i][j];
 #endif
-      equilibrium[j] = (double)self->equilibrium[PF_BANK(i)][j];
-      C[j] = (double)self->C[PF_BANK(i)][j];
-      jump += ((double)old_C[PF_BANK(i)][j] - C[j]) * w[j];
     }
-    pf_move_output(n, equilibrium, C, jump, w);
+    pf_move_state(n, &self->poles[bank][0][0], equilibrium[0][bank], C[0][bank], &poles[bank][0][0],
+                  equilibrium[1][bank], C[1][bank], w);
     for (int j = 0; j < n; j++) {
       self->w[i][j] = (PF_T)w[j];
 #if PF_P(FLOAT)
@@ -42,6 +42,7 @@ static void PF_P(exchange_)(PF_NAME *self, const double *a, const double *b, dou
 #endif
     }
   }
+  memcpy(self->poles, poles, sizeof self->poles);
 }
 
 /* 0, or why coefficients a, b with these poles are refused. */

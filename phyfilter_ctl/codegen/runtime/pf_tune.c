@@ -189,13 +189,103 @@ int pf_euler_diverges(int n, const double *poles, double h) {
   return 0;
 }
 
-void pf_move_output(int n, const double *equilibrium, const double *C, double y, double *w) {
-  double rest = 0.0, sum = 0.0, squares = 0.0;
-  for (int i = 0; i < n; i++) {
-    rest += C[i] * equilibrium[i];
-    sum += pf_absolute_(C[i]);
-    squares += C[i] * C[i];
+/* -- a state of another filter -------------------------------------------------------------------------------------- */
+
+/* Covariance of the states of two chains less equilibrium times input, the input a random walk with white noise on it:
+ * A X + X A_other' + e e_other' + noise b b_other' = 0. Section by section from the first: with re I + N for each,
+ * N^2 = -im^2 I, a block of X is a polynomial of the two N over a number. */
+static void covariance(int n, const double *poles, const double *other, double noise, double *X) {
+  for (int i = 0, rows = 1; i < n; i += rows) {
+    const pf_complex p = chained(n, poles, i);
+    const double r = pf_magnitude_(p.re, p.im), back = -(p.im * p.im) / r;
+    rows = p.im == 0.0 ? 1 : 2;
+    for (int j = 0, columns = 1; j < n; j += columns) {
+      const pf_complex q = chained(n, other, j);
+      const double t = pf_magnitude_(q.re, q.im), square = q.im * q.im, s = p.re + q.re;
+      const double alpha = s * s + (p.im - q.im) * (p.im + q.im);
+      double R[2][2] = {{0.0}}, RN[2][2], rest[2][2];
+      columns = q.im == 0.0 ? 1 : 2;
+      for (int k = 0; k < rows; k++)
+        for (int l = 0; l < columns; l++) {
+          R[k][l] = (k ? 1.0 : -p.re / r) * (l ? 1.0 : -q.re / t);
+          if (k == 0 && i > 0) R[k][l] += r * X[(i - 1) * n + j + l];
+          if (l == 0 && j > 0) R[k][l] += t * X[(i + k) * n + j - 1];
+        }
+      if (i == 0 && j == 0) R[0][0] += noise * r * t;
+      for (int k = 0; k < 2; k++) {
+        RN[k][0] = -square / t * R[k][1];
+        RN[k][1] = t * R[k][0];
+        for (int l = 0; l < 2; l++) rest[k][l] = 2.0 * s * RN[k][l] - alpha * R[k][l];
+      }
+      for (int k = 0; k < rows; k++)
+        for (int l = 0; l < columns; l++)
+          X[(i + k) * n + j + l] = -(s * (alpha + 2.0 * square) * R[k][l] + (alpha - 2.0 * s * s) * RN[k][l] +
+                                     (k ? r * rest[0][l] : back * rest[1][l])) /
+                                   (alpha * alpha + 4.0 * s * s * square);
+    }
   }
-  const int use_rest = pf_absolute_(rest) > 1e-6 * sum;
-  for (int i = 0; i < n; i++) w[i] += y * (use_rest ? equilibrium[i] : C[i]) / (use_rest ? rest : squares);
+}
+
+/* P = L D L' in place: L D below the diagonal, 1 / D on it; 0 where a state follows from the others but for rounding. */
+static void factors(int n, double *P) {
+  for (int k = 0; k < n; k++) {
+    const double size = P[k * n + k];
+    for (int i = k; i < n; i++)
+      for (int j = 0; j < k; j++) P[i * n + k] -= P[i * n + j] * (P[k * n + j] * P[j * n + j]);
+    P[k * n + k] = P[k * n + k] > 1e-8 * size ? 1.0 / P[k * n + k] : 0.0;
+  }
+}
+
+static void solve(int n, const double *P, double *x) {
+  for (int i = 0; i < n; i++)
+    for (int j = 0; j < i; j++) x[i] -= P[i * n + j] * P[j * n + j] * x[j];
+  for (int i = n - 1; i >= 0; i--) {
+    x[i] *= P[i * n + i];
+    for (int j = i + 1; j < n; j++) x[i] -= P[j * n + i] * P[i * n + i] * x[j];
+  }
+}
+
+/* y' X z */
+static double form(int n, const double *y, const double *X, const double *z) {
+  double sum = 0.0;
+  for (int i = 0; i < n; i++)
+    for (int j = 0; j < n; j++) sum += y[i] * X[i * n + j] * z[j];
+  return sum;
+}
+
+void pf_move_state(int n, const double *old_poles, const double *old_equilibrium, const double *old_C,
+                   const double *poles, const double *equilibrium, const double *C, double *w) {
+  const double noise = 1.0 / (poles[0] * poles[0] + poles[1] * poles[1]);
+  double P[PF_MAX_ORDER * PF_MAX_ORDER], weights[PF_MAX_ORDER], away[PF_MAX_ORDER], level = 0.0, unit = 0.0;
+  double jump = 0.0, size, sizes, alike;
+  pf_chain(n, old_poles, P, weights); /* the equilibrium not as rounded: P knows those that are likely */
+  covariance(n, old_poles, old_poles, noise, P);
+  sizes = form(n, old_C, P, old_C);
+  factors(n, P);
+  solve(n, P, weights);
+  for (int i = 0; i < n; i++) {
+    level += weights[i] * w[i];
+    unit += weights[i] * old_equilibrium[i];
+    jump += old_C[i] * w[i];
+  }
+  level /= unit;
+  for (int i = 0; i < n; i++) away[i] = w[i] - level * old_equilibrium[i];
+  solve(n, P, away);
+  covariance(n, poles, poles, noise, P);
+  size = form(n, C, P, C);
+  sizes *= size;
+  for (int i = 0; i < n; i++) {
+    weights[i] = 0.0;
+    for (int j = 0; j < n; j++) weights[i] += P[i * n + j] * C[j];
+  }
+  covariance(n, poles, old_poles, noise, P);
+  alike = form(n, C, P, old_C);
+  alike = sizes > 0.0 ? alike * alike / sizes : 0.0;
+  for (int i = 0; i < n; i++) {
+    w[i] = 0.0;
+    for (int j = 0; j < n; j++) w[i] += P[i * n + j] * away[j];
+    w[i] = level * equilibrium[i] + alike * w[i];
+    jump -= C[i] * w[i];
+  }
+  for (int i = 0; size > 0.0 && i < n; i++) w[i] += jump / size * weights[i]; /* size 0: F = 0 */
 }

@@ -32,7 +32,9 @@ void pf_transition(int n, const double *poles, int method, double h, double *dA)
 /* Whether forward Euler diverges, |1 + p h| >= 1 for some pole. */
 int pf_euler_diverges(int n, const double *poles, double h);
 
-/* State (n) with output C w = y: at rest where F(0) allows it, else the smallest one. Adds it to w. */
-void pf_move_output(int n, const double *equilibrium, const double *C, double y, double *w);
+/* Makes w, a state of the old chain, the state from which another chain goes on: the output stays where it is, and rest
+ * stays rest. The equations are in phyfilter_ctl/sampled/retuning.py. */
+void pf_move_state(int n, const double *old_poles, const double *old_equilibrium, const double *old_C,
+                   const double *poles, const double *equilibrium, const double *C, double *w);
 
 #endif
