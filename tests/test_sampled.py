@@ -318,14 +318,20 @@ X = np.zeros((5, 2))
         ({"x": X, "g": np.zeros((4, 2))}, r"g: expected shape \(5, 2\)"),
         ({"x": X, "f_theta": np.zeros((5, 3))}, r"f_theta: expected shape \(5, 2\)"),
         ({"x": np.where(np.arange(10).reshape(5, 2) == 6, np.nan, 0.0)}, "1 bad sample, the first in row 3"),
-        ({"x": X, "f_theta": np.full((5, 2), np.inf)}, "5 bad samples, the first in row 0"),
-        ({"x": X, "g": np.full((5, 2), np.nan)}, "bad sample"),
+        ({"x": X, "f_theta": np.full((5, 2), np.inf)}, "5 bad samples, the first in row 0 of f_theta"),
+        ({"x": X, "g": np.where(np.arange(10).reshape(5, 2) == 6, np.nan, 0.0)}, "1 bad sample.* row 3 of g"),
+        (
+            {"x": np.where(np.arange(10).reshape(5, 2) == 8, -1e200, 0.0), "g": np.full((5, 2), 1e308)},
+            r"up to 1e\+150 .* 5 bad samples, the first in row 0 of g",
+        ),
+        ({"x": X, "times": [0.0, 1e-310, 1.0, 2.0, 3.0]}, "time stands still at row 1"),
+        ({"x": X, "times": [0.0, 1.0, 2.0, 3.0, 1e308]}, "no time within 1e\\+150 s in row 4"),
         ({"x": X, "inertia": np.full(2, np.nan)}, "bad sample"),
         ({"x": X, "inertia": np.zeros(3)}, "inertia: expected a number or shape"),
         ({"x": np.zeros((2, 2)), "inertia": np.eye(2)}, "ambiguous because N == n_x == 2"),
         ({"x": X, "times": [0, 1, 1, 2, 3]}, "time stands still at row 2"),
         ({"x": X, "times": [0, 1, 2, 1.5, 3]}, "time runs back at row 3"),
-        ({"x": X, "times": [0, 1, np.nan, 3, 4]}, "times: not finite in row 2"),
+        ({"x": X, "times": [0, 1, np.nan, 3, 4]}, "times: no time within 1e\\+150 s in row 2"),
         ({"x": X, "times": [0, 1]}, r"times: expected shape \(5,\)"),
     ],
 )
@@ -342,6 +348,7 @@ def test_bad_steps_are_refused_and_leave_the_state():
         (([0.0],), "expected x and g of shape"),
         (([0.0, np.nan],), "finite.*state is unchanged"),
         (([0.0, 0.0], [0.0, np.inf]), "finite"),
+        (([0.0, -1e308],), "finite, up to 1e\\+150"),
         (([0.0, 0.0], None, [0.0]), "f_theta of shape"),
     ):
         with pytest.raises(ValueError, match=message):
@@ -387,6 +394,8 @@ def test_channels_must_fit():
         stack([PLAIN.sampled(0.002), PLAIN.sampled(0.001)])
     with pytest.raises(ValueError, match="at least one"):
         stack([])
+    with pytest.raises(TypeError, match=r"channel 0 is PhyFilter\(.*sample each first, F.sampled\(dt\)"):
+        stack([PLAIN, PLAIN])  # type: ignore[list-item]  # wrong on purpose
     with pytest.raises(TypeError, match="PhyFilter"):
         SampledPhyFilter([1.0], 0.1)  # type: ignore[list-item]  # wrong on purpose
     one = PLAIN.sampled(0.002)

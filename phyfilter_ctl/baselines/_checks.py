@@ -7,25 +7,26 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike
 
+from .._samples import LARGEST, unmasked, unusable, usable
+from .._samples import interval as seconds_of
 from .._sections import FloatArray
 
 
 def samples(name: str, values: ArrayLike) -> FloatArray:
     """Finite samples as a float array of shape (N, n_x)."""
     array = shaped_samples(name, values)
-    finite = np.isfinite(array)
-    if not finite.all():
-        row, channel = np.argwhere(~finite)[0]
+    if not usable(array):
+        row, channel = np.argwhere(unusable(array))[0]
         raise ValueError(
-            f"{name}: every sample must be finite, got {array[row, channel]} in row {row}, channel "
-            f"{channel}; cut the flight there or fill the gap"
+            f"{name}: every sample must be finite, up to {LARGEST:g} and not masked, got {array[row, channel]} in row "
+            f"{row}, channel {channel}; cut the flight there or fill the gap"
         )
     return array
 
 
 def shaped_samples(name: str, values: ArrayLike) -> FloatArray:
-    """Samples as a float array of shape (N, n_x), finite or not."""
-    raw = np.asarray(values)
+    """Samples as a float array of shape (N, n_x), finite or not; NaN where they are masked."""
+    raw = np.asarray(unmasked(values))
     if raw.dtype.kind not in "fiub":
         raise TypeError(f"{name}: expected an array of real numbers, got dtype {raw.dtype}")
     if raw.ndim != 2 or raw.size == 0:
@@ -36,7 +37,7 @@ def shaped_samples(name: str, values: ArrayLike) -> FloatArray:
 
 def interval(dt: float) -> float:
     """A sampling interval above zero."""
-    return positive("dt", dt, "s")
+    return positive("dt", seconds_of("dt", dt), "s")
 
 
 def positive(name: str, value: float, unit: str = "") -> float:

@@ -22,6 +22,7 @@ from numpy.typing import ArrayLike
 from scipy.linalg import solve_banded
 
 from .. import _sections
+from .._samples import seconds, unmasked, unusable, usable
 from .._sections import FloatArray
 from ..filter import PhyFilter
 from . import _checks
@@ -529,7 +530,7 @@ def _record(
     g = _beside("g", g, x.shape)
     if times is None:
         return x, g, dt
-    stamps = _array("times", times, (len(x),))
+    stamps = _array("times", seconds("times", times), (len(x),))
     steps = np.diff(stamps)
     if np.any(steps <= 0.0):
         row = int(np.argmax(steps <= 0.0)) + 1
@@ -550,14 +551,14 @@ def _start(f_theta0: ArrayLike | None, x: FloatArray) -> FloatArray:
 
 
 def _array(name: str, values: ArrayLike, shape: tuple[int, ...]) -> FloatArray:
-    array = np.asarray(values)
+    array = np.asarray(unmasked(values))
     if array.dtype.kind not in "fiub":
         raise TypeError(f"{name}: expected an array of real numbers, got dtype {array.dtype}")
     if array.shape != shape:
         raise ValueError(f"{name}: expected shape {shape} to go with x, got {array.shape}")
     array = array.astype(float)
-    if not np.isfinite(array).all():
-        row = int(np.argwhere(~np.isfinite(array))[0][0])
+    if not usable(array):
+        row = int(np.argwhere(unusable(array))[0][0])
         raise ValueError(f"{name}: every value must be finite, got another in row {row}; cut or fill it")
     return array
 

@@ -12,6 +12,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .._samples import seconds
 from ..diagram.model import FlatModel
 from .binding import Library, Progress, address, glue_source
 from .casadi_source import Real
@@ -250,7 +251,7 @@ def compile_model(
 
 
 def _times(timepts: ArrayLike) -> FloatArray:
-    times = np.ascontiguousarray(timepts, dtype=np.float64)
+    times = np.ascontiguousarray(seconds("timepts", timepts))
     if times.ndim != 1 or len(times) == 0:
         raise ValueError(f"timepts: expected shape (N,) with N >= 1, got {times.shape}")
     if not np.isfinite(times).all() or np.any(np.diff(times) <= 0.0):

@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
+from .._samples import LARGEST, interval, seconds, unmasked, unusable, usable
 from .._sections import FloatArray
 
 Where = Callable[[int], str]
@@ -19,13 +20,11 @@ def row(index: int) -> str:
 
 
 def real(name: str, values: ArrayLike) -> FloatArray:
-    """A copy as float64."""
+    """A copy as float64, NaN where it is masked."""
     try:
         if np.iscomplexobj(values):  # the conversion would drop the imaginary part with a warning only
             raise TypeError("it is complex")
-        if np.ma.is_masked(values):  # the conversion would bring back what was masked
-            raise TypeError("it has masked entries; cut the log there or fill them")
-        return np.array(values, dtype=float)
+        return np.array(unmasked(values), dtype=float)
     except (TypeError, ValueError) as error:
         raise TypeError(
             f"{name}: expected an array of real numbers with rows of one length: {error}"
@@ -33,10 +32,11 @@ def real(name: str, values: ArrayLike) -> FloatArray:
 
 
 def positive(name: str, value: float) -> float:
-    """A positive finite number."""
-    if not (np.ndim(value) == 0 and np.isfinite(value) and value > 0.0):
+    """A positive finite number of seconds."""
+    length = interval(name, value) if np.ndim(value) == 0 else float("nan")
+    if not (np.isfinite(length) and length > 0.0):
         raise ValueError(f"{name}: expected a positive number of seconds, got {value!r}")
-    return float(value)
+    return float(length)
 
 
 def fraction_of(fraction: float) -> float:
@@ -47,26 +47,28 @@ def fraction_of(fraction: float) -> float:
 
 
 def refuse_nonfinite(name: str, values: FloatArray, columns: Sequence[str], where: Where = row) -> None:
-    """Raise at the first NaN or infinity of a two-dimensional array."""
-    if np.all(np.isfinite(values)):
+    """Raise at the first NaN, infinity or number too large to reckon with, of a two-dimensional array."""
+    if usable(values):
         return
-    bad = np.argwhere(~np.isfinite(values))
+    bad = np.argwhere(unusable(values))
     index, column = (int(k) for k in bad[0])
+    value = values[index, column]
+    expected = f"a magnitude up to {LARGEST:g}" if np.isfinite(value) else "a finite number"
+    remedy = "choose another unit" if np.isfinite(value) else "cut the log there or repair the samples"
     more = f"; {len(bad)} such values in all" if len(bad) > 1 else ""
     raise ValueError(
-        f"{name}: {where(index)}, {columns[column]} is {values[index, column]}, expected a finite number{more}; "
-        "cut the log there or repair the samples"
+        f"{name}: {where(index)}, {columns[column]} is {value}, expected {expected}{more}; {remedy}"
     )
 
 
 def refuse_unordered(name: str, times: FloatArray, where: Where = row) -> None:
     """Raise unless times increase."""
-    bad = np.flatnonzero(np.diff(times) <= 0.0) + 1
+    bad = np.flatnonzero(np.diff(times) <= 1.0 / LARGEST) + 1
     if not len(bad):
         return
     listed = [
         f"{where(int(k))} ({times[k - 1]:.9g} s, then {times[k]:.9g} s: "
-        f"{'stands still' if times[k] == times[k - 1] else 'runs back'})"
+        f"{'stands still' if times[k] >= times[k - 1] else 'runs back'})"
         for k in bad[:_SHOWN]
     ]
     more = f" and {len(bad) - _SHOWN} more" if len(bad) > _SHOWN else ""
@@ -89,7 +91,7 @@ def measured(values: ArrayLike) -> FloatArray:
 
 def sample_times(values: ArrayLike, n: int) -> FloatArray:
     """Increasing finite times, shape (n,)."""
-    times = real("times", values)
+    times = seconds("times", values)
     if times.shape != (n,):
         raise ValueError(f"times: expected shape ({n},), one for every row of x, got {times.shape}")
     refuse_nonfinite("times", times[:, None], ("t",))
@@ -160,8 +162,8 @@ def inertia_of(values: ArrayLike | None, n: int, n_x: int) -> FloatArray | None:
     if inertia_varies(array, n):
         flat = array.reshape(n, -1)
         refuse_nonfinite("inertia", flat, [f"entry {_entry(k, array)}" for k in range(flat.shape[1])])
-    elif not np.all(np.isfinite(array)):
-        raise ValueError(f"inertia: expected finite numbers, got {array.tolist()}")
+    elif not usable(array):
+        raise ValueError(f"inertia: expected finite numbers up to {LARGEST:g}, got {array.tolist()}")
     return array
 
 

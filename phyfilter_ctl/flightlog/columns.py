@@ -10,6 +10,7 @@ from types import EllipsisType
 import numpy as np
 from numpy.typing import ArrayLike
 
+from .._samples import refuse_ticks
 from .._sections import FloatArray
 from . import checks
 from .csvfile import CsvFile, open_csv
@@ -88,6 +89,8 @@ def read_log(
             wanted[key] = found
     names = tuple(dict.fromkeys(name for columns in wanted.values() for name in columns))
     table = _scaled(file, names, file.read(names), scale)
+    if time is not None and time not in scale:
+        _refuse_ticks(file, time, table[:, names.index(time)])
     _check(file, names, table, time)
     values = {key: table[:, [names.index(name) for name in columns]] for key, columns in wanted.items()}
     if "time" in values:
@@ -146,7 +149,15 @@ def _scaled(file: CsvFile, names: Sequence[str], table: FloatArray, scale: Mappi
             raise ValueError(f"scale: no column {column!r} is read from {file.path}, only {', '.join(names)}")
         if not (np.isfinite(factor) and factor != 0.0):
             raise ValueError(f"scale: expected a finite factor other than 0 for {column!r}, got {factor!r}")
-    return table * np.array([scale.get(name, 1.0) for name in names]) if scale else table
+    with np.errstate(over="ignore"):  # an infinity is refused by its line
+        return table * np.array([scale.get(name, 1.0) for name in names]) if scale else table
+
+
+def _refuse_ticks(file: CsvFile, time: str, times: FloatArray) -> None:
+    if file.first(time).lstrip("+-").isdigit():
+        name = f"{file.path}: column {time!r}"
+        factors = f"scale={{{time!r}: 1e-3}} (ms), 1e-6 (us) or 1e-9 (ns)"
+        refuse_ticks(name, times, f"a factor, {factors}; if they are seconds, the factor 1.0")
 
 
 def _check(file: CsvFile, names: Sequence[str], table: FloatArray, time: str | None) -> None:

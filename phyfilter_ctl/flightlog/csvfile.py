@@ -65,6 +65,11 @@ class CsvFile:
             return self._read_slowly(names, columns)
         return table[:, columns]
 
+    def first(self, name: str) -> str:
+        """Text of the named column in the first row."""
+        number, line = next(self._rows())
+        return _fields(self.path, number, line, self.delimiter)[self.header.index(name)].strip()
+
     def line_numbers(self) -> list[int]:
         """Number of the line of every row, from 1."""
         return [number for number, _ in self._rows()]

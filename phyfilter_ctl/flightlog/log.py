@@ -40,7 +40,8 @@ class FlightLog:
     Parameters
     ----------
     times : array_like, shape (N,)
-        Sample times in s, increasing; the steps may differ.
+        Sample times in s, increasing; the steps may differ. timedelta64 has its unit with it; datetime64 counts from
+        the first sample. Whole numbers a thousand apart and more are refused: a clock's ticks, not seconds.
     x : array_like, shape (N, n_x)
         Measured signal, one column a channel.
     g : array_like, shape (N, n_x), optional
@@ -66,9 +67,9 @@ class FlightLog:
     TypeError
         If an array is not of real numbers.
     ValueError
-        If a shape is wrong, a value is not finite or a time stands still or runs back (the row is named, counted
-        from 0), if there are fewer than two samples, or if ``inertia`` is (n_x, n_x) with N == n_x, which could also
-        mean (N, n_x).
+        If a shape is wrong, a value is not finite, is masked or is beyond 1e150, or a time stands still or runs back
+        (the row is named, counted from 0), if there are fewer than two samples, or if ``inertia`` is (n_x, n_x) with
+        N == n_x, which could also mean (N, n_x).
 
     Examples
     --------

@@ -11,6 +11,7 @@ import control as ct
 import numpy as np
 from numpy.typing import ArrayLike
 
+from .._samples import seconds
 from .._sections import FloatArray
 from .archive import ArchiveLimits
 from .cosimulation_part import Part, step_problem
@@ -236,7 +237,7 @@ def _members(
 
 
 def _checked_times(timepts: ArrayLike, step: float | None) -> FloatArray:
-    times = np.asarray(timepts, dtype=float)
+    times = seconds("timepts", timepts)
     if times.ndim != 1 or len(times) < 2 or not np.all(np.isfinite(times)) or np.any(np.diff(times) <= 0.0):
         raise ValueError("timepts: expected at least two finite times in seconds, increasing")
     if step is not None and not 0.0 < step < np.inf:

@@ -7,13 +7,12 @@ from collections.abc import Iterable, Iterator, Mapping
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .._samples import LARGEST
 from .._sections import FloatArray
 from . import _checks
 
 # Numbers in the largest intermediate array: it stays in the cache, and no BLAS splits the product over threads.
 _CHUNK = 1 << 17
-# Beyond this the square of a value overflows.
-LARGEST = 1e150
 
 
 def frozen(name: str, values: ArrayLike, shape: tuple[int, ...] | None = None) -> FloatArray:

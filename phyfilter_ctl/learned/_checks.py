@@ -5,12 +5,13 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
+from .._samples import unmasked
 from .._sections import FloatArray
 
 
 def rows(name: str, values: ArrayLike, columns: int | None = None) -> FloatArray:
     """Finite samples as a float array of shape (N, columns), N >= 1."""
-    raw = np.asarray(values)
+    raw = np.asarray(unmasked(values))
     if raw.dtype.kind not in "fiub":
         raise TypeError(f"{name}: expected an array of real numbers, got dtype {raw.dtype}")
     if raw.ndim != 2 or raw.size == 0 or (columns is not None and raw.shape[1] != columns):

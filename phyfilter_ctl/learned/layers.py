@@ -9,6 +9,7 @@ from itertools import pairwise
 import casadi as ca
 import numpy as np
 
+from .._samples import LARGEST
 from .._sections import FloatArray
 
 # Names of the standardisation, in the order of the class.
@@ -20,8 +21,6 @@ SCALES = ("z_mean", "z_scale", "f_mean", "f_scale")
 _PRODUCT = 1 << 18
 # A column that varies by less than this share of its size is constant but for rounding.
 _CONSTANT = 1e-12
-# Beyond this the variance of a column overflows.
-_LARGEST = 1e150
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,8 +143,8 @@ class Layers:
 def standardisation(name: str, values: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Mean and standard deviation of each column; 1 for a column that does not vary."""
     largest = np.max(np.abs(values))
-    if largest > _LARGEST:
-        raise ValueError(f"{name}: expected values up to {_LARGEST:g}, got {largest:g}; choose another unit")
+    if largest > LARGEST:
+        raise ValueError(f"{name}: expected values up to {LARGEST:g}, got {largest:g}; choose another unit")
     mean, deviation = values.mean(axis=0), values.std(axis=0)
     constant = deviation <= _CONSTANT * np.max(np.abs(values), axis=0)
     return mean, np.where(constant, 1.0, deviation)

@@ -7,8 +7,9 @@ from dataclasses import KW_ONLY, dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
+from .._samples import LARGEST
 from .._sections import FloatArray
-from . import _arrays, _checks
+from . import _checks
 from .koopman import Koopman
 
 # A downdate whose pivot is smaller than this loses more than a quarter of the digits: factorise instead.
@@ -239,7 +240,7 @@ class OnlineKoopman:
         """psi, refused where its square overflows: the window would be lost for good."""
         with np.errstate(over="ignore", invalid="ignore"):
             psi = self.model.dictionary(z)
-        if not np.max(np.abs(psi)) <= _arrays.LARGEST:
+        if not np.max(np.abs(psi)) <= LARGEST:
             raise ValueError(
                 "z: the dictionary overflows; scale it with Dictionary.scaled_to(z), or lower degree"
             )

@@ -6,12 +6,12 @@ distance to the equilibrium, so that at rest on a constant residual nothing is l
 
 from __future__ import annotations
 
-from math import isfinite
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .._samples import LARGEST, interval, unmasked, unusable, usable
 from . import paper_form, windows
 from .coefficients import StepConstants
 
@@ -64,7 +64,7 @@ def start(
 ) -> FilterState:
     """See :meth:`SampledPhyFilter.start`."""
     dtype = np.dtype(sampled.precision)
-    x = np.array(x0, dtype)
+    x = np.array(_given(x0, dtype))
     if x.ndim != 1 or len(x) == 0:
         raise ValueError(f"x0: expected shape (n_x,), got {x.shape}")
     n_f = channels(sampled, len(x))
@@ -72,9 +72,10 @@ def start(
     g = None if g0 is None else _vector("g0", g0, len(x), dtype)
     inertia = None if inertia0 is None else _inertia("inertia0", inertia0, len(x), dtype)
     f_hat = f_theta if f_hat0 is None else _vector("f_hat0", f_hat0, n_f, dtype)
-    for name, values in (("x0", x), ("f_theta0", f_theta), ("f_hat0", f_hat), ("g0", g)):
-        if values is not None and not np.isfinite(values).all():
-            raise ValueError(f"{name}: expected finite values, got {values.tolist()}")
+    named = {"x0": x, "f_theta0": f_theta, "f_hat0": f_hat, "g0": g, "inertia0": inertia}
+    for name, values in named.items():
+        if values is not None and not usable(values):
+            raise ValueError(f"{name}: expected finite values up to {LARGEST:g}, got {values.tolist()}")
     if sampled.realisation == "paper":
         if f_hat0 is not None or inertia is not None:
             raise ValueError("realisation='paper' starts at f_theta0 with M = I; use realisation='sections'")
@@ -98,9 +99,9 @@ def step(
     """See :meth:`SampledPhyFilter.step`."""
     check_state(sampled, state)
     dtype = state.x.dtype
-    x = np.asarray(x, dtype)
-    g = np.zeros_like(state.x) if g is None else np.asarray(g, dtype)
-    f_theta = np.zeros_like(state.f_theta) if f_theta is None else np.asarray(f_theta, dtype)
+    x = _given(x, dtype)
+    g = np.zeros_like(state.x) if g is None else _given(g, dtype)
+    f_theta = np.zeros_like(state.f_theta) if f_theta is None else _given(f_theta, dtype)
     if x.shape != state.x.shape or g.shape != x.shape or f_theta.shape != state.f_theta.shape:
         raise ValueError(
             f"expected x and g of shape {state.x.shape} and f_theta of shape {state.f_theta.shape}, as at the start; "
@@ -111,11 +112,10 @@ def step(
     else:
         h, constants = _step_length(sampled, dt), None
     M = state.inertia if inertia is None else _inertia("inertia", inertia, len(x), dtype)
-    # One number shows whether all are finite; where it overflows the slow look decides.
-    bad = not isfinite(x.dot(x) + g.dot(g) + f_theta.dot(f_theta)) and not all(
-        np.isfinite(part).all() for part in (x, g, f_theta)
-    )
-    if bad or (M is not None and inertia is not None and not np.isfinite(M).all()):
+    # One number shows whether all are, or the slow look decides; sums of Python's numbers overflow without a warning.
+    size = sum(map(abs, [*x.tolist(), *g.tolist(), *f_theta.tolist()]))
+    bad = not size <= LARGEST and not (usable(x) and usable(g) and usable(f_theta))
+    if bad or (M is not None and inertia is not None and not usable(M)):
         return _refuse(sampled, state, x, g, f_theta, M, h)
     if state.paper is not None:
         return _step_paper(sampled, state, x, g, f_theta, inertia, dt)
@@ -234,17 +234,17 @@ def _refuse(
     """A sample that is not finite: an error, or held and taken as part of a longer step later."""
     if sampled.nonfinite == "raise":
         raise ValueError(
-            f"x, g, f_theta and inertia must be finite, got x={x.tolist()}, g={g.tolist()}, "
-            f"f_theta={f_theta.tolist()}; the state is unchanged; skip the sample (and pass the longer dt), or use "
-            "nonfinite='hold'"
+            f"x, g, f_theta and inertia must be finite, up to {LARGEST:g} and not masked, got x={x.tolist()}, "
+            f"g={g.tolist()}, f_theta={f_theta.tolist()}; the state is unchanged; skip the sample (and pass the longer "
+            "dt), or use nonfinite='hold'"
         )
-    g = np.where(np.isfinite(g), g, np.zeros_like(g) if state.g is None else state.g)
-    f_theta = np.where(np.isfinite(f_theta), f_theta, state.f_theta)
+    g = np.where(unusable(g), np.zeros_like(g) if state.g is None else state.g, g)
+    f_theta = np.where(unusable(f_theta), state.f_theta, f_theta)
     if M is not None:
         last = (
             np.ones_like(M) if state.inertia is None else _mean_inertia(state.inertia, state.inertia, M.ndim)
         )
-        M = np.where(np.isfinite(M), M, last)
+        M = np.where(unusable(M), last, M)
     past = (*state.past, _interval(sampled, state, g, f_theta, M, h))
     state = state._replace(g=g, f_theta=f_theta, inertia=M, held=True, gap=state.gap + h, past=past)
     return state, _limited(sampled, f_theta.copy())
@@ -270,7 +270,7 @@ def _step_paper(
 def shift_x(sampled: SampledPhyFilter, state: FilterState, dx: ArrayLike) -> FilterState:
     """See :meth:`SampledPhyFilter.shift_x`."""
     jump = _vector("dx", dx, len(state.x), state.x.dtype)
-    if not np.isfinite(jump).all():
+    if not usable(jump):
         raise ValueError(f"dx: expected finite values, got {jump.tolist()}")
     paper = None if state.paper is None else paper_form.shift(sampled.filter, state.paper, jump)
     return state._replace(x=state.x + jump, paper=paper)
@@ -344,8 +344,16 @@ def _mean_inertia(before: Array | None, now: Array, ndim: int = 0) -> Array:
     return (before + now) * now.dtype.type(0.5)
 
 
+def _given(values: ArrayLike, dtype: np.dtype) -> Array:
+    """Numbers in the arithmetic of the filter: NaN where they are masked, infinite where float32 does not reach."""
+    if dtype.itemsize == 8:  # quicker to ask than dtype == np.float64
+        return np.asarray(unmasked(values), dtype)
+    with np.errstate(over="ignore"):
+        return np.asarray(unmasked(values), dtype)
+
+
 def _inertia(name: str, inertia: ArrayLike, n_x: int, dtype: np.dtype) -> Array:
-    M = np.asarray(inertia, dtype)
+    M = _given(inertia, dtype)
     if M.ndim == 0:
         return np.full(n_x, M)
     if M.shape not in ((n_x,), (n_x, n_x)):
@@ -354,14 +362,15 @@ def _inertia(name: str, inertia: ArrayLike, n_x: int, dtype: np.dtype) -> Array:
 
 
 def _vector(name: str, values: ArrayLike, length: int, dtype: np.dtype) -> Array:
-    vector = np.array(values, dtype)
+    vector = np.array(_given(values, dtype))
     if vector.shape != (length,):
         raise ValueError(f"{name}: expected shape ({length},), got {vector.shape}")
     return vector
 
 
 def _step_length(sampled: SampledPhyFilter, dt: float) -> float:
-    if not (isfinite(dt) and dt > 0.0):
+    dt = interval("dt", dt)
+    if not 1.0 / LARGEST < dt < LARGEST:
         raise ValueError(
             f"dt: expected the positive length of the step in seconds, got {dt}; time runs forwards"
         )

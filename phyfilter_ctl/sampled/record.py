@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NoReturn
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .._samples import LARGEST, seconds, unmasked, unusable, usable
 from .._sections import FloatArray
 from . import paper_form, recursion, windows
 from .loop import channels
@@ -34,11 +35,7 @@ def run(
     stamps = None if times is None else _times(times, len(signals[0]), sampled.dt)
     held = held_samples(sampled, *signals)
     if held.any() and sampled.nonfinite == "raise":
-        rows = np.flatnonzero(held)
-        raise ValueError(
-            f"x, g, f_theta and inertia must be finite: {len(rows)} bad sample{'s' if len(rows) > 1 else ''}, the "
-            f"first in row {rows[0]}; clean the record, or use nonfinite='hold' to carry over gaps"
-        )
+        _refuse_nonfinite(sampled, *signals)
     if sampled.realisation == "paper":
         f_hat = _run_paper(sampled, *signals, stamps)
     elif sampled.delay or held.any():
@@ -68,7 +65,8 @@ def checked_signals(
     f_theta = (
         np.broadcast_to(zero, (N, n_f)) if f_theta is None else _signal("f_theta", f_theta, dtype, (N, n_f))
     )
-    M = None if inertia is None else _record_inertia(inertia, N, n_x).astype(dtype, copy=False)
+    with np.errstate(over="ignore"):  # as in _signal
+        M = None if inertia is None else _record_inertia(inertia, N, n_x).astype(dtype, copy=False)
     return x, g, f_theta, M
 
 
@@ -78,16 +76,32 @@ def held_samples(
     """Samples (N,) that are not finite. With g held, sample k comes with the g of sample k - 1."""
     held = np.zeros(len(x), dtype=bool)
     for signal in (x, f_theta) if M is None else (x, f_theta, M):
-        if not np.isfinite(signal).all():  # row by row only where there is something to find
+        if not usable(signal):  # row by row only where there is something to find
             held |= _bad_rows(signal)
-    if not np.isfinite(g).all():
+    if not usable(g):
         bad = _bad_rows(g)
         held |= np.concatenate([bad[:1], bad[:-1]]) if sampled.g == "hold" else bad
     return held
 
 
+def _refuse_nonfinite(
+    sampled: SampledPhyFilter, x: Array, g: Array, f_theta: Array, M: Array | None
+) -> NoReturn:
+    """Name the first row that is not finite, where it stands: a held g spoils the sample after it."""
+    acting = g[:-1] if sampled.g == "hold" and len(g) > 1 else g
+    named = {"x": x, "g": acting, "f_theta": f_theta} | ({} if M is None else {"inertia": M})
+    bad = {name: rows for name, signal in named.items() if len(rows := np.flatnonzero(_bad_rows(signal)))}
+    name = min(bad, key=lambda key: bad[key][0])
+    count = len(np.unique(np.concatenate(list(bad.values()))))
+    raise ValueError(
+        f"x, g, f_theta and inertia must be finite, up to {LARGEST:g} and not masked: {count} bad "
+        f"sample{'s' if count > 1 else ''}, the first in row {bad[name][0]} of {name}; clean the record, or use "
+        "nonfinite='hold' to carry over gaps"
+    )
+
+
 def _bad_rows(signal: Array) -> NDArray[np.bool_]:
-    return np.asarray(~np.isfinite(signal).reshape(len(signal), -1).all(axis=1))
+    return np.asarray(unusable(signal).reshape(len(signal), -1).any(axis=1))
 
 
 def _run_plain(
@@ -230,7 +244,8 @@ def _run_paper(
 
 
 def _signal(name: str, values: ArrayLike, dtype: np.dtype, shape: tuple[int, int] | None = None) -> Array:
-    array = np.asarray(values, dtype=dtype)
+    with np.errstate(over="ignore"):  # to an infinity in float32, refused or held as such
+        array = np.asarray(unmasked(values), dtype=dtype)
     if array.ndim == 1 and (shape is None or shape == (len(array), 1)):
         array = array[:, None]
     if array.ndim != 2 or 0 in array.shape:
@@ -244,18 +259,20 @@ def _signal(name: str, values: ArrayLike, dtype: np.dtype, shape: tuple[int, int
 
 def _times(times: ArrayLike, N: int, dt: float) -> FloatArray | None:
     """Checked time stamps; None where they are the nominal grid."""
-    stamps = np.asarray(times, dtype=float)
+    stamps = seconds("times", times)
     if stamps.shape != (N,):
         raise ValueError(f"times: expected shape ({N},) to go with x, got {stamps.shape}")
-    if not np.all(np.isfinite(stamps)):
-        row = int(np.argmin(np.isfinite(stamps)))
-        raise ValueError(f"times: not finite in row {row} ({stamps[row]}); drop or repair the row")
-    steps = np.diff(stamps)
-    if np.any(steps <= 0.0):
-        row = int(np.argmax(steps <= 0.0)) + 1
-        what = "stands still" if steps[row - 1] == 0.0 else "runs back"
+    if not usable(stamps):
+        row = int(np.argmax(unusable(stamps)))
         raise ValueError(
-            f"times: time {what} at row {row} ({stamps[row - 1]!r} s, then {stamps[row]!r} s): expected increasing "
+            f"times: no time within {LARGEST:g} s in row {row} ({stamps[row]}); drop or repair the row"
+        )
+    steps = np.diff(stamps)
+    if np.any(steps <= 1.0 / LARGEST):
+        row = int(np.argmax(steps <= 1.0 / LARGEST)) + 1
+        what = "stands still" if steps[row - 1] >= 0.0 else "runs back"
+        raise ValueError(
+            f"times: time {what} at row {row} ({stamps[row - 1]} s, then {stamps[row]} s): expected increasing "
             "times; drop or repair the row"
         )
     rounding = _STAMP_ROUNDING * float(np.max(np.abs(stamps)))
@@ -264,7 +281,7 @@ def _times(times: ArrayLike, N: int, dt: float) -> FloatArray | None:
 
 def _record_inertia(inertia: ArrayLike, N: int, n_x: int) -> Array:
     """Checked inertia of a record: diagonal (1 or N, n_x) or full (1 or N, n_x, n_x)."""
-    M = np.asarray(inertia, dtype=float)
+    M = np.asarray(unmasked(inertia), dtype=float)
     if M.ndim == 0:
         return np.full((1, n_x), M)
     if M.ndim == 2 and n_x == N and M.shape == (n_x, n_x):

@@ -19,6 +19,7 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .._samples import LARGEST, interval
 from .._sections import FloatArray
 from ..filter import PhyFilter
 from . import loop, record, retuning
@@ -41,7 +42,7 @@ class SampledPhyFilter:
     filters : PhyFilter or sequence of PhyFilter
         One filter for every channel, or one per channel (see :func:`stack`).
     dt : float
-        Nominal sampling interval h in seconds.
+        Nominal sampling interval h in seconds; a timedelta64 has its unit with it.
     method : {"exact", "euler", "tustin"}
         "exact": zero-order hold of the step-averaged residual, exact for x linear between samples. "euler": forward
         Euler, as in the paper; refused where it diverges, |1 + p h| >= 1. "tustin": the trapezoidal rule.
@@ -61,8 +62,8 @@ class SampledPhyFilter:
     limit : float or array_like, shape (n_f,), optional
         Bound on |f_hat|. It clamps the output, never the state, so nothing winds up.
     nonfinite : {"raise", "hold"}
-        What a NaN or infinite sample does. It never enters the state: "raise" refuses it, "hold" returns f_theta
-        for that sample, says so, and takes the gap as one longer step.
+        What a sample does that is NaN, infinite, masked or beyond 1e150. It never enters the state: "raise" refuses
+        it, "hold" returns f_theta for that sample, says so, and takes the gap as one longer step.
 
     Raises
     ------
@@ -117,10 +118,10 @@ class SampledPhyFilter:
         filters = (filters,) if isinstance(filters, PhyFilter) else tuple(filters)
         if not filters or not all(isinstance(entry, PhyFilter) for entry in filters):
             raise TypeError(f"filters: expected a PhyFilter or a non-empty sequence of them, got {filters!r}")
-        dt, delay = float(dt), float(delay)
-        if not (np.isfinite(dt) and dt > 0.0):
+        dt, delay = float(interval("dt", dt)), float(interval("delay", delay))
+        if not 1.0 / LARGEST < dt < LARGEST:
             raise ValueError(f"dt: expected a positive sampling interval in seconds, got {dt}")
-        if not (np.isfinite(delay) and delay >= 0.0):
+        if not 0.0 <= delay < LARGEST:
             raise ValueError(f"delay: expected a delay of 0 s or more, got {delay}")
         for name, value, choices in (
             ("method", method, Method),
@@ -234,7 +235,8 @@ class SampledPhyFilter:
         inertia : float, (n_x,), (n_x, n_x), (N, n_x) or (N, n_x, n_x) array, optional
             Model M_hat of the inertia: scalar, diagonal or full, constant or per sample; None means I.
         times : (N,) array, optional
-            Sampling instants in seconds where they are not every ``dt``.
+            Sampling instants where they are not every ``dt``: seconds, timedelta64, or datetime64 counted from the
+            first.
 
         Returns
         -------
@@ -245,8 +247,8 @@ class SampledPhyFilter:
         ------
         ValueError
             For wrong shapes, an ambiguous inertia (2-D with N == n_x), times that stand still or run back (row
-            named), a non-finite sample under ``nonfinite="raise"`` (row named), or a step at which forward Euler
-            diverges.
+            named) or are whole numbers that count no seconds, a sample that is not finite, is masked or is beyond
+            1e150 under ``nonfinite="raise"`` (row and signal named), or a step at which forward Euler diverges.
 
         Examples
         --------
@@ -502,6 +504,8 @@ def stack(filters: Sequence[SampledPhyFilter]) -> SampledPhyFilter:
 
     Raises
     ------
+    TypeError
+        If one of them is not sampled.
     ValueError
         If the sequence is empty or the options differ (the option is named).
 
@@ -514,6 +518,12 @@ def stack(filters: Sequence[SampledPhyFilter]) -> SampledPhyFilter:
     filters = tuple(filters)
     if not filters:
         raise ValueError("stack: expected at least one sampled filter, got none")
+    for i, entry in enumerate(filters):
+        if not isinstance(entry, SampledPhyFilter):
+            raise TypeError(
+                f"stack: channel {i} is {entry!r}, expected a SampledPhyFilter; sample each first, F.sampled(dt), or "
+                "give them all to SampledPhyFilter([F, ...], dt)"
+            )
     reference = filters[0]
     for i, entry in enumerate(filters):
         for name in _differences(entry, reference):

@@ -9,6 +9,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from .._samples import unusable
+
 FloatArray = NDArray[np.floating]
 
 
@@ -31,7 +33,8 @@ def window_means(
     (w, c) array
     """
     # The part of a window before the record is an interval of its own, of constant value.
-    begin = min(float(starts[0]), float(times[0])) - 1.0
+    begin = min(float(starts[0]), float(times[0]))
+    begin -= 1.0 + abs(begin)  # earlier, however large the times are
     times = np.concatenate([[begin], times])
     first = np.concatenate([first[:1], first])
     last = np.concatenate([first[:1], last])
@@ -63,9 +66,9 @@ def values_at(times: FloatArray, samples: FloatArray, when: FloatArray) -> Float
 
 
 def fill_forward(values: FloatArray, start: float = 0.0) -> FloatArray:
-    """Replace each non-finite entry of (N, ...) by the last finite one before it, by ``start`` where there is none."""
+    """Replace each entry of (N, ...) that is no sample by the last one before it, by ``start`` where there is none."""
     flat = values.reshape(len(values), -1)
-    good = np.isfinite(flat)
+    good = ~unusable(flat)
     if good.all():
         return values
     row = np.maximum.accumulate(np.where(good, np.arange(len(flat))[:, None], -1), axis=0)

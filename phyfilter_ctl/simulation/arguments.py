@@ -9,6 +9,7 @@ from typing import Literal, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
+from .._samples import seconds
 from .._sections import FloatArray
 from ..diagram import FlatModel
 from ..diagram.naming import override
@@ -66,7 +67,7 @@ def prepare(
 
 
 def _times(flat: FlatModel, timepts: ArrayLike) -> FloatArray:
-    times = np.array(timepts, dtype=float)
+    times = seconds("timepts", timepts)
     if times.ndim != 1 or not times.size or not np.all(np.isfinite(times)) or np.any(np.diff(times) <= 0.0):
         raise ValueError(
             f"timepts: expected finite, increasing times in seconds, shape (N,), got shape {times.shape}"
