@@ -7,6 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from phyfilter_ctl import PhyFilter, SampledPhyFilter, stack
+from tests.cpu_budget import slow_but
 
 # What is promised for every pole with |p| h >= 1e-3 ...
 EXACT = 1e-10
@@ -182,7 +183,7 @@ def test_any_partition_of_the_time_gives_the_same_estimate_of_a_line(speeds, N, 
 
 
 @pytest.mark.parametrize("order", [1, 2, 3, 4])
-@pytest.mark.parametrize("pole", [0.5, 20.0, 100.0])
+@pytest.mark.parametrize("pole", slow_but((0.5,), (0.5, 20.0, 100.0)))
 def test_float32_keeps_its_digits(order, pole):
     """The short twin of benchmarks/float32_drift.py: 20,000 steps against long double, paper's form beside it."""
     h, N = 0.002, 20_000

@@ -21,6 +21,7 @@ from exported_fmus import (
 from fmpy import fmi3
 
 import phyfilter_ctl as pf
+from tests.cpu_budget import slow_but
 
 VERSIONS = ("2.0", "3.0")
 OUTPUTS = {
@@ -49,7 +50,7 @@ def drive(fmu, name, steps, seed=1, h=PERIOD):
 
 
 @pytest.mark.parametrize("fmi", VERSIONS)
-@pytest.mark.parametrize("name", MODELS)
+@pytest.mark.parametrize("name", slow_but(("loop", "sampled"), MODELS))
 def test_state_round_trip(name, fmi):
     """The rest of a run from a state put back, and from one that went through bytes, bit for bit."""
     with Instance(exported(name, fmi)) as fmu, Instance(exported(name, fmi)) as other:
