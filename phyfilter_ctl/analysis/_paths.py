@@ -9,6 +9,7 @@ from u_k to C w_k. delta is formed without the subtraction, so nothing is lost a
 
 from __future__ import annotations
 
+import warnings
 from typing import Literal
 
 import numpy as np
@@ -65,7 +66,7 @@ def noise_gain(system: PhyFilter | SampledPhyFilter) -> float:
             return float("inf")
         A, equilibrium, C = system.sections
         drive = A @ (A @ equilibrium)
-        P = solve_continuous_lyapunov(A, -np.outer(drive, drive))
+        P = _covariance(A, drive)
         return float(np.sqrt(max(C @ P @ C, 0.0)))
     dA, equilibrium, C = system.transition
     # u_k = (nu_k - nu_{k-1})/h. The state w_k - B nu_k/h sees each nu once: it is driven by dA B nu_{k-1}/h.
@@ -74,9 +75,19 @@ def noise_gain(system: PhyFilter | SampledPhyFilter) -> float:
     # X = T dA, in which nothing is subtracted from I.
     T = np.linalg.inv(np.eye(len(dA)) + 0.5 * dA)
     drive = T @ dA @ B
-    P = solve_continuous_lyapunov(T @ dA, -np.outer(drive, drive))
+    P = _covariance(T @ dA, drive)
     # Where F(0) = 0 and every sample forgets the last the two cancel, to a rounding of either sign.
     return float(np.sqrt(max(C @ P @ C + (C @ B) ** 2, 0.0)))
+
+
+def _covariance(A: FloatArray, drive: FloatArray) -> FloatArray:
+    """P with A P + P A' + drive drive' = 0; nan where rounding hides whether the slowest state decays."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", RuntimeWarning)
+        try:
+            return np.asarray(solve_continuous_lyapunov(A, -np.outer(drive, drive)))
+        except RuntimeWarning:
+            return np.full_like(A, np.nan)
 
 
 def _recursion(system: SampledPhyFilter, omega: FloatArray) -> tuple[ComplexArray, ComplexArray]:

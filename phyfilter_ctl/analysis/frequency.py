@@ -216,7 +216,8 @@ class FilterResponse:
         Sampled: standard deviation of f_hat per standard deviation of noise that is independent from sample to
         sample, in 1/s, exact (the noise in x_k enters u_k and u_{k+1} with opposite signs). Continuous: the square
         root of the integral of |s F|^2 d omega / 2 pi over all omega, for noise of unit two-sided density; inf where
-        F has relative degree 1, as s F then passes white noise unfiltered, whose variance is infinite.
+        F has relative degree 1, as s F then passes white noise unfiltered, whose variance is infinite. nan where
+        poles are so lightly damped that rounding hides whether they decay.
 
         Notes
         -----

@@ -474,3 +474,8 @@ def test_noise_that_cancels_is_zero_not_nan() -> None:
     # Rounding of the two variances that cancel, each of size (C B)^2, leaves the root of eps.
     size = np.abs(sampled.transition[2]).sum() / sampled.dt
     assert 0.0 <= frequency_response(sampled).noise_gain <= 1e-7 * size
+
+
+def test_noise_that_rounding_hides_is_nan_without_a_warning() -> None:
+    pair = 99990.0 * np.array([-3e-10 + 1j, -3e-10 - 1j])
+    assert np.isnan(frequency_response(PhyFilter.from_poles([*pair] * 4).sampled(1.0), [1.0]).noise_gain)

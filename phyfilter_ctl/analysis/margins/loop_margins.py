@@ -93,7 +93,7 @@ class LoopMargins:
         Raises
         ------
         ValueError
-            If the ratio is not finite.
+            If the ratio is not finite, or the delay turns the loop too many thousand times to count its poles.
 
         Notes
         -----
