@@ -61,6 +61,10 @@ def table(found: Comparison) -> str:
         for name, score in scores.items():
             cells = [_list(score.terrain[kind].mean(axis=(1, 2))) for kind in plan.terrains]
             lines.append(_row(found.methods[name].label, cells, width=18))
+        # A stumble is chaotic: each walk is a draw of its own, and sqrt(p (1 - p)/n) is at most this.
+        lines.append(
+            f"standard deviation of such a part of {walks} walks by chance: up to {0.5 / walks**0.5:.2f}"
+        )
     lines += ["", *_verdict(found)]
     speed = found.throughput
     lines += [

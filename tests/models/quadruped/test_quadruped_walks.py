@@ -194,6 +194,7 @@ def test_report_picture_and_figures(tmp_path: Path, capsys):
     )
     text, figures = capsys.readouterr().out, json.loads(target.read_text())
     assert "paper, 60 % payload: at most 0.2 m/s" in text
+    assert "part of 2 walks by chance: up to 0.35" in text
     assert picture.stat().st_size > 10_000
     assert figures["methods"]["filter"]["payload_error"][0] < figures["methods"]["base"]["payload_error"][0]
     assert figures["methods"]["filter"]["terrain_success"]["gravel"] == [1.0]
