@@ -179,6 +179,12 @@ def test_settling_of_a_band_pass_is_of_its_peak():
     assert settling_time(band) == pytest.approx(expected, rel=SETTLING)
 
 
+@pytest.mark.parametrize("cutoff", [1e-3, 1e5])
+def test_families_at_the_edge_are_answered(cutoff):
+    design = answered(Session(), "family", family="butterworth", order=8, cutoff=cutoff)["design"]
+    assert answered(Session(), "design", design=design)["filter"]["type"] == 1
+
+
 def test_settling_of_next_to_nothing():
     assert settling_time(PhyFilter([1.0], [0.0])) == 0.0
     assert np.isnan(settling_time(PhyFilter([1.0], [5e-324])))
