@@ -469,7 +469,8 @@ def test_the_search_grid_is_bounded(poles: list[float]) -> None:
 def test_noise_that_cancels_is_zero_not_nan() -> None:
     """F(0) = 0 and steps so long that every sample forgets the last: f_hat is F(0) u."""
     sampled = PhyFilter.from_poles(
-        [-59864.39 + 80089.04j, -59864.39 - 80089.04j, -99990.0], [0.0, -1.738, 3.983]
+        [-59864.39146456445 + 80089.04253752434j, -59864.39146456445 - 80089.04253752434j, -99990.0],
+        [0.0, -1.7384802399547234, 3.983256450251602],
     ).sampled(1.0)
     # Rounding of the two variances that cancel, each of size (C B)^2, leaves the root of eps.
     size = np.abs(sampled.transition[2]).sum() / sampled.dt

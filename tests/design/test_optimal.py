@@ -59,6 +59,7 @@ def test_a_third_order_low_pass_promises_no_more_than_a_second():
     assert best >= (1 - SEARCH) * found.bound.bound
 
 
+@pytest.mark.slow
 def test_limits_hold_and_are_named():
     free = least_bound(2, residual={1: 8.0}, noise=0.01)
     quiet = least_bound(2, residual={1: 8.0}, noise=0.01, noise_limit=0.5 * free.bound.noise)
@@ -170,6 +171,7 @@ def test_intervals_cover_the_truth():
     assert np.all(covered >= 16)
 
 
+@pytest.mark.slow
 def test_peaks_and_their_share():
     log, gamma = flight(3)
     found = residual_statistics(log)

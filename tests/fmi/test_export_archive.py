@@ -54,6 +54,7 @@ def test_two_builds_are_identical(tmp_path, fmi):
     assert os.listdir(tmp_path / "elsewhere") == ["b.fmu"]  # nothing left behind
 
 
+@pytest.mark.slow
 def test_another_process_builds_the_same(tmp_path):
     code = (
         "import sys, phyfilter_ctl as pf; from phyfilter_ctl.fmi.export import export_fmu;"

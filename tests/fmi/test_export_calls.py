@@ -97,7 +97,7 @@ def test_states_of_others_are_refused(fmi):
 
 
 @pytest.mark.parametrize("fmi", VERSIONS)
-@pytest.mark.parametrize("name", MODELS)
+@pytest.mark.parametrize("name", slow_but(("loop", "sampled"), MODELS))
 def test_two_instances_do_not_touch_each_other(name, fmi):
     with Instance(exported(name, fmi)) as alone:
         alone.start()

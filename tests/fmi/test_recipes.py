@@ -33,6 +33,7 @@ def table(path):
 
 # CI builds and checks every one with `phyfilter-ctl fmu recipes fmus`.
 @needs_compiler
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["phyfilter_sampled"])
 def test_fmus_reproduce_the_record(name):
     reports = check_recipe(ROOT / name)

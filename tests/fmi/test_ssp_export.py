@@ -12,12 +12,14 @@ from phyfilter_ctl.codegen.compiler import CompilerError
 from phyfilter_ctl.fmi import check, cosimulate, cut_diagram, export_ssp
 from phyfilter_ctl.fmi.ssp_read import opened_ssp
 from phyfilter_ctl.simulation import simulate
-from tests.cpu_budget import slow_but
 
 try:
     find_compiler()
 except CompilerError:
     pytest.skip("no C compiler: FMUs cannot be built", allow_module_level=True)
+
+# Three FMUs are compiled; tests/fmi/test_ssp.py cuts diagrams without.
+pytestmark = pytest.mark.slow
 
 # Between the instants of the filter, which are multiples of 20 ms: at one, f_hat jumps, and a late value is far off.
 T = np.concatenate([[0.0], 0.01 + 0.04 * np.arange(25)])
@@ -83,7 +85,7 @@ def packages(tmp_path_factory):
 
 
 @pytest.mark.parametrize("name", ["three", "two"])
-@pytest.mark.parametrize("scheme", slow_but(("gauss-seidel",), ("jacobi", "gauss-seidel")))
+@pytest.mark.parametrize("scheme", ["jacobi", "gauss-seidel"])
 def test_converges_to_the_diagram(packages, monolith, name, scheme):
     errors = []
     for step in (0.005, 0.0025, 0.00125):

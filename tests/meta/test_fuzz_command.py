@@ -10,6 +10,7 @@ from pathlib import Path
 ROOT = Path(__file__).parents[2]
 # One example in a thousand fails; the suite would look at one.
 PROPERTY = """
+import pytest
 from hypothesis import given, settings, strategies as st
 
 @settings(max_examples=1, deadline=None)
@@ -47,6 +48,7 @@ def search(folder: Path, *options: str) -> subprocess.CompletedProcess[str]:
     )  # fmt: skip
 
 
+@pytest.mark.slow
 def test_a_rare_failure_is_found_twice(tmp_path):
     runs = [
         search(tmp_path, "--fuzz-minutes=2", "--hypothesis-seed=7", "-k", "test_property") for _ in range(2)

@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 from phyfilter_ctl import flatten, models, simulate
 from phyfilter_ctl.cli import main
 from phyfilter_ctl.plants import allocation_matrix, coupling_force, coupling_torque, rotate, rotate_back
+from tests.cpu_budget import slow_but
 
 ROOM = f"{models.__name__}.aerial_manipulator"
 comparison = importlib.import_module(f"{ROOM}.comparison")
@@ -242,6 +243,7 @@ def trained() -> training.Training:
     return training.train()
 
 
+@pytest.mark.slow
 def test_seer_learns_the_arm_and_errs_elsewhere(trained: training.Training) -> None:
     assert trained.chosen_torque.train < 0.1 * trained.label_torque
     assert trained.chosen_torque.held_out < 0.2 * trained.label_torque
@@ -259,12 +261,13 @@ def test_seeds_are_apart() -> None:
     assert sum(len(group) for group in groups) == len(set.union(*groups))
 
 
-@pytest.mark.parametrize("name", methods.METHODS)
-def test_every_method_is_tuned_and_flies(name: str, trained: training.Training) -> None:
+@pytest.mark.parametrize("name", slow_but(("baseline", "observer"), methods.METHODS))
+def test_every_method_is_tuned_and_flies(name: str, request: pytest.FixtureRequest) -> None:
     entry = tuning.tuned()[name]
     assert entry.modulus_margin >= params.params().tuning.modulus_margin
     assert entry.jitter <= params.params().tuning.jitter
-    flown = experiment.fly(entry.method, (320,), trained.seer)
+    learned = name in ("seer", "phyfilter")
+    flown = experiment.fly(entry.method, (320,), request.getfixturevalue("trained").seer if learned else None)
     assert not flown.message
     assert flown.score().largest.max() < 0.6
 
@@ -275,6 +278,7 @@ def test_tuned_methods_have_their_margin() -> None:
     assert found == pytest.approx(entry.modulus_margin, abs=SAME)
 
 
+@pytest.mark.slow
 def test_phyfilter_beats_the_baseline_and_grasps(trained: training.Training) -> None:
     entries = tuning.tuned()
     ours, theirs = (

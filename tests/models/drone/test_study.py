@@ -158,6 +158,7 @@ def test_winner_has_the_least_median():
     assert made.least("mass") == {(w[0], 1.0): 0.3, (w[1], 1.0): 0.1}
 
 
+@pytest.mark.slow
 def test_points_fly_as_the_comparison_does(found, model):
     curve = found.curves("wind")["observer"]
     assert [entry.point.value for entry in curve] == [0.0, 1.0]
