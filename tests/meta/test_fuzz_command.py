@@ -7,10 +7,11 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 ROOT = Path(__file__).parents[2]
 # One example in a thousand fails; the suite would look at one.
 PROPERTY = """
-import pytest
 from hypothesis import given, settings, strategies as st
 
 @settings(max_examples=1, deadline=None)
