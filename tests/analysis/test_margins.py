@@ -441,6 +441,7 @@ def simulated_limit(delay: float, kp: float, kd: float, candidates: np.ndarray) 
     return float(np.interp(0.0, np.mean(growth[4:], axis=0), candidates))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("gains", ["inner", "pd"])
 def test_largest_bandwidth_against_a_simulated_search(gains: str):
     kp, kd = GAINS[gains]

@@ -109,6 +109,7 @@ def test_first_order_with_whole_steps_of_delay(whole: int):
         assert (np.max(np.abs(np.roots(polynomial))) < 1.0) == inside
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("full", [False, True])
 @pytest.mark.parametrize("n", [1, 3])
 def test_fast_sampling_tends_to_the_continuous_margins(n: int, full: bool):
@@ -168,6 +169,7 @@ def test_lag_delay_and_outer_loop_by_simulation(method: str, delay: float):
     assert found == pytest.approx(margin.max_ratio, rel=SIMULATED)
 
 
+@pytest.mark.slow
 def test_measurement_delay_by_simulation():
     """The filter knows its measurement to be late and delays g alike."""
     sampled = PhyFilter([15.0]).sampled(0.01, delay=0.025)
@@ -266,6 +268,7 @@ def test_order_of_the_closed_loop():
     assert len(sample_loop(delay=0.0).poles) == 2 + 1 + 2 + 1 + 1
 
 
+@pytest.mark.slow
 def test_largest_bandwidth_sampled_tends_to_the_continuous_one():
     lag = ct.tf(1, [0.1, 1])
     options = {"kp": 10.0, "kd": 6.0, "actuator": lag, "delay": 0.02, "low": 5.0, "high": 60.0}

@@ -123,6 +123,7 @@ def test_base_step_meets_all_instants(periods, step, defined):
     assert f"#define TWO_RATES_STEP {defined}" in text
 
 
+@pytest.mark.slow
 def test_sanitizers_find_nothing(exported, tmp_path):
     folder, _ = exported
     sources = {path.name: path.read_text() for path in folder.iterdir() if path.suffix in {".c", ".h"}}

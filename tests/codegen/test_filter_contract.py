@@ -277,6 +277,7 @@ def test_memory_is_all_there_is(tmp_path):
     np.testing.assert_array_equal(first, again)
 
 
+@pytest.mark.slow
 def test_many_short_steps_in_a_long_delay(tmp_path):
     """More intervals than are kept: neighbours are joined, the mean stays, only detail is lost."""
     sampled = LOWPASS.sampled(H, delay=10 * H, g="average")

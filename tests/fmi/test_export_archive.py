@@ -95,6 +95,7 @@ def test_entries_are_sorted_and_without_dates():
 # ---- sources ----
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("fmi", BUILT)
 @pytest.mark.skipif(shutil.which("cmake") is None, reason="cmake is not installed: sources are not rebuilt")
 def test_sources_rebuild_with_fmpy(tmp_path, fmi):
@@ -108,6 +109,7 @@ def test_sources_rebuild_with_fmpy(tmp_path, fmi):
     np.testing.assert_allclose(rebuilt["place"], shipped["place"], rtol=1e-13)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("fmi", BUILT)
 def test_only_the_standards_symbols_are_visible(tmp_path, fmi):
     if shutil.which("nm") is None:

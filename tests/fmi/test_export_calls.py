@@ -116,7 +116,7 @@ def test_two_instances_do_not_touch_each_other(name, fmi):
 
 
 @pytest.mark.parametrize("fmi", VERSIONS)
-@pytest.mark.parametrize("name", MODELS)
+@pytest.mark.parametrize("name", slow_but(("loop", "sampled"), MODELS))
 def test_reset_starts_anew(name, fmi):
     with Instance(exported(name, fmi)) as fmu:
         fmu.start()

@@ -38,6 +38,7 @@ def run(importer, path, step, inputs, outputs):
     return np.array(json.loads(answer.stdout.splitlines()[-1]))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("importer", "fmi"), CASES)
 def test_sampled_filter(importer, fmi):
     rng = np.random.default_rng(6)
@@ -53,6 +54,7 @@ def test_sampled_filter(importer, fmi):
     np.testing.assert_allclose(found, expected, rtol=0, atol=ROUNDING)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("importer", "fmi"), CASES)
 @pytest.mark.parametrize(("name", "signals", "outputs"), [
     ("oscillator", {"force": 3.0}, ["place", "pull"]), ("loop", {"goal": 1.5, "f_theta": 0.25}, ["s", "v", "f_hat"]),

@@ -105,6 +105,7 @@ def test_written_with_the_nominal_mass():
         np.testing.assert_allclose(y[20:23], -0.7 * (rate + G * up), rtol=EXACT, atol=10 * EXACT)
 
 
+@pytest.mark.slow
 def test_rotation_by_lagrange_in_euler_angles():
     """d/dt dL/d(angles') - dL/d(angles) = W' tau with L = omega' J omega/2, omega = W(angles) angles', by SymPy."""
     roll, pitch, yaw = angles = sp.symbols("roll pitch yaw")

@@ -161,6 +161,7 @@ def test_interval_covers_the_median_with_95_per_cent(n: int) -> None:
     assert interval.low + interval.high == n - 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["baseline", "phyfilter"])
 def test_tuned_methods_have_their_margin(name: str) -> None:
     entry = tuning.tuned()[name]

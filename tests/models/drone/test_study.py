@@ -173,6 +173,7 @@ def test_points_fly_as_the_comparison_does(found, model):
     assert curve[0].errors["wind"] == tuple(still.score().total)
 
 
+@pytest.mark.slow
 def test_scaled_masses_fly_scaled(model):
     point = Point("mass", "observer", 0.0, Variant(GIVEN["observer"]), mass_scale=0.0, scenarios=("mass",))
     light = study.evaluate(point, TINY, model, backend="vm").errors["mass"]
