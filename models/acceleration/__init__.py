@@ -6,7 +6,6 @@ x = v,   x' = f,   g = 0,   M = 1,   f_theta a network on a window of past veloc
 from __future__ import annotations
 
 import json
-import math
 from argparse import ArgumentParser, Namespace, RawDescriptionHelpFormatter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -206,8 +205,7 @@ def _table(comparison: Comparison, given: Mapping[str, tuple[float, float]]) -> 
         f"{'RMSE in m/s^2':<26}{'training':>10}{'test':>10}",
     ]
     lines += [
-        f"{NAMES[name]:<26}{_score(train[name]):>10}{_score(test[name]):>10}"
-        f"{'  least' if test[name] == best else ''}"
+        f"{NAMES[name]:<26}{train[name]:>10.4f}{test[name]:>10.4f}{'  least' if test[name] == best else ''}"
         for name in test
     ]
     lines += [f"{Path(name).name:<26}{one:>10.4f}{other:>10.4f}" for name, (one, other) in given.items()]
@@ -216,15 +214,6 @@ def _table(comparison: Comparison, given: Mapping[str, tuple[float, float]]) -> 
         form = "low-pass form" if found.form == "lowpass" else "general form"
         lines += ["" if order == 1 else None, f"n = {order}: poles {poles} rad/s, {form}"]
     return "\n".join(line for line in lines if line is not None)
-
-
-def _score(value: float) -> str:
-    return f"{value:.4f}" if math.isfinite(value) else "diverged"
-
-
-def _finite(scores: Mapping[str, float]) -> dict[str, float | None]:
-    """For JSON, which has no infinity: null where a method diverged."""
-    return {name: value if math.isfinite(value) else None for name, value in scores.items()}
 
 
 def _figures(
@@ -240,7 +229,7 @@ def _figures(
         "seed": comparison.seed,
         "n_train": sum(log.n for log in comparison.train),
         "n_test": sum(log.n for log in comparison.test),
-        "rmse": _finite(comparison.test_rmse),
+        "rmse": comparison.test_rmse,
         "filters": {
             f"phyfilter_{order}": {
                 "a": found.filter.a.tolist(),
@@ -252,10 +241,13 @@ def _figures(
             }
             for order, found in learned.filters.items()
         },
-        "train_rmse": _finite(comparison.train_rmse),
+        "train_rmse": comparison.train_rmse,
         "tuned": {
             "network": {"length": learned.network.length, "stride": learned.network.stride},
-            **{name: vars(result.differentiator) for name, result in comparison.baselines.items()},
+            **{
+                name: {**vars(result.differentiator), "status": result.status}
+                for name, result in comparison.baselines.items()
+            },
         },
     }
     study: dict[str, object] = {}

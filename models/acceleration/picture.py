@@ -129,7 +129,7 @@ def _errors(
     title: str,
 ) -> None:
     """Boxes from the 25th to the 75th percentile of |error|, whiskers to the 5th and 95th; diamonds are the RMSE."""
-    names = [name for name in estimates if np.isfinite(scores[name])]  # one that diverged has no box
+    names = list(estimates)
     errors = [
         np.concatenate(
             [

@@ -165,7 +165,7 @@ class _Search(Generic[D]):
     def result(self, limited: bool, tolerance: float) -> TuneResult[D]:
         best = self.candidate(self.best)
         if not self.best_cost < _DIVERGED:
-            message = "every candidate diverged; lower the upper bounds, or fix more substeps"
+            message = "every candidate diverged; lower the upper bounds"
             return TuneResult(best, float("inf"), self.evaluations, "failed", message)
         if limited:
             message = "the simplex used up its evaluations; raise max_evaluations or tolerance"

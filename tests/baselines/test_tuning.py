@@ -41,6 +41,13 @@ def rmse(differentiator: Differentiator, data: list[tuple[np.ndarray, np.ndarray
     return float(np.sqrt(np.mean(np.concatenate(errors) ** 2)))
 
 
+class Diverging(LowpassDifference):
+    """One whose recursion leaves the range of floating-point numbers."""
+
+    def estimate(self, v: object, dt: float) -> np.ndarray:
+        raise FloatingPointError("the recursion diverged")
+
+
 @pytest.mark.parametrize(
     "truth",
     [
@@ -90,14 +97,12 @@ def test_long_flights_are_screened_short_and_give_the_same_optimum() -> None:
 
 
 def test_is_deterministic() -> None:
-    assert tune(RobustDifferentiator, flights(200)) == tune(RobustDifferentiator, flights(200))
+    one, again = (tune(RobustDifferentiator, flights(200), max_evaluations=20) for _ in range(2))
+    assert one == again
 
 
 def test_fixed_and_bounds() -> None:
-    result = tune(
-        RobustDifferentiator, flights(200), fixed={"substeps": 2, "mu": 1.5}, bounds={"k1": (2.0, 3.0)}
-    )
-    assert result.differentiator.substeps == 2
+    result = tune(RobustDifferentiator, flights(200), fixed={"mu": 1.5}, bounds={"k1": (2.0, 3.0)})
     assert result.differentiator.mu == 1.5
     assert 2.0 <= result.differentiator.k1 <= 3.0
     nothing_left = tune(LowpassDifference, flights(200), fixed={"cutoff": 5.0})
@@ -123,8 +128,7 @@ def test_statuses() -> None:
     short = tune(TrackingDifferentiator, data, max_evaluations=3)
     assert short.status == "evaluation_limit"
     assert "raise max_evaluations" in short.message
-    wild = [(1e3 * v, label, dt, skip) for v, label, dt, skip in data]
-    failed = tune(RobustDifferentiator, wild, bounds={"k1": (1e3, 2e3), "k2": (1e5, 2e5), "mu": (10.0, 20.0)})
+    failed = tune(Diverging, data)
     assert failed.status == "failed"
     assert failed.rmse == float("inf")
     assert "diverged" in failed.message

@@ -403,8 +403,8 @@ def test_a_filter_on_disk_is_scored_beside_the_tuned_ones(tmp_path, capsys):
     assert "none.toml" in capsys.readouterr().err
 
 
-def test_a_method_that_diverges_on_the_test_flights_is_said_to(tmp_path, capsys):
-    """Gains tuned on slow flights that are unstable on a fast one: a score of its own, not the end of the run."""
+def test_no_method_diverges_on_faster_flights_than_it_was_tuned_on(tmp_path, capsys):
+    """A recursion by forward Euler has gains that hold on slow flights and not on a fast one."""
     trains = [
         write(tmp_path / f"train_{i}.csv", sine_flight(v, seed=i)) for i, v in enumerate((0.5, 0.6, 0.7))
     ]
@@ -412,9 +412,9 @@ def test_a_method_that_diverges_on_the_test_flights_is_said_to(tmp_path, capsys)
     arguments = ["run", "acceleration", "--quick", "--quiet", "--train", *trains, "--test", test]
     target, picture = tmp_path / "figures.json", tmp_path / "figure.png"
     assert main([*arguments, "--json", str(target), "--picture", str(picture)]) == 0
-    (line,) = [row for row in capsys.readouterr().out.splitlines() if row.startswith("robust")]
-    assert line.split()[-1] == "diverged"
-    scores = json.loads(target.read_text())["rmse"]
-    assert scores["robust_differentiator"] is None
-    assert all(value is not None for name, value in scores.items() if name != "robust_differentiator")
+    assert "diverged" not in capsys.readouterr().out
+    figures = json.loads(target.read_text())
+    # A sine of 1.5 m/s, whose acceleration is a few m/s^2: no method may be worse than ten times that.
+    assert all(0.0 < value < 100.0 for scores in ("rmse", "train_rmse") for value in figures[scores].values())
+    assert figures["tuned"]["robust_differentiator"]["status"] in ("converged", "bound", "evaluation_limit")
     assert picture.stat().st_size > 0
