@@ -137,8 +137,9 @@ def run(machine: Machine, python: str, arguments: Sequence[str], scratch: Path) 
         kinds = {child.tag: child for child in case}
         kind = next((tag for tag in ("error", "failure", "skipped") if tag in kinds), "passed")
         counts["failed" if kind in ("error", "failure") else kind] += 1
-        if kind == "skipped":  # of a module left out as a whole only the text says why
-            reasons[re.sub(r"^.*'Skipped: (.*)'\)$", r"\1", kinds[kind].text or "", flags=re.S)] += 1
+        if kind == "skipped":  # without the place, so that a reason is counted once
+            why = (kinds[kind].text or "").strip()
+            reasons[re.sub(r"""^(\(.*['"]Skipped: |\S*:\d+: )|['"]\)$""", "", why, flags=re.S)] += 1
         elif kind != "passed":
             failed.append(f"{case.get('classname')}::{case.get('name')}")
     counts["failed"] += done.returncode != 0 and not failed
@@ -207,8 +208,13 @@ def main() -> int:
             ]
             outcome = run(machine, python, asked.tests or (SENSITIVE if asked.sensitive else ()), scratch)
             rows.append((machine, known[0], known[1], outcome))
-            print(*table(rows[-1:]), sep="\n", flush=True)
-    print("", *table(rows), sep="\n")
+            print(
+                *outcome.failed,
+                f"{outcome.counts['failed']} failed in {outcome.wall:.0f} s",
+                sep="\n",
+                flush=True,
+            )
+    print(*table(rows), sep="\n")
     return int(any(outcome.counts["failed"] for *_, outcome in rows))
 
 

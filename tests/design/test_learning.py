@@ -305,7 +305,7 @@ def test_the_same_seed_gives_the_same_filter(short):
 
 
 def test_statuses(short):
-    limited = learn(short, 5, form="general", iterations=1, wiener=False)
+    limited = learn(short, 2, form="general", iterations=1, wiener=False)
     assert limited.status == "iteration limit"
     assert "iterations" in limited.message
     rng = np.random.default_rng(13)
