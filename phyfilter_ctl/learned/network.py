@@ -151,6 +151,10 @@ class Network:
             complaint = _train(
                 regressor, (z - z_mean) / z_scale, targets[:, 0] if targets.shape[1] == 1 else targets
             )
+            # A column of f that does not vary is its mean: what training left of it is rounding and initial weights.
+            varies = np.sqrt(np.mean(targets**2, axis=0)) > 0.5  # 1 or 0 after standardisation
+            regressor.coefs_[-1] *= varies
+            regressor.intercepts_[-1] *= varies
             layers = Layers(
                 tuple(regressor.coefs_), tuple(regressor.intercepts_), z_mean, z_scale, f_mean, f_scale
             )

@@ -208,8 +208,12 @@ def test_training_that_diverges_is_a_status() -> None:
 def test_constant_columns() -> None:
     z, f = smooth(100)
     z[:, 1], f[:, 0] = 0.1 + 0.2, 7.0
-    model = Network((5, 5), max_iterations=500, tolerance=1e-7).fit(z, f).model
-    assert np.max(np.abs(model.predict(z)[:, 0] - 7.0)) < 0.02
+    model = Network((5, 5), max_iterations=20).fit(z, f).model
+    elsewhere = np.vstack([z, 3.0 * z])
+    np.testing.assert_allclose(
+        model.predict(elsewhere)[:, 0], 7.0, rtol=1e-15
+    )  # whatever the training came to
+    assert np.ptp(model.predict(z)[:, 1]) > 0.0
 
 
 def test_is_a_learned_model() -> None:
