@@ -206,9 +206,7 @@ def test_training_that_diverges_is_a_status() -> None:
 
 
 def test_constant_columns() -> None:
-    """They are shifted to zero and not scaled, so training does not see what they are; what it adds is all it says."""
     z, f = smooth(100)
-<<<<<<< Updated upstream
     z[:, 1], f[:, 0] = 0.1 + 0.2, 7.0
     model = Network((5, 5), max_iterations=20).fit(z, f).model
     elsewhere = np.vstack([z, 3.0 * z])
@@ -216,23 +214,6 @@ def test_constant_columns() -> None:
         model.predict(elsewhere)[:, 0], 7.0, rtol=1e-15
     )  # whatever the training came to
     assert np.ptp(model.predict(z)[:, 1]) > 0.0
-=======
-
-    def fitted(input: float, output: float) -> Network:
-        z[:, 1], f[:, 0] = input, output
-        return Network((5, 5), max_iterations=50).fit(z, f).model
-
-    model, zero = fitted(0.5, 7.0), fitted(0.0, 0.0)
-    np.testing.assert_array_equal(model.parameters, zero.parameters)
-    shifted = model.predict(z + np.array([0.0, 0.5])) - np.array([7.0, 0.0])
-    np.testing.assert_allclose(shifted, zero.predict(z), rtol=SAME_FORMULA, atol=SAME_FORMULA * 10)
-    untrained = model.with_parameters(np.zeros_like(model.parameters)).predict(z)
-    np.testing.assert_array_equal(untrained[:, 0], 7.0)
-    # The deviation of a column that does not vary may be rounding: no scale either.
-    layers = fitted(0.1 + 0.2, 7.0).layers
-    assert layers is not None
-    assert (layers.z_scale[1], layers.f_scale[0]) == (1.0, 1.0)
->>>>>>> Stashed changes
 
 
 def test_is_a_learned_model() -> None:
