@@ -14,8 +14,8 @@ from collections.abc import Collection, Generator, Iterable
 import pytest
 from _pytest.mark.structures import ParameterSet
 
-# Ten times what a file may take on a machine of 2024, five minutes of which are all that the suite has.
-LIMIT = 100.0
+# Three times what the dearest file takes on a machine of 2024 with other work beside it.
+LIMIT = 60.0
 SHOWN = 5
 
 _spent = pytest.StashKey[Counter[str]]()
