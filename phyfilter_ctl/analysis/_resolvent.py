@@ -298,7 +298,7 @@ def _direct(
     values = np.empty((len(C), B.shape[1], len(points)), dtype=np.complex128)
     singular = np.zeros(len(points), dtype=bool)
     eye = np.eye(len(A))
-    # A block that no input reaches is looked at all the same: numpy before 2.2 solves for no column without factorising.
+    # A block that no input reaches is looked at all the same: older numpy solves for no column without factorising.
     right = B if B.shape[1] else np.ones((len(A), 1))
     for k, s in enumerate(points):
         try:
