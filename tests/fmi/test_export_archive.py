@@ -434,6 +434,7 @@ def test_matplotlib_settings_are_left_alone(tmp_path):
 
     with mpl.rc_context({"font.size": 17.0}), warnings.catch_warnings():
         warnings.simplefilter("error")
+        warnings.simplefilter("default", DeprecationWarning)  # of others
         one = export_fmu(FILTER, tmp_path / "a.fmu", platforms=())
         assert mpl.rcParams["font.size"] == 17.0
     two = export_fmu(FILTER, tmp_path / "b.fmu", platforms=())
