@@ -43,7 +43,8 @@ ARMS = {"small": ARM, "bent": BENT_ARM}
 
 def chain(arm, joint):
     """Body attitude and place of every link's centre, and of the tip, by scipy."""
-    turn, place, links = Rotation.from_matrix(np.array(arm.base_axes)), arm.mount, []  # scipy 1.15 wants to write
+    axes = np.array(arm.base_axes)  # a copy: scipy 1.15 wants one that it may write
+    turn, place, links = Rotation.from_matrix(axes), arm.mount, []
     for link, angle in zip(arm.links, joint, strict=True):
         turn = turn * Rotation.from_rotvec(angle * link.axis)
         links.append((link, turn.as_matrix(), place + turn.as_matrix() @ link.centre))
