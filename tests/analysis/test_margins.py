@@ -103,6 +103,7 @@ def test_limits_by_eigenvalues(n: int, full: bool):
     assert limit == pytest.approx(brentq(growth, *bracket, xtol=1e-12), rel=1e-7)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("n", "full", "limit"), [(3, False, 9.0), (4, False, 5.0), (3, True, 1 / 9), (4, True, 0.2)]
 )

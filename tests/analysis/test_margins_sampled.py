@@ -159,6 +159,7 @@ def test_lower_limits_by_simulation(n: int):
     assert simulated_limit(sampled, margin.min_ratio) == pytest.approx(margin.min_ratio, rel=SIMULATED)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["exact", "euler", "tustin"])
 @pytest.mark.parametrize("delay", [0.0, 0.0137, 0.03])
 def test_lag_delay_and_outer_loop_by_simulation(method: str, delay: float):

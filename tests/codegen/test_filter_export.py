@@ -38,7 +38,7 @@ EXPORTS = {
 
 
 @pytest.mark.parametrize("real", ["double", "float"])
-@pytest.mark.parametrize("name", slow_but(("usual", "everything"), EXPORTS))
+@pytest.mark.parametrize("name", slow_but(("everything",), EXPORTS))
 def test_exported_folder_checks_itself(name, real, tmp_path):
     sampled, settings = EXPORTS[name]
     folder = export_filter(sampled, tmp_path / "out", 3, real=real, name="wing", **settings)

@@ -82,6 +82,7 @@ def test_filter_part_is_the_adjoint_gradient():
     assert np.allclose(joint.b, alone.b, rtol=1e-12, atol=0.0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("strategy", ["simultaneous", "alternating"])
 @pytest.mark.parametrize("form", slow_but(("general",), ("lowpass", "general")))
 def test_together_is_better_than_one_after_the_other(strategy, form):

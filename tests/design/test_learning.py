@@ -60,6 +60,7 @@ def random_filter(order, rng):
 # -- the promise ---------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("form", slow_but(("lowpass",), ("lowpass", "general")))
 def test_any_start_comes_to_the_best_known_cost(log, form):
     best = dict.fromkeys(range(1, 7), np.inf)

@@ -73,6 +73,7 @@ def test_date_comes_from_the_environment(tmp_path, monkeypatch):
     assert validate_fmu(str(path)) == []
 
 
+@pytest.mark.slow
 def test_token_follows_the_content(tmp_path):
     def token(system, **options):
         path = export_fmu(system, tmp_path / "a.fmu", platforms=(), **options)
@@ -128,6 +129,7 @@ def test_only_the_standards_symbols_are_visible(tmp_path, fmi):
     assert names == declared
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("fmi", BUILT)
 def test_sources_are_pedantic(tmp_path, fmi):
     for system in (FILTER.sampled(PERIOD, limit=2.0), FILTER, oscillator()):

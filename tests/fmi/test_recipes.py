@@ -85,6 +85,7 @@ atol = 1e-9
     return folder
 
 
+@pytest.mark.slow
 @needs_compiler
 def test_recipe_of_a_system(tmp_path):
     """Recorded by simulation of the diagram, held against the closed form and the FMU."""

@@ -190,6 +190,7 @@ def test_free_starts_take_the_noise_out_of_the_law() -> None:
     assert errors["free"].sum() < 0.7 * errors["measured"].sum()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("g", slow_but(("average",), ("hold", "average")))
 def test_the_law_of_drag_is_recovered_beside_a_known_thrust(g: str) -> None:
     h, rng = 0.02, np.random.default_rng(0)

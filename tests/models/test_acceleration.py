@@ -170,6 +170,7 @@ def test_tuner_finds_the_filter_that_made_the_labels():
     np.testing.assert_allclose(np.sort(found[2].filter.poles.real), [-15.0, -6.0], rtol=0.05)
 
 
+@pytest.mark.slow
 def test_general_form_nests_the_lowpass_form(quick):
     costs = [quick.learned.filters[n].tuning_rmse for n in (1, 2, 3)]
     for n in (1, 2, 3):
@@ -185,6 +186,7 @@ def test_general_form_nests_the_lowpass_form(quick):
 # -- comparison ---------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_network_fails_beyond_its_speeds_and_every_filter_repairs_it(quick):
     train, test = quick.train_rmse, quick.test_rmse
     assert list(test) == METHODS
@@ -193,6 +195,7 @@ def test_network_fails_beyond_its_speeds_and_every_filter_repairs_it(quick):
         assert test[f"phyfilter_{n}"] < 0.6 * test["network"]
 
 
+@pytest.mark.slow
 def test_every_method_is_causal(quick):
     """A change in the future changes no estimate before it."""
     log = quick.test[0]
@@ -276,6 +279,7 @@ def test_pole_map_and_intervals(quick):
     assert found.tuned[1][1] == quick.test_rmse["phyfilter_1"]
 
 
+@pytest.mark.slow
 def test_sampling_intervals_begin_with_the_comparison(quick, monkeypatch):
     monkeypatch.setattr(study, "intervals", lambda dt: [1, 4])
     effort = experiment.Effort(iterations=10, choice_iterations=5, filter_evaluations=5)

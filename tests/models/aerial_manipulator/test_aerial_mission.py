@@ -272,6 +272,7 @@ def test_every_method_is_tuned_and_flies(name: str, request: pytest.FixtureReque
     assert flown.score().largest.max() < 0.6
 
 
+@pytest.mark.slow
 def test_tuned_methods_have_their_margin() -> None:
     entry = tuning.tuned()["observer"]
     found = tuning.modulus_margin(entry.method)

@@ -15,6 +15,7 @@ from scipy.stats import binom
 from phyfilter_ctl import flatten, models, simulate
 from phyfilter_ctl.cli import main
 from phyfilter_ctl.models.statistics import median_interval
+from tests.cpu_budget import slow_but
 
 ROOM = f"{models.__name__}.drone"
 comparison = importlib.import_module(f"{ROOM}.comparison")
@@ -122,7 +123,7 @@ def test_integration_is_converged() -> None:
     assert np.abs(coarse - fine).max() < STEP
 
 
-@pytest.mark.parametrize("name", methods.METHODS)
+@pytest.mark.parametrize("name", slow_but(("baseline", "phyfilter", "indi"), methods.METHODS))
 def test_every_method_flies(name: str) -> None:
     """Tuned, in the wind, with noise: within a metre of the circle after the start-up."""
     method = tuning.tuned()[name].method

@@ -32,6 +32,7 @@ def determinant(bandwidth: float, outer: float) -> complex:
     return complex(value[np.argmin(np.abs(value))])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("outer", [OUTER, pytest.param(2.8, marks=pytest.mark.slow)])
 def test_complete_formula_is_where_the_characteristic_function_vanishes(outer):
     limit = margins.predicted(outer).complete

@@ -268,6 +268,7 @@ def test_figures_are_json(whole):
     assert set(back["axes"]) == set(points.AXES)
 
 
+@pytest.mark.slow
 def test_picture_has_a_panel_for_everything(whole, found):
     figure = picture.draw(whole)
     figure.canvas.draw()
