@@ -60,7 +60,8 @@ def test_a_compiler_that_fails_is_quoted_with_the_models_name(tmp_path):
     broken = script(
         tmp_path,
         "cc",
-        '[ "$1" = --version ] && echo broken && exit\nfor i in $(seq 40); do echo line $i >&2; done; exit 1',
+        '[ "$1" = --version ] && echo broken && exit\n'
+        "i=0; while [ $i -lt 40 ]; do i=$((i + 1)); echo line $i >&2; done; exit 1",
     )
     with pytest.raises(CompilerError, match=r"oscillator: .*cc \(broken\) failed:\nline 1\n") as caught:
         compile_model(oscillator(), compiler=broken)
