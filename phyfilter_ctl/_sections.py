@@ -16,9 +16,11 @@ weights that grow with the ratio of the poles, and cancel, would have to bring t
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.linalg import solve_triangular
+from scipy.linalg import block_diag, solve_triangular
 
 FloatArray = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
@@ -239,6 +241,35 @@ def chain_output(poles: ComplexArray, a: FloatArray, b: FloatArray) -> FloatArra
     _, equilibrium = chain(poles)
     output[-1] += b[0] / a[0] - output @ equilibrium  # F(0) to the last digit
     return output
+
+
+def side_by_side(
+    chains: Sequence[tuple[FloatArray, FloatArray, FloatArray]],
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Chains (A, equilibrium, C) of all channels as one system (A, B, C) with B = -A equilibrium."""
+    A, B, C = (
+        np.asarray(block_diag(*blocks), dtype=float)
+        for blocks in zip(*[(A, (-A @ rest)[:, None], C[None, :]) for A, rest, C in chains], strict=True)
+    )
+    return A, B, C
+
+
+def continuous_matrices(
+    chains: Sequence[tuple[FloatArray, FloatArray, FloatArray]], momentum: FloatArray, E_left: FloatArray
+) -> tuple[tuple[FloatArray, FloatArray, FloatArray, FloatArray], FloatArray]:
+    """(A, B, C, D) from x, g and f_theta to f_hat = f_theta + F (P x' - E_left g - f_theta), x not differentiated.
+
+        z' = A z + A B P x - B (E_left g + f_theta),    f_hat = C z + C B P x + f_theta    (z = w - B P x)
+
+    ``chains`` one per channel of f, ``momentum`` P = E_left M (n_f, n_x). With it the matrix that takes the first
+    inputs to the state of rest, z = -B P x.
+    """
+    A, B, C = side_by_side(chains)
+    into = B @ momentum
+    inputs = np.hstack([A @ into, -B @ E_left, -B])
+    through = np.hstack([C @ into, np.zeros_like(E_left), np.eye(len(C))])
+    rest = np.hstack([-into, np.zeros((len(A), inputs.shape[1] - into.shape[1]))])
+    return (A, inputs, C, through), rest
 
 
 def _denominator(poles: ComplexArray) -> FloatArray:

@@ -269,18 +269,10 @@ class PhyFilter:
         """
         if channels < 1:
             raise ValueError(f"channels: expected at least 1, got {channels}")
-        A, equilibrium, C = self.sections
-        B = -A @ equilibrium
-        eye = np.eye(channels)
-        columns = np.stack([A @ B, -B, -B], axis=1)
-        inputs = np.hstack([np.kron(eye, columns[:, [k]]) for k in range(3)])
-        feedthrough = np.hstack([eye * (C @ B), 0.0 * eye, eye])
-        axes = range(channels)
+        eye, axes = np.eye(channels), range(channels)
+        matrices, _ = _sections.continuous_matrices([self.sections] * channels, eye, eye)
         return ct.StateSpace(
-            np.kron(eye, A),
-            inputs,
-            np.kron(eye, C[None, :]),
-            feedthrough,
+            *matrices,
             inputs=[f"{signal}[{i}]" for signal in ("x", "g", "f_theta") for i in axes],
             outputs=[f"f_hat[{i}]" for i in axes],
             states=[f"w[{i},{j}]" for i in axes for j in range(self.order)],

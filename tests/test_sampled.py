@@ -192,7 +192,7 @@ def test_float32_keeps_its_digits(order, pole):
     constant = np.full((N, 1), np.float32(5.0))
     g = -np.hstack([constant, noise])  # x stays 0: the residual is -g, in float32 exactly
     sampled = PhyFilter.from_poles([-pole] * order).sampled(h, precision="float32")
-    dA, equilibrium, C = (part[0].astype(np.longdouble) for part in sampled._coefficients.bank)
+    dA, equilibrium, C = (part.astype(np.longdouble) for part in sampled.transitions[0])
     state = sampled.start([0.0, 0.0])
     w = np.zeros((2, order), dtype=np.longdouble)
     worst = top = 0.0

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..learned import AdaptiveChebyshev, Chebyshev
 from .functions import BlockFunctions, Variable
-from .learned import _variables
+from .learned import labelled
 from .sampled import SampledBlock, sampled_block
 
 __all__ = ["adaptive_block"]
@@ -81,9 +81,9 @@ def adaptive_block(
         raise ValueError(
             f"law: expected a varsigma of at most {_MOST_ENTRIES} entries, got {q}; lower degree_d of the model"
         )
-    z = _variables("features", "z", features, len(law.model.bounds) - law.model.n_d)
+    z = labelled("features", "z", features, len(law.model.bounds) - law.model.n_d)
     signals = [Variable(f"{letter}[{i}]") for letter in "xg" for i in range(n_x)]
-    f_theta = _variables("outputs", "f_theta", outputs, n_x)
+    f_theta = labelled("outputs", "f_theta", outputs, n_x)
     varsigma = tuple(Variable(f"varsigma[{i}]", float(start)) for i, start in enumerate(law.prior))
 
     parameters = _parameters(law)

@@ -9,12 +9,12 @@ import control as ct
 import numpy as np
 from scipy.linalg import block_diag
 
-from .._sections import FloatArray
+from .._sections import FloatArray, continuous_matrices
 from ..sampled import SampledPhyFilter
 from .filter_law import filter_inputs
 from .function_block import symbols_like
 from .functions import BlockFunctions, Variable
-from .phyfilter import _constant_inertia, _continuous_matrices
+from .phyfilter import constant_inertia
 
 __all__ = ["continuous_filter", "continuous_law", "continuous_moving_inertia", "forward_difference"]
 
@@ -41,11 +41,11 @@ def continuous_filter(
         Number of inputs M that follow; their columns are zero, since M multiplies x', which is zero at a point of rest.
     """
     n_x = channels
-    E_left = np.eye(n_x) if sampled.E is None else sampled._measure
+    E_left = np.eye(n_x) if sampled.E is None else sampled.E_left
     n_f = len(E_left)
     filters = sampled.filters * n_f if len(sampled.filters) == 1 else sampled.filters
-    momentum = E_left @ _constant_inertia(inertia, n_x)
-    (A, B, C, D), _ = _continuous_matrices(filters, momentum, E_left)
+    momentum = E_left @ constant_inertia(inertia, n_x)
+    (A, B, C, D), _ = continuous_matrices([entry.sections for entry in filters], momentum, E_left)
     if sampled.delay:
         # x, then v = delayed (E_left g + f_theta): the columns of B for f_theta act on it; f_theta passes through D.
         lag = _pade(sampled.delay, n_f)

@@ -216,16 +216,14 @@ class _Bank(NamedTuple):
     @staticmethod
     def of(sampled: SampledPhyFilter, n_f: int) -> _Bank:
         filters = sampled.filters * n_f if len(sampled.filters) == 1 else sampled.filters
-        single = sampled.with_filter(filters)
-        parts = [single._coefficients.at(sampled.dt, i) for i in range(n_f)]
-        orders = [entry.order for entry in filters]
+        dA, equilibrium, C = zip(*sampled.with_filter(filters).transitions, strict=True)
         return _Bank(
             sampled,
             tuple(entry.sections[0] for entry in filters),
-            _sparse(_diagonal(*[part[0][:n, :n] for part, n in zip(parts, orders, strict=True)])),
-            ca.DM(np.concatenate([part[1][:n] for part, n in zip(parts, orders, strict=True)])),
-            _sparse(_diagonal(*[part[2][None, :n] for part, n in zip(parts, orders, strict=True)])),
-            [f"w[{i},{j}]" for i, n in enumerate(orders) for j in range(n)],
+            _sparse(_diagonal(*dA)),
+            ca.DM(np.concatenate(equilibrium)),
+            _sparse(_diagonal(*[row[None, :] for row in C])),
+            [f"w[{i},{j}]" for i, entry in enumerate(filters) for j in range(entry.order)],
         )
 
     def spread(self, u: ca.SX) -> ca.SX:
@@ -267,7 +265,7 @@ def _longer_step(
 
 def _measure(sampled: SampledPhyFilter, n_x: int) -> ca.DM:
     """Left inverse of E, or I, (n_f, n_x)."""
-    return ca.DM.eye(n_x) if sampled.E is None else ca.DM(sampled._measure)
+    return ca.DM.eye(n_x) if sampled.E is None else ca.DM(sampled.E_left)
 
 
 def _times_inertia(inertia: FloatArray | str | None, M: ca.SX, dx: ca.SX) -> ca.SX:

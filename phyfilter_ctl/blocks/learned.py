@@ -59,8 +59,8 @@ def learned_block(
     symbols = symbols_like(function, (1, 0, function.numel_in(0), 0))
     functions = BlockFunctions(
         (),
-        _variables("inputs", "z", inputs, function.numel_in(0)),
-        _variables("outputs", "f_theta", outputs, function.numel_out(0)),
+        labelled("inputs", "z", inputs, function.numel_in(0)),
+        labelled("outputs", "f_theta", outputs, function.numel_out(0)),
         (),
         ca.Function("dynamics", symbols, [ca.DM(0, 1)]),
         ca.Function("output", symbols, [function(symbols[2])]),
@@ -68,7 +68,7 @@ def learned_block(
     return FunctionBlock(functions, name, None)
 
 
-def _variables(what: str, letter: str, labels: Sequence[str] | None, count: int) -> tuple[Variable, ...]:
+def labelled(what: str, letter: str, labels: Sequence[str] | None, count: int) -> tuple[Variable, ...]:
     names = [f"{letter}[{i}]" for i in range(count)] if labels is None else list(labels)
     if len(names) != count:
         raise ValueError(f"{what}: expected {count} labels, got {len(names)}: {names}")

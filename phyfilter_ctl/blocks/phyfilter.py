@@ -8,9 +8,8 @@ from typing import Any
 import control as ct
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.linalg import block_diag
 
-from .._sections import FloatArray
+from .._sections import FloatArray, continuous_matrices, side_by_side
 from ..filter import PhyFilter
 from ..sampled import SampledPhyFilter, windows
 
@@ -139,15 +138,15 @@ def phyfilter_block(
     else:
         filters = (filter,) if isinstance(filter, PhyFilter) else tuple(filter)
         direction = None
-    n_x, n_f = _sizes(len(filters), direction, channels)
+    n_x, n_f = channel_counts(len(filters), direction, channels)
     filters = filters * n_f if len(filters) == 1 else filters
     E_left = np.eye(n_x) if direction is None else np.asarray(np.linalg.pinv(direction), dtype=float)
-    momentum = E_left @ _constant_inertia(inertia, n_x)
+    momentum = E_left @ constant_inertia(inertia, n_x)
     if isinstance(filter, SampledPhyFilter):
         matrices, rest = _sampled_matrices(filter, filters, momentum, E_left)
         dt = filter.dt
     else:
-        matrices, rest = _continuous_matrices(filters, momentum, E_left)
+        matrices, rest = continuous_matrices([entry.sections for entry in filters], momentum, E_left)
         dt = 0.0
     labels = (
         [f"x[{i}]" for i in range(n_x)]
@@ -165,25 +164,12 @@ def phyfilter_block(
     )
 
 
-def _continuous_matrices(
-    filters: tuple[PhyFilter, ...], momentum: FloatArray, E_left: FloatArray
-) -> tuple[tuple[FloatArray, ...], FloatArray]:
-    A, B, C = _side_by_side([entry.sections for entry in filters])
-    eye = np.eye(len(filters))
-    inputs = np.hstack([A @ B @ momentum, -B @ E_left, -B])
-    through = np.hstack([C @ B @ momentum, np.zeros_like(E_left), eye])
-    rest = np.hstack([-B @ momentum, np.zeros_like(B @ E_left), np.zeros_like(B)])
-    return (A, inputs, C, through), rest
-
-
 def _sampled_matrices(
     sampled: SampledPhyFilter, filters: tuple[PhyFilter, ...], momentum: FloatArray, E_left: FloatArray
 ) -> tuple[tuple[FloatArray, ...], FloatArray]:
     """q_k: what samples up to k - 1 add to w_k. w_k = q_k + B P_0 in_k, q_{k+1} = A w_k + B (P_1 in_k + register)."""
     single = sampled.with_filter(filters)
-    parts = [single._coefficients.at(sampled.dt, i) for i in range(len(filters))]
-    orders = [entry.order for entry in filters]
-    dA, B, C = _side_by_side([(p[0][:n, :n], p[1][:n], p[2][:n]) for p, n in zip(parts, orders, strict=True)])
+    dA, B, C = side_by_side(single.transitions)
     A = np.eye(len(dA)) + dA
     n_f, n_x = E_left.shape
     steps = sampled.delay / sampled.dt
@@ -221,20 +207,7 @@ def _sampled_matrices(
     return (state, inputs, output, through), rest
 
 
-def _side_by_side(
-    parts: Sequence[tuple[FloatArray, FloatArray, FloatArray]],
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Chains (A, equilibrium, C) of all channels as one system (A, B, C) with B = -A equilibrium."""
-
-    def diagonal(blocks: Sequence[FloatArray]) -> FloatArray:
-        return np.asarray(block_diag(*blocks), dtype=float)
-
-    A = diagonal([part[0] for part in parts])
-    B = diagonal([(-part[0] @ part[1])[:, None] for part in parts])
-    return A, B, diagonal([part[2][None, :] for part in parts])
-
-
-def _sizes(filters: int, direction: FloatArray | None, channels: int | None) -> tuple[int, int]:
+def channel_counts(filters: int, direction: FloatArray | None, channels: int | None) -> tuple[int, int]:
     if channels is not None and channels < 1:
         raise ValueError(f"channels: expected at least 1, got {channels}")
     n_x = direction.shape[0] if direction is not None else channels or (filters if filters > 1 else None)
@@ -248,7 +221,7 @@ def _sizes(filters: int, direction: FloatArray | None, channels: int | None) -> 
     return n_x, n_f
 
 
-def _constant_inertia(inertia: ArrayLike | None, n_x: int) -> FloatArray:
+def constant_inertia(inertia: ArrayLike | None, n_x: int) -> FloatArray:
     M = np.asarray(1.0 if inertia is None else inertia, dtype=float)
     if M.ndim < 2:
         M = np.diag(np.broadcast_to(M, (n_x,))) if M.shape in ((), (n_x,)) else M

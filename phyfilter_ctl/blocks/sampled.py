@@ -24,7 +24,7 @@ from .continuous import (
 from .filter_law import filter_inputs, filter_law
 from .function_block import FunctionBlock, copied, linear_labels, point, share, unpacked
 from .functions import BlockFunctions
-from .phyfilter import _constant_inertia, _sizes
+from .phyfilter import channel_counts, constant_inertia
 
 __all__ = ["FilterLaw", "SampledBlock", "sampled_block"]
 
@@ -331,7 +331,7 @@ def sampled_block(
 def _filter_block(
     sampled: SampledPhyFilter, channels: int | None, inertia: ArrayLike | MovingInertia | None, name: str
 ) -> SampledBlock:
-    n_x, _ = _sizes(len(sampled.filters), sampled.E, channels)
+    n_x, _ = channel_counts(len(sampled.filters), sampled.E, channels)
     law = FilterLaw(sampled, n_x, _checked_inertia(inertia, n_x))
     functions = filter_law(sampled, n_x, inertia=law.inertia)
     block = _law_block(functions, sampled.dt, name)
@@ -352,7 +352,7 @@ def _checked_inertia(
         )
     if inertia is None:
         return None
-    full = _constant_inertia(inertia, n_x)
+    full = constant_inertia(inertia, n_x)
     return full if np.ndim(inertia) == 2 else np.diag(full).copy()
 
 

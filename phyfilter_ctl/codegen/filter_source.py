@@ -242,11 +242,13 @@ class _Numbers:
         tunable: bool,
     ) -> _Numbers:
         n, filters = sampled.order, sampled.filters
-        dA, equilibrium, C = sampled._coefficients.bank
-        a, b, poles = np.zeros((len(filters), n)), np.zeros((len(filters), n)), np.zeros((len(filters), n, 2))
-        for i, entry in enumerate(filters):
-            a[i, : entry.order], b[i, : entry.order] = entry.a, entry.b
-            poles[i, : entry.order] = np.stack([entry.poles.real, entry.poles.imag], axis=1)
+        a, b, equilibrium, C = np.zeros((4, len(filters), n))
+        dA, poles = np.zeros((len(filters), n, n)), np.zeros((len(filters), n, 2))
+        for i, (entry, transition) in enumerate(zip(filters, sampled.transitions, strict=True)):
+            own = slice(entry.order)
+            a[i, own], b[i, own] = entry.a, entry.b
+            dA[i, own, own], equilibrium[i, own], C[i, own] = transition
+            poles[i, own] = np.stack([entry.poles.real, entry.poles.imag], axis=1)
         members = {
             "dt": ("double", np.asarray(sampled.dt)),
             "delay": ("double", np.asarray(sampled.delay)),
@@ -261,7 +263,7 @@ class _Numbers:
             bounds = np.broadcast_to(sampled.limit, (channels_of_f(sampled, n_x),))
             members["limit"] = ("real", bounds)
         if sampled.E is not None:
-            members["E_left"] = ("real", sampled._measure)
+            members["E_left"] = ("real", sampled.E_left)
         if inertia is not None:
             members["inertia"] = ("real", inertia)
         real = "float" if sampled.precision == "float32" else "double"

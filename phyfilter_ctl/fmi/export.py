@@ -218,7 +218,7 @@ def _channels(
     if signals is not None and signals.channels:
         return len(signals.channels)
     if isinstance(system, SampledPhyFilter) and system.E is not None:
-        return int(system._measure.shape[1])
+        return len(system.E)
     return len(parts)
 
 

@@ -40,8 +40,8 @@ class Coefficients:
     def at(self, dt: float | FloatArray, i: int) -> tuple[FloatArray, FloatArray, FloatArray]:
         """(dA, equilibrium, C) of filter i for a step, or for steps (m,): dA (m, n, n) then."""
         entry = self.filters[i]
-        _, equilibrium, C = entry.sections
-        dA = transition(entry, self.method, dt)
+        A, equilibrium, C = entry.sections
+        dA = transition(A, self.method, dt)
         extra = max(other.order for other in self.filters) - entry.order
         if extra:
             dA = np.pad(dA, [(0, 0)] * (dA.ndim - 2) + [(0, extra), (0, extra)])
@@ -98,9 +98,11 @@ class Coefficients:
         return values.astype(self.precision).astype(float)
 
 
-def transition(filter: PhyFilter, method: Method, dt: float | FloatArray) -> FloatArray:
-    """dA of one filter for a step, shape (n, n); for steps (m,) shape (m, n, n)."""
-    A = filter.sections[0]
+def transition(A: FloatArray, method: Method, dt: float | FloatArray) -> FloatArray:
+    """The increment of w' = A w over a step of dt: e^(A dt) - I, A dt or the trapezoidal rule of it.
+
+    Shape (n, n); for steps (m,) shape (m, n, n).
+    """
     if method == "exact":
         return _sections.expm1(A, dt)
     scaled = A * np.asarray(dt)[..., None, None]

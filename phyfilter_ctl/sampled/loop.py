@@ -165,7 +165,7 @@ def _residual(
     u = dx * rate
     u -= g if sampled.g == "hold" or state.g is None else (g + state.g) * g.dtype.type(0.5)
     if sampled.E is not None:
-        u = sampled._measure.astype(u.dtype) @ u
+        u = sampled.E_left.astype(u.dtype) @ u
     u -= state.f_theta if sampled.f_theta == "hold" else (f_theta + state.f_theta) * f_theta.dtype.type(0.5)
     return u
 
@@ -199,7 +199,7 @@ def _aligned_residual(
         mean = windows.values_at(times, samples, ends).mean(axis=0)
         dx = mean * dx if mean.ndim == 1 else mean @ dx
     u = dx / length - means[0]
-    u = (u if sampled.E is None else sampled._measure @ u) - means[1]
+    u = (u if sampled.E is None else sampled.E_left @ u) - means[1]
     return u.astype(x.dtype), length, _still_needed(past, delay)
 
 

@@ -113,7 +113,7 @@ def _run_plain(
     steps = None if stamps is None else np.diff(stamps)
 
     def residual(rows: slice) -> Array:
-        return _residual(sampled, x, g, f_theta, M, steps, rows)
+        return measured_residual(sampled, x, g, f_theta, M, steps, rows)
 
     for rows, y in _respond(sampled, len(x) - 1, f_theta.shape[1], residual, steps):
         np.add(f_theta[1:][rows], y, out=f_hat[1:][rows], casting="same_kind")
@@ -176,7 +176,7 @@ def _respond(
         yield rows, y
 
 
-def _residual(
+def measured_residual(
     sampled: SampledPhyFilter,
     x: Array,
     g: Array,
@@ -191,11 +191,11 @@ def _residual(
     half = x.dtype.type(0.5)
     u = x[there] - x[here]
     if M is not None:
-        u = _times_inertia(M if len(M) == 1 else half * (M[here] + M[there]), u)
+        u = times_inertia(M if len(M) == 1 else half * (M[here] + M[there]), u)
     u *= np.asarray(rate, dtype=x.dtype)
     u -= g[here] if sampled.g == "hold" else half * (g[here] + g[there])
     if sampled.E is not None:
-        u = u @ sampled._measure.T.astype(x.dtype)
+        u = u @ sampled.E_left.T.astype(x.dtype)
     u -= f_theta[here] if sampled.f_theta == "hold" else half * (f_theta[here] + f_theta[there])
     return u
 
@@ -220,9 +220,9 @@ def _aligned_residual(
         if len(M) > 1:
             at_ends = windows.values_at(times, M, ends)
             M = 0.5 * (at_ends[1:] + at_ends[:-1])
-        dx = _times_inertia(M, dx)
+        dx = times_inertia(M, dx)
     u = dx / np.diff(ends)[:, None] - g_mean
-    return (u if sampled.E is None else u @ sampled._measure.T) - f_mean
+    return (u if sampled.E is None else u @ sampled.E_left.T) - f_mean
 
 
 def _run_paper(
@@ -299,6 +299,6 @@ def _record_inertia(inertia: ArrayLike, N: int, n_x: int) -> Array:
     return M
 
 
-def _times_inertia(M: Array, dx: Array) -> Array:
+def times_inertia(M: Array, dx: Array) -> Array:
     """M dx for diagonal M (m, n_x) or full M (m, n_x, n_x), dx (m, n_x)."""
     return M * dx if M.ndim == 2 else (M @ dx[..., None])[..., 0]

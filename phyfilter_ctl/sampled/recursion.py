@@ -48,8 +48,7 @@ class BlockKernel:
         lag = np.arange(_BLOCK)[None, :] - np.arange(_BLOCK)[:, None]
         toeplitz = np.where(lag >= 0, impulse[np.abs(lag)], 0.0)
         observe = np.ascontiguousarray((C + C @ powers[1:]).T)
-        slow = bool(np.min(np.abs(np.linalg.eigvals(powers[-1]))) < _SLOW)
-        return cls(np.hstack([toeplitz, states[::-1]]), observe, powers[-1], slow)
+        return cls(np.hstack([toeplitz, states[::-1]]), observe, powers[-1], is_slow(powers[-1]))
 
 
 def uniform(kernel: BlockKernel, u: FloatArray, start: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -70,7 +69,7 @@ def uniform(kernel: BlockKernel, u: FloatArray, start: FloatArray) -> tuple[Floa
     ends = product[:, _BLOCK:].reshape(channels, blocks, n)
     before = np.empty((channels, blocks + 1, n))
     before[:, 0] = start
-    before[:, 1:] = _banded(kernel.advance[None], ends, start, refine=kernel.slow)
+    before[:, 1:] = propagate(kernel.advance[None], ends, start, refine=kernel.slow)
     outputs = product[:, :_BLOCK]
     outputs += multiply(before[:, :-1].reshape(-1, n), kernel.observe)
     return outputs.reshape(channels, -1)[:, :m].T, before[:, -1]
@@ -81,7 +80,7 @@ def irregular(
 ) -> tuple[FloatArray, FloatArray]:
     """Outputs C w_k (m, K) for transitions dA (m, n, n) and inputs u (m, K), and the state (K, n) at the end."""
     drive = u.T[:, :, None] * -(dA @ equilibrium)
-    states = _banded(dA, drive, start, refine=refine)
+    states = propagate(dA, drive, start, refine=refine)
     return (states @ C).T, states[:, -1]
 
 
@@ -90,7 +89,12 @@ def needs_refinement(slowest: float, shortest: float) -> bool:
     return slowest * shortest < _SLOW
 
 
-def _banded(dA: FloatArray, drive: FloatArray, start: FloatArray, *, refine: bool) -> FloatArray:
+def is_slow(advance: FloatArray) -> bool:
+    """Whether I + ``advance`` (n, n) is too near I for the banded solve alone."""
+    return bool(np.min(np.abs(np.linalg.eigvals(advance))) < _SLOW)
+
+
+def propagate(dA: FloatArray, drive: FloatArray, start: FloatArray, *, refine: bool) -> FloatArray:
     """Solve w_k = (I + dA_k) w_{k-1} + drive_k for all k at once.
 
     Parameters

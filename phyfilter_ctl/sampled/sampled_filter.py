@@ -179,15 +179,21 @@ class SampledPhyFilter:
 
         w_k = w_{k-1} + dA (w_{k-1} - equilibrium u_k), f_hat_k = f_theta_k + C w_k.
         """
-        _, equilibrium, C = self.filter.sections
-        return transition(self.filter, self.method, self.dt), equilibrium, C
+        A, equilibrium, C = self.filter.sections
+        return transition(A, self.method, self.dt), equilibrium, C
+
+    @property
+    def transitions(self) -> tuple[tuple[FloatArray, FloatArray, FloatArray], ...]:
+        """:attr:`transition` of every filter, rounded to the precision of the recursion."""
+        bank = zip(self.filters, *self._coefficients.bank, strict=True)
+        return tuple((dA[:n, :n], rest[:n], C[:n]) for entry, dA, rest, C in bank if (n := entry.order))
 
     @cached_property
     def _coefficients(self) -> Coefficients:
         return Coefficients(self.filters, self.method, self.dt, self.precision)
 
     @cached_property
-    def _measure(self) -> FloatArray:
+    def E_left(self) -> FloatArray:
         """Left inverse of E, shape (n_f, n_x): what the residual of M x' says of f."""
         if self.E is None:
             raise ValueError("without E every channel of x has its own f")

@@ -20,7 +20,7 @@ from ... import _sections
 from ..._sections import FloatArray
 from ...filter import PhyFilter
 from ...sampled.coefficients import Method
-from ...sampled.recursion import _SLOW, _banded
+from ...sampled.recursion import is_slow, propagate
 
 BLOCK = 32
 SLAB = 128  # blocks in one matrix product: small enough that no BLAS splits it over threads
@@ -65,7 +65,7 @@ class BlockMap:
             outputs=np.where(lag >= 0, impulse[np.abs(lag)], 0.0),
             observe=np.ascontiguousarray((C + C @ powers[1:]).T),
             advance=powers[-1],
-            slow=bool(np.min(np.abs(np.linalg.eigvals(powers[-1]))) < _SLOW),
+            slow=is_slow(powers[-1]),
             d_ends=np.concatenate([d_states[:, ::-1], np.zeros((n, BLOCK, n))]),
             d_impulse=np.concatenate([d_states @ C, rows @ states.T]),
             d_observe=np.concatenate(
@@ -113,7 +113,7 @@ class BlockMap:
         """States (K, blocks + 1, n) before each block of ``rows`` and after the last."""
         channels, n = len(inputs), len(self.advance)
         drive = np.matmul(inputs, self.ends).reshape(channels, -1, n)[:, : _count(rows)]
-        after = _banded(self.advance[None], drive, start, refine=self.slow)
+        after = propagate(self.advance[None], drive, start, refine=self.slow)
         return np.concatenate([start[:, None], after], axis=1)
 
     # -- backwards ----------------------------------------------------------------------------------------------
@@ -153,7 +153,7 @@ class BlockMap:
         """Costates (K, blocks + 1, n) before each block of ``rows`` and after the last."""
         channels, n = len(r_blocks), len(self.advance)
         drive = np.matmul(r_blocks, self.observe.T).reshape(channels, -1, n)[:, : _count(rows)]
-        before = _banded(self.advance.T[None], drive[:, ::-1], costate, refine=self.slow)
+        before = propagate(self.advance.T[None], drive[:, ::-1], costate, refine=self.slow)
         return np.concatenate([before[:, ::-1], costate[:, None]], axis=1)
 
     def _contract(self, products: FloatArray) -> FloatArray:

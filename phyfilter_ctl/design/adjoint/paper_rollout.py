@@ -10,15 +10,12 @@ realisation loses its digits over long records and is rolled out over short ones
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from ..._sections import FloatArray
 from ...filter import PhyFilter
-
-if TYPE_CHECKING:
-    from .rollout import RolloutInputs
 
 _X, _G, _F = range(3)
 
@@ -58,20 +55,17 @@ class PaperMap:
             shift[rows, rows - 1] = 1.0
         return cls(dt, shift, _assemble(p, n, lowpass=lowpass), Matrices(*slopes))
 
-    def forward(
-        self, x: FloatArray, g: FloatArray, f_theta: FloatArray
-    ) -> tuple[FloatArray, list[FloatArray]]:
-        """f_hat (N, K) and the states of each sample, (s, K)."""
+    def forward(self, v: FloatArray) -> tuple[FloatArray, list[FloatArray]]:
+        """f_hat (N, K) and the states of each sample, (s, K), for v (N, 3, K)."""
         now, h = self.now, self.dt
-        f_hat, states = np.empty(x.shape), [now.start[:, None] * x[0]]
-        for k in range(len(x)):
-            v = np.stack([x[k], g[k], f_theta[k]])
-            f_hat[k] = now.H @ states[k] + now.J @ v
-            states.append(states[k] + h * (self.shift @ states[k] + now.c[:, None] * f_hat[k] + now.P @ v))
+        f_hat, states = np.empty(v[:, _X].shape), [now.start[:, None] * v[0, _X]]
+        for k in range(len(v)):
+            f_hat[k] = now.H @ states[k] + now.J @ v[k]
+            states.append(states[k] + h * (self.shift @ states[k] + now.c[:, None] * f_hat[k] + now.P @ v[k]))
         return f_hat, states[:-1]
 
     def backward(
-        self, inputs: RolloutInputs, f_hat: FloatArray, states: list[FloatArray], r: FloatArray
+        self, v: FloatArray, f_hat: FloatArray, states: list[FloatArray], r: FloatArray
     ) -> tuple[FloatArray, tuple[FloatArray, FloatArray, FloatArray]]:
         """Gradient of sum(r * f_hat) in the coefficients, and in x, g and f_theta."""
         now, slopes, h = self.now, self.slopes, self.dt
@@ -82,14 +76,14 @@ class PaperMap:
             after = costates[k + 1]
             q[k] = r[k] + h * (now.c @ after)
             costates[k] = after + h * (self.shift.T @ after) + now.H[:, None] * q[k]
-        s, v = np.stack(states), np.stack([inputs.x, inputs.g, inputs.f_theta], axis=1)
+        s = np.stack(states)
         after = costates[1:]
         gradient = (
             np.einsum("ps,ks->p", slopes.H, np.einsum("ksc,kc->ks", s, q))
             + np.einsum("pi,ki->p", slopes.J, np.einsum("kic,kc->ki", v, q))
             + h * np.einsum("ps,ks->p", slopes.c, np.einsum("ksc,kc->ks", after, f_hat))
             + h * np.einsum("psi,si->p", slopes.P, np.einsum("ksc,kic->si", after, v))
-            + slopes.start @ (costates[0] @ inputs.x[0])
+            + slopes.start @ (costates[0] @ v[0, _X])
         )
         inward = now.J[None, :, None] * q[:, None] + h * np.einsum("si,ksc->kic", now.P, after)
         inward[0, _X] += now.start @ costates[0]

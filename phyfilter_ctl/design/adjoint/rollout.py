@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike
 
 from ..._sections import FloatArray
 from ...sampled import SampledPhyFilter, record
-from ...sampled.recursion import _banded
+from ...sampled.recursion import propagate
 from .block_map import BLOCK, BlockMap
 from .paper_rollout import PaperMap
 
@@ -49,6 +49,11 @@ class RolloutInputs(NamedTuple):
     f_theta: FloatArray
     inertia: FloatArray | None
     u: FloatArray
+
+    @property
+    def signals(self) -> FloatArray:
+        """x, g and f_theta (N, 3, n_x), where there is no E."""
+        return np.stack([self.x, self.g, self.f_theta], axis=1)
 
     def samples(self, first: int, last: int) -> RolloutInputs:
         """Samples ``first`` to ``last - 1``.
@@ -214,7 +219,7 @@ class Rollout:
             )
         if self.sampled.realisation == "paper" and signals[3] is not None:
             raise ValueError("realisation='paper' has no inertia: use realisation='sections'")
-        u = record._residual(self.sampled, *signals, None, slice(0, len(signals[0]) - 1))
+        u = record.measured_residual(self.sampled, *signals, None, slice(0, len(signals[0]) - 1))
         x, g, f_theta, u = (part.astype(float, copy=False) for part in (*signals[:3], u))
         M = signals[3]
         return RolloutInputs(x, g, f_theta, None if M is None else M.astype(float, copy=False), u)
@@ -228,7 +233,7 @@ class Rollout:
             From :meth:`inputs`.
         """
         if self.sampled.realisation == "paper":
-            f_hat, states = self._paper.forward(inputs.x, inputs.g, inputs.f_theta)
+            f_hat, states = self._paper.forward(inputs.signals)
             return RolloutTrace(f_hat, inputs, [states])
         f_hat = inputs.f_theta.copy()
         pieces = self._pieces(len(inputs.u))
@@ -266,7 +271,7 @@ class Rollout:
         if r.shape != trace.f_hat.shape:
             raise ValueError(f"cotangent: expected the shape {trace.f_hat.shape} of f_hat, got {r.shape}")
         if self.sampled.realisation == "paper":
-            p, inward = self._paper.backward(trace.inputs, trace.f_hat, trace.states[0], r)
+            p, inward = self._paper.backward(trace.inputs.signals, trace.f_hat, trace.states[0], r)
             n = self.sampled.order
             general = self.form == "general"
             return Cotangents(p[:n], p[n:] if general else None, *(inward if signals else (None, None, None)))
@@ -322,7 +327,7 @@ class Rollout:
         passed = np.stack(self.side_by_side(alone, inner), axis=1)
         over = self._map.transition((pieces[0].stop - pieces[0].start) // BLOCK)
         start = np.zeros((len(passed), n))
-        entering = _banded((over if forwards else over.T)[None], passed, start, refine=True)
+        entering = propagate((over if forwards else over.T)[None], passed, start, refine=True)
         entering = np.concatenate([start[:, None], entering], axis=1)
         return entering if forwards else entering[:, ::-1]
 
@@ -334,14 +339,14 @@ class Rollout:
         f_theta = r.copy()
         _spread(f_theta, cotangent, hold=sampled.f_theta == "hold")
         if sampled.E is not None:
-            cotangent = cotangent @ sampled._measure
+            cotangent = cotangent @ sampled.E_left
         g = np.zeros(inputs.g.shape)
         _spread(g, cotangent, hold=sampled.g == "hold")
         M = inputs.inertia
         if M is not None:
             M = M if len(M) == 1 else 0.5 * (M[1:] + M[:-1])
             M = M if M.ndim == 2 else M.transpose(0, 2, 1)
-            cotangent = record._times_inertia(M, cotangent).astype(float, copy=False)
+            cotangent = record.times_inertia(M, cotangent).astype(float, copy=False)
         x = np.zeros(inputs.x.shape)
         x[1:] += cotangent / sampled.dt
         x[:-1] -= cotangent / sampled.dt

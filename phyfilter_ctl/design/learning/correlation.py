@@ -21,9 +21,8 @@ import numpy as np
 from scipy import fft
 
 from ..._sections import FloatArray, multiply
-from ...sampled.coefficients import Method
+from ...sampled.coefficients import Method, transition
 from .residuals import Flight
-from .sensitivity import step_matrix
 
 # Lags kept at most, and the longest piece transformed at once: bounds the memory for any record.
 MOST_LAGS = 1 << 20
@@ -100,7 +99,7 @@ class Correlations:
     def moments(self, doubled: FloatArray) -> tuple[FloatArray, FloatArray] | None:
         """See :class:`~phyfilter_ctl.design.learning.sensitivity.Data`."""
         n = len(doubled) // 2
-        M = step_matrix(self.method, doubled, self.dt)
+        M = transition(doubled, self.method, self.dt)
         radius = float(np.max(np.abs(1.0 + np.linalg.eigvals(M[:n, :n]))))
         if not radius < 1.0:
             return None

@@ -176,7 +176,7 @@ def _reduced(
     # Any filter will do: the measured residual does not depend on it.
     sampled = PhyFilter([1.0]).sampled(dt, g=g, f_theta=f_theta)
     signals = record.checked_signals(sampled, log.x, log.g, log.f_theta, log.inertia)
-    u = record._residual(sampled, *signals, steps, slice(0, m))
+    u = record.measured_residual(sampled, *signals, steps, slice(0, m))
     target = label if log.f_theta is None else label - log.f_theta
     return np.ascontiguousarray(u[:, columns], dtype=float), target[1:, columns].copy(), dt, steps
 

@@ -10,9 +10,9 @@ import numpy as np
 from ..._sections import FloatArray
 from ...filter import PhyFilter
 from ...sampled import recursion
-from ...sampled.coefficients import Coefficients, Method
+from ...sampled.coefficients import Coefficients, Method, transition
 from .residuals import Flight
-from .sensitivity import Data, step_matrix
+from .sensitivity import Data
 
 
 def response(filter: PhyFilter, flight: Flight, method: Method, last: int | None = None) -> FloatArray:
@@ -86,10 +86,10 @@ class Samples:
     def _increments(self, A: FloatArray, rows: slice) -> FloatArray:
         steps = self.flight.steps
         if steps is None:
-            return step_matrix(self.method, A, self.flight.dt)[None]
+            return transition(A, self.method, self.flight.dt)[None]
         # Recorders round their clocks: few steps differ.
         distinct, which = np.unique(steps[rows], return_inverse=True)
-        return step_matrix(self.method, A, distinct)[which]
+        return transition(A, self.method, distinct)[which]
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,10 +14,8 @@ from typing import Literal, NamedTuple, Protocol
 
 import numpy as np
 
-from ... import _sections
 from ..._sections import FloatArray
 from ...filter import PhyFilter
-from ...sampled.coefficients import Method
 from .parametrisation import Chain, chain_of
 
 Form = Literal["lowpass", "general"]
@@ -50,16 +48,6 @@ class Evaluation(NamedTuple):
     gradient: FloatArray  # (n,)
     curvature: FloatArray  # (n, n): Gauss-Newton matrix
     c: FloatArray  # (n,): F = c xi
-
-
-def step_matrix(method: Method, generator: FloatArray, h: float | FloatArray) -> FloatArray:
-    """exp(M h) - I, M h or its trapezoidal rule: the increment over a step of s' = M s, for one step or many."""
-    if method == "exact":
-        return _sections.expm1(generator, h)
-    scaled = generator * np.asarray(h)[..., None, None]
-    if method == "euler":
-        return scaled
-    return np.asarray(np.linalg.solve(np.eye(len(generator)) - 0.5 * scaled, scaled), dtype=float)
 
 
 def evaluate(data: Data, chain: Chain, form: Form) -> Evaluation | None:
