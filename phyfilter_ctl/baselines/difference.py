@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from .. import _signals
 from .._sections import FloatArray
-from . import _checks
 from .protocol import SearchRange
 
 
@@ -40,7 +40,7 @@ class BackwardDifference:
     samples: int = 1
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "samples", _checks.count("samples", self.samples))
+        object.__setattr__(self, "samples", _signals.count("samples", self.samples))
 
     @classmethod
     def search_space(cls, dt: float) -> tuple[SearchRange, ...]:
@@ -51,12 +51,12 @@ class BackwardDifference:
         >>> BackwardDifference.search_space(0.02)
         (SearchRange(name='samples', low=1, high=25, integer=True),)
         """
-        longest = round(0.5 / _checks.interval(dt))
+        longest = round(0.5 / _signals.duration("dt", dt))
         return (SearchRange("samples", 1, min(100, max(2, longest)), integer=True),)
 
     def estimate(self, v: ArrayLike, dt: float) -> FloatArray:
         """Acceleration of v (N, n_x) sampled every ``dt`` seconds; see :class:`Differentiator`."""
-        v, dt = _checks.samples("v", v), _checks.interval(dt)
+        v, dt = _signals.array("v", v, ("N", "n_x")), _signals.duration("dt", dt)
         m = min(self.samples, len(v))  # further back than the flight is long there is only its first sample
         rise = v - np.concatenate([np.repeat(v[:1], m, axis=0), v[:-m]])
         return rise / (self.samples * dt)

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.signal import lfilter
 
+from .. import _signals
 from .._sections import FloatArray
-from . import _checks
 from .protocol import SearchRange
 
 
@@ -56,13 +56,13 @@ class KalmanDifferentiator:
     r: float = 1e-5
 
     def __post_init__(self) -> None:
-        _checks.positive("q", self.q)
-        _checks.positive("r", self.r)
+        _signals.number("q", self.q, above=0.0)
+        _signals.number("r", self.r, above=0.0)
 
     @classmethod
     def search_space(cls, dt: float) -> tuple[SearchRange, ...]:
         """q for bandwidths from 0.5 rad/s to 3/dt with r at its default: only the ratio matters."""
-        dt = _checks.interval(dt)
+        dt = _signals.duration("dt", dt)
         variance = cls.r
         return (SearchRange("q", 0.5**4 * variance * dt, max(1.0, 3.0 / dt) ** 4 * variance * dt),)
 
@@ -87,7 +87,7 @@ class KalmanDifferentiator:
         >>> round(K1, 6), round(K2, 6)
         (0.756738, 0.493216)
         """
-        dt = _checks.interval(dt)
+        dt = _signals.duration("dt", dt)
         ratio = self.q / self.r * dt**3
         if not (math.isfinite(ratio) and ratio > 0.0):
             raise ValueError(
@@ -100,7 +100,7 @@ class KalmanDifferentiator:
 
     def estimate(self, v: ArrayLike, dt: float) -> FloatArray:
         """Acceleration of v (N, n_x) sampled every ``dt`` seconds; see :class:`Differentiator`."""
-        v, dt = _checks.samples("v", v), _checks.interval(dt)
+        v, dt = _signals.array("v", v, ("N", "n_x")), _signals.duration("dt", dt)
         K1, K2 = self.gain(dt)
         rise = np.diff(v, axis=0, prepend=v[:1])
         return np.asarray(lfilter([K2], [1.0, K1 + K2 * dt - 2.0, 1.0 - K1], rise, axis=0))

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.signal import lfilter
 
+from .. import _signals
 from .._sections import FloatArray
-from . import _checks
 from .protocol import SearchRange
 
 
@@ -53,18 +53,18 @@ class LowpassDifference:
     order: Literal[1, 2] = 1
 
     def __post_init__(self) -> None:
-        _checks.positive("cutoff", self.cutoff, "rad/s")
+        _signals.number("cutoff", self.cutoff, "rad/s", above=0.0)
         if self.order not in (1, 2):
             raise ValueError(f"order: expected 1 or 2, got {self.order!r}")
 
     @classmethod
     def search_space(cls, dt: float) -> tuple[SearchRange, ...]:
         """Cutoffs from 0.5 rad/s to 3/dt, where the filter passes nearly everything."""
-        return (SearchRange("cutoff", 0.5, max(1.0, 3.0 / _checks.interval(dt))),)
+        return (SearchRange("cutoff", 0.5, max(1.0, 3.0 / _signals.duration("dt", dt))),)
 
     def estimate(self, v: ArrayLike, dt: float) -> FloatArray:
         """Acceleration of v (N, n_x) sampled every ``dt`` seconds; see :class:`Differentiator`."""
-        v, dt = _checks.samples("v", v), _checks.interval(dt)
+        v, dt = _signals.array("v", v, ("N", "n_x")), _signals.duration("dt", dt)
         u = np.diff(v, axis=0, prepend=v[:1]) / dt
         wh = self.cutoff * dt
         e, one_minus_e = math.exp(-wh), -math.expm1(-wh)

@@ -21,11 +21,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.linalg import solve_banded
 
-from .. import _sections
-from .._samples import seconds, unmasked, unusable, usable
+from .. import _sections, _signals
 from .._sections import FloatArray
 from ..filter import PhyFilter
-from . import _checks
 
 Rule = Literal["hold", "average"]
 
@@ -433,11 +431,10 @@ class SeerII:
             As for :meth:`DisturbanceObserver.run`.
         """
         x, g, steps = _record(self.dt, x, g, times)
-        s = _checks.samples("basis", basis)
-        if len(s) != len(x):
-            raise ValueError(f"basis: expected {len(x)} rows as in x, got {len(s)}")
+        s = _signals.array("basis", basis, (len(x), "p"), beside="x")
         shape = (*x.shape, s.shape[1])
-        W, dW = _array("weights", weights, shape), _array("weight_slopes", weight_slopes, shape)
+        W = _signals.array("weights", weights, shape, beside="x and basis")
+        dW = _signals.array("weight_slopes", weight_slopes, shape, beside="x and basis")
         moved = np.einsum("kij,kj->ki", 0.5 * (W[1:] + W[:-1]), np.diff(s, axis=0))
         path = np.concatenate([np.zeros_like(x[:1]), np.cumsum(moved, axis=0)])
         held = _mean("average", np.einsum("kij,kj->ki", dW, s)) - self.gain * _mean(self.g, g)
@@ -526,46 +523,27 @@ def _record(
     dt: float, x: ArrayLike, g: ArrayLike | None, times: ArrayLike | None
 ) -> tuple[FloatArray, FloatArray, float | FloatArray]:
     """x, g and the step, or the steps where the times are given."""
-    x = _checks.samples("x", x)
+    x = _signals.array("x", x, ("N", "n_x"))
     g = _beside("g", g, x.shape)
-    if times is None:
-        return x, g, dt
-    stamps = _array("times", seconds("times", times), (len(x),))
-    steps = np.diff(stamps)
-    if np.any(steps <= 0.0):
-        row = int(np.argmax(steps <= 0.0)) + 1
-        raise ValueError(
-            f"times: expected increasing times, got {stamps[row - 1]} s, then {stamps[row]} s in row {row}; drop or "
-            "repair the row"
-        )
-    return x, g, steps
+    return x, g, dt if times is None else np.diff(_signals.sample_times("times", times, len(x)))
 
 
 def _beside(name: str, values: ArrayLike | None, shape: tuple[int, ...]) -> FloatArray:
     """A signal of the shape of x; zeros where it is not given."""
-    return np.zeros(shape) if values is None else _array(name, values, shape)
+    return np.zeros(shape) if values is None else _signals.array(name, values, shape, beside="x")
 
 
 def _start(f_theta0: ArrayLike | None, x: FloatArray) -> FloatArray:
-    return np.zeros(x.shape[1]) if f_theta0 is None else _array("f_theta0", f_theta0, (x.shape[1],))
-
-
-def _array(name: str, values: ArrayLike, shape: tuple[int, ...]) -> FloatArray:
-    array = np.asarray(unmasked(values))
-    if array.dtype.kind not in "fiub":
-        raise TypeError(f"{name}: expected an array of real numbers, got dtype {array.dtype}")
-    if array.shape != shape:
-        raise ValueError(f"{name}: expected shape {shape} to go with x, got {array.shape}")
-    array = array.astype(float)
-    if not usable(array):
-        row = int(np.argwhere(unusable(array))[0][0])
-        raise ValueError(f"{name}: every value must be finite, got another in row {row}; cut or fill it")
-    return array
+    return (
+        np.zeros(x.shape[1])
+        if f_theta0 is None
+        else _signals.array("f_theta0", f_theta0, x.shape[1:], beside="x")
+    )
 
 
 def _check_options(name: str, gain: float, dt: float, g: str) -> None:
-    _checks.positive(name, gain, "rad/s")
-    _checks.interval(dt)
+    _signals.number(name, gain, "rad/s", above=0.0)
+    _signals.duration("dt", dt)
     _check_rule("g", g)
 
 

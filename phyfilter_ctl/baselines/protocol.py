@@ -7,8 +7,8 @@ from typing import Protocol, runtime_checkable
 
 from numpy.typing import ArrayLike
 
+from .. import _signals
 from .._sections import FloatArray
-from ._checks import positive
 
 
 @runtime_checkable
@@ -79,7 +79,7 @@ class SearchRange:
     integer: bool = False
 
     def __post_init__(self) -> None:
-        positive(f"{self.name}: low", self.low)
-        positive(f"{self.name}: high", self.high)
+        _signals.number(f"{self.name}: low", self.low, above=0.0)
+        _signals.number(f"{self.name}: high", self.high, above=0.0)
         if not self.low < self.high:
             raise ValueError(f"{self.name}: expected low < high, got {self.low} and {self.high}")

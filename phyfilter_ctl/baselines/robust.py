@@ -9,8 +9,9 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
+from .. import _signals
 from .._sections import FloatArray
-from . import _checks, _recursion
+from . import _recursion
 from .protocol import SearchRange
 
 _ADVICE = "scale v"
@@ -64,9 +65,9 @@ class RobustDifferentiator:
     mu: float = 1.0
 
     def __post_init__(self) -> None:
-        _checks.positive("k1", self.k1)
-        _checks.positive("k2", self.k2)
-        _checks.positive("mu", self.mu)
+        _signals.number("k1", self.k1, above=0.0)
+        _signals.number("k2", self.k2, above=0.0)
+        _signals.number("mu", self.mu, above=0.0)
 
     @classmethod
     def search_space(cls, dt: float) -> tuple[SearchRange, ...]:
@@ -75,7 +76,7 @@ class RobustDifferentiator:
         On noisy data the least RMSE may lie at a large ``mu`` with small ``k1`` and ``k2``, where the terms that
         make the estimate exact without noise are gone.
         """
-        _checks.interval(dt)
+        _signals.duration("dt", dt)
         return SearchRange("k1", 1e-3, 100.0), SearchRange("k2", 1e-4, 3000.0), SearchRange("mu", 1e-2, 1e5)
 
     def estimate(self, v: ArrayLike, dt: float) -> FloatArray:
@@ -86,7 +87,7 @@ class RobustDifferentiator:
         FloatingPointError
             If v comes near the range of floating-point numbers.
         """
-        v, dt = _checks.samples("v", v), _checks.interval(dt)
+        v, dt = _signals.array("v", v, ("N", "n_x")), _signals.duration("dt", dt)
         return self._states(v, dt, v[0], np.zeros_like(v[0]))[1]
 
     def _states(

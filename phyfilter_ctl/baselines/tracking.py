@@ -9,8 +9,9 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
+from .. import _signals
 from .._sections import FloatArray
-from . import _checks, _recursion
+from . import _recursion
 from .protocol import SearchRange
 
 _ADVICE = "lower r"
@@ -58,13 +59,13 @@ class TrackingDifferentiator:
     h0: float = 5.0
 
     def __post_init__(self) -> None:
-        _checks.positive("r", self.r)
-        _checks.positive("h0", self.h0)
+        _signals.number("r", self.r, above=0.0)
+        _signals.number("h0", self.h0, above=0.0)
 
     @classmethod
     def search_space(cls, dt: float) -> tuple[SearchRange, ...]:
         """Slope limits for robots that move by metres, filter factors from one interval ``dt`` to half a second."""
-        longest = 0.5 / _checks.interval(dt)
+        longest = 0.5 / _signals.duration("dt", dt)
         return SearchRange("r", 1.0, 1e5), SearchRange("h0", 1.0, min(100.0, max(2.0, longest)))
 
     def estimate(self, v: ArrayLike, dt: float) -> FloatArray:
@@ -75,7 +76,7 @@ class TrackingDifferentiator:
         FloatingPointError
             If the recursion leaves the range of floating-point numbers.
         """
-        v, dt = _checks.samples("v", v), _checks.interval(dt)
+        v, dt = _signals.array("v", v, ("N", "n_x")), _signals.duration("dt", dt)
         channels = v.shape[1]
         start = np.concatenate([v[0], np.zeros(channels)])
         parameters = np.array([dt, self.r, self.h0 * dt])

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.optimize import minimize
 
+from .. import _signals
 from .._sections import FloatArray
-from . import _checks
 from .protocol import SearchRange, TunableDifferentiator
 
 _Flight = tuple[FloatArray, FloatArray, float, int]
@@ -114,8 +114,8 @@ def tune(
     data = [_flight(i, *flight) for i, flight in enumerate(flights)]
     if not data:
         raise ValueError("flights: expected at least one, got none")
-    _checks.count("max_evaluations", max_evaluations)
-    _checks.positive("tolerance", tolerance)
+    _signals.count("max_evaluations", max_evaluations)
+    _signals.number("tolerance", tolerance, above=0.0)
     fixed = {} if fixed is None else dict(fixed)
     ranges = _ranges(kind, min(dt for _, _, dt, _ in data), fixed, {} if bounds is None else bounds)
     search = _Search(kind, data, fixed, ranges)
@@ -182,21 +182,17 @@ class _Search(Generic[D]):
 
 
 def _flight(i: int, v: ArrayLike, label: ArrayLike, dt: float, skip: int) -> _Flight:
-    v = _checks.samples(f"flights[{i}]: v", v)
-    label = _checks.shaped_samples(f"flights[{i}]: label", label)
-    if label.shape != v.shape:
-        raise ValueError(f"flights[{i}]: expected a label of the shape of v, {v.shape}, got {label.shape}")
-    if isinstance(skip, bool) or not isinstance(skip, (int, np.integer)):
-        raise TypeError(f"flights[{i}]: expected skip as a whole number of samples, got {skip!r}")
-    if not 0 <= skip < len(v):
+    where = f"flights[{i}]: "
+    v = _signals.array(f"{where}v", v, ("N", "n_x"))
+    label = _signals.array(f"{where}label", label, v.shape, beside="v", finite=False)
+    skip = _signals.count(f"{where}skip", skip, least=0)
+    if skip >= len(v):
         raise ValueError(
-            f"flights[{i}]: expected 0 <= skip < {len(v)} samples, got {skip}: nothing would count"
+            f"{where}skip: expected fewer than the {len(v)} samples, got {skip}: nothing would count"
         )
     if not np.isfinite(label[skip:]).all():
-        raise ValueError(
-            f"flights[{i}]: the label is not finite after the first {skip} samples; skip or cut them"
-        )
-    return v, label, _checks.interval(dt), int(skip)
+        raise ValueError(f"{where}the label is not finite after the first {skip} samples; skip or cut them")
+    return v, label, _signals.duration(f"{where}dt", dt), skip
 
 
 def _shortened(data: Sequence[_Flight]) -> list[_Flight]:

@@ -1,4 +1,4 @@
-"""Checks of recorded signals: each returns a checked copy or says which row is wrong."""
+"""What a flight log asks of its signals beside what every array must be."""
 
 from __future__ import annotations
 
@@ -7,36 +7,8 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .._samples import LARGEST, interval, seconds, unmasked, unusable, usable
+from .. import _signals
 from .._sections import FloatArray
-
-Where = Callable[[int], str]
-_SHOWN = 5  # rows that an error lists
-
-
-def row(index: int) -> str:
-    """Place of a sample in an array; a file names its lines instead."""
-    return f"row {index}"
-
-
-def real(name: str, values: ArrayLike) -> FloatArray:
-    """A copy as float64, NaN where it is masked."""
-    try:
-        if np.iscomplexobj(values):  # the conversion would drop the imaginary part with a warning only
-            raise TypeError("it is complex")
-        return np.array(unmasked(values), dtype=float)
-    except (TypeError, ValueError) as error:
-        raise TypeError(
-            f"{name}: expected an array of real numbers with rows of one length: {error}"
-        ) from error
-
-
-def positive(name: str, value: float) -> float:
-    """A positive finite number of seconds."""
-    length = interval(name, value) if np.ndim(value) == 0 else float("nan")
-    if not (np.isfinite(length) and length > 0.0):
-        raise ValueError(f"{name}: expected a positive number of seconds, got {value!r}")
-    return float(length)
 
 
 def fraction_of(fraction: float) -> float:
@@ -46,57 +18,12 @@ def fraction_of(fraction: float) -> float:
     return fraction
 
 
-def refuse_nonfinite(name: str, values: FloatArray, columns: Sequence[str], where: Where = row) -> None:
-    """Raise at the first NaN, infinity or number too large to reckon with, of a two-dimensional array."""
-    if usable(values):
-        return
-    bad = np.argwhere(unusable(values))
-    index, column = (int(k) for k in bad[0])
-    value = values[index, column]
-    expected = f"a magnitude up to {LARGEST:g}" if np.isfinite(value) else "a finite number"
-    remedy = "choose another unit" if np.isfinite(value) else "cut the log there or repair the samples"
-    more = f"; {len(bad)} such values in all" if len(bad) > 1 else ""
-    raise ValueError(
-        f"{name}: {where(index)}, {columns[column]} is {value}, expected {expected}{more}; {remedy}"
-    )
-
-
-def refuse_unordered(name: str, times: FloatArray, where: Where = row) -> None:
-    """Raise unless times increase."""
-    bad = np.flatnonzero(np.diff(times) <= 1.0 / LARGEST) + 1
-    if not len(bad):
-        return
-    listed = [
-        f"{where(int(k))} ({times[k - 1]:.9g} s, then {times[k]:.9g} s: "
-        f"{'stands still' if times[k] >= times[k - 1] else 'runs back'})"
-        for k in bad[:_SHOWN]
-    ]
-    more = f" and {len(bad) - _SHOWN} more" if len(bad) > _SHOWN else ""
-    raise ValueError(
-        f"{name}: expected increasing times, but at {', '.join(listed)}{more}; drop repeated samples, split the log "
-        "where it starts again"
-    )
-
-
 def measured(values: ArrayLike) -> FloatArray:
     """x, shape (N, n_x), N >= 2."""
-    x = real("x", values)
-    if x.ndim != 2 or x.shape[1] == 0:
-        hint = "; for one channel give x[:, None]" if x.ndim == 1 else ""
-        raise ValueError(f"x: expected shape (N, n_x), one row a sample, got {x.shape}{hint}")
+    x = _signals.array("x", values, ("N", "n_x"), finite=False)
     if len(x) < 2:
         raise ValueError(f"x: expected at least 2 samples, got {len(x)}")
     return x
-
-
-def sample_times(values: ArrayLike, n: int) -> FloatArray:
-    """Increasing finite times, shape (n,)."""
-    times = seconds("times", values)
-    if times.shape != (n,):
-        raise ValueError(f"times: expected shape ({n},), one for every row of x, got {times.shape}")
-    refuse_nonfinite("times", times[:, None], ("t",))
-    refuse_unordered("times", times)
-    return times
 
 
 def channel_names(channels: Sequence[str] | None, n_x: int) -> tuple[str, ...]:
@@ -124,51 +51,14 @@ def signal(
     """A finite signal of the shape of x."""
     if values is None:
         return None
-    array = real(name, values)
-    if array.shape != shape:
-        raise ValueError(f"{name}: expected shape {shape} as x has, got {array.shape}")
-    refuse_nonfinite(name, array, [f"channel {channel}" for channel in channels])
+    array = _signals.array(name, values, shape, beside="x", finite=False)
+    _signals.refuse_unusable(name, array, channels)
     return array
 
 
 def features_of(values: ArrayLike | None, n: int) -> FloatArray | None:
     """Finite features, shape (n, n_z)."""
-    if values is None:
-        return None
-    array = real("features", values)
-    if array.ndim != 2 or len(array) != n or array.shape[1] == 0:
-        raise ValueError(
-            f"features: expected shape ({n}, n_z), one row for every row of x, got {array.shape}"
-        )
-    refuse_nonfinite("features", array, [f"column {k}" for k in range(array.shape[1])])
-    return array
-
-
-def inertia_of(values: ArrayLike | None, n: int, n_x: int) -> FloatArray | None:
-    """A finite inertia of one of the five shapes."""
-    if values is None:
-        return None
-    array = real("inertia", values)
-    if array.ndim == 2 and n == n_x and array.shape == (n, n_x):
-        raise ValueError(
-            f"inertia: shape ({n}, {n_x}) is ambiguous where N == n_x: a matrix, or a diagonal for every sample; give "
-            f"({n}, {n_x}, {n_x})"
-        )
-    if array.shape not in ((), (n_x,), (n_x, n_x), (n, n_x), (n, n_x, n_x)):
-        raise ValueError(
-            f"inertia: expected a scalar, ({n_x},), ({n_x}, {n_x}), ({n}, {n_x}) or ({n}, {n_x}, {n_x}), "
-            f"got shape {array.shape}"
-        )
-    if inertia_varies(array, n):
-        flat = array.reshape(n, -1)
-        refuse_nonfinite("inertia", flat, [f"entry {_entry(k, array)}" for k in range(flat.shape[1])])
-    elif not usable(array):
-        raise ValueError(f"inertia: expected finite numbers up to {LARGEST:g}, got {array.tolist()}")
-    return array
-
-
-def _entry(k: int, inertia: FloatArray) -> tuple[int, ...]:
-    return tuple(int(j) for j in np.unravel_index(k, inertia.shape[1:]))
+    return None if values is None else _signals.array("features", values, (n, "n_z"), beside="x")
 
 
 def inertia_varies(inertia: FloatArray, n: int) -> bool:

@@ -10,8 +10,8 @@ from types import EllipsisType
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .._samples import refuse_ticks
 from .._sections import FloatArray
+from .._signals import refuse_ticks, refuse_unordered, refuse_unusable
 from . import checks
 from .csvfile import CsvFile, open_csv
 
@@ -164,8 +164,8 @@ def _check(file: CsvFile, names: Sequence[str], table: FloatArray, time: str | N
     def line(index: int) -> str:  # a pass over the file, for an error only
         return f"line {file.line_numbers()[index]}"
 
-    checks.refuse_nonfinite(str(file.path), table, [f"column {name!r}" for name in names], line)
+    refuse_unusable(str(file.path), table, [f"column {name!r}" for name in names], line)
     if time is not None:
-        checks.refuse_unordered(f"{file.path}: column {time!r}", table[:, names.index(time)], line)
+        refuse_unordered(f"{file.path}: column {time!r}", table[:, names.index(time)], line)
     if len(table) < 2:
         raise ValueError(f"{file.path}: expected at least 2 rows, got {len(table)}")

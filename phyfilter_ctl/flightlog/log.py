@@ -16,6 +16,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
+from .. import _signals
 from .._sections import FloatArray
 from . import checks
 from .columns import VELOCITIES, default_columns, inertia_option, read_log
@@ -109,14 +110,14 @@ class FlightLog:
         x = checks.measured(x)
         n, n_x = x.shape
         names = checks.channel_names(channels, n_x)
-        times = checks.sample_times(times, n)
-        checks.refuse_nonfinite("x", x, names)
+        times = _signals.sample_times("times", times, n)
+        _signals.refuse_unusable("x", x, names)
         signals = {"g": g, "f_theta": f_theta, "label": label}
         checked = {
             "times": times,
             "x": x,
             **{key: checks.signal(key, value, (n, n_x), names) for key, value in signals.items()},
-            "inertia": checks.inertia_of(inertia, n, n_x),
+            "inertia": None if inertia is None else _signals.inertia("inertia", inertia, n_x, n),
             "features": checks.features_of(features, n),
         }
         for key, value in checked.items():
@@ -495,7 +496,7 @@ class FlightLog:
         >>> log.resample(1.5).x.ravel().tolist(), log.resample(1.5).g.ravel().tolist()
         ([0.0, 1.75, 4.0], [5.0, 6.0, 7.0])
         """
-        dt = checks.positive("dt", dt)
+        dt = _signals.duration("dt", dt)
         if g not in ("hold", "linear"):
             raise ValueError(f"g: expected 'hold' or 'linear', got {g!r}")
         times, linear, hold = uniform_grid(self.times, dt)
@@ -576,5 +577,5 @@ def _times_or_grid(times: ArrayLike | None, dt: float | None, n: int) -> ArrayLi
     if times is not None and dt is None:
         return times
     if dt is not None and times is None:
-        return checks.positive("dt", dt) * np.arange(n)
+        return _signals.duration("dt", dt) * np.arange(n)
     raise ValueError(f"expected exactly one of times and dt, got {'neither' if dt is None else 'both'}")

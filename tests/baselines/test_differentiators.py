@@ -111,11 +111,11 @@ def test_input_is_left_alone(differentiator: Differentiator) -> None:
 @pytest.mark.parametrize(
     ("v", "dt", "error", "words"),
     [
-        (np.zeros(5), 0.01, ValueError, r"\(N, n_x\).*got \(5,\); use v\[:, None\]"),
+        (np.zeros(5), 0.01, ValueError, r"\(N, n_x\).*got \(5,\); for one channel give v\[:, None\]"),
         (np.zeros((0, 3)), 0.01, ValueError, r"got \(0, 3\)"),
         (np.zeros((2, 2, 2)), 0.01, ValueError, r"got \(2, 2, 2\)"),
-        ([[0.0, 1.0], [np.nan, 1.0]], 0.01, ValueError, "nan in row 1, channel 0"),
-        ([[0.0, np.inf]], 0.01, ValueError, "inf in row 0, channel 1"),
+        ([[0.0, 1.0], [np.nan, 1.0]], 0.01, ValueError, "nan in row 1, column 0"),
+        ([[0.0, np.inf]], 0.01, ValueError, "inf in row 0, column 1"),
         ([["a"]], 0.01, TypeError, "real numbers"),
         ([[1j]], 0.01, TypeError, "real numbers"),
         ([[0.0]], 0.0, ValueError, "dt: expected a finite number > 0"),

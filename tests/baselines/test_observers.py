@@ -167,18 +167,18 @@ def test_wrong_signals_are_named() -> None:
         observer.run(x, np.zeros((5, 1)))
     with pytest.raises(ValueError, match=r"slope: expected shape"):
         observer.run(x, slope=np.zeros(5))
-    with pytest.raises(ValueError, match=r"slope: every value must be finite, got another in row 3"):
+    with pytest.raises(ValueError, match=r"slope: .* got nan in row 3"):
         observer.run(x, slope=np.where(np.arange(10).reshape(5, 2) == 7, np.nan, 0.0))
     with pytest.raises(TypeError, match="jumps: expected an array of real numbers"):
         observer.run(x, jumps=np.full((5, 2), "a"))
-    with pytest.raises(ValueError, match="every sample must be finite"):
+    with pytest.raises(ValueError, match="x: expected finite numbers"):
         observer.run(np.full((5, 2), np.inf))
-    with pytest.raises(ValueError, match="in row 2; drop or repair"):
+    with pytest.raises(ValueError, match=r"row 2 .*stands still"):
         observer.run(x, times=[0.0, 0.1, 0.1, 0.2, 0.3])
     with pytest.raises(ValueError, match=r"f_theta0: expected shape \(2,\)"):
         observer.run(x, f_theta0=[1.0])
     weights = np.zeros((5, 2, 3))
-    with pytest.raises(ValueError, match="basis: expected 5 rows"):
+    with pytest.raises(ValueError, match=r"basis: expected shape \(5, p\)"):
         SeerII(GAIN, DT).run(x, basis=np.zeros((4, 3)), weights=weights, weight_slopes=weights)
     with pytest.raises(ValueError, match=r"weights: expected shape \(5, 2, 4\)"):
         SeerII(GAIN, DT).run(x, basis=np.zeros((5, 4)), weights=weights, weight_slopes=weights)

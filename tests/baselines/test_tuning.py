@@ -144,10 +144,10 @@ GOOD = (np.zeros((5, 2)), np.zeros((5, 2)), 0.01, 0)
         (
             (np.zeros((5, 2)), np.zeros((5, 1)), 0.01, 0),
             ValueError,
-            r"flights\[1\]: expected a label of the shape",
+            r"flights\[1\]: label: expected shape",
         ),
         ((np.zeros(5), np.zeros(5), 0.01, 0), ValueError, r"flights\[1\]: v: expected shape"),
-        ((np.full((5, 2), np.nan), np.zeros((5, 2)), 0.01, 0), ValueError, "every sample must be finite"),
+        ((np.full((5, 2), np.nan), np.zeros((5, 2)), 0.01, 0), ValueError, "v: expected finite numbers"),
         (
             (np.zeros((5, 2)), np.full((5, 2), np.nan), 0.01, 2),
             ValueError,
@@ -155,7 +155,7 @@ GOOD = (np.zeros((5, 2)), np.zeros((5, 2)), 0.01, 0)
         ),
         ((np.zeros((5, 2)), np.zeros((5, 2)), 0.0, 0), ValueError, "dt"),
         ((np.zeros((5, 2)), np.zeros((5, 2)), 0.01, 5), ValueError, "nothing would count"),
-        ((np.zeros((5, 2)), np.zeros((5, 2)), 0.01, 0.5), TypeError, "whole number of samples"),
+        ((np.zeros((5, 2)), np.zeros((5, 2)), 0.01, 0.5), TypeError, "skip: expected a whole number"),
     ],
 )
 def test_bad_flights(

@@ -1,0 +1,46 @@
+"""The gate: numbers, arrays and times as they are handed to public functions, checked in one place and one wording.
+
+Let in, as float64, are finite real numbers in the shape asked for; times may carry their unit. Refused are complex
+numbers, text, dates where no times are meant, other objects, NaN and what is masked, infinities and magnitudes whose
+square leaves double precision, other shapes, other numbers of samples than beside them, and nothing at all: always as
+"name: expected against got; what to do".
+"""
+
+from .arrays import (
+    LARGEST,
+    Where,
+    array,
+    count,
+    filled,
+    inertia,
+    number,
+    real,
+    refuse_unusable,
+    row,
+    unmasked,
+    unusable,
+    usable,
+)
+from .times import duration, interval, refuse_ticks, refuse_unordered, sample_times, seconds
+
+__all__ = [
+    "LARGEST",
+    "Where",
+    "array",
+    "count",
+    "duration",
+    "filled",
+    "inertia",
+    "interval",
+    "number",
+    "real",
+    "refuse_ticks",
+    "refuse_unordered",
+    "refuse_unusable",
+    "row",
+    "sample_times",
+    "seconds",
+    "unmasked",
+    "unusable",
+    "usable",
+]
