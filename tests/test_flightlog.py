@@ -349,7 +349,7 @@ def test_numbers_beyond_reckoning_are_named_by_their_line(tmp_path: Path) -> Non
     for text, message in (
         (
             "t,v\n0,1\n1,-1e308\n2,1\n",
-            r"log.csv: expected magnitudes up to 1e\+150, got -1e\+308 in line 3, column 'v'; choose another",
+            r"log.csv: expected finite numbers up to 1e\+150, got -1e\+308 in line 3, column 'v'; choose another",
         ),
         ("t,v\n-1e308,1\n0,1\n1e308,1\n", r"got -1e\+308 in line 2, column 't'.*2 such values"),
         ("t,v\n0,1\n1e-310,1\n1,1\n", r"line 3 \(0 s, then 1e-310 s: stands still\)"),

@@ -310,7 +310,7 @@ def refuse_unusable(
         place += f", entry {index[1:]}"
     more = f"; {len(bad)} such values in all" if len(bad) > 1 else ""
     if np.isfinite(value):
-        expected, advice = f"magnitudes up to {LARGEST:g}", "choose another unit"
+        expected, advice = f"finite numbers up to {LARGEST:g}", "choose another unit"
     else:
         expected, advice = "finite numbers, none masked", "leave it out or repair it"
     raise ValueError(f"{name}: expected {expected}, got {value:g}{place}{more}; {advice}")

@@ -12,7 +12,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .._samples import seconds
+from .._signals import seconds
 from ..diagram.model import FlatModel
 from .binding import Library, Progress, address, glue_source
 from .casadi_source import Real

@@ -11,8 +11,8 @@ import control as ct
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .._samples import seconds
 from .._sections import FloatArray
+from .._signals import seconds
 from .archive import ArchiveLimits
 from .cosimulation_part import Part, step_problem
 from .cosimulation_parts import make_part

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator, Mapping
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .._samples import LARGEST
+from .. import _signals
 from .._sections import FloatArray
 from . import _checks
 
@@ -17,57 +17,34 @@ _CHUNK = 1 << 17
 
 def frozen(name: str, values: ArrayLike, shape: tuple[int, ...] | None = None) -> FloatArray:
     """A finite, read-only copy; ``shape`` -1 stands for any length."""
-    array = np.array(values, dtype=float)
-    if shape is not None and (
-        array.ndim != len(shape) or any(n not in (-1, m) for n, m in zip(shape, array.shape, strict=True))
-    ):
-        wanted = str(shape).replace("-1", "N")
-        raise ValueError(f"{name}: expected shape {wanted}, got {array.shape}")
-    if not np.all(np.isfinite(array)):
-        raise ValueError(f"{name}: every number must be finite")
+    wanted = np.shape(values) if shape is None else tuple("N" if n == -1 else n for n in shape)
+    array = _signals.array(name, values, wanted, empty=True)
     array.flags.writeable = False
     return array
 
 
 def parameter_vector(values: ArrayLike, size: int) -> FloatArray:
     """A finite vector of ``size`` parameters."""
-    vector = np.array(values, dtype=float)
-    if vector.shape != (size,):
-        raise ValueError(f"parameters: expected shape ({size},), got {vector.shape}")
-    if not np.all(np.isfinite(vector)):
-        raise ValueError(f"parameters: not finite at index {int(np.argmin(np.isfinite(vector)))}")
-    return vector
+    return _signals.array("parameters", values, (size,))
 
 
 def pairs(
     z: ArrayLike, f: ArrayLike, n_z: int | None = None, n_x: int | None = None
 ) -> tuple[FloatArray, FloatArray]:
     """Features and unknown dynamics with the same number of rows."""
-    z, f = _checks.rows("z", z, n_z), _checks.rows("f", f, n_x)
-    if len(z) != len(f):
-        raise ValueError(f"z, f: expected the same number of rows, got {len(z)} and {len(f)}")
-    for name, values in (("z", z), ("f", f)):
-        largest = float(np.max(np.abs(values)))
-        if largest > LARGEST:
-            raise ValueError(
-                f"{name}: expected values up to {LARGEST:g}, got {largest:g}; choose another unit"
-            )
-    return z, f
+    z = _checks.rows("z", z, n_z)
+    return z, _signals.array("f", f, (len(z), "n_x" if n_x is None else n_x), beside="z")
 
 
 def with_cotangent(z: ArrayLike, cotangent: ArrayLike, n_z: int, n_x: int) -> tuple[FloatArray, FloatArray]:
     """Features and a cotangent of the prediction with the same number of rows."""
-    z, cotangent = _checks.rows("z", z, n_z), _checks.rows("cotangent", cotangent, n_x)
-    if len(cotangent) != len(z):
-        raise ValueError(f"cotangent: expected {len(z)} rows as in z, got {len(cotangent)}")
-    return z, cotangent
+    z = _checks.rows("z", z, n_z)
+    return z, _signals.array("cotangent", cotangent, (len(z), n_x), beside="z")
 
 
 def number(name: str, value: float, *, positive: bool = False) -> float:
     """A finite number >= 0, or > 0."""
-    if not (np.isfinite(value) and (value > 0.0 if positive else value >= 0.0)):
-        raise ValueError(f"{name}: expected a finite number {'>' if positive else '>='} 0, got {value!r}")
-    return float(value)
+    return _signals.number(name, value, **{"above" if positive else "least": 0.0})
 
 
 def chunks(count: int, width: int) -> Iterator[slice]:

@@ -305,7 +305,7 @@ def _as_rows(
     z: ArrayLike, x: ArrayLike, g: ArrayLike | None
 ) -> tuple[ArrayLike, ArrayLike, ArrayLike | None]:
     """One sample as a record of one row."""
-    return np.asarray(z)[None], np.asarray(x)[None], None if g is None else np.asarray(g)[None]
+    return [z], [x], None if g is None else [g]
 
 
 def _lag(values: FloatArray, c: float, before: FloatArray) -> FloatArray:

@@ -9,8 +9,9 @@ from itertools import pairwise
 import casadi as ca
 import numpy as np
 
-from .._samples import LARGEST
 from .._sections import FloatArray
+from .._signals import refuse_unusable
+from . import _arrays
 
 # Names of the standardisation, in the order of the class.
 SCALES = ("z_mean", "z_scale", "f_mean", "f_scale")
@@ -142,9 +143,7 @@ class Layers:
 
 def standardisation(name: str, values: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Mean and standard deviation of each column; 1 for a column that does not vary."""
-    largest = np.max(np.abs(values))
-    if largest > LARGEST:
-        raise ValueError(f"{name}: expected values up to {LARGEST:g}, got {largest:g}; choose another unit")
+    refuse_unusable(name, values)
     mean, deviation = values.mean(axis=0), values.std(axis=0)
     constant = deviation <= _CONSTANT * np.max(np.abs(values), axis=0)
     return mean, np.where(constant, 1.0, deviation)
@@ -152,8 +151,4 @@ def standardisation(name: str, values: FloatArray) -> tuple[FloatArray, FloatArr
 
 def _own(name: str, values: FloatArray) -> FloatArray:
     """A finite, read-only copy."""
-    array = np.array(values, dtype=float)
-    if not np.all(np.isfinite(array)):
-        raise ValueError(f"{name}: every number must be finite")
-    array.flags.writeable = False
-    return array
+    return _arrays.frozen(name, values)

@@ -92,9 +92,7 @@ class Network:
         _checks.count("max_iterations", self.max_iterations)
         _checks.count("seed", self.seed, 0)
         for name in ("l2", "tolerance"):
-            value = getattr(self, name)
-            if not (np.isfinite(value) and value >= 0.0):
-                raise ValueError(f"{name}: expected a finite number >= 0, got {value!r}")
+            _arrays.number(name, getattr(self, name))
         if self.layers is not None and self.layers.sizes[1:-1] != hidden:
             raise ValueError(
                 f"layers: expected hidden layers of {hidden} units, got {self.layers.sizes[1:-1]}"
@@ -114,12 +112,7 @@ class Network:
             If the network has not been fitted, the number is wrong or a value is not finite.
         """
         layers = self._fitted()
-        vector = np.asarray(parameters, dtype=float)
-        expected = layers.parameters.shape
-        if vector.shape != expected:
-            raise ValueError(f"parameters: expected shape {expected}, got {vector.shape}")
-        if not np.all(np.isfinite(vector)):
-            raise ValueError(f"parameters: not finite at index {int(np.argmin(np.isfinite(vector)))}")
+        vector = _arrays.parameter_vector(parameters, len(layers.parameters))
         return replace(self, layers=layers.with_parameters(vector))
 
     def fit(self, z: ArrayLike, f: ArrayLike) -> FitResult[Self]:
@@ -132,9 +125,7 @@ class Network:
         """
         from sklearn.neural_network import MLPRegressor  # slow to import, needed for training only
 
-        z, f = _checks.rows("z", z), _checks.rows("f", f)
-        if len(z) != len(f):
-            raise ValueError(f"z, f: expected the same number of rows, got {len(z)} and {len(f)}")
+        z, f = _arrays.pairs(z, f)
         (z_mean, z_scale), (f_mean, f_scale) = standardisation("z", z), standardisation("f", f)
         regressor = MLPRegressor(
             hidden_layer_sizes=self.hidden,

@@ -7,8 +7,8 @@ from dataclasses import KW_ONLY, dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .._samples import LARGEST
 from .._sections import FloatArray
+from .._signals import LARGEST
 from . import _checks
 from .koopman import Koopman
 
@@ -233,7 +233,7 @@ class OnlineKoopman:
 
     def _lift(self, z: ArrayLike) -> tuple[FloatArray, FloatArray]:
         """psi and f of one sample."""
-        row = _checks.rows("z", np.asarray(z)[None], self.model.dictionary.n_z)
+        row = _checks.rows("z", [z], self.model.dictionary.n_z)
         return self._lifted(row)[0], row[0, : self.model.n_f]
 
     def _lifted(self, z: FloatArray) -> FloatArray:

@@ -9,8 +9,8 @@ from typing import Literal, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .._samples import seconds
 from .._sections import FloatArray
+from .._signals import seconds
 from ..diagram import FlatModel
 from ..diagram.naming import override
 

@@ -393,7 +393,7 @@ REFUSED: list[tuple[Callable[[], onnx.ModelProto], str]] = [
     (with_external_data, "constant 'W1' is in an external file; store it inside the model"),
     (with_huge_shape, "numbers in its constants, more than 8388608"),
     (with_wrong_shape, "constant 'W1' is damaged"),
-    (with_nan, "every number must be finite"),
+    (with_nan, "expected finite numbers"),
     (with_function, "defines its own function 'Twice'"),
     (with_sparse, "sparse constants"),
     (with_two_inputs, "expected one input and one output, got 2 and 1"),
@@ -404,7 +404,7 @@ REFUSED: list[tuple[Callable[[], onnx.ModelProto], str]] = [
     (lambda: leaving_out_operands("Cast"), "'odd' .*an operand is missing"),
     (lambda: one("Sub"), "'odd' .*an operand is missing"),
     (without_a_name, "the input has no name"),
-    (with_an_infinite_factor, "every number must be finite"),
+    (with_an_infinite_factor, "expected finite numbers"),
 ]
 
 
@@ -443,10 +443,18 @@ def test_files_beyond_any_size_are_refused(tmp_path: Path) -> None:
     [
         (lambda n: n.predict(np.zeros((2, 4))), ValueError, r"z: expected shape \(N, 3\)"),
         (lambda n: n.vjp(np.zeros((2, 3)), np.zeros((2, 3))), ValueError, "cotangent: expected shape"),
-        (lambda n: n.vjp(np.zeros((2, 3)), np.zeros((1, 2))), ValueError, "cotangent: expected 2 rows"),
+        (
+            lambda n: n.vjp(np.zeros((2, 3)), np.zeros((1, 2))),
+            ValueError,
+            r"cotangent: expected shape \(2, 2\) to go with z",
+        ),
         (lambda n: n.fit(np.zeros((2, 3)), np.zeros((2, 1))), ValueError, "f: expected shape"),
         (lambda n: n.with_parameters([1.0]), ValueError, r"parameters: expected shape \(32,\)"),
-        (lambda n: n.with_parameters(np.full(32, np.inf)), ValueError, "parameters: not finite at index 0"),
+        (
+            lambda n: n.with_parameters(np.full(32, np.inf)),
+            ValueError,
+            r"parameters: expected finite numbers.*entry 0",
+        ),
         (lambda n: OnnxNetwork(n.layers, l2=-1.0), ValueError, "l2: expected a finite number >= 0"),
         (lambda n: Activation("gelu"), ValueError, "activation: expected one of"),
         (lambda n: Dense((np.eye(2),), (), ()), ValueError, "as many biases and activations"),
