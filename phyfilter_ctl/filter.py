@@ -15,13 +15,14 @@ from typing import TYPE_CHECKING, Literal
 
 import control as ct
 import numpy as np
-import sympy
 from numpy.typing import ArrayLike
 
 from . import _sections
 from ._sections import ComplexArray, FloatArray
 
 if TYPE_CHECKING:
+    import sympy
+
     from .sampled import SampledPhyFilter
 
 __all__ = ["PhyFilter"]
@@ -348,12 +349,16 @@ class PhyFilter:
         >>> PhyFilter([400.0, 40.0]).formula()
         400/(s**2 + 40*s + 400)
         """
+        import sympy  # half a second that only a formula is worth
+
         s = sympy.Symbol("s")
         numerator = sum((_number(c) * s**i for i, c in enumerate(self.b) if c), start=sympy.Integer(0))
         denominator = sum((_number(c) * s**i for i, c in enumerate(self.a)), start=s**self.order)
         return numerator / denominator
 
     def _repr_latex_(self) -> str:
+        import sympy
+
         return f"$\\displaystyle F(s) = {sympy.latex(self.formula())}$"
 
     def describe(self) -> str:
@@ -434,6 +439,8 @@ def _trimmed(ascending: FloatArray) -> FloatArray:
 
 
 def _number(value: float) -> sympy.Expr:
+    import sympy
+
     short = float(f"{value:.6g}")
     return sympy.Integer(int(short)) if short == int(short) else sympy.Float(short, 6)
 

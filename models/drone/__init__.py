@@ -266,14 +266,14 @@ def _study(options: Namespace, target: str | None) -> int:
 def _replay(options: Namespace, target: str | None) -> int:
     from phyfilter_ctl._output import write_figure
 
-    from . import replay
+    from . import replay, replay_picture
 
     found = replay.replay(options.replay, train=options.replay_train, thrust_delay=options.thrust_delay)
     if options.json != "-":
         print(replay.table(found))
     _write_json(options, replay.figures(found))
     if target is not None:
-        write_figure(target, replay.draw(found))
+        write_figure(target, replay_picture.draw(found))
     return 0
 
 

@@ -23,7 +23,6 @@ from phyfilter_ctl import PhyFilter, SampledPhyFilter
 from phyfilter_ctl.baselines import BackwardDifference, LowpassDifference
 from phyfilter_ctl.learned import Chebyshev, FitResult, LearnedModel
 
-from .replay_picture import draw, title
 from .replay_recordings import AXES, BAND, DelayScan, Recording, read
 
 __all__ = [
@@ -33,10 +32,10 @@ __all__ = [
     "Replay",
     "Score",
     "default_filters",
-    "draw",
     "figures",
     "replay",
     "table",
+    "title",
 ]
 
 FloatArray = NDArray[np.float64]
@@ -45,6 +44,15 @@ JUMP_GAIN = 10.0  # 1/s: what a jump of the measured v does to f_hat, the same f
 _RIDGE = 1e-3  # of the default model
 _REPEATS = 0.02  # relative misfit below which the label holds nothing but v, q and T_sp
 _SAME_RATE = 0.1
+NAMES = {
+    "zero": "no estimate (0)",
+    "difference": "difference of v, less g",
+    "lowpass": "low-pass difference of v, less g",
+    "mean": "mean of the training flights",
+    "model": "learned model alone",
+    "phyfilter_1": "PhyFilter, n = 1",
+    "type_2": "PhyFilter, n = 2, type 2",
+}
 _PLAIN = ("zero", "difference", "lowpass", "mean")
 
 
@@ -289,6 +297,18 @@ def _score(errors: Sequence[tuple[FloatArray, FloatArray]]) -> Score:
     with np.errstate(over="ignore"):  # a filter that diverged scores inf
         x, y, z = np.sqrt(np.mean(against**2, axis=0)).tolist()
         return Score(float(np.sqrt(np.mean(against**2))), (x, y, z), float(np.sqrt(np.mean(ahead**2))))
+
+
+def title(name: str) -> str:
+    """A method in words.
+
+    Examples
+    --------
+    >>> title("phyfilter_1+model")
+    'PhyFilter, n = 1 + learned model'
+    """
+    base = name.removesuffix("+model")
+    return NAMES.get(base, base) + (" + learned model" if base != name else "")
 
 
 def table(replay: Replay) -> str:

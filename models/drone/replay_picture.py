@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -11,37 +9,14 @@ from matplotlib.ticker import LogLocator, NullFormatter, ScalarFormatter
 
 from phyfilter_ctl.plots import dress
 
+from .replay import Flight, Replay, title
 from .replay_recordings import AXES, BAND
 
-if TYPE_CHECKING:
-    from .replay import Flight, Replay
+__all__ = ["draw"]
 
-__all__ = ["draw", "title"]
-
-NAMES = {
-    "zero": "no estimate (0)",
-    "difference": "difference of v, less g",
-    "lowpass": "low-pass difference of v, less g",
-    "mean": "mean of the training flights",
-    "model": "learned model alone",
-    "phyfilter_1": "PhyFilter, n = 1",
-    "type_2": "PhyFilter, n = 2, type 2",
-}
 _NOT_DRAWN = ("zero", "difference", "lowpass", "mean")
 _COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00")
 _SHOWN = 10.0  # s
-
-
-def title(name: str) -> str:
-    """A method in words.
-
-    Examples
-    --------
-    >>> title("phyfilter_1+model")
-    'PhyFilter, n = 1 + learned model'
-    """
-    base = name.removesuffix("+model")
-    return NAMES.get(base, base) + (" + learned model" if base != name else "")
 
 
 def draw(replay: Replay) -> Figure:

@@ -8,10 +8,10 @@ import re
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from importlib import import_module
 from typing import NoReturn
 
 from .. import __version__, models
-from . import analyze, app, design, export, fmu, learn
 
 __all__ = ["main"]
 
@@ -27,6 +27,16 @@ _EPILOG = """examples:
                                                                hand it over: FMU, SSP, C
   phyfilter-ctl fmu check model.fmu                            describe, check, run FMUs of any tool
   phyfilter-ctl COMMAND --help                                 all options of a command, with examples"""
+
+# Modules of this room, and what their commands are for.
+_COMMANDS = {
+    "design": "choose a filter: description, figures, picture, file",
+    "learn": "learn filters from flights: table, picture, file",
+    "analyze": "what a filter promises: bounds, noise, margins",
+    "export": "hand a filter or a model over: FMU, SSP, C",
+    "fmu": "describe, check and run FMUs of any tool",
+    "app": "design interactively, on a page in the browser",
+}
 
 _RUN_EPILOG = """examples:
   phyfilter-ctl run drone
@@ -114,17 +124,12 @@ def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
     parser.add_argument("--version", action="version", version=f"phyfilter-ctl {__version__}")
     commands = parser.add_subparsers(title="commands", metavar="COMMAND", required=True, parser_class=_Parser)
     _add_run(commands, arguments)
-    for name, module, text in (
-        ("design", design, "choose a filter: description, figures, picture, file"),
-        ("learn", learn, "learn filters from flights: table, picture, file"),
-        ("analyze", analyze, "what a filter promises: bounds, noise, margins"),
-        ("export", export, "hand a filter or a model over: FMU, SSP, C"),
-        ("fmu", fmu, "describe, check and run FMUs of any tool"),
-        ("app", app, "design interactively, on a page in the browser"),
-    ):
+    for name, text in _COMMANDS.items():
         command = commands.add_parser(name, help=text)
-        module.add_arguments(command)
-        command.set_defaults(job=module.main)
+        if name in arguments[:1]:  # only the one asked for is imported
+            module = import_module(f".{name}", __name__)
+            module.add_arguments(command)
+            command.set_defaults(job=module.main)
     return parser
 
 

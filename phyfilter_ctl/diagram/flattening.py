@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Mapping, Sequence
 from itertools import accumulate, pairwise
-from typing import Literal, cast
+from typing import cast
 
 import casadi as ca
 import control as ct
@@ -16,7 +16,7 @@ from .evaluation import Evaluation, Symbols, call_block, evaluate
 from .loops import Expression, newton_function
 from .model import FlatModel, Task
 from .ordering import components, cycle
-from .wiring import Block, Wiring, input_variables, output_variables, wire
+from .wiring import Block, Rules, Unconnected, Wiring, input_variables, output_variables, wire
 
 __all__ = ["as_sampled", "discrete_functions", "flatten"]
 
@@ -27,7 +27,7 @@ def flatten(
     sys: ct.InputOutputSystem,
     *,
     name: str | None = None,
-    unconnected: Literal["error", "zero"] = "error",
+    unconnected: Unconnected = "error",
 ) -> FlatModel:
     """One model of a python-control system, of any depth.
 
@@ -142,7 +142,7 @@ def discrete_functions(
     system: ct.InputOutputSystem,
     path: str,
     given: Mapping[str, object],
-    unconnected: Literal["error", "zero"],
+    unconnected: Unconnected,
 ) -> BlockFunctions:
     """A discrete diagram as the law of one sampled block.
 
@@ -201,10 +201,10 @@ def _assemble(
     system: ct.InputOutputSystem,
     name: str,
     given: Mapping[str, object],
-    unconnected: Literal["error", "zero"],
+    unconnected: Unconnected,
 ) -> FlatModel:
     dt = _time_base(system, name)
-    wiring = wire(system, given, unconnected)
+    wiring = wire(system, given, Rules(unconnected, discrete_functions))
     scalar, wiring.blocks = _expanded(wiring.blocks)
     prefix = isinstance(system, ct.InterconnectedSystem)
     states = [() if b.period else _named(b, b.functions.states, prefix) for b in wiring.blocks]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import casadi as ca
 import control as ct
@@ -11,21 +10,19 @@ import numpy as np
 
 from .._sections import FloatArray
 from ..blocks.functions import BlockFunctions, Variable
-
-if TYPE_CHECKING:
-    from .model import FlatModel
+from .equations import Equations
 
 __all__ = ["is_linear", "linear_model"]
 
 STEPS = 20  # of Newton's method for the held outputs: 1 where the equivalents are linear
 
 
-def is_linear(flat: FlatModel) -> bool:
+def is_linear(flat: Equations) -> bool:
     """Whether dynamics and outputs are linear in states, inputs and held outputs, whatever the parameters.
 
     Parameters
     ----------
-    flat : FlatModel
+    flat : Equations
 
     Returns
     -------
@@ -47,12 +44,12 @@ def is_linear(flat: FlatModel) -> bool:
     return True
 
 
-def linear_model(flat: FlatModel, x0: FloatArray, u0: FloatArray, p: FloatArray, t: float) -> ct.StateSpace:
+def linear_model(flat: Equations, x0: FloatArray, u0: FloatArray, p: FloatArray, t: float) -> ct.StateSpace:
     """Jacobians at a point, with the sampled blocks replaced by their continuous equivalents.
 
     Parameters
     ----------
-    flat : FlatModel
+    flat : Equations
     x0 : array
         States; those of the equivalents may follow, else they are at their starts.
     u0, p : arrays
@@ -130,7 +127,7 @@ def linear_model(flat: FlatModel, x0: FloatArray, u0: FloatArray, p: FloatArray,
 
 
 def _held(
-    flat: FlatModel, x: FloatArray, u: FloatArray, p: FloatArray, t: float, states: Sequence[FloatArray]
+    flat: Equations, x: FloatArray, u: FloatArray, p: FloatArray, t: float, states: Sequence[FloatArray]
 ) -> FloatArray:
     """Outputs of the equivalents at the point, which may see each other."""
     z = np.array([v.start for v in flat.held])

@@ -5,13 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-import casadi as ca
 import control as ct
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..blocks.functions import BlockFunctions, Variable, dependencies
-from ..blocks.sampled import FilterLaw
+from ..blocks.functions import Variable, dependencies
+from .equations import Equations, Task
 from .linearisation import is_linear, linear_model
 from .naming import override, table
 
@@ -19,42 +18,7 @@ __all__ = ["FlatModel", "Task"]
 
 
 @dataclass(frozen=True, eq=False)
-class Task:
-    """A sampled block of a diagram.
-
-    Parameters
-    ----------
-    name : str
-        Path of the block.
-    period : float
-        Seconds between its instants, the first at the start of a run.
-    law : BlockFunctions
-        output (t, s, v, q) -> its part of z; dynamics (t, s, v, q) -> next s. s are its states, v its inputs and q its
-        parameters. States start at ``law.states[i].start``.
-    signals : casadi.Function
-        (t, x, u, p, z) -> v.
-    held : slice
-        Its part of z.
-    parameters : slice
-        Its part q of p.
-    filter : FilterLaw, optional
-        What the law is made from where the block is a sampled PhyFilter; C code runs that instead of the law.
-    continuous : BlockFunctions, optional
-        Its continuous equivalent, for :meth:`FlatModel.linearize`; parameters of the law's names are the law's.
-    """
-
-    name: str
-    period: float
-    law: BlockFunctions
-    signals: ca.Function
-    held: slice
-    parameters: slice
-    filter: FilterLaw | None = None
-    continuous: BlockFunctions | None = None
-
-
-@dataclass(frozen=True, eq=False)
-class FlatModel:
+class FlatModel(Equations):
     """One model of a whole diagram; made by :func:`flatten`.
 
     Parameters
@@ -84,18 +48,6 @@ class FlatModel:
 
     Where a nonlinear algebraic loop has no solution, all that depends on it is not-a-number.
     """
-
-    name: str
-    states: tuple[Variable, ...]
-    inputs: tuple[Variable, ...]
-    outputs: tuple[Variable, ...]
-    parameters: tuple[Variable, ...]
-    held: tuple[Variable, ...]
-    dynamics: ca.Function
-    output: ca.Function
-    tasks: tuple[Task, ...] = ()
-    dt: float = 0.0
-    order: tuple[str, ...] = ()
 
     @property
     def feedthrough(self) -> NDArray[np.bool_]:

@@ -5,15 +5,12 @@ from __future__ import annotations
 import difflib
 import re
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..blocks.functions import Variable
-
-if TYPE_CHECKING:
-    from .model import FlatModel
+from .equations import Equations
 
 __all__ = ["override", "table"]
 
@@ -75,12 +72,12 @@ def _last(name: str) -> str:
     return name.rsplit(".", 1)[-1]
 
 
-def table(flat: FlatModel) -> str:
+def table(flat: Equations) -> str:
     """States, signals, parameters and sampled blocks of a model, as text.
 
     Parameters
     ----------
-    flat : FlatModel
+    flat : Equations
 
     Returns
     -------

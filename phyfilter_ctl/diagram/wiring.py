@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import control as ct
 import numpy as np
@@ -14,7 +14,9 @@ from ..blocks.functions import BlockFunctions, Variable
 from ..blocks.sampled import FilterLaw, SampledBlock
 from .leaves import block_functions, linear_functions, with_values
 
-__all__ = ["Block", "Wiring", "input_variables", "output_variables", "wire"]
+__all__ = ["Block", "Rules", "Wiring", "input_variables", "output_variables", "wire"]
+
+Unconnected = Literal["error", "zero"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,9 +85,24 @@ class Wiring:
         return needs
 
 
-def wire(
-    system: ct.InputOutputSystem, given: Mapping[str, object], unconnected: Literal["error", "zero"]
-) -> Wiring:
+class Rules(NamedTuple):
+    """What holds for all diagrams of a tree.
+
+    Attributes
+    ----------
+    unconnected : {"error", "zero"}
+        What an input that nothing drives is.
+    discrete : callable, optional
+        (diagram, path, parameter values, unconnected) -> law of the sampled block around that diagram.
+    """
+
+    unconnected: Unconnected
+    discrete: (
+        Callable[[ct.InputOutputSystem, str, Mapping[str, object], Unconnected], BlockFunctions] | None
+    ) = None
+
+
+def wire(system: ct.InputOutputSystem, given: Mapping[str, object], rules: Rules) -> Wiring:
     """All blocks of a diagram and the sums between them.
 
     Parameters
@@ -94,8 +111,7 @@ def wire(
         A diagram, or one block.
     given : mapping
         Parameter values from outside.
-    unconnected : {"error", "zero"}
-        What an input that nothing drives is.
+    rules : Rules
 
     Returns
     -------
@@ -109,7 +125,7 @@ def wire(
 
     Examples
     --------
-    >>> wiring = wire(ct.tf([2.0], [1.0], name="gain"), {}, "error")
+    >>> wiring = wire(ct.tf([2.0], [1.0], name="gain"), {}, Rules("error"))
     >>> wiring.names, [block.path for block in wiring.blocks]
     (['gain.u[0]', 'gain.y[0]'], ['gain'])
     """
@@ -117,14 +133,14 @@ def wire(
     root = system.name or "system"
     if isinstance(system, ct.InterconnectedSystem):
         wiring.inputs = _new(wiring, [f"input {label}" for label in system.input_labels])
-        wiring.outputs = _add_diagram(wiring, system, "", given, wiring.inputs, unconnected)
+        wiring.outputs = _add_diagram(wiring, system, "", given, wiring.inputs, rules)
     else:
-        block = _add_block(wiring, system, root, given, unconnected)
+        block = _add_block(wiring, system, root, given, rules)
         wiring.inputs, wiring.outputs = block.inputs, block.outputs
         for signal in block.inputs:
             del wiring.sums[signal]
     _check_names([block.path for block in wiring.blocks], "blocks")
-    if unconnected == "error":
+    if rules.unconnected == "error":
         _check_driven(wiring)
     return wiring
 
@@ -135,7 +151,7 @@ def _add_diagram(
     path: str,
     given: Mapping[str, object],
     inputs: Sequence[int],
-    unconnected: Literal["error", "zero"],
+    rules: Rules,
 ) -> list[int]:
     """Adds all blocks of a diagram whose inputs are the given signals; returns its output signals."""
     given = {**_explicit(diagram), **given}
@@ -152,9 +168,9 @@ def _add_diagram(
             for signal in borders:
                 wiring.sums[signal] = []
             block_inputs += borders
-            block_outputs += _add_diagram(wiring, part, place, given, borders, unconnected)
+            block_outputs += _add_diagram(wiring, part, place, given, borders, rules)
         else:
-            block = _add_block(wiring, part, place, given, unconnected)
+            block = _add_block(wiring, part, place, given, rules)
             block_inputs += block.inputs
             block_outputs += block.outputs
     for rows, columns, values, sources in (
@@ -178,11 +194,11 @@ def _add_block(
     system: object,
     path: str,
     given: Mapping[str, object],
-    unconnected: Literal["error", "zero"],
+    rules: Rules,
 ) -> Block:
     if isinstance(system, SampledBlock):
         period, filter_law = system.period, system.filter
-        functions = _law(system, path, given, unconnected)
+        functions = _law(system, path, given, rules)
         continuous = _continuous(system, functions, path)
     else:
         period, filter_law, continuous = 0.0, None, None
@@ -197,18 +213,14 @@ def _add_block(
     return wiring.blocks[-1]
 
 
-def _law(
-    sampled: SampledBlock, path: str, given: Mapping[str, object], unconnected: Literal["error", "zero"]
-) -> BlockFunctions:
+def _law(sampled: SampledBlock, path: str, given: Mapping[str, object], rules: Rules) -> BlockFunctions:
     if sampled.law is not None:
         return with_values(sampled.law, given)
     system = sampled.system
     if isinstance(system, ct.InterconnectedSystem):
-        from .flattening import (
-            discrete_functions,
-        )  # here, since a diagram in a sampled block is wired by wire() again
-
-        return discrete_functions(system, path, given, unconnected)
+        if rules.discrete is None:
+            raise ValueError(f"block {path}: a diagram in a sampled block has to be flattened first")
+        return rules.discrete(system, path, given, rules.unconnected)
     return block_functions(system, path, given)
 
 
@@ -332,7 +344,7 @@ def input_variables(wiring: Wiring, labels: Sequence[str]) -> tuple[Variable, ..
 
     Examples
     --------
-    >>> [v.name for v in input_variables(wire(ct.tf([2.0], [1.0]), {}, "error"), ["u"])]
+    >>> [v.name for v in input_variables(wire(ct.tf([2.0], [1.0]), {}, Rules("error")), ["u"])]
     ['u']
     """
     followers: dict[int, list[tuple[int, float]]] = {}
@@ -368,7 +380,7 @@ def output_variables(wiring: Wiring, labels: Sequence[str]) -> tuple[Variable, .
 
     Examples
     --------
-    >>> [v.name for v in output_variables(wire(ct.tf([2.0], [1.0]), {}, "error"), ["y"])]
+    >>> [v.name for v in output_variables(wire(ct.tf([2.0], [1.0]), {}, Rules("error")), ["y"])]
     ['y']
     """
     variables = []

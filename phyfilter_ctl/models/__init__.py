@@ -10,9 +10,10 @@ import importlib
 import pkgutil
 from argparse import ArgumentParser, Namespace
 from pathlib import Path
-from typing import Protocol, cast
+from typing import TYPE_CHECKING, Protocol, cast
 
-import control as ct
+if TYPE_CHECKING:
+    import control as ct
 
 __all__ = ["Model", "available", "load"]
 

@@ -12,7 +12,7 @@ from scipy.integrate import solve_ivp
 from phyfilter_ctl import PhyFilter, phyfilter_block
 from phyfilter_ctl.blocks import BlockFunctions
 from phyfilter_ctl.diagram import FlatModel, flatten
-from phyfilter_ctl.diagram.wiring import wire
+from phyfilter_ctl.diagram.wiring import Rules, wire
 
 ROUNDING = 1e-12  # both evaluate the same formulas; only the order of sums differs
 DIFFERENCES = 1e-5  # python-control linearises by forward differences of step 1e-6
@@ -372,7 +372,7 @@ def test_cost_is_linear_in_blocks():
             parts, connections=[[(i, 0), (i - 1, 0)] for i in range(1, n)], inplist=[(0, 0)], outlist=[(n - 1, 0)],
             inputs="u", outputs="y", name="chain",
         )  # fmt: skip
-        sizes[n] = flatten(sys).dynamics.n_instructions(), len(wire(sys, {}, "error").names)
+        sizes[n] = flatten(sys).dynamics.n_instructions(), len(wire(sys, {}, Rules("error")).names)
     assert sizes[100][0] <= 2.1 * sizes[50][0]
     assert sizes[100][1] <= 2 * sizes[50][1]
 

@@ -1,9 +1,10 @@
 """The house itself: commands and paths that the documents name exist, no leftovers."""
 
-import ast
 import re
 import tomllib
 from pathlib import Path
+
+from tests.meta.house import code_lines
 
 ROOT = Path(__file__).resolve().parents[2]
 TEXT = {".py", ".md", ".toml", ".c", ".h", ".ipynb", ""}
@@ -48,20 +49,6 @@ def test_every_room_of_the_import_contract_exists():
     for name in named:
         path = ROOT / name.replace(".", "/")
         assert path.is_dir() or path.with_suffix(".py").is_file(), name
-
-
-def code_lines(path: Path) -> int:
-    """Lines that are neither blank, nor comment, nor docstring."""
-    source = path.read_text()
-    documented = ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef
-    prose = set()
-    for node in ast.walk(ast.parse(source)):
-        if isinstance(node, documented) and ast.get_docstring(node) is not None:
-            prose |= set(range(node.body[0].lineno, (node.body[0].end_lineno or 0) + 1))
-    lines = enumerate(source.splitlines(), start=1)
-    return sum(
-        bool(text.strip()) and not text.strip().startswith("#") and i not in prose for i, text in lines
-    )
 
 
 def test_files_stay_readable():

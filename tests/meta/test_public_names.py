@@ -73,13 +73,20 @@ def test_misspelt_keywords_fail(name):
         inspect.signature(thing).bind_partial(no_such_keyword=1)
 
 
+OTHER_PACKAGES = {
+    name: importlib.import_module(package)
+    for name, package in {"ca": "casadi", "ct": "control", "sympy": "sympy"}.items()
+}
+
+
 class Names(dict):
     """What a module knows; a name that only type checkers import is the room's of that name, or another package's."""
 
     def __missing__(self, name):
         if name.startswith("_"):
             raise KeyError(name)
-        return next((thing for thing in CALLABLES.values() if thing.__name__ == name), typing.Any)
+        ours = (thing for thing in CALLABLES.values() if thing.__name__ == name)
+        return next(ours, OTHER_PACKAGES.get(name, typing.Any))
 
 
 def classes_of(annotation):

@@ -12,7 +12,6 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import mpmath
 import numpy as np
 from scipy.linalg import solve_continuous_lyapunov
 from scipy.optimize import fminbound
@@ -35,6 +34,8 @@ class QuadraticBound(NamedTuple):
 
 def ball(a: FloatArray, C: FloatArray) -> QuadraticBound:
     """The textbook's bound |C| |x| with Q = I, in the coordinates y, y', ... of 1/D, D = s^n + a_{n-1} s^(n-1) + ..."""
+    import mpmath
+
     with mpmath.workdps(_DIGITS):
         n = len(a)
         exact = mpmath.matrix(n, n)

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple, Protocol
+from typing import TYPE_CHECKING, NamedTuple, Protocol
 
-import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ..._sections import FloatArray
+
+if TYPE_CHECKING:
+    import casadi as ca
 
 
 class CostTerms(NamedTuple):
@@ -98,6 +100,8 @@ class CasadiCost:
             raise ValueError(
                 f"function: expected (f, f_hat, a) -> one number, got {function}; sum over channels inside it"
             )
+        import casadi as ca
+
         inputs = [ca.MX.sym(name, function.size1_in(i)) for i, name in enumerate(("f", "f_hat", "a"))]
         value = function(*inputs)
         gradients = [ca.gradient(value, inputs[1]), ca.gradient(value, inputs[2])]

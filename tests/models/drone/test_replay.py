@@ -19,6 +19,7 @@ from phyfilter_ctl.learned import Chebyshev
 
 ROOM = f"{models.__name__}.drone"
 replay = importlib.import_module(f"{ROOM}.replay")
+replay_picture = importlib.import_module(f"{ROOM}.replay_picture")
 recordings = importlib.import_module(f"{ROOM}.replay_recordings")
 
 G = 9.81
@@ -355,7 +356,7 @@ def test_score_that_diverged_is_null(steady_path: Path):
 
 def test_picture(dragged: tuple[Path, Path], tmp_path: Path):
     result = replay.replay([dragged[1]], train=[dragged[0]])
-    figure = replay.draw(result)
+    figure = replay_picture.draw(result)
     target = tmp_path / "replay.png"
     figure.savefig(target)
     assert target.stat().st_size > 10_000
