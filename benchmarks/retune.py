@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 from tqdm import tqdm
 
 import phyfilter_ctl as pf
-from phyfilter_ctl.sampled import FilterState, SampledPhyFilter
+from phyfilter_ctl.filter import FilterState, SampledPhyFilter
 
 Array = NDArray[np.float64]
 DT, BEFORE, AFTER, INSTANTS = 0.02, 1000, 600, 8

@@ -14,8 +14,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from phyfilter_ctl import PhyFilter
+from phyfilter_ctl.filter import SampledPhyFilter, stack
 from phyfilter_ctl.filterfile import Signals, load, load_signals, save
-from phyfilter_ctl.sampled import SampledPhyFilter, stack
 
 GOOD = 'format = "phyfilter"\nversion = 1\na = [400.0, 40.0]\n'
 SAMPLED = GOOD + "[sampled]\ndt = 0.002\n"

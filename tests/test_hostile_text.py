@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from phyfilter_ctl import FlightLog, PhyFilter, Signals, load, load_signals, lowpass, save
-from phyfilter_ctl.sampled import SampledPhyFilter
+from phyfilter_ctl.filter import SampledPhyFilter
 
 NUMBERS = [
     "0",

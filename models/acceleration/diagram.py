@@ -17,8 +17,7 @@ from phyfilter_ctl.blocks import (
     function_block,
     phyfilter_block,
 )
-from phyfilter_ctl.filter import PhyFilter
-from phyfilter_ctl.sampled import SampledPhyFilter
+from phyfilter_ctl.filter import PhyFilter, SampledPhyFilter
 
 from .differentiator import LeastSquaresSlope, WindowDifferentiator
 from .params import params

@@ -15,11 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phyfilter_ctl.codegen import CompilerError, compile_sources, export_c, find_compiler
+from phyfilter_ctl.filter import SampledPhyFilter
 from phyfilter_ctl.filterfile import Signals
 from phyfilter_ctl.fmi import FmuExperiment, export_fmu
 from phyfilter_ctl.fmi.replay import Reference, write_reference
 from phyfilter_ctl.learned import Chebyshev
-from phyfilter_ctl.sampled import SampledPhyFilter
 
 from .diagram import controller_part, filter_part, vehicle_part
 from .experiment import Flights, fly

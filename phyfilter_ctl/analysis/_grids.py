@@ -8,8 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .._sections import FloatArray
-from ..filter import PhyFilter
-from ..sampled import SampledPhyFilter
+from ..filter import PhyFilter, SampledPhyFilter
 
 __all__ = ["breaks", "checked", "decades", "default", "nyquist", "ordered", "search"]
 

@@ -16,9 +16,8 @@ import numpy as np
 from scipy.linalg import solve_continuous_lyapunov
 
 from .._sections import ComplexArray, FloatArray
-from ..filter import PhyFilter
-from ..sampled import SampledPhyFilter
-from ..sampled.windows import mean_weights
+from ..filter import PhyFilter, SampledPhyFilter
+from ..filter.windows import mean_weights
 from . import _resolvent
 
 __all__ = ["noise_gain", "residual", "to_estimate"]

@@ -16,8 +16,7 @@ from scipy.optimize import brentq, minimize_scalar
 
 from .. import plots
 from .._sections import ComplexArray, FloatArray
-from ..filter import PhyFilter
-from ..sampled import SampledPhyFilter
+from ..filter import PhyFilter, SampledPhyFilter
 from . import _grids, _paths, _resolvent
 
 __all__ = ["FilterResponse", "FilterResponseList", "Peak", "frequency_response"]

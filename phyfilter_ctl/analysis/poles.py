@@ -11,8 +11,7 @@ from matplotlib.axes import Axes
 
 from .. import plots
 from .._sections import ComplexArray
-from ..filter import PhyFilter
-from ..sampled import SampledPhyFilter
+from ..filter import PhyFilter, SampledPhyFilter
 from .frequency import frequency_response
 
 __all__ = ["PoleZeroMap", "PolesAndZeros", "pole_zero_map"]

@@ -10,8 +10,7 @@ from scipy.linalg import solve_continuous_lyapunov, solve_discrete_lyapunov
 
 from .. import _sections
 from .._sections import FloatArray
-from ..filter import PhyFilter
-from ..sampled import SampledPhyFilter
+from ..filter import PhyFilter, SampledPhyFilter
 
 __all__ = ["Variance", "error_variance", "gauss_markov"]
 

@@ -5,9 +5,8 @@ from __future__ import annotations
 import os
 from typing import TYPE_CHECKING
 
-from ..filter import PhyFilter
+from ..filter import PhyFilter, SampledPhyFilter
 from ..flightlog import FlightLog
-from ..sampled import SampledPhyFilter
 from .designs import Assumptions, Design, Numerator
 from .handle import Session, handle
 from .jobs import LearningJob

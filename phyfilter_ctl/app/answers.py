@@ -13,8 +13,7 @@ from numpy.linalg import LinAlgError
 from .._sections import ComplexArray, FloatArray
 from ..analysis import _grids, frequency_response, prior_margin, ultimate_bound
 from ..analysis.frequency import FilterResponse
-from ..filter import PhyFilter
-from ..sampled import SampledPhyFilter
+from ..filter import PhyFilter, SampledPhyFilter
 from .designs import Design
 from .loops import phase_and_delay, read_off
 from .steps import settling_time, step_response

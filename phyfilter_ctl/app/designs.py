@@ -14,8 +14,7 @@ from .. import _sections
 from .._sections import FloatArray
 from ..analysis import frequency_response
 from ..design.placement import Family, bandpass, lowpass, numerator_of_type, place_poles
-from ..filter import PhyFilter
-from ..sampled import SampledPhyFilter
+from ..filter import PhyFilter, SampledPhyFilter
 from .checking import Fields, MessageError, real, shown
 
 __all__ = ["FAMILIES", "Assumptions", "Design", "Numerator", "design_of_family", "read_design"]

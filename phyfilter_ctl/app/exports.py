@@ -13,8 +13,7 @@ from typing import Literal
 
 from .. import filterfile
 from ..codegen import CompilerError, export_c, find_compiler
-from ..filter import PhyFilter
-from ..sampled import SampledPhyFilter
+from ..filter import PhyFilter, SampledPhyFilter
 from .checking import MessageError
 from .designs import Design
 

@@ -35,9 +35,8 @@ from numpy.linalg import LinAlgError
 from threadpoolctl import ThreadpoolController
 
 from ..design.learning import Form
-from ..filter import PhyFilter
+from ..filter import PhyFilter, SampledPhyFilter
 from ..flightlog import FlightLog
-from ..sampled import SampledPhyFilter
 from . import answers, exports, logs
 from .checking import Fields, MessageError
 from .designs import FAMILIES, HIGHEST_ORDER, Design, design_of_family, read_design

@@ -8,9 +8,8 @@ from pathlib import Path
 import anywidget
 import traitlets
 
-from ..filter import PhyFilter
+from ..filter import PhyFilter, SampledPhyFilter
 from ..flightlog import FlightLog
-from ..sampled import SampledPhyFilter
 from .handle import Session, handle
 
 __all__ = ["Designer"]

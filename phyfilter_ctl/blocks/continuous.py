@@ -10,7 +10,7 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from .._sections import FloatArray, continuous_matrices
-from ..sampled import SampledPhyFilter
+from ..filter import SampledPhyFilter
 from .filter_law import filter_inputs
 from .function_block import symbols_like
 from .functions import BlockFunctions, Variable

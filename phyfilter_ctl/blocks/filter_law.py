@@ -20,8 +20,8 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import block_diag
 
 from .._sections import FloatArray
-from ..sampled import SampledPhyFilter, windows
-from ..sampled.loop import channels as channels_of_f
+from ..filter import SampledPhyFilter, windows
+from ..filter.loop import channels as channels_of_f
 from .functions import BlockFunctions, Variable
 
 __all__ = ["filter_inputs", "filter_law"]

@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .._sections import FloatArray, continuous_matrices, side_by_side
-from ..filter import PhyFilter
-from ..sampled import SampledPhyFilter, windows
+from ..filter import PhyFilter, SampledPhyFilter, windows
 
 __all__ = ["PhyFilterBlock", "phyfilter_block"]
 

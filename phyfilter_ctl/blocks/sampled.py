@@ -12,8 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .._sections import FloatArray
-from ..filter import PhyFilter
-from ..sampled import SampledPhyFilter
+from ..filter import PhyFilter, SampledPhyFilter
 from .continuous import (
     continuous_filter,
     continuous_law,

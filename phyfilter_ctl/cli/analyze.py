@@ -12,9 +12,8 @@ import numpy as np
 
 from .. import filterfile
 from .._output import check_target, write_figure, write_text
-from ..filter import PhyFilter
+from ..filter import PhyFilter, SampledPhyFilter
 from ..flightlog import FlightLog
-from ..sampled import SampledPhyFilter
 
 if TYPE_CHECKING:
     from ..analysis import BoundResult, LoopMargin, PriorMargin

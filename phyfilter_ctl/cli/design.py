@@ -12,8 +12,7 @@ import numpy as np
 from .. import filterfile
 from .._output import check_target, write_figure, write_text
 from ..design.placement import Family, bandpass, lowpass, place_poles
-from ..filter import PhyFilter
-from ..sampled import SampledPhyFilter
+from ..filter import PhyFilter, SampledPhyFilter
 
 if TYPE_CHECKING:
     from ..analysis.frequency import FilterResponse

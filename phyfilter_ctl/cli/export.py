@@ -12,8 +12,7 @@ from numpy.typing import ArrayLike
 
 from .. import filterfile, models
 from .._output import check_target, write_text
-from ..filter import PhyFilter
-from ..sampled import SampledPhyFilter
+from ..filter import PhyFilter, SampledPhyFilter
 
 __all__ = ["add_arguments", "main"]
 

@@ -18,13 +18,13 @@ from tqdm import tqdm
 
 from .. import filterfile
 from .._output import check_target, write_figure, write_text
+from ..filter import SampledPhyFilter
 from ..flightlog import FlightLog
-from ..sampled import SampledPhyFilter
 from .learn_report import Row, best_of, figures_of, form_name, table_of
 
 if TYPE_CHECKING:
     from ..design.learning import Form, LearnEvent, LearnResult
-    from ..sampled.sampled_filter import Rule
+    from ..filter.sampled_filter import Rule
 
 __all__ = ["add_arguments", "main"]
 

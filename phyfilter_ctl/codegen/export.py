@@ -9,9 +9,8 @@ import control as ct
 from numpy.typing import ArrayLike
 
 from ..diagram import FlatModel, flatten
-from ..filter import PhyFilter
+from ..filter import PhyFilter, SampledPhyFilter
 from ..filterfile import Signals
-from ..sampled import SampledPhyFilter
 from .export_diagram import export_diagram
 from .export_filter import export_filter
 

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..filter import SampledPhyFilter
 from ..filterfile import Signals
-from ..sampled import SampledPhyFilter
 from .casadi_source import Real
 from .export_folder import write_folder
 from .filter_source import FilterSource, InertiaInput, braces, filter_source

@@ -10,9 +10,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from .._sections import FloatArray
 from ..blocks.functions import Variable
-from ..filter import PhyFilter
+from ..filter import PhyFilter, SampledPhyFilter
 from ..filterfile import Signals
-from ..sampled import SampledPhyFilter
 from .filter_source import InertiaInput, braces, filter_source, inertia_kind, kept, runtime_files
 from .identifiers import checked_identifier
 from .model import CModel

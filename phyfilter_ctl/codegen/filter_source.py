@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .._sections import FloatArray
+from ..filter import SampledPhyFilter
+from ..filter.loop import channels as channels_of_f
 from ..filterfile import Signals
-from ..sampled import SampledPhyFilter
-from ..sampled.loop import channels as channels_of_f
 from .identifiers import checked_identifier
 
 __all__ = ["FilterSource", "filter_source", "runtime_files"]

@@ -16,10 +16,9 @@ from numpy.typing import NDArray
 from scipy.optimize import OptimizeResult, minimize
 
 from .._sections import FloatArray
-from ..filter import PhyFilter
+from ..filter import PhyFilter, SampledPhyFilter
 from ..flightlog import FlightLog
 from ..learned import FitResult, LearnedModel
-from ..sampled import SampledPhyFilter
 from .adjoint.costs import SquaredError, StageCost
 from .adjoint.gradient import Record, listed, record_of, terms_of
 from .adjoint.rollout import Form, Rollout

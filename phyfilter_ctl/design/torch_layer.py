@@ -17,8 +17,7 @@ except ImportError as _error:
     ) from _error
 
 from .._sections import FloatArray
-from ..filter import PhyFilter
-from ..sampled import SampledPhyFilter
+from ..filter import PhyFilter, SampledPhyFilter
 from .adjoint.rollout import Form, Rollout
 from .learning.parametrisation import chain_of
 

@@ -39,9 +39,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .._output import replacing
-from ..filter import PhyFilter
+from ..filter import PhyFilter, SampledPhyFilter
 from ..flightlog import checks
-from ..sampled import SampledPhyFilter
 from .table import TomlTable, parsed, refuse_oversize
 
 __all__ = ["Signals", "load", "load_signals", "save"]

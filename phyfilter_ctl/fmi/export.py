@@ -20,9 +20,8 @@ from ..codegen.filter_model import filter_model
 from ..codegen.identifiers import checked_identifier, identifier
 from ..codegen.model import CModel
 from ..diagram import FlatModel, flatten
-from ..filter import PhyFilter
+from ..filter import PhyFilter, SampledPhyFilter
 from ..filterfile import Signals
-from ..sampled import SampledPhyFilter
 from .archive_write import write_archive
 from .build import build_binaries, platform_names
 from .description import Fmi, FmuExperiment, FmuInterface, FmuSolver, fmu_interface

@@ -38,10 +38,9 @@ import numpy as np
 
 from .._sections import FloatArray
 from ..blocks import phyfilter_block
-from ..filter import PhyFilter
+from ..filter import PhyFilter, SampledPhyFilter
 from ..filterfile import Signals, load, load_signals
 from ..filterfile.table import TomlTable
-from ..sampled import SampledPhyFilter
 from ..simulation import simulate
 from .check import CheckReport, check
 from .export import export_fmu

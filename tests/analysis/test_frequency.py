@@ -23,7 +23,7 @@ from phyfilter_ctl.analysis import (
     frequency_response,
 )
 from phyfilter_ctl.design import bandpass, lowpass, place_poles
-from phyfilter_ctl.sampled import SampledPhyFilter, stack
+from phyfilter_ctl.filter import SampledPhyFilter, stack
 
 mpl.use("Agg")
 

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from phyfilter_ctl import PhyFilter, SampledPhyFilter
 from phyfilter_ctl.analysis.margins import LoopMargin, largest_bandwidth, loop_margin, prior_margin
-from phyfilter_ctl.sampled import stack
+from phyfilter_ctl.filter import stack
 
 # Closed forms and refined figures.
 CLOSE = 1e-9

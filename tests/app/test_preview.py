@@ -23,7 +23,7 @@ from phyfilter_ctl.analysis import frequency_response
 from phyfilter_ctl.app.answers import settling_time
 from phyfilter_ctl.app.checking import Fields
 from phyfilter_ctl.app.designs import read_design
-from phyfilter_ctl.sampled import SampledPhyFilter
+from phyfilter_ctl.filter import SampledPhyFilter
 
 DESIGNER = Path(app.__file__).with_name("designer.js")
 NODE = shutil.which("node") or shutil.which("node", path=str(Path(sys.executable).parent))

@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from phyfilter_ctl import PhyFilter, _sections
 from phyfilter_ctl.codegen.compiler import compile_sources
 from phyfilter_ctl.codegen.filter_source import filter_source, runtime_files
-from phyfilter_ctl.sampled.coefficients import transition
-from phyfilter_ctl.sampled.retuning import Chain, moved
+from phyfilter_ctl.filter.coefficients import transition
+from phyfilter_ctl.filter.retuning import Chain, moved
 
 H = 0.002
 # What C and Python may differ by where the poles are well conditioned; both err by some eps times the condition.

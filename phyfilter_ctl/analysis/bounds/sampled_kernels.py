@@ -15,7 +15,7 @@ import numpy as np
 from scipy.linalg import LinAlgWarning, solve_discrete_lyapunov
 
 from ..._sections import FloatArray
-from ...sampled import SampledPhyFilter
+from ...filter import SampledPhyFilter
 from .kernels import Certificate
 
 __all__ = ["SampledKernels"]

@@ -12,8 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..._sections import FloatArray
-from ...filter import PhyFilter
-from ...sampled import SampledPhyFilter
+from ...filter import PhyFilter, SampledPhyFilter
 from . import kernels, quadratic
 from .kernels import Certificate, Kernel
 from .sampled_kernels import SampledKernels

@@ -15,8 +15,8 @@ from functools import cached_property
 import numpy as np
 
 from ..._sections import ComplexArray, FloatArray, expm1
-from ...sampled import SampledPhyFilter
-from ...sampled.windows import mean_weights
+from ...filter import SampledPhyFilter
+from ...filter.windows import mean_weights
 from .. import _paths, _resolvent
 from . import sweep
 from ._actuator import Actuator

@@ -9,8 +9,7 @@ from typing import Literal
 import control as ct
 import numpy as np
 
-from ...filter import PhyFilter
-from ...sampled import SampledPhyFilter
+from ...filter import PhyFilter, SampledPhyFilter
 from ._actuator import checked_number
 from .complete import loop_margin
 

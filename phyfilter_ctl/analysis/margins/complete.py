@@ -6,8 +6,7 @@ from dataclasses import dataclass
 
 import control as ct
 
-from ...filter import PhyFilter
-from ...sampled import SampledPhyFilter
+from ...filter import PhyFilter, SampledPhyFilter
 from .loop_margins import LoopMargins, build_loop
 from .prior import _positive
 

@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..._sections import ComplexArray, FloatArray
-from ...filter import PhyFilter
-from ...sampled import SampledPhyFilter
+from ...filter import PhyFilter, SampledPhyFilter
 from . import sweep
 from ._actuator import checked_actuator, checked_number
 from ._continuous import ContinuousLoop

@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..._sections import ComplexArray
-from ...filter import PhyFilter
-from ...sampled import SampledPhyFilter
+from ...filter import PhyFilter, SampledPhyFilter
 from . import _inertia
 from ._actuator import checked_number
 from .loop_margins import LoopMargins, build_loop

@@ -9,8 +9,8 @@ from itertools import pairwise
 import numpy as np
 
 from ..._sections import FloatArray
+from ...filter import SampledPhyFilter
 from ...flightlog import FlightLog
-from ...sampled import SampledPhyFilter
 from .costs import SquaredError, StageCost
 from .rollout import Carry, Form, Rollout, RolloutInputs
 

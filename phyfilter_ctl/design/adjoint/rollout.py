@@ -19,8 +19,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..._sections import FloatArray
-from ...sampled import SampledPhyFilter, record
-from ...sampled.recursion import propagate
+from ...filter import SampledPhyFilter, record
+from ...filter.recursion import propagate
 from .block_map import BLOCK, BlockMap
 from .paper_rollout import PaperMap
 

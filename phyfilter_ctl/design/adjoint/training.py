@@ -14,9 +14,8 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from ..._sections import FloatArray
-from ...filter import PhyFilter
+from ...filter import PhyFilter, SampledPhyFilter
 from ...flightlog import FlightLog
-from ...sampled import SampledPhyFilter
 from ..learning.parametrisation import Chain, chain_of
 from .costs import SquaredError, StageCost
 from .gradient import Record, gradient_of, listed, record_of, summed, terms_of

@@ -21,7 +21,7 @@ import numpy as np
 from scipy import fft
 
 from ..._sections import FloatArray, multiply
-from ...sampled.coefficients import Method, transition
+from ...filter.coefficients import Method, transition
 from .residuals import Flight
 
 # Lags kept at most, and the longest piece transformed at once: bounds the memory for any record.

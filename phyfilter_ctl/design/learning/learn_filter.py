@@ -20,9 +20,9 @@ from threadpoolctl import threadpool_limits
 
 from ..._sections import FloatArray
 from ...filter import PhyFilter
+from ...filter.coefficients import Method
+from ...filter.sampled_filter import Rule
 from ...flightlog import FlightLog
-from ...sampled.coefficients import Method
-from ...sampled.sampled_filter import Rule
 from . import levenberg
 from .correlation import MOST_LAGS, memory
 from .label_check import label_faults

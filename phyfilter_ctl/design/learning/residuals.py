@@ -9,10 +9,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..._sections import FloatArray
-from ...filter import PhyFilter
+from ...filter import PhyFilter, record
+from ...filter.sampled_filter import Rule
 from ...flightlog import FlightLog
-from ...sampled import record
-from ...sampled.sampled_filter import Rule
 
 # Residuals that vary by less than this of their size are constant: rounding of x over a step.
 _CONSTANT = 1e-9

@@ -11,7 +11,7 @@ import numpy as np
 
 from ..._sections import ComplexArray, FloatArray
 from ...filter import PhyFilter
-from ...sampled.coefficients import Method
+from ...filter.coefficients import Method
 from .wiener import WienerFloor
 
 if TYPE_CHECKING:

@@ -8,9 +8,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ..._sections import FloatArray
-from ...filter import PhyFilter
-from ...sampled import recursion
-from ...sampled.coefficients import Coefficients, Method, transition
+from ...filter import PhyFilter, recursion
+from ...filter.coefficients import Coefficients, Method, transition
 from .residuals import Flight
 from .sensitivity import Data
 

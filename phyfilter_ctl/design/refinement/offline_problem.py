@@ -13,9 +13,9 @@ from scipy.optimize import minimize
 from threadpoolctl import threadpool_limits
 
 from ..._sections import FloatArray
+from ...filter import SampledPhyFilter
 from ...flightlog import FlightLog
 from ...learned import LearnedModel
-from ...sampled import SampledPhyFilter
 from . import regression
 from .regression import Tuned
 

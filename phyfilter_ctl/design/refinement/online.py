@@ -13,9 +13,9 @@ from scipy.signal import lfilter
 from threadpoolctl import threadpool_limits
 
 from ..._sections import FloatArray
+from ...filter import FilterState, SampledPhyFilter
 from ...flightlog import FlightLog
 from ...learned import LearnedModel
-from ...sampled import FilterState, SampledPhyFilter
 from . import regression
 from .regression import Tuned
 

@@ -18,9 +18,9 @@ from typing import Generic, Literal, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ...filter import SampledPhyFilter
 from ...flightlog import FlightLog
 from ...learned import LearnedModel, Network
-from ...sampled import SampledPhyFilter
 from . import regression
 from .offline_problem import Label, Problem, Solution
 from .online import OnlineFlight, OnlineRefiner

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..._sections import FloatArray
+from ...filter import SampledPhyFilter
 from ...flightlog import FlightLog
 from ...learned import LearnedModel
-from ...sampled import SampledPhyFilter
 
 M = TypeVar("M", bound=LearnedModel)
 

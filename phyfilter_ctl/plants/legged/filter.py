@@ -3,7 +3,7 @@
 Per joint, with the residual of each step measured in the inertia form (M is never inverted, q'' never formed):
 
     u_k = M (q'_k - q'_{k-1}) / h - mean of g over the step
-    w_k = w_{k-1} + dA (w_{k-1} - equilibrium u_k),    f_hat_k = C w_k          (as in :mod:`phyfilter_ctl.sampled`)
+    w_k = w_{k-1} + dA (w_{k-1} - equilibrium u_k),    f_hat_k = C w_k          (as in :mod:`phyfilter_ctl.filter`)
 
 The learned part f_theta is zero here: the paper does not define one for the legs.
 """
@@ -18,8 +18,7 @@ from typing import Literal, NamedTuple, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...filter import PhyFilter
-from ...sampled import SampledPhyFilter
+from ...filter import PhyFilter, SampledPhyFilter
 from .prior import JointQuantities, JointSpacePrior
 
 __all__ = ["JointFilterState", "JointTorqueFilter"]

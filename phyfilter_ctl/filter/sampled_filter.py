@@ -21,10 +21,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from .._samples import LARGEST, interval
 from .._sections import FloatArray
-from ..filter import PhyFilter
 from . import loop, record, retuning
 from .coefficients import Coefficients, Method, Precision, checked_direction, checked_limit, transition
 from .loop import FilterState
+from .phyfilter import PhyFilter
 
 __all__ = ["SampledPhyFilter", "stack"]
 

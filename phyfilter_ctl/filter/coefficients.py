@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .. import _sections
 from .._sections import FloatArray
-from ..filter import PhyFilter
+from .phyfilter import PhyFilter
 from .recursion import BlockKernel
 
 Method = Literal["exact", "euler", "tustin"]

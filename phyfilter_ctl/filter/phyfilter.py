@@ -17,13 +17,13 @@ import control as ct
 import numpy as np
 from numpy.typing import ArrayLike
 
-from . import _sections
-from ._sections import ComplexArray, FloatArray
+from .. import _sections
+from .._sections import ComplexArray, FloatArray
 
 if TYPE_CHECKING:
     import sympy
 
-    from .sampled import SampledPhyFilter
+    from .sampled_filter import SampledPhyFilter
 
 __all__ = ["PhyFilter"]
 
@@ -307,7 +307,7 @@ class PhyFilter:
         >>> PhyFilter([20.0]).sampled(0.002)
         PhyFilter(a=[20.0]).sampled(0.002)
         """
-        from .sampled import SampledPhyFilter
+        from .sampled_filter import SampledPhyFilter
 
         return SampledPhyFilter(
             self,

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..filter import PhyFilter
+from .phyfilter import PhyFilter
 
 Array = NDArray[np.floating]
 
