@@ -136,7 +136,9 @@ def array(
     return given
 
 
-def filled(name: str, values: ArrayLike, shape: Sequence[int], *, least: float = -np.inf) -> FloatArray:
+def filled(
+    name: str, values: ArrayLike, shape: Sequence[int], *, least: float = -np.inf, finite: bool = True
+) -> FloatArray:
     """A copy as float64, where a single number, or a single row, stands for all.
 
     Parameters
@@ -146,6 +148,8 @@ def filled(name: str, values: ArrayLike, shape: Sequence[int], *, least: float =
     shape : sequence of int
     least : float
         No number may lie below.
+    finite : bool
+        As for :func:`array`.
 
     Raises
     ------
@@ -160,8 +164,9 @@ def filled(name: str, values: ArrayLike, shape: Sequence[int], *, least: float =
     given = real(name, values)
     wanted = tuple(shape)
     if given.ndim > len(wanted) or given.shape != wanted[len(wanted) - given.ndim :]:
-        raise ValueError(f"{name}: expected a number or shape {wanted}, got {given.shape}")
-    refuse_unusable(name, given)
+        raise ValueError(f"{name}: expected a number or shape {wanted}, got shape {given.shape}")
+    if finite:
+        refuse_unusable(name, given)
     if given.size and given.min() < least:
         raise ValueError(f"{name}: expected numbers >= {least:g}, got {given.tolist()}")
     return np.broadcast_to(given, wanted).copy()
@@ -223,7 +228,9 @@ def _reshaping(name: str, got: tuple[int, ...], shape: Sequence[int | str], empt
     if 0 in got and len(got) == len(shape):
         return "; give at least one of each"
     if len(got) == 1 and len(shape) == 2:
-        return f"; for one channel give {name}[:, None]"
+        if _fits((got[0], 1), shape, empty):
+            return f"; for one channel give {name}[:, None]"
+        return f"; for one sample give {name}[None]" if _fits((1, got[0]), shape, empty) else ""
     if len(got) == 2 and _fits(got[::-1], shape, empty):
         return f"; give its transpose {name}.T, one row a sample"
     return ""

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
+from .. import _signals
 from .._sections import FloatArray
 from ..filter import PhyFilter, SampledPhyFilter
 
@@ -28,7 +29,7 @@ def nyquist(system: Filter) -> float:
 
 def ordered(omega: ArrayLike) -> FloatArray:
     """Given frequencies, sorted."""
-    grid = np.sort(np.atleast_1d(np.asarray(omega, dtype=float)))
+    grid = np.sort(np.atleast_1d(_signals.real("omega", omega)))
     if grid.ndim != 1 or len(grid) == 0 or not np.all(np.isfinite(grid)):
         raise ValueError(f"omega: expected finite frequencies in rad/s in one dimension, got {omega!r}")
     return grid

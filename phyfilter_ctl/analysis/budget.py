@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from numpy.typing import ArrayLike
 
-from .. import plots
+from .. import _signals, plots
 from .._sections import FloatArray
 from .bounds import BoundResult
 from .frequency import frequency_response
@@ -157,7 +157,7 @@ def _widths(bounds: Sequence[BoundResult], count: int, bandwidth: ArrayLike | No
             )
         widths = np.array([frequency_response(entry.system).bandwidth for entry in bounds])
     else:
-        widths = np.asarray(bandwidth, dtype=float)
+        widths = _signals.real("bandwidth", bandwidth)
     if widths.shape != (count,):
         raise ValueError(f"bandwidth: expected shape ({count},), one for every result, got {widths.shape}")
     if not np.all(np.isfinite(widths) & (widths > 0.0)):

@@ -14,7 +14,7 @@ from matplotlib.axes import Axes
 from numpy.typing import ArrayLike
 from scipy.optimize import brentq, minimize_scalar
 
-from .. import plots
+from .. import _signals, plots
 from .._sections import ComplexArray, FloatArray
 from ..filter import PhyFilter, SampledPhyFilter
 from . import _grids, _paths, _resolvent
@@ -195,7 +195,7 @@ class FilterResponse:
         >>> round(float(frequency_response(PhyFilter([400.0, 40.0])).phase_lag(20.0)), 6)
         1.570796
         """
-        wanted = self.omega if omega is None else np.asarray(omega, dtype=float)
+        wanted = self.omega if omega is None else _signals.real("omega", omega)
         flat = _grids.checked(np.ravel(wanted), self.nyquist)
         grid = _grids.search(self.system)
         every = np.union1d(grid[grid > 0.0], flat)
@@ -287,7 +287,7 @@ class FilterResponse:
         return self._dc > _NO_DC * self.peak.value
 
     def _gain(self, omega: ArrayLike) -> FloatArray:
-        return np.abs(_paths.residual(self.system, np.atleast_1d(np.asarray(omega, dtype=float)))[0])
+        return np.abs(_paths.residual(self.system, np.atleast_1d(_signals.real("omega", omega)))[0])
 
     def _crossing(self, level: float, grid: FloatArray, k: int) -> float:
         """Where |F| = level between grid[k] and grid[k + 1]."""

@@ -6,9 +6,9 @@ import operator
 from collections.abc import Sequence
 
 import casadi as ca
-import numpy as np
 from numpy.typing import ArrayLike
 
+from .. import _signals
 from .functions import BlockFunctions, Variable
 from .sampled import SampledBlock, sampled_block
 
@@ -83,10 +83,7 @@ def delay_line(
         ) from error
     if count < 0:
         raise ValueError(f"steps: expected 0 samples or more, got {count}")
-    starts = np.asarray(start, dtype=float)
-    if starts.shape not in ((), (len(inputs),)) or not np.isfinite(starts).all():
-        raise ValueError(f"start: expected a finite number, or {len(inputs)} of them, got {start!r}")
-    starts = np.broadcast_to(starts, (len(inputs),)).tolist()
+    starts = _signals.filled("start", start, (len(inputs),)).tolist()
     return sampled_block(_law(inputs, results, count, starts, unit), period=dt, name=name)
 
 

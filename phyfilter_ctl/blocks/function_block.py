@@ -14,6 +14,7 @@ import control as ct
 import numpy as np
 from numpy.typing import ArrayLike
 
+from .. import _signals
 from .._sections import FloatArray
 from .functions import BlockFunctions, Variable
 
@@ -141,7 +142,7 @@ class FunctionBlock(ct.NonlinearIOSystem):
                 given = params.get(prefix + key)
                 if given is None:
                     continue
-                array = np.asarray(given, dtype=float).reshape(-1)
+                array = _signals.real(f"{self.name}: parameter {key!r}", given).reshape(-1)
                 if array.size not in (1, len(places)) or not np.isfinite(array).all():
                     raise ValueError(
                         f"{self.name}: parameter {key!r}: expected {len(places)} finite "
@@ -346,7 +347,7 @@ def point(name: str, values: ArrayLike | None, variables: Sequence[Variable]) ->
     """A vector for these variables; None means their starts, one number stands for all."""
     if values is None:
         return starts(variables)
-    vector = np.asarray(values, dtype=float)
+    vector = _signals.real(name, values)
     if vector.ndim == 0:
         return np.full(len(variables), float(vector))
     if vector.shape != (len(variables),):

@@ -9,6 +9,7 @@ import control as ct
 import numpy as np
 from numpy.typing import ArrayLike
 
+from .. import _signals
 from .._sections import FloatArray, continuous_matrices, side_by_side
 from ..filter import PhyFilter, SampledPhyFilter, windows
 
@@ -66,10 +67,8 @@ class PhyFilterBlock(ct.StateSpace):
         counts = [sum(label.startswith(signal + "[") for label in self.input_labels) for signal in _INPUTS]
         first = []
         for signal, count, value in zip(_INPUTS, counts, (x0, g0, f_theta0), strict=True):
-            vector = np.zeros(count) if value is None else np.atleast_1d(np.asarray(value, dtype=float))
-            if vector.shape != (count,):
-                raise ValueError(f"{signal}0: expected shape ({count},), got {vector.shape}")
-            first.append(vector)
+            given = np.zeros(count) if value is None else np.atleast_1d(_signals.real(f"{signal}0", value))
+            first.append(_signals.array(f"{signal}0", given, (count,)))
         return self._rest @ np.concatenate(first)
 
 
@@ -221,7 +220,7 @@ def channel_counts(filters: int, direction: FloatArray | None, channels: int | N
 
 
 def constant_inertia(inertia: ArrayLike | None, n_x: int) -> FloatArray:
-    M = np.asarray(1.0 if inertia is None else inertia, dtype=float)
+    M = _signals.real("inertia", 1.0 if inertia is None else inertia)
     if M.ndim < 2:
         M = np.diag(np.broadcast_to(M, (n_x,))) if M.shape in ((), (n_x,)) else M
     if M.shape != (n_x, n_x) or not np.all(np.isfinite(M)):

@@ -12,7 +12,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .._signals import seconds
+from .. import _signals
 from ..diagram.model import FlatModel
 from .binding import Library, Progress, address, glue_source
 from .casadi_source import Real
@@ -251,14 +251,7 @@ def compile_model(
 
 
 def _times(timepts: ArrayLike) -> FloatArray:
-    times = np.ascontiguousarray(seconds("timepts", timepts))
-    if times.ndim != 1 or len(times) == 0:
-        raise ValueError(f"timepts: expected shape (N,) with N >= 1, got {times.shape}")
-    if not np.isfinite(times).all() or np.any(np.diff(times) <= 0.0):
-        raise ValueError(
-            "timepts: expected finite, strictly increasing times in seconds; sort them and drop repeated ones"
-        )
-    return times
+    return np.ascontiguousarray(_signals.sample_times("timepts", timepts))
 
 
 def _watched(run: Callable[[], int], shared: Progress, progress: Callable[[int], None]) -> int:

@@ -14,6 +14,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .. import _signals
 from .._sections import FloatArray
 from ..filter import SampledPhyFilter
 from ..filter.loop import channels as channels_of_f
@@ -210,11 +211,7 @@ def inertia_kind(inertia: ArrayLike | InertiaInput | None, n_x: int) -> tuple[in
         if inertia not in _INERTIA:
             raise ValueError(f"inertia: expected one of {', '.join(_INERTIA)} or numbers, got {inertia!r}")
         return _INERTIA[inertia], None
-    M = np.asarray(inertia, dtype=float)
-    if M.shape not in ((), (n_x,), (n_x, n_x)) or not np.all(np.isfinite(M)):
-        raise ValueError(
-            f"inertia: expected a finite number or shape ({n_x},) or ({n_x}, {n_x}), got shape {M.shape}"
-        )
+    M = _signals.inertia("inertia", inertia, n_x)
     return M.ndim + 1, M.reshape(-1)
 
 

@@ -7,8 +7,8 @@ from typing import NamedTuple, cast
 import numpy as np
 from scipy.optimize import brentq
 
+from .. import _signals
 from ..plants.algebra import Array, quaternion_product, stack, where
-from ._checks import check_not_negative, check_positive
 
 __all__ = ["AttitudeGains", "attitude_error", "attitude_gains"]
 
@@ -131,13 +131,11 @@ def attitude_gains(
     >>> [round(gain, 2) for gain in (*gains.kR, *gains.kw)]
     [163.43, 10.21, 25.57, 6.39]
     """
-    check_not_negative("motor_lag", motor_lag, "s")
-    check_not_negative("delay", delay, "s")
-    check_positive("yaw_ratio", yaw_ratio, "bandwidths of the tilt")
-    if not (np.isfinite(sharpness) and sharpness >= 1.0):
-        raise ValueError(f"sharpness: expected 1 (no lead) or more, got {sharpness}")
-    if not (np.isfinite(damping) and damping >= 0.75):
-        raise ValueError(f"damping: expected a ratio of 0.75 or more, got {damping}")
+    _signals.number("motor_lag", motor_lag, "s", least=0.0)
+    _signals.number("delay", delay, "s", least=0.0)
+    _signals.number("yaw_ratio", yaw_ratio, "bandwidths of the tilt", above=0.0)
+    _signals.number("sharpness", sharpness, least=1.0)
+    _signals.number("damping", damping, least=0.75)
     lag = motor_lag / sharpness
     total = lag + delay
     if total <= 0.0:

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
+from .. import _signals
 from ..blocks import SampledBlock, sampled_block
 from ..plants.algebra import Array, rotate
 from ..plants.declaration import Columns
 from ..plants.factory import Results, plant
-from ._checks import UP, check_positive
+from ._equations import UP
 
 __all__ = ["indi"]
 
@@ -74,13 +75,11 @@ def indi(
     >>> block.input_labels[:3], block.output_labels
     (['a[0]', 'a[1]', 'a[2]'], ['f_hat[0]', 'f_hat[1]', 'f_hat[2]'])
     """
-    check_positive("mass", mass, "kg")
-    check_positive("bandwidth", bandwidth, "rad/s")
-    check_positive("period", period, "s")
-    if not (np.isfinite(damping) and damping > 0.0):
-        raise ValueError(f"damping: expected a positive number, got {damping!r}")
-    if not np.isfinite(gravity):
-        raise ValueError(f"gravity: expected a finite number in m/s^2, got {gravity!r}")
+    _signals.number("mass", mass, "kg", above=0.0)
+    _signals.number("bandwidth", bandwidth, "rad/s", above=0.0)
+    _signals.number("period", period, "s", above=0.0)
+    _signals.number("damping", damping, above=0.0)
+    _signals.number("gravity", gravity, "m/s^2")
     h = float(period)
 
     def at_instants(t: Array, s: Columns, v: Columns, p: Columns) -> tuple[Results, Results]:

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-import operator
 from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from .. import _signals
 from ..blocks.sampled import SampledBlock, sampled_block
 from ..plants.algebra import Array, rotate, stack
 from ..plants.declaration import Columns
 from ..plants.factory import Results, plant
-from ._checks import UP, check_not_negative, check_positive, clip, drag_force, three
+from ._equations import UP, clip, drag_force
 
 __all__ = ["KnownForce", "known_force"]
 
@@ -96,17 +96,12 @@ def known_force(
         ("rotor_max", rotor_max, "N"),
         ("period", period, "s"),
     ):
-        check_positive(label, value, unit)
-    check_not_negative("gravity", gravity, "m/s^2")
-    coefficients = three("drag", drag, "coefficients in N s/m")
+        _signals.number(label, value, unit, above=0.0)
+    _signals.number("gravity", gravity, "m/s^2", least=0.0)
+    coefficients = _signals.filled("drag", drag, (3,), least=0.0)
     if kind not in get_args(KnownForce):
         raise ValueError(f"kind: expected {', '.join(map(repr, get_args(KnownForce)))}, got {kind!r}")
-    try:
-        steps = operator.index(delay_steps)
-    except TypeError as error:
-        raise TypeError(f"delay_steps: expected a whole number of samples, got {delay_steps!r}") from error
-    if steps < 0:
-        raise ValueError(f"delay_steps: expected 0 samples or more, got {steps}")
+    steps = _signals.count("delay_steps", delay_steps, least=0)
 
     hover, zero = np.full(4, 0.25 * mass * gravity), np.zeros(3)
     weight = np.array([0.0, 0.0, mass * gravity])

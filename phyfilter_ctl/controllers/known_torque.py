@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-import operator
-
 import numpy as np
 from numpy.typing import ArrayLike
 
+from .. import _signals
 from ..blocks.sampled import SampledBlock, sampled_block
 from ..plants.algebra import Array, cross, stack
 from ..plants.declaration import Columns
 from ..plants.factory import Results, plant
 from ..plants.quadrotor import _SIGNS
-from ._checks import check_not_negative, check_positive, clip, three
+from ._equations import clip
 
 __all__ = ["known_torque"]
 
@@ -91,22 +90,12 @@ def known_torque(
         ("rotor_max", rotor_max, "N"),
         ("period", period, "s"),
     ):
-        check_positive(label, value, unit)
-    inertia = three("J", J, "moments of inertia in kg m^2")
+        _signals.number(label, value, unit, above=0.0)
+    inertia = _signals.filled("J", J, (3,), least=0.0)
     if inertia.min() <= 0.0:
         raise ValueError(f"J: expected three positive moments of inertia in kg m^2, got {J!r}")
-    known = np.asarray(trim, dtype=float)
-    if known.shape != (3,) or not np.isfinite(known).all():
-        raise ValueError(f"trim: expected three finite numbers of N m, got {trim!r}")
-    before = np.asarray(start, dtype=float)
-    if before.shape not in ((), (4,)) or not np.isfinite(before).all():
-        raise ValueError(f"start: expected one or four finite numbers of N, got {start!r}")
-    try:
-        steps = operator.index(delay_steps)
-    except TypeError as error:
-        raise TypeError(f"delay_steps: expected a whole number of samples, got {delay_steps!r}") from error
-    check_not_negative("delay_steps", steps, "samples")
-    rotors, zero = np.broadcast_to(before, (4,)).copy(), np.zeros(3)
+    known, rotors = _signals.array("trim", trim, (3,)), _signals.filled("start", start, (4,))
+    steps, zero = _signals.count("delay_steps", delay_steps, least=0), np.zeros(3)
 
     def equations(t: Array, x: Columns, u: Columns, p: Columns) -> tuple[Results, Results]:
         line = stack(x.past, u.thrust) if steps else u.thrust

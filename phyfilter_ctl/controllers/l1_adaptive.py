@@ -8,11 +8,11 @@ from typing import Literal, SupportsIndex, get_args
 
 import numpy as np
 
+from .. import _signals
 from ..blocks import SampledBlock, sampled_block
 from ..plants.algebra import Array, where
 from ..plants.declaration import Columns, Declaration
 from ..plants.factory import Results, plant
-from ._checks import check_positive
 
 __all__ = ["l1_adaptive"]
 
@@ -95,9 +95,9 @@ def l1_adaptive(
     (1.96, 1.96)
     """
     n_x = _channels(channels)
-    check_positive("period", period, "s")
-    check_positive("bandwidth", bandwidth, "rad/s")
-    if not (np.isfinite(pole) and pole < 0.0):
+    _signals.number("period", period, "s", above=0.0)
+    _signals.number("bandwidth", bandwidth, "rad/s", above=0.0)
+    if _signals.number("pole", pole, "rad/s") >= 0.0:
         raise ValueError(f"pole: expected a negative number of rad/s, got {pole!r}")
     if g not in get_args(Between):
         raise ValueError(f"g: expected one of {get_args(Between)}, got {g!r}")

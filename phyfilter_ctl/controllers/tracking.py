@@ -3,21 +3,18 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from .. import _signals
 from ..blocks.sampled import SampledBlock, sampled_block
 from ..plants.algebra import Array, cross, dot, norm, quaternion_product, rotate, rotate_back, stack, where
 from ..plants.declaration import Columns
 from ..plants.factory import Results, plant
-from ._checks import (
+from ._equations import (
     UP,
-    check_not_negative,
-    check_positive,
     clip,
     drag_force,
     each_axis,
-    pair,
-    three,
 )
 from .allocation import allocate
 from .attitude import attitude_error
@@ -99,10 +96,10 @@ def position_controller(
     >>> block.law.output(0.0, [0.0] * 3, inputs, values).full().ravel().round(3).tolist()
     [0.0, 0.0, 31.83]
     """
-    check_positive("mass", mass, "kg")
-    check_positive("period", period, "s")
-    check_not_negative("gravity", gravity, "m/s^2")
-    check_not_negative("drag_lead", drag_lead, "s")
+    _signals.number("mass", mass, "kg", above=0.0)
+    _signals.number("period", period, "s", above=0.0)
+    _signals.number("gravity", gravity, "m/s^2", least=0.0)
+    _signals.number("drag_lead", drag_lead, "s", least=0.0)
     zero = np.zeros(3)
 
     def equations(t: Array, x: Columns, u: Columns, p: Columns) -> tuple[Results, Results]:
@@ -131,12 +128,12 @@ def position_controller(
         parameters={
             "mass": (mass, "kg", "nominal mass"),
             "gravity": (gravity, "m/s^2", "gravity, against z"),
-            "drag": (three("drag", drag, "coefficients in N s/m"), "N s/m", "rotor drag, body axes"),
-            "kp": (pair("kp", kp, _AXES), "1/s^2", f"position gain, {_AXES}"),
-            "kd": (pair("kd", kd, _AXES), "1/s", f"velocity gain, {_AXES}"),
-            "ki": (pair("ki", ki, _AXES), "1/s^3", f"integral gain, {_AXES}"),
+            "drag": (_signals.filled("drag", drag, (3,), least=0.0), "N s/m", "rotor drag, body axes"),
+            "kp": (_signals.filled("kp", kp, (2,), least=0.0), "1/s^2", f"position gain, {_AXES}"),
+            "kd": (_signals.filled("kd", kd, (2,), least=0.0), "1/s", f"velocity gain, {_AXES}"),
+            "ki": (_signals.filled("ki", ki, (2,), least=0.0), "1/s^3", f"integral gain, {_AXES}"),
             "integral_limit": (
-                pair("integral_limit", integral_limit, _AXES),
+                _signals.filled("integral_limit", integral_limit, (2,), least=0.0),
                 "m/s^2",
                 f"largest share of the integral, {_AXES}",
             ),
@@ -269,17 +266,17 @@ def attitude_controller(
         ("lift_min", lift_min, "weights"),
         ("period", period, "s"),
     ):
-        check_positive(label, value, unit)
+        _signals.number(label, value, unit, above=0.0)
     for label, value in (
         ("motor_lag", motor_lag),
         ("delay", delay),
         ("thrust_lead", thrust_lead),
         ("tilt_lead", tilt_lead),
     ):
-        check_not_negative(label, value, "s")
+        _signals.number(label, value, "s", least=0.0)
     if not 0.0 < tilt_max < 0.5 * np.pi:
         raise ValueError(f"tilt_max: expected an angle between 0 and pi/2 rad, got {tilt_max}")
-    inertia = three("J", J, "moments of inertia in kg m^2")
+    inertia = _signals.filled("J", J, (3,), least=0.0)
     if inertia.min() <= 0.0:
         raise ValueError(f"J: expected three positive moments of inertia in kg m^2, got {J!r}")
     zero = np.zeros(3)
@@ -304,7 +301,11 @@ def attitude_controller(
         kept = np.exp(-period / p.lead_filter)
         return {"smooth": kept * x.smooth + (1.0 - kept) * torque}, {"thrust": rotors}
 
-    known = {} if trim is None else {"trim": (_signed(trim), "N m", "known constant torque, body")}
+    known = (
+        {}
+        if trim is None
+        else {"trim": (_signals.array("trim", trim, (3,)), "N m", "known constant torque, body")}
+    )
     estimate = {"tau_hat": (zero, "N m", "estimated unknown torque, body")} if torque_estimate else {}
     law = plant(
         equations,
@@ -325,8 +326,8 @@ def attitude_controller(
             "torque_ratio": (torque_ratio, "m", "yaw torque per thrust"),
             "gravity": (gravity, "m/s^2", "gravity, against z"),
             "rotor_max": (rotor_max, "N", "largest thrust of a rotor"),
-            "kR": (pair("kR", kR, "tilt and yaw"), "1/s^2", "attitude gain, tilt and yaw"),
-            "kw": (pair("kw", kw, "tilt and yaw"), "1/s", "rate gain, tilt and yaw"),
+            "kR": (_signals.filled("kR", kR, (2,), least=0.0), "1/s^2", "attitude gain, tilt and yaw"),
+            "kw": (_signals.filled("kw", kw, (2,), least=0.0), "1/s", "rate gain, tilt and yaw"),
             "motor_lag": (motor_lag, "s", "time constant that the lead takes out"),
             "lead_filter": (lead_filter, "s", "time constant that takes its place"),
             "thrust_lead": (thrust_lead, "s", "how much earlier thrust is asked for"),
@@ -340,13 +341,6 @@ def attitude_controller(
         dt=period,
     )
     return sampled_block(law, name=name)
-
-
-def _signed(torque: ArrayLike) -> NDArray[np.float64]:
-    array = np.asarray(torque, dtype=float)
-    if array.shape != (3,) or not np.isfinite(array).all():
-        raise ValueError(f"trim: expected three finite numbers of N m, got {torque!r}")
-    return array
 
 
 def _limited(F: Array, p: Columns) -> Array:

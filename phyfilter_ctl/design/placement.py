@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 from scipy import signal
 from scipy.optimize import brentq
 
+from .. import _signals
 from .._sections import ComplexArray, FloatArray
 from ..filter import PhyFilter
 
@@ -127,7 +128,7 @@ def numerator_of_type(a: ArrayLike, k: SupportsIndex) -> FloatArray:
     >>> numerator_of_type([8000.0, 1200.0, 60.0], 2).tolist()
     [8000.0, 1200.0, 0.0]
     """
-    b = np.array(a, dtype=float)
+    b = _signals.real("a", a)
     if b.ndim != 1 or len(b) == 0:
         raise ValueError(
             f"a: expected the coefficients a_0 ... a_(n-1) in one dimension, got shape {b.shape}"
@@ -331,7 +332,7 @@ def _frequency(name: str, value: float) -> float:
 
 
 def _frequencies(values: ArrayLike) -> FloatArray:
-    frequencies = np.atleast_1d(np.asarray(values, dtype=float))
+    frequencies = np.atleast_1d(_signals.real("zeros_at", values))
     if frequencies.ndim != 1 or not np.all(np.isfinite(frequencies) & (frequencies > 0.0)):
         raise ValueError(
             f"zeros_at: expected positive frequencies in rad/s, got {np.asarray(values).tolist()}"

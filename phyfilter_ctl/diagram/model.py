@@ -9,6 +9,7 @@ import control as ct
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .. import _signals
 from ..blocks.functions import Variable, dependencies
 from .equations import Equations, Task
 from .linearisation import is_linear, linear_model
@@ -151,7 +152,7 @@ def _starts(variables: tuple[Variable, ...]) -> NDArray[np.float64]:
 
 
 def _vector(name: str, value: ArrayLike, sizes: set[int]) -> NDArray[np.float64]:
-    vector = np.atleast_1d(np.asarray(value, dtype=float))
+    vector = np.atleast_1d(_signals.real(name, value))
     if vector.ndim != 1 or len(vector) not in sizes:
         expected = " or ".join(f"({size},)" for size in sorted(sizes))
         raise ValueError(f"{name}: expected shape {expected}, got {vector.shape}")

@@ -9,6 +9,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .. import _signals
 from ..blocks.functions import Variable
 from .equations import Equations
 
@@ -41,7 +42,7 @@ def override(variables: Sequence[Variable], values: Mapping[str, ArrayLike]) -> 
     vector = np.array([variable.start for variable in variables], dtype=float)
     for name, value in values.items():
         places = _places([variable.name for variable in variables], name)
-        array = np.asarray(value, dtype=float)
+        array = _signals.real(f"parameter {name}", value)
         if array.size not in (1, len(places)):
             raise ValueError(f"parameter {name}: expected {len(places)} numbers, got shape {array.shape}")
         vector[places] = array.reshape(-1)

@@ -11,6 +11,7 @@ import control as ct
 import numpy as np
 from numpy.typing import ArrayLike
 
+from .. import _signals
 from .._sections import FloatArray
 from ..analysis.margins import LoopMargins
 from ..analysis.margins._statespace import StateSpaceLoop
@@ -211,7 +212,7 @@ def probed_inputs(system: ct.InputOutputSystem, u0: ArrayLike | None) -> FloatAr
     """
     if u0 is None:
         return None
-    inputs = np.atleast_1d(np.asarray(u0, dtype=float))
+    inputs = np.atleast_1d(_signals.real("u0", u0))
     if inputs.shape != (system.ninputs,):
         raise ValueError(f"u0: expected shape ({system.ninputs},), got {inputs.shape}")
     return np.append(inputs, 0.0)

@@ -38,6 +38,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from .. import _signals
 from .._output import replacing
 from ..filter import PhyFilter, SampledPhyFilter
 from ..flightlog import checks
@@ -432,15 +433,9 @@ def _refuse_many(orders: Sequence[int], error: Callable[[str], ValueError] = Val
 
 
 def _inertia(values: ArrayLike, channels: int) -> Inertia:
-    array = checks.real("inertia", values)
-    n_x = channels or (len(array) if array.ndim else 0)
-    if array.shape not in ((), (n_x,), (n_x, n_x)) or array.size == 0:
-        size = channels or "n_x"
-        raise ValueError(
-            f"inertia: expected a scalar, ({size},) or ({size}, {size}), got shape {array.shape}"
-        )
-    if not np.all(np.isfinite(array)):
-        raise ValueError(f"inertia: expected finite numbers, got {array.tolist()}")
+    array = _signals.inertia(
+        "inertia", values, channels or max(1, np.shape(values)[0] if np.ndim(values) else 1)
+    )
     if array.ndim == 2:
         return tuple(tuple(row) for row in array.tolist())
     return tuple(array.tolist()) if array.ndim else float(array)

@@ -11,8 +11,8 @@ import control as ct
 import numpy as np
 from numpy.typing import ArrayLike
 
+from .. import _signals
 from .._sections import FloatArray
-from .._signals import seconds
 from .archive import ArchiveLimits
 from .cosimulation_part import Part, step_problem
 from .cosimulation_parts import make_part
@@ -237,9 +237,9 @@ def _members(
 
 
 def _checked_times(timepts: ArrayLike, step: float | None) -> FloatArray:
-    times = seconds("timepts", timepts)
-    if times.ndim != 1 or len(times) < 2 or not np.all(np.isfinite(times)) or np.any(np.diff(times) <= 0.0):
-        raise ValueError("timepts: expected at least two finite times in seconds, increasing")
+    times = _signals.sample_times("timepts", timepts)
+    if len(times) < 2:
+        raise ValueError("timepts: expected at least two times in seconds, got one")
     if step is not None and not 0.0 < step < np.inf:
         raise ValueError(f"step: expected seconds > 0, got {step}")
     return times

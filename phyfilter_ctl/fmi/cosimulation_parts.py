@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
+from .. import _signals
 from .._sections import FloatArray
 from ..blocks import SampledBlock
 from ..blocks.functions import BlockFunctions
@@ -152,7 +153,11 @@ class SystemPart(Part):
         self.outputs: tuple[str, ...] = tuple(self._system.output_labels)
         self.start: FloatArray = np.zeros(len(self.inputs))
         n = self._system.nstates or 0
-        x = _start(leaves) if initial_state is None else np.array(initial_state, dtype=float)
+        x = (
+            _start(leaves)
+            if initial_state is None
+            else _signals.real(f"{name}: initial_state", initial_state)
+        )
         if x.shape != (n,) or not np.all(np.isfinite(x)):
             raise ValueError(f"{name}: initial_state: expected {n} finite values, got shape {x.shape}")
         known = _parameters(system, leaves)

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from tqdm import tqdm
 
+from .. import _signals
 from .._sections import FloatArray
 from .cosimulation_part import Part
 from .cosimulation_wiring import Wire, Wiring
@@ -266,7 +267,7 @@ def step_count(span: float, step: float | None) -> int:
 def _signal(name: str, value: Signal, times: FloatArray) -> Callable[[float], float]:
     if callable(value):
         return value
-    array = np.asarray(value, dtype=float)
+    array = _signals.real(f"inputs: {name!r}", value)
     if array.shape not in ((), times.shape) or not np.all(np.isfinite(array)):
         raise ValueError(
             f"inputs: {name!r}: expected a number, {len(times)} finite values (one per time) or a function of time, "

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .. import _signals
 from ..blocks.functions import Variable
 from ..codegen.compiler import CompilerError
 from ..codegen.identifiers import checked_identifier, identifier
@@ -225,10 +226,7 @@ def _body(mujoco: Any, compiled: Any, body: str) -> int:
 
 
 def _start(compiled: Any, start: ArrayLike | None) -> NDArray[np.float64]:
-    positions = np.array(compiled.qpos0 if start is None else start, dtype=float)
-    if positions.shape != (compiled.nq,) or not np.isfinite(positions).all():
-        raise ValueError(f"start: expected {compiled.nq} finite positions, got shape {positions.shape}")
-    return positions
+    return _signals.array("start", compiled.qpos0 if start is None else start, (compiled.nq,))
 
 
 def _name(xml: str) -> str:

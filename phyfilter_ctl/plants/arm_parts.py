@@ -9,6 +9,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
+from .. import _signals
 from .._sections import FloatArray
 from .algebra import Array
 
@@ -118,14 +119,11 @@ def column(name: str, value: Vector, count: int) -> Array:
 
 def numbers(name: str, value: ArrayLike, shape: tuple[int, ...]) -> FloatArray:
     """A new array of finite numbers, or an error that names it."""
-    array = np.array(value, dtype=float)
-    if array.shape != shape or not np.isfinite(array).all():
-        raise ValueError(f"{name}: expected finite numbers of shape {shape}, got {value!r}")
-    return array
+    return _signals.array(name, value, shape)
 
 
 def _inertia(value: ArrayLike) -> FloatArray:
-    matrix = np.array(value, dtype=float)
+    matrix = _signals.real("inertia", value)
     matrix = np.diag(matrix) if matrix.shape == (3,) else matrix
     if matrix.shape != (3, 3) or not np.isfinite(matrix).all():
         raise ValueError(f"inertia: expected three moments or a (3, 3) matrix in kg m^2, got {value!r}")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
+from .. import _signals
 from .algebra import Array, cross, norm, quaternion_rate, rotate, solve
 from .declaration import Columns
 from .factory import Plant, Results, plant
@@ -113,7 +114,7 @@ def rigid_body(
     [0.0, 0.0, -8.81]
     """
     _check_positive("mass", mass)
-    inertia = np.asarray(J, dtype=float)
+    inertia = _signals.real("J", J)
     inertia = np.diag(inertia) if inertia.shape == (3,) else inertia
     good = inertia.shape == (3, 3) and np.allclose(inertia, inertia.T, rtol=1e-9, atol=0.0)
     if not good or not np.isfinite(inertia).all() or np.linalg.eigvalsh(inertia)[0] <= 0.0:
@@ -150,5 +151,4 @@ def rigid_body(
 
 
 def _check_positive(name: str, value: float) -> None:
-    if not (np.isfinite(value) and value > 0.0):
-        raise ValueError(f"{name}: expected a positive number, got {value}")
+    _signals.number(name, value, above=0.0)

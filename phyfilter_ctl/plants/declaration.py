@@ -11,6 +11,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
+from .. import _signals
 from ..blocks.function_block import unknown_name
 from ..blocks.functions import Variable
 from .algebra import Array
@@ -101,7 +102,7 @@ def declared(kind: str, declarations: Mapping[str, Declaration] | None) -> list[
                 f"{kind}: {name}: expected start, (start, unit) or (start, unit, description), got {entry!r}"
             )
         try:
-            values = np.asarray(start, dtype=float)
+            values = _signals.real(f"{kind}: {name}", start)
         except (TypeError, ValueError) as error:
             raise TypeError(
                 f"{kind}: {name}: expected a number or an array to start from, with the unit after it as in "

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .. import _signals
 from .algebra import Array, cross, quaternion_rate, rotate, rotate_back, stack
 from .declaration import Columns
 from .factory import Plant, Results, plant
@@ -230,8 +231,7 @@ def _equations(t: Array, x: Columns, u: Columns, p: Columns) -> tuple[Results, R
 
 
 def _check_positive(name: str, value: float, unit: str) -> None:
-    if not (np.isfinite(value) and value > 0.0):
-        raise ValueError(f"{name}: expected a positive number of {unit}, got {value}")
+    _signals.number(name, value, unit, above=0.0)
 
 
 def _check_carries(mass: float, added_mass: float, gravity: float, rotor_max: float) -> None:
@@ -251,12 +251,7 @@ def _check_carries(mass: float, added_mass: float, gravity: float, rotor_max: fl
 
 
 def _three(name: str, values: ArrayLike, words: str, *, positive: bool) -> NDArray[np.float64]:
-    array = np.asarray(values, dtype=float)
-    if (
-        array.shape != (3,)
-        or not np.isfinite(array).all()
-        or array.min() < 0.0
-        or (positive and not array.all())
-    ):
+    array = _signals.array(name, values, (3,))
+    if array.min() < 0.0 or (positive and not array.all()):
         raise ValueError(f"{name}: expected three {words}, got {values!r}")
     return array

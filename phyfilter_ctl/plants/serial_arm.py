@@ -13,6 +13,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
+from .. import _signals
 from .._sections import FloatArray
 from .algebra import Array, cross
 from .arm_inverse import Elbow, elbow_sign, no_more, planar_chain
@@ -377,9 +378,7 @@ class SerialArm:
         ValueError
             Naming the first point out of reach, and the joint or the length that is in the way.
         """
-        path = np.asarray(points, dtype=float)
-        if path.ndim != 2 or path.shape[1] != 3 or not np.isfinite(path).all():
-            raise ValueError(f"points: expected finite numbers of shape (N, 3), got shape {path.shape}")
+        path = _signals.array("points", points, ("N", 3), empty=True)
         for k, p in enumerate(path):
             if self.reachable(p, pitch, roll=roll, elbow=elbow):
                 continue

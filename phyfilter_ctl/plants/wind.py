@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from .. import _signals
 from .algebra import Array, cross, dot, norm, stack
 from .declaration import Columns
 from .factory import Plant, Results, plant
@@ -95,7 +96,7 @@ def wind_field(
     [2.426, 0.0, 0.0]
     """
     vectors = {
-        label: _vector(label, values)
+        label: _signals.array(label, values, (3,))
         for label, values in (
             ("mean", mean),
             ("jet_origin", jet_origin),
@@ -104,9 +105,11 @@ def wind_field(
     }
     if not vectors["jet_direction"].any():
         raise ValueError("jet_direction: expected a vector other than 0, such as (1, 0, 0) for a jet along x")
-    for label, value, unit in (("jet_speed", jet_speed, "m/s"), ("turbulence", turbulence, "(no unit)")):
-        if not (np.isfinite(value) and value >= 0.0):
-            raise ValueError(f"{label}: expected 0 {unit} or more, got {value}; jet_direction says where to")
+    for label, value, unit in (
+        ("jet_speed", jet_speed, "m/s, along jet_direction"),
+        ("turbulence", turbulence, ""),
+    ):
+        _signals.number(label, value, unit, least=0.0)
     speed = airspeed if airspeed is not None else jet_speed or float(np.linalg.norm(vectors["mean"])) or 1.0
     for label, value, unit in (
         ("jet_width", jet_width, "m"),
@@ -114,8 +117,7 @@ def wind_field(
         ("airspeed", speed, "m/s"),
         ("noise_interval", noise_interval, "s"),
     ):
-        if not (np.isfinite(value) and value > 0.0):
-            raise ValueError(f"{label}: expected a positive number of {unit}, got {value}")
+        _signals.number(label, value, unit, above=0.0)
     longest = _LARGEST_INTERVAL * length_scale / speed
     if turbulence > 0.0 and noise_interval > longest:
         raise ValueError(
@@ -181,10 +183,3 @@ def _left_of(wind: Array) -> Array:
     vertical = 1.0 - np.sign(level)
     length = level + vertical
     return stack(-wind[1] / length, wind[0] / length + vertical, 0.0)
-
-
-def _vector(name: str, values: ArrayLike) -> NDArray[np.float64]:
-    array = np.asarray(values, dtype=float)
-    if array.shape != (3,) or not np.isfinite(array).all():
-        raise ValueError(f"{name}: expected three finite numbers, along the world's axes, got {values!r}")
-    return array

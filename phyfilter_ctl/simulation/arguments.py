@@ -9,8 +9,8 @@ from typing import Literal, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
+from .. import _signals
 from .._sections import FloatArray
-from .._signals import seconds
 from ..diagram import FlatModel
 from ..diagram.naming import override
 
@@ -67,11 +67,7 @@ def prepare(
 
 
 def _times(flat: FlatModel, timepts: ArrayLike) -> FloatArray:
-    times = seconds("timepts", timepts)
-    if times.ndim != 1 or not times.size or not np.all(np.isfinite(times)) or np.any(np.diff(times) <= 0.0):
-        raise ValueError(
-            f"timepts: expected finite, increasing times in seconds, shape (N,), got shape {times.shape}"
-        )
+    times = _signals.sample_times("timepts", timepts)
     spacing = np.diff(times)
     if flat.dt > 0.0 and not np.allclose(spacing, flat.dt, rtol=1e-6):
         raise ValueError(
@@ -97,7 +93,7 @@ def _inputs(flat: FlatModel, inputs: Inputs | None, N: int) -> FloatArray:
     if isinstance(inputs, (list, tuple)) and (len(inputs) != N or len(inputs) == n_u > 1):
         parts: list[FloatArray] = []
         for entry in inputs:
-            part = np.asarray(entry, dtype=float)
+            part = _signals.real("inputs", entry)
             if part.ndim == 0 or (part.ndim == 1 and len(part) != N):
                 part = np.outer(part, np.ones(N))
             part = np.atleast_2d(part)
@@ -106,7 +102,7 @@ def _inputs(flat: FlatModel, inputs: Inputs | None, N: int) -> FloatArray:
             parts.append(part)
         table = np.vstack(parts) if parts else np.zeros((0, N))
     else:
-        table = np.asarray(inputs, dtype=float)
+        table = _signals.real("inputs", inputs)
         if table.ndim == 0:
             table = np.full((n_u, N), float(table))
         elif table.ndim == 1 and n_u == 1 and len(table) == N:
@@ -137,9 +133,9 @@ def start_vector(flat: FlatModel, initial_state: Start | None) -> FloatArray:
             ) from error
     else:
         given = (
-            np.concatenate([np.ravel(np.asarray(part, dtype=float)) for part in initial_state])
+            np.concatenate([np.ravel(_signals.real("initial_state", part)) for part in initial_state])
             if isinstance(initial_state, (list, tuple)) and initial_state
-            else np.asarray(initial_state, dtype=float)
+            else _signals.real("initial_state", initial_state)
         )
         if given.ndim == 0:
             given = np.full(n_x, float(given))

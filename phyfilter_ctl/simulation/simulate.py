@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from tqdm import tqdm
 
+from .. import _signals
 from ..diagram import FlatModel, flatten
 from . import compiled, vm
 from .arguments import Inputs, Interpolation, Parameters, Run, Start, prepare
@@ -275,7 +276,7 @@ def _batch(
     inputs: Inputs | None, initial_state: Start | None, params: Mapping[str, ArrayLike] | None
 ) -> list[tuple[Inputs | None, Start | None, dict[str, ArrayLike]]]:
     """Arguments of each run."""
-    per_run = {name: np.asarray(value, dtype=float) for name, value in (params or {}).items()}
+    per_run = {name: _signals.real(f"params[{name!r}]", value) for name, value in (params or {}).items()}
     several_u = inputs if isinstance(inputs, np.ndarray) and inputs.ndim == 3 else None
     several_x = initial_state if isinstance(initial_state, np.ndarray) and initial_state.ndim == 2 else None
     sizes = {f"params[{name!r}]": len(value) for name, value in per_run.items() if value.ndim}

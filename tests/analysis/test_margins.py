@@ -505,7 +505,7 @@ ONE = PhyFilter([20.0])
 @pytest.mark.parametrize(
     ("call", "error", "words"),
     [
-        (lambda: prior_margin(ONE, delay=-0.1), ValueError, "delay: expected a finite number of at least 0"),
+        (lambda: prior_margin(ONE, delay=-0.1), ValueError, "delay: expected a finite number >= 0"),
         (lambda: prior_margin(ONE, delay=float("nan")), ValueError, "delay"),
         (lambda: prior_margin(ONE, inertia_ratio=0.0), ValueError, "inertia_ratio: expected a positive"),
         (

@@ -154,7 +154,7 @@ def test_in_a_linear_model_it_is_h_itself(flat):
 @pytest.mark.parametrize("name", ["mass", "bandwidth", "damping", "period"])
 @pytest.mark.parametrize("value", [0.0, -1.0, np.nan])
 def test_bad_input(name, value):
-    with pytest.raises(ValueError, match=f"{name}: expected a positive number"):
+    with pytest.raises(ValueError, match=f"{name}: expected a finite number > 0"):
         indi(**(OPTIONS | {name: value}))
 
 

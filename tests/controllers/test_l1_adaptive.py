@@ -172,8 +172,8 @@ def test_a_copy_keeps_its_transfer_function():
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ({"period": 0.0}, "period: expected a positive number of s, got 0.0"),
-        ({"bandwidth": -1.0}, "bandwidth: expected a positive number of rad/s"),
+        ({"period": 0.0}, "period: expected a finite number > 0 s, got 0.0"),
+        ({"bandwidth": -1.0}, "bandwidth: expected a finite number > 0 rad/s"),
         ({"pole": 5.0}, "pole: expected a negative number of rad/s, got 5.0"),
         ({"pole": np.nan}, "pole"),
         ({"channels": 0}, "channels: expected at least 1, got 0"),

@@ -541,7 +541,7 @@ def test_targets_out_of_reach_are_refused_before_anything_is_solved(monkeypatch)
         ({"workspace": [[0.2, 0.1, -0.3], [0.4, 0.0, -0.1]]}, "arm y: .*contradict"),
         ({"workspace": [[0.2, 0.1, -0.3], [0.4, 0.2, np.inf]]}, "workspace: expected finite"),
         ({"platform": [[np.inf] * 3, [np.inf] * 3]}, "contradict"),
-        ({"platform": [[0, 0, 0]] * 3}, r"platform: expected numbers of shape \(2, 3\)"),
+        ({"platform": [[0, 0, 0]] * 3}, r"platform: expected a number or shape \(2, 3\)"),
         ({"platform_acceleration": 0.0}, "platform x: expected a largest acceleration > 0, got 0"),
         ({"arm_velocity": [0.1, -0.1, 0.1]}, "arm y: expected a largest velocity > 0"),
         ({"arm_velocity": np.nan}, "arm_velocity: expected finite"),
@@ -561,7 +561,7 @@ def test_limits_that_contradict(options, match):
         ({"tracking": [[1.0, 2.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]}, "symmetric"),
         ({"tracking": [[1.0, 2.0, 0.0], [2.0, 1.0, 0.0], [0.0, 0.0, 1.0]]}, "eigenvalue -1"),
         ({"arm_increment": [1.0, np.inf, 1.0]}, "arm_increment: expected finite"),
-        ({"smoothness": [1.0, 1.0]}, "smoothness: expected numbers of shape"),
+        ({"smoothness": [1.0, 1.0]}, "smoothness: expected a number or shape"),
     ],
 )
 def test_weights_that_are_not_definite(options, match):
@@ -593,10 +593,10 @@ def test_calls_with_wrong_input():
     target = [0.5, 0.0, 1.0]
     short = CooperativePlanner(limits(), MOUNT, horizon=4).plan(REST, target=target)
     for options, match in (
-        ({"h": REST[:11]}, "h: expected numbers of shape"),
+        ({"h": REST[:11]}, "h: expected a number or shape"),
         ({"h": np.append(REST[:11], np.nan)}, "h: expected finite"),
         ({"u_before": np.zeros(5)}, "u_before"),
-        ({"target": np.zeros((4, 3))}, "target: expected numbers of shape"),
+        ({"target": np.zeros((4, 3))}, "target: expected a number or shape"),
         ({"R": 2.0 * np.eye(3)}, "rotation matrix"),
         ({"R": -np.eye(3)}, "rotation matrix"),
         ({"omega": [np.inf, 0.0, 0.0]}, "omega"),

@@ -467,18 +467,18 @@ def test_margins_of_the_whole_loop(diagram, flat):
 @pytest.mark.parametrize(
     ("make", "changes", "message"),
     [
-        (position, {"kp": [1.0, 2.0, 3.0]}, "kp: expected a number, or two"),
+        (position, {"kp": [1.0, 2.0, 3.0]}, "kp: expected a number or shape"),
         (position, {"kd": -1.0}, "kd: expected"),
-        (position, {"drag": [1.0, 2.0]}, "drag: expected one or three"),
-        (position, {"period": 0.0}, "period: expected a positive"),
+        (position, {"drag": [1.0, 2.0]}, "drag: expected a number or shape"),
+        (position, {"period": 0.0}, "period: expected a finite number > 0"),
         (attitude, {"J": [1.0, 0.0, 1.0]}, "J: expected three positive"),
-        (attitude, {"arm": -1.0}, "arm: expected a positive"),
+        (attitude, {"arm": -1.0}, "arm: expected a finite number > 0"),
         (attitude, {"tilt_max": 2.0}, "tilt_max: expected an angle"),
-        (attitude, {"thrust_lead": -0.1}, "thrust_lead: expected 0 s or more"),
-        (attitude, {"lead_filter": 0.0}, "lead_filter: expected a positive"),
+        (attitude, {"thrust_lead": -0.1}, "thrust_lead: expected a finite number >= 0 s"),
+        (attitude, {"lead_filter": 0.0}, "lead_filter: expected a finite number > 0"),
         (known, {"kind": "measured"}, "kind: expected 'applied'"),
-        (known, {"delay_steps": -1}, "delay_steps: expected 0"),
-        (known, {"motor_lag": 0.0}, "motor_lag: expected a positive"),
+        (known, {"delay_steps": -1}, "delay_steps: expected at least 0"),
+        (known, {"motor_lag": 0.0}, "motor_lag: expected a finite number > 0"),
     ],
 )
 def test_bad_arguments(make, changes, message):
@@ -494,7 +494,7 @@ def test_bad_delay_and_gains():
         ({"sharpness": 0.5}, "sharpness"),
         ({"damping": 0.2}, "damping"),
         ({"modulus_margin": 1.2}, "modulus_margin: expected one between"),
-        ({"delay": -1.0}, "delay: expected 0 s"),
+        ({"delay": -1.0}, "delay: expected a finite number >= 0 s"),
     ):
         with pytest.raises(ValueError, match=message):
             attitude_gains(**({"motor_lag": 0.04, "delay": 0.01} | changes))

@@ -268,7 +268,7 @@ def test_wrong_connections(build, connections, message):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"timepts": [0.0]}, "at least two finite times"),
+        ({"timepts": [0.0]}, "timepts: expected at least two times"),
         ({"timepts": [0.0, 0.0, 1.0]}, "increasing"),
         ({"step": -1.0}, "step: expected seconds > 0"),
         ({"tolerance": 0.0}, "tolerance: expected a number > 0"),

@@ -179,15 +179,15 @@ def test_a_batch_varies_the_fan():
 @pytest.mark.parametrize(
     ("given", "message"),
     [
-        ({"mean": [1.0, 2.0]}, "mean: expected three finite numbers"),
-        ({"jet_origin": [0.0, np.nan, 0.0]}, "jet_origin: expected three finite"),
+        ({"mean": [1.0, 2.0]}, "mean: expected shape"),
+        ({"jet_origin": [0.0, np.nan, 0.0]}, "jet_origin: expected finite"),
         ({"jet_direction": np.zeros(3)}, "jet_direction: expected a vector other than 0"),
-        ({"jet_speed": -1.0}, "jet_speed: expected 0 m/s or more.*jet_direction says where"),
-        ({"turbulence": -0.1}, "turbulence: expected 0"),
-        ({"jet_width": 0.0}, "jet_width: expected a positive number of m"),
-        ({"length_scale": -1.0}, "length_scale: expected a positive"),
-        ({"airspeed": 0.0}, "airspeed: expected a positive number of m/s"),
-        ({"noise_interval": 0.0}, "noise_interval: expected a positive number of s"),
+        ({"jet_speed": -1.0}, "jet_speed: expected a finite number >= 0 m/s, along jet_direction"),
+        ({"turbulence": -0.1}, "turbulence: expected a finite number >= 0"),
+        ({"jet_width": 0.0}, "jet_width: expected a finite number > 0 m"),
+        ({"length_scale": -1.0}, "length_scale: expected a finite number > 0"),
+        ({"airspeed": 0.0}, "airspeed: expected a finite number > 0 m/s"),
+        ({"noise_interval": 0.0}, "noise_interval: expected a finite number > 0 s"),
         (
             {"mean": [20.0, 0.0, 0.0], "turbulence": 0.1, "length_scale": 0.1},
             "noise_interval: expected at most 0.001 s",

@@ -191,7 +191,7 @@ def test_wrong_options_are_refused():
         with pytest.raises(ValueError, match=message):
             simulate(system, TIMES, 1.0, **options)
     for times in ([0.0, 0.0], [[0.0, 1.0]], [0.0, np.inf], [], [1.0, 0.0]):
-        with pytest.raises(ValueError, match="timepts: expected finite, increasing"):
+        with pytest.raises(ValueError, match="timepts: expected"):
             simulate(system, times, 1.0)
 
 

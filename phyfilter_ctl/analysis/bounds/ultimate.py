@@ -11,6 +11,7 @@ import control as ct
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ... import _signals
 from ..._sections import FloatArray
 from ...filter import PhyFilter, SampledPhyFilter
 from . import kernels, quadratic
@@ -135,7 +136,7 @@ class BoundResult:
         [3.0, 3.0, 3.0]
         """
         kernel = self._kernel
-        t = np.asarray(times, dtype=float)
+        t = _signals.array("times", _signals.seconds("times", times), ("N",))
         assert self.derivative is not None
         signs = np.where(kernel.gain * kernel.at(t[-1] - t) >= 0.0, 1.0, -1.0)
         return self.residual[self.derivative] * signs
@@ -167,7 +168,7 @@ class BoundResult:
         [2.0, 0.7674, 0.05]
         """
         kernel = self._kernel
-        t = np.asarray(times, dtype=float)
+        t = _signals.array("times", _signals.seconds("times", times), ("N",))
         k = self.derivative
         assert k is not None
         assert isinstance(self.system, PhyFilter)

@@ -8,7 +8,7 @@ import control as ct
 import numpy as np
 from scipy.signal import tf2ss
 
-from ... import _sections
+from ... import _sections, _signals
 from ..._sections import ComplexArray, FloatArray
 
 __all__ = ["Actuator", "checked_actuator", "checked_number"]
@@ -70,10 +70,7 @@ def checked_actuator(actuator: ct.TransferFunction | ct.StateSpace | None) -> Ac
 
 def checked_number(name: str, value: float, *, least: float, unit: str = "") -> float:
     """A finite number of at least ``least``."""
-    number = float(value)
-    if not (np.isfinite(number) and number >= least):
-        raise ValueError(f"{name}: expected a finite number of at least {least:g}{unit}, got {number}")
-    return number
+    return _signals.number(name, value, unit.strip(), least=least)
 
 
 def _static(gain: float) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.linalg import eigh, eigvals
 
+from ... import _signals
 from ..._sections import ComplexArray, FloatArray
 
 __all__ = ["checked_inertia", "definite", "loewner_range", "ratios"]
@@ -18,7 +19,7 @@ _SYMMETRIC = 1e-9
 
 def checked_inertia(name: str, value: ArrayLike) -> FloatArray:
     """A finite regular matrix (n, n); a vector (n,) stands for a diagonal one, a number for 1 x 1."""
-    M = np.asarray(value, dtype=float)
+    M = _signals.real(name, value)
     if M.ndim < 2:
         M = np.diag(np.atleast_1d(M))
     if M.ndim != 2 or M.shape[0] != M.shape[1]:

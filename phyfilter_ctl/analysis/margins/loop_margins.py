@@ -9,6 +9,7 @@ import control as ct
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ... import _signals
 from ..._sections import ComplexArray, FloatArray
 from ...filter import PhyFilter, SampledPhyFilter
 from . import sweep
@@ -168,7 +169,7 @@ class LoopMargins:
         -------
         (N,) array
         """
-        Q, P = self.loop(np.asarray(omega, dtype=float))
+        Q, P = self.loop(_signals.real("omega", omega))
         return np.abs(Q) / np.abs(Q + self.inertia_ratio * P)
 
     @cached_property

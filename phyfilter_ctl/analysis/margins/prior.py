@@ -9,6 +9,7 @@ import control as ct
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ... import _signals
 from ..._sections import ComplexArray
 from ...filter import PhyFilter, SampledPhyFilter
 from . import _inertia
@@ -165,7 +166,7 @@ class PriorMargin(LoopMargins):
         'range'
         """
         model = _inertia.checked_inertia("M_hat", M_hat)
-        spread = np.asarray(deviation, dtype=float)
+        spread = _signals.real("deviation", deviation)
         if not (np.all(np.isfinite(spread)) and np.all(spread >= 0.0)):
             raise ValueError(f"deviation: expected finite bounds of 0 or more, got {deviation!r}")
         if spread.shape not in ((), model.shape):

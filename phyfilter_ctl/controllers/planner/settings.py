@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ... import _signals
 from ..._sections import FloatArray
 
 __all__ = ["AXES", "PlannerLimits", "PlannerWeights", "vector"]
@@ -18,14 +19,10 @@ _SEMIDEFINITE = 1e-12
 
 
 def vector(name: str, value: ArrayLike, shape: tuple[int, ...], *, finite: bool = True) -> FloatArray:
-    """A read-only copy, broadcast to a shape; ValueError if it is not numbers of that shape."""
-    try:
-        given = np.array(value, dtype=np.float64)
-        array = np.broadcast_to(given, shape).copy()
-    except (TypeError, ValueError) as error:
-        raise ValueError(f"{name}: expected numbers of shape {shape}, got {value!r}") from error
-    if np.isnan(array).any() or (finite and not np.isfinite(array).all()):
-        raise ValueError(f"{name}: expected finite numbers, got {given.tolist()}")
+    """A read-only copy, broadcast to a shape; TypeError or ValueError if it is not numbers of that shape."""
+    array = _signals.filled(name, value, shape, finite=finite)
+    if np.isnan(array).any():
+        raise ValueError(f"{name}: expected numbers, or infinity for no limit, got {array.tolist()}")
     array.flags.writeable = False
     return array
 

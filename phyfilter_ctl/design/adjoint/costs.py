@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ... import _signals
 from ..._sections import FloatArray
 
 if TYPE_CHECKING:
@@ -55,7 +56,7 @@ class SquaredError:
 
     def __post_init__(self) -> None:
         if self.weights is not None:
-            weights = np.atleast_1d(np.array(self.weights, dtype=float))
+            weights = np.atleast_1d(_signals.real("weights", self.weights))
             if weights.ndim != 1 or not np.all(np.isfinite(weights) & (weights >= 0.0)):
                 raise ValueError(
                     f"weights: expected finite numbers >= 0, one per channel, got {self.weights!r}"

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from threadpoolctl import threadpool_limits
 
+from ... import _signals
 from ..._sections import FloatArray
 from ...filter import PhyFilter
 from ...filter.coefficients import Method
@@ -368,10 +369,10 @@ def _weights(weights: ArrayLike | Sequence[ArrayLike] | None, single: bool) -> l
     if weights is None:
         return None
     if single:
-        return [np.asarray(weights, dtype=float)]
+        return [_signals.real("weights", weights)]
     if not isinstance(weights, Sequence | np.ndarray) or isinstance(weights, str):
         raise TypeError(f"weights: expected a sequence with one entry a flight, got {weights!r}")
-    return [np.asarray(entry, dtype=float) for entry in weights]
+    return [_signals.real("weights", entry) for entry in weights]
 
 
 def _starts(start: PhyFilter | Sequence[PhyFilter] | None, order: int) -> list[PhyFilter]:

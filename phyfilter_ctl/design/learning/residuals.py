@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ... import _signals
 from ..._sections import FloatArray
 from ...filter import PhyFilter, record
 from ...filter.sampled_filter import Rule
@@ -205,7 +206,7 @@ def _columns(log: FlightLog, i: int, channels: Sequence[int | str] | None) -> li
 
 
 def _weight(entry: ArrayLike, log: FlightLog, i: int, count: int) -> tuple[float, FloatArray | None]:
-    weight = np.asarray(entry, dtype=float)
+    weight = _signals.real("weights", entry)
     if not np.all(np.isfinite(weight)) or np.any(weight < 0.0):
         raise ValueError(f"weights: expected finite weights of 0 or more for {named(log, i)}")
     if weight.ndim == 0:

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.signal import lfilter
 from threadpoolctl import threadpool_limits
 
+from ... import _signals
 from ..._sections import FloatArray
 from ...filter import FilterState, SampledPhyFilter
 from ...flightlog import FlightLog
@@ -149,7 +150,7 @@ class OnlineRefiner(Generic[M]):
             raise ValueError(f"every: expected a whole number of samples >= 1, got {self.every!r}")
         object.__setattr__(self, "filter", regression.checked_filter(self.filter))
         if self.memory is not None:
-            kept = np.array(self.memory, dtype=float)
+            kept = _signals.real("memory", self.memory)
             if kept.ndim != 2 or 0 in kept.shape or not np.isfinite(kept).all():
                 raise ValueError(f"memory: expected finite features of shape (N_m, n_z), got {kept.shape}")
             object.__setattr__(self, "memory", kept)
@@ -242,7 +243,7 @@ class OnlineRefiner(Generic[M]):
         ValueError, TypeError
             As for :meth:`SampledPhyFilter.step` and for the model.
         """
-        features = np.asarray(z, dtype=float)
+        features = _signals.array("z", z, ("n_z",))
         f_first = self.model.predict(features[None])[0]
         columns = self.tuned.regressors_at(features)
         bank = self._bank(len(f_first))
