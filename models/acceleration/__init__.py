@@ -5,15 +5,14 @@ x = v,   x' = f,   g = 0,   M = 1,   f_theta a network on a window of past veloc
 
 from __future__ import annotations
 
-import json
-from argparse import ArgumentParser, Namespace, RawDescriptionHelpFormatter
+from argparse import ArgumentParser, Namespace
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from phyfilter_ctl.filterfile import load
 from phyfilter_ctl.flightlog import FlightLog
-from phyfilter_ctl.models.progress import progress
+from phyfilter_ctl.study import Outputs, add_output_options
 
 from .diagram import build
 
@@ -48,9 +47,6 @@ a recording is a CSV file with the columns t [s], vx vy vz [m/s] (measured) and 
 
 def add_arguments(parser: ArgumentParser) -> None:
     """Add the options of ``phyfilter-ctl run acceleration``."""
-    parser.description = _DESCRIPTION
-    parser.epilog = _EXAMPLES
-    parser.formatter_class = RawDescriptionHelpFormatter
     parser.add_argument(
         "--train", nargs="+", metavar="FILE", help="recorded flights to train on; needs --test"
     )
@@ -74,22 +70,13 @@ def add_arguments(parser: ArgumentParser) -> None:
         "--quick", action="store_true", help="less data and coarser tuning: a try-out, in seconds"
     )
     parser.add_argument(
-        "--json", metavar="FILE", help="write the figures; - for standard output instead of the table"
-    )
-    parser.add_argument(
-        "--picture",
-        metavar="FILE",
-        default="acceleration.png",
-        help="png, pdf or svg (default acceleration.png; none: no picture)",
-    )
-    parser.add_argument(
         "--filter",
         nargs="+",
         default=[],
         metavar="FILE",
         help="filters on disk (of design --out or learn --out) to score beside the tuned ones",
     )
-    parser.add_argument("--quiet", action="store_true", help="no progress bar")
+    add_output_options(parser, "acceleration", description=_DESCRIPTION, examples=_EXAMPLES)
 
 
 def main(options: Namespace) -> int:
@@ -100,16 +87,13 @@ def main(options: Namespace) -> int:
     ValueError, OSError
         If the options or the recordings are wrong, or a file cannot be read or written.
     """
-    from phyfilter_ctl._output import check_target, write_figure, write_text
-
     from . import learning, study
     from .experiment import QUICK, Effort, compare, steps
     from .params import params
+    from .picture import draw
 
     _check(options)
-    check_target(options.json)
-    target = None if options.picture == "none" else options.picture
-    check_target(target, suffixes=(".png", ".pdf", ".svg"))
+    outputs = Outputs.of(options)
     given = {name: load(name) for name in options.filter}
     train_logs, test_logs, data = _flights(options)
     effort = QUICK if options.quick else Effort()
@@ -118,7 +102,7 @@ def main(options: Namespace) -> int:
     total = steps() + (1 + len(study.intervals(train_logs[0].dt)) if options.study else 0)
     total += len(few.get("orders", params().convergence.orders)) if options.convergence else 0
     poles, intervals, convergence = None, None, None
-    with progress(total, options.quiet) as report:
+    with outputs.progress(total) as report:
         comparison = compare(
             train_logs, test_logs, data=data, seed=options.seed, effort=effort, report=report
         )
@@ -131,19 +115,14 @@ def main(options: Namespace) -> int:
                 comparison.learned.cases, comparison.dt, seed=options.seed, report=report, **few
             )
     scores = _scores(comparison, given)
-    if options.json != "-":
-        print(_table(comparison, scores))
-    if options.json is not None:
-        figures = _figures(comparison, poles, intervals, convergence)
-        if scores:
-            figures["given"] = {
-                name: {"train": train, "test": test} for name, (train, test) in scores.items()
-            }
-        write_text(options.json, json.dumps(figures, indent=2, allow_nan=False) + "\n")
-    if target is not None:
-        from .picture import draw
-
-        write_figure(target, draw(comparison, poles=poles, intervals=intervals, convergence=convergence))
+    figures = _figures(comparison, poles, intervals, convergence)
+    if scores:
+        figures["given"] = {name: {"train": train, "test": test} for name, (train, test) in scores.items()}
+    outputs.publish(
+        _table(comparison, scores),
+        figures,
+        lambda: draw(comparison, poles=poles, intervals=intervals, convergence=convergence),
+    )
     return 0
 
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from phyfilter_ctl.baselines import BASELINES, TunableDifferentiator, TuneResult, tune
 from phyfilter_ctl.flightlog import FlightLog, split_by_speed
-from phyfilter_ctl.models.progress import Report, silent
+from phyfilter_ctl.study import Report, silent
 
 from .differentiator import WindowDifferentiator, counted, labels, stride_of, train
 from .params import params

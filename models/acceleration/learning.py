@@ -15,7 +15,7 @@ from phyfilter_ctl import PhyFilter
 from phyfilter_ctl.design.adjoint import Adam, train
 from phyfilter_ctl.design.learning import LearnEvent, LearnResult, learn
 from phyfilter_ctl.flightlog import FlightLog
-from phyfilter_ctl.models.progress import Report
+from phyfilter_ctl.study import Report
 
 from .differentiator import counted
 from .params import params

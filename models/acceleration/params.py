@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cache
 from pathlib import Path
 
-from phyfilter_ctl.models.parameters import read
+from phyfilter_ctl.study import parameter_file
 
-__all__ = ["PATH", "Params", "params"]
-
-PATH = Path(__file__).with_name("params.toml")
+__all__ = ["Params", "params"]
 
 
 @dataclass(frozen=True)
@@ -141,18 +138,5 @@ class Params:
     scoring: Scoring
 
 
-@cache
-def params() -> Params:
-    """The numbers of ``params.toml``.
-
-    Raises
-    ------
-    ValueError
-        If a table or a key is missing or not known.
-
-    Examples
-    --------
-    >>> params().sampling.dt
-    0.002
-    """
-    return read(PATH, Params)
+params = parameter_file(Path(__file__).with_name("params.toml"), Params)
+"""The numbers of ``params.toml``."""

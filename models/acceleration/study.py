@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from phyfilter_ctl import PhyFilter
 from phyfilter_ctl.design.learning import LearnResult
 from phyfilter_ctl.flightlog import FlightLog
-from phyfilter_ctl.models.progress import Report
+from phyfilter_ctl.study import Report
 
 from .differentiator import counted
 from .experiment import Comparison, Effort, Learned, fit_learned

@@ -5,9 +5,10 @@ Force: x = m v, torque: x = J omega;   f_theta SEER-I, trained on the arm alone 
 
 from __future__ import annotations
 
-import json
-from argparse import ArgumentParser, Namespace, RawDescriptionHelpFormatter
+from argparse import ArgumentParser, Namespace
 from typing import TYPE_CHECKING
+
+from phyfilter_ctl.study import Outputs, add_output_options
 
 from .diagram import build
 
@@ -36,9 +37,6 @@ _EXAMPLES = """examples:
 
 def add_arguments(parser: ArgumentParser) -> None:
     """Add the options of ``phyfilter-ctl run aerial_manipulator``."""
-    parser.description = _DESCRIPTION
-    parser.epilog = _EXAMPLES
-    parser.formatter_class = RawDescriptionHelpFormatter
     job = parser.add_mutually_exclusive_group()
     job.add_argument("--study", action="store_true", help="vary what is left open, one thing at a time")
     job.add_argument("--tune", action="store_true", help="tune all methods anew and print the result as TOML")
@@ -50,20 +48,11 @@ def add_arguments(parser: ArgumentParser) -> None:
         )
     parser.add_argument("--payload", type=float, metavar="KG", help="mass of the object (default 0.3)")
     parser.add_argument(
-        "--json", metavar="FILE", help="write the figures; - for standard output instead of the table"
-    )
-    parser.add_argument(
-        "--picture",
-        metavar="FILE",
-        default="aerial_manipulator.png",
-        help="png, pdf or svg (default aerial_manipulator.png; none: no picture)",
-    )
-    parser.add_argument(
         "--out",
         metavar="DIR",
         help="export vehicle, controller and filters as FMUs, and replay a mission through each",
     )
-    parser.add_argument("--quiet", action="store_true", help="no progress bar")
+    add_output_options(parser, "aerial_manipulator", description=_DESCRIPTION, examples=_EXAMPLES)
 
 
 def main(options: Namespace) -> int:
@@ -74,17 +63,16 @@ def main(options: Namespace) -> int:
     ValueError, OSError
         If options are wrong, the mission cannot be flown, or a file cannot be written.
     """
-    from phyfilter_ctl._output import check_target
-
-    mission = _mission(options)
-    check_target(options.json)
-    target = None if options.picture == "none" else options.picture
-    check_target(target, suffixes=(".png", ".pdf", ".svg"))
+    mission, outputs = _mission(options), Outputs.of(options)
     if options.out is not None:
         _check_out(options)
     if options.tune:
-        return _tune(options)
-    return _study(options) if options.study else _compare(options, mission, target)
+        _tune(outputs)
+    elif options.study:
+        _study(options, outputs)
+    else:
+        _compare(options, mission, outputs)
+    return 0
 
 
 def _check_out(options: Namespace) -> None:
@@ -125,15 +113,12 @@ def _seeds(options: Namespace) -> range:
     return range(count if options.seeds is None else options.seeds)
 
 
-def _compare(options: Namespace, mission: Mission | None, target: str | None) -> int:
-    from phyfilter_ctl._output import write_figure
-    from phyfilter_ctl.models.progress import progress
-
+def _compare(options: Namespace, mission: Mission | None, outputs: Outputs) -> None:
     from . import comparison, report
     from .picture import draw
 
     cases = ("mission",) if options.quick else tuple(comparison.CASES)
-    with progress(comparison.steps(cases=cases) + 1, options.quiet) as say:
+    with outputs.progress(comparison.steps(cases=cases) + 1) as say:
         found = comparison.compare(_seeds(options), cases=cases, mission=mission, report=say)
         figures = report.figures(found)
         say("real-time factor")
@@ -141,57 +126,34 @@ def _compare(options: Namespace, mission: Mission | None, target: str | None) ->
     figures["realtime_factor"] = factor
     notes = [f"whole closed loop: {factor:.0f} times real time on one core"]
     if options.out is not None:
-        notes.append(_hand_over(options, found, figures))
-    if options.json != "-":
-        print(report.table(found))
-        print("\n" + "\n".join(notes))
-    _write_json(options, figures)
-    if target is not None:
-        write_figure(target, draw(found))
-    return 0
+        notes.append(_hand_over(options.out, outputs, found, figures))
+    outputs.publish("\n".join([report.table(found), "", *notes]), figures, lambda: draw(found))
 
 
-def _hand_over(options: Namespace, found: Comparison, figures: dict[str, object]) -> str:
+def _hand_over(folder: str, outputs: Outputs, found: Comparison, figures: dict[str, object]) -> str:
     """Export the parts and replay a mission through them; what is to be said about it."""
-    from phyfilter_ctl.models.progress import progress
-
     from .handover import PARTS, hand_over
 
-    with progress(2 * len(PARTS), options.quiet) as say:
-        handed = hand_over(found.methods["phyfilter"].method, found.training.seer, options.out, report=say)
+    with outputs.progress(2 * len(PARTS)) as say:
+        handed = hand_over(found.methods["phyfilter"].method, found.training.seer, folder, report=say)
     figures["fmu_max_abs_difference"] = handed.largest
     apart = ", ".join(f"{part} {value:.2g}" for part, value in handed.largest.items())
     return f"FMI 2.0 and 3.0 repeat a mission's {handed.samples} samples; largest difference of an output: {apart}"
 
 
-def _study(options: Namespace) -> int:
-    from phyfilter_ctl.models.progress import progress
-
+def _study(options: Namespace, outputs: Outputs) -> None:
     from . import study
 
-    with progress(study.steps(), options.quiet) as say:
+    with outputs.progress(study.steps()) as say:
         rows = study.run(_seeds(options), report=say)
-    if options.json != "-":
-        print(study.table(rows))
-    _write_json(options, study.figures(rows))
-    return 0
+    outputs.publish(study.table(rows), study.figures(rows))
 
 
-def _tune(options: Namespace) -> int:
-    from phyfilter_ctl.models.progress import progress
-
+def _tune(outputs: Outputs) -> None:
     from . import tuning
     from .methods import METHODS
     from .training import train
 
-    with progress(sum(tuning.steps(name) for name in METHODS), options.quiet) as say:
+    with outputs.progress(sum(tuning.steps(name) for name in METHODS)) as say:
         found = tuning.tune_all(train().seer, report=say)
     print(tuning.text(found), end="")
-    return 0
-
-
-def _write_json(options: Namespace, figures: object) -> None:
-    from phyfilter_ctl._output import write_text
-
-    if options.json is not None:
-        write_text(options.json, json.dumps(figures, indent=2, allow_nan=False) + "\n")

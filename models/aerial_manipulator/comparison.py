@@ -2,22 +2,22 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
-from phyfilter_ctl.models.progress import Report, silent
-from phyfilter_ctl.models.statistics import Interval, median_interval
+from phyfilter_ctl import study
+from phyfilter_ctl.study import Interval, Report, TunedMethod, median_interval, reduction, silent
 
 from .experiment import Backend, Flights, Score, fly
-from .methods import METHODS, MethodName
+from .methods import METHODS, Method, MethodName
 from .mission import changed, reference
 from .params import Mission, params
 from .training import Training, off_distribution, train
-from .tuning import TunedMethod, tuned
+from .tuning import tuned
 
 __all__ = ["CASES", "Case", "Comparison", "Reduction", "compare", "realtime_factor", "steps"]
 
@@ -56,12 +56,10 @@ class Reduction:
 
     Attributes
     ----------
-    over : str
     mean, variance : Interval
         Of |e| over the mission.
     """
 
-    over: MethodName
     mean: Interval
     variance: Interval
 
@@ -90,7 +88,7 @@ class Comparison:
 
     seeds: tuple[int, ...]
     mission: Mission
-    methods: Mapping[MethodName, TunedMethod]
+    methods: Mapping[MethodName, TunedMethod[Method]]
     training: Training
     off_distribution: Mapping[str, Mapping[str, float]]
     scores: Mapping[tuple[str, MethodName], Score]
@@ -107,8 +105,7 @@ class Comparison:
     ) -> Reduction:
         """Reduction of mean and variance of the error of one method against another's."""
         ours, theirs = self.scores[case, of], self.scores[case, over]
-        parts = [100.0 * (1.0 - getattr(ours, name) / getattr(theirs, name)) for name in ("mean", "variance")]
-        return Reduction(over, *(median_interval(part) for part in parts))
+        return Reduction(reduction(ours.mean, theirs.mean), reduction(ours.variance, theirs.variance))
 
     def planner_ms(self, percentile: float) -> float:
         """Percentile of the planner's solve times, ms."""
@@ -209,13 +206,7 @@ def _flown(
     )
 
 
-def realtime_factor(method: TunedMethod, training: Training, *, backend: Backend = "auto") -> float:
+def realtime_factor(method: TunedMethod[Method], training: Training, *, backend: Backend = "auto") -> float:
     """Simulated over elapsed time of the whole closed loop on one core, once it is compiled."""
-
-    def once() -> float:
-        begin = time.perf_counter()
-        fly(method.method, (0,), training.seer, backend=backend, workers=1)
-        return time.perf_counter() - begin
-
-    once()
-    return params().mission.duration / min(once() for _ in range(3))
+    once = partial(fly, method.method, (0,), training.seer, backend=backend, workers=1)
+    return study.realtime_factor(once, params().mission.duration, repeats=3)

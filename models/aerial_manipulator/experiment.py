@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from phyfilter_ctl.diagram import FlatModel, flatten
-from phyfilter_ctl.simulation import SimulationResponse, simulate_batch
+from phyfilter_ctl.simulation import simulate_batch
+from phyfilter_ctl.study import flight_signals
 
 from .diagram import build
 from .flights import check_seeds, noise
@@ -194,19 +195,4 @@ def fly(
         backend=backend,
         workers=workers,
     )
-    return _gathered(method, seeds, mission, goals, runs, keep)
-
-
-def _gathered(
-    method: Method,
-    seeds: tuple[int, ...],
-    mission: Mission,
-    goals: Reference,
-    runs: Sequence[SimulationResponse],
-    keep: Sequence[str],
-) -> Flights:
-    labels = [label.split("[")[0] for label in runs[0].output_labels or []]
-    rows = {name: [i for i, label in enumerate(labels) if label == name] for name in keep}
-    signals = {name: np.array([run.outputs[at].T for run in runs]) for name, at in rows.items()}
-    failed = [f"seed {seed}: {run.message}" for seed, run in zip(seeds, runs, strict=True) if not run.success]
-    return Flights(method, seeds, mission, goals, signals, "; ".join(failed))
+    return Flights(method, seeds, mission, goals, *flight_signals(runs, seeds, keep))

@@ -7,6 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from phyfilter_ctl.study import unit_noise
+
 from .vehicle import NOISES
 
 __all__ = ["check_seeds", "noise"]
@@ -29,5 +31,4 @@ def check_seeds(seeds: Sequence[int]) -> tuple[int, ...]:
 
 def noise(seeds: Sequence[int], samples: int) -> FloatArray:
     """Unit white noise of the diagram's inputs, (B, 25, samples); that of a seed is the same for all methods."""
-    rows = sum(NOISES.values())
-    return np.array([np.random.default_rng([seed, 1]).standard_normal((rows, samples)) for seed in seeds])
+    return unit_noise(seeds, sum(NOISES.values()), samples)

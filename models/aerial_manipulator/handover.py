@@ -16,7 +16,7 @@ from phyfilter_ctl.codegen import find_compiler
 from phyfilter_ctl.fmi import FmuExperiment, FmuSolver, export_fmu
 from phyfilter_ctl.fmi.replay import Reference, replay
 from phyfilter_ctl.fmi.unpacked import UnpackedFmu
-from phyfilter_ctl.models.progress import Report, silent
+from phyfilter_ctl.study import Report, silent
 
 from .controller import controller_part
 from .diagram import REFERENCES, filter_part

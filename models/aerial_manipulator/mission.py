@@ -19,6 +19,7 @@ from threadpoolctl import threadpool_limits
 from phyfilter_ctl.controllers import CooperativePlanner, PlannedPath, PlannerLimits, follow
 from phyfilter_ctl.controllers.planner import Attitude
 from phyfilter_ctl.plants import SerialArm, small_arm
+from phyfilter_ctl.study import flight_times
 
 from .params import Mission, params
 
@@ -79,9 +80,7 @@ def home_offset() -> FloatArray:
 
 def timepts(duration: float | None = None) -> FloatArray:
     """The instants of a flight, s."""
-    dt = params().sampling.dt
-    duration = params().mission.duration if duration is None else duration
-    return np.asarray(dt * np.arange(round(duration / dt) + 1), dtype=np.float64)
+    return flight_times(params().mission.duration if duration is None else duration, params().sampling.dt)
 
 
 def planner() -> CooperativePlanner:

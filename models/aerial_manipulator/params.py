@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cache
 from pathlib import Path
 
-from phyfilter_ctl.models.parameters import read
+from phyfilter_ctl.study import parameter_file
 
-__all__ = ["PATH", "Params", "params"]
-
-PATH = Path(__file__).with_name("params.toml")
+__all__ = ["Params", "params"]
 
 Two = tuple[float, float]
 Three = tuple[float, float, float]
@@ -164,18 +161,5 @@ class Params:
     test: Test
 
 
-@cache
-def params() -> Params:
-    """The numbers of ``params.toml``.
-
-    Raises
-    ------
-    ValueError
-        If a table or a key is missing or not known.
-
-    Examples
-    --------
-    >>> params().mission.payload
-    0.3
-    """
-    return read(PATH, Params)
+params = parameter_file(Path(__file__).with_name("params.toml"), Params)
+"""The numbers of ``params.toml``."""

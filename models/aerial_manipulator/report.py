@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from phyfilter_ctl.models.statistics import Interval
+from phyfilter_ctl.study import finite
 
 from .comparison import Comparison
 from .experiment import Score
@@ -51,7 +51,7 @@ def _errors(comparison: Comparison) -> str:
     for name in comparison.methods:
         score = comparison.scores["mission", name]
         lines.append(
-            f"{NAMES[name]:<25}{_interval(comparison.interval('mission', name, 'mean'), 100.0):>20}"
+            f"{NAMES[name]:<25}{comparison.interval('mission', name, 'mean').text(100.0):>20}"
             f"{100.0 * np.median(np.sqrt(score.variance)):>7.2f}{_pair(score.grasp):>15}{score.grasped.sum():>9}"
             f"{_pair(score.settle):>15}{score.placed.sum():>8}{_passed(comparison, name):>13}"
         )
@@ -76,7 +76,7 @@ def _lift_off(comparison: Comparison) -> str:
         + "   largest |e|, median [interval]"
     ]
     for name in comparison.methods:
-        cells = (f"{_interval(comparison.interval(case, name, 'lift_off'), 100.0):>22}" for case in known)
+        cells = (f"{comparison.interval(case, name, 'lift_off').text(100.0):>22}" for case in known)
         lines.append(f"{NAMES[name]:<25}{''.join(cells)}")
     return "\n".join(lines)
 
@@ -91,7 +91,7 @@ def _reductions(comparison: Comparison) -> str:
         found = comparison.reduction(over)
         paper = (f"{_PAPER_MEAN:.2f}", f"{_PAPER_VARIANCE:.2f}") if over == "baseline" else ("", "")
         lines.append(
-            f"{NAMES[over]:<25}{_interval(found.mean, 1.0, 1):>24}{paper[0]:>8}{_interval(found.variance, 1.0, 1):>24}"
+            f"{NAMES[over]:<25}{found.mean.text(1.0, 1):>24}{paper[0]:>8}{found.variance.text(1.0, 1):>24}"
             f"{paper[1]:>8}"
         )
     return "\n".join(lines)
@@ -144,12 +144,6 @@ def _tuned(comparison: Comparison) -> str:
     return "\n".join(lines)
 
 
-def _interval(value: Interval, scale: float, digits: int = 2) -> str:
-    return (
-        f"{scale * value.median:.{digits}f} [{scale * value.low:.{digits}f}, {scale * value.high:.{digits}f}]"
-    )
-
-
 def _pair(values: np.ndarray) -> str:
     return f"{100.0 * np.median(values):.2f} / {100.0 * values.max():.2f}"
 
@@ -163,7 +157,7 @@ def figures(comparison: Comparison) -> dict[str, object]:
             for name in comparison.methods
             if (case, name) in comparison.scores
         }
-        return {name: number if np.isfinite(number) else None for name, number in found.items()}
+        return {name: finite(number) for name, number in found.items()}
 
     def count(field: str, case: str = "mission") -> dict[str, int]:
         return {

@@ -14,9 +14,9 @@ wind before the test.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
-from functools import cache, lru_cache
+from collections.abc import Mapping
+from dataclasses import replace
+from functools import cache, lru_cache, partial
 from pathlib import Path
 
 import numpy as np
@@ -25,9 +25,16 @@ from scipy.linalg import schur, solve_triangular
 from threadpoolctl import threadpool_limits
 
 from phyfilter_ctl.diagram import FlatModel, flatten
-from phyfilter_ctl.models.gains import command_jitter, gains_text, read_gains
-from phyfilter_ctl.models.progress import Report, silent
 from phyfilter_ctl.simulation import linearize_sampled
+from phyfilter_ctl.study import (
+    Report,
+    TunedMethod,
+    command_jitter,
+    fastest,
+    read_tuned,
+    silent,
+    tuned_text,
+)
 
 from .diagram import build
 from .experiment import Flights, fly
@@ -36,7 +43,7 @@ from .params import params
 from .seer import Seer
 from .vehicle import nominal_mass
 
-__all__ = ["PATH", "TunedMethod", "jitter", "modulus_margin", "steps", "text", "tune", "tune_all", "tuned"]
+__all__ = ["PATH", "jitter", "modulus_margin", "steps", "text", "tune", "tune_all", "tuned"]
 
 FloatArray = NDArray[np.float64]
 
@@ -52,27 +59,6 @@ _ROUND_OFF = 1e-6
 # rad/s of the force's estimator while the torque's is chosen.
 _FORCE = 4.0
 _ATTITUDE_STEP = 0.02
-
-
-@dataclass(frozen=True)
-class TunedMethod:
-    """A method and what its tuning found.
-
-    Attributes
-    ----------
-    method : Method
-    modulus_margin : float
-        Least over channels and loads.
-    mae : float
-        Median over the tuning missions of the mean |e|, m.
-    jitter : float
-        Of the rotor commands on these missions, see :func:`jitter`.
-    """
-
-    method: Method
-    modulus_margin: float
-    mae: float
-    jitter: float
 
 
 def jitter(flights: Flights) -> float:
@@ -145,7 +131,7 @@ def _flat(structure: Method, seer: Seer | None) -> FlatModel:
     return flatten(build(structure, seer, probed=True))
 
 
-def tune(name: MethodName, seer: Seer, *, report: Report = silent) -> TunedMethod:
+def tune(name: MethodName, seer: Seer, *, report: Report = silent) -> TunedMethod[Method]:
     """Tune one method.
 
     Parameters
@@ -171,7 +157,7 @@ def tune(name: MethodName, seer: Seer, *, report: Report = silent) -> TunedMetho
         damping=values.damping,
     )
     best = start
-    found: dict[Method, TunedMethod] = {}
+    found: dict[Method, TunedMethod[Method]] = {}
     for which in _stages(name):
         low, high = getattr(values, which)
         field = "torque_bandwidth" if which == "torque" else "bandwidth"
@@ -195,19 +181,19 @@ def _stages(name: MethodName) -> tuple[str, ...]:
     return ("integral",) if name == "integral" else ()
 
 
-def _best(name: MethodName, results: list[TunedMethod | None]) -> TunedMethod:
+def _best(name: MethodName, results: list[TunedMethod[Method] | None]) -> TunedMethod[Method]:
     kept = [entry for entry in results if entry is not None]
     if not kept:
         raise ValueError(f"{name}: no gains have a modulus margin of {params().tuning.modulus_margin}")
     return min(kept, key=lambda entry: entry.mae)
 
 
-def _tuned(candidate: Method, seer: Seer) -> TunedMethod | None:
+def _tuned(candidate: Method, seer: Seer) -> TunedMethod[Method] | None:
     """Attitude loop and outer loop as fast as the margin lets them be, flown; None where nothing is allowed."""
-    fastest = _fastest(candidate, seer)
-    if fastest is None:
+    found = _fastest(candidate, seer)
+    if found is None:
         return None
-    method, margin = fastest
+    method, margin = found
     still = {"vehicle.wind.jet_speed": 0.0}
     flown = fly(method, params().tuning.seeds, seer, others=still, keep=("r_e", "thrust"))
     noise = jitter(flown)
@@ -249,33 +235,18 @@ def _fastest(candidate: Method, seer: Seer) -> tuple[Method, float] | None:
     def holding(method: Method) -> Method | None:
         return method if margins(method).min() >= values.modulus_margin else None
 
-    level = _last(speeds, allowed)
+    level = fastest(speeds, allowed)
     if level is None:
         return None
     faster = speeds[speeds >= level.position_bandwidth]
-    found = _last(faster, lambda speed: holding(replace(level, vertical_bandwidth=float(speed))))
+    found = fastest(faster, lambda speed: holding(replace(level, vertical_bandwidth=float(speed))))
     found = level if found is None else found
     return found, float(margins(found).min())
 
 
-def _last(speeds: FloatArray, allowed: Callable[[float], Method | None]) -> Method | None:
-    """What is allowed at the highest speed at which something is, by bisection; None where nothing is at the first."""
-    found, low, high = allowed(float(speeds[0])), 0, len(speeds)
-    if found is None:
-        return None
-    while high - low > 1:
-        middle = (low + high) // 2
-        faster = allowed(float(speeds[middle]))
-        if faster is None:
-            high = middle
-        else:
-            low, found = middle, faster
-    return found
-
-
-def tune_all(seer: Seer, *, report: Report = silent) -> dict[MethodName, TunedMethod]:
+def tune_all(seer: Seer, *, report: Report = silent) -> dict[MethodName, TunedMethod[Method]]:
     """Tune every method, in the order of ``METHODS``."""
-    found: dict[MethodName, TunedMethod] = {}
+    found: dict[MethodName, TunedMethod[Method]] = {}
     for name in METHODS:
         found[name] = tune(name, seer, report=report)
     return found
@@ -286,23 +257,17 @@ def steps(name: MethodName) -> int:
     return max(1, len(_stages(name)) * params().tuning.points)
 
 
-def text(found: Mapping[MethodName, TunedMethod]) -> str:
+def text(found: Mapping[MethodName, TunedMethod[Method]]) -> str:
     """The tuned methods as TOML."""
     header = [
         "Found by `phyfilter-ctl run aerial_manipulator --tune` on missions in still air, before any test flight.",
         "Bandwidths in rad/s, the mean error over the tuning missions (median) in m.",
     ]
-    return gains_text(header, {name: _entry(entry) for name, entry in found.items()})
-
-
-def _entry(entry: TunedMethod) -> dict[str, float | str]:
-    gains: dict[str, float | str] = {name: getattr(entry.method, name) for name in _GAINS}
-    figures = {"modulus_margin": 4, "mae": 5, "jitter": 4}
-    return gains | {name: f"{getattr(entry, name):.{digits}f}" for name, digits in figures.items()}
+    return tuned_text(header, found, _GAINS)
 
 
 @cache
-def tuned() -> dict[MethodName, TunedMethod]:
+def tuned() -> dict[MethodName, TunedMethod[Method]]:
     """The methods as ``tuned.toml`` has them.
 
     Raises
@@ -315,12 +280,5 @@ def tuned() -> dict[MethodName, TunedMethod]:
     >>> all(entry.modulus_margin >= 0.5 for entry in tuned().values())
     True
     """
-    data = read_gains(PATH, METHODS, command="phyfilter-ctl run aerial_manipulator --tune")
-    damping = params().tuning.damping
-    return {
-        name: TunedMethod(
-            Method(name, *(data[name][key] for key in _GAINS), damping=damping),
-            *(data[name][key] for key in ("modulus_margin", "mae", "jitter")),
-        )
-        for name in METHODS
-    }
+    make = partial(Method, damping=params().tuning.damping)
+    return read_tuned(PATH, METHODS, make, _GAINS, command="phyfilter-ctl run aerial_manipulator --tune")

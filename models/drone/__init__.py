@@ -5,16 +5,15 @@ x = m v,   m v' = g + f,   g the thrust that acts, weight and drag,   f_theta SE
 
 from __future__ import annotations
 
-import json
-from argparse import ArgumentParser, Namespace, RawDescriptionHelpFormatter
+from argparse import ArgumentParser, Namespace
 from dataclasses import replace
 from typing import TYPE_CHECKING
+
+from phyfilter_ctl.study import Outputs, Report, add_output_options
 
 from .diagram import build
 
 if TYPE_CHECKING:
-    from phyfilter_ctl.models.progress import Report
-
     from .comparison import Comparison
 
 __all__ = ["add_arguments", "build", "main"]
@@ -39,9 +38,6 @@ a recording is a CSV file with the columns t [s], vx vy vz [m/s], qx qy qz qw, T
 
 def add_arguments(parser: ArgumentParser) -> None:
     """Add the options of ``phyfilter-ctl run drone``."""
-    parser.description = _DESCRIPTION
-    parser.epilog = _EXAMPLES
-    parser.formatter_class = RawDescriptionHelpFormatter
     job = parser.add_mutually_exclusive_group()
     job.add_argument(
         "--study",
@@ -88,21 +84,12 @@ def add_arguments(parser: ArgumentParser) -> None:
         help="a Dask scheduler that spreads the study over its workers; it must have one within 30 s",
     )
     parser.add_argument(
-        "--json", metavar="FILE", help="write the figures; - for standard output instead of the table"
-    )
-    parser.add_argument(
-        "--picture",
-        metavar="FILE",
-        default="drone.png",
-        help="png, pdf or svg (default drone.png; none: no picture)",
-    )
-    parser.add_argument(
         "--out",
         metavar="DIR",
         default="drone_filter",
         help="where the tuned filter goes, as FMU and C (default drone_filter; none: nowhere)",
     )
-    parser.add_argument("--quiet", action="store_true", help="no progress bar")
+    add_output_options(parser, "drone", description=_DESCRIPTION, examples=_EXAMPLES)
 
 
 def main(options: Namespace) -> int:
@@ -113,19 +100,19 @@ def main(options: Namespace) -> int:
     ValueError, OSError
         If options or recordings are wrong, the circle cannot be flown, or a file cannot be read or written.
     """
-    from phyfilter_ctl._output import check_target
-
     _check(options)
-    check_target(options.json)
-    target = None if options.picture == "none" else options.picture
-    check_target(target, suffixes=(".png", ".pdf", ".svg"))
+    outputs = Outputs.of(options)
     if options.replay:
-        return _replay(options, target)
-    if options.tune:
-        return _tune(options)
-    if options.cosimulate:
-        return _cosimulate(options)
-    return _study(options, target) if options.study else _compare(options, target)
+        _replay(options, outputs)
+    elif options.tune:
+        _tune(outputs)
+    elif options.cosimulate:
+        _cosimulate(options, outputs)
+    elif options.study:
+        _study(options, outputs)
+    else:
+        _compare(options, outputs)
+    return 0
 
 
 def _check(options: Namespace) -> None:
@@ -157,15 +144,12 @@ def _seeds(options: Namespace) -> range:
     return range(count if options.seeds is None else options.seeds)
 
 
-def _compare(options: Namespace, target: str | None) -> int:
-    from phyfilter_ctl._output import write_figure
-    from phyfilter_ctl.models.progress import progress
-
+def _compare(options: Namespace, outputs: Outputs) -> None:
     from . import comparison, report
     from .picture import draw
 
     seeds, duration = _seeds(options), _QUICK_DURATION if options.quick else None
-    with progress(comparison.steps() + 2, options.quiet) as say:
+    with outputs.progress(comparison.steps() + 2) as say:
         found = comparison.compare(
             seeds,
             duration=duration,
@@ -176,18 +160,11 @@ def _compare(options: Namespace, target: str | None) -> int:
         figures = report.figures(found)
         say("real-time factor")
         method = found.methods["phyfilter"]
-        figures["realtime_factor"] = comparison.realtime_factor(
-            method, found.training, duration=10.0 if options.quick else 60.0
-        )
-        notes = _hand_over(options, found, figures, say)
-    if options.json != "-":
-        print(report.table(found))
-        print(f"\nwhole closed loop: {figures['realtime_factor']:.0f} times real time on one core")
-        print("\n".join(notes))
-    _write_json(options, figures)
-    if target is not None:
-        write_figure(target, draw(found))
-    return 0
+        factor = comparison.realtime_factor(method, found.training, duration=10.0 if options.quick else 60.0)
+        figures["realtime_factor"] = factor
+        notes = [f"whole closed loop: {factor:.0f} times real time on one core"]
+        notes.append(_hand_over(options, found, figures, say))
+    outputs.publish("\n".join([report.table(found), "", *notes]), figures, lambda: draw(found))
 
 
 def _circle(options: Namespace) -> dict[str, float]:
@@ -196,7 +173,7 @@ def _circle(options: Namespace) -> dict[str, float]:
     return {f"controller.reference.{name}": value for name, value in given.items() if value is not None}
 
 
-def _hand_over(options: Namespace, found: Comparison, figures: dict[str, object], say: Report) -> list[str]:
+def _hand_over(options: Namespace, found: Comparison, figures: dict[str, object], say: Report) -> str:
     """Export the tuned filter and replay a flight through it; what is to be said about it."""
     from tempfile import TemporaryDirectory
 
@@ -208,10 +185,10 @@ def _hand_over(options: Namespace, found: Comparison, figures: dict[str, object]
         handed = hand_over(found.methods["phyfilter"].method, found.training.model, folder)
     figures["fmu_max_abs_difference"] = handed.fmu_max_abs_difference
     figures["c_max_abs_difference"] = handed.differences.get("c")
-    return [handed.message]
+    return handed.message
 
 
-def _cosimulate(options: Namespace) -> int:
+def _cosimulate(options: Namespace, outputs: Outputs) -> None:
     from . import cosimulation
     from .training import train
     from .tuning import tuned
@@ -219,29 +196,20 @@ def _cosimulate(options: Namespace) -> int:
     found = cosimulation.cosimulation(
         tuned()["phyfilter"].method, train().model, duration=4.0 if options.quick else 20.0
     )
-    if options.json != "-":
-        print(cosimulation.table(found))
-    _write_json(options, cosimulation.figures(found))
-    return 0
+    outputs.publish(cosimulation.table(found), cosimulation.figures(found))
 
 
-def _tune(options: Namespace) -> int:
-    from phyfilter_ctl.models.progress import progress
-
+def _tune(outputs: Outputs) -> None:
     from . import tuning
     from .methods import METHODS
     from .training import train
 
-    with progress(sum(tuning.steps(name) for name in METHODS), options.quiet) as say:
+    with outputs.progress(sum(tuning.steps(name) for name in METHODS)) as say:
         found = tuning.tune_all(train().model, report=say)
     print(tuning.text(found), end="")
-    return 0
 
 
-def _study(options: Namespace, target: str | None) -> int:
-    from phyfilter_ctl._output import write_figure
-    from phyfilter_ctl.models.progress import progress
-
+def _study(options: Namespace, outputs: Outputs) -> None:
     from . import study
     from .study_picture import draw
     from .study_points import Grid
@@ -253,32 +221,13 @@ def _study(options: Namespace, target: str | None) -> int:
         grid = Grid(few, few, 3, 2, 2, (0, 6), (0.0, 1.0, 2.0), _QUICK_DURATION)
     if options.seeds is not None:
         grid = replace(grid, seeds=tuple(range(options.seeds)))
-    with progress(study.steps(grid=grid), options.quiet) as say:
+    with outputs.progress(study.steps(grid=grid)) as say:
         found = study.study(grid=grid, report=say, scheduler=options.scheduler)
-    if options.json != "-":
-        print(table(found))
-    _write_json(options, figures(found))
-    if target is not None:
-        write_figure(target, draw(found))
-    return 0
+    outputs.publish(table(found), figures(found), lambda: draw(found))
 
 
-def _replay(options: Namespace, target: str | None) -> int:
-    from phyfilter_ctl._output import write_figure
-
+def _replay(options: Namespace, outputs: Outputs) -> None:
     from . import replay, replay_picture
 
     found = replay.replay(options.replay, train=options.replay_train, thrust_delay=options.thrust_delay)
-    if options.json != "-":
-        print(replay.table(found))
-    _write_json(options, replay.figures(found))
-    if target is not None:
-        write_figure(target, replay_picture.draw(found))
-    return 0
-
-
-def _write_json(options: Namespace, figures: object) -> None:
-    from phyfilter_ctl._output import write_text
-
-    if options.json is not None:
-        write_text(options.json, json.dumps(figures, indent=2, allow_nan=False) + "\n")
+    outputs.publish(replay.table(found), replay.figures(found), lambda: replay_picture.draw(found))

@@ -2,29 +2,28 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from phyfilter_ctl.models.progress import Report, silent
-from phyfilter_ctl.models.statistics import Interval, median_interval
+from phyfilter_ctl import study
 from phyfilter_ctl.simulation import BackendChoice
+from phyfilter_ctl.study import Interval, Report, TunedMethod, median_interval, reduction, silent
 
 from .experiment import Flights, Score, fly
 from .flights import Scenario, conditions
-from .methods import METHODS, MethodName
+from .methods import METHODS, Method, MethodName
 from .params import params
 from .training import Training, train
-from .tuning import TunedMethod, tuned
+from .tuning import tuned
 
 __all__ = [
     "SCENARIOS",
     "Comparison",
     "Estimation",
-    "Reduction",
     "compare",
     "realtime_factor",
     "steps",
@@ -56,21 +55,6 @@ class Estimation:
 
 
 @dataclass(frozen=True)
-class Reduction:
-    """By how much PhyFilter's mean error is below another method's, flight by flight, in per cent.
-
-    Attributes
-    ----------
-    over : str
-        The other method.
-    interval : Interval
-    """
-
-    over: MethodName
-    interval: Interval
-
-
-@dataclass(frozen=True)
 class Comparison:
     """What the methods did on the test flights.
 
@@ -90,7 +74,7 @@ class Comparison:
     """
 
     seeds: tuple[int, ...]
-    methods: Mapping[MethodName, TunedMethod]
+    methods: Mapping[MethodName, TunedMethod[Method]]
     training: Training
     scores: Mapping[tuple[Scenario, MethodName], Score]
     estimation: Mapping[tuple[Scenario, MethodName], Estimation]
@@ -107,10 +91,9 @@ class Comparison:
 
     def reduction(
         self, scenario: Scenario, over: MethodName, *, of: MethodName = "phyfilter", part: str = "total"
-    ) -> Reduction:
+    ) -> Interval:
         """Reduction of the error of one method against another's, in per cent."""
-        ours, theirs = (getattr(self.scores[scenario, name], part) for name in (of, over))
-        return Reduction(over, median_interval(100.0 * (1.0 - ours / theirs)))
+        return reduction(*(getattr(self.scores[scenario, name], part) for name in (of, over)))
 
 
 def steps(methods: Sequence[MethodName] = METHODS) -> int:
@@ -186,7 +169,7 @@ def compare(
             for name in methods
         }
 
-    chosen: dict[MethodName, TunedMethod] = {name: entries[name] for name in methods}
+    chosen: dict[MethodName, TunedMethod[Method]] = {name: entries[name] for name in methods}
     return Comparison(seeds, chosen, training, scores, estimation, showing("wind"), showing("mass"))
 
 
@@ -214,15 +197,13 @@ def _estimation(flights: Flights) -> Estimation:
 
 
 def realtime_factor(
-    method: TunedMethod, training: Training, *, duration: float = 60.0, backend: BackendChoice = "auto"
+    method: TunedMethod[Method],
+    training: Training,
+    *,
+    duration: float = 60.0,
+    backend: BackendChoice = "auto",
 ) -> float:
     """Simulated over elapsed time of the whole closed loop on one core, once it is compiled."""
     wind = conditions([0], "wind")
-
-    def once() -> float:
-        start = time.perf_counter()
-        fly(method.method, wind, training.model, keep=("r",), duration=duration, backend=backend, workers=1)
-        return time.perf_counter() - start
-
-    once()
-    return duration / once()
+    arguments = {"keep": ("r",), "duration": duration, "backend": backend, "workers": 1}
+    return study.realtime_factor(partial(fly, method.method, wind, training.model, **arguments), duration)

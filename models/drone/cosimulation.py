@@ -24,6 +24,7 @@ from phyfilter_ctl.diagram import FlatModel, flatten
 from phyfilter_ctl.fmi import FmuSolver, Wire, cosimulate, export_fmu, write_ssp
 from phyfilter_ctl.learned import Chebyshev
 from phyfilter_ctl.simulation import simulate
+from phyfilter_ctl.study import unit_noise
 
 from .diagram import (
     MEASURED,
@@ -37,7 +38,7 @@ from .diagram import (
     wind,
 )
 from .experiment import start_state
-from .flights import Scenario, conditions, noise, timepts
+from .flights import Scenario, conditions, timepts
 from .methods import Method
 from .params import params
 
@@ -227,7 +228,7 @@ class _Flight:
         # By their names inside the vehicle.
         self.settings = {name.removeprefix("vehicle."): values[0] for name, values in drawn.items()}
         self.start = {name.removeprefix("vehicle."): value for name, value in start_state().items()}
-        self.noise = noise([seed], len(time))[0]
+        self.noise = unit_noise([seed], 3 * len(NOISES), len(time))[0]
         # Two samples without: the FMUs start on sensors at rest, and Gauss-Seidel looks one sample ahead.
         self.noise[:, :2] = 0.0
 

@@ -15,7 +15,7 @@ import casadi as ca
 import control as ct
 import numpy as np
 
-from phyfilter_ctl.blocks import FunctionBlock, delay_line, wired
+from phyfilter_ctl.blocks import FunctionBlock, SampledBlock, delay_line, wired
 from phyfilter_ctl.controllers import attitude_controller, attitude_gains, known_force, position_controller
 from phyfilter_ctl.learned import Chebyshev
 from phyfilter_ctl.plants import Columns, plant, quadrotor, quaternion_product, stack, wind_field
@@ -145,23 +145,24 @@ def wind() -> FunctionBlock:
     )
 
 
+def thrust_delay(steps: int, name: str = "delay") -> SampledBlock:
+    """Commands that reach the rotors some samples late, hovering until the first has come through."""
+    labels, hover = (
+        [f"thrust[{i}]" for i in range(4)],
+        0.25 * params().vehicle.mass * params().vehicle.gravity,
+    )
+    return delay_line(labels, steps, params().sampling.dt, name=name, start=hover, unit="N")
+
+
 def vehicle_part() -> ct.InterconnectedSystem:
     """What flies: delay of the commands, vehicle, wind and sensors."""
-    delay = delay_line(
-        [f"thrust[{i}]" for i in range(4)],
-        steps_of_delay(),
-        params().sampling.dt,
-        name="delay",
-        start=0.25 * params().vehicle.mass * params().vehicle.gravity,
-        unit="N",
-    )
     wires = {
         "quadrotor.thrust": "delay.thrust_delayed",
         "wind.r": "quadrotor.r",
         "quadrotor.wind": "wind.wind",
     }
     return wired(
-        [delay, quadrotor_plant(), wind(), sensors()],
+        [thrust_delay(steps_of_delay()), quadrotor_plant(), wind(), sensors()],
         wires | {f"sensors.{name}": f"quadrotor.{name}" for name in ("r", "v", "q", "omega", "a")},
         inputs={"thrust": "delay.thrust", "n_wind": "wind.noise"}
         | {name: f"sensors.{name}" for name in NOISES if name != "n_wind"},
@@ -224,7 +225,9 @@ def controller_part(method: Method) -> ct.InterconnectedSystem:
     )
 
 
-def filter_part(method: Method, model: Chebyshev | None = None) -> ct.InterconnectedSystem | None:
+def filter_part(
+    method: Method, model: Chebyshev | None = None, *, prior: FunctionBlock | None = None
+) -> ct.InterconnectedSystem | None:
     """What estimates the unknown force from the measurements and the commands; None where the method does not.
 
     Parameters
@@ -232,6 +235,8 @@ def filter_part(method: Method, model: Chebyshev | None = None) -> ct.Interconne
     method : Method
     model : Chebyshev, optional
         SEER-I's model, for the methods that use it.
+    prior : FunctionBlock, optional
+        Another known force than that of the method: named "prior", inputs F, q and v, output g.
 
     Raises
     ------
@@ -242,7 +247,7 @@ def filter_part(method: Method, model: Chebyshev | None = None) -> ct.Interconne
     block = estimator(method)
     if block is None and not method.uses_seer:
         return None
-    prior = known_force(
+    known = known_force(
         mass=vehicle.mass,
         gravity=vehicle.gravity,
         drag=vehicle.drag,
@@ -253,7 +258,7 @@ def filter_part(method: Method, model: Chebyshev | None = None) -> ct.Interconne
         period=dt,
         name="prior",
     )
-    systems: list[ct.InputOutputSystem] = [momentum(), prior]
+    systems: list[ct.InputOutputSystem] = [momentum(), known if prior is None else prior]
     wires: dict[str, str] = {}
     velocity, attitude = ["momentum.v", "prior.v"], ["prior.q"]
     outputs = {"g": "prior.g"}
@@ -294,7 +299,7 @@ def filter_part(method: Method, model: Chebyshev | None = None) -> ct.Interconne
     inputs: dict[str, str | list[str]] = {
         "v_m": velocity,
         "q_m": attitude,
-        "thrust": "prior.thrust",
+        **({"thrust": "prior.thrust"} if prior is None else {}),
         "F": "prior.F",
     }
     if method.name == "indi":
@@ -302,7 +307,9 @@ def filter_part(method: Method, model: Chebyshev | None = None) -> ct.Interconne
     return wired(systems, wires, inputs=inputs, outputs=outputs, name="estimator")
 
 
-def build(method: Method | None = None, model: Chebyshev | None = None) -> ct.InterconnectedSystem:
+def build(
+    method: Method | None = None, model: Chebyshev | None = None, *, prior: FunctionBlock | None = None
+) -> ct.InterconnectedSystem:
     """The whole closed loop.
 
     Parameters
@@ -311,6 +318,8 @@ def build(method: Method | None = None, model: Chebyshev | None = None) -> ct.In
         None: the observer of order 1 at 6 rad/s, which needs no training.
     model : Chebyshev, optional
         SEER-I's model, for the methods that use it.
+    prior : FunctionBlock, optional
+        As for :func:`filter_part`.
 
     Returns
     -------
@@ -326,17 +335,21 @@ def build(method: Method | None = None, model: Chebyshev | None = None) -> ct.In
     ('drone', 18, ['r[0]', 'r[1]', 'r[2]'])
     """
     method = Method("observer", 2.0, 6.0) if method is None else method
-    vehicle, controller, filter = vehicle_part(), controller_part(method), filter_part(method, model)
+    vehicle, controller = vehicle_part(), controller_part(method)
+    filter = filter_part(method, model, prior=prior)
     wires = {f"controller.{name}": f"vehicle.{name}" for name in MEASURED if name != "a_m"}
     wires |= {"vehicle.thrust": "controller.thrust"}
     outputs = {name: f"vehicle.{name}" for name in ("r", "v", "q", "f_mass", "f_wind", "wind", "v_m")}
     outputs |= {name: f"controller.{name}" for name in ("r_ref", "v_ref", "F", "thrust")}
     systems: list[ct.InputOutputSystem] = [vehicle, controller]
+    if method.late:
+        systems.append(thrust_delay(method.late, "late"))
+        wires |= {"late.thrust": "controller.thrust", "vehicle.thrust": "late.thrust_delayed"}
     if filter is not None:
         systems.append(filter)
         wires |= {"controller.f_hat": "estimator.f_hat"}
-        wires |= {f"estimator.{name}": f"controller.{name}" for name in ("F", "thrust")}
         known = {label.split("[")[0] for label in filter.input_labels}
+        wires |= {f"estimator.{name}": f"controller.{name}" for name in ("F", "thrust") if name in known}
         wires |= {f"estimator.{name}": f"vehicle.{name}" for name in MEASURED if name in known}
         known = dict.fromkeys(label.split("[")[0] for label in filter.output_labels)
         outputs |= {name: f"estimator.{name}" for name in known}

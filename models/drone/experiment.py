@@ -11,10 +11,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from phyfilter_ctl.diagram import FlatModel, flatten
 from phyfilter_ctl.learned import Chebyshev
-from phyfilter_ctl.simulation import BackendChoice, SimulationResponse, simulate_batch
+from phyfilter_ctl.simulation import BackendChoice, simulate_batch
+from phyfilter_ctl.study import flight_signals, unit_noise
 
-from .diagram import build
-from .flights import Conditions, noise, timepts
+from .diagram import NOISES, build
+from .flights import Conditions, timepts
 from .methods import Method
 from .params import params
 from .reference import check_feasible
@@ -143,7 +144,7 @@ def fly(
     runs = simulate_batch(
         flat,
         time,
-        noise(conditions.seeds, len(time)),
+        unit_noise(conditions.seeds, 3 * len(NOISES), len(time)),
         start_state(radius),
         params=settings,
         method="rk4",
@@ -152,22 +153,4 @@ def fly(
         backend=backend,
         workers=workers,
     )
-    return _gathered(method, conditions, time, runs, keep)
-
-
-def _gathered(
-    method: Method,
-    conditions: Conditions,
-    time: FloatArray,
-    runs: Sequence[SimulationResponse],
-    keep: Sequence[str],
-) -> Flights:
-    labels = list(runs[0].output_labels or [])
-    rows = {name: [i for i, label in enumerate(labels) if label.split("[")[0] == name] for name in keep}
-    signals = {name: np.array([run.outputs[at].T for run in runs]) for name, at in rows.items()}
-    failed = [
-        f"seed {seed}: {run.message}"
-        for seed, run in zip(conditions.seeds, runs, strict=True)
-        if not run.success
-    ]
-    return Flights(method, conditions, time, signals, "; ".join(failed))
+    return Flights(method, conditions, time, *flight_signals(runs, conditions.seeds, keep))

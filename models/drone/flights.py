@@ -1,4 +1,4 @@
-"""Test, tuning and training flights: what is drawn for a seed, and the noise of a flight."""
+"""Test, tuning and training flights: what is drawn for a seed."""
 
 from __future__ import annotations
 
@@ -9,9 +9,11 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from phyfilter_ctl.study import flight_times
+
 from .params import params
 
-__all__ = ["Conditions", "Scenario", "conditions", "noise", "timepts"]
+__all__ = ["Conditions", "Scenario", "conditions", "timepts"]
 
 FloatArray = NDArray[np.float64]
 
@@ -99,11 +101,4 @@ def conditions(
 
 def timepts(duration: float | None = None) -> FloatArray:
     """The instants of a flight, s."""
-    dt = params().sampling.dt
-    duration = params().mission.duration if duration is None else duration
-    return dt * np.arange(round(duration / dt) + 1, dtype=float)
-
-
-def noise(seeds: Sequence[int], samples: int) -> FloatArray:
-    """Unit white noise of the diagram's inputs, (B, 18, samples); that of a seed is the same for all methods."""
-    return np.array([np.random.default_rng([seed, 1]).standard_normal((18, samples)) for seed in seeds])
+    return flight_times(params().mission.duration if duration is None else duration, params().sampling.dt)

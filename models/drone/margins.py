@@ -20,14 +20,14 @@ from threadpoolctl import threadpool_limits
 
 from phyfilter_ctl import PhyFilter
 from phyfilter_ctl.analysis import largest_bandwidth
-from phyfilter_ctl.blocks import sampled_block, wired
+from phyfilter_ctl.blocks import FunctionBlock
 from phyfilter_ctl.diagram import FlatModel, flatten
 from phyfilter_ctl.plants import Columns, plant, rotate, rotate_back
 from phyfilter_ctl.plants.algebra import Array
 from phyfilter_ctl.plants.factory import Results
 from phyfilter_ctl.simulation import sampled_open_loop, simulate
 
-from .diagram import MEASURED, NOISES, build, controller_part, momentum, nothing, vehicle_part
+from .diagram import build
 from .experiment import start_state
 from .methods import Known, Method
 from .params import params
@@ -304,38 +304,11 @@ def _flat(method: Method, known: KnownForce) -> FlatModel:
 
 
 def _loop(method: Method, known: KnownForce) -> ct.InterconnectedSystem:
-    return _held_loop(method) if known == "held" else build(method)
+    """Where ``known`` is "held", the filter takes over each step the force that was commanded for it."""
+    return build(method, prior=_held_force() if known == "held" else None)
 
 
-def _held_loop(method: Method) -> ct.InterconnectedSystem:
-    """The loop whose filter takes, over each step, the force that was commanded for it."""
-    sampled = _first(method.bandwidth).sampled(params().sampling.dt, g="hold")
-    wires = {f"controller.{name}": f"vehicle.{name}" for name in MEASURED if name != "a_m"}
-    wires |= {"vehicle.thrust": "controller.thrust", "momentum.v": "vehicle.v_m", "filter.x": "momentum.x"}
-    wires |= {
-        "prior.F": "controller.F",
-        "prior.q": "vehicle.q_m",
-        "prior.v": "vehicle.v_m",
-        "filter.g": "prior.g",
-    }
-    wires |= {"filter.f_theta": "no_model.zero", "controller.f_hat": "filter.f_hat"}
-    return wired(
-        [
-            vehicle_part(),
-            controller_part(method),
-            momentum(),
-            _held_force(),
-            sampled_block(sampled, 3, name="filter"),
-            nothing("no_model"),
-        ],
-        wires,
-        inputs={name: f"vehicle.{name}" for name in NOISES},
-        outputs={"r": "vehicle.r"},
-        name="drone",
-    )
-
-
-def _held_force() -> ct.InputOutputSystem:
+def _held_force() -> FunctionBlock:
     """g from the command of this instant, which the filter keeps until the next."""
     vehicle = params().vehicle
 

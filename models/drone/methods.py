@@ -77,6 +77,10 @@ class Method:
         Of the outer loop.
     with_model : bool
         Whether a PhyFilter has SEER-I for its f_theta; else f_theta = 0.
+    coefficients : ((n,) tuple, (n,) tuple), optional
+        a and b of a filter in the place of the method's own, for a PhyFilter on SEER-I.
+    late : int
+        Samples by which the commands reach the rotors later than controller and prior know.
     """
 
     name: MethodName
@@ -87,6 +91,8 @@ class Method:
     order: int = 1
     damping: float = 0.9
     with_model: bool = True
+    coefficients: tuple[tuple[float, ...], tuple[float, ...]] | None = None
+    late: int = 0
 
     def __post_init__(self) -> None:
         if self.name not in METHODS:
@@ -97,6 +103,10 @@ class Method:
         for name in ("bandwidth", "seer_rate"):
             if not (np.isfinite(getattr(self, name)) and getattr(self, name) >= 0.0):
                 raise ValueError(f"{name}: expected 0 or more, got {getattr(self, name)}")
+        if self.coefficients is not None and self.name not in ("phyfilter", "phyfilter_type2"):
+            raise ValueError(f"coefficients: {self.name} has no PhyFilter on SEER-I to replace")
+        if self.late < 0:
+            raise ValueError(f"late: expected 0 samples or more, got {self.late}")
 
     @property
     def uses_seer(self) -> bool:
@@ -137,6 +147,9 @@ class Method:
 
 def filter_of(method: Method) -> PhyFilter | None:
     """The PhyFilter of a method, None where it has none."""
+    if method.coefficients is not None:
+        a, b = method.coefficients
+        return PhyFilter(a, b)
     if method.name == "phyfilter_type2":
         low = PhyFilter.from_poles([-method.bandwidth] * 2)
         return PhyFilter(low.a, b=low.a)  # N = D - s^2: zeros of 1 - F at 0, twice

@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cache
 from pathlib import Path
 
-from phyfilter_ctl.models.parameters import read
+from phyfilter_ctl.study import parameter_file
 
-__all__ = ["PATH", "Params", "params"]
-
-PATH = Path(__file__).with_name("params.toml")
+__all__ = ["Params", "params"]
 
 Three = tuple[float, float, float]
 
@@ -144,18 +141,5 @@ class Params:
     tuning: Tuning
 
 
-@cache
-def params() -> Params:
-    """The numbers of ``params.toml``.
-
-    Raises
-    ------
-    ValueError
-        If a table or a key is missing or not known.
-
-    Examples
-    --------
-    >>> params().vehicle.mass
-    3.0
-    """
-    return read(PATH, Params)
+params = parameter_file(Path(__file__).with_name("params.toml"), Params)
+"""The numbers of ``params.toml``."""

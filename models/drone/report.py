@@ -7,7 +7,9 @@ from typing import TypedDict
 
 import numpy as np
 
-from .comparison import SCENARIOS, Comparison, Estimation, Interval
+from phyfilter_ctl.study import Interval, finite
+
+from .comparison import SCENARIOS, Comparison, Estimation
 from .methods import NAMES, MethodName
 from .params import params
 
@@ -31,8 +33,8 @@ def reductions(comparison: Comparison) -> list[_Reduction]:
     return [
         {
             "over": over,
-            "wind": comparison.reduction("wind", over).interval,
-            "mass": comparison.reduction("mass", over).interval,
+            "wind": comparison.reduction("wind", over),
+            "mass": comparison.reduction("mass", over),
         }
         for over in _OVER
         if over in comparison.methods
@@ -59,7 +61,7 @@ def table(comparison: Comparison) -> str:
         cells = ""
         for kind in SCENARIOS:
             mark = " *" if columns[kind][name].median == best[kind] else "  "
-            cells += f"{_interval(columns[kind][name], 100.0) + mark:>22}"
+            cells += f"{columns[kind][name].text(100.0) + mark:>22}"
         lines.append(
             f"{NAMES[name]:<26}{cells}{100.0 * horizontal[name].median:>12.2f}{100.0 * vertical[name].median:>10.2f}"
         )
@@ -71,7 +73,7 @@ def table(comparison: Comparison) -> str:
     for entry in reductions(comparison):
         over = entry["over"]
         paper = f"{_PAPER[over]:.2f}" if over in _PAPER else ""
-        still, windy = (f"{_interval(value, 1.0, 1)}  " for value in (entry["mass"], entry["wind"]))
+        still, windy = (f"{value.text(1.0, 1)}  " for value in (entry["mass"], entry["wind"]))
         lines.append(f"{NAMES[over]:<26}{still:>22}{windy:>22}{paper:>12}")
     lines += ["", f"{'RMSE of the force, N':<26}{'whole':>8}{'mass part':>11}{'wind part':>11}   in the wind"]
     for (kind, name), found in comparison.estimation.items():
@@ -91,12 +93,6 @@ def table(comparison: Comparison) -> str:
         for name, entry in comparison.methods.items()
     ]
     return "\n".join(lines)
-
-
-def _interval(value: Interval, scale: float, digits: int = 2) -> str:
-    return (
-        f"{scale * value.median:.{digits}f} [{scale * value.low:.{digits}f}, {scale * value.high:.{digits}f}]"
-    )
 
 
 def _median(values: np.ndarray | None) -> str:
@@ -141,7 +137,7 @@ def figures(comparison: Comparison) -> dict[str, object]:
 
 def _medians(values: Mapping[MethodName, Interval]) -> dict[str, float | None]:
     """For JSON, which has no infinity: null where most flights failed."""
-    return {name: value.median if np.isfinite(value.median) else None for name, value in values.items()}
+    return {name: finite(value.median) for name, value in values.items()}
 
 
 def _estimation(value: Estimation) -> dict[str, float]:

@@ -13,10 +13,9 @@ from threadpoolctl import threadpool_limits
 from phyfilter_ctl.design.learning import learn
 from phyfilter_ctl.flightlog import FlightLog
 from phyfilter_ctl.learned import Chebyshev
-from phyfilter_ctl.models.progress import Report, silent
 from phyfilter_ctl.simulation import BackendChoice
+from phyfilter_ctl.study import Report, on_cluster, silent
 
-from .cluster import on_cluster
 from .experiment import fly
 from .flights import Scenario, conditions
 from .margins import Limits, limits
@@ -24,8 +23,7 @@ from .methods import Method, MethodName
 from .params import params
 from .study_points import AXES, FORMS, USED, AxisName, Form, Grid, LearnedFilter, Point, bandwidths, plan
 from .training import train
-from .tuning import tuned
-from .variant import Variant, flown, margin
+from .tuning import modulus_margin, tuned
 
 __all__ = [
     "LearnedFilter",
@@ -143,11 +141,6 @@ class Study:
         """Bandwidths of the map, rad/s."""
         return bandwidths(self.grid.map_bandwidths)
 
-    @property
-    def mapbandwidths(self) -> tuple[float, ...]:
-        """Bandwidths of the map, rad/s."""
-        return bandwidths(self.grid.map_bandwidths)
-
 
 def evaluate(
     point: Point,
@@ -171,49 +164,43 @@ def evaluate(
     workers : int, optional
         Threads; None means one per core. The numbers do not depend on it.
     """
-    variant, found = point.variant, None
+    method, found = point.method, None
     if point.with_margin:
         with threadpool_limits(1):  # two threads are slower on matrices of this size, and round differently
-            variant, found = _with_margin(variant, model, point.needs_margin)
+            method, found = _with_margin(method, model, point.needs_margin)
         if point.needs_margin and found < params().tuning.modulus_margin:
-            return Outcome(point, {}, found, variant.method.position_bandwidth)
+            return Outcome(point, {}, found, method.position_bandwidth)
     seeds = grid.map_seeds if point.axis == "map" else grid.seeds
     others = {} if point.speed is None else {"controller.reference.speed": point.speed}
     errors: dict[Scenario, tuple[float, ...]] = {}
     for scenario in point.scenarios:
         drawn = conditions(seeds, scenario, strength=point.strength)
         drawn = replace(drawn, added_mass=point.mass_scale * drawn.added_mass)
-        score = flown(
-            variant,
-            drawn,
-            model,
-            duration=grid.duration,
-            others=others,
-            backend=backend,
-            workers=workers,
+        flown = fly(
+            method, drawn, model, duration=grid.duration, others=others, backend=backend, workers=workers
         )
-        errors[scenario] = tuple(float(value) for value in score.total)
-    return Outcome(point, errors, found, variant.method.position_bandwidth)
+        errors[scenario] = tuple(float(value) for value in flown.score().total)
+    return Outcome(point, errors, found, method.position_bandwidth)
 
 
 @lru_cache(maxsize=256)
-def _with_margin(variant: Variant, model: Chebyshev, needed: bool) -> tuple[Variant, float]:
-    """The variant and its margin; where one is needed, with the fastest outer loop that has it, as the tuning does."""
-    tuning, found = params().tuning, margin(variant, model)
+def _with_margin(method: Method, model: Chebyshev, needed: bool) -> tuple[Method, float]:
+    """The method and its margin; where one is needed, with the fastest outer loop that has it, as the tuning does."""
+    tuning, found = params().tuning, modulus_margin(method, model)
     if not needed:
-        return variant, found
+        return method, found
     step = tuning.step if found >= tuning.modulus_margin else -tuning.step
     while True:
-        w = round(variant.method.position_bandwidth + step, 6)
+        w = round(method.position_bandwidth + step, 6)
         if not tuning.slowest <= w <= tuning.fastest:
-            return variant, found
-        following = replace(variant, method=replace(variant.method, position_bandwidth=w))
-        held = margin(following, model)
+            return method, found
+        following = replace(method, position_bandwidth=w)
+        held = modulus_margin(following, model)
         if step > 0.0 and held < tuning.modulus_margin:
-            return variant, found
-        variant, found = following, held
+            return method, found
+        method, found = following, held
         if step < 0.0 and held >= tuning.modulus_margin:
-            return variant, found
+            return method, found
 
 
 def records(
@@ -365,4 +352,4 @@ def _job(point: Point) -> Point:
 
 
 def _name(job: Point) -> str:
-    return f"{job.variant.method.name}, {job.variant.method.bandwidth:.3g}"
+    return f"{job.method.name}, {job.method.bandwidth:.3g}"

@@ -14,7 +14,6 @@ import numpy as np
 from .flights import Scenario
 from .methods import Known, Method, MethodName
 from .params import params
-from .variant import Variant
 
 __all__ = [
     "AXES",
@@ -96,7 +95,7 @@ class Point:
         The curve it belongs to: a choice of g, an order, a method.
     value : float
         Place on the axis.
-    variant : Variant
+    method : Method
     strength, mass_scale : float
         Factors on wind and added mass.
     speed : float, optional
@@ -112,7 +111,7 @@ class Point:
     axis: AxisName
     family: str
     value: float
-    variant: Variant
+    method: Method
     strength: float = 1.0
     mass_scale: float = 1.0
     speed: float | None = None
@@ -191,18 +190,18 @@ def _points(
         for known in KNOWN:
             for w in bandwidths(grid.bandwidths):
                 method = replace(ours, known=known, bandwidth=w)
-                yield Point(axis, known, w, Variant(method), with_margin=True)
+                yield Point(axis, known, w, method, with_margin=True)
     elif axis == "order":
         forms = {f"order {n}": replace(ours, order=n) for n in _ORDERS}
         forms["type 2"] = replace(ours, name="phyfilter_type2", order=1)
         for family, method in forms.items():
             for w in bandwidths(grid.bandwidths):
-                yield Point(axis, family, w, Variant(method.with_bandwidth(w)), with_margin=True)
+                yield Point(axis, family, w, method.with_bandwidth(w), with_margin=True)
     elif axis == "learned":
-        yield Point(axis, "tuned", 0.0, Variant(ours), with_margin=True)
+        yield Point(axis, "tuned", 0.0, ours, with_margin=True)
         for k, found in enumerate(learned):
-            variant = Variant(ours, found.coefficients)
-            yield Point(axis, found.name, k + 1.0, variant, with_margin=True, needs_margin=True)
+            method = replace(ours, coefficients=found.coefficients)
+            yield Point(axis, found.name, k + 1.0, method, with_margin=True, needs_margin=True)
     elif axis == "map":
         yield from _map(methods, grid)
     else:
@@ -215,12 +214,12 @@ def _conditions(axis: AxisName, name: str, method: Method, grid: Grid) -> Iterat
     if axis == "delay":
         for late in grid.delays:
             value = late * params().sampling.dt
-            yield Point(axis, name, value, Variant(method, late=late), with_margin=True)
+            yield Point(axis, name, value, replace(method, late=late), with_margin=True)
     for factor in grid.factors:
         if axis == "wind":
-            yield Point(axis, name, factor, Variant(method), strength=factor, scenarios=("wind",))
+            yield Point(axis, name, factor, method, strength=factor, scenarios=("wind",))
         elif axis == "mass":
-            yield Point(axis, name, factor, Variant(method), mass_scale=factor)
+            yield Point(axis, name, factor, method, mass_scale=factor)
 
 
 def _map(methods: Mapping[MethodName, Method], grid: Grid) -> Iterator[Point]:
@@ -229,11 +228,11 @@ def _map(methods: Mapping[MethodName, Method], grid: Grid) -> Iterator[Point]:
     filters: tuple[MethodName, ...] = ("observer", "phyfilter")
     for speed in np.geomspace(*_SPEEDS, grid.map_speeds):
         fast = round(float(speed), 3)
-        yield Point("map", "seer", seer.bandwidth, Variant(seer), speed=fast)
+        yield Point("map", "seer", seer.bandwidth, seer, speed=fast)
         for w in bandwidths(grid.map_bandwidths):
             for name in filters:
-                variant = Variant(methods[name].with_bandwidth(w))
-                yield Point("map", name, w, variant, speed=fast, with_margin=True, needs_margin=True)
+                method = methods[name].with_bandwidth(w)
+                yield Point("map", name, w, method, speed=fast, with_margin=True, needs_margin=True)
 
 
 def bandwidths(count: int) -> tuple[float, ...]:

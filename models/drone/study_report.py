@@ -6,6 +6,8 @@ from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
+from phyfilter_ctl.study import finite
+
 from .flights import Scenario
 from .methods import NAMES
 from .params import params
@@ -186,13 +188,13 @@ def figures(study: Study) -> dict[str, object]:
         found["limits"] = {
             "position_bandwidth": where.position_bandwidth,
             "formula": {
-                "inner": _finite(where.predicted.inner),
-                "complete": _finite(where.predicted.complete),
-                "sampled": _finite(where.predicted.sampled),
+                "inner": finite(where.predicted.inner),
+                "complete": finite(where.predicted.complete),
+                "sampled": finite(where.predicted.sampled),
             },
-            "simulated": {known: _finite(value) for known, value in where.simulated.items()},
-            "vertical": {known: _finite(value) for known, value in where.vertical.items()},
-            "vehicle": {known: _finite(value) for known, value in where.all.items()},
+            "simulated": {known: finite(value) for known, value in where.simulated.items()},
+            "vertical": {known: finite(value) for known, value in where.vertical.items()},
+            "vehicle": {known: finite(value) for known, value in where.all.items()},
         }
     return found
 
@@ -209,8 +211,4 @@ def _outcome(outcome: Outcome) -> dict[str, object]:
 
 
 def _spread(spread: Spread) -> dict[str, float | None]:
-    return {"low": _finite(spread.low), "median": _finite(spread.median), "high": _finite(spread.high)}
-
-
-def _finite(value: float) -> float | None:
-    return value if np.isfinite(value) else None
+    return {"low": finite(spread.low), "median": finite(spread.median), "high": finite(spread.high)}

@@ -13,8 +13,8 @@ forces that the model does not know; so its bandwidth is found with f_theta = 0,
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
-from functools import cache, lru_cache
+from dataclasses import replace
+from functools import cache, lru_cache, partial
 from pathlib import Path
 
 import control as ct
@@ -23,9 +23,16 @@ from threadpoolctl import threadpool_limits
 
 from phyfilter_ctl.analysis import frequency_response
 from phyfilter_ctl.learned import Chebyshev
-from phyfilter_ctl.models.gains import command_jitter, gains_text, read_gains
-from phyfilter_ctl.models.progress import Report, silent
 from phyfilter_ctl.simulation import sampled_open_loop
+from phyfilter_ctl.study import (
+    Report,
+    TunedMethod,
+    command_jitter,
+    fastest,
+    read_tuned,
+    silent,
+    tuned_text,
+)
 
 from .diagram import build
 from .experiment import Flights, fly, start_state
@@ -33,7 +40,7 @@ from .flights import conditions
 from .methods import METHODS, Method, MethodName
 from .params import params
 
-__all__ = ["PATH", "TunedMethod", "jitter", "modulus_margin", "text", "tune", "tune_all", "tuned"]
+__all__ = ["PATH", "jitter", "modulus_margin", "text", "tune", "tune_all", "tuned"]
 
 PATH = Path(__file__).with_name("tuned.toml")
 _GAINS = ("position_bandwidth", "bandwidth", "seer_rate")
@@ -46,27 +53,6 @@ _SETTLE = 4.0
 _ROUND_OFF = 1e-7
 _FILTERS = ("phyfilter", "phyfilter_type2")
 _CHANNELS = ("F[0]", "F[2]")
-
-
-@dataclass(frozen=True)
-class TunedMethod:
-    """A method and what its tuning found.
-
-    Attributes
-    ----------
-    method : Method
-    modulus_margin : float
-        Least over channels and payloads.
-    mae : float
-        Median over the tuning flights of the mean |e|, start-up and all, m.
-    jitter : float
-        Of the rotor commands on these flights, see :func:`jitter`.
-    """
-
-    method: Method
-    modulus_margin: float
-    mae: float
-    jitter: float
 
 
 def jitter(flights: Flights) -> float:
@@ -133,7 +119,7 @@ def _diagram(structure: Method, model: Chebyshev | None) -> ct.InterconnectedSys
 
 def tune(
     name: MethodName, model: Chebyshev, *, seer_rate: float = 0.0, report: Report = silent
-) -> TunedMethod:
+) -> TunedMethod[Method]:
     """Tune one method.
 
     Parameters
@@ -147,7 +133,7 @@ def tune(
     report : callable
         Called with a few words at the beginning of every step, :func:`steps` times.
     """
-    best: TunedMethod | None = None
+    best: TunedMethod[Method] | None = None
     for start in _candidates(name):
         report(f"{name}: {start.bandwidth:.3g}" if start.tunable else name)
         method = _fastest(start, model)
@@ -166,7 +152,7 @@ def tune(
     return best
 
 
-def _flown(method: Method, model: Chebyshev) -> TunedMethod:
+def _flown(method: Method, model: Chebyshev) -> TunedMethod[Method]:
     """What the method does on the tuning flights."""
     flights = conditions(params().seeds.tune, "mass")
     flown = fly(method, flights, model, keep=("r", "r_ref", "thrust"), duration=params().tuning.duration)
@@ -174,9 +160,9 @@ def _flown(method: Method, model: Chebyshev) -> TunedMethod:
     return TunedMethod(method, modulus_margin(method, model), mae, jitter(flown))
 
 
-def tune_all(model: Chebyshev, *, report: Report = silent) -> dict[MethodName, TunedMethod]:
+def tune_all(model: Chebyshev, *, report: Report = silent) -> dict[MethodName, TunedMethod[Method]]:
     """Tune every method, in the order of ``METHODS``: PhyFilters take SEER-I as it was tuned alone."""
-    found: dict[MethodName, TunedMethod] = {}
+    found: dict[MethodName, TunedMethod[Method]] = {}
     for name in METHODS:
         rate = found["seer"].method.bandwidth if "seer" in found else 0.0
         found[name] = tune(name, model, seer_rate=rate, report=report)
@@ -197,19 +183,15 @@ def _fastest(start: Method, model: Chebyshev) -> Method | None:
     grid = np.round(np.arange(values.slowest, values.fastest + 1e-9, values.step), 6)
     one = conditions(params().seeds.tune[:1], "mass")
 
-    def good(i: int) -> bool:
-        method = replace(start, position_bandwidth=float(grid[i]))
+    def allowed(speed: float) -> Method | None:
+        method = replace(start, position_bandwidth=speed)
         if jitter(fly(method, one, model, keep=("thrust",), duration=values.duration)) > values.jitter:
-            return False
-        return all(_margin(method, model, *point) >= values.modulus_margin for point in _points())
+            return None
+        return (
+            method if all(_margin(method, model, *at) >= values.modulus_margin for at in _points()) else None
+        )
 
-    low, high = 0, len(grid)
-    if not good(0):
-        return None
-    while high - low > 1:
-        middle = (low + high) // 2
-        low, high = (middle, high) if good(middle) else (low, middle)
-    return replace(start, position_bandwidth=float(grid[low]))
+    return fastest(grid, allowed)
 
 
 def steps(name: MethodName) -> int:
@@ -217,24 +199,18 @@ def steps(name: MethodName) -> int:
     return len(list(_candidates(name)))
 
 
-def text(found: Mapping[MethodName, TunedMethod]) -> str:
+def text(found: Mapping[MethodName, TunedMethod[Method]]) -> str:
     """The tuned methods as TOML."""
     header = [
         "Found by `phyfilter-ctl run drone --tune` on flights with unknown mass in still air, before any test.",
         "Rates in rad/s (1/s for SEER-I), the mean error over the tuning flights (median) in m;",
         "jitter is noise of the rotor commands over the hover thrust.",
     ]
-    return gains_text(header, {name: _entry(entry) for name, entry in found.items()})
-
-
-def _entry(entry: TunedMethod) -> dict[str, float | str]:
-    gains: dict[str, float | str] = {name: getattr(entry.method, name) for name in _GAINS}
-    figures = {"modulus_margin": 4, "mae": 5, "jitter": 4}
-    return gains | {name: f"{getattr(entry, name):.{digits}f}" for name, digits in figures.items()}
+    return tuned_text(header, found, _GAINS)
 
 
 @cache
-def tuned() -> dict[MethodName, TunedMethod]:
+def tuned() -> dict[MethodName, TunedMethod[Method]]:
     """The methods as ``tuned.toml`` has them.
 
     Raises
@@ -247,11 +223,5 @@ def tuned() -> dict[MethodName, TunedMethod]:
     >>> all(entry.modulus_margin >= 0.5 for entry in tuned().values())
     True
     """
-    data = read_gains(PATH, METHODS, command="phyfilter-ctl run drone --tune")
-    return {name: _tuned(name, data[name]) for name in METHODS}
-
-
-def _tuned(name: MethodName, values: Mapping[str, float]) -> TunedMethod:
-    speed, bandwidth, rate = (values[key] for key in _GAINS)
-    method = Method(name, speed, bandwidth, rate, damping=params().tuning.damping)
-    return TunedMethod(method, values["modulus_margin"], values["mae"], values["jitter"])
+    make = partial(Method, damping=params().tuning.damping)
+    return read_tuned(PATH, METHODS, make, _GAINS, command="phyfilter-ctl run drone --tune")

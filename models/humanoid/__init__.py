@@ -5,11 +5,12 @@ M q'' = g + f,   g from a nominal twin that is simulated one step from the true 
 
 from __future__ import annotations
 
-import json
-from argparse import ArgumentParser, Namespace, RawDescriptionHelpFormatter
+from argparse import ArgumentParser, Namespace
 from typing import TYPE_CHECKING
 
 import numpy as np
+
+from phyfilter_ctl.study import Outputs, add_output_options
 
 if TYPE_CHECKING:
     import control as ct
@@ -51,9 +52,6 @@ def add_arguments(parser: ArgumentParser) -> None:
     ----------
     parser : ArgumentParser
     """
-    parser.description = _DESCRIPTION
-    parser.epilog = _EXAMPLES
-    parser.formatter_class = RawDescriptionHelpFormatter
     parser.add_argument("--stances", nargs="+", metavar="NAME", help="of normal, wide, wider (default: all)")
     parser.add_argument(
         "--forces",
@@ -82,20 +80,11 @@ def add_arguments(parser: ArgumentParser) -> None:
     )
     parser.add_argument("--quick", action="store_true", help="the normal stance and 5 s trials: a try-out")
     parser.add_argument(
-        "--json", metavar="FILE", help="write the figures; - for standard output instead of the table"
-    )
-    parser.add_argument(
-        "--picture",
-        metavar="FILE",
-        default="humanoid.png",
-        help="png, pdf or svg (default humanoid.png; none: no picture)",
-    )
-    parser.add_argument(
         "--animation",
         metavar="FILE",
         help="gif of the last force, slow, first stance, without and with the filter",
     )
-    parser.add_argument("--quiet", action="store_true", help="no progress bar")
+    add_output_options(parser, "humanoid", description=_DESCRIPTION, examples=_EXAMPLES)
 
 
 def main(options: Namespace) -> int:
@@ -114,13 +103,10 @@ def main(options: Namespace) -> int:
     from phyfilter_ctl._output import check_target
 
     stances, duration = _checked(options)
-    check_target(options.json)
-    target = None if options.picture == "none" else options.picture
-    check_target(target, suffixes=(".png", ".pdf", ".svg"))
+    outputs = Outputs.of(options)
     check_target(options.animation, suffixes=(".gif",))
-    if options.study:
-        return _study(options, stances, duration)
-    return _compare(options, stances, duration, target)
+    (_study if options.study else _compare)(options, stances, duration, outputs)
+    return 0
 
 
 def _checked(options: Namespace) -> tuple[tuple[str, ...], float | None]:
@@ -147,16 +133,13 @@ def _checked(options: Namespace) -> tuple[tuple[str, ...], float | None]:
     return stances, full + 2.0 if options.quick and options.duration is None else options.duration
 
 
-def _compare(options: Namespace, stances: tuple[str, ...], duration: float | None, target: str | None) -> int:
-    from phyfilter_ctl._output import write_figure
-    from phyfilter_ctl.models.progress import progress
-
+def _compare(options: Namespace, stances: tuple[str, ...], duration: float | None, outputs: Outputs) -> None:
     from . import limits, picture, report
     from .trial import phyfilter
 
     forces = tuple(dict.fromkeys(options.forces))
     law = phyfilter(options.a0, options.order)
-    with progress(limits.steps(stances, forces), options.quiet) as say:
+    with outputs.progress(limits.steps(stances, forces)) as say:
         found = limits.compare(
             stances,
             forces,
@@ -166,37 +149,23 @@ def _compare(options: Namespace, stances: tuple[str, ...], duration: float | Non
             duration=duration,
             report=say,
         )
-    if options.json != "-":
-        print(report.table(found))
-    _write_json(options, report.figures(found))
-    if target is not None:
-        write_figure(target, picture.draw(found))
+    outputs.publish(report.table(found), report.figures(found), lambda: picture.draw(found))
     if options.animation is not None:
         chosen = {
             "LQR alone": found.trials[stances[0], "slow", forces[-1], "alone"],
             "PhyFilter": found.trials[stances[0], "slow", forces[-1], "filter"],
         }
         picture.animate(found.humanoid, chosen, options.animation)
-    return 0
 
 
-def _study(options: Namespace, stances: tuple[str, ...], duration: float | None) -> int:
-    from phyfilter_ctl.models.progress import progress
-
+def _study(options: Namespace, stances: tuple[str, ...], duration: float | None, outputs: Outputs) -> None:
     from . import limits, report
 
     found = {}
-    with progress(14 * len(stances), options.quiet) as say:
+    with outputs.progress(14 * len(stances)) as say:
         for name in stances:
             found[name] = limits.study(name, friction=options.friction, duration=duration, report=say)
-    if options.json != "-":
-        print("\n\n".join(report.study_table(name, rows) for name, rows in found.items()))
-    _write_json(options, [report.study_figures(name, rows) for name, rows in found.items()])
-    return 0
-
-
-def _write_json(options: Namespace, figures: object) -> None:
-    from phyfilter_ctl._output import write_text
-
-    if options.json is not None:
-        write_text(options.json, json.dumps(figures, indent=2, allow_nan=False) + "\n")
+    outputs.publish(
+        "\n\n".join(report.study_table(name, rows) for name, rows in found.items()),
+        [report.study_figures(name, rows) for name, rows in found.items()],
+    )

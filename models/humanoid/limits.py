@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from phyfilter_ctl import PhyFilter
-from phyfilter_ctl.models.progress import Report, silent
+from phyfilter_ctl.study import Report, silent
 
 from .params import params
 from .posture import tipping_force

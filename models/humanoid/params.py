@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cache
 from pathlib import Path
 
-from phyfilter_ctl.models.parameters import read
+from phyfilter_ctl.study import parameter_file
 
-__all__ = ["PATH", "STANCES", "Params", "Stance", "params", "stance"]
+__all__ = ["STANCES", "Params", "Stance", "params", "stance"]
 
-PATH = Path(__file__).with_name("params.toml")
 STANCES = ("normal", "wide", "wider")
 
 
@@ -96,21 +94,8 @@ class Params:
     trial: TrialRules
 
 
-@cache
-def params() -> Params:
-    """The numbers of ``params.toml``.
-
-    Raises
-    ------
-    ValueError
-        If a table or a key is missing or not known.
-
-    Examples
-    --------
-    >>> params().filter.order
-    1
-    """
-    return read(PATH, Params)
+params = parameter_file(Path(__file__).with_name("params.toml"), Params)
+"""The numbers of ``params.toml``."""
 
 
 def stance(name: str) -> Stance:

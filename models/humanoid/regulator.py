@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from phyfilter_ctl.models.progress import Report, silent
+from phyfilter_ctl.study import Report, silent
 
 from .params import params
 from .posture import Posture, stand

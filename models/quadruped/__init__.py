@@ -5,10 +5,11 @@ M q'' = g + f,   f_hat = F(s) f,   tau = Kp (q_d - f_hat/Kp - q) - Kd q',   q_d 
 
 from __future__ import annotations
 
-import json
-from argparse import ArgumentParser, Namespace, RawDescriptionHelpFormatter
+from argparse import ArgumentParser, Namespace
 from pathlib import Path
 from typing import TYPE_CHECKING
+
+from phyfilter_ctl.study import Outputs, add_output_options
 
 if TYPE_CHECKING:
     from .comparison import Plan
@@ -38,9 +39,6 @@ _EXAMPLES = """examples:
 
 def add_arguments(parser: ArgumentParser) -> None:
     """Add the options of ``phyfilter-ctl run quadruped``."""
-    parser.description = _DESCRIPTION
-    parser.epilog = _EXAMPLES
-    parser.formatter_class = RawDescriptionHelpFormatter
     parser.add_argument("--quick", action="store_true", help="one policy, few walks: a try-out, in seconds")
     parser.add_argument(
         "--payload",
@@ -83,21 +81,11 @@ def add_arguments(parser: ArgumentParser) -> None:
         "--checkpoint", metavar="FILE", help="npz: written now and then, gone on from if there"
     )
     training.add_argument("--measure", action="store_true", help="a few iterations only: steps per second")
-    output = parser.add_argument_group("output")
-    output.add_argument(
-        "--json", metavar="FILE", help="write the figures; - for standard output instead of the table"
-    )
-    output.add_argument(
-        "--picture",
-        metavar="FILE",
-        default="quadruped.png",
-        help="png, pdf or svg (default quadruped.png; none: no picture)",
-    )
-    output.add_argument(
+    parser.add_argument(
         "--animation", metavar="FILE", help="a walk with the heaviest payload as GIF, instead"
     )
     parser.add_argument("--threads", type=int, default=2, metavar="N", help="of the simulator (default 2)")
-    parser.add_argument("--quiet", action="store_true", help="no progress bar")
+    add_output_options(parser, "quadruped", description=_DESCRIPTION, examples=_EXAMPLES)
 
 
 def main(options: Namespace) -> int:
@@ -113,24 +101,18 @@ def main(options: Namespace) -> int:
 
     if options.threads < 1:
         raise ValueError(f"--threads: expected 1 or more, got {options.threads}")
-    check_target(options.json)
+    outputs = Outputs.of(options)
     check_target(options.out, suffixes=(".json",))
     check_target(options.checkpoint, suffixes=(".npz",))
     check_target(options.animation, suffixes=(".gif",))
-    target = None if options.picture == "none" else options.picture
-    check_target(target, suffixes=(".png", ".pdf", ".svg"))
+    chosen = (
+        name for name in ("train", "choose", "stance", "cosimulate", "animation") if getattr(options, name)
+    )
     try:
-        if options.train:
-            return _train(options)
-        if options.choose:
-            return _choose(options)
-        if options.stance:
-            return _stance(options, target)
-        if options.cosimulate:
-            return _cosimulate(options)
-        return _animate(options) if options.animation else _compare(options, target)
+        _JOBS[next(chosen, "compare")](options, outputs)
     except ImportError as error:  # the command line shows one line, and which extra
         raise ValueError(str(error)) from error
+    return 0
 
 
 def _filter(options: Namespace) -> FilterChoice | None:
@@ -166,23 +148,15 @@ def _plan(options: Namespace) -> Plan:
     )
 
 
-def _compare(options: Namespace, target: str | None) -> int:
-    from phyfilter_ctl._output import write_figure
-    from phyfilter_ctl.models.progress import progress
-
+def _compare(options: Namespace, outputs: Outputs) -> None:
     from . import comparison, report
     from .picture import draw
 
     plan = _plan(options)
     own = _own(options)
-    with progress(comparison.steps(plan), options.quiet) as say:
+    with outputs.progress(comparison.steps(plan)) as say:
         found = comparison.compare(plan, own=own, report=say, threads=options.threads)
-    if options.json != "-":
-        print(report.table(found))
-    _write_json(options, report.figures(found))
-    if target is not None:
-        write_figure(target, draw(found))
-    return 0
+    outputs.publish(report.table(found), report.figures(found), lambda: draw(found))
 
 
 def _own(options: Namespace) -> dict[str, Method]:
@@ -196,7 +170,7 @@ def _own(options: Namespace) -> dict[str, Method]:
     return of_policies([load(Path(name)) for name in options.policy])
 
 
-def _animate(options: Namespace) -> int:
+def _animate(options: Namespace, outputs: Outputs) -> None:
     from .animation import animate, prefer_off_screen
     from .evaluation import Case, Group, walk
     from .methods import METHODS
@@ -212,59 +186,42 @@ def _animate(options: Namespace) -> int:
     policies = method.policies(plan.seeds[:1])
     [found] = walk([Group(policies, method.choice)], [Case(payload, speed)], terrain=terrain, duration=6.0)
     how = animate(Path(options.animation), found.trace.qpos[:, 0], terrain=terrain)
-    if options.json != "-":
-        fell = ", fell" if found.fallen[0, 0, 0] else ""
-        print(f"{options.animation}: {method.label}, {payload:.1f} kg, {speed:g} m/s{fell}; drawn by {how}")
-    _write_json(options, {"fallen": bool(found.fallen[0, 0, 0]), "drawn_by": how})
-    return 0
+    fell = ", fell" if found.fallen[0, 0, 0] else ""
+    outputs.publish(
+        f"{options.animation}: {method.label}, {payload:.1f} kg, {speed:g} m/s{fell}; drawn by {how}",
+        {"fallen": bool(found.fallen[0, 0, 0]), "drawn_by": how},
+    )
 
 
 # The method that an animation shows.
 SHOWN = "filter"
 
 
-def _choose(options: Namespace) -> int:
-    from phyfilter_ctl.models.progress import progress
-
+def _choose(options: Namespace, outputs: Outputs) -> None:
     from . import choice
 
-    with progress(choice.steps(), options.quiet) as say:
+    with outputs.progress(choice.steps()) as say:
         found = choice.choose(quick=options.quick, report=say, threads=options.threads)
-    if options.json != "-":
-        print(choice.table(found))
-    _write_json(options, choice.figures(found))
-    return 0
+    outputs.publish(choice.table(found), choice.figures(found))
 
 
-def _stance(options: Namespace, target: str | None) -> int:
-    from phyfilter_ctl._output import write_figure
-
+def _stance(options: Namespace, outputs: Outputs) -> None:
     from . import stance
     from .stance_picture import draw
 
     plant = stance.linearized()
     rows, limits = stance.study(plant=plant), stance.largest_poles(plant)
-    if options.json != "-":
-        print(stance.table(rows, limits))
-    _write_json(options, stance.figures(rows, limits))
-    if target is not None:
-        write_figure(target, draw(plant=plant))
-    return 0
+    outputs.publish(stance.table(rows, limits), stance.figures(rows, limits), lambda: draw(plant=plant))
 
 
-def _cosimulate(options: Namespace) -> int:
+def _cosimulate(options: Namespace, outputs: Outputs) -> None:
     from . import cosimulation
 
     found = cosimulation.cosimulation(policy="filter-0", duration=1.0 if options.quick else 2.0)
-    if options.json != "-":
-        print(cosimulation.table(found))
-    _write_json(options, cosimulation.figures(found))
-    return 0
+    outputs.publish(cosimulation.table(found), cosimulation.figures(found))
 
 
-def _train(options: Namespace) -> int:
-    from phyfilter_ctl.models.progress import progress
-
+def _train(options: Namespace, outputs: Outputs) -> None:
     from . import training
     from .policy import save
 
@@ -273,30 +230,29 @@ def _train(options: Namespace) -> int:
     )
     if options.measure:
         found = training.measure(wanted, threads=options.threads)
-        if options.json != "-":
-            print(training.throughput_text(found))
-        _write_json(options, found)
-        return 0
+        outputs.publish(training.throughput_text(found), found)
+        return
     name = options.out or f"{'filter' if options.filter else 'base'}-{options.seed}.json"
     trainer = training.Trainer(wanted, threads=options.threads)
-    with progress(trainer.iterations, options.quiet) as say:
+    with outputs.progress(trainer.iterations) as say:
         policy = training.train(
             trainer, checkpoint=None if options.checkpoint is None else Path(options.checkpoint), report=say
         )
     save(policy, Path(name))
     record = policy.record
-    if options.json != "-":
-        print(
-            f"{name}: {record['steps']} steps in {record['seconds']:.0f} s, "
-            f"{record['steps'] / record['seconds']:.0f} steps/s; reward per second, from first to last:"
-        )
-        print(training.curve_text(record["reward"]))
-    _write_json(options, dict(record))
-    return 0
+    table = (
+        f"{name}: {record['steps']} steps in {record['seconds']:.0f} s, "
+        f"{record['steps'] / record['seconds']:.0f} steps/s; reward per second, from first to last:\n"
+        + training.curve_text(record["reward"])
+    )
+    outputs.publish(table, dict(record))
 
 
-def _write_json(options: Namespace, figures: object) -> None:
-    from phyfilter_ctl._output import write_text
-
-    if options.json is not None:
-        write_text(options.json, json.dumps(figures, indent=2, allow_nan=False) + "\n")
+_JOBS = {
+    "compare": _compare,
+    "animation": _animate,
+    "choose": _choose,
+    "stance": _stance,
+    "cosimulate": _cosimulate,
+    "train": _train,
+}

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from phyfilter_ctl.models.progress import Report, silent
 from phyfilter_ctl.plants.legged.filter import AntiWindup
+from phyfilter_ctl.study import Report, silent
 
 from .comparison import Plan, Scores, score
 from .evaluation import phases

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from phyfilter_ctl.models.progress import Report, silent
+from phyfilter_ctl.study import Report, silent
 
 from .batch import Batch
 from .evaluation import Case, Group, Outcome, Trace, phases, walk

@@ -78,7 +78,7 @@ def write(path: Path, log: FlightLog) -> str:
 
 
 def test_every_number_has_a_unit_and_a_reason():
-    tables = tomllib.loads(params.PATH.read_text())
+    tables = tomllib.loads(Path(params.__file__).with_name("params.toml").read_text())
     for group in tables.values():
         for name, entry in group.items():
             assert set(entry) == {"value", "unit", "reason"}, name

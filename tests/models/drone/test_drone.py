@@ -14,7 +14,7 @@ from scipy.stats import binom
 
 from phyfilter_ctl import flatten, models, simulate
 from phyfilter_ctl.cli import main
-from phyfilter_ctl.models.statistics import median_interval
+from phyfilter_ctl.study import median_interval
 from tests.cpu_budget import slow_but
 
 ROOM = f"{models.__name__}.drone"

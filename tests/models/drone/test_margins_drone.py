@@ -80,6 +80,9 @@ def test_limit_below_the_range_is_an_error():
 
 def test_held_force_is_the_commanded_one():
     """The diagram of the formula: one filter of order 1 a channel, fed with F as it is now."""
-    loop = margins._held_loop(margins._method(OUTER, 5.0, "held"))
+    loop = margins._loop(margins._method(OUTER, 5.0, "held"), "held")
     assert isinstance(loop, ct.InterconnectedSystem)
-    assert [part.name for part in loop.syslist][3:] == ["prior", "filter", "no_model"]
+    estimator = loop.syslist[loop.syslist_index["estimator"]]
+    assert isinstance(estimator, ct.InterconnectedSystem)
+    assert [part.name for part in estimator.syslist] == ["momentum", "prior", "filter", "no_model"]
+    assert estimator.syslist[1].nstates == 0  # neither lag nor delay

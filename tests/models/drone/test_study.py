@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import importlib
 import json
-import sys
 from dataclasses import replace
 
 import numpy as np
@@ -13,7 +12,6 @@ import pytest
 from phyfilter_ctl import PhyFilter, models
 
 ROOM = f"{models.__name__}.drone"
-cluster = importlib.import_module(f"{ROOM}.cluster")
 experiment = importlib.import_module(f"{ROOM}.experiment")
 flights = importlib.import_module(f"{ROOM}.flights")
 methods = importlib.import_module(f"{ROOM}.methods")
@@ -23,12 +21,10 @@ picture = importlib.import_module(f"{ROOM}.study_picture")
 study = importlib.import_module(f"{ROOM}.study")
 training = importlib.import_module(f"{ROOM}.training")
 tuning = importlib.import_module(f"{ROOM}.tuning")
-variant = importlib.import_module(f"{ROOM}.variant")
 params = importlib.import_module(f"{ROOM}.params").params
 
 Method = methods.Method
 Point = points.Point
-Variant = variant.Variant
 
 # s: the start-up of 6 s and what is scored.
 SHORT = 7.0
@@ -50,7 +46,7 @@ GIVEN = {
     "phyfilter": OURS,
     "phyfilter_type2": Method("phyfilter_type2", 1.9, 6.0, 0.4),
 }
-# The same loop, its blocks in another order: rounding over 3500 samples.
+# The same coefficients, from poles and as given: rounding over 3500 samples.
 SAME_FLIGHT = 1e-9
 
 
@@ -63,13 +59,13 @@ def model():
 def found():
     """Two axes, flown here; margins are another test's."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(study, "margin", lambda v, m: 1.0 - 0.25 * v.method.position_bandwidth)
+        patch.setattr(study, "modulus_margin", lambda v, m: 1.0 - 0.25 * v.position_bandwidth)
         yield study.study(["wind", "map"], grid=TINY, methods=GIVEN, backend="vm")
     study._with_margin.cache_clear()
 
 
 def outcome(axis, family, value, errors, *, margin=None, speed=None):
-    point = Point(axis, family, value, Variant(OURS), speed=speed)
+    point = Point(axis, family, value, OURS, speed=speed)
     return study.Outcome(point, {kind: tuple(errors) for kind in ("wind", "mass")}, margin, 1.9)
 
 
@@ -97,25 +93,25 @@ def test_wrong_plans_are_refused_before_anything_flies():
         study.study(["wind"], methods={name: m for name, m in GIVEN.items() if name != "observer"})
 
 
-# -- variants -----------------------------------------------------------------------------------------------------
+# -- methods as no comparison flies them -------------------------------------------------------------------------
 
 
 @pytest.mark.slow
 def test_replaced_filter_is_the_methods_own(model):
-    """The loop wired here against the comparison's, with the same coefficients."""
+    """With the coefficients of its own filter given, a method is itself."""
     own = methods.filter_of(OURS)
-    other = Variant(OURS, (tuple(own.a), tuple(own.b)))
+    other = replace(OURS, coefficients=(tuple(own.a), tuple(own.b)))
     windy = flights.conditions([0, 1], "wind")
-    score = variant.flown(other, windy, model, duration=SHORT, backend="vm")
-    plain = experiment.fly(OURS, windy, model, duration=SHORT, backend="vm").score()
-    np.testing.assert_allclose(score.total, plain.total, rtol=SAME_FLIGHT)
+    scores = [
+        experiment.fly(each, windy, model, duration=SHORT, backend="vm").score() for each in (other, OURS)
+    ]
+    np.testing.assert_allclose(scores[0].total, scores[1].total, rtol=SAME_FLIGHT)
 
 
 @pytest.mark.slow
-def test_margin_of_a_variant_is_that_of_the_tuning():
-    """A late sample moves it little; what is taken is the same."""
+def test_a_late_sample_costs_little_margin():
     observer = Method("observer", 1.9, 2.0)
-    late = variant.margin(Variant(observer, late=1))
+    late = tuning.modulus_margin(replace(observer, late=1))
     assert late == pytest.approx(tuning.modulus_margin(observer), abs=0.002)
 
 
@@ -123,20 +119,20 @@ def test_delay_that_nobody_was_told_breaks_the_loop():
     baseline = Method("baseline", 1.9)
     still = flights.conditions([0], "mass")
     errors = [
-        variant.flown(Variant(baseline, late=late), still, duration=SHORT, backend="vm").total[0]
+        experiment.fly(replace(baseline, late=late), still, duration=SHORT, backend="vm").score().total[0]
         for late in (0, 25)
     ]
     assert errors[1] > 5.0 * errors[0]
 
 
-def test_variants_that_make_no_sense_are_refused():
+def test_methods_that_make_no_sense_are_refused():
     with pytest.raises(ValueError, match="observer has no PhyFilter on SEER-I"):
-        Variant(Method("observer", 1.9, 6.0), ((6.0,), (6.0,)))
+        Method("observer", 1.9, 6.0, coefficients=((6.0,), (6.0,)))
     with pytest.raises(ValueError, match="late: expected 0 samples or more, got -1"):
-        Variant(OURS, late=-1)
-    late, still = Variant(Method("baseline", 1.9), late=1), flights.conditions([0], "mass")
+        replace(OURS, late=-1)
+    still = flights.conditions([0], "mass")
     with pytest.raises(ValueError, match="fly slower"):
-        variant.flown(late, still, others={"controller.reference.speed": 9.0})
+        experiment.fly(Method("baseline", 1.9, late=1), still, others={"controller.reference.speed": 9.0})
 
 
 # -- outcomes -----------------------------------------------------------------------------------------------------
@@ -175,7 +171,7 @@ def test_points_fly_as_the_comparison_does(found, model):
 
 @pytest.mark.slow
 def test_scaled_masses_fly_scaled(model):
-    point = Point("mass", "observer", 0.0, Variant(GIVEN["observer"]), mass_scale=0.0, scenarios=("mass",))
+    point = Point("mass", "observer", 0.0, GIVEN["observer"], mass_scale=0.0, scenarios=("mass",))
     light = study.evaluate(point, TINY, model, backend="vm").errors["mass"]
     heavy = study.evaluate(replace(point, mass_scale=2.0), TINY, model, backend="vm").errors["mass"]
     assert max(light) < 0.5 * min(heavy)
@@ -183,17 +179,15 @@ def test_scaled_masses_fly_scaled(model):
 
 def test_margin_decides_whether_a_filter_flies(model, monkeypatch):
     """The outer loop is as fast as the margin lets it be, and where that never is there nothing flies."""
-    point = Point(
-        "learned", "x", 1.0, Variant(OURS), with_margin=True, needs_margin=True, scenarios=("mass",)
-    )
+    point = Point("learned", "x", 1.0, OURS, with_margin=True, needs_margin=True, scenarios=("mass",))
     for slope, fastest in ((0.22, 1.8), (0.20, 2.0)):
-        monkeypatch.setattr(study, "margin", lambda v, m, k=slope: 0.9001 - k * v.method.position_bandwidth)
+        monkeypatch.setattr(study, "modulus_margin", lambda v, m, k=slope: 0.9001 - k * v.position_bandwidth)
         study._with_margin.cache_clear()
         flown = study.evaluate(point, TINY, model, backend="vm")
         assert flown.position_bandwidth == pytest.approx(fastest)
         assert flown.margin == pytest.approx(0.9001 - slope * fastest)
         assert len(flown.errors["mass"]) == 2
-    monkeypatch.setattr(study, "margin", lambda v, m: 0.1)
+    monkeypatch.setattr(study, "modulus_margin", lambda v, m: 0.1)
     study._with_margin.cache_clear()
     assert study.evaluate(point, TINY, model, backend="vm").errors == {}
     study._with_margin.cache_clear()
@@ -298,51 +292,3 @@ def test_cluster_finds_the_same_numbers(found):
         )
     assert there.outcomes == tuple(entry for entry in found.outcomes if entry.point.axis == "wind")
     assert len(named) == study.steps(["wind"], TINY)
-
-
-def test_missing_dask_names_the_extra(monkeypatch):
-    monkeypatch.setitem(sys.modules, "distributed", None)
-    with pytest.raises(ValueError, match=r"pip install 'phyfilter-ctl\[cluster\]'"):
-        cluster.on_cluster("tcp://127.0.0.1:1", abs, [1], names=["1"])
-
-
-@pytest.mark.filterwarnings("default")
-def test_scheduler_that_does_not_answer_is_named():
-    pytest.importorskip("distributed", reason="the extra cluster (dask[distributed]) is not installed")
-    for address in ("tcp://127.0.0.1:1", "nonsense"):
-        with pytest.raises(ValueError, match=f"scheduler: none answers at '{address}'"):
-            cluster.on_cluster(address, abs, [1], names=["1"], timeout=0.5)
-
-
-@pytest.mark.filterwarnings("default")
-def test_scheduler_without_workers_is_named():
-    distributed = pytest.importorskip(
-        "distributed", reason="the extra cluster (dask[distributed]) is not installed"
-    )
-    with (
-        distributed.LocalCluster(
-            n_workers=0, processes=False, protocol="tcp://", dashboard_address=None
-        ) as local,
-        pytest.raises(ValueError, match=r"has no workers after 0\.5 s; start some with `dask worker tcp"),
-    ):
-        cluster.on_cluster(local.scheduler_address, abs, [1], names=["1"], timeout=0.5)
-
-
-class Job:
-    """A job on a cluster with one worker: what it comes to each time it is asked, an answer or an error."""
-
-    def __init__(self, *steps: object, done: bool = False) -> None:
-        self.steps, self.done, self.nthreads = iter(steps), lambda: done, lambda: {"tcp://a:1": 1}
-
-    def result(self, timeout: float) -> object:
-        step = next(self.steps)
-        if isinstance(step, Exception):
-            raise step
-        return step
-
-
-def test_long_jobs_are_waited_for_and_fail_with_their_own_errors():
-    late, own = Job(TimeoutError(), TimeoutError(), 7), Job(TimeoutError("its own"), done=True)
-    assert cluster._answer(late, late, 1.0) == 7
-    with pytest.raises(TimeoutError, match="its own"):
-        cluster._answer(own, own, 1.0)

@@ -1,26 +1,44 @@
-"""The numbers of a model: a TOML file that gives each one its value, unit and reason, read into frozen dataclasses."""
+"""The numbers of a system: a TOML file that gives each one its value, unit and reason, read into frozen dataclasses."""
 
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import fields
+from functools import cache
 from pathlib import Path
 from typing import Any, TypeVar, get_type_hints
 
-__all__ = ["read"]
+__all__ = ["parameter_file", "read_parameters"]
 
 T = TypeVar("T")
 
 _ENTRY = {"value", "unit", "reason"}
 
 
-def read(path: Path, kind: type[T]) -> T:
-    """Read the parameters of a model.
+def parameter_file(path: str | Path, kind: type[T]) -> Callable[[], T]:
+    """A function without arguments that gives the numbers of a file, which it reads once, when it is first called.
 
     Parameters
     ----------
-    path : Path
+    path : str or Path
+    kind : type
+        As for :func:`read_parameters`.
+
+    Returns
+    -------
+    function () -> kind
+        Raises what :func:`read_parameters` does.
+    """
+    return cache(lambda: read_parameters(path, kind))
+
+
+def read_parameters(path: str | Path, kind: type[T]) -> T:
+    """Read the numbers of a system.
+
+    Parameters
+    ----------
+    path : str or Path
         TOML. A table for each field of ``kind``; in it, for each field of that table's dataclass,
         ``name = { value = .., unit = "..", reason = ".." }``.
     kind : type
@@ -33,10 +51,28 @@ def read(path: Path, kind: type[T]) -> T:
 
     Raises
     ------
+    OSError
+        If there is no such file.
     ValueError
-        For tables or keys that are missing or unknown, or a number without unit or reason.
+        If it is no TOML; for tables or keys that are missing or unknown, or a number without unit or reason.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from dataclasses import make_dataclass
+    >>> Body = make_dataclass("Body", [("mass", float)], frozen=True)
+    >>> Cart = make_dataclass("Cart", [("body", Body)], frozen=True)
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     file = Path(folder, "cart.toml")
+    ...     _ = file.write_text('[body]\\nmass = { value = 1.5, unit = "kg", reason = "weighed" }\\n')
+    ...     read_parameters(file, Cart)
+    Cart(body=Body(mass=1.5))
     """
-    data = tomllib.loads(path.read_text(encoding="utf-8"))
+    path = Path(path)
+    try:
+        data = tomllib.loads(path.read_text(encoding="utf-8"))
+    except ValueError as error:
+        raise ValueError(f"{path.name}: no TOML file: {error}") from error
     tables = get_type_hints(kind)
     _expect_keys(path.name, "tables", tables, data)
     return kind(**{name: _table(f"{path.name}: [{name}]", data[name], tables[name]) for name in tables})

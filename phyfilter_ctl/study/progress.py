@@ -1,4 +1,4 @@
-"""A progress bar over the named steps of a model's job."""
+"""A progress bar over the named steps of a job."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ class Report(Protocol):
 
 
 def silent(text: str, /) -> None:
-    """Say nothing: the report of whoever wants none."""
+    """Say nothing of ``text``: the report of whoever wants none."""
 
 
 @contextmanager

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, TypeVar
 
-from phyfilter_ctl.models.progress import Report, silent
+from .progress import Report, silent
 
 if TYPE_CHECKING:
     from distributed import Client, Future

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from phyfilter_ctl.models.statistics import median_interval
+from phyfilter_ctl.study import median_interval, reduction
 
 
 def test_interval_covers_the_median_as_often_as_it_says() -> None:
@@ -28,3 +28,11 @@ def test_few_values_give_their_range() -> None:
 def test_no_row_of_numbers_is_refused(values: list[object]) -> None:
     with pytest.raises(ValueError, match="expected one row of numbers"):
         median_interval(np.asarray(values, dtype=float))
+
+
+def test_reduction_is_taken_flight_by_flight() -> None:
+    ours, theirs = np.array([1.0, 8.0, 1.0]), np.array([2.0, 10.0, 1.0])
+    found = reduction(ours, theirs)
+    np.testing.assert_allclose([found.median, found.low, found.high], [20.0, 0.0, 50.0], atol=1e-12)
+    with pytest.raises(ValueError, match="same flights"):
+        reduction(ours, theirs[:2])

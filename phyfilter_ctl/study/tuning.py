@@ -1,0 +1,165 @@
+"""Tuning of methods at equal margin: the fastest loop that is allowed, and gains as TOML, one table a method."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Generic, TypeVar
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+__all__ = ["TunedMethod", "command_jitter", "fastest", "read_tuned", "tuned_text"]
+
+Method = TypeVar("Method")
+Name = TypeVar("Name", bound=str)
+T = TypeVar("T")
+
+# What a tuning finds beside the gains, and digits of it in the file.
+_FIGURES = {"modulus_margin": 4, "mae": 5, "jitter": 4}
+
+
+@dataclass(frozen=True)
+class TunedMethod(Generic[Method]):
+    """A method and what its tuning found.
+
+    Attributes
+    ----------
+    method : Method
+    modulus_margin : float
+        Least over channels and loads.
+    mae : float
+        Median over the tuning flights of the mean error, m.
+    jitter : float
+        Of the commands on these flights, see :func:`command_jitter`.
+    """
+
+    method: Method
+    modulus_margin: float
+    mae: float
+    jitter: float
+
+
+def fastest(speeds: Sequence[float] | np.ndarray, allowed: Callable[[float], T | None]) -> T | None:
+    """What is allowed at the highest speed at which something is, by bisection.
+
+    Parameters
+    ----------
+    speeds : sequence of float
+        Ascending. What is allowed at one of them is taken to be allowed at all below.
+    allowed : function of a speed
+        What is allowed at it, such as a method that has the margin there; None where nothing is.
+
+    Returns
+    -------
+    object or None
+        None where nothing is allowed at the first.
+
+    Examples
+    --------
+    >>> fastest([1.0, 1.5, 2.0, 2.5], lambda speed: f"at {speed}" if speed**2 < 5.0 else None)
+    'at 2.0'
+    """
+    found, low, high = allowed(float(speeds[0])), 0, len(speeds)
+    if found is None:
+        return None
+    while high - low > 1:
+        middle = (low + high) // 2
+        faster = allowed(float(speeds[middle]))
+        if faster is None:
+            high = middle
+        else:
+            low, found = middle, faster
+    return found
+
+
+def command_jitter(commands: ArrayLike, scale: float) -> float:
+    """Noise of sampled commands over a scale: rms of their change from sample to sample, over sqrt 2.
+
+    Parameters
+    ----------
+    commands : (B, N, n) array
+        Flights, samples, actuators.
+    scale : float
+        In the unit of the commands.
+
+    Examples
+    --------
+    >>> noise = np.random.default_rng(0).normal(0.0, 0.1, (1, 100_000, 1))
+    >>> round(command_jitter(5.0 + noise, 1.0), 3)
+    0.1
+    """
+    change = np.diff(np.asarray(commands, dtype=float), axis=1)
+    return float(np.sqrt(0.5 * np.mean(change**2)) / scale)
+
+
+def tuned_text(header: Sequence[str], found: Mapping[Name, TunedMethod[Any]], gains: Sequence[str]) -> str:
+    """Tuned methods as TOML.
+
+    Parameters
+    ----------
+    header : sequence of str
+        Comment lines.
+    found : mapping of str to TunedMethod
+    gains : sequence of str
+        Names of the methods' gains.
+
+    Examples
+    --------
+    >>> from types import SimpleNamespace
+    >>> entry = TunedMethod(SimpleNamespace(bandwidth=2.5), 0.51234, 0.0123456, 0.02)
+    >>> print(tuned_text(["Found by hand."], {"pd": entry}, ["bandwidth"]), end="")
+    # Found by hand.
+    <BLANKLINE>
+    [pd]
+    bandwidth = 2.5
+    modulus_margin = 0.5123
+    mae = 0.01235
+    jitter = 0.0200
+    """
+    lines = [f"# {line}" for line in header]
+    for name, entry in found.items():
+        lines += ["", f"[{name}]", *(f"{gain} = {getattr(entry.method, gain)}" for gain in gains)]
+        lines += [f"{key} = {getattr(entry, key):.{digits}f}" for key, digits in _FIGURES.items()]
+    return "\n".join(lines) + "\n"
+
+
+def read_tuned(
+    path: Path, methods: Sequence[Name], make: Callable[..., Method], gains: Sequence[str], *, command: str
+) -> dict[Name, TunedMethod[Method]]:
+    """Read what :func:`tuned_text` wrote.
+
+    Parameters
+    ----------
+    path : Path
+    methods : sequence of str
+        Those that must be there.
+    make : function
+        A method from its name and, in their order, its gains.
+    gains : sequence of str
+    command : str
+        What makes the file, for the message.
+
+    Returns
+    -------
+    dict of str to TunedMethod
+
+    Raises
+    ------
+    ValueError
+        If a method or a number of one is missing.
+    """
+    data = tomllib.loads(path.read_text(encoding="utf-8"))
+    missing = [name for name in methods if name not in data] or [
+        f"{key} of {name}" for name in methods for key in (*gains, *_FIGURES) if key not in data[name]
+    ]
+    if missing:
+        raise ValueError(f"{path.name}: no entry for {', '.join(missing)}; {command} makes them")
+    return {
+        name: TunedMethod(
+            make(name, *(data[name][gain] for gain in gains)), *(data[name][key] for key in _FIGURES)
+        )
+        for name in methods
+    }
