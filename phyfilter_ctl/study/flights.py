@@ -7,13 +7,14 @@ from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
-
-from .._sections import FloatArray
+from numpy.typing import NDArray
 
 if TYPE_CHECKING:
     from ..simulation import SimulationResponse
 
 __all__ = ["flight_signals", "flight_times", "realtime_factor", "unit_noise"]
+
+FloatArray = NDArray[np.float64]
 
 
 def flight_times(duration: float, dt: float) -> FloatArray:
