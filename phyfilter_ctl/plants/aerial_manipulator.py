@@ -123,7 +123,7 @@ def aerial_manipulator(
         ("motor_lag", motor_lag, "s"),
         ("rotor_max", rotor_max, "N"),
         ("servo_bandwidth", servo_bandwidth, "rad/s"),
-        ("servo_damping", servo_damping, "units"),
+        ("servo_damping", servo_damping, ""),
         ("nominal_mass", mass if nominal_mass is None else nominal_mass, "kg"),
     ):
         _check_positive(label, value, unit)

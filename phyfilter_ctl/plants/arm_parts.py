@@ -83,12 +83,10 @@ class Link:
         length = float(np.linalg.norm(direction))
         if not length > 0.0:
             raise ValueError("axis: expected a direction, got a vector of length 0")
-        if not (np.isfinite(mass) and mass > 0.0):
-            raise ValueError(f"mass: expected a positive number of kg, got {mass}")
+        _signals.number("mass", mass, "kg", above=0.0)
         if not (np.isfinite([lower, upper]).all() and lower < upper):
             raise ValueError(f"lower, upper: expected lower < upper in rad, got {lower} and {upper}")
-        if not (np.isfinite(rate_limit) and rate_limit > 0.0):
-            raise ValueError(f"rate_limit: expected a positive number of rad/s, got {rate_limit}")
+        _signals.number("rate_limit", rate_limit, "rad/s", above=0.0)
         fields = {
             "axis": direction / length,
             "offset": numbers("offset", offset, (3,)),

@@ -352,7 +352,7 @@ def test_progress_is_reported_and_the_run_can_be_stopped(swing):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ({"timepts": [0.0, 0.0]}, "strictly increasing"),
+        ({"timepts": [0.0, 0.0]}, "timepts: expected increasing"),
         ({"timepts": []}, r"expected shape \(N,\)"),
         ({"inputs": np.zeros((1, 2))}, r"inputs: expected shape \(2, 1\), got \(1, 2\)"),
         ({"initial_state": [1.0, 2.0]}, r"initial_state: expected shape \(1,\), got \(2,\)"),

@@ -385,19 +385,19 @@ def test_parameters_can_be_changed_and_it_joins_diagrams():
 
 
 BAD = [
-    ({"mass": 0.0}, "mass: expected a positive number"),
-    ({"mass": -0.4}, "mass: expected a positive number"),
-    ({"J": (1.0, 1.0)}, "J: expected three moments"),
+    ({"mass": 0.0}, "mass: expected a finite number > 0"),
+    ({"mass": -0.4}, "mass: expected a finite number > 0"),
+    ({"J": (1.0, 1.0)}, "J: expected shape"),
     ({"J": (1.0, 1.0, -1.0)}, "J: expected three moments"),
     ({"nominal_J": (1.0, 0.0, 1.0)}, "nominal_J: expected three moments"),
-    ({"nominal_mass": 0.0}, "nominal_mass: expected a positive"),
+    ({"nominal_mass": 0.0}, "nominal_mass: expected a finite number > 0"),
     ({"drag": (-1.0, 0.0, 0.0)}, "drag: expected three"),
     ({"rotor_max": 5.0}, "rotor_max: expected at least 7.3"),
-    ({"rotor_arm": 0.0}, "rotor_arm: expected a positive"),
-    ({"torque_ratio": -1.0}, "torque_ratio: expected a positive"),
-    ({"motor_lag": 0.0}, "motor_lag: expected a positive"),
-    ({"servo_bandwidth": 0.0}, "servo_bandwidth: expected a positive"),
-    ({"servo_damping": np.nan}, "servo_damping: expected a positive"),
+    ({"rotor_arm": 0.0}, "rotor_arm: expected a finite number > 0"),
+    ({"torque_ratio": -1.0}, "torque_ratio: expected a finite number > 0"),
+    ({"motor_lag": 0.0}, "motor_lag: expected a finite number > 0"),
+    ({"servo_bandwidth": 0.0}, "servo_bandwidth: expected a finite number > 0"),
+    ({"servo_damping": np.nan}, "servo_damping: expected a finite number > 0"),
     ({"gravity": -9.81}, "gravity: expected 0 m/s"),
     ({"arm": small_arm(mount=(3.0, 0.0, 0.0))}, "arm: at its home joints .* mount it nearer"),
 ]

@@ -115,13 +115,13 @@ def test_hover_linearises_to_double_integrators():
     ("make", "message"),
     [
         (lambda: mass(0), "axes: expected at least 1"),
-        (lambda: mass(mass=0.0), "mass: expected a positive number, got 0"),
+        (lambda: mass(mass=0.0), "mass: expected a finite number > 0, got 0"),
         (lambda: mass(drag=-1.0), "drag: expected 0 kg/m or more"),
         (lambda: rigid_body(J=[1.0, 1.0, -1.0]), "J: expected three positive moments"),
         (lambda: rigid_body(J=np.triu(np.ones((3, 3)))), "symmetric positive definite"),
         (lambda: rigid_body(J=[1.0, 1.0]), "J: expected"),
         (lambda: rigid_body(J=[1.0, np.nan, 1.0]), "J: expected"),
-        (lambda: rigid_body(mass=-1.0), "mass: expected a positive"),
+        (lambda: rigid_body(mass=-1.0), "mass: expected a finite number > 0"),
     ],
 )
 def test_bad_numbers_are_refused(make, message):
