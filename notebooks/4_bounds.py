@@ -53,7 +53,7 @@ for method in ("exact", "ellipsoid", "lyapunov", "lyapunov-raw"):
 # ## How wrong may the inertia be?
 #
 # With $\hat f$ fed back, $\tau = \tau_0 - \hat f$, the ratio $\hat M / M$ enters the loop. Filters of order 1 and 2
-# bear any ratio; from order 3 on there is a limit, and lag or delay of the actuator lowers all of them.
+# tolerate any ratio; from order 3 on there is a limit, and lag or delay of the actuator lowers all of them.
 
 # %%
 lag = ct.tf([1.0], [0.05, 1.0])
@@ -66,7 +66,7 @@ for order in (1, 2, 3, 4, 5):
     print(f"{order:5} {limits[order]:16.3f} {lagging[order]:24.3f}")
 
 # %% [markdown]
-# The faster the filter, the less inertia error it bears once the actuator lags:
+# The faster the filter, the less inertia error it tolerates once the actuator lags:
 
 # %%
 bandwidths = np.geomspace(1.0, 100.0, 25)

@@ -51,7 +51,7 @@ def build(
     -------
     control.InputOutputSystem
         Named "acceleration", inputs v[0..2] in m/s, outputs f_hat[0..2] and f_theta[0..2] in m/s^2. It starts
-        without a bump from :func:`rest_state`.
+        bumplessly from :func:`rest_state`.
 
     Examples
     --------
@@ -136,7 +136,7 @@ def differentiator_block(differentiator: WindowDifferentiator, dt: float) -> Fun
 
 
 def rest_state(system: ct.InputOutputSystem, v0: ArrayLike) -> FloatArray:
-    """Initial state of :func:`build`'s system for a first velocity v0 (3,) in m/s: window full of it, no bump.
+    """Initial state of :func:`build`'s system for a first velocity v0 (3,) in m/s: window full of it, a bumpless start.
 
     Raises
     ------

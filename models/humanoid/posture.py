@@ -6,7 +6,7 @@ sought together, by least squares:
     0 = B u + k(q) - c(q) + sum_i J_i(q)' lambda_i + J_hand(q)' F         (statics; the 21 joint rows give u)
 
 so that the six rows of the base vanish, motors and friction keep their shares, every corner presses, and q stays near
-the stance. A force that the upright robot could not bear is answered by a lean against it.
+the stance. Against a force that the upright robot cannot resist, it leans.
 """
 
 from __future__ import annotations

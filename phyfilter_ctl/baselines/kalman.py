@@ -25,7 +25,7 @@ class KalmanDifferentiator:
 
         a = K2 (v_k - v_{k-1}) / (1 + (K1 + K2 h - 2) z^-1 + (1 - K1) z^-2)
 
-    from a = 0 at rest on v_0, that is without a bump.
+    from a = 0 at rest on v_0, that is bumplessly.
 
     Parameters
     ----------

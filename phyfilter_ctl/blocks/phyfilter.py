@@ -19,7 +19,7 @@ __all__ = ["PhyFilterBlock", "phyfilter_block"]
 class PhyFilterBlock(ct.StateSpace):
     """A PhyFilter as a python-control state-space system; made by :func:`phyfilter_block`.
 
-    It behaves as any ``control.StateSpace``; beyond that it knows the state from which it starts without a bump.
+    It behaves as any ``control.StateSpace``; beyond that it knows the state of a bumpless start.
 
     Parameters
     ----------

@@ -39,7 +39,7 @@ class PaperState(NamedTuple):
 
 
 def start(filter: PhyFilter, x0: Array, f_theta0: Array) -> PaperState:
-    """Start without a bump: xi^(i)(0) = -b_{n-1-i} x(0) (for the low-pass form xi^(n-1)(0) = -x(0)), the rest 0."""
+    """Bumpless start: xi^(i)(0) = -b_{n-1-i} x(0) (for the low-pass form xi^(n-1)(0) = -x(0)), the rest 0."""
     n = filter.order
     zeros = np.zeros((n, len(x0)), dtype=x0.dtype)
     xi, alpha, beta, x, g = (zeros.copy() for _ in range(5))

@@ -245,7 +245,7 @@ class PhyFilter:
 
             z' = A z + A B x - B (g + f_theta),    f_hat = C z + C B x + f_theta    (z = w - B x)
 
-        so that x is never differentiated. It starts without a bump from z = -B x(0).
+        so that x is never differentiated. Its start is bumpless from z = -B x(0).
 
         Parameters
         ----------

@@ -304,7 +304,7 @@ class SampledPhyFilter:
         inertia0: ArrayLike | None = None,
         g0: ArrayLike | None = None,
     ) -> FilterState:
-        """State at the first sample, from which f_hat starts without a bump.
+        """State at the first sample, from which f_hat starts bumplessly.
 
         Parameters
         ----------

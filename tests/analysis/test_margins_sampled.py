@@ -227,7 +227,7 @@ def test_just_within_each_margin_is_stable_and_just_beyond_is_not():
 
 
 def test_delay_margin_of_many_steps():
-    """L = q/(z - 1) bears (pi/theta - 1)/2 steps, theta = 2 asin(q/2), thousands; nothing is built of that size."""
+    """L = q/(z - 1) tolerates (pi/theta - 1)/2 steps, theta = 2 asin(q/2), thousands; nothing is built of that size."""
     margin = prior_margin(PhyFilter([1.0]), dt=5e-4)
     theta = 2.0 * np.arcsin(-0.5 * np.expm1(-5e-4))
     assert margin.delay_margin == pytest.approx(5e-4 * 0.5 * (np.pi / theta - 1.0), rel=1e-5)

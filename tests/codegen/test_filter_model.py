@@ -202,7 +202,7 @@ def adjoint(ours, seed_dx, seed_y):
 
 
 def test_continuous_runs_as_python_control_does():
-    """0.3 s with x(0) far from 0: no bump at the start, then the same response."""
+    """0.3 s with x(0) far from 0: a bumpless start, then the same response."""
     compiled = compile_model(filter_model(GENERAL, 1), flags=STRICT)
     times = np.linspace(0.0, 0.3, 301)
     inputs = np.stack([7.0 + np.sin(20.0 * times), np.cos(9.0 * times), 0.5 * times], axis=1)

@@ -225,7 +225,7 @@ def test_inertia_form_and_its_error(n: int) -> None:
 
 @every_order
 def test_lowpass_inertia_form_needs_no_start_rule(n: int) -> None:
-    # int M dx starts at zero by its definition, so all states may: Eq. (5) with M as printed has no bump.
+    # int M dx starts at zero by its definition, so all states may: Eq. (5) with M as printed starts bumplessly.
     a = coefficients("a", n)
     travelled = M_hat * (x - x0 / s)
     wanted = filtered(lowpass(a), M_hat * (s * x - x0) - g - f_theta)

@@ -186,3 +186,37 @@ def test_citation_is_valid_and_says_what_the_package_says():
     paper = found["references"][0]
     assert paper["title"] in (ROOT / "README.md").read_text().replace("\n", " ")
     assert len(paper["authors"]) == 11
+
+
+# What a control engineer would not say, and what the glossary says instead.
+REPLACED = {
+    r"\bbears?\b|\bbearable\b": "tolerates",
+    r"without a bump|\bno bump\b|bump-free": "bumpless",
+    r"step answer|answers? to a step|response to a unit step": "step response",
+    r"matrix of information": "information matrix",
+    r"best-compromise|front of compromises": "Pareto front",
+    r"hold of order (zero|one|0|1)": "zero-order hold, first-order hold",
+}
+
+
+@pytest.mark.parametrize("words", REPLACED)
+def test_terms_are_those_of_the_glossary(words):
+    folders = ("phyfilter_ctl", "models", "notebooks", "docs", "benchmarks", "fmus")
+    texts = [
+        path
+        for folder in folders
+        for path in (ROOT / folder).rglob("*")
+        if path.suffix in (".py", ".md", ".js")
+    ]
+    found = [
+        f"{path.relative_to(ROOT)}: {match[0]}"
+        for path in [*texts, *ROOT.glob("*.md")]
+        if (match := re.search(words, path.read_text(), re.IGNORECASE))
+    ]
+    assert not found, f"write {REPLACED[words]!r}"
+
+
+def test_the_glossary_has_the_terms():
+    page = (DOCS / "glossary.md").read_text()
+    terms = [term for terms in REPLACED.values() for term in terms.split(", ")]
+    assert not [term for term in terms if term not in page]

@@ -1,4 +1,4 @@
-"""Largest bandwidth of a family of filters that a loop bears."""
+"""Largest bandwidth of a family of filters that a loop tolerates."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _GOLDEN = 0.5 * (np.sqrt(5.0) - 1.0)
 
 @dataclass(frozen=True, eq=False)
 class BandwidthLimit:
-    """Bandwidths a loop bears; made by :func:`largest_bandwidth`.
+    """Bandwidths that a loop tolerates; made by :func:`largest_bandwidth`.
 
     Parameters
     ----------

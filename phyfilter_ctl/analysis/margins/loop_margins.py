@@ -285,7 +285,7 @@ def build_loop(
 
 
 def _sampled_delay_margin(loop: Loop, ratio: float) -> float:
-    """Whole steps only turn the loop, so the gain crossings of each part of a step tell how many it bears."""
+    """Whole steps only turn the loop, so the gain crossings of each part of a step tell how many it tolerates."""
     h = np.pi / loop.nyquist
 
     def first_loss(part: float) -> float:

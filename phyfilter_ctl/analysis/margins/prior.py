@@ -250,7 +250,7 @@ def prior_margin(
 
     Examples
     --------
-    Three repeated poles bear an inertia taken nine times too large, and no lower limit:
+    Three repeated poles tolerate an inertia taken nine times too large, and no lower limit:
 
     >>> margin = prior_margin(PhyFilter.from_poles([-20.0] * 3))
     >>> round(margin.min_ratio, 9), round(margin.max_ratio, 9)
