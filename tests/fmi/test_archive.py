@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 
 from phyfilter_ctl.fmi import ArchiveLimits, describe
 from phyfilter_ctl.fmi.archive import archive_entries, extracted, parse_xml, read_entry, unpack
+from phyfilter_ctl.fmi.archive_write import write_archive
 
 BOMB = """<?xml version="1.0"?>
 <!DOCTYPE x [<!ENTITY a "ha"><!ENTITY b "&a;&a;&a;&a;&a;&a;&a;&a;"><!ENTITY c "&b;&b;&b;&b;&b;&b;&b;&b;">]>
@@ -273,3 +274,50 @@ def test_not_an_fmu(tmp_path):
     text = description().replace('causality="input"', 'causality="inputs"')
     with pytest.raises(ValueError, match=r"is not valid:\n.*inputs"):
         describe(archive(tmp_path / "z.fmu", ("modelDescription.xml", text)))
+
+
+# -- archives that we write ---------------------------------------------------------------------------------------
+
+
+def test_what_is_written(tmp_path):
+    entries = {"resources/b.txt": "ü", "binaries/linux64/a.so": b"\x00\x01", "modelDescription.xml": "<x/>"}
+    path = write_archive(tmp_path / "a.fmu", entries)
+    with zipfile.ZipFile(path) as written:
+        infos = written.infolist()
+        assert [info.filename for info in infos] == sorted(entries)
+        assert {info.filename: written.read(info) for info in infos} == {
+            name: data.encode() if isinstance(data, str) else data for name, data in entries.items()
+        }
+    assert {info.date_time for info in infos} == {(1980, 1, 1, 0, 0, 0)}, (
+        "the same bytes whenever it is written"
+    )
+    assert {info.create_system for info in infos} == {3}, "Unix, on every system"
+    rights = {info.filename: stat.filemode(info.external_attr >> 16) for info in infos}
+    assert rights == {
+        "binaries/linux64/a.so": "-rwxr-xr-x",
+        "modelDescription.xml": "-rw-r--r--",
+        "resources/b.txt": "-rw-r--r--",
+    }
+    assert {info.compress_type for info in infos} == {zipfile.ZIP_DEFLATED}
+    assert [entry.filename for entry in archive_entries(path)] == sorted(entries), "and we take what we write"
+
+
+def test_where_no_archive_can_be_written(tmp_path):
+    with pytest.raises(FileNotFoundError, match=r"no such folder to write a\.fmu to; make it first"):
+        write_archive(tmp_path / "none" / "a.fmu", {})
+    with pytest.raises(IsADirectoryError, match="is a folder; expected the name of a file"):
+        write_archive(tmp_path, {})
+    assert not list(tmp_path.iterdir())
+
+
+def test_as_many_entries_as_the_limit_are_taken(tmp_path):
+    path = archive(tmp_path / "x.zip", ("a", "1"), ("b", "2"))
+    assert len(archive_entries(path, ArchiveLimits(entries=2))) == 2
+    with pytest.raises(ValueError, match="2 entries, expected at most 1"):
+        archive_entries(path, ArchiveLimits(entries=1))
+
+
+def test_a_document_that_is_nested_without_end(tmp_path):
+    deep = b"<a>" * 10_000 + b"</a>" * 10_000
+    with pytest.raises(ValueError, match="x.xml"):
+        parse_xml(deep, "x.xml")
