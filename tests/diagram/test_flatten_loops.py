@@ -8,6 +8,7 @@ from scipy.optimize import brentq
 
 from phyfilter_ctl.blocks import BlockFunctions, Variable, function_block
 from phyfilter_ctl.diagram import flatten
+from phyfilter_ctl.diagram.ordering import tear
 
 ROUNDING = 1e-13
 NEWTON = 1e-10  # what the stopping rule leaves
@@ -207,3 +208,9 @@ def test_block_without_scalar_form():
     np.testing.assert_allclose(at(flat.dynamics, 0, [0.7], [0.2], []), [-0.7 + 0.2 - y], rtol=ROUNDING)
     closed = flatten(loop(table_block()))
     np.testing.assert_allclose(at(closed.output, 0, [], [0.9], []), [0.6], atol=NEWTON)  # y = 2 (0.9 - y)
+
+
+def test_loops_are_cut_where_most_paths_cross():
+    """Signal 2 feeds two others and is fed by two; cut there, nothing is left. Any other cut leaves a loop."""
+    needs = {0: [1, 2, 3], 1: [2], 2: [0, 3], 3: [1]}
+    assert tear([0, 1, 2, 3], needs.__getitem__, set()) == [2]
