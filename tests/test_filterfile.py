@@ -451,3 +451,14 @@ def test_keeps_permissions_and_links(tmp_path: Path) -> None:
     assert link.is_symlink()
     assert load(path) == PhyFilter([30.0])
     assert stat.S_IMODE(path.stat().st_mode) == 0o640
+
+
+def test_the_largest_file_is_still_read(tmp_path: Path) -> None:
+    path = tmp_path / "f.toml"
+    save(path, PhyFilter([20.0]))
+    text = path.read_bytes()
+    path.write_bytes(text + b"#" * (500_000 - len(text)))
+    assert load(path) == PhyFilter([20.0])
+    path.write_bytes(text + b"#" * (500_001 - len(text)))
+    with pytest.raises(ValueError, match="at most 500000 bytes, got more"):
+        load(path)

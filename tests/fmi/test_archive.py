@@ -321,3 +321,10 @@ def test_a_document_that_is_nested_without_end(tmp_path):
     deep = b"<a>" * 10_000 + b"</a>" * 10_000
     with pytest.raises(ValueError, match="x.xml"):
         parse_xml(deep, "x.xml")
+
+
+def test_an_entry_that_is_not_there(tmp_path):
+    path = archive(tmp_path / "x.zip", ("resources/a b.txt", "1"))  # a blank is no control character
+    assert read_entry(path, "resources/a b.txt") == b"1"
+    with pytest.raises(ValueError, match="expected an entry 'b'; there is none"):
+        read_entry(path, "b")
