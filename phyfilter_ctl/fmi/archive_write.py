@@ -49,10 +49,7 @@ def write_archive(path: str | Path, entries: Mapping[str, bytes | str]) -> Path:
         )
     if target.is_dir():
         raise IsADirectoryError(f"{target} is a folder; expected the name of a file")
-    with (
-        replacing(target) as stream,
-        zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED, compresslevel=9) as archive,
-    ):
+    with replacing(target) as stream, zipfile.ZipFile(stream, "w") as archive:
         for name in sorted(entries):
             content = entries[name]
             data = content.encode("utf-8") if isinstance(content, str) else content

@@ -328,3 +328,9 @@ def test_an_entry_that_is_not_there(tmp_path):
     assert read_entry(path, "resources/a b.txt") == b"1"
     with pytest.raises(ValueError, match="expected an entry 'b'; there is none"):
         read_entry(path, "b")
+
+
+def test_an_empty_folder_is_unpacked(tmp_path):
+    path = archive(tmp_path / "x.zip", ("resources/empty/", ""))
+    with extracted(path) as folder:
+        assert (folder / "resources" / "empty").is_dir()
