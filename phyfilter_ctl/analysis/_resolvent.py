@@ -26,7 +26,7 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
 
 from .._sections import ComplexArray, FloatArray
-from . import _grids
+from . import grids
 
 __all__ = ["evaluate", "frequency_response"]
 
@@ -55,10 +55,10 @@ def frequency_response(system: ct.StateSpace, omega: ArrayLike | None) -> ct.Fre
         if discrete:
             poles = np.log(poles[poles != 0.0]) / dt
         nyquist = np.pi / dt if discrete else np.inf
-        grid = _grids.decades(np.abs(poles), nyquist)
+        grid = grids.decades(np.abs(poles), nyquist)
         grid = grid[grid <= nyquist]
     else:
-        grid = _grids.ordered(omega)
+        grid = grids.ordered(omega)
     points = np.asarray(np.exp(1j * grid * dt) if discrete else 1j * grid, dtype=np.complex128)
     A, B, C, D = (np.asarray(matrix, dtype=float) for matrix in (system.A, system.B, system.C, system.D))
     return ct.FrequencyResponseData(

@@ -17,7 +17,7 @@ from scipy.optimize import brentq, minimize_scalar
 from .. import _signals, plots
 from .._sections import ComplexArray, FloatArray
 from ..filter import PhyFilter, SampledPhyFilter
-from . import _grids, _paths, _resolvent
+from . import _paths, _resolvent, grids
 
 __all__ = ["FilterResponse", "FilterResponseList", "Peak", "frequency_response"]
 
@@ -129,7 +129,7 @@ class FilterResponse:
     @property
     def nyquist(self) -> float:
         """Nyquist frequency pi/h in rad/s; infinite for a continuous filter."""
-        return _grids.nyquist(self.system)
+        return grids.nyquist(self.system)
 
     @cached_property
     def band_edges(self) -> tuple[float, float]:
@@ -139,7 +139,7 @@ class FilterResponse:
         the first crossings on both sides of it. high is inf for a sampled filter that does not fall so far before
         its Nyquist frequency. Both are nan if F = 0.
         """
-        grid = _grids.search(self.system)
+        grid = grids.search(self.system)
         gain = self._gain(grid)
         if not np.any(gain > 0.0):
             return float("nan"), float("nan")
@@ -196,8 +196,8 @@ class FilterResponse:
         1.570796
         """
         wanted = self.omega if omega is None else _signals.real("omega", omega)
-        flat = _grids.checked(np.ravel(wanted), self.nyquist)
-        grid = _grids.search(self.system)
+        flat = grids.checked(np.ravel(wanted), self.nyquist)
+        grid = grids.search(self.system)
         every = np.union1d(grid[grid > 0.0], flat)
         # The delay turns F many times; taken out, the rest unwraps safely on a grid in log omega.
         delay = self.system.delay if isinstance(self.system, SampledPhyFilter) else 0.0
@@ -296,7 +296,7 @@ class FilterResponse:
 
     def _maximum(self, which: Literal[0, 1], limits: list[Peak]) -> Peak:
         """Largest |F| (0) or |1 - F| (1) over the search grid, refined, or a limit at 0 or infinity."""
-        grid = _grids.search(self.system)
+        grid = grids.search(self.system)
         values = np.abs(_paths.residual(self.system, grid)[which])
         limit = max(limits)
         k = int(np.argmax(values))
@@ -415,7 +415,7 @@ def frequency_response(
         return cast(ct.FrequencyResponseData, ct.frequency_response(system, omega))
     if isinstance(system, Filter):
         if omega is not None:
-            _grids.checked(_grids.ordered(omega), _grids.nyquist(_shared(system)))
+            grids.checked(grids.ordered(omega), grids.nyquist(_shared(system)))
         return _responses([system], omega)[0]
     if isinstance(system, Sequence) and system and all(isinstance(each, Filter) for each in system):
         return _responses(system, omega)
@@ -428,16 +428,16 @@ def frequency_response(
 def _responses(systems: Sequence[Filter], omega: ArrayLike | None) -> FilterResponseList:
     for system in systems:
         _shared(system)
-    grid = _grids.default(systems) if omega is None else _grids.ordered(omega)
+    grid = grids.default(systems) if omega is None else grids.ordered(omega)
     answers = []
     for system in systems:
-        nyquist = _grids.nyquist(system)
+        nyquist = grids.nyquist(system)
         below = grid[grid < nyquist]
         if omega is None and np.isfinite(nyquist):
             below = np.append(below, nyquist)
         elif nyquist in grid:
             below = np.append(below, grid[grid == nyquist])
-        mine = _grids.checked(below, nyquist)
+        mine = grids.checked(below, nyquist)
         answers.append(FilterResponse(system, mine, *_paths.residual(system, mine)))
     return FilterResponseList(answers)
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.linalg import LinAlgError
 
 from .._sections import ComplexArray, FloatArray
-from ..analysis import _grids, frequency_response, prior_margin, ultimate_bound
+from ..analysis import frequency_response, grids, prior_margin, ultimate_bound
 from ..analysis.frequency import FilterResponse
 from ..filter import PhyFilter, SampledPhyFilter
 from .designs import Design
@@ -148,7 +148,7 @@ def _pair(values: ComplexArray) -> list[list[float | None]]:
 def _grid(design: Design, filter: PhyFilter) -> FloatArray:
     """A decade and a half to either side of poles and zeros, and of what is drawn; dense at resonances."""
     nyquist = np.pi / design.dt
-    marks = np.concatenate([_grids.breaks(filter), _drawn(design.limits)])
+    marks = np.concatenate([grids.breaks(filter), _drawn(design.limits)])
     low = min(0.03 * float(marks.min()), 0.03 * nyquist)
     high = max(30.0 * float(marks.max()), 1.2 * nyquist)
     pairs = filter.poles[filter.poles.imag > -2.0 * filter.poles.real]

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from .. import _signals
 from .._sections import FloatArray
 from ..analysis.margins import LoopMargins
-from ..analysis.margins._statespace import StateSpaceLoop
+from ..analysis.margins.statespace import StateSpaceLoop
 from ..analysis.margins.sweep import lag_to_instability
 from .flattening import flatten
 

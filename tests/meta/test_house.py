@@ -1,10 +1,11 @@
 """The house itself: commands and paths that the documents name exist, no leftovers."""
 
+import ast
 import re
 import tomllib
 from pathlib import Path
 
-from tests.meta.house import code_lines
+from tests.meta.house import code_lines, modules
 
 ROOT = Path(__file__).resolve().parents[2]
 TEXT = {".py", ".md", ".toml", ".c", ".h", ".ipynb", ""}
@@ -62,3 +63,45 @@ def test_pickle_is_not_used():
     """Pickle runs what it reads; only a test that such a file is refused may write one."""
     code = [path for path in files() if path.suffix == ".py" and "tests" not in path.parts]
     assert not [path for path in code if re.search(r"^\s*(import|from) pickle", path.read_text(), re.M)]
+
+
+# What namedtuple gives every class, underscored so that it is no field.
+NAMED_TUPLE = {"_asdict", "_fields", "_make", "_replace"}
+
+
+def private_names(tree: ast.AST) -> tuple[set[str], set[str]]:
+    """Names with one leading underscore that a module defines, and that it takes from objects or other modules."""
+    defined, used = set(), set()
+    for node in ast.walk(tree):
+        if isinstance(node, ast.FunctionDef | ast.ClassDef):
+            defined.add(node.name)
+        elif isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store):
+            defined.add(node.id)
+        elif isinstance(node, ast.Attribute):
+            (defined if isinstance(node.ctx, ast.Store) else used).add(node.attr)
+        elif isinstance(node, ast.ImportFrom):
+            used |= {alias.name for alias in node.names}
+            used |= set((node.module or "").split("."))
+    return tuple(
+        {name for name in names if re.match(r"_[^_]", name) and name not in NAMED_TUPLE}
+        for names in (defined, used)
+    )
+
+
+def test_private_names_stay_in_their_room():
+    """Modules beside the rooms, `_signals` and the like, are what the rooms stand on: theirs are everybody's."""
+    defined, used = {}, {}
+    for name, path in modules(ROOT).items():
+        room = name.split(".")[1:2]
+        own, taken = private_names(ast.parse(path.read_text()))
+        parts = {part for part in name.split(".") if part.startswith("_")}
+        defined.setdefault(*room or [""], set()).update(own | parts)
+        used.setdefault(*room or [""], set()).update(taken)
+    shared = {room for room in defined if room.startswith("_")}
+    across = {
+        f"{room} takes {name} of {other}"
+        for room, names in used.items()
+        for other in defined.keys() - shared - {room}
+        for name in names & defined[other] - defined[room] - shared
+    }
+    assert not across
