@@ -34,6 +34,20 @@ def test_real_poles_in_closed_form(order):
     assert ultimate_bound(f, residual={0: 1.0}).bound == pytest.approx(2.0, rel=CERTIFIED)
 
 
+def test_the_bound_is_the_sum_of_its_parts():
+    """One pole at -4: slope 2 costs 2/4, a prior off by 0.3 at rate 2 costs 0.6, noise 0.1 on x costs 2 a_0 0.1."""
+    f = pf.place_poles([-4.0])
+    result = ultimate_bound(f, residual={1: 2.0}, inertia_error=0.3, rate=2.0, noise=0.1)
+    parts = (result.intrinsic, result.prior, result.noise)
+    assert parts == pytest.approx((0.5, 0.6, 0.8), rel=CERTIFIED)
+    assert result.bound == pytest.approx(1.9, rel=CERTIFIED)
+
+
+def test_textbook_bounds_of_sampled_filters_are_refused():
+    with pytest.raises(ValueError, match="is for continuous filters"):
+        ultimate_bound(pf.place_poles([-4.0]).sampled(0.01), residual={1: 2.0}, method="lyapunov")
+
+
 @pytest.mark.parametrize("damping", [0.05, 0.2, 0.5, 0.9, 0.999])
 def test_an_oscillating_pair_in_closed_form(damping):
     """||w^2/(s^2 + 2 z w s + w^2)||_1 = coth(pi z / (2 sqrt(1 - z^2)))."""
