@@ -394,3 +394,19 @@ def test_sampled_filters_that_forget_at_once_have_a_bound() -> None:
             pf.PhyFilter.from_poles([-0.5 + 99990j, -0.5 - 99990j] * 4).sampled(1.0),
             residual={1: 1.0},
         )
+
+
+@pytest.mark.parametrize("damping", [0.1, 0.4])
+@pytest.mark.parametrize("h", [0.02, 0.1])
+def test_sampled_bound_against_quadrature(damping, h):
+    """The bound is the area under the error's step response, straight between the samples: here by fine summation.
+
+    The response is that of ``run`` to a residual of 1 from rest, and crosses zero between nearly every two samples.
+    """
+    sampled = pf.PhyFilter([400.0, 40.0 * damping]).sampled(h)
+    t = h * np.arange(2000)
+    distance = 1.0 - sampled.run(t)[:, 0]
+    fine = np.linspace(0.0, t[-1], 1 + 1000 * (len(t) - 1))
+    area = np.trapezoid(np.abs(np.interp(fine, t, distance)), fine)
+    assert np.count_nonzero(np.diff(np.sign(distance[:40]))) > 3
+    assert ultimate_bound(sampled, residual={1: 1.0}).bound == pytest.approx(area, rel=1e-5)  # of the summation
