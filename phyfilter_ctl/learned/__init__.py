@@ -5,7 +5,6 @@ from __future__ import annotations
 from ._window import window
 from .adaptation import AdaptationRun, AdaptationState, AdaptiveChebyshev
 from .chebyshev import Chebyshev
-from .dense import Activation, Dense
 from .dictionary import Dictionary
 from .koopman import Koopman
 from .layers import Layers
@@ -13,15 +12,13 @@ from .model import FitResult, LearnedModel
 from .network import Network
 from .neural_ode import NeuralOde, Trajectory
 from .online_koopman import KoopmanRun, KoopmanState, OnlineKoopman
-from .onnx import OnnxNetwork
+from .onnx import OnnxGraph, OnnxNetwork, OnnxNode
 
 __all__ = [
-    "Activation",
     "AdaptationRun",
     "AdaptationState",
     "AdaptiveChebyshev",
     "Chebyshev",
-    "Dense",
     "Dictionary",
     "FitResult",
     "Koopman",
@@ -32,7 +29,9 @@ __all__ = [
     "Network",
     "NeuralOde",
     "OnlineKoopman",
+    "OnnxGraph",
     "OnnxNetwork",
+    "OnnxNode",
     "Trajectory",
     "window",
 ]

@@ -13,10 +13,12 @@ onnx = pytest.importorskip("onnx", reason="the package onnx is not installed (ex
 from google.protobuf.descriptor import FieldDescriptor  # noqa: E402  # comes with onnx
 from google.protobuf.message import Message  # noqa: E402
 from test_onnx import CHAINS, flattened  # noqa: E402
+from test_onnx_operators import CASES, model_of  # noqa: E402
 
 from phyfilter_ctl.learned import OnnxNetwork  # noqa: E402
 
 WHOLE = {name: make().SerializeToString() for name, make in {**CHAINS, "flattened": flattened}.items()}
+WHOLE |= {name: model_of(case).SerializeToString() for name, case in CASES.items()}
 NUMBERS = [0, 1, -1, 2, 3, 7, 16, 255, 2**31 - 1, -(2**31), 2**32, 2**62, 2**63 - 1, -(2**63)]
 REALS = [0.0, -1.0, 1e-300, 3.4e38, float("nan"), float("inf"), float("-inf")]
 OPERATORS = [
@@ -30,6 +32,15 @@ OPERATORS = [
     "Relu",
     "Identity",
     "Cast",
+    "Concat",
+    "Expand",
+    "Gather",
+    "LayerNormalization",
+    "ReduceSum",
+    "Slice",
+    "Softmax",
+    "Split",
+    "Transpose",
 ]
 
 
@@ -119,5 +130,5 @@ def test_mutated_files_are_read_or_refused(data: bytes) -> None:
     if isinstance(found, str):
         assert found.startswith("model: ")
     else:
-        n_z, *_, n_x = found.layers.sizes
+        n_z, n_x = found.casadi().numel_in(0), found.casadi().numel_out(0)
         assert found.predict(np.zeros((2, n_z))).shape == (2, n_x)
