@@ -11,7 +11,6 @@ import numpy as np
 
 from .._sections import FloatArray
 from .._signals import refuse_unusable
-from . import _arrays
 
 # Names of the standardisation, in the order of the class.
 SCALES = ("z_mean", "z_scale", "f_mean", "f_scale")
@@ -150,5 +149,9 @@ def standardisation(name: str, values: FloatArray) -> tuple[FloatArray, FloatArr
 
 
 def _own(name: str, values: FloatArray) -> FloatArray:
-    """A finite, read-only copy."""
-    return _arrays.frozen(name, values)
+    """A finite, read-only copy; of any size, as the steps of an optimiser are."""
+    array = np.array(values, dtype=float)
+    if not np.all(np.isfinite(array)):
+        raise ValueError(f"{name}: expected finite numbers")
+    array.flags.writeable = False
+    return array
