@@ -23,7 +23,7 @@ if sys.platform != "win32":
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["check_target", "replacing", "replacing_folder", "write_figure", "write_text"]
+__all__ = ["check_folder", "check_target", "replacing", "replacing_folder", "write_figure", "write_text"]
 
 _MARK_BYTES = 6
 _MARK = re.compile(rf"[0-9a-f]{{{2 * _MARK_BYTES}}}\.tmp")
@@ -53,6 +53,28 @@ def check_target(path: str | None, *, suffixes: Sequence[str] = ()) -> None:
         raise ValueError(f"{path}: is a folder, expected a file")
     if not target.parent.is_dir():
         raise ValueError(f"{path}: there is no folder {target.parent}")
+
+
+def check_folder(path: str | os.PathLike[str]) -> Path:
+    """A folder that is there, or can be made: refused before any work is done.
+
+    Parameters
+    ----------
+    path : str or path
+
+    Raises
+    ------
+    FileNotFoundError
+        If there is no folder for it to be in.
+    FileExistsError
+        If it is a file.
+    """
+    target = Path(path)
+    if not target.parent.is_dir():
+        raise FileNotFoundError(f"{path}: there is no folder {target.parent}")
+    if target.exists() and not target.is_dir():
+        raise FileExistsError(f"{path}: is a file, expected a folder")
+    return target
 
 
 def write_text(path: str, text: str) -> None:

@@ -16,7 +16,7 @@ from __future__ import annotations
 import control as ct
 import numpy as np
 
-from phyfilter_ctl.blocks import FunctionBlock, delay_line, learned_block, sampled_block, wired
+from phyfilter_ctl.blocks import FunctionBlock, delay_line, learned_block, sampled_block, signal_names, wired
 from phyfilter_ctl.controllers import known_force, known_torque
 from phyfilter_ctl.plants import Columns, plant
 from phyfilter_ctl.plants.algebra import Array
@@ -244,7 +244,7 @@ def build(
     systems: list[ct.InputOutputSystem] = [vehicle, controller]
     if estimator is not None:
         systems.append(estimator)
-        known = {label.split("[")[0] for label in estimator.input_labels}
+        known = signal_names(estimator.input_labels)
         wires |= {f"controller.{name}": f"estimator.{name}" for name in ("f_hat", "tau_hat")}
         wires |= {f"estimator.{name}": f"controller.{name}" for name in ("F", "thrust") if name in known}
         wires |= {f"estimator.{name}": f"vehicle.{name}" for name in MEASURED if name in known}

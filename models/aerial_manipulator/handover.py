@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
+from functools import cache
 from pathlib import Path
 from typing import Literal
 
@@ -11,11 +11,9 @@ import control as ct
 import numpy as np
 from numpy.typing import NDArray
 
-from phyfilter_ctl.blocks import delay_line, wired
-from phyfilter_ctl.codegen import find_compiler
-from phyfilter_ctl.fmi import FmuExperiment, FmuSolver, export_fmu
-from phyfilter_ctl.fmi.replay import Reference, replay
-from phyfilter_ctl.fmi.unpacked import UnpackedFmu
+from phyfilter_ctl import fmi
+from phyfilter_ctl.blocks import delay_line, signal_names, wired
+from phyfilter_ctl.fmi import FmuSolver, HandOver, Reference
 from phyfilter_ctl.study import Report, silent
 
 from .controller import controller_part
@@ -28,44 +26,17 @@ from .params import params
 from .seer import Seer
 from .vehicle import MEASURED, NOISES, SHOWN, vehicle_part
 
-__all__ = ["PARTS", "HandOver", "controller_system", "filter_system", "hand_over", "vehicle_system"]
+__all__ = ["PARTS", "controller_system", "filter_system", "hand_over", "vehicle_system"]
 
 FloatArray = NDArray[np.float64]
 Fmi = Literal["2.0", "3.0"]
+_FORMATS: dict[Fmi, Literal["FMI 2.0", "FMI 3.0"]] = {"2.0": "FMI 2.0", "3.0": "FMI 3.0"}
 
 # A method that needs no training.
 _PLAIN = Method("observer", 2.0, 4.0, 6.0)
 
 PARTS: tuple[str, ...] = ("vehicle", "controller", "filter")
 """What is handed over."""
-
-
-@dataclass(frozen=True)
-class HandOver:
-    """What was handed over, and how far each part is from what flew.
-
-    Attributes
-    ----------
-    fmus : dict of str to Path
-        By part and version, such as "vehicle, FMI 2.0".
-    samples : int
-        Of the mission that was replayed.
-    differences : dict of str to dict of str to float
-        By the same, the largest difference of every output from the one in flight: m, m/s, rad, rad/s, N, N m.
-    """
-
-    fmus: Mapping[str, Path]
-    samples: int
-    differences: Mapping[str, Mapping[str, float]]
-
-    @property
-    def largest(self) -> dict[str, float]:
-        """The largest difference of each part, over its outputs and versions."""
-        found: dict[str, float] = dict.fromkeys(PARTS, 0.0)
-        for label, values in self.differences.items():
-            part = label.split(",")[0]
-            found[part] = max(found[part], *values.values())
-        return found
 
 
 def vehicle_system() -> ct.InterconnectedSystem:
@@ -87,12 +58,12 @@ def vehicle_system() -> ct.InterconnectedSystem:
         )
         for name, start in held.items()
     ]
-    others = [name for name in _bases(part.input_labels) if name not in held]
+    others = [name for name in signal_names(part.input_labels) if name not in held]
     return wired(
         [*lines, part],
         {f"vehicle.{name}": f"held_{name}.y" for name in held},
         inputs={name: f"vehicle.{name}" for name in others} | {name: f"held_{name}.u" for name in held},
-        outputs={name: f"vehicle.{name}" for name in _bases(part.output_labels)},
+        outputs={name: f"vehicle.{name}" for name in signal_names(part.output_labels)},
         name="vehicle_held",
     )
 
@@ -116,7 +87,7 @@ def hand_over(
     samples: int | None = None,
     versions: Sequence[Fmi] = ("2.0", "3.0"),
     report: Report = silent,
-) -> HandOver:
+) -> dict[str, HandOver]:
     """Export vehicle, controller and filters of a method as FMUs, and replay a mission through each.
 
     Parameters
@@ -126,7 +97,7 @@ def hand_over(
     seer : Seer or None
         SEER-I's models, for the methods that use them: they go into the filter's FMU.
     folder : str or Path
-        Made if it is not there; its parent must be.
+        As for :func:`phyfilter_ctl.fmi.hand_over`; the files are called aerial_manipulator_vehicle and so on.
     seed : int
         Of the mission.
     samples : int, optional
@@ -138,49 +109,40 @@ def hand_over(
 
     Returns
     -------
-    HandOver
+    dict of str to HandOver
+        By part.
 
     Raises
     ------
     ValueError
         If the method has no filters.
-    FileNotFoundError, FileExistsError
-        If the folder cannot be made.
-    CompilerError
-        If this machine has no C compiler.
+    FileNotFoundError, FileExistsError, CompilerError
+        As for :func:`phyfilter_ctl.fmi.hand_over`.
     """
     if not method.filters:
         raise ValueError(f"{method.name}: expected a method with filters (observer, phyfilter) to hand over")
-    target = Path(folder)
-    if not target.parent.is_dir():
-        raise FileNotFoundError(f"{folder}: there is no folder {target.parent}")
-    if target.exists() and not target.is_dir():
-        raise FileExistsError(f"{folder}: is a file, expected a folder")
-    find_compiler()
-    records = _records(method, seer, seed, samples)
-    target.mkdir(exist_ok=True)
-    systems = dict(
-        zip(PARTS, (vehicle_system(), controller_part(method), _filters(method, seer)), strict=True)
-    )
+    records = cache(lambda: _records(method, seer, seed, samples))
     beginning = {f"vehicle.manipulator.r[{i}]": float(r) for i, r in enumerate(reference().r[0])}
-    starts: dict[str, dict[str, float]] = {part: beginning if part == "vehicle" else {} for part in PARTS}
-    fmus: dict[str, Path] = {}
-    differences: dict[str, dict[str, float]] = {}
-    for part, system in systems.items():
-        for version in versions:
-            label = f"{part}, FMI {version}"
-            report(label)
-            stop = float(records[part].times[-1])
-            fmus[label] = export_fmu(
-                system,
-                target / f"aerial_manipulator_{part}_fmi{version[0]}.fmu",
-                fmi=version,
-                name=f"aerial_manipulator_{part}",
-                solver=FmuSolver(step=params().sampling.max_step),
-                experiment=FmuExperiment(stop=stop, step=params().sampling.dt),
-            )
-            differences[label] = _differences(fmus[label], records[part], starts[part])
-    return HandOver(fmus, len(records["vehicle"].times), differences)
+
+    def handed(part: str) -> HandOver:
+        return fmi.hand_over(
+            systems[part],
+            folder,
+            lambda: records()[part],
+            name=f"aerial_manipulator_{part}",
+            formats=[_FORMATS[version] for version in versions],
+            solver=FmuSolver(step=params().sampling.max_step),
+            parameters=beginning if part == "vehicle" else None,
+            report=lambda form: report(f"{part}, {form}"),
+        )
+
+    systems = _systems(method, seer)
+    return {part: handed(part) for part in PARTS}
+
+
+def _systems(method: Method, seer: Seer | None) -> dict[str, ct.InterconnectedSystem]:
+    parts = (vehicle_system(), controller_part(method), _filters(method, seer))
+    return dict(zip(PARTS, parts, strict=True))
 
 
 def _filters(method: Method, seer: Seer | None) -> ct.InterconnectedSystem:
@@ -195,18 +157,13 @@ def _records(method: Method, seer: Seer | None, seed: int, samples: int | None) 
     flights = fly(method, (seed,), seer, keep=kept, backend="vm")
     signals = _signals(flights)
     count = len(flights.time) if samples is None else samples
-    systems = {
-        "vehicle": vehicle_system(),
-        "controller": controller_part(method),
-        "filter": _filters(method, seer),
-    }
     return {
         part: Reference(
             flights.time[:count],
             {label: signals[label][:count] for label in system.input_labels},
             {label: signals[label][:count] for label in system.output_labels if label in signals},
         )
-        for part, system in systems.items()
+        for part, system in _systems(method, seer).items()
     }
 
 
@@ -223,19 +180,3 @@ def _signals(flights: Flights) -> dict[str, FloatArray]:
         for label in ([name] if name == "taken" else [f"{name}[{i}]" for i in range(size)])
     ]
     return found | dict(zip(labels, given, strict=True))
-
-
-def _differences(path: Path, record: Reference, start: Mapping[str, float]) -> dict[str, float]:
-    fmu = UnpackedFmu(path)
-    try:
-        labels, outputs = replay(fmu, record, inputs_at="end", parameters=start)
-    finally:
-        fmu.close()
-    return {
-        label: float(np.abs(values - record.outputs[label]).max())
-        for label, values in zip(labels, outputs.T, strict=True)
-    }
-
-
-def _bases(labels: Sequence[str]) -> list[str]:
-    return list(dict.fromkeys(label.split("[")[0] for label in labels))

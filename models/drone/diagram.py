@@ -15,7 +15,7 @@ import casadi as ca
 import control as ct
 import numpy as np
 
-from phyfilter_ctl.blocks import FunctionBlock, SampledBlock, delay_line, wired
+from phyfilter_ctl.blocks import FunctionBlock, SampledBlock, delay_line, signal_names, wired
 from phyfilter_ctl.controllers import attitude_controller, attitude_gains, known_force, position_controller
 from phyfilter_ctl.learned import Chebyshev
 from phyfilter_ctl.plants import Columns, plant, quadrotor, quaternion_product, stack, wind_field
@@ -348,11 +348,10 @@ def build(
     if filter is not None:
         systems.append(filter)
         wires |= {"controller.f_hat": "estimator.f_hat"}
-        known = {label.split("[")[0] for label in filter.input_labels}
+        known = signal_names(filter.input_labels)
         wires |= {f"estimator.{name}": f"controller.{name}" for name in ("F", "thrust") if name in known}
         wires |= {f"estimator.{name}": f"vehicle.{name}" for name in MEASURED if name in known}
-        known = dict.fromkeys(label.split("[")[0] for label in filter.output_labels)
-        outputs |= {name: f"estimator.{name}" for name in known}
+        outputs |= {name: f"estimator.{name}" for name in signal_names(filter.output_labels)}
     else:
         systems.append(nothing("no_estimate"))
         wires |= {"controller.f_hat": "no_estimate.zero"}

@@ -8,7 +8,7 @@ from .functions import BlockFunctions, Variable, dependencies
 from .learned import learned_block
 from .phyfilter import PhyFilterBlock, phyfilter_block
 from .sampled import FilterLaw, SampledBlock, sampled_block
-from .wiring import wired
+from .wiring import signal_names, wired
 
 __all__ = [
     "BlockFunctions",
@@ -25,5 +25,6 @@ __all__ = [
     "learned_block",
     "phyfilter_block",
     "sampled_block",
+    "signal_names",
     "wired",
 ]

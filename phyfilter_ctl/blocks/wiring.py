@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import difflib
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 import control as ct
 
-__all__ = ["wired"]
+__all__ = ["signal_names", "wired"]
 
 
 def wired(
@@ -90,6 +90,21 @@ def wired(
     )
 
 
+def signal_names(labels: Iterable[str]) -> list[str]:
+    """Signals that entries belong to, in their order: ``v[0]``, ``v[1]`` and ``J[0,1]`` are of v and J.
+
+    Parameters
+    ----------
+    labels : iterable of str
+
+    Examples
+    --------
+    >>> signal_names(["r[0]", "r[1]", "taken", "J[0,1]"])
+    ['r', 'taken', 'J']
+    """
+    return list(dict.fromkeys(re.sub(r"\[[\d,]+\]$", "", label) for label in labels))
+
+
 def _signals(blocks: Mapping[str, ct.InputOutputSystem], signal: str, kind: str) -> list[str]:
     """Full names of the entries of a signal."""
     block, _, base = signal.partition(".")
@@ -99,8 +114,9 @@ def _signals(blocks: Mapping[str, ct.InputOutputSystem], signal: str, kind: str)
     labels = system.input_labels if kind == "input" else system.output_labels
     found = [label for label in labels if label == base or re.sub(r"\[[\d,]+\]$", "", label) == base]
     if not found:
-        bases = list(dict.fromkeys(re.sub(r"\[[\d,]+\]$", "", label) for label in labels))
-        raise ValueError(f"{signal}: block {block!r} has no {kind} {base!r}{_near(base, bases)}")
+        raise ValueError(
+            f"{signal}: block {block!r} has no {kind} {base!r}{_near(base, signal_names(labels))}"
+        )
     return [f"{block}.{label}" for label in found]
 
 

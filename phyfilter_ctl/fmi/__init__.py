@@ -6,12 +6,14 @@ from .cosimulation import CosimulationResponse, cosimulate
 from .cosimulation_wiring import Wire
 from .description import FmuExperiment, FmuSolver
 from .export import export_fmu
+from .handover import HandOver, hand_over
 from .importing import import_fmu
 from .importing_blocks import FmuBlock, FmuModel
 from .importing_steps import FmuSteps
 from .inspect import FmuDescription, FmuKind, FmuUnit, FmuVariable, describe
 from .instance import FmuError
 from .mujoco import export_mujoco_fmu
+from .replay import Reference, read_reference, replay, replay_in_fmpy, write_reference
 from .ssp import export_ssp, write_ssp
 from .ssp_cut import CutDiagram, cut_diagram
 from .unpacked import UnpackedFmu
@@ -32,6 +34,8 @@ __all__ = [
     "FmuSteps",
     "FmuUnit",
     "FmuVariable",
+    "HandOver",
+    "Reference",
     "UnpackedFmu",
     "Wire",
     "check",
@@ -41,6 +45,11 @@ __all__ = [
     "export_fmu",
     "export_mujoco_fmu",
     "export_ssp",
+    "hand_over",
     "import_fmu",
+    "read_reference",
+    "replay",
+    "replay_in_fmpy",
+    "write_reference",
     "write_ssp",
 ]

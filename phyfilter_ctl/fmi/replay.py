@@ -9,16 +9,17 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
+import fmpy
 import numpy as np
 
 from .._output import replacing
 from .._sections import FloatArray
-from .inspect import Scalar
+from .inspect import Scalar, describe
 from .instance import FmuInstance
 from .signals import Signals
 from .unpacked import UnpackedFmu
 
-__all__ = ["Reference", "read_reference", "read_table", "replay", "write_reference"]
+__all__ = ["Reference", "read_reference", "read_table", "replay", "replay_in_fmpy", "write_reference"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,6 +145,53 @@ def replay(
         return labels, np.array(rows)
     finally:
         instance.close()
+
+
+def replay_in_fmpy(
+    path: str | Path, reference: Reference, *, inputs_at: Literal["start", "end"] = "start"
+) -> dict[str, FloatArray]:
+    """Run a co-simulation FMU on recorded inputs in FMPy, another importer: outputs by label.
+
+    Parameters
+    ----------
+    path : str or Path
+    reference : Reference
+        At equally spaced times; inputs of whole arrays where the FMU has arrays.
+    inputs_at : {"start", "end"}
+        As for :func:`replay`.
+
+    Notes
+    -----
+    FMPy sets inputs at the beginning of a step. For a sample that is taken at its end each is given a step early. The
+    first serves the start as well: of two rows of the same time FMPy takes the earlier one before the first step.
+    """
+    description, times = describe(path), reference.times
+    if inputs_at == "end":
+        times = np.concatenate([[times[0] - (times[1] - times[0]), times[0]], times[:-1]])
+    inputs = [entry for entry in description.of("input") if entry.labels[0] in reference.inputs]
+    outputs = [entry for entry in description.of("output") if set(entry.labels) & set(reference.outputs)]
+    sizes = [(entry.name, float, (len(entry.labels),) if len(entry.labels) > 1 else ()) for entry in inputs]
+    table = np.zeros(len(times), [("time", float), *sizes])
+    table["time"] = times
+    for entry in inputs:
+        values = np.column_stack([reference.inputs[label] for label in entry.labels])
+        early = np.vstack([values[:1], values[:1], values[1:]]) if inputs_at == "end" else values
+        table[entry.name] = early if len(entry.labels) > 1 else early[:, 0]
+    result = fmpy.simulate_fmu(
+        str(path),
+        start_time=float(reference.times[0]),
+        stop_time=float(reference.times[-1]),
+        output_interval=float(reference.times[1] - reference.times[0]),
+        fmi_type="CoSimulation",
+        input=table,
+        output=[entry.name for entry in outputs],
+    )
+    found: dict[str, FloatArray] = {}
+    for entry in outputs:
+        found |= zip(
+            entry.labels, np.asarray(result[entry.name]).reshape(len(reference.times), -1).T, strict=True
+        )
+    return found
 
 
 def _vector(instance: FmuInstance, causality: str, labels: Sequence[str]) -> tuple[Signals, list[int]]:

@@ -24,15 +24,15 @@ def test_parts_repeat_a_mission(tmp_path: Path) -> None:
     version = "3.0"
     method = methods.Method("observer", 2.0, 4.0, 6.0)
     found = handover.hand_over(method, None, tmp_path / "fmus", samples=SAMPLES, versions=[version])
-    assert found.samples == SAMPLES
-    assert sorted(found.largest) == sorted(handover.PARTS)
-    for label, outputs in found.differences.items():
-        assert found.fmus[label].is_file()
-        assert outputs, label
-        assert max(outputs.values()) <= SAME, (label, outputs)
-    assert {"r_e[0]", "f_wind[2]"} <= set(found.differences[f"vehicle, FMI {version}"])
-    assert {"thrust[3]", "joint_ref[4]"} <= set(found.differences[f"controller, FMI {version}"])
-    assert {"f_hat[0]", "tau_hat[2]"} <= set(found.differences[f"filter, FMI {version}"])
+    assert sorted(found) == sorted(handover.PARTS)
+    for part, handed in found.items():
+        assert handed.samples == SAMPLES
+        assert handed.exports[f"FMI {version}"].is_file()
+        assert handed.worst <= SAME, (part, handed.differences)
+    outputs = {part: set(handed.differences[f"FMI {version}"]) for part, handed in found.items()}
+    assert {"r_e[0]", "f_wind[2]"} <= outputs["vehicle"]
+    assert {"thrust[3]", "joint_ref[4]"} <= outputs["controller"]
+    assert {"f_hat[0]", "tau_hat[2]"} <= outputs["filter"]
 
 
 def test_nothing_to_hand_over_is_refused(tmp_path: Path) -> None:
