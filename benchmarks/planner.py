@@ -27,6 +27,7 @@ from phyfilter_ctl.controllers.planner import (
     SolverName,
     follow,
 )
+from phyfilter_ctl.results import Status
 
 # The default's promise: a tenth of the planner's period.
 SOLVER, HORIZON, MILLISECONDS = "daqp", 15, 7.0
@@ -68,7 +69,7 @@ def replayed(planner: CooperativePlanner, path: PlannedPath) -> tuple[np.ndarray
         began = time.thread_time()
         plan = planner.plan(path.h[k], u, target=aims, R=R, omega=omega)
         seconds = time.thread_time() - began
-        solved = plan.status == "optimal"
+        solved = plan.status is Status.OPTIMAL
         off = float(abs(plan.u[0] - path.u[k]).max()) if solved else np.nan
         rows.append((1e3 * seconds, off, solved))
         u = path.u[k]

@@ -98,7 +98,7 @@ print(inner.describe(), complete.describe(), sep="\n\n")
 
 # %%
 best = optimal.least_bound(4, residual={1: 8.0}, noise=0.01)
-print(best.status, best.filter.poles.round(2), f"bound {best.bound.bound:.4f}")
+print(best.message, best.filter.poles.round(2), f"bound {best.bound.bound:.4f}")
 _ = optimal.bound_trade_off(2, residual={1: 8.0}, noise=0.01).plot()
 
 # %% [markdown]

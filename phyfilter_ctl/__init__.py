@@ -16,6 +16,7 @@ simulate        :func:`flatten`, :func:`simulate`, :func:`simulate_batch`, :func
 hand it over    :func:`export_c`, :func:`export_fmu`, :func:`export_ssp`
 co-simulate     :func:`import_fmu`, :func:`cosimulate`
 keep it         :func:`save`, :func:`load` (TOML)
+answers         :class:`Result`, :class:`Status`: what every answer has in common
 data            :class:`FlightLog`, :func:`split_by_speed`
 models of f     :mod:`phyfilter_ctl.learned`
 others' ways    :mod:`phyfilter_ctl.baselines`

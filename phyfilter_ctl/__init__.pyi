@@ -42,6 +42,7 @@ from .filterfile import Signals, load, load_signals, save
 from .flightlog import FlightLog, split_by_speed, split_flights
 from .fmi import cosimulate, export_fmu, export_ssp, import_fmu
 from .plants import Plant, plant
+from .results import Result, Status
 from .simulation import (
     Sensitivity,
     SimulationResponse,
@@ -72,11 +73,13 @@ __all__ = [
     "Plant",
     "PoleZeroMap",
     "PriorMargin",
+    "Result",
     "SampledBlock",
     "SampledPhyFilter",
     "Sensitivity",
     "Signals",
     "SimulationResponse",
+    "Status",
     "Variable",
     "Variance",
     "bandpass",

@@ -79,7 +79,7 @@ def test_data_from_a_flight(sampled, tmp_path, capsys):
     pf.FlightLog.from_arrays(x=x, dt=0.01, channels=["vx"]).to_csv(log)
     assert main(["analyze", sampled, "--log", str(log), "--x", "vx", "--json", "-"]) == 0
     figures = json.loads(capsys.readouterr().out)
-    value, low, high = figures["statistics"]["noise"]
+    value, low, high = figures["statistics"]["noise"].values()
     assert low < value < high
     assert value == pytest.approx(0.002, rel=0.1)
     assert figures["bound"]["derivative"] == 1

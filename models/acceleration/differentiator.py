@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from phyfilter_ctl.flightlog import FlightLog
 from phyfilter_ctl.learned import Network, window
+from phyfilter_ctl.results import Status
 
 from .params import params
 
@@ -213,6 +214,6 @@ def train(
     z = np.concatenate([untrained.features(log.x)[pick] for log, pick in zip(logs, rows, strict=True)])
     f = np.concatenate([labels(log)[pick] for log, pick in zip(logs, rows, strict=True)])
     result = network.fit(z, f)
-    if result.status == "failed":
+    if result.status is Status.FAILED:
         raise ValueError(f"training of the network failed: {result.message}")
     return WindowDifferentiator(result.model, chosen.length, stride)

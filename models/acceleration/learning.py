@@ -15,6 +15,7 @@ from phyfilter_ctl import PhyFilter
 from phyfilter_ctl.design.adjoint import Adam, train
 from phyfilter_ctl.design.learning import LearnEvent, LearnResult, learn
 from phyfilter_ctl.flightlog import FlightLog
+from phyfilter_ctl.results import Status
 from phyfilter_ctl.study import Report
 
 from .differentiator import counted
@@ -42,14 +43,14 @@ class Descent:
         Wall time since the beginning, s; what is below the order is part of it.
     rmse : (m,) array
         Least so far, m/s^2.
-    status : str
+    status : Status
     """
 
     order: int
     start: float
     times: FloatArray
     rmse: FloatArray
-    status: str
+    status: Status
 
 
 @dataclass(frozen=True)
@@ -209,7 +210,9 @@ def _by_adam(logs: Sequence[FlightLog], start: PhyFilter, dt: float, rate: float
     return _descent(start, _rmse(start, logs, dt), points, result.status)
 
 
-def _descent(start: PhyFilter, first: float, points: Sequence[tuple[float, float]], status: str) -> Descent:
+def _descent(
+    start: PhyFilter, first: float, points: Sequence[tuple[float, float]], status: Status
+) -> Descent:
     table = np.array(points, dtype=float).reshape(-1, 2)
     least = np.minimum.accumulate(np.minimum(np.sqrt(np.maximum(table[:, 1], 0.0)), first))
     return Descent(start.order, first, table[:, 0], least, status)

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from phyfilter_ctl.flightlog import FlightLog
 from phyfilter_ctl.plots import dress
+from phyfilter_ctl.results import Status
 
 from .differentiator import counted, labels
 from .experiment import Comparison
@@ -227,7 +228,7 @@ def _way_down(axes: Axes, descent: Descent, edge: float) -> None:
     times = np.concatenate([[edge], descent.times])
     scores = np.concatenate([[descent.start], descent.rmse])
     axes.plot(times, scores, color=colour, linewidth=1.0, drawstyle="steps-post")
-    marker = "x" if descent.status == "diverged" else "."
+    marker = "x" if descent.status is Status.DIVERGED else "."
     axes.plot(times[-1], scores[-1], marker, color=colour, markersize=6)
 
 

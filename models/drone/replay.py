@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from phyfilter_ctl import PhyFilter, SampledPhyFilter
 from phyfilter_ctl.baselines import BackwardDifference, LowpassDifference
 from phyfilter_ctl.learned import Chebyshev, FitResult, LearnedModel
+from phyfilter_ctl.results import Status
 from phyfilter_ctl.study import finite
 
 from .replay_recordings import AXES, BAND, DelayScan, Recording, read
@@ -200,7 +201,7 @@ def replay(
         z, f = (np.concatenate([getattr(each, key) for each in learned_from]) for key in ("z", "label"))
         chosen: LearnedModel = Chebyshev(1, n_d=0, l2=_RIDGE) if model is None else model
         fit, mean = chosen.fit(z, f), np.mean(f, axis=0)
-        model = None if fit.status == "failed" else fit.model
+        model = None if fit.status is Status.FAILED else fit.model
     flights: list[Flight] = []
     for each in recordings:
         estimates = _estimates(each, filters, model, mean)

@@ -8,6 +8,7 @@ square leaves double precision, other shapes, other numbers of samples than besi
 
 from .arrays import (
     LARGEST,
+    Given,
     Where,
     array,
     count,
@@ -25,6 +26,7 @@ from .times import duration, interval, refuse_ticks, refuse_unordered, sample_ti
 
 __all__ = [
     "LARGEST",
+    "Given",
     "Where",
     "array",
     "count",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,6 +13,7 @@ from .._sections import FloatArray
 __all__ = [
     "INSTEAD",
     "LARGEST",
+    "Given",
     "Where",
     "array",
     "count",
@@ -37,6 +39,7 @@ INSTEAD = {
     "O": "convert its entries to float; where some are missing, to NaN",
 }
 Where = Callable[[int], str]
+Given: TypeAlias = ArrayLike | Sequence[ArrayLike]
 
 
 def row(index: int) -> str:
@@ -47,7 +50,7 @@ def row(index: int) -> str:
 # -- arrays ---------------------------------------------------------------------------------------------------------
 
 
-def real(name: str, values: ArrayLike) -> FloatArray:
+def real(name: str, values: Given) -> FloatArray:
     """A copy as float64, NaN where it is masked.
 
     Parameters
@@ -86,7 +89,7 @@ def real(name: str, values: ArrayLike) -> FloatArray:
 
 def array(
     name: str,
-    values: ArrayLike,
+    values: Given,
     shape: Sequence[int | str],
     *,
     beside: str = "",
@@ -137,7 +140,7 @@ def array(
 
 
 def filled(
-    name: str, values: ArrayLike, shape: Sequence[int], *, least: float = -np.inf, finite: bool = True
+    name: str, values: Given, shape: Sequence[int], *, least: float = -np.inf, finite: bool = True
 ) -> FloatArray:
     """A copy as float64, where a single number, or a single row, stands for all.
 
@@ -172,9 +175,7 @@ def filled(
     return np.broadcast_to(given, wanted).copy()
 
 
-def inertia(
-    name: str, values: ArrayLike, n_x: int, n: int | None = None, *, finite: bool = True
-) -> FloatArray:
+def inertia(name: str, values: Given, n_x: int, n: int | None = None, *, finite: bool = True) -> FloatArray:
     """An inertia M as it was given: a number, a diagonal or a matrix, of one sample or with one for each of ``n``.
 
     Parameters
@@ -236,7 +237,7 @@ def _reshaping(name: str, got: tuple[int, ...], shape: Sequence[int | str], empt
     return ""
 
 
-def unmasked(values: ArrayLike) -> ArrayLike:
+def unmasked(values: Given) -> Given:
     """The values with NaN (NaT) where they are masked: numpy would hand out what lies under the mask.
 
     Parameters

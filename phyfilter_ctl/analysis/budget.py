@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 
 from .. import _signals, plots
 from .._sections import FloatArray
+from ..results import Result
 from .bounds import BoundResult
 from .frequency import frequency_response
 from .variance import Variance
@@ -19,8 +20,8 @@ from .variance import Variance
 __all__ = ["ErrorBudget", "error_budget"]
 
 
-@dataclass(frozen=True, eq=False)
-class ErrorBudget:
+@dataclass(frozen=True, eq=False, repr=False)
+class ErrorBudget(Result):
     """Parts of the error of m designs; made by :func:`error_budget`.
 
     Attributes

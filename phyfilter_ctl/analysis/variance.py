@@ -11,14 +11,15 @@ from scipy.linalg import solve_continuous_lyapunov, solve_discrete_lyapunov
 from .. import _sections
 from .._sections import FloatArray
 from ..filter import PhyFilter, SampledPhyFilter
+from ..results import Result
 
 __all__ = ["Variance", "error_variance", "gauss_markov"]
 
 Shape = ct.StateSpace | ct.TransferFunction
 
 
-@dataclass(frozen=True)
-class Variance:
+@dataclass(frozen=True, repr=False)
+class Variance(Result):
     """Variances of one channel; made by :func:`error_variance`.
 
     Attributes

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, is_dataclass
 from itertools import product
-from typing import Generic, Literal, TypeVar, cast
+from typing import Generic, TypeVar, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -13,6 +13,7 @@ from scipy.optimize import minimize
 
 from .. import _signals
 from .._sections import FloatArray
+from ..results import Result, Status
 from .protocol import SearchRange, TunableDifferentiator
 
 _Flight = tuple[FloatArray, FloatArray, float, int]
@@ -32,8 +33,8 @@ _SCREENED = 3
 _DIVERGED = 1e300
 
 
-@dataclass(frozen=True)
-class TuneResult(Generic[D_co]):
+@dataclass(frozen=True, repr=False)
+class TuneResult(Result, Generic[D_co]):
     """What tuning found.
 
     Attributes
@@ -44,8 +45,8 @@ class TuneResult(Generic[D_co]):
         Its root-mean-square error on the flights, in the unit of the labels; inf if none worked.
     evaluations : int
         How many candidates were tried.
-    status : {"converged", "bound", "evaluation_limit", "failed"}
-        "bound": converged with a parameter at the end of its range.
+    status : Status
+        CONVERGED, AT_BOUND, ITERATION_LIMIT (no evaluations are left) or FAILED.
     message : str
         The status in words, and what to try.
     """
@@ -53,7 +54,7 @@ class TuneResult(Generic[D_co]):
     differentiator: D_co
     rmse: float
     evaluations: int
-    status: Literal["converged", "bound", "evaluation_limit", "failed"]
+    status: Status
     message: str
 
 
@@ -108,7 +109,7 @@ def tune(
     >>> t = np.arange(2000)[:, None] * 0.002
     >>> noise = 0.01 * np.random.default_rng(0).standard_normal(t.shape)
     >>> result = tune(LowpassDifference, [(np.sin(2 * t) + noise, 2 * np.cos(2 * t), 0.002, 250)])
-    >>> result.status, round(result.rmse, 2)
+    >>> str(result.status), round(result.rmse, 2)
     ('converged', 0.24)
     """
     data = [_flight(i, *flight) for i, flight in enumerate(flights)]
@@ -166,10 +167,10 @@ class _Search(Generic[D]):
         best = self.candidate(self.best)
         if not self.best_cost < _DIVERGED:
             message = "every candidate diverged; lower the upper bounds"
-            return TuneResult(best, float("inf"), self.evaluations, "failed", message)
+            return TuneResult(best, float("inf"), self.evaluations, Status.FAILED, message)
         if limited:
             message = "the simplex used up its evaluations; raise max_evaluations or tolerance"
-            return TuneResult(best, self.best_cost, self.evaluations, "evaluation_limit", message)
+            return TuneResult(best, self.best_cost, self.evaluations, Status.ITERATION_LIMIT, message)
         ends = []
         for r, x in zip(self.ranges, self.best, strict=True):
             for side, end in (("lower", r.low), ("upper", r.high)):
@@ -177,8 +178,8 @@ class _Search(Generic[D]):
                     ends.append(f"{r.name} at its {side} bound {end:g}")
         if ends:
             message = f"converged with {', '.join(ends)}; widen it with bounds= if a value beyond makes sense"
-            return TuneResult(best, self.best_cost, self.evaluations, "bound", message)
-        return TuneResult(best, self.best_cost, self.evaluations, "converged", "converged")
+            return TuneResult(best, self.best_cost, self.evaluations, Status.AT_BOUND, message)
+        return TuneResult(best, self.best_cost, self.evaluations, Status.CONVERGED, "converged")
 
 
 def _flight(i: int, v: ArrayLike, label: ArrayLike, dt: float, skip: int) -> _Flight:

@@ -14,6 +14,7 @@ from .. import filterfile
 from .._output import check_target, write_figure, write_text
 from ..filter import PhyFilter, SampledPhyFilter
 from ..flightlog import FlightLog
+from ..results import plain
 
 if TYPE_CHECKING:
     from ..analysis import BoundResult, LoopMargin, PriorMargin
@@ -99,18 +100,18 @@ def main(options: argparse.Namespace) -> int:
         kp, kd = options.kp or 0.0, options.kd or 0.0
         outer = loop_margin(system, kp=kp, kd=kd, actuator=actuator, delay=options.delay)
     figures: dict[str, object] = {
-        "filter": {"a": _first(system).a.tolist(), "b": _first(system).b.tolist()},
-        "bandwidth": _finite(response.bandwidth),
+        "filter": _first(system),
+        "bandwidth": response.bandwidth,
         "error_peak": response.error_peak.value,
-        "noise_gain": _finite(response.noise_gain),
-        "statistics": None if statistics is None else _statistics(statistics),
-        "bound": None if bound is None else _bound(bound),
+        "noise_gain": response.noise_gain,
+        "statistics": statistics,
+        "bound": bound,
         "noise_deviation": deviation,
-        "inner_loop": _margins(inner),
-        "complete_loop": None if outer is None else _margins(outer),
+        "inner_loop": inner,
+        "complete_loop": outer,
     }
     if options.json is not None:
-        write_text(options.json, json.dumps(figures, indent=2, allow_nan=False) + "\n")
+        write_text(options.json, json.dumps(plain(figures), indent=2, allow_nan=False) + "\n")
     if options.json != "-":
         print(_text(system, statistics, bound, deviation, inner, outer))
     if options.picture is not None:
@@ -165,46 +166,6 @@ def _bounds(
 
 
 # -- figures and text -------------------------------------------------------------------------------------------
-
-
-def _finite(value: float) -> float | None:
-    return float(value) if math.isfinite(value) else None
-
-
-def _statistics(found: ResidualStatistics) -> dict[str, object]:
-    return {
-        "noise": list(found.noise),
-        "deviation": list(found.deviation),
-        "time_constant": list(found.time_constant),
-        "magnitude": list(found.magnitude),
-        "slope": list(found.slope),
-        "confidence": found.confidence,
-    }
-
-
-def _bound(bound: BoundResult) -> dict[str, object]:
-    return {
-        "bound": bound.bound,
-        "intrinsic": bound.intrinsic,
-        "prior": bound.prior,
-        "noise": bound.noise,
-        "between_samples": bound.between_samples,
-        "derivative": bound.derivative,
-        "exact": bound.exact,
-        "assumptions": list(bound.assumptions),
-        "certified_to": None if bound.certificate is None else bound.certificate.gap,
-    }
-
-
-def _margins(margin: PriorMargin | LoopMargin) -> dict[str, object]:
-    return {
-        "stable": margin.is_stable,
-        "stable_ratios": [[low, _finite(high)] for low, high in margin.stable_ratios],
-        "gain_margin": [_finite(value) for value in margin.gain_margin],
-        "phase_margin_deg": _finite(math.degrees(margin.phase_margin)),
-        "delay_margin": _finite(margin.delay_margin),
-        "modulus_margin": margin.modulus_margin,
-    }
 
 
 def _text(

@@ -13,6 +13,7 @@ from .. import filterfile
 from .._output import check_target, write_figure, write_text
 from ..design.placement import Family, bandpass, lowpass, place_poles
 from ..filter import PhyFilter, SampledPhyFilter
+from ..results import plain
 
 if TYPE_CHECKING:
     from ..analysis.frequency import FilterResponse
@@ -86,7 +87,7 @@ def main(options: argparse.Namespace) -> int:
     if options.json != "-":
         print(_text(system, figures))
     if options.json is not None:
-        write_text(options.json, json.dumps(figures, indent=2, allow_nan=False) + "\n")
+        write_text(options.json, json.dumps(plain(figures), indent=2, allow_nan=False) + "\n")
     if options.out is not None:
         filterfile.save(options.out, system)
     if picture is not None:
@@ -187,7 +188,6 @@ def _figures(
 ) -> dict[str, object]:
     """What the JSON holds; figures that are infinite or undefined are null."""
     filter = system if isinstance(system, PhyFilter) else system.filter
-    low, high = response.band_edges
     if at:
         from ..analysis.frequency import frequency_response
 
@@ -199,26 +199,22 @@ def _figures(
     else:
         table = []
     figures: dict[str, object] = {
-        "a": filter.a.tolist(),
-        "b": filter.b.tolist(),
-        "poles": [[p.real, p.imag] for p in filter.poles.tolist()],
+        "a": filter.a,
+        "b": filter.b,
+        "poles": filter.poles,
         "order": filter.order,
         "type": filter.type,
         "dc_gain": filter.dc_gain,
-        "bandwidth": _finite(response.bandwidth),
-        "band_edges": [_finite(low), _finite(high)],
-        "peak": {"value": response.peak.value, "omega": _finite(response.peak.omega)},
-        "error_peak": {"value": response.error_peak.value, "omega": _finite(response.error_peak.omega)},
-        "noise_gain": _finite(response.noise_gain),
+        "bandwidth": response.bandwidth,
+        "band_edges": response.band_edges,
+        "peak": response.peak,
+        "error_peak": response.error_peak,
+        "noise_gain": response.noise_gain,
         "at": table,
     }
     if isinstance(system, SampledPhyFilter):
         figures["sampled"] = {"dt": system.dt, "method": system.method}
     return figures
-
-
-def _finite(value: float) -> float | None:
-    return float(value) if math.isfinite(value) else None
 
 
 def _text(system: PhyFilter | SampledPhyFilter, figures: dict[str, object]) -> str:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -10,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..flightlog import FlightLog
+from ..results import Status, plain
 
 if TYPE_CHECKING:
     from ..design.learning import Form, LearnResult, WienerFloor
@@ -107,7 +107,8 @@ def table_of(
     said = [
         row.result.message
         for row in rows
-        if row.result.status == "F(0) not identified" or (row is best and chosen.status != "converged")
+        if row.result.status is Status.NOT_IDENTIFIED
+        or (row is best and chosen.status is not Status.CONVERGED)
     ]
     lines += [f"note: {text}" for text in (*said, *chosen.notes)]
     return "\n".join(lines)
@@ -151,19 +152,16 @@ def _entry(row: Row) -> dict[str, object]:
         "rmse": result.rmse,
         "held_out_rmse": result.held_out_rmse,
         "wiener": None if result.wiener is None else _floor(result.wiener),
-        "a": result.filter.a.tolist(),
-        "b": result.filter.b.tolist(),
-        "poles": [[p.real, p.imag] for p in result.filter.poles.tolist()],
-        "costs": {str(n): cost for n, cost in result.costs.items()},
+        "costs": plain(result.costs),
+        **plain(result.filter),
     }
 
 
 def _floor(floor: WienerFloor) -> dict[str, object]:
-    low, high = floor.interval
     return {
         "rmse": floor.rmse,
         "filter_rmse": floor.filter_rmse,
         "ratio": floor.ratio,
-        "interval": [low, high if math.isfinite(high) else None],
+        "interval": plain(floor.interval),
         "taps": len(floor.taps),
     }

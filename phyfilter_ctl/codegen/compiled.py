@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .. import _signals
 from ..diagram.model import FlatModel
+from ..results import Result
 from .binding import Library, Progress, address, glue_source
 from .casadi_source import Real
 from .compiler import cached_library
@@ -38,8 +39,8 @@ _MESSAGES = {
 }
 
 
-@dataclass(frozen=True, eq=False)
-class CompiledRun:
+@dataclass(frozen=True, eq=False, repr=False)
+class CompiledRun(Result):
     """What a compiled simulation found.
 
     Parameters

@@ -19,6 +19,7 @@ from .._sections import FloatArray
 from ..filter import PhyFilter, SampledPhyFilter
 from ..flightlog import FlightLog
 from ..learned import FitResult, LearnedModel
+from ..results import Result, Status
 from .adjoint.costs import SquaredError, StageCost
 from .adjoint.gradient import Record, listed, record_of, terms_of
 from .adjoint.rollout import Form, Rollout
@@ -35,8 +36,8 @@ _SLOWEST = 1e-2
 _ROUNDS = 5
 
 
-@dataclass(frozen=True)
-class JointGradient:
+@dataclass(frozen=True, repr=False)
+class JointGradient(Result):
     """A cost over flights and its gradient in the model and in the filter.
 
     Attributes
@@ -63,8 +64,8 @@ class JointGradient:
     count: int
 
 
-@dataclass(frozen=True)
-class JointResult(Generic[M]):
+@dataclass(frozen=True, repr=False)
+class JointResult(Result, Generic[M]):
     """What :func:`learn_jointly` gave.
 
     Attributes
@@ -77,9 +78,8 @@ class JointResult(Generic[M]):
         ``rmse`` at the start and after each iteration.
     held_out : tuple of float
         The same on the flights held out; empty without any. ``model`` and ``filter`` are those of its least entry.
-    status : {"converged", "iteration_limit", "stalled", "stopped", "failed"}
-        "stalled": the line search found no further descent before the tolerance was met; the result is usable.
-        "stopped": the callback asked for it. "failed": the model could not be fitted to start from.
+    status : Status
+        CONVERGED, ITERATION_LIMIT, STALLED, CANCELLED, or FAILED: the model could not be fitted to start from.
     message : str
         The status in words, and what to try.
     """
@@ -89,7 +89,7 @@ class JointResult(Generic[M]):
     rmse: float
     history: tuple[float, ...]
     held_out: tuple[float, ...]
-    status: Literal["converged", "iteration_limit", "stalled", "stopped", "failed"]
+    status: Status
     message: str
 
 
@@ -229,9 +229,9 @@ def learn_jointly(
         _features(log)
     if len(model.parameters) == 0:
         first = _first_fit(model, flights)
-        if first.status == "failed":
+        if first.status is Status.FAILED:
             message = f"the first fit of the model failed ({first.message}); hand in a fitted model"
-            return JointResult(model, sampled.filter, float("inf"), (), (), "failed", message)
+            return JointResult(model, sampled.filter, float("inf"), (), (), Status.FAILED, message)
         model = first.model
     problem = _Joint(flights, others, model, rollout, cost or SquaredError())
     return _Search(problem, iterations, tolerance, callback).run(strategy)
@@ -429,17 +429,15 @@ class _Search(Generic[M]):
         if self.callback is not None and self.callback(len(self.history) - 1, rmse):
             self.stopped = True
 
-    def _status(
-        self, last: OptimizeResult
-    ) -> tuple[Literal["converged", "iteration_limit", "stalled", "stopped"], str]:
+    def _status(self, last: OptimizeResult) -> tuple[Status, str]:
         count = len(self.history) - 1
         if self.stopped:
-            return "stopped", f"stopped by the callback after iteration {count}"
+            return Status.CANCELLED, f"cancelled by the callback after iteration {count}"
         if last.status == 0:
-            return "converged", f"converged in {count} iterations"
+            return Status.CONVERGED, f"converged in {count} iterations"
         if last.status == 1:
             return (
-                "iteration_limit",
+                Status.ITERATION_LIMIT,
                 f"still learning after {count} iterations; raise iterations or tolerance",
             )
-        return "stalled", f"no further descent after {count} iterations; usable, or try another start"
+        return Status.STALLED, f"no further descent after {count} iterations; usable, or try another start"

@@ -16,6 +16,7 @@ from .._sections import FloatArray
 from ..analysis.margins import LoopMargins
 from ..analysis.margins.statespace import StateSpaceLoop
 from ..analysis.margins.sweep import lag_to_instability
+from ..results import Result
 from .flattening import flatten
 
 __all__ = ["SignalMargin", "open_loop"]
@@ -23,8 +24,8 @@ __all__ = ["SignalMargin", "open_loop"]
 _CUT = "opened_in", "opened_out"
 
 
-@dataclass(frozen=True, eq=False)
-class SignalMargin:
+@dataclass(frozen=True, eq=False, repr=False)
+class SignalMargin(Result):
     """Margins of a diagram at one of its signals; made by :func:`phyfilter_ctl.signal_margin`.
 
     Parameters
@@ -33,6 +34,8 @@ class SignalMargin:
     open_loop : control.StateSpace
         L, with the return difference 1 + L.
     """
+
+    _figures = ("signal", "is_stable", "stable_gains", "gain_margin")
 
     signal: str
     open_loop: ct.StateSpace

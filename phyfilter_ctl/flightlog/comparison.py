@@ -11,12 +11,13 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from .._sections import FloatArray
+from ..results import Result
 
 __all__ = ["EstimateComparison"]
 
 
-@dataclass(frozen=True, eq=False)
-class EstimateComparison:
+@dataclass(frozen=True, eq=False, repr=False)
+class EstimateComparison(Result):
     """Estimates of f beside the label; made by ``FlightLog.compare``.
 
     Attributes
@@ -30,6 +31,8 @@ class EstimateComparison:
     unit : str
         Of f; empty where it is not known.
     """
+
+    _figures = ("channels", "unit", "rmse", "channel_rmse")
 
     times: FloatArray
     label: FloatArray

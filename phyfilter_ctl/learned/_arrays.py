@@ -44,7 +44,7 @@ def with_cotangent(z: ArrayLike, cotangent: ArrayLike, n_z: int, n_x: int) -> tu
 
 def number(name: str, value: float, *, positive: bool = False) -> float:
     """A finite number >= 0, or > 0."""
-    return _signals.number(name, value, **{"above" if positive else "least": 0.0})
+    return _signals.number(name, value, above=0.0 if positive else None, least=0.0)
 
 
 def chunks(count: int, width: int) -> Iterator[slice]:

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 from scipy.optimize import minimize
 from threadpoolctl import threadpool_limits
 
 from .._sections import FloatArray
+from ..results import Status
 
 # What a loss that is not finite becomes, in units of the first one: the line search shortens its step.
 _WALL = 1e10
@@ -23,7 +23,7 @@ class Descent:
     parameters: FloatArray
     loss: float
     iterations: int
-    status: Literal["converged", "iteration_limit", "stalled", "failed"]
+    status: Status
     message: str
 
 
@@ -51,7 +51,7 @@ def descend(
     with threadpool_limits(1, user_api="blas"), np.errstate(over="ignore", invalid="ignore"):
         first, slope = loss(start)
         if not (np.isfinite(first) and np.all(np.isfinite(slope))):
-            return Descent(start, float("inf"), 0, "failed", "the loss is not finite at the start")
+            return Descent(start, float("inf"), 0, Status.FAILED, "the loss is not finite at the start")
         wall = _WALL * (1.0 + abs(first))
 
         def guarded(parameters: FloatArray) -> tuple[float, FloatArray]:
@@ -65,11 +65,11 @@ def descend(
         end = minimize(guarded, start, jac=True, method="L-BFGS-B", options=options)
     parameters, value, iterations = np.asarray(end.x, dtype=float), float(end.fun), int(end.nit)
     if not value < wall:
-        return Descent(start, float("inf"), iterations, "failed", "every step made the loss infinite")
+        return Descent(start, float("inf"), iterations, Status.FAILED, "every step made the loss infinite")
     if end.success:
-        return Descent(parameters, value, iterations, "converged", "converged")
+        return Descent(parameters, value, iterations, Status.CONVERGED, "converged")
     if iterations >= max_iterations:
         message = f"not converged in {iterations} iterations; raise max_iterations, tolerance or l2"
-        return Descent(parameters, value, iterations, "iteration_limit", message)
+        return Descent(parameters, value, iterations, Status.ITERATION_LIMIT, message)
     message = "the optimiser found no further descent; usable, or scale the data, or raise tolerance"
-    return Descent(parameters, value, iterations, "stalled", message)
+    return Descent(parameters, value, iterations, Status.STALLED, message)

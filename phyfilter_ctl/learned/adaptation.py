@@ -11,6 +11,8 @@ from scipy.linalg import get_lapack_funcs
 from scipy.signal import lfilter
 
 from .._sections import FloatArray
+from .._signals import unmasked
+from ..results import Result
 from . import _arrays, _checks
 from .chebyshev import Chebyshev
 
@@ -47,8 +49,8 @@ class AdaptationState:
     Y: FloatArray
 
 
-@dataclass(frozen=True, eq=False)
-class AdaptationRun:
+@dataclass(frozen=True, eq=False, repr=False)
+class AdaptationRun(Result):
     """The adaptive law over a record.
 
     Attributes
@@ -305,7 +307,8 @@ def _as_rows(
     z: ArrayLike, x: ArrayLike, g: ArrayLike | None
 ) -> tuple[ArrayLike, ArrayLike, ArrayLike | None]:
     """One sample as a record of one row."""
-    return [z], [x], None if g is None else [g]
+    row = [np.asarray(unmasked(part))[None] for part in (z, x)]
+    return row[0], row[1], None if g is None else np.asarray(unmasked(g))[None]
 
 
 def _lag(values: FloatArray, c: float, before: FloatArray) -> FloatArray:

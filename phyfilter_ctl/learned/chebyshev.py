@@ -12,6 +12,7 @@ from numpy.polynomial.chebyshev import chebvander
 from numpy.typing import ArrayLike
 
 from .._sections import FloatArray
+from ..results import Status
 from . import _arrays, _checks, _files
 from ._least_squares import ridge
 from .model import FitResult
@@ -138,7 +139,7 @@ class Chebyshev:
             message = (
                 "the coefficients are not finite: f is too large for double precision; choose another unit"
             )
-            return FitResult(self, float("inf"), 1, "failed", message)
+            return FitResult(self, float("inf"), 1, Status.FAILED, message)
         model = replace(scaled, Xi=W.T)
         message = "converged"
         if rank < m:
@@ -147,7 +148,7 @@ class Chebyshev:
                 f"; the data determine {rank} of {m} coefficients, the others are {how}: fly through more of the "
                 "range, or lower degree"
             )
-        return FitResult(model, _arrays.rms(model.predict(z) - f), 1, "converged", message)
+        return FitResult(model, _arrays.rms(model.predict(z) - f), 1, Status.CONVERGED, message)
 
     def predict(self, z: ArrayLike) -> FloatArray:
         """f_theta at z = (x, d) (N, n_z), shape (N, n_x).

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .._sections import FloatArray
+from ..results import Status
 from . import _arrays, _checks, _files
 from ._least_squares import ridge
 from .dictionary import Dictionary
@@ -110,11 +111,11 @@ class Koopman:
         W, rank = ridge(blocks, self.l2, m)
         if not np.all(np.isfinite(W)):
             message = "the dictionary overflows: scale it with Dictionary.scaled_to(z)"
-            return FitResult(self, float("inf"), 1, "failed", message)
+            return FitResult(self, float("inf"), 1, Status.FAILED, message)
         model, message = replace(self, W=W), "converged"
         if rank < m:
             message += f"; the data determine {rank} of {m} weights: lower degree, or use fewer features"
-        return FitResult(model, _arrays.rms(model.predict(z) - f), 1, "converged", message)
+        return FitResult(model, _arrays.rms(model.predict(z) - f), 1, Status.CONVERGED, message)
 
     def predict(self, z: ArrayLike) -> FloatArray:
         """f_theta one sample after z (N, n_z), shape (N, n_f).

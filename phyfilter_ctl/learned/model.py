@@ -4,30 +4,31 @@ from __future__ import annotations
 
 import os
 from dataclasses import dataclass
-from typing import Generic, Literal, Protocol, Self, TypeVar, runtime_checkable
+from typing import Generic, Protocol, Self, TypeVar, runtime_checkable
 
 import casadi as ca
 from numpy.typing import ArrayLike
 
 from .._sections import FloatArray
+from ..results import Result, Status
 
 M_co = TypeVar("M_co", covariant=True)
 
 
-@dataclass(frozen=True)
-class FitResult(Generic[M_co]):
+@dataclass(frozen=True, repr=False)
+class FitResult(Result, Generic[M_co]):
     """What fitting a learned model gave.
 
     Attributes
     ----------
     model : LearnedModel
-        The fitted model; the model as it was if ``status`` is "failed".
+        The fitted model; the model as it was if ``status`` is FAILED.
     rmse : float
-        Root-mean-square error on the data it was fitted to, in the unit of f; inf if ``status`` is "failed".
+        Root-mean-square error on the data it was fitted to, in the unit of f; inf if ``status`` is FAILED.
     iterations : int
         Iterations of the optimiser.
-    status : {"converged", "iteration_limit", "stalled", "failed"}
-        "stalled": the optimiser found no further descent before its tolerance was met; the model is usable.
+    status : Status
+        CONVERGED, ITERATION_LIMIT, STALLED or FAILED.
     message : str
         The status in words, and what to try.
     """
@@ -35,7 +36,7 @@ class FitResult(Generic[M_co]):
     model: M_co
     rmse: float
     iterations: int
-    status: Literal["converged", "iteration_limit", "stalled", "failed"]
+    status: Status
     message: str
 
 

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .._sections import FloatArray
+from ..results import Status
 from . import _arrays, _checks, _files
 from .layers import SCALES as _SCALES
 from .layers import Layers, standardisation
@@ -67,7 +68,7 @@ class Network:
     --------
     >>> z = np.linspace(-2.0, 2.0, 200)[:, None]
     >>> result = Network(seed=1).fit(z, np.sin(z))
-    >>> result.status, result.rmse < 0.05
+    >>> str(result.status), result.rmse < 0.05
     ('converged', True)
     >>> result.model
     Network(hidden=(20, 20), 1 -> 1, 481 parameters)
@@ -153,7 +154,9 @@ class Network:
             if "finite" not in str(error):  # something else than weights that ran away
                 raise
             message = f"training diverged ({error}); change l2 or the seed, or use solver='lbfgs'"
-            return FitResult(self, float("inf"), int(getattr(regressor, "n_iter_", 0)), "failed", message)
+            return FitResult(
+                self, float("inf"), int(getattr(regressor, "n_iter_", 0)), Status.FAILED, message
+            )
         rmse = float(np.sqrt(np.mean((layers.predict(z) - f) ** 2)))
         iterations = int(regressor.n_iter_)
         status, message = _status(complaint, iterations, self.max_iterations)
@@ -255,14 +258,15 @@ def _train(regressor: MLPRegressor, z: FloatArray, f: FloatArray) -> str:
     return " ".join(str(complaints[0].message).split()) if complaints else ""
 
 
-def _status(
-    complaint: str, iterations: int, limit: int
-) -> tuple[Literal["converged", "iteration_limit", "stalled"], str]:
+def _status(complaint: str, iterations: int, limit: int) -> tuple[Status, str]:
     if not complaint:
-        return "converged", "converged"
+        return Status.CONVERGED, "converged"
     if iterations >= limit:
         return (
-            "iteration_limit",
+            Status.ITERATION_LIMIT,
             f"not converged in {limit} iterations; raise max_iterations, tolerance or l2",
         )
-    return "stalled", f"the optimiser found no further descent ({complaint}); usable, or try another seed"
+    return (
+        Status.STALLED,
+        f"the optimiser found no further descent ({complaint}); usable, or try another seed",
+    )

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .._sections import FloatArray
+from ..results import Status
 from . import _arrays, _checks, _files
 from ._descent import Descent, descend
 from ._rollout import Segments, ends, misfit
@@ -230,7 +231,7 @@ class NeuralOde:
         begin = np.concatenate([first.parameters, np.zeros(extra)])
         end = descend(loss, begin, max_iterations=self.max_iterations, tolerance=self.tolerance)
         layers = first.with_parameters(end.parameters[: len(first.parameters)])
-        if end.status == "failed":
+        if end.status is Status.FAILED:
             return self._result(layers, float("inf"), end)
         error = (ends(layers, segments, starts(end.parameters)) - segments.x[:, -1]) / duration
         return self._result(layers, _arrays.rms(error), end)
@@ -364,7 +365,7 @@ class NeuralOde:
         f = np.concatenate([segments.mean_f(i, i + width) for i in cuts])
         first = self._first_layers(standardisation("x", z), standardisation("x", f))
         layers, end = self._regression(first, z, f)
-        return first if end.status == "failed" else layers
+        return first if end.status is Status.FAILED else layers
 
     def _regression(self, first: Layers, z: FloatArray, f: FloatArray) -> tuple[Layers, Descent]:
         def loss(p: FloatArray) -> tuple[float, FloatArray]:
@@ -388,9 +389,9 @@ class NeuralOde:
         return Layers(tuple(weights), tuple(np.zeros(n) for n in sizes[1:]), *of_z, *of_f)
 
     def _result(self, layers: Layers, rmse: float, end: Descent) -> FitResult[Self]:
-        if end.status == "failed" or not np.isfinite(rmse):
+        if end.status is Status.FAILED or not np.isfinite(rmse):
             message = f"the fit diverged ({end.message}); lower segment, scale x, or start without weights"
-            return FitResult(self, float("inf"), end.iterations, "failed", message)
+            return FitResult(self, float("inf"), end.iterations, Status.FAILED, message)
         return FitResult(replace(self, layers=layers), rmse, end.iterations, end.status, end.message)
 
     @staticmethod

@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .._sections import FloatArray
-from .._signals import LARGEST
+from .._signals import LARGEST, unmasked
+from ..results import Result
 from . import _checks
 from .koopman import Koopman
 
@@ -53,8 +54,8 @@ class KoopmanState:
     age: int
 
 
-@dataclass(frozen=True, eq=False)
-class KoopmanRun:
+@dataclass(frozen=True, eq=False, repr=False)
+class KoopmanRun(Result):
     """The sliding window over a record.
 
     Attributes
@@ -233,7 +234,7 @@ class OnlineKoopman:
 
     def _lift(self, z: ArrayLike) -> tuple[FloatArray, FloatArray]:
         """psi and f of one sample."""
-        row = _checks.rows("z", [z], self.model.dictionary.n_z)
+        row = _checks.rows("z", np.asarray(unmasked(z))[None], self.model.dictionary.n_z)
         return self._lifted(row)[0], row[0, : self.model.n_f]
 
     def _lifted(self, z: FloatArray) -> FloatArray:

@@ -15,6 +15,7 @@ from .._sections import FloatArray
 from ..blocks.functions import Variable
 from ..diagram import FlatModel
 from ..diagram.naming import override
+from ..results import Result
 from .arguments import Inputs, Interpolation, Parameters, Start, prepare
 from .response import SimulationResponse, response_of
 from .simulate import as_flat
@@ -25,8 +26,8 @@ from .vm import discrete_pieces, fixed_pieces, run_pieces
 __all__ = ["Sensitivity", "sensitivity"]
 
 
-@dataclass(frozen=True, eq=False)
-class Sensitivity:
+@dataclass(frozen=True, eq=False, repr=False)
+class Sensitivity(Result):
     """Derivatives of a response; made by :func:`sensitivity`.
 
     Parameters

@@ -447,7 +447,7 @@ def simulated_limit(delay: float, kp: float, kd: float, candidates: np.ndarray) 
 def test_largest_bandwidth_against_a_simulated_search(gains: str):
     kp, kd = GAINS[gains]
     found = largest_bandwidth(first, kp=kp, kd=kd, actuator=LAG, delay=0.02)
-    assert (found.status, found.islands) == ("limit", ())
+    assert (found.status, found.islands) == ("limited", ())
     candidates = found.limit * np.linspace(0.9, 1.1, 41)
     assert simulated_limit(0.02, kp, kd, candidates) == pytest.approx(found.limit, rel=SIMULATED)
 
@@ -474,10 +474,10 @@ def test_largest_bandwidth_with_a_modulus_margin():
 
 
 def test_bandwidth_status():
-    assert largest_bandwidth(first, high=100.0).status == "all"
+    assert largest_bandwidth(first, high=100.0).status == "unlimited"
     assert largest_bandwidth(first, high=100.0).limit == 100.0
     none = largest_bandwidth(first, actuator=LAG, delay=0.02, low=60.0, high=100.0)
-    assert none.status == "none"
+    assert none.status == "infeasible"
     assert np.isnan(none.limit)
     assert "start lower" in none.message
 
@@ -491,7 +491,7 @@ def test_islands_are_reported():
     found = largest_bandwidth(family, actuator=LAG, delay=0.02, low=1.0, high=100.0)
     borne = largest_bandwidth(first, actuator=LAG, delay=0.02).limit
     half = 0.1 * np.sqrt(np.log(55.0 / (borne - 5.0)))
-    assert found.status == "limit"
+    assert found.status == "limited"
     assert found.limit == pytest.approx(10.0 * np.exp(-half), rel=1e-7)
     assert found.islands == ((pytest.approx(10.0 * np.exp(half), rel=1e-7), 100.0),)
     assert "cut off" in found.message

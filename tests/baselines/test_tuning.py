@@ -76,7 +76,7 @@ def test_finds_the_parameters_that_made_the_labels(
 def test_beats_its_defaults_and_reports_its_own_figure(kind: type[TunableDifferentiator]) -> None:
     data = flights()
     result = tune(kind, data)
-    assert result.status in ("converged", "bound")
+    assert result.status in ("converged", "at_bound")
     assert result.rmse == pytest.approx(rmse(result.differentiator, data), rel=1e-12)
     assert result.rmse <= rmse(kind(), data)
     for r in kind.search_space(DT):
@@ -123,10 +123,10 @@ def test_skipped_samples_do_not_count() -> None:
 def test_statuses() -> None:
     data = flights(300)
     narrow = tune(LowpassDifference, data, bounds={"cutoff": (1.0, 2.0)})
-    assert narrow.status == "bound"
+    assert narrow.status == "at_bound"
     assert "cutoff at its upper bound 2" in narrow.message
     short = tune(TrackingDifferentiator, data, max_evaluations=3)
-    assert short.status == "evaluation_limit"
+    assert short.status == "iteration_limit"
     assert "raise max_evaluations" in short.message
     failed = tune(Diverging, data)
     assert failed.status == "failed"

@@ -281,7 +281,7 @@ def test_logarithms_cannot_leave_the_stable_region():
         epochs=30,
         patience=30,
     )
-    assert result.status == "epoch_limit"
+    assert result.status == "iteration_limit"
     assert np.all(result.filter.poles.real < 0.0)
 
 
@@ -293,7 +293,7 @@ def test_callback_stops_and_default_rate_learns():
         return epoch == 3
 
     result = train(learnable(1000), PhyFilter([1.0, 2.0]), segment=100, callback=watch)
-    assert result.status == "stopped"
+    assert result.status == "cancelled"
     assert [epoch for epoch, _, _ in met] == [1, 2, 3]
     assert result.validation[1:] == tuple(cost for _, cost, _ in met)
     assert result.history[-1] < result.history[0]

@@ -136,7 +136,7 @@ def test_callback_stops():
         return iteration == 2
 
     result = learn_jointly(log_of(), Chebyshev(2, n_d=0), PhyFilter([3.0]), callback=watch)
-    assert result.status == "stopped"
+    assert result.status == "cancelled"
     assert [rmse for _, rmse in seen] == list(result.history[1:3])
 
 

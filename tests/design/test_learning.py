@@ -111,7 +111,7 @@ def test_cost_never_rises_with_the_order_of_the_general_form(short):
 def test_lowpass_order_that_adds_nothing(log):
     two, four = learn(log, 2, wiener=False), learn(log, 4, wiener=False)
     assert two.status == "converged"
-    assert four.status == "order adds nothing"
+    assert four.status == "order_adds_nothing"
     assert four.order_used == four.filter.order == 2
     assert four.filter == two.filter
     assert "general" in four.message
@@ -309,13 +309,13 @@ def test_the_same_seed_gives_the_same_filter(short):
 
 def test_statuses():
     # Which of many descents is still going down is a matter of rounding: what is said of one is not.
-    assert _status(SimpleNamespace(done=False), 2, 2, SimpleNamespace(form="lowpass")) == "iteration limit"
+    assert _status(SimpleNamespace(done=False), 2, 2, SimpleNamespace(form="lowpass")) == "iteration_limit"
     rng = np.random.default_rng(13)
     u = rng.standard_normal((2000, 1))
     x = np.concatenate([[[0.0]], np.cumsum(0.01 * u, axis=0)])
     direct = FlightLog.from_arrays(x=x, dt=0.01, label=np.concatenate([[[0.0]], u]))
     bound = learn(direct, 1, wiener=False)  # gamma* = u: as fast as can be
-    assert bound.status == "at bound"
+    assert bound.status == "at_bound"
     assert "faster sampling" in bound.message
     assert bound.filter.a[0] <= 3.0 / 0.01 * (1.0 + 1e-9) + 1.0
 

@@ -88,7 +88,7 @@ def refused(hover):
 
 
 def test_a_gain_at_rest_that_no_flight_shows_is_refused(refused):
-    assert refused.status == "F(0) not identified"
+    assert refused.status == "not_identified"
     assert refused.order_used < 3
     assert refused.is_identified
     # No worse than f_theta alone on a constant residual, |1 - F(0)| = 1, but for what noise of the data adds.
@@ -112,14 +112,14 @@ def test_no_pole_is_slower_than_the_longest_flight_shows(form):
     logs = [log.with_signals(label=slow.sampled(H).run(log.x)) for log in logs]
     result = learn(logs, 1, form=form, wiener=False)
     assert np.all(-result.filter.poles.real >= SETTLED / 8.0 * (1.0 - 0.01))
-    assert result.status == "at bound"
+    assert result.status == "at_bound"
 
 
 def test_the_choice_among_orders_and_forms_leaves_such_filters_out():
     """The label is five times M x': order 1 in the general form fits it, with F(0) = 5."""
     logs = [flight(seed, lambda f, g: 5.0 * f) for seed in range(2)]
     rows = [Row(1, form, learn(logs, 1, form=form, wiener=False)) for form in ("general", "lowpass")]
-    assert rows[0].result.status == "F(0) not identified"
+    assert rows[0].result.status == "not_identified"
     assert rows[0].result.rmse < rows[1].result.rmse
     assert best_of(rows) is rows[1]
     assert best_of(rows[:1]) is rows[0]  # and says so by its status

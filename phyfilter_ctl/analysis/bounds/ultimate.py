@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 from ... import _signals
 from ..._sections import FloatArray
 from ...filter import PhyFilter, SampledPhyFilter
+from ...results import Result
 from . import kernels, quadratic
 from .kernels import Certificate, Kernel
 from .sampled_kernels import SampledKernels
@@ -38,8 +39,8 @@ class QuadraticProof(NamedTuple):
     decay: float
 
 
-@dataclass(frozen=True, eq=False)
-class BoundResult:
+@dataclass(frozen=True, eq=False, repr=False)
+class BoundResult(Result):
     """What a filter promises; made by :func:`ultimate_bound`.
 
     Attributes
@@ -69,6 +70,22 @@ class BoundResult:
     assumptions : tuple of str
         What must hold between the samples for the bound of a sampled filter to hold; empty for a continuous one.
     """
+
+    _figures = (
+        "system",
+        "method",
+        "residual",
+        "bound",
+        "intrinsic",
+        "prior",
+        "noise",
+        "between_samples",
+        "derivative",
+        "gains",
+        "exact",
+        "certificate",
+        "assumptions",
+    )
 
     system: PhyFilter | SampledPhyFilter
     method: Method

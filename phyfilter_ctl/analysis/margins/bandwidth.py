@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Literal
 
 import control as ct
 import numpy as np
 
 from ...filter import PhyFilter, SampledPhyFilter
+from ...results import Result, Status
 from ._actuator import checked_number
 from .complete import loop_margin
 
@@ -22,8 +22,8 @@ _DIP_STEPS = 16
 _GOLDEN = 0.5 * (np.sqrt(5.0) - 1.0)
 
 
-@dataclass(frozen=True, eq=False)
-class BandwidthLimit:
+@dataclass(frozen=True, eq=False, repr=False)
+class BandwidthLimit(Result):
     """Bandwidths that a loop tolerates; made by :func:`largest_bandwidth`.
 
     Parameters
@@ -35,7 +35,8 @@ class BandwidthLimit:
         Further intervals of borne bandwidths above the limit.
     modulus_margin : float
         What was asked for.
-    status : {"limit", "all", "none"}
+    status : Status
+        LIMITED, UNLIMITED or INFEASIBLE.
     message : str
         What was found, and what to try.
     """
@@ -43,7 +44,7 @@ class BandwidthLimit:
     limit: float
     islands: tuple[tuple[float, float], ...]
     modulus_margin: float
-    status: Literal["limit", "all", "none"]
+    status: Status
     message: str
 
 
@@ -126,14 +127,14 @@ def largest_bandwidth(
         message = (
             f"the lowest bandwidth, {low:g} rad/s, is not borne{islands}; lower the gains or start lower"
         )
-        return BandwidthLimit(float("nan"), tuple(intervals), wanted, "none", message)
+        return BandwidthLimit(float("nan"), tuple(intervals), wanted, Status.INFEASIBLE, message)
     (_, limit), *islands = intervals
     if limit == high:
         message = f"every bandwidth up to {high:g} rad/s is borne; raise high"
-        return BandwidthLimit(limit, (), wanted, "all", message)
+        return BandwidthLimit(limit, (), wanted, Status.UNLIMITED, message)
     beyond = f"; beyond it {_text(islands)} are borne again, cut off from it" if islands else ""
     message = f"borne up to {limit:.6g} rad/s{beyond}"
-    return BandwidthLimit(limit, tuple(islands), wanted, "limit", message)
+    return BandwidthLimit(limit, tuple(islands), wanted, Status.LIMITED, message)
 
 
 def _scan(spare: Callable[[float], float], low: float, high: float) -> tuple[list[float], list[float]]:

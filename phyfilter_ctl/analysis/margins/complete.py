@@ -13,7 +13,7 @@ from .prior import _positive
 __all__ = ["LoopMargin", "loop_margin"]
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class LoopMargin(LoopMargins):
     """Margins of 1 + F (mu Act - 1) + mu Act (Kp/s^2 + Kd/s) = 0; made by :func:`loop_margin`.
 

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 from ... import _signals
 from ..._sections import ComplexArray, FloatArray
 from ...filter import PhyFilter, SampledPhyFilter
+from ...results import Result
 from . import sweep
 from ._actuator import checked_actuator, checked_number
 from ._continuous import ContinuousLoop
@@ -28,8 +29,8 @@ _DELAY_RESOLUTION = 1e-6
 _FEW_STEPS = 60.0
 
 
-@dataclass(frozen=True, eq=False)
-class LoopMargins:
+@dataclass(frozen=True, eq=False, repr=False)
+class LoopMargins(Result):
     """Margins of a loop Q(s) + mu P(s) = 0, mu = M_hat / M, at one ratio mu and over all ratios.
 
     Parameters
@@ -45,6 +46,17 @@ class LoopMargins:
     L = mu Act e^(-s delay) (F + K)/(1 - F), and the sensitivity 1/(1 + L) is also what the loop leaves of the residual:
     1 - F for an ideal actuator at mu = 1. Gain margins and stable ratios are one thing: an actuator gain acts as mu.
     """
+
+    _figures = (
+        "inertia_ratio",
+        "is_stable",
+        "stable_ratios",
+        "gain_margin",
+        "phase_margin",
+        "delay_margin",
+        "modulus_margin",
+        "sensitivity_peak",
+    )
 
     inertia_ratio: float
     loop: Loop = field(repr=False)

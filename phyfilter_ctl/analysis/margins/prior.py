@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 from ... import _signals
 from ..._sections import ComplexArray
 from ...filter import PhyFilter, SampledPhyFilter
+from ...results import Result
 from . import _inertia
 from ._actuator import checked_number
 from .loop_margins import LoopMargins, build_loop
@@ -19,8 +20,8 @@ from .loop_margins import LoopMargins, build_loop
 __all__ = ["InertiaVerdict", "PriorMargin", "prior_margin"]
 
 
-@dataclass(frozen=True, eq=False)
-class InertiaVerdict:
+@dataclass(frozen=True, eq=False, repr=False)
+class InertiaVerdict(Result):
     """Whether a loop is stable for an inertia matrix, or for every one of a set.
 
     Parameters
@@ -40,7 +41,7 @@ class InertiaVerdict:
     message: str
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class PriorMargin(LoopMargins):
     """Margins of the inner loop 1 + F (mu Act e^(-s delay) - 1) = 0; made by :func:`prior_margin`.
 

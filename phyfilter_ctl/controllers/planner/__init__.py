@@ -1,7 +1,7 @@
 """Cooperative planner of an aerial manipulator: platform and arm share the way of the end effector to its target."""
 
 from .following import Attitude, PathSample, PlannedPath, follow
-from .planner import CooperativePlanner, Plan, PlanStatus
+from .planner import CooperativePlanner, Plan
 from .problem import RotationPrediction
 from .settings import PlannerLimits, PlannerWeights
 from .solver import SolverName
@@ -11,7 +11,6 @@ __all__ = [
     "CooperativePlanner",
     "PathSample",
     "Plan",
-    "PlanStatus",
     "PlannedPath",
     "PlannerLimits",
     "PlannerWeights",

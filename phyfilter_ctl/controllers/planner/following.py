@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..._sections import FloatArray
-from .planner import CooperativePlanner, Plan, PlanStatus
+from ...results import Result, Status
+from .planner import CooperativePlanner, Plan
 from .problem import axes_of, end_effector
 from .settings import vector
 
@@ -40,8 +41,8 @@ class PathSample:
     arm_acceleration: FloatArray
 
 
-@dataclass(frozen=True, eq=False)
-class PlannedPath:
+@dataclass(frozen=True, eq=False, repr=False)
+class PlannedPath(Result):
     """The first steps of one plan after the other.
 
     Attributes
@@ -56,7 +57,7 @@ class PlannedPath:
         In the world, at the attitudes the planner was given.
     target : (K + 1, 3) array
         In the world.
-    statuses : tuple of str
+    statuses : tuple of Status
         Status of each of the K plans.
     messages : tuple of str
         Their messages.
@@ -69,7 +70,7 @@ class PlannedPath:
     u: FloatArray
     end_effector: FloatArray
     target: FloatArray
-    statuses: tuple[PlanStatus, ...]
+    statuses: tuple[Status, ...]
     messages: tuple[str, ...]
     solve_seconds: FloatArray
 
@@ -153,7 +154,7 @@ def follow(
     >>> limits = PlannerLimits([[-3, -3, 0.3], [3, 3, 2.5]], [[0.2, -0.15, -0.3], [0.4, 0.15, -0.1]])
     >>> h = [0, 0, 1.2, 0, 0, 0, 0.3, 0, -0.2, 0, 0, 0]
     >>> path = follow(CooperativePlanner(limits), h, targets=lambda t: [1.0, 0.2, 0.8], steps=60)
-    >>> set(path.statuses), bool(abs(path.end_effector[-1] - [1.0, 0.2, 0.8]).max() < 2e-3)
+    >>> set(map(str, path.statuses)), bool(abs(path.end_effector[-1] - [1.0, 0.2, 0.8]).max() < 2e-3)
     ({'optimal'}, True)
     >>> path.sample([0.0, 0.1]).platform.shape
     (2, 3)

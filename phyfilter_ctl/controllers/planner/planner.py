@@ -5,12 +5,13 @@ from __future__ import annotations
 from dataclasses import KW_ONLY, dataclass, field
 from functools import cached_property
 from time import perf_counter
-from typing import Literal, get_args
+from typing import get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..._sections import FloatArray
+from ...results import Result, Status
 from .problem import (
     ROUNDING,
     Horizon,
@@ -26,9 +27,8 @@ from .problem import (
 from .settings import AXES, PlannerLimits, PlannerWeights, vector
 from .solver import ConicSolver, SolverName
 
-__all__ = ["CooperativePlanner", "Plan", "PlanStatus"]
+__all__ = ["CooperativePlanner", "Plan"]
 
-PlanStatus = Literal["optimal", "kept", "braking"]
 
 # A solution that oversteps a limit by more than this (m, m/s, m/s^2) is no solution.
 _ACCEPTED = 1e-6
@@ -36,8 +36,8 @@ _ACCEPTED = 1e-6
 _ORTHOGONAL = 1e-3
 
 
-@dataclass(frozen=True, eq=False)
-class Plan:
+@dataclass(frozen=True, eq=False, repr=False)
+class Plan(Result):
     """States and accelerations over the horizon.
 
     Attributes
@@ -49,15 +49,16 @@ class Plan:
         Accelerations of platform and end effector, each held for one period, m/s^2.
     end_effector : (N, 3) array
         Predicted position of the end effector at the steps 1 to N, m, world.
-    status : "optimal", "kept" or "braking"
+    status : Status
+        OPTIMAL, KEPT or BRAKING.
         kept: the plan before, one step on, because this solve failed or came late; braking: there was none before,
         so every axis stops.
     message : str
-        What happened and what to try; empty for "optimal".
+        What happened and what to try; empty for OPTIMAL.
     solve_seconds : float
         Wall time of the call.
     age : int
-        Steps since the plan was solved; 0 for "optimal".
+        Steps since the plan was solved; 0 for OPTIMAL.
 
     A plan ends at rest or in a state from which it can stop within its limits.
     """
@@ -65,7 +66,7 @@ class Plan:
     h: FloatArray
     u: FloatArray
     end_effector: FloatArray
-    status: PlanStatus
+    status: Status
     message: str
     solve_seconds: float
     age: int
@@ -126,7 +127,7 @@ class CooperativePlanner:
     >>> planner = CooperativePlanner(limits, [0.05, 0.0, -0.05])
     >>> h = [0, 0, 1.2, 0, 0, 0, 0.3, 0, -0.2, 0, 0, 0]
     >>> plan = planner.plan(h, target=[0.45, 0.05, 1.0])
-    >>> plan.status, plan.u.shape
+    >>> str(plan.status), plan.u.shape
     ('optimal', (15, 6))
     >>> bool(np.linalg.norm(plan.end_effector[-1] - [0.45, 0.05, 1.0]) < 5e-3)
     True
@@ -237,7 +238,7 @@ class CooperativePlanner:
         if not why:
             states = roll_out(state, u, self.period)
             effector = end_effector(states[1:], self._mount, turned)
-            return Plan(states, u, effector, "optimal", "", seconds, 0)
+            return Plan(states, u, effector, Status.OPTIMAL, "", seconds, 0)
         return self._fallback(state, turned, before, why, begun)
 
     def reachable(self, points: ArrayLike) -> NDArray[np.bool_]:
@@ -346,13 +347,13 @@ class CooperativePlanner:
         """The plan before, one step on and stopping at its end; without one, a stop from here."""
         if before is None:
             u = braking(h, self.limits, self.period, self.horizon)
-            states, status, age = roll_out(h, u, self.period), "braking", 0
+            states, status, age = roll_out(h, u, self.period), Status.BRAKING, 0
             message = f"no plan, every axis brakes: {why}"
         else:
             tail = braking(before.h[-1], self.limits, self.period, 1)
             u = np.vstack([before.u[1:], tail])
             states = np.vstack([before.h[1:], roll_out(before.h[-1], tail, self.period)[1:]])
-            status, age = "kept", before.age + 1
+            status, age = Status.KEPT, before.age + 1
             message = f"the plan of {age} step{'s' if age > 1 else ''} ago is kept: {why}"
         effector = end_effector(states[1:], self._mount, turned)
         return Plan(states, u, effector, status, message, perf_counter() - begun, age)

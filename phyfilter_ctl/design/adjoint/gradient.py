@@ -11,6 +11,7 @@ import numpy as np
 from ..._sections import FloatArray
 from ...filter import SampledPhyFilter
 from ...flightlog import FlightLog
+from ...results import Result
 from .costs import SquaredError, StageCost
 from .rollout import Carry, Form, Rollout, RolloutInputs
 
@@ -22,8 +23,8 @@ _COST_ROWS = 1 << 15
 _SAME_STEP = 1e-6
 
 
-@dataclass(frozen=True)
-class AdjointGradient:
+@dataclass(frozen=True, repr=False)
+class AdjointGradient(Result):
     """A cost over one or many records and its gradient.
 
     Attributes

@@ -16,6 +16,7 @@ from threadpoolctl import threadpool_limits
 from ..._sections import FloatArray
 from ...filter import PhyFilter, SampledPhyFilter
 from ...flightlog import FlightLog
+from ...results import Result, Status
 from ..learning.parametrisation import Chain, chain_of
 from .costs import SquaredError, StageCost
 from .gradient import Record, gradient_of, listed, record_of, summed, terms_of
@@ -91,8 +92,8 @@ class Adam:
         return p - (0.02 if self.rate is None else self.rate) * unbiased / size, (count, mean, square)
 
 
-@dataclass(frozen=True)
-class TrainResult:
+@dataclass(frozen=True, repr=False)
+class TrainResult(Result):
     """What :func:`train` gave.
 
     Attributes
@@ -107,8 +108,8 @@ class TrainResult:
         Mean cost per sample of the validation part before the first epoch and after each.
     best_epoch : int
         Epochs after which ``filter`` was met; 0 is the start.
-    status : {"converged", "epoch_limit", "diverged", "stopped"}
-        "converged": no better filter for ``patience`` epochs. "stopped": the callback asked for it.
+    status : Status
+        CONVERGED (no better filter for ``patience`` epochs), ITERATION_LIMIT, DIVERGED or CANCELLED.
     message : str
         The status in words, and what to try.
     """
@@ -118,7 +119,7 @@ class TrainResult:
     history: tuple[float, ...]
     validation: tuple[float, ...]
     best_epoch: int
-    status: Literal["converged", "epoch_limit", "diverged", "stopped"]
+    status: Status
     message: str
 
 
@@ -340,9 +341,7 @@ def _descend(
     value, rmse = training.score(rollout)
     best, history, validation = (value, rmse, 0, rollout.sampled.filter), [], [value]
 
-    def result(
-        status: Literal["converged", "epoch_limit", "diverged", "stopped"], message: str
-    ) -> TrainResult:
+    def result(status: Status, message: str) -> TrainResult:
         return TrainResult(best[3], best[1], tuple(history), tuple(validation), best[2], status, message)
 
     for epoch in range(1, epochs + 1):
@@ -358,7 +357,7 @@ def _descend(
                 rollout = training.at(p)
             except ValueError as error:
                 reason = str(error).split(";")[0]
-                return result("diverged", f"epoch {epoch} left the stable region ({reason}); take a smaller rate, "
+                return result(Status.DIVERGED, f"epoch {epoch} left the stable region ({reason}); take a smaller rate, "
                     "or coordinates='hurwitz'")  # fmt: skip
             costs.append(cost)
         history.append(float(np.mean(costs)))
@@ -367,7 +366,7 @@ def _descend(
         if value < best[0]:
             best = (value, rmse, epoch, rollout.sampled.filter)
         if callback is not None and callback(epoch, value, rollout.sampled.filter):
-            return result("stopped", f"stopped by the callback after epoch {epoch}")
+            return result(Status.CANCELLED, f"cancelled by the callback after epoch {epoch}")
         if epoch - best[2] >= patience:
-            return result("converged", f"no better on the held-out part for {patience} epochs")
-    return result("epoch_limit", f"still learning after {epochs} epochs; raise epochs or the rate")
+            return result(Status.CONVERGED, f"no better on the held-out part for {patience} epochs")
+    return result(Status.ITERATION_LIMIT, f"still learning after {epochs} epochs; raise epochs or the rate")

@@ -24,13 +24,14 @@ from ...filter import PhyFilter
 from ...filter.coefficients import Method
 from ...filter.sampled_filter import Rule
 from ...flightlog import FlightLog
+from ...results import Status
 from . import levenberg
 from .correlation import MOST_LAGS, memory
 from .label_check import label_faults
 from .levenberg import Descent
 from .parametrisation import Chain
 from .residuals import Flight, flights_of, refuse_uninformative
-from .result import LearnEvent, LearnResult, Status, is_identified
+from .result import LearnEvent, LearnResult, is_identified
 from .samples import response
 from .search import Best, Search
 from .sensitivity import Data, Evaluation, Form, evaluate, filter_of
@@ -242,7 +243,7 @@ def _result(
     if not search.best:
         raise ValueError("no start had a finite cost; check the label and the residual for extreme values")
     used = max(search.best)
-    status: Status = "cancelled" if recorder.cancelled else "converged"
+    status = Status.CANCELLED if recorder.cancelled else Status.CONVERGED
     if search.form == "lowpass":
         least = min(entry.cost for entry in search.best.values())
         enough = max(least, 0.0) / (1.0 - _ADDS_NOTHING) + _EXACT * search.fine.energy / search.fine.weight
@@ -280,30 +281,30 @@ def _filter(best: Best, search: Search) -> PhyFilter:
 
 def _status(best: Best, used: int, order: int, search: Search) -> Status:
     if search.form == "general" and not is_identified(_filter(search.best[max(search.best)], search)):
-        return "F(0) not identified"
+        return Status.NOT_IDENTIFIED
     if used < order:
-        return "order adds nothing"
+        return Status.ORDER_ADDS_NOTHING
     if not best.done:
-        return "iteration limit"
+        return Status.ITERATION_LIMIT
     slow = bool(np.any(-best.chain.poles.real < 1.01 * search.floor))
-    return "at bound" if best.bound or slow else "converged"
+    return Status.AT_BOUND if best.bound or slow else Status.CONVERGED
 
 
 def _message(status: Status, used: int, order: int, search: Search) -> str:
     return {
-        "converged": f"order {used}: no start and no lower order does better",
-        "order adds nothing": (
+        Status.CONVERGED: f"order {used}: no start and no lower order does better",
+        Status.ORDER_ADDS_NOTHING: (
             f"no low-pass filter above order {used}, up to {order}, lowers the squared error by "
             f"{100 * _ADDS_NOTHING:g} %: the filter of order {used} is returned; try form='general'"
         ),
-        "F(0) not identified": _not_identified(used, search),
-        "at bound": (
+        Status.NOT_IDENTIFIED: _not_identified(used, search),
+        Status.AT_BOUND: (
             f"order {used}: a pole lies at a bound (decay rates from {search.floor:.3g} rad/s, 2 pi over the longest "
             f"flight, to about {1.0 / search.step:.3g} rad/s, the sampling): try a lower order, longer flights or "
             "faster sampling"
         ),
-        "iteration limit": f"order {used}: the best descent was still going down; raise iterations",
-        "cancelled": f"cancelled by the callback: the best filter so far, of order {used}",
+        Status.ITERATION_LIMIT: f"order {used}: the best descent was still going down; raise iterations",
+        Status.CANCELLED: f"cancelled by the callback: the best filter so far, of order {used}",
     }[status]
 
 
@@ -365,7 +366,7 @@ def _listed(name: str, logs: FlightLog | Sequence[FlightLog]) -> list[FlightLog]
     return found
 
 
-def _weights(weights: ArrayLike | Sequence[ArrayLike] | None, single: bool) -> list[ArrayLike] | None:
+def _weights(weights: ArrayLike | Sequence[ArrayLike] | None, single: bool) -> Sequence[ArrayLike] | None:
     if weights is None:
         return None
     if single:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 import control as ct
 import numpy as np
@@ -12,14 +12,11 @@ import numpy as np
 from ..._sections import ComplexArray, FloatArray
 from ...filter import PhyFilter
 from ...filter.coefficients import Method
+from ...results import Result, Status
 from .wiener import WienerFloor
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-
-Status = Literal[
-    "converged", "order adds nothing", "F(0) not identified", "at bound", "iteration limit", "cancelled"
-]
 
 # A constant residual may be left with as much error as f_theta alone leaves, |1 - F(0)| = 1 (band-pass), and a little.
 _MOST_LEFT = 1.05
@@ -53,8 +50,8 @@ class LearnEvent:
     cost: float
 
 
-@dataclass(frozen=True, eq=False)
-class LearnResult:
+@dataclass(frozen=True, eq=False, repr=False)
+class LearnResult(Result):
     """What :func:`learn` found.
 
     Attributes
@@ -71,11 +68,11 @@ class LearnResult:
     order_used : int
         Order of ``filter``; below the one asked for where the low-pass form gains nothing from it, or F(0) of the
         general form is not identified.
-    status : str
-        "converged"; "order adds nothing" (low-pass form: the lower order is returned); "F(0) not identified"
-        (general form: the fit of this order would estimate a constant residual worse than f_theta alone; a lower
-        order is returned); "at bound" (a pole wants to be faster or slower than the data can show); "iteration
-        limit"; "cancelled" (best so far).
+    status : Status
+        CONVERGED; ORDER_ADDS_NOTHING (low-pass form: the lower order is returned); NOT_IDENTIFIED (general form: the
+        fit of this order would estimate a constant residual worse than f_theta alone; a lower order is returned);
+        AT_BOUND (a pole wants to be faster or slower than the data can show); ITERATION_LIMIT; CANCELLED (best so
+        far).
     message : str
         The status in words, and what to try.
     notes : tuple of str

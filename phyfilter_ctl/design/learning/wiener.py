@@ -22,6 +22,7 @@ from scipy.special import stdtrit
 from ..._sections import FloatArray
 from ...filter import PhyFilter
 from ...filter.coefficients import Method
+from ...results import Result
 from .correlation import MOST_LAGS, Correlations, Stretch, memory
 from .residuals import Flight
 from .samples import Pooled, Samples, response
@@ -35,8 +36,8 @@ _ONE_RATE = 0.01  # flights whose steps agree to this share one response
 _LEVEL = 0.95
 
 
-@dataclass(frozen=True, eq=False)
-class WienerFloor:
+@dataclass(frozen=True, eq=False, repr=False)
+class WienerFloor(Result):
     """The causal Wiener filter of the data, and the learned filter beside it on the same held-out blocks.
 
     Attributes

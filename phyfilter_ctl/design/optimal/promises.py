@@ -12,6 +12,7 @@ import numpy as np
 from ..._sections import FloatArray
 from ...analysis.bounds import BoundResult, ultimate_bound
 from ...filter import PhyFilter
+from ...results import Result, Status
 from .shapes import at_speed, best_shape, starts
 
 __all__ = ["LeastBound", "TradeOff", "bound_trade_off", "least_bound"]
@@ -22,8 +23,8 @@ Active = Literal["none", "noise_limit", "accept", "fastest"]
 _WORTH_AN_ORDER = 1e-3
 
 
-@dataclass(frozen=True, eq=False)
-class LeastBound:
+@dataclass(frozen=True, eq=False, repr=False)
+class LeastBound(Result):
     """A filter with the least worst-case error; made by :func:`least_bound`.
 
     Attributes
@@ -33,14 +34,17 @@ class LeastBound:
         What it promises.
     active : {"none", "noise_limit", "accept", "fastest"}
         What kept it from being faster.
-    status : str
-        "optimal", or what to try.
+    status : Status
+        CONVERGED or ORDER_ADDS_NOTHING.
+    message : str
+        The status in words, and what to try.
     """
 
     filter: PhyFilter
     bound: BoundResult
     active: Active
-    status: str
+    status: Status
+    message: str
 
 
 def least_bound(
@@ -149,12 +153,11 @@ def least_bound(
         filter, why = limited(shape, n)
         bound = bound_of(filter)
         if best is None or bound.bound < (1.0 - _WORTH_AN_ORDER) * best.bound.bound:
-            best = LeastBound(filter, bound, why, "optimal")
+            best = LeastBound(filter, bound, why, Status.CONVERGED, f"order {n}: no lower order does as well")
     assert best is not None
     if best.filter.order < order:
-        best = replace(
-            best, status=f"order {best.filter.order} suffices: order {order} is not better by 0.1 %"
-        )
+        message = f"order {best.filter.order} suffices: order {order} is not better by 0.1 %"
+        best = replace(best, status=Status.ORDER_ADDS_NOTHING, message=message)
     return best
 
 
@@ -178,8 +181,8 @@ def _accepted(
     return make(low), "accept"
 
 
-@dataclass(frozen=True, eq=False)
-class TradeOff:
+@dataclass(frozen=True, eq=False, repr=False)
+class TradeOff(Result):
     """Designs from slow to fast; made by :func:`bound_trade_off` and by ``variance_trade_off``.
 
     Attributes

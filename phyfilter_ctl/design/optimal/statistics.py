@@ -14,6 +14,7 @@ from scipy.stats import norm
 from ..._sections import FloatArray
 from ...analysis.variance import gauss_markov
 from ...flightlog import FlightLog
+from ...results import Result
 from ..learning.residuals import measured_residuals
 
 __all__ = ["Interval", "Peak", "ResidualStatistics", "residual_statistics"]
@@ -47,8 +48,8 @@ class Peak(NamedTuple):
     share: float
 
 
-@dataclass(frozen=True)
-class ResidualStatistics:
+@dataclass(frozen=True, repr=False)
+class ResidualStatistics(Result):
     """Made by :func:`residual_statistics`.
 
     Attributes

@@ -13,6 +13,7 @@ from scipy.signal import ss2tf
 from ..._sections import FloatArray
 from ...analysis.variance import Variance, discretised, error_variance, shaping
 from ...filter import PhyFilter
+from ...results import Result
 from .promises import TradeOff
 from .shapes import at_speed, best_shape, starts
 
@@ -24,8 +25,8 @@ _WORTH_AN_ORDER = 1e-3
 Shape = ct.StateSpace | ct.TransferFunction
 
 
-@dataclass(frozen=True, eq=False)
-class LeastVariance:
+@dataclass(frozen=True, eq=False, repr=False)
+class LeastVariance(Result):
     """A filter of least error variance; made by :func:`least_variance`.
 
     Attributes

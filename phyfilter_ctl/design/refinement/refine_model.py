@@ -21,6 +21,7 @@ from numpy.typing import ArrayLike
 from ...filter import SampledPhyFilter
 from ...flightlog import FlightLog
 from ...learned import LearnedModel, Network
+from ...results import Result, Status
 from . import regression
 from .offline_problem import Label, Problem, Solution
 from .online import OnlineFlight, OnlineRefiner
@@ -35,8 +36,8 @@ M_co = TypeVar("M_co", bound=LearnedModel, covariant=True)
 _TRUST_ONLINE = 1e-3
 
 
-@dataclass(frozen=True)
-class ModelScore:
+@dataclass(frozen=True, repr=False)
+class ModelScore(Result):
     """How a model does on flights, with the filter behind it.
 
     Attributes
@@ -52,14 +53,14 @@ class ModelScore:
     f_hat_rmse: float
 
 
-@dataclass(frozen=True)
-class RefineResult(Generic[M_co]):
+@dataclass(frozen=True, repr=False)
+class RefineResult(Result, Generic[M_co]):
     """What refinement gave.
 
     Attributes
     ----------
     model : LearnedModel
-        The refined model; the one given where ``status`` is "rejected" or "failed".
+        The refined model; the one given where ``status`` is REJECTED or FAILED.
     before, after : ModelScore
         The model given and the refined one (even if rejected) on the flights refined on.
     held_out_before, held_out_after : ModelScore or None
@@ -72,8 +73,9 @@ class RefineResult(Generic[M_co]):
         Iterations of the optimiser; 1 for a model linear in its parameters; updates online.
     flights : tuple of OnlineFlight
         Online: what the model and the filter gave in flight, one for each log; empty offline.
-    status : {"converged", "iteration_limit", "rejected", "failed"}
-        "rejected": cross-validation found no change worth it, or the filter's share on ``held_out`` did not fall.
+    status : Status
+        CONVERGED, ITERATION_LIMIT, FAILED, or REJECTED: cross-validation found no change worth it, or the filter's
+        share on ``held_out`` did not fall.
     message : str
         The status in words, and what to try.
     """
@@ -86,7 +88,7 @@ class RefineResult(Generic[M_co]):
     cost: float
     trust: float
     iterations: int
-    status: Literal["converged", "iteration_limit", "rejected", "failed"]
+    status: Status
     message: str
     flights: tuple[OnlineFlight, ...] = field(default=(), repr=False)
 
@@ -177,7 +179,7 @@ def refine(
     >>> wrong = Network((8,), seed=1).fit(x, -0.5 * x).model
     >>> log = FlightLog.from_arrays(x=x, dt=0.01, g=np.cos(t) + x, label=-x, features=x)
     >>> result = refine(wrong, log, PhyFilter([5.0]).sampled(0.01, g="average"), trainable=last_layer(wrong))
-    >>> result.status, round(result.before.f_theta_rmse, 2), result.after.f_theta_rmse < 0.01
+    >>> str(result.status), round(result.before.f_theta_rmse, 2), result.after.f_theta_rmse < 0.01
     ('converged', 0.35, True)
     """
     sampled = regression.checked_filter(filter)
@@ -292,26 +294,26 @@ def _judged(
     candidate = tuned.moved(solution.change) if good else model
     before, after = (score_model(each, flights, sampled) for each in (model, candidate))
     held = [score_model(each, others, sampled) for each in (model, candidate)] if others else [None, None]
-    status, message = "converged", "converged"
+    status, message = Status.CONVERGED, "converged"
     if not good:
-        status, message = "failed", "the parameters ran out of the range of numbers; give a larger trust"
+        status, message = Status.FAILED, "the parameters ran out of the range of numbers; give a larger trust"
     elif np.isinf(solution.trust):
-        status = "rejected"
+        status = Status.REJECTED
         message = (
             "no change of the parameters lowers the filter's correction on data left out: what is left of the residual "
             "is not a function of the features; the model given is returned; refine on more flights or other features"
         )
     elif held[0] is not None and held[1] is not None and held[1].share >= held[0].share:
-        status = "rejected"
+        status = Status.REJECTED
         message = (
             f"on the held-out flights the filter's share went from {held[0].share:.3g} to {held[1].share:.3g}; the "
             "model given is returned; refine on more flights, raise trust, or refine fewer parameters (trainable)"
         )
     elif not solution.converged:
-        status = "iteration_limit"
+        status = Status.ITERATION_LIMIT
         message = f"not converged in {solution.iterations} iterations; usable; raise max_iterations or trust"
     return RefineResult(
-        model if status in ("rejected", "failed") else candidate,
+        model if status in (Status.REJECTED, Status.FAILED) else candidate,
         before,
         after,
         held[0],

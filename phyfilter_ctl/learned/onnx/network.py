@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..._sections import FloatArray
+from ...results import Status
 from .. import _arrays, _checks, _files
 from .._descent import descend
 from ..layers import standardisation
@@ -154,8 +155,8 @@ class OnnxNetwork:
             return value, gradient
 
         end = descend(loss, first, max_iterations=self.max_iterations, tolerance=self.tolerance)
-        if end.status == "failed":
-            return FitResult(self, float("inf"), end.iterations, "failed", end.message + "; scale z and f")
+        if end.status is Status.FAILED:
+            return FitResult(self, float("inf"), end.iterations, Status.FAILED, end.message + "; scale z and f")
         model = self.with_parameters(end.parameters)
         return FitResult(model, _arrays.rms(model.predict(z) - f), end.iterations, end.status, end.message)
 

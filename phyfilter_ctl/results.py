@@ -1,0 +1,257 @@
+"""What designers, learners, tuners and planners return has in common: a status that says what to try, and its looks.
+
+Every result is a frozen dataclass. Its ``repr`` fits on a screen, a notebook shows it as a table, and ``to_dict`` makes
+of it what JSON holds.
+"""
+
+from __future__ import annotations
+
+import html
+import math
+from collections.abc import Mapping, Sequence, Set
+from dataclasses import Field, fields, is_dataclass
+from enum import Enum, StrEnum
+from typing import Any, ClassVar
+
+import numpy as np
+
+__all__ = ["Result", "Status"]
+
+_LISTED = 6  # entries of a sequence that repr lists
+_WIDTH = 100  # characters of a value in repr
+_TEXT = 400  # characters of a message in repr
+
+
+class Status(StrEnum):
+    """How a search ended. A member equals its word, which is what JSON holds; ``meaning`` says what to try.
+
+    Attributes
+    ----------
+    meaning : str
+
+    Examples
+    --------
+    >>> Status.ITERATION_LIMIT == "iteration_limit", f"{Status.ITERATION_LIMIT}"
+    (True, 'iteration_limit')
+    >>> Status("iteration_limit").meaning
+    'it was still getting better when the iterations ran out: raise max_iterations, or the tolerance'
+    """
+
+    meaning: str
+
+    CONVERGED = "converged", "found: nothing near it is better"
+    OPTIMAL = "optimal", "found: nothing at all is better"
+    ITERATION_LIMIT = (
+        "iteration_limit",
+        "it was still getting better when the iterations ran out: raise max_iterations, or the tolerance",
+    )
+    STALLED = (
+        "stalled",
+        "no way further down before the tolerance was met; usable: else scale the data, raise the tolerance or start "
+        "elsewhere",
+    )
+    AT_BOUND = (
+        "at_bound",
+        "found at the end of the range allowed: widen the range, or take a lower order or other data",
+    )
+    ORDER_ADDS_NOTHING = (
+        "order_adds_nothing",
+        "a lower order does as well, and is returned: take it, or try another form",
+    )
+    NOT_IDENTIFIED = (
+        "not_identified",
+        "the data do not show F(0) at this order, a lower one is returned: add flights with steady residuals, or take "
+        "the low-pass form",
+    )
+    REJECTED = (
+        "rejected",
+        "no better than what was given, which is returned: take more data, or change less of it",
+    )
+    CANCELLED = "cancelled", "the callback stopped it: the best so far is returned"
+    DIVERGED = (
+        "diverged",
+        "it left the stable region; the best before that is returned: take smaller steps, or coordinates that are "
+        "always stable",
+    )
+    FAILED = "failed", "no answer, what was given is returned: the message says why"
+    LIMITED = "limited", "found: beyond it what was asked for does not hold"
+    UNLIMITED = "unlimited", "all of the range will do: widen it"
+    INFEASIBLE = "infeasible", "not even the lower end of the range will do: ask for less, or start lower"
+    KEPT = "kept", "no new plan: the one before goes on; the message says why"
+    BRAKING = "braking", "no plan at all: every axis brakes; the message says why"
+
+    def __new__(cls, word: str, meaning: str = "") -> Status:
+        """A member from its word, with what it means."""
+        member = str.__new__(cls, word)
+        member._value_ = word
+        member.meaning = meaning
+        return member
+
+
+class Result:
+    """Looks and JSON of a frozen dataclass; a class derives from it and is declared with ``repr=False``.
+
+    Examples
+    --------
+    >>> from dataclasses import dataclass
+    >>> @dataclass(frozen=True, repr=False)
+    ... class Fit(Result):
+    ...     gains: np.ndarray
+    ...     status: Status
+    >>> fit = Fit(np.arange(3000.0), Status.CONVERGED)
+    >>> fit
+    Fit(
+        gains=array of shape (3000,), 0 to 2999,
+        status='converged',
+    )
+    >>> sorted(fit.to_dict())
+    ['gains', 'status']
+    """
+
+    __slots__ = ()
+
+    # What to_dict gives, properties too; () for all fields.
+    _figures: ClassVar[tuple[str, ...]] = ()
+
+    def to_dict(self) -> dict[str, Any]:
+        """What JSON can hold of it.
+
+        Returns
+        -------
+        dict
+            By name. Arrays become lists, complex numbers pairs [real, imaginary], statuses their words, what is not
+            finite None.
+
+        Examples
+        --------
+        >>> from phyfilter_ctl import PhyFilter, ultimate_bound
+        >>> round(ultimate_bound(PhyFilter([20.0]), residual={1: 3.0}).to_dict()["bound"], 9)
+        0.15
+        """
+        names = self._figures or tuple(field.name for field in _shown(self))
+        return {name: plain(getattr(self, name)) for name in names}
+
+    def __repr__(self) -> str:
+        lines = [f"    {f.name}={summary(getattr(self, f.name))},\n" for f in _shown(self) if f.repr]
+        return f"{type(self).__name__}(\n{''.join(lines)})"
+
+    def _repr_html_(self) -> str:
+        rows = [
+            f"<tr><th style='text-align:left'>{html.escape(f.name)}</th>"
+            f"<td style='text-align:left'>{html.escape(_in_words(getattr(self, f.name)))}</td></tr>"
+            for f in _shown(self)
+            if f.repr
+        ]
+        return f"<table><caption>{type(self).__name__}</caption>{''.join(rows)}</table>"
+
+
+def _shown(thing: Any) -> list[Field[Any]]:
+    return [field for field in fields(thing) if not field.name.startswith("_")]
+
+
+# -- JSON -----------------------------------------------------------------------------------------------------------
+
+
+def plain(value: object) -> Any:
+    """A value as JSON holds it.
+
+    Parameters
+    ----------
+    value : object
+        Of a kind that JSON has not: its ``to_dict()``, its fields if a dataclass, else its ``repr``.
+
+    Returns
+    -------
+    None, bool, int, float, str, list or dict
+
+    Examples
+    --------
+    >>> plain({1: np.array([1.0, np.inf]), "pole": -2 + 1j, "status": Status.FAILED})
+    {'1': [1.0, None], 'pole': [-2.0, 1.0], 'status': 'failed'}
+    """
+    if isinstance(value, Enum):
+        return plain(value.value)
+    if isinstance(value, np.ndarray | np.generic):
+        return plain(value.tolist())
+    if value is None or isinstance(value, bool | int | str):
+        return value
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    if isinstance(value, complex):
+        return [plain(value.real), plain(value.imag)]
+    if callable(as_dict := getattr(value, "_asdict", None)):  # a named tuple
+        value = as_dict()
+    if isinstance(value, Mapping):
+        return {str(plain(key)): plain(entry) for key, entry in value.items()}
+    if isinstance(value, Sequence | Set):
+        return [plain(entry) for entry in value]
+    if callable(to_dict := getattr(value, "to_dict", None)):
+        return to_dict()
+    if is_dataclass(value) and not isinstance(value, type):
+        return {field.name: plain(getattr(value, field.name)) for field in _shown(value)}
+    return repr(value)
+
+
+# -- one screen -----------------------------------------------------------------------------------------------------
+
+
+def summary(value: object) -> str:
+    """A value in one line.
+
+    Parameters
+    ----------
+    value : object
+
+    Examples
+    --------
+    >>> summary(np.eye(50)), summary([1.0 / 3.0, 2]), summary(range(1000))
+    ('array of shape (50, 50), 0 to 1', '[0.333333, 2]', '1000 entries of type int')
+    """
+    if isinstance(value, Status):
+        return repr(str(value))
+    if isinstance(value, str):
+        return repr(value if len(value) <= _TEXT else value[: _TEXT - 3] + "...")
+    if isinstance(value, np.ndarray):
+        return _array(value)
+    if isinstance(value, bool | np.bool_):
+        return str(value)
+    if isinstance(value, float | complex | np.floating | np.complexfloating):
+        return f"{value:.6g}"
+    if isinstance(value, Result):
+        found = getattr(value, "status", None)
+        return f"{type(value).__name__}({'' if found is None else f'status={summary(found)}, '}...)"
+    if isinstance(value, Mapping) and len(value) <= _LISTED:
+        return _short("{" + ", ".join(f"{key!r}: {summary(v)}" for key, v in value.items()) + "}", value)
+    if isinstance(value, Mapping | Sequence | Set):
+        if isinstance(value, Mapping) or len(value) > _LISTED:
+            return _counted(value)
+        left, right = "[]" if isinstance(value, list) else "()"
+        return _short(left + ", ".join(map(summary, value)) + right, value)
+    return _short(repr(value), value)
+
+
+def _array(value: np.ndarray) -> str:
+    if value.size <= _LISTED and value.ndim <= 1:
+        return f"array({summary(value.tolist())})"
+    span = ""
+    if value.size and value.dtype.kind in "fiu":
+        finite = value[np.isfinite(value)]
+        span = f", {finite.min():.6g} to {finite.max():.6g}" if finite.size else ", none finite"
+        span += "" if finite.size in (0, value.size) else ", not all finite"
+    return f"array of shape {value.shape}{span}"
+
+
+def _counted(value: Any) -> str:
+    kinds = {type(entry).__name__ for entry in value}
+    return f"{len(value)} entries of type {' or '.join(sorted(kinds)[:3])}"
+
+
+def _short(text: str, value: Any) -> str:
+    text = " ".join(text.split())
+    if len(text) <= _WIDTH:
+        return text
+    return _counted(value) if isinstance(value, Sequence | Set | Mapping) else f"{type(value).__name__}(...)"
+
+
+def _in_words(value: object) -> str:
+    return f"{value}: {value.meaning}" if isinstance(value, Status) else summary(value)
