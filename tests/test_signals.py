@@ -187,7 +187,7 @@ def test_masked_starts_and_steps_are_refused() -> None:
 
 
 def test_masked_samples_elsewhere() -> None:
-    with pytest.raises(ValueError, match="none masked, got nan in row 4, column 1"):
+    with pytest.raises(ValueError, match="not masked: 1 bad sample, the first in row 4 of x"):
         observed(MASKED, None)
     with pytest.raises(ValueError, match="got nan in row 4, column 1"):
         Network((3,)).fit(MASKED, np.zeros((N, 1)))

@@ -1,7 +1,7 @@
 """What one would use where there is no PhyFilter: causal differentiators of sampled velocity, and observers.
 
 ``BASELINES`` names the differentiators; ``tune`` sets the parameters of one on flights whose acceleration is known.
-The observers are special cases of the filter, in their own differential equations.
+The observers are special cases of the filter, and run by it.
 """
 
 from __future__ import annotations

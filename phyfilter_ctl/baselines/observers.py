@@ -1,4 +1,4 @@
-"""Observers that are special cases of the filter, each in its own differential equation.
+"""Observers that are special cases of the filter, by the names that they are known by.
 
     form                        state equation                                 estimate
     DisturbanceObserver         z'    = -a_0 z - a_0 (a_0 x + g)               f_hat = z + a_0 x
@@ -8,8 +8,8 @@
     Evolver                     xi_1' = f_theta' - a_0 (g + f_hat)             f_hat = xi_1 + a_0 x
     SeerII                      xi_2' = Xi Phi' s - a_0 (g + f_hat)            f_hat = xi_2 + int Xi Phi ds + a_0 x
 
-The states written here are the ones integrated, exactly for x (and the integral of SEER-II) linear between samples
-and everything else held at its mean over the step. All take M = I.
+All take M = I, and are run by the filter that they equal. The first three are that filter. The last two take the slope
+of the learned model instead of its value, and differ from the filter where the model jumps.
 """
 
 from __future__ import annotations
@@ -19,22 +19,18 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.linalg import solve_banded
 
-from .. import _sections, _signals
+from .. import _signals
 from .._sections import FloatArray
-from ..filter import PhyFilter
+from ..filter import PhyFilter, SampledPhyFilter
 
 Rule = Literal["hold", "average"]
 
 
-@dataclass(frozen=True)
-class DisturbanceObserver:
-    """Chen's disturbance observer.
+def DisturbanceObserver(gain: float, dt: float, *, g: Rule = "hold") -> SampledPhyFilter:
+    """Chen's disturbance observer: the filter of order one without a model.
 
         z' = -a_0 z - a_0 (a_0 x + g),    f_hat = z + a_0 x,    z(0) = -a_0 x(0)
-
-    The filter of order one without a model: equal to ``PhyFilter([a_0]).sampled(dt)`` to rounding.
 
     Parameters
     ----------
@@ -44,6 +40,11 @@ class DisturbanceObserver:
         Nominal sampling interval in s.
     g : {"hold", "average"}
         What g does over a step: held from its beginning, or held at the mean of both ends.
+
+    Returns
+    -------
+    SampledPhyFilter
+        Of a_0 / (s + a_0).
 
     Raises
     ------
@@ -64,58 +65,25 @@ class DisturbanceObserver:
     >>> bool(np.allclose(f_hat, 2.0 * (1.0 - np.exp(-20.0 * t)), atol=1e-12))
     True
     """
-
-    gain: float
-    dt: float
-    _: KW_ONLY
-    g: Rule = "hold"
-
-    def __post_init__(self) -> None:
-        _check_options("gain", self.gain, self.dt, self.g)
-
-    @property
-    def filter(self) -> PhyFilter:
-        """The filter it is a form of, a_0 / (s + a_0)."""
-        return PhyFilter([self.gain])
-
-    def run(self, x: ArrayLike, g: ArrayLike | None = None, *, times: ArrayLike | None = None) -> FloatArray:
-        """f_hat (N, n_x) over a whole record.
-
-        Parameters
-        ----------
-        x : array_like, shape (N, n_x)
-            Measured state.
-        g : array_like, shape (N, n_x), optional
-            Known part of x'; None means 0.
-        times : array_like, shape (N,), optional
-            Sampling instants in s where they are not every ``dt``.
-
-        Raises
-        ------
-        ValueError, TypeError
-            If an array has the wrong shape or is not finite, or the times do not increase.
-        """
-        x, g, steps = _record(self.dt, x, g, times)
-        return _first_order(self.gain, steps, x, -self.gain * _mean(self.g, g), start=np.zeros_like(x[0]))
+    return _first_order(gain).sampled(dt, g=g)
 
 
-@dataclass(frozen=True)
-class LinearESO:
-    """Linear extended state observer of a first-order plant.
+def LinearESO(bandwidth: float, dt: float, *, g: Rule = "hold") -> SampledPhyFilter:
+    """Linear extended state observer of a first-order plant: the low-pass filter with two poles at -w, without a model.
 
         z_1' = z_2 + g + 2 w (x - z_1),    z_2' = w^2 (x - z_1),    f_hat = z_2,    z(0) = (x(0), 0)
-
-    The low-pass filter with two poles at -w without a model: equal to ``PhyFilter([w^2, 2 w]).sampled(dt)`` to
-    rounding.
 
     Parameters
     ----------
     bandwidth : float
         w in rad/s.
-    dt : float
-        Nominal sampling interval in s.
-    g : {"hold", "average"}
-        As for :class:`DisturbanceObserver`.
+    dt, g
+        As for :func:`DisturbanceObserver`.
+
+    Returns
+    -------
+    SampledPhyFilter
+        Of w^2 / (s + w)^2.
 
     Raises
     ------
@@ -128,65 +96,33 @@ class LinearESO:
 
     Examples
     --------
-    >>> x = 2.0 * 0.002 * np.arange(501)[:, None]
-    >>> observer = LinearESO(20.0, 0.002)
-    >>> bool(np.allclose(observer.run(x), observer.filter.sampled(0.002).run(x), atol=1e-12))
-    True
+    >>> LinearESO(20.0, 0.002).run(2.0 * 0.002 * np.arange(501)[:, None])[[0, -1]].round(6).ravel().tolist()
+    [0.0, 2.0]
     """
-
-    bandwidth: float
-    dt: float
-    _: KW_ONLY
-    g: Rule = "hold"
-
-    def __post_init__(self) -> None:
-        _check_options("bandwidth", self.bandwidth, self.dt, self.g)
-
-    @property
-    def filter(self) -> PhyFilter:
-        """The filter it is a form of, w^2 / (s + w)^2."""
-        return PhyFilter.from_poles([-self.bandwidth, -self.bandwidth])
-
-    def run(self, x: ArrayLike, g: ArrayLike | None = None, *, times: ArrayLike | None = None) -> FloatArray:
-        """f_hat (N, n_x) over a whole record.
-
-        Parameters
-        ----------
-        x, g, times
-            As for :meth:`DisturbanceObserver.run`.
-
-        Raises
-        ------
-        ValueError, TypeError
-            As for :meth:`DisturbanceObserver.run`.
-        """
-        x, g, steps = _record(self.dt, x, g, times)
-        w = self.bandwidth
-        A = np.array([[-2.0 * w, 1.0], [-(w**2), 0.0]])
-        held = _mean(self.g, g)[..., None] * np.array([1.0, 0.0])
-        linear = x[..., None] * np.array([2.0 * w, w**2])
-        start = np.stack([x[0], np.zeros_like(x[0])], axis=-1)
-        return _integrate(A, steps, linear, held, start)[..., 1]
+    w = _signals.number("bandwidth", bandwidth, "rad/s", above=0.0)
+    return PhyFilter.from_poles([-w, -w]).sampled(dt, g=g)
 
 
-@dataclass(frozen=True)
-class FeedbackNeuralNetwork:
-    """Learned model with linear feedback of its state error.
+def FeedbackNeuralNetwork(
+    gain: float, dt: float, *, g: Rule = "hold", f_theta: Rule = "average"
+) -> SampledPhyFilter:
+    """Learned model with linear feedback of its state error: the filter of order one.
 
         xh' = g + f_hat,    f_hat = f_theta + a_0 (x - xh),    xh(0) = x(0)
-
-    The filter of order one: equal to ``PhyFilter([a_0]).sampled(dt)`` with the same f_theta to rounding.
 
     Parameters
     ----------
     gain : float
         a_0 in rad/s.
-    dt : float
-        Nominal sampling interval in s.
-    g : {"hold", "average"}
-        As for :class:`DisturbanceObserver`.
+    dt, g
+        As for :func:`DisturbanceObserver`.
     f_theta : {"average", "hold"}
-        The same for f_theta.
+        What f_theta does over a step.
+
+    Returns
+    -------
+    SampledPhyFilter
+        Of a_0 / (s + a_0); hand f_theta to its ``run`` or ``step``.
 
     Raises
     ------
@@ -204,50 +140,7 @@ class FeedbackNeuralNetwork:
     >>> FeedbackNeuralNetwork(20.0, 0.002).run(x, f_theta=np.full_like(x, 2.0))[[0, -1]].round(9).ravel().tolist()
     [2.0, 2.0]
     """
-
-    gain: float
-    dt: float
-    _: KW_ONLY
-    g: Rule = "hold"
-    f_theta: Rule = "average"
-
-    def __post_init__(self) -> None:
-        _check_options("gain", self.gain, self.dt, self.g)
-        _check_rule("f_theta", self.f_theta)
-
-    @property
-    def filter(self) -> PhyFilter:
-        """The filter it is a form of, a_0 / (s + a_0)."""
-        return PhyFilter([self.gain])
-
-    def run(
-        self,
-        x: ArrayLike,
-        g: ArrayLike | None = None,
-        *,
-        f_theta: ArrayLike | None = None,
-        times: ArrayLike | None = None,
-    ) -> FloatArray:
-        """f_hat (N, n_x) over a whole record.
-
-        Parameters
-        ----------
-        x, g, times
-            As for :meth:`DisturbanceObserver.run`.
-        f_theta : array_like, shape (N, n_x), optional
-            Learned model; None means 0.
-
-        Raises
-        ------
-        ValueError, TypeError
-            As for :meth:`DisturbanceObserver.run`.
-        """
-        x, g, steps = _record(self.dt, x, g, times)
-        f_theta = _beside("f_theta", f_theta, x.shape)
-        held = _mean(self.g, g) + _mean(self.f_theta, f_theta)
-        A = np.array([[-self.gain]])
-        x_hat = _integrate(A, steps, self.gain * x[..., None], held[..., None], x[0][:, None])[..., 0]
-        return f_theta + self.gain * (x - x_hat)
+    return _first_order(gain).sampled(dt, g=g, f_theta=f_theta)
 
 
 @dataclass(frozen=True)
@@ -269,7 +162,7 @@ class Evolver:
     dt : float
         Nominal sampling interval in s.
     g : {"hold", "average"}
-        As for :class:`DisturbanceObserver`.
+        As for :func:`DisturbanceObserver`.
 
     Raises
     ------
@@ -300,7 +193,7 @@ class Evolver:
     g: Rule = "hold"
 
     def __post_init__(self) -> None:
-        _check_options("gain", self.gain, self.dt, self.g)
+        _held(self.gain, self.dt, self.g)
 
     @property
     def filter(self) -> PhyFilter:
@@ -321,25 +214,31 @@ class Evolver:
 
         Parameters
         ----------
-        x, g, times
-            As for :meth:`DisturbanceObserver.run`.
+        x : array_like, shape (N, n_x)
+            Measured state.
+        g : array_like, shape (N, n_x), optional
+            Known part of x'; None means 0.
         slope : array_like, shape (N, n_x), optional
             Time derivative of f_theta at the samples; its mean at both ends counts for a step. None means 0.
         f_theta0 : array_like, shape (n_x,), optional
             f_theta at the first sample, where f_hat starts; None means 0.
         jumps : array_like, shape (N, n_x), optional
             Jumps of f_theta just before sample k that f_hat shall follow at once; row 0 does nothing.
+        times : array_like, shape (N,), optional
+            Sampling instants in s where they are not every ``dt``.
 
         Raises
         ------
         ValueError, TypeError
-            As for :meth:`DisturbanceObserver.run`.
+            If an array has the wrong shape or is not finite, or the times do not increase.
         """
-        x, g, steps = _record(self.dt, x, g, times)
-        slope = _beside("slope", slope, x.shape)
-        held = _mean("average", slope) - self.gain * _mean(self.g, g)
-        kicks = _beside("jumps", jumps, x.shape)[1:]
-        return _first_order(self.gain, steps, x, held, start=_start(f_theta0, x), kicks=kicks)
+        x = _signals.array("x", x, ("N", "n_x"))
+        h = _steps(self.dt, times, len(x))
+        risen = _mean(_beside("slope", slope, x)) * h
+        start = np.zeros(x.shape[1])
+        if f_theta0 is not None:
+            start = _signals.array("f_theta0", f_theta0, x.shape[1:], beside="x")
+        return _driven(_held(self.gain, self.dt, self.g), x, g, start, risen, jumps, times)
 
 
 @dataclass(frozen=True)
@@ -358,7 +257,7 @@ class SeerII:
     dt : float
         Nominal sampling interval in s.
     g : {"hold", "average"}
-        As for :class:`DisturbanceObserver`.
+        As for :func:`DisturbanceObserver`.
 
     Raises
     ------
@@ -370,8 +269,6 @@ class SeerII:
     Paper, supplement "Several special forms", "Chebyshev-based uncertainty observer". The integral is taken along
     the path, with Phi moving. Read as the antiderivative Xi Phi(t) s(x) at the present t, that is f_theta, it would
     hold the drift Xi Phi' s a second time.
-    P and xi_2 may each grow without bound where Phi and s move together (in proportion to the time for
-    sinusoids in phase) and cancel in f_hat; in double precision this costs nothing in practice.
 
     Examples
     --------
@@ -392,7 +289,7 @@ class SeerII:
     g: Rule = "hold"
 
     def __post_init__(self) -> None:
-        _check_options("gain", self.gain, self.dt, self.g)
+        _held(self.gain, self.dt, self.g)
 
     @property
     def filter(self) -> PhyFilter:
@@ -415,7 +312,7 @@ class SeerII:
         Parameters
         ----------
         x, g, times
-            As for :meth:`DisturbanceObserver.run`.
+            As for :meth:`Evolver.run`.
         basis : array_like, shape (N, p)
             s(x) at the samples.
         weights : array_like, shape (N, n_x, p)
@@ -428,125 +325,58 @@ class SeerII:
         Raises
         ------
         ValueError, TypeError
-            As for :meth:`DisturbanceObserver.run`.
+            As for :meth:`Evolver.run`.
         """
-        x, g, steps = _record(self.dt, x, g, times)
+        x = _signals.array("x", x, ("N", "n_x"))
         s = _signals.array("basis", basis, (len(x), "p"), beside="x")
         shape = (*x.shape, s.shape[1])
         W = _signals.array("weights", weights, shape, beside="x and basis")
         dW = _signals.array("weight_slopes", weight_slopes, shape, beside="x and basis")
-        moved = np.einsum("kij,kj->ki", 0.5 * (W[1:] + W[:-1]), np.diff(s, axis=0))
-        path = np.concatenate([np.zeros_like(x[:1]), np.cumsum(moved, axis=0)])
-        held = _mean("average", np.einsum("kij,kj->ki", dW, s)) - self.gain * _mean(self.g, g)
-        kicks = _beside("jumps", jumps, x.shape)[1:]
-        return _first_order(self.gain, steps, x, held, start=W[0] @ s[0], kicks=kicks, path=path)
+        along_the_path = np.einsum("kij,kj->ki", _mean(W), np.diff(s, axis=0))
+        drift = _mean(np.einsum("kij,kj->ki", dW, s)) * _steps(self.dt, times, len(x))
+        sampled = _held(self.gain, self.dt, self.g)
+        return _driven(sampled, x, g, W[0] @ s[0], along_the_path + drift, jumps, times)
 
 
-def _first_order(
-    gain: float,
-    steps: float | FloatArray,
+def _first_order(gain: float) -> PhyFilter:
+    return PhyFilter([_signals.number("gain", gain, "rad/s", above=0.0)])
+
+
+def _held(gain: float, dt: float, g: Rule) -> SampledPhyFilter:
+    """The filter through which a jump of f_theta at a sample passes at once and whole."""
+    return _first_order(gain).sampled(dt, g=g, f_theta="hold")
+
+
+def _driven(
+    sampled: SampledPhyFilter,
     x: FloatArray,
-    held: FloatArray,
-    *,
+    g: ArrayLike | None,
     start: FloatArray,
-    kicks: FloatArray | None = None,
-    path: FloatArray | None = None,
+    risen: FloatArray,
+    jumps: ArrayLike | None,
+    times: ArrayLike | None,
 ) -> FloatArray:
-    """f_hat = xi + path + gain x with xi' = held - gain (xi + path + gain x), from f_hat(0) = start."""
-    beside = gain * x if path is None else gain * x + path
-    A = np.array([[-gain]])
-    xi_0 = (start - beside[0])[:, None]
-    added = None if kicks is None else kicks[..., None]
-    return _integrate(A, steps, -gain * beside[..., None], held[..., None], xi_0, added)[..., 0] + beside
+    """The filter behind what f_theta has ``risen`` (N - 1, n_x) by, evenly over each step.
 
-
-def _integrate(
-    A: FloatArray,
-    steps: float | FloatArray,
-    linear: FloatArray,
-    held: FloatArray,
-    start: FloatArray,
-    kicks: FloatArray | None = None,
-) -> FloatArray:
-    """States q (N, K, n) of q' = A q + linear(t) + held, exact; ``kicks`` are added at the ends of the steps.
-
-    Parameters
-    ----------
-    linear : (N, K, n), straight between samples
-    held, kicks : (N - 1, K, n), one a step
-    start : (K, n)
+    Of an even rise the filter forgets within the step; (1 - exp(-a_0 h)) / (a_0 h) of it is left at the end, the same
+    as of a jump of that size there.
     """
-    n = len(A)
-    # exp of [[A, I, 0], [0, 0, I], [0, 0, 0]] h holds e^{Ah}, int e^{As} ds and int e^{A(h-s)} s ds in its first row.
-    augmented = np.zeros((3 * n, 3 * n))
-    augmented[:n, :n] = A
-    augmented[: 2 * n, n:] += np.eye(2 * n)
-    grown = _sections.expm1(augmented, steps)[..., :n, :]
-    E = np.eye(n) + grown[..., :n]
-    constant, ramp = grown[..., n : 2 * n], grown[..., 2 * n :] / np.asarray(steps)[..., None, None]
-    drive = (held + linear[:-1]) @ np.swapaxes(constant, -1, -2)
-    drive += np.diff(linear, axis=0) @ np.swapaxes(ramp, -1, -2)
-    if kicks is not None:
-        drive += kicks
-    return _recursion_of(E, drive, start)
+    a_h = sampled.filter.a[0] * _steps(sampled.dt, times, len(x))
+    passed = risen * (-np.expm1(-a_h) / a_h) + _beside("jumps", jumps, x)[1:]
+    f_theta = start + np.concatenate([np.zeros_like(x[:1]), np.cumsum(passed, axis=0)])
+    return np.asarray(sampled.run(x, _beside("g", g, x), f_theta, times=times), dtype=float)
 
 
-def _recursion_of(E: FloatArray, drive: FloatArray, start: FloatArray) -> FloatArray:
-    """q_k = E_k q_{k-1} + drive_k for all k at once: a banded triangular system. E (n, n) or (m, n, n)."""
-    m, K, n = drive.shape
-    states = np.empty((m + 1, K, n))
-    states[0] = start
-    if m == 0:
-        return states
-    first = E if E.ndim == 2 else E[0]
-    right = np.array(drive)
-    right[0] += start @ first.T
-    band = np.zeros((2 * n, m, n))  # entry [d, k, j]: row k n + j + d, column k n + j
-    band[0] = 1.0
-    later = E if E.ndim == 2 else E[1:]
-    for i in range(n):
-        for j in range(n):
-            band[n + i - j, :-1, j] = -later[..., i, j]
-    solved = solve_banded(
-        (2 * n - 1, 0), band.reshape(2 * n, m * n), np.moveaxis(right, 1, 2).reshape(m * n, K)
-    )
-    states[1:] = np.moveaxis(solved.reshape(m, n, K), 2, 1)
-    return states
+def _steps(dt: float, times: ArrayLike | None, count: int) -> float | FloatArray:
+    """The step, or the steps (N - 1, 1) where the times are given."""
+    return dt if times is None else np.diff(_signals.sample_times("times", times, count))[:, None]
 
 
-def _mean(rule: Rule, signal: FloatArray) -> FloatArray:
-    """Value (N - 1, n_x) that counts for each step."""
-    return signal[:-1] if rule == "hold" else 0.5 * (signal[:-1] + signal[1:])
+def _mean(signal: FloatArray) -> FloatArray:
+    """Of both ends of each step."""
+    return 0.5 * (signal[:-1] + signal[1:])
 
 
-def _record(
-    dt: float, x: ArrayLike, g: ArrayLike | None, times: ArrayLike | None
-) -> tuple[FloatArray, FloatArray, float | FloatArray]:
-    """x, g and the step, or the steps where the times are given."""
-    x = _signals.array("x", x, ("N", "n_x"))
-    g = _beside("g", g, x.shape)
-    return x, g, dt if times is None else np.diff(_signals.sample_times("times", times, len(x)))
-
-
-def _beside(name: str, values: ArrayLike | None, shape: tuple[int, ...]) -> FloatArray:
+def _beside(name: str, values: ArrayLike | None, x: FloatArray) -> FloatArray:
     """A signal of the shape of x; zeros where it is not given."""
-    return np.zeros(shape) if values is None else _signals.array(name, values, shape, beside="x")
-
-
-def _start(f_theta0: ArrayLike | None, x: FloatArray) -> FloatArray:
-    return (
-        np.zeros(x.shape[1])
-        if f_theta0 is None
-        else _signals.array("f_theta0", f_theta0, x.shape[1:], beside="x")
-    )
-
-
-def _check_options(name: str, gain: float, dt: float, g: str) -> None:
-    _signals.number(name, gain, "rad/s", above=0.0)
-    _signals.duration("dt", dt)
-    _check_rule("g", g)
-
-
-def _check_rule(name: str, rule: str) -> None:
-    if rule not in ("hold", "average"):
-        raise ValueError(f"{name}: expected 'hold' or 'average', got {rule!r}")
+    return np.zeros_like(x) if values is None else _signals.array(name, values, x.shape, beside="x")

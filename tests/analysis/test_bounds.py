@@ -409,4 +409,6 @@ def test_sampled_bound_against_quadrature(damping, h):
     fine = np.linspace(0.0, t[-1], 1 + 1000 * (len(t) - 1))
     area = np.trapezoid(np.abs(np.interp(fine, t, distance)), fine)
     assert np.count_nonzero(np.diff(np.sign(distance[:40]))) > 3
-    assert ultimate_bound(sampled, residual={1: 1.0}).bound == pytest.approx(area, rel=1e-5)  # of the summation
+    assert ultimate_bound(sampled, residual={1: 1.0}).bound == pytest.approx(
+        area, rel=1e-5
+    )  # of the summation

@@ -1,4 +1,4 @@
-"""Observers in their own differential equations: closed forms, python-control, and refusals."""
+"""Observers against their differential equations in python-control and in closed form, and refusals."""
 
 from __future__ import annotations
 
@@ -152,16 +152,16 @@ def test_evolver_follows_a_named_jump_at_once() -> None:
 @pytest.mark.parametrize("kind", [*TIMED, SeerII])
 @pytest.mark.parametrize(("gain", "dt"), [(0.0, 0.1), (-1.0, 0.1), (np.inf, 0.1), (1.0, 0.0), (1.0, np.nan)])
 def test_options_out_of_range(kind: type, gain: float, dt: float) -> None:
-    with pytest.raises(ValueError, match="finite number > 0"):
+    with pytest.raises(ValueError, match="finite number > 0|positive sampling interval"):
         kind(gain, dt)
 
 
 def test_wrong_signals_are_named() -> None:
     x = np.zeros((5, 2))
     observer = Evolver(GAIN, DT)
-    with pytest.raises(ValueError, match="'hold' or 'average'"):
+    with pytest.raises(ValueError, match=r"expected one of .*hold.*average"):
         Evolver(GAIN, DT, g="linear")  # type: ignore[arg-type]  # the value under test
-    with pytest.raises(ValueError, match="'hold' or 'average'"):
+    with pytest.raises(ValueError, match=r"expected one of .*hold.*average"):
         FeedbackNeuralNetwork(GAIN, DT, f_theta="linear")  # type: ignore[arg-type]  # likewise
     with pytest.raises(ValueError, match=r"g: expected shape \(5, 2\)"):
         observer.run(x, np.zeros((5, 1)))

@@ -1,5 +1,5 @@
-"""The special forms on samples against the filter of the same order: exact where both hold the same signals, of
-second order in the step where they do not; and what each does with a jump of the model."""
+"""The special forms against their own differential equations; on samples against the filter of the same order, of
+second order in the step; and what each does with a jump of the model."""
 
 from __future__ import annotations
 
@@ -18,6 +18,7 @@ from phyfilter_ctl.baselines.observers import (
     LinearESO,
     SeerII,
 )
+from tests.identities import observer_equations as equations
 
 Array = NDArray[np.float64]
 
@@ -40,29 +41,61 @@ def record(seed: int, n: int = 120) -> tuple[Array, Array, Array, Array]:
     return x, rng.standard_normal((n, 2)), f_theta, np.cumsum(rng.uniform(0.002, 0.02, n))
 
 
+def over_steps(rule: str, signal: Array) -> Array:
+    return signal[:-1] if rule == "hold" else 0.5 * (signal[:-1] + signal[1:])
+
+
 @few
 @given(gain=gains, rule=rules, seed=seeds, irregular=st.booleans())
-def test_sampled_observers_without_a_model_are_the_filter(
+def test_observers_without_a_model_are_their_equations(
     gain: float, rule: str, seed: int, irregular: bool
 ) -> None:
     x, g, _, times = record(seed)
     stamps = times if irregular else None
-    for observer in (DisturbanceObserver(gain, 0.01, g=rule), LinearESO(gain, 0.01, g=rule)):  # type: ignore[arg-type]  # a str strategy
-        wanted = observer.filter.sampled(0.01, g=rule).run(x, g, times=stamps)  # type: ignore[arg-type]  # likewise
-        np.testing.assert_allclose(observer.run(x, g, times=stamps), wanted, atol=ROUNDING)
+    t, held = times if irregular else 0.01 * np.arange(len(x)), over_steps(rule, g)
+    f_hat = DisturbanceObserver(gain, 0.01, g=rule).run(x, g, times=stamps)  # type: ignore[arg-type]  # a str strategy
+    np.testing.assert_allclose(f_hat, equations.disturbance_observer(gain, x, held, t), atol=ROUNDING)
+    f_hat = LinearESO(gain, 0.01, g=rule).run(x, g, times=stamps)  # type: ignore[arg-type]  # likewise
+    np.testing.assert_allclose(f_hat, equations.linear_eso(gain, x, held, t), atol=ROUNDING)
 
 
 @few
 @given(gain=gains, rule=rules, model_rule=rules, seed=seeds, irregular=st.booleans())
-def test_sampled_feedback_neural_network_is_the_filter(
+def test_feedback_neural_network_is_its_equation(
     gain: float, rule: str, model_rule: str, seed: int, irregular: bool
 ) -> None:
     x, g, f_theta, times = record(seed)
     stamps = times if irregular else None
+    t = times if irregular else 0.01 * np.arange(len(x))
     observer = FeedbackNeuralNetwork(gain, 0.01, g=rule, f_theta=model_rule)  # type: ignore[arg-type]  # str strategies
-    sampled = PhyFilter([gain]).sampled(0.01, g=rule, f_theta=model_rule)  # type: ignore[arg-type]  # likewise
-    f_hat = observer.run(x, g, f_theta=f_theta, times=stamps)
-    np.testing.assert_allclose(f_hat, sampled.run(x, g, f_theta, times=stamps), atol=ROUNDING)
+    wanted = equations.feedback_neural_network(
+        gain, x, over_steps(rule, g), t, f_theta, over_steps(model_rule, f_theta)
+    )
+    np.testing.assert_allclose(observer.run(x, g, f_theta, times=stamps), wanted, atol=ROUNDING)
+
+
+@few
+@given(gain=gains, rule=rules, seed=seeds, irregular=st.booleans())
+def test_evolver_and_seer_ii_are_their_equations(gain: float, rule: str, seed: int, irregular: bool) -> None:
+    x, g, f_theta, times = record(seed)
+    stamps = times if irregular else None
+    t, held = times if irregular else 0.01 * np.arange(len(x)), over_steps(rule, g)
+    rng = np.random.default_rng(seed)
+    slope, jumps = rng.standard_normal(x.shape), rng.standard_normal(x.shape) * (rng.random(x.shape) < 0.1)
+    f_hat = Evolver(gain, 0.01, g=rule).run(  # type: ignore[arg-type]  # a str strategy
+        x, g, slope=slope, f_theta0=f_theta[0], jumps=jumps, times=stamps
+    )
+    wanted = equations.evolver(gain, x, held, t, over_steps("average", slope), f_theta[0], jumps=jumps)
+    np.testing.assert_allclose(f_hat, wanted, atol=ROUNDING)
+    basis, W, dW = f_theta, rng.standard_normal((len(x), 2, 2)), rng.standard_normal((len(x), 2, 2))
+    f_hat = SeerII(gain, 0.01, g=rule).run(  # type: ignore[arg-type]  # likewise
+        x, g, basis=basis, weights=W, weight_slopes=dW, jumps=jumps, times=stamps
+    )
+    moved = np.einsum("kij,kj->ki", over_steps("average", W), np.diff(basis, axis=0))
+    path = np.concatenate([np.zeros((1, 2)), np.cumsum(moved, axis=0)])
+    drift = over_steps("average", np.einsum("kij,kj->ki", dW, basis))
+    wanted = equations.evolver(gain, x, held, t, drift, W[0] @ basis[0], path, jumps)
+    np.testing.assert_allclose(f_hat, wanted, atol=ROUNDING)
 
 
 @few
