@@ -427,3 +427,12 @@ def test_equality_and_text():
     assert hash(one) == hash(PLAIN.sampled(0.002, limit=2.0))
     assert repr(one) == "PhyFilter(a=[400.0, 40.0]).sampled(0.002, limit=2.0)"
     assert "SampledPhyFilter([" in repr(stack([one, one]))
+
+
+def test_bounds_for_other_channels_are_refused_at_once():
+    E = np.eye(3)[:, :2]
+    two = PLAIN.sampled(0.002, E=E, limit=[1.0, 2.0])
+    assert two.limit.tolist() == [1.0, 2.0]
+    assert not two.limit.flags.writeable
+    with pytest.raises(ValueError, match="limit: 3 bounds for 2 channels; expected one number or 2"):
+        PLAIN.sampled(0.002, E=E, limit=[1.0, 2.0, 3.0])
