@@ -34,6 +34,7 @@ from threadpoolctl import threadpool_limits
 
 from .._output import replacing
 from .handle import Session, handle
+from .modules import sent
 
 __all__ = ["TOKEN_HEADER", "create_app", "serve"]
 
@@ -46,7 +47,6 @@ WAITING = (
     8  # requests of one kind that may queue (the page sends one at a time); all fit in anyio's 40 threads
 )
 
-_FOLDER = Path(__file__).parent
 # The only files there are to get: no path of a request ever reaches the file system.
 _FILES = {
     "/": ("page.html", "text/html"),
@@ -336,7 +336,7 @@ def create_app(session: Session, *, port: int, token: str, out: Path | None = No
 
 async def _file(request: Request) -> Response:
     name, kind = _FILES[request.url.path]
-    return Response(await anyio.to_thread.run_sync((_FOLDER / name).read_bytes), media_type=kind)
+    return Response(await anyio.to_thread.run_sync(sent, name), media_type=kind)
 
 
 def serve(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-from pathlib import Path
 
 import anywidget
 import traitlets
@@ -11,10 +10,9 @@ import traitlets
 from ..filter import PhyFilter, SampledPhyFilter
 from ..flightlog import FlightLog
 from .handle import Session, handle
+from .modules import sent
 
 __all__ = ["Designer"]
-
-_FOLDER = Path(__file__).parent
 
 
 class Designer(anywidget.AnyWidget):
@@ -24,8 +22,8 @@ class Designer(anywidget.AnyWidget):
     ``observe``.
     """
 
-    _esm = (_FOLDER / "designer.js").read_text(encoding="utf-8")
-    _css = (_FOLDER / "designer.css").read_text(encoding="utf-8")
+    _esm = sent("designer.js")
+    _css = sent("designer.css")
     design: traitlets.Dict[str, object] = traitlets.Dict(read_only=True)
 
     def __init__(

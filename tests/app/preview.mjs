@@ -1,11 +1,14 @@
-// What the designer's preview computes, for test_preview.py: node preview.mjs designer.js < questions.json
+// What the designer's preview computes, for test_preview.py: node preview.mjs folder-of-the-modules < questions.json
 //
 // A question is {design, omega, below, duration, points}, answered with every curve and figure of the preview, or {call, given},
 // answered with what the exported function of that name returns.
 import { readFileSync } from "node:fs";
+import { join } from "node:path";
 import { pathToFileURL } from "node:url";
 
-const preview = await import(pathToFileURL(process.argv[2]).href);
+const names = ["edits", "figures", "filter", "sampled"].map((name) => `mathematics/${name}.js`).concat("state/roots.js", "numbers.js");
+const modules = await Promise.all(names.map((name) => import(pathToFileURL(join(process.argv[2], name)).href)));
+const preview = Object.assign({}, ...modules);
 const pair = ({ re, im }) => [Array.from(re), Array.from(im)];
 
 function answer({ design, omega, below, duration, points }) {

@@ -2,6 +2,8 @@
 
 import designer from "./designer.js";
 
+/** @import { Model, Question } from "./link.js" */
+
 const KEY = "phyfilter-token";
 
 /** The token of the address. It is kept for reloads of this tab and taken out of the address bar. */
@@ -14,15 +16,14 @@ function readToken() {
   return sessionStorage.getItem(KEY);
 }
 
-/** @param {string} token */
+/** @param {string} token @returns {Model} */
 function connect(token) {
-  /** @type {Map<string, Set<Function>>} */
+  /** @type {Map<string, Set<(value: any) => void>>} */
   const listeners = new Map();
-  const state = new Map();
-  const emit = (name, ...values) => [...(listeners.get(name) ?? [])].forEach((listener) => listener(...values));
 
+  /** @param {Question} message @returns {Promise<unknown>} */
   async function answer(message) {
-    const failed = (error) => ({ id: message.id, op: message.op, ok: false, error });
+    const failed = (/** @type {string} */ error) => ({ id: message.id, op: message.op, ok: false, error });
     try {
       const response = await fetch("message", {
         method: "POST",
@@ -38,25 +39,20 @@ function connect(token) {
   }
 
   return {
-    get: (name) => state.get(name),
-    set: (name, value) => {
-      state.set(name, value);
-      emit(`change:${name}`);
+    send: (message) =>
+      void answer(message).then((reply) =>
+        [...(listeners.get("msg:custom") ?? [])].forEach((listener) => listener(reply)),
+      ),
+    on: (event, listener) => {
+      listeners.set(event, (listeners.get(event) ?? new Set()).add(listener));
     },
-    save_changes: () => {},
-    send: (message) => void answer(message).then((reply) => emit("msg:custom", reply, [])),
-    on: (name, listener) => {
-      if (!listeners.has(name)) listeners.set(name, new Set());
-      listeners.get(name).add(listener);
-    },
-    off: (name, listener) => {
-      if (listener) listeners.get(name)?.delete(listener);
-      else listeners.delete(name);
+    off: (event, listener) => {
+      listeners.get(event)?.delete(listener);
     },
   };
 }
 
-const el = document.getElementById("designer");
+const el = /** @type {HTMLElement} */ (document.getElementById("designer"));
 const token = readToken();
 if (token) {
   designer.render({ model: connect(token), el });

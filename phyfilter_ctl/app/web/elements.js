@@ -1,0 +1,78 @@
+/** Elements of the page. */
+
+/** @typedef {(event: any) => void} Listener */
+/** @typedef {string | number | boolean | null | undefined | Listener} Given  an attribute, or a listener ("onclick") */
+
+const SVG = "http://www.w3.org/2000/svg";
+
+/**
+ * An element. Text goes in as text, never as markup.
+ * @template {keyof HTMLElementTagNameMap} Tag
+ * @param {Tag} tag @param {Record<string, Given>} [given] attributes, listeners ("onclick") and "data-test"
+ * @param {...(Node | string | null)} children
+ * @returns {HTMLElementTagNameMap[Tag]}
+ */
+export function h(tag, given = {}, ...children) {
+  return filled(document.createElement(tag), given, children);
+}
+
+/**
+ * The same in SVG.
+ * @template {keyof SVGElementTagNameMap} Tag
+ * @param {Tag} tag @param {Record<string, Given>} [given] @param {...(Node | string | null)} children
+ * @returns {SVGElementTagNameMap[Tag]}
+ */
+export function g(tag, given = {}, ...children) {
+  return filled(document.createElementNS(SVG, tag), given, children);
+}
+
+/**
+ * @template {Element} Made
+ * @param {Made} element @param {Record<string, Given>} given @param {(Node | string | null)[]} children
+ * @returns {Made}
+ */
+function filled(element, given, children) {
+  for (const [name, value] of Object.entries(given)) {
+    if (value === undefined || value === null || value === false) continue;
+    if (typeof value === "function") element.addEventListener(name.slice(2), value);
+    else element.setAttribute(name, value === true ? "" : String(value));
+  }
+  element.append(...children.filter((child) => child !== null));
+  return element;
+}
+
+/** Text that may stand already. @param {Element} element @param {string} text */
+export function write(element, text) {
+  if (element.textContent !== text) element.textContent = text;
+}
+
+/** Several attributes at once. @param {Element} element @param {Record<string, string | number>} values */
+export function assign(element, values) {
+  for (const [name, value] of Object.entries(values)) element.setAttribute(name, String(value));
+}
+
+/**
+ * Let one list of children grow or shrink to these, and leave alone what stands in its place.
+ * @param {Element} parent @param {Element} child @param {number} place
+ */
+export function keepAt(parent, child, place) {
+  if (parent.children[place] !== child) parent.insertBefore(child, parent.children[place] ?? null);
+}
+
+/**
+ * Hand a pointer's moves over until it is let go.
+ * @param {Element} element @param {PointerEvent} event @param {(event: PointerEvent) => void} move
+ * @param {(event: PointerEvent) => void} end
+ */
+export function follow(element, event, move, end) {
+  element.setPointerCapture(event.pointerId);
+  const moves = /** @type {EventListener} */ (move);
+  const ends = ["pointerup", "pointercancel"];
+  const stop = (/** @type {Event} */ last) => {
+    element.removeEventListener("pointermove", moves);
+    for (const name of ends) element.removeEventListener(name, stop);
+    end(/** @type {PointerEvent} */ (last));
+  };
+  element.addEventListener("pointermove", moves);
+  for (const name of ends) element.addEventListener(name, stop);
+}

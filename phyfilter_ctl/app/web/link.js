@@ -1,0 +1,157 @@
+/** Messages to Python and back: one of a kind in flight, the newest of the waiting ones next. */
+
+/** @import { Complex } from "./mathematics/polynomials.js" */
+/** @import { Numerator } from "./mathematics/filter.js" */
+/** @import { Method } from "./mathematics/sampled.js" */
+
+/** @typedef {{slope: number, noise: number, ratio: number, lag: number, delay: number, unit: string}} Assumptions */
+/** @typedef {{omega: number, level: number}} Limit */
+/** @typedef {"error" | "estimate"} LimitKind  of |1 - F|, of |F| */
+/** @typedef {Partial<Record<LimitKind, Limit>>} Limits */
+/**
+ * @typedef {object} DesignData
+ * @property {Complex[]} poles
+ * @property {Numerator} numerator
+ * @property {{dt: number, method: Method}} sampling
+ * @property {Assumptions} assume
+ * @property {Limits | null} limits
+ */
+/** @typedef {{key: string, label?: string, value: number | null, unit?: string, note?: string}} Figure */
+/** @typedef {{name: string, channels: string[], samples: number, dt: number, has_label: boolean}} LogSummary */
+/** @typedef {{name: string, mime: string, base64: string, written?: string}} Download */
+/** @typedef {{fmu: boolean, c: boolean, why: string}} Abilities */
+/** @typedef {{state: string, curve?: [number, number][], message?: string, design?: DesignData | null}} Job */
+/** @typedef {(number | null)[]} Samples */
+/**
+ * @typedef {object} Estimate
+ * @property {number[]} t
+ * @property {Samples} f_hat
+ * @property {Samples | null} [f_theta]
+ * @property {Samples | null} [label]
+ * @property {number | null} [rmse]
+ * @property {number | null} [rmse_model]
+ * @property {number | null} [wiener]
+ * @property {string[]} [messages]
+ */
+/**
+ * What Python answers, by the op of the question; handle.py says what is asked.
+ * @typedef {object} Answers
+ * @property {{version?: string, design?: DesignData, families?: string[], log?: LogSummary | null, can?: Abilities}}
+ * hello
+ * @property {{numbers: Figure[], messages?: string[], frequency: {omega: number[], F: Samples[]}}} design
+ * @property {{design: DesignData}} family
+ * @property {{log: LogSummary | null}} log
+ * @property {{log: null}} forget
+ * @property {Estimate} estimate
+ * @property {{job: number}} learn
+ * @property {Job} job
+ * @property {Job} cancel
+ * @property {{text: string}} python
+ * @property {Download} save
+ * @property {{design: DesignData, messages?: string[]}} open
+ * @property {Download} export
+ */
+/** @typedef {(reply: any) => void} Resolve */
+/** @typedef {{id: number, resolve: Resolve, since: number, timer: ReturnType<typeof setTimeout>}} Flying */
+/** @typedef {{id: number, op: string} & Record<string, unknown>} Question */
+/** @typedef {{ok: false, error?: string}} Refusal */
+/**
+ * @template Answer
+ * @typedef {({ok: true} & Answer) | Refusal} Reply
+ */
+/**
+ * What is used of anywidget's model; page.js has one of its own.
+ * @typedef {object} Model
+ * @property {(message: Question) => void} send
+ * @property {(event: string, listener: (value: any) => void) => void} on
+ * @property {(event: string, listener: (value: any) => void) => void} [off]
+ * @property {(name: string) => unknown} [get]
+ */
+
+const BUSY_AFTER = 300; // ms
+const LOST_AFTER = 60_000; // ms; a kernel that was restarted never answers
+
+export class Link {
+  /**
+   * @param {Model} model
+   * @param {(since: number | null) => void} onBusy called with when the oldest open question was asked
+   */
+  constructor(model, onBusy) {
+    this.model = model;
+    this.onBusy = onBusy;
+    // Two views of one notebook model hear each other's replies: their numbers must not meet.
+    this.next = Math.floor(Math.random() * 2 ** 30) * 2 ** 20 + 1;
+    /** @type {Map<string, Flying | null>} */
+    this.flying = new Map();
+    /** @type {Map<string, {fields: Record<string, unknown>, resolve: Resolve}[]>} */
+    this.waiting = new Map();
+    this.receive = this.receive.bind(this);
+    model.on("msg:custom", this.receive);
+    this.clock = setInterval(() => this.watch(), 100);
+  }
+
+  close() {
+    this.model.off?.("msg:custom", this.receive);
+    clearInterval(this.clock);
+    for (const entry of this.flying.values()) clearTimeout(entry?.timer);
+  }
+
+  /**
+   * Ask Python. Resolves with the reply; with null where a newer question of the kind took its place.
+   * @template {keyof Answers} Op
+   * @param {Op} op @param {Record<string, unknown>} [fields] @param {{latest?: boolean}} [how]
+   * @returns {Promise<Reply<Answers[Op]> | null>}
+   */
+  ask(op, fields = {}, { latest = false } = {}) {
+    return new Promise((resolve) => {
+      const queue = this.waiting.get(op) ?? [];
+      if (latest) queue.splice(0).forEach((old) => old.resolve(null));
+      queue.push({ fields, resolve });
+      this.waiting.set(op, queue);
+      this.send(op);
+    });
+  }
+
+  /** @param {string} op */
+  send(op) {
+    const next = this.flying.get(op) ? undefined : this.waiting.get(op)?.shift();
+    if (!next) return;
+    const id = this.next++;
+    const lost = () =>
+      this.settle(op, id, {
+        id,
+        op,
+        ok: false,
+        error: "Python has not answered for a minute: is the kernel still running?",
+      });
+    this.flying.set(op, { id, resolve: next.resolve, since: performance.now(), timer: setTimeout(lost, LOST_AFTER) });
+    try {
+      this.model.send({ id, op, ...next.fields });
+    } catch (error) {
+      this.settle(op, id, { id, op, ok: false, error: `the message could not be sent: ${error}` });
+    }
+  }
+
+  /** @param {any} reply */
+  receive(reply) {
+    if (reply && typeof reply === "object") this.settle(reply.op, reply.id, reply);
+  }
+
+  /** @param {string | null} op @param {number} id @param {any} reply */
+  settle(op, id, reply) {
+    // A refusal may not know its op: the number decides.
+    const kind = [...this.flying.keys()].find((name) => this.flying.get(name)?.id === id) ?? op;
+    const entry = kind ? this.flying.get(kind) : null;
+    if (!kind || !entry || entry.id !== id) return;
+    clearTimeout(entry.timer);
+    this.flying.set(kind, null);
+    entry.resolve(reply);
+    this.send(kind);
+    this.watch();
+  }
+
+  watch() {
+    const since = Math.min(...[...this.flying.values()].map((entry) => entry?.since ?? Infinity));
+    this.onBusy(performance.now() - since > BUSY_AFTER ? since : null);
+  }
+}

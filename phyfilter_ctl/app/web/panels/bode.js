@@ -1,0 +1,173 @@
+/** The Bode plot, with limits that are drawn into it. */
+
+import { h, write } from "../elements.js";
+import { errorResponse, response } from "../mathematics/filter.js";
+import { sampledResponse } from "../mathematics/sampled.js";
+import { largest, short, smallest } from "../numbers.js";
+import { Chart } from "../plots/chart.js";
+import { LimitHandle } from "../plots/limit_handle.js";
+import { CURVES, PIN_DASHES, swatch } from "../plots/styles.js";
+import { excess, KINDS, LIMIT_KINDS } from "../state/limits.js";
+import { button, card } from "./parts.js";
+
+/** @import { App } from "../designer.js" */
+/** @import { Curve } from "../mathematics/filter.js" */
+/** @import { LimitKind } from "../link.js" */
+/** @import { Series } from "../plots/chart.js" */
+/** @import { Pin } from "../state/preview.js" */
+
+const LOWEST = -70; // dB
+const CURVE_KEYS = /** @type {(keyof typeof CURVES)[]} */ (Object.keys(CURVES));
+
+export class Bode {
+  /** @param {App} app */
+  constructor(app) {
+    this.app = app;
+    /** @type {number | null} rad/s */
+    this.cursorAt = null;
+    this.shown = { F: true, E: true, S: true };
+    const onCursor = (/** @type {number | null} */ x) => {
+      this.cursorAt = x;
+      app.paint();
+    };
+    this.magnitude = new Chart({
+      test: "bode-magnitude",
+      label: "Magnitude",
+      height: 290,
+      logX: true,
+      xLabel: "",
+      yLabel: "magnitude, dB",
+      onCursor,
+    });
+    this.phase = new Chart({
+      test: "bode-phase",
+      label: "Phase",
+      height: 175,
+      logX: true,
+      degrees: true,
+      xLabel: "ω, rad/s",
+      yLabel: "phase, °",
+      onCursor,
+    });
+    /** @type {Map<LimitKind, LimitHandle>} */
+    this.handles = new Map();
+    this.buttons = KINDS.map((kind) => {
+      const { text } = LIMIT_KINDS[kind];
+      const toggle = () => app.design.toggleLimit(kind);
+      return button(`limit-${kind}`, `Limit ${text}`, toggle, {
+        "aria-pressed": "false",
+        title: `Draw a limit of ${text}, and drag its corner`,
+      });
+    });
+    this.readout = h("p", { class: "pf-readout pf-line", "data-test": "readout" });
+    const legends = h("div", { class: "pf-legends" }, ...CURVE_KEYS.map((key) => this.legend(key)));
+    const bar = h("div", { class: "pf-bar" }, legends, h("div", { class: "pf-group pf-right" }, ...this.buttons));
+    this.element = card("Frequency", [bar, this.magnitude.element, this.phase.element, this.readout]);
+  }
+
+  /** @param {keyof typeof CURVES} key */
+  legend(key) {
+    const { text, title, colour, dash } = CURVES[key];
+    const item = button(
+      `legend-${key}`,
+      "",
+      () => {
+        this.shown[key] = !this.shown[key];
+        item.setAttribute("aria-pressed", String(this.shown[key]));
+        this.app.paint();
+      },
+      { class: "pf-legend", "aria-pressed": "true", title },
+    );
+    item.append(swatch(`pf-stroke-${colour}`, dash), text);
+    return item;
+  }
+
+  /** @param {Pin[]} pins */
+  draw(pins) {
+    const { palette, preview, design } = this.app;
+    const { lines, angles } = this.series(pins);
+    const x = preview.range ?? [1, 10];
+    const nyquist = Math.PI / design.sampling.dt;
+    const most = Math.max(3, ...lines.flatMap(({ y }) => (y.length ? [largest(y)] : [])));
+    this.magnitude.range(LOWEST, 10 * Math.ceil((most + 3) / 10), design.dragging);
+    Object.assign(this.magnitude, { x, series: lines, marks: [{ x: nyquist, text: "Nyquist" }] });
+    const [low, high] = [
+      Math.min(-90, ...angles.map(({ y }) => smallest(y))),
+      Math.max(0, ...angles.map(({ y }) => largest(y))),
+    ];
+    this.phase.range(45 * Math.floor(low / 45 - 0.1), 45 * Math.ceil(high / 45 + 0.1), design.dragging);
+    Object.assign(this.phase, { x, series: angles, marks: [{ x: nyquist, text: "" }] });
+    this.magnitude.draw(palette);
+    this.phase.draw(palette);
+    KINDS.forEach((kind, i) => this.drawLimit(kind, this.buttons[i]));
+    for (const chart of [this.magnitude, this.phase]) chart.cursor(this.cursorAt);
+    this.read();
+  }
+
+  /** Magnitudes and phases, from behind to the front. @param {Pin[]} pins */
+  series(pins) {
+    const { palette, preview } = this.app;
+    /** @type {Series[]} */
+    const lines = [];
+    /** @type {Series[]} */
+    const angles = [];
+    pins.forEach(({ curves }, i) => {
+      if (!curves) return;
+      const style = { x: curves.omega, colour: palette.pin, width: 1.5, dash: PIN_DASHES[i] };
+      for (const key of /** @type {const} */ (["F", "E"]))
+        if (this.shown[key]) lines.push({ ...style, y: curves[key].db });
+      if (this.shown.F) angles.push({ ...style, y: curves.F.phase });
+    });
+    // The sampled F first: where the two agree F is seen, where they part both are.
+    for (const key of /** @type {const} */ (["S", "E", "F"])) {
+      const curve = preview.curves[key];
+      if (!this.shown[key] || !curve) continue;
+      const x = key === "S" ? preview.curves.below : preview.curves.omega;
+      const style = { x, colour: palette[CURVES[key].colour], dash: CURVES[key].dash, width: 2.25 };
+      lines.push({ ...style, y: curve.db });
+      if (key !== "E") angles.push({ ...style, y: curve.phase });
+    }
+    return { lines, angles };
+  }
+
+  /** What the curves are where the mouse is. */
+  read() {
+    const { filter, sampling } = this.app.design;
+    const { curves } = this.app.preview;
+    const w = this.cursorAt;
+    if (w === null) {
+      write(this.readout, "Point at a curve to read it.");
+      return;
+    }
+    const value = (/** @type {Curve} */ curve) => {
+      const gain = Math.hypot(curve.re[0], curve.im[0]);
+      return `${short(20 * Math.log10(gain), 3)} dB (${short(gain, 3)})`;
+    };
+    const k = curves.omega.findIndex((omega) => omega >= w);
+    const parts = [
+      `ω ${short(w, 3)} rad/s, ${short(w / (2 * Math.PI), 3)} Hz`,
+      `F ${value(response(filter, [w]))} ∠ ${short(curves.F.phase[Math.max(k, 0)], 3)}°`,
+      `1−F ${value(errorResponse(filter, [w]))}`,
+    ];
+    if (curves.S && w <= Math.PI / sampling.dt)
+      parts.push(`sampled ${value(sampledResponse(filter, sampling.dt, sampling.method, [w]).F)}`);
+    this.readout.replaceChildren(...parts.map((text) => h("span", {}, text)));
+  }
+
+  /** @param {LimitKind} kind @param {HTMLElement} toggle */
+  drawLimit(kind, toggle) {
+    const { design, preview } = this.app;
+    const limit = design.limits?.[kind];
+    toggle.setAttribute("aria-pressed", String(Boolean(limit)));
+    let handle = this.handles.get(kind);
+    if (!limit) {
+      handle?.element.remove();
+      this.handles.delete(kind);
+      toggle.classList.remove("pf-violated");
+      return;
+    }
+    if (!handle) this.handles.set(kind, (handle = new LimitHandle(design, this.magnitude, kind)));
+    const violated = handle.draw(limit, excess(design.filter, preview.curves, kind, limit));
+    toggle.classList.toggle("pf-violated", violated);
+  }
+}

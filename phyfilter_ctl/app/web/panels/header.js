@@ -1,0 +1,171 @@
+/** The top: what is designed, in a line; history, files and exports. */
+
+import { g, h } from "../elements.js";
+import { download, picker } from "../files.js";
+import { inUnit, short } from "../numbers.js";
+import { button, group } from "./parts.js";
+
+/** @import { App } from "../designer.js" */
+/** @import { Abilities } from "../link.js" */
+
+/** @typedef {"fmu2" | "fmu3" | "c"} ExportKind */
+
+const EXPORTS = /** @type {const} */ ({
+  fmu2: { text: "FMU 2", title: "FMU of FMI 2.0" },
+  fmu3: { text: "FMU 3", title: "FMU of FMI 3.0" },
+  c: { text: "C", title: "C99 sources in a zip" },
+});
+const KINDS = /** @type {ExportKind[]} */ (Object.keys(EXPORTS));
+const MOST_CHANNELS = 12;
+
+export class Header {
+  /** @param {App} app @param {{pin: () => void, theme: () => void}} does */
+  constructor(app, does) {
+    this.app = app;
+    const { design } = app;
+    /** @type {Abilities} */
+    this.can = { fmu: true, c: true, why: "" };
+    this.version = h("small", {});
+    this.summary = h("p", { class: "pf-summary", "data-test": "summary" });
+    this.busy = h("span", { class: "pf-busy", role: "status", "data-test": "busy", hidden: true }, "Python is busy");
+    this.undo = button("undo", "↶", () => design.undo(), {
+      class: "pf-icon",
+      title: "Undo, Ctrl+Z",
+      "aria-label": "Undo",
+    });
+    this.redo = button("redo", "↷", () => design.redo(), {
+      class: "pf-icon",
+      title: "Redo, Ctrl+Shift+Z",
+      "aria-label": "Redo",
+    });
+    this.exports = KINDS.map((kind) =>
+      button(`export-${kind}`, EXPORTS[kind].text, () => void this.export(kind), { class: "pf-primary" }),
+    );
+    this.channels = h("input", {
+      type: "number",
+      min: 1,
+      max: MOST_CHANNELS,
+      value: 1,
+      "aria-label": "Channels of the export",
+      "data-test": "channels",
+    });
+    this.code = h("pre", { "data-test": "python-text", tabindex: 0 });
+    const close = button("python-close", "Close", () => (this.codeBox.hidden = true));
+    this.codeBox = h("section", { class: "pf-card pf-code", hidden: true, "aria-label": "Python" }, this.code, close);
+    const title = h("h1", {}, "PhyFilter designer", this.version);
+    const brand = h("div", { class: "pf-brand" }, logo(), h("div", {}, title, this.summary));
+    this.element = h("header", { class: "pf-header" }, brand, this.busy, this.tools(does));
+  }
+
+  /** @param {{pin: () => void, theme: () => void}} does */
+  tools(does) {
+    const named = (/** @type {string} */ label) => ({ role: "group", "aria-label": label });
+    const open = h(
+      "label",
+      { class: "pf-file", "data-test": "open" },
+      "Open",
+      picker(this.app, ".toml", "open-file", "Open a filter file"),
+    );
+    const save = button("save", "Save", () => void this.save(), { title: "The filter as a TOML file" });
+    const python = button("python", "Copy as Python", () => void this.copyPython());
+    const pin = button("pin", "Pin", does.pin, { title: "Keep this design behind in grey to compare with" });
+    const channels = h(
+      "label",
+      { class: "pf-channels", title: "Channels of x in the export: one filter for each" },
+      "channels",
+      this.channels,
+    );
+    const theme = button("theme", "◐", does.theme, {
+      class: "pf-icon",
+      title: "Light, dark or as the system",
+      "aria-label": "Change between light and dark",
+    });
+    return h(
+      "div",
+      { class: "pf-tools" },
+      group(named("History"), this.undo, this.redo),
+      group(named("Compare"), pin),
+      group(named("File"), open, save, python),
+      group(named("Export"), h("span", { class: "pf-group-name" }, "Export"), ...this.exports, channels),
+      theme,
+    );
+  }
+
+  show() {
+    const { filter, history, sampling } = this.app.design;
+    this.undo.disabled = !history.past.length;
+    this.redo.disabled = !history.future.length;
+    const kind = filter.dcGain !== 0 ? "" : "band-pass, ";
+    const cutoff = short(this.app.design.cutoff(), 3);
+    const step = inUnit(sampling.dt, "s").join(" ");
+    this.summary.textContent = `${kind}order ${filter.order}, type ${filter.type}, ${cutoff} rad/s, h = ${step}`;
+  }
+
+  /** What can be exported on this machine. @param {Abilities} [can] */
+  showAbilities(can = this.can) {
+    this.can = can;
+    KINDS.forEach((kind, i) => {
+      const able = kind === "c" ? can.c : can.fmu;
+      this.exports[i].disabled = !able;
+      this.exports[i].title = able ? EXPORTS[kind].title : can.why || "not on this machine";
+    });
+  }
+
+  /** @param {number | null} since when the oldest open question was asked */
+  showBusy(since) {
+    this.busy.hidden = since === null;
+    if (since === null) return;
+    const seconds = (performance.now() - since) / 1000;
+    this.busy.textContent = seconds < 1 ? "Python is busy" : `Python is busy, ${seconds.toFixed(0)} s`;
+  }
+
+  // -- handing over -----------------------------------------------------------------------------------------------
+
+  async copyPython() {
+    const { app } = this;
+    const reply = await app.link.ask("python", { design: app.design.data() });
+    if (!app.ok(reply)) return;
+    this.code.textContent = reply.text;
+    this.codeBox.hidden = false;
+    try {
+      await navigator.clipboard.writeText(reply.text);
+      app.say("Copied as Python.");
+    } catch {
+      const range = document.createRange();
+      range.selectNodeContents(this.code);
+      getSelection()?.removeAllRanges();
+      getSelection()?.addRange(range);
+      app.say("The clipboard is closed to this page: the text is selected, copy it by hand.", "warn");
+    }
+  }
+
+  async save() {
+    const { app } = this;
+    const reply = await app.link.ask("save", { design: app.design.data(), name: "filter" });
+    if (app.ok(reply)) download(app, reply);
+  }
+
+  /** @param {ExportKind} kind */
+  async export(kind) {
+    const { app } = this;
+    const channels = Math.min(Math.max(Math.round(Number(this.channels.value)) || 1, 1), MOST_CHANNELS);
+    this.channels.value = String(channels);
+    this.exports[KINDS.indexOf(kind)].disabled = true;
+    app.say(kind === "c" ? "Writing C …" : "Building the FMU …");
+    const reply = await app.link.ask("export", { design: app.design.data(), kind, channels });
+    this.showAbilities();
+    if (app.ok(reply)) download(app, reply);
+  }
+}
+
+function logo() {
+  const curve = g("path", { d: "M7 10h7c6 0 5 12 12 12", class: "pf-logo-curve" });
+  const pole = g("path", { d: "M7 19l5 5m0-5l-5 5", class: "pf-logo-pole" });
+  return g(
+    "svg",
+    { viewBox: "0 0 32 32", class: "pf-logo", "aria-hidden": "true" },
+    g("rect", { width: 32, height: 32, rx: 8 }),
+    curve,
+    pole,
+  );
+}

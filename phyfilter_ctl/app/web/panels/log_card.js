@@ -1,0 +1,269 @@
+/** A recording: what the design makes of it, and learning from it. */
+
+import { h } from "../elements.js";
+import { picker } from "../files.js";
+import { inUnit, largest, short, smallest } from "../numbers.js";
+import { Chart } from "../plots/chart.js";
+import { marking } from "../plots/marking.js";
+import { DASHES, swatch } from "../plots/styles.js";
+import { Learning } from "./learning.js";
+import { button, card } from "./parts.js";
+
+/** @import { App } from "../designer.js" */
+/** @import { Estimate, LogSummary, Samples } from "../link.js" */
+/** @import { Series } from "../plots/chart.js" */
+
+const LEAST_SAMPLES = 10; // that are drawn
+const ROOM = 0.06; // above and below the curves, in parts of their height
+const WIENER =
+  "Wiener filter: about the least that a causal linear filter can reach. Every block of the log is scored by one " +
+  "fitted to the others, so a filter learned from all of it can come out slightly below.";
+const LINES = /** @type {const} */ ([
+  { key: "label", name: "label", text: "label, the truth", colour: "L", dash: DASHES.solid, width: 3 },
+  { key: "f_theta", name: "f_θ", text: "f_θ, the model", colour: "M", dash: DASHES.dot, width: 1.5 },
+  { key: "f_hat", name: "f̂", text: "f̂, the estimate", colour: "F", dash: DASHES.solid, width: 1.5 },
+]);
+// In the order that they are read out.
+const READ = [LINES[2], LINES[0], LINES[1]];
+
+export class LogCard {
+  /** @param {App} app */
+  constructor(app) {
+    this.app = app;
+    /** @type {LogSummary | null} */
+    this.log = null;
+    this.channel = 0;
+    /** @type {Estimate | null} */
+    this.estimate = null;
+    this.askedAt = 0;
+    /** @type {[number, number] | null} times in s that are drawn, null: all */
+    this.window = null;
+    /** @type {[number, number] | null} first and last time */
+    this.whole = null;
+    /** Times since 1970, say, are shown from the first one on. */
+    this.start = 0;
+    /** @type {number | null} s, on the axis */
+    this.cursorAt = null;
+    const onCursor = (/** @type {number | null} */ t) => {
+      this.cursorAt = t;
+      app.paint();
+    };
+    this.chart = new Chart({
+      test: "log-plot",
+      label: "Estimate on the log",
+      height: 230,
+      xLabel: "t, s",
+      yLabel: "f",
+      onCursor,
+    });
+    const marked = (/** @type {number} */ low, /** @type {number} */ high) =>
+      this.showPart(this.start + low, this.start + high);
+    marking(this.chart, { able: () => this.estimate !== null, marked, all: () => this.showWhole() });
+    this.learning = new Learning(app, () => void this.ask());
+    this.summary = h("p", { class: "pf-log-summary", "data-test": "log" });
+    this.rmse = h("dl", { class: "pf-rmse", "data-test": "rmse" });
+    this.legend = h("div", { class: "pf-legends" });
+    this.readout = h("span", { class: "pf-readout" });
+    const words = "or pick a CSV file: a column t in s, the measured x, and if known label_x, g_x, f_theta_x";
+    const file = picker(app, ".csv,.txt,.tsv,.toml", "log-file", "Pick a CSV log");
+    this.drop = h(
+      "label",
+      { class: "pf-drop", "data-test": "drop" },
+      h("strong", {}, "Drop a recorded log here"),
+      h("span", {}, words),
+      file,
+    );
+    this.channels = h("select", {
+      "data-test": "channel",
+      "aria-label": "Channel",
+      onchange: () => this.choose(Number(this.channels.value)),
+    });
+    this.forget = button("forget", "Close the log", () => void this.close());
+    this.all = button("log-whole", "Whole", () => this.showWhole(), {
+      title: "Draw the whole log; or double-click the plot",
+    });
+    const bar = h("div", { class: "pf-bar" }, this.legend, this.readout, this.parts());
+    this.body = h(
+      "div",
+      { class: "pf-log-body" },
+      h("div", { class: "pf-log-left" }, bar, this.chart.element, this.rmse),
+      this.learning.element,
+    );
+    this.element = card("Log", [this.drop, this.body], {
+      test: "log-card",
+      side: [this.summary, this.channels, this.forget],
+      className: "pf-log-card",
+    });
+  }
+
+  /** Buttons for the part that is drawn. */
+  parts() {
+    const part = (
+      /** @type {string} */ test,
+      /** @type {string} */ text,
+      /** @type {string} */ words,
+      /** @type {number} */ factor,
+      /** @type {number} */ shift,
+    ) =>
+      button(test, text, () => this.movePart(factor, shift), { class: "pf-icon", "aria-label": words, title: words });
+    return h(
+      "div",
+      { class: "pf-group pf-right", role: "group", "aria-label": "Part of the log that is drawn" },
+      part("log-earlier", "‹", "Earlier", 1, -0.5),
+      part("log-later", "›", "Later", 1, 0.5),
+      part("log-out", "−", "Draw a longer part", 2, 0),
+      part("log-in", "+", "Draw a shorter part, or mark it in the plot", 0.5, 0),
+      this.all,
+    );
+  }
+
+  // -- which log, and what of it ----------------------------------------------------------------------------------
+
+  /** @param {LogSummary | null} log */
+  open(log) {
+    this.log = log;
+    this.channel = 0;
+    this.estimate = null;
+    this.window = null;
+    this.whole = null;
+    this.drop.hidden = log !== null;
+    this.body.hidden = log === null;
+    this.forget.hidden = log === null;
+    this.channels.hidden = log === null || log.channels.length < 2;
+    this.summary.textContent = log
+      ? `${log.name}: ${log.samples} samples, ${inUnit(log.dt, "s").join(" ")}${log.has_label ? "" : ", no label"}`
+      : "";
+    if (log) this.channels.replaceChildren(...log.channels.map((name, i) => h("option", { value: i }, name)));
+    this.rmse.replaceChildren();
+    this.learning.open(log);
+    if (log) void this.ask();
+    this.app.paint();
+  }
+
+  async close() {
+    const { app } = this;
+    if (this.learning.job !== null) await this.learning.cancel();
+    if (app.ok(await app.link.ask("forget"))) this.open(null);
+  }
+
+  /** @param {number} channel */
+  choose(channel) {
+    this.channel = channel;
+    void this.ask();
+  }
+
+  /** What the design estimates on the log. */
+  async ask() {
+    this.askedAt = performance.now();
+    const fields = {
+      design: this.app.design.data(),
+      channel: this.channel,
+      ...(this.window ? { window: this.window } : {}),
+    };
+    const reply = await this.app.link.ask("estimate", fields, { latest: true });
+    if (!reply || !this.log) return;
+    this.estimate = this.app.ok(reply) ? reply : null;
+    if (reply.ok) this.whole ??= [reply.t[0], reply.t[reply.t.length - 1]];
+    this.show();
+    this.app.paint();
+  }
+
+  /** Draw a part of the log, or all of it. @param {number} low s @param {number} high s */
+  showPart(low, high) {
+    if (!this.whole || !this.log) return;
+    const [first, last] = this.whole;
+    const span = Math.min(Math.max(high - low, LEAST_SAMPLES * this.log.dt), last - first);
+    const from = Math.min(Math.max((low + high - span) / 2, first), last - span);
+    this.window = span >= 0.999 * (last - first) ? null : [from, from + span];
+    void this.ask();
+  }
+
+  showWhole() {
+    if (this.whole) this.showPart(...this.whole);
+  }
+
+  /** Move or scale the part that is drawn. @param {number} factor @param {number} shift in parts of its width */
+  movePart(factor, shift) {
+    const part = this.window ?? this.whole;
+    if (!part) return;
+    const [low, high] = part;
+    const middle = (low + high) / 2 + shift * (high - low);
+    const half = (factor * (high - low)) / 2;
+    this.showPart(middle - half, middle + half);
+  }
+
+  // -- showing ----------------------------------------------------------------------------------------------------
+
+  show() {
+    const { estimate } = this;
+    const { unit } = this.app.design;
+    const figures = [
+      { text: "RMSE of f̂", value: estimate?.rmse, title: "Root mean square of label − f̂ over the log" },
+      {
+        text: "of the model alone",
+        value: estimate?.rmse_model,
+        title: "Root mean square of label − f_θ over the log",
+      },
+      { text: "Wiener filter, held out", value: estimate?.wiener, title: WIENER },
+    ].filter(({ value }) => typeof value === "number");
+    this.all.disabled = !this.window;
+    this.rmse.replaceChildren(
+      ...figures.map(({ text, value, title }) =>
+        h("div", { title }, h("dt", {}, text), h("dd", {}, `${short(value)} ${unit}`)),
+      ),
+    );
+    const messages = [...(estimate?.messages ?? [])];
+    if (typeof estimate?.wiener === "number") messages.push(WIENER);
+    if (messages.length) this.rmse.append(h("p", { class: "pf-note" }, messages.join(" ")));
+    const lines = LINES.filter(({ key }) => estimate?.[key]);
+    this.legend.replaceChildren(
+      ...lines.map(({ text, colour, dash }) =>
+        h("span", { class: "pf-legend" }, swatch(`pf-stroke-${colour}`, dash), text),
+      ),
+    );
+  }
+
+  draw() {
+    const { palette, design } = this.app;
+    const series = this.estimate ? this.series(this.estimate) : [];
+    this.chart.settings.xLabel = this.start ? `t − ${this.start}, s` : "t, s";
+    this.chart.settings.yLabel = design.assume.unit ? `f, ${design.assume.unit}` : "f";
+    this.chart.series = series;
+    this.chart.draw(palette);
+    this.chart.cursor(this.cursorAt);
+    this.read();
+    this.learning.draw();
+  }
+
+  /** Curves of an estimate, on axes that hold them. @param {Estimate} estimate @returns {Series[]} */
+  series(estimate) {
+    const { palette } = this.app;
+    const [first, last] = this.whole ?? [0, 0];
+    this.start = Math.abs(first) > 100 * (last - first) ? first : 0;
+    const x = this.start ? estimate.t.map((t) => t - this.start) : estimate.t;
+    const wanted = this.window?.map((t) => t - this.start);
+    const lines = LINES.flatMap(({ key, colour, dash, width }) => {
+      const y = estimate[key];
+      return y ? [{ x, y, colour: palette[colour], dash, width }] : [];
+    });
+    const [low, high] = [Math.min(...lines.map(({ y }) => smallest(y))), Math.max(...lines.map(({ y }) => largest(y)))];
+    const room = ROOM * (high - low || 1);
+    const inside = wanted && x[x.length - 1] > wanted[0] && x[0] < wanted[1];
+    Object.assign(this.chart, { x: inside ? wanted : [x[0], x[x.length - 1]], y: [low - room, high + room] });
+    return lines;
+  }
+
+  /** What the curves are where the mouse is. */
+  read() {
+    const { estimate, cursorAt } = this;
+    const at = estimate && cursorAt !== null ? estimate.t.findIndex((t) => t >= cursorAt + this.start) : -1;
+    if (!estimate || at < 0) {
+      this.readout.textContent = "";
+      return;
+    }
+    const value = (/** @type {Samples | null | undefined} */ samples, /** @type {string} */ name) =>
+      samples ? `   ${name} ${short(samples[at], 3)}` : "";
+    const values = READ.map(({ key, name }) => value(estimate[key], name)).join("");
+    this.readout.textContent = `t ${short(estimate.t[at] - this.start, 4)} s${values}`;
+  }
+}
