@@ -235,7 +235,7 @@ def main() -> int:
                 filters((2, 6) if quick else (1, 2, 3, 4, 5, 6))
             ):
                 source = filter_source(
-                    SampledPhyFilter(sampled.filter, DT, precision=precision),
+                    sampled.filter.sampled(DT, precision=precision),
                     3,
                     name="wing",
                     variable=tunable,

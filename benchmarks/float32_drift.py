@@ -51,7 +51,7 @@ def run_case(
     program: Path, sampled: SampledPhyFilter, steps: int, noise: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """Bins (steps, error, error of the paper's form, greatest f_hat) and the first (x, f_hat)."""
-    dA, equilibrium, C = sampled.transitions[0]
+    dA, equilibrium, C = sampled.recursion.transitions[0]
     numbers = [len(C), steps, SEED, noise, RESIDUAL, RATE, *dA.ravel(), *equilibrium, *C, *sampled.filter.a]
     answer = subprocess.run(
         [str(program)], input=" ".join(f"{v!r}" if isinstance(v, int) else f"{float(v):.17g}" for v in numbers),

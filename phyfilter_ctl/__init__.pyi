@@ -37,7 +37,7 @@ from .blocks import (
 from .codegen import export_c
 from .design import LearnResult, bandpass, learn, learn_jointly, lowpass, numerator_of_type, place_poles
 from .diagram import FlatModel, flatten
-from .filter import FilterState, PhyFilter, SampledPhyFilter, stack
+from .filter import FilterState, PhyFilter, SampledPhyFilter, Sampling, stack
 from .filterfile import Signals, load, load_signals, save
 from .flightlog import FlightLog, split_by_speed, split_flights
 from .fmi import cosimulate, export_fmu, export_ssp, import_fmu
@@ -76,6 +76,7 @@ __all__ = [
     "Result",
     "SampledBlock",
     "SampledPhyFilter",
+    "Sampling",
     "Sensitivity",
     "Signals",
     "SimulationResponse",

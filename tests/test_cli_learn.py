@@ -50,7 +50,7 @@ def test_known_filter_comes_back_through_the_file(tmp_path, monkeypatch, capsys)
     assert shown.err == ""
     found = filterfile.load("filter.toml")
     np.testing.assert_allclose(found.filter.a, TRUTH.a, rtol=EXACT)
-    assert (found.dt, found.method, found.g) == (DT, "exact", "hold")
+    assert (found.dt, found.sampling.method, found.sampling.g) == (DT, "exact", "hold")
     assert filterfile.load_signals("filter.toml").channels == ("px", "py")
     # One row a sample in the log, but the same in every one.
     np.testing.assert_array_equal(filterfile.load_signals("filter.toml").inertia, [1.5, 1.5])

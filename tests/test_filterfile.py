@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 
 from phyfilter_ctl import PhyFilter
 from phyfilter_ctl._signals import LARGEST
-from phyfilter_ctl.filter import SampledPhyFilter, stack
+from phyfilter_ctl.filter import SampledPhyFilter, Sampling, stack
 from phyfilter_ctl.filterfile import Signals, load, load_signals, save
 
 GOOD = 'format = "phyfilter"\nversion = 1\na = [400.0, 40.0]\n'
@@ -68,7 +68,8 @@ def sampled_filters(draw: st.DrawFn) -> SampledPhyFilter:
     }
     if draw(st.booleans()):
         options["E"] = np.eye(4)[:, : len(parts)] * draw(st.floats(0.5, 2.0))
-    return SampledPhyFilter(parts, **options)
+    E = options.pop("E", None)
+    return SampledPhyFilter(parts, Sampling(**options), E=E)
 
 
 # -- round trips ------------------------------------------------------------------------------------------------
@@ -100,7 +101,7 @@ def test_a_sampled_filter_comes_back_bit_for_bit(tmp_path_factory, sampled: Samp
     "sampled",
     [
         PhyFilter([20.0]).sampled(0.002, "euler"),
-        PhyFilter([400.0, 40.0]).sampled(0.01, realisation="paper"),
+        PhyFilter([400.0, 40.0]).sampled(0.01, delay=0.005),
         PhyFilter([400.0, 40.0], [400.0, 40.0]).sampled(0.01, limit=[1.0, 2.0, np.inf]),
         stack(
             [PhyFilter([20.0]).sampled(0.01, g="average"), PhyFilter([9.0, 6.0]).sampled(0.01, g="average")]

@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from phyfilter_ctl import FlightLog, PhyFilter, Signals, load, load_signals, lowpass, save
-from phyfilter_ctl.filter import SampledPhyFilter
+from phyfilter_ctl.filter import SampledPhyFilter, Sampling
 
 NUMBERS = [
     "0",
@@ -84,7 +84,7 @@ def mutated(draw: st.DrawFn, wholes: list[str]) -> bytes:
 @pytest.fixture(scope="module")
 def filter_texts(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
     path = tmp_path_factory.mktemp("filters") / "f.toml"
-    two = SampledPhyFilter([lowpass(2, 20.0), PhyFilter([20.0], [5.0])], dt=0.002, limit=[1.0, 2.0])
+    two = SampledPhyFilter([lowpass(2, 20.0), PhyFilter([20.0], [5.0])], Sampling(0.002, limit=[1.0, 2.0]))
     signals = Signals(["vx", "vy"], unit_x="m/s", inertia=[[2.0, 0.1], [0.1, 3.0]])
     texts = []
     for system, more in (

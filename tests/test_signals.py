@@ -97,7 +97,7 @@ def test_missing_times_are_named_by_their_row() -> None:
 def test_intervals_with_a_unit() -> None:
     for dt in (np.timedelta64(10, "ms"), timedelta(milliseconds=10)):
         sampled = F.sampled(dt, delay=np.timedelta64(5, "ms"))  # type: ignore[arg-type]
-        assert (sampled.dt, sampled.delay) == (0.01, 0.005)
+        assert (sampled.dt, sampled.sampling.delay) == (0.01, 0.005)
         assert FlightLog.from_arrays(x=X, dt=dt).dt == pytest.approx(0.01)  # type: ignore[arg-type]
         state = F.sampled(0.002).start([0.0])
         one, other = (F.sampled(0.002).step(state, [1.0], dt=h)[1] for h in (dt, 0.01))  # type: ignore[arg-type]

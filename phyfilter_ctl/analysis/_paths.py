@@ -35,7 +35,7 @@ def residual(system: PhyFilter | SampledPhyFilter, omega: FloatArray) -> tuple[C
     theta = omega * system.dt
     # gamma reaches u_k averaged over the step, e^(-j theta/2) sinc, and late by the delay.
     sinc, short = _sinc(0.5 * theta)
-    turn = 0.5 * theta + omega * system.delay
+    turn = 0.5 * theta + omega * system.sampling.delay
     missing = short - sinc * np.expm1(-1j * turn)
     return F * sinc * np.exp(-1j * turn), error + F * missing
 
@@ -53,8 +53,9 @@ def to_estimate(
     theta = omega * system.dt
     if source in ("x", "noise"):
         rate = -np.expm1(-1j * theta) / system.dt
-        return F * rate * (np.exp(-1j * omega * system.delay) if source == "x" else 1.0)
-    mean, missing = _step_mean(theta, system.g if source == "g" else system.f_theta, system.delay / system.dt)
+        return F * rate * (np.exp(-1j * omega * system.sampling.delay) if source == "x" else 1.0)
+    rule = system.sampling.g if source == "g" else system.sampling.f_theta
+    mean, missing = _step_mean(theta, rule, system.sampling.delay_steps)
     return -F * mean if source == "g" else error + F * missing
 
 

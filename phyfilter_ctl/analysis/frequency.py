@@ -200,7 +200,7 @@ class FilterResponse:
         grid = grids.search(self.system)
         every = np.union1d(grid[grid > 0.0], flat)
         # The delay turns F many times; taken out, the rest unwraps safely on a grid in log omega.
-        delay = self.system.delay if isinstance(self.system, SampledPhyFilter) else 0.0
+        delay = self.system.sampling.delay if isinstance(self.system, SampledPhyFilter) else 0.0
         F = _paths.residual(self.system, every)[0] * np.exp(1j * every * delay)
         phase = np.unwrap(np.angle(F))
         anchor = 0 if self._reaches_dc else int(np.argmax(np.abs(F)))

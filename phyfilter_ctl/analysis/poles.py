@@ -138,9 +138,9 @@ def _continuous(filter: PhyFilter) -> PolesAndZeros:
 def _sampled(system: SampledPhyFilter) -> PolesAndZeros:
     filter, h = system.filter, system.dt
     none, at_zero = np.zeros(0, dtype=np.complex128), np.zeros(1, dtype=np.complex128)
-    if system.method == "euler":
+    if system.sampling.method == "euler":
         poles, zeros = 1.0 + filter.poles * h, 1.0 + filter.zeros * h
-    elif system.method == "tustin":
+    elif system.sampling.method == "tustin":
         poles, zeros = _tustin(filter.poles * h), _tustin(filter.zeros[filter.zeros != 2.0 / h] * h)
         zeros = np.concatenate([zeros, -np.ones(filter.order - len(filter.zeros) - 1)])
     else:

@@ -198,7 +198,7 @@ def _sampled_residual(sampled: SampledPhyFilter, shape: ct.StateSpace) -> tuple[
     drive[:m, :m] = np.eye(m)
     drive[m:, m] = entry
     P = np.asarray(solve_discrete_lyapunov(joint, drive @ covariance @ drive.T))
-    later = np.eye(m) + _sections.expm1(np.asarray(shape.A), sampled.delay)
+    later = np.eye(m) + _sections.expm1(np.asarray(shape.A), sampled.sampling.delay)
     gamma = shape.C[0]
     estimate = float(C @ P[m:, m:] @ C)
     now = float(gamma @ P[:m, :m] @ gamma)

@@ -140,7 +140,7 @@ class Design:
                     f"dt: expected {SHORTEST_STEP:g} to {LONGEST_STEP:g} s, got {filter.dt:g} s; sample it "
                     "otherwise"
                 )
-            design = replace(self, dt=filter.dt, method=filter.method)
+            design = replace(self, dt=filter.dt, method=filter.sampling.method)
             return design.with_filter(filter.filter)
         size = np.abs(filter.poles)
         if filter.order > HIGHEST_ORDER or size.min() < SLOWEST or size.max() > FASTEST:

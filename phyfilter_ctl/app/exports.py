@@ -172,10 +172,8 @@ def export(design: Design, kind: Kind, channels: int) -> dict[str, object]:
 def _dropped(system: PhyFilter | SampledPhyFilter) -> list[str]:
     if isinstance(system, PhyFilter):
         return []
-    usual = system.filters[0].sampled(system.dt, system.method)
-    names = ("g", "f_theta", "precision", "realisation", "delay", "nonfinite")
-    changed = [name for name in names if getattr(system, name) != getattr(usual, name)]
-    changed += [name for name in ("E", "limit") if getattr(system, name) is not None]
+    changed = [name for name in system.sampling.unusual if name != "method"]
+    changed += [] if system.E is None else ["E"]
     if not changed:
         return []
     return [f"The file also sets {', '.join(changed)}, which this page does not show and does not keep."]

@@ -41,14 +41,15 @@ def continuous_filter(
         Number of inputs M that follow; their columns are zero, since M multiplies x', which is zero at a point of rest.
     """
     n_x = channels
-    E_left = np.eye(n_x) if sampled.E is None else sampled.E_left
+    E_left = sampled.recursion.E_left
+    E_left = np.eye(n_x) if E_left is None else E_left
     n_f = len(E_left)
     filters = sampled.filters * n_f if len(sampled.filters) == 1 else sampled.filters
     momentum = E_left @ constant_inertia(inertia, n_x)
     (A, B, C, D), _ = continuous_matrices([entry.sections for entry in filters], momentum, E_left)
-    if sampled.delay:
+    if sampled.sampling.delay:
         # x, then v = delayed (E_left g + f_theta): the columns of B for f_theta act on it; f_theta passes through D.
-        lag = _pade(sampled.delay, n_f)
+        lag = _pade(sampled.sampling.delay, n_f)
         into = np.hstack([np.zeros((n_f, n_x)), E_left, np.eye(n_f)])
         drive = B[:, 2 * n_x :]
         direct = B.copy()

@@ -21,7 +21,6 @@ from scipy.linalg import block_diag
 
 from .._sections import FloatArray
 from ..filter import SampledPhyFilter, windows
-from ..filter.loop import channels as channels_of_f
 from .functions import BlockFunctions, Variable
 
 __all__ = ["filter_inputs", "filter_law"]
@@ -37,7 +36,7 @@ def filter_law(
     Parameters
     ----------
     sampled : SampledPhyFilter
-        With any option but ``realisation="paper"``. ``precision="float32"`` rounds the coefficients; the law computes
+        ``precision="float32"`` rounds the coefficients; the law computes
         in double. ``nonfinite="raise"`` cannot raise here: a sample that is not finite shows in f_hat from then on.
     channels : int
         Number n_x of channels of x.
@@ -53,7 +52,7 @@ def filter_law(
     Raises
     ------
     ValueError
-        For ``realisation="paper"``, or numbers of channels that contradict each other.
+        For numbers of channels that contradict each other.
 
     Notes
     -----
@@ -70,26 +69,22 @@ def filter_law(
     >>> law.feedthrough.tolist()
     [[True, False, True]]
     """
-    if sampled.realisation == "paper":
-        raise ValueError(
-            "realisation='paper' has no law for diagrams: it is kept for comparison; use realisation='sections'"
-        )
-    n_f = channels_of_f(sampled, channels)
+    n_f = sampled.recursion.channels(channels)
     inputs = filter_inputs(channels, n_f, inertia)
     v = ca.SX.sym("v", len(inputs))
     x, g, f_theta, M = _split(v, [channels, channels, n_f, len(inputs) - 2 * channels - n_f])
     bank = _Bank.of(sampled, n_f)
-    memory = _Memory(guarded=sampled.nonfinite == "hold")
+    memory = _Memory(guarded=sampled.sampling.nonfinite == "hold")
     w = memory.state(bank.labels)
     memory.becomes(memory.started, ca.SX(1))
 
-    acting, weights_g = g, windows.mean_weights(sampled.g, sampled.delay / sampled.dt)
-    if sampled.g == "hold":  # over the step that ends now the g of the instant before acted
+    acting, weights_g = g, windows.mean_weights(sampled.sampling.g, sampled.sampling.delay_steps)
+    if sampled.sampling.g == "hold":  # over the step that ends now the g of the instant before acted
         acting, weights_g = memory.state(_labels("g", channels)), weights_g[1:]
         memory.becomes(acting, g)
-    weights_f = windows.mean_weights(sampled.f_theta, sampled.delay / sampled.dt)
-    weights_M = windows.mean_weights("hold", sampled.delay / sampled.dt)[1:]  # its value at one time
-    _, g_mean = memory.signal("g", acting, weights_g, first=g, age=int(sampled.g == "hold"))
+    weights_f = windows.mean_weights(sampled.sampling.f_theta, sampled.sampling.delay_steps)
+    weights_M = windows.mean_weights("hold", sampled.sampling.delay_steps)[1:]  # its value at one time
+    _, g_mean = memory.signal("g", acting, weights_g, first=g, age=int(sampled.sampling.g == "hold"))
     f_now, f_mean = memory.signal("f_theta", f_theta, weights_f, first=f_theta)
     M_filled, M_now = memory.signal("M", M, weights_M, first=M, start=1.0)
     known = ca.mtimes(_measure(sampled, channels), g_mean) + f_mean
@@ -116,8 +111,8 @@ def filter_law(
     w_next = w + ca.if_else(update, change, 0.0)
     memory.becomes(w, w_next)
     f_hat = f_now + ca.if_else(update, ca.mtimes(bank.C, w_next), 0.0)
-    if sampled.limit is not None:
-        f_hat = ca.fmin(ca.fmax(f_hat, -ca.DM(sampled.limit)), ca.DM(sampled.limit))
+    if sampled.sampling.limit is not None:
+        f_hat = ca.fmin(ca.fmax(f_hat, -ca.DM(sampled.sampling.limit)), ca.DM(sampled.sampling.limit))
 
     arguments = [ca.SX.sym("t"), memory.vector, v, ca.SX.sym("q", 0)]
     return BlockFunctions(
@@ -216,7 +211,7 @@ class _Bank(NamedTuple):
     @staticmethod
     def of(sampled: SampledPhyFilter, n_f: int) -> _Bank:
         filters = sampled.filters * n_f if len(sampled.filters) == 1 else sampled.filters
-        dA, equilibrium, C = zip(*sampled.with_filter(filters).transitions, strict=True)
+        dA, equilibrium, C = zip(*sampled.with_filter(filters).recursion.transitions, strict=True)
         return _Bank(
             sampled,
             tuple(entry.sections[0] for entry in filters),
@@ -251,9 +246,9 @@ def _longer_step(
     memory.becomes(gap, ca.if_else(holding, steps, 0.0))
     memory.becomes(total, ca.if_else(holding, summed, 0.0))
     u = bank.spread((moved / bank.sampled.dt - summed) / steps)
-    if bank.sampled.method == "euler":
+    if bank.sampled.sampling.method == "euler":
         return steps * bank.advance(w - bank.equilibrium * u)
-    if bank.sampled.method == "tustin":
+    if bank.sampled.sampling.method == "tustin":
         return bank.tustin(steps, w - bank.equilibrium * u)
     free = memory.state([label.replace("w", "free") for label in bank.labels])
     rest = memory.state([label.replace("w", "rest") for label in bank.labels])
@@ -265,7 +260,8 @@ def _longer_step(
 
 def _measure(sampled: SampledPhyFilter, n_x: int) -> ca.DM:
     """Left inverse of E, or I, (n_f, n_x)."""
-    return ca.DM.eye(n_x) if sampled.E is None else ca.DM(sampled.E_left)
+    E_left = sampled.recursion.E_left
+    return ca.DM.eye(n_x) if E_left is None else ca.DM(E_left)
 
 
 def _times_inertia(inertia: FloatArray | str | None, M: ca.SX, dx: ca.SX) -> ca.SX:

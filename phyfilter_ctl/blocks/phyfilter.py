@@ -105,7 +105,7 @@ def phyfilter_block(
     ------
     ValueError
         For a missing or contradictory number of channels, a wrong inertia, or a sampled filter with an option that no
-        linear block has (limit, nonfinite="hold", realisation="paper").
+        linear block has (limit, nonfinite="hold").
 
     Notes
     -----
@@ -126,11 +126,11 @@ def phyfilter_block(
     3.0
     """
     if isinstance(filter, SampledPhyFilter):
-        for option, usual in (("limit", None), ("nonfinite", "raise"), ("realisation", "sections")):
-            if getattr(filter, option) is not usual and getattr(filter, option) != usual:
+        for option in ("limit", "nonfinite"):
+            if option in filter.sampling.unusual:
                 raise ValueError(
-                    f"{option}={getattr(filter, option)!r} has no linear block: clamp or check the signals around the "
-                    f"block, or leave {option} at its default"
+                    f"{option}={filter.sampling.unusual[option]!r} has no linear block: clamp or check the signals "
+                    f"around the block, or leave {option} at its default"
                 )
         filters, direction = filter.filters, filter.E
     else:
@@ -167,12 +167,12 @@ def _sampled_matrices(
 ) -> tuple[tuple[FloatArray, ...], FloatArray]:
     """q_k: what samples up to k - 1 add to w_k. w_k = q_k + B P_0 in_k, q_{k+1} = A w_k + B (P_1 in_k + register)."""
     single = sampled.with_filter(filters)
-    dA, B, C = side_by_side(single.transitions)
+    dA, B, C = side_by_side(single.recursion.transitions)
     A = np.eye(len(dA)) + dA
     n_f, n_x = E_left.shape
-    steps = sampled.delay / sampled.dt
-    weights_g = windows.mean_weights(sampled.g, steps)
-    weights_f = windows.mean_weights(sampled.f_theta, steps)
+    steps = sampled.sampling.delay_steps
+    weights_g = windows.mean_weights(sampled.sampling.g, steps)
+    weights_f = windows.mean_weights(sampled.sampling.f_theta, steps)
     taps = max(2, len(weights_g), len(weights_f))
     weights_g = np.pad(weights_g, (0, taps - len(weights_g)))
     weights_f = np.pad(weights_f, (0, taps - len(weights_f)))

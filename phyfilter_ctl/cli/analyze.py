@@ -178,7 +178,7 @@ def _text(
 ) -> str:
     lines = [_first(system).describe()]
     if isinstance(system, SampledPhyFilter):
-        lines.append(f"{'sampled':<12}every {system.dt:g} s, {system.method}")
+        lines.append(f"{'sampled':<12}every {system.dt:g} s, {system.sampling.method}")
     if statistics is not None:
         share = 100.0 * statistics.slope.share
         lines += [

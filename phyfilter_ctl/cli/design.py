@@ -213,7 +213,7 @@ def _figures(
         "at": table,
     }
     if isinstance(system, SampledPhyFilter):
-        figures["sampled"] = {"dt": system.dt, "method": system.method}
+        figures["sampled"] = {"dt": system.dt, "method": system.sampling.method}
     return figures
 
 
@@ -234,7 +234,7 @@ def _text(system: PhyFilter | SampledPhyFilter, figures: dict[str, object]) -> s
     )
     lines["noise gain"] = f"{response.noise_gain:.4g} {unit}"
     if isinstance(system, SampledPhyFilter):
-        lines["sampled"] = f"every {system.dt:g} s, {system.method}"
+        lines["sampled"] = f"every {system.dt:g} s, {system.sampling.method}"
     text = [filter.describe(), *(f"{name:<12}{value}" for name, value in lines.items())]
     table = figures["at"]
     if isinstance(table, list) and table:

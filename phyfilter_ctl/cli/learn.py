@@ -24,7 +24,7 @@ from .learn_report import Row, best_of, figures_of, form_name, table_of
 
 if TYPE_CHECKING:
     from ..design.learning import Form, LearnEvent, LearnResult
-    from ..filter.sampled_filter import Rule
+    from ..filter.sampling import Rule
 
 __all__ = ["add_arguments", "main"]
 

@@ -110,7 +110,7 @@ def filter_task(
         n_v=n_v,
         settled=settled,
         output=output,
-        update=remember if sampled.g == "hold" else "",
+        update=remember if sampled.sampling.g == "hold" else "",
         commit="",
         declarations=f"  {name}_real in{number}[{n_v}];\n",
         member=f"{name} {member}; /* {in_comment(task.name)} */",

@@ -97,7 +97,7 @@ def export_filter(
     channels : int
         Number n_x of channels of x.
     real : {"double", "float"}, optional
-        Numbers of the C code; by default those of ``sampled.precision``.
+        Numbers of the C code; by default those of ``sampled.sampling.precision``.
     inertia, name, variable, tunable, past
         As :func:`filter_source`. For the smallest and fastest code, ``variable=False, tunable=False``.
     signals : Signals, optional
@@ -127,7 +127,8 @@ def export_filter(
     ['main.c', 'wing.c', 'wing.h', 'wing_vectors.h']
     """
     if real is not None:
-        sampled = replace(sampled, precision="float32" if real == "float" else "float64")
+        precision = "float32" if real == "float" else "float64"
+        sampled = replace(sampled, sampling=replace(sampled.sampling, precision=precision))
     source = filter_source(
         sampled,
         channels,
@@ -151,14 +152,14 @@ def _main(source: FilterSource) -> str:
         inertia="M" if given else "NULL",
         argument=f"{source.name}_inertia[k]" if given else "NULL",
         pad=" " * 12,
-        g_text="held over the step that ends now" if source.sampled.g == "hold" else "now",
+        g_text="held over the step that ends now" if source.sampled.sampling.g == "hold" else "now",
     )
 
 
 def _vectors(source: FilterSource, inertia: ArrayLike | InertiaInput | None) -> str:
     sampled, n_x, n_f = source.sampled, source.n_x, source.n_f
     rng = np.random.default_rng(1)
-    dtype = np.dtype(sampled.precision)
+    dtype = np.dtype(sampled.sampling.precision)
     x = (2.0 * sampled.dt * np.cumsum(rng.standard_normal((_SAMPLES, n_x)), axis=0)).astype(dtype)
     g = rng.standard_normal((_SAMPLES, n_x)).astype(dtype)
     f_theta = rng.standard_normal((_SAMPLES, n_f)).astype(dtype)
@@ -209,7 +210,4 @@ def _expected(
     f_hat = f_theta.copy()
     for k in range(1, len(x)):
         state, f_hat[k] = sampled.step(state, x[k], g[k], f_theta[k], inertia=at(k))
-    if sampled.limit is not None:
-        limit = sampled.limit.astype(f_hat.dtype)
-        np.clip(f_hat, -limit, limit, out=f_hat)
-    return f_hat
+    return sampled.recursion.limited(f_hat)

@@ -17,7 +17,6 @@ from numpy.typing import ArrayLike, NDArray
 from .. import _signals
 from .._sections import FloatArray
 from ..filter import SampledPhyFilter
-from ..filter.loop import channels as channels_of_f
 from ..filterfile import Signals
 from .identifiers import checked_identifier
 
@@ -68,12 +67,12 @@ class FilterSource:
     @property
     def real(self) -> Literal["float", "double"]:
         """C type of its numbers."""
-        return "float" if self.sampled.precision == "float32" else "double"
+        return "float" if self.sampled.sampling.precision == "float32" else "double"
 
     @property
     def limit(self) -> FloatArray | None:
         """Bounds on \\|f_hat\\|, (n_f,), where it has any."""
-        limit = self.sampled.limit
+        limit = self.sampled.sampling.limit
         return None if limit is None else np.broadcast_to(limit, (self.n_f,)).copy()
 
 
@@ -117,7 +116,7 @@ def filter_source(
     Raises
     ------
     ValueError
-        For ``realisation="paper"``, an order above 12, numbers of channels that contradict each other, an inertia of
+        For an order above 12, numbers of channels that contradict each other, an inertia of
         another shape, a name that is no C identifier, or a ``past`` that is too small.
 
     Examples
@@ -128,22 +127,18 @@ def filter_source(
     ['pf_roots.c', 'pf_tune.c', 'wing.c']
     """
     name = checked_identifier(name)
-    if sampled.realisation == "paper":
-        raise ValueError(
-            "realisation='paper' has no C: its integrators grow without bound; use realisation='sections'"
-        )
     if sampled.order > _MAX_ORDER:
         raise ValueError(
             f"order {sampled.order}: the C runtime holds orders up to {_MAX_ORDER}; lower the order"
         )
     if channels < 1:
         raise ValueError(f"channels: expected at least 1, got {channels}")
-    n_f = channels_of_f(sampled, channels)
+    n_f = sampled.recursion.channels(channels)
     kind, constant = inertia_kind(inertia, channels)
-    needed = ceil(sampled.delay / sampled.dt) + _SPARE_INTERVALS if sampled.delay else 0
+    needed = ceil(sampled.sampling.delay / sampled.dt) + _SPARE_INTERVALS if sampled.sampling.delay else 0
     if past is not None and past < needed:
         raise ValueError(
-            f"past: {past} intervals for a delay of {sampled.delay:g} s: expected at least {needed}"
+            f"past: {past} intervals for a delay of {sampled.sampling.delay:g} s: expected at least {needed}"
         )
     numbers = _Numbers.of(sampled, channels, constant, variable=variable, tunable=tunable)
     options = {
@@ -151,25 +146,25 @@ def filter_source(
         "N_F": n_f,
         "ORDER": sampled.order,
         "FILTERS": len(sampled.filters),
-        "FLOAT": int(sampled.precision == "float32"),
-        "METHOD": _METHODS[sampled.method],
-        "G_AVERAGE": int(sampled.g == "average"),
-        "F_THETA_AVERAGE": int(sampled.f_theta == "average"),
+        "FLOAT": int(sampled.sampling.precision == "float32"),
+        "METHOD": _METHODS[sampled.sampling.method],
+        "G_AVERAGE": int(sampled.sampling.g == "average"),
+        "F_THETA_AVERAGE": int(sampled.sampling.f_theta == "average"),
         "INERTIA": kind,
         "INERTIA_INPUT": int(kind > 0 and constant is None),
         "DIRECTION": int(sampled.E is not None),
         "PAST": 0 if not needed else past or needed,
-        "LIMIT": int(sampled.limit is not None),
-        "HOLD_BAD": int(sampled.nonfinite == "hold"),
+        "LIMIT": int(sampled.sampling.limit is not None),
+        "HOLD_BAD": int(sampled.sampling.nonfinite == "hold"),
         "PAIRS": numbers.pairs,
         "LOWPASS": int(numbers.lowpass),
         "VARIABLE": int(variable),
         "TUNABLE": int(tunable),
     }
     runtime = ["pf_crc.h", "pf_filter.h", "pf_filter_code.h", "pf_hurwitz.h"]
-    if needed or sampled.nonfinite == "hold":
+    if needed or sampled.sampling.nonfinite == "hold":
         runtime += ["pf_filter_late.h"]
-    if variable or tunable or sampled.nonfinite == "hold":
+    if variable or tunable or sampled.sampling.nonfinite == "hold":
         runtime += ["pf_arithmetic.h", "pf_tune.c", "pf_tune.h"]
     if tunable:
         runtime += ["pf_filter_retune.h", "pf_roots.c"]
@@ -241,29 +236,29 @@ class _Numbers:
         n, filters = sampled.order, sampled.filters
         a, b, equilibrium, C = np.zeros((4, len(filters), n))
         dA, poles = np.zeros((len(filters), n, n)), np.zeros((len(filters), n, 2))
-        for i, (entry, transition) in enumerate(zip(filters, sampled.transitions, strict=True)):
+        for i, (entry, transition) in enumerate(zip(filters, sampled.recursion.transitions, strict=True)):
             own = slice(entry.order)
             a[i, own], b[i, own] = entry.a, entry.b
             dA[i, own, own], equilibrium[i, own], C[i, own] = transition
             poles[i, own] = np.stack([entry.poles.real, entry.poles.imag], axis=1)
         members = {
             "dt": ("double", np.asarray(sampled.dt)),
-            "delay": ("double", np.asarray(sampled.delay)),
+            "delay": ("double", np.asarray(sampled.sampling.delay)),
             "a": ("double", a),
         }
         if tunable:
             members["b"] = ("double", b)
-        if tunable or variable or sampled.nonfinite == "hold":
+        if tunable or variable or sampled.sampling.nonfinite == "hold":
             members["poles"] = ("double", poles)
         members |= {"dA": ("real", dA), "equilibrium": ("real", equilibrium), "C": ("real", C)}
-        if sampled.limit is not None:
-            bounds = np.broadcast_to(sampled.limit, (channels_of_f(sampled, n_x),))
+        if sampled.sampling.limit is not None:
+            bounds = np.broadcast_to(sampled.sampling.limit, (sampled.recursion.channels(n_x),))
             members["limit"] = ("real", bounds)
-        if sampled.E is not None:
-            members["E_left"] = ("real", sampled.E_left)
+        if sampled.recursion.E_left is not None:
+            members["E_left"] = ("real", sampled.recursion.E_left)
         if inertia is not None:
             members["inertia"] = ("real", inertia)
-        real = "float" if sampled.precision == "float32" else "double"
+        real = "float" if sampled.sampling.precision == "float32" else "double"
         members = {
             name: (kind, kept(values, real if kind == "real" else "double"))
             for name, (kind, values) in members.items()
@@ -366,17 +361,18 @@ def _describe(sampled: SampledPhyFilter, n_x: int, n_f: int, signals: Signals) -
         f"f_theta[{n_f}]  learned model of f{direction}, {signals.unit_f or 'in the unit of g'}",
         f"f_hat[{n_f}]    estimate of f, {signals.unit_f or 'in the unit of g'}",
     ]
+    sampling = sampled.sampling
     if signals.channels:
         lines.append(f"channels: {', '.join(signals.channels)}")
     lines += [
         "",
-        f"dt = {sampled.dt:g} s, method {sampled.method}, g {sampled.g}, f_theta {sampled.f_theta}, "
-        f"{sampled.precision}, a sample that is not finite: {sampled.nonfinite}",
+        f"dt = {sampling.dt:g} s, method {sampling.method}, g {sampling.g}, f_theta {sampling.f_theta}, "
+        f"{sampling.precision}, a sample that is not finite: {sampling.nonfinite}",
     ]
-    if sampled.delay:
-        lines.append(f"delay of the measurement x: {sampled.delay:g} s")
-    if sampled.limit is not None:
-        lines.append(f"|f_hat| <= {np.array2string(sampled.limit, max_line_width=90)}")
+    if sampling.delay:
+        lines.append(f"delay of the measurement x: {sampling.delay:g} s")
+    if sampling.limit is not None:
+        lines.append(f"|f_hat| <= {np.array2string(sampling.limit, max_line_width=90)}")
     text = [line.replace("*/", "* /").replace("/*", "/ *") for entry in lines for line in entry.split("\n")]
     return "\n".join(f" * {line}".rstrip() for line in text)
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.optimize import OptimizeResult, minimize
 
 from .._sections import FloatArray
-from ..filter import PhyFilter, SampledPhyFilter
+from ..filter import PaperFilter, PhyFilter, SampledPhyFilter
 from ..flightlog import FlightLog
 from ..learned import FitResult, LearnedModel
 from ..results import Result, Status
@@ -96,7 +96,7 @@ class JointResult(Result, Generic[M]):
 def joint_gradient(
     logs: FlightLog | Sequence[FlightLog],
     model: LearnedModel,
-    sampled: SampledPhyFilter,
+    sampled: SampledPhyFilter | PaperFilter,
     *,
     form: Form | None = None,
     cost: StageCost | None = None,
@@ -112,7 +112,7 @@ def joint_gradient(
         them is not used.
     model : LearnedModel
         A fitted model; f_theta is its prediction.
-    sampled : SampledPhyFilter
+    sampled : SampledPhyFilter or PaperFilter
         The filter.
     form, segments, workers
         As for :class:`Rollout`.
@@ -190,7 +190,7 @@ def learn_jointly(
     Raises
     ------
     ValueError
-        As for :func:`joint_gradient`; and for options out of range, method "euler" or realisation "paper", which
+        As for :func:`joint_gradient`; and for options out of range, method "euler", which
         are not stable everywhere on the way.
 
     Notes
@@ -219,7 +219,7 @@ def learn_jointly(
     if not tolerance > 0.0:
         raise ValueError(f"tolerance: expected a positive number, got {tolerance!r}")
     sampled = filter0.sampled(flights[0].dt) if isinstance(filter0, PhyFilter) else filter0
-    if sampled.method == "euler":
+    if sampled.sampling.method == "euler":
         raise ValueError(
             "filter0: expected method 'exact' or 'tustin', got 'euler'; sample the result with Euler after"
         )

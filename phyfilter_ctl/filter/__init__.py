@@ -1,13 +1,27 @@
 """The filter: its coefficients (``PhyFilter``), and the same filter on sampled data (``SampledPhyFilter``).
 
-``phyfilter`` and ``sampled_filter`` hold the classes, ``record`` runs whole logs on the numerics of ``recursion``,
-``loop`` advances one sample at a time, ``retuning`` changes coefficients on the way, ``windows`` averages signals over
-(delayed, longer) steps, and ``paper_form`` is Eq. (5) as printed.
+``phyfilter`` holds both classes; ``rational`` is what follows from the coefficients alone, ``sampling`` the options of
+a sampled filter, ``recursion`` the one step that everything runs on. ``record`` runs whole logs (``blocked``: without a
+loop per sample), ``loop`` one sample at a time, ``retuning`` changes coefficients on the way, ``windows`` averages
+signals over (delayed, longer) steps. ``paper_form`` is Eq. (5) as printed.
 """
 
 from .loop import FilterState, Interval
-from .paper_form import PaperState
-from .phyfilter import PhyFilter
-from .sampled_filter import SampledPhyFilter, stack
+from .paper_form import PaperFilter, PaperState
+from .phyfilter import PhyFilter, SampledPhyFilter, stack
+from .recursion import Chain, Recursion, StepConstants
+from .sampling import Sampling
 
-__all__ = ["FilterState", "Interval", "PaperState", "PhyFilter", "SampledPhyFilter", "stack"]
+__all__ = [
+    "Chain",
+    "FilterState",
+    "Interval",
+    "PaperFilter",
+    "PaperState",
+    "PhyFilter",
+    "Recursion",
+    "SampledPhyFilter",
+    "Sampling",
+    "StepConstants",
+    "stack",
+]

@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from typing import TYPE_CHECKING, NoReturn
+from typing import NoReturn
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .._samples import LARGEST, seconds, unmasked, unusable, usable
 from .._sections import FloatArray
-from . import paper_form, recursion, windows
-from .loop import channels
-
-if TYPE_CHECKING:
-    from .sampled_filter import SampledPhyFilter
+from .._signals import LARGEST, seconds, unmasked, unusable, usable
+from . import blocked, windows
+from .recursion import Recursion, mean, momentum, residual
 
 # Time stamps that differ from a fixed grid by no more than their own rounding are that grid.
 _STAMP_ROUNDING = 8 * np.finfo(float).eps
@@ -23,7 +20,7 @@ Array = NDArray[np.floating]
 
 
 def run(
-    sampled: SampledPhyFilter,
+    recursion: Recursion,
     x: ArrayLike,
     g: ArrayLike | None,
     f_theta: ArrayLike | None,
@@ -31,35 +28,30 @@ def run(
     times: ArrayLike | None,
 ) -> Array:
     """See :meth:`SampledPhyFilter.run`."""
-    signals = checked_signals(sampled, x, g, f_theta, inertia)
-    stamps = None if times is None else _times(times, len(signals[0]), sampled.dt)
-    held = held_samples(sampled, *signals)
-    if held.any() and sampled.nonfinite == "raise":
-        _refuse_nonfinite(sampled, *signals)
-    if sampled.realisation == "paper":
-        f_hat = _run_paper(sampled, *signals, stamps)
-    elif sampled.delay or held.any():
-        f_hat = _run_aligned(sampled, *signals, stamps, held)
+    signals = checked_signals(recursion, x, g, f_theta, inertia)
+    stamps = None if times is None else _times(times, len(signals[0]), recursion.sampling.dt)
+    held = held_samples(recursion, *signals)
+    if held.any() and recursion.sampling.nonfinite == "raise":
+        _refuse_nonfinite(recursion, *signals)
+    if recursion.sampling.delay or held.any():
+        f_hat = _run_aligned(recursion, *signals, stamps, held)
     else:
-        f_hat = _run_plain(sampled, *signals, stamps)
-    if sampled.limit is not None:
-        limit = sampled.limit.astype(f_hat.dtype)
-        np.clip(f_hat, -limit, limit, out=f_hat)
-    return f_hat
+        f_hat = _run_plain(recursion, *signals, stamps)
+    return recursion.limited(f_hat, out=f_hat)
 
 
 def checked_signals(
-    sampled: SampledPhyFilter,
+    recursion: Recursion,
     x: ArrayLike,
     g: ArrayLike | None,
     f_theta: ArrayLike | None,
     inertia: ArrayLike | None,
 ) -> tuple[Array, Array, Array, Array | None]:
     """x, g (N, n_x), f_theta (N, n_f) and the inertia in the precision of the filter, shapes checked."""
-    dtype = np.dtype(sampled.precision)
+    dtype = np.dtype(recursion.sampling.precision)
     x = _signal("x", x, dtype)
     N, n_x = x.shape
-    n_f = channels(sampled, n_x)
+    n_f = recursion.channels(n_x)
     zero = dtype.type(0)
     g = np.broadcast_to(zero, (N, n_x)) if g is None else _signal("g", g, dtype, (N, n_x))
     f_theta = (
@@ -70,8 +62,22 @@ def checked_signals(
     return x, g, f_theta, M
 
 
+def finite_signals(
+    recursion: Recursion,
+    x: ArrayLike,
+    g: ArrayLike | None,
+    f_theta: ArrayLike | None,
+    inertia: ArrayLike | None,
+) -> tuple[Array, Array, Array, Array | None]:
+    """:func:`checked_signals` of which every sample is finite."""
+    signals = checked_signals(recursion, x, g, f_theta, inertia)
+    if held_samples(recursion, *signals).any():
+        _refuse_nonfinite(recursion, *signals)
+    return signals
+
+
 def held_samples(
-    sampled: SampledPhyFilter, x: Array, g: Array, f_theta: Array, M: Array | None
+    recursion: Recursion, x: Array, g: Array, f_theta: Array, M: Array | None
 ) -> NDArray[np.bool_]:
     """Samples (N,) that are not finite. With g held, sample k comes with the g of sample k - 1."""
     held = np.zeros(len(x), dtype=bool)
@@ -80,15 +86,13 @@ def held_samples(
             held |= _bad_rows(signal)
     if not usable(g):
         bad = _bad_rows(g)
-        held |= np.concatenate([bad[:1], bad[:-1]]) if sampled.g == "hold" else bad
+        held |= np.concatenate([bad[:1], bad[:-1]]) if recursion.sampling.g == "hold" else bad
     return held
 
 
-def _refuse_nonfinite(
-    sampled: SampledPhyFilter, x: Array, g: Array, f_theta: Array, M: Array | None
-) -> NoReturn:
+def _refuse_nonfinite(recursion: Recursion, x: Array, g: Array, f_theta: Array, M: Array | None) -> NoReturn:
     """Name the first row that is not finite, where it stands: a held g spoils the sample after it."""
-    acting = g[:-1] if sampled.g == "hold" and len(g) > 1 else g
+    acting = g[:-1] if recursion.sampling.g == "hold" and len(g) > 1 else g
     named = {"x": x, "g": acting, "f_theta": f_theta} | ({} if M is None else {"inertia": M})
     bad = {name: rows for name, signal in named.items() if len(rows := np.flatnonzero(_bad_rows(signal)))}
     name = min(bad, key=lambda key: bad[key][0])
@@ -105,23 +109,23 @@ def _bad_rows(signal: Array) -> NDArray[np.bool_]:
 
 
 def _run_plain(
-    sampled: SampledPhyFilter, x: Array, g: Array, f_theta: Array, M: Array | None, stamps: FloatArray | None
+    recursion: Recursion, x: Array, g: Array, f_theta: Array, M: Array | None, stamps: FloatArray | None
 ) -> Array:
     """No gap and no delay: chunk by chunk, with no array as long as the record but the result."""
     f_hat = np.empty_like(f_theta)
     f_hat[0] = f_theta[0]
     steps = None if stamps is None else np.diff(stamps)
 
-    def residual(rows: slice) -> Array:
-        return measured_residual(sampled, x, g, f_theta, M, steps, rows)
+    def measured(rows: slice) -> Array:
+        return measured_residual(recursion, x, g, f_theta, M, steps, rows)
 
-    for rows, y in _respond(sampled, len(x) - 1, f_theta.shape[1], residual, steps):
+    for rows, y in respond(recursion, len(x) - 1, f_theta.shape[1], measured, steps):
         np.add(f_theta[1:][rows], y, out=f_hat[1:][rows], casting="same_kind")
     return f_hat
 
 
 def _run_aligned(
-    sampled: SampledPhyFilter,
+    recursion: Recursion,
     x: Array,
     g: Array,
     f_theta: Array,
@@ -130,54 +134,57 @@ def _run_aligned(
     held: NDArray[np.bool_],
 ) -> Array:
     """With a delay, or with gaps: a held sample makes the step to the next good one longer."""
-    acting = np.concatenate([g[:1], g[:-1]]) if sampled.g == "hold" else g
+    acting = np.concatenate([g[:1], g[:-1]]) if recursion.sampling.g == "hold" else g
     acting, f_theta = windows.fill_forward(acting), windows.fill_forward(f_theta)
     M = None if M is None else windows.fill_forward(M, 1.0)
     f_hat = f_theta.copy()
     rows = np.flatnonzero(~held)
     if len(rows) > 1:
-        grid: FloatArray = (sampled.dt * np.arange(len(x))).astype(float) if stamps is None else stamps
-        u = _aligned_residual(sampled, x, acting, f_theta, M, grid, rows)
+        grid: FloatArray = (
+            (recursion.sampling.dt * np.arange(len(x))).astype(float) if stamps is None else stamps
+        )
+        u = _aligned_residual(recursion, x, acting, f_theta, M, grid, rows)
         steps: FloatArray | None = None if stamps is None and not held.any() else np.diff(grid[rows])
-        for part, y in _respond(sampled, len(u), u.shape[1], lambda chunk: u[chunk], steps):
+        for part, y in respond(recursion, len(u), u.shape[1], lambda chunk: u[chunk], steps):
             f_hat[rows[1:][part]] += y
     return f_hat
 
 
-def _respond(
-    sampled: SampledPhyFilter,
+def respond(
+    recursion: Recursion,
     count: int,
     n_f: int,
-    residual: Callable[[slice], Array],
+    measured: Callable[[slice], Array],
     steps: FloatArray | None,
 ) -> Iterator[tuple[slice, Array]]:
-    """C w of ``count`` steps, chunk by chunk; one filter for all channels or one for each."""
-    shared = len(sampled.filters) == 1
+    """C w of ``count`` steps from rest, chunk by chunk; one filter for all channels or one for each.
+
+    ``measured`` gives u (m, n_f) of some of the steps; ``steps`` their lengths where they differ.
+    """
+    shared = len(recursion.chains) == 1
     columns = [slice(None)] if shared else [slice(i, i + 1) for i in range(n_f)]
-    states = [np.zeros((n_f if shared else 1, sampled.order)) for _ in columns]
+    states = [np.zeros((n_f if shared else 1, recursion.order)) for _ in columns]
     if steps is not None and count:
-        sampled._coefficients.check_step(float(steps.max()))
-    length = recursion.CHUNK if steps is None else recursion.IRREGULAR_CHUNK
+        recursion.check_step(float(steps.max()))
+    length = blocked.CHUNK if steps is None else blocked.IRREGULAR_CHUNK
     for first in range(0, count, length):
         rows = slice(first, min(first + length, count))
-        u = residual(rows).astype(float, copy=False)
+        u = measured(rows).astype(float, copy=False)
         y = np.empty(u.shape)
         for i, column in enumerate(columns):
             if steps is None:
-                y[:, column], states[i] = recursion.uniform(
-                    sampled._coefficients.kernels[i], u[:, column], states[i]
-                )
+                y[:, column], states[i] = blocked.uniform(recursion._kernels[i], u[:, column], states[i])
             else:
-                dA, equilibrium, C = sampled._coefficients.at(steps[rows], i)
-                refine = recursion.needs_refinement(sampled._coefficients.slowest, float(steps.min()))
-                y[:, column], states[i] = recursion.irregular(
+                dA, equilibrium, C = recursion.at(steps[rows], i)
+                refine = blocked.needs_refinement(recursion.slowest, float(steps.min()))
+                y[:, column], states[i] = blocked.irregular(
                     dA, equilibrium, C, u[:, column], states[i], refine=refine
                 )
         yield rows, y
 
 
 def measured_residual(
-    sampled: SampledPhyFilter,
+    recursion: Recursion,
     x: Array,
     g: Array,
     f_theta: Array,
@@ -187,21 +194,18 @@ def measured_residual(
 ) -> Array:
     """u of the steps ``rows`` (step k runs from sample k to sample k + 1), no gap and no delay; (m, n_f)."""
     here, there = rows, slice(rows.start + 1, rows.stop + 1)
-    rate = 1.0 / sampled.dt if steps is None else (1.0 / steps[rows])[:, None]
-    half = x.dtype.type(0.5)
-    u = x[there] - x[here]
+    rate = 1.0 / recursion.sampling.dt if steps is None else (1.0 / steps[rows])[:, None]
+    slope = x[there] - x[here]
     if M is not None:
-        u = times_inertia(M if len(M) == 1 else half * (M[here] + M[there]), u)
-    u *= np.asarray(rate, dtype=x.dtype)
-    u -= g[here] if sampled.g == "hold" else half * (g[here] + g[there])
-    if sampled.E is not None:
-        u = u @ sampled.E_left.T.astype(x.dtype)
-    u -= f_theta[here] if sampled.f_theta == "hold" else half * (f_theta[here] + f_theta[there])
-    return u
+        slope = momentum(M if len(M) == 1 else mean("average", M[here], M[there]), slope)
+    slope *= np.asarray(rate, dtype=x.dtype)
+    between = recursion.sampling
+    g_mean, f_mean = mean(between.g, g[here], g[there]), mean(between.f_theta, f_theta[here], f_theta[there])
+    return residual(slope, g_mean, f_mean, recursion.into)
 
 
 def _aligned_residual(
-    sampled: SampledPhyFilter,
+    recursion: Recursion,
     x: Array,
     g: Array,
     f_theta: Array,
@@ -210,34 +214,19 @@ def _aligned_residual(
     rows: NDArray[np.intp],
 ) -> Array:
     """u over the steps between ``rows``, with g, f_theta and the inertia taken ``delay`` earlier."""
-    ends = times[rows] - sampled.delay
-    g_first = g[1:] if sampled.g == "hold" else g[:-1]
-    f_first, f_last = f_theta[:-1], f_theta[:-1] if sampled.f_theta == "hold" else f_theta[1:]
+    ends = times[rows] - recursion.sampling.delay
+    g_first = g[1:] if recursion.sampling.g == "hold" else g[:-1]
+    f_first, f_last = f_theta[:-1], f_theta[:-1] if recursion.sampling.f_theta == "hold" else f_theta[1:]
     g_mean = windows.window_means(times, g_first, g[1:], ends[:-1], ends[1:])
     f_mean = windows.window_means(times, f_first, f_last, ends[:-1], ends[1:])
-    dx = np.diff(x[rows], axis=0)
+    slope = np.diff(x[rows], axis=0)
     if M is not None:
         if len(M) > 1:
             at_ends = windows.values_at(times, M, ends)
-            M = 0.5 * (at_ends[1:] + at_ends[:-1])
-        dx = times_inertia(M, dx)
-    u = dx / np.diff(ends)[:, None] - g_mean
-    return (u if sampled.E is None else u @ sampled.E_left.T) - f_mean
-
-
-def _run_paper(
-    sampled: SampledPhyFilter, x: Array, g: Array, f_theta: Array, M: Array | None, stamps: FloatArray | None
-) -> Array:
-    if M is not None or stamps is not None:
-        raise ValueError(
-            "realisation='paper' has neither an inertia nor unequal steps: use realisation='sections'"
-        )
-    state = paper_form.start(sampled.filter, x[0], f_theta[0])
-    f_hat = f_theta.copy()
-    for k in range(1, len(x)):  # the rounding of every step is what this realisation is kept to show
-        state = paper_form.step(sampled.filter, state, x[k], g[k - 1], f_theta[k], sampled.dt)
-        f_hat[k] = state.alpha[0]
-    return f_hat
+            M = mean("average", at_ends[1:], at_ends[:-1])
+        slope = momentum(M, slope)
+    slope = slope / np.diff(ends)[:, None]
+    return residual(slope, g_mean, f_mean, None if recursion.E_left is None else recursion.E_left.T)
 
 
 # -- checks, shared with the loop -----------------------------------------------------------------------------------
@@ -297,8 +286,3 @@ def _record_inertia(inertia: ArrayLike, N: int, n_x: int) -> Array:
             f"got {M.shape}"
         )
     return M
-
-
-def times_inertia(M: Array, dx: Array) -> Array:
-    """M dx for diagonal M (m, n_x) or full M (m, n_x, n_x), dx (m, n_x)."""
-    return M * dx if M.ndim == 2 else (M @ dx[..., None])[..., 0]

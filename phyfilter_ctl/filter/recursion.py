@@ -1,132 +1,342 @@
-"""The sampled filter over a whole record, without a Python loop per sample.
+"""One step of the sampled filter, written once, and the numbers it takes.
 
-    w_k = w_{k-1} + dA_k (w_{k-1} - equilibrium u_k),    y_k = C w_k
+    u = E^+ (M dx / h - g) - f_theta                    (means over the step)
+    w <- w + dA (w - equilibrium u)
+    f_hat = f_theta + C w
 
-Equal steps: the record is cut into blocks. Inside a block the outputs are one matrix product with the impulse
-response (an exact sum, whatever the poles: repeated, complex or slow); the states at the block ends follow the same
-recursion with a larger step. Unequal steps, and those block ends, are a banded triangular system that LAPACK solves.
+``residual``, ``advance`` and ``output`` take numbers of any kind: arrays with any leading axes (many systems at once),
+or CasADi scalars in object arrays. :class:`Recursion` has the transitions of a bank of filters for steps of any length.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import get_lapack_funcs
+from numpy.typing import ArrayLike, NDArray
 
-from .._sections import FloatArray, multiply
+from .. import _sections
+from .._sections import ComplexArray, FloatArray
+from .blocked import BlockKernel
+from .sampling import Method, Rule, Sampling
 
-_BLOCK = 32
-# Samples handled at once, a multiple of the block: few enough that every buffer stays in the cache and is given back
-# to the allocator whole (fresh pages cost more than the arithmetic), and that a long record needs little memory.
-CHUNK = 128 * _BLOCK
-IRREGULAR_CHUNK = 32 * _BLOCK  # a transition for every step: larger buffers
-# I + dA in the banded matrix rounds away eps / |p h| of a slow pole; below this |p h| one step of iterative
-# refinement (residual in delta form, where nothing is lost) brings it back.
-_SLOW = 1e-2
+__all__ = [
+    "Chain",
+    "Recursion",
+    "StepConstants",
+    "advance",
+    "mean",
+    "momentum",
+    "output",
+    "residual",
+    "transition",
+]
 
-
-@dataclass(frozen=True)
-class BlockKernel:
-    """Everything about a constant step that does not depend on the data."""
-
-    forward: FloatArray  # (L, L + n): inputs of a block to its outputs, and to the state at its end
-    observe: FloatArray  # (n, L): state before a block to its outputs
-    advance: FloatArray  # (n, n): transition over a block, minus I
-    slow: bool  # whether even a block is short against the slowest pole
-
-    @classmethod
-    def build(cls, dA: FloatArray, equilibrium: FloatArray, C: FloatArray) -> BlockKernel:
-        """Of w <- w + dA (w - equilibrium u) with output C w."""
-        n = len(dA)
-        powers = np.zeros((_BLOCK + 1, n, n))  # (I + dA)^j - I
-        for j in range(_BLOCK):
-            powers[j + 1] = powers[j] + dA + dA @ powers[j]
-        B = -dA @ equilibrium
-        states = B + powers[:_BLOCK] @ B  # (L, n): impulse response of the state
-        impulse = states @ C
-        lag = np.arange(_BLOCK)[None, :] - np.arange(_BLOCK)[:, None]
-        toeplitz = np.where(lag >= 0, impulse[np.abs(lag)], 0.0)
-        observe = np.ascontiguousarray((C + C @ powers[1:]).T)
-        return cls(np.hstack([toeplitz, states[::-1]]), observe, powers[-1], is_slow(powers[-1]))
+Array = NDArray[np.floating]
 
 
-def uniform(kernel: BlockKernel, u: FloatArray, start: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Outputs C w_k for inputs u (m, K) from the state ``start`` (K, n).
+class StepConstants(NamedTuple):
+    """What one step needs, in the arithmetic of the filter.
 
-    Returns
-    -------
-    y : (m, K) array
-    end : (K, n) array
-        State after the last whole block: the start of the next chunk where m is a multiple of the block.
+    Attributes
+    ----------
+    dA : (n, n) or (n_f, n, n) array
+        Transposed for a filter that all channels share; one for each channel.
+    equilibrium, C : (n,) or (n_f, n) arrays
+    rate : float
+        1/h.
     """
-    m, channels = u.shape
-    n = len(kernel.advance)
-    blocks = -(-m // _BLOCK)
-    inputs = np.zeros((channels, blocks * _BLOCK))
-    inputs[:, :m] = u.T
-    product = multiply(inputs.reshape(-1, _BLOCK), kernel.forward)
-    ends = product[:, _BLOCK:].reshape(channels, blocks, n)
-    before = np.empty((channels, blocks + 1, n))
-    before[:, 0] = start
-    before[:, 1:] = propagate(kernel.advance[None], ends, start, refine=kernel.slow)
-    outputs = product[:, :_BLOCK]
-    outputs += multiply(before[:, :-1].reshape(-1, n), kernel.observe)
-    return outputs.reshape(channels, -1)[:, :m].T, before[:, -1]
+
+    dA: Array
+    equilibrium: Array
+    C: Array
+    rate: np.floating
 
 
-def irregular(
-    dA: FloatArray, equilibrium: FloatArray, C: FloatArray, u: FloatArray, start: FloatArray, *, refine: bool
-) -> tuple[FloatArray, FloatArray]:
-    """Outputs C w_k (m, K) for transitions dA (m, n, n) and inputs u (m, K), and the state (K, n) at the end."""
-    drive = u.T[:, :, None] * -(dA @ equilibrium)
-    states = propagate(dA, drive, start, refine=refine)
-    return (states @ C).T, states[:, -1]
+def transition(A: FloatArray, method: Method, dt: float | FloatArray) -> FloatArray:
+    """The increment of w' = A w over a step of dt: e^(A dt) - I, A dt or the trapezoidal rule of it.
+
+    Shape (n, n); for steps (m,) shape (m, n, n).
+    """
+    if method == "exact":
+        return _sections.expm1(A, dt)
+    scaled = A * np.asarray(dt)[..., None, None]
+    if method == "euler":
+        return scaled
+    return np.asarray(np.linalg.solve(np.eye(len(A)) - 0.5 * scaled, scaled), dtype=float)
 
 
-def needs_refinement(slowest: float, shortest: float) -> bool:
-    """Whether the least |p| (rad/s) times the shortest step (s) is too small for the banded solve alone."""
-    return slowest * shortest < _SLOW
+def momentum(M: Array, dx: Array) -> Array:
+    """M dx for a diagonal M (..., n_x) or a full one (..., n_x, n_x), dx (..., n_x)."""
+    return M * dx if M.ndim <= dx.ndim else (M @ dx[..., None])[..., 0]
 
 
-def is_slow(advance: FloatArray) -> bool:
-    """Whether I + ``advance`` (n, n) is too near I for the banded solve alone."""
-    return bool(np.min(np.abs(np.linalg.eigvals(advance))) < _SLOW)
+def mean(rule: Rule, first: Array, last: Array) -> Array:
+    """Mean over a step of a signal that keeps its first value, or runs straight from it to the last."""
+    return first if rule == "hold" else (first + last) * 0.5
 
 
-def propagate(dA: FloatArray, drive: FloatArray, start: FloatArray, *, refine: bool) -> FloatArray:
-    """Solve w_k = (I + dA_k) w_{k-1} + drive_k for all k at once.
+def residual(slope: Array, g: Array, f_theta: Array, into: Array | None) -> Array:
+    """u (..., n_f) from the slope M dx / h (..., n_x), which is used up; ``into`` (n_x, n_f) is E^+ transposed."""
+    slope -= g
+    u = slope if into is None else slope @ into
+    u -= f_theta
+    return u
+
+
+def advance(w: Array, carry: Array | None, u: Array, constants: StepConstants) -> tuple[Array, Array | None]:
+    """w + dA (w - equilibrium u) for states (..., n_f, n), with Kahan's compensation where there is a carry."""
+    dA, equilibrium = constants.dA, constants.equilibrium
+    distance = w - u[..., None] * equilibrium
+    if carry is not None:
+        distance += carry
+    change = distance @ dA if dA.ndim == 2 else (dA @ distance[..., None])[..., 0]
+    if carry is None:
+        return w + change, None
+    change += carry
+    after = w + change
+    # Two-sum: what the addition rounded away, whichever of the two was larger.
+    taken = after - w
+    return after, (w - (after - taken)) + (change - taken)
+
+
+def output(w: Array, carry: Array | None, C: Array) -> Array:
+    """C w of each channel."""
+    total = w if carry is None else w + carry
+    return total @ C if C.ndim == 1 else (total * C).sum(axis=-1)
+
+
+class Chain(NamedTuple):
+    """One filter as its chain of sections.
+
+    Attributes
+    ----------
+    poles : (n,) complex array
+    A : (n, n) array
+    equilibrium, C : (n,) arrays
+        As in ``PhyFilter.sections``.
+    """
+
+    poles: ComplexArray
+    A: FloatArray
+    equilibrium: FloatArray
+    C: FloatArray
+
+
+@dataclass(frozen=True, init=False, eq=False)
+class Recursion:
+    """The numbers and rules that records, loops, blocks and C code run on.
 
     Parameters
     ----------
-    dA : (m, n, n), or (1, n, n) where it is the same at every step
-    drive : (K, m, n)
-    start : (K, n), state before the first step
+    chains : tuple of Chain
+        One for all channels, or one per channel.
+    sampling : Sampling
+    E : (n_x, n_f) array, optional
+        Direction in which f acts.
+
+    Raises
+    ------
+    ValueError
+        If E has no full column rank, the numbers of chains, columns of E and limits contradict each other, or forward
+        Euler diverges.
+
+    Examples
+    --------
+    >>> from phyfilter_ctl import PhyFilter
+    >>> ((dA, equilibrium, C),) = PhyFilter([20.0]).sampled(0.05).recursion.transitions
+    >>> dA.round(6).tolist(), equilibrium.tolist(), C.tolist()
+    ([[-0.632121]], [1.0], [1.0])
     """
-    _, m, n = drive.shape
-    right = np.array(drive)
-    right[:, 0] += start + start @ dA[0].T
-    # Unknowns in the order (step, state): entry (i, j) of step k couples row k n + i to column (k - 1) n + j.
-    band = np.zeros((m * n, 2 * n))
-    by_step = band.reshape(m, n, 2 * n)
-    later = dA if len(dA) == 1 else dA[1:]
-    for i in range(n):
-        for j in range(n):
-            np.negative(later[:, i, j], out=by_step[: m - 1, j, n + i - j])
-        by_step[: m - 1, i, n] -= 1.0
-    states = _substitute(band, right)
-    if refine:
-        before = np.concatenate([start[:, None], states[:, :-1]], axis=1)
-        residual = drive - (states - before)
-        for j in range(n):
-            residual += dA[:, :, j] * before[:, :, [j]]
-        states += _substitute(band, residual)
-    return states
+
+    chains: tuple[Chain, ...]
+    sampling: Sampling
+    E: FloatArray | None
+
+    def __init__(self, chains: tuple[Chain, ...], sampling: Sampling, E: ArrayLike | None = None) -> None:
+        object.__setattr__(self, "chains", chains)
+        object.__setattr__(self, "sampling", sampling)
+        object.__setattr__(self, "E", None if E is None else _direction(E))
+        count, limit = len(chains), sampling.limit
+        if self.E is not None and count not in (1, self.E.shape[1]):
+            raise ValueError(
+                f"{count} filters for the {self.E.shape[1]} columns of E: expected one, or one per column"
+            )
+        known = count if count > 1 else None if self.E is None else self.E.shape[1]
+        if limit is not None and limit.ndim == 1 and len(limit) != (known or len(limit)):
+            raise ValueError(
+                f"limit: {len(limit)} bounds for {known} channels; expected one number or {known}"
+            )
+        self.check_step(sampling.dt)
+
+    # -- channels -----------------------------------------------------------------------------------------------
+
+    @property
+    def order(self) -> int:
+        """Largest order of the filters."""
+        return max(len(chain.C) for chain in self.chains)
+
+    def channels(self, n_x: int) -> int:
+        """Number n_f of channels of f for a state of n_x.
+
+        Parameters
+        ----------
+        n_x : int
+
+        Raises
+        ------
+        ValueError
+            If it contradicts E, the filters or the limit.
+        """
+        n_f, limit = n_x, self.sampling.limit
+        if self.E is not None:
+            if len(self.E) != n_x:
+                raise ValueError(f"x has {n_x} channels but E has {len(self.E)} rows: expected as many")
+            n_f = self.E.shape[1]
+        if len(self.chains) not in (1, n_f):
+            raise ValueError(
+                f"{len(self.chains)} filters for {n_f} channels: expected one, or one per channel"
+            )
+        if limit is not None and limit.ndim == 1 and len(limit) != n_f:
+            raise ValueError(f"limit: {len(limit)} bounds for {n_f} channels; expected one number or {n_f}")
+        return n_f
+
+    @cached_property
+    def E_left(self) -> FloatArray | None:
+        """Left inverse of E, (n_f, n_x): what the residual of M x' says of f. None without E."""
+        return None if self.E is None else np.asarray(np.linalg.pinv(self.E), dtype=float)
+
+    @cached_property
+    def into(self) -> Array | None:
+        """``E_left`` transposed, in the arithmetic of the filter, as :func:`residual` takes it."""
+        return None if self.E_left is None else self.E_left.T.astype(self.sampling.precision)
+
+    def limited(self, f_hat: Array, out: Array | None = None) -> Array:
+        """f_hat within its bounds.
+
+        Parameters
+        ----------
+        f_hat : (..., n_f) array
+        out : (..., n_f) array, optional
+            Where to put it; by default a new array, where there is a limit.
+        """
+        if self.sampling.limit is None:
+            return f_hat
+        limit = self.sampling.limit.astype(f_hat.dtype)
+        return np.clip(f_hat, -limit, limit, out=out)
+
+    # -- transitions --------------------------------------------------------------------------------------------
+
+    @property
+    def transitions(self) -> tuple[tuple[FloatArray, FloatArray, FloatArray], ...]:
+        """(dA (n, n), equilibrium (n,), C (n,)) of each filter at the nominal step, rounded to the precision."""
+        bank = zip(self.chains, *self.bank, strict=True)
+        return tuple((dA[:n, :n], rest[:n], C[:n]) for chain, dA, rest, C in bank if (n := len(chain.C)))
+
+    def at(self, dt: float | FloatArray, i: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """dA, equilibrium and C of a filter, padded to the largest order, for a step of any length.
+
+        Parameters
+        ----------
+        dt : float or (m,) array
+            Steps give dA (m, n, n).
+        i : int
+            Which filter.
+        """
+        _, A, equilibrium, C = self.chains[i]
+        dA = transition(A, self.sampling.method, dt)
+        extra = self.order - len(C)
+        if extra:
+            dA = np.pad(dA, [(0, 0)] * (dA.ndim - 2) + [(0, extra), (0, extra)])
+            equilibrium, C = np.pad(equilibrium, (0, extra)), np.pad(C, (0, extra))
+        return self._rounded(dA), self._rounded(equilibrium), self._rounded(C)
+
+    def all_at(self, dt: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """dA (c, n, n), equilibrium (c, n) and C (c, n) of all filters for a step.
+
+        Parameters
+        ----------
+        dt : float
+        """
+        parts = [self.at(dt, i) for i in range(len(self.chains))]
+        dA, equilibrium, C = (np.stack(column) for column in zip(*parts, strict=True))
+        return dA, equilibrium, C
+
+    @cached_property
+    def bank(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """:meth:`all_at` of the nominal step."""
+        return self.all_at(self.sampling.dt)
+
+    @cached_property
+    def _kernels(self) -> tuple[BlockKernel, ...]:
+        """For records of equal steps: one block kernel per filter."""
+        return tuple(BlockKernel.build(*parts) for parts in zip(*self.bank, strict=True))
+
+    @cached_property
+    def nominal(self) -> StepConstants:
+        """What a nominal step needs."""
+        return self._constants(self.sampling.dt, self.bank)
+
+    def step(self, dt: float) -> StepConstants:
+        """What a step of any length needs.
+
+        Parameters
+        ----------
+        dt : float
+        """
+        return self.nominal if dt == self.sampling.dt else self._constants(dt, self.all_at(dt))
+
+    def _constants(self, dt: float, bank: tuple[FloatArray, FloatArray, FloatArray]) -> StepConstants:
+        precision = self.sampling.precision
+        dA, equilibrium, C = (part.astype(precision) for part in bank)
+        rate = np.dtype(precision).type(1.0 / dt)
+        if len(self.chains) == 1:
+            return StepConstants(np.ascontiguousarray(dA[0].T), equilibrium[0], C[0], rate)
+        return StepConstants(dA, equilibrium, C, rate)
+
+    @property
+    def slowest(self) -> float:
+        """Least |p| of all poles in rad/s."""
+        return min(float(np.min(np.abs(chain.poles))) for chain in self.chains)
+
+    def check_step(self, dt: float) -> None:
+        """Refuse a step at which forward Euler would diverge, |1 + p h| >= 1.
+
+        Parameters
+        ----------
+        dt : float
+
+        Raises
+        ------
+        ValueError
+            Naming the pole and the largest step.
+        """
+        for chain in self.chains if self.sampling.method == "euler" else ():
+            growth = np.abs(1.0 + chain.poles * dt)
+            worst = int(np.argmax(growth))
+            if growth[worst] >= 1.0:
+                largest = float(np.min(-2.0 * chain.poles.real / np.abs(chain.poles) ** 2))
+                raise ValueError(
+                    f"forward Euler diverges: |1 + p h| = {growth[worst]:.4g} >= 1 for the pole "
+                    f"{chain.poles[worst]:.6g} rad/s at h = {dt:g} s; expected h < {largest:.4g} s; use method='exact'"
+                )
+
+    def _rounded(self, values: FloatArray) -> FloatArray:
+        return values.astype(self.sampling.precision).astype(float)
 
 
-def _substitute(band: FloatArray, right: FloatArray) -> FloatArray:
-    channels, m, n = right.shape
-    (tbtrs,) = get_lapack_funcs(("tbtrs",), (band, right))
-    solution, info = tbtrs(band.T, right.reshape(channels, m * n).T, uplo="L", diag="U", overwrite_b=True)
-    assert info == 0  # a unit diagonal cannot be singular
-    return solution.T.reshape(channels, m, n)
+def _direction(E: ArrayLike) -> FloatArray:
+    """E (n_x, n_f) of full column rank, read-only."""
+    matrix = np.array(E, dtype=float)
+    if matrix.ndim != 2 or not np.all(np.isfinite(matrix)):
+        raise ValueError(f"E: expected a finite (n_x, n_f) matrix, got shape {matrix.shape}")
+    rank = int(np.linalg.matrix_rank(matrix))
+    if rank < matrix.shape[1]:
+        raise ValueError(
+            f"E has rank {rank} for {matrix.shape[1]} columns: expected full column rank, else f cannot be told from "
+            "the measurement; drop dependent columns"
+        )
+    matrix.flags.writeable = False
+    return matrix

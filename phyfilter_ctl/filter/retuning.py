@@ -19,50 +19,34 @@ output.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
-
 import numpy as np
 from scipy.linalg import solve_triangular
 
-from .._sections import ComplexArray, FloatArray, chain, covariance
-from .loop import FilterState, channels, check_state
-
-if TYPE_CHECKING:
-    from .sampled_filter import SampledPhyFilter
+from .._sections import FloatArray, chain, covariance
+from .loop import FilterState, check_state
+from .recursion import Chain, Recursion
 
 # Below this part of its diagonal entry a pivot is rounding, amplified (order 20 and up): the state follows from others.
 _DEPENDENT = 1e-8
 
 
-class Chain(NamedTuple):
-    """A filter as this module needs it; equilibrium and C as rounded for the recursion."""
-
-    poles: ComplexArray
-    equilibrium: FloatArray
-    C: FloatArray
-
-
-def retune(sampled: SampledPhyFilter, state: FilterState, new: SampledPhyFilter) -> FilterState:
+def retune(recursion: Recursion, state: FilterState, new: Recursion) -> FilterState:
     """See :meth:`SampledPhyFilter.retune`."""
-    if "paper" in (sampled.realisation, new.realisation) or state.paper is not None:
-        raise ValueError(
-            "realisation='paper' cannot be retuned: its integrators have no meaning in another filter"
-        )
-    check_state(sampled, state)
-    n_f = channels(new, len(state.x))
-    if n_f != len(state.w):
-        raise ValueError(f"retune: the new filter has {n_f} channels of f, the state {len(state.w)}")
+    check_state(recursion, state)
+    n_f, others = state.w.shape[-2], new.channels(state.x.shape[-1])
+    if others != n_f:
+        raise ValueError(f"retune: the new filter has {others} channels of f, the state {n_f}")
     before = np.asarray(state.w, dtype=np.float64)
     if state.carry is not None:
         before = before + np.asarray(state.carry, dtype=np.float64)
-    old_chains, new_chains = _chains(sampled), _chains(new)
-    w = np.zeros((n_f, new.order))
+    old_chains, new_chains = _chains(recursion), _chains(new)
+    w = np.zeros((*before.shape[:-1], new.order))
     count = max(len(old_chains), len(new_chains))
     for i in range(count):
         rows = slice(i, i + 1) if count > 1 else slice(None)
         one, other = old_chains[i % len(old_chains)], new_chains[i % len(new_chains)]
-        w[rows, : len(other.C)] = moved(one, other, before[rows, : len(one.C)])
-    dtype = np.dtype(new.precision)
+        w[..., rows, : len(other.C)] = moved(one, other, before[..., rows, : len(one.C)])
+    dtype = np.dtype(new.sampling.precision)
     kept = w.astype(dtype)
     carry = (w - kept).astype(dtype) if dtype == np.float32 else None
     cast = {
@@ -74,7 +58,7 @@ def retune(sampled: SampledPhyFilter, state: FilterState, new: SampledPhyFilter)
 
 
 def moved(old: Chain, new: Chain, w: FloatArray) -> FloatArray:
-    """States w (m, n_old) of the old filter as states (m, n_new) of the new one, with the same outputs."""
+    """States w (..., n_old) of the old filter as states (..., n_new) of the new one, with the same outputs."""
     noise = float(np.min(np.abs(new.poles))) ** -2
     P_new, P_old = (covariance(poles, poles, noise) for poles in (new.poles, old.poles))
     across = covariance(new.poles, old.poles, noise)
@@ -85,18 +69,19 @@ def moved(old: Chain, new: Chain, w: FloatArray) -> FloatArray:
     factors = _factors(P_old)
     weights = _solve(factors, chain(old.poles)[1])  # not as rounded: P knows those that are likely
     level = w @ weights / (old.equilibrium @ weights)
-    deviation = w - level[:, None] * old.equilibrium
-    states = level[:, None] * new.equilibrium + alike * (across @ _solve(factors, deviation.T)).T
+    deviation = w - level[..., None] * old.equilibrium
+    following = (across @ _solve(factors, deviation.reshape(-1, deviation.shape[-1]).T)).T
+    states = level[..., None] * new.equilibrium + alike * following.reshape(*w.shape[:-1], -1)
     if size > 0.0:  # all but F = 0
-        states += ((w @ old.C - states @ new.C) / size)[:, None] * direction
+        states += ((w @ old.C - states @ new.C) / size)[..., None] * direction
     return states
 
 
-def _chains(sampled: SampledPhyFilter) -> list[Chain]:
-    _, equilibria, outputs = sampled._coefficients.bank
+def _chains(recursion: Recursion) -> list[Chain]:
+    """Chains with equilibrium and C as rounded for the recursion."""
     return [
-        Chain(entry.poles, equilibrium[: entry.order], C[: entry.order])
-        for entry, equilibrium, C in zip(sampled.filters, equilibria, outputs, strict=True)
+        chain._replace(equilibrium=equilibrium, C=C)
+        for chain, (_, equilibrium, C) in zip(recursion.chains, recursion.transitions, strict=True)
     ]
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from .._samples import unusable
+from .._signals import unusable
 
 FloatArray = NDArray[np.floating]
 

@@ -15,7 +15,7 @@
     g = "hold"
     f_theta = "average"
     precision = "float64"
-    # realisation, E, delay, limit, nonfinite: as for SampledPhyFilter, may be left out
+    # delay, limit, nonfinite: as for Sampling, E: as for SampledPhyFilter; may be left out
 
     [signals]                                # may be left out, as may each key
     channels = ["x", "y", "z"]
@@ -40,7 +40,7 @@ from numpy.typing import ArrayLike
 
 from .. import _signals
 from .._output import replacing
-from ..filter import PhyFilter, SampledPhyFilter
+from ..filter import PhyFilter, SampledPhyFilter, Sampling
 from ..flightlog import checks
 from .table import TomlTable, parsed, refuse_oversize
 
@@ -53,9 +53,15 @@ Inertia = float | tuple[float, ...] | tuple[tuple[float, ...], ...]
 
 _FILTER_KEYS = ("a", "b", "poles")
 _TOP_KEYS = ("format", "version", *_FILTER_KEYS, "filters", "sampled", "signals")
-_CHOICES = ("method", "g", "f_theta", "precision")  # always written
-_RARE_CHOICES = {"realisation": "sections", "nonfinite": "raise"}  # written where they are not this
-_SAMPLED_KEYS = ("dt", *_CHOICES, *_RARE_CHOICES, "E", "delay", "limit")
+_CHOICES = ("method", "g", "f_theta", "precision", "nonfinite")
+_ALWAYS = (
+    "dt",
+    "method",
+    "g",
+    "f_theta",
+    "precision",
+)  # written; the others where they are not the usual ones
+_SAMPLED_KEYS = ("dt", *_CHOICES, "E", "delay", "limit")
 _SIGNAL_KEYS = ("channels", "units", "inertia")
 _UNIT_KEYS = ("x", "g", "f")
 # Poles of all filters of a file together: finding them is what takes time.
@@ -283,16 +289,9 @@ def _kept_by_reading(filter: PhyFilter) -> bool:
 
 
 def _options(sampled: SampledPhyFilter) -> dict[str, object]:
-    table: dict[str, object] = {"dt": sampled.dt}
-    table |= {key: getattr(sampled, key) for key in _CHOICES}
-    table |= {key: value for key, usual in _RARE_CHOICES.items() if (value := getattr(sampled, key)) != usual}
-    if sampled.E is not None:
-        table["E"] = sampled.E.tolist()
-    if sampled.delay:
-        table["delay"] = sampled.delay
-    if sampled.limit is not None:
-        table["limit"] = sampled.limit.tolist()
-    return table
+    sampling = sampled.sampling
+    table = {key: getattr(sampling, key) for key in _ALWAYS}
+    return table | sampling.unusual | ({} if sampled.E is None else {"E": sampled.E.tolist()})
 
 
 def _noted(signals: Signals) -> dict[str, object]:
@@ -392,16 +391,15 @@ def _read_filter(table: TomlTable) -> PhyFilter:
 
 def _read_sampled(table: TomlTable, filters: tuple[PhyFilter, ...]) -> SampledPhyFilter:
     table.refuse_unknown(_SAMPLED_KEYS)
-    options: dict[str, Any] = {key: table.text(key) for key in (*_CHOICES, *_RARE_CHOICES) if key in table}
-    if "E" in table:
-        options["E"] = table.matrix("E")
+    options: dict[str, Any] = {key: table.text(key) for key in _CHOICES if key in table}
+    E = table.matrix("E") if "E" in table else None
     if "delay" in table:
         options["delay"] = table.number("delay")
     if "limit" in table:
         options["limit"] = table.number_or_numbers("limit")
     dt = table.number("dt")
     try:
-        return SampledPhyFilter(filters, dt, **options)
+        return SampledPhyFilter(filters, Sampling(dt, **options), E=E)
     except ValueError as error:
         raise ValueError(f"{table.file}: [sampled] {error}") from error
 

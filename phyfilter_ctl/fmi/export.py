@@ -138,7 +138,7 @@ def export_fmu(
         arrays=arrays, author=author, description=description,
         on_time=_on_time(system) if isinstance(system, FlatModel) else None,
     )  # fmt: skip
-    tolerant = isinstance(system, SampledPhyFilter) and system.nonfinite == "hold"
+    tolerant = isinstance(system, SampledPhyFilter) and system.sampling.nonfinite == "hold"
     token, sources = sealed(interface, accept_bad_inputs=tolerant)
     binaries: dict[str, bytes] = {}
     try:

@@ -294,7 +294,7 @@ def _filter_inputs(sampled: SampledPhyFilter, record: Reference) -> list[FloatAr
         )
     x, g, f_theta = (np.column_stack(entries) for entries in rows.values())
     if (
-        sampled.g == "hold"
+        sampled.sampling.g == "hold"
     ):  # the step takes the g that was held over the interval, a diagram the one from now on
         g = np.vstack([g[:1], g[:-1]])
     return [x, g, f_theta]

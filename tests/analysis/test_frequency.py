@@ -282,14 +282,13 @@ SAMPLED = [
     lowpass(2, 15.0).sampled(H, g="average", delay=2.4 * H),
     lowpass(2, 15.0).sampled(H, f_theta="hold", delay=0.7 * H),
     bandpass(2, 15.0, 40.0).sampled(H),
-    lowpass(2, 15.0).sampled(H, realisation="paper"),
 ]
 
 
 def fitted(sampled: SampledPhyFilter, omega: float, input: str) -> complex:
     """Amplitude of f_hat for an input e^(j omega t), from the recursion over a record."""
     t = H * np.arange(1200)
-    delayed = t - sampled.delay
+    delayed = t - sampled.sampling.delay
     zero = np.zeros((len(t), 1))
     x, g, f_theta = zero, zero, zero
     amplitudes = []

@@ -44,7 +44,9 @@ def growth(
     rng = np.random.default_rng(1)
     p, x, a = np.zeros(channels), np.zeros(channels), np.zeros(channels)
     kick = rng.standard_normal((5, channels))
-    whole, part = divmod((delay + sampled.delay) / h, 1.0)  # plant and measurement late together: linear
+    whole, part = divmod(
+        (delay + sampled.sampling.delay) / h, 1.0
+    )  # plant and measurement late together: linear
     line = [np.zeros(channels)] * (int(whole) + 2)
     state = sampled.start(x, inertia0=ratios)
     command, size = np.zeros(channels), np.zeros((steps, channels))

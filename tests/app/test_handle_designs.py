@@ -94,7 +94,7 @@ def test_python_text_rebuilds_the_filter(message):
     np.testing.assert_array_equal(found["filter"].poles, filter.poles)
     if "sampled" in found:
         assert found["sampled"].dt == message["sampling"]["dt"]
-        assert found["sampled"].method == message["sampling"]["method"]
+        assert found["sampled"].sampling.method == message["sampling"]["method"]
     else:
         assert message["sampling"]["method"] == "euler"
 

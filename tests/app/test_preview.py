@@ -177,7 +177,7 @@ def test_the_random_designs_hold_every_kind_and_repeated_poles() -> None:
     cases = every_case()
     kinds = {each.question["design"]["numerator"]["kind"] for each in cases}
     assert kinds == {"lowpass", "type", "zeros", "b"}
-    assert {each.sampled.method for each in cases} == {"exact", "euler", "tustin"}
+    assert {each.sampled.sampling.method for each in cases} == {"exact", "euler", "tustin"}
     repeated = [each for each in cases if len(np.unique(each.filter.poles)) < each.filter.order]
     assert {each.filter.order for each in repeated} == set(range(2, 9))
     twice = [each for each in repeated if np.any(each.filter.poles.imag)]

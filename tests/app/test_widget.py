@@ -93,7 +93,7 @@ def test_the_filter_is_the_one_on_the_screen():
 def test_a_sampled_filter_brings_its_sampling():
     live = pf.designer(pf.PhyFilter.from_poles([-7.0, -8.0]).sampled(0.004, "tustin"))
     assert live.design["sampling"] == {"dt": 0.004, "method": "tustin"}
-    assert live.sampled.method == "tustin"
+    assert live.sampled.sampling.method == "tustin"
 
 
 def log() -> pf.FlightLog:

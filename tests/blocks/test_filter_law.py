@@ -44,10 +44,10 @@ def by_law(law, *signals):
 def by_steps(sampled, x, g, f_theta, inertia=None):
     first = None if inertia is None else inertia[0]
     state = sampled.start(x[0], f_theta0=f_theta[0], g0=g[0], inertia0=first)
-    limit = np.inf if sampled.limit is None else sampled.limit
+    limit = np.inf if sampled.sampling.limit is None else sampled.sampling.limit
     f_hat = [np.clip(f_theta[0], -limit, limit)]
     for k in range(1, len(x)):
-        acting = g[k - 1] if sampled.g == "hold" else g[k]
+        acting = g[k - 1] if sampled.sampling.g == "hold" else g[k]
         M = None if inertia is None else inertia[k]
         state, out = sampled.step(state, x[k], acting, f_theta[k], inertia=M)
         f_hat.append(out)
@@ -57,7 +57,7 @@ def by_steps(sampled, x, g, f_theta, inertia=None):
 def check(sampled, law, x, g, f_theta, inertia=None, put_in=None):
     expected = by_steps(sampled, x, g, f_theta, inertia)
     signals = (x, g, f_theta) if put_in is None else (x, g, f_theta, put_in)
-    tolerance = AGREE if sampled.precision == "float64" else AGREE_FLOAT32
+    tolerance = AGREE if sampled.sampling.precision == "float64" else AGREE_FLOAT32
     np.testing.assert_allclose(
         by_law(law, *signals), expected, atol=tolerance * np.abs(expected).max(), rtol=0
     )
@@ -86,7 +86,7 @@ def test_law_is_the_step(filter, method, option, nonfinite):
         # g acts on f_hat without delay where it is averaged, unless a delay comes first; where samples may be held, a
         # bad one acts at once.
         acts = law.feedthrough[:, 3:6].any()
-        assert acts == (g_rule == "average" and (sampled.delay < H or nonfinite == "hold"))
+        assert acts == (g_rule == "average" and (sampled.sampling.delay < H or nonfinite == "hold"))
 
 
 @pytest.mark.parametrize("delay", [0.0, H, 0.4 * H, 3.0 * H, 6.15 * H])
@@ -176,7 +176,5 @@ def test_labels_and_starts():
         ).states
     ]
     assert len(set(names)) == len(names)
-    with pytest.raises(ValueError, match="realisation='paper' has no law"):
-        filter_law(PhyFilter([20.0]).sampled(H, realisation="paper"), 1)
     with pytest.raises(ValueError, match="E has 3 rows"):
         filter_law(PhyFilter([20.0]).sampled(H, E=np.eye(3)[:, :2]), 2)

@@ -105,7 +105,6 @@ def test_rest_state_removes_the_bump():
         (([FILTER, FILTER, FILTER], 2), "3 filters for 2 channels"),
         ((FILTER.sampled(0.01, limit=1.0), 2), "limit=.*no linear block"),
         ((FILTER.sampled(0.01, nonfinite="hold"), 2), "nonfinite='hold' has no linear block"),
-        ((FILTER.sampled(0.01, realisation="paper"), 2), "realisation='paper' has no linear block"),
         ((FILTER.sampled(0.01, E=np.eye(3)[:, :2]), 2), "contradicts the 3 rows of E"),
     ],
 )

@@ -250,7 +250,6 @@ def test_a_nonlinear_system_of_python_controls():
         ((FILTER.sampled(H), 2), {"period": H}, "leave period out"),
         ((FILTER.sampled(H), 2), {"inertia": "upper"}, "'scalar', 'diagonal' or 'full'"),
         ((FILTER.sampled(H), 2), {"inertia": np.ones((3, 3))}, "inertia: expected a finite number or shape"),
-        ((PhyFilter([2.0]).sampled(H, realisation="paper"), 2), {}, "realisation='paper' has no law"),
     ],
 )
 def test_bad_blocks_are_refused(arguments, keywords, message):

@@ -231,10 +231,10 @@ def test_filters_run_as_the_sampled_filter(options, inertia):
         M = np.repeat(M, 2, axis=1)
     u = np.hstack([x, g, f_theta, M[:, :1] if inertia == "scalar" else M.reshape(80, -1)])
     state = sampled.start(x[0], f_theta0=f_theta[0], inertia0=M[0] if inertia else None, g0=g[0])
-    limit = np.inf if sampled.limit is None else sampled.limit
+    limit = np.inf if sampled.sampling.limit is None else sampled.sampling.limit
     expected = [np.clip(f_theta[0], -limit, limit)]
     for k in range(1, 80):
-        of_step = g[k] if sampled.g == "average" else g[k - 1]
+        of_step = g[k] if sampled.sampling.g == "average" else g[k - 1]
         state, f_hat = sampled.step(state, x[k], of_step, f_theta[k], inertia=M[k] if inertia else None)
         expected.append(f_hat)
     run = compile_model(flat, flags=STRICT).simulate(times, u, interpolation="hold")

@@ -2,7 +2,7 @@
 
 import ctypes
 import itertools
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import pytest
@@ -119,9 +119,9 @@ def test_steps_are_the_same(case, compiled):
     sampled, ours = case.sampled, CFilter(library, sources[case.name])
     constant, moving = INERTIA[case.inertia]
     x, g, f_theta = X.copy(), G.copy(), F_THETA[:, : ours.source.n_f].copy()
-    if sampled.nonfinite == "hold":
+    if sampled.sampling.nonfinite == "hold":
         x[50], x[60:64, 1], f_theta[90, 0], g[100] = np.nan, np.inf, np.nan, -np.inf
-    dtype = np.dtype(sampled.precision)
+    dtype = np.dtype(sampled.sampling.precision)
     x, g, f_theta = x.astype(dtype), g.astype(dtype), f_theta.astype(dtype)
 
     state = sampled.start(
@@ -143,7 +143,7 @@ def test_steps_are_the_same(case, compiled):
             following = sampled.with_filter(new)
             state, sampled = sampled.retune(state, following), following
             assert ours.retune([entry.a for entry in new], [entry.b for entry in new]) == 0
-        g_given = g[k - 1] if sampled.g == "hold" else g[k]
+        g_given = g[k - 1] if sampled.sampling.g == "hold" else g[k]
         state, expected[k - 1] = sampled.step(state, x[k], g_given, f_theta[k], inertia=at(moving, k), dt=dt)
         code, got[k - 1] = ours.step(x[k], g_given, f_theta[k], at(moving, k), dt)
         assert code == 0
@@ -172,7 +172,11 @@ def test_two_phases_are_the_step(precision, compiled):
     """Put out, then remember g: the g of the sample before acts, and the first instant is the start."""
     sources, library = compiled
     for case in CASES:
-        if case.sampled.precision != precision or case.variable or case.sampled.nonfinite == "hold":
+        if (
+            case.sampled.sampling.precision != precision
+            or case.variable
+            or case.sampled.sampling.nonfinite == "hold"
+        ):
             continue
         source, moving = sources[case.name], INERTIA[case.inertia][1]
         phased, stepped = CFilter(library, source), CFilter(library, source)
@@ -183,11 +187,11 @@ def test_two_phases_are_the_step(precision, compiled):
             assert code == 0
             phased.call("remember", G[k])
             if k == 0:
-                limit = case.sampled.limit
+                limit = case.sampled.sampling.limit
                 first = f_theta[0] if limit is None else np.clip(f_theta[0], -limit, limit)
                 np.testing.assert_array_equal(f_hat, first.astype(precision))
                 continue
-            g = G[k - 1] if case.sampled.g == "hold" else G[k]
+            g = G[k - 1] if case.sampled.sampling.g == "hold" else G[k]
             np.testing.assert_array_equal(f_hat, stepped.step(X[k], g, f_theta[k], at(moving, k))[1])
 
 
@@ -265,7 +269,7 @@ def test_parameters_are_checked(tmp_path):
 
 def test_memory_is_all_there_is(tmp_path):
     """A copy of the instance goes on exactly as the instance does."""
-    sampled = replace(GENERAL.sampled(H, delay=0.011, nonfinite="hold"), precision="float32")
+    sampled = GENERAL.sampled(H, delay=0.011, nonfinite="hold", precision="float32")
     _, ours = simple(tmp_path, sampled, inertia="diagonal")
     ours.start(X[0, :2])
     for k in range(1, 60):

@@ -272,7 +272,6 @@ def test_names_and_units():
         ({"filter": [SECOND] * 3}, "per channel"),
         ({"signals": Signals(["x"])}, "names"),
         ({"filter": SECOND.sampled(H), "rate": "sometimes"}, "rate"),
-        ({"filter": SECOND.sampled(H, realisation="paper")}, "paper"),
         ({"filter": PhyFilter.from_poles([-1.0] * 13).sampled(H)}, "13"),
     ],
 )

@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from phyfilter_ctl import PhyFilter, _sections
 from phyfilter_ctl.codegen.compiler import compile_sources
 from phyfilter_ctl.codegen.filter_source import filter_source, runtime_files
-from phyfilter_ctl.filter.coefficients import transition
-from phyfilter_ctl.filter.retuning import Chain, moved
+from phyfilter_ctl.filter.recursion import transition
+from phyfilter_ctl.filter.retuning import moved
 
 H = 0.002
 # What C and Python may differ by where the poles are well conditioned; both err by some eps times the condition.
@@ -193,7 +193,7 @@ def test_a_state_moves_as_in_python(tune):
                 PhyFilter(entry.a, entry.a * rng.uniform(-0.5, 1.5, n) * (k < 11), poles=entry.poles)
                 for entry in filters
             )
-            chains = [Chain(entry.poles, *entry.sections[1:]) for entry in (old, new)]
+            chains = [entry.chain for entry in (old, new)]
             sampled, state = old.sampled(0.01), old.sampled(0.01).start([0.0])
             for u in np.cumsum(rng.standard_normal(50)):
                 state, _ = sampled.step(state, [0.0], [-u])

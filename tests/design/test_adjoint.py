@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from phyfilter_ctl import PhyFilter
+from phyfilter_ctl import PhyFilter, SampledPhyFilter
 from phyfilter_ctl.design.adjoint import (
     Adam,
     CasadiCost,
@@ -21,6 +21,7 @@ from phyfilter_ctl.design.adjoint.rollout import Rollout
 from phyfilter_ctl.design.learning.residuals import flights_of
 from phyfilter_ctl.design.learning.samples import Samples
 from phyfilter_ctl.design.learning.sensitivity import coefficient_gradient
+from phyfilter_ctl.filter import PaperFilter
 from phyfilter_ctl.flightlog import FlightLog
 
 # Sums over the same samples in another order.
@@ -143,7 +144,7 @@ def test_cotangents_of_the_signals_are_the_transpose(inertia, rules, with_E):
 def test_cotangents_of_the_signals_in_the_papers_realisation(b):
     rng = np.random.default_rng(5)
     x, g, f_theta, r = rng.standard_normal((4, 60, 2))
-    sampled = PhyFilter([1000.0, 300.0, 30.0], b).sampled(H, realisation="paper")
+    sampled = PaperFilter(PhyFilter([1000.0, 300.0, 30.0], b), H)
     rollout = Rollout(sampled)
     back = rollout.backward(rollout.forward(rollout.inputs(x, g, f_theta)), r, signals=True)
     backwards = np.vdot(back.x, x) + np.vdot(back.g, g) + np.vdot(back.f_theta, f_theta)
@@ -172,7 +173,7 @@ def fourth_order(function, p: np.ndarray, step: np.ndarray) -> np.ndarray:
     return np.array([along(step * unit) / size for unit, size in zip(np.eye(len(p)), step, strict=True)])
 
 
-@pytest.mark.parametrize("realisation", ["sections", "paper"])
+@pytest.mark.parametrize("realisation", [SampledPhyFilter, PaperFilter])
 def test_any_stage_and_terminal_cost(realisation):
     f, f_hat, a = ca.SX.sym("f", 2), ca.SX.sym("f_hat", 2), ca.SX.sym("a", 2)
     huber = ca.sum1(ca.sqrt(1.0 + (f - f_hat) ** 2)) + 1e-4 * a[0] ** 1.5 / a[1]
@@ -181,14 +182,14 @@ def test_any_stage_and_terminal_cost(realisation):
     log = log_of(80)
 
     def cost(p: np.ndarray, *, gradient: bool = False):
-        sampled = PhyFilter(p).sampled(H, realisation=realisation)
+        sampled = realisation(PhyFilter(p), H)
         found = adjoint_gradient(log, sampled, cost=stage, terminal=end)
         return found.a if gradient else found.value
 
     p = np.array([400.0, 30.0])
     assert relative(cost(p, gradient=True), fourth_order(cost, p, 1e-3 * p)) < DIFFERENCES
     # written out
-    f_hat_now = PhyFilter(p).sampled(H, realisation=realisation).run(log.x, log.g, log.f_theta)
+    f_hat_now = realisation(PhyFilter(p), H).run(log.x, log.g, log.f_theta)
     error = (f_hat_now - log.label)[1:]
     direct = np.sum(np.sqrt(1.0 + error[:-1] ** 2)) + (len(error) - 1) * 1e-4 * p[0] ** 1.5 / p[1]
     assert abs(cost(p) - direct - 100.0 * np.sum(error[-1] ** 2)) < ROUNDING * direct
@@ -252,7 +253,7 @@ def test_the_papers_realisation_trains_alike():
     log = learnable(400)
     start = PhyFilter([4.0, 4.0])
     options = {"segment": 100, "epochs": 5, "optimiser": Adam(0.2)}
-    paper = train(log, start.sampled(0.01, realisation="paper"), **options)
+    paper = train(log, PaperFilter(start, 0.01), **options)
     euler = train(log, start.sampled(0.01, method="euler", f_theta="hold"), **options)
     assert relative(np.array(paper.history), np.array(euler.history)) < 1e-9
 

@@ -8,6 +8,7 @@ import pytest
 from phyfilter_ctl import PhyFilter
 from phyfilter_ctl.design.adjoint import adjoint_gradient
 from phyfilter_ctl.design.joint import joint_gradient, learn_jointly
+from phyfilter_ctl.filter import PaperFilter
 from phyfilter_ctl.flightlog import FlightLog
 from phyfilter_ctl.learned import Chebyshev, Dictionary, Koopman, LearnedModel, Network, NeuralOde
 from tests.cpu_budget import slow_but
@@ -47,8 +48,7 @@ def test_joint_gradient(name, form, method):
     log = log_of()
     model = fitted(MODELS[name], log)
     filter = PhyFilter([30.0, 9.0]) if form == "lowpass" else PhyFilter([30.0, 9.0], [20.0, 5.0])
-    options = {"realisation": "paper"} if method == "paper" else {"method": method}
-    sampled = filter.sampled(H, **options)
+    sampled = PaperFilter(filter, H) if method == "paper" else filter.sampled(H, method)
     gradient = joint_gradient(log, model, sampled, segments=1 if method == "paper" else 2)
     rng = np.random.default_rng(1)
     theta = model.parameters
@@ -59,7 +59,9 @@ def test_joint_gradient(name, form, method):
     def cost(s: float) -> float:
         moved = PhyFilter(filter.a + s * along_a, None if along_b is None else filter.b + s * along_b)
         f_theta = model.with_parameters(theta + s * along_theta).predict(log.features)
-        f_hat = moved.sampled(H, **options).run(log.x, f_theta=f_theta)
+        f_hat = (PaperFilter(moved, H) if method == "paper" else moved.sampled(H, method)).run(
+            log.x, f_theta=f_theta
+        )
         return float(np.sum((f_hat - log.label)[1:] ** 2))
 
     weights = {1: 3.0 / 4.0, 2: -3.0 / 20.0, 3: 1.0 / 60.0}

@@ -44,9 +44,11 @@ CASES = {
 def test_options_are_those_of_python(case, tmp_path):
     filters, options, inertia = CASES[case]
     filters = filters if isinstance(filters, list) else [filters]
-    sampled = pf.SampledPhyFilter(filters, PERIOD, **options)
+    options = dict(options)
+    E = options.pop("E", None)
+    sampled = pf.SampledPhyFilter(filters, pf.Sampling(PERIOD, **options), E=E)
     rng = np.random.default_rng(4)
-    n_f = 2 if "E" in options else 3
+    n_f = 3 if E is None else 2
     x = 0.02 * np.cumsum(rng.standard_normal((N, 3)), axis=0)
     g, f_theta = rng.standard_normal((N, 3)), rng.standard_normal((N, n_f))
     M = np.eye(3) + 0.1 * rng.standard_normal((N, 3, 3))
@@ -78,5 +80,5 @@ def test_options_are_those_of_python(case, tmp_path):
             # A held g is the one of the step that ends now: what run calls row k - 1 is remembered by the FMU.
             fmu.step(PERIOD, x=x[k], g=g[k], f_theta=f_theta[k], **extra)
             found.append(fmu.get("f_hat"))
-    tolerance = AGREE if sampled.precision == "float64" else 50 * AGREE_FLOAT32
+    tolerance = AGREE if sampled.sampling.precision == "float64" else 50 * AGREE_FLOAT32
     np.testing.assert_allclose(found, expected, rtol=0, atol=tolerance * np.abs(expected).max())

@@ -19,6 +19,7 @@ from phyfilter_ctl.design.adjoint import adjoint_gradient
 from phyfilter_ctl.design.learning.residuals import flights_of
 from phyfilter_ctl.design.learning.samples import Samples
 from phyfilter_ctl.design.learning.sensitivity import coefficient_gradient
+from phyfilter_ctl.filter import PaperFilter
 from phyfilter_ctl.flightlog import FlightLog
 
 # All routes differentiate the same sampled map exactly; what is left is the rounding of each.
@@ -80,7 +81,7 @@ def residual(log: FlightLog, method: str) -> tuple[Array, Array]:
 
 def by_costates(n: int, filter: PhyFilter, method: str, form: str) -> tuple[float, Array]:
     if method == "paper":
-        sampled = filter.sampled(STEP, realisation="paper")
+        sampled = PaperFilter(filter, STEP)
     else:
         g, f_theta = rules(method)
         sampled = filter.sampled(STEP, method=method, g=g, f_theta=f_theta)
@@ -196,7 +197,7 @@ def test_the_printed_gradient_lacks_the_term_of_the_last_sample(n):
     """Algorithm 1 as printed: costates as they are, grad_a l_N left out of the sum."""
     filter = filter_of(n, "lowpass", repeated=True)
     full, shorter = log_of(n, 60), log_of(n, 60)
-    sampled = filter.sampled(STEP, realisation="paper")
+    sampled = PaperFilter(filter, STEP)
     gradient = adjoint_gradient(full, sampled).a * scales(filter)
     direct = direct_term_of_last_sample(filter, shorter) * scales(filter)
     reference = differences(filter, full)
@@ -208,7 +209,7 @@ def test_the_printed_gradient_lacks_the_term_of_the_last_sample(n):
 def direct_term_of_last_sample(filter: PhyFilter, log: FlightLog) -> Array:
     """d l_N / d a with the integrators held: f_hat_N = a_0 (xi + int x) + f_theta - sum a_{n-i} (alpha_i - beta_i)."""
     n = filter.order
-    f_hat = filter.sampled(STEP, realisation="paper").run(log.x, log.g, log.f_theta)
+    f_hat = PaperFilter(filter, STEP).run(log.x, log.g, log.f_theta)
     xi = np.zeros((n, 2))
     xi[-1] = -log.x[0]
     integrals = {name: np.zeros((n, 2)) for name in ("f_hat", "f_theta", "x")}  # row i: i-th integral
@@ -229,7 +230,7 @@ def direct_term_of_last_sample(filter: PhyFilter, log: FlightLog) -> Array:
 
 def differences(filter: PhyFilter, log: FlightLog) -> Array:
     def cost(a: Array) -> float:
-        f_hat = PhyFilter(a).sampled(STEP, realisation="paper").run(log.x, log.g, log.f_theta)
+        f_hat = PaperFilter(PhyFilter(a), STEP).run(log.x, log.g, log.f_theta)
         return float(np.sum((f_hat - log.label)[1:] ** 2))
 
     steps = 1e-5 * np.diag(scales(filter))

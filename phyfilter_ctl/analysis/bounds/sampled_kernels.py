@@ -79,7 +79,7 @@ class SampledKernels:
         same = distance[:-1] * distance[1:] >= 0.0
         with np.errstate(invalid="ignore"):
             pieces = np.where(same, 0.5 * (a + b), 0.5 * (a**2 + b**2) / np.where(same, 1.0, a + b))
-        total = h * float(pieces.sum()) + self.sampled.delay
+        total = h * float(pieces.sum()) + self.sampled.sampling.delay
         return Certificate(total, total + h * rest, h * rest, h * len(impulse), len(impulse))
 
     def estimate(self) -> Certificate:

@@ -329,8 +329,8 @@ def ultimate_bound(
 
 def _assumptions(sampled: SampledPhyFilter) -> tuple[str, ...]:
     between = {"hold": "is held between the samples", "average": "goes straight from sample to sample"}
-    said = [f"{name} {between[rule]}" for name, rule in (("g", sampled.g), ("f_theta", sampled.f_theta))]
-    return (*said, *(["f_hat stays within its limit"] if sampled.limit is not None else []))
+    said = [f"{name} {between[getattr(sampled.sampling, name)]}" for name in ("g", "f_theta")]
+    return (*said, *(["f_hat stays within its limit"] if sampled.sampling.limit is not None else []))
 
 
 def _gain_of(kernel: Kernel, method: Method, filter: PhyFilter) -> float:
@@ -393,11 +393,13 @@ def _usable(given: Mapping[int, float], limit: int, filter: PhyFilter | SampledP
 
 def _left_of_a_ramp(sampled: SampledPhyFilter) -> str:
     """What stands against a bound from a second derivative where the type would allow one."""
-    left = {"exact": [f"b_{sampled.order - 1} h^2/12"], "euler": ["-h/2"], "tustin": []}[sampled.method]
-    left += ["its delay"] if sampled.delay else []
+    left = {"exact": [f"b_{sampled.order - 1} h^2/12"], "euler": ["-h/2"], "tustin": []}[
+        sampled.sampling.method
+    ]
+    left += ["its delay"] if sampled.sampling.delay else []
     if not left:
         return "not worked out for a sampled filter"
     return (
-        f"infinite: sampled with method={sampled.method!r}, the filter leaves {' and '.join(left)} times the slope of "
-        "a ramp as a steady error, and the slope can grow without end"
+        f"infinite: sampled with method={sampled.sampling.method!r}, the filter leaves {' and '.join(left)} times the "
+        "slope of a ramp as a steady error, and the slope can grow without end"
     )

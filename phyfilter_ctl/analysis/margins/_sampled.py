@@ -61,7 +61,7 @@ class SampledLoop:
         the step, the older one before.
         """
         h = self.sampled.dt
-        late = (self.delay + self.sampled.delay) / h
+        late = (self.delay + self.sampled.sampling.delay) / h
         whole = int(late)
         part = (late - whole) * h
         A, B, C, D = self.actuator.matrices
@@ -82,7 +82,7 @@ class SampledLoop:
         half = 0.5 * omega * h
         delta = 2j * np.sin(half) * np.exp(1j * half)
         back = 1.0 / (1.0 + delta)
-        weights = mean_weights("hold", sampled.delay / h)
+        weights = mean_weights("hold", sampled.sampling.delay / h)
         # 1 - F m = (1 - F) + F (1 - m), 1 - m summed without the subtraction.
         Q = error - F * (np.expm1(-1j * np.outer(omega * h, np.arange(len(weights)))) @ weights)
 
@@ -129,7 +129,7 @@ class SampledLoop:
             [self.kd, np.sqrt(self.kp)],
         ]
         corners = np.concatenate([*parts, outer, roots_of(filter.error_numerator)[1], [self.nyquist]])
-        late = self.delay + self.sampled.delay + 4.0 * self.sampled.dt
+        late = self.delay + self.sampled.sampling.delay + 4.0 * self.sampled.dt
         return sweep.grid(corners[corners != 0.0].astype(np.complex128), self.nyquist, turn=late)
 
     def matrix(self, ratio: complex) -> FloatArray | ComplexArray:
@@ -145,7 +145,7 @@ class SampledLoop:
         rows = [*range(m), m, *kept]  # the increment is the change of x
         dA, equilibrium, C = self.sampled.transition
         n = len(dA)
-        weights = mean_weights("hold", self.sampled.delay / h)
+        weights = mean_weights("hold", self.sampled.sampling.delay / h)
         past = max(whole + 1, len(weights) - 1)
         plant, size = m + 1 + len(kept), m + 1 + len(kept) + n + past
         unit = np.eye(size, dtype=np.result_type(type(ratio), float))
@@ -170,7 +170,7 @@ class SampledLoop:
 
     def unstable(self, ratio: complex) -> int | None:
         """Number of closed-loop poles that are not inside the unit circle."""
-        if self.delay + self.sampled.delay > _LONG * self.sampled.dt:
+        if self.delay + self.sampled.sampling.delay > _LONG * self.sampled.dt:
             return self._outside(complex(ratio))
         delta = np.linalg.eigvals(self.matrix(ratio))
         # |1 + d|^2 - 1 without the subtraction.

@@ -288,10 +288,10 @@ def build_loop(
             f"each of the {len(filter.filters)} channels has its own filter and so its own loop: give them one by "
             "one, as sampled.with_filter(f) for f in sampled.filters"
         )
-    if filter.g != "hold":
+    if filter.sampling.g != "hold":
         raise ValueError(
-            f"g={filter.g!r}: the command fed back is held between samples, and g='average' would need the command "
-            "that is computed from its own result; use g='hold'"
+            f"g={filter.sampling.g!r}: the command fed back is held between samples, and g='average' would need the "
+            "command that is computed from its own result; use g='hold'"
         )
     return filter, SampledLoop(filter, act, delay, kp, kd)
 

@@ -19,8 +19,8 @@ import numpy as np
 from ... import _sections
 from ..._sections import FloatArray
 from ...filter import PhyFilter
-from ...filter.coefficients import Method
-from ...filter.recursion import is_slow, propagate
+from ...filter.blocked import is_slow, propagate
+from ...filter.sampling import Method
 
 BLOCK = 32
 SLAB = 128  # blocks in one matrix product: small enough that no BLAS splits it over threads

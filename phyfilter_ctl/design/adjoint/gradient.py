@@ -9,7 +9,7 @@ from itertools import pairwise
 import numpy as np
 
 from ..._sections import FloatArray
-from ...filter import SampledPhyFilter
+from ...filter import PaperFilter, SampledPhyFilter
 from ...flightlog import FlightLog
 from ...results import Result
 from .costs import SquaredError, StageCost
@@ -52,7 +52,7 @@ class AdjointGradient(Result):
 
 def adjoint_gradient(
     logs: FlightLog | Sequence[FlightLog],
-    sampled: SampledPhyFilter,
+    sampled: SampledPhyFilter | PaperFilter,
     *,
     form: Form | None = None,
     cost: StageCost | None = None,
@@ -67,8 +67,8 @@ def adjoint_gradient(
     ----------
     logs : FlightLog or sequence of FlightLog
         Flights with a label (the true f) and equal steps of ``sampled.dt``.
-    sampled : SampledPhyFilter
-        The filter, any discretisation and realisation; see :class:`Rollout`.
+    sampled : SampledPhyFilter or PaperFilter
+        The filter, any discretisation, or as the paper prints it; see :class:`Rollout`.
     form, segments, workers, carry
         As for :class:`Rollout`.
     cost : StageCost, optional

@@ -19,8 +19,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..._sections import FloatArray
-from ...filter import SampledPhyFilter, record
-from ...filter.recursion import propagate
+from ...filter import PaperFilter, SampledPhyFilter, record
+from ...filter.blocked import propagate
+from ...filter.recursion import Recursion, momentum
 from .block_map import BLOCK, BlockMap
 from .paper_rollout import PaperMap
 
@@ -124,10 +125,9 @@ class Rollout:
 
     Parameters
     ----------
-    sampled : SampledPhyFilter
-        One filter for all channels, double precision, no delay and no limit. Its ``realisation`` says which
-        recursion is rolled out: "sections" (the increment recursion, any method) or "paper" (Eq. (5) as printed,
-        forward Euler, a loop over the samples: short records only).
+    sampled : SampledPhyFilter or PaperFilter
+        One filter for all channels, double precision, no delay and no limit. A PaperFilter is rolled out as Eq. (5)
+        prints it (forward Euler, a loop over the samples: short records only), else it is the increment recursion.
     form : {"lowpass", "general"}, optional
         Whether b_0 = a_0 moves with a, or a and b are free; None takes the form of the filter.
     segments : int
@@ -159,7 +159,7 @@ class Rollout:
     [1.543208]
     """
 
-    sampled: SampledPhyFilter
+    sampled: SampledPhyFilter | PaperFilter
     _: KW_ONLY
     form: Form | None = None
     segments: int = 1
@@ -167,15 +167,16 @@ class Rollout:
     carry: Carry = "exact"
 
     def __post_init__(self) -> None:
-        sampled = self.sampled
-        if len(sampled.filters) != 1:
+        sampled, (chains, sampling) = self.sampled, (self._recursion.chains, self._recursion.sampling)
+        if len(chains) != 1:
             raise ValueError(
-                f"sampled: expected one filter for all channels, got {len(sampled.filters)}; learn each channel alone"
+                f"sampled: expected one filter for all channels, got {len(chains)}; learn each channel alone"
             )
-        if sampled.delay or sampled.limit is not None or sampled.precision != "float64":
+        if sampling.delay or sampling.limit is not None or sampling.precision != "float64":
             raise ValueError(
                 "sampled: expected no delay, no limit and float64, got "
-                f"delay={sampled.delay:g}, limit={sampled.limit}, precision={sampled.precision!r}; learn without them"
+                f"delay={sampling.delay:g}, limit={sampling.limit}, precision={sampling.precision!r}; learn "
+                "without them"
             )
         if self.form is None:
             object.__setattr__(self, "form", "lowpass" if sampled.filter.is_lowpass else "general")
@@ -209,17 +210,17 @@ class Rollout:
             For wrong shapes, fewer than two samples, values that are not finite, or an inertia in the paper's
             realisation.
         """
-        signals = record.checked_signals(self.sampled, x, g, f_theta, inertia)
+        signals = record.checked_signals(self._recursion, x, g, f_theta, inertia)
         if len(signals[0]) < 2:
             raise ValueError(f"x: expected at least 2 samples, got {len(signals[0])}")
-        held = record.held_samples(self.sampled, *signals)
+        held = record.held_samples(self._recursion, *signals)
         if held.any():
             raise ValueError(
                 f"x, g, f_theta, inertia: not finite in row {int(np.argmax(held))}; drop or repair it"
             )
-        if self.sampled.realisation == "paper" and signals[3] is not None:
-            raise ValueError("realisation='paper' has no inertia: use realisation='sections'")
-        u = record.measured_residual(self.sampled, *signals, None, slice(0, len(signals[0]) - 1))
+        if isinstance(self.sampled, PaperFilter) and signals[3] is not None:
+            raise ValueError("inertia: a PaperFilter has none; roll out a SampledPhyFilter")
+        u = record.measured_residual(self._recursion, *signals, None, slice(0, len(signals[0]) - 1))
         x, g, f_theta, u = (part.astype(float, copy=False) for part in (*signals[:3], u))
         M = signals[3]
         return RolloutInputs(x, g, f_theta, None if M is None else M.astype(float, copy=False), u)
@@ -232,7 +233,7 @@ class Rollout:
         inputs : RolloutInputs
             From :meth:`inputs`.
         """
-        if self.sampled.realisation == "paper":
+        if isinstance(self.sampled, PaperFilter):
             f_hat, states = self._paper.forward(inputs.signals)
             return RolloutTrace(f_hat, inputs, [states])
         f_hat = inputs.f_theta.copy()
@@ -270,7 +271,7 @@ class Rollout:
         r = np.asarray(cotangent, dtype=float)
         if r.shape != trace.f_hat.shape:
             raise ValueError(f"cotangent: expected the shape {trace.f_hat.shape} of f_hat, got {r.shape}")
-        if self.sampled.realisation == "paper":
+        if isinstance(self.sampled, PaperFilter):
             p, inward = self._paper.backward(trace.inputs.signals, trace.f_hat, trace.states[0], r)
             n = self.sampled.order
             general = self.form == "general"
@@ -299,9 +300,14 @@ class Rollout:
         with ThreadPoolExecutor(self.workers) as pool:
             return list(pool.map(work, tasks))
 
+    @property
+    def _recursion(self) -> Recursion:
+        sampled = self.sampled.increments if isinstance(self.sampled, PaperFilter) else self.sampled
+        return sampled.recursion
+
     @cached_property
     def _map(self) -> BlockMap:
-        return BlockMap.build(self.sampled.filter, self.sampled.method, self.sampled.dt)
+        return BlockMap.build(self.sampled.filter, self._recursion.sampling.method, self.sampled.dt)
 
     @cached_property
     def _paper(self) -> PaperMap:
@@ -335,21 +341,21 @@ class Rollout:
         self, inputs: RolloutInputs, r: FloatArray, cotangent: FloatArray
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Cotangents of x, g and f_theta from those of f_hat and u: the transpose of the measured residual."""
-        sampled = self.sampled
+        sampling, E_left = self._recursion.sampling, self._recursion.E_left
         f_theta = r.copy()
-        _spread(f_theta, cotangent, hold=sampled.f_theta == "hold")
-        if sampled.E is not None:
-            cotangent = cotangent @ sampled.E_left
+        _spread(f_theta, cotangent, hold=sampling.f_theta == "hold")
+        if E_left is not None:
+            cotangent = cotangent @ E_left
         g = np.zeros(inputs.g.shape)
-        _spread(g, cotangent, hold=sampled.g == "hold")
+        _spread(g, cotangent, hold=sampling.g == "hold")
         M = inputs.inertia
         if M is not None:
             M = M if len(M) == 1 else 0.5 * (M[1:] + M[:-1])
             M = M if M.ndim == 2 else M.transpose(0, 2, 1)
-            cotangent = record.times_inertia(M, cotangent).astype(float, copy=False)
+            cotangent = momentum(M, cotangent).astype(float, copy=False)
         x = np.zeros(inputs.x.shape)
-        x[1:] += cotangent / sampled.dt
-        x[:-1] -= cotangent / sampled.dt
+        x[1:] += cotangent / sampling.dt
+        x[:-1] -= cotangent / sampling.dt
         return x, g, f_theta
 
 

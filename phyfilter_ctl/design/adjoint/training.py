@@ -14,7 +14,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from ..._sections import FloatArray
-from ...filter import PhyFilter, SampledPhyFilter
+from ...filter import PaperFilter, PhyFilter, SampledPhyFilter
 from ...flightlog import FlightLog
 from ...results import Result, Status
 from ..learning.parametrisation import Chain, chain_of
@@ -125,7 +125,7 @@ class TrainResult(Result):
 
 def train(
     logs: FlightLog | Sequence[FlightLog],
-    filter0: PhyFilter | SampledPhyFilter,
+    filter0: PhyFilter | SampledPhyFilter | PaperFilter,
     *,
     form: Form | None = None,
     cost: StageCost | None = None,
@@ -147,9 +147,9 @@ def train(
     ----------
     logs : FlightLog or sequence of FlightLog
         Flights with a label and equal steps, all of one length of step.
-    filter0 : PhyFilter or SampledPhyFilter
-        Where to start. A SampledPhyFilter says which discretisation is rolled out (``realisation="paper"`` for the
-        paper's own); a PhyFilter is sampled exactly.
+    filter0 : PhyFilter, SampledPhyFilter or PaperFilter
+        Where to start. A SampledPhyFilter says which discretisation is rolled out, a PaperFilter that it is the
+        paper's own; a PhyFilter is sampled exactly.
     form : {"lowpass", "general"}, optional
         As for :class:`Rollout`.
     cost, terminal : StageCost, optional

@@ -21,7 +21,8 @@ import numpy as np
 from scipy import fft
 
 from ..._sections import FloatArray, multiply
-from ...filter.coefficients import Method, transition
+from ...filter.recursion import transition
+from ...filter.sampling import Method
 from .residuals import Flight
 
 # Lags kept at most, and the longest piece transformed at once: bounds the memory for any record.

@@ -21,8 +21,7 @@ from threadpoolctl import threadpool_limits
 from ... import _signals
 from ..._sections import FloatArray
 from ...filter import PhyFilter
-from ...filter.coefficients import Method
-from ...filter.sampled_filter import Rule
+from ...filter.sampling import Method, Rule
 from ...flightlog import FlightLog
 from ...results import Status
 from . import levenberg

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from ... import _signals
 from ..._sections import FloatArray
 from ...filter import PhyFilter, record
-from ...filter.sampled_filter import Rule
+from ...filter.sampling import Rule
 from ...flightlog import FlightLog
 
 # Residuals that vary by less than this of their size are constant: rounding of x over a step.
@@ -174,9 +174,9 @@ def _reduced(
     dt = log.duration / m
     steps = None if log.is_uniform else np.diff(log.times)
     # Any filter will do: the measured residual does not depend on it.
-    sampled = PhyFilter([1.0]).sampled(dt, g=g, f_theta=f_theta)
-    signals = record.checked_signals(sampled, log.x, log.g, log.f_theta, log.inertia)
-    u = record.measured_residual(sampled, *signals, steps, slice(0, m))
+    recursion = PhyFilter([1.0]).sampled(dt, g=g, f_theta=f_theta).recursion
+    signals = record.checked_signals(recursion, log.x, log.g, log.f_theta, log.inertia)
+    u = record.measured_residual(recursion, *signals, steps, slice(0, m))
     target = label if log.f_theta is None else label - log.f_theta
     return np.ascontiguousarray(u[:, columns], dtype=float), target[1:, columns].copy(), dt, steps
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from ..._sections import ComplexArray, FloatArray
 from ...filter import PhyFilter
-from ...filter.coefficients import Method
+from ...filter.sampling import Method
 from ...results import Result, Status
 from .wiener import WienerFloor
 

@@ -8,27 +8,19 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ..._sections import FloatArray
-from ...filter import PhyFilter, recursion
-from ...filter.coefficients import Coefficients, Method, transition
+from ...filter import PhyFilter, Recursion, Sampling, blocked, record
+from ...filter.recursion import transition
+from ...filter.sampling import Method
 from .residuals import Flight
 from .sensitivity import Data
 
 
 def response(filter: PhyFilter, flight: Flight, method: Method, last: int | None = None) -> FloatArray:
     """f_hat - f_theta after the first ``last`` steps (m, K) of a flight."""
-    u = flight.u[:last]
-    coefficients = Coefficients((filter,), method, flight.dt, "float64")
-    coefficients.check_step(flight.dt if flight.steps is None else float(np.max(flight.steps)))
-    state, y = np.zeros((u.shape[1], filter.order)), np.empty_like(u)
-    length = recursion.CHUNK if flight.steps is None else recursion.IRREGULAR_CHUNK
-    for first in range(0, len(u), length):
-        rows = slice(first, first + length)
-        if flight.steps is None:
-            y[rows], state = recursion.uniform(coefficients.kernels[0], u[rows], state)
-            continue
-        refine = recursion.needs_refinement(coefficients.slowest, float(np.min(flight.steps)))
-        parts = coefficients.at(flight.steps[: len(u)][rows], 0)
-        y[rows], state = recursion.irregular(*parts, u[rows], state, refine=refine)
+    u, steps = flight.u[:last], None if flight.steps is None else flight.steps[:last]
+    recursion, y = Recursion((filter.chain,), Sampling(flight.dt, method)), np.empty_like(u)
+    for rows, part in record.respond(recursion, len(u), u.shape[1], lambda rows: u[rows], steps):
+        y[rows] = part
     return y
 
 
@@ -69,11 +61,11 @@ class Samples:
         state = np.zeros((count, size))
         G, cross = np.zeros((size, size)), np.zeros(size)
         shortest = flight.dt if flight.steps is None else float(np.min(flight.steps))
-        refine = recursion.needs_refinement(float(np.min(np.abs(rates))), shortest)
-        for first in range(0, m, recursion.IRREGULAR_CHUNK):
-            rows = slice(first, min(first + recursion.IRREGULAR_CHUNK, m))
+        refine = blocked.needs_refinement(float(np.min(np.abs(rates))), shortest)
+        for first in range(0, m, blocked.IRREGULAR_CHUNK):
+            rows = slice(first, min(first + blocked.IRREGULAR_CHUNK, m))
             dA = self._increments(doubled[:-1, :-1], rows)
-            s, state = recursion.irregular(dA, rest, np.eye(size), flight.u[rows], state, refine=refine)
+            s, state = blocked.irregular(dA, rest, np.eye(size), flight.u[rows], state, refine=refine)
             for channel in range(count):
                 own = s[:, :, channel]
                 weights = flight.sample_weights

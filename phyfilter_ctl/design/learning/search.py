@@ -9,7 +9,7 @@ import numpy as np
 
 from ..._sections import ComplexArray, FloatArray, sort_poles
 from ...filter import PhyFilter
-from ...filter.coefficients import Method
+from ...filter.sampling import Method
 from . import levenberg
 from .levenberg import Descent
 from .parametrisation import Chain, chain_of

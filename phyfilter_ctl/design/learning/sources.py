@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ...filter.coefficients import Method
+from ...filter.sampling import Method
 from .correlation import Correlations, Stretch
 from .residuals import Flight
 from .samples import Pooled, Samples

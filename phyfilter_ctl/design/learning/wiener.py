@@ -21,7 +21,7 @@ from scipy.special import stdtrit
 
 from ..._sections import FloatArray
 from ...filter import PhyFilter
-from ...filter.coefficients import Method
+from ...filter.sampling import Method
 from ...results import Result
 from .correlation import MOST_LAGS, Correlations, Stretch, memory
 from .residuals import Flight

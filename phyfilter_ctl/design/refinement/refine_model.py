@@ -156,7 +156,7 @@ def refine(
     ------
     ValueError, TypeError
         If the model is not fitted, a log lacks features or has another sampling interval, an option is out of range,
-        the filter has a delay, another realisation or float32, or online the model is not linear in its moving
+        the filter has a delay or float32, or online the model is not linear in its moving
         parameters.
 
     Notes

@@ -87,12 +87,11 @@ class Tuned(Generic[M]):
 
 def checked_filter(sampled: SampledPhyFilter) -> SampledPhyFilter:
     """The filter without its limit, so that f_hat is linear in f_theta."""
-    if sampled.realisation != "sections" or sampled.delay or sampled.precision != "float64":
+    if sampled.sampling.delay or sampled.sampling.precision != "float64":
         raise ValueError(
-            "filter: refinement needs realisation='sections', float64 and no delay; move x of the log by the known "
-            "delay instead"
+            "filter: refinement needs float64 and no delay; move x of the log by the known delay instead"
         )
-    return replace(sampled, limit=None, nonfinite="raise")
+    return replace(sampled, sampling=replace(sampled.sampling, limit=None, nonfinite="raise"))
 
 
 def checked_logs(name: str, logs: FlightLog | Sequence[FlightLog], dt: float) -> tuple[FlightLog, ...]:
@@ -140,7 +139,7 @@ def filtered_adjoint(sampled: SampledPhyFilter, cotangent: FloatArray) -> FloatA
     """Transpose of :func:`filtered` on (N, n_x): the same filter, run backwards in time."""
     backward = np.zeros_like(cotangent)
     backward[1:] = _respond(sampled, cotangent[:0:-1])[::-1]
-    if sampled.f_theta == "hold":
+    if sampled.sampling.f_theta == "hold":
         return np.concatenate([backward[1:], np.zeros_like(backward[:1])])
     half = 0.5 * backward
     half[:-1] += 0.5 * backward[1:]
@@ -163,6 +162,6 @@ def advanced(sampled: SampledPhyFilter, y: FloatArray) -> FloatArray:
 
 def _respond(sampled: SampledPhyFilter, u: FloatArray) -> FloatArray:
     """F of inputs u (m, n_x) held over each of m steps."""
-    held = replace(sampled, f_theta="hold", E=None)
+    held = replace(sampled, sampling=replace(sampled.sampling, f_theta="hold"), E=None)
     drive = np.concatenate([u, np.zeros_like(u[:1])])  # entry k drives step k + 1, with its sign turned
     return (drive - held.run(np.zeros_like(drive), f_theta=drive))[1:]

@@ -156,7 +156,9 @@ class OnnxNetwork:
 
         end = descend(loss, first, max_iterations=self.max_iterations, tolerance=self.tolerance)
         if end.status is Status.FAILED:
-            return FitResult(self, float("inf"), end.iterations, Status.FAILED, end.message + "; scale z and f")
+            return FitResult(
+                self, float("inf"), end.iterations, Status.FAILED, end.message + "; scale z and f"
+            )
         model = self.with_parameters(end.parameters)
         return FitResult(model, _arrays.rms(model.predict(z) - f), end.iterations, end.status, end.message)
 

@@ -18,7 +18,7 @@ from typing import Literal, NamedTuple, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...filter import PhyFilter, SampledPhyFilter
+from ...filter import PhyFilter, SampledPhyFilter, Sampling
 from .prior import JointQuantities, JointSpacePrior
 
 __all__ = ["JointFilterState", "JointTorqueFilter"]
@@ -124,7 +124,7 @@ class JointTorqueFilter:
             object.__setattr__(self, "limit", limit)
         filters = (self.filter,) if isinstance(self.filter, PhyFilter) else tuple(self.filter)
         # The sampled filter checks the filters, dt, the method and the Euler step.
-        SampledPhyFilter(filters, self.dt, method=self.method)
+        SampledPhyFilter(filters, Sampling(self.dt, self.method))
         if len({entry.order for entry in filters}) > 1:
             raise ValueError(
                 f"filters of orders {[entry.order for entry in filters]}: expected one order for all joints"
@@ -146,7 +146,7 @@ class JointTorqueFilter:
     @cached_property
     def _constants(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         """dA transposed (c, n, n), equilibrium (c, n), C (c, n) and the norm of sections (c, n, n)."""
-        parts = [SampledPhyFilter(entry, self.dt, method=self.method).transition for entry in self.filters]
+        parts = [SampledPhyFilter(entry, Sampling(self.dt, self.method)).transition for entry in self.filters]
         dA, equilibrium, C = (np.stack(column) for column in zip(*parts, strict=True))
         if self.leak:
             # I + dA becomes e^{-leak h} (I + dA), the input matrix -dA equilibrium stays.

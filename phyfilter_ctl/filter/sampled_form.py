@@ -1,0 +1,219 @@
+"""A sampled filter as it runs: whole records, and loops one sample at a time."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from . import loop, record
+from .loop import FilterState
+from .recursion import Recursion
+from .sampling import Sampling
+
+
+class SampledForm:
+    """What runs on the recursion alone, whatever filter it came from; see :class:`SampledPhyFilter`."""
+
+    sampling: Sampling
+    recursion: Recursion
+
+    @property
+    def dt(self) -> float:
+        """Nominal sampling interval in seconds."""
+        return self.sampling.dt
+
+    # -- whole records ------------------------------------------------------------------------------------------
+
+    def run(
+        self,
+        x: ArrayLike,
+        g: ArrayLike | None = None,
+        f_theta: ArrayLike | None = None,
+        inertia: ArrayLike | None = None,
+        times: ArrayLike | None = None,
+    ) -> NDArray[np.floating]:
+        """f_hat over a whole record.
+
+        Parameters
+        ----------
+        x : (N, n_x) array
+            Measured state; (N,) for one channel.
+        g : (N, n_x) array, optional
+            Known part of M x'; row k is its value from sample k on. None means 0.
+        f_theta : (N, n_f) array, optional
+            Learned model of f; None means 0.
+        inertia : float, (n_x,), (n_x, n_x), (N, n_x) or (N, n_x, n_x) array, optional
+            Model M_hat of the inertia: scalar, diagonal or full, constant or per sample; None means I.
+        times : (N,) array, optional
+            Sampling instants where they are not every ``dt``: seconds, timedelta64, or datetime64 counted from the
+            first.
+
+        Returns
+        -------
+        (N, n_f) array
+            f_hat in the precision of the filter; row 0 is f_theta.
+
+        Raises
+        ------
+        ValueError
+            For wrong shapes, an ambiguous inertia (2-D with N == n_x), times that stand still or run back (row
+            named) or are whole numbers that count no seconds, a sample that is not finite, is masked or is beyond
+            1e150 under ``nonfinite="raise"`` (row and signal named), or a step at which forward Euler diverges.
+
+        Examples
+        --------
+        >>> from phyfilter_ctl import PhyFilter
+        >>> PhyFilter([20.0]).sampled(0.01).run([[0.0], [0.01], [0.02]], f_theta=[[1.0], [1.0], [1.0]]).ravel()
+        array([1., 1., 1.])
+        """
+        return record.run(self.recursion, x, g, f_theta, inertia, times)
+
+    def held(
+        self,
+        x: ArrayLike,
+        g: ArrayLike | None = None,
+        f_theta: ArrayLike | None = None,
+        inertia: ArrayLike | None = None,
+    ) -> NDArray[np.bool_]:
+        """Which samples of a record ``run`` holds because they are not finite.
+
+        Parameters
+        ----------
+        x, g, f_theta, inertia
+            As for :meth:`run`.
+
+        Returns
+        -------
+        (N,) bool array
+
+        Raises
+        ------
+        ValueError
+            For wrong shapes.
+
+        Examples
+        --------
+        >>> from phyfilter_ctl import PhyFilter
+        >>> PhyFilter([20.0]).sampled(0.01, nonfinite="hold").held([[0.0], [float("nan")], [0.0]])
+        array([False,  True, False])
+        """
+        return record.held_samples(
+            self.recursion, *record.checked_signals(self.recursion, x, g, f_theta, inertia)
+        )
+
+    # -- loops --------------------------------------------------------------------------------------------------
+
+    def start(
+        self,
+        x0: ArrayLike,
+        *,
+        f_hat0: ArrayLike | None = None,
+        f_theta0: ArrayLike | None = None,
+        inertia0: ArrayLike | None = None,
+        g0: ArrayLike | None = None,
+    ) -> FilterState:
+        """State at the first sample, from which f_hat starts bumplessly.
+
+        Parameters
+        ----------
+        x0 : (n_x,) array
+            First measurement.
+        f_hat0 : (n_f,) array, optional
+            Estimate to start from (the filter at rest on the constant residual that gives it); None means f_theta0.
+        f_theta0 : (n_f,) array, optional
+            f_theta at the first sample; None means 0.
+        inertia0 : float, (n_x,) or (n_x, n_x) array, optional
+            Inertia at the first sample, kept until ``step`` is given another; None means I.
+        g0 : (n_x,) array, optional
+            g at the first sample, used by ``g="average"``; None takes the g of the first step.
+
+        Returns
+        -------
+        FilterState
+            Immutable; hand it to ``step``.
+
+        Raises
+        ------
+        ValueError
+            For wrong shapes or non-finite values, or where F(0) = 0 and no constant residual gives f_hat0.
+
+        Examples
+        --------
+        >>> from phyfilter_ctl import PhyFilter
+        >>> sampled = PhyFilter([20.0]).sampled(0.002)
+        >>> state = sampled.start([0.0, 0.0], f_hat0=[1.0, -1.0])
+        >>> state, f_hat = sampled.step(state, [0.002, -0.002], [0.0, 0.0], [0.0, 0.0])
+        >>> f_hat.round(12).tolist()
+        [1.0, -1.0]
+        """
+        return loop.start(self.recursion, x0, f_hat0=f_hat0, f_theta0=f_theta0, inertia0=inertia0, g0=g0)
+
+    def step(
+        self,
+        state: FilterState,
+        x: ArrayLike,
+        g: ArrayLike | None = None,
+        f_theta: ArrayLike | None = None,
+        *,
+        inertia: ArrayLike | None = None,
+        dt: float | None = None,
+    ) -> tuple[FilterState, NDArray[np.floating]]:
+        """Advance by one sample. Pure: the state given is not changed.
+
+        Parameters
+        ----------
+        state : FilterState
+        x : (n_x,) array
+            Measurement now.
+        g : (n_x,) array, optional
+            ``g="hold"``: the value held over the step that ends now, that is the command sent at the sample before;
+            so the command of this sample may depend on the f_hat returned here. ``g="average"``: the value now.
+            None means 0.
+        f_theta : (n_f,) array, optional
+            Learned model now; None means 0.
+        inertia : float, (n_x,) or (n_x, n_x) array, optional
+            Inertia now; None keeps the last one.
+        dt : float, optional
+            Length of the step that ends now; None means the nominal one.
+
+        Returns
+        -------
+        state : FilterState
+            ``state.held`` tells whether this sample was held (``nonfinite="hold"``).
+        f_hat : (n_f,) array
+
+        Raises
+        ------
+        ValueError
+            For wrong shapes, a step that is not positive or at which forward Euler diverges, or a non-finite
+            sample under ``nonfinite="raise"``.
+
+        Examples
+        --------
+        ``run`` is this loop:
+
+        >>> from phyfilter_ctl import PhyFilter
+        >>> import numpy as np
+        >>> rng = np.random.default_rng(1)
+        >>> x, g, f_theta = rng.standard_normal((3, 50, 2))
+        >>> sampled = PhyFilter([400.0, 40.0]).sampled(0.002)
+        >>> state = sampled.start(x[0], f_theta0=f_theta[0])
+        >>> for k in range(1, 50):
+        ...     state, f_hat = sampled.step(state, x[k], g[k - 1], f_theta[k])
+        >>> bool(np.allclose(f_hat, sampled.run(x, g, f_theta)[-1], rtol=1e-12))
+        True
+        """
+        return loop.step(self.recursion, state, x, g, f_theta, inertia=inertia, dt=dt)
+
+    def shift_x(self, state: FilterState, dx: ArrayLike) -> FilterState:
+        """Tell the filter that the estimate of x jumped by dx (n_x,): a reset, not an acceleration.
+
+        Examples
+        --------
+        >>> from phyfilter_ctl import PhyFilter
+        >>> sampled = PhyFilter([20.0]).sampled(0.002)
+        >>> state = sampled.shift_x(sampled.start([0.0]), [0.5])
+        >>> sampled.step(state, [0.5])[1].tolist()
+        [0.0]
+        """
+        return loop.shift_x(state, dx)

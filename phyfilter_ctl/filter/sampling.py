@@ -1,0 +1,143 @@
+"""How a filter is sampled: what records, loops, blocks, files and C code need to know besides its coefficients."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from typing import Literal, get_args
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from .._sections import FloatArray
+from .._signals import LARGEST, interval
+
+__all__ = ["Method", "NonFinite", "Precision", "Rule", "Sampling"]
+
+Method = Literal["exact", "euler", "tustin"]
+Rule = Literal["hold", "average"]
+Precision = Literal["float64", "float32"]
+NonFinite = Literal["raise", "hold"]
+
+_CHOICES = {"method": Method, "g": Rule, "f_theta": Rule, "precision": Precision, "nonfinite": NonFinite}
+
+
+@dataclass(frozen=True, init=False, eq=False, repr=False)
+class Sampling:
+    """How a filter is sampled.
+
+    Parameters
+    ----------
+    dt : float
+        Nominal sampling interval h in seconds; a timedelta64 has its unit with it.
+    method : {"exact", "euler", "tustin"}
+        "exact": zero-order hold of the step-averaged residual, exact for x linear between samples. "euler": forward
+        Euler, as in the paper; refused where it diverges, |1 + p h| >= 1. "tustin": the trapezoidal rule.
+    g, f_theta : {"hold", "average"}
+        What the signal does between samples: "hold" (a command held by an actuator) or "average" (a smooth signal
+        known at both ends of the step).
+    precision : {"float64", "float32"}
+        Arithmetic of ``step``. In float32 every state carries a compensation word, so that nothing is lost over
+        days; ``run`` rounds inputs, coefficients and outputs alike and carries the states in double.
+    delay : float
+        Known delay of the measurement x in seconds; g, f_theta and the inertia are delayed alike inside F.
+    limit : float or array_like, shape (n_f,), optional
+        Bound on |f_hat|. It clamps the output, never the state, so nothing winds up.
+    nonfinite : {"raise", "hold"}
+        What a sample does that is NaN, infinite, masked or beyond 1e150. It never enters the state: "raise" refuses
+        it, "hold" returns f_theta for that sample, says so, and takes the gap as one longer step.
+
+    Raises
+    ------
+    ValueError
+        For options out of range.
+
+    Examples
+    --------
+    >>> Sampling(0.002, g="average", limit=2.0)
+    Sampling(0.002, g='average', limit=2.0)
+    >>> Sampling(0.002) == Sampling(2e-3, delay=0.0)
+    True
+    """
+
+    dt: float
+    method: Method
+    g: Rule
+    f_theta: Rule
+    precision: Precision
+    delay: float
+    limit: FloatArray | None
+    nonfinite: NonFinite
+
+    def __init__(
+        self,
+        dt: float,
+        method: Method = "exact",
+        g: Rule = "hold",
+        f_theta: Rule = "average",
+        *,
+        precision: Precision = "float64",
+        delay: float = 0.0,
+        limit: ArrayLike | None = None,
+        nonfinite: NonFinite = "raise",
+    ) -> None:
+        dt, delay = float(interval("dt", dt)), float(interval("delay", delay))
+        if not 1.0 / LARGEST < dt < LARGEST:
+            raise ValueError(f"dt: expected a positive sampling interval in seconds, got {dt}")
+        if not 0.0 <= delay < LARGEST:
+            raise ValueError(f"delay: expected a delay of 0 s or more, got {delay}")
+        bound = None if limit is None else _bound(limit)
+        values = (dt, method, g, f_theta, precision, delay, bound, nonfinite)
+        for entry, value in zip(fields(self), values, strict=True):
+            object.__setattr__(self, entry.name, value)
+        for name, choices in _CHOICES.items():
+            if (value := getattr(self, name)) not in get_args(choices):
+                raise ValueError(f"{name}: expected one of {', '.join(get_args(choices))}, got {value!r}")
+
+    @property
+    def delay_steps(self) -> float:
+        """The delay in nominal steps."""
+        return self.delay / self.dt
+
+    def differences(self, other: Sampling) -> dict[str, object]:
+        """Options that differ from those of another, with their values here.
+
+        Parameters
+        ----------
+        other : Sampling
+
+        Examples
+        --------
+        >>> Sampling(0.002, limit=[1.0, 2.0]).differences(Sampling(0.002))
+        {'limit': [1.0, 2.0]}
+        """
+        mine, theirs = ({e.name: _plain(getattr(one, e.name)) for e in fields(self)} for one in (self, other))
+        return {name: value for name, value in mine.items() if value != theirs[name]}
+
+    @property
+    def unusual(self) -> dict[str, object]:
+        """Options, besides dt, that are not the default ones."""
+        return self.differences(Sampling(self.dt))
+
+    def __eq__(self, other: object) -> bool:
+        return not self.differences(other) if isinstance(other, Sampling) else NotImplemented
+
+    def __hash__(self) -> int:
+        return hash((self.dt, self.method, self.g, self.f_theta, self.precision, self.delay))
+
+    def __repr__(self) -> str:
+        return f"Sampling({self.dt:g}{''.join(f', {k}={v!r}' for k, v in self.unusual.items())})"
+
+
+def _plain(value: object) -> object:
+    return value.tolist() if isinstance(value, np.ndarray) else value
+
+
+def _bound(limit: ArrayLike) -> FloatArray:
+    """Bounds on |f_hat|, () or (n_f,), read-only."""
+    bound = np.array(limit, dtype=float)
+    if bound.ndim > 1 or not np.all(bound > 0.0):
+        raise ValueError(
+            f"limit: expected a positive bound on |f_hat|, one number or one per channel, got {limit!r}"
+        )
+    bound.flags.writeable = False
+    return bound
