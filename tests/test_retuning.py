@@ -187,3 +187,27 @@ def test_the_state_of_another_filter_is_refused():
             other.step(state, np.zeros(3))
         with pytest.raises(ValueError, match=message):
             other.retune(state, third)
+        if other is not paper:
+            with pytest.raises(ValueError, match=message):
+                other.retune(state, third)
+    with pytest.raises(
+        ValueError, match=r"made by a filter of realisation='paper'.*retune\(state, new_filter\)"
+    ):
+        second.step(paper.start(np.zeros(3)), np.zeros(3))
+
+
+@pytest.mark.parametrize("precision", ["float32", "float64"])
+def test_nothing_changes_for_the_same_filter(precision):
+    """In float32 with the compensation words: their digits are the state's too, and double has none."""
+    sampled = PhyFilter([400.0, 40.0]).sampled(0.002, precision=precision)
+    state = sampled.start([0.0])
+    for k in range(1, 200):
+        state, _ = sampled.step(state, [0.3 * np.sin(0.05 * k)])
+    after = sampled.retune(state, sampled)
+    if precision == "float64":
+        assert state.carry is None and after.carry is None
+        np.testing.assert_allclose(after.w, state.w, rtol=1e-13)
+        return
+    assert np.any(state.carry != 0.0)
+    exact, kept = (np.float64(each.w) + np.float64(each.carry) for each in (state, after))
+    np.testing.assert_allclose(kept, exact, rtol=1e-12)  # beyond float32's own 6e-8
