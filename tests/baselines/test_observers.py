@@ -152,7 +152,7 @@ def test_evolver_follows_a_named_jump_at_once() -> None:
 @pytest.mark.parametrize("kind", [*TIMED, SeerII])
 @pytest.mark.parametrize(("gain", "dt"), [(0.0, 0.1), (-1.0, 0.1), (np.inf, 0.1), (1.0, 0.0), (1.0, np.nan)])
 def test_options_out_of_range(kind: type, gain: float, dt: float) -> None:
-    with pytest.raises(ValueError, match="finite number > 0|positive sampling interval"):
+    with pytest.raises(ValueError, match=r"finite number > 0|positive sampling interval"):
         kind(gain, dt)
 
 
