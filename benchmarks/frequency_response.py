@@ -34,7 +34,7 @@ class Case(NamedTuple):
 
 
 def diagonalisable() -> ct.StateSpace:
-    """60 states, 12 x 12, dense, well-conditioned eigenvectors."""
+    """60 states, 12 x 12, dense, distinct poles."""
     rng = np.random.default_rng(1)
     A = 3.0 * rng.standard_normal((60, 60))
     A -= (np.max(np.linalg.eigvals(A).real) + 2.0) * np.eye(60)
@@ -54,9 +54,9 @@ def repeated() -> ct.StateSpace:
 def cases() -> list[Case]:
     return [
         Case("filter, n = 6, equal poles, 3 inputs", PhyFilter.from_poles([-20.0] * 6).state_space(1), 10.0),
-        Case("12 channels share n = 5, 36 inputs", PhyFilter.from_poles([-20.0] * 5).state_space(12), 5.0),
-        Case("60 states, 12 x 12, modal", diagonalisable(), 5.0),
-        Case("60 states, 12 x 12, repeated: Schur", repeated(), 1.5),
+        Case("12 channels share n = 5, 36 inputs", PhyFilter.from_poles([-20.0] * 5).state_space(12), 2.0),
+        Case("60 states, 12 x 12, distinct poles", diagonalisable(), 2.0),
+        Case("60 states, 12 x 12, repeated poles", repeated(), 2.0),
     ]
 
 

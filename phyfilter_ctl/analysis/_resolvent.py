@@ -1,47 +1,32 @@
-"""G(s) = C (s I - A)^-1 B + D at many points s, without one dense solve per point.
+"""G(s) = C (s I - A)^-1 B + D at many points s.
 
-Three savings, each taken only where it keeps the answer:
+A = Q T Q* with T triangular exists for every A, and Q is unitary: back substitution then runs over all points at once
+(Laub, "Efficient multivariable frequency response computations", IEEE Trans. Automatic Control 26 (1981), who uses
+the Hessenberg form). Points next to an eigenvalue are solved directly, as T does not resolve the distance to it.
 
-* A falls apart into blocks that no entry connects (the channels of a filter). Each is evaluated alone, equal
-  ones once.
-* Modal: A = V diag(l) V^-1 makes G a sum of simple fractions, one matrix product for all points. Right only with
-  well conditioned eigenvectors, so never with repeated poles that share a chain.
-* Schur: A = Q T Q* with T triangular always exists and Q is unitary. Back substitution runs over all points at
-  once, its inner loop being matrix products (Laub, "Efficient multivariable frequency response computations",
-  IEEE Trans. Automatic Control 26 (1981), who uses the Hessenberg form).
-
-Points next to an eigenvalue are solved directly, as neither form resolves the distance to it.
+One solve per point, all in one call of numpy, is as fast up to some 200 points of order 6 and slower beyond (one
+thread, one input and output): order 6, 2000 points 1.9 ms for 0.2 here; order 12, 200 and 2000 points 0.4 and 6.4 ms
+for 0.2 and 0.3; order 60, 2000 points 106 ms for 4. A modal form and a search for decoupled blocks gained on many
+inputs and large grids only, and cost 0.4 ms on a small one.
 """
 
 from __future__ import annotations
-
-from dataclasses import dataclass
 
 import control as ct
 import numpy as np
 from numpy.linalg import LinAlgError
 from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import matrix_balance, schur
-from scipy.sparse import csr_array
-from scipy.sparse.csgraph import connected_components
 
 from .._sections import ComplexArray, FloatArray
 from . import grids
 
 __all__ = ["evaluate", "frequency_response"]
 
-# The modal form loses about cond(V) eps; this leaves two digits below the 1e-9 the result is held to.
-_EIGENVECTOR_CONDITION = 1e5
-# Largest difference from direct solves, relative to their peak, that the modal form may show at the probes.
-_PROBE_TOLERANCE = 1e-11
 # Eigenvalues are known to a few eps |A|, so the distance |s - l| is good to 1e-9 above this many times |A|.
 _NEAR = 1e-6
-# Bytes of working memory per chunk of points: fits a core's cache with its neighbours, and bounds the total.
-_CHUNK_BYTES = 1 << 22
-# A product is cut into stacked ones of at most this many multiplications, where BLAS libraries stay on one thread:
-# for matrices of this size a second one gains little on an idle machine and costs many times the work on a busy one.
-_ONE_THREAD = 1 << 18
-_LEAST_WIDTH = 16
+# Complex numbers of working memory in a chunk of points: they fit a core's cache, and no BLAS splits the products.
+_CHUNK = 1 << 16
 # At a pole python-control writes this for every entry.
 _AT_POLE = complex(np.inf, np.nan)
 
@@ -96,190 +81,37 @@ def evaluate(
     for name, matrix in (("A", A), ("B", B), ("C", C), ("D", D)):
         if not np.all(np.isfinite(matrix)):
             raise ValueError(f"{name}: every entry must be finite to evaluate a frequency response")
+    if C.shape[0] < B.shape[1]:  # fewer right-hand sides from the left
+        return evaluate(A.T, C.T, B.T, D.T, points).transpose(1, 0, 2)
     values = np.empty((*D.shape, len(points)), dtype=np.complex128)
     values[:] = D[:, :, None]
     if len(A) == 0 or len(points) == 0:
         return values
-    at_pole = np.zeros(len(points), dtype=bool)
-    done: dict[tuple[bytes, bytes, bytes], tuple[ComplexArray, NDArray[np.bool_]]] = {}
-    count, label = connected_components(csr_array(A != 0.0), directed=False)
-    for block in range(count):
-        states = np.flatnonzero(label == block)
-        inputs = np.flatnonzero(np.any(B[states], axis=0))
-        outputs = np.flatnonzero(np.any(C[:, states], axis=1))
-        # Adding 0.0 turns -0.0 into 0.0, so that equal blocks have equal bytes.
-        a = A[states][:, states] + 0.0
-        b = B[states][:, inputs] + 0.0
-        c = C[outputs][:, states] + 0.0
-        key = (a.tobytes(), b.tobytes(), c.tobytes())
-        if key not in done:
-            done[key] = _block(a, b, c, points)
-        part, singular = done[key]
-        at_pole |= singular
-        # One row at a time: a fancy index over both axes would copy the whole block first.
-        for i, output in enumerate(outputs):
-            for j, input_ in enumerate(inputs):
-                values[output, input_] += part[i, j]
-    values[:, :, at_pole] = _AT_POLE
-    return values
-
-
-def _block(
-    A: FloatArray, B: FloatArray, C: FloatArray, points: ComplexArray
-) -> tuple[ComplexArray, NDArray[np.bool_]]:
-    """Values (p, m, N) for one connected block, and where s I - A is singular (N,)."""
-    if C.shape[0] < B.shape[1]:  # fewer right-hand sides from the left
-        values, singular = _block(A.T, C.T, B.T, points)
-        return values.transpose(1, 0, 2), singular
     # Powers of two, so without rounding: companion matrices have entries that dwarf their eigenvalues.
     A, scaling = matrix_balance(A, permute=False, separate=True)[:2]
     scale = np.asarray(scaling[0])
     B, C = B / scale[:, None], C * scale
-    form = _modal(A, B, C, points) or _Triangular.build(A, B, C)
-    near = _near(form.eigenvalues, A, points)
-    with np.errstate(
-        divide="ignore", invalid="ignore", over="ignore"
-    ):  # points on a pole are overwritten below
-        values = form(points)
-    singular = np.zeros(len(points), dtype=bool)
-    where = np.flatnonzero(near)
-    values[:, :, where], singular[where] = _direct(A, B, C, points[where])
-    return values, singular
+    T, Q = schur(A, output="complex")[:2]
+    near = _near(np.diag(T), A, points)
+    left, right = C @ Q, Q.conj().T @ B
+    far = np.flatnonzero(~near)
+    step = max(16, _CHUNK // max(1, B.size))
+    for first in range(0, len(far), step):
+        part = far[first : first + step]
+        values[:, :, part] += np.tensordot(left, _substituted(T, right, points[part]), axes=1)
+    if np.any(near):
+        values[:, :, near] = _direct(A, B, C, points[near]) + D[:, :, None]
+    return values
 
 
-@dataclass(frozen=True)
-class _Modal:
-    """G as a sum over the eigenvalues, each conjugate pair l = sigma +- j omega taken together:
-
-        r/(s - l) + conj(r)/(s - conj(l)) = 2 (Re r (s - sigma) - Im r omega) / ((s - l)(s - conj(l)))
-
-    so that the weights are real and the product with them costs half of a complex one.
-    """
-
-    eigenvalues: ComplexArray
-    weights: FloatArray  # (p m, n)
-    shape: tuple[int, int]
-
-    @classmethod
-    def build(cls, eigenvalues: ComplexArray, left: ComplexArray, right: ComplexArray) -> _Modal:
-        """From C V (p, n) and V^-1 B (n, m), conjugate pairs side by side as LAPACK returns them."""
-        residues = (left[:, None, :] * right.T[None, :, :]).reshape(
-            len(left) * right.shape[1], len(eigenvalues)
-        )
-        first = np.flatnonzero(eigenvalues.imag > 0.0)
-        weights = residues.real.copy()
-        weights[:, first] = 2.0 * residues[:, first].real
-        weights[:, first + 1] = -2.0 * residues[:, first].imag
-        return cls(eigenvalues, weights, (len(left), right.shape[1]))
-
-    def __call__(self, points: ComplexArray) -> ComplexArray:
-        values = np.empty((len(self.weights), len(points)), dtype=np.complex128)
-        pole = self.eigenvalues[:, None]
-        first = np.flatnonzero(self.eigenvalues.imag > 0.0)
-        for part in _chunks(len(points), 2 * len(self.eigenvalues) + len(self.weights)):
-            fractions = 1.0 / (points[part] - pole)
-            both = fractions[first] * fractions[first + 1]
-            fractions[first] = (points[part] - pole[first].real) * both
-            fractions[first + 1] = pole[first].imag * both
-            values[:, part] = _real_times(self.weights, fractions)
-        return values.reshape(*self.shape, len(points))
-
-
-@dataclass(frozen=True)
-class _Triangular:
-    """G = left (s I - T)^-1 right with T in real Schur form: 1 x 1 and 2 x 2 blocks on the diagonal."""
-
-    eigenvalues: ComplexArray
-    T: FloatArray
-    left: FloatArray
-    right: FloatArray
-
-    @classmethod
-    def build(cls, A: FloatArray, B: FloatArray, C: FloatArray) -> _Triangular:
-        T, Q = schur(A, output="real")[:2]
-        eigenvalues = np.diag(T).astype(np.complex128)
-        for i in np.flatnonzero(np.diag(T, -1)):  # LAPACK makes both diagonal entries of such a block equal
-            eigenvalues[i] += 1j * np.sqrt(-T[i, i + 1] * T[i + 1, i])
-            eigenvalues[i + 1] = eigenvalues[i].conj()
-        return cls(eigenvalues, T, C @ Q, Q.T @ B)
-
-    def __call__(self, points: ComplexArray) -> ComplexArray:
-        (p, n), m = self.left.shape, self.right.shape[1]
-        values = np.empty((p, m, len(points)), dtype=np.complex128)
-        for part in _chunks(len(points), n * (m + 1) + p * m):
-            K = part.stop - part.start
-            X = np.empty((n, m, K), dtype=np.complex128)
-            X[:] = self.right[:, :, None]
-            self._substitute(points[part], 1.0 / (points[part] - self.eigenvalues[:, None]), X, 0, n)
-            values[:, :, part] = _real_times(self.left, X.reshape(n, m * K)).reshape(p, m, K)
-        return values
-
-    def _substitute(self, s: ComplexArray, inverse: ComplexArray, X: ComplexArray, lo: int, hi: int) -> None:
-        """Solve rows lo ... hi of (s I - T) X = R in place, X (n, m, K) holding R. Halving the rows turns nearly
-        all of it into matrix products."""
-        T = self.T
-        if hi - lo == 1:
-            X[lo] *= inverse[lo]
-        elif hi - lo == 2 and T[lo + 1, lo] != 0.0:
-            off = s - T[lo, lo]
-            both = inverse[lo] * inverse[lo + 1]
-            first = (off * X[lo] + T[lo, lo + 1] * X[lo + 1]) * both
-            X[lo + 1] = (off * X[lo + 1] + T[lo + 1, lo] * X[lo]) * both
-            X[lo] = first
-        else:
-            middle = (lo + hi) // 2
-            if T[middle, middle - 1] != 0.0:  # never cut a 2 x 2 block
-                middle += 1 if middle + 1 < hi else -1
-            self._substitute(s, inverse, X, middle, hi)
-            flat = X.reshape(len(X), X.shape[1] * X.shape[2])
-            flat[lo:middle] += _real_times(T[lo:middle, middle:hi], flat[middle:hi])
-            self._substitute(s, inverse, X, lo, middle)
-
-
-def _real_times(real: FloatArray, values: ComplexArray) -> ComplexArray:
-    """Product of a real (r, n) with a complex (n, K) matrix, contiguous, at half the cost of a complex product."""
-    (rows, inner), columns = real.shape, values.view(np.float64)
-    product = np.empty((rows, columns.shape[1]))
-    width = max(_LEAST_WIDTH, _ONE_THREAD // max(rows * inner, 1))
-    whole = columns.shape[1] // width * width
-    stacked = (inner, whole // width, width)
-    np.matmul(
-        real,
-        columns[:, :whole].reshape(stacked).swapaxes(0, 1),
-        out=product[:, :whole].reshape(rows, *stacked[1:]).swapaxes(0, 1),
-    )
-    product[:, whole:] = real @ columns[:, whole:]
-    return product.view(np.complex128)
-
-
-def _modal(A: FloatArray, B: FloatArray, C: FloatArray, points: ComplexArray) -> _Modal | None:
-    """The modal form, or None where the eigenvectors do not carry it."""
-    try:
-        eigenvalues, V = np.linalg.eig(A)
-        if not np.linalg.cond(V) <= _EIGENVECTOR_CONDITION:
-            return None
-        right = np.asarray(np.linalg.solve(V, B), dtype=np.complex128)
-    except LinAlgError:
-        return None
-    form = _Modal.build(eigenvalues.astype(np.complex128), (C @ V).astype(np.complex128), right)
-    probes = _probes(form.eigenvalues, A, points)
-    exact, singular = _direct(A, B, C, probes)
-    if exact.size == 0:
-        return form
-    error = np.max(np.abs(form(probes) - exact))
-    return form if not np.any(singular) and error <= _PROBE_TOLERANCE * np.max(np.abs(exact)) else None
-
-
-def _probes(eigenvalues: ComplexArray, A: FloatArray, points: ComplexArray) -> ComplexArray:
-    """The ends, the middle and the points closest to the four eigenvalues that come closest to a point."""
-    usable = points[~_near(eigenvalues, A, points)]
-    if len(usable) == 0:
-        return usable
-    closest = [
-        (float(np.min(d)), int(np.argmin(d))) for d in (np.abs(usable - value) for value in eigenvalues)
-    ]
-    chosen = {0, len(usable) // 2, len(usable) - 1, *(k for _, k in sorted(closest)[:4])}
-    return usable[sorted(chosen)]
+def _substituted(T: ComplexArray, right: ComplexArray, points: ComplexArray) -> ComplexArray:
+    """(s I - T)^-1 right (n, m, N) for triangular T, from the last row up."""
+    n, m = right.shape
+    X = np.empty((n, m, len(points)), dtype=np.complex128)
+    for i in reversed(range(n)):
+        known = np.tensordot(T[i, i + 1 :], X[i + 1 :], axes=1) if i < n - 1 else 0.0
+        X[i] = (right[i][:, None] + known) / (points - T[i, i])
+    return X
 
 
 def _near(eigenvalues: ComplexArray, A: FloatArray, points: ComplexArray) -> NDArray[np.bool_]:
@@ -291,25 +123,15 @@ def _near(eigenvalues: ComplexArray, A: FloatArray, points: ComplexArray) -> NDA
     return near
 
 
-def _direct(
-    A: FloatArray, B: FloatArray, C: FloatArray, points: ComplexArray
-) -> tuple[ComplexArray, NDArray[np.bool_]]:
-    """One dense solve per point; singular points are marked."""
+def _direct(A: FloatArray, B: FloatArray, C: FloatArray, points: ComplexArray) -> ComplexArray:
+    """C (s I - A)^-1 B (p, m, N) by one dense solve per point; inf at singular ones."""
     values = np.empty((len(C), B.shape[1], len(points)), dtype=np.complex128)
-    singular = np.zeros(len(points), dtype=bool)
     eye = np.eye(len(A))
-    # A block that no input reaches is looked at all the same: older numpy solves for no column without factorising.
+    # Factorised even where no input reaches a state: older numpy solves for no column without looking.
     right = B if B.shape[1] else np.ones((len(A), 1))
     for k, s in enumerate(points):
         try:
             values[:, :, k] = (C @ np.linalg.solve(s * eye - A, right))[:, : B.shape[1]]
         except LinAlgError:
             values[:, :, k] = _AT_POLE
-            singular[k] = True
-    return values, singular
-
-
-def _chunks(count: int, numbers: int) -> list[slice]:
-    """Slices of ``count`` points whose ``numbers`` complex numbers each fill the working memory."""
-    size = max(16, _CHUNK_BYTES // (16 * max(numbers, 1)))
-    return [slice(k, min(k + size, count)) for k in range(0, count, size)]
+    return values

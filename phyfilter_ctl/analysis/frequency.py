@@ -393,11 +393,9 @@ def frequency_response(
 
     Notes
     -----
-    A StateSpace is split into decoupled blocks, equal ones evaluated once, each by its modal form where the
-    eigenvectors are well conditioned and by back substitution over its Schur form elsewhere (repeated poles), for
-    all frequencies together. Where j omega (or z) is exactly a pole, every entry is complex(inf, nan), as in
-    python-control (which looks further for a zero at the same place, and then writes nan in both parts). Above the
-    Nyquist frequency a discrete system's response repeats itself.
+    Of a StateSpace by back substitution over its Schur form, for all frequencies together. Where j omega (or z) is
+    exactly a pole, every entry is complex(inf, nan), as in python-control (which looks further for a zero at the same
+    place, and then writes nan in both parts). Above the Nyquist frequency a discrete system's response repeats itself.
 
     Examples
     --------
