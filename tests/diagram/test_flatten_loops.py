@@ -8,7 +8,7 @@ from scipy.optimize import brentq
 
 from phyfilter_ctl.blocks import BlockFunctions, Variable, function_block
 from phyfilter_ctl.diagram import flatten
-from phyfilter_ctl.diagram.ordering import tear
+from phyfilter_ctl.diagram.ordering import cycle, tear
 
 ROUNDING = 1e-13
 NEWTON = 1e-10  # what the stopping rule leaves
@@ -214,3 +214,7 @@ def test_loops_are_cut_where_most_paths_cross():
     """Signal 2 feeds two others and is fed by two; cut there, nothing is left. Any other cut leaves a loop."""
     needs = {0: [1, 2, 3], 1: [2], 2: [0, 3], 3: [1]}
     assert tear([0, 1, 2, 3], needs.__getitem__, set()) == [2]
+
+
+def test_a_loop_is_named_by_its_shortest_way():
+    assert cycle([0, 1, 2], {0: [1, 2], 1: [2], 2: [0]}.__getitem__) == [0, 2, 0]
