@@ -1,6 +1,6 @@
 """A sampled PhyFilter as the law of a sampled block: its recursion as CasADi functions of states, inputs and time.
 
-It is ``sampled.loop`` on a grid of equal steps, started by itself: at the first instant f_hat = f_theta and the filter
+It is ``filter.loop`` on a grid of equal steps, started by itself: at the first instant f_hat = f_theta and the filter
 remembers what it was given; every option acts as there. Two things are arranged otherwise, with the same result:
 
 * Means over a (delayed) step are fixed weights of the present sample and of those before it, kept in registers.
@@ -12,15 +12,15 @@ remembers what it was given; every option acts as there. Two things are arranged
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
-from scipy.linalg import block_diag
+from numpy.typing import NDArray
 
 from .._sections import FloatArray
-from ..filter import SampledPhyFilter, windows
+from ..filter import Chain, Recursion, SampledPhyFilter, Sampling, StepConstants, windows
+from ..filter.recursion import applied, increment, mean, momentum, output, residual
 from .functions import BlockFunctions, Variable
 
 __all__ = ["filter_inputs", "filter_law"]
@@ -69,29 +69,30 @@ def filter_law(
     >>> law.feedthrough.tolist()
     [[True, False, True]]
     """
-    n_f = sampled.recursion.channels(channels)
+    recursion, sampling = sampled.recursion, sampled.sampling
+    n_f = recursion.channels(channels)
     inputs = filter_inputs(channels, n_f, inertia)
     v = ca.SX.sym("v", len(inputs))
     x, g, f_theta, M = _split(v, [channels, channels, n_f, len(inputs) - 2 * channels - n_f])
-    bank = _Bank.of(sampled, n_f)
-    memory = _Memory(guarded=sampled.sampling.nonfinite == "hold")
-    w = memory.state(bank.labels)
+    sections = _Sections.of(recursion, n_f)
+    memory = _Memory(guarded=sampling.nonfinite == "hold")
+    w = memory.state(sections.labels("w"))
     memory.becomes(memory.started, ca.SX(1))
 
-    acting, weights_g = g, windows.mean_weights(sampled.sampling.g, sampled.sampling.delay_steps)
-    if sampled.sampling.g == "hold":  # over the step that ends now the g of the instant before acted
+    acting, weights_g = g, windows.mean_weights(sampling.g, sampling.delay_steps)
+    if sampling.g == "hold":  # over the step that ends now the g of the instant before acted
         acting, weights_g = memory.state(_labels("g", channels)), weights_g[1:]
         memory.becomes(acting, g)
-    weights_f = windows.mean_weights(sampled.sampling.f_theta, sampled.sampling.delay_steps)
-    weights_M = windows.mean_weights("hold", sampled.sampling.delay_steps)[1:]  # its value at one time
-    _, g_mean = memory.signal("g", acting, weights_g, first=g, age=int(sampled.sampling.g == "hold"))
+    weights_f = windows.mean_weights(sampling.f_theta, sampling.delay_steps)
+    weights_M = windows.mean_weights("hold", sampling.delay_steps)[1:]  # its value at one time
+    _, g_mean = memory.signal("g", acting, weights_g, first=g, age=int(sampling.g == "hold"))
     f_now, f_mean = memory.signal("f_theta", f_theta, weights_f, first=f_theta)
     M_filled, M_now = memory.signal("M", M, weights_M, first=M, start=1.0)
-    known = ca.mtimes(_measure(sampled, channels), g_mean) + f_mean
 
     x_before, M_before = memory.state(_labels("x", channels)), memory.state(_labels("M_before", M.shape[0]))
-    moved = _times_inertia(inertia, 0.5 * (M_before + M_now), x - x_before)
-    moved = ca.mtimes(_measure(sampled, channels), moved)
+    slope = _moved(inertia, mean("average", _entries(M_before), _entries(M_now)), _entries(x - x_before))
+    means = _entries(g_mean), _entries(f_mean), None if recursion.E_left is None else recursion.E_left.T
+    u = residual(slope / sampling.dt, *means)
     if memory.guarded:
         same = _all_finite(x, f_theta, M)
         good = ca.logic_and(same, _all_finite(acting))
@@ -99,20 +100,21 @@ def filter_law(
         accepted = memory.state(["accepted"])
         memory.becomes(accepted, ca.logic_or(accepted, keep))
         update = ca.logic_and(accepted, good)
-        change = _longer_step(
-            memory, bank, w, moved, known, holding=ca.logic_and(accepted, ca.logic_not(good))
-        )
+        known = -residual(_entries(ca.SX.zeros(channels)), *means)
+        holding = ca.logic_and(accepted, ca.logic_not(good))
+        change = _longer_step(memory, sections, sampling, w, u, known, holding)
     else:
         keep, update = ca.SX(1), memory.started
-        change = bank.advance(w - bank.equilibrium * bank.spread(moved / sampled.dt - known))
+        change = sections.column(increment(sections.grid(w), u, sections.constants))
     memory.becomes(x_before, ca.if_else(keep, x, x_before))
     M_then = ca.if_else(memory.started, M_now, M_filled)  # before the first instant it was what it is then
     memory.becomes(M_before, ca.if_else(keep, M_then, M_before))
     w_next = w + ca.if_else(update, change, 0.0)
     memory.becomes(w, w_next)
-    f_hat = f_now + ca.if_else(update, ca.mtimes(bank.C, w_next), 0.0)
-    if sampled.sampling.limit is not None:
-        f_hat = ca.fmin(ca.fmax(f_hat, -ca.DM(sampled.sampling.limit)), ca.DM(sampled.sampling.limit))
+    y = output(sections.grid(w_next), None, sections.constants.C)
+    f_hat = f_now + ca.if_else(update, ca.vertcat(*y), 0.0)
+    if sampling.limit is not None:
+        f_hat = ca.fmin(ca.fmax(f_hat, -ca.DM(sampling.limit)), ca.DM(sampling.limit))
 
     arguments = [ca.SX.sym("t"), memory.vector, v, ca.SX.sym("q", 0)]
     return BlockFunctions(
@@ -198,80 +200,86 @@ class _Memory:
         return ca.vertcat(*self._next)
 
 
-class _Bank(NamedTuple):
-    """The chains of sections of all channels as one system, for a nominal step."""
+class _Sections(NamedTuple):
+    """Sections of all channels: one column of states for CasADi, a grid (n_f, n) of its scalars for the recursion."""
 
-    sampled: SampledPhyFilter
-    chains: tuple[FloatArray, ...]  # A of each channel
-    dA: ca.DM
-    equilibrium: ca.DM
-    C: ca.DM
-    labels: list[str]
+    chains: tuple[Chain, ...]  # one per channel
+    constants: StepConstants  # of a nominal step, in double
 
     @staticmethod
-    def of(sampled: SampledPhyFilter, n_f: int) -> _Bank:
-        filters = sampled.filters * n_f if len(sampled.filters) == 1 else sampled.filters
-        dA, equilibrium, C = zip(*sampled.with_filter(filters).recursion.transitions, strict=True)
-        return _Bank(
-            sampled,
-            tuple(entry.sections[0] for entry in filters),
-            _sparse(_diagonal(*dA)),
-            ca.DM(np.concatenate(equilibrium)),
-            _sparse(_diagonal(*[row[None, :] for row in C])),
-            [f"w[{i},{j}]" for i, entry in enumerate(filters) for j in range(entry.order)],
+    def of(recursion: Recursion, n_f: int) -> _Sections:
+        shared = len(recursion.chains) == 1
+        return _Sections(
+            recursion.chains * n_f if shared else recursion.chains,
+            StepConstants(*recursion.bank, np.float64(1.0 / recursion.sampling.dt)),
         )
 
-    def spread(self, u: ca.SX) -> ca.SX:
-        """The input of each channel for each of its states."""
-        return ca.vertcat(*[ca.repmat(u[i], len(A)) for i, A in enumerate(self.chains)])
+    @property
+    def places(self) -> list[tuple[int, int]]:
+        """Of the states in the grid; it is zero elsewhere, where a chain is shorter than the longest."""
+        return [(i, j) for i, chain in enumerate(self.chains) for j in range(len(chain.C))]
 
-    def advance(self, distance: ca.SX) -> ca.SX:
-        return ca.mtimes(self.dA, distance)
+    def labels(self, name: str) -> list[str]:
+        return [f"{name}[{i},{j}]" for i, j in self.places]
 
-    def tustin(self, steps: ca.SX, distance: ca.SX) -> ca.SX:
-        """(I - A h/2)^-1 A h distance for h = steps dt, channel by channel."""
-        h, change = steps * self.sampled.dt, []
-        for A, part in zip(self.chains, _split(distance, [len(A) for A in self.chains]), strict=True):
-            scaled = h * _sparse(A)
-            change.append(ca.solve(ca.SX.eye(len(A)) - 0.5 * scaled, ca.mtimes(scaled, part)))
+    def grid(self, column: ca.SX) -> Any:
+        grid = np.zeros((len(self.chains), max(len(chain.C) for chain in self.chains)), dtype=object)
+        for place, entry in zip(self.places, ca.vertsplit(column), strict=True):
+            grid[place] = entry
+        return grid
+
+    def column(self, grid: Any) -> ca.SX:
+        return ca.vertcat(*[grid[place] for place in self.places])
+
+    def tustin(self, h: ca.SX, distance: Any) -> ca.SX:
+        """(I - A h/2)^-1 A h distance, channel by channel."""
+        change = []
+        for chain, row in zip(self.chains, distance, strict=True):
+            n = len(chain.C)
+            scaled = h * ca.sparsify(ca.DM(chain.A))
+            change.append(ca.solve(ca.SX.eye(n) - 0.5 * scaled, ca.mtimes(scaled, ca.vertcat(*row[:n]))))
         return ca.vertcat(*change)
 
 
 def _longer_step(
-    memory: _Memory, bank: _Bank, w: ca.SX, moved: ca.SX, known: ca.SX, *, holding: ca.SX
+    memory: _Memory, sections: _Sections, sampling: Sampling, w: ca.SX, u: Any, known: Any, holding: ca.SX
 ) -> ca.SX:
     """Change of w over the steps since the last good sample, and what is carried along while samples are held."""
-    gap, total = memory.state(["gap"]), memory.state(_labels("gap_mean", known.shape[0]))
-    steps, summed = gap + 1.0, total + known
+    gap, total = memory.state(["gap"]), memory.state(_labels("gap_mean", len(known)))
+    steps = gap + 1.0
     memory.becomes(gap, ca.if_else(holding, steps, 0.0))
-    memory.becomes(total, ca.if_else(holding, summed, 0.0))
-    u = bank.spread((moved / bank.sampled.dt - summed) / steps)
-    if bank.sampled.sampling.method == "euler":
-        return steps * bank.advance(w - bank.equilibrium * u)
-    if bank.sampled.sampling.method == "tustin":
-        return bank.tustin(steps, w - bank.equilibrium * u)
-    free = memory.state([label.replace("w", "free") for label in bank.labels])
-    rest = memory.state([label.replace("w", "rest") for label in bank.labels])
-    freed, rested = free + bank.advance(w + free), rest + bank.advance(bank.equilibrium + rest)
-    memory.becomes(free, ca.if_else(holding, freed, 0.0))
-    memory.becomes(rest, ca.if_else(holding, rested, 0.0))
-    return freed - rested * u
+    memory.becomes(total, ca.if_else(holding, total + ca.vertcat(*known), 0.0))
+    u = (u - _entries(total)) / _entries(steps)
+    constants = sections.constants
+    if sampling.method == "euler":
+        longer = constants._replace(dA=constants.dA * _entries(steps))
+        return sections.column(increment(sections.grid(w), u, longer))
+    rest = constants.equilibrium
+    if sampling.method == "tustin":
+        return sections.tustin(steps * sampling.dt, sections.grid(w) - u[:, None] * rest)
+    free_w, free_rest = memory.state(sections.labels("free")), memory.state(sections.labels("rest"))
+    moved, turned = sections.grid(free_w), sections.grid(free_rest)
+    moved = moved + applied(constants.dA, sections.grid(w) + moved)
+    turned = turned + applied(constants.dA, rest + turned)
+    memory.becomes(free_w, ca.if_else(holding, sections.column(moved), 0.0))
+    memory.becomes(free_rest, ca.if_else(holding, sections.column(turned), 0.0))
+    return sections.column(moved - turned * u[:, None])
 
 
-def _measure(sampled: SampledPhyFilter, n_x: int) -> ca.DM:
-    """Left inverse of E, or I, (n_f, n_x)."""
-    E_left = sampled.recursion.E_left
-    return ca.DM.eye(n_x) if E_left is None else ca.DM(E_left)
-
-
-def _times_inertia(inertia: FloatArray | str | None, M: ca.SX, dx: ca.SX) -> ca.SX:
+def _moved(inertia: FloatArray | str | None, M: Any, dx: Any) -> Any:
     if inertia is None:
         return dx
     if isinstance(inertia, str):
-        n_x = dx.shape[0]
-        return ca.mtimes(ca.reshape(M, n_x, n_x).T, dx) if inertia == "full" else M * dx
-    matrix = np.asarray(inertia, dtype=float)
-    return ca.mtimes(_sparse(matrix), dx) if matrix.ndim == 2 else ca.DM(matrix) * dx
+        return momentum(M.reshape(len(dx), -1) if inertia == "full" else M, dx)
+    return momentum(np.asarray(inertia, dtype=float), dx)
+
+
+def _entries(column: ca.SX) -> Any:
+    """Scalars of a column in an array, with which numpy's arithmetic writes CasADi's."""
+    entries = np.empty(column.numel(), dtype=object)
+    for i, entry in enumerate(ca.vertsplit(column) if column.numel() else ()):
+        entries[i] = entry
+    return entries
 
 
 def _all_finite(*parts: ca.SX) -> ca.SX:
@@ -287,14 +295,6 @@ def _where_finite(value: ca.SX, otherwise: ca.SX) -> ca.SX:
 
 def _split(vector: ca.SX, sizes: Sequence[int]) -> list[ca.SX]:
     return ca.vertsplit(vector, np.cumsum([0, *sizes]).tolist())
-
-
-def _diagonal(*blocks: FloatArray) -> FloatArray:
-    return np.asarray(block_diag(*blocks), dtype=float)
-
-
-def _sparse(matrix: ArrayLike) -> ca.DM:
-    return ca.sparsify(ca.DM(np.asarray(matrix, dtype=float)))
 
 
 def _labels(name: str, count: int) -> list[str]:

@@ -27,6 +27,8 @@ __all__ = [
     "Recursion",
     "StepConstants",
     "advance",
+    "applied",
+    "increment",
     "mean",
     "momentum",
     "output",
@@ -86,13 +88,22 @@ def residual(slope: Array, g: Array, f_theta: Array, into: Array | None) -> Arra
     return u
 
 
-def advance(w: Array, carry: Array | None, u: Array, constants: StepConstants) -> tuple[Array, Array | None]:
-    """w + dA (w - equilibrium u) for states (..., n_f, n), with Kahan's compensation where there is a carry."""
-    dA, equilibrium = constants.dA, constants.equilibrium
-    distance = w - u[..., None] * equilibrium
+def increment(w: Array, u: Array, constants: StepConstants, carry: Array | None = None) -> Array:
+    """dA (w + carry - equilibrium u) for states (..., n_f, n)."""
+    distance = w - u[..., None] * constants.equilibrium
     if carry is not None:
         distance += carry
-    change = distance @ dA if dA.ndim == 2 else (dA @ distance[..., None])[..., 0]
+    return applied(constants.dA, distance)
+
+
+def applied(dA: Array, states: Array) -> Array:
+    """dA of :class:`StepConstants` times the states (..., n_f, n) of each channel."""
+    return states @ dA if dA.ndim == 2 else (dA @ states[..., None])[..., 0]
+
+
+def advance(w: Array, carry: Array | None, u: Array, constants: StepConstants) -> tuple[Array, Array | None]:
+    """w + increment, with Kahan's compensation where there is a carry."""
+    change = increment(w, u, constants, carry)
     if carry is None:
         return w + change, None
     change += carry
