@@ -5,7 +5,7 @@ import re
 import tomllib
 from pathlib import Path
 
-from tests.meta.house import code_lines, modules
+from tests.meta.house import circles, code_lines, graph, modules
 
 ROOT = Path(__file__).resolve().parents[2]
 TEXT = {".py", ".md", ".toml", ".c", ".h", ".ipynb", ""}
@@ -105,3 +105,8 @@ def test_private_names_stay_in_their_room():
         for name in names & defined[other] - defined[room] - shared
     }
     assert not across
+
+
+def test_no_module_imports_its_importer():
+    """Imports for type checking and inside functions included."""
+    assert not circles(graph(ROOT))
