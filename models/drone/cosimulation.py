@@ -19,24 +19,22 @@ import control as ct
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from phyfilter_ctl.blocks import Variable, delay_line, wired
+from phyfilter_ctl.blocks import Variable, signal_names
 from phyfilter_ctl.diagram import FlatModel, flatten
-from phyfilter_ctl.fmi import FmuSolver, Wire, cosimulate, export_fmu, write_ssp
+from phyfilter_ctl.fmi import (
+    CutDiagram,
+    FmuSolver,
+    cosimulate,
+    cut_diagram,
+    export_fmu,
+    late_wires,
+    write_ssp,
+)
 from phyfilter_ctl.learned import Chebyshev
 from phyfilter_ctl.simulation import simulate
-from phyfilter_ctl.study import unit_noise
+from phyfilter_ctl.study import flight_signals, unit_noise
 
-from .diagram import (
-    MEASURED,
-    NOISES,
-    controller_part,
-    filter_part,
-    quadrotor_plant,
-    sensors,
-    steps_of_delay,
-    vehicle_part,
-    wind,
-)
+from .diagram import MEASURED, NOISES, build
 from .experiment import start_state
 from .flights import Scenario, conditions, timepts
 from .methods import Method
@@ -185,30 +183,30 @@ def cosimulation(
     >>> {cut.name: cut.late for cut in CUTS if cut.scheme == "gauss-seidel"}
     {'three': ('F', 'thrust'), 'two': ()}
     """
-    estimator = filter_part(method, model)
-    if estimator is None:
+    loop = build(method, model)
+    if "estimator" not in loop.syslist_index:
         raise ValueError(
             f"{method.name}: expected a method with an estimator; its loop has no filter to cut off"
         )
-    blocks = {"vehicle": vehicle_part(), "controller": controller_part(method), "estimator": estimator}
-    flight = _Flight(blocks, seed, scenario, timepts(duration))
-    plain = {False: flight.fly({}, quiet=False)}
+    flight = _Flight(seed, scenario, timepts(duration))
+    plain = {False: flight.fly(loop, quiet=False)}
     runs: dict[str, CutRun] = {}
     with tempfile.TemporaryDirectory(prefix="phyfilter-") as scratch:
         for cut in cuts:
             quiet = cut.scheme == "jacobi"
             if quiet not in plain:
-                plain[quiet] = flight.fly({}, quiet=quiet)
+                plain[quiet] = flight.fly(loop, quiet=quiet)
             signals = plain[quiet]
-            first = {name: rows[0] for name, rows in signals.items()}
             package = Path(scratch if folder is None else folder, f"drone_{len(cut.parts)}.ssp")
             if all(run.cut.parts != cut.parts for run in runs.values()):
-                flight.write(cut, package, fmi, first)
+                flight.write(_cut(cut, method, model), package, fmi, signals)
             begin = time.perf_counter()
             r = flight.cosimulated(cut, package)
             seconds = time.perf_counter() - begin
-            late = {name: first[name] for name in cut.late if name in first}
-            expected = flight.fly(late, quiet=quiet)["r"] if late else signals["r"]
+            late = {f"{_owner(loop, name)}.{name}": signals[name][0] for name in cut.late}
+            expected = signals["r"]
+            if late:
+                expected = flight.fly(late_wires(loop, late, params().sampling.dt), quiet=quiet)["r"]
             runs[cut.name] = CutRun(cut, r, _apart(r, signals["r"]), _apart(r, expected), seconds)
     return CoSimulation(params().sampling.dt, flight.time, flight.noise, plain[False]["r"], runs)
 
@@ -217,17 +215,24 @@ def _apart(r: FloatArray, other: FloatArray) -> float:
     return float(np.max(np.linalg.norm(r - other, axis=1)))
 
 
+def _owner(loop: ct.InterconnectedSystem, signal: str) -> str:
+    """The block that a signal comes from."""
+    return next(b.name for b in loop.syslist if signal in signal_names(b.output_labels))
+
+
+def _cut(cut: Cut, method: Method, model: Chebyshev | None) -> CutDiagram:
+    if "body" in cut.parts:
+        apart = build(method, model, delay_apart=True)
+        return cut_diagram(apart, {"body": ["vehicle"], "computer": ["controller", "estimator", "late"]})
+    return cut_diagram(build(method, model), {name: [name] for name in cut.parts})
+
+
 class _Flight:
     """One flight, in one piece or in parts."""
 
-    def __init__(
-        self, blocks: Mapping[str, ct.InterconnectedSystem], seed: int, scenario: Scenario, time: FloatArray
-    ) -> None:
-        self.blocks, self.time = blocks, time
-        drawn = conditions([seed], scenario).parameters()
-        # By their names inside the vehicle.
-        self.settings = {name.removeprefix("vehicle."): values[0] for name, values in drawn.items()}
-        self.start = {name.removeprefix("vehicle."): value for name, value in start_state().items()}
+    def __init__(self, seed: int, scenario: Scenario, time: FloatArray) -> None:
+        self.time = time
+        self.settings = {name: row[0] for name, row in conditions([seed], scenario).parameters().items()}
         self.noise = unit_noise([seed], 3 * len(NOISES), len(time))[0]
         # Two samples without: the FMUs start on sensors at rest, and Gauss-Seidel looks one sample ahead.
         self.noise[:, :2] = 0.0
@@ -237,64 +242,45 @@ class _Flight:
         names = np.repeat(NOISES, len(_AXES))
         return np.where((names == "n_wind")[:, np.newaxis], self.noise, 0.0) if quiet else self.noise
 
-    def fly(self, late: Mapping[str, FloatArray], *, quiet: bool) -> dict[str, FloatArray]:
-        """The diagram, with one sample of delay in some signals, which start at these values: signals (N, k)."""
-        systems: list[ct.InputOutputSystem] = list(self.blocks.values())
-        wires, outputs = _wires(self.blocks), {"r": "vehicle.r"}
-        for sink, source in list(wires.items()):
-            signal = source.partition(".")[2]
-            outputs[signal] = source
-            if signal in late:
-                wires[sink] = f"late_{signal}.{signal}_delayed"
-        for signal, start in late.items():
-            labels = [f"{signal}[{i}]" for i in range(len(start))]
-            name = f"late_{signal}"
-            systems.append(delay_line(labels, 1, params().sampling.dt, name=name, start=start))
-            wires[f"{name}.{signal}"] = outputs[signal]
-        inputs: dict[str, str | list[str]] = {name: f"vehicle.{name}" for name in NOISES}
-        loop = wired(systems, wires, inputs=inputs, outputs=outputs, name="loop")
+    def fly(self, loop: ct.InterconnectedSystem, *, quiet: bool) -> dict[str, FloatArray]:
+        """Signals (N, k) of a diagram."""
         response = simulate(
             loop,
             self.time,
             self.inputs(quiet=quiet),
-            {f"vehicle.{name}": value for name, value in self.start.items()},
-            params={f"vehicle.{name}": value for name, value in self.settings.items()},
+            start_state(),
+            params=self.settings,
             method="rk4",
             max_step=params().sampling.max_step,
             interpolation="hold",
         )
-        if not response.success:
+        signals, failed = flight_signals([response], [0], signal_names(loop.output_labels))
+        if failed:
             raise RuntimeError(f"the flight fails: {response.message}")
-        rows = np.asarray(response.outputs).T
-        bases = [label.partition("[")[0] for label in loop.output_labels]
-        return {name: rows[:, [i for i, base in enumerate(bases) if base == name]] for name in outputs}
+        return {name: values[0] for name, values in signals.items()}
 
-    def write(self, cut: Cut, path: Path, fmi: Fmi, first: Mapping[str, FloatArray]) -> None:
+    def write(self, cut: CutDiagram, path: Path, fmi: Fmi, signals: Mapping[str, FloatArray]) -> None:
         """The package of a cut; what this flight draws, and the first signals, are start values of the FMUs."""
-        if "body" in cut.parts:
-            blocks = {"body": _body(), "computer": _computer(self.blocks)}
-            wires = {f"computer.{name}": f"body.{name}" for name in _measured(blocks["computer"])}
-            wires |= {"body.thrust": "computer.thrust_delayed"}
-        else:
-            blocks, wires = {name: self.blocks[name] for name in cut.parts}, _wires(self.blocks)
-        flown = cut.parts[0]
+        first = {f"{name}[{i}]": value for name, rows in signals.items() for i, value in enumerate(rows[0])}
         solver = FmuSolver(step=params().sampling.max_step)
         with tempfile.TemporaryDirectory(prefix="phyfilter-") as folder:
-            files = {name: Path(folder, f"{name}.fmu") for name in blocks}
-            for name, block in blocks.items():
-                flat = _started(flatten(block), {} if name == "body" else first, self.start, self.settings)
+            files = {name: Path(folder, f"{name}.fmu") for name in cut.parts}
+            for name, part in cut.parts.items():
+                ends = (
+                    (wire.sink.partition(".")[2], wire.source.partition(".")[2])
+                    for wire in cut.wires
+                    if wire.sink.startswith(f"{name}.")
+                )
+                inputs = {sink: first[source] for sink, source in ends if source in first}
+                flat = _started(flatten(part), inputs, start_state(), self.settings)
                 export_fmu(flat, files[name], fmi=fmi, kinds=("cs",), name=name, solver=solver)
             write_ssp(
                 path,
                 files,
-                [Wire(*pair) for pair in _single(blocks, wires)],
+                cut.wires,
                 name="drone",
-                inputs={
-                    label: [f"{flown}.{label}"]
-                    for label in blocks[flown].input_labels
-                    if label.partition("[")[0] in NOISES
-                },
-                outputs={f"r[{i}]": f"{flown}.r[{i}]" for i in _AXES},
+                inputs=cut.inputs,
+                outputs={f"r[{i}]": cut.outputs[f"r[{i}]"] for i in _AXES},
                 stop_time=float(self.time[-1]),
             )
 
@@ -315,74 +301,6 @@ class _Flight:
             order=cut.parts if cut.scheme == "gauss-seidel" else None,
         )
         return np.asarray(response.outputs).T
-
-
-def _body() -> ct.InterconnectedSystem:
-    """What flies and what measures, without the delay of the commands: no sampled block."""
-    wires = {"wind.r": "quadrotor.r", "quadrotor.wind": "wind.wind"}
-    inputs: dict[str, str | list[str]] = {"thrust": "quadrotor.thrust", "n_wind": "wind.noise"}
-    return wired(
-        [quadrotor_plant(), wind(), sensors()],
-        wires | {f"sensors.{name}": f"quadrotor.{name}" for name in ("r", "v", "q", "omega", "a")},
-        inputs=inputs | {name: f"sensors.{name}" for name in NOISES if name != "n_wind"},
-        outputs={name: f"sensors.{name}" for name in MEASURED} | {"r": "quadrotor.r"},
-        name="body",
-    )
-
-
-def _computer(blocks: Mapping[str, ct.InterconnectedSystem]) -> ct.InterconnectedSystem:
-    """Filter, controller and the delay of the commands."""
-    values = params().vehicle
-    delay = delay_line(
-        [f"thrust[{i}]" for i in range(4)],
-        steps_of_delay(),
-        params().sampling.dt,
-        name="delay",
-        start=0.25 * values.mass * values.gravity,
-        unit="N",
-    )
-    inside = {name: blocks[name] for name in ("controller", "estimator")}
-    wires = {sink: source for sink, source in _wires(blocks).items() if sink.partition(".")[0] in inside}
-    measured: dict[str, list[str]] = {}
-    for sink, source in list(wires.items()):
-        if source.startswith("vehicle."):
-            measured.setdefault(source.removeprefix("vehicle."), []).append(sink)
-            del wires[sink]
-    return wired(
-        [*inside.values(), delay],
-        wires | {"delay.thrust": "controller.thrust"},
-        inputs=measured,
-        outputs={"thrust_delayed": "delay.thrust_delayed", "f_hat": "estimator.f_hat"},
-        name="computer",
-    )
-
-
-def _bases(labels: Iterable[str]) -> list[str]:
-    return list(dict.fromkeys(label.partition("[")[0] for label in labels))
-
-
-def _measured(block: ct.InterconnectedSystem) -> list[str]:
-    return [name for name in _bases(block.input_labels) if name in MEASURED]
-
-
-def _wires(blocks: Mapping[str, ct.InterconnectedSystem]) -> dict[str, str]:
-    """Wires of the loop, sink to source."""
-    wires = {"vehicle.thrust": "controller.thrust"}
-    for name in ("controller", "estimator"):
-        wires |= {f"{name}.{signal}": f"vehicle.{signal}" for signal in _measured(blocks[name])}
-    wires |= {f"estimator.{name}": f"controller.{name}" for name in ("F", "thrust")}
-    return wires | {"controller.f_hat": "estimator.f_hat"}
-
-
-def _single(
-    blocks: Mapping[str, ct.InterconnectedSystem], wires: Mapping[str, str]
-) -> Iterable[tuple[str, str]]:
-    """Wires entry by entry."""
-    for sink, source in wires.items():
-        block, _, base = sink.partition(".")
-        for label in blocks[block].input_labels:
-            if label.partition("[")[0] == base:
-                yield f"{block}.{label}", source + label.removeprefix(base)
 
 
 def _started(

@@ -154,17 +154,24 @@ def thrust_delay(steps: int, name: str = "delay") -> SampledBlock:
     return delay_line(labels, steps, params().sampling.dt, name=name, start=hover, unit="N")
 
 
-def vehicle_part() -> ct.InterconnectedSystem:
-    """What flies: delay of the commands, vehicle, wind and sensors."""
+def vehicle_part(*, delayed: bool = True) -> ct.InterconnectedSystem:
+    """What flies: delay of the commands, vehicle, wind and sensors.
+
+    Parameters
+    ----------
+    delayed : bool
+        False leaves the delay out: there is no sampled block then.
+    """
+    delay = [thrust_delay(steps_of_delay())] if delayed else []
     wires = {
-        "quadrotor.thrust": "delay.thrust_delayed",
         "wind.r": "quadrotor.r",
         "quadrotor.wind": "wind.wind",
+        **({"quadrotor.thrust": "delay.thrust_delayed"} if delayed else {}),
     }
     return wired(
-        [thrust_delay(steps_of_delay()), quadrotor_plant(), wind(), sensors()],
+        [*delay, quadrotor_plant(), wind(), sensors()],
         wires | {f"sensors.{name}": f"quadrotor.{name}" for name in ("r", "v", "q", "omega", "a")},
-        inputs={"thrust": "delay.thrust", "n_wind": "wind.noise"}
+        inputs={"thrust": "delay.thrust" if delayed else "quadrotor.thrust", "n_wind": "wind.noise"}
         | {name: f"sensors.{name}" for name in NOISES if name != "n_wind"},
         outputs={name: f"sensors.{name}" for name in MEASURED}
         | {name: f"quadrotor.{name}" for name in ("r", "v", "q", "f_mass", "f_wind")}
@@ -308,7 +315,11 @@ def filter_part(
 
 
 def build(
-    method: Method | None = None, model: Chebyshev | None = None, *, prior: FunctionBlock | None = None
+    method: Method | None = None,
+    model: Chebyshev | None = None,
+    *,
+    prior: FunctionBlock | None = None,
+    delay_apart: bool = False,
 ) -> ct.InterconnectedSystem:
     """The whole closed loop.
 
@@ -320,13 +331,15 @@ def build(
         SEER-I's model, for the methods that use it.
     prior : FunctionBlock, optional
         As for :func:`filter_part`.
+    delay_apart : bool
+        Whether the delay of the commands is a block of its own, beside the vehicle.
 
     Returns
     -------
     control.InterconnectedSystem
         Named "drone". Inputs: white noise of unit variance n_r, n_v, n_q, n_omega, n_a, n_wind, three entries each,
-        each value held for a sample. Outputs r, v, q, r_ref, v_ref, f_mass, f_wind, wind, v_m, F, thrust, and where the
-        method has them g, f_theta and f_hat.
+        each value held for a sample. Outputs r, v, q, r_ref, v_ref, f_mass, f_wind, wind, what is measured, F, thrust,
+        and where the method has them g, f_theta and f_hat.
 
     Examples
     --------
@@ -335,15 +348,15 @@ def build(
     ('drone', 18, ['r[0]', 'r[1]', 'r[2]'])
     """
     method = Method("observer", 2.0, 6.0) if method is None else method
-    vehicle, controller = vehicle_part(), controller_part(method)
+    vehicle, controller = vehicle_part(delayed=not delay_apart), controller_part(method)
     filter = filter_part(method, model, prior=prior)
     wires = {f"controller.{name}": f"vehicle.{name}" for name in MEASURED if name != "a_m"}
     wires |= {"vehicle.thrust": "controller.thrust"}
-    outputs = {name: f"vehicle.{name}" for name in ("r", "v", "q", "f_mass", "f_wind", "wind", "v_m")}
+    outputs = {name: f"vehicle.{name}" for name in ("r", "v", "q", "f_mass", "f_wind", "wind", *MEASURED)}
     outputs |= {name: f"controller.{name}" for name in ("r_ref", "v_ref", "F", "thrust")}
     systems: list[ct.InputOutputSystem] = [vehicle, controller]
-    if method.late:
-        systems.append(thrust_delay(method.late, "late"))
+    if late := method.late + (steps_of_delay() if delay_apart else 0):
+        systems.append(thrust_delay(late, "late"))
         wires |= {"late.thrust": "controller.thrust", "vehicle.thrust": "late.thrust_delayed"}
     if filter is not None:
         systems.append(filter)

@@ -12,9 +12,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from phyfilter_ctl.fmi import Reference, UnpackedFmu, replay
 from phyfilter_ctl.fmi.description import Fmi
 from phyfilter_ctl.fmi.instance import FmuInstance
-from phyfilter_ctl.fmi.unpacked import UnpackedFmu
 from phyfilter_ctl.plants.legged import JointQuantities
 from phyfilter_ctl.plants.legged.simulator import simulator
 
@@ -199,31 +199,24 @@ class _Running:
 _NO_FORCE = np.zeros(3)
 
 
-def _driven_robot(path: Path, record: _Record) -> float:
-    """The robot's FMU on recorded torques."""
-    robot = _Running(path, np.zeros(_JOINTS + 3))
+def _driven(path: Path, inputs: FloatArray, outputs: FloatArray) -> FloatArray:
+    """What an FMU makes of recorded rows of inputs, each held over the step to its row, less the recorded outputs."""
+    fmu = UnpackedFmu(path)
     try:
-        rows = [robot.read(), *(robot.step(np.concatenate([torque, _NO_FORCE])) for torque in record.torque)]
+        sides = zip(("input", "output"), (inputs, outputs), strict=True)
+        labels = [
+            dict(zip([label for v in fmu.description.of(side) for label in v.labels], rows.T, strict=True))
+            for side, rows in sides
+        ]
+        record = Reference(params().control.dt * np.arange(len(inputs)), *labels)
+        return replay(fmu, record, inputs_at="end")[1] - outputs
     finally:
-        robot.close()
-    return float(np.abs(np.array(rows) - record.motion).max())
+        fmu.close()
 
 
 def _joints(motion: FloatArray) -> tuple[FloatArray, FloatArray]:
     nq = _BASE + _JOINTS
-    return motion[_BASE:nq], motion[nq + 6 : nq + 6 + _JOINTS]
-
-
-def _driven_loop(path: Path, record: _Record) -> tuple[float, float]:
-    """The joint loop's FMU on recorded motion and targets: differences of torque and f_hat."""
-    given = [np.concatenate([d, *_joints(m)]) for d, m in zip(record.target, record.motion, strict=False)]
-    loop = _Running(path, given[0])
-    try:
-        rows = np.array([loop.read(), *(loop.step(row) for row in given[1:])])
-    finally:
-        loop.close()
-    difference = np.abs(rows - np.hstack([record.torque, record.f_hat]))
-    return float(difference[:, :_JOINTS].max()), float(difference[:, _JOINTS:].max())
+    return motion[..., _BASE:nq], motion[..., nq + 6 : nq + 6 + _JOINTS]
 
 
 def _together(
@@ -302,8 +295,10 @@ def cosimulation(
         place = Path(scratch if folder is None else folder)
         robot = quadruped_fmu(place / "quadruped.fmu", terrain=terrain, joints=joints, fmi=fmi)
         loop = joint_loop_fmu(place / "joint_loop.fmu", gains=gains, fmi=fmi)
-        on_torques = _driven_robot(robot, record)
-        torque, estimate = _driven_loop(loop, record)
+        # The robot starts without torques.
+        on_torques = _driven(robot, np.pad(record.torque, ((1, 0), (0, len(_NO_FORCE)))), record.motion)
+        given = np.hstack([record.target, *_joints(record.motion[:-1])])
+        on_motion = _driven(loop, given, np.hstack([record.torque, record.f_hat]))
         angles, seconds = _together(robot, loop, _Walker(chosen), steps)
         sizes = {"robot": robot.stat().st_size, "joint loop": loop.stat().st_size}
     walked = record.motion[:, _BASE : _BASE + _JOINTS]
@@ -313,9 +308,9 @@ def cosimulation(
         steps=steps,
         distance=float(record.motion[-1, 0] - record.motion[0, 0]),
         f_hat=float(np.abs(record.f_hat).max()),
-        robot=on_torques,
-        torque=torque,
-        estimate=estimate,
+        robot=float(np.abs(on_torques).max()),
+        torque=float(np.abs(on_motion[:, :_JOINTS]).max()),
+        estimate=float(np.abs(on_motion[:, _JOINTS:]).max()),
         loop=float(np.abs(angles - walked).max()),
         sizes=sizes,
         seconds={"process": record.seconds, **seconds},

@@ -12,6 +12,7 @@ from .importing_blocks import FmuBlock, FmuModel
 from .importing_steps import FmuSteps
 from .inspect import FmuDescription, FmuKind, FmuUnit, FmuVariable, describe
 from .instance import FmuError
+from .late_wires import late_wires
 from .mujoco import export_mujoco_fmu
 from .replay import Reference, read_reference, replay, replay_in_fmpy, write_reference
 from .ssp import export_ssp, write_ssp
@@ -47,6 +48,7 @@ __all__ = [
     "export_ssp",
     "hand_over",
     "import_fmu",
+    "late_wires",
     "read_reference",
     "replay",
     "replay_in_fmpy",
