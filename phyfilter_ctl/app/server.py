@@ -2,14 +2,13 @@
 
 What keeps others out: the socket is bound to 127.0.0.1; a random token, which travels in the fragment of the address
 and in a header, never in a cookie or a query; the Host and Origin of every request are compared; and a content
-security policy allows the page nothing but its own three files and this server.
+security policy allows the page nothing but its own files and this server (guard.py).
 """
 
 from __future__ import annotations
 
 import base64
 import contextlib
-import hmac
 import json
 import os
 import secrets
@@ -25,20 +24,19 @@ import anyio
 import anyio.to_thread
 import uvicorn
 from starlette.applications import Starlette
-from starlette.datastructures import Headers, MutableHeaders
 from starlette.requests import ClientDisconnect, Request
 from starlette.responses import Response
 from starlette.routing import Route
-from starlette.types import ASGIApp, Message, Receive, Scope, Send
+from starlette.types import ASGIApp
 from threadpoolctl import threadpool_limits
 
 from .._output import replacing
+from .guard import TOKEN_HEADER, Guard, RefusedError, refusal
 from .handle import Session, handle
 from .modules import sent
 
 __all__ = ["TOKEN_HEADER", "create_app", "serve"]
 
-TOKEN_HEADER = "x-phyfilter-token"
 LARGEST_LOG = 25_000_000  # bytes of a request that carries a recording
 LARGEST_OTHER = 1_000_000  # bytes of any other
 QUICKLY_READ = 100_000  # bytes of JSON that are read without a thread
@@ -54,16 +52,6 @@ _FILES = {
     "/page.css": ("page.css", "text/css"),
     "/designer.js": ("designer.js", "text/javascript"),
     "/designer.css": ("designer.css", "text/css"),
-}
-_HEADERS = {
-    "content-security-policy": "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; "
-    "img-src 'self' data:; font-src 'none'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'",
-    "x-content-type-options": "nosniff",
-    "x-frame-options": "DENY",
-    "referrer-policy": "no-referrer",
-    "cache-control": "no-store",
-    "cross-origin-opener-policy": "same-origin",
-    "cross-origin-resource-policy": "same-origin",
 }
 # Which computations wait for each other; a lane is a thread, so a long export does not hold up the next design.
 _LANES = {
@@ -82,66 +70,6 @@ _NAMES = {
 }
 
 Reply = dict[str, object]
-
-
-class _RefusedError(Exception):
-    """A request that is not answered: HTTP status and one sentence."""
-
-    def __init__(self, status: int, reason: str) -> None:
-        super().__init__(reason)
-        self.status = status
-
-
-# -- who may ask ----------------------------------------------------------------------------------------------------
-
-
-class _Guard:
-    """Refuses strangers before anything is read, and puts the security headers on every answer."""
-
-    def __init__(self, app: ASGIApp, *, port: int, token: str) -> None:
-        self._app = app
-        self._hosts = (f"127.0.0.1:{port}", f"localhost:{port}")
-        self._token = token.encode()
-
-    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        if scope["type"] == "lifespan":
-            return await self._app(scope, receive, send)
-        if scope["type"] != "http":  # there are no web sockets here
-            return await send({"type": "websocket.close", "code": 1008})
-
-        async def send_guarded(message: Message) -> None:
-            if message["type"] == "http.response.start":
-                MutableHeaders(scope=message).update(_HEADERS)
-            await send(message)
-
-        try:
-            self._check(scope["method"], Headers(scope=scope))
-        except _RefusedError as refused:
-            return await _refusal(refused)(scope, receive, send_guarded)
-        await self._app(scope, receive, send_guarded)
-
-    def _check(self, method: str, headers: Headers) -> None:
-        host = _single(headers, "host")
-        if host not in self._hosts:  # a foreign name that resolves to this machine
-            raise _RefusedError(403, f"wrong Host: expected {self._hosts[0]}")
-        if method in ("GET", "HEAD"):
-            return
-        if _single(headers, "origin") != f"http://{host}":
-            raise _RefusedError(403, f"wrong Origin: expected http://{host}")
-        if headers.get("sec-fetch-site", "same-origin") != "same-origin":
-            raise _RefusedError(403, "the request comes from another site")
-        if not hmac.compare_digest((_single(headers, TOKEN_HEADER) or "").encode(), self._token):
-            raise _RefusedError(
-                401, "wrong or missing token: open the address that phyfilter-ctl app printed, to its end"
-            )
-        if (_single(headers, "content-type") or "").split(";")[0].strip().lower() != "application/json":
-            raise _RefusedError(415, "wrong Content-Type: expected application/json")
-
-
-def _single(headers: Headers, name: str) -> str | None:
-    """The value of a header that must stand once."""
-    values = headers.getlist(name)
-    return values[0] if len(values) == 1 else None
 
 
 # -- what is answered -----------------------------------------------------------------------------------------------
@@ -189,8 +117,8 @@ class _Desk:
             small = len(body) <= QUICKLY_READ
             message = _message(body) if small else await anyio.to_thread.run_sync(_message, body)
             return _json(await self._answer(message))
-        except _RefusedError as refused:
-            return _refusal(refused)
+        except RefusedError as refused:
+            return refusal(refused)
 
     async def _answer(self, message: dict[str, object]) -> str:
         op = message.get("op")
@@ -239,9 +167,9 @@ async def _body(request: Request) -> bytes:
                     raise _too_large(LARGEST_LOG)
                 parts.append(part)
     except TimeoutError:
-        raise _RefusedError(408, f"the request did not arrive within {BODY_SECONDS:g} s") from None
+        raise RefusedError(408, f"the request did not arrive within {BODY_SECONDS:g} s") from None
     except ClientDisconnect:
-        raise _RefusedError(400, "the browser went away") from None
+        raise RefusedError(400, "the browser went away") from None
     return b"".join(parts)
 
 
@@ -253,9 +181,9 @@ def _message(body: bytes) -> dict[str, object]:
         ValueError,
         RecursionError,
     ):  # not UTF-8, not JSON, NaN, a number of 5000 digits, nested without end
-        raise _RefusedError(400, "expected a JSON object of finite numbers, in UTF-8") from None
+        raise RefusedError(400, "expected a JSON object of finite numbers, in UTF-8") from None
     if not isinstance(message, dict):
-        raise _RefusedError(400, f"expected a JSON object, got {type(message).__name__}")
+        raise RefusedError(400, f"expected a JSON object, got {type(message).__name__}")
     if len(body) > LARGEST_OTHER and message.get("op") not in _LARGE:
         raise _too_large(LARGEST_OTHER)
     return message
@@ -265,8 +193,8 @@ def _refuse_constant(name: str) -> NoReturn:
     raise ValueError(name)
 
 
-def _too_large(limit: int) -> _RefusedError:
-    return _RefusedError(413, f"the request is larger than {limit / 1e6:g} MB")
+def _too_large(limit: int) -> RefusedError:
+    return RefusedError(413, f"the request is larger than {limit / 1e6:g} MB")
 
 
 def _failed(message: Mapping[str, object], error: str) -> Reply:
@@ -279,13 +207,6 @@ def _text(reply: Reply) -> str:
 
 def _json(text: str, status: int = 200) -> Response:
     return Response(text, status, media_type="application/json")
-
-
-def _refusal(refused: _RefusedError) -> Response:
-    # The rest of a refused body is not waited for.
-    close = {"connection": "close"}
-    text = json.dumps({"id": None, "op": None, "ok": False, "error": str(refused)})
-    return Response(text, refused.status, headers=close, media_type="application/json")
 
 
 # -- the application ------------------------------------------------------------------------------------------------
@@ -331,7 +252,7 @@ def create_app(session: Session, *, port: int, token: str, out: Path | None = No
     routes.append(Route("/message", desk.message, methods=["POST"]))
     app = Starlette(routes=routes, lifespan=lifespan)
     app.router.redirect_slashes = False
-    return _Guard(app, port=port, token=token)
+    return Guard(app, port=port, token=token)
 
 
 async def _file(request: Request) -> Response:

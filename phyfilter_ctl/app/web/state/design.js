@@ -50,6 +50,7 @@ export class Design {
     this.assume = assume;
     this.limits = limits;
     this.filter = filterOf(START);
+    this.measured = { filter: this.filter, width: bandwidth(this.filter) };
     this.family = "custom";
     /** @type {Chosen | null} */
     this.chosen = null;
@@ -297,9 +298,15 @@ export class Design {
 
   // -- coarse knobs -----------------------------------------------------------------------------------------------
 
+  /** Bandwidth of F, null where it has none; found once for a filter, as several parts of a frame show it. */
+  bandwidth() {
+    if (this.measured.filter !== this.filter) this.measured = { filter: this.filter, width: bandwidth(this.filter) };
+    return this.measured.width;
+  }
+
   /** Bandwidth, or a natural frequency where F has none. */
   cutoff() {
-    return bandwidth(this.filter) ?? middle(this.filter);
+    return this.bandwidth() ?? middle(this.filter);
   }
 
   /** Everything faster or slower, at once. @param {number} value rad/s */

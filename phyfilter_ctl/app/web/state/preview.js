@@ -1,6 +1,6 @@
 /** What the designer draws before Python has answered: curves and figures of the design and of the pinned ones. */
 
-import { bandwidth, frequencyGrid, polar, settlingTime, stepResponse } from "../mathematics/figures.js";
+import { frequencyGrid, polar, settlingTime, stepResponse } from "../mathematics/figures.js";
 import { errorResponse, response } from "../mathematics/filter.js";
 import { eulerLimit, noiseGain, sampledResponse } from "../mathematics/sampled.js";
 import { nice } from "../numbers.js";
@@ -72,7 +72,7 @@ export class Preview {
     for (const pin of pins) pin.step = stepCurve(pin.filter, this.duration);
     const gain = noiseGain(filter, sampling.dt, sampling.method);
     const figures = {
-      bandwidth: bandwidth(filter),
+      bandwidth: this.design.bandwidth(),
       settling,
       noise_gain: gain,
       euler_dt: eulerLimit(filter),
