@@ -314,7 +314,7 @@ def test_reads_what_a_person_writes(tmp_path: Path) -> None:
         ),
         (GOOD + "sampled = 3", "sampled: expected a table, got an integer: 3"),
         (SAMPLED.replace("dt = 0.002", ""), "sampled.dt: missing"),
-        (SAMPLED.replace("0.002", "-0.002"), r"\[sampled\] dt: expected a positive"),
+        (SAMPLED.replace("0.002", "-0.002"), r"\[sampled\] dt: expected a finite number > 0 s"),
         (SAMPLED.replace("0.002", "'2 ms'"), "sampled.dt: expected a number, got text: '2 ms'"),
         (SAMPLED + "mehtod = 'exact'", "sampled.mehtod: unknown key; did you mean 'method'"),
         (SAMPLED + "method = 'exct'", r"\[sampled\] method: expected one of exact, .*got 'exct'"),

@@ -198,7 +198,8 @@ def test_nothing_changes_for_the_same_filter(precision):
         state, _ = sampled.step(state, [0.3 * np.sin(0.05 * k)])
     after = sampled.retune(state, sampled)
     if precision == "float64":
-        assert state.carry is None and after.carry is None
+        assert state.carry is None
+        assert after.carry is None
         np.testing.assert_allclose(after.w, state.w, rtol=1e-13)
         return
     assert np.any(state.carry != 0.0)

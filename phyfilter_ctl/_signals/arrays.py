@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from .._sections import FloatArray
 
@@ -50,7 +50,7 @@ def row(index: int) -> str:
 # -- arrays ---------------------------------------------------------------------------------------------------------
 
 
-def real(name: str, values: Given) -> FloatArray:
+def real(name: str, values: Given, dtype: DTypeLike = float, *, copy: bool = True) -> FloatArray:
     """A copy as float64, NaN where it is masked.
 
     Parameters
@@ -58,6 +58,10 @@ def real(name: str, values: Given) -> FloatArray:
     name : str
         For the complaint.
     values : array_like
+    dtype : dtype_like
+        float32 instead; what it does not reach becomes infinite.
+    copy : bool
+        Whether to copy what is of this type already.
 
     Raises
     ------
@@ -84,7 +88,7 @@ def real(name: str, values: Given) -> FloatArray:
         advice = INSTEAD.get(given.dtype.kind, "convert it to float")
         raise TypeError(f"{name}: expected an array of real numbers, got {held}; {advice}")
     with np.errstate(over="ignore"):  # of a wider type: an infinity, refused as such
-        return given.astype(float)
+        return given.astype(dtype, copy=copy)
 
 
 def array(
@@ -289,7 +293,12 @@ def unusable(values: NDArray[np.floating]) -> NDArray[np.bool_]:
 
 
 def refuse_unusable(
-    name: str, values: NDArray[np.floating], columns: Sequence[str] | None = None, where: Where | None = None
+    name: str,
+    values: NDArray[np.floating],
+    columns: Sequence[str] | None = None,
+    where: Where | None = None,
+    *,
+    advice: str = "leave it out or repair it",
 ) -> None:
     """Raise at the first NaN, infinity or number too large to reckon with.
 
@@ -301,6 +310,8 @@ def refuse_unusable(
         What the second index is called; by default "column k".
     where : callable, optional
         What the first index is called; by default "row k", or "entry k" of a vector.
+    advice : str
+        What to do about a value that is not finite.
     """
     if usable(values):
         return
@@ -320,7 +331,7 @@ def refuse_unusable(
     if np.isfinite(value):
         expected, advice = f"finite numbers up to {LARGEST:g}", "choose another unit"
     else:
-        expected, advice = "finite numbers, none masked", "leave it out or repair it"
+        expected = "finite numbers, none masked"
     raise ValueError(f"{name}: expected {expected}, got {value:g}{place}{more}; {advice}")
 
 

@@ -128,11 +128,7 @@ def numerator_of_type(a: ArrayLike, k: SupportsIndex) -> FloatArray:
     >>> numerator_of_type([8000.0, 1200.0, 60.0], 2).tolist()
     [8000.0, 1200.0, 0.0]
     """
-    b = _signals.real("a", a)
-    if b.ndim != 1 or len(b) == 0:
-        raise ValueError(
-            f"a: expected the coefficients a_0 ... a_(n-1) in one dimension, got shape {b.shape}"
-        )
+    b = _signals.array("a", a, ("n",))
     b[_type("k", k, len(b)) :] = 0.0
     return b
 
@@ -334,9 +330,7 @@ def _frequency(name: str, value: float) -> float:
 def _frequencies(values: ArrayLike) -> FloatArray:
     frequencies = np.atleast_1d(_signals.real("zeros_at", values))
     if frequencies.ndim != 1 or not np.all(np.isfinite(frequencies) & (frequencies > 0.0)):
-        raise ValueError(
-            f"zeros_at: expected positive frequencies in rad/s, got {np.asarray(values).tolist()}"
-        )
+        raise ValueError(f"zeros_at: expected positive frequencies in rad/s, got {frequencies.tolist()}")
     if len(np.unique(frequencies)) < len(frequencies):
         raise ValueError(f"zeros_at: expected distinct frequencies, got {frequencies.tolist()}")
     return frequencies

@@ -153,6 +153,7 @@ def _starts(variables: tuple[Variable, ...]) -> NDArray[np.float64]:
 
 def _vector(name: str, value: ArrayLike, sizes: set[int]) -> NDArray[np.float64]:
     vector = np.atleast_1d(_signals.real(name, value))
+    _signals.refuse_unusable(name, vector)
     if vector.ndim != 1 or len(vector) not in sizes:
         expected = " or ".join(f"({size},)" for size in sorted(sizes))
         raise ValueError(f"{name}: expected shape {expected}, got {vector.shape}")

@@ -11,11 +11,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .._signals import LARGEST, interval, unmasked, unusable, usable
+from .._signals import LARGEST, interval, number, real, refuse_unusable, unusable, usable
 from . import windows
 from .recursion import Recursion, advance, mean, momentum, output, residual
 
 Array = NDArray[np.floating]
+
+_SKIP = "the state is unchanged; skip the sample (and pass the longer dt), or use nonfinite='hold'"
 
 
 class Interval(NamedTuple):
@@ -63,7 +65,7 @@ def start(
 ) -> FilterState:
     """See :meth:`SampledPhyFilter.start`."""
     dtype = np.dtype(recursion.sampling.precision)
-    x = np.array(_given(x0, dtype))
+    x = real("x0", x0, dtype)
     if x.ndim == 0 or x.size == 0:
         raise ValueError(f"x0: expected shape (n_x,), or (..., n_x) of many systems, got {x.shape}")
     if x.ndim > 1 and recursion.sampling.nonfinite == "hold":
@@ -75,8 +77,8 @@ def start(
     f_hat = f_theta if f_hat0 is None else _vector("f_hat0", f_hat0, of_f, dtype)
     named = {"x0": x, "f_theta0": f_theta, "f_hat0": f_hat, "g0": g, "inertia0": inertia}
     for name, values in named.items():
-        if values is not None and not usable(values):
-            raise ValueError(f"{name}: expected finite values up to {LARGEST:g}, got {values.tolist()}")
+        if values is not None:
+            refuse_unusable(name, values)
     w = _at_rest(recursion, (f_hat - f_theta).astype(float)).astype(dtype)
     carry = np.zeros_like(w) if dtype == np.float32 else None
     return FilterState(w, carry, x, g, f_theta, inertia)
@@ -95,13 +97,13 @@ def step(
     """See :meth:`SampledPhyFilter.step`."""
     check_state(recursion, state)
     sampling, dtype = recursion.sampling, state.x.dtype
-    x = _given(x, dtype)
-    g = np.zeros_like(state.x) if g is None else _given(g, dtype)
-    f_theta = np.zeros_like(state.f_theta) if f_theta is None else _given(f_theta, dtype)
+    x = _given("x", x, dtype)
+    g = np.zeros_like(state.x) if g is None else _given("g", g, dtype)
+    f_theta = np.zeros_like(state.f_theta) if f_theta is None else _given("f_theta", f_theta, dtype)
     if x.shape != state.x.shape or g.shape != x.shape or f_theta.shape != state.f_theta.shape:
         raise ValueError(
-            f"expected x and g of shape {state.x.shape} and f_theta of shape {state.f_theta.shape}, as at the start; "
-            f"got {x.shape}, {g.shape} and {f_theta.shape}"
+            f"x, g, f_theta: expected shapes {state.x.shape}, {state.x.shape} and {state.f_theta.shape}, as at the "
+            f"start, got {x.shape}, {g.shape} and {f_theta.shape}"
         )
     h = sampling.dt if dt is None or dt == sampling.dt else _step_length(recursion, dt)
     M = state.inertia if inertia is None else _inertia("inertia", inertia, x)
@@ -183,13 +185,9 @@ def _refuse(
 ) -> tuple[FilterState, Array]:
     """A sample that is not finite: an error, or held and taken as part of a longer step later."""
     if recursion.sampling.nonfinite == "raise":
-        here = () if x.ndim == 1 else _first_bad(x, g, f_theta)
-        x, g, f_theta = (signal[here] for signal in (x, g, f_theta))
-        raise ValueError(
-            f"x, g, f_theta and inertia must be finite, up to {LARGEST:g} and not masked, got x={x.tolist()}, "
-            f"g={g.tolist()}, f_theta={f_theta.tolist()}{f' in system {here}' if here else ''}; the state is "
-            "unchanged; skip the sample (and pass the longer dt), or use nonfinite='hold'"
-        )
+        for name, signal in (("x", x), ("g", g), ("f_theta", f_theta), ("inertia", M)):
+            if signal is not None:
+                refuse_unusable(name, signal, advice=_SKIP)
     g = np.where(unusable(g), np.zeros_like(g) if state.g is None else state.g, g)
     f_theta = np.where(unusable(f_theta), state.f_theta, f_theta)
     if M is not None:
@@ -202,17 +200,10 @@ def _refuse(
     return state, recursion.limited(f_theta.copy())
 
 
-def _first_bad(*signals: Array) -> tuple[int, ...]:
-    """Which of many systems the first bad sample belongs to."""
-    bad = np.any([unusable(signal).any(axis=-1) for signal in signals], axis=0)
-    return tuple(int(i) for i in np.argwhere(bad)[0]) if bad.any() else ()  # none where an inertia is bad
-
-
 def shift_x(state: FilterState, dx: ArrayLike) -> FilterState:
     """See :meth:`SampledPhyFilter.shift_x`."""
     jump = _vector("dx", dx, state.x.shape, state.x.dtype)
-    if not usable(jump):
-        raise ValueError(f"dx: expected finite values, got {jump.tolist()}")
+    refuse_unusable("dx", jump)
     return state._replace(x=state.x + jump)
 
 
@@ -250,17 +241,16 @@ def _mean_inertia(before: Array | None, now: Array, ndim: int = 0) -> Array:
     return mean("average", first, last)
 
 
-def _given(values: ArrayLike, dtype: np.dtype) -> Array:
+def _given(name: str, values: ArrayLike, dtype: np.dtype) -> Array:
     """Numbers in the arithmetic of the filter: NaN where they are masked, infinite where float32 does not reach."""
-    if dtype.itemsize == 8:  # quicker to ask than dtype == np.float64
-        return np.asarray(unmasked(values), dtype)
-    with np.errstate(over="ignore"):
-        return np.asarray(unmasked(values), dtype)
+    if type(values) is np.ndarray and values.dtype is dtype:  # as it is at nearly every step
+        return values
+    return real(name, values, dtype, copy=False)
 
 
 def _inertia(name: str, inertia: ArrayLike, x: Array) -> Array:
     """A number for all, a diagonal for all or for each system, or full matrices, for x (..., n_x)."""
-    M, n_x = _given(inertia, x.dtype), x.shape[-1]
+    M, n_x = _given(name, inertia, x.dtype), x.shape[-1]
     if M.ndim == 0:
         return np.full(n_x, M)
     if x.ndim > 1 and M.shape == (n_x, n_x) != x.shape:
@@ -274,17 +264,17 @@ def _inertia(name: str, inertia: ArrayLike, x: Array) -> Array:
 
 
 def _vector(name: str, values: ArrayLike, shape: tuple[int, ...], dtype: np.dtype) -> Array:
-    vector = np.array(_given(values, dtype))
+    vector = real(name, values, dtype)
     if vector.shape != shape:
         raise ValueError(f"{name}: expected shape {shape}, got {vector.shape}")
     return vector
 
 
 def _step_length(recursion: Recursion, dt: float) -> float:
-    dt = interval("dt", dt)
+    dt = number("dt", interval("dt", dt), "s")
     if not 1.0 / LARGEST < dt < LARGEST:
         raise ValueError(
             f"dt: expected the positive length of the step in seconds, got {dt}; time runs forwards"
         )
     recursion.check_step(dt)
-    return float(dt)
+    return dt

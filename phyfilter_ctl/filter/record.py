@@ -9,12 +9,15 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .._sections import FloatArray
-from .._signals import LARGEST, seconds, unmasked, unusable, usable
+from .._signals import inertia as signal_inertia
+from .._signals import real, refuse_unusable, sample_times, unusable, usable
 from . import blocked, windows
 from .recursion import Recursion, mean, momentum, residual
 
 # Time stamps that differ from a fixed grid by no more than their own rounding are that grid.
 _STAMP_ROUNDING = 8 * np.finfo(float).eps
+
+_REPAIR = "repair the record, or use nonfinite='hold' to carry over gaps"
 
 Array = NDArray[np.floating]
 
@@ -91,17 +94,15 @@ def held_samples(
 
 
 def _refuse_nonfinite(recursion: Recursion, x: Array, g: Array, f_theta: Array, M: Array | None) -> NoReturn:
-    """Name the first row that is not finite, where it stands: a held g spoils the sample after it."""
+    """Name the first sample that is not finite, where it stands: a held g spoils the sample after it."""
     acting = g[:-1] if recursion.sampling.g == "hold" and len(g) > 1 else g
     named = {"x": x, "g": acting, "f_theta": f_theta} | ({} if M is None else {"inertia": M})
-    bad = {name: rows for name, signal in named.items() if len(rows := np.flatnonzero(_bad_rows(signal)))}
-    name = min(bad, key=lambda key: bad[key][0])
-    count = len(np.unique(np.concatenate(list(bad.values()))))
-    raise ValueError(
-        f"x, g, f_theta and inertia must be finite, up to {LARGEST:g} and not masked: {count} bad "
-        f"sample{'s' if count > 1 else ''}, the first in row {bad[name][0]} of {name}; clean the record, or use "
-        "nonfinite='hold' to carry over gaps"
-    )
+    first = {
+        name: rows[0] for name, signal in named.items() if len(rows := np.flatnonzero(_bad_rows(signal)))
+    }
+    name = min(first, key=lambda key: first[key])
+    refuse_unusable(name, named[name], advice=_REPAIR)
+    raise AssertionError("no sample is bad")
 
 
 def _bad_rows(signal: Array) -> NDArray[np.bool_]:
@@ -233,8 +234,7 @@ def _aligned_residual(
 
 
 def _signal(name: str, values: ArrayLike, dtype: np.dtype, shape: tuple[int, int] | None = None) -> Array:
-    with np.errstate(over="ignore"):  # to an infinity in float32, refused or held as such
-        array = np.asarray(unmasked(values), dtype=dtype)
+    array = real(name, values, dtype, copy=False)
     if array.ndim == 1 and (shape is None or shape == (len(array), 1)):
         array = array[:, None]
     if array.ndim != 2 or 0 in array.shape:
@@ -248,41 +248,15 @@ def _signal(name: str, values: ArrayLike, dtype: np.dtype, shape: tuple[int, int
 
 def _times(times: ArrayLike, N: int, dt: float) -> FloatArray | None:
     """Checked time stamps; None where they are the nominal grid."""
-    stamps = seconds("times", times)
-    if stamps.shape != (N,):
-        raise ValueError(f"times: expected shape ({N},) to go with x, got {stamps.shape}")
-    if not usable(stamps):
-        row = int(np.argmax(unusable(stamps)))
-        raise ValueError(
-            f"times: no time within {LARGEST:g} s in row {row} ({stamps[row]}); drop or repair the row"
-        )
+    stamps = sample_times("times", times, N)
     steps = np.diff(stamps)
-    if np.any(steps <= 1.0 / LARGEST):
-        row = int(np.argmax(steps <= 1.0 / LARGEST)) + 1
-        what = "stands still" if steps[row - 1] >= 0.0 else "runs back"
-        raise ValueError(
-            f"times: time {what} at row {row} ({stamps[row - 1]} s, then {stamps[row]} s): expected increasing "
-            "times; drop or repair the row"
-        )
     rounding = _STAMP_ROUNDING * float(np.max(np.abs(stamps)))
     return None if np.all(np.abs(steps - dt) <= rounding) else stamps
 
 
 def _record_inertia(inertia: ArrayLike, N: int, n_x: int) -> Array:
     """Checked inertia of a record: diagonal (1 or N, n_x) or full (1 or N, n_x, n_x)."""
-    M = np.asarray(unmasked(inertia), dtype=float)
+    M = signal_inertia("inertia", inertia, n_x, N, finite=False)
     if M.ndim == 0:
         return np.full((1, n_x), M)
-    if M.ndim == 2 and n_x == N and M.shape == (n_x, n_x):
-        raise ValueError(
-            f"inertia: shape {M.shape} is ambiguous because N == n_x == {N}: it may be one full matrix or a diagonal "
-            "per sample; give it as (N, n_x, n_x)"
-        )
-    if M.shape in ((n_x,), (n_x, n_x)):
-        return M[None]
-    if M.shape not in ((N, n_x), (N, n_x, n_x)):
-        raise ValueError(
-            f"inertia: expected a number or shape ({n_x},), ({n_x}, {n_x}), ({N}, {n_x}) or ({N}, {n_x}, {n_x}), "
-            f"got {M.shape}"
-        )
-    return M
+    return M[None] if M.shape in ((n_x,), (n_x, n_x)) else M

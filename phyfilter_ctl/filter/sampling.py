@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .._sections import FloatArray
-from .._signals import LARGEST, interval
+from .._signals import LARGEST, duration, interval, number
 
 __all__ = ["Method", "NonFinite", "Precision", "Rule", "Sampling"]
 
@@ -80,11 +80,12 @@ class Sampling:
         limit: ArrayLike | None = None,
         nonfinite: NonFinite = "raise",
     ) -> None:
-        dt, delay = float(interval("dt", dt)), float(interval("delay", delay))
+        dt = duration("dt", dt)
+        delay = number("delay", interval("delay", delay), "s", least=0.0)
         if not 1.0 / LARGEST < dt < LARGEST:
             raise ValueError(f"dt: expected a positive sampling interval in seconds, got {dt}")
-        if not 0.0 <= delay < LARGEST:
-            raise ValueError(f"delay: expected a delay of 0 s or more, got {delay}")
+        if delay >= LARGEST:
+            raise ValueError(f"delay: expected less than {LARGEST:g} s, got {delay}")
         bound = None if limit is None else _bound(limit)
         values = (dt, method, g, f_theta, precision, delay, bound, nonfinite)
         for entry, value in zip(fields(self), values, strict=True):

@@ -22,7 +22,7 @@ def checked_inertia(name: str, value: ArrayLike) -> FloatArray:
     M = _signals.real(name, value)
     if M.ndim < 2:
         M = np.diag(np.atleast_1d(M))
-    if M.ndim != 2 or M.shape[0] != M.shape[1]:
+    if M.ndim != 2 or M.shape[0] != M.shape[1] or not M.size:
         raise ValueError(f"{name}: expected a square matrix (n, n) or a diagonal (n,), got shape {M.shape}")
     if not np.all(np.isfinite(M)):
         raise ValueError(f"{name}: every entry must be finite, got {M.tolist()}")

@@ -181,7 +181,7 @@ class LoopMargins(Result):
         -------
         (N,) array
         """
-        Q, P = self.loop(_signals.real("omega", omega))
+        Q, P = self.loop(_signals.array("omega", omega, ("N",)))
         return np.abs(Q) / np.abs(Q + self.inertia_ratio * P)
 
     @cached_property

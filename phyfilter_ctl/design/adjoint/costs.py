@@ -57,7 +57,7 @@ class SquaredError:
     def __post_init__(self) -> None:
         if self.weights is not None:
             weights = np.atleast_1d(_signals.real("weights", self.weights))
-            if weights.ndim != 1 or not np.all(np.isfinite(weights) & (weights >= 0.0)):
+            if weights.ndim != 1 or not weights.size or not np.all(np.isfinite(weights) & (weights >= 0.0)):
                 raise ValueError(
                     f"weights: expected finite numbers >= 0, one per channel, got {self.weights!r}"
                 )
