@@ -37,8 +37,8 @@ const MEANINGS = {
   bound_sampled: "The same bound for the filter as it runs, sampled, at the samples.",
   ratio_low: "With f̂ fed back, the loop is stable from this modelled inertia over the true one ...",
   ratio_high: "... up to this one, with the assumed lag and delay.",
-  delay_margin: "Further delay that the loop bears before it turns unstable.",
-  phase_margin: "Phase that the loop bears in addition before it turns unstable.",
+  delay_margin: "Further delay that the loop tolerates before it turns unstable.",
+  phase_margin: "Phase lag that the loop tolerates in addition before it turns unstable.",
 };
 
 /** @type {Record<string, string>} */
