@@ -16,7 +16,8 @@ from typing import Literal, get_args
 import numpy as np
 
 from phyfilter_ctl import PhyFilter
-from phyfilter_ctl.plants.legged import JointQuantities, JointSpacePrior, JointTorqueFilter
+from phyfilter_ctl.controllers import JointTorqueFilter
+from phyfilter_ctl.plants.legged import JointQuantities, JointSpacePrior
 
 from .params import params
 from .regulator import Schedule
@@ -167,9 +168,7 @@ class _Robot:
         self.estimate, self.f_hat = 0.0, np.zeros(humanoid.nv)
         self.damping = float(humanoid.model.opt.timestep) * np.diag(humanoid.model.dof_damping)
         prior = JointSpacePrior(inertia="full", bias="none", contact="omitted")
-        self.law = JointTorqueFilter(
-            filter, prior, float(humanoid.model.opt.timestep), limit=None, rule="step"
-        )
+        self.law = JointTorqueFilter(filter.sampled(float(humanoid.model.opt.timestep), g="hold"), prior)
         self.state = self.law.start(self.data.qvel)
 
     def step(self, force: float) -> None:

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from phyfilter_ctl.plants.legged.filter import AntiWindup
+from phyfilter_ctl.controllers.joint_torque import AntiWindup
 from phyfilter_ctl.study import Report, silent
 
 from .comparison import Plan, Scores, score

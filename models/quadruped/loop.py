@@ -14,9 +14,9 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from phyfilter_ctl.controllers.joint_torque import AntiWindup, Gate, JointFilterState, JointTorqueFilter
 from phyfilter_ctl.filter import PhyFilter
-from phyfilter_ctl.plants.legged import JointQuantities, JointSpacePrior, JointTorqueFilter
-from phyfilter_ctl.plants.legged.filter import AntiWindup, Gate, JointFilterState
+from phyfilter_ctl.plants.legged import JointQuantities, JointSpacePrior
 
 from .batch import Batch
 from .gait import sent
@@ -124,10 +124,8 @@ def make_filter(choice: FilterChoice) -> JointTorqueFilter:
         damping=p.robot.damping,
     )
     return JointTorqueFilter(
-        PhyFilter(choice.a, choice.b),
+        PhyFilter(choice.a, choice.b).sampled(p.control.dt, g="average", limit=choice.limit),
         prior,
-        p.control.dt,
-        limit=choice.limit,
         anti_windup=choice.anti_windup,
         gate=choice.gate_action,
         leak=choice.leak,

@@ -1,8 +1,10 @@
-"""Controllers of the vehicles in ``plants``: tracking laws as sampled blocks, and the aerial manipulator's planner."""
+"""Controllers of the vehicles in ``plants``: tracking laws as sampled blocks, the aerial manipulator's
+planner, and the filter of legged robots' joint torques."""
 
 from .allocation import allocate
 from .attitude import AttitudeGains, attitude_error, attitude_gains
 from .indi import indi
+from .joint_torque import JointFilterState, JointTorqueFilter
 from .known_force import KnownForce, known_force
 from .known_torque import known_torque
 from .l1_adaptive import l1_adaptive
@@ -20,6 +22,8 @@ from .tracking import attitude_controller, position_controller
 __all__ = [
     "AttitudeGains",
     "CooperativePlanner",
+    "JointFilterState",
+    "JointTorqueFilter",
     "KnownForce",
     "PathSample",
     "Plan",

@@ -116,8 +116,8 @@ class SampledForm:
 
         Parameters
         ----------
-        x0 : (n_x,) array
-            First measurement.
+        x0 : (n_x,) or (..., n_x) array
+            First measurement; leading axes are systems that run side by side, in all that follows too.
         f_hat0 : (n_f,) array, optional
             Estimate to start from (the filter at rest on the constant residual that gives it); None means f_theta0.
         f_theta0 : (n_f,) array, optional
@@ -160,6 +160,9 @@ class SampledForm:
     ) -> tuple[FilterState, NDArray[np.floating]]:
         """Advance by one sample. Pure: the state given is not changed.
 
+        Of many systems side by side, x, g, f_theta and f_hat have the leading axes of the start; an inertia serves all,
+        or is a diagonal (..., n_x) or a matrix (..., n_x, n_x) of each.
+
         Parameters
         ----------
         state : FilterState
@@ -186,7 +189,7 @@ class SampledForm:
         ------
         ValueError
             For wrong shapes, a step that is not positive or at which forward Euler diverges, or a non-finite
-            sample under ``nonfinite="raise"``.
+            sample under ``nonfinite="raise"`` (of many systems, the first is named).
 
         Examples
         --------

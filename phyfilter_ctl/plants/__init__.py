@@ -27,6 +27,7 @@ from .coupling import (
 )
 from .declaration import Columns
 from .factory import Plant, plant
+from .legged import JointQuantities, JointSpacePrior
 from .quadrotor import allocation_matrix, quadrotor
 from .serial_arm import SerialArm
 from .small_arm import small_arm
@@ -36,6 +37,8 @@ __all__ = [
     "Accelerations",
     "ArmMotion",
     "Columns",
+    "JointQuantities",
+    "JointSpacePrior",
     "Link",
     "Plant",
     "SerialArm",

@@ -232,3 +232,58 @@ def test_limit_clamps_the_output_never_the_state():
     x, g, f_theta, _, _, _ = record()
     free, clamped = GENERAL.sampled(H), GENERAL.sampled(H, limit=0.3)
     np.testing.assert_array_equal(clamped.run(x, g, f_theta), np.clip(free.run(x, g, f_theta), -0.3, 0.3))
+
+
+@pytest.mark.parametrize("option", ["plain", "average", "delay", "E", "limit", "float32", "stack"])
+@pytest.mark.parametrize("inertia", ["none", "diagonal", "each", "full"])
+def test_many_systems_are_each_system_alone(option, inertia):
+    settings = {"average": {"g": "average"}, "delay": {"delay": 0.0051}, "limit": {"limit": [0.5, 1.0, 2.0]}}
+    settings |= {"float32": {"precision": "float32"}}
+    rng = np.random.default_rng(2)
+    E = rng.standard_normal((3, 2)) if option == "E" else None
+    filters = [LOWPASS, PhyFilter([3.0]), GENERAL] if option == "stack" else GENERAL
+    sampled = SampledPhyFilter(filters, Sampling(H, **settings.get(option, {})), E=E)
+    many = (2, 3)
+    x = 0.02 * np.cumsum(rng.standard_normal((20, *many, 3)), axis=0)
+    g, f_theta = (
+        rng.standard_normal((20, *many, 3)),
+        rng.standard_normal((20, *many, 2 if E is not None else 3)),
+    )
+    M = {
+        "none": None,
+        "diagonal": rng.uniform(1.0, 2.0, 3),
+        "each": rng.uniform(1.0, 2.0, (*many, 3)),
+        "full": np.eye(3) + 0.1 * rng.standard_normal((*many, 3, 3)),
+    }[inertia]
+
+    def march(signals, M):
+        x, g, f_theta = signals
+        state, f_hat = sampled.start(x[0], f_theta0=f_theta[0], g0=g[0]), []
+        for k in range(1, len(x)):
+            dt = 1.5 * H if k == 7 else None
+            state, out = sampled.step(state, x[k], g[k], f_theta[k], inertia=M, dt=dt)
+            f_hat.append(out)
+        state = sampled.retune(sampled.shift_x(state, x[-1]), sampled.with_filter(BANDPASS))
+        return np.array(f_hat), state.w
+
+    together, retuned = march((x, g, f_theta), M)
+    tolerance = AGREE if option != "float32" else AGREE_FLOAT32 * 50
+    for one in np.ndindex(many):
+        alone, w = march(
+            [part[(slice(None), *one)] for part in (x, g, f_theta)], M if M is None or M.ndim == 1 else M[one]
+        )
+        scale = max(1.0, np.abs(alone).max())
+        np.testing.assert_allclose(together[(slice(None), *one)], alone, atol=tolerance * scale, rtol=0)
+        np.testing.assert_allclose(retuned[one], w, atol=tolerance * max(1.0, np.abs(w).max()), rtol=0)
+
+
+def test_many_systems_refuse_what_one_of_them_spoils():
+    sampled = LOWPASS.sampled(H)
+    state, x = sampled.start(np.zeros((4, 2))), np.zeros((4, 2))
+    x[2, 1] = np.nan
+    with pytest.raises(ValueError, match=r"in system \(2,\); the state is unchanged"):
+        sampled.step(state, x)
+    with pytest.raises(ValueError, match="one system at a time"):
+        LOWPASS.sampled(H, nonfinite="hold").start(np.zeros((4, 2)))
+    with pytest.raises(ValueError, match=r"inertia: expected a number or shape \(2,\) or \(2, 2\), \(4, 2\)"):
+        sampled.step(state, np.zeros((4, 2)), inertia=np.ones((3, 2)))

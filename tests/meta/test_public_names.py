@@ -35,7 +35,8 @@ def public_callables():
             seen.add(thing)
             yield f"{home}.{name}", thing
             if inspect.isclass(thing) and not getattr(thing, "_is_protocol", False):
-                for method, value in vars(thing).items():
+                own = [base for base in thing.__mro__ if base.__module__.startswith("phyfilter_ctl")]
+                for method, value in {k: v for base in own[::-1] for k, v in vars(base).items()}.items():
                     function = value.__func__ if isinstance(value, classmethod | staticmethod) else value
                     if not method.startswith("_") and inspect.isfunction(function):
                         yield f"{home}.{name}.{method}", function

@@ -5,13 +5,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from phyfilter_ctl import PhyFilter
-from phyfilter_ctl.plants.legged import (
-    JointQuantities,
-    JointSpacePrior,
-    JointTorqueFilter,
-    balanced_contact,
-)
+from phyfilter_ctl import PhyFilter, SampledPhyFilter, Sampling, stack
+from phyfilter_ctl.controllers import JointTorqueFilter
+from phyfilter_ctl.plants.legged import JointQuantities, JointSpacePrior, balanced_contact
 
 H = 0.005
 # Two sums of the same numbers in another order.
@@ -54,7 +50,7 @@ def test_equals_the_sampled_filter(name, kind):
     prior = JointSpacePrior(
         inertia=kind, contact="omitted", constant_inertia=inertia if kind == "constant" else None
     )
-    law = JointTorqueFilter(FILTERS[name], prior, H, limit=None)
+    law = JointTorqueFilter(FILTERS[name].sampled(H, g="average"), prior)
     ours = march(law, qd, lambda k: JointQuantities(qd[k], M=M[k], bias=bias[k]), torque)
     g = np.zeros((N, n))
     g[:-1] = torque[1:] - 0.5 * (bias[1:] + bias[:-1])  # held over the step that begins at each row
@@ -67,10 +63,10 @@ def test_one_filter_per_joint():
     qd, torque = rng.standard_normal((2, 40, 2))
     filters = [PhyFilter([2.0]), PhyFilter([9.0])]
     prior = JointSpacePrior("constant", "none", "omitted", constant_inertia=0.3)
-    law = JointTorqueFilter(filters, prior, H, limit=None)
+    law = JointTorqueFilter(SampledPhyFilter(filters, Sampling(H, g="average")), prior)
     ours = march(law, qd, lambda k: JointQuantities(qd[k]), torque)
     for j, entry in enumerate(filters):
-        alone = JointTorqueFilter(entry, prior, H, limit=None)
+        alone = JointTorqueFilter(entry.sampled(H, g="average"), prior)
         single = march(alone, qd[:, [j]], lambda k, j=j: JointQuantities(qd[k, [j]]), torque[:, [j]])
         np.testing.assert_allclose(ours[:, [j]], single, atol=ROUNDING * np.abs(single).max())
 
@@ -94,7 +90,11 @@ def test_many_robots_are_each_robot_alone_and_the_limit_holds(seed, name, anti_w
     gates = rng.uniform(size=(N, 2, robots, n))
     prior = JointSpacePrior(base="floating" if base else "fixed")
     law = JointTorqueFilter(
-        FILTERS[name], prior, H, limit=limit, anti_windup=anti_windup, gate=gate, leak=leak
+        FILTERS[name].sampled(H, g="average", limit=limit),
+        prior,
+        anti_windup=anti_windup,
+        gate=gate,
+        leak=leak,
     )
 
     def at(k, *robot):
@@ -111,9 +111,9 @@ def test_many_robots_are_each_robot_alone_and_the_limit_holds(seed, name, anti_w
         )  # BLAS sums batches in another order
 
 
-def wheel(filter=FILTERS["n1"], **options):
+def wheel(filter=FILTERS["n1"], limit=20.0, **options):
     prior = JointSpacePrior("constant", "none", "omitted", constant_inertia=1.0)
-    return JointTorqueFilter(filter, prior, H, **options)
+    return JointTorqueFilter(filter.sampled(H, g="average", limit=limit), prior, **options)
 
 
 def respond(law, residual, gate=None):
@@ -178,7 +178,9 @@ def test_reset_touches_only_the_chosen_robots():
     rng = np.random.default_rng(8)
     qd, torque = rng.standard_normal((2, 30, 3, 2))
     M, bias = random_inertia(rng, 30, 3, 2, 2), rng.standard_normal((30, 3, 2))
-    law = JointTorqueFilter(FILTERS["n2"], JointSpacePrior(contact="omitted"), H)
+    law = JointTorqueFilter(
+        FILTERS["n2"].sampled(H, g="average", limit=20.0), JointSpacePrior(contact="omitted")
+    )
 
     def at(k):
         return JointQuantities(qd[k], M=M[k], bias=bias[k])
@@ -224,6 +226,7 @@ def test_balanced_contact_carries_the_base_with_least_force():
         np.testing.assert_allclose(torque[k], rows.T @ force, atol=1e-10)
 
 
+ONE = FILTERS["n1"].sampled(H, g="average", limit=20.0)
 GOOD = JointQuantities(np.zeros(2), M=np.eye(2), bias=np.zeros(2))
 
 
@@ -258,24 +261,20 @@ GOOD = JointQuantities(np.zeros(2), M=np.eye(2), bias=np.zeros(2))
         (lambda: FREE.known_torque(GOOD, [0.0, 0.0, 0.0]), "torque: expected shape"),
         (lambda: balanced_contact(np.zeros(18), np.zeros((4, 3, 17)), np.ones(4)), "expected bias"),
         (lambda: balanced_contact(np.zeros(18), np.zeros((4, 3, 18)), 2.0 * np.ones(4)), "standing"),
-        (lambda: JointTorqueFilter(FILTERS["n1"], FREE, H, limit=-1.0), "limit: expected a positive torque"),
+        (lambda: JointTorqueFilter(ONE, FREE, anti_windup="anti"), "anti_windup: expected one of"),
+        (lambda: JointTorqueFilter(ONE, FREE, leak=-1.0), "leak: expected 0"),
+        (lambda: JointTorqueFilter(FILTERS["n1"].sampled(H, delay=0.01), FREE), "expected none of delay"),
+        (lambda: JointTorqueFilter(FILTERS["n1"].sampled(H, E=np.eye(2)), FREE), "expected none of E"),
         (
-            lambda: JointTorqueFilter(FILTERS["n1"], FREE, H, anti_windup="anti"),
-            "anti_windup: expected one of",
+            lambda: JointTorqueFilter(SampledPhyFilter([FILTERS["n1"], FILTERS["n2"]], H), FREE),
+            "one order for all joints",
         ),
-        (lambda: JointTorqueFilter(FILTERS["n1"], FREE, H, leak=-1.0), "leak: expected 0"),
-        (lambda: JointTorqueFilter(FILTERS["n1"], FREE, 0.0), "dt: expected"),
-        (lambda: JointTorqueFilter(PhyFilter([500.0]), FREE, H, method="euler"), "diverges"),
-        (lambda: JointTorqueFilter([FILTERS["n1"], FILTERS["n2"]], FREE, H), "one order for all joints"),
+        (lambda: JointTorqueFilter(stack([ONE] * 3), FREE).start(np.zeros(2)), "3 filters for 2 channels"),
         (
-            lambda: JointTorqueFilter([FILTERS["n1"]] * 3, FREE, H).start(np.zeros(2)),
-            "3 filters for 2 joints",
-        ),
-        (
-            lambda: JointTorqueFilter(FILTERS["n1"], FREE, H, limit=[1.0] * 3).start(np.zeros(2)),
+            lambda: JointTorqueFilter(FILTERS["n1"].sampled(H, limit=[1.0] * 3), FREE).start(np.zeros(2)),
             "3 bounds for 2",
         ),
-        (lambda: JointTorqueFilter(FILTERS["n1"], FREE, H).start([np.nan, 0.0]), "finite joint velocities"),
+        (lambda: JointTorqueFilter(ONE, FREE).start([np.nan, 0.0]), "finite joint velocities"),
     ],
 )
 def test_wrong_input_says_so(build, words):
@@ -295,7 +294,7 @@ def test_wrong_input_says_so(build, words):
     ],
 )
 def test_wrong_samples_say_so(arguments, words):
-    law = JointTorqueFilter(FILTERS["n1"], FREE, H)
+    law = JointTorqueFilter(ONE, FREE)
     given = {"qd": np.zeros(2), "quantities": GOOD, "torque": np.zeros(2), **arguments}
     with pytest.raises(ValueError, match=words):
         law.step(

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from phyfilter_ctl import PhyFilter
-from phyfilter_ctl.plants.legged import JointSpacePrior, JointTorqueFilter, quantities
+from phyfilter_ctl.controllers import JointTorqueFilter
+from phyfilter_ctl.plants.legged import JointSpacePrior, quantities
 
 mujoco = pytest.importorskip("mujoco", reason="needs the extra mujoco")
 
@@ -39,7 +40,7 @@ def simulate(xml, prior, filter, f, command, steps=400, change=lambda now, data,
     """f_hat (N, n) of the filter while torques ``f`` act that it is not told of."""
     model = mujoco.MjModel.from_xml_string(xml)
     data = mujoco.MjData(model)
-    law = JointTorqueFilter(filter, prior, model.opt.timestep, limit=None, rule="step")
+    law = JointTorqueFilter(filter.sampled(model.opt.timestep, g="hold"), prior)
     nb = model.nv - len(f)
     state, f_hat = law.start(data.qvel[nb:]), [np.zeros(len(f))]
     for k in range(steps):

@@ -78,7 +78,7 @@ def quantities(model: SimulatorModel, data: SimulatorData, *, stepped: bool = Fa
     model : mujoco.MjModel
     data : mujoco.MjData
         After ``mj_forward``: of this instant. After ``mj_step``: velocities of now, the rest of the step that ends now,
-        which is what ``JointTorqueFilter(rule="step")`` asks for.
+        which is what a ``JointTorqueFilter`` with ``g="hold"`` asks for.
     stepped : bool
         Add h D to M, as the integrators "Euler" and "implicitfast" do with the damping D of the joints:
         (M + h D) (q'_k - q'_{k-1})/h = forces at q'_{k-1}. With it the residual after ``mj_step`` is exact.

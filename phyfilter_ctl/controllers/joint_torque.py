@@ -3,14 +3,13 @@
 Per joint, with the residual of each step measured in the inertia form (M is never inverted, q'' never formed):
 
     u_k = M (q'_k - q'_{k-1}) / h - mean of g over the step
-    w_k = w_{k-1} + dA (w_{k-1} - equilibrium u_k),    f_hat_k = C w_k          (as in :mod:`phyfilter_ctl.filter`)
+    w_k = w_{k-1} + dA (w_{k-1} - equilibrium u_k),    f_hat_k = C w_k             (as in :mod:`phyfilter_ctl.filter`)
 
 The learned part f_theta is zero here: the paper does not define one for the legs.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Literal, NamedTuple, get_args
@@ -18,14 +17,13 @@ from typing import Literal, NamedTuple, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...filter import PhyFilter, SampledPhyFilter, Sampling
-from .prior import JointQuantities, JointSpacePrior
+from ..filter import SampledPhyFilter, Sampling, StepConstants
+from ..filter.recursion import applied, increment, mean, momentum, output, residual
+from ..plants.legged import JointQuantities, JointSpacePrior
 
 __all__ = ["JointFilterState", "JointTorqueFilter"]
 
-FloatArray = NDArray[np.float64]
-Method = Literal["exact", "euler", "tustin"]
-Rule = Literal["average", "step"]
+FloatArray = NDArray[np.floating]
 AntiWindup = Literal["none", "clamp", "back_calculation", "residual"]
 Gate = Literal["scale", "hold"]
 
@@ -45,15 +43,15 @@ class JointTorqueFilter:
 
     Parameters
     ----------
-    filter : PhyFilter or sequence of PhyFilter
-        One for all joints, or one per joint (of one order). Order and b are free: a band-pass filter (b_0 = 0) forgets
-        constant torques, a contact torque that was left out of g among them.
+    sampled : SampledPhyFilter
+        One filter for all joints, or one per joint (of one order). Order and b are free: a band-pass filter (b_0 = 0)
+        forgets constant torques, a contact torque that was left out of g among them. ``limit`` bounds |f_hat| in N m.
+        ``g`` says which M, bias and contact act over a step. "average": the mean of those given at both its ends
+        (second order for a continuous plant). "hold": those given with the step act over all of it; exact with a
+        simulator's own, read after its step, where it advances q' by forward Euler, as MuJoCo does. The motors' torque
+        is held anyway.
     prior : JointSpacePrior
         What M and g consist of.
-    dt : float
-        Sampling interval h in seconds.
-    limit : float or (n,) array, optional
-        Bound on |f_hat| in N m; None for none.
     anti_windup : {"clamp", "back_calculation", "residual", "none"}
         What the limit does to the states; f_hat itself is limited in any case. "clamp": the state of every section is
         brought back to the limit at once, so that nothing winds up beyond it; order 1: w = clip(w). "back_calculation":
@@ -62,28 +60,24 @@ class JointTorqueFilter:
     gate : {"scale", "hold"}
         What a gate below 1 given to ``step`` does: "scale" multiplies u (at 0 f_hat dies out), "hold" multiplies the
         change of the states (at 0 f_hat stays).
-    rule : {"average", "step"}
-        Which M, bias and contact act over a step. "average": the mean of those given at both its ends (second order
-        for a continuous plant). "step": those given with the step act over all of it; exact with a simulator's own,
-        read after its step, where it advances q' by forward Euler, as MuJoCo does. The motors' torque is held anyway.
     leak : float
         Extra decay of the states in rad/s: f_hat forgets.
     tracking_time : float
         Seconds, for "back_calculation".
-    method : {"exact", "euler", "tustin"}
-        Discretisation, as in :class:`phyfilter_ctl.SampledPhyFilter`.
 
     Raises
     ------
     ValueError
-        For options out of range, filters of several orders, or forward Euler that would diverge.
+        For options out of range, filters of several orders, or a sampled filter with E, a delay, float32 or
+        ``nonfinite="hold"``.
 
     Examples
     --------
     A wheel of 0.1 kg m^2 on which 2 N m act that nobody told the filter:
 
+    >>> from phyfilter_ctl import PhyFilter
     >>> prior = JointSpacePrior(inertia="constant", bias="none", contact="omitted", constant_inertia=0.1)
-    >>> wheels = JointTorqueFilter(PhyFilter([5.0]), prior, 0.01)
+    >>> wheels = JointTorqueFilter(PhyFilter([5.0]).sampled(0.01, g="average", limit=20.0), prior)
     >>> state = wheels.start(np.zeros((3, 1)))
     >>> for k in range(1, 101):
     ...     qd = np.full((3, 1), 2.0 / 0.1 * 0.01 * k)
@@ -92,69 +86,55 @@ class JointTorqueFilter:
     [2.0, 2.0, 2.0]
     """
 
-    filter: PhyFilter | Sequence[PhyFilter]
+    sampled: SampledPhyFilter
     prior: JointSpacePrior
-    dt: float
-    limit: ArrayLike | None = 20.0
     anti_windup: AntiWindup = "clamp"
     gate: Gate = "scale"
-    rule: Rule = "average"
     leak: float = 0.0
     tracking_time: float = 0.1
-    method: Method = "exact"
 
     def __post_init__(self) -> None:
-        for name, choices in (("anti_windup", AntiWindup), ("gate", Gate), ("rule", Rule)):
+        for name, kind in (("sampled", SampledPhyFilter), ("prior", JointSpacePrior)):
+            if not isinstance(value := getattr(self, name), kind):
+                raise TypeError(f"{name}: expected a {kind.__name__}, got {type(value).__name__}")
+        for name, choices in (("anti_windup", AntiWindup), ("gate", Gate)):
             if getattr(self, name) not in get_args(choices):
                 expected = ", ".join(get_args(choices))
                 raise ValueError(f"{name}: expected one of {expected}, got {getattr(self, name)!r}")
-        if not isinstance(self.prior, JointSpacePrior):
-            raise TypeError(f"prior: expected a JointSpacePrior, got {type(self.prior).__name__}")
         for name, value, least in (("leak", self.leak, 0.0), ("tracking_time", self.tracking_time, 1e-9)):
             if not (np.isfinite(value) and value >= least):
                 raise ValueError(
                     f"{name}: expected {'0 or more' if least == 0.0 else 'a positive time'}, got {value}"
                 )
-        if self.limit is not None:
-            limit: FloatArray = np.asarray(self.limit, dtype=float)
-            if limit.ndim > 1 or not np.all(limit > 0.0):
-                raise ValueError(
-                    f"limit: expected a positive torque in N m, one number or (n,), got {self.limit!r}"
-                )
-            object.__setattr__(self, "limit", limit)
-        filters = (self.filter,) if isinstance(self.filter, PhyFilter) else tuple(self.filter)
-        # The sampled filter checks the filters, dt, the method and the Euler step.
-        SampledPhyFilter(filters, Sampling(self.dt, self.method))
-        if len({entry.order for entry in filters}) > 1:
-            raise ValueError(
-                f"filters of orders {[entry.order for entry in filters]}: expected one order for all joints"
-            )
-        object.__setattr__(self, "_filters", filters)
-        _ = self._constants
+        other = self._sampling.unusual.keys() & {"delay", "precision", "nonfinite"}
+        if other or self.sampled.E is not None:
+            raise ValueError(f"sampled: expected none of {', '.join(sorted(other)) or 'E'}; leave it out")
+        orders = [entry.order for entry in self.sampled.filters]
+        if len(set(orders)) > 1:
+            raise ValueError(f"filters of orders {orders}: expected one order for all joints")
 
     @property
-    def filters(self) -> tuple[PhyFilter, ...]:
-        """One filter, or one per joint."""
-        filters: tuple[PhyFilter, ...] = self.__dict__["_filters"]
-        return filters
-
-    @property
-    def order(self) -> int:
-        """Order of the filters."""
-        return self.filters[0].order
+    def _sampling(self) -> Sampling:
+        return self.sampled.sampling
 
     @cached_property
-    def _constants(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """dA transposed (c, n, n), equilibrium (c, n), C (c, n) and the norm of sections (c, n, n)."""
-        parts = [SampledPhyFilter(entry, Sampling(self.dt, self.method)).transition for entry in self.filters]
-        dA, equilibrium, C = (np.stack(column) for column in zip(*parts, strict=True))
+    def _constants(self) -> StepConstants:
+        dA, equilibrium, C = self.sampled.recursion.bank
+        h = self.sampled.dt
         if self.leak:
             # I + dA becomes e^{-leak h} (I + dA), the input matrix -dA equilibrium stays.
-            fade, drive = np.exp(-self.leak * self.dt), dA @ equilibrium[..., None]
-            dA = dA * fade + np.expm1(-self.leak * self.dt) * np.eye(dA.shape[-1])
+            drive = dA @ equilibrium[..., None]
+            dA = dA * np.exp(-self.leak * h) + np.expm1(-self.leak * h) * np.eye(dA.shape[-1])
             equilibrium = np.linalg.solve(dA, drive)[..., 0]
-        norms = np.stack([_section_norms(entry.sections[0]) for entry in self.filters])
-        return np.ascontiguousarray(np.swapaxes(dA, -1, -2)), equilibrium, C, norms
+        if len(dA) == 1:
+            return StepConstants(np.ascontiguousarray(dA[0].T), equilibrium[0], C[0], np.float64(1.0 / h))
+        return StepConstants(dA, equilibrium, C, np.float64(1.0 / h))
+
+    @cached_property
+    def _norms(self) -> FloatArray:
+        """As ``_constants.dA``: takes the squares of the states to the squared size of their section."""
+        norms = np.stack([_section_norms(entry.sections[0]) for entry in self.sampled.filters])
+        return norms[0] if len(norms) == 1 else np.swapaxes(norms, -1, -2)
 
     def start(self, qd: ArrayLike, quantities: JointQuantities | None = None) -> JointFilterState:
         """State at the first sample; f_hat starts at 0.
@@ -178,17 +158,13 @@ class JointTorqueFilter:
         velocity = np.array(qd, dtype=float)
         if velocity.ndim < 1 or velocity.shape[-1] == 0:
             raise ValueError(f"qd: expected shape (..., n) with n joints, got {velocity.shape}")
-        n = velocity.shape[-1]
-        if len(self.filters) not in (1, n):
-            raise ValueError(f"{len(self.filters)} filters for {n} joints: expected one, or one per joint")
-        if self.limit is not None and np.ndim(self.limit) and np.shape(self.limit) != (n,):
-            raise ValueError(f"limit: {np.shape(self.limit)[0]} bounds for {n} joints")
+        self.sampled.recursion.channels(velocity.shape[-1])
         if not np.isfinite(velocity).all():
             raise ValueError("qd: expected finite joint velocities")
         inertia = known = None
         if quantities is not None:
             inertia, known = self._model(quantities, velocity.shape)
-        return JointFilterState(np.zeros((*velocity.shape, self.order)), velocity, inertia, known)
+        return JointFilterState(np.zeros((*velocity.shape, self.sampled.order)), velocity, inertia, known)
 
     def step(
         self,
@@ -207,7 +183,7 @@ class JointTorqueFilter:
         qd : (..., n) array
             Joint velocities now.
         quantities : JointQuantities
-            At this sample; ``rule="step"``: over the step that ends now.
+            At this sample; ``g="hold"``: over the step that ends now.
         torque : (..., n) array
             Motor torques over the step that ends now, that is the command of the sample before: the command of this
             sample may use the f_hat returned here.
@@ -235,17 +211,14 @@ class JointTorqueFilter:
             )
         inertia, known = self._model(quantities, velocity.shape)
         M, g = inertia, known
-        if self.rule == "average" and state.inertia is not None and state.known is not None:
-            M = M if state.inertia is M else 0.5 * (M + state.inertia)
-            g = 0.5 * (g + state.known)
-        dqd = velocity - state.qd
-        change = np.matmul(M, dqd[..., None])[..., 0] if self._is_full else M * dqd
-        u = change / self.dt - g - tau
+        if self._sampling.g == "average" and state.inertia is not None and state.known is not None:
+            M, g = mean("average", state.inertia, M), mean("average", state.known, g)
+        u = residual(momentum(M, velocity - state.qd) / self.sampled.dt, g, tau, None)
         if not np.isfinite(u).all():
             _refuse(u)
         share = None if gate is None else _gate(gate, velocity.shape)
         w = self._advance(state.w, u, share)
-        f_hat = self._within((w * self._constants[2]).sum(axis=-1))
+        f_hat = self.sampled.recursion.limited(output(w, None, self._constants.C))
         return JointFilterState(w, velocity, inertia, known), f_hat
 
     def reset(
@@ -265,7 +238,7 @@ class JointTorqueFilter:
         qd : (..., n) array
             Joint velocities now; only those of the chosen robots are used.
         quantities : JointQuantities, optional
-            Now; None keeps those before the reset, which ``rule="average"`` then takes into the next step.
+            Now; None keeps those before the reset, which ``g="average"`` then takes into the next step.
 
         Returns
         -------
@@ -289,18 +262,9 @@ class JointTorqueFilter:
             return state
         inertia, known = self._model(quantities, velocity.shape)
         if self.prior.constant_inertia is None:
-            axes = (..., None, None) if self._is_full else (..., None)
+            axes = (..., None, None) if inertia.ndim > velocity.ndim else (..., None)
             inertia = np.where(chosen[axes], inertia, state.inertia)
         return state._replace(inertia=inertia, known=np.where(chosen[..., None], known, state.known))
-
-    def _within(self, torque: FloatArray) -> FloatArray:
-        limit = np.inf if self.limit is None else np.asarray(self.limit)
-        return np.clip(torque, -limit, limit)
-
-    @property
-    def _is_full(self) -> bool:
-        constant = self.prior.constant_inertia
-        return self.prior.inertia == "full" or (constant is not None and np.ndim(constant) == 2)
 
     def _model(self, quantities: JointQuantities, shape: tuple[int, ...]) -> tuple[FloatArray, FloatArray]:
         """Inertia and the known torque without the motors'."""
@@ -309,31 +273,25 @@ class JointTorqueFilter:
         known = self.prior.known_torque(quantities, 0.0)
         if known.shape != shape:
             raise ValueError(f"quantities: known torque of shape {known.shape}, expected {shape}")
-        return self.prior.inertia_matrix(quantities), known
+        inertia = self.prior.inertia_matrix(quantities)
+        full = self.prior.constant_inertia is not None and inertia.ndim == 2
+        return np.broadcast_to(inertia, (*shape, shape[-1])) if full else inertia, known
 
     def _advance(self, w: FloatArray, u: FloatArray, share: FloatArray | None) -> FloatArray:
-        dA, equilibrium, _, norms = self._constants
+        limit = self._sampling.limit
         if self.anti_windup == "residual":
-            u = self._within(u)
+            u = self.sampled.recursion.limited(u)
         if share is not None and self.gate == "scale":
             u = u * share
-        change = _times(w - u[..., None] * equilibrium, dA)
+        change = increment(w, u, self._constants)
         if share is not None and self.gate == "hold":
             change = change * share[..., None]
         w = w + change
-        if self.limit is not None and self.anti_windup in ("clamp", "back_calculation"):
-            size = np.sqrt(_times(w * w, norms))
-            limit = np.asarray(self.limit)[..., None]
-            part = 1.0 if self.anti_windup == "clamp" else -np.expm1(-self.dt / self.tracking_time)
-            w *= 1.0 - part * (1.0 - limit / np.maximum(size, limit))
+        if limit is not None and self.anti_windup in ("clamp", "back_calculation"):
+            size = np.sqrt(applied(self._norms, w * w))
+            part = 1.0 if self.anti_windup == "clamp" else -np.expm1(-self.sampled.dt / self.tracking_time)
+            w *= 1.0 - part * (1.0 - limit[..., None] / np.maximum(size, limit[..., None]))
         return w
-
-
-def _times(rows: FloatArray, matrices: FloatArray) -> FloatArray:
-    """rows (..., n, order) times one matrix (1, order, order) or one per joint (n, order, order)."""
-    if len(matrices) == 1:
-        return rows @ matrices[0]
-    return np.matmul(rows[..., None, :], matrices)[..., 0, :]
 
 
 def _section_norms(A: FloatArray) -> FloatArray:
