@@ -64,15 +64,7 @@ export class LogCard {
     this.rmse = h("dl", { class: "pf-rmse", "data-test": "rmse" });
     this.legend = h("div", { class: "pf-legends" });
     this.readout = h("span", { class: "pf-readout" });
-    const words = "or pick a CSV file: a column t in s, the measured x, and if known label_x, g_x, f_theta_x";
-    const file = picker(app, ".csv,.txt,.tsv,.toml", "log-file", "Pick a CSV log");
-    this.drop = h(
-      "label",
-      { class: "pf-drop", "data-test": "drop" },
-      h("strong", {}, "Drop a recorded log here"),
-      h("span", {}, words),
-      file,
-    );
+    this.drop = dropArea(app);
     this.channels = h("select", {
       "data-test": "channel",
       "aria-label": "Channel",
@@ -83,17 +75,10 @@ export class LogCard {
       title: "Draw the whole log; or double-click the plot",
     });
     const bar = h("div", { class: "pf-bar" }, this.legend, this.readout, this.parts());
-    this.body = h(
-      "div",
-      { class: "pf-log-body" },
-      h("div", { class: "pf-log-left" }, bar, this.chart.element, this.rmse),
-      this.learning.element,
-    );
-    this.element = card("Log", [this.drop, this.body], {
-      test: "log-card",
-      side: [this.summary, this.channels, this.forget],
-      className: "pf-log-card",
-    });
+    const left = h("div", { class: "pf-log-left" }, bar, this.chart.element, this.rmse);
+    this.body = h("div", { class: "pf-log-body" }, left, this.learning.element);
+    const side = [this.summary, this.channels, this.forget];
+    this.element = card("Log", [this.drop, this.body], { test: "log-card", side, className: "pf-log-card" });
   }
 
   /** Buttons for the part that is drawn. */
@@ -266,4 +251,12 @@ export class LogCard {
     const values = READ.map(({ key, name }) => value(estimate[key], name)).join("");
     this.readout.textContent = `t ${short(estimate.t[at] - this.start, 4)} s${values}`;
   }
+}
+
+/** Where a log is dropped, or picked. @param {App} app */
+function dropArea(app) {
+  const words = "or pick a CSV file: a column t in s, the measured x, and if known label_x, g_x, f_theta_x";
+  const file = picker(app, ".csv,.txt,.tsv,.toml", "log-file", "Pick a CSV log");
+  const title = h("strong", {}, "Drop a recorded log here");
+  return h("label", { class: "pf-drop", "data-test": "drop" }, title, h("span", {}, words), file);
 }
