@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .._signals import LARGEST, interval, number, real, refuse_unusable, unusable, usable
+from .._signals import LARGEST, duration, real, refuse_unusable, unusable, usable
 from . import windows
 from .recursion import Recursion, advance, mean, momentum, output, residual
 
@@ -271,7 +271,7 @@ def _vector(name: str, values: ArrayLike, shape: tuple[int, ...], dtype: np.dtyp
 
 
 def _step_length(recursion: Recursion, dt: float) -> float:
-    dt = number("dt", interval("dt", dt), "s")
+    dt = duration("dt", dt)
     if not 1.0 / LARGEST < dt < LARGEST:
         raise ValueError(
             f"dt: expected the positive length of the step in seconds, got {dt}; time runs forwards"
