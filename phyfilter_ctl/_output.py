@@ -12,7 +12,7 @@ import re
 import secrets
 import shutil
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import IO, TYPE_CHECKING
@@ -21,9 +21,19 @@ if sys.platform != "win32":
     import fcntl
 
 if TYPE_CHECKING:
+    import numpy as np
     from matplotlib.figure import Figure
+    from numpy.typing import NDArray
 
-__all__ = ["check_folder", "check_target", "replacing", "replacing_folder", "write_figure", "write_text"]
+__all__ = [
+    "check_folder",
+    "check_target",
+    "replacing",
+    "replacing_folder",
+    "write_figure",
+    "write_gif",
+    "write_text",
+]
 
 _MARK_BYTES = 6
 _MARK = re.compile(rf"[0-9a-f]{{{2 * _MARK_BYTES}}}\.tmp")
@@ -90,6 +100,25 @@ def write_figure(path: str, figure: Figure) -> None:
     """Write a figure in the format that the ending of the path names."""
     with replacing(path) as file:
         figure.savefig(file, format=Path(path).suffix.lower().removeprefix("."), dpi=150)
+
+
+def write_gif(
+    path: str | os.PathLike[str], frames: Iterable[NDArray[np.uint8]], *, milliseconds: int
+) -> None:
+    """Write pictures (height, width, 3) as an animation of 64 colours that repeats, each shown for so long."""
+    from PIL import Image
+
+    images = [Image.fromarray(frame).quantize(64) for frame in frames]
+    with replacing(path) as file:
+        images[0].save(
+            file,
+            format="GIF",
+            save_all=True,
+            append_images=images[1:],
+            duration=milliseconds,
+            loop=0,
+            optimize=True,
+        )
 
 
 @contextmanager

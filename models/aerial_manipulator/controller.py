@@ -6,12 +6,11 @@ import control as ct
 import numpy as np
 
 from phyfilter_ctl.blocks import FunctionBlock, SampledBlock, sampled_block, wired
-from phyfilter_ctl.controllers import attitude_controller, position_controller
+from phyfilter_ctl.controllers import arm_controller, attitude_controller, position_controller
 from phyfilter_ctl.plants import Columns, allocation_matrix, plant
 from phyfilter_ctl.plants.algebra import Array
 from phyfilter_ctl.plants.factory import Results
 
-from .arm_control import arm_controller
 from .features import trim_torque
 from .methods import Method, late
 from .mission import arm

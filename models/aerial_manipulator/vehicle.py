@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import casadi as ca
 import control as ct
 import numpy as np
 from numpy.typing import NDArray
@@ -11,10 +10,10 @@ from phyfilter_ctl.blocks import FunctionBlock, delay_line, wired
 from phyfilter_ctl.plants import (
     Columns,
     Plant,
+    Sensor,
     aerial_manipulator,
     plant,
-    quaternion_product,
-    stack,
+    sensors,
     wind_field,
 )
 from phyfilter_ctl.plants.algebra import Array
@@ -88,51 +87,18 @@ def manipulator() -> Plant:
     )
 
 
-def sensors() -> Plant:
-    """What is measured: the truth and white noise of unit variance, scaled."""
-    values, joints = params().sensors, arm().joints
-    three, unit = np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0])
-
-    def equations(t: Array, x: Columns, u: Columns, p: Columns) -> tuple[Results, Results]:
-        tilt = stack(ca.SX(1.0), 0.5 * p.attitude * u.n_q)
-        return {}, {
-            "r_m": u.r + p.position * u.n_r,
-            "v_m": u.v + p.velocity * u.n_v,
-            "q_m": quaternion_product(u.q, tilt) / ca.norm_2(tilt),
-            "omega_m": u.omega + p.rate * u.n_omega,
-            "joint_m": u.joint + p.joint * u.n_joint,
-            "joint_rate_m": u.joint_rate + p.joint_rate * u.n_joint_rate,
+def sensors_part() -> Plant:
+    """What is measured."""
+    values, at_rest = params().sensors, np.zeros(arm().joints)
+    return sensors(
+        {
+            "r": Sensor("position", values.position, "m"),
+            "v": Sensor("velocity", values.velocity, "m/s"),
+            "q": Sensor("attitude", values.attitude, "rad", quaternion=True),
+            "omega": Sensor("rate", values.rate, "rad/s"),
+            "joint": Sensor("joint", values.joint, "rad", arm().home),
+            "joint_rate": Sensor("joint_rate", values.joint_rate, "rad/s", at_rest),
         }
-
-    return plant(
-        equations,
-        name="sensors",
-        states={},
-        inputs={
-            "r": (three, "m"),
-            "v": (three, "m/s"),
-            "q": unit,
-            "omega": (three, "rad/s"),
-            "joint": (arm().home, "rad"),
-            "joint_rate": (np.zeros(joints), "rad/s"),
-            **{name: np.zeros(size) for name, size in NOISES.items() if name != "n_wind"},
-        },
-        outputs={
-            "r_m": "m",
-            "v_m": "m/s",
-            "q_m": "",
-            "omega_m": "rad/s",
-            "joint_m": "rad",
-            "joint_rate_m": "rad/s",
-        },
-        parameters={
-            "position": (values.position, "m"),
-            "velocity": (values.velocity, "m/s"),
-            "attitude": (values.attitude, "rad"),
-            "rate": (values.rate, "rad/s"),
-            "joint": (values.joint, "rad"),
-            "joint_rate": (values.joint_rate, "rad/s"),
-        },
     )
 
 
@@ -195,7 +161,7 @@ def vehicle_part() -> ct.InterconnectedSystem:
         "n_wind": "wind.noise",
     }
     return wired(
-        [delay, manipulator(), load(), wind(), sensors()],
+        [delay, manipulator(), load(), wind(), sensors_part()],
         wires,
         inputs=inputs,
         outputs={

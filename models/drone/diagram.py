@@ -11,14 +11,13 @@ x = m v,  m v' = g + f:  g = the thrust that acts - m g e_z - R D R' v,  f = f_m
 
 from __future__ import annotations
 
-import casadi as ca
 import control as ct
 import numpy as np
 
 from phyfilter_ctl.blocks import FunctionBlock, SampledBlock, delay_line, signal_names, wired
 from phyfilter_ctl.controllers import attitude_controller, attitude_gains, known_force, position_controller
 from phyfilter_ctl.learned import Chebyshev
-from phyfilter_ctl.plants import Columns, plant, quadrotor, quaternion_product, stack, wind_field
+from phyfilter_ctl.plants import Columns, Plant, Sensor, plant, quadrotor, sensors, wind_field
 from phyfilter_ctl.plants.algebra import Array
 from phyfilter_ctl.plants.factory import Results
 
@@ -40,41 +39,17 @@ def steps_of_delay() -> int:
     return round(params().vehicle.delay / params().sampling.dt)
 
 
-def sensors() -> FunctionBlock:
-    """What is measured: the truth and white noise of unit variance, scaled."""
+def sensors_part() -> Plant:
+    """What is measured."""
     values = params().sensors
-    three, unit = np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0])
-
-    def equations(t: Array, x: Columns, u: Columns, p: Columns) -> tuple[Results, Results]:
-        tilt = stack(ca.SX(1.0), 0.5 * p.attitude * u.n_q)
-        return {}, {
-            "r_m": u.r + p.position * u.n_r,
-            "v_m": u.v + p.velocity * u.n_v,
-            "q_m": quaternion_product(u.q, tilt) / ca.norm_2(tilt),
-            "omega_m": u.omega + p.rate * u.n_omega,
-            "a_m": u.a + p.specific_force * u.n_a,
+    return sensors(
+        {
+            "r": Sensor("position", values.position, "m"),
+            "v": Sensor("velocity", values.velocity, "m/s"),
+            "q": Sensor("attitude", values.attitude, "rad", quaternion=True),
+            "omega": Sensor("rate", values.rate, "rad/s"),
+            "a": Sensor("specific_force", values.specific_force, "m/s^2"),
         }
-
-    return plant(
-        equations,
-        name="sensors",
-        states={},
-        inputs={
-            "r": (three, "m"),
-            "v": (three, "m/s"),
-            "q": unit,
-            "omega": (three, "rad/s"),
-            "a": (three, "m/s^2"),
-            **dict.fromkeys(NOISES[:-1], three),
-        },
-        outputs={"r_m": "m", "v_m": "m/s", "q_m": "", "omega_m": "rad/s", "a_m": "m/s^2"},
-        parameters={
-            "position": (values.position, "m"),
-            "velocity": (values.velocity, "m/s"),
-            "attitude": (values.attitude, "rad"),
-            "rate": (values.rate, "rad/s"),
-            "specific_force": (values.specific_force, "m/s^2"),
-        },
     )
 
 
@@ -169,7 +144,7 @@ def vehicle_part(*, delayed: bool = True) -> ct.InterconnectedSystem:
         **({"quadrotor.thrust": "delay.thrust_delayed"} if delayed else {}),
     }
     return wired(
-        [*delay, quadrotor_plant(), wind(), sensors()],
+        [*delay, quadrotor_plant(), wind(), sensors_part()],
         wires | {f"sensors.{name}": f"quadrotor.{name}" for name in ("r", "v", "q", "omega", "a")},
         inputs={"thrust": "delay.thrust" if delayed else "quadrotor.thrust", "n_wind": "wind.noise"}
         | {name: f"sensors.{name}" for name in NOISES if name != "n_wind"},

@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from phyfilter_ctl._output import replacing
+from phyfilter_ctl._output import write_gif
 from phyfilter_ctl.plots import COLOURS, dress
 
 from .limits import PROFILES, Comparison
@@ -128,8 +128,6 @@ def animate(humanoid: Humanoid, trials: dict[str, Trial], path: str) -> str:
     str
         What drew it: MuJoCo's renderer where there is OpenGL without a screen (EGL), else Matplotlib.
     """
-    from PIL import Image
-
     step = float(humanoid.model.opt.timestep)
     count = round(max(trial.time[-1] for trial in trials.values()) * _FRAMES_PER_SECOND)
     stride = round(1.0 / (_FRAMES_PER_SECOND * step))
@@ -137,16 +135,8 @@ def animate(humanoid: Humanoid, trials: dict[str, Trial], path: str) -> str:
     with _renderer(humanoid) as (who, image):
         for k in range(count):
             rows = [trial.q[min(k * stride, len(trial.q) - 1)] for trial in trials.values()]
-            pictures.append(Image.fromarray(np.hstack([image(q) for q in rows])).quantize(64))
-    with replacing(path) as file:
-        pictures[0].save(
-            file,
-            format="GIF",
-            save_all=True,
-            append_images=pictures[1:],
-            duration=1000 // _FRAMES_PER_SECOND,
-            loop=0,
-        )
+            pictures.append(np.hstack([image(q) for q in rows]))
+    write_gif(path, pictures, milliseconds=1000 // _FRAMES_PER_SECOND)
     return who
 
 

@@ -9,9 +9,8 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image
 
-from phyfilter_ctl._output import replacing
+from phyfilter_ctl._output import write_gif
 from phyfilter_ctl.plants.legged.simulator import simulator
 
 from .robot import LEGS, compile_model
@@ -24,7 +23,6 @@ Pixels = NDArray[np.uint8]
 
 _SIZE = (640, 360)
 _EVERY = 4  # of the policy's steps: 12.5 pictures a second
-_COLOURS = 64
 
 
 def animate(path: Path, qpos: FloatArray, *, terrain: Terrain | None = None, renderer: bool = True) -> str:
@@ -55,17 +53,7 @@ def animate(path: Path, qpos: FloatArray, *, terrain: Terrain | None = None, ren
     except Exception as error:  # every GL library fails in its own way
         how = f"line drawing (no off-screen rendering: {type(error).__name__})"
         pictures = list(_drawn(rows, terrain))
-    images = [Image.fromarray(entry).quantize(_COLOURS) for entry in pictures]
-    with replacing(path) as file:
-        images[0].save(
-            file,
-            format="GIF",
-            save_all=True,
-            append_images=images[1:],
-            duration=20 * _EVERY,
-            loop=0,
-            optimize=True,
-        )
+    write_gif(path, pictures, milliseconds=20 * _EVERY)
     return how
 
 

@@ -2,6 +2,7 @@
 planner, and the filter of legged robots' joint torques."""
 
 from .allocation import allocate
+from .arm import arm_controller
 from .attitude import AttitudeGains, attitude_error, attitude_gains
 from .indi import indi
 from .joint_torque import JointFilterState, JointTorqueFilter
@@ -31,6 +32,7 @@ __all__ = [
     "PlannerLimits",
     "PlannerWeights",
     "allocate",
+    "arm_controller",
     "attitude_controller",
     "attitude_error",
     "attitude_gains",

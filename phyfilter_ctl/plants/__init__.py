@@ -29,6 +29,7 @@ from .declaration import Columns
 from .factory import Plant, plant
 from .legged import JointQuantities, JointSpacePrior
 from .quadrotor import allocation_matrix, quadrotor
+from .sensors import Sensor, sensors
 from .serial_arm import SerialArm
 from .small_arm import small_arm
 from .wind import wind_field
@@ -41,6 +42,7 @@ __all__ = [
     "JointSpacePrior",
     "Link",
     "Plant",
+    "Sensor",
     "SerialArm",
     "aerial_manipulator",
     "allocation_matrix",
@@ -60,6 +62,7 @@ __all__ = [
     "rotate",
     "rotate_back",
     "rotation_matrix",
+    "sensors",
     "skew",
     "small_arm",
     "solve",

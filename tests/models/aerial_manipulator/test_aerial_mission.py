@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 
 from phyfilter_ctl import flatten, models, simulate
 from phyfilter_ctl.cli import main
+from phyfilter_ctl.controllers import arm_controller
 from phyfilter_ctl.plants import allocation_matrix, coupling_force, coupling_torque, rotate, rotate_back
 from tests.cpu_budget import slow_but
 
@@ -317,7 +318,7 @@ def test_score() -> None:
 
 
 def test_arm_controller_refuses_nonsense() -> None:
-    make = importlib.import_module(f"{ROOM}.arm_control").arm_controller
+    make = arm_controller
     with pytest.raises(ValueError, match="share: expected 0 to 1"):
         make(mission.arm(), tilt_bandwidth=5.0, share=2.0, period=0.002)
     with pytest.raises(ValueError, match="tilt_bandwidth: expected a positive"):

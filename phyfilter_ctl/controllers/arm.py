@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from phyfilter_ctl.blocks import SampledBlock, sampled_block
-from phyfilter_ctl.plants import (
+from ..blocks import SampledBlock, sampled_block
+from ..plants import (
     Columns,
     SerialArm,
     cross,
@@ -15,8 +15,8 @@ from phyfilter_ctl.plants import (
     rotate_back,
     stack,
 )
-from phyfilter_ctl.plants.algebra import Array
-from phyfilter_ctl.plants.factory import Results
+from ..plants.algebra import Array
+from ..plants.factory import Results
 
 __all__ = ["arm_controller"]
 
@@ -59,6 +59,12 @@ def arm_controller(
     ------
     ValueError
         For a bandwidth that is not positive, a share outside 0 to 1, or an arm of another kind.
+
+    Examples
+    --------
+    >>> from phyfilter_ctl.plants import small_arm
+    >>> arm_controller(small_arm(), tilt_bandwidth=5.0, period=0.002).output_labels[::5]
+    ['joint_ref[0]', 'joint_rate_ref[0]']
     """
     if not (np.isfinite(tilt_bandwidth) and tilt_bandwidth > 0.0):
         raise ValueError(f"tilt_bandwidth: expected a positive number of rad/s, got {tilt_bandwidth}")
