@@ -281,7 +281,7 @@ def test_many_systems_refuse_what_one_of_them_spoils():
     sampled = LOWPASS.sampled(H)
     state, x = sampled.start(np.zeros((4, 2))), np.zeros((4, 2))
     x[2, 1] = np.nan
-    with pytest.raises(ValueError, match=r"in system \(2,\); the state is unchanged"):
+    with pytest.raises(ValueError, match=r"x: .*got nan in row 2, column 1; the state is unchanged"):
         sampled.step(state, x)
     with pytest.raises(ValueError, match="one system at a time"):
         LOWPASS.sampled(H, nonfinite="hold").start(np.zeros((4, 2)))
