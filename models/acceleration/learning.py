@@ -204,7 +204,7 @@ def _by_adam(logs: Sequence[FlightLog], start: PhyFilter, dt: float, rate: float
         optimiser=Adam(rate=rate),
         validation=0.0,
         patience=_ENDLESS,
-        epochs=_ENDLESS,
+        max_epochs=_ENDLESS,
         callback=note,
     )
     return _descent(start, _rmse(start, logs, dt), points, result.status)

@@ -151,14 +151,14 @@ class LearningJob:
         return log.resample(log.dt)
 
     def _report(self, event: LearnEvent) -> bool:
-        """Called after every step that lowered a cost; False stops the search."""
+        """Called after every step that lowered a cost; True stops the search."""
         rmse = math.sqrt(max(event.cost, 0.0))
         with self._lock:
             self._steps += 1
             if not self._curve or rmse < self._curve[-1][1]:
                 self._curve.append((self._steps, rmse))
                 self._message = f"order {event.order}: RMSE {rmse:.4g}"
-        return not self._stop.is_set()
+        return self._stop.is_set()
 
     def _floors(self, log: FlightLog) -> tuple[float, ...] | None:
         """The Wiener filter of every channel; it does not depend on the filter that is learned beside it."""
@@ -168,7 +168,7 @@ class LearningJob:
                 return None
             try:
                 floor = learn(
-                    log, 1, starts=0, iterations=1, channels=[channel], method=self._like.method
+                    log, 1, starts=0, max_iterations=1, channels=[channel], method=self._like.method
                 ).wiener
             except (ValueError, LinAlgError):  # a channel with nothing to learn, or too short for blocks
                 return None

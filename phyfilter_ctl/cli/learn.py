@@ -262,7 +262,7 @@ def _row(
 
     def report(event: LearnEvent) -> bool:
         bar.set_postfix_str(f"order {event.order}, RMSE {math.sqrt(max(event.cost, 0.0)):.4g}")
-        return not interrupt.asked
+        return interrupt.asked
 
     try:
         result = learn(

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import OptimizeResult, minimize
 
+from .. import _signals
 from .._sections import FloatArray
 from ..filter import PaperFilter, PhyFilter, SampledPhyFilter
 from ..flightlog import FlightLog
@@ -150,7 +151,7 @@ def learn_jointly(
     cost: StageCost | None = None,
     held_out: FlightLog | Sequence[FlightLog] = (),
     strategy: Strategy = "simultaneous",
-    iterations: int = 200,
+    max_iterations: int = 200,
     tolerance: float = 1e-6,
     callback: Callable[[int, float], bool | None] | None = None,
     segments: int = 1,
@@ -174,7 +175,7 @@ def learn_jointly(
         Flights to choose the iterate by. None given: the last, which is the best on ``logs``.
     strategy : {"simultaneous", "alternating"}
         Move model and filter together, or by turns; the filter alone comes first in both.
-    iterations : int
+    max_iterations : int
         Most iterations, over all turns.
     tolerance : float
         Relative decrease of the cost in an iteration below which it stops.
@@ -207,15 +208,14 @@ def learn_jointly(
     >>> f = np.sin(2.0 * z) + 0.3
     >>> x = 0.01 * np.cumsum(f, axis=0) + 1e-3 * rng.standard_normal(f.shape)
     >>> log = FlightLog.from_arrays(x=x, dt=0.01, label=f, features=z)
-    >>> result = learn_jointly(log, Network((4,), max_iterations=3), PhyFilter([3.0]), iterations=30)
+    >>> result = learn_jointly(log, Network((4,), max_iterations=3), PhyFilter([3.0]), max_iterations=30)
     >>> result.rmse < 0.2 * result.history[0]
     True
     """
     flights, others = listed(logs), [held_out] if isinstance(held_out, FlightLog) else list(held_out)
     if strategy not in get_args(Strategy):
         raise ValueError(f"strategy: expected one of {get_args(Strategy)}, got {strategy!r}")
-    if isinstance(iterations, bool) or not isinstance(iterations, (int, np.integer)) or iterations < 1:
-        raise ValueError(f"iterations: expected a whole number of at least 1, got {iterations!r}")
+    max_iterations = _signals.count("max_iterations", max_iterations)
     if not tolerance > 0.0:
         raise ValueError(f"tolerance: expected a positive number, got {tolerance!r}")
     sampled = filter0.sampled(flights[0].dt) if isinstance(filter0, PhyFilter) else filter0
@@ -234,7 +234,7 @@ def learn_jointly(
             return JointResult(model, sampled.filter, float("inf"), (), (), Status.FAILED, message)
         model = first.model
     problem = _Joint(flights, others, model, rollout, cost or SquaredError())
-    return _Search(problem, iterations, tolerance, callback).run(strategy)
+    return _Search(problem, max_iterations, tolerance, callback).run(strategy)
 
 
 def _features(log: FlightLog) -> FloatArray:
@@ -344,11 +344,11 @@ class _Search(Generic[M]):
     def __init__(
         self,
         problem: _Joint[M],
-        iterations: int,
+        max_iterations: int,
         tolerance: float,
         callback: Callable[[int, float], bool | None] | None,
     ) -> None:
-        self.problem, self.left, self.tolerance, self.callback = problem, iterations, tolerance, callback
+        self.problem, self.left, self.tolerance, self.callback = problem, max_iterations, tolerance, callback
         self.p = problem.start
         self.unit, _, rmse = problem.cost_and_gradient(self.p)
         self.unit = abs(self.unit) or 1.0
@@ -438,6 +438,6 @@ class _Search(Generic[M]):
         if last.status == 1:
             return (
                 Status.ITERATION_LIMIT,
-                f"still learning after {count} iterations; raise iterations or tolerance",
+                f"still learning after {count} iterations; raise max_iterations or tolerance",
             )
         return Status.STALLED, f"no further descent after {count} iterations; usable, or try another start"

@@ -78,7 +78,7 @@ Z = np.linspace(-1.0, 1.0, 40)[:, None]
 # One of each kind that is made in little time.
 MADE = {
     "learn": lambda log: pf.learn(log, 1, starts=0),
-    "train": lambda log: design.train(log, PhyFilter([10.0]), segment=200, epochs=2),
+    "train": lambda log: design.train(log, PhyFilter([10.0]), segment=200, max_epochs=2),
     "fit": lambda log: learned.Chebyshev(degree=2, n_d=0).fit(Z, Z**2),
     "tune": lambda log: baselines.tune(
         baselines.LowpassDifference, [(log.x, log.label, 0.01, 10)], max_evaluations=5

@@ -230,7 +230,7 @@ def test_training_finds_the_best_pole_of_a_sweep(coordinates):
         optimiser=Adam(0.1 if coordinates == "hurwitz" else 4.0),
         coordinates=coordinates,
         validation=0.0,
-        epochs=150,
+        max_epochs=150,
         patience=15,
     )
     assert result.status == "converged", result.message
@@ -241,7 +241,7 @@ def test_training_finds_the_best_pole_of_a_sweep(coordinates):
 
 def test_training_is_reproducible_and_the_order_counts():
     log = learnable()
-    options = {"segment": 200, "epochs": 3, "optimiser": Adam(0.3)}
+    options = {"segment": 200, "max_epochs": 3, "optimiser": Adam(0.3)}
     one, same, other = (train(log, PhyFilter([1.0]), seed=seed, **options) for seed in (1, 1, 2))
     assert one.filter == same.filter
     assert one.history == same.history
@@ -252,7 +252,7 @@ def test_the_papers_realisation_trains_alike():
     """Eq. (5) rolled out and the increment recursion under Euler with held inputs are one map."""
     log = learnable(400)
     start = PhyFilter([4.0, 4.0])
-    options = {"segment": 100, "epochs": 5, "optimiser": Adam(0.2)}
+    options = {"segment": 100, "max_epochs": 5, "optimiser": Adam(0.2)}
     paper = train(log, PaperFilter(start, 0.01), **options)
     euler = train(log, start.sampled(0.01, method="euler", f_theta="hold"), **options)
     assert relative(np.array(paper.history), np.array(euler.history)) < 1e-9
@@ -264,7 +264,7 @@ def test_divergence_is_a_status(method):
         learnable(500),
         PhyFilter([1000.0, 300.0, 30.0]).sampled(0.01, method=method),
         optimiser=Adam(200.0),
-        epochs=50,
+        max_epochs=50,
     )
     assert result.status == "diverged"
     assert "smaller rate" in result.message
@@ -279,7 +279,7 @@ def test_logarithms_cannot_leave_the_stable_region():
         PhyFilter([1000.0, 300.0, 30.0], [900.0, 200.0, 10.0]),
         optimiser=Adam(0.5),
         coordinates="hurwitz",
-        epochs=30,
+        max_epochs=30,
         patience=30,
     )
     assert result.status == "iteration_limit"

@@ -95,8 +95,10 @@ def test_together_is_better_than_one_after_the_other(strategy, form):
         np.concatenate([log.features for log in logs]), np.concatenate([log.label for log in logs])
     ).model
     start = PhyFilter([1.0, 2.0])
-    only_filter = learn_jointly(logs, _Fixed(model), start, form=form, strategy=strategy, iterations=100)
-    result = learn_jointly(logs, model, start, form=form, strategy=strategy, iterations=150, held_out=others)
+    only_filter = learn_jointly(logs, _Fixed(model), start, form=form, strategy=strategy, max_iterations=100)
+    result = learn_jointly(
+        logs, model, start, form=form, strategy=strategy, max_iterations=150, held_out=others
+    )
     assert result.status in ("converged", "iteration_limit"), result.message
     assert result.rmse < only_filter.rmse < only_filter.history[0]
     assert result.held_out[0] > 1.2 * min(result.held_out)
@@ -122,7 +124,7 @@ class _Fixed:
 def test_unfitted_model_is_fitted_first_and_result_is_deterministic():
     log = log_of(400)
     results = [
-        learn_jointly(log, Network((4,), max_iterations=5), PhyFilter([3.0]), iterations=10) for _ in "ab"
+        learn_jointly(log, Network((4,), max_iterations=5), PhyFilter([3.0]), max_iterations=10) for _ in "ab"
     ]
     assert results[0].filter == results[1].filter
     assert np.array_equal(results[0].model.parameters, results[1].model.parameters)

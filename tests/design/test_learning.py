@@ -285,7 +285,7 @@ def test_cancelled_learning_returns_the_best_so_far(short):
 
     def stop(event):
         seen.append(event)
-        return False if event.order == 2 else None
+        return event.order == 2
 
     result = learn(short, 3, callback=stop)
     assert result.status == "cancelled"
@@ -295,7 +295,7 @@ def test_cancelled_learning_returns_the_best_so_far(short):
 
 
 def test_cancelled_at_the_first_step(short):
-    result = learn(short, 3, callback=lambda event: False)
+    result = learn(short, 3, callback=lambda event: True)
     assert result.status == "cancelled"
     assert result.order_used == 1
     assert len(result.history) == 1
@@ -370,7 +370,7 @@ def bad_calls():
         "weights negative": ({"logs": log, "weights": -1.0}, "0 or more"),
         "weights zero": ({"logs": log, "weights": 0.0}, "all are 0"),
         "start order": ({"logs": log, "start": PhyFilter([1.0, 2.0, 3.0])}, "order 3"),
-        "starts": ({"logs": log, "starts": -1}, "starts >= 0"),
+        "starts": ({"logs": log, "starts": -1}, "starts: expected at least 0"),
         "held out": ({"logs": log, "held_out": log.with_signals(label=None)}, "no label"),
     }
 
@@ -405,7 +405,7 @@ def test_cancelling_the_first_trials_of_unequal_steps_keeps_the_best_so_far() ->
 
     def stop(event: LearnEvent) -> bool:
         seen.append(event.cost)
-        return len(seen) < 3
+        return len(seen) == 3
 
     result = learn(log, 2, callback=stop)
     assert result.status == "cancelled"

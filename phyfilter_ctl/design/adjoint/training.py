@@ -137,7 +137,7 @@ def train(
     coordinates: Coordinates = "coefficients",
     validation: float = 0.2,
     patience: int = 20,
-    epochs: int = 200,
+    max_epochs: int = 200,
     callback: Callable[[int, float, PhyFilter], bool | None] | None = None,
     seed: int = 0,
 ) -> TrainResult:
@@ -170,7 +170,7 @@ def train(
         Share of each flight, at its end, kept to decide when to stop; 0 decides on the training part.
     patience : int
         Epochs without a better validation cost before it stops.
-    epochs : int
+    max_epochs : int
         Most passes over the segments.
     callback : callable, optional
         (epoch, validation cost, filter) -> stop; called after each epoch, True stops.
@@ -197,11 +197,11 @@ def train(
     >>> f = np.sin(0.02 * np.arange(2000))[:, None]
     >>> x = 0.01 * np.cumsum(f, axis=0) + 1e-3 * rng.standard_normal((2000, 1))
     >>> log = FlightLog.from_arrays(x=x, dt=0.01, label=f)
-    >>> result = train(log, PhyFilter([1.0]), segment=400, optimiser=Adam(rate=0.5), epochs=30)
+    >>> result = train(log, PhyFilter([1.0]), segment=400, optimiser=Adam(rate=0.5), max_epochs=30)
     >>> result.validation[-1] < result.validation[0]
     True
     """
-    _check_options(segment=segment, warmup=warmup, batch=batch, patience=patience, epochs=epochs)
+    _check_options(segment=segment, warmup=warmup, batch=batch, patience=patience, max_epochs=max_epochs)
     if coordinates not in get_args(Coordinates):
         raise ValueError(f"coordinates: expected one of {get_args(Coordinates)}, got {coordinates!r}")
     if not 0.0 <= validation < 1.0:
@@ -222,7 +222,7 @@ def train(
     )
     # Two threads of a BLAS make products of this size many times slower where another process runs.
     with threadpool_limits(1, user_api="blas"):
-        return _descend(training, optimiser or Adam(), batch, patience, epochs, callback, seed)
+        return _descend(training, optimiser or Adam(), batch, patience, max_epochs, callback, seed)
 
 
 # -- gradients ------------------------------------------------------------------------------------------------------
@@ -328,7 +328,7 @@ def _descend(
     optimiser: Adam,
     batch: int,
     patience: int,
-    epochs: int,
+    max_epochs: int,
     callback: Callable[[int, float, PhyFilter], bool | None] | None,
     seed: int,
 ) -> TrainResult:
@@ -344,7 +344,7 @@ def _descend(
     def result(status: Status, message: str) -> TrainResult:
         return TrainResult(best[3], best[1], tuple(history), tuple(validation), best[2], status, message)
 
-    for epoch in range(1, epochs + 1):
+    for epoch in range(1, max_epochs + 1):
         order, costs = rng.permutation(len(training.segments)), []
         for first in range(0, len(order), batch):
             chosen = [training.segments[i] for i in order[first : first + batch]]
@@ -369,4 +369,6 @@ def _descend(
             return result(Status.CANCELLED, f"cancelled by the callback after epoch {epoch}")
         if epoch - best[2] >= patience:
             return result(Status.CONVERGED, f"no better on the held-out part for {patience} epochs")
-    return result(Status.ITERATION_LIMIT, f"still learning after {epochs} epochs; raise epochs or the rate")
+    return result(
+        Status.ITERATION_LIMIT, f"still learning after {max_epochs} epochs; raise max_epochs or the rate"
+    )

@@ -64,7 +64,7 @@ def learn(
     method: Method = "exact",
     g: Rule = "hold",
     f_theta: Rule = "average",
-    iterations: int = 80,
+    max_iterations: int = 80,
     wiener: bool = True,
     callback: Callable[[LearnEvent], bool | None] | None = None,
 ) -> LearnResult:
@@ -96,12 +96,12 @@ def learn(
         Discretisation with which the filter will run.
     g, f_theta : {"hold", "average"}
         What the signals do between samples, as for :class:`SampledPhyFilter`.
-    iterations : int
+    max_iterations : int
         Most steps of one descent.
     wiener : bool
         Whether to compare with the causal Wiener filter.
     callback : callable, optional
-        Called with a :class:`LearnEvent` after every step that lowered a cost; returning False cancels.
+        Called with a :class:`LearnEvent` after every step that lowered a cost; True stops.
 
     Returns
     -------
@@ -150,7 +150,7 @@ def learn(
     [400.0, 30.0]
     """
     n = _order(order)
-    _check_options(form, method, starts, iterations)
+    _check_options(form, method, starts, max_iterations)
     single = isinstance(logs, FlightLog)
     entries = _weights(weights, single)
     flights = flights_of(_listed("logs", logs), channels=channels, weights=entries, g=g, f_theta=f_theta)
@@ -165,7 +165,7 @@ def learn(
     recorder = _Recorder(callback)
     # Two threads of a BLAS make products of this size ten times slower.
     with threadpool_limits(1, user_api="blas"):
-        search = _search(flights, form, method, n, iterations, recorder.report)
+        search = _search(flights, form, method, n, max_iterations, recorder.report)
         with suppress(_CancelledError):
             search.climb(n, given, starts, np.random.default_rng(seed))
         if recorder.cancelled:
@@ -201,7 +201,7 @@ class _Recorder:
         # Of an exact fit only rounding is left, of either sign.
         event = LearnEvent(order, start, descent.iterations, max(descent.found.cost, 0.0))
         self.events.append(event)
-        if self.callback is not None and self.callback(event) is False:
+        if self.callback is not None and self.callback(event):
             self.cancelled = True
             raise _CancelledError
 
@@ -302,7 +302,7 @@ def _message(status: Status, used: int, order: int, search: Search) -> str:
             f"flight, to about {1.0 / search.step:.3g} rad/s, the sampling): try a lower order, longer flights or "
             "faster sampling"
         ),
-        Status.ITERATION_LIMIT: f"order {used}: the best descent was still going down; raise iterations",
+        Status.ITERATION_LIMIT: f"order {used}: the best descent was still going down; raise max_iterations",
         Status.CANCELLED: f"cancelled by the callback: the best filter so far, of order {used}",
     }[status]
 
@@ -350,12 +350,12 @@ def _order(order: SupportsIndex) -> int:
     return n
 
 
-def _check_options(form: Form, method: Method, starts: int, iterations: int) -> None:
+def _check_options(form: Form, method: Method, starts: int, max_iterations: int) -> None:
     for name, value, choices in (("form", form, get_args(Form)), ("method", method, get_args(Method))):
         if value not in choices:
             raise ValueError(f"{name}: expected one of {', '.join(choices)}, got {value!r}")
-    if operator.index(starts) < 0 or operator.index(iterations) < 1:
-        raise ValueError(f"expected starts >= 0 and iterations >= 1, got {starts} and {iterations}")
+    _signals.count("starts", operator.index(starts), least=0)
+    _signals.count("max_iterations", operator.index(max_iterations))
 
 
 def _listed(name: str, logs: FlightLog | Sequence[FlightLog]) -> list[FlightLog]:
