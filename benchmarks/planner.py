@@ -64,7 +64,7 @@ def replayed(planner: CooperativePlanner, path: PlannedPath) -> tuple[np.ndarray
     """Milliseconds, distance of the first accelerations from the path's, and success, of plans along a path."""
     rows, u = [], np.zeros(6)
     for k, t in enumerate(path.times[:-1]):
-        aims = [target(t + planner.period * (i + 1)) for i in range(planner.horizon)]
+        aims = [target(t + planner.dt * (i + 1)) for i in range(planner.horizon)]
         R, omega = attitude(t, path.h[k], u)
         began = time.thread_time()
         plan = planner.plan(path.h[k], u, target=aims, R=R, omega=omega)

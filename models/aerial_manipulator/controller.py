@@ -39,7 +39,7 @@ def controller_part(method: Method, *, probed: bool = False) -> ct.Interconnecte
         kp=outer["kp"],
         kd=outer["kd"],
         ki=outer["ki"],
-        period=dt,
+        dt=dt,
     )
     attitude = attitude_controller(
         mass=nominal_mass(),
@@ -55,10 +55,10 @@ def controller_part(method: Method, *, probed: bool = False) -> ct.Interconnecte
         delay=late(),
         trim=trim_torque(),
         torque_estimate=True,
-        period=dt,
+        dt=dt,
     )
     systems: list[ct.InputOutputSystem] = [position, smoothing(), attitude]
-    systems.append(arm_controller(arm(), tilt_bandwidth=vehicle.tilt_bandwidth, period=dt))
+    systems.append(arm_controller(arm(), tilt_bandwidth=vehicle.tilt_bandwidth, dt=dt))
     wires, thrust = {"smoothing.F": "position.F", "attitude.F": "smoothing.smooth"}, "attitude.thrust"
     probes: dict[str, str] = {}
     if probed:

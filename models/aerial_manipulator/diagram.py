@@ -188,7 +188,7 @@ def priors() -> list[ct.InputOutputSystem]:
             motor_lag=vehicle.motor_lag,
             rotor_max=vehicle.rotor_max,
             delay_steps=steps_of_delay(),
-            period=dt,
+            dt=dt,
             name="prior",
         ),
         known_torque(
@@ -200,7 +200,7 @@ def priors() -> list[ct.InputOutputSystem]:
             trim=trim_torque(),
             start=level_thrusts(),
             delay_steps=steps_of_delay(),
-            period=dt,
+            dt=dt,
         ),
     ]
 

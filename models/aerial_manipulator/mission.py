@@ -199,7 +199,7 @@ def reference(mission: Mission | None = None, *, attitude: Attitude | None = Non
 def _reference(mission: Mission, attitude: Attitude | None) -> Reference:
     check(mission)
     plans = planner()
-    period, dt = plans.period, params().sampling.dt
+    period, dt = plans.dt, params().sampling.dt
     h = np.zeros(12)
     h[:3], h[6:9] = mission.start, home_offset() - arm().mount
     steps = int(np.ceil((mission.duration + period) / period))

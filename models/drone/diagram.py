@@ -170,7 +170,7 @@ def controller_part(method: Method) -> ct.InterconnectedSystem:
         kp=kp,
         kd=kd,
         ki=ki,
-        period=dt,
+        dt=dt,
     )
     attitude = attitude_controller(
         mass=vehicle.mass,
@@ -184,7 +184,7 @@ def controller_part(method: Method) -> ct.InterconnectedSystem:
         motor_lag=vehicle.motor_lag,
         lead_filter=gains.lead_filter,
         delay=late,
-        period=dt,
+        dt=dt,
     )
     wires = {f"position.{name}": f"reference.{name}" for name in ("r_ref", "v_ref", "a_ref")}
     return wired(
@@ -237,7 +237,7 @@ def filter_part(
         rotor_max=vehicle.rotor_max,
         delay_steps=steps_of_delay(),
         kind=method.known,
-        period=dt,
+        dt=dt,
         name="prior",
     )
     systems: list[ct.InputOutputSystem] = [momentum(), known if prior is None else prior]

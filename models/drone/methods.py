@@ -171,12 +171,12 @@ def estimator(method: Method) -> SampledBlock | None:
             gravity=vehicle.gravity,
             bandwidth=method.bandwidth,
             damping=np.sqrt(0.5),
-            period=dt,
+            dt=dt,
             name="filter",
         )
     if method.name == "l1":
         return l1_adaptive(
-            period=dt, pole=params().l1.pole, bandwidth=method.bandwidth, g="average", name="filter"
+            dt=dt, pole=params().l1.pole, bandwidth=method.bandwidth, g="average", name="filter"
         )
     return None
 

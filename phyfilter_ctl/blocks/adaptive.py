@@ -109,7 +109,7 @@ def adaptive_block(
         ca.Function("dynamics", arguments, [ca.densify(_column(following))]),
         ca.Function("output", arguments, [ca.densify(results)]),
     )
-    return sampled_block(functions, period=law.dt, name=name)
+    return sampled_block(functions, dt=law.dt, name=name)
 
 
 def _parameters(law: AdaptiveChebyshev) -> tuple[Variable, ...]:

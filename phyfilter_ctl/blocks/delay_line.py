@@ -84,7 +84,7 @@ def delay_line(
     if count < 0:
         raise ValueError(f"steps: expected 0 samples or more, got {count}")
     starts = _signals.filled("start", start, (len(inputs),)).tolist()
-    return sampled_block(_law(inputs, results, count, starts, unit), period=dt, name=name)
+    return sampled_block(_law(inputs, results, count, starts, unit), dt=dt, name=name)
 
 
 def _law(

@@ -11,6 +11,7 @@ import control as ct
 import numpy as np
 from numpy.typing import ArrayLike
 
+from .. import _signals
 from .._sections import FloatArray
 from ..filter import PhyFilter, SampledPhyFilter
 from .continuous import (
@@ -235,7 +236,7 @@ def sampled_block(
     channels: int | None = None,
     *,
     inertia: ArrayLike | MovingInertia | None = None,
-    period: float | None = None,
+    dt: float | None = None,
     name: str | None = None,
 ) -> SampledBlock:
     """A filter or a discrete controller that runs at its own rate in a continuous python-control diagram.
@@ -249,7 +250,7 @@ def sampled_block(
     inertia : float, (n_x,) or (n_x, n_x) array, {"scalar", "diagonal", "full"}, optional
         Inertia M_hat of a filter. Constant; or which kind of M(t) is an input of the block: one number M[0], a diagonal
         M[0] ... M[n_x-1], or a matrix M[0,0], M[0,1] ... row by row. None means I.
-    period : float, optional
+    dt : float, optional
         Seconds between instants, for BlockFunctions; a filter or a discrete system has its own.
     name : str, optional
         Name of the block; None means that of the system, "phyfilter" for a filter.
@@ -290,15 +291,15 @@ def sampled_block(
     TypeError: block 'phyfilter' is sampled every 0.002 s in a continuous diagram, which python-control cannot run: ...
     """
     if isinstance(system, SampledPhyFilter):
-        if period is not None:
-            raise ValueError(f"period: the filter is sampled every {system.dt:g} s; leave period out")
+        if dt is not None:
+            raise ValueError(f"dt: the filter is sampled every {system.dt:g} s; leave dt out")
         return _filter_block(system, channels, inertia, "phyfilter" if name is None else name)
     if channels is not None or inertia is not None:
         raise ValueError("channels and inertia: only a SampledPhyFilter has them; leave them out")
     if isinstance(system, BlockFunctions):
-        if period is None:
-            raise ValueError("period: expected the seconds between instants of the functions, got None")
-        return _law_block(system, _checked_period(period), "sampled" if name is None else name)
+        if dt is None:
+            raise ValueError("dt: expected the seconds between instants of the functions, got None")
+        return _law_block(system, _signals.duration("dt", dt), "sampled" if name is None else name)
     if isinstance(system, PhyFilter):
         raise TypeError("sampled_block: a PhyFilter is continuous; sample it first: filter.sampled(dt)")
     if not isinstance(system, ct.InputOutputSystem) or isinstance(system, ct.FrequencyResponseData):
@@ -306,10 +307,8 @@ def sampled_block(
             "sampled_block: expected a SampledPhyFilter, a discrete python-control system or BlockFunctions, got "
             f"{type(system).__name__}"
         )
-    if period is not None and period != system.dt:
-        raise ValueError(
-            f"period: {system.name!r} has its own sampling interval {system.dt}; leave period out"
-        )
+    if dt is not None and dt != system.dt:
+        raise ValueError(f"dt: {system.name!r} has its own sampling interval {system.dt}; leave dt out")
     if not isinstance(system.dt, float | int) or isinstance(system.dt, bool) or not system.dt > 0.0:
         raise ValueError(
             f"{system.name!r} has dt = {system.dt}: expected a sampling interval in seconds; give it one (dt=...), or "
@@ -320,7 +319,7 @@ def sampled_block(
     return SampledBlock(
         system.input_labels,
         system.output_labels,
-        period=_checked_period(system.dt),
+        period=_signals.duration("dt", system.dt),
         name=name,
         law=functions if isinstance(functions, BlockFunctions) else None,
         system=system,
@@ -363,9 +362,3 @@ def _law_block(law: BlockFunctions, period: float, name: str) -> SampledBlock:
         name=name,
         law=law,
     )
-
-
-def _checked_period(period: float) -> float:
-    if not (np.isfinite(period) and period > 0.0):
-        raise ValueError(f"period: expected positive seconds between instants, got {period}")
-    return float(period)

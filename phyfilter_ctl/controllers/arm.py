@@ -22,7 +22,7 @@ __all__ = ["arm_controller"]
 
 
 def arm_controller(
-    arm: SerialArm, *, tilt_bandwidth: float, share: float = 0.0, period: float, name: str = "arm"
+    arm: SerialArm, *, tilt_bandwidth: float, share: float = 0.0, dt: float, name: str = "arm"
 ) -> SampledBlock:
     """Joint commands that hold the end effector where it shall be from the platform, however that tilts in the wind.
 
@@ -44,7 +44,7 @@ def arm_controller(
         Corner of the low-pass filter of the attitude in rad/s.
     share : float
         Of the measured position error of the platform that the arm makes up, 0 to 1.
-    period : float
+    dt : float
         Sampling interval in seconds.
     name : str
         Name of the block.
@@ -63,7 +63,7 @@ def arm_controller(
     Examples
     --------
     >>> from phyfilter_ctl.plants import small_arm
-    >>> arm_controller(small_arm(), tilt_bandwidth=5.0, period=0.002).output_labels[::5]
+    >>> arm_controller(small_arm(), tilt_bandwidth=5.0, dt=0.002).output_labels[::5]
     ['joint_ref[0]', 'joint_rate_ref[0]']
     """
     if not (np.isfinite(tilt_bandwidth) and tilt_bandwidth > 0.0):
@@ -78,7 +78,7 @@ def arm_controller(
         point = rotate_back(low, u.d_ref + p.share * (u.r_ref - u.r))
         moving = rotate_back(low, u.d_rate_ref) - cross(2.0 * p.tilt_bandwidth * ahead[1:], point)
         joint = arm.inverse(point)
-        following = low + (1.0 - np.exp(-p.tilt_bandwidth * period)) * (u.q - low)
+        following = low + (1.0 - np.exp(-p.tilt_bandwidth * dt)) * (u.q - low)
         return {"low": following}, {"joint_ref": joint, "joint_rate_ref": arm.inverse_rates(joint, moving)}
 
     law = plant(
@@ -97,6 +97,6 @@ def arm_controller(
             "tilt_bandwidth": (tilt_bandwidth, "rad/s", "corner of the attitude's low-pass filter"),
             "share": (share, "", "share of the platform's error that the arm makes up"),
         },
-        dt=period,
+        dt=dt,
     )
     return sampled_block(law, name=name)

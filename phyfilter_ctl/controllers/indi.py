@@ -20,7 +20,7 @@ def indi(
     gravity: float = 9.81,
     bandwidth: float,
     damping: float = 0.5**0.5,
-    period: float,
+    dt: float,
     name: str = "indi",
 ) -> SampledBlock:
     """Outer loop of incremental nonlinear dynamic inversion, as a force estimate like the others.
@@ -39,7 +39,7 @@ def indi(
         w of both filters, rad/s.
     damping : float
         Of both filters; 1/sqrt(2) makes them Butterworth.
-    period : float
+    dt : float
         Seconds between instants.
     name : str
         Name of the block.
@@ -71,16 +71,16 @@ def indi(
 
     Examples
     --------
-    >>> block = indi(mass=3.0, bandwidth=30.0, period=0.002)
+    >>> block = indi(mass=3.0, bandwidth=30.0, dt=0.002)
     >>> block.input_labels[:3], block.output_labels
     (['a[0]', 'a[1]', 'a[2]'], ['f_hat[0]', 'f_hat[1]', 'f_hat[2]'])
     """
     _signals.number("mass", mass, "kg", above=0.0)
     _signals.number("bandwidth", bandwidth, "rad/s", above=0.0)
-    _signals.number("period", period, "s", above=0.0)
+    _signals.number("dt", dt, "s", above=0.0)
     _signals.number("damping", damping, above=0.0)
     _signals.number("gravity", gravity, "m/s^2")
-    h = float(period)
+    h = float(dt)
 
     def at_instants(t: Array, s: Columns, v: Columns, p: Columns) -> tuple[Results, Results]:
         residual = _residual(v, p)

@@ -28,7 +28,7 @@ def known_force(
     rotor_max: float,
     delay_steps: int = 0,
     kind: KnownForce = "applied",
-    period: float,
+    dt: float,
     name: str = "prior",
 ) -> SampledBlock:
     """The known part g of m v' = g + f: thrust, weight and rotor drag.
@@ -56,7 +56,7 @@ def known_force(
     delay_steps : int
         Number of samples by which the commands reach the rotors late.
     kind : {"applied", "collective", "commanded"}
-    period : float
+    dt : float
         Sampling interval in seconds.
     name : str
         Name of the block.
@@ -84,7 +84,7 @@ def known_force(
 
     Examples
     --------
-    >>> prior = known_force(mass=3.0, motor_lag=0.04, rotor_max=16.2, delay_steps=5, period=0.002)
+    >>> prior = known_force(mass=3.0, motor_lag=0.04, rotor_max=16.2, delay_steps=5, dt=0.002)
     >>> prior.input_labels[:5], prior.output_labels
     (['thrust[0]', 'thrust[1]', 'thrust[2]', 'thrust[3]', 'q[0]'], ['g[0]', 'g[1]', 'g[2]'])
     >>> prior.law.feedthrough.any(axis=0).tolist() == [False] * 4 + [True] * 7 + [False] * 3
@@ -94,7 +94,7 @@ def known_force(
         ("mass", mass, "kg"),
         ("motor_lag", motor_lag, "s"),
         ("rotor_max", rotor_max, "N"),
-        ("period", period, "s"),
+        ("dt", dt, "s"),
     ):
         _signals.number(label, value, unit, above=0.0)
     _signals.number("gravity", gravity, "m/s^2", least=0.0)
@@ -122,7 +122,7 @@ def known_force(
         axis = rotate(u.q, UP)
         if kind == "applied":
             line = stack(x.past, u.thrust) if steps else u.thrust
-            answer = 1.0 - np.exp(-period / p.motor_lag)
+            answer = 1.0 - np.exp(-dt / p.motor_lag)
             following: Results = {"rotor": x.rotor + answer * (clip(line[:4], 0.0, p.rotor_max) - x.rotor)}
             if steps:
                 following = {**following, "past": line[4:]}
@@ -151,7 +151,7 @@ def known_force(
             "motor_lag": (motor_lag, "s", "time constant of the rotors"),
             "rotor_max": (rotor_max, "N", "largest thrust of a rotor"),
         },
-        dt=period,
+        dt=dt,
     )
     return sampled_block(law, name=name)
 

@@ -26,7 +26,7 @@ def known_torque(
     trim: ArrayLike = (0.0, 0.0, 0.0),
     start: ArrayLike = 0.0,
     delay_steps: int = 0,
-    period: float,
+    dt: float,
     name: str = "prior_torque",
 ) -> SampledBlock:
     """The known part g of J omega' = g + f: torque of the rotors, gyroscopic torque, and what is known to pull.
@@ -52,7 +52,7 @@ def known_torque(
         Thrust of each rotor before the first sample, in N.
     delay_steps : int
         Number of samples by which the commands reach the rotors late.
-    period : float
+    dt : float
         Sampling interval in seconds.
     name : str
         Name of the block.
@@ -79,7 +79,7 @@ def known_torque(
     Examples
     --------
     >>> prior = known_torque(J=[0.035, 0.035, 0.06], arm=0.25, torque_ratio=0.016, motor_lag=0.04, rotor_max=16.2,
-    ...                      delay_steps=5, period=0.002)
+    ...                      delay_steps=5, dt=0.002)
     >>> prior.input_labels[3:], prior.output_labels
     (['thrust[3]', 'omega[0]', 'omega[1]', 'omega[2]'], ['g[0]', 'g[1]', 'g[2]'])
     """
@@ -88,7 +88,7 @@ def known_torque(
         ("torque_ratio", torque_ratio, "m"),
         ("motor_lag", motor_lag, "s"),
         ("rotor_max", rotor_max, "N"),
-        ("period", period, "s"),
+        ("dt", dt, "s"),
     ):
         _signals.number(label, value, unit, above=0.0)
     inertia = _signals.filled("J", J, (3,), least=0.0)
@@ -99,7 +99,7 @@ def known_torque(
 
     def equations(t: Array, x: Columns, u: Columns, p: Columns) -> tuple[Results, Results]:
         line = stack(x.past, u.thrust) if steps else u.thrust
-        answer = 1.0 - np.exp(-period / p.motor_lag)
+        answer = 1.0 - np.exp(-dt / p.motor_lag)
         following: Results = {"rotor": x.rotor + answer * (clip(line[:4], 0.0, p.rotor_max) - x.rotor)}
         if steps:
             following = {**following, "past": line[4:]}
@@ -125,6 +125,6 @@ def known_torque(
             "rotor_max": (rotor_max, "N", "largest thrust of a rotor"),
             "trim": (known, "N m", "known constant torque, body"),
         },
-        dt=period,
+        dt=dt,
     )
     return sampled_block(law, name=name)

@@ -21,7 +21,7 @@ Between = Literal["hold", "average"]
 
 def l1_adaptive(
     *,
-    period: float,
+    dt: float,
     pole: float,
     bandwidth: float,
     channels: SupportsIndex = 3,
@@ -38,7 +38,7 @@ def l1_adaptive(
 
     Parameters
     ----------
-    period : float
+    dt : float
         Sampling time h, s; it is also the adaptation gain.
     pole : float
         Pole of the predictor, rad/s, negative.
@@ -87,7 +87,7 @@ def l1_adaptive(
 
     >>> import control as ct
     >>> import phyfilter_ctl as pf
-    >>> block = l1_adaptive(period=0.01, pole=-2.0, bandwidth=20.0, channels=1)
+    >>> block = l1_adaptive(dt=0.01, pole=-2.0, bandwidth=20.0, channels=1)
     >>> body = ct.ss(0.0, 1.0, 1.0, 0.0, inputs="f", outputs="x[0]", name="body")
     >>> diagram = ct.interconnect([body, block], inputs=["f", "g[0]"], outputs="f_hat[0]")
     >>> response = pf.simulate(diagram, [0.0, 1.0], [2.0, 0.0], squeeze=True)
@@ -95,13 +95,13 @@ def l1_adaptive(
     (1.96, 1.96)
     """
     n_x = _channels(channels)
-    _signals.number("period", period, "s", above=0.0)
+    _signals.number("dt", dt, "s", above=0.0)
     _signals.number("bandwidth", bandwidth, "rad/s", above=0.0)
     if _signals.number("pole", pole, "rad/s") >= 0.0:
         raise ValueError(f"pole: expected a negative number of rad/s, got {pole!r}")
     if g not in get_args(Between):
         raise ValueError(f"g: expected one of {get_args(Between)}, got {g!r}")
-    h, smooth = float(period), g == "average"
+    h, smooth = float(dt), g == "average"
 
     def equations(t: Array, s: Columns, v: Columns, p: Columns) -> tuple[Results, Results]:
         decay, phi = np.exp(p.pole * h), np.expm1(p.pole * h) / p.pole

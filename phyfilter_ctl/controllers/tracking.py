@@ -36,7 +36,7 @@ def position_controller(
     ki: ArrayLike = 0.0,
     integral_limit: ArrayLike = 3.0,
     drag_lead: float = 0.0,
-    period: float,
+    dt: float,
     name: str = "position",
 ) -> SampledBlock:
     """Force that makes a multirotor follow a trajectory, with drag fed forward.
@@ -63,7 +63,7 @@ def position_controller(
     drag_lead : float
         How much earlier in s the drag's share of F is asked for. The attitude loop knows the rate of the rest of F from
         the jerk, but follows this share kw/kR later.
-    period : float
+    dt : float
         Sampling interval in seconds.
     name : str
         Name of the block.
@@ -72,7 +72,7 @@ def position_controller(
     -------
     SampledBlock
         Inputs r, v and q (measured), r_ref, v_ref, a_ref, and f_hat (estimate of the unknown force, N, world); output F
-        (N, world). All arguments but ``period`` are parameters of the block, gains and limits with two entries.
+        (N, world). All arguments but ``dt`` are parameters of the block, gains and limits with two entries.
 
     Raises
     ------
@@ -89,7 +89,7 @@ def position_controller(
     --------
     Hover, 0.1 m too low:
 
-    >>> block = position_controller(mass=3.0, kp=[5.0, 8.0], kd=4.0, period=0.002)
+    >>> block = position_controller(mass=3.0, kp=[5.0, 8.0], kd=4.0, dt=0.002)
     >>> inputs = np.zeros(22)
     >>> inputs[[2, 6]] = -0.1, 1.0
     >>> values = [entry.start for entry in block.law.parameters]
@@ -97,7 +97,7 @@ def position_controller(
     [0.0, 0.0, 31.83]
     """
     _signals.number("mass", mass, "kg", above=0.0)
-    _signals.number("period", period, "s", above=0.0)
+    _signals.number("dt", dt, "s", above=0.0)
     _signals.number("gravity", gravity, "m/s^2", least=0.0)
     _signals.number("drag_lead", drag_lead, "s", least=0.0)
     zero = np.zeros(3)
@@ -108,7 +108,7 @@ def position_controller(
         wanted = u.a_ref + p.gravity * UP + kp * e_r + kd * e_v + x.integral
         F = p.mass * wanted + drag_force(u.q, u.v_ref + p.drag_lead * u.a_ref, p.drag) - u.f_hat
         # Without a gain the state is emptied: an integrator that nothing drives would be a mode at 0 of the whole loop.
-        following = where(ki, clip(x.integral + ki * period * e_r, -limit, limit), 0.0)
+        following = where(ki, clip(x.integral + ki * dt * e_r, -limit, limit), 0.0)
         return {"integral": following}, {"F": F}
 
     law = plant(
@@ -139,7 +139,7 @@ def position_controller(
             ),
             "drag_lead": (drag_lead, "s", "how much earlier drag is asked for"),
         },
-        dt=period,
+        dt=dt,
     )
     return sampled_block(law, name=name)
 
@@ -165,7 +165,7 @@ def attitude_controller(
     yaw: float = 0.0,
     trim: ArrayLike | None = None,
     torque_estimate: bool = False,
-    period: float,
+    dt: float,
     name: str = "attitude",
 ) -> SampledBlock:
     """Rotor thrusts that point the thrust of a multirotor along a wanted force, and make it as large.
@@ -201,7 +201,7 @@ def attitude_controller(
     delay : float
         Time in s by which the commands reach the rotors late; of use for ``thrust_lead`` only.
     thrust_lead : float, optional
-        How much earlier the size of the thrust is asked for, in s. None means motor_lag + delay + period/2, with which
+        How much earlier the size of the thrust is asked for, in s. None means motor_lag + delay + dt/2, with which
         it arrives in time; 0 means not at all.
     tilt_lead : float
         The same of its direction. With ``rate_feedforward`` at 1 the tilt follows a steadily turning direction without
@@ -219,7 +219,7 @@ def attitude_controller(
         none, and no parameter.
     torque_estimate : bool
         Whether there is an input tau_hat, the estimate of an unknown torque; without it tau_hat is 0.
-    period : float
+    dt : float
         Sampling interval in seconds.
     name : str
         Name of the block.
@@ -228,7 +228,7 @@ def attitude_controller(
     -------
     SampledBlock
         Inputs F (N, world), q, omega (rad/s, body), j_ref (m/s^3, world) and, if asked for, tau_hat (N m, body); output
-        thrust (N, command to each rotor). All numbers but ``delay`` and ``period`` are parameters of the block, gains
+        thrust (N, command to each rotor). All numbers but ``delay`` and ``dt`` are parameters of the block, gains
         with two entries.
 
     Raises
@@ -249,13 +249,13 @@ def attitude_controller(
     Hover needs a quarter of the weight from each rotor:
 
     >>> block = attitude_controller(mass=3.0, J=[0.035, 0.035, 0.06], arm=0.25, torque_ratio=0.016, rotor_max=16.2,
-    ...                             kR=[100.0, 4.0], kw=[20.0, 4.0], motor_lag=0.04, lead_filter=0.01, period=0.002)
+    ...                             kR=[100.0, 4.0], kw=[20.0, 4.0], motor_lag=0.04, lead_filter=0.01, dt=0.002)
     >>> values = [entry.start for entry in block.law.parameters]
     >>> hover = [0.0, 0.0, 29.43, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]
     >>> block.law.output(0.0, [0.0] * 3, hover, values).full().ravel().round(4).tolist()
     [7.3575, 7.3575, 7.3575, 7.3575]
     """
-    thrust_lead = motor_lag + delay + 0.5 * period if thrust_lead is None else thrust_lead
+    thrust_lead = motor_lag + delay + 0.5 * dt if thrust_lead is None else thrust_lead
     for label, value, unit in (
         ("mass", mass, "kg"),
         ("arm", arm, "m"),
@@ -264,7 +264,7 @@ def attitude_controller(
         ("rotor_max", rotor_max, "N"),
         ("lead_filter", lead_filter, "s"),
         ("lift_min", lift_min, "weights"),
-        ("period", period, "s"),
+        ("dt", dt, "s"),
     ):
         _signals.number(label, value, unit, above=0.0)
     for label, value in (
@@ -298,7 +298,7 @@ def attitude_controller(
             led = led - p.trim
         T = dot(_limited(u.F, p) + p.thrust_lead * rate, rotate(u.q, UP))
         rotors = allocate(T, led, arm=p.arm, torque_ratio=p.torque_ratio, rotor_max=p.rotor_max)
-        kept = np.exp(-period / p.lead_filter)
+        kept = np.exp(-dt / p.lead_filter)
         return {"smooth": kept * x.smooth + (1.0 - kept) * torque}, {"thrust": rotors}
 
     known = (
@@ -338,7 +338,7 @@ def attitude_controller(
             "yaw": (yaw, "rad", "wanted heading"),
             **known,
         },
-        dt=period,
+        dt=dt,
     )
     return sampled_block(law, name=name)
 

@@ -71,7 +71,7 @@ def test_linearised_it_is_the_delay():
         ((["u", "u"], 1, H), ValueError, "u more than once"),
         ((["u"], -1, H), ValueError, "0 samples or more"),
         ((["u"], 1.5, H), TypeError, "whole number"),
-        ((["u"], 1, 0.0), ValueError, "period"),
+        ((["u"], 1, 0.0), ValueError, "dt: expected"),
     ],
 )
 def test_bad_input(arguments, error, message):

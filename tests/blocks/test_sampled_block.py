@@ -199,7 +199,7 @@ def counter():
 
 
 def test_functions_with_a_period():
-    block = sampled_block(counter(), period=0.1, name="counter")
+    block = sampled_block(counter(), dt=0.1, name="counter")
     assert (block.period, block.system, block.filter) == (0.1, None, None)
     linear = block.linearize(u0=[0.5], params={"k": 3.0})
     # Discrete by hand: A = 1, B = 2 k |u| = 3, C = 1 - tanh(0.25)^2, D = 1; Tustin: z = (1 + s/20)/(1 - s/20).
@@ -242,12 +242,12 @@ def test_a_nonlinear_system_of_python_controls():
             "'lag' has dt = 0: expected a sampling",
         ),
         ((ct.ss([[0.1]], [[1.0]], [[1.0]], [[0.0]], True, name="lag"),), {}, "'lag' has dt = True"),
-        ((controller(),), {"period": 0.02}, "own sampling interval 0.01"),
+        ((controller(),), {"dt": 0.02}, "own sampling interval 0.01"),
         ((controller(), 2), {}, "only a SampledPhyFilter has them"),
-        ((counter(),), {}, "period: expected the seconds"),
-        ((counter(),), {"period": 0.0}, "expected positive seconds"),
+        ((counter(),), {}, "dt: expected the seconds"),
+        ((counter(),), {"dt": 0.0}, "dt: expected a finite number > 0 s"),
         ((FILTER.sampled(H),), {}, "number of channels"),
-        ((FILTER.sampled(H), 2), {"period": H}, "leave period out"),
+        ((FILTER.sampled(H), 2), {"dt": H}, "leave dt out"),
         ((FILTER.sampled(H), 2), {"inertia": "upper"}, "'scalar', 'diagonal' or 'full'"),
         ((FILTER.sampled(H), 2), {"inertia": np.ones((3, 3))}, "inertia: expected a finite number or shape"),
     ],

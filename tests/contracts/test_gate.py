@@ -86,11 +86,11 @@ DOORS: dict[str, Door] = {
     "learn weights": (np.ones(200), lambda v: pf.learn(FLIGHT, 1, starts=0, weights=v, wiener=False)),
     "known_torque trim": (
         np.zeros(3),
-        lambda v: known_torque(J=[0.1] * 3, arm=0.2, torque_ratio=0.01, period=0.002, trim=v, **DRONE),
+        lambda v: known_torque(J=[0.1] * 3, arm=0.2, torque_ratio=0.01, dt=0.002, trim=v, **DRONE),
     ),
     "position_controller kp": (
         np.ones(2),
-        lambda v: position_controller(mass=3.0, kp=v, kd=4.0, period=0.002),
+        lambda v: position_controller(mass=3.0, kp=v, kd=4.0, dt=0.002),
     ),
     "quadrotor drag": (np.ones(3), lambda v: quadrotor(drag=v)),
     "wind_field mean": (np.ones(3), lambda v: wind_field(mean=v)),

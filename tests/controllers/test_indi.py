@@ -14,7 +14,7 @@ from phyfilter_ctl.controllers import indi
 from phyfilter_ctl.diagram import flatten
 
 H, MASS, BANDWIDTH, DAMPING, GRAVITY = 0.002, 3.0, 30.0, 0.8, 9.81
-OPTIONS = {"mass": MASS, "gravity": GRAVITY, "bandwidth": BANDWIDTH, "damping": DAMPING, "period": H}
+OPTIONS = {"mass": MASS, "gravity": GRAVITY, "bandwidth": BANDWIDTH, "damping": DAMPING, "dt": H}
 N = 600
 # Forces of size 30 over a few hundred steps; scipy's direct form loses 1/(w h)^2 = 280 of rounding.
 SAME = 1e-10
@@ -95,7 +95,7 @@ def test_constant_residual_exactly_and_ramp_with_its_lag():
 @given(st.floats(1e-4, 10.0), st.floats(1e-2, 1e4), st.floats(0.05, 5.0))
 def test_stable_at_every_rate(period, bandwidth, damping):
     """Its poles are those of H by z = (1 + s h/2)/(1 - s h/2), inside the unit circle."""
-    law = indi(mass=1.0, bandwidth=bandwidth, damping=damping, period=period).law
+    law = indi(mass=1.0, bandwidth=bandwidth, damping=damping, dt=period).law
     assert law is not None
     jacobian = law.dynamics.jacobian()
     p = [entry.start for entry in law.parameters]
@@ -151,7 +151,7 @@ def test_in_a_linear_model_it_is_h_itself(flat):
         np.testing.assert_allclose(linear(s)[0, 5], 2.0 * MASS * GRAVITY * expected, atol=1e-9)
 
 
-@pytest.mark.parametrize("name", ["mass", "bandwidth", "damping", "period"])
+@pytest.mark.parametrize("name", ["mass", "bandwidth", "damping", "dt"])
 @pytest.mark.parametrize("value", [0.0, -1.0, np.nan])
 def test_bad_input(name, value):
     with pytest.raises(ValueError, match=f"{name}: expected a finite number > 0"):

@@ -23,7 +23,7 @@ J = np.array([0.035, 0.035, 0.06])
 HOVER = 3.0 * 9.81 / 4.0
 
 
-prior = partial(known_torque, J=J, arm=ARM, torque_ratio=RATIO, motor_lag=LAG, rotor_max=MAX, period=DT)
+prior = partial(known_torque, J=J, arm=ARM, torque_ratio=RATIO, motor_lag=LAG, rotor_max=MAX, dt=DT)
 attitude = partial(
     attitude_controller,
     mass=3.0,
@@ -35,7 +35,7 @@ attitude = partial(
     lead_filter=0.01,
     kR=[100.0, 4.0],
     kw=[20.0, 4.0],
-    period=DT,
+    dt=DT,
 )
 
 

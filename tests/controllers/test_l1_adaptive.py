@@ -20,7 +20,7 @@ SAME = 1e-11
 
 def by_block(x, known, **options):
     """f_hat at all instants, (N, n_x), by the functions alone."""
-    settings = {"period": H, "pole": POLE, "bandwidth": BANDWIDTH, "channels": x.shape[1]} | options
+    settings = {"dt": H, "pole": POLE, "bandwidth": BANDWIDTH, "channels": x.shape[1]} | options
     law = l1_adaptive(**settings).law
     assert law is not None
     v = np.hstack([x, known])
@@ -94,7 +94,7 @@ def test_never_larger_than_the_residual(period, speed, bandwidth, seed):
     u = np.random.default_rng(seed).uniform(-1.0, 1.0, 60)
     u[0] = 0.0
     x = period * np.cumsum(u)[:, None]
-    out = by_block(x, np.zeros((60, 1)), period=period, pole=-speed, bandwidth=bandwidth)
+    out = by_block(x, np.zeros((60, 1)), dt=period, pole=-speed, bandwidth=bandwidth)
     assert np.abs(out).max() <= np.abs(u).max() * (1.0 + 1e-9)
 
 
@@ -102,7 +102,7 @@ def mass_diagram(**options):
     """A mass in one dimension under a known and an unknown force; the block sees momentum and the known one."""
     body = ct.ss([[0.0]], [[1.0, 1.0]], [[1.0]], [[0.0, 0.0]], inputs=["g[0]", "f"], outputs=["x[0]"],
                  name="body")  # fmt: skip
-    block = l1_adaptive(period=H, pole=POLE, bandwidth=BANDWIDTH, channels=1, **options)
+    block = l1_adaptive(dt=H, pole=POLE, bandwidth=BANDWIDTH, channels=1, **options)
     return ct.interconnect([body, block], inputs=["g[0]", "f"], outputs=["x[0]", "f_hat[0]"], name="diagram")
 
 
@@ -153,8 +153,8 @@ def test_response_to_a_sine_is_that_of_the_transfer_function(flat):
 
 
 def test_held_g_does_not_act_at_once():
-    law = l1_adaptive(period=H, pole=POLE, bandwidth=BANDWIDTH).law
-    smooth = l1_adaptive(period=H, pole=POLE, bandwidth=BANDWIDTH, g="average").law
+    law = l1_adaptive(dt=H, pole=POLE, bandwidth=BANDWIDTH).law
+    smooth = l1_adaptive(dt=H, pole=POLE, bandwidth=BANDWIDTH, g="average").law
     assert law is not None
     assert smooth is not None
     assert law.feedthrough[:, :3].any()
@@ -163,7 +163,7 @@ def test_held_g_does_not_act_at_once():
 
 
 def test_a_copy_keeps_its_transfer_function():
-    twin = l1_adaptive(period=H, pole=POLE, bandwidth=BANDWIDTH, channels=1).copy("twin")
+    twin = l1_adaptive(dt=H, pole=POLE, bandwidth=BANDWIDTH, channels=1).copy("twin")
     diagram = ct.interconnect([twin], inputs=["x[0]", "g[0]"], outputs=["f_hat[0]"], name="alone")
     expected = -np.exp(POLE * H) * BANDWIDTH / (2j + BANDWIDTH)
     assert abs(flatten(diagram).linearize()(2j)[0, 1] - expected) < 1e-12
@@ -172,7 +172,7 @@ def test_a_copy_keeps_its_transfer_function():
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ({"period": 0.0}, "period: expected a finite number > 0 s, got 0.0"),
+        ({"dt": 0.0}, "dt: expected a finite number > 0 s, got 0.0"),
         ({"bandwidth": -1.0}, "bandwidth: expected a finite number > 0 rad/s"),
         ({"pole": 5.0}, "pole: expected a negative number of rad/s, got 5.0"),
         ({"pole": np.nan}, "pole"),
@@ -182,9 +182,9 @@ def test_a_copy_keeps_its_transfer_function():
 )
 def test_bad_input(options, words):
     with pytest.raises(ValueError, match=words):
-        l1_adaptive(**({"period": H, "pole": POLE, "bandwidth": BANDWIDTH} | options))
+        l1_adaptive(**({"dt": H, "pole": POLE, "bandwidth": BANDWIDTH} | options))
 
 
 def test_channels_are_a_number():
     with pytest.raises(TypeError, match=r"channels: expected a whole number, got 2\.5"):
-        l1_adaptive(period=H, pole=POLE, bandwidth=BANDWIDTH, channels=2.5)
+        l1_adaptive(dt=H, pole=POLE, bandwidth=BANDWIDTH, channels=2.5)

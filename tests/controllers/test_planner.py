@@ -575,7 +575,7 @@ def test_weights_that_are_not_definite(options, match):
     [
         ({"horizon": 1}, "horizon"),
         ({"horizon": 2.5}, "horizon"),
-        ({"period": 0.0}, "period"),
+        ({"dt": 0.0}, "dt"),
         ({"time_limit": -1.0}, "time_limit"),
         ({"rotation": "exact"}, "euler, exponential"),
         ({"solver": "simplex"}, "daqp, qpoases"),

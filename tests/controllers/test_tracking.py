@@ -63,21 +63,21 @@ def turn(q):
 
 
 def position(**changes):
-    usual = {"kp": [4.0, 6.0], "kd": [3.6, 5.0], "drag": DRAG, "gravity": GRAVITY, "period": H}
+    usual = {"kp": [4.0, 6.0], "kd": [3.6, 5.0], "drag": DRAG, "gravity": GRAVITY, "dt": H}
     return position_controller(mass=MASS, **(usual | changes))
 
 
 def attitude(**changes):
     usual = {
         "J": J, "arm": ARM, "torque_ratio": RATIO, "gravity": GRAVITY, "rotor_max": LIMIT, "kR": GAINS.kR,
-        "kw": GAINS.kw, "motor_lag": LAG, "lead_filter": GAINS.lead_filter, "delay": DELAY * H, "period": H,
+        "kw": GAINS.kw, "motor_lag": LAG, "lead_filter": GAINS.lead_filter, "delay": DELAY * H, "dt": H,
     }  # fmt: skip
     return attitude_controller(mass=MASS, **(usual | changes))
 
 
 def known(kind="applied", **changes):
     usual = {"gravity": GRAVITY, "drag": DRAG, "motor_lag": LAG, "rotor_max": LIMIT, "delay_steps": DELAY}
-    return known_force(mass=MASS, kind=kind, period=H, **(usual | changes))
+    return known_force(mass=MASS, kind=kind, dt=H, **(usual | changes))
 
 
 def circle():
@@ -470,7 +470,7 @@ def test_margins_of_the_whole_loop(diagram, flat):
         (position, {"kp": [1.0, 2.0, 3.0]}, "kp: expected a number or shape"),
         (position, {"kd": -1.0}, "kd: expected"),
         (position, {"drag": [1.0, 2.0]}, "drag: expected a number or shape"),
-        (position, {"period": 0.0}, "period: expected a finite number > 0"),
+        (position, {"dt": 0.0}, "dt: expected a finite number > 0"),
         (attitude, {"J": [1.0, 0.0, 1.0]}, "J: expected three positive"),
         (attitude, {"arm": -1.0}, "arm: expected a finite number > 0"),
         (attitude, {"tilt_max": 2.0}, "tilt_max: expected an angle"),

@@ -159,7 +159,7 @@ def follow(
     >>> path.sample([0.0, 0.1]).platform.shape
     (2, 3)
     """
-    dt, N = planner.period, planner.horizon
+    dt, N = planner.dt, planner.horizon
     state = vector("h", h, (12,))
     aims, steps = _targets(targets, steps, dt, N)
     planner.check_targets(aims)

@@ -92,7 +92,7 @@ class CooperativePlanner:
         P_o, from the platform's centre of mass to the arm's base, m, body axes.
     horizon : int
         Number N of steps.
-    period : float
+    dt : float
         dt, seconds.
     weights : PlannerWeights
         Lambda_1 to Lambda_3.
@@ -137,7 +137,7 @@ class CooperativePlanner:
     mount: ArrayLike = (0.0, 0.0, 0.0)
     _: KW_ONLY
     horizon: int = 15
-    period: float = 0.07
+    dt: float = 0.07
     weights: PlannerWeights = field(default_factory=PlannerWeights)
     rotation: RotationPrediction = "euler"
     solver: SolverName = "daqp"
@@ -148,7 +148,7 @@ class CooperativePlanner:
         object.__setattr__(self, "mount", vector("mount", self.mount, (3,)))
         if isinstance(self.horizon, bool) or not isinstance(self.horizon, int) or self.horizon < 2:
             raise ValueError(f"horizon: expected a whole number of steps >= 2, got {self.horizon!r}")
-        for name, seconds in (("period", self.period), ("time_limit", self.time_limit)):
+        for name, seconds in (("dt", self.dt), ("time_limit", self.time_limit)):
             if seconds is None and name == "time_limit":
                 continue
             if seconds is None or not (np.isfinite(seconds) and seconds > 0.0):
@@ -164,7 +164,7 @@ class CooperativePlanner:
 
     @cached_property
     def _horizon(self) -> Horizon:
-        return Horizon.of(self.horizon, self.period, self.limits, self.weights)
+        return Horizon.of(self.horizon, self.dt, self.limits, self.weights)
 
     @cached_property
     def _solver(self) -> ConicSolver:
@@ -224,7 +224,7 @@ class CooperativePlanner:
                 f"before: expected a plan of {N} steps, got {len(before.u)}; pass what this planner gave"
             )
         self.check_targets(aims)
-        turned = rotations(attitude, rate, self.period, N, self.rotation)
+        turned = rotations(attitude, rate, self.dt, N, self.rotation)
         programme = quadratic_program(
             self._horizon, state, u_before=last, turned=turned, mount=self._mount, target=aims
         )
@@ -236,7 +236,7 @@ class CooperativePlanner:
                 "shorten the horizon or use the solver daqp"
             )
         if not why:
-            states = roll_out(state, u, self.period)
+            states = roll_out(state, u, self.dt)
             effector = end_effector(states[1:], self._mount, turned)
             return Plan(states, u, effector, Status.OPTIMAL, "", seconds, 0)
         return self._fallback(state, turned, before, why, begun)
@@ -310,8 +310,8 @@ class CooperativePlanner:
         """
         state, limits = vector("h", h, (12,)), self.limits
         p, v = axes_of(state)
-        steps = len(self._horizon.stopping) + int(np.max(abs(v) / (limits.acceleration * self.period)))
-        stop = axes_of(roll_out(state, braking(state, limits, self.period, steps + 1), self.period)[-1])[0]
+        steps = len(self._horizon.stopping) + int(np.max(abs(v) / (limits.acceleration * self.dt)))
+        stop = axes_of(roll_out(state, braking(state, limits, self.dt, steps + 1), self.dt)[-1])[0]
         for i, axis in enumerate(AXES):
             span = f"{limits.lower[i]:g} to {limits.upper[i]:g} m"
             if not limits.lower[i] - ROUNDING <= p[i] <= limits.upper[i] + ROUNDING:
@@ -346,13 +346,13 @@ class CooperativePlanner:
     ) -> Plan:
         """The plan before, one step on and stopping at its end; without one, a stop from here."""
         if before is None:
-            u = braking(h, self.limits, self.period, self.horizon)
-            states, status, age = roll_out(h, u, self.period), Status.BRAKING, 0
+            u = braking(h, self.limits, self.dt, self.horizon)
+            states, status, age = roll_out(h, u, self.dt), Status.BRAKING, 0
             message = f"no plan, every axis brakes: {why}"
         else:
-            tail = braking(before.h[-1], self.limits, self.period, 1)
+            tail = braking(before.h[-1], self.limits, self.dt, 1)
             u = np.vstack([before.u[1:], tail])
-            states = np.vstack([before.h[1:], roll_out(before.h[-1], tail, self.period)[1:]])
+            states = np.vstack([before.h[1:], roll_out(before.h[-1], tail, self.dt)[1:]])
             status, age = Status.KEPT, before.age + 1
             message = f"the plan of {age} step{'s' if age > 1 else ''} ago is kept: {why}"
         effector = end_effector(states[1:], self._mount, turned)

@@ -320,9 +320,9 @@ def test_score() -> None:
 def test_arm_controller_refuses_nonsense() -> None:
     make = arm_controller
     with pytest.raises(ValueError, match="share: expected 0 to 1"):
-        make(mission.arm(), tilt_bandwidth=5.0, share=2.0, period=0.002)
+        make(mission.arm(), tilt_bandwidth=5.0, share=2.0, dt=0.002)
     with pytest.raises(ValueError, match="tilt_bandwidth: expected a positive"):
-        make(mission.arm(), tilt_bandwidth=0.0, period=0.002)
+        make(mission.arm(), tilt_bandwidth=0.0, dt=0.002)
 
 
 @pytest.mark.parametrize(
