@@ -20,6 +20,7 @@ answers         :class:`Result`, :class:`Status`: what every answer has in commo
 data            :class:`FlightLog`, :func:`split_by_speed`
 models of f     :mod:`phyfilter_ctl.learned`
 others' ways    :mod:`phyfilter_ctl.baselines`
+your own study  :mod:`phyfilter_ctl.study`
 the paper's     :mod:`phyfilter_ctl.models`
 ==============  =======================================================================================
 """

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phyfilter_ctl import study
-from phyfilter_ctl.study import Interval, Report, TunedMethod, median_interval, reduction, silent
+from phyfilter_ctl.study import Interval, Report, Scores, TunedMethod, score_methods, silent
 
 from .experiment import Backend, Flights, Score, fly
 from .methods import METHODS, Method, MethodName
@@ -77,7 +77,8 @@ class Comparison:
         Of SEER-I.
     off_distribution : dict of str to dict
         Its errors elsewhere, see :func:`training.off_distribution`.
-    scores : dict of (case, method) to Score
+    scores : Scores
+        By (case, method).
     planner_seconds : (K,) array
         Solve times of the planner.
     planner_statuses : tuple of str
@@ -91,21 +92,23 @@ class Comparison:
     methods: Mapping[MethodName, TunedMethod[Method]]
     training: Training
     off_distribution: Mapping[str, Mapping[str, float]]
-    scores: Mapping[tuple[str, MethodName], Score]
+    scores: Scores[Score]
     planner_seconds: FloatArray
     planner_statuses: tuple[str, ...]
     shown: Mapping[MethodName, Flights]
 
     def interval(self, case: str, name: MethodName, field: str) -> Interval:
         """Median over the seeds of a field of the scores, in its unit."""
-        return median_interval(getattr(self.scores[case, name], field))
+        return self.scores.interval(case, name, field)
 
     def reduction(
         self, over: MethodName, *, of: MethodName = "phyfilter", case: str = "mission"
     ) -> Reduction:
         """Reduction of mean and variance of the error of one method against another's."""
-        ours, theirs = self.scores[case, of], self.scores[case, over]
-        return Reduction(reduction(ours.mean, theirs.mean), reduction(ours.variance, theirs.variance))
+        mean, variance = (
+            self.scores.reduction(case, over, of=of, figure=figure) for figure in ("mean", "variance")
+        )
+        return Reduction(mean, variance)
 
     def planner_ms(self, percentile: float) -> float:
         """Percentile of the planner's solve times, ms."""
@@ -153,17 +156,14 @@ def compare(
     report("training of SEER-I")
     training, entries = train(backend), tuned()
     elsewhere = off_distribution(training, backend)
-    scores: dict[tuple[str, MethodName], Score] = {}
-    for name in methods:
-        for label in cases:
-            report(f"{name}, {label}")
-            scores[label, name] = _flown(
-                name, seeds, training, CASES[label], mission, backend=backend
-            ).score()
+
+    def scored(name: MethodName, case: str) -> Score:
+        return _flown(name, seeds, training, CASES[case], mission, backend=backend).score()
+
+    scores = score_methods(methods, cases, scored, report=report)
     report("missions to show")
     shown_by = "phyfilter" if "phyfilter" in methods else methods[0]
-    mean = scores[cases[0], shown_by].mean
-    seed = seeds[int(np.argsort(mean)[len(mean) // 2])]
+    seed = seeds[scores.middle(cases[0], shown_by, "mean")]
     shown: dict[MethodName, Flights] = {
         name: _flown(name, (seed,), training, CASES[cases[0]], mission, keep=_SHOWN, backend=backend)
         for name in methods

@@ -31,6 +31,7 @@ from phyfilter_ctl.study import (
     TunedMethod,
     command_jitter,
     fastest,
+    least_error,
     read_tuned,
     silent,
     tuned_text,
@@ -156,22 +157,25 @@ def tune(name: MethodName, seer: Seer, *, report: Report = silent) -> TunedMetho
         values.torque[0] if name in ("observer", "phyfilter") else 0.0,
         damping=values.damping,
     )
-    best = start
-    found: dict[Method, TunedMethod[Method]] = {}
+    wanted = f"a modulus margin of {values.modulus_margin}"
+
+    def best(candidates: list[tuple[str, Method]]) -> TunedMethod[Method]:
+        return least_error(
+            name, candidates, lambda method: _tuned(method, seer), wanted=wanted, report=report
+        )
+
+    found: TunedMethod[Method] | None = None
     for which in _stages(name):
         low, high = getattr(values, which)
         field = "torque_bandwidth" if which == "torque" else "bandwidth"
-        results = []
-        for value in np.geomspace(low, high, values.points):
-            candidate = replace(best, **{field: round(float(value), 3)})
-            report(f"{name}: {which} {value:.3g} rad/s")
-            results.append(_tuned(candidate, seer))
-        best = _best(name, results).method
-        found = {entry.method: entry for entry in results if entry is not None}
-    if not _stages(name):
-        report(name)
-        return _best(name, [_tuned(start, seer)])
-    return found[best]
+        before = start if found is None else found.method
+        found = best(
+            [
+                (f"{name}: {which} {value:.3g} rad/s", replace(before, **{field: round(float(value), 3)}))
+                for value in np.geomspace(low, high, values.points)
+            ]
+        )
+    return best([(name, start)]) if found is None else found
 
 
 def _stages(name: MethodName) -> tuple[str, ...]:
@@ -179,13 +183,6 @@ def _stages(name: MethodName) -> tuple[str, ...]:
     if name in ("observer", "phyfilter"):
         return ("torque", "force")
     return ("integral",) if name == "integral" else ()
-
-
-def _best(name: MethodName, results: list[TunedMethod[Method] | None]) -> TunedMethod[Method]:
-    kept = [entry for entry in results if entry is not None]
-    if not kept:
-        raise ValueError(f"{name}: no gains have a modulus margin of {params().tuning.modulus_margin}")
-    return min(kept, key=lambda entry: entry.mae)
 
 
 def _tuned(candidate: Method, seer: Seer) -> TunedMethod[Method] | None:

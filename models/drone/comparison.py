@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from phyfilter_ctl import study
 from phyfilter_ctl.simulation import BackendChoice
-from phyfilter_ctl.study import Interval, Report, TunedMethod, median_interval, reduction, silent
+from phyfilter_ctl.study import Interval, Report, Scores, TunedMethod, score_methods, silent
 
 from .experiment import Flights, Score, fly
 from .flights import Scenario, conditions
@@ -64,7 +64,8 @@ class Comparison:
     methods : dict of str to TunedMethod
     training : Training
         Of SEER-I.
-    scores : dict of (scenario, method) to Score
+    scores : Scores
+        By (scenario, method).
     estimation : dict of (scenario, method) to Estimation
         For the methods that estimate.
     shown : dict of str to Flights
@@ -76,24 +77,20 @@ class Comparison:
     seeds: tuple[int, ...]
     methods: Mapping[MethodName, TunedMethod[Method]]
     training: Training
-    scores: Mapping[tuple[Scenario, MethodName], Score]
+    scores: Scores[Score]
     estimation: Mapping[tuple[Scenario, MethodName], Estimation]
     shown: Mapping[MethodName, Flights]
     still: Mapping[MethodName, Flights]
 
     def mae(self, scenario: Scenario, part: str = "total") -> dict[MethodName, Interval]:
         """Mean errors in m, median over the seeds; ``part`` is total, horizontal or vertical."""
-        return {
-            name: median_interval(getattr(self.scores[scenario, name], part))
-            for kind, name in self.scores
-            if kind == scenario
-        }
+        return {name: self.scores.interval(scenario, name, part) for name in self.methods}
 
     def reduction(
         self, scenario: Scenario, over: MethodName, *, of: MethodName = "phyfilter", part: str = "total"
     ) -> Interval:
         """Reduction of the error of one method against another's, in per cent."""
-        return reduction(*(getattr(self.scores[scenario, name], part) for name in (of, over)))
+        return self.scores.reduction(scenario, over, of=of, figure=part)
 
 
 def steps(methods: Sequence[MethodName] = METHODS) -> int:
@@ -131,29 +128,26 @@ def compare(
     """
     seeds = tuple(range(params().seeds.test)) if seeds is None else tuple(seeds)
     training, entries = train(backend), tuned()
-    scores: dict[tuple[Scenario, MethodName], Score] = {}
     estimation: dict[tuple[Scenario, MethodName], Estimation] = {}
-    for name in methods:
-        method = entries[name].method
-        keep = ("r", "r_ref", *_kept(name))
-        for scenario in SCENARIOS:
-            report(f"{name}, {scenario}")
-            flights = fly(
-                method,
-                conditions(seeds, scenario, payload=payload),
-                training.model,
-                keep=keep,
-                duration=duration,
-                others=others,
-                backend=backend,
-            )
-            scores[scenario, name] = flights.score()
-            if len(keep) > 2:
-                estimation[scenario, name] = _estimation(flights)
+
+    def flown(name: MethodName, scenario: Scenario) -> Score:
+        flights = fly(
+            entries[name].method,
+            conditions(seeds, scenario, payload=payload),
+            training.model,
+            keep=("r", "r_ref", *_kept(name)),
+            duration=duration,
+            others=others,
+            backend=backend,
+        )
+        if _kept(name):
+            estimation[scenario, name] = _estimation(flights)
+        return flights.score()
+
+    scores = score_methods(methods, SCENARIOS, flown, report=report)
     report("flights to show")
     shown_by = "phyfilter" if "phyfilter" in methods else methods[0]
-    total = scores["wind", shown_by].total
-    seed = seeds[int(np.argsort(total)[len(total) // 2])]
+    seed = seeds[scores.middle("wind", shown_by, "total")]
 
     def showing(scenario: Scenario) -> dict[MethodName, Flights]:
         return {

@@ -29,6 +29,7 @@ from phyfilter_ctl.study import (
     TunedMethod,
     command_jitter,
     fastest,
+    least_error,
     read_tuned,
     silent,
     tuned_text,
@@ -133,23 +134,19 @@ def tune(
     report : callable
         Called with a few words at the beginning of every step, :func:`steps` times.
     """
-    best: TunedMethod[Method] | None = None
-    for start in _candidates(name):
-        report(f"{name}: {start.bandwidth:.3g}" if start.tunable else name)
+    wanted = f"a modulus margin of {params().tuning.modulus_margin} and quiet rotors"
+
+    def flown(start: Method) -> TunedMethod[Method] | None:
         method = _fastest(start, model)
-        if method is None:
-            continue
-        found = _flown(method, model)
-        if best is None or found.mae < best.mae:
-            best = found
-    if best is not None and name in _FILTERS:  # found without a model; now onto SEER-I
-        method = _fastest(replace(best.method, with_model=True, seer_rate=seer_rate), model)
-        best = None if method is None else _flown(method, model)
-    if best is None:
-        raise ValueError(
-            f"{name}: no outer loop has a modulus margin of {params().tuning.modulus_margin} and quiet rotors"
-        )
-    return best
+        return None if method is None else _flown(method, model)
+
+    starts = [(f"{name}: {each.bandwidth:.3g}" if each.tunable else name, each) for each in _candidates(name)]
+    best = least_error(name, starts, flown, wanted=wanted, report=report)
+    if name not in _FILTERS:
+        return best
+    # Found without a model; now onto SEER-I.
+    onto = replace(best.method, with_model=True, seer_rate=seer_rate)
+    return least_error(name, [(name, onto)], flown, wanted=wanted)
 
 
 def _flown(method: Method, model: Chebyshev) -> TunedMethod[Method]:

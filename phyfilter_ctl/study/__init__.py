@@ -1,17 +1,31 @@
-"""A study of one's own system: numbers with units, flights over seeds, tuning at equal margin, statistics, output."""
+"""A study of one's own system: numbers with units, flights over seeds, tuning at equal margin, statistics, output.
+
+===========================  ===================================================================================
+numbers from a TOML file     :func:`parameter_file`, :func:`read_parameters`: typed, each with its unit and reason
+flights over seeds           :func:`flight_times`, :func:`unit_noise`, then ``simulate_batch``, :func:`flight_signals`
+tuning at equal margin       :func:`least_error` of what :func:`fastest` finds; :func:`tuned_text`, :func:`read_tuned`
+methods by cases by seeds    :func:`score_methods`: medians with intervals, reductions flight by flight
+on more machines             :func:`on_cluster`
+table, JSON, picture         :func:`add_output_options`, :class:`Outputs`
+===========================  ===================================================================================
+
+The systems in ``models/`` are studied with nothing else; :func:`phyfilter_ctl.fmi.hand_over` hands their parts over.
+"""
 
 from .cluster import on_cluster
+from .comparison import Scores, score_methods
 from .flights import flight_signals, flight_times, realtime_factor, unit_noise
 from .outputs import Outputs, add_output_options
 from .parameters import parameter_file, read_parameters
 from .progress import Report, progress, silent
 from .statistics import Interval, finite, median_interval, reduction
-from .tuning import TunedMethod, command_jitter, fastest, read_tuned, tuned_text
+from .tuning import TunedMethod, command_jitter, fastest, least_error, read_tuned, tuned_text
 
 __all__ = [
     "Interval",
     "Outputs",
     "Report",
+    "Scores",
     "TunedMethod",
     "add_output_options",
     "command_jitter",
@@ -19,6 +33,7 @@ __all__ = [
     "finite",
     "flight_signals",
     "flight_times",
+    "least_error",
     "median_interval",
     "on_cluster",
     "parameter_file",
@@ -27,6 +42,7 @@ __all__ = [
     "read_tuned",
     "realtime_factor",
     "reduction",
+    "score_methods",
     "silent",
     "tuned_text",
     "unit_noise",

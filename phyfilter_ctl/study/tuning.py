@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Generic, TypeVar
@@ -11,7 +11,9 @@ from typing import Any, Generic, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-__all__ = ["TunedMethod", "command_jitter", "fastest", "read_tuned", "tuned_text"]
+from .progress import Report, silent
+
+__all__ = ["TunedMethod", "command_jitter", "fastest", "least_error", "read_tuned", "tuned_text"]
 
 Method = TypeVar("Method")
 Name = TypeVar("Name", bound=str)
@@ -73,6 +75,55 @@ def fastest(speeds: Sequence[float] | np.ndarray, allowed: Callable[[float], T |
         else:
             low, found = middle, faster
     return found
+
+
+def least_error(
+    name: str,
+    candidates: Iterable[tuple[str, Method]],
+    tuned: Callable[[Method], TunedMethod[Method] | None],
+    *,
+    wanted: str = "the margin that is asked for",
+    report: Report = silent,
+) -> TunedMethod[Method]:
+    """The candidate with the least error of those that have what is asked for: a comparison at equal margin.
+
+    For every speed of an estimator the loop around it is as fast as the margin lets it be (:func:`fastest`); of these
+    the one that flies best is the method's. Methods that are tuned like this differ by what they are, not by how much
+    margin each was allowed to spend.
+
+    Parameters
+    ----------
+    name : str
+        Of the method, for messages.
+    candidates : iterable of (str, method)
+        What is said of each, and the method with what is not found here.
+    tuned : function (method) -> TunedMethod or None
+        Finds the rest and flies it; None where nothing has what is asked for.
+    wanted : str
+        What is asked for, for the message.
+    report : callable
+        Told of every candidate.
+
+    Raises
+    ------
+    ValueError
+        If there is none.
+
+    Examples
+    --------
+    >>> def flown(speed):
+    ...     return None if speed > 3.0 else TunedMethod(speed, 0.5, abs(speed - 1.8), 0.0)
+    >>> least_error("pd", [(f"{speed}", speed) for speed in (1.0, 2.0, 4.0)], flown).method
+    2.0
+    """
+    kept: list[TunedMethod[Method]] = []
+    for text, candidate in candidates:
+        report(text)
+        if (found := tuned(candidate)) is not None:
+            kept.append(found)
+    if not kept:
+        raise ValueError(f"{name}: no gains have {wanted}")
+    return min(kept, key=lambda entry: entry.mae)
 
 
 def command_jitter(commands: ArrayLike, scale: float) -> float:

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
-from phyfilter_ctl.study import median_interval, reduction
+from phyfilter_ctl.study import median_interval, reduction, score_methods
 
 
 def test_interval_covers_the_median_as_often_as_it_says() -> None:
@@ -36,3 +38,17 @@ def test_reduction_is_taken_flight_by_flight() -> None:
     np.testing.assert_allclose([found.median, found.low, found.high], [20.0, 0.0, 50.0], atol=1e-12)
     with pytest.raises(ValueError, match="same flights"):
         reduction(ours, theirs[:2])
+
+
+def test_methods_are_scored_case_by_case_and_the_middle_flight_is_shown() -> None:
+    errors = {"pd": np.array([0.3, 0.1, 0.2]), "filter": np.array([0.1, 0.05, 0.1])}
+    said: list[str] = []
+
+    def fly(name: str, case: str) -> SimpleNamespace:
+        return SimpleNamespace(error=errors[name] * (2.0 if case == "wind" else 1.0))
+
+    scores = score_methods(("pd", "filter"), ("still", "wind"), fly, report=said.append)
+    assert said == ["pd, still", "pd, wind", "filter, still", "filter, wind"]
+    assert scores.interval("wind", "pd", "error") == median_interval([0.6, 0.2, 0.4])
+    assert scores.middle("still", "pd", "error") == 2
+    assert scores.reduction("wind", "pd", of="filter", figure="error").median == pytest.approx(50.0)

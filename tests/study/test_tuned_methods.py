@@ -10,7 +10,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from phyfilter_ctl.study import TunedMethod, command_jitter, fastest, read_tuned, tuned_text
+from phyfilter_ctl.study import (
+    TunedMethod,
+    command_jitter,
+    fastest,
+    least_error,
+    read_tuned,
+    tuned_text,
+)
 
 
 @dataclass(frozen=True)
@@ -55,3 +62,18 @@ def test_jitter_leaves_slow_motion_out() -> None:
     noise = np.random.default_rng(0).normal(0.0, 0.3, t.shape)
     assert command_jitter(np.sin(t), 1.0) < 1e-4
     assert command_jitter(10.0 * np.sin(t) + noise, 2.0) == pytest.approx(0.15, rel=0.02)
+
+
+def test_least_error_is_that_of_the_candidates_that_have_the_margin() -> None:
+    said: list[str] = []
+    errors = {1.0: 0.3, 2.0: 0.2, 3.0: None}
+
+    def tuned(gains: Gains) -> TunedMethod[Gains] | None:
+        error = errors[gains.w]
+        return None if error is None else TunedMethod(gains, 0.5, error, 0.0)
+
+    candidates = [(f"a: {w}", Gains("a", w)) for w in errors]
+    assert least_error("a", candidates, tuned, report=said.append).method.w == 2.0
+    assert said == ["a: 1.0", "a: 2.0", "a: 3.0"]
+    with pytest.raises(ValueError, match=r"a: no gains have a margin of 0\.5"):
+        least_error("a", candidates[2:], tuned, wanted="a margin of 0.5")

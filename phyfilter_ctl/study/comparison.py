@@ -1,0 +1,92 @@
+"""Methods compared: every one in every case over the same seeds, and what of it is statistics."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Generic, TypeVar
+
+import numpy as np
+
+from .progress import Report, silent
+from .statistics import Interval, median_interval, reduction
+
+__all__ = ["Scores", "score_methods"]
+
+Name = TypeVar("Name", bound=str)
+Case = TypeVar("Case", bound=str)
+S = TypeVar("S")
+
+
+class Scores(dict[tuple[str, str], S], Generic[S]):
+    """Scores by (case, method).
+
+    Each is an object with an array (B,) for every figure, one entry a seed, in the same order for all methods. So
+    methods are compared flight by flight: what differs between seeds is no noise of a reduction.
+    """
+
+    def interval(self, case: str, method: str, figure: str) -> Interval:
+        """Median over the seeds with its interval.
+
+        Parameters
+        ----------
+        case, method : str
+        figure : str
+            Of the score.
+        """
+        return median_interval(getattr(self[case, method], figure))
+
+    def reduction(self, case: str, over: str, *, of: str, figure: str) -> Interval:
+        """By how much one method is below another, in per cent, see :func:`reduction`.
+
+        Parameters
+        ----------
+        case : str
+        over, of : str
+            The other method, and the one.
+        figure : str
+            Of the score.
+        """
+        return reduction(getattr(self[case, of], figure), getattr(self[case, over], figure))
+
+    def middle(self, case: str, method: str, figure: str) -> int:
+        """Number of the flight whose figure is the median one: the one to show.
+
+        Parameters
+        ----------
+        case, method : str
+        figure : str
+            Of the score.
+        """
+        values = getattr(self[case, method], figure)
+        return int(np.argsort(values)[len(values) // 2])
+
+
+def score_methods(
+    methods: Sequence[Name], cases: Sequence[Case], fly: Callable[[Name, Case], S], *, report: Report = silent
+) -> Scores[S]:
+    """Score every method in every case.
+
+    Parameters
+    ----------
+    methods, cases : sequence of str
+    fly : function (method, case) -> score
+        Over the same seeds each time.
+    report : callable
+        Called at the beginning of every case.
+
+    Examples
+    --------
+    >>> from types import SimpleNamespace
+    >>> errors = {"pd": [0.2, 0.1, 0.3], "filter": [0.1, 0.06, 0.12]}
+    >>> scores = score_methods(list(errors), ["wind"], lambda name, case: SimpleNamespace(error=np.array(errors[name])))
+    >>> scores.interval("wind", "filter", "error").median, scores.middle("wind", "pd", "error")
+    (0.1, 0)
+    >>> round(scores.reduction("wind", "pd", of="filter", figure="error").median, 9)
+    50.0
+    """
+    scores: Scores[S] = Scores()
+    for name in methods:
+        for case in cases:
+            report(f"{name}, {case}")
+            scores[case, name] = fly(name, case)
+    return scores
