@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -94,12 +92,11 @@ def test_regressors_of_a_record_are_those_of_its_samples(wrong: Chebyshev) -> No
         np.testing.assert_allclose(tuned.regressors_at(row), columns, atol=ROUNDING)
 
 
-@pytest.mark.parametrize("label", ["matched", "smoothed", "shifted", "causal"])
-def test_gradient_of_the_cost(network: Network, label: offline_problem.Label) -> None:
+def test_gradient_of_the_cost(network: Network) -> None:
     logs = (flight(6, seconds=2.0), flight(7, seconds=1.5))
     tuned = regression.Tuned.of(network, None)
     memory = np.random.default_rng(8).uniform(-1.0, 1.0, (20, 2))
-    problem = offline_problem.Problem(tuned, SAMPLED, logs, label, 0.5, memory)
+    problem = offline_problem.Problem(tuned, SAMPLED, logs, 0.5, memory)
     rng = np.random.default_rng(9)
     masks = [rng.random(log.n) < 0.7 for log in logs]
     change, direction = 0.1 * rng.standard_normal((2, tuned.count))
@@ -108,23 +105,10 @@ def test_gradient_of_the_cost(network: Network, label: offline_problem.Label) ->
     assert (ahead - behind) / 2e-6 == pytest.approx(gradient @ direction, rel=DIFFERENCES)
 
 
-def test_smoothed_labels_are_the_gradient_of_the_matched_cost(wrong: Chebyshev) -> None:
-    log = flight(10)
-    problem = offline_problem.Problem(
-        regression.Tuned.of(wrong, None), SAMPLED, (log,), "smoothed", 1.0, None
-    )
-    matched = replace(problem, label="matched")
-    everything = [np.ones(log.n, dtype=bool)]
-    still = np.zeros(len(wrong.parameters))
-    assert problem._cost(still, 0.0, everything)[1] == pytest.approx(
-        matched._cost(still, 0.0, everything)[1], rel=1e-9
-    )
-
-
 # --- offline
 
 
-def test_matched_refinement_recovers_a_known_truth_without_labels(wrong: Chebyshev) -> None:
+def test_refinement_recovers_a_known_truth_without_labels(wrong: Chebyshev) -> None:
     training, unseen = [flight(20 + i).with_signals(label=None) for i in range(5)], flight(30)
     result = refine(wrong, training, SAMPLED, trust=1e-12)
     score = score_model(result.model, unseen, SAMPLED)
@@ -137,30 +121,14 @@ def test_matched_refinement_recovers_a_known_truth_without_labels(wrong: Chebysh
     assert score.share < 1e-3
 
 
-def test_matched_labels_lag_less_than_any_other(wrong: Chebyshev) -> None:
+def test_refinement_lags_less_than_a_fit_to_the_estimate(wrong: Chebyshev) -> None:
     slow = PhyFilter.from_poles([-3.0, -3.0]).sampled(DT, g="average")
     training, unseen = [flight(20 + i) for i in range(5)], [flight(30 + i) for i in range(2)]
-    errors = {
-        label: score_model(
-            refine(wrong, training, slow, label=label, trust=1e-9).model, unseen, slow
-        ).f_theta_rmse
-        for label in ("matched", "smoothed", "shifted", "causal")
-    }
-    assert 20.0 * errors["matched"] < min(errors["smoothed"], errors["shifted"], errors["causal"])
-
-
-def test_smoothed_refinement_again_and_again_descends_to_the_matched_one(wrong: Chebyshev) -> None:
-    training = [flight(20 + i) for i in range(3)]
-    costs = [score_model(wrong, training, SAMPLED).share]
-    model = wrong
-    for _ in range(6):
-        model = refine(model, training, SAMPLED, label="smoothed", trust=1e-12).model
-        costs.append(score_model(model, training, SAMPLED).share)
-    assert np.all(np.diff(costs) < 0.0)
-    assert costs[-1] < 0.1 * costs[0]
-    assert (
-        score_model(refine(wrong, training, SAMPLED, trust=1e-12).model, training, SAMPLED).share < costs[-1]
-    )
+    estimates = [slow.run(log.x, log.g, wrong.predict(log.x)) for log in training]
+    fitted = wrong.fit(np.concatenate([log.x for log in training]), np.concatenate(estimates)).model
+    refined = refine(wrong, training, slow, trust=1e-9).model
+    errors = [score_model(model, unseen, slow).f_theta_rmse for model in (refined, fitted)]
+    assert 20.0 * errors[0] < errors[1]
 
 
 def test_refinement_helps_on_unseen_flights_in_gusts_and_noise(wrong: Chebyshev) -> None:
@@ -369,16 +337,12 @@ def test_bad_input_is_named(wrong: Chebyshev, network: Network) -> None:
         refine(Chebyshev(2), log, SAMPLED)
     with pytest.raises(ValueError, match="linear in its moving parameters"):
         refine(network, log, SAMPLED, mode="online")
-    with pytest.raises(ValueError, match="always 'matched'"):
-        refine(wrong, log, SAMPLED, mode="online", label="causal")
     with pytest.raises(ValueError, match="no delay"):
         refine(wrong, log, PhyFilter([5.0]).sampled(DT, delay=0.02))
     with pytest.raises(ValueError, match="different indices from 0 to 17"):
         refine(wrong, log, SAMPLED, trainable=[18])
     with pytest.raises(ValueError, match="at least one parameter"):
         refine(wrong, log, SAMPLED, trainable=slice(0, 0))
-    with pytest.raises(ValueError, match="F\\(0\\) = 0"):
-        refine(wrong, log, PhyFilter([4.0, 4.0], [0.0, 4.0]).sampled(DT), label="shifted")
     with pytest.raises(ValueError, match="no weights yet"):
         last_layer(Network((3,)))
 
@@ -399,7 +363,7 @@ def test_options_out_of_range(wrong: Chebyshev, name: str, value: float) -> None
         refine(wrong, flight(20, seconds=1.0), SAMPLED, **{name: value})  # type: ignore[arg-type]  # values under test
 
 
-@pytest.mark.parametrize(("name", "value"), [("mode", "later"), ("label", "true"), ("max_iterations", 0)])
+@pytest.mark.parametrize(("name", "value"), [("mode", "later"), ("max_iterations", 0)])
 def test_choices_out_of_range(wrong: Chebyshev, name: str, value: object) -> None:
     with pytest.raises(ValueError, match=f"{name}: expected"):
         refine(wrong, flight(20, seconds=1.0), SAMPLED, **{name: value})  # type: ignore[arg-type]  # values under test

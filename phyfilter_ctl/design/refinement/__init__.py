@@ -4,13 +4,11 @@
 ``regression`` that compares the model's answer and the label through one filter.
 """
 
-from .offline_problem import Label
 from .online import Knowledge, OnlineFlight, OnlineRefiner, OnlineState
 from .refine_model import ModelScore, RefineResult, last_layer, refine, score_model
 
 __all__ = [
     "Knowledge",
-    "Label",
     "ModelScore",
     "OnlineFlight",
     "OnlineRefiner",

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
-from typing import Generic, Literal, NamedTuple, TypeVar
+from typing import Generic, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +20,6 @@ from . import regression
 from .regression import Tuned
 
 M = TypeVar("M", bound=LearnedModel)
-Label = Literal["matched", "smoothed", "shifted", "causal"]
 Masks = list[NDArray[np.bool_]]
 
 # Linear models of more parameters than this are refined by descent: their regressors would fill the memory.
@@ -55,7 +54,6 @@ class Problem(Generic[M]):
     tuned: Tuned[M]
     sampled: SampledPhyFilter
     flights: tuple[FlightLog, ...]
-    label: Label
     keep: float
     memory: FloatArray | None
 
@@ -76,7 +74,7 @@ class Problem(Generic[M]):
         folds: list[FloatArray] = []
         for log, target, masks in zip(self.flights, self._targets, self._folds, strict=True):
             columns = self.tuned.regressors(regression.features_of(log))
-            rows = regression.filtered(self.sampled, columns) if self.label == "matched" else columns
+            rows = regression.filtered(self.sampled, columns)
             folds += [_triangle(rows[mask], target[mask]) for mask in masks]
         sizes = np.array([int(mask.sum()) for masks in self._folds for mask in masks])
         memory = np.zeros((0, p + 1))
@@ -105,17 +103,11 @@ class Problem(Generic[M]):
 
     @cached_property
     def _targets(self) -> list[FloatArray]:
-        """What the change of f_theta (of F f_theta where matched) shall be, for each flight."""
-        targets = []
-        for log in self.flights:
-            f_theta = self.tuned.model.predict(regression.features_of(log))
-            y = regression.correction(self.sampled, log, f_theta)
-            if self.label == "smoothed":
-                y = regression.filtered_adjoint(self.sampled, y)
-            elif self.label == "shifted":
-                y = regression.advanced(self.sampled, f_theta + y) - f_theta
-            targets.append(y)
-        return targets
+        """What F of the change of f_theta shall be, for each flight."""
+        return [
+            regression.correction(self.sampled, log, self.tuned.model.predict(regression.features_of(log)))
+            for log in self.flights
+        ]
 
     def _unchanged(self, iterations: int) -> Solution:
         nothing = np.zeros(self.tuned.count)
@@ -190,10 +182,9 @@ class Problem(Generic[M]):
                 continue
             z = regression.features_of(log)
             gained = model.predict(z) - self.tuned.model.predict(z)
-            matched = self.label == "matched"
-            error = (regression.filtered(self.sampled, gained) if matched else gained) - target
+            error = regression.filtered(self.sampled, gained) - target
             error[~mask] = 0.0
-            back = regression.filtered_adjoint(self.sampled, error) if matched else error
+            back = regression.filtered_adjoint(self.sampled, error)
             cost += weight * float(np.sum(error**2))
             gradient = gradient + 2.0 * weight * model.vjp(z, back)[self.tuned.index]
         if self.memory is not None:

@@ -146,20 +146,6 @@ def filtered_adjoint(sampled: SampledPhyFilter, cotangent: FloatArray) -> FloatA
     return half
 
 
-def advanced(sampled: SampledPhyFilter, y: FloatArray) -> FloatArray:
-    """y (N, n_x) moved earlier by the filter's group delay at s = 0; the last value is held."""
-    places = np.arange(len(y), dtype=float)
-    moved = np.empty_like(y)
-    for i in range(y.shape[1]):
-        entry = sampled.filters[i if len(sampled.filters) > 1 else 0]
-        if entry.b[0] == 0.0:
-            raise ValueError("label='shifted': F(0) = 0 (band-pass) has no delay at s = 0; use 'matched'")
-        second_a, second_b = (c[1] if len(c) > 1 else last for c, last in ((entry.a, 1.0), (entry.b, 0.0)))
-        delay = second_a / entry.a[0] - second_b / entry.b[0]
-        moved[:, i] = np.interp(places + delay / sampled.dt, places, y[:, i])
-    return moved
-
-
 def _respond(sampled: SampledPhyFilter, u: FloatArray) -> FloatArray:
     """F of inputs u (m, n_x) held over each of m steps."""
     held = replace(sampled, sampling=replace(sampled.sampling, f_theta="hold"), E=None)
