@@ -102,7 +102,7 @@ cart = pf.plant(
     equations,
     states={"position": (0.0, "m"), "speed": (0.0, "m/s")},
     inputs={"force": (0.0, "N")},
-    parameters={"mass": (2.0, "kg"), "friction": (1.5, "N s^2/m^2"), "pull": (3.0, "N")},
+    params={"mass": (2.0, "kg"), "friction": (1.5, "N s^2/m^2"), "pull": (3.0, "N")},
     name="cart",
 )
 controller = ct.nlsys(

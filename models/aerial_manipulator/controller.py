@@ -108,7 +108,7 @@ def smoothing() -> SampledBlock:
         states={"before": (weight, "N")},
         inputs={"F": (weight, "N")},
         outputs={"smooth": "N"},
-        parameters={"corner": (params().vehicle.force_smoothing, "rad/s")},
+        params={"corner": (params().vehicle.force_smoothing, "rad/s")},
         dt=period,
     )
     return sampled_block(law, name="smoothing")

@@ -64,7 +64,7 @@ def momenta() -> FunctionBlock:
         states={},
         inputs={"v": (np.zeros(3), "m/s"), "omega": (np.zeros(3), "rad/s")},
         outputs={"linear": "kg m/s", "angular": "N m s"},
-        parameters={"mass": (nominal_mass(), "kg"), "J": (nominal_inertia(), "kg m^2")},
+        params={"mass": (nominal_mass(), "kg"), "J": (nominal_inertia(), "kg m^2")},
     )
 
 

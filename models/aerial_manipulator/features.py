@@ -139,7 +139,7 @@ def features_block(name: str = "features") -> FunctionBlock:
             **{f"{signal}_{i}": (zero, units[signal]) for signal in HISTORY for i in range(4)},
         },
         outputs={"place": "m", "rate": "m/s", "acc": "m/s^2", "turn": "rad/s^2", "felt": ""},
-        parameters={"spacing": (spacing, "s")},
+        params={"spacing": (spacing, "s")},
     )
 
 

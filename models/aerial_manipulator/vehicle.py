@@ -114,7 +114,7 @@ def load() -> FunctionBlock:
         states={},
         inputs={"taken": (0.0, "", "share of the load that hangs")},
         outputs={"payload": "kg"},
-        parameters={"mass": (params().mission.payload, "kg"), "held": (0.0, "kg")},
+        params={"mass": (params().mission.payload, "kg"), "held": (0.0, "kg")},
     )
 
 

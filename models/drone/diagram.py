@@ -65,7 +65,7 @@ def momentum() -> FunctionBlock:
         states={},
         inputs={"v": (np.zeros(3), "m/s")},
         outputs={"x": "kg m/s"},
-        parameters={"mass": (params().vehicle.mass, "kg")},
+        params={"mass": (params().vehicle.mass, "kg")},
     )
 
 
@@ -86,7 +86,7 @@ def acceleration_feature(period: float) -> FunctionBlock:
         states={},
         inputs={"v": (np.zeros(3), "m/s"), "v_before": (np.zeros(3), "m/s")},
         outputs={"z": "m/s^2"},
-        parameters={"distance": (period, "s")},
+        params={"distance": (period, "s")},
     )
 
 

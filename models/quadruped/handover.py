@@ -132,7 +132,7 @@ def _momentum() -> FunctionBlock:
         states={},
         inputs={"q": (zeros, "rad"), "qd": (zeros, "rad/s")},
         outputs={"x": "N m s"},
-        parameters={
+        params={
             "inertia": (joint_inertia(), "kg m^2"),
             "damping": (p.robot.damping, "N m s/rad"),
             "period": (p.control.dt, "s"),
@@ -159,7 +159,7 @@ def _law(gains: Gains) -> FunctionBlock:
             "f_hat": (zeros, "N m"),
         },
         outputs={"torque": "N m", "estimate": "N m"},
-        parameters={
+        params={
             "kp": (gains.kp, "N m/rad"),
             "kd": (gains.kd, "N m s/rad"),
             "limit": (np.tile(params().robot.torque_limits, 4), "N m"),

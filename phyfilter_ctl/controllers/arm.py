@@ -93,7 +93,7 @@ def arm_controller(
             "r_ref": (zero, "m", "wanted position of the platform"),
         },
         outputs={"joint_ref": ("rad", "commanded angles"), "joint_rate_ref": ("rad/s", "commanded rates")},
-        parameters={
+        params={
             "tilt_bandwidth": (tilt_bandwidth, "rad/s", "corner of the attitude's low-pass filter"),
             "share": (share, "", "share of the platform's error that the arm makes up"),
         },

@@ -114,7 +114,7 @@ def indi(
     }
     outputs = {"f_hat": ("N", "estimate of the unknown force")}
     discrete, continuous = (
-        plant(law, states=states, inputs=inputs, outputs=outputs, parameters=parameters, name=name, dt=dt)
+        plant(law, states=states, inputs=inputs, outputs=outputs, params=parameters, name=name, dt=dt)
         for law, states, dt in (
             (at_instants, {"f_ahead": (zero, "N"), "rate_ahead": (zero, "N")}, h),
             (in_between, {"f_hat": (zero, "N"), "rate": (zero, "N")}, 0.0),

@@ -144,7 +144,7 @@ def known_force(
             "F": (weight, "N", "wanted thrust, world"),
         },
         outputs={"g": ("N", "known force, world")},
-        parameters={
+        params={
             "mass": (mass, "kg", "nominal mass"),
             "gravity": (gravity, "m/s^2", "gravity, against z"),
             "drag": (coefficients, "N s/m", "rotor drag, body axes"),

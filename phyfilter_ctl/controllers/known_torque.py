@@ -117,7 +117,7 @@ def known_torque(
             "omega": (zero, "rad/s", "angular velocity, body"),
         },
         outputs={"g": ("N m", "known torque, body")},
-        parameters={
+        params={
             "J": (inertia, "kg m^2", "nominal moments of inertia"),
             "arm": (arm, "m", "rotor to centre of mass"),
             "torque_ratio": (torque_ratio, "m", "yaw torque per thrust"),

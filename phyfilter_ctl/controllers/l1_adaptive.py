@@ -131,12 +131,10 @@ def l1_adaptive(
         "pole": (pole, "rad/s", "pole of the predictor"),
         "bandwidth": (bandwidth, "rad/s", "corner of the low-pass"),
     }
-    block = sampled_block(
-        plant(equations, states=states, inputs=inputs, parameters=parameters, name=name, dt=h)
-    )
+    block = sampled_block(plant(equations, states=states, inputs=inputs, params=parameters, name=name, dt=h))
     # The law's differences about its start would tell of the first instant, with f_hat = 0, for ever.
     block.continuous = plant(
-        in_between, states={"z": zero}, inputs=inputs, parameters=parameters, name=name
+        in_between, states={"z": zero}, inputs=inputs, params=parameters, name=name
     ).functions
     return block
 

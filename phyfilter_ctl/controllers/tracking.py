@@ -125,7 +125,7 @@ def position_controller(
             "f_hat": (zero, "N", "estimated unknown force, world"),
         },
         outputs={"F": ("N", "wanted thrust, world")},
-        parameters={
+        params={
             "mass": (mass, "kg", "nominal mass"),
             "gravity": (gravity, "m/s^2", "gravity, against z"),
             "drag": (_signals.filled("drag", drag, (3,), least=0.0), "N s/m", "rotor drag, body axes"),
@@ -319,7 +319,7 @@ def attitude_controller(
             **estimate,
         },
         outputs={"thrust": ("N", "commanded thrust of each rotor")},
-        parameters={
+        params={
             "mass": (mass, "kg", "nominal mass"),
             "J": (inertia, "kg m^2", "moments of inertia"),
             "arm": (arm, "m", "rotor to centre of mass"),

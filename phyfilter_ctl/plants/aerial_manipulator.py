@@ -198,7 +198,7 @@ def _declare(
             "tau_payload": ("N m", "torque of the load, body"),
             "f_wind": ("N", "force of the wind, world"),
         },
-        parameters=parameters,
+        params=parameters,
     )
 
 

@@ -63,7 +63,7 @@ def mass(axes: int = 3, *, mass: float = 1.0, drag: float = 0.0, name: str = "ma
         name=name,
         states={"r": (zero, "m", "position"), "v": (zero, "m/s", "velocity")},
         inputs={"force": (zero, "N", "force")},
-        parameters={"mass": (mass, "kg", "mass"), "drag": (drag, "kg/m", "quadratic drag")},
+        params={"mass": (mass, "kg", "mass"), "drag": (drag, "kg/m", "quadratic drag")},
     )
 
 
@@ -142,7 +142,7 @@ def rigid_body(
             "omega": (zero, "rad/s", "angular velocity, body"),
         },
         inputs={"force": (zero, "N", "force, body"), "torque": (zero, "N m", "torque, body")},
-        parameters={
+        params={
             "mass": (mass, "kg", "mass"),
             "J": (inertia, "kg m^2", "moments of inertia"),
             "gravity": (gravity, "m/s^2", "gravity, against z"),

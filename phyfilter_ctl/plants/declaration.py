@@ -74,7 +74,7 @@ def declared(kind: str, declarations: Mapping[str, Declaration] | None) -> list[
     Parameters
     ----------
     kind : str
-        "states", "inputs" or "parameters", for messages.
+        "states", "inputs" or "params", for messages.
     declarations : mapping of str to Declaration, optional
 
     Raises

@@ -120,7 +120,7 @@ def plant(
     states: Mapping[str, Declaration],
     inputs: Mapping[str, Declaration] | None = None,
     outputs: Mapping[str, str | tuple[str, str]] | Sequence[str] | None = None,
-    parameters: Mapping[str, Declaration] | None = None,
+    params: Mapping[str, Declaration] | None = None,
     name: str | None = None,
     dt: float = 0.0,
 ) -> Plant:
@@ -132,7 +132,7 @@ def plant(
         Reads the states as ``x.v``, the inputs as ``u.force``, the parameters as ``p.mass``: CasADi numbers, columns or
         matrices, as declared. Returns dicts: of each state its derivative (with dt its next value), of each output its
         value. Without outputs the states are the outputs.
-    states, inputs, parameters : dict
+    states, inputs, params : dict
         name -> start, (start, unit) or (start, unit, description), in SI units. An array declares a vector, with labels
         v[0], v[1] ..., or a matrix, J[0,0], J[0,1] ... A start of an input is its default.
     outputs : dict or sequence of str, optional
@@ -163,7 +163,7 @@ def plant(
     ...     pendulum,
     ...     states={"angle": (0.1, "rad"), "rate": (0.0, "rad/s")},
     ...     inputs={"torque": (0.0, "N m")},
-    ...     parameters={"mass": (0.5, "kg"), "length": (2.0, "m"), "gravity": (9.81, "m/s^2")},
+    ...     params={"mass": (0.5, "kg"), "length": (2.0, "m"), "gravity": (9.81, "m/s^2")},
     ... )
     >>> swing.linearize(0.0).A.tolist()
     [[0.0, 1.0], [-4.905, 0.0]]
@@ -171,7 +171,9 @@ def plant(
     [0.0, 0.25]
     """
     name = str(getattr(equations, "__name__", "plant")) if name is None else name
-    groups = [declared(kind, given) for kind, given in zip(_KINDS, (states, inputs, parameters), strict=True)]
+    groups = [
+        declared(kind, given) for kind, given in (("states", states), ("inputs", inputs), ("params", params))
+    ]
     t = ca.SX.sym("t")
     columns = [ca.SX.sym(kind, len(flat(group))) for kind, group in zip("xup", groups, strict=True)]
     result = _run(equations, name, t, columns, groups)

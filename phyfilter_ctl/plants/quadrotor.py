@@ -188,7 +188,7 @@ def quadrotor(
             "f_mass": ("N", "force of the added mass, world"),
             "f_wind": ("N", "force of the wind, world"),
         },
-        parameters={
+        params={
             "mass": (mass, "kg", "nominal mass"),
             "added_mass": (added_mass, "kg", "true less nominal mass"),
             "J": (inertia, "kg m^2", "moments of inertia"),

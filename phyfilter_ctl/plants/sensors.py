@@ -89,5 +89,5 @@ def sensors(signals: Mapping[str, Sensor], *, name: str = "sensors") -> Plant:
         states={},
         inputs=inputs,
         outputs={f"{signal}_m": "" if s.quaternion else s.unit for signal, s in signals.items()},
-        parameters={sensor.name: (sensor.deviation, sensor.unit) for sensor in signals.values()},
+        params={sensor.name: (sensor.deviation, sensor.unit) for sensor in signals.values()},
     )

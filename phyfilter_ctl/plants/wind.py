@@ -137,7 +137,7 @@ def wind_field(
             "noise": (np.zeros(3), "", "white noise of unit variance, held"),
         },
         outputs={"wind": ("m/s", "wind, world")},
-        parameters={
+        params={
             "mean": (vectors["mean"], "m/s", "mean wind, world"),
             "jet_speed": (jet_speed, "m/s", "speed on the jet's axis"),
             "jet_origin": (vectors["jet_origin"], "m", "centre of the fan, world"),

@@ -93,7 +93,7 @@ def circle():
             "j_ref": [R * a**3 * s, -R * a**3 * c, 0.0],
         }
 
-    return plant(equations, states={}, parameters={"speed": 2.0, "radius": 1.5}, name="reference")
+    return plant(equations, states={}, params={"speed": 2.0, "radius": 1.5}, name="reference")
 
 
 @pytest.fixture(scope="module")

@@ -17,7 +17,7 @@ def car(t, x, u, p):
 
 def model():
     vehicle = plant(car, states={"v": (2.0, "m/s", "speed")}, inputs={"force": (1.0, "N")},
-                    parameters={"mass": (4.0, "kg"), "drag": (0.5, "kg/m")}, name="car")  # fmt: skip
+                    params={"mass": (4.0, "kg"), "drag": (0.5, "kg/m")}, name="car")  # fmt: skip
     gains = ct.nlsys(None, lambda t, x, u, params: params["k"] @ u, inputs=["r", "v"], outputs="force",
                      params={"k": np.array([[3.0, -3.0]]), "mass": 1.0}, name="gains")  # fmt: skip
     return ct.interconnect([vehicle, gains], inputs="r", outputs="v", name="cruise")

@@ -38,7 +38,7 @@ def oscillator():
         states={"place": (1.0, "m"), "speed": (0.0, "m/s")},
         inputs={"force": (0.0, "N")},
         outputs={"place": "m", "pull": "N"},
-        parameters={"mass": (2.0, "kg"), "stiffness": (8.0, "N/m"), "damping": (0.4, "N s/m")},
+        params={"mass": (2.0, "kg"), "stiffness": (8.0, "N/m"), "damping": (0.4, "N s/m")},
     )
 
 
@@ -52,7 +52,7 @@ def closed_loop():
         body,
         states={"v": (0.0, "m/s"), "s": (0.0, "m")},
         inputs={"thrust": (0.0, "N")},
-        parameters={"drag": (0.3, "kg/m"), "mass": (1.2, "kg")},
+        params={"drag": (0.3, "kg/m"), "mass": (1.2, "kg")},
         name="plant",
     )
     law = ct.ss(

@@ -32,7 +32,7 @@ OUTPUTS = {"power": ("W", "into the body"), "v": "m/s", "turned": "", "both": ""
 
 
 def make():
-    return plant(vehicle, states=STATES, inputs=INPUTS, outputs=OUTPUTS, parameters=PARAMETERS)
+    return plant(vehicle, states=STATES, inputs=INPUTS, outputs=OUTPUTS, params=PARAMETERS)
 
 
 def by_numpy(t, x, u, J=((1.0, 2.0), (3.0, 4.0)), gain=2.0):
@@ -112,7 +112,7 @@ def test_states_are_the_outputs_where_none_are_given():
 
 
 def test_outputs_may_be_chosen_by_name():
-    block = plant(vehicle, states=STATES, inputs=INPUTS, outputs=["turned", "power"], parameters=PARAMETERS)
+    block = plant(vehicle, states=STATES, inputs=INPUTS, outputs=["turned", "power"], params=PARAMETERS)
     assert block.output_labels == ["turned[0]", "turned[1]", "power"]
     x, u = np.random.default_rng(4).normal(size=(2, 7))
     _, y = by_numpy(0.0, x, u[:3])
@@ -163,7 +163,7 @@ def test_in_a_diagram_of_python_control():
 
 
 def simple(**changes):
-    arguments = {"states": {"v": ([0.0, 0.0], "m/s")}, "inputs": {"u": 0.0}, "parameters": {"m": (1.0, "kg")}}
+    arguments = {"states": {"v": ([0.0, 0.0], "m/s")}, "inputs": {"u": 0.0}, "params": {"m": (1.0, "kg")}}
     return arguments | changes
 
 
@@ -210,7 +210,7 @@ def assigned(t, x, u, p):
         (lambda t, x, u, p: {"v": x.v}, {"states": {"v": np.zeros((2, 2, 2))}}, "at most two dimensions"),
         (lambda t, x, u, p: {"v": x.v}, {"states": ["v"]}, "states: expected a dict"),
         (lambda t, x, u, p: {"v": x.v}, {"inputs": {"for": 0.0}}, "inputs: 'for' cannot be written"),
-        (lambda t, x, u, p: {"v": x.v}, {"parameters": {"_m": 0.0}}, "parameters: '_m' cannot be written"),
+        (lambda t, x, u, p: {"v": x.v}, {"params": {"_m": 0.0}}, "params: '_m' cannot be written"),
         (lambda t, x, u, p: {"v": x.v}, {"outputs": {"w": "m"}}, "unknown output: 'w'; expected one of v"),
         (lambda t, x, u, p: {"v": x.v}, {"outputs": "v"}, "got the text 'v'"),
         (lambda t, x, u, p: ({"v": x.v}, {"a b": x.v}), {}, "outputs: 'a b' cannot be written"),

@@ -92,7 +92,7 @@ def test_inputs_as_python_control_takes_them():
 def test_starts_are_those_of_the_blocks_unless_given():
     model = plant(
         lambda t, x, u, p: {"v": u.force - x.v, "s": x.v}, states={"v": (2.0, "m/s", ""), "s": 1.0},
-        inputs={"force": (2.0, "N")}, parameters={}, name="car",
+        inputs={"force": (2.0, "N")}, params={}, name="car",
     )  # fmt: skip
     flat = flatten(model)
     rest = simulate(flat, TIMES)
