@@ -17,6 +17,7 @@ from scipy.linalg import solve_continuous_lyapunov
 
 from .._sections import ComplexArray, FloatArray
 from ..filter import PhyFilter, SampledPhyFilter
+from ..filter.sampling import Rule
 from ..filter.windows import mean_weights
 from . import _resolvent
 
@@ -104,9 +105,7 @@ def _recursion(system: SampledPhyFilter, omega: FloatArray) -> tuple[ComplexArra
     return z * driven, offset + delta * (z * resting - dc)
 
 
-def _step_mean(
-    theta: FloatArray, rule: Literal["hold", "average"], delay: float
-) -> tuple[ComplexArray, ComplexArray]:
+def _step_mean(theta: FloatArray, rule: Rule, delay: float) -> tuple[ComplexArray, ComplexArray]:
     """Mean of a signal over the step that ends ``delay`` (in steps) ago, per value now, and 1 minus it.
 
     1 minus it is summed without the subtraction, so nothing is lost at low frequencies.

@@ -15,11 +15,10 @@ from .._sections import FloatArray
 from ..analysis import frequency_response
 from ..design.placement import Family, bandpass, lowpass, numerator_of_type, place_poles
 from ..filter import PhyFilter, SampledPhyFilter
+from ..filter.sampling import Method
 from .checking import Fields, MessageError, real, shown
 
 __all__ = ["FAMILIES", "Assumptions", "Design", "Numerator", "design_of_family", "read_design"]
-
-Method = Literal["exact", "euler", "tustin"]
 
 HIGHEST_ORDER = 8
 SLOWEST, FASTEST = 1e-3, 1e5  # |p| in rad/s

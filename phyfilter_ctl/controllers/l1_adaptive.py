@@ -4,19 +4,18 @@ from __future__ import annotations
 
 import operator
 from collections.abc import Mapping
-from typing import Literal, SupportsIndex, get_args
+from typing import SupportsIndex, get_args
 
 import numpy as np
 
 from .. import _signals
 from ..blocks import SampledBlock, sampled_block
+from ..filter.sampling import Rule
 from ..plants.algebra import Array, where
 from ..plants.declaration import Columns, Declaration
 from ..plants.factory import Results, plant
 
 __all__ = ["l1_adaptive"]
-
-Between = Literal["hold", "average"]
 
 
 def l1_adaptive(
@@ -25,7 +24,7 @@ def l1_adaptive(
     pole: float,
     bandwidth: float,
     channels: SupportsIndex = 3,
-    g: Between = "hold",
+    g: Rule = "hold",
     name: str = "l1",
 ) -> SampledBlock:
     """L1 adaptive estimator of f in x' = g + f: state predictor, piecewise-constant law, first-order low-pass.
@@ -99,8 +98,8 @@ def l1_adaptive(
     _signals.number("bandwidth", bandwidth, "rad/s", above=0.0)
     if _signals.number("pole", pole, "rad/s") >= 0.0:
         raise ValueError(f"pole: expected a negative number of rad/s, got {pole!r}")
-    if g not in get_args(Between):
-        raise ValueError(f"g: expected one of {get_args(Between)}, got {g!r}")
+    if g not in get_args(Rule):
+        raise ValueError(f"g: expected one of {get_args(Rule)}, got {g!r}")
     h, smooth = float(dt), g == "average"
 
     def equations(t: Array, s: Columns, v: Columns, p: Columns) -> tuple[Results, Results]:

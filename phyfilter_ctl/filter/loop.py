@@ -110,7 +110,7 @@ def step(
     if not _all_usable(x, g, f_theta) or (inertia is not None and M is not None and not usable(M)):
         return _refuse(recursion, state, x, g, f_theta, M, h)
     if sampling.delay or state.gap:
-        u, h, past = _aligned_residual(recursion, state, x, g, f_theta, M, h)
+        u, h, past = _late_residual(recursion, state, x, g, f_theta, M, h)
         constants = recursion.step(h)
     else:
         constants, past, slope = recursion.step(h), (), x - state.x
@@ -131,7 +131,7 @@ def _all_usable(x: Array, g: Array, f_theta: Array) -> bool:
     return usable(x) and usable(g) and usable(f_theta)
 
 
-def _aligned_residual(
+def _late_residual(
     recursion: Recursion, state: FilterState, x: Array, g: Array, f_theta: Array, M: Array | None, h: float
 ) -> tuple[Array, float, tuple[Interval, ...]]:
     """u over the time since the last accepted sample, ``delay`` earlier; that time; the steps still needed."""
@@ -139,25 +139,17 @@ def _aligned_residual(
     length, delay = state.gap + h, recursion.sampling.delay
     times = np.cumsum([0.0, *(entry.dt for entry in past)])
     times -= times[-1]
-    ends = np.array([-length - delay, -delay])
-    g_mean, f_mean = (
-        windows.window_means(
-            times,
-            np.array([first for first, _ in values]).reshape(len(past), -1),
-            np.array([last for _, last in values]).reshape(len(past), -1),
-            *ends[:, None],
-        ).reshape(values[0][0].shape)
-        for values in ([entry.g for entry in past], [entry.f_theta for entry in past])
+    g_pair, f_pair = (
+        [np.array(values, dtype=float) for values in zip(*pairs, strict=True)]
+        for pairs in ([entry.g for entry in past], [entry.f_theta for entry in past])
     )
-    slope = (x - state.x).astype(float)
     if M is not None:
         # An inertia first given now was the same before: intervals without one take it too.
         pairs = [entry.inertia or (M, M) for entry in past]
-        samples = np.array([pairs[0][0], *(pair[1] for pair in pairs)], dtype=float)
-        slope = momentum(windows.values_at(times, samples, ends).mean(axis=0), slope)
-    slope /= length
-    into = None if recursion.E_left is None else recursion.E_left.T
-    u = residual(slope, g_mean, f_mean, into)
+        M = np.array([pairs[0][0], *(pair[1] for pair in pairs)], dtype=float)
+    ends = np.array([-length - delay, -delay])
+    dx = (x - state.x).astype(float)[None]
+    u = windows.late_residual(recursion, times, ends, dx, g_pair, f_pair, M)[0]
     return u.astype(x.dtype), length, _still_needed(past, delay)
 
 

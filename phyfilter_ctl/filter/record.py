@@ -144,7 +144,10 @@ def _run_aligned(
         grid: FloatArray = (
             (recursion.sampling.dt * np.arange(len(x))).astype(float) if stamps is None else stamps
         )
-        u = _aligned_residual(recursion, x, acting, f_theta, M, grid, rows)
+        g_pair = (acting[1:] if recursion.sampling.g == "hold" else acting[:-1], acting[1:])
+        f_pair = (f_theta[:-1], f_theta[:-1] if recursion.sampling.f_theta == "hold" else f_theta[1:])
+        ends, dx = grid[rows] - recursion.sampling.delay, np.diff(x[rows], axis=0)
+        u = windows.late_residual(recursion, grid, ends, dx, g_pair, f_pair, M)
         steps: FloatArray | None = None if stamps is None and not held.any() else np.diff(grid[rows])
         for part, y in respond(recursion, len(u), u.shape[1], lambda chunk: u[chunk], steps):
             f_hat[rows[1:][part]] += y
@@ -203,31 +206,6 @@ def measured_residual(
     between = recursion.sampling
     g_mean, f_mean = mean(between.g, g[here], g[there]), mean(between.f_theta, f_theta[here], f_theta[there])
     return residual(slope, g_mean, f_mean, recursion.into)
-
-
-def _aligned_residual(
-    recursion: Recursion,
-    x: Array,
-    g: Array,
-    f_theta: Array,
-    M: Array | None,
-    times: FloatArray,
-    rows: NDArray[np.intp],
-) -> Array:
-    """u over the steps between ``rows``, with g, f_theta and the inertia taken ``delay`` earlier."""
-    ends = times[rows] - recursion.sampling.delay
-    g_first = g[1:] if recursion.sampling.g == "hold" else g[:-1]
-    f_first, f_last = f_theta[:-1], f_theta[:-1] if recursion.sampling.f_theta == "hold" else f_theta[1:]
-    g_mean = windows.window_means(times, g_first, g[1:], ends[:-1], ends[1:])
-    f_mean = windows.window_means(times, f_first, f_last, ends[:-1], ends[1:])
-    slope = np.diff(x[rows], axis=0)
-    if M is not None:
-        if len(M) > 1:
-            at_ends = windows.values_at(times, M, ends)
-            M = mean("average", at_ends[1:], at_ends[:-1])
-        slope = momentum(M, slope)
-    slope = slope / np.diff(ends)[:, None]
-    return residual(slope, g_mean, f_mean, None if recursion.E_left is None else recursion.E_left.T)
 
 
 # -- checks, shared with the loop -----------------------------------------------------------------------------------

@@ -264,21 +264,14 @@ class Recursion:
             equilibrium, C = np.pad(equilibrium, (0, extra)), np.pad(C, (0, extra))
         return self._rounded(dA), self._rounded(equilibrium), self._rounded(C)
 
-    def all_at(self, dt: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """dA (c, n, n), equilibrium (c, n) and C (c, n) of all filters for a step.
-
-        Parameters
-        ----------
-        dt : float
-        """
-        parts = [self.at(dt, i) for i in range(len(self.chains))]
-        dA, equilibrium, C = (np.stack(column) for column in zip(*parts, strict=True))
-        return dA, equilibrium, C
-
     @cached_property
     def bank(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """:meth:`all_at` of the nominal step."""
-        return self.all_at(self.sampling.dt)
+        """dA (c, n, n), equilibrium (c, n) and C (c, n) of all filters at the nominal step."""
+        return self._all_at(self.sampling.dt)
+
+    def _all_at(self, dt: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+        dA, equilibrium, C = zip(*[self.at(dt, i) for i in range(len(self.chains))], strict=True)
+        return np.stack(dA), np.stack(equilibrium), np.stack(C)
 
     @cached_property
     def _kernels(self) -> tuple[BlockKernel, ...]:
@@ -297,7 +290,7 @@ class Recursion:
         ----------
         dt : float
         """
-        return self.nominal if dt == self.sampling.dt else self._constants(dt, self.all_at(dt))
+        return self.nominal if dt == self.sampling.dt else self._constants(dt, self._all_at(dt))
 
     def _constants(self, dt: float, bank: tuple[FloatArray, FloatArray, FloatArray]) -> StepConstants:
         precision = self.sampling.precision

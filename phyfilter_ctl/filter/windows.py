@@ -6,12 +6,50 @@ average over any window is exact. Before the record it keeps its first value.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
 from .._signals import unusable
+from .recursion import Recursion, mean, momentum, residual
 
 FloatArray = NDArray[np.floating]
+
+
+def late_residual(
+    recursion: Recursion,
+    times: FloatArray,
+    ends: FloatArray,
+    dx: FloatArray,
+    g: Sequence[FloatArray],
+    f_theta: Sequence[FloatArray],
+    M: FloatArray | None,
+) -> FloatArray:
+    """u (w, ..., n_f) over steps of any length, with g, f_theta and the inertia as they were then.
+
+    Parameters
+    ----------
+    recursion : Recursion
+    times : (m + 1,) array
+        Ends of the intervals on which the signals are known.
+    ends : (w + 1,) array
+        Where the steps end, in those times: earlier than x was measured by the delay.
+    dx : (w, ..., n_x) array
+        How far x went.
+    g, f_theta : pairs of (m, ..., n) arrays
+        At the beginning and at the end of each interval.
+    M : (m + 1, ...) or (1, ...) array or None
+        Inertia.
+    """
+    g_mean, f_mean = (window_means(times, *signal, ends[:-1], ends[1:]) for signal in (g, f_theta))
+    if M is not None:
+        if len(M) > 1:
+            M = values_at(times, M, ends)
+            M = mean("average", M[1:], M[:-1])
+        dx = momentum(M, dx)
+    slope = dx / np.diff(ends).reshape(-1, *[1] * (dx.ndim - 1))
+    return residual(slope, g_mean, f_mean, None if recursion.E_left is None else recursion.E_left.T)
 
 
 def window_means(
@@ -23,15 +61,16 @@ def window_means(
     ----------
     times : (m + 1,) array
         Ends of the intervals.
-    first, last : (m, c) arrays
+    first, last : (m, ...) arrays
         Value at the beginning and at the end of each interval.
     starts, ends : (w,) arrays
         Windows; not beyond ``times[-1]``.
 
     Returns
     -------
-    (w, c) array
+    (w, ...) array
     """
+    shape, (first, last) = first.shape[1:], (part.reshape(len(part), -1) for part in (first, last))
     # The part of a window before the record is an interval of its own, of constant value.
     begin = min(float(starts[0]), float(times[0]))
     begin -= 1.0 + abs(begin)  # earlier, however large the times are
@@ -55,7 +94,7 @@ def window_means(
     bounds = np.stack([np.minimum(left + 1, right), right], axis=1).ravel()
     between = np.add.reduceat(whole, bounds, axis=0)[::2]
     total += np.where((right > left + 1)[:, None], between, 0.0)
-    return total / (ends - starts)[:, None]
+    return (total / (ends - starts)[:, None]).reshape(-1, *shape)
 
 
 def values_at(times: FloatArray, samples: FloatArray, when: FloatArray) -> FloatArray:
