@@ -149,7 +149,7 @@ def test_what_no_signal_can_be_is_refused(door: str, kind: str) -> None:
     assert re.search(r"[:;] .{6,}", str(caught.value)), str(caught.value)
 
 
-@pytest.mark.parametrize("kind", set(KINDS) - {"dates", "lengths of time"})
+@pytest.mark.parametrize("kind", [kind for kind in KINDS if kind not in ("dates", "lengths of time")])
 @pytest.mark.parametrize("door", TIME_DOORS)
 def test_what_no_time_can_be_is_refused(door: str, kind: str) -> None:
     TIME_DOORS[door](TIMES)
