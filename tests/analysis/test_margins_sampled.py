@@ -293,7 +293,7 @@ def test_bad_input():
         prior_margin(PhyFilter([20.0]).sampled(0.01, g="average"))
     with pytest.raises(ValueError, match="each of the 2 channels"):
         prior_margin(stack([sampled, sampled]))
-    with pytest.raises(ValueError, match="dt: expected a positive"):
+    with pytest.raises(ValueError, match="dt: expected a finite number > 0 s"):
         prior_margin(PhyFilter([20.0]), dt=0.0)
     with pytest.raises(ValueError, match="forward Euler diverges"):
         prior_margin(PhyFilter([300.0]).sampled(0.01, method="euler"))

@@ -231,7 +231,7 @@ def test_half_power_by_another_route() -> None:
         (lambda: place_poles([-1.0] * 3, numerator=[1.0, 0.0, 0.0], zeros_at=[1.0]), "give one of the two"),
         (lambda: place_poles([-1.0] * 3, zeros_at=[0.0]), "expected positive frequencies"),
         (lambda: place_poles([-1.0] * 5, zeros_at=[2.0, 2.0]), "distinct"),
-        (lambda: numerator_of_type([], 1), "in one dimension"),
+        (lambda: numerator_of_type([], 1), r"a: expected shape \(n,\), got \(0,\)"),
     ],
 )
 def test_refusals(call, message: str) -> None:
