@@ -285,7 +285,7 @@ PLAIN = PhyFilter([400.0, 40.0])
         ({"limit": [1.0, -1.0]}, "limit"),
         ({"E": [[1.0, 2.0], [2.0, 4.0]]}, "rank 1 for 2 columns"),
         ({"E": [1.0]}, "E: expected"),
-        ({"E": [[np.nan]]}, "E: expected a finite"),
+        ({"E": [[np.nan]]}, "E: expected finite"),
         ({"method": "euler", "dt": 0.1}, "Euler diverges.*pole -20.*expected h < 0.1 s"),
     ],
 )

@@ -9,6 +9,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .. import _signals
 from .binding import Library, address
 from .model import CModel
 
@@ -70,11 +71,9 @@ class Instance:
                     raise ValueError(f"params: {self._model.name} has no parameter {name!r}; it has {names}")
                 values[names.index(name)] = value
         else:
-            values = np.asarray(params, dtype=np.float64)
-            if values.shape != (len(names),):
-                raise ValueError(
-                    f"params: expected {len(names)} values in the order {names}, got shape {values.shape}"
-                )
+            values = _signals.array(
+                "params", params, (len(names),), beside=f"the parameters {names}", finite=False
+            )
         self.p[:] = values
         refusal = self._table.apply(self.address)
         if refusal is not None:

@@ -59,6 +59,8 @@ class PhyFilter(Rational):
 
     Raises
     ------
+    TypeError
+        If ``a`` or ``b`` are no real numbers.
     ValueError
         If D is empty, has a pole that is not in the open left half plane (the pole is named) or a coefficient that is
         not positive, if ``b`` has another length than ``a``, if a coefficient is not finite, or if ``poles`` do not

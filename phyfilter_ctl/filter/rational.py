@@ -10,7 +10,7 @@ import control as ct
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .. import _sections
+from .. import _sections, _signals
 from .._sections import ComplexArray, FloatArray
 from .recursion import Chain
 
@@ -291,10 +291,7 @@ class Rational:
 
 def _coefficients(name: str, values: ArrayLike) -> FloatArray:
     """A finite, non-empty vector of its own."""
-    try:
-        vector = np.array(values, dtype=float) + 0.0  # no -0.0: it would equal 0.0 and hash apart
-    except (TypeError, ValueError) as error:
-        raise ValueError(f"{name}: expected a list of real numbers, got {values!r}") from error
+    vector = _signals.real(name, values) + 0.0  # no -0.0: it would equal 0.0 and hash apart
     if vector.ndim != 1 or len(vector) == 0:
         raise ValueError(
             f"{name}: expected the coefficients {name}_0 ... {name}_(n-1) of an order n >= 1 in one dimension, "

@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .. import _sections
+from .. import _sections, _signals
 from .._sections import ComplexArray, FloatArray
 from .blocked import BlockKernel
 from .sampling import Method, Rule, Sampling
@@ -333,9 +333,7 @@ class Recursion:
 
 def _direction(E: ArrayLike) -> FloatArray:
     """E (n_x, n_f) of full column rank, read-only."""
-    matrix = np.array(E, dtype=float)
-    if matrix.ndim != 2 or not np.all(np.isfinite(matrix)):
-        raise ValueError(f"E: expected a finite (n_x, n_f) matrix, got shape {matrix.shape}")
+    matrix = _signals.array("E", E, ("n_x", "n_f"))
     rank = int(np.linalg.matrix_rank(matrix))
     if rank < matrix.shape[1]:
         raise ValueError(

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .._sections import FloatArray
-from .._signals import LARGEST, duration, interval, number
+from .._signals import LARGEST, duration, interval, number, real
 
 __all__ = ["Method", "NonFinite", "Precision", "Rule", "Sampling"]
 
@@ -135,7 +135,7 @@ def _plain(value: object) -> object:
 
 def _bound(limit: ArrayLike) -> FloatArray:
     """Bounds on |f_hat|, () or (n_f,), read-only."""
-    bound = np.array(limit, dtype=float)
+    bound = real("limit", limit)
     if bound.ndim > 1 or not np.all(bound > 0.0):
         raise ValueError(
             f"limit: expected a positive bound on |f_hat|, one number or one per channel, got {limit!r}"

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import ArrayLike
 
+from .. import _signals
 from .._sections import FloatArray
 from .importing_blocks import FmuBlock
 from .inspect import Scalar
@@ -113,9 +114,7 @@ class FmuSteps(FmuBlock):
         (outputs,) array
             At the end of the step.
         """
-        u = np.atleast_1d(np.asarray(inputs, dtype=float))
-        if u.shape != (len(self._inputs),):
-            raise ValueError(f"inputs: expected {len(self._inputs)} values, got shape {u.shape}")
+        u = _signals.array("inputs", np.atleast_1d(_signals.real("inputs", inputs)), (len(self._inputs),))
         if not self._running:
             self._begin(self._start_time, {})
         self._inputs.write(self.instance, u)

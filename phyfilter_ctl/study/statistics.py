@@ -7,6 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from .. import _signals
+
 __all__ = ["Interval", "finite", "median_interval", "reduction"]
 
 
@@ -64,7 +66,7 @@ def median_interval(values: ArrayLike) -> Interval:
     """
     from scipy.stats import binom  # takes half a second
 
-    ordered = np.sort(np.asarray(values, dtype=float))
+    ordered = np.sort(_signals.real("values", values))
     if ordered.ndim != 1 or len(ordered) == 0:
         raise ValueError(f"values: expected one row of numbers, got shape {ordered.shape}")
     n = len(ordered)
@@ -90,7 +92,7 @@ def reduction(ours: ArrayLike, theirs: ArrayLike) -> Interval:
     >>> reduction([1.0, 2.0, 1.5], [2.0, 4.0, 3.0]).median
     50.0
     """
-    a, b = np.asarray(ours, dtype=float), np.asarray(theirs, dtype=float)
+    a, b = _signals.real("ours", ours), _signals.real("theirs", theirs)
     if a.shape != b.shape:
         raise ValueError(f"expected errors of the same flights, got shapes {a.shape} and {b.shape}")
     return median_interval(100.0 * (1.0 - a / b))

@@ -11,6 +11,7 @@ from typing import Any, Generic, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike
 
+from .. import _signals
 from .progress import Report, silent
 
 __all__ = ["TunedMethod", "command_jitter", "fastest", "least_error", "read_tuned", "tuned_text"]
@@ -142,7 +143,7 @@ def command_jitter(commands: ArrayLike, scale: float) -> float:
     >>> round(command_jitter(5.0 + noise, 1.0), 3)
     0.1
     """
-    change = np.diff(np.asarray(commands, dtype=float), axis=1)
+    change = np.diff(_signals.array("commands", commands, ("B", "N", "n")), axis=1)
     return float(np.sqrt(0.5 * np.mean(change**2)) / scale)
 
 

@@ -41,6 +41,9 @@ ARM = small_arm()
 
 Door = tuple[NDArray[np.float64], Callable[..., object]]
 DOORS: dict[str, Door] = {
+    "PhyFilter a": (np.array([400.0, 40.0]), PhyFilter),
+    "PhyFilter b": (np.array([400.0, 40.0]), lambda v: PhyFilter([400.0, 40.0], v)),
+    "sampled E": (np.eye(2), lambda v: F.sampled(0.01, E=v)),
     "run x": (X, lambda v: F.sampled(0.01).run(v)),
     "run g": (X, lambda v: F.sampled(0.01).run(X, v)),
     "run f_theta": (X, lambda v: F.sampled(0.01).run(X, f_theta=v)),

@@ -148,7 +148,7 @@ def test_co_simulation_by_hand(build):
         x = discrete.A @ x + discrete.B[:, 0] * 0.1 * k
         assert np.allclose(y[:2], x, atol=INTEGRATED)
     assert block.steps_done == 5
-    with pytest.raises(ValueError, match=r"expected 1 values, got shape \(2,\)"):
+    with pytest.raises(ValueError, match=r"inputs: expected shape \(1,\)"):
         block.step([1.0, 2.0])
 
 

@@ -18,6 +18,7 @@ from typing import Literal, NamedTuple, TypeVar, get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ... import _signals
 from ..._sections import FloatArray
 from ...filter import PaperFilter, SampledPhyFilter, record
 from ...filter.blocked import propagate
@@ -268,9 +269,7 @@ class Rollout:
         ValueError
             If ``cotangent`` has another shape than f_hat.
         """
-        r = np.asarray(cotangent, dtype=float)
-        if r.shape != trace.f_hat.shape:
-            raise ValueError(f"cotangent: expected the shape {trace.f_hat.shape} of f_hat, got {r.shape}")
+        r = _signals.array("cotangent", cotangent, trace.f_hat.shape, beside="f_hat")
         if isinstance(self.sampled, PaperFilter):
             p, inward = self._paper.backward(trace.inputs.signals, trace.f_hat, trace.states[0], r)
             n = self.sampled.order

@@ -23,6 +23,8 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ... import _signals
+
 __all__ = ["JointQuantities", "JointSpacePrior", "balanced_contact"]
 
 FloatArray = NDArray[np.float64]
@@ -148,7 +150,7 @@ class JointSpacePrior:
             if getattr(self, name) not in get_args(choices):
                 expected = ", ".join(get_args(choices))
                 raise ValueError(f"{name}: expected one of {expected}, got {getattr(self, name)!r}")
-        damping = np.asarray(self.damping, dtype=float)
+        damping = _signals.real("damping", self.damping)
         if damping.ndim > 1 or not np.isfinite(damping).all() or np.any(damping < 0.0):
             raise ValueError(
                 f"damping: expected 0 N m s/rad or more, one number or (n,), got {self.damping!r}"
@@ -164,7 +166,7 @@ class JointSpacePrior:
             )
         object.__setattr__(self, "damping", damping)
         if self.constant_inertia is not None:
-            constant = np.asarray(self.constant_inertia, dtype=float)
+            constant = _signals.real("constant_inertia", self.constant_inertia)
             if constant.ndim > 2 or (constant.ndim == 2 and constant.shape[0] != constant.shape[1]):
                 raise ValueError(f"constant_inertia: expected a number, (n,) or (n, n), got {constant.shape}")
             object.__setattr__(self, "constant_inertia", _positive(constant, "constant_inertia"))
