@@ -361,7 +361,7 @@ def test_progress_is_reported_and_the_run_can_be_stopped(swing):
         ({"interpolation": "cubic"}, "expected 'linear' or 'hold'"),
         ({"max_step": -1.0}, "max_step: expected a positive number"),
         ({"rtol": -1.0}, "rtol, atol"),
-        ({"params": [1.0]}, rr"params: expected shape \(0,\)"),
+        ({"params": [1.0]}, r"params: expected shape \(0,\)"),
     ],
 )
 def test_bad_arguments_are_named(ramp, arguments, message):
