@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from .._sections import FloatArray
-from .layers import Layers
+from .layers import Layers, flat
 
 # Segments in one batch: the activations of all stages stay in a few MB.
 _BATCH = 256
@@ -120,13 +120,11 @@ def _batch(
         tapes.append(tape)
     errors = [(state - segments.x[:, i]) / scale for i, state in enumerate(states)]
     value = 0.5 * float(sum(np.sum(error**2) for error in errors))
-    of_weights = [np.zeros_like(W) for W in layers.weights]
-    of_biases = [np.zeros_like(b) for b in layers.biases]
+    gradient = layers.no_gradient()
     costate = errors[-1] / scale
     for i in reversed(range(steps)):
-        costate = _step_back(layers, segments, tapes[i], costate, of_weights, of_biases) + errors[i] / scale
-    gradient = np.concatenate([a.ravel() for pair in zip(of_weights, of_biases, strict=True) for a in pair])
-    return value, gradient, costate
+        costate = _step_back(layers, segments, tapes[i], costate, gradient) + errors[i] / scale
+    return value, flat(gradient), costate
 
 
 def _step(
@@ -137,7 +135,7 @@ def _step(
     slope, after, tape = np.zeros_like(x), x, []
     for half, reach, weight in _STAGES:
         g, u = segments.stage(i, half)
-        f, activations = _forward(layers, np.hstack([x + reach * h * slope, u]))
+        f, activations = layers.forward(np.hstack([x + reach * h * slope, u]))
         slope = g + f
         after = after + weight * h * slope
         tape.append(activations)
@@ -149,45 +147,15 @@ def _step_back(
     segments: Segments,
     tape: list[list[FloatArray]],
     costate: FloatArray,
-    of_weights: list[FloatArray],
-    of_biases: list[FloatArray],
+    gradient: list[tuple[FloatArray, FloatArray]],
 ) -> FloatArray:
     """Cotangent of the state before a step, from that after it; the gradients of the layers are added to."""
     h, n_x = segments.dt[:, None], costate.shape[1]
-    before, passed = (
-        costate,
-        np.zeros_like(costate),
-    )  # passed: to the slope, through the stage that looks along it
+    before = costate
+    passed = np.zeros_like(costate)  # to the slope, through the stage that looks along it
     for (_, reach, weight), activations in zip(reversed(_STAGES), reversed(tape), strict=True):
         of_slope = weight * h * costate + passed
-        of_state = _backward(layers, activations, of_slope, of_weights, of_biases)[:, :n_x]
+        of_state = layers.backward(activations, of_slope, gradient)[:, :n_x]
         before = before + of_state
         passed = reach * h * of_state
     return before
-
-
-def _forward(layers: Layers, z: FloatArray) -> tuple[FloatArray, list[FloatArray]]:
-    activations = [(z - layers.z_mean) / layers.z_scale]
-    for W, b in zip(layers.weights[:-1], layers.biases[:-1], strict=True):
-        activations.append(np.tanh(activations[-1] @ W + b))
-    return layers.f_mean + layers.f_scale * (
-        activations[-1] @ layers.weights[-1] + layers.biases[-1]
-    ), activations
-
-
-def _backward(
-    layers: Layers,
-    activations: list[FloatArray],
-    cotangent: FloatArray,
-    of_weights: list[FloatArray],
-    of_biases: list[FloatArray],
-) -> FloatArray:
-    """Cotangent of z; the gradients of weights and biases are added to."""
-    back = cotangent * layers.f_scale
-    for i in reversed(range(len(layers.weights))):
-        of_weights[i] += activations[i].T @ back
-        of_biases[i] += back.sum(axis=0)
-        back = back @ layers.weights[i].T
-        if i > 0:
-            back = back * (1.0 - activations[i] ** 2)
-    return back / layers.z_scale

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -84,9 +84,7 @@ class Layers:
     @property
     def parameters(self) -> FloatArray:
         """W_1 by rows, b_1, W_2 by rows, ..., b_L in one vector."""
-        return np.concatenate(
-            [a.ravel() for pair in zip(self.weights, self.biases, strict=True) for a in pair]
-        )
+        return flat(zip(self.weights, self.biases, strict=True))
 
     def with_parameters(self, parameters: FloatArray) -> Layers:
         """The same layers with other weights and biases, in the order of :attr:`parameters`."""
@@ -102,23 +100,45 @@ class Layers:
         """f at features z (N, n_z)."""
         f = np.empty((len(z), len(self.f_mean)))
         for rows in self._chunks(len(z)):
-            f[rows] = self.f_mean + self.f_scale * (
-                self._activations(z[rows])[-1] @ self.weights[-1] + self.biases[-1]
-            )
+            f[rows] = self.forward(z[rows])[0]
         return f
 
     def vjp(self, z: FloatArray, cotangent: FloatArray) -> FloatArray:
         """Gradient of sum(cotangent * predict(z)) in the parameters, by back-propagation."""
-        of_weights = [np.zeros_like(W) for W in self.weights]
-        of_biases = [np.zeros_like(b) for b in self.biases]
+        gradient = self.no_gradient()
         for rows in self._chunks(len(z)):
-            activations = self._activations(z[rows])
-            back = cotangent[rows] * self.f_scale
-            for i in reversed(range(len(self.weights))):
-                of_weights[i] += activations[i].T @ back
-                of_biases[i] += back.sum(axis=0)
-                back = (back @ self.weights[i].T) * (1.0 - activations[i] ** 2) if i > 0 else back
-        return np.concatenate([a.ravel() for pair in zip(of_weights, of_biases, strict=True) for a in pair])
+            self.backward(self.forward(z[rows])[1], cotangent[rows], gradient)
+        return flat(gradient)
+
+    def forward(self, z: FloatArray) -> tuple[FloatArray, list[FloatArray]]:
+        """f at features z (N, n_z), and h_0 ... h_{L-1}."""
+        activations = [(z - self.z_mean) / self.z_scale]
+        for W, b in zip(self.weights[:-1], self.biases[:-1], strict=True):
+            activations.append(np.tanh(activations[-1] @ W + b))
+        return self.f_mean + self.f_scale * (
+            activations[-1] @ self.weights[-1] + self.biases[-1]
+        ), activations
+
+    def backward(
+        self,
+        activations: list[FloatArray],
+        cotangent: FloatArray,
+        gradient: list[tuple[FloatArray, FloatArray]],
+    ) -> FloatArray:
+        """Cotangent of z from that of f; what belongs to weights and biases is added to ``gradient``."""
+        back = cotangent * self.f_scale
+        for i in reversed(range(len(self.weights))):
+            of_weights, of_biases = gradient[i]
+            of_weights += activations[i].T @ back
+            of_biases += back.sum(axis=0)
+            back = back @ self.weights[i].T
+            if i > 0:
+                back *= 1.0 - activations[i] ** 2
+        return back / self.z_scale
+
+    def no_gradient(self) -> list[tuple[FloatArray, FloatArray]]:
+        """Zeros for :meth:`backward` to add to, a pair for each layer."""
+        return [(np.zeros_like(W), np.zeros_like(b)) for W, b in zip(self.weights, self.biases, strict=True)]
 
     def expression(self, z: ca.SX) -> ca.SX:
         """f at one sample z (n_z, 1)."""
@@ -132,12 +152,10 @@ class Layers:
         rows = max(1, _PRODUCT // max(W.size for W in self.weights))
         return (slice(first, first + rows) for first in range(0, count, rows))
 
-    def _activations(self, z: FloatArray) -> list[FloatArray]:
-        """h_0 ... h_{L-1}."""
-        activations = [(z - self.z_mean) / self.z_scale]
-        for W, b in zip(self.weights[:-1], self.biases[:-1], strict=True):
-            activations.append(np.tanh(activations[-1] @ W + b))
-        return activations
+
+def flat(pairs: Iterable[tuple[FloatArray, FloatArray]]) -> FloatArray:
+    """Weights by rows and biases, layer after layer, in one vector."""
+    return np.concatenate([array.ravel() for pair in pairs for array in pair])
 
 
 def standardisation(name: str, values: FloatArray) -> tuple[FloatArray, FloatArray]:
