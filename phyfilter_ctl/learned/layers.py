@@ -111,7 +111,7 @@ class Layers:
         return flat(gradient)
 
     def forward(self, z: FloatArray) -> tuple[FloatArray, list[FloatArray]]:
-        """f at features z (N, n_z), and h_0 ... h_{L-1}."""
+        """f (N, n_x) at features z (N, n_z), and what :meth:`backward` needs: h_0 ... h_{L-1}."""
         activations = [(z - self.z_mean) / self.z_scale]
         for W, b in zip(self.weights[:-1], self.biases[:-1], strict=True):
             activations.append(np.tanh(activations[-1] @ W + b))
@@ -125,7 +125,17 @@ class Layers:
         cotangent: FloatArray,
         gradient: list[tuple[FloatArray, FloatArray]],
     ) -> FloatArray:
-        """Cotangent of z from that of f; what belongs to weights and biases is added to ``gradient``."""
+        """Cotangent of z (N, n_z) from that of f.
+
+        Parameters
+        ----------
+        activations : list of (N, n_i) arrays
+            From :meth:`forward`.
+        cotangent : (N, n_x) array
+            Of f.
+        gradient : list of pairs of arrays
+            From :meth:`no_gradient`; what belongs to weights and biases is added.
+        """
         back = cotangent * self.f_scale
         for i in reversed(range(len(self.weights))):
             of_weights, of_biases = gradient[i]

@@ -2,32 +2,28 @@
 
 from __future__ import annotations
 
-import os
 import warnings
 from dataclasses import KW_ONLY, dataclass, replace
-from typing import TYPE_CHECKING, Literal, Self
+from typing import TYPE_CHECKING, ClassVar, Literal, Self
 
-import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
 from .._sections import FloatArray
 from ..results import Status
-from . import _arrays, _checks, _files
-from .layers import SCALES as _SCALES
+from . import _arrays, _checks
+from ._perceptron import Perceptron
 from .layers import Layers, standardisation
 from .model import FitResult
 
 if TYPE_CHECKING:
     from sklearn.neural_network import MLPRegressor
 
-_KIND = "network"
 _SOLVERS = ("lbfgs", "adam")
-_OPTIONS = ("solver", "l2", "max_iterations", "tolerance", "seed")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Network:
+class Network(Perceptron):
     """Layers of tanh units on standardised features, with a linear output.
 
         f_theta = m_f + S_f (W_L' h_{L-1} + b_L),   h_i = tanh(W_i' h_{i-1} + b_i),   h_0 = (z - m_z) / S_z
@@ -74,47 +70,25 @@ class Network:
     Network(hidden=(20, 20), 1 -> 1, 481 parameters)
     """
 
-    hidden: tuple[int, ...] = (20, 20)
     _: KW_ONLY
     solver: Literal["lbfgs", "adam"] = "lbfgs"
     l2: float = 1e-4
     max_iterations: int = 1000
     tolerance: float = 1e-4
     seed: int = 0
-    layers: Layers | None = None
+
+    _kind: ClassVar[str] = "network"
+    _options: ClassVar[tuple[str, ...]] = ("solver", "l2", "max_iterations", "tolerance", "seed")
+    _fitted_by: ClassVar[str] = "fit(z, f)"
 
     def __post_init__(self) -> None:
-        hidden = tuple(_checks.count("hidden", units) for units in self.hidden)
-        if not hidden:
-            raise ValueError("hidden: expected the units of at least one layer, got none")
-        object.__setattr__(self, "hidden", hidden)
+        super().__post_init__()
         if self.solver not in _SOLVERS:
             raise ValueError(f"solver: expected one of {_SOLVERS}, got {self.solver!r}")
         _checks.count("max_iterations", self.max_iterations)
         _checks.count("seed", self.seed, 0)
         for name in ("l2", "tolerance"):
             _arrays.number(name, getattr(self, name))
-        if self.layers is not None and self.layers.sizes[1:-1] != hidden:
-            raise ValueError(
-                f"layers: expected hidden layers of {hidden} units, got {self.layers.sizes[1:-1]}"
-            )
-
-    @property
-    def parameters(self) -> FloatArray:
-        """Weights and biases W_1 by rows, b_1, W_2 by rows, ..., b_L; shape (n_parameters,), (0,) before a fit."""
-        return np.zeros(0) if self.layers is None else self.layers.parameters
-
-    def with_parameters(self, parameters: ArrayLike, /) -> Self:
-        """Return the network with these weights and biases, in the order of :attr:`parameters`.
-
-        Raises
-        ------
-        ValueError
-            If the network has not been fitted, the number is wrong or a value is not finite.
-        """
-        layers = self._fitted()
-        vector = _arrays.parameter_vector(parameters, len(layers.parameters))
-        return replace(self, layers=layers.with_parameters(vector))
 
     def fit(self, z: ArrayLike, f: ArrayLike) -> FitResult[Self]:
         """Train on features z (N, n_z) and unknown dynamics f (N, n_x), from first weights drawn by ``seed``.
@@ -161,83 +135,6 @@ class Network:
         iterations = int(regressor.n_iter_)
         status, message = _status(complaint, iterations, self.max_iterations)
         return FitResult(replace(self, layers=layers), rmse, iterations, status, message)
-
-    def predict(self, z: ArrayLike) -> FloatArray:
-        """f_theta at features z (N, n_z), shape (N, n_x); memory beyond the result does not grow with N.
-
-        Raises
-        ------
-        ValueError, TypeError
-            If the network has not been fitted or ``z`` is not a finite real array of shape (N, n_z).
-        """
-        layers = self._fitted()
-        return layers.predict(_checks.rows("z", z, layers.sizes[0]))
-
-    def vjp(self, z: ArrayLike, cotangent: ArrayLike) -> FloatArray:
-        """Gradient of sum(cotangent * predict(z)) in the parameters, shape (n_parameters,).
-
-        Raises
-        ------
-        ValueError, TypeError
-            As for :meth:`predict`, and if ``cotangent`` is not of shape (N, n_x).
-        """
-        layers = self._fitted()
-        return layers.vjp(*_arrays.with_cotangent(z, cotangent, layers.sizes[0], layers.sizes[-1]))
-
-    def casadi(self) -> ca.Function:
-        """The network at one sample as a CasADi function ``f_theta``: z (n_z,) -> f_theta (n_x,).
-
-        Raises
-        ------
-        ValueError
-            If the network has not been fitted.
-        """
-        layers = self._fitted()
-        z = ca.SX.sym("z", layers.sizes[0])
-        return ca.Function("f_theta", [z], [layers.expression(z)], ["z"], ["f_theta"])
-
-    def save(self, path: str | os.PathLike[str]) -> None:
-        """Write the network to an .npz archive, whole or not at all; the path is taken as it is.
-
-        Raises
-        ------
-        ValueError
-            If the network has not been fitted.
-        """
-        layers = self._fitted()
-        arrays = {name: np.array(getattr(self, name)) for name in _OPTIONS}
-        arrays |= {name: getattr(layers, name) for name in _SCALES}
-        arrays |= _arrays.weight_arrays(layers.weights, layers.biases)
-        _files.write(path, _KIND, arrays)
-
-    @classmethod
-    def load(cls, path: str | os.PathLike[str]) -> Self:
-        """Read a network that :meth:`save` wrote to ``path``.
-
-        Raises
-        ------
-        ValueError
-            If the file is damaged, not of a network or of an unknown version.
-        """
-        arrays = _files.read(path, _KIND)
-        try:
-            weights, biases = _arrays.read_weights(path, arrays, (*_OPTIONS, *_SCALES))
-            layers = Layers(weights, biases, *(_arrays.floats(arrays, name) for name in _SCALES))
-            return cls(layers.sizes[1:-1], layers=layers, **{name: arrays[name].item() for name in _OPTIONS})
-        except (ValueError, TypeError) as error:
-            raise ValueError(f"{path}: damaged ({error}); save it again") from error
-
-    def _fitted(self) -> Layers:
-        if self.layers is None:
-            raise ValueError("the network has no weights yet: call fit(z, f) and use the model of its result")
-        return self.layers
-
-    def __repr__(self) -> str:
-        if self.layers is None:
-            return f"Network(hidden={self.hidden}, not fitted)"
-        sizes = self.layers.sizes
-        count = len(self.layers.parameters)
-        return f"Network(hidden={self.hidden}, {sizes[0]} -> {sizes[-1]}, {count} parameters)"
 
 
 def _train(regressor: MLPRegressor, z: FloatArray, f: FloatArray) -> str:

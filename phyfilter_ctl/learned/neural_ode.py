@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
 from dataclasses import KW_ONLY, dataclass, replace
 from itertools import pairwise
-from typing import Literal, Self
+from typing import ClassVar, Literal, Self
 
 import casadi as ca
 import numpy as np
@@ -14,15 +13,13 @@ from numpy.typing import ArrayLike
 
 from .._sections import FloatArray
 from ..results import Status
-from . import _arrays, _checks, _files
+from . import _arrays, _checks
 from ._descent import Descent, descend
+from ._perceptron import Perceptron
 from ._rollout import Segments, ends, misfit
-from .layers import SCALES as _SCALES
 from .layers import Layers, standardisation
 from .model import FitResult
 
-_KIND = "neural_ode"
-_OPTIONS = ("segment", "starts", "g", "u", "l2", "max_iterations", "tolerance", "seed")
 _BETWEEN = ("hold", "average")
 _STARTS = ("free", "measured")
 # Parts of a segment whose mean f gives the first guess: short against the segment, long against the noise.
@@ -78,7 +75,7 @@ class Trajectory:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class NeuralOde:
+class NeuralOde(Perceptron):
     """Layers of tanh units f_theta(x, u) in x' = g + f_theta(x, u), fitted to rollouts.
 
     :meth:`fit_trajectories` needs neither f nor a derivative of x: it rolls the equation out over short segments
@@ -127,7 +124,6 @@ class NeuralOde:
     (True, [[-0.4]])
     """
 
-    hidden: tuple[int, ...] = (20, 20)
     _: KW_ONLY
     segment: int = 10
     starts: Literal["free", "measured"] = "free"
@@ -137,13 +133,22 @@ class NeuralOde:
     max_iterations: int = 500
     tolerance: float = 1e-5
     seed: int = 0
-    layers: Layers | None = None
+
+    _kind: ClassVar[str] = "neural_ode"
+    _options: ClassVar[tuple[str, ...]] = (
+        "segment",
+        "starts",
+        "g",
+        "u",
+        "l2",
+        "max_iterations",
+        "tolerance",
+        "seed",
+    )
+    _fitted_by: ClassVar[str] = "fit_trajectories"
 
     def __post_init__(self) -> None:
-        hidden = tuple(_checks.count("hidden", units) for units in self.hidden)
-        if not hidden:
-            raise ValueError("hidden: expected the units of at least one layer, got none")
-        object.__setattr__(self, "hidden", hidden)
+        super().__post_init__()
         for name, allowed in (("starts", _STARTS), ("g", _BETWEEN), ("u", _BETWEEN)):
             if getattr(self, name) not in allowed:
                 raise ValueError(f"{name}: expected one of {allowed}, got {getattr(self, name)!r}")
@@ -152,27 +157,6 @@ class NeuralOde:
         _checks.count("seed", self.seed, 0)
         for name in ("l2", "tolerance"):
             _arrays.number(name, getattr(self, name))
-        if self.layers is not None and self.layers.sizes[1:-1] != hidden:
-            raise ValueError(
-                f"layers: expected hidden layers of {hidden} units, got {self.layers.sizes[1:-1]}"
-            )
-
-    @property
-    def parameters(self) -> FloatArray:
-        """Weights and biases W_1 by rows, b_1, W_2 by rows, ..., b_L; shape (n_parameters,), (0,) before a fit."""
-        return np.zeros(0) if self.layers is None else self.layers.parameters
-
-    def with_parameters(self, parameters: ArrayLike, /) -> Self:
-        """Return the model with these weights and biases, in the order of :attr:`parameters`.
-
-        Raises
-        ------
-        ValueError
-            If the model has not been fitted, the number is wrong or a value is not finite.
-        """
-        layers = self._fitted()
-        vector = _arrays.parameter_vector(parameters, len(layers.parameters))
-        return replace(self, layers=layers.with_parameters(vector))
 
     def fit(self, z: ArrayLike, f: ArrayLike) -> FitResult[Self]:
         """Fit to labels: z = (x, u) (N, n_z) and unknown dynamics f (N, n_x), from first weights drawn by ``seed``.
@@ -236,17 +220,6 @@ class NeuralOde:
         error = (ends(layers, segments, starts(end.parameters)) - segments.x[:, -1]) / duration
         return self._result(layers, _arrays.rms(error), end)
 
-    def predict(self, z: ArrayLike) -> FloatArray:
-        """f_theta at z = (x, u) (N, n_z), shape (N, n_x).
-
-        Raises
-        ------
-        ValueError, TypeError
-            If the model has not been fitted or ``z`` is not a finite real array of shape (N, n_z).
-        """
-        layers = self._fitted()
-        return layers.predict(_checks.rows("z", z, layers.sizes[0]))
-
     def simulate(self, trajectory: Trajectory) -> FloatArray:
         """Roll out from the first sample of ``trajectory`` with its g and u; the states, shape (N, n_x).
 
@@ -275,60 +248,6 @@ class NeuralOde:
         step = ca.Function("step", [state, ends_of_step], [after])
         drive = np.hstack([g[:-1], g[1:], u[:-1], u[1:]])
         return np.vstack([x[:1], step.mapaccum(len(x) - 1)(x[0], drive.T).full().T])
-
-    def vjp(self, z: ArrayLike, cotangent: ArrayLike) -> FloatArray:
-        """Gradient of sum(cotangent * predict(z)) in the parameters, shape (n_parameters,).
-
-        Raises
-        ------
-        ValueError, TypeError
-            As for :meth:`predict`, and if ``cotangent`` is not of shape (N, n_x).
-        """
-        layers = self._fitted()
-        return layers.vjp(*_arrays.with_cotangent(z, cotangent, layers.sizes[0], layers.sizes[-1]))
-
-    def casadi(self) -> ca.Function:
-        """f_theta at one sample as a CasADi function ``f_theta``: z = (x, u) (n_z,) -> f_theta (n_x,).
-
-        Raises
-        ------
-        ValueError
-            If the model has not been fitted.
-        """
-        layers = self._fitted()
-        z = ca.SX.sym("z", layers.sizes[0])
-        return ca.Function("f_theta", [z], [layers.expression(z)], ["z"], ["f_theta"])
-
-    def save(self, path: str | os.PathLike[str]) -> None:
-        """Write the model to an .npz archive, whole or not at all; the path is taken as it is.
-
-        Raises
-        ------
-        ValueError
-            If the model has not been fitted.
-        """
-        layers = self._fitted()
-        arrays = {name: np.array(getattr(self, name)) for name in _OPTIONS}
-        arrays |= {name: getattr(layers, name) for name in _SCALES}
-        arrays |= _arrays.weight_arrays(layers.weights, layers.biases)
-        _files.write(path, _KIND, arrays)
-
-    @classmethod
-    def load(cls, path: str | os.PathLike[str]) -> Self:
-        """Read a model that :meth:`save` wrote to ``path``.
-
-        Raises
-        ------
-        ValueError
-            If the file is damaged, of another kind of model or of an unknown version.
-        """
-        arrays = _files.read(path, _KIND)
-        try:
-            weights, biases = _arrays.read_weights(path, arrays, (*_OPTIONS, *_SCALES))
-            layers = Layers(weights, biases, *(_arrays.floats(arrays, name) for name in _SCALES))
-            return cls(layers.sizes[1:-1], layers=layers, **{name: arrays[name].item() for name in _OPTIONS})
-        except (ValueError, TypeError) as error:
-            raise ValueError(f"{path}: damaged ({error}); save it again") from error
 
     def _segments(self, motions: list[Trajectory]) -> Segments:
         """All motions cut into segments; the last one of a motion may overlap the one before."""
@@ -401,19 +320,6 @@ class NeuralOde:
                 f"trajectories: the model has {layers.sizes[-1]} states and {layers.sizes[0] - layers.sizes[-1]} "
                 f"inputs u, got {n_x} and {n_u}"
             )
-
-    def _fitted(self) -> Layers:
-        if self.layers is None:
-            raise ValueError(
-                "the model has no weights yet: call fit_trajectories and use the model of its result"
-            )
-        return self.layers
-
-    def __repr__(self) -> str:
-        if self.layers is None:
-            return f"NeuralOde(hidden={self.hidden}, not fitted)"
-        sizes = self.layers.sizes
-        return f"NeuralOde(hidden={self.hidden}, {sizes[0]} -> {sizes[-1]}, {len(self.layers.parameters)} parameters)"
 
 
 def _halved(values: FloatArray) -> FloatArray:
