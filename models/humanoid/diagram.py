@@ -40,21 +40,14 @@ def build(stance: str = "normal") -> ct.StateSpace:
     nv, model, data = humanoid.nv, humanoid.model, humanoid.data()
     data.qpos[:], data.ctrl[:] = here.q, here.posture.control
     humanoid.mujoco.mj_forward(model, data)
-    M = np.zeros((nv, nv))
-    humanoid.mujoco.mj_fullM(model, data, M)
     h = float(model.opt.timestep)
-    push = h * np.linalg.solve(M + h * np.diag(model.dof_damping), humanoid.hand_jacobian(data)[1])
+    push = h * np.linalg.solve(humanoid.implicit_inertia(data), humanoid.hand_jacobian(data)[1])
     target = np.concatenate([humanoid.difference(here.q, near.q), np.zeros(nv)])
     retarget = here.B @ (near.posture.control - here.posture.control + here.K @ target) / spacing
-    centre, foot = np.zeros((3, nv)), np.zeros((3, nv))
-    humanoid.mujoco.mj_jacSubtreeCom(model, data, centre, 1)
-    for number in humanoid.feet:
-        humanoid.mujoco.mj_jacBodyCom(model, data, foot, None, number)
-        centre -= 0.5 * foot
     block = ct.ss(
         here.A - here.B @ here.K,
         np.stack([np.concatenate([h * push, push]), retarget], axis=1),
-        np.concatenate([centre[1], np.zeros(nv)])[None],
+        np.concatenate([humanoid.centre_jacobian(data)[1], np.zeros(nv)])[None],
         np.zeros((1, 2)),
         h,
         inputs=["force", "force_hat"],

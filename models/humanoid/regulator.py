@@ -148,11 +148,7 @@ def regulate(humanoid: Humanoid, posture: Posture) -> SetPoint:
 def _weights(humanoid: Humanoid, data: object) -> FloatArray:
     """Q: the centre of mass over the feet, the torso, the joints; the place in the world has no weight."""
     weights, nv, model = params().regulator, humanoid.nv, humanoid.model
-    centre, foot = np.zeros((3, nv)), np.zeros((3, nv))
-    humanoid.mujoco.mj_jacSubtreeCom(model, data, centre, 1)
-    for number in humanoid.feet:
-        humanoid.mujoco.mj_jacBodyCom(model, data, foot, None, number)
-        centre -= 0.5 * foot
+    centre = humanoid.centre_jacobian(data)
     level, height = centre[:2].T @ centre[:2], centre[2:].T @ centre[2:]
     joints = np.full(nv, weights.joint)
     joints[:3], joints[3:6] = 0.0, weights.root

@@ -99,6 +99,21 @@ class Humanoid:
         self.mujoco.mj_jac(self.model, data, J, None, point, body)
         return J
 
+    def centre_jacobian(self, data: Any) -> FloatArray:
+        """Jacobian (3, nv) of the centre of mass relative to the feet's centre."""
+        centre, foot = np.zeros((3, self.nv)), np.zeros((3, self.nv))
+        self.mujoco.mj_jacSubtreeCom(self.model, data, centre, 1)
+        for number in self.feet:
+            self.mujoco.mj_jacBodyCom(self.model, data, foot, None, number)
+            centre -= 0.5 * foot
+        return centre
+
+    def implicit_inertia(self, data: Any) -> FloatArray:
+        """M + h D (nv, nv): what a step of MuJoCo, implicit in the damping D, divides forces by."""
+        M = np.zeros((self.nv, self.nv))
+        self.mujoco.mj_fullM(self.model, data, M)
+        return M + float(self.model.opt.timestep) * np.diag(self.model.dof_damping)
+
     def hand_jacobian(self, data: Any) -> FloatArray:
         """Jacobian (3, nv) of the hand on which the force acts."""
         return self.jacobian(data, data.xpos[self.hand], self.hand)

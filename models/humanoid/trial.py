@@ -166,7 +166,6 @@ class _Robot:
         self.origin = np.array([*corners.mean(axis=(0, 1))[:2], 0.0])
         self.random = np.random.default_rng(0)
         self.estimate, self.f_hat = 0.0, np.zeros(humanoid.nv)
-        self.damping = float(humanoid.model.opt.timestep) * np.diag(humanoid.model.dof_damping)
         prior = JointSpacePrior(inertia="full", bias="none", contact="omitted")
         self.law = JointTorqueFilter(filter.sampled(float(humanoid.model.opt.timestep), g="hold"), prior)
         self.state = self.law.start(self.data.qvel)
@@ -209,9 +208,7 @@ class _Robot:
     def _estimate(self, before: FloatArray) -> None:
         """The filter's x is v, its known torque what carried the twin from the measured state to its end."""
         humanoid, h = self.humanoid, float(self.humanoid.model.opt.timestep)
-        M = np.zeros((humanoid.nv, humanoid.nv))
-        humanoid.mujoco.mj_fullM(humanoid.model, self.twin, M)
-        M += self.damping
+        M = humanoid.implicit_inertia(self.twin)
         known = M @ (self.twin.qvel - before) / h
         after = self._measured(self.data.qvel)
         state = self.state._replace(qd=before)

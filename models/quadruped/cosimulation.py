@@ -19,7 +19,7 @@ from phyfilter_ctl.plants.legged import JointQuantities
 from phyfilter_ctl.plants.legged.simulator import simulator
 
 from .batch import Motion
-from .gait import frequency, trot
+from .gait import following, trot
 from .handover import Gains, joint_loop_fmu, quadruped_fmu, resting, robot_xml
 from .loop import make_filter, paper_filter
 from .params import params
@@ -92,8 +92,7 @@ class _Walker:
         command = np.array([[_SPEED * min(1.0, t / _RAMP), 0.0, 0.0]])
         if self._policy is not None:
             self._action = self._policy(observe(_motion(qpos, qvel), self._phase, command, self._action))
-        turned = 2.0 * np.pi * frequency(command) * control.dt * control.decimation
-        self._phase = np.mod(self._phase + turned, 2.0 * np.pi)
+        self._phase = following(self._phase, command)
         return (trot(self._phase, command) + control.action_scale * self._action)[0]
 
 

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .batch import Batch, Motion
-from .gait import frequency, trot
+from .gait import following, trot
 from .loop import FilterChoice, JointLoop
 from .params import params
 from .policy import ACTIONS, observe
@@ -161,7 +161,7 @@ class Walk:
         action = np.clip(action, -p.control.action_limit, p.control.action_limit)
         change = np.square(action - self.action).sum(axis=1)
         self.action = action
-        self.phase = np.mod(self.phase + 2.0 * np.pi * frequency(self.command) * self._step_time, 2.0 * np.pi)
+        self.phase = following(self.phase, self.command)
         self.loop.advance(trot(self.phase, self.command) + p.control.action_scale * action)
         self.age += 1
         motion = self.batch.motion

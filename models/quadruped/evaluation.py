@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .batch import Batch
-from .gait import frequency, sent, trot
+from .gait import following, sent, trot
 from .loop import FilterChoice, JointLoop, advance
 from .params import params
 from .policy import ACTIONS, Policy, observe
@@ -326,8 +326,7 @@ class _Crowd:
         seen = observe(motion, self.phase, command, self.action)
         for policy, mine in self._brains:
             self.action[mine] = policy(seen[mine])
-        step = p.control.dt * p.control.decimation
-        self.phase = np.mod(self.phase + 2.0 * np.pi * frequency(command) * step, 2.0 * np.pi)
+        self.phase = following(self.phase, command)
         pushed = _PUSH_AT <= time < _PUSH_AT + p.push.duration
         force = np.zeros((self.size, 3))
         force[:, 1] = self._push if pushed else 0.0

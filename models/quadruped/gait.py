@@ -15,7 +15,17 @@ from numpy.typing import ArrayLike, NDArray
 from .params import Params, params
 from .robot import SIDE, hips
 
-__all__ = ["OFFSETS", "feet", "frequency", "inverse_kinematics", "neutral", "sent", "standing", "trot"]
+__all__ = [
+    "OFFSETS",
+    "feet",
+    "following",
+    "frequency",
+    "inverse_kinematics",
+    "neutral",
+    "sent",
+    "standing",
+    "trot",
+]
 
 FloatArray = NDArray[np.float64]
 
@@ -38,6 +48,19 @@ def frequency(command: ArrayLike, *, parameters: Params | None = None) -> FloatA
     gait = (params() if parameters is None else parameters).gait
     speed = np.hypot(*np.moveaxis(np.asarray(command, dtype=float)[..., :2], -1, 0))
     return np.interp(speed, [gait.speed_low, gait.speed_high], [gait.frequency, gait.frequency_high])
+
+
+def following(phase: ArrayLike, command: ArrayLike) -> FloatArray:
+    """Phase of the gait one step of the policy later, rad.
+
+    Parameters
+    ----------
+    phase : (...) array
+    command : (..., 3) array
+    """
+    control = params().control
+    step = control.dt * control.decimation
+    return np.mod(np.asarray(phase) + 2.0 * np.pi * frequency(command) * step, 2.0 * np.pi)
 
 
 def _phases(phase: ArrayLike) -> FloatArray:
