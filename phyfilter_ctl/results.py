@@ -15,7 +15,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-__all__ = ["Result", "Status"]
+__all__ = ["Result", "Status", "plain"]
 
 _LISTED = 6  # entries of a sequence that repr lists
 _WIDTH = 100  # characters of a value in repr
@@ -172,7 +172,8 @@ def plain(value: object) -> Any:
     if isinstance(value, Enum):
         return plain(value.value)
     if isinstance(value, np.ndarray | np.generic):
-        return plain(value.tolist())
+        real = value.dtype.kind in "biuf" and np.isfinite(value).all()  # curves, many times a second
+        return value.tolist() if real else plain(value.tolist())
     if value is None or isinstance(value, bool | int | str):
         return value
     if isinstance(value, float):

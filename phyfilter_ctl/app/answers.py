@@ -14,11 +14,12 @@ from .._sections import ComplexArray, FloatArray
 from ..analysis import frequency_response, grids, prior_margin, ultimate_bound
 from ..analysis.frequency import FilterResponse
 from ..filter import PhyFilter, SampledPhyFilter
+from ..results import plain
 from .designs import Design
 from .loops import phase_and_delay, read_off
 from .steps import settling_time, step_response
 
-__all__ = ["answer", "listed"]
+__all__ = ["answer"]
 
 _CURVE_POINTS = 320  # logarithmic; resonances have some of their own
 _PEAK_POINTS = 20
@@ -40,7 +41,7 @@ class Figure(NamedTuple):
 
     def as_json(self) -> dict[str, object]:
         """Without a value that JSON cannot hold."""
-        value = self.value if self.value is not None and math.isfinite(self.value) else None
+        value = plain(self.value)
         note = self.note or ("" if value is not None else "not defined for this filter")
         entry: dict[str, object] = {
             "key": self.key,
@@ -82,8 +83,8 @@ def answer(design: Design) -> dict[str, object]:
         "filter": {
             "a": filter.a.tolist(),
             "b": filter.b.tolist(),
-            "poles": [[p.real, p.imag] for p in filter.poles.tolist()],
-            "zeros": [[z.real, z.imag] for z in filter.zeros.tolist()],
+            "poles": plain(filter.poles),
+            "zeros": plain(filter.zeros),
             "type": filter.type,
             "dc_gain": filter.dc_gain,
         },
@@ -93,28 +94,6 @@ def answer(design: Design) -> dict[str, object]:
         "stable_sampled": sampled is not None,
         "messages": messages,
     }
-
-
-def listed(values: FloatArray) -> list[float | None]:
-    """Numbers as JSON holds them: null for what is not finite.
-
-    Parameters
-    ----------
-    values : (N,) array
-
-    Returns
-    -------
-    list of float or None
-
-    Examples
-    --------
-    >>> listed(np.array([1.0, np.nan, np.inf]))
-    [1.0, None, None]
-    """
-    found: list[float | None] = values.tolist()
-    if not np.all(np.isfinite(values)):
-        found = [value if value is not None and math.isfinite(value) else None for value in found]
-    return found
 
 
 # -- curves -----------------------------------------------------------------------------------------------------
@@ -142,7 +121,7 @@ def _pair(values: ComplexArray) -> list[list[float | None]]:
     phase = np.full(len(values), np.nan)
     known = np.isfinite(values)
     phase[known] = np.rad2deg(np.unwrap(np.angle(values[known])))
-    return [listed(np.abs(values)), listed(phase)]
+    return [plain(np.abs(values)), plain(phase)]
 
 
 def _grid(design: Design, filter: PhyFilter) -> FloatArray:
@@ -175,7 +154,7 @@ def _drawn(limits: object) -> list[float]:
 
 def _step(filter: PhyFilter, settling: float) -> dict[str, object]:
     t, F, E = step_response(filter, settling)
-    return {"t": listed(t), "F": listed(F), "E": listed(E)}
+    return {"t": plain(t), "F": plain(F), "E": plain(E)}
 
 
 # -- figures ----------------------------------------------------------------------------------------------------

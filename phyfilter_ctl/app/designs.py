@@ -16,6 +16,7 @@ from ..analysis import frequency_response
 from ..design.placement import Family, bandpass, lowpass, numerator_of_type, place_poles
 from ..filter import PhyFilter, SampledPhyFilter
 from ..filter.sampling import Method
+from ..results import plain
 from .checking import Fields, MessageError, real, shown
 
 __all__ = ["FAMILIES", "Assumptions", "Design", "Numerator", "design_of_family", "read_design"]
@@ -62,7 +63,7 @@ class Numerator:
         if self.kind == "type":
             return {"kind": "type", "type": self.type}
         if self.kind == "zeros":
-            return {"kind": "zeros", "zeros": [[z.real, z.imag] for z in self.zeros], "gain": self.gain}
+            return {"kind": "zeros", "zeros": plain(self.zeros), "gain": self.gain}
         return {"kind": "b", "b": list(self.b)} if self.kind == "b" else {"kind": "lowpass"}
 
 
@@ -188,7 +189,7 @@ class Design:
     def as_json(self) -> dict[str, object]:
         """As a message has it."""
         return {
-            "poles": [[p.real, p.imag] for p in self.poles],
+            "poles": plain(self.poles),
             "numerator": self.numerator.as_json(),
             "sampling": {"dt": self.dt, "method": self.method},
             "assume": self.assume.as_json(),

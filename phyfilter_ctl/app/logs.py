@@ -10,7 +10,7 @@ import numpy as np
 
 from .._sections import FloatArray
 from ..flightlog import FlightLog
-from .answers import listed
+from ..results import plain
 from .checking import MessageError, shown
 from .designs import Design
 
@@ -150,10 +150,10 @@ def estimate(
             f"The log has a step of {log.dt:.4g} s, which the estimate takes; the design has {design.dt:.4g} s."
         )
     return {
-        "t": listed(log.times[keep]),
-        "f_hat": listed(mine[keep]),
-        "f_theta": None if f_theta is None else listed(f_theta[keep]),
-        "label": None if label is None else listed(label[keep]),
+        "t": plain(log.times[keep]),
+        "f_hat": plain(mine[keep]),
+        "f_theta": None if f_theta is None else plain(f_theta[keep]),
+        "label": None if label is None else plain(label[keep]),
         "rmse": None if label is None else _rms(label - mine),
         "rmse_model": None if label is None else _rms(label - model),
         "wiener": None if wiener is None else wiener[channel],
