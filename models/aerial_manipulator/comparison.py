@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phyfilter_ctl import study
+from phyfilter_ctl.results import Status
 from phyfilter_ctl.study import Interval, Report, Scores, TunedMethod, score_methods, silent
 
 from .experiment import Backend, Flights, Score, fly
@@ -81,7 +82,7 @@ class Comparison:
         By (case, method).
     planner_seconds : (K,) array
         Solve times of the planner.
-    planner_statuses : tuple of str
+    planner_statuses : tuple of Status
         What came out of them.
     shown : dict of str to Flights
         One mission of every method, with its signals: that of the seed with PhyFilter's median mean error.
@@ -94,7 +95,7 @@ class Comparison:
     off_distribution: Mapping[str, Mapping[str, float]]
     scores: Scores[Score]
     planner_seconds: FloatArray
-    planner_statuses: tuple[str, ...]
+    planner_statuses: tuple[Status, ...]
     shown: Mapping[MethodName, Flights]
 
     def interval(self, case: str, name: MethodName, field: str) -> Interval:

@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from phyfilter_ctl.results import Status
 from phyfilter_ctl.study import finite
 
 from .comparison import Comparison
@@ -125,7 +126,7 @@ _CASES = {
 def _planner(comparison: Comparison) -> str:
     statuses = comparison.planner_statuses
     return (
-        f"planner: {len(statuses)} plans, {statuses.count('optimal')} optimal; solve time p50 "
+        f"planner: {len(statuses)} plans, {statuses.count(Status.OPTIMAL)} optimal; solve time p50 "
         f"{comparison.planner_ms(50):.2f} ms, p99 {comparison.planner_ms(99):.2f} ms, of a period of 70 ms"
     )
 
