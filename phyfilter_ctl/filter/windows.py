@@ -42,7 +42,7 @@ def late_residual(
     M : (m + 1, ...) or (1, ...) array or None
         Inertia.
     """
-    g_mean, f_mean = (window_means(times, *signal, ends[:-1], ends[1:]) for signal in (g, f_theta))
+    g_mean, f_mean = (window_means(times, first, last, ends[:-1], ends[1:]) for first, last in (g, f_theta))
     if M is not None:
         if len(M) > 1:
             M = values_at(times, M, ends)
