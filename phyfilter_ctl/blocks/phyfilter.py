@@ -138,10 +138,11 @@ def phyfilter_block(
         direction = None
     n_x, n_f = channel_counts(len(filters), direction, channels)
     filters = filters * n_f if len(filters) == 1 else filters
-    E_left = np.eye(n_x) if direction is None else np.asarray(np.linalg.pinv(direction), dtype=float)
+    E_left = filter.recursion.E_left if isinstance(filter, SampledPhyFilter) else None
+    E_left = np.eye(n_x) if E_left is None else E_left
     momentum = E_left @ constant_inertia(inertia, n_x)
     if isinstance(filter, SampledPhyFilter):
-        matrices, rest = _sampled_matrices(filter, filters, momentum, E_left)
+        matrices, rest = _sampled_matrices(filter, momentum, E_left)
         dt = filter.dt
     else:
         matrices, rest = continuous_matrices([entry.sections for entry in filters], momentum, E_left)
@@ -163,11 +164,11 @@ def phyfilter_block(
 
 
 def _sampled_matrices(
-    sampled: SampledPhyFilter, filters: tuple[PhyFilter, ...], momentum: FloatArray, E_left: FloatArray
+    sampled: SampledPhyFilter, momentum: FloatArray, E_left: FloatArray
 ) -> tuple[tuple[FloatArray, ...], FloatArray]:
     """q_k: what samples up to k - 1 add to w_k. w_k = q_k + B P_0 in_k, q_{k+1} = A w_k + B (P_1 in_k + register)."""
-    single = sampled.with_filter(filters)
-    dA, B, C = side_by_side(single.recursion.transitions)
+    transitions = sampled.recursion.transitions
+    dA, B, C = side_by_side(transitions * len(E_left) if len(transitions) == 1 else transitions)
     A = np.eye(len(dA)) + dA
     n_f, n_x = E_left.shape
     steps = sampled.sampling.delay_steps
