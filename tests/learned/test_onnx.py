@@ -9,10 +9,12 @@ import warnings
 from collections.abc import Callable
 from itertools import pairwise
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import pytest
 
+from phyfilter_ctl import learned_block, simulate
 from phyfilter_ctl.learned import LearnedModel, OnnxGraph, OnnxNetwork, OnnxNode
 
 onnx = pytest.importorskip("onnx", reason="the package onnx is not installed (extra: onnx)")
@@ -286,6 +288,24 @@ def test_activations_of_large_values_stay_finite() -> None:
         np.testing.assert_allclose(
             network.casadi()(v[0]).full()[:, 0], values[0], rtol=SAME_FORMULA, atol=1e-300
         )
+
+
+@pytest.mark.parametrize("backend", ["vm", "c"])
+def test_in_a_diagram_and_in_c(backend: Literal["vm", "c"]) -> None:
+    nodes = [
+        OnnxNode("Gemm", ("z", "W", "b"), ("v",)),
+        OnnxNode("LayerNormalization", ("v", "gain"), ("n",)),
+        OnnxNode("Gelu", ("n",), ("h",)),
+        OnnxNode("Mish", ("h",), ("m",)),
+        OnnxNode("Add", ("m", "v"), ("r",)),
+        OnnxNode("Softmax", ("r",), ("s",)),
+        OnnxNode("MatMul", ("s", "U"), ("f",)),
+    ]
+    sizes = {"W": (3, 8), "b": (8,), "gain": (8,), "U": (8, 2)}
+    constants = {name: RNG.standard_normal(size) for name, size in sizes.items()}
+    network, inputs = OnnxNetwork(OnnxGraph(tuple(nodes), constants, (None, 3))), RNG.standard_normal((11, 3))
+    response = simulate(learned_block(network), 0.1 * np.arange(11), inputs.T, backend=backend)
+    np.testing.assert_allclose(response.outputs.T, network.predict(inputs), rtol=0.0, atol=1e-13)
 
 
 def test_fit_goes_on_from_the_weights_read() -> None:
