@@ -121,6 +121,25 @@ def torch_gradient(log: FlightLog) -> Callable[[], np.ndarray]:
     return work
 
 
+def layer_gradient(log: FlightLog) -> Callable[[], np.ndarray]:
+    """The same by the filter as one layer of PyTorch."""
+    import torch
+
+    from phyfilter_ctl.design.torch_layer import filter_signals
+
+    sampled = FILTER.sampled(DT, method="euler")
+    x, target = torch.from_numpy(log.x.copy()), torch.from_numpy(residuals(log)[1].copy())
+
+    def work() -> np.ndarray:
+        a = torch.tensor(FILTER.a, requires_grad=True)
+        f_hat = filter_signals(x, None, None, a=a, sampled=sampled)
+        ((f_hat[1:] - target) ** 2).sum().backward()
+        assert a.grad is not None
+        return a.grad.numpy()
+
+    return work
+
+
 def relative(one: np.ndarray, other: np.ndarray) -> float:
     powers = FILTER.a[0] ** (np.arange(FILTER.order, 0, -1) / FILTER.order)
     return float(np.linalg.norm((one - other) * powers) / np.linalg.norm(other * powers))
@@ -141,6 +160,7 @@ def against_others(N: int, repeats: int) -> dict[str, float]:
     }
     if find_spec("torch") is not None:
         routes["PyTorch loop"] = torch_gradient(log)
+        routes["PyTorch layer"] = layer_gradient(log)
     ours = adjoint_gradient(log, sampled).a
     for name, work in routes.items():
         difference = relative(work(), ours)
