@@ -207,7 +207,7 @@ def _driven(path: Path, inputs: FloatArray, outputs: FloatArray) -> FloatArray:
             dict(zip([label for v in fmu.description.of(side) for label in v.labels], rows.T, strict=True))
             for side, rows in sides
         ]
-        record = Reference(params().control.dt * np.arange(len(inputs)), *labels)
+        record = Reference(params().control.dt * np.arange(len(inputs), dtype=float), *labels)
         return replay(fmu, record, inputs_at="end")[1] - outputs
     finally:
         fmu.close()
