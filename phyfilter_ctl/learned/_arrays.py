@@ -9,10 +9,15 @@ from numpy.typing import ArrayLike, NDArray
 
 from .. import _signals
 from .._sections import FloatArray
-from . import _checks
+from .._signals import Given
 
 # Numbers in the largest intermediate array: it stays in the cache, and no BLAS splits the product over threads.
 _CHUNK = 1 << 17
+
+
+def rows(name: str, values: Given, columns: int | None = None) -> FloatArray:
+    """Finite samples, shape (N, columns)."""
+    return _signals.array(name, values, ("N", "n" if columns is None else columns))
 
 
 def frozen(name: str, values: ArrayLike, shape: tuple[int, ...] | None = None) -> FloatArray:
@@ -32,13 +37,13 @@ def pairs(
     z: ArrayLike, f: ArrayLike, n_z: int | None = None, n_x: int | None = None
 ) -> tuple[FloatArray, FloatArray]:
     """Features and unknown dynamics with the same number of rows."""
-    z = _checks.rows("z", z, n_z)
+    z = rows("z", z, n_z)
     return z, _signals.array("f", f, (len(z), "n_x" if n_x is None else n_x), beside="z")
 
 
 def with_cotangent(z: ArrayLike, cotangent: ArrayLike, n_z: int, n_x: int) -> tuple[FloatArray, FloatArray]:
     """Features and a cotangent of the prediction with the same number of rows."""
-    z = _checks.rows("z", z, n_z)
+    z = rows("z", z, n_z)
     return z, _signals.array("cotangent", cotangent, (len(z), n_x), beside="z")
 
 

@@ -10,8 +10,9 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
+from .. import _signals
 from .._sections import FloatArray
-from . import _arrays, _checks, _files
+from . import _arrays, _files
 from .layers import SCALES, Layers
 
 
@@ -42,7 +43,7 @@ class Perceptron:
     _fitted_by: ClassVar[str]
 
     def __post_init__(self) -> None:
-        hidden = tuple(_checks.count("hidden", units) for units in self.hidden)
+        hidden = tuple(_signals.count("hidden", units) for units in self.hidden)
         if not hidden:
             raise ValueError("hidden: expected the units of at least one layer, got none")
         object.__setattr__(self, "hidden", hidden)
@@ -77,7 +78,7 @@ class Perceptron:
             If the model has not been fitted or ``z`` is not a finite real array of shape (N, n_z).
         """
         layers = self._fitted()
-        return layers.predict(_checks.rows("z", z, layers.sizes[0]))
+        return layers.predict(_arrays.rows("z", z, layers.sizes[0]))
 
     def vjp(self, z: ArrayLike, cotangent: ArrayLike) -> FloatArray:
         """Gradient of sum(cotangent * predict(z)) in the parameters, shape (n_parameters,).

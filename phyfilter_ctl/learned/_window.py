@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
+from .. import _signals
 from .._sections import FloatArray
-from . import _checks
+from . import _arrays
 
 
 def window(x: ArrayLike, length: int, *, stride: int = 1) -> FloatArray:
@@ -38,8 +39,8 @@ def window(x: ArrayLike, length: int, *, stride: int = 1) -> FloatArray:
     >>> window([[1.0], [2.0], [3.0], [4.0]], 2, stride=2).tolist()
     [[1.0, 1.0], [2.0, 1.0], [3.0, 1.0], [4.0, 2.0]]
     """
-    x = _checks.rows("x", x)
-    length, stride = _checks.count("length", length), _checks.count("stride", stride)
+    x = _arrays.rows("x", x)
+    length, stride = _signals.count("length", length), _signals.count("stride", stride)
     reach = (length - 1) * stride
     padded = np.concatenate([np.repeat(x[:1], reach, axis=0), x])
     spans = np.lib.stride_tricks.sliding_window_view(padded, reach + 1, axis=0)

@@ -13,7 +13,7 @@ from scipy.signal import lfilter
 from .._sections import FloatArray
 from .._signals import unmasked
 from ..results import Result
-from . import _arrays, _checks
+from . import _arrays
 from .chebyshev import Chebyshev
 
 _BETWEEN = ("hold", "average")
@@ -284,8 +284,8 @@ class AdaptiveChebyshev:
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Y, x and g of as many samples each."""
         assert self.model.Xi is not None
-        x = _checks.rows("x", x, len(self.model.Xi))
-        g = np.zeros_like(x) if g is None else _checks.rows("g", g, x.shape[1])
+        x = _arrays.rows("x", x, len(self.model.Xi))
+        g = np.zeros_like(x) if g is None else _arrays.rows("g", g, x.shape[1])
         Y = self.model.regressor(z)
         if not len(Y) == len(x) == len(g):
             raise ValueError(

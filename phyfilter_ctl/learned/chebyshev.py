@@ -11,9 +11,10 @@ import numpy as np
 from numpy.polynomial.chebyshev import chebvander
 from numpy.typing import ArrayLike
 
+from .. import _signals
 from .._sections import FloatArray
 from ..results import Status
-from . import _arrays, _checks, _files
+from . import _arrays, _files
 from ._least_squares import ridge
 from .model import FitResult
 
@@ -86,10 +87,10 @@ class Chebyshev:
     Xi: FloatArray | None = None
 
     def __post_init__(self) -> None:
-        _checks.count("degree", self.degree, 0)
-        _checks.count("n_d", self.n_d, 0)
+        _signals.count("degree", self.degree, 0)
+        _signals.count("n_d", self.n_d, 0)
         object.__setattr__(self, "degree_d", self.degree if self.degree_d is None else self.degree_d)
-        _checks.count("degree_d", self._degree_d, 0)
+        _signals.count("degree_d", self._degree_d, 0)
         _arrays.number("l2", self.l2)
         if self.outside not in _OUTSIDE:
             raise ValueError(f"outside: expected one of {_OUTSIDE}, got {self.outside!r}")
@@ -159,7 +160,7 @@ class Chebyshev:
             If the model has not been fitted or ``z`` is not a finite real array of shape (N, n_z).
         """
         Xi, bounds = self._fitted()
-        z = _checks.rows("z", z, len(bounds))
+        z = _arrays.rows("z", z, len(bounds))
         f = np.empty((len(z), len(Xi)))
         for rows in _arrays.chunks(len(z), Xi.size):
             f[rows] = self._basis(z[rows]) @ Xi.T
@@ -191,7 +192,7 @@ class Chebyshev:
         bounds = self._bounds()
         if self.n_d == 0:
             raise ValueError("varsigma: the model has no parameter d (n_d = 0)")
-        d = _checks.rows("d", d, self.n_d)
+        d = _arrays.rows("d", d, self.n_d)
         return _tensor(self._scale(d, bounds[-self.n_d :]), self._degree_d)
 
     def d_from_varsigma(self, varsigma: ArrayLike) -> FloatArray:
@@ -210,7 +211,7 @@ class Chebyshev:
         if self.n_d == 0 or self._degree_d == 0:
             raise ValueError("varsigma: expected n_d >= 1 and degree_d >= 1 to read d off")
         bounds = self._bounds()[-self.n_d :]
-        varsigma = _checks.rows("varsigma", varsigma, (self._degree_d + 1) ** self.n_d)
+        varsigma = _arrays.rows("varsigma", varsigma, (self._degree_d + 1) ** self.n_d)
         if np.any(varsigma[:, 0] == 0.0):
             raise ValueError("varsigma: expected the entry of T_0 to be about 1, got 0")
         first = (self._degree_d + 1) ** np.arange(self.n_d - 1, -1, -1)
@@ -226,7 +227,7 @@ class Chebyshev:
         """
         Xi, bounds = self._fitted()
         features = len(bounds) - self.n_d
-        x = _checks.rows("x", x, features)
+        x = _arrays.rows("x", x, features)
         n_x, q = len(Xi), (self._degree_d + 1) ** self.n_d
         matrix = Xi.reshape(n_x, -1, q).transpose(1, 0, 2).reshape(-1, n_x * q)
         Y = np.empty((len(x), n_x * q))

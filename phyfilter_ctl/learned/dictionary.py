@@ -11,8 +11,9 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
+from .. import _signals
 from .._sections import FloatArray
-from . import _arrays, _checks
+from . import _arrays
 from ._least_squares import ridge
 from .layers import standardisation
 
@@ -60,8 +61,8 @@ class Dictionary:
     scale: FloatArray | None = None
 
     def __post_init__(self) -> None:
-        _checks.count("n_z", self.n_z)
-        _checks.count("degree", self.degree, 0)
+        _signals.count("n_z", self.n_z)
+        _signals.count("degree", self.degree, 0)
         _arrays.number("width", self.width, positive=True)
         for name, default in (("offset", np.zeros), ("scale", np.ones)):
             given = getattr(self, name)
@@ -90,12 +91,12 @@ class Dictionary:
         ValueError, TypeError
             If ``z`` is not a finite real array of shape (N, n_z).
         """
-        offset, scale = standardisation("z", _checks.rows("z", z, self.n_z))
+        offset, scale = standardisation("z", _arrays.rows("z", z, self.n_z))
         return replace(self, offset=offset, scale=scale)
 
     def __call__(self, z: ArrayLike) -> FloatArray:
         """psi at z (N, n_z), shape (N, m)."""
-        z = _checks.rows("z", z, self.n_z)
+        z = _arrays.rows("z", z, self.n_z)
         s, centres = (z - self._offset) / self._scale, (self._centres - self._offset) / self._scale
         psi = np.empty((len(z), self.size))
         psi[:, 0] = 1.0

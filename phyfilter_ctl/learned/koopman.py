@@ -10,9 +10,10 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
+from .. import _signals
 from .._sections import FloatArray
 from ..results import Status
-from . import _arrays, _checks, _files
+from . import _arrays, _files
 from ._least_squares import ridge
 from .dictionary import Dictionary
 from .model import FitResult
@@ -70,7 +71,7 @@ class Koopman:
     W: FloatArray | None = None
 
     def __post_init__(self) -> None:
-        _checks.count("n_f", self.n_f)
+        _signals.count("n_f", self.n_f)
         if self.n_f > self.dictionary.n_z:
             raise ValueError(
                 f"n_f: expected at most the {self.dictionary.n_z} features of the dictionary, got {self.n_f}"
@@ -125,7 +126,7 @@ class Koopman:
         ValueError, TypeError
             If the model has not been fitted or ``z`` is not a finite real array of shape (N, n_z).
         """
-        z = _checks.rows("z", z, self.dictionary.n_z)
+        z = _arrays.rows("z", z, self.dictionary.n_z)
         return z[:, : self.n_f] + self.dt * self.rate(z)
 
     def rate(self, z: ArrayLike) -> FloatArray:
@@ -137,7 +138,7 @@ class Koopman:
             As for :meth:`predict`.
         """
         W = self._fitted()
-        z = _checks.rows("z", z, self.dictionary.n_z)
+        z = _arrays.rows("z", z, self.dictionary.n_z)
         rate = np.empty((len(z), self.n_f))
         for rows in _arrays.chunks(len(z), W.size):
             rate[rows] = self.dictionary(z[rows]) @ W

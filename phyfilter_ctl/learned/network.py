@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING, ClassVar, Literal, Self
 import numpy as np
 from numpy.typing import ArrayLike
 
+from .. import _signals
 from .._sections import FloatArray
 from ..results import Status
-from . import _arrays, _checks
+from . import _arrays
 from ._perceptron import Perceptron
 from .layers import Layers, standardisation
 from .model import FitResult
@@ -85,8 +86,8 @@ class Network(Perceptron):
         super().__post_init__()
         if self.solver not in _SOLVERS:
             raise ValueError(f"solver: expected one of {_SOLVERS}, got {self.solver!r}")
-        _checks.count("max_iterations", self.max_iterations)
-        _checks.count("seed", self.seed, 0)
+        _signals.count("max_iterations", self.max_iterations)
+        _signals.count("seed", self.seed, 0)
         for name in ("l2", "tolerance"):
             _arrays.number(name, getattr(self, name))
 

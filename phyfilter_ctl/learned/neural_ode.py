@@ -11,9 +11,10 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
+from .. import _signals
 from .._sections import FloatArray
 from ..results import Status
-from . import _arrays, _checks
+from . import _arrays
 from ._descent import Descent, descend
 from ._perceptron import Perceptron
 from ._rollout import Segments, ends, misfit
@@ -54,12 +55,12 @@ class Trajectory:
     u: FloatArray | None = None
 
     def __post_init__(self) -> None:
-        x = _checks.rows("x", self.x)
+        x = _arrays.rows("x", self.x)
         if len(x) < 2:
             raise ValueError("x: expected at least 2 samples, got 1")
         _arrays.number("dt", self.dt, positive=True)
-        g = np.zeros_like(x) if self.g is None else _checks.rows("g", self.g, x.shape[1])
-        u = np.zeros((len(x), 0)) if self.u is None else _checks.rows("u", self.u)
+        g = np.zeros_like(x) if self.g is None else _arrays.rows("g", self.g, x.shape[1])
+        u = np.zeros((len(x), 0)) if self.u is None else _arrays.rows("u", self.u)
         for name, values in (("g", g), ("u", u)):
             if len(values) != len(x):
                 raise ValueError(f"{name}: expected {len(x)} rows as in x, got {len(values)}")
@@ -153,8 +154,8 @@ class NeuralOde(Perceptron):
             if getattr(self, name) not in allowed:
                 raise ValueError(f"{name}: expected one of {allowed}, got {getattr(self, name)!r}")
         for name in ("segment", "max_iterations"):
-            _checks.count(name, getattr(self, name))
-        _checks.count("seed", self.seed, 0)
+            _signals.count(name, getattr(self, name))
+        _signals.count("seed", self.seed, 0)
         for name in ("l2", "tolerance"):
             _arrays.number(name, getattr(self, name))
 

@@ -7,10 +7,11 @@ from dataclasses import KW_ONLY, dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
+from .. import _signals
 from .._sections import FloatArray
 from .._signals import LARGEST, unmasked
 from ..results import Result
-from . import _checks
+from . import _arrays
 from .koopman import Koopman
 
 # A downdate whose pivot is smaller than this loses more than a quarter of the digits: factorise instead.
@@ -126,9 +127,9 @@ class OnlineKoopman:
     refresh: int | None = None
 
     def __post_init__(self) -> None:
-        _checks.count("window", self.window)
+        _signals.count("window", self.window)
         if self.refresh is not None:
-            _checks.count("refresh", self.refresh)
+            _signals.count("refresh", self.refresh)
         if self.model.l2 == 0.0:
             raise ValueError(
                 "l2: expected a number > 0 for a sliding window, whose first steps determine nothing"
@@ -193,7 +194,7 @@ class OnlineKoopman:
         ValueError, TypeError
             If ``z`` is not a finite real array of shape (N, n_z).
         """
-        z = _checks.rows("z", z, self.model.dictionary.n_z)
+        z = _arrays.rows("z", z, self.model.dictionary.n_z)
         n, m, n_f = len(z), self.model.dictionary.size, self.model.n_f
         slopes, W = np.zeros((n, n_f)), np.zeros((m, n_f))
         lifted, rates = np.zeros((self.window, m)), np.zeros((self.window, n_f))
@@ -234,7 +235,7 @@ class OnlineKoopman:
 
     def _lift(self, z: ArrayLike) -> tuple[FloatArray, FloatArray]:
         """psi and f of one sample."""
-        row = _checks.rows("z", np.asarray(unmasked(z))[None], self.model.dictionary.n_z)
+        row = _arrays.rows("z", np.asarray(unmasked(z))[None], self.model.dictionary.n_z)
         return self._lifted(row)[0], row[0, : self.model.n_f]
 
     def _lifted(self, z: FloatArray) -> FloatArray:

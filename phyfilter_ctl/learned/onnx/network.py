@@ -13,9 +13,10 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ... import _signals
 from ..._sections import FloatArray
 from ...results import Status
-from .. import _arrays, _checks, _files
+from .. import _arrays, _files
 from .._descent import descend
 from ..layers import standardisation
 from ..model import FitResult
@@ -76,7 +77,7 @@ class OnnxNetwork:
     tolerance: float = 1e-6
 
     def __post_init__(self) -> None:
-        _checks.count("max_iterations", self.max_iterations)
+        _signals.count("max_iterations", self.max_iterations)
         for name in ("l2", "tolerance"):
             _arrays.number(name, getattr(self, name))
         assert self._walk.numbers  # walked here, so that what is not supported is said at once
@@ -170,7 +171,7 @@ class OnnxNetwork:
         ValueError, TypeError
             If ``z`` is not a finite real array of shape (N, n_z).
         """
-        z = _checks.rows("z", z, self._n_z)
+        z = _arrays.rows("z", z, self._n_z)
         f = np.empty((len(z), self._n_x))
         for rows in self._chunks(len(z)):
             f[rows] = walk(self.graph, z[rows].T).f.T
