@@ -7,7 +7,7 @@ signals over (delayed, longer) steps. ``paper_form`` is Eq. (5) as printed.
 """
 
 from .loop import FilterState, Interval
-from .paper_form import PaperFilter, PaperState
+from .paper_form import PaperFilter, PaperMatrices, PaperState
 from .phyfilter import PhyFilter, SampledPhyFilter, stack
 from .recursion import Chain, Recursion, StepConstants
 from .sampling import Sampling
@@ -17,6 +17,7 @@ __all__ = [
     "FilterState",
     "Interval",
     "PaperFilter",
+    "PaperMatrices",
     "PaperState",
     "PhyFilter",
     "Recursion",

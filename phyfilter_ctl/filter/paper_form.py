@@ -1,5 +1,7 @@
 """The paper's own realisation, Eq. (5): open integrators that grow and cancel in the output.
 
+    s_{k+1} = s_k + h (S s_k + c f_hat_k + P v_k),    f_hat_k = H s_k + J v_k,    v = (x, g, f_theta)
+
 Kept for comparison, teaching and the paper's Algorithm 1; nothing else knows of it. Forward Euler, inputs held over the
 step. A channel carries 4n - 3 states in the low-pass form (xi and its n - 1 derivatives, n - 1 integrals each of f_hat,
 f_theta and x), and n - 1 integrals of g more in the general form, here with the supplement's two misprints put right
@@ -15,33 +17,50 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .._sections import FloatArray
 from . import record
 from .phyfilter import PhyFilter, SampledPhyFilter
 from .sampling import Precision, Sampling
 
-__all__ = ["PaperFilter", "PaperState"]
+__all__ = ["PaperFilter", "PaperMatrices", "PaperState", "paper_matrices", "shift_matrix"]
 
 Array = NDArray[np.floating]
+_X, _G, _F = range(3)
 
 
-class PaperState(NamedTuple):
-    """Integrators of one sample, of a filter of order n.
+class PaperMatrices(NamedTuple):
+    """What depends on the coefficients, affine in them; states number s.
 
     Attributes
     ----------
-    xi : (n, n_x) array
-        xi and its derivatives.
-    alpha, beta, x : (n, n_x) arrays
-        f_hat, f_theta and x, each with its integrals.
-    g : (n - 1, n_x) array
-        Integrals of g, used by the general form.
+    H, c : (s,) arrays
+    J : (3,) array
+    P : (s, 3) array
+    start : (s,) array
+        State at x(0) = 1.
     """
 
-    xi: Array
-    alpha: Array
-    beta: Array
+    H: Array
+    J: Array
+    c: Array
+    P: Array
+    start: Array
+
+
+class PaperState(NamedTuple):
+    """Integrators of one sample, and what they are driven by until the next.
+
+    Attributes
+    ----------
+    s : (s, n_x) array
+        xi and its derivatives; the integrals of f_hat, of f_theta, of x and, in the general form, of g.
+    x, f_theta, f_hat : (n_x,) arrays
+    """
+
+    s: Array
     x: Array
-    g: Array
+    f_theta: Array
+    f_hat: Array
 
 
 @dataclass(frozen=True)
@@ -55,6 +74,8 @@ class PaperFilter:
         Sampling interval in seconds.
     precision : {"float64", "float32"}
         Arithmetic, without compensation.
+    general : bool, optional
+        Whether the general form is meant; by default where N is not a_0.
 
     Raises
     ------
@@ -74,6 +95,7 @@ class PaperFilter:
     filter: PhyFilter
     dt: float
     precision: Precision = "float64"
+    general: bool | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "dt", self.increments.dt)  # checked there
@@ -84,6 +106,19 @@ class PaperFilter:
         return SampledPhyFilter(
             self.filter, Sampling(self.dt, "euler", "hold", "hold", precision=self.precision)
         )
+
+    @cached_property
+    def matrices(self) -> PaperMatrices:
+        """What depends on the coefficients, in the arithmetic of the filter."""
+        a, b = self.filter.a, self.filter.b
+        general = not self.filter.is_lowpass if self.general is None else self.general
+        found = paper_matrices(np.concatenate([a, b]) if general else a, self.order, lowpass=not general)
+        return PaperMatrices(*(part.astype(self.precision) for part in found))
+
+    @cached_property
+    def shift(self) -> Array:
+        """S (s, s): each integrator's input is the one before it."""
+        return shift_matrix(self.order, len(self.matrices.H)).astype(self.precision)
 
     @property
     def order(self) -> int:
@@ -131,13 +166,8 @@ class PaperFilter:
             None means 0.
         """
         x = np.asarray(x0, self.precision)
-        zeros = np.zeros((self.order, len(x)), dtype=x.dtype)
-        xi, alpha, beta, integrals, g = (zeros.copy() for _ in range(5))
-        xi -= self._weights(x.dtype) * x
-        if f_theta0 is not None:
-            alpha[0] = beta[0] = f_theta0
-        integrals[0] = x
-        return PaperState(xi, alpha, beta, integrals, g[1:])
+        f_theta = np.zeros_like(x) if f_theta0 is None else np.asarray(f_theta0, self.precision)
+        return PaperState(self.matrices.start[:, None] * x, x, f_theta, f_theta)
 
     def step(
         self, state: PaperState, x: ArrayLike, g: ArrayLike | None = None, f_theta: ArrayLike | None = None
@@ -150,22 +180,14 @@ class PaperFilter:
         x, g, f_theta : (n_x,) arrays
             As for :meth:`SampledPhyFilter.step` with ``g="hold"``.
         """
-        filter, dtype = self.filter, state.x.dtype
+        now, dtype = self.matrices, state.x.dtype
         x = np.asarray(x, dtype)
         g, f_theta = (np.zeros_like(x) if v is None else np.asarray(v, dtype) for v in (g, f_theta))
-        a, b, h = filter.a.astype(dtype), filter.b.astype(dtype), dtype.type(self.dt)
-        xi, alpha, beta, integrals, held = (array.copy() for array in state)
-        xi[:-1] += h * state.xi[1:]
-        for chain, before in ((alpha, state.alpha), (beta, state.beta), (integrals, state.x)):
-            chain[1:] += h * before[:-1]
-        if filter.is_lowpass:
-            xi[-1] += h * (-g - state.alpha[0])
-        else:
-            xi[-1] += h * ((a[0] - b[0]) * state.beta[0] - b[0] * g - a[0] * state.alpha[0])
-            held += h * np.concatenate([g[None], state.g[:-1]])[: len(held)]
-        integrals[0], beta[0] = x, f_theta
-        alpha[0] = _output(filter, a, b, PaperState(xi, alpha, beta, integrals, held))
-        return PaperState(xi, alpha, beta, integrals, held), alpha[0].copy()
+        rate = self.shift @ state.s + now.c[:, None] * state.f_hat
+        rate += now.P @ np.stack([state.x, g, state.f_theta])
+        s = state.s + dtype.type(self.dt) * rate
+        f_hat = now.H @ s + now.J[_X] * x + now.J[_F] * f_theta
+        return PaperState(s, x, f_theta, f_hat), f_hat
 
     def shift_x(self, state: PaperState, dx: ArrayLike) -> PaperState:
         """Move the origin of x by dx (n_x,): as at the start, in the derivatives of xi.
@@ -175,23 +197,45 @@ class PaperFilter:
         state : PaperState
         dx : (n_x,) array
         """
-        jump, x = np.asarray(dx, state.x.dtype), state.x.copy()
-        x[0] += jump
-        return state._replace(xi=state.xi - self._weights(jump.dtype) * jump, x=x)
-
-    def _weights(self, dtype: np.dtype) -> Array:
-        """With which the integrals of x enter f_hat, over the scale of xi (a_0 in the low-pass form), (n, 1)."""
-        b = np.eye(self.order)[0] if self.filter.is_lowpass else self.filter.b
-        return b[::-1, None].astype(dtype)
+        jump = np.asarray(dx, state.x.dtype)
+        return state._replace(s=state.s + self.matrices.start[:, None] * jump, x=state.x + jump)
 
 
-def _output(filter: PhyFilter, a: Array, b: Array, state: PaperState) -> Array:
-    falling = a[:0:-1, None]  # a_{n-1} ... a_1, for the first to the (n-1)-th integral
-    chi1 = (falling * state.alpha[1:]).sum(axis=0)
-    if filter.is_lowpass:
-        chi2 = state.beta[0] + (falling * state.beta[1:]).sum(axis=0)
-        return a[0] * state.xi[0] - chi1 + chi2 + a[0] * state.x[-1]
-    gain = b[:0:-1, None]
-    chi2 = state.beta[0] + ((falling - gain) * state.beta[1:]).sum(axis=0)
-    chi3 = (gain * state.g).sum(axis=0)
-    return state.xi[0] - chi1 + chi2 - chi3 + (b[::-1, None] * state.x).sum(axis=0)
+def shift_matrix(n: int, size: int) -> FloatArray:
+    """S (size, size) of order n: the derivatives of xi, then chains of n - 1 integrals."""
+    shift = np.zeros((size, size))
+    shift[np.arange(n - 1), np.arange(1, n)] = 1.0
+    for first in range(n, size, max(n - 1, 1)):
+        rows = np.arange(first + 1, first + n - 1)
+        shift[rows, rows - 1] = 1.0
+    return shift
+
+
+def paper_matrices(p: FloatArray, n: int, *, lowpass: bool) -> PaperMatrices:
+    """Matrices for coefficients p = a, or (a, b); affine in p."""
+    a, b = p[:n], p[n:]
+    chains = 3 if lowpass else 4  # integrals of f_hat, f_theta, x, and of g in the general form
+    size = n + chains * (n - 1)
+    first = [n + i * (n - 1) for i in range(chains)]
+    H, J, c, P, start = np.zeros(size), np.zeros(3), np.zeros(size), np.zeros((size, 3)), np.zeros(size)
+    J[_F] = 1.0
+    H[first[0] : first[0] + n - 1] = -a[:0:-1]
+    if lowpass:
+        H[0] = a[0]
+        H[first[1] : first[1] + n - 1] = a[:0:-1]
+        c[n - 1], P[n - 1, _G], start[n - 1] = -1.0, -1.0, -1.0
+    else:
+        H[0] = 1.0
+        H[first[1] : first[1] + n - 1] = (a - b)[:0:-1]
+        H[first[3] : first[3] + n - 1] = -b[:0:-1]
+        c[n - 1], P[n - 1, _G], P[n - 1, _F] = -a[0], -b[0], a[0] - b[0]
+        start[:n] = -b[::-1]
+    # The j-th integral of x enters with b_{n-1-j}: the 0-th, x itself, through J.
+    weights = np.append(np.zeros(n - 1), a[0]) if lowpass else b[::-1]
+    J[_X] = weights[0]
+    H[first[2] : first[2] + n - 1] = weights[1:]
+    if n > 1:
+        c[first[0]], P[first[1], _F], P[first[2], _X] = 1.0, 1.0, 1.0
+        if not lowpass:
+            P[first[3], _G] = 1.0
+    return PaperMatrices(H, J, c, P, start)

@@ -235,7 +235,7 @@ class Rollout:
             From :meth:`inputs`.
         """
         if isinstance(self.sampled, PaperFilter):
-            f_hat, states = self._paper.forward(inputs.signals)
+            f_hat, states = self._paper(self.sampled).forward(inputs.signals)
             return RolloutTrace(f_hat, inputs, [states])
         f_hat = inputs.f_theta.copy()
         pieces = self._pieces(len(inputs.u))
@@ -271,7 +271,9 @@ class Rollout:
         """
         r = _signals.array("cotangent", cotangent, trace.f_hat.shape, beside="f_hat")
         if isinstance(self.sampled, PaperFilter):
-            p, inward = self._paper.backward(trace.inputs.signals, trace.f_hat, trace.states[0], r)
+            p, inward = self._paper(self.sampled).backward(
+                trace.inputs.signals, trace.f_hat, trace.states[0], r
+            )
             n = self.sampled.order
             general = self.form == "general"
             return Cotangents(p[:n], p[n:] if general else None, *(inward if signals else (None, None, None)))
@@ -308,9 +310,8 @@ class Rollout:
     def _map(self) -> BlockMap:
         return BlockMap.build(self.sampled.filter, self._recursion.sampling.method, self.sampled.dt)
 
-    @cached_property
-    def _paper(self) -> PaperMap:
-        return PaperMap.build(self.sampled.filter, self.sampled.dt, lowpass=self.form == "lowpass")
+    def _paper(self, paper: PaperFilter) -> PaperMap:
+        return PaperMap.build(paper, lowpass=self.form == "lowpass")
 
     def _pieces(self, count: int) -> list[slice]:
         """Steps cut into segments of whole blocks, of one length but the last."""
