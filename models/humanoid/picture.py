@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterator
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from phyfilter_ctl._output import write_gif
+from phyfilter_ctl.plants.legged.rendering import Camera, renderer
 from phyfilter_ctl.plots import COLOURS, dress
 
 from .limits import PROFILES, Comparison
@@ -24,6 +25,7 @@ _COLOURS = {"alone": "#999999", "filter": COLOURS[0]}
 _LABELS = {"alone": "LQR alone", "filter": "with PhyFilter"}
 _SIZE = 280  # pixels of a frame's side
 _FRAMES_PER_SECOND = 10
+_CAMERA = Camera(3.2, 180.0, -8.0, (0.0, 0.0, 0.85), plain=True)  # a GIF has few colours
 
 
 def skeleton(humanoid: Humanoid, q: FloatArray) -> list[FloatArray]:
@@ -132,52 +134,17 @@ def animate(humanoid: Humanoid, trials: dict[str, Trial], path: str) -> str:
     count = round(max(trial.time[-1] for trial in trials.values()) * _FRAMES_PER_SECOND)
     stride = round(1.0 / (_FRAMES_PER_SECOND * step))
     pictures = []
-    with _renderer(humanoid) as (who, image):
+    with contextlib.ExitStack() as stack:
+        try:
+            image = stack.enter_context(renderer(humanoid.model, (_SIZE, _SIZE), _CAMERA))
+            who = "MuJoCo"
+        except Exception:  # no driver, no library, no device: each fails in its own way
+            who, image = "Matplotlib", partial(_drawn_skeleton, humanoid)
         for k in range(count):
             rows = [trial.q[min(k * stride, len(trial.q) - 1)] for trial in trials.values()]
             pictures.append(np.hstack([image(q) for q in rows]))
     write_gif(path, pictures, milliseconds=1000 // _FRAMES_PER_SECOND)
     return who
-
-
-@contextlib.contextmanager
-def _renderer(humanoid: Humanoid) -> Iterator[tuple[str, Any]]:
-    """A name and a function from a configuration to an image (size, size, 3)."""
-    try:
-        from mujoco.egl import GLContext
-
-        context = GLContext(_SIZE, _SIZE)
-        context.make_current()
-    except Exception:  # no driver, no library, no device: each fails in its own way
-        yield "Matplotlib", lambda q: _drawn_skeleton(humanoid, q)
-        return
-    try:
-        yield "MuJoCo", _mujoco_image(humanoid)
-    finally:
-        context.free()
-
-
-def _mujoco_image(humanoid: Humanoid) -> Any:
-    mujoco, model, data = humanoid.mujoco, humanoid.model, humanoid.data()
-    scene, option = mujoco.MjvScene(model, 2000), mujoco.MjvOption()
-    option.sitegroup[:] = 0
-    for effect in (mujoco.mjtRndFlag.mjRND_SKYBOX, mujoco.mjtRndFlag.mjRND_REFLECTION):
-        scene.flags[effect] = 0  # a GIF has few colours
-    camera, place = mujoco.MjvCamera(), mujoco.MjrRect(0, 0, _SIZE, _SIZE)
-    camera.lookat[:], camera.distance, camera.azimuth, camera.elevation = (0.0, 0.0, 0.85), 3.2, 180.0, -8.0
-    context = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100)
-    mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN, context)
-
-    def image(q: FloatArray) -> NDArray[np.uint8]:
-        data.qpos[:] = q
-        mujoco.mj_forward(model, data)
-        mujoco.mjv_updateScene(model, data, option, None, camera, mujoco.mjtCatBit.mjCAT_ALL.value, scene)
-        mujoco.mjr_render(place, scene, context)
-        pixels = np.empty((_SIZE, _SIZE, 3), dtype=np.uint8)
-        mujoco.mjr_readPixels(pixels, None, place, context)
-        return pixels[::-1]
-
-    return image
 
 
 def _drawn_skeleton(humanoid: Humanoid, q: FloatArray) -> NDArray[np.uint8]:

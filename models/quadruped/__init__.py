@@ -171,13 +171,12 @@ def _own(options: Namespace) -> dict[str, Method]:
 
 
 def _animate(options: Namespace, outputs: Outputs) -> None:
-    from .animation import animate, prefer_off_screen
+    from .animation import animate
     from .evaluation import Case, Group, walk
     from .methods import METHODS
     from .params import params
     from .terrain import Terrain
 
-    prefer_off_screen()
     plan = _plan(options)
     terrain = Terrain(plan.terrains[0], plan.difficulties[0]) if options.terrain and plan.terrains else None
     method = next(iter(_own(options).values()), METHODS[SHOWN])

@@ -2,21 +2,21 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator
-from ctypes.util import find_library
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from phyfilter_ctl._output import write_gif
+from phyfilter_ctl.plants.legged.rendering import Camera
+from phyfilter_ctl.plants.legged.rendering import renderer as off_screen
 from phyfilter_ctl.plants.legged.simulator import simulator
 
 from .robot import LEGS, compile_model
 from .terrain import Terrain
 
-__all__ = ["animate", "prefer_off_screen"]
+__all__ = ["animate"]
 
 FloatArray = NDArray[np.float64]
 Pixels = NDArray[np.uint8]
@@ -49,34 +49,15 @@ def animate(path: Path, qpos: FloatArray, *, terrain: Terrain | None = None, ren
     try:
         if not renderer:
             raise RuntimeError("not wanted")
-        pictures = list(_rendered(rows, terrain))
+        with off_screen(
+            compile_model(terrain=terrain), _SIZE, Camera(1.7, 125.0, -14.0, lights=False)
+        ) as draw:
+            pictures = [draw(row) for row in rows]
     except Exception as error:  # every GL library fails in its own way
         how = f"line drawing (no off-screen rendering: {type(error).__name__})"
         pictures = list(_drawn(rows, terrain))
     write_gif(path, pictures, milliseconds=20 * _EVERY)
     return how
-
-
-def prefer_off_screen() -> None:
-    """Ask MuJoCo to draw off screen where there is no display; to be called before MuJoCo is imported."""
-    if "DISPLAY" not in os.environ and "MUJOCO_GL" not in os.environ and find_library("EGL"):
-        os.environ["MUJOCO_GL"] = "egl"
-
-
-def _rendered(rows: FloatArray, terrain: Terrain | None) -> Iterator[Pixels]:
-    mujoco = simulator("the animation")
-    model = compile_model(terrain=terrain)
-    data = mujoco.MjData(model)
-    camera = mujoco.MjvCamera()
-    camera.distance, camera.azimuth, camera.elevation = 1.7, 125.0, -14.0
-    with mujoco.Renderer(model, _SIZE[1], _SIZE[0]) as view:
-        for row in rows:
-            data.qpos[:] = row
-            mujoco.mj_kinematics(model, data)
-            mujoco.mj_comPos(model, data)
-            camera.lookat = row[:3]
-            view.update_scene(data, camera)
-            yield view.render()
 
 
 def _drawn(rows: FloatArray, terrain: Terrain | None) -> Iterator[Pixels]:

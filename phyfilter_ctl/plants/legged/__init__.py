@@ -1,15 +1,19 @@
 """Joint-space residual models of legged robots, M q'' = g + f.
 
 ``prior`` says which part of M and g is known (``controllers.JointTorqueFilter`` estimates f from it), and ``simulator``
-fills the quantities from MuJoCo. Only numpy is needed until ``simulator`` is given a MuJoCo model.
+fills the quantities from MuJoCo; ``renderer`` draws a robot off screen. Only numpy is needed until ``simulator`` is given a MuJoCo model.
 """
 
 from .prior import JointQuantities, JointSpacePrior, balanced_contact
+from .rendering import Camera, Draw, renderer
 from .simulator import quantities
 
 __all__ = [
+    "Camera",
+    "Draw",
     "JointQuantities",
     "JointSpacePrior",
     "balanced_contact",
     "quantities",
+    "renderer",
 ]
