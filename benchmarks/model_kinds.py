@@ -218,7 +218,7 @@ def joint() -> Estimator:
     given = training("wind")
     model = Network((12,), seed=0).fit(*labelled(given)).model
     start = PhyFilter([6.0]).sampled(DT, g="average")
-    result = learn_jointly([flight.log for flight in given], model, start, iterations=100)
+    result = learn_jointly([flight.log for flight in given], model, start, max_iterations=100)
     return behind(lambda _: result.filter, lambda flight: result.model.predict(flight.r))
 
 
