@@ -9,7 +9,8 @@ from phyfilter_ctl.plants.legged import Camera, renderer
 
 mujoco = pytest.importorskip("mujoco", reason="mujoco is not installed: nothing is drawn")
 
-BALL = """<mujoco><worldbody><body><freejoint/><geom type="sphere" size="0.2" rgba="1 0 0 1"/></body></worldbody></mujoco>"""
+BALL = """<mujoco><worldbody><body>
+<freejoint/><geom type="sphere" size="0.2" rgba="1 0 0 1"/></body></worldbody></mujoco>"""
 
 
 @pytest.mark.parametrize("at", [None, (0.0, 0.0, 0.0)])
