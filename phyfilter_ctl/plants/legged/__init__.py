@@ -1,8 +1,8 @@
 """Joint-space residual models of legged robots, M q'' = g + f.
 
-``prior`` says which part of M and g is known (``controllers.JointTorqueFilter`` estimates f from it), ``simulator`` fills
-the quantities from MuJoCo, and ``renderer`` draws a robot off screen. Only numpy is needed until they are given a MuJoCo
-model.
+``prior`` says which part of M and g is known (``controllers.JointTorqueFilter`` estimates f from it), ``simulator``
+fills the quantities from MuJoCo, and ``renderer`` draws a robot off screen. Only numpy is needed until these are given
+a MuJoCo model.
 """
 
 from .prior import JointQuantities, JointSpacePrior, balanced_contact
