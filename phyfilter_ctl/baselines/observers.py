@@ -15,7 +15,6 @@ of the learned model instead of its value, and differ from the filter where the 
 from __future__ import annotations
 
 from dataclasses import KW_ONLY, dataclass
-from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -23,8 +22,7 @@ from numpy.typing import ArrayLike
 from .. import _signals
 from .._sections import FloatArray
 from ..filter import PhyFilter, SampledPhyFilter
-
-Rule = Literal["hold", "average"]
+from ..filter.sampling import Rule
 
 
 def DisturbanceObserver(gain: float, dt: float, *, g: Rule = "hold") -> SampledPhyFilter:

@@ -18,12 +18,11 @@ except ImportError as _error:
 
 from .._sections import FloatArray
 from ..filter import PhyFilter, SampledPhyFilter
+from ..filter.sampling import Method, Rule
 from .adjoint.rollout import Form, Rollout
 from .learning.parametrisation import chain_of
 
 __all__ = ["PhyFilterLayer", "filter_signals"]
-
-Rule = Literal["hold", "average"]
 
 
 def filter_signals(
@@ -126,7 +125,7 @@ class PhyFilterLayer(torch.nn.Module):
         *,
         form: Form | None = None,
         coordinates: Literal["hurwitz", "coefficients"] = "hurwitz",
-        method: Literal["exact", "euler", "tustin"] = "exact",
+        method: Method = "exact",
         g: Rule = "hold",
         f_theta: Rule = "average",
     ) -> None:
