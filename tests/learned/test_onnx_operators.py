@@ -192,6 +192,8 @@ def network_of(case: Case) -> OnnxNetwork:
 @pytest.mark.parametrize("name", CASES)
 def test_value_is_that_of_the_reference(name: str) -> None:
     case = CASES[name]
+    if case.opset > onnx.defs.onnx_opset_version():
+        pytest.skip(f"this onnx knows operators up to version {onnx.defs.onnx_opset_version()}")
     z = rows_of(case)
     (expected,) = ReferenceEvaluator(model_of(case)).run(None, {"z": z})
     f = network_of(case).predict(z.reshape(ROWS, -1))
