@@ -31,6 +31,8 @@ __all__ = [
 # Of a sample, in any unit: the square of a larger one, times a step or a weight, may leave double precision.
 LARGEST = 1e150
 
+_DOUBLE = np.dtype(float)
+
 # What to give instead, by numpy's letter for the kind.
 INSTEAD = {
     "c": "give its real part, or its magnitude",
@@ -87,6 +89,8 @@ def real(name: str, values: Given, dtype: DTypeLike = float, *, copy: bool = Tru
         )
         advice = INSTEAD.get(given.dtype.kind, "convert it to float")
         raise TypeError(f"{name}: expected an array of real numbers, got {held}; {advice}")
+    if given.dtype is _DOUBLE and dtype is float:  # as nearly always, and at every step of a loop
+        return given.copy() if copy else given
     with np.errstate(over="ignore"):  # of a wider type: an infinity, refused as such
         return given.astype(dtype, copy=copy)
 
