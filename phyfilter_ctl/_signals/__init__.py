@@ -11,10 +11,8 @@ from .arrays import (
     Given,
     Where,
     array,
-    count,
     filled,
     inertia,
-    number,
     real,
     refuse_unusable,
     row,
@@ -22,6 +20,7 @@ from .arrays import (
     unusable,
     usable,
 )
+from .numbers import count, number
 from .times import duration, interval, refuse_ticks, refuse_unordered, sample_times, seconds
 
 __all__ = [

@@ -16,10 +16,8 @@ __all__ = [
     "Given",
     "Where",
     "array",
-    "count",
     "filled",
     "inertia",
-    "number",
     "real",
     "refuse_unusable",
     "row",
@@ -337,65 +335,3 @@ def refuse_unusable(
     else:
         expected = "finite numbers, none masked"
     raise ValueError(f"{name}: expected {expected}, got {value:g}{place}{more}; {advice}")
-
-
-# -- single numbers -------------------------------------------------------------------------------------------------
-
-
-def number(
-    name: str, value: float, unit: str = "", *, above: float | None = None, least: float | None = None
-) -> float:
-    """A finite number.
-
-    Parameters
-    ----------
-    name : str
-    value : float
-    unit : str
-        For the complaint.
-    above, least : float, optional
-        It must be greater than the one, and not smaller than the other.
-
-    Raises
-    ------
-    TypeError
-        If it is not one real number.
-    ValueError
-        If it is not finite or too small.
-
-    Examples
-    --------
-    >>> number("cutoff", 0, "rad/s", above=0.0)
-    Traceback (most recent call last):
-        ...
-    ValueError: cutoff: expected a finite number > 0 rad/s, got 0
-    """
-    given = np.asarray(unmasked(value))
-    if given.ndim or given.dtype.kind not in "fiu":
-        raise TypeError(f"{name}: expected a number, got {value!r}")
-    plain = float(given)
-    low = above if above is not None else least
-    if (
-        not np.isfinite(plain)
-        or (above is not None and plain <= above)
-        or (least is not None and plain < least)
-    ):
-        bound = "" if low is None else f" {'>' if above is not None else '>='} {low:g}"
-        of = f" {unit}" if unit and bound else f", in {unit}" if unit else ""
-        raise ValueError(f"{name}: expected a finite number{bound}{of}, got {value!r}")
-    return plain
-
-
-def count(name: str, value: int, least: int = 1) -> int:
-    """A whole number of at least ``least``.
-
-    Raises
-    ------
-    TypeError, ValueError
-        If it is none, or smaller.
-    """
-    if isinstance(value, bool | np.bool_) or not isinstance(value, int | np.integer):
-        raise TypeError(f"{name}: expected a whole number, got {value!r}")
-    if value < least:
-        raise ValueError(f"{name}: expected at least {least}, got {value}")
-    return int(value)

@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .._sections import FloatArray
-from .arrays import LARGEST, Where, array, number, refuse_unusable, row, unmasked
+from .arrays import LARGEST, Where, array, refuse_unusable, row, unmasked
+from .numbers import number
 
 __all__ = ["duration", "interval", "refuse_ticks", "refuse_unordered", "sample_times", "seconds"]
 
