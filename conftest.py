@@ -21,8 +21,10 @@ from phyfilter_ctl.codegen import CompilerError, find_compiler
 
 pytest_plugins = ["tests.cpu_budget"]
 
-hypothesis.settings.register_profile("suite", derandomize=True, deadline=None, database=None)
-hypothesis.settings.register_profile("fuzz", deadline=None, database=None, print_blob=True)
+# How long an example takes to draw says how busy the machine is.
+_CALM = {"deadline": None, "database": None, "suppress_health_check": [hypothesis.HealthCheck.too_slow]}
+hypothesis.settings.register_profile("suite", derandomize=True, **_CALM)
+hypothesis.settings.register_profile("fuzz", print_blob=True, **_CALM)
 hypothesis.settings.load_profile(os.environ.get("PHYFILTER_HYPOTHESIS_PROFILE", "suite"))
 
 

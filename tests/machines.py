@@ -141,7 +141,8 @@ def run(machine: Machine, python: str, arguments: Sequence[str], scratch: Path) 
             why = (kinds[kind].text or "").strip()
             reasons[re.sub(r"""^(\(.*['"]Skipped: |\S*:\d+: )|['"]\)$""", "", why, flags=re.S)] += 1
         elif kind != "passed":
-            failed.append(f"{case.get('classname')}::{case.get('name')}")
+            why = (kinds[kind].get("message") or "").strip().splitlines()[:1]
+            failed.append(": ".join([f"{case.get('classname')}::{case.get('name')}", *why]))
     counts["failed"] += done.returncode != 0 and not failed
     cpu = sum(after[2:4]) - sum(before[2:4])
     return Outcome(counts, tuple(failed), reasons, wall, cpu)

@@ -221,7 +221,7 @@ class Recursion:
 
     @cached_property
     def into(self) -> Array | None:
-        """``E_left`` transposed, in the arithmetic of the filter, as :func:`residual` takes it."""
+        """``E_left`` transposed, in the arithmetic of the filter, as ``residual`` takes it."""
         return None if self.E_left is None else self.E_left.T.astype(self.sampling.precision)
 
     def limited(self, f_hat: Array, out: Array | None = None) -> Array:

@@ -54,7 +54,7 @@ class JointQuantities:
     contact_torque : (..., n_v) array, optional
         k = J' F_c of the true contact forces.
     contact_estimate : (..., n_v) array, optional
-        Somebody's estimate of it, as :func:`balanced_contact` gives.
+        Somebody's estimate of it, as ``balanced_contact`` gives.
 
     Raises
     ------
