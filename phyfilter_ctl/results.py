@@ -226,7 +226,7 @@ def summary(value: object) -> str:
     if isinstance(value, Mapping | Sequence | Set):
         if isinstance(value, Mapping) or len(value) > _LISTED:
             return _counted(value)
-        left, right = "[]" if isinstance(value, list) else "()"
+        left, right = "[]" if isinstance(value, list) else ("(", ",)" if len(value) == 1 else ")")
         return _short(left + ", ".join(map(summary, value)) + right, value)
     return _short(repr(value), value)
 

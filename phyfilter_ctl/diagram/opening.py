@@ -35,7 +35,15 @@ class SignalMargin(Result):
         L, with the return difference 1 + L.
     """
 
-    _figures = ("signal", "is_stable", "stable_gains", "gain_margin")
+    _figures = (
+        "signal",
+        "is_stable",
+        "stable_gains",
+        "gain_margin",
+        "phase_margin",
+        "delay_margin",
+        "modulus_margin",
+    )
 
     signal: str
     open_loop: ct.StateSpace

@@ -41,6 +41,8 @@ class Sensitivity(Result):
     states : (N, n_x, n_q) array
     """
 
+    _figures = ("names", "outputs", "states")
+
     response: SimulationResponse
     names: tuple[str, ...]
     outputs: FloatArray
