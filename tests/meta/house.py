@@ -145,6 +145,11 @@ def floors(edges: Graph) -> int:
     return max(height.values())
 
 
+def _is_foundation(room: str) -> bool:
+    """What every room may stand on: checks of signals, sections, files, results."""
+    return room.startswith("_") or room == "results"
+
+
 def code_lines(path: Path) -> int:
     """Lines that are neither blank, nor comment, nor docstring."""
     source = path.read_text()
@@ -180,6 +185,9 @@ def measures(tree: Path) -> tuple[dict[str, int], list[list[str]], list[tuple[st
         "rooms": len(between),
         "floors": floors(between),
         "arrows": sum(map(len, between.values())),
+        "arrows but those to foundations": sum(
+            not _is_foundation(other) for others in between.values() for other in others
+        ),
         "circles of modules": len(parts),
         "circles of rooms": len(circles(between)),
         "walk from log to FMU, files": len({file for file, _ in steps}),
