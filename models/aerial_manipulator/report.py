@@ -6,8 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from phyfilter_ctl.results import Status
-from phyfilter_ctl.study import finite
+from phyfilter_ctl.results import Status, plain
 
 from .comparison import Comparison
 from .experiment import Score
@@ -158,7 +157,7 @@ def figures(comparison: Comparison) -> dict[str, object]:
             for name in comparison.methods
             if (case, name) in comparison.scores
         }
-        return {name: finite(number) for name, number in found.items()}
+        return plain(found)
 
     def count(field: str, case: str = "mission") -> dict[str, int]:
         return {

@@ -22,8 +22,7 @@ from numpy.typing import NDArray
 from phyfilter_ctl import PhyFilter, SampledPhyFilter
 from phyfilter_ctl.baselines import BackwardDifference, LowpassDifference
 from phyfilter_ctl.learned import Chebyshev, FitResult, LearnedModel
-from phyfilter_ctl.results import Status
-from phyfilter_ctl.study import finite
+from phyfilter_ctl.results import Status, plain
 
 from .replay_recordings import AXES, BAND, DelayScan, Recording, read
 
@@ -395,7 +394,7 @@ def figures(replay: Replay) -> dict[str, object]:
     fit, recordings = replay.fit, [each.recording for each in replay.flights]
     training = None
     if fit is not None:
-        training = {"flights": list(replay.train), "rmse": finite(fit.rmse), "status": fit.status}
+        training = {"flights": list(replay.train), "rmse": plain(fit.rmse), "status": fit.status}
     return {
         "unit": "m/s^2",
         "thrust_delay": replay.thrust_delay,
@@ -425,7 +424,7 @@ def figures(replay: Replay) -> dict[str, object]:
 
 def _as_json(scores: Mapping[str, Score]) -> dict[str, dict[str, float | None]]:
     return {
-        name: {key: finite(value) for key, value in zip(keys, (s.total, *s.axes, s.ahead), strict=True)}
+        name: {key: plain(value) for key, value in zip(keys, (s.total, *s.axes, s.ahead), strict=True)}
         for keys in [("total", *AXES, "ahead")]
         for name, s in scores.items()
     }

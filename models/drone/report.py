@@ -7,7 +7,8 @@ from typing import TypedDict
 
 import numpy as np
 
-from phyfilter_ctl.study import Interval, finite
+from phyfilter_ctl.results import plain
+from phyfilter_ctl.study import Interval
 
 from .comparison import SCENARIOS, Comparison, Estimation
 from .methods import NAMES, MethodName
@@ -137,7 +138,7 @@ def figures(comparison: Comparison) -> dict[str, object]:
 
 def _medians(values: Mapping[MethodName, Interval]) -> dict[str, float | None]:
     """For JSON, which has no infinity: null where most flights failed."""
-    return {name: finite(value.median) for name, value in values.items()}
+    return {name: plain(value.median) for name, value in values.items()}
 
 
 def _estimation(value: Estimation) -> dict[str, float]:

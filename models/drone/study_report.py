@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
-from phyfilter_ctl.study import finite
+from phyfilter_ctl.results import plain
 
 from .flights import Scenario
 from .methods import NAMES
@@ -188,13 +188,13 @@ def figures(study: Study) -> dict[str, object]:
         found["limits"] = {
             "position_bandwidth": where.position_bandwidth,
             "formula": {
-                "inner": finite(where.predicted.inner),
-                "complete": finite(where.predicted.complete),
-                "sampled": finite(where.predicted.sampled),
+                "inner": plain(where.predicted.inner),
+                "complete": plain(where.predicted.complete),
+                "sampled": plain(where.predicted.sampled),
             },
-            "simulated": {known: finite(value) for known, value in where.simulated.items()},
-            "vertical": {known: finite(value) for known, value in where.vertical.items()},
-            "vehicle": {known: finite(value) for known, value in where.all.items()},
+            "simulated": plain(where.simulated),
+            "vertical": plain(where.vertical),
+            "vehicle": plain(where.all),
         }
     return found
 
@@ -211,4 +211,4 @@ def _outcome(outcome: Outcome) -> dict[str, object]:
 
 
 def _spread(spread: Spread) -> dict[str, float | None]:
-    return {"low": finite(spread.low), "median": finite(spread.median), "high": finite(spread.high)}
+    return {"low": plain(spread.low), "median": plain(spread.median), "high": plain(spread.high)}

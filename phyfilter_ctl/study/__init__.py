@@ -18,7 +18,7 @@ from .flights import flight_signals, flight_times, realtime_factor, unit_noise
 from .outputs import Outputs, add_output_options
 from .parameters import parameter_file, read_parameters
 from .progress import Report, progress, silent
-from .statistics import Interval, finite, median_interval, reduction
+from .statistics import Interval, median_interval, reduction
 from .tuning import TunedMethod, command_jitter, fastest, least_error, read_tuned, tuned_text
 
 __all__ = [
@@ -30,7 +30,6 @@ __all__ = [
     "add_output_options",
     "command_jitter",
     "fastest",
-    "finite",
     "flight_signals",
     "flight_times",
     "least_error",

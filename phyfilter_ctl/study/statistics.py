@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from .. import _signals
 
-__all__ = ["Interval", "finite", "median_interval", "reduction"]
+__all__ = ["Interval", "median_interval", "reduction"]
 
 
 @dataclass(frozen=True)
@@ -96,18 +96,3 @@ def reduction(ours: ArrayLike, theirs: ArrayLike) -> Interval:
     if a.shape != b.shape:
         raise ValueError(f"expected errors of the same flights, got shapes {a.shape} and {b.shape}")
     return median_interval(100.0 * (1.0 - a / b))
-
-
-def finite(value: float) -> float | None:
-    """A number for JSON, which has no infinity: None for what is not finite.
-
-    Parameters
-    ----------
-    value : float
-
-    Examples
-    --------
-    >>> finite(0.5), finite(float("inf"))
-    (0.5, None)
-    """
-    return float(value) if np.isfinite(value) else None
