@@ -31,18 +31,15 @@ import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache
+from importlib import import_module
 from importlib.util import find_spec
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from phyfilter_ctl.models.drone.experiment import fly
-from phyfilter_ctl.models.drone.flights import Scenario, conditions
-from phyfilter_ctl.models.drone.methods import Method
-from phyfilter_ctl.models.drone.params import params
-from phyfilter_ctl.models.drone.training import train
 from scipy.stats import t as student
 
-from phyfilter_ctl import FlightLog, PhyFilter
+from phyfilter_ctl import FlightLog, PhyFilter, models
 from phyfilter_ctl.baselines import DisturbanceObserver, Evolver, FeedbackNeuralNetwork, SeerII
 from phyfilter_ctl.design import OnlineRefiner, learn, learn_jointly, refine
 from phyfilter_ctl.learned import (
@@ -57,13 +54,21 @@ from phyfilter_ctl.learned import (
     Trajectory,
 )
 
+# By name: in a checkout the models stand beside the package, where type checkers do not look.
+experiment, drone_flights, drone_methods, drone_params, drone_training = (
+    import_module(f"{models.__name__}.drone.{name}")
+    for name in ("experiment", "flights", "methods", "params", "training")
+)
+params = drone_params.params
+
 Array = NDArray[np.float64]
+Scenario = Literal["mass", "wind"]
 
 DT = 0.002
 LEARNED_FROM = 18.0  # s of each flight, before what is scored
 BANDWIDTHS = (2.0, 3.0, 4.0, 6.0, 8.0, 10.0, 12.0)  # rad/s
 EVERY = 10  # samples between those that slow models are run on or fitted to: 20 ms
-FLYING = Method("observer", 1.8, 6.0)
+FLYING = drone_methods.Method("observer", 1.8, 6.0)
 
 
 @dataclass(frozen=True)
@@ -86,7 +91,9 @@ Estimator = Callable[[Flight, float], NDArray[np.floating]]
 
 @cache
 def flights(seeds: tuple[int, ...], scenario: Scenario) -> tuple[Flight, ...]:
-    kept = fly(FLYING, conditions(seeds, scenario), keep=("v_m", "g", "f_mass", "f_wind", "r")).signals
+    kept = experiment.fly(
+        FLYING, drone_flights.conditions(seeds, scenario), keep=("v_m", "g", "f_mass", "f_wind", "r")
+    ).signals
     f = kept["f_mass"] + kept["f_wind"]
     x = params().vehicle.mass * kept["v_m"]
     return tuple(Flight(*parts) for parts in zip(x, kept["g"], f, kept["r"][..., :2], strict=True))
@@ -120,7 +127,9 @@ def observer() -> Estimator:
 def seer() -> tuple[AdaptiveChebyshev, int]:
     """The drone's law, and how many samples its feature reaches back."""
     values = params().seer
-    law = AdaptiveChebyshev(train().model, DT, rate=1.0, bandwidth=values.prediction, g="average")
+    law = AdaptiveChebyshev(
+        drone_training.train().model, DT, rate=1.0, bandwidth=values.prediction, g="average"
+    )
     return law, round(values.history / DT)
 
 
@@ -139,7 +148,7 @@ def seer_ii() -> Estimator:
     def estimate(flight: Flight, a0: float) -> Array:
         z = acceleration(flight)
         varsigma = seer()[0].run(z, flight.x, flight.g).varsigma
-        Y = train().model.regressor(z)  # Xi Phi(z): what varsigma weighs, (N, 3, q)
+        Y = drone_training.train().model.regressor(z)  # Xi Phi(z): what varsigma weighs, (N, 3, q)
         count, n_x, q = Y.shape
         weights = np.zeros((count, n_x, n_x * q))
         for i in range(n_x):
