@@ -1,9 +1,10 @@
 """The gate: numbers, arrays and times as they are handed to public functions, checked in one place and one wording.
 
-Let in, as float64, are finite real numbers in the shape asked for; times may carry their unit. Refused are complex
-numbers, text, dates where no times are meant, other objects, NaN and what is masked, infinities and magnitudes whose
-square leaves double precision, other shapes, other numbers of samples than beside them, and nothing at all: always as
-"name: expected against got; what to do".
+Let in, as float64, are finite real numbers in the shape asked for, also out of frames, series and labelled arrays;
+times may carry their unit and time zone. Refused are complex numbers, text, dates where no times are meant, other
+objects, NaN and what is masked or missing, infinities and magnitudes whose square leaves double precision, other
+shapes, other numbers of samples than beside them, and nothing at all: always as "name: expected against got; what to
+do".
 """
 
 from .arrays import (
@@ -20,6 +21,7 @@ from .arrays import (
     unusable,
     usable,
 )
+from .containers import labels
 from .numbers import count, number
 from .times import duration, interval, refuse_ticks, refuse_unordered, sample_times, seconds
 
@@ -33,6 +35,7 @@ __all__ = [
     "filled",
     "inertia",
     "interval",
+    "labels",
     "number",
     "real",
     "refuse_ticks",

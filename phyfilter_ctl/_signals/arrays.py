@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from .._sections import FloatArray
+from .containers import contained
 
 __all__ = [
     "INSTEAD",
@@ -58,6 +59,7 @@ def real(name: str, values: Given, dtype: DTypeLike = float, *, copy: bool = Tru
     name : str
         For the complaint.
     values : array_like
+        A frame, a series or a labelled array too; its rows go by position.
     dtype : dtype_like
         float32 instead; what it does not reach becomes infinite.
     copy : bool
@@ -74,8 +76,10 @@ def real(name: str, values: Given, dtype: DTypeLike = float, *, copy: bool = Tru
     [1.0, nan]
     """
     try:
-        given = np.asarray(unmasked(values))
+        given = np.asarray(unmasked(values if type(values) is np.ndarray else contained(name, values)))
     except (TypeError, ValueError) as error:
+        if str(error).startswith(f"{name}: "):
+            raise
         raise TypeError(
             f"{name}: expected an array of real numbers with rows of one length: {error}"
         ) from error
@@ -101,6 +105,7 @@ def array(
     beside: str = "",
     empty: bool = False,
     finite: bool = True,
+    copy: bool = True,
 ) -> FloatArray:
     """A copy as float64 of finite real numbers of a shape.
 
@@ -117,6 +122,8 @@ def array(
         Whether lengths that a name stands for may be 0.
     finite : bool
         Whether to refuse NaN, infinities and numbers beyond :data:`LARGEST`.
+    copy : bool
+        As for :func:`real`.
 
     Raises
     ------
@@ -134,7 +141,7 @@ def array(
         ...
     ValueError: v: expected shape (N, n_x), got (2,); for one channel give v[:, None]
     """
-    given = real(name, values)
+    given = real(name, values, copy=copy)
     if not _fits(given.shape, shape, empty):
         wanted = f"({', '.join(map(str, shape))}{',' if len(shape) == 1 else ''})"
         reason = f" to go with {beside}" if beside else ""
@@ -261,8 +268,8 @@ def unmasked(values: Given) -> Given:
         return values
     kind = masked.dtype.kind
     plain = np.array(masked.data, float if kind in "iub" else masked.dtype)
-    if kind in "iubfcmM":
-        plain[np.ma.getmaskarray(masked)] = "NaT" if kind in "mM" else np.nan
+    if kind in "iubfcmMO":
+        plain[np.ma.getmaskarray(masked)] = None if kind == "O" else "NaT" if kind in "mM" else np.nan
     return plain
 
 

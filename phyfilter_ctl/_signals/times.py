@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike
 
 from .._sections import FloatArray
 from .arrays import LARGEST, Where, array, refuse_unusable, row, unmasked
+from .containers import are_whole, contained_times, from_calendar, text_advice
 from .numbers import number
 
 __all__ = ["duration", "interval", "refuse_ticks", "refuse_unordered", "sample_times", "seconds"]
@@ -16,7 +17,7 @@ __all__ = ["duration", "interval", "refuse_ticks", "refuse_unordered", "sample_t
 # Whole numbers this far apart count something shorter than seconds.
 _TICKS = 1000.0
 _UNITS = "divided by 1e3 (ms), 1e6 (us) or 1e9 (ns); if they are seconds, as floating-point numbers"
-_OTHERS = {"O": "of datetime objects make numpy.array(..., 'datetime64[us]')", "c": "give their real part"}
+_OTHERS = {"c": "give their real part"}
 _SHOWN = 5  # rows that an error lists
 
 
@@ -29,12 +30,14 @@ def seconds(name: str, values: ArrayLike) -> FloatArray:
         For the complaint.
     values : array_like
         Seconds; or timedelta64, which has its unit with it; or datetime64, counted from the first, in whole ticks
-        until then, so that nothing is lost of times that lie decades after 1970.
+        until then, so that nothing is lost of times that lie decades after 1970; or timedelta and datetime objects.
+        Times with a time zone are counted in UTC, those without as they stand: in a zone that changes its clocks
+        they jump.
 
     Raises
     ------
     TypeError
-        If they are no numbers.
+        If they are no numbers, or some have a time zone and some do not.
     ValueError
         If they are whole numbers that count no seconds, or have a unit without a length (months, none).
 
@@ -44,7 +47,9 @@ def seconds(name: str, values: ArrayLike) -> FloatArray:
     >>> seconds("times", np.array(["2024-05-01T10:00:00.002", "2024-05-01T10:00:00.004"], "datetime64[ns]"))
     array([0.   , 0.002])
     """
-    given = np.asarray(unmasked(values))
+    given = np.asarray(unmasked(contained_times(name, values)))
+    if given.dtype.kind == "O":
+        given = from_calendar(name, given)
     if given.dtype.kind == "M":
         if np.datetime_data(given.dtype)[0] in ("Y", "M"):
             given = given.astype("datetime64[s]")
@@ -56,12 +61,12 @@ def seconds(name: str, values: ArrayLike) -> FloatArray:
                 f"{name}: timedelta64[{unit}] has no length in seconds; give one in s, ms, us or ns"
             )
         return np.asarray(given / np.timedelta64(1, "s"), dtype=float)
-    if given.dtype.kind in "iu":
+    if given.dtype.kind in "iu" or are_whole(values):
         refuse_ticks(name, given.astype(float), f"as timedelta64, or {_UNITS}")
     if given.dtype.kind not in "fiu":
         raise TypeError(
             f"{name}: expected times in seconds, datetime64 or timedelta64, got {given.dtype}; "
-            f"{_OTHERS.get(given.dtype.kind, 'convert them to float')}"
+            f"{text_advice(given.dtype.kind) or _OTHERS.get(given.dtype.kind, 'convert them to float')}"
         )
     return np.array(given, dtype=float)
 

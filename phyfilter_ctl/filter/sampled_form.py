@@ -34,10 +34,13 @@ class SampledForm:
     ) -> NDArray[np.floating]:
         """f_hat over a whole record.
 
+        Signals and times may be frames, series or labelled arrays of pandas, polars and xarray. Their rows go by
+        position: an index is not looked at, give it as ``times``. Columns of float64 in one block are not copied.
+
         Parameters
         ----------
         x : (N, n_x) array
-            Measured state; (N,) for one channel.
+            Measured state; (N,) for one channel, as for the other signals.
         g : (N, n_x) array, optional
             Known part of M x'; row k is its value from sample k on. None means 0.
         f_theta : (N, n_f) array, optional
@@ -45,16 +48,19 @@ class SampledForm:
         inertia : float, (n_x,), (n_x, n_x), (N, n_x) or (N, n_x, n_x) array, optional
             Model M_hat of the inertia: scalar, diagonal or full, constant or per sample; None means I.
         times : (N,) array, optional
-            Sampling instants where they are not every ``dt``: seconds, timedelta64, or datetime64 counted from the
-            first.
+            Sampling instants where they are not every ``dt``: seconds, timedelta64, or datetime64 and datetime
+            objects counted from the first, with time zones in UTC.
 
         Returns
         -------
         (N, n_f) array
-            f_hat in the precision of the filter; row 0 is f_theta.
+            f_hat in the precision of the filter; row 0 is f_theta. (N, 1) for x of (N,).
 
         Raises
         ------
+        TypeError
+            For a signal that is not of real numbers (a frame's columns are named), and times that are text, or with
+            and without a time zone.
         ValueError
             For wrong shapes, an ambiguous inertia (2-D with N == n_x), times that stand still or run back (row
             named) or are whole numbers that count no seconds, a sample that is not finite, is masked or is beyond
