@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -138,5 +139,5 @@ class Params:
     scoring: Scoring
 
 
-params = parameter_file(Path(__file__).with_name("params.toml"), Params)
+params: Callable[[], Params] = parameter_file(Path(__file__).with_name("params.toml"), Params)
 """The numbers of ``params.toml``."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -94,7 +95,7 @@ class Params:
     trial: TrialRules
 
 
-params = parameter_file(Path(__file__).with_name("params.toml"), Params)
+params: Callable[[], Params] = parameter_file(Path(__file__).with_name("params.toml"), Params)
 """The numbers of ``params.toml``."""
 
 

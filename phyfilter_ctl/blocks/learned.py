@@ -69,6 +69,7 @@ def learned_block(
 
 
 def labelled(what: str, letter: str, labels: Sequence[str] | None, count: int) -> tuple[Variable, ...]:
+    """``count`` variables by their labels; None means the letter with an index."""
     names = [f"{letter}[{i}]" for i in range(count)] if labels is None else list(labels)
     if len(names) != count:
         raise ValueError(f"{what}: expected {count} labels, got {len(names)}: {names}")

@@ -207,6 +207,7 @@ def _sampled_matrices(
 
 
 def channel_counts(filters: int, direction: FloatArray | None, channels: int | None) -> tuple[int, int]:
+    """n_x and n_f of a block, from what tells them: E, one filter for each channel, or ``channels``."""
     if channels is not None and channels < 1:
         raise ValueError(f"channels: expected at least 1, got {channels}")
     n_x = direction.shape[0] if direction is not None else channels or (filters if filters > 1 else None)
@@ -221,6 +222,7 @@ def channel_counts(filters: int, direction: FloatArray | None, channels: int | N
 
 
 def constant_inertia(inertia: ArrayLike | None, n_x: int) -> FloatArray:
+    """M_hat as a matrix (n_x, n_x), I for None."""
     M = _signals.real("inertia", 1.0 if inertia is None else inertia)
     if M.ndim < 2:
         M = np.diag(np.broadcast_to(M, (n_x,))) if M.shape in ((), (n_x,)) else M

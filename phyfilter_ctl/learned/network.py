@@ -13,9 +13,9 @@ from .. import _signals
 from .._sections import FloatArray
 from ..results import Status
 from . import _arrays
-from ._perceptron import Perceptron
 from .layers import Layers, standardisation
 from .model import FitResult
+from .perceptron import Perceptron
 
 if TYPE_CHECKING:
     from sklearn.neural_network import MLPRegressor

@@ -16,10 +16,10 @@ from .._sections import FloatArray
 from ..results import Status
 from . import _arrays
 from ._descent import Descent, descend
-from ._perceptron import Perceptron
 from ._rollout import Segments, ends, misfit
 from .layers import Layers, standardisation
 from .model import FitResult
+from .perceptron import Perceptron
 
 _BETWEEN = ("hold", "average")
 _STARTS = ("free", "measured")

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from phyfilter_ctl.learned import OnnxNetwork
-from phyfilter_ctl.learned.onnx.operators import OPERATORS
+from phyfilter_ctl.learned.onnx._operators import OPERATORS
 
 onnx = pytest.importorskip("onnx", reason="the package onnx is not installed (extra: onnx)")
 TensorProto, helper, numpy_helper = onnx.TensorProto, onnx.helper, onnx.numpy_helper

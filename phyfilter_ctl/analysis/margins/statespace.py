@@ -53,6 +53,7 @@ class StateSpaceLoop:
         return float(np.max(sizes, initial=0.0)) or 1.0
 
     def later(self, extra: float) -> StateSpaceLoop:
+        """The same loop with ``extra`` seconds more delay; refused, as there is none to lengthen."""
         raise NotImplementedError("a loop given as state space has no delay of its own to lengthen")
 
     def __call__(self, omega: FloatArray) -> tuple[ComplexArray, ComplexArray]:
@@ -96,6 +97,7 @@ class StateSpaceLoop:
         return sweep.grid(corners, self.nyquist, turn=4.0 * self._step)
 
     def roots(self, ratio: complex) -> ComplexArray:
+        """Eigenvalues of the loop closed with L scaled by ``ratio``."""
         A, B, C, D = self._matrices
         return np.linalg.eigvals(A - B @ C * (ratio / (1.0 + ratio * D[0, 0]))).astype(np.complex128)
 

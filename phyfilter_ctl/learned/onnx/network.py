@@ -20,10 +20,10 @@ from .. import _arrays, _files
 from .._descent import descend
 from ..layers import standardisation
 from ..model import FitResult
-from .columns import Traced
+from ._columns import Traced
+from ._reader import read_graph
+from ._walk import Walk, features, mixes_samples, walk
 from .graph import OnnxGraph, RefusedError, entries_of, graph_of, values_of, with_values
-from .reader import read_graph
-from .walk import Walk, features, mixes_samples, walk
 
 _KIND = "onnx"
 _OPTIONS = ("l2", "max_iterations", "tolerance")

@@ -9,11 +9,11 @@ from functools import partial, reduce
 
 import numpy as np
 
-from . import columns as fn
-from .calls import Call, Rule
-from .columns import Column
+from . import _columns as fn
+from ._calls import Call, Rule
+from ._columns import Column
+from ._tensors import Tensor, axis_of, count_over, elementwise, greatest, matmul, total
 from .graph import RefusedError
-from .tensors import Tensor, axis_of, count_over, elementwise, greatest, matmul, total
 
 # ----------------------------------------------------------------------------------------- functions of one number
 

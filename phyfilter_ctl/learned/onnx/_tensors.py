@@ -14,7 +14,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .columns import Column, fmax, product, stacked
+from ._columns import Column, fmax, product, stacked
 from .graph import MOST_NUMBERS, Array, RefusedError
 
 Places = NDArray[np.intp]

@@ -6,8 +6,8 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
+from ._tensors import Tensor
 from .graph import OnnxNode, RefusedError
-from .tensors import Tensor
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,11 +9,11 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
-from .calls import Call
-from .columns import Column
+from ._calls import Call
+from ._columns import Column
+from ._operators import OPERATORS
+from ._tensors import Tensor
 from .graph import MOST_NUMBERS, OnnxGraph, OnnxNode, RefusedError
-from .operators import OPERATORS
-from .tensors import Tensor
 
 # Numbers in all results of the nodes of a graph.
 _MOST_RESULTS = 1 << 24

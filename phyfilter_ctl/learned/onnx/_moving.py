@@ -7,9 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from .calls import Call
+from ._calls import Call
+from ._tensors import Tensor, axis_of, joined
 from .graph import MOST_NUMBERS, RefusedError
-from .tensors import Tensor, axis_of, joined
 
 # TensorProto's numbers of float, double and half; of int32 and int64.
 _REAL, _WHOLE = (1, 11, 10), (6, 7)
