@@ -351,7 +351,9 @@ class FilterResponseList(tuple[FilterResponse, ...]):
 
 
 @overload
-def frequency_response(system: Filter, omega: ArrayLike | None = None) -> FilterResponse: ...
+def frequency_response(  # pyright: ignore[reportOverlappingOverload]  # a PhyFilter, an LTI too, has more to tell
+    system: Filter, omega: ArrayLike | None = None
+) -> FilterResponse: ...
 
 
 @overload
@@ -407,9 +409,9 @@ def frequency_response(
     >>> data.frdata.shape
     (3, 9, 3)
     """
-    if isinstance(system, ct.StateSpace):
+    if isinstance(system, ct.StateSpace) and not isinstance(system, Filter):
         return _resolvent.frequency_response(system, omega)
-    if isinstance(system, LTI):
+    if isinstance(system, LTI) and not isinstance(system, Filter):
         return cast(ct.FrequencyResponseData, ct.frequency_response(system, omega))
     if isinstance(system, Filter):
         if omega is not None:

@@ -1,12 +1,13 @@
 """The filter: its coefficients (``PhyFilter``), and the same filter on sampled data (``SampledPhyFilter``).
 
-``phyfilter`` holds both classes; ``rational`` is what follows from the coefficients alone, ``sampling`` the options of
-a sampled filter, ``recursion`` the one step that everything runs on. ``record`` runs whole logs (``blocked``: without a
-loop per sample), ``loop`` one sample at a time, ``retuning`` changes coefficients on the way, ``windows`` averages
-signals over (delayed, longer) steps. ``paper_form`` is Eq. (5) as printed.
+``phyfilter`` holds both classes; ``rational`` is what follows from the coefficients alone, ``lti`` what python-control
+asks of them, ``sampling`` the options of a sampled filter, ``recursion`` the one step that everything runs on.
+``record`` runs whole logs (``blocked``: without a loop per sample), ``loop`` one sample at a time, ``retuning`` changes
+coefficients on the way, ``windows`` averages signals over (delayed, longer) steps. ``paper_form`` is Eq. (5) verbatim.
 """
 
 from .loop import FilterState, Interval
+from .lti import Roots
 from .paper_form import PaperFilter, PaperMatrices, PaperState
 from .phyfilter import PhyFilter, SampledPhyFilter, stack
 from .recursion import Chain, Recursion, StepConstants
@@ -21,6 +22,7 @@ __all__ = [
     "PaperState",
     "PhyFilter",
     "Recursion",
+    "Roots",
     "SampledPhyFilter",
     "Sampling",
     "StepConstants",

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 
 from .. import _sections, _signals
 from .._sections import ComplexArray, FloatArray
+from .lti import LinearForm, Roots
 from .recursion import Chain
 
 if TYPE_CHECKING:
@@ -25,12 +26,12 @@ _NO_COEFFICIENT = 1e-300
 
 
 @dataclass(frozen=True, init=False, eq=False, repr=False)
-class Rational:
+class Rational(LinearForm):
     """F = N/D with its poles: what :class:`PhyFilter` knows of itself; see there."""
 
     a: FloatArray
     b: FloatArray
-    poles: ComplexArray
+    poles: Roots  # pyright: ignore[reportIncompatibleMethodOverride]  # the array answers python-control's poles()
 
     def __init__(self, a: ArrayLike, b: ArrayLike | None = None, *, poles: ArrayLike | None = None) -> None:
         a = _coefficients("a", a)
@@ -62,7 +63,7 @@ class Rational:
         with np.errstate(over="ignore"):
             if not np.all(np.isfinite(b / a)):
                 raise ValueError(f"b: b_i / a_i leaves the range of double precision for b = {b.tolist()}")
-        for name, value in (("a", a), ("b", b), ("poles", roots)):
+        for name, value in (("a", a), ("b", b), ("poles", Roots(roots))):
             value.flags.writeable = False
             object.__setattr__(self, name, value)
 
@@ -109,13 +110,13 @@ class Rational:
         return bool(self.b[0] == self.a[0] and not np.any(self.b[1:]))
 
     @cached_property
-    def zeros(self) -> ComplexArray:
+    def zeros(self) -> Roots:  # pyright: ignore[reportIncompatibleMethodOverride]
         """Zeros of F (roots of N), shape (m,) with m < n."""
         size = np.abs(self.b)
         degree = int(np.max(np.flatnonzero(size > _NO_COEFFICIENT * size.max()), initial=0))
         if degree == 0:
-            return np.zeros(0, dtype=np.complex128)
-        return np.roots(self.b[degree::-1]).astype(np.complex128)
+            return Roots(np.zeros(0, dtype=np.complex128))
+        return Roots(np.roots(self.b[degree::-1]).astype(np.complex128))
 
     @cached_property
     def error_numerator(self) -> FloatArray:
@@ -151,13 +152,14 @@ class Rational:
         C : (n,) array
             F u = C w.
         """
-        A, equilibrium = _sections.chain(self.poles)
-        return A, equilibrium, _sections.chain_output(self.poles, self.a, self.b)
+        poles = self.poles()
+        A, equilibrium = _sections.chain(poles)
+        return A, equilibrium, _sections.chain_output(poles, self.a, self.b)
 
     @property
     def chain(self) -> Chain:
         """The poles with :attr:`sections`."""
-        return Chain(self.poles, *self.sections)
+        return Chain(self.poles(), *self.sections)
 
     @property
     def transfer_function(self) -> ct.TransferFunction:
@@ -169,8 +171,17 @@ class Rational:
         """1 - F(s), from the residual gamma = f - f_theta to the error f - f_hat."""
         return ct.TransferFunction(self.error_numerator[::-1], [1.0, *self.a[::-1]])
 
-    def __call__(self, s: ArrayLike) -> ComplexArray:
+    def __call__(self, s: ArrayLike, squeeze: bool | None = None, warn_infinite: bool = True) -> ComplexArray:
         """F at complex frequencies s (rad/s), same shape; from the poles, so right on repeated ones too.
+
+        Parameters
+        ----------
+        s : array_like
+            Complex frequencies.
+        squeeze : bool, optional
+            As python-control has it: False gives shape (1, 1, ...), True drops axes of length 1.
+        warn_infinite : bool
+            False: no warning where s is a pole.
 
         Examples
         --------
@@ -178,7 +189,11 @@ class Rational:
         >>> abs(PhyFilter([20.0])(20j)).round(6).item()
         0.707107
         """
-        return self._over_denominator(self.b, s)
+        with np.errstate() if warn_infinite else np.errstate(divide="ignore", invalid="ignore"):
+            value = self._over_denominator(self.b, s)
+        if squeeze is None:
+            return value
+        return np.squeeze(value) if squeeze else value[None, None, ...]
 
     def error(self, s: ArrayLike) -> ComplexArray:
         """1 - F at complex frequencies s (rad/s), same shape, without cancellation near s = 0.
@@ -194,7 +209,7 @@ class Rational:
     def _over_denominator(self, numerator: FloatArray, s: ArrayLike) -> ComplexArray:
         s = np.asarray(s, dtype=np.complex128)
         value = np.asarray(np.polynomial.polynomial.polyval(s, numerator), dtype=np.complex128)
-        for pole in self.poles:  # one at a time: no intermediate overflows before F itself would
+        for pole in self.poles():  # one at a time: no intermediate overflows before F itself would
             value = np.divide(value, s - pole)
         return value
 
@@ -233,7 +248,7 @@ class Rational:
         denominator = sum((_number(c) * s**i for i, c in enumerate(self.a)), start=s**self.order)
         return numerator / denominator
 
-    def _repr_latex_(self) -> str:
+    def _repr_latex_(self) -> str:  # pyright: ignore[reportIncompatibleMethodOverride]
         import sympy
 
         return f"$\\displaystyle F(s) = {sympy.latex(self.formula())}$"

@@ -130,7 +130,7 @@ def export_fmu(
     'wing.fmu'
     """
     chosen = platform_names(platforms)
-    if isinstance(system, ct.InputOutputSystem):
+    if isinstance(system, ct.InputOutputSystem) and not isinstance(system, PhyFilter):
         system = flatten(system)
     model, filters = _c_model(system, name, channels, inertia, rate, signals)
     interface = fmu_interface(

@@ -319,7 +319,7 @@ def _exported(
 ) -> Path:
     target = Path(path) if path is not None else recipe.folder / f"{recipe.name}.fmu"
     version = fmi or recipe.fmi[0]
-    if isinstance(recipe.system, ct.InputOutputSystem):
+    if isinstance(recipe.system, ct.InputOutputSystem) and not isinstance(recipe.system, PhyFilter):
         return export_fmu(recipe.system, target, fmi=version, name=recipe.name, platforms=platforms)
     return export_fmu(
         recipe.system,
@@ -339,7 +339,7 @@ Runner = Callable[[FloatArray, FloatArray], tuple[list[str], FloatArray]]
 
 def _runner(recipe: Recipe) -> tuple[list[str], Runner]:
     """Names of the inputs, and what runs the system on them without any FMU."""
-    if isinstance(recipe.system, ct.InputOutputSystem):
+    if isinstance(recipe.system, ct.InputOutputSystem) and not isinstance(recipe.system, PhyFilter):
         return _diagram_runner(recipe.system)
     n_x = recipe.channels or len(recipe.signals.channels) or 1
     if isinstance(recipe.system, SampledPhyFilter):
