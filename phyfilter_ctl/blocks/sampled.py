@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 from .. import _signals
 from .._sections import FloatArray
 from ..filter import PhyFilter, SampledPhyFilter
+from ..filter.matrices import channel_counts, constant_inertia
 from .continuous import (
     continuous_filter,
     continuous_law,
@@ -24,7 +25,6 @@ from .continuous import (
 from .filter_law import filter_inputs, filter_law
 from .function_block import FunctionBlock, copied, linear_labels, point, share, unpacked
 from .functions import BlockFunctions
-from .phyfilter import channel_counts, constant_inertia
 
 __all__ = ["FilterLaw", "SampledBlock", "sampled_block"]
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import control as ct
 import numpy as np
@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 
 from .. import _sections, _signals
 from .._sections import ComplexArray, FloatArray
+from . import conversion
 from .lti import LinearForm, Roots
 from .recursion import Chain
 
@@ -98,6 +99,40 @@ class Rational(LinearForm):
                 "in which they are about 1"
             )
         return cls(a, b, poles=roots)
+
+    @classmethod
+    def from_tf(cls, system: Any) -> Self:
+        """Return the filter that another library holds, its coefficients descending as they are there.
+
+        Parameters
+        ----------
+        system : control.LTI, scipy.signal.lti, tuple or (sections, 6) array
+            A continuous system with one input and one output; scipy's ``(b, a)`` or ``(z, p, k)``, or its ``sos``, of
+            an analog filter. Poles given as such (z, p, k; sos) are kept exactly.
+
+        Raises
+        ------
+        TypeError
+            If it is none of these.
+        ValueError
+            If it is discrete, has several inputs or outputs, is not strictly proper, is not Hurwitz, or its denominator
+            begins with a zero.
+
+        Examples
+        --------
+        >>> import control as ct, scipy.signal
+        >>> from phyfilter_ctl import PhyFilter
+        >>> PhyFilter.from_tf(ct.tf([30.0, 400.0], [1.0, 40.0, 400.0]))
+        PhyFilter(a=[400.0, 40.0], b=[400.0, 30.0])
+        >>> PhyFilter.from_tf(scipy.signal.butter(2, 20.0, analog=True)).a.round(3).tolist()
+        [400.0, 28.284]
+        """
+        b, known, poles = conversion.rational(system)
+        a = _sections.polynomial_from_roots(_sections.given_poles(known)) if poles else known
+        # Products of poles round differently: what is meant as the low-pass form stays it.
+        if not np.any(b[1:]) and abs(b[0] - a[0]) <= _SAME_COEFFICIENT * abs(a[0]):
+            b = None
+        return cls.from_poles(known, b) if poles else cls(known, b)
 
     @property
     def order(self) -> int:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import control as ct
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from . import loop, record
 from .loop import FilterState
+from .matrices import sampled_state_space
 from .recursion import Recursion
 from .sampling import Sampling
 
@@ -226,3 +228,67 @@ class SampledForm:
         [0.0]
         """
         return loop.shift_x(state, dx)
+
+    # -- as python-control systems ------------------------------------------------------------------------------
+
+    def to_ss(self, channels: int | None = None, *, inertia: ArrayLike | None = None) -> ct.StateSpace:
+        """The recursion as a discrete python-control state space: what ``run`` does with constant inertia.
+
+        Parameters
+        ----------
+        channels : int, optional
+            Number n_x of channels of x; None means as many as E or one filter per channel tell, else 1.
+        inertia : float, (n_x,) or (n_x, n_x) array, optional
+            Constant inertia M_hat; None means I.
+
+        Returns
+        -------
+        control.StateSpace
+            Inputs x[i], g[i], f_theta[i] (all x first, then all g, then all f_theta), outputs f_hat[i]. From state 0
+            it has zeros before the first sample; ``phyfilter_block(...).rest_state`` is the start of ``run``.
+
+        Raises
+        ------
+        ValueError
+            For a contradictory number of channels, a wrong inertia, or an option that no linear system has (limit,
+            nonfinite="hold").
+
+        Examples
+        --------
+        >>> from phyfilter_ctl import PhyFilter
+        >>> system = PhyFilter([20.0]).sampled(0.002).to_ss()
+        >>> system.dt, system.input_labels, system.output_labels
+        (0.002, ['x[0]', 'g[0]', 'f_theta[0]'], ['f_hat[0]'])
+        """
+        return sampled_state_space(self, channels, inertia)
+
+    def to_tf(self, channels: int | None = None, *, inertia: ArrayLike | None = None) -> ct.TransferFunction:
+        """The recursion as transfer functions in z from x, g and f_theta to f_hat.
+
+        Parameters
+        ----------
+        channels, inertia
+            As for :meth:`to_ss`.
+
+        Returns
+        -------
+        control.TransferFunction
+            One row per f_hat[i], one column per input, as :meth:`to_ss` has them.
+
+        Raises
+        ------
+        ValueError
+            As :meth:`to_ss`.
+
+        Notes
+        -----
+        Slow poles, that is e^(p dt) close to 1, take digits from the coefficients; the state space keeps them.
+
+        Examples
+        --------
+        >>> from phyfilter_ctl import PhyFilter
+        >>> system = PhyFilter([20.0]).sampled(0.002).to_tf()
+        >>> system.den[0][1].round(6).tolist()
+        [1.0, -0.960789]
+        """
+        return ct.TransferFunction(ct.ss2tf(self.to_ss(channels, inertia=inertia)))
