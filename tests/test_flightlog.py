@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import inspect
 from dataclasses import FrozenInstanceError, fields
+from datetime import timedelta
 from pathlib import Path
 
+import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 from hypothesis import given
@@ -118,10 +120,9 @@ ZERO = np.zeros((5, 2))
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (
-            {"x": np.zeros(5), "dt": 0.1},
-            r"x: expected shape \(N, n_x\).*got \(5,\); for one channel give x\[:, None\]",
-        ),
+        ({"x": np.zeros((5, 2, 2)), "dt": 0.1}, r"x: expected shape \(N, n_x\), got \(5, 2, 2\)"),
+        ({"x": 1.0, "dt": 0.1}, r"x: expected shape \(N, n_x\), got \(\)"),
+        ({"x": np.zeros(1), "dt": 0.1}, "at least 2 samples, got 1"),
         ({"x": np.zeros((5, 0)), "dt": 0.1}, r"x: expected shape .* got \(5, 0\)"),
         ({"x": np.zeros((1, 2)), "dt": 0.1}, "at least 2 samples, got 1"),
         ({"x": np.zeros((0, 2)), "dt": 0.1}, r"x: expected shape \(N, n_x\), got \(0, 2\)"),
@@ -473,6 +474,91 @@ def test_a_part_with_as_many_samples_as_channels_keeps_its_inertia() -> None:
     assert np.array_equal(constant, [matrix, matrix])
 
 
+def test_slices_are_those_of_a_list() -> None:
+    log = log_of(10)
+    assert len(log) == log.n == 10
+    for part in (slice(None), slice(2, 6), slice(-4, None), slice(1, 99), slice(0, None, 3), slice(None, -2)):
+        for name in SIGNALS:
+            assert np.array_equal(getattr(log[part], name), getattr(log, name)[part]), (part, name)
+    assert_same(log[2:6], log.segment(2, 6))
+    assert_same(log[::3], log.decimate(3))
+    for part in (slice(3, 4), slice(20, 30), slice(None, None, -1), slice(6, 2)):
+        with pytest.raises(ValueError, match=r"log\[...\]: expected at least 2 of 10 samples, forwards"):
+            log[part]
+    with pytest.raises(TypeError, match=r"expected a slice .*, got 3; one sample is log.x\[3\]"):
+        log[3]  # type: ignore[index]  # wrong on purpose
+    with pytest.raises(TypeError, match="expected a slice"):
+        list(log)  # type: ignore[call-overload]  # wrong on purpose
+
+
+def test_between_takes_both_ends() -> None:
+    log = FlightLog.from_arrays(x=np.arange(11.0), dt=0.125)
+    for start, stop in ((0.25, 0.75), (0.2, 0.8), (timedelta(milliseconds=250), np.timedelta64(750, "ms"))):
+        assert_same(log.between(start, stop), log[2:7])
+    assert_same(log.between(0.25), log[2:])
+    assert_same(log.between(stop=0.75), log[:7])
+    assert_same(log.between(-5.0, 99.0), log)
+    for start, stop in ((0.8, 0.2), (0.25, 0.25), (9.0, 10.0)):
+        with pytest.raises(
+            ValueError, match=r"between: expected at least 2 samples .* runs from 0 s to 1.25 s"
+        ):
+            log.between(start, stop)
+    with pytest.raises(ValueError, match="start: expected a finite number"):
+        log.between(np.nan)
+    with pytest.raises(TypeError, match="stop: expected a number"):
+        log.between(0.0, "1")  # type: ignore[arg-type]  # wrong on purpose
+
+
+def test_signals_of_one_channel_may_have_no_column() -> None:
+    one, n = np.arange(6.0), 6
+    log = FlightLog(0.1 * one, one, g=one, f_theta=one, label=one, features=one)
+    for name in ("x", "g", "f_theta", "label", "features"):
+        assert getattr(log, name).shape == (n, 1)
+    assert_same(log.with_signals(label=one[:, None]), log)
+    assert log.compare({"held": one}).rmse == {"held": 0.0, "f_theta": 0.0}
+
+
+def test_describe_tells_rate_jitter_and_gaps() -> None:
+    even = FlightLog.from_arrays(
+        x=np.zeros((100, 2)), dt=0.125, channels=["a", "long name"], unit="m/s", inertia=2.0
+    )
+    text = even.describe()
+    assert "100 samples, 12.375 s" in text
+    assert "8 Hz (median step 0.125 s), uniform" in text
+    assert "gaps      none" in text
+    assert "    a          0 to 0 m/s" in text
+    assert "    long name  0 to 0 m/s" in text
+    assert "inertia (constant)" in text
+    kept = np.delete(np.arange(100), [10, 40, 41, 42])
+    holes = FlightLog(even.times[kept], even.x[kept], features=np.zeros((96, 3)), name="f").describe()
+    assert "FlightLog 'f': 96 samples" in holes
+    assert "gaps      2, 4 samples missing; the longest 0.5 s, after 4.875 s" in holes
+    assert "signals   features (3)" in holes
+    assert "x alone" in FlightLog([0.0, 1.0], [0.0, 1.0]).describe()
+
+
+def test_plot_draws_what_the_log_has() -> None:
+    log = log_of(20)
+    plot = log.plot()
+    assert plot.axes.shape == plot.lines.shape == (4, 1)
+    for i in range(2):
+        assert np.array_equal(plot.lines[2 * i, 0][0].get_ydata(), log.x[:, i])
+        drawn = {line.get_label(): line.get_ydata() for line in plot.lines[2 * i + 1, 0]}
+        assert list(drawn) == ["g", "f_theta", "label"]
+        assert all(np.array_equal(values, getattr(log, name)[:, i]) for name, values in drawn.items())
+        assert np.array_equal(plot.lines[2 * i, 0][0].get_xdata(), log.times)
+    assert plot.axes[0, 0].get_ylabel() == "a [m/s]"
+    assert plot.axes[0, 0].get_title("left") == "flight"
+    assert [text.get_text() for text in plot.legend.get_texts()] == ["g", "f_theta", "label"]
+    bare = FlightLog(log.times, log.x)
+    again = bare.plot(ax=list(plot.axes[:2, 0]))
+    assert again.axes.shape == (2, 1)
+    assert again.legend is None
+    with pytest.raises(ValueError, match="ax: expected 2 axes, x of each of the 2 channels, got 3"):
+        bare.plot(ax=list(plot.axes[:3, 0]))
+    plt.close(plot.figure)
+
+
 def test_decimate_takes_every_kth_sample() -> None:
     log = log_of(7)
     thinned = log.decimate(3)
@@ -593,6 +679,8 @@ def test_split_flights_by_any_figure() -> None:
 def test_split_flights_refuses() -> None:
     with pytest.raises(ValueError, match="flights: expected at least 2"):
         split_by_speed([log_of()])
+    with pytest.raises(TypeError, match="flights: expected a sequence of logs, got one"):
+        split_by_speed(log_of())  # type: ignore[arg-type]  # wrong on purpose
     with pytest.raises(ValueError, match="fraction: expected"):
         split_by_speed([log_of(), log_of()], 1.0)
     with pytest.raises(ValueError, match="key: expected a finite figure"):

@@ -84,7 +84,7 @@ def labels(values: Any) -> tuple[str, ...] | None:
     """Names of the columns of a frame, or of a series; None where there are none, or not all are text."""
     if isinstance(values, _OWN) or not hasattr(values, "__array__"):
         return None
-    names = list(values.columns) if _is_frame(values) else [getattr(values, "name", None)]
+    names: list[Any] = list(values.columns) if _is_frame(values) else [getattr(values, "name", None)]
     return tuple(names) if names and all(isinstance(each, str) and each for each in names) else None
 
 
@@ -166,7 +166,7 @@ def _is_number(kind: Any) -> bool:
 
 
 def _refuse_transposed(name: str, values: Any) -> None:
-    dims = getattr(values, "dims", ())
+    dims: tuple[Any, ...] = tuple(getattr(values, "dims", None) or ())
     found = [d for d in dims if isinstance(d, str) and d.lower() in _SAMPLES] if len(dims) > 1 else []
     if len(found) == 1 and dims[0] != found[0]:
         raise ValueError(

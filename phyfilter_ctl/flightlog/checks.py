@@ -18,9 +18,15 @@ def fraction_of(fraction: float) -> float:
     return fraction
 
 
-def measured(values: ArrayLike) -> FloatArray:
+def columned(name: str, values: ArrayLike, width: int = 1) -> FloatArray:
+    """A signal of ``width`` columns: that of one may be (N,). Not copied where that can be avoided."""
+    given = _signals.real(name, values, copy=False)
+    return given[:, None] if given.ndim == 1 and width == 1 else given
+
+
+def measured(values: ArrayLike, *, copy: bool = True) -> FloatArray:
     """x, shape (N, n_x), N >= 2."""
-    x = _signals.array("x", values, ("N", "n_x"), finite=False)
+    x = _signals.array("x", columned("x", values), ("N", "n_x"), finite=False, copy=copy)
     if len(x) < 2:
         raise ValueError(f"x: expected at least 2 samples, got {len(x)}")
     return x
@@ -51,14 +57,16 @@ def signal(
     """A finite signal of the shape of x."""
     if values is None:
         return None
-    array = _signals.array(name, values, shape, beside="x", finite=False)
+    array = _signals.array(name, columned(name, values, shape[1]), shape, beside="x", finite=False)
     _signals.refuse_unusable(name, array, channels)
     return array
 
 
 def features_of(values: ArrayLike | None, n: int) -> FloatArray | None:
     """Finite features, shape (n, n_z)."""
-    return None if values is None else _signals.array("features", values, (n, "n_z"), beside="x")
+    if values is None:
+        return None
+    return _signals.array("features", columned("features", values), (n, "n_z"), beside="x")
 
 
 def inertia_varies(inertia: FloatArray, n: int) -> bool:

@@ -35,6 +35,8 @@ def split_flights(
 
     Raises
     ------
+    TypeError
+        If it is one log.
     ValueError
         If there are fewer than two flights, ``fraction`` is not between 0 and 1, or a figure is not finite.
 
@@ -46,6 +48,10 @@ def split_flights(
     >>> [log.n for log in short], [log.n for log in long]
     ([5, 7], [9])
     """
+    if hasattr(flights, "times"):  # a log has a length too
+        raise TypeError(
+            f"flights: expected a sequence of logs, got one: {flights!r}; its parts are log.split(0.5)"
+        )
     if len(flights) < 2:
         raise ValueError(f"flights: expected at least 2 to split, got {len(flights)}")
     figures = np.array([float(key(flight)) for flight in flights])

@@ -5,6 +5,7 @@ from .budget import budget_curves, budget_plot
 from .estimates import estimate_plot
 from .frequency import FrequencyCurve, FrequencyLimit, frequency_plot
 from .learning import learning_plot
+from .logs import log_plot
 from .poles import PoleSet, pole_plot
 from .promises import analysis_plot, bound_plot, trade_off_plot
 
@@ -21,6 +22,7 @@ __all__ = [
     "estimate_plot",
     "frequency_plot",
     "learning_plot",
+    "log_plot",
     "pole_plot",
     "trade_off_plot",
 ]

@@ -18,9 +18,9 @@ __all__ = ["estimate_plot"]
 
 FloatArray = NDArray[np.float64]
 
-_STYLES = ("-", "--", "-.", ":", (0, (1, 1)), (0, (6, 1)), (0, (3, 1, 1, 1)))
+STYLES = ("-", "--", "-.", ":", (0, (1, 1)), (0, (6, 1)), (0, (3, 1, 1, 1)))
 # Longer curves go into a vector file as an image: as strokes they would make it many MB.
-_MANY = 5_000
+MANY = 5_000
 
 
 def estimate_plot(
@@ -81,14 +81,14 @@ def estimate_plot(
             "estimate_plot: expected errors and RMSE for each of at least one estimate, got estimates "
             f"{sorted(estimates)}, errors {sorted(errors)}, RMSE {sorted(rmse)}"
         )
-    axes = _axes(len(channels), ax)
-    rastered = len(times) > _MANY
+    axes = axes_over_time(len(channels), 2, "signals and errors", ax)
+    rastered = len(times) > MANY
     lines = np.empty((2 * len(channels), 1), dtype=object)
-    behind = f" {_typeset(unit)}".rstrip()
+    behind = f" {typeset(unit)}".rstrip()
     named = {
         name: name if totals is None else f"{name}, RMSE {totals[name]:.3g}{behind}" for name in estimates
     }
-    of_unit = f" [{_typeset(unit)}]" if unit else ""
+    of_unit = f" [{typeset(unit)}]" if unit else ""
     for i, channel in enumerate(channels):
         signals, strip = axes[2 * i], axes[2 * i + 1]
         drawn: list[Line2D] = signals.plot(
@@ -96,7 +96,7 @@ def estimate_plot(
         )
         wrong: list[Line2D] = []
         for k, name in enumerate(estimates):
-            colour, style = COLOURS[k % len(COLOURS)], _STYLES[k % len(_STYLES)]
+            colour, style = COLOURS[k % len(COLOURS)], STYLES[k % len(STYLES)]
             for where, values, into in ((signals, estimates, drawn), (strip, errors, wrong)):
                 into += where.plot(
                     times,
@@ -113,7 +113,7 @@ def estimate_plot(
         signals.set_ylabel(f"$f$ of {channel}{of_unit}", fontsize=SMALL)
         strip.set_ylabel("Error", fontsize=SMALL)
         lines[2 * i, 0], lines[2 * i + 1, 0] = drawn, wrong
-    _dress(axes)
+    dress_over_time(axes, 2)
     legend = axes[0].legend(
         fontsize="x-small",
         loc="lower left",
@@ -128,23 +128,24 @@ def estimate_plot(
     return ct.ControlPlot(lines, grid, axes[0].figure, legend=legend)
 
 
-def _axes(channels: int, ax: Sequence[Axes] | None) -> list[Axes]:
+def axes_over_time(channels: int, panels: int, held: str, ax: Sequence[Axes] | None) -> list[Axes]:
+    """``panels`` axes, one or two, for each channel one beneath the other: new ones, or those given."""
     if ax is None:
         figure, made = plt.subplots(
-            2 * channels,
+            panels * channels,
             1,
             sharex=True,
             layout="constrained",
-            figsize=(6.4, 0.8 + 2.0 * channels),
-            height_ratios=(2, 1) * channels,
+            figsize=(6.4, 0.8 + (2.0 if panels == 2 else 1.4) * channels),
+            height_ratios=(2, 1)[:panels] * channels,
             squeeze=False,
         )
         _tight(figure)
         return list(made[:, 0])
     given = list(ax)
-    if len(given) != 2 * channels:
+    if len(given) != panels * channels:
         raise ValueError(
-            f"ax: expected {2 * channels} axes, signals and errors of each of the {channels} channels, got {len(given)}"
+            f"ax: expected {panels * channels} axes, {held} of each of the {channels} channels, got {len(given)}"
         )
     return given
 
@@ -171,17 +172,18 @@ def _name_rmse(strip: Axes, rmse: Mapping[str, float], names: Sequence[str]) -> 
         )
 
 
-def _typeset(unit: str) -> str:
+def typeset(unit: str) -> str:
     return unit.replace("^2", "$^2$").replace("^3", "$^3$")
 
 
-def _dress(axes: Sequence[Axes]) -> None:
+def dress_over_time(axes: Sequence[Axes], panels: int) -> None:
+    """Grids, small letters, one axis of time for all; every second of two panels is a low one."""
     for k, each in enumerate(axes):
         each.grid(True, which="major", color="0.88", linewidth=0.7)
         each.tick_params(labelsize="x-small", labelbottom=k == len(axes) - 1)
         each.margins(x=0.0)
         each.set_axisbelow(True)
-        each.locator_params(axis="y", nbins=5 if k % 2 == 0 else 3)
+        each.locator_params(axis="y", nbins=5 if k % panels == 0 else 3)
     axes[-1].set_xlabel("Time [s]", fontsize=SMALL)
     figure = axes[0].figure
     if isinstance(figure, Figure):
