@@ -87,9 +87,7 @@ def log_plot(
                 rasterized=rastered,
             )
         lines[panels * i + 1, 0] = drawn
-        beneath.set_ylabel(
-            f"Acting on {channel}{f' [{typeset(force_unit)}]' if force_unit else ''}", fontsize=SMALL
-        )
+        beneath.set_ylabel(f"$g$, $f${f' [{typeset(force_unit)}]' if force_unit else ''}", fontsize=SMALL)
     dress_over_time(axes, panels)
     legend = axes[1].legend(fontsize="x-small", ncols=len(forces), frameon=False) if forces else None
     if title:
