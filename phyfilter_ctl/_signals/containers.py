@@ -166,7 +166,7 @@ def _is_number(kind: Any) -> bool:
 
 
 def _refuse_transposed(name: str, values: Any) -> None:
-    dims: tuple[Any, ...] = tuple(getattr(values, "dims", None) or ())
+    dims = list[Any](getattr(values, "dims", ()))
     found = [d for d in dims if isinstance(d, str) and d.lower() in _SAMPLES] if len(dims) > 1 else []
     if len(found) == 1 and dims[0] != found[0]:
         raise ValueError(
