@@ -56,6 +56,9 @@ class Evaluator:
     def __deepcopy__(self, memo: dict[int, object]) -> Evaluator:
         return Evaluator(self._function)  # a copy has buffers of its own
 
+    def __reduce__(self) -> tuple[type[Evaluator], tuple[ca.Function]]:
+        return Evaluator, (self._function,)  # nor does a buffer go to another process
+
 
 def symbols_like(function: ca.Function, sizes: Sequence[int] | None = None) -> list[Any]:
     """Columns t, x, u, p of the kind that expands the function; of its own sizes, or of others."""

@@ -44,6 +44,14 @@ class PhyFilterBlock(ct.StateSpace):
     def __init__(self, matrices: tuple[FloatArray, ...], rest: FloatArray, dt: float, **names: Any) -> None:
         super().__init__(*matrices, dt, remove_useless_states=False, **names)
         self._rest = rest
+        # Instead of python-control's lambdas, which neither pickle nor follow a copy.
+        self.updfcn, self.outfcn = self._update, self._put_out
+
+    def _update(self, t: float, x: ArrayLike, u: ArrayLike, params: Any = None) -> FloatArray:
+        return self.dynamics(t, x, u)
+
+    def _put_out(self, t: float, x: ArrayLike, u: ArrayLike, params: Any = None) -> FloatArray:
+        return self.output(t, x, u)
 
     def rest_state(
         self, x0: ArrayLike, g0: ArrayLike | None = None, f_theta0: ArrayLike | None = None

@@ -50,6 +50,26 @@ class FilterLaw:
     inertia: FloatArray | MovingInertia | None = None
 
 
+class _LinearState:
+    """What a state space is made from: python-control's own holds lambdas, which do not pickle."""
+
+    def __init__(self, system: ct.StateSpace) -> None:
+        self.matrices = (system.A, system.B, system.C, system.D, system.dt)
+        self.names = {
+            "name": system.name,
+            "inputs": system.input_labels,
+            "outputs": system.output_labels,
+            "states": system.state_labels or None,
+        }
+
+    def restored(self) -> ct.StateSpace:
+        return ct.StateSpace(*self.matrices, remove_useless_states=False, **self.names)
+
+
+def _no_states(t: float, x: ArrayLike, u: ArrayLike, params: Mapping[str, ArrayLike]) -> FloatArray:
+    return np.zeros(0)
+
+
 class SampledBlock(ct.NonlinearIOSystem):
     """A block with a rate of its own in a continuous python-control diagram; made by :func:`sampled_block`.
 
@@ -86,10 +106,21 @@ class SampledBlock(ct.NonlinearIOSystem):
         system: ct.InputOutputSystem | None = None,
     ) -> None:
         super().__init__(None, self._refuse, inputs=list(inputs), outputs=list(outputs), dt=0, name=name)
+        self.updfcn = _no_states  # python-control's own is a lambda, which does not pickle
         self.period: float = float(period)
         self.law = law
         self.filter = filter
         self.system = system
+
+    def __getstate__(self) -> dict[str, Any]:
+        state = {name: value for name, value in vars(self).items() if name != "continuous"}
+        if type(self.system) is ct.StateSpace:
+            state["system"] = _LinearState(self.system)
+        return state
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        system = state["system"]
+        self.__dict__.update(state, system=system.restored() if isinstance(system, _LinearState) else system)
 
     def __deepcopy__(self, memo: dict[int, object]) -> SampledBlock:
         share(memo, self.law, self.filter, self.system)
