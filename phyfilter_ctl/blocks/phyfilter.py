@@ -142,7 +142,7 @@ def phyfilter_block(
     3.0
     """
     if isinstance(filter, SampledPhyFilter):
-        refuse_nonlinear(filter)
+        refuse_nonlinear(filter.recursion)
         filters, direction = filter.filters, filter.E
     else:
         filters = (filter,) if isinstance(filter, PhyFilter) else tuple(filter)
@@ -153,7 +153,7 @@ def phyfilter_block(
     E_left = np.eye(n_x) if E_left is None else E_left
     momentum = E_left @ constant_inertia(inertia, n_x)
     if isinstance(filter, SampledPhyFilter):
-        matrices, rest = sampled_matrices(filter, momentum, E_left)
+        matrices, rest = sampled_matrices(filter.recursion, momentum, E_left)
         dt = filter.dt
     else:
         matrices, rest = continuous_matrices([entry.sections for entry in filters], momentum, E_left)

@@ -6,7 +6,6 @@ Here for both who need them, the sampled filter itself and the blocks of diagram
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import control as ct
 import numpy as np
@@ -15,19 +14,17 @@ from numpy.typing import ArrayLike
 from .. import _signals
 from .._sections import FloatArray, side_by_side
 from . import windows
-
-if TYPE_CHECKING:
-    from .sampled_form import SampledForm
+from .recursion import Recursion
 
 Matrices = tuple[FloatArray, FloatArray, FloatArray, FloatArray]
 
 
-def refuse_nonlinear(sampled: SampledForm) -> None:
+def refuse_nonlinear(recursion: Recursion) -> None:
     """Options that no linear system has."""
     for option in ("limit", "nonfinite"):
-        if option in sampled.sampling.unusual:
+        if option in recursion.sampling.unusual:
             raise ValueError(
-                f"{option}={sampled.sampling.unusual[option]!r} has no linear block: clamp or check the signals "
+                f"{option}={recursion.sampling.unusual[option]!r} has no linear block: clamp or check the signals "
                 f"around the block, or leave {option} at its default"
             )
 
@@ -40,16 +37,16 @@ def signal_labels(n_x: int, n_f: int) -> tuple[list[str], list[str]]:
 
 
 def sampled_matrices(
-    sampled: SampledForm, momentum: FloatArray, E_left: FloatArray
+    recursion: Recursion, momentum: FloatArray, E_left: FloatArray
 ) -> tuple[Matrices, FloatArray]:
     """q_k: what samples up to k - 1 add to w_k. w_k = q_k + B P_0 in_k, q_{k+1} = A w_k + B (P_1 in_k + register)."""
-    transitions = sampled.recursion.transitions
+    transitions = recursion.transitions
     dA, B, C = side_by_side(transitions * len(E_left) if len(transitions) == 1 else transitions)
     A = np.eye(len(dA)) + dA
     n_f, n_x = E_left.shape
-    steps = sampled.sampling.delay_steps
-    weights_g = windows.mean_weights(sampled.sampling.g, steps)
-    weights_f = windows.mean_weights(sampled.sampling.f_theta, steps)
+    steps = recursion.sampling.delay_steps
+    weights_g = windows.mean_weights(recursion.sampling.g, steps)
+    weights_f = windows.mean_weights(recursion.sampling.f_theta, steps)
     taps = max(2, len(weights_g), len(weights_f))
     weights_g = np.pad(weights_g, (0, taps - len(weights_g)))
     weights_f = np.pad(weights_f, (0, taps - len(weights_f)))
@@ -58,8 +55,8 @@ def sampled_matrices(
         np.hstack([0.0 * momentum, -wg * E_left, -wf * eye])
         for wg, wf in zip(weights_g, weights_f, strict=True)
     ]
-    P[0][:, :n_x] += momentum / sampled.dt
-    P[1][:, :n_x] -= momentum / sampled.dt
+    P[0][:, :n_x] += momentum / recursion.sampling.dt
+    P[1][:, :n_x] -= momentum / recursion.sampling.dt
 
     # Register of the inputs in_{k-1}, in_{k-2}, ... that a delay still needs: r_1 is the newest.
     width, kept = n_x + n_x + n_f, taps - 2
@@ -117,21 +114,20 @@ def state_labels(orders: Sequence[int], count: int) -> list[str]:
 
 
 def sampled_state_space(
-    sampled: SampledForm, channels: int | None, inertia: ArrayLike | None
+    recursion: Recursion, channels: int | None, inertia: ArrayLike | None
 ) -> ct.StateSpace:
     """See :meth:`SampledPhyFilter.to_ss`."""
-    refuse_nonlinear(sampled)
-    recursion = sampled.recursion
+    refuse_nonlinear(recursion)
     count, direction = len(recursion.chains), recursion.E
     alone = channels is None and count == 1 and direction is None
     n_x, n_f = channel_counts(count, direction, 1 if alone else channels)
     E_left = np.eye(n_x) if recursion.E_left is None else recursion.E_left
-    matrices, _ = sampled_matrices(sampled, E_left @ constant_inertia(inertia, n_x), E_left)
+    matrices, _ = sampled_matrices(recursion, E_left @ constant_inertia(inertia, n_x), E_left)
     orders = [len(chain.C) for chain in recursion.chains] * (n_f if count == 1 else 1)
     inputs, outputs = signal_labels(n_x, n_f)
     return ct.StateSpace(
         *matrices,
-        sampled.dt,
+        recursion.sampling.dt,
         inputs=inputs,
         outputs=outputs,
         states=state_labels(orders, len(matrices[0])),

@@ -260,7 +260,7 @@ class SampledForm:
         >>> system.dt, system.input_labels, system.output_labels
         (0.002, ['x[0]', 'g[0]', 'f_theta[0]'], ['f_hat[0]'])
         """
-        return sampled_state_space(self, channels, inertia)
+        return sampled_state_space(self.recursion, channels, inertia)
 
     def to_tf(self, channels: int | None = None, *, inertia: ArrayLike | None = None) -> ct.TransferFunction:
         """The recursion as transfer functions in z from x, g and f_theta to f_hat.
