@@ -17,8 +17,8 @@ import io
 import json
 import subprocess
 import sys
-import tarfile
 import tempfile
+import zipfile
 from collections.abc import Iterable, Mapping
 from graphlib import TopologicalSorter
 from pathlib import Path
@@ -215,9 +215,11 @@ def main() -> int:
     with tempfile.TemporaryDirectory() as scratch:
         for commit in options.at:
             tree = Path(scratch, commit.replace("/", "_"))
-            packed = subprocess.run(["git", "-C", ROOT, "archive", commit], check=True, capture_output=True)
-            with tarfile.open(fileobj=io.BytesIO(packed.stdout)) as archive:
-                archive.extractall(tree, filter="data")
+            packed = subprocess.run(
+                ["git", "-C", ROOT, "archive", "--format=zip", commit], check=True, capture_output=True
+            )
+            with zipfile.ZipFile(io.BytesIO(packed.stdout)) as archive:
+                archive.extractall(tree)
             columns[commit], *detail = measures(tree)
             details.append((commit, *detail))
         columns["this tree"], *detail = measures(ROOT)
