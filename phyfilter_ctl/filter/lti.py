@@ -25,7 +25,7 @@ from .._sections import ComplexArray, FloatArray
 __all__ = ["LinearForm", "Roots"]
 
 
-class Roots(np.ndarray):
+class Roots(np.ndarray[tuple[int], np.dtype[np.complex128]]):
     """Poles or zeros: an array, which python-control's way of asking, ``F.poles()``, gives as a plain one.
 
     Parameters
