@@ -92,7 +92,7 @@ def test_functions_that_fail_or_never_are_finite():
 
 def test_things_that_are_no_blocks():
     with pytest.raises(TypeError, match="phyfilter_block"):
-        flatten(PhyFilter([20.0]))
+        flatten(PhyFilter([20.0]).sampled(0.01))
     frd = ct.frd(np.array([1.0 + 0j, 0.5]), np.array([1.0, 2.0]), name="measured")
     with pytest.raises(TypeError, match="block measured: frequency response data"):
         flatten(frd)

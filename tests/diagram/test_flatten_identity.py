@@ -426,3 +426,11 @@ def block(matrices):
         result[row : row + M.shape[0], column : column + M.shape[1]] = M
         row, column = row + M.shape[0], column + M.shape[1]
     return result
+
+
+def test_a_filter_is_a_block_like_any_other():
+    """flatten takes F, and what python-control makes of 1 - F."""
+    F = PhyFilter([400.0, 28.0], [400.0, 10.0])
+    s = 3.0j
+    assert flatten(F).linearize()(s) == pytest.approx(F(s), rel=1e-12)
+    assert flatten(1.0 - F).linearize()(s) == pytest.approx(1.0 - F(s), rel=1e-9)
