@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import control as ct
@@ -40,6 +40,9 @@ class PhyFilterBlock(ct.StateSpace):
     **names
         ``inputs``, ``outputs``, ``states`` and ``name`` as for ``control.ss``.
     """
+
+    updfcn: Callable[..., FloatArray]
+    outfcn: Callable[..., FloatArray]
 
     def __init__(self, matrices: tuple[FloatArray, ...], rest: FloatArray, dt: float, **names: Any) -> None:
         super().__init__(*matrices, dt, remove_useless_states=False, **names)

@@ -173,6 +173,7 @@ def _name_rmse(strip: Axes, rmse: Mapping[str, float], names: Sequence[str]) -> 
 
 
 def typeset(unit: str) -> str:
+    """A unit with its powers raised."""
     return unit.replace("^2", "$^2$").replace("^3", "$^3$")
 
 
