@@ -71,9 +71,6 @@ class _ReadOff:
     def _on_grid(self) -> tuple[ComplexArray, ComplexArray]:
         return self.exact.loop(self.grid)
 
-    def later(self, extra: float) -> _ReadOff:
-        raise NotImplementedError("a loop that is read off has no later one")
-
     def roots(self, ratio: complex) -> ComplexArray | None:
         return self.exact.loop.roots(ratio)
 

@@ -8,7 +8,7 @@ q(inf) = 1 and p(inf) = 0: no neutral chain of roots, finitely many on the right
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -40,10 +40,6 @@ class ContinuousLoop:
     @property
     def nyquist(self) -> float:
         return float("inf")
-
-    def later(self, extra: float) -> ContinuousLoop:
-        """The same loop with ``extra`` seconds more delay."""
-        return replace(self, delay=self.delay + extra)
 
     @property
     def _integrators(self) -> int:

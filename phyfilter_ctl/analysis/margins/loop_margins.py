@@ -159,7 +159,7 @@ class LoopMargins(Result):
         """
         if not self.is_stable:
             return 0.0
-        if np.isfinite(self.loop.nyquist):
+        if isinstance(self.loop, SampledLoop):
             return _sampled_delay_margin(self.loop, self.inertia_ratio)
         omega, lag = sweep.lag_to_instability(self.loop, self.inertia_ratio)
         return float(np.min(lag / omega, initial=np.inf))
@@ -296,7 +296,7 @@ def build_loop(
     return filter, SampledLoop(filter, act, delay, kp, kd)
 
 
-def _sampled_delay_margin(loop: Loop, ratio: float) -> float:
+def _sampled_delay_margin(loop: SampledLoop, ratio: float) -> float:
     """Whole steps only turn the loop, so the gain crossings of each part of a step tell how many it tolerates."""
     h = np.pi / loop.nyquist
 

@@ -52,10 +52,6 @@ class StateSpaceLoop:
         sizes = np.abs(self._poles)
         return float(np.max(sizes, initial=0.0)) or 1.0
 
-    def later(self, extra: float) -> StateSpaceLoop:
-        """The same loop with ``extra`` seconds more delay; refused, as there is none to lengthen."""
-        raise NotImplementedError("a loop given as state space has no delay of its own to lengthen")
-
     def __call__(self, omega: FloatArray) -> tuple[ComplexArray, ComplexArray]:
         points = np.exp(1j * omega * self._step) if self._step else 1j * omega
         Q = np.ones(len(points), dtype=np.complex128)

@@ -75,10 +75,6 @@ class Loop(Protocol):
         """Q and P at frequencies in rad/s."""
         ...
 
-    def later(self, extra: float) -> Loop:
-        """The loop with ``extra`` seconds more delay."""
-        ...
-
     def roots(self, ratio: complex) -> ComplexArray | None:
         """Closed-loop poles at a ratio mu, in rad/s or as z; None where there are infinitely many."""
         ...
