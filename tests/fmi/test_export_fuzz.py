@@ -39,7 +39,7 @@ def sanitizers_work():
 @cache
 def fuzzer(name, fmi):
     system, options = SYSTEMS[name]()
-    if isinstance(system, ct.InputOutputSystem):
+    if isinstance(system, ct.InputOutputSystem) and not isinstance(system, pf.PhyFilter):
         system = pf.flatten(system)
     model, _ = _c_model(
         system, "fuzzed", options.get("channels"), None, options.get("rate", "communication"), None
