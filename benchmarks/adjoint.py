@@ -26,7 +26,7 @@ from scipy import signal
 
 from phyfilter_ctl import PhyFilter
 from phyfilter_ctl.design.adjoint import AdjointGradient, adjoint_gradient
-from phyfilter_ctl.flightlog import FlightLog
+from phyfilter_ctl.recording import Recording
 
 DT = 0.002
 FILTER = PhyFilter.from_poles([-20.0, -15.0 + 8.0j, -15.0 - 8.0j])
@@ -48,19 +48,19 @@ def best_time(work: Callable[[], object], repeats: int) -> float:
     return min(times)
 
 
-def record(N: int, channels: int) -> FlightLog:
+def record(N: int, channels: int) -> Recording:
     rng = np.random.default_rng(0)
     f = np.sin(0.004 * np.arange(N))[:, None] * np.linspace(1.0, 2.0, channels)
     x = np.cumsum(DT * f, axis=0) + 3e-3 * rng.standard_normal((N, channels))
-    return FlightLog.from_arrays(x=x, dt=DT, label=f)
+    return Recording.from_arrays(x=x, dt=DT, label=f)
 
 
-def residuals(log: FlightLog) -> tuple[np.ndarray, np.ndarray]:
+def residuals(log: Recording) -> tuple[np.ndarray, np.ndarray]:
     assert log.label is not None
     return np.diff(log.x, axis=0) / DT, log.label[1:]
 
 
-def casadi_gradient(log: FlightLog, *, paper: bool) -> Callable[[], np.ndarray]:
+def casadi_gradient(log: Recording, *, paper: bool) -> Callable[[], np.ndarray]:
     """Gradient of the sum of squares in a: reverse mode through ``mapaccum`` of the recursion under Euler.
 
     ``paper``: Eq. (5), xi and its derivatives and the integrals of f_hat, f_theta and x; else the increment recursion.
@@ -98,7 +98,7 @@ def casadi_gradient(log: FlightLog, *, paper: bool) -> Callable[[], np.ndarray]:
     return lambda: np.asarray(gradient(FILTER.a)[1]).ravel()
 
 
-def torch_gradient(log: FlightLog) -> Callable[[], np.ndarray]:
+def torch_gradient(log: Recording) -> Callable[[], np.ndarray]:
     """The same by a loop of tensors."""
     import torch
 
@@ -121,7 +121,7 @@ def torch_gradient(log: FlightLog) -> Callable[[], np.ndarray]:
     return work
 
 
-def layer_gradient(log: FlightLog) -> Callable[[], np.ndarray]:
+def layer_gradient(log: Recording) -> Callable[[], np.ndarray]:
     """The same by the filter as one layer of PyTorch."""
     import torch
 
@@ -181,7 +181,7 @@ def growth(lengths: list[int], repeats: int) -> tuple[list[dict[str, float]], fl
         for segments, workers in ((1, 1), (2, 1), (2, 2), (16, 1), (16, 2)):
 
             def work(
-                log: FlightLog = log, segments: int = segments, workers: int = workers
+                log: Recording = log, segments: int = segments, workers: int = workers
             ) -> AdjointGradient:
                 return adjoint_gradient(log, sampled, segments=segments, workers=workers)
 

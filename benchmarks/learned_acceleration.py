@@ -20,7 +20,7 @@ from pathlib import Path
 
 import numpy as np
 
-from phyfilter_ctl import FlightLog, PhyFilter, models, split_by_speed
+from phyfilter_ctl import PhyFilter, Recording, models, split_by_speed
 from phyfilter_ctl.design.learning import learn
 
 ORDERS = (1, 2, 3)
@@ -43,7 +43,7 @@ def main() -> int:
         print(f"not evaluated: expected at least 4 CSV files in {folder or 'FOLDER'}, found {len(paths)}")
         return 0
     points = 40 if options.quick else options.points
-    slower, faster = split_by_speed([FlightLog.from_csv(path) for path in paths])
+    slower, faster = split_by_speed([Recording.from_csv(path) for path in paths])
     holds = compare("f_theta = 0, slower half of all flights", slower, faster, points)
     training, rest, test = with_network(slower, faster, 20 if options.quick else 100)
     holds &= compare(f"f_theta a network of the {training} slowest flights, on the next", rest, test, points)
@@ -52,8 +52,8 @@ def main() -> int:
 
 
 def with_network(
-    slower: Sequence[FlightLog], faster: Sequence[FlightLog], iterations: int
-) -> tuple[int, list[FlightLog], list[FlightLog]]:
+    slower: Sequence[Recording], faster: Sequence[Recording], iterations: int
+) -> tuple[int, list[Recording], list[Recording]]:
     """Flights the network learned from (their number), and the others with its estimate."""
     room = importlib.import_module(f"{models.__name__}.acceleration.differentiator")
     slowest, rest = split_by_speed(slower)
@@ -65,7 +65,7 @@ def with_network(
     return len(slowest), estimated[0], estimated[1]
 
 
-def compare(title: str, train: Sequence[FlightLog], test: Sequence[FlightLog], points: int) -> bool:
+def compare(title: str, train: Sequence[Recording], test: Sequence[Recording], points: int) -> bool:
     """Print the table; return whether learning was nowhere worse."""
     print(
         f"\n{title}: {len(train)} flights to learn from, {len(test)} to test on\n"
@@ -94,7 +94,7 @@ def compare(title: str, train: Sequence[FlightLog], test: Sequence[FlightLog], p
     return holds
 
 
-def swept(logs: Sequence[FlightLog], n: int, points: int) -> tuple[float, float]:
+def swept(logs: Sequence[Recording], n: int, points: int) -> tuple[float, float]:
     """Best of n equal poles in rad/s, and its RMSE."""
     dt = float(np.median([log.dt for log in logs]))
     poles = np.geomspace(SLOWEST, FASTEST / dt, points)
@@ -103,7 +103,7 @@ def swept(logs: Sequence[FlightLog], n: int, points: int) -> tuple[float, float]
     return float(poles[k]), scores[k]
 
 
-def rmse(filter: PhyFilter, logs: Sequence[FlightLog]) -> float:
+def rmse(filter: PhyFilter, logs: Sequence[Recording]) -> float:
     """Over all samples but the first of each flight, by running the filter."""
     squares, count = 0.0, 0
     for log in logs:

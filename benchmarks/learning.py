@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from scipy.signal import lfilter
 from threadpoolctl import threadpool_limits
 
-from phyfilter_ctl import FlightLog, PhyFilter
+from phyfilter_ctl import PhyFilter, Recording
 from phyfilter_ctl.design.learning import learn
 from phyfilter_ctl.design.learning.correlation import Correlations, Stretch
 from phyfilter_ctl.design.learning.parametrisation import chain_of
@@ -43,7 +43,7 @@ LEARN_SECONDS = 1.0
 SAME, SIMILAR = 1e-8, 0.02
 
 
-def flight(samples: int, channels: int = 3) -> FlightLog:
+def flight(samples: int, channels: int = 3) -> Recording:
     """Sines and gusts, f_theta that knows a part of the sines, noisy velocity."""
     rng = np.random.default_rng(7)
     t = H * np.arange(samples)[:, None]
@@ -56,7 +56,7 @@ def flight(samples: int, channels: int = 3) -> FlightLog:
     )
     f = sines + 0.5 * gusts
     x = np.cumsum(H * f, axis=0) + 3e-3 * rng.standard_normal(f.shape)
-    return FlightLog.from_arrays(x=x, dt=H, f_theta=0.3 * sines, label=f)
+    return Recording.from_arrays(x=x, dt=H, f_theta=0.3 * sines, label=f)
 
 
 def best_time(call: Callable[[], object], runs: int) -> float:
@@ -68,7 +68,7 @@ def best_time(call: Callable[[], object], runs: int) -> float:
     return min(times)
 
 
-def casadi_gradient(log: FlightLog) -> Callable[[], tuple[float, Array]]:
+def casadi_gradient(log: Recording) -> Callable[[], tuple[float, Array]]:
     """Cost and gradient by a of the paper's recursion, Eq. (5) with forward Euler, low-pass form, order 3."""
     n, c = 3, log.n_x
     a = ca.SX.sym("a", n)
@@ -143,7 +143,7 @@ def off(one: Array, other: Array) -> float:
     return float(np.linalg.norm((one - other) * powers) / np.linalg.norm(other * powers))
 
 
-def gradients(log: FlightLog, quick: bool) -> bool:
+def gradients(log: Recording, quick: bool) -> bool:
     (reduced,) = flights_of([log])
     m = len(reduced.u)
     chain = chain_of(FILTER.poles)
@@ -194,7 +194,7 @@ def gradients(log: FlightLog, quick: bool) -> bool:
     return not wrong and (quick or not slow)
 
 
-def complete(log: FlightLog, quick: bool) -> bool:
+def complete(log: Recording, quick: bool) -> bool:
     print(
         f"a complete learn, n = 3, {log.n} x {log.n_x}: all starts and lower orders, at most {LEARN_SECONDS:g} s"
     )

@@ -39,7 +39,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import t as student
 
-from phyfilter_ctl import FlightLog, PhyFilter, models
+from phyfilter_ctl import PhyFilter, Recording, models
 from phyfilter_ctl.baselines import DisturbanceObserver, Evolver, FeedbackNeuralNetwork, SeerII
 from phyfilter_ctl.design import OnlineRefiner, learn, learn_jointly, refine
 from phyfilter_ctl.learned import (
@@ -81,8 +81,8 @@ class Flight:
     r: Array
 
     @property
-    def log(self) -> FlightLog:
-        return FlightLog.from_arrays(x=self.x, dt=DT, g=self.g, label=self.f, features=self.r)
+    def log(self) -> Recording:
+        return Recording.from_arrays(x=self.x, dt=DT, g=self.g, label=self.f, features=self.r)
 
 
 # From a flight and a bandwidth in rad/s to f_hat.

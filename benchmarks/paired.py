@@ -37,7 +37,7 @@ def work() -> dict[str, Callable[[], object]]:
     times = np.cumsum(0.002 * (1.0 + 0.2 * rng.random(len(x))))
     few = slice(8000)
     label = np.gradient(x[few], 0.002, axis=0) - g[few]
-    log = pf.FlightLog.from_arrays(x=x[few], dt=0.002, g=g[few], label=label)
+    log = pf.Recording.from_arrays(x=x[few], dt=0.002, g=g[few], label=label)
     omega = np.geomspace(0.1, 1000.0, 2000)
     lag = ct.tf([1.0], [0.05, 1.0])
     plant = ct.nlsys(

@@ -14,7 +14,7 @@ import importlib
 from pathlib import Path
 
 from phyfilter_ctl import models
-from phyfilter_ctl.flightlog import FlightLog, split_by_speed
+from phyfilter_ctl.recording import Recording, split_by_speed
 
 
 def main() -> int:
@@ -27,7 +27,7 @@ def main() -> int:
     if len(paths) < 2:
         print(f"not evaluated: expected at least 2 CSV files in {options.folder}, found {len(paths)}")
         return 0
-    slower, faster = split_by_speed([FlightLog.from_csv(path) for path in paths])
+    slower, faster = split_by_speed([Recording.from_csv(path) for path in paths])
     experiment = importlib.import_module(f"{models.__name__}.acceleration.experiment")
     effort = experiment.QUICK if options.quick else experiment.Effort()
     comparison = experiment.compare(slower, faster, data="recorded", seed=options.seed, effort=effort)

@@ -26,8 +26,8 @@ from phyfilter_ctl import PhyFilter
 from phyfilter_ctl.baselines.observers import Evolver
 from phyfilter_ctl.design.refinement import ModelScore, refine, score_model
 from phyfilter_ctl.design.refinement.online import OnlineRefiner
-from phyfilter_ctl.flightlog import FlightLog
 from phyfilter_ctl.learned import Chebyshev, LearnedModel, Network
+from phyfilter_ctl.recording import Recording
 
 Array = NDArray[np.float64]
 
@@ -47,7 +47,7 @@ def drag(v: Array) -> Array:
     return -0.18 * speed * v + lift + np.array([0.3, 0.0, -0.2])
 
 
-def flight(seed: int, speed: float, seconds: float, *, gust: float = GUST, noise: float = 3e-3) -> FlightLog:
+def flight(seed: int, speed: float, seconds: float, *, gust: float = GUST, noise: float = 3e-3) -> Recording:
     """One flight: velocities as sums of sines, gusts of 0.1 to 3 rad/s, white noise on the measured velocity."""
     rng = np.random.default_rng(seed)
     t = DT * np.arange(round(seconds / DT) + 1)
@@ -61,7 +61,7 @@ def flight(seed: int, speed: float, seconds: float, *, gust: float = GUST, noise
     v, slope = sines(0.2, 2.0, speed)
     f = drag(v) + sines(0.1, 3.0, gust)[0]
     measured = v + noise * rng.standard_normal(v.shape)
-    return FlightLog.from_arrays(
+    return Recording.from_arrays(
         x=measured, dt=DT, g=slope - f, label=f, features=measured, name=f"{speed:g} m/s, seed {seed}"
     )
 
@@ -80,19 +80,19 @@ def rmse(error: Array) -> float:
     return float(np.sqrt(np.mean(np.sum(error**2, axis=1) / error.shape[1])))
 
 
-def model_error(model: LearnedModel, logs: list[FlightLog]) -> float:
+def model_error(model: LearnedModel, logs: list[Recording]) -> float:
     """Against f without gusts, at what the flights visit."""
     return rmse(np.concatenate([model.predict(log.x) - drag(log.x) for log in logs]))
 
 
-def _row(where: str, when: str, model: LearnedModel, score: ModelScore, unseen: list[FlightLog]) -> str:
+def _row(where: str, when: str, model: LearnedModel, score: ModelScore, unseen: list[Recording]) -> str:
     return (
         f"{where:>24} {when:>10} {model_error(model, unseen):11.3f} {score.f_theta_rmse:8.3f} "
         f"{score.f_hat_rmse:8.4f} {score.share:6.3f}"
     )
 
 
-def offline(models: dict[str, LearnedModel], training: list[FlightLog], unseen: list[FlightLog]) -> bool:
+def offline(models: dict[str, LearnedModel], training: list[Recording], unseen: list[Recording]) -> bool:
     """Table 1; whether refinement lowers error and share on unseen flights."""
     print(f"\n1. offline, {len(training)} flights to refine on, scored on {len(unseen)} unseen ones")
     print(
@@ -119,9 +119,9 @@ def offline(models: dict[str, LearnedModel], training: list[FlightLog], unseen: 
 def forgetting(
     models: dict[str, LearnedModel],
     old_features: Array,
-    training: list[FlightLog],
-    unseen: list[FlightLog],
-    slow: list[FlightLog],
+    training: list[Recording],
+    unseen: list[Recording],
+    slow: list[Recording],
 ) -> None:
     """Table 2."""
     sampled = FILTER.sampled(DT, g="average")
@@ -140,7 +140,7 @@ def forgetting(
             )
 
 
-def online(model: LearnedModel, logs: list[FlightLog]) -> bool:
+def online(model: LearnedModel, logs: list[Recording]) -> bool:
     """Table 3; whether error and share in flight are below those of the model as it was, on every flight."""
     sampled = FILTER.sampled(DT, g="average")
     print("\n3. online, chebyshev, flight after flight (figures in flight, with parameters of the past only)")
@@ -202,7 +202,7 @@ def jumps(seconds: float) -> None:
             print(f"{form:>34} {error[after].max():8.4f} {rmse(error[after]):8.4f} {error[later, 0]:17.4f}")
 
 
-def updates_in_flight(model: LearnedModel, logs: list[FlightLog]) -> None:
+def updates_in_flight(model: LearnedModel, logs: list[Recording]) -> None:
     """The end of table 4: a model refined in flight, its changes passed on or not."""
     sampled = FILTER.sampled(DT, g="average")
     print("  model refined in flight: error of f_hat, and its largest change at an update")

@@ -49,7 +49,7 @@ def flight(seed, name):
     f_theta = 0.7 * np.sin(3.0 * t[:, None] + phase[0])  # the model has a part of it
     v = dt * np.cumsum(np.vstack([np.zeros((1, 2)), 0.5 * (f[1:] + f[:-1]) + g[:-1]]), axis=0)
     measured = v + 0.003 * rng.standard_normal((n, 2))
-    return pf.FlightLog.from_arrays(
+    return pf.Recording.from_arrays(
         x=measured, dt=dt, g=g, f_theta=f_theta, label=f, channels=["vx", "vy"], unit="m/s", name=name
     )
 

@@ -39,9 +39,9 @@ from .design import LearnResult, bandpass, learn, learn_jointly, lowpass, numera
 from .diagram import FlatModel, flatten
 from .filter import FilterState, PhyFilter, SampledPhyFilter, Sampling, stack
 from .filterfile import Signals, load, load_signals, save
-from .flightlog import FlightLog, split_by_speed, split_flights
 from .fmi import cosimulate, export_fmu, export_ssp, import_fmu
 from .plants import Plant, plant
+from .recording import Recording, split_by_speed, split_flights
 from .results import Result, Status
 from .simulation import (
     Sensitivity,
@@ -63,7 +63,6 @@ __all__ = [
     "FilterResponseList",
     "FilterState",
     "FlatModel",
-    "FlightLog",
     "FunctionBlock",
     "InertiaVerdict",
     "LearnResult",
@@ -73,6 +72,7 @@ __all__ = [
     "Plant",
     "PoleZeroMap",
     "PriorMargin",
+    "Recording",
     "Result",
     "SampledBlock",
     "SampledPhyFilter",

@@ -76,7 +76,7 @@ def test_data_from_a_flight(sampled, tmp_path, capsys):
         gamma[k + 1] = 0.98 * gamma[k] + 0.2 * rng.standard_normal()
     x = np.cumsum(0.01 * gamma, axis=0) + 0.002 * rng.standard_normal((6001, 1))
     log = tmp_path / "flight.csv"
-    pf.FlightLog.from_arrays(x=x, dt=0.01, channels=["vx"]).to_csv(log)
+    pf.Recording.from_arrays(x=x, dt=0.01, channels=["vx"]).to_csv(log)
     assert main(["analyze", sampled, "--log", str(log), "--x", "vx", "--json", "-"]) == 0
     figures = json.loads(capsys.readouterr().out)
     value, low, high = figures["statistics"]["noise"].values()

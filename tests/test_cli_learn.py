@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from phyfilter_ctl import FlightLog, PhyFilter, filterfile
+from phyfilter_ctl import PhyFilter, Recording, filterfile
 from phyfilter_ctl.cli import main
 from phyfilter_ctl.design import learning
 
@@ -20,13 +20,13 @@ EXACT = 1e-6
 TRUTH = PhyFilter([300.0, 25.0])
 
 
-def flight(seed: int, *, n: int = 800, name: str = "log", noise: float = 0.0) -> FlightLog:
+def flight(seed: int, *, n: int = 800, name: str = "log", noise: float = 0.0) -> Recording:
     """x a random walk, f_theta and g of their own; f is what the true filter makes of them, and noise."""
     rng = np.random.default_rng(seed)
     x = DT * np.cumsum(rng.standard_normal((n, 2)), axis=0)
     g, f_theta = rng.standard_normal((2, n, 2))
     label = TRUTH.sampled(DT).run(x, g, f_theta, 1.5) + noise * rng.standard_normal((n, 2))
-    return FlightLog.from_arrays(
+    return Recording.from_arrays(
         x=x, dt=DT, g=g, f_theta=f_theta, label=label, inertia=1.5, channels=["px", "py"], name=name
     )
 
@@ -69,8 +69,8 @@ def test_figures_are_those_of_learn(logs, capsys):
         (2, "lowpass"),
         (2, "general"),
     ]
-    training = [FlightLog.from_csv(f"{name}.csv", x=["px", "py"]) for name in ("one", "two")]
-    held = FlightLog.from_csv("held.csv", x=["px", "py"])
+    training = [Recording.from_csv(f"{name}.csv", x=["px", "py"]) for name in ("one", "two")]
+    held = Recording.from_csv("held.csv", x=["px", "py"])
     expected = learning.learn(training, 2, held_out=held)
     row = figures["filters"][2]
     assert row["a"] == expected.filter.a.tolist()
@@ -105,7 +105,7 @@ def test_what_is_wrong_with_a_label_is_printed_and_in_the_figures(logs, capsys):
     t = DT * np.arange(800)[:, None] * [1.0, 2.0]
     g = np.full_like(t, -9.81)
     x = np.sin(t) * [1.0, 0.5] - 9.81 * DT * np.arange(800)[:, None]
-    log = FlightLog.from_arrays(x=x, dt=DT, g=g, label=np.cos(t) + g, channels=["px", "py"])
+    log = Recording.from_arrays(x=x, dt=DT, g=g, label=np.cos(t) + g, channels=["px", "py"])
     log.to_csv("holds_g.csv")
     arguments = ["--x", "px,py", "--order", "1", "--form", "lowpass", "--json", "figures.json"]
     assert main(["learn", "holds_g.csv", *arguments]) == 0
@@ -203,7 +203,7 @@ def test_second_ctrl_c_stops_at_once(logs, monkeypatch, capsys):
 def test_bad_input_is_one_line_and_status_2(arguments, message, logs, capsys):
     flight(4, n=8).to_csv("short.csv")
     still = np.zeros((50, 2))
-    FlightLog.from_arrays(x=still, dt=DT, label=still, channels=["px", "py"]).to_csv("still.csv")
+    Recording.from_arrays(x=still, dt=DT, label=still, channels=["px", "py"]).to_csv("still.csv")
     Path("nan.csv").write_text("t,px,py,label_px,label_py\n0,1,2,3,4\n0.01,nan,2,3,4\n")
     before = sorted(logs.iterdir())
     try:

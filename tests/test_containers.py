@@ -13,7 +13,7 @@ from zoneinfo import ZoneInfo
 import numpy as np
 import pytest
 
-from phyfilter_ctl import FlightLog, PhyFilter, learn
+from phyfilter_ctl import PhyFilter, Recording, learn
 from phyfilter_ctl._signals import labels, real, seconds
 from phyfilter_ctl.baselines.observers import DisturbanceObserver
 
@@ -231,29 +231,29 @@ def test_times_of_other_kinds_are_refused(pd: Any, pl: Any) -> None:
         F.run(X[:2], times=pd.DatetimeIndex(["2024-01-01", None], tz="UTC"))
 
 
-# -- flight logs ------------------------------------------------------------------------------------------------
+# -- recordings -------------------------------------------------------------------------------------------------
 
 
 def test_a_log_goes_to_pandas_and_back(pd: Any) -> None:
     rng = np.random.default_rng(2)
     x, g, label, inertia = rng.standard_normal((4, N, 2))
-    log = FlightLog(T, x, g=g, label=label, inertia=inertia, channels=NAMES, name="hover", unit="m/s")
+    log = Recording(T, x, g=g, label=label, inertia=inertia, channels=NAMES, name="hover", unit="m/s")
     frame = log.to_pandas()
     assert frame.index.name == "t"
     assert list(frame) == [*NAMES, "label_u", "label_v", "g_u", "g_v", "inertia_0", "inertia_1"]
     assert frame.attrs == {"name": "hover", "unit": "m/s"}
     signals = {key: frame[[f"{key}_u", f"{key}_v"]] for key in ("g", "label")}
-    again = FlightLog(frame.index, frame[NAMES], **signals, inertia=frame[["inertia_0", "inertia_1"]])
+    again = Recording(frame.index, frame[NAMES], **signals, inertia=frame[["inertia_0", "inertia_1"]])
     assert again.channels == log.channels
     for key in ("times", "x", "g", "label", "inertia"):
         assert getattr(again, key).tobytes() == getattr(log, key).tobytes(), key
     assert not np.shares_memory(frame.to_numpy(), log.x)
     with pytest.raises(ValueError, match="to_pandas: expected different columns"):
-        FlightLog(T, x, g=g, channels=["u", "g_u"]).to_pandas()
+        Recording(T, x, g=g, channels=["u", "g_u"]).to_pandas()
 
 
 def test_the_example_of_to_pandas_runs_where_pandas_is(pd: Any) -> None:
-    text = (inspect.getdoc(FlightLog.to_pandas) or "").replace("  # doctest: +SKIP", "")
+    text = (inspect.getdoc(Recording.to_pandas) or "").replace("  # doctest: +SKIP", "")
     example = doctest.DocTestParser().get_doctest(text, {}, "to_pandas", None, 0)
     assert len(example.examples) == 3
     assert doctest.DocTestRunner(optionflags=doctest.NORMALIZE_WHITESPACE).run(example).failed == 0
@@ -264,33 +264,33 @@ def test_without_pandas_the_package_is_named(monkeypatch: pytest.MonkeyPatch) ->
     with pytest.raises(
         ImportError, match=r"to_pandas needs the package pandas: pip install 'phyfilter-ctl\[con"
     ):
-        FlightLog(T, X).to_pandas()
+        Recording(T, X).to_pandas()
 
 
 def test_logs_of_frames(pd: Any, pl: Any, xr: Any) -> None:
-    expected = FlightLog(T, X, g=X, channels=NAMES)
+    expected = Recording(T, X, g=X, channels=NAMES)
     utc = pd.DatetimeIndex(STAMPS, tz="UTC").tz_convert(BERLIN)
     given = [
         (utc, pd.DataFrame(X, columns=NAMES, index=utc)),
         (pl.Series(STAMPS), pl.DataFrame(X, schema=NAMES)),
     ]
     for times, frame in given:
-        log = FlightLog(times, frame, g=frame)
+        log = Recording(times, frame, g=frame)
         assert (log.channels, log.n) == (expected.channels, N)
         for name in ("times", "x", "g"):
             assert getattr(log, name).tobytes() == getattr(expected, name).tobytes()
-        assert FlightLog.from_arrays(x=frame, dt=0.01).channels == ("u", "v")
-        assert FlightLog.from_arrays(x=frame, dt=0.01, channels=["p", "q"]).channels == ("p", "q")
+        assert Recording.from_arrays(x=frame, dt=0.01).channels == ("u", "v")
+        assert Recording.from_arrays(x=frame, dt=0.01, channels=["p", "q"]).channels == ("p", "q")
     labelled = xr.DataArray(X, dims=("time", "channel"), coords={"time": STAMPS})
-    assert np.array_equal(FlightLog(labelled.time, labelled).x, X)
-    assert np.array_equal(FlightLog(labelled.time, labelled).times, T)
+    assert np.array_equal(Recording(labelled.time, labelled).x, X)
+    assert np.array_equal(Recording(labelled.time, labelled).times, T)
     series = pd.Series(X[:, 0], name="u")
-    assert FlightLog(T, series, label=series).channels == ("u",)
+    assert Recording(T, series, label=series).channels == ("u",)
 
 
 def test_a_log_of_a_frame_is_a_copy(pd: Any) -> None:
     block = X.copy()
-    log = FlightLog(T, pd.DataFrame(block, copy=False))
+    log = Recording(T, pd.DataFrame(block, copy=False))
     block[:] = 0.0
     assert np.array_equal(log.x, X)
 
@@ -299,8 +299,8 @@ def test_the_filter_learned_from_frames_is_the_same(pd: Any) -> None:
     t = 0.01 * np.arange(400)
     f = np.sin(3.0 * t) + np.sin(0.7 * t)
     x = np.cumsum(0.01 * f) + 1e-3 * np.random.default_rng(0).standard_normal(400)
-    plain = FlightLog(t, x[:, None], label=f[:, None])
+    plain = Recording(t, x[:, None], label=f[:, None])
     frame = pd.DataFrame({"x": x, "f": f}, index=t)
-    framed = FlightLog(frame.index, frame["x"], label=frame["f"])
+    framed = Recording(frame.index, frame["x"], label=frame["f"])
     one, other = (learn(log, 1, wiener=False) for log in (plain, framed))
     assert one.filter == other.filter

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from phyfilter_ctl import FlightLog, PhyFilter, Signals, load, load_signals, lowpass, save
+from phyfilter_ctl import PhyFilter, Recording, Signals, load, load_signals, lowpass, save
 from phyfilter_ctl.filter import SampledPhyFilter, Sampling
 
 NUMBERS = [
@@ -119,11 +119,11 @@ def test_mutated_filter_files(filter_texts, tmp_path_factory, data):
 def log_texts(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
     path = tmp_path_factory.mktemp("logs") / "log.csv"
     x = np.arange(12.0).reshape(4, 3)
-    whole = FlightLog.from_arrays(
+    whole = Recording.from_arrays(
         x=x, dt=0.1, channels=["vx", "vy", "vz"], label=x, g=-x, features=x, inertia=np.eye(3)
     )
     texts = []
-    for log in (whole, FlightLog.from_arrays(x=x, dt=0.1, channels=["vx", "vy", "vz"], f_theta=x)):
+    for log in (whole, Recording.from_arrays(x=x, dt=0.1, channels=["vx", "vy", "vz"], f_theta=x)):
         log.to_csv(path)
         texts += [path.read_text(), "# comment\n\n" + path.read_text()]
     return texts
@@ -133,5 +133,5 @@ def log_texts(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
 def test_mutated_logs(log_texts, tmp_path_factory, data):
     path = tmp_path_factory.getbasetemp() / "mutated.csv"
     path.write_bytes(data.draw(mutated(log_texts)))
-    said = refusal(FlightLog.from_csv, path)
+    said = refusal(Recording.from_csv, path)
     assert said is None or said.startswith(str(path))

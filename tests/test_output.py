@@ -14,10 +14,10 @@ import pytest
 from phyfilter_ctl import PhyFilter, _output, save
 from phyfilter_ctl._output import replacing, replacing_folder, write_text
 from phyfilter_ctl.codegen.export_folder import write_folder
-from phyfilter_ctl.flightlog import FlightLog
 from phyfilter_ctl.fmi.archive_write import write_archive
 from phyfilter_ctl.fmi.replay import Reference, write_reference
 from phyfilter_ctl.learned import _files
+from phyfilter_ctl.recording import Recording
 
 posix = pytest.mark.skipif(sys.platform == "win32", reason="needs the locks and links of POSIX")
 # The module alone: the whole package takes a second to import. `die` is for the function that a write is killed in.
@@ -98,7 +98,7 @@ def leftover(target: Path) -> Path:
 
 _WRITERS = {
     "filter": lambda path: save(path, PhyFilter([20.0])),
-    "log": lambda path: FlightLog.from_arrays(x=[[0.5], [0.25]], dt=0.1).to_csv(path),
+    "log": lambda path: Recording.from_arrays(x=[[0.5], [0.25]], dt=0.1).to_csv(path),
     "archive": lambda path: write_archive(path, {"a": "1"}),
     "reference_out.csv": lambda path: write_reference(path, Reference(np.arange(2.0), {}, {"y": np.ones(2)})),
     "model": lambda path: _files.write(path, "test", {}),

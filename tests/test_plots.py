@@ -24,7 +24,6 @@ from phyfilter_ctl import (
 )
 from phyfilter_ctl.analysis import error_budget, pole_zero_map
 from phyfilter_ctl.design.optimal import bound_trade_off
-from phyfilter_ctl.flightlog import FlightLog
 from phyfilter_ctl.plots import (
     COLOURS,
     FrequencyLimit,
@@ -36,6 +35,7 @@ from phyfilter_ctl.plots import (
     learning_plot,
     pole_plot,
 )
+from phyfilter_ctl.recording import Recording
 
 # F at its zeros over |F| beside them: rounding of n roots.
 ZERO = 1e-8
@@ -312,13 +312,13 @@ def test_budget_refusals() -> None:
 # -- estimates beside the truth ---------------------------------------------------------------------------------------
 
 
-def flight(n: int = 400, channels: int = 3) -> FlightLog:
+def flight(n: int = 400, channels: int = 3) -> Recording:
     rng = np.random.default_rng(7)
     t = 0.01 * np.arange(n)
     f = np.sin(np.outer(t, 1.0 + np.arange(channels)))
     x = np.cumsum(f, axis=0) * 0.01 + 1e-3 * rng.standard_normal(f.shape)
     names = ("vx", "vy", "vz")[:channels]
-    return FlightLog.from_arrays(x=x, dt=0.01, label=f, f_theta=0.7 * f, channels=names, unit="m/s")
+    return Recording.from_arrays(x=x, dt=0.01, label=f, f_theta=0.7 * f, channels=names, unit="m/s")
 
 
 def test_estimates_beside_the_truth() -> None:

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from phyfilter_ctl import PhyFilter, simulate
 from phyfilter_ctl._signals import interval, seconds, unmasked
 from phyfilter_ctl.baselines.observers import DisturbanceObserver
-from phyfilter_ctl.flightlog import FlightLog
 from phyfilter_ctl.learned import Network
+from phyfilter_ctl.recording import Recording
 
 F = PhyFilter([400.0, 40.0])
 N = 6
@@ -29,7 +29,7 @@ def observed(x: NDArray[np.float64], times: object) -> NDArray[np.float64]:
 
 
 def logged(x: NDArray[np.float64], times: object) -> NDArray[np.float64]:
-    return FlightLog.from_arrays(x=x, times=times).times[:, None]  # type: ignore[arg-type]
+    return Recording.from_arrays(x=x, times=times).times[:, None]  # type: ignore[arg-type]
 
 
 def simulated(x: NDArray[np.float64], times: object) -> NDArray[np.float64]:
@@ -86,7 +86,7 @@ def test_missing_times_are_named_by_their_row() -> None:
     stamps = NS.astype("datetime64[ns]")
     stamps[3] = np.datetime64("NaT")
     with pytest.raises(ValueError, match=r"times: .* got nan in row 3"):
-        FlightLog.from_arrays(x=X, times=stamps)
+        Recording.from_arrays(x=X, times=stamps)
     for times in (stamps, np.ma.array(NS.astype("datetime64[ns]"), mask=np.arange(N) == 3)):
         with pytest.raises(ValueError, match="row 3"):
             F.sampled(0.01).run(X, times=times)
@@ -96,14 +96,14 @@ def test_intervals_with_a_unit() -> None:
     for dt in (np.timedelta64(10, "ms"), timedelta(milliseconds=10)):
         sampled = F.sampled(dt, delay=np.timedelta64(5, "ms"))  # type: ignore[arg-type]
         assert (sampled.dt, sampled.sampling.delay) == (0.01, 0.005)
-        assert FlightLog.from_arrays(x=X, dt=dt).dt == pytest.approx(0.01)  # type: ignore[arg-type]
+        assert Recording.from_arrays(x=X, dt=dt).dt == pytest.approx(0.01)  # type: ignore[arg-type]
         state = F.sampled(0.002).start([0.0])
         one, other = (F.sampled(0.002).step(state, [1.0], dt=h)[1] for h in (dt, 0.01))  # type: ignore[arg-type]
         assert one == other
     for wrong in (10_000_000, np.int64(10_000_000)):
         for door in (
             F.sampled,
-            lambda h: FlightLog.from_arrays(x=X, dt=h),
+            lambda h: Recording.from_arrays(x=X, dt=h),
             lambda h: DisturbanceObserver(8.0, h),
         ):
             with pytest.raises(ValueError, match="ticks of a clock"):
@@ -122,14 +122,14 @@ def test_ticks_in_a_file_are_refused(tmp_path: Path, first: str, factor: float) 
     with pytest.raises(
         ValueError, match=r"log.csv: column 't': steps of .* scale=\{'t': 1e-3\} \(ms\).*1e-9 \(ns\)"
     ):
-        FlightLog.from_csv(path, x=["v"])
+        Recording.from_csv(path, x=["v"])
     # Doubles of 1.7e9 s are 2.4e-7 s apart.
-    assert FlightLog.from_csv(path, x=["v"], scale={"t": factor}).dt == pytest.approx(0.01, rel=1e-4)
-    assert FlightLog.from_csv(path, x=["v"], scale={"t": 1.0}).dt == pytest.approx(0.01 / factor, rel=1e-4)
+    assert Recording.from_csv(path, x=["v"], scale={"t": factor}).dt == pytest.approx(0.01, rel=1e-4)
+    assert Recording.from_csv(path, x=["v"], scale={"t": 1.0}).dt == pytest.approx(0.01 / factor, rel=1e-4)
     # Written by this library, or by hand with a point, they are seconds.
-    hours = FlightLog.from_arrays(x=X, times=3600.0 * np.arange(N), channels=["a", "b"])
+    hours = Recording.from_arrays(x=X, times=3600.0 * np.arange(N), channels=["a", "b"])
     hours.to_csv(path)
-    assert np.array_equal(FlightLog.from_csv(path, x=["a", "b"]).times, hours.times)
+    assert np.array_equal(Recording.from_csv(path, x=["a", "b"]).times, hours.times)
 
 
 MASKED = np.ma.array(np.zeros((N, 2)), mask=False)
@@ -146,7 +146,7 @@ def test_masked_samples_are_refused_by_their_row(signal: str) -> None:
         F.sampled(0.01).run(**signals)
     for masked in (MASKED, list(MASKED)):
         with pytest.raises(ValueError, match="row 4"):
-            FlightLog.from_arrays(dt=0.01, **signals | {signal: masked})
+            Recording.from_arrays(dt=0.01, **signals | {signal: masked})
 
 
 @pytest.mark.parametrize("precision", ["float64", "float32"])

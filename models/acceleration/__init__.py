@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from phyfilter_ctl.filterfile import load
-from phyfilter_ctl.flightlog import FlightLog
+from phyfilter_ctl.recording import Recording
 from phyfilter_ctl.study import Outputs, add_output_options
 
 from .diagram import build
@@ -140,11 +140,11 @@ def _check(options: Namespace) -> None:
             seen.add(path)
 
 
-def _flights(options: Namespace) -> tuple[tuple[FlightLog, ...], tuple[FlightLog, ...], str]:
+def _flights(options: Namespace) -> tuple[tuple[Recording, ...], tuple[Recording, ...], str]:
     """Training flights, test flights, and what they are."""
     if options.train is not None:
         train_logs, test_logs = (
-            tuple(FlightLog.from_csv(path) for path in paths) for paths in (options.train, options.test)
+            tuple(Recording.from_csv(path) for path in paths) for paths in (options.train, options.test)
         )
         return train_logs, test_logs, "recorded"
     from .flights import generate

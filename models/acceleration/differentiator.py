@@ -10,8 +10,8 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from phyfilter_ctl.flightlog import FlightLog
 from phyfilter_ctl.learned import Network, window
+from phyfilter_ctl.recording import Recording
 from phyfilter_ctl.results import Status
 
 from .params import params
@@ -151,7 +151,7 @@ def stride_of(span: float, dt: float) -> int:
     return max(1, round(span / (dt * (params().network.length - 1))))
 
 
-def counted(log: FlightLog) -> slice:
+def counted(log: Recording) -> slice:
     """Samples of a flight that are trained on and scored: all but its start.
 
     Raises
@@ -169,7 +169,7 @@ def counted(log: FlightLog) -> slice:
     return slice(first, None)
 
 
-def labels(log: FlightLog) -> FloatArray:
+def labels(log: Recording) -> FloatArray:
     """True acceleration (N, n_x) of a flight.
 
     Raises
@@ -185,13 +185,13 @@ def labels(log: FlightLog) -> FloatArray:
 
 
 def train(
-    logs: Sequence[FlightLog], *, stride: int, seed: int, iterations: int, every: int = 1
+    logs: Sequence[Recording], *, stride: int, seed: int, iterations: int, every: int = 1
 ) -> WindowDifferentiator:
     """Train a network of two hidden layers to give the acceleration from a window of velocities.
 
     Parameters
     ----------
-    logs : sequence of FlightLog
+    logs : sequence of Recording
         Flights with labels.
     stride : int
         Spacing of the window's velocities in samples.

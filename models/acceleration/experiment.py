@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phyfilter_ctl.baselines import BASELINES, TunableDifferentiator, TuneResult, tune
-from phyfilter_ctl.flightlog import FlightLog, split_by_speed
+from phyfilter_ctl.recording import Recording, split_by_speed
 from phyfilter_ctl.study import Report, silent
 
 from .differentiator import WindowDifferentiator, counted, labels, stride_of, train
@@ -97,7 +97,7 @@ class Comparison:
     seed : int
     dt : float
         Nominal sampling interval, s.
-    train, test : tuples of FlightLog
+    train, test : tuples of Recording
     learned : Learned
     baselines : dict of str to TuneResult
     train_estimates, test_estimates : dict of str to list of (N, n_x) arrays
@@ -107,8 +107,8 @@ class Comparison:
     data: str
     seed: int
     dt: float
-    train: tuple[FlightLog, ...]
-    test: tuple[FlightLog, ...]
+    train: tuple[Recording, ...]
+    test: tuple[Recording, ...]
     learned: Learned
     baselines: Mapping[str, TuneResult[TunableDifferentiator]]
     train_estimates: Mapping[str, Sequence[FloatArray]]
@@ -135,7 +135,7 @@ class Comparison:
         return [Case(log, f_theta) for log, f_theta in zip(self.test, network, strict=True)]
 
 
-def prepare(train: Sequence[FlightLog], test: Sequence[FlightLog]) -> tuple[tuple[FlightLog, ...], float]:
+def prepare(train: Sequence[Recording], test: Sequence[Recording]) -> tuple[tuple[Recording, ...], float]:
     """Check the flights; return the training flights, a single one cut in pieces, and the nominal interval in s.
 
     Raises
@@ -171,7 +171,7 @@ def prepare(train: Sequence[FlightLog], test: Sequence[FlightLog]) -> tuple[tupl
 
 
 def fit_learned(
-    train_logs: Sequence[FlightLog], dt: float, *, seed: int, effort: Effort, report: Report = silent
+    train_logs: Sequence[Recording], dt: float, *, seed: int, effort: Effort, report: Report = silent
 ) -> Learned:
     """Choose the window, tune the filters and train the network, on training flights only.
 
@@ -181,7 +181,7 @@ def fit_learned(
 
     Parameters
     ----------
-    train_logs : sequence of FlightLog
+    train_logs : sequence of Recording
         At least two.
     dt : float
         Nominal sampling interval, s.
@@ -224,8 +224,8 @@ def fit_learned(
 
 
 def compare(
-    train_logs: Sequence[FlightLog],
-    test_logs: Sequence[FlightLog],
+    train_logs: Sequence[Recording],
+    test_logs: Sequence[Recording],
     *,
     data: str,
     seed: int = 0,
@@ -236,7 +236,7 @@ def compare(
 
     Parameters
     ----------
-    train_logs, test_logs : sequences of FlightLog
+    train_logs, test_logs : sequences of Recording
         x the measured velocity in m/s, label the true acceleration in m/s^2. A single training flight is cut in four.
     data : str
         What the flights are, "generated" or "recorded".
@@ -285,7 +285,7 @@ def compare(
 
 
 def estimates(
-    logs: Sequence[FlightLog],
+    logs: Sequence[Recording],
     dt: float,
     learned: Learned,
     baselines: Mapping[str, TuneResult[TunableDifferentiator]],

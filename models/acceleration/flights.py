@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
-from phyfilter_ctl.flightlog import FlightLog
+from phyfilter_ctl.recording import Recording
 
 from .params import Params, params
 
@@ -28,7 +28,7 @@ FloatArray = NDArray[np.float64]
 _BLOCK = 500
 
 
-def generate(kind: Literal["train", "test"], seed: int = 0, *, share: float = 1.0) -> tuple[FlightLog, ...]:
+def generate(kind: Literal["train", "test"], seed: int = 0, *, share: float = 1.0) -> tuple[Recording, ...]:
     """Generated flights: speeds of 0 to 2 m/s to train on (the slowest flight first), of 0 to 3 m/s to test on.
 
     Parameters
@@ -41,7 +41,7 @@ def generate(kind: Literal["train", "test"], seed: int = 0, *, share: float = 1.
 
     Returns
     -------
-    tuple of FlightLog
+    tuple of Recording
         x the measured velocity (n, 3) in m/s, label the true acceleration in m/s^2.
 
     Raises
@@ -74,7 +74,7 @@ def generate(kind: Literal["train", "test"], seed: int = 0, *, share: float = 1.
     )
 
 
-def _flight(name: str, limit: float, samples: int, rng: np.random.Generator, values: Params) -> FlightLog:
+def _flight(name: str, limit: float, samples: int, rng: np.random.Generator, values: Params) -> Recording:
     dt, substeps = values.sampling.dt, values.sampling.substeps
     before = round(values.sampling.warm_up / dt)
     fine = (before + samples) * substeps
@@ -86,7 +86,7 @@ def _flight(name: str, limit: float, samples: int, rng: np.random.Generator, val
     sensor = values.sensor
     noise = _coloured(samples, dt, sensor.coloured, sensor.coloured_time_constant, rng)
     noise += sensor.white * rng.standard_normal((samples, 3))
-    return FlightLog.from_arrays(
+    return Recording.from_arrays(
         x=velocity[recorded] + noise,
         dt=dt,
         label=acceleration[recorded],

@@ -14,7 +14,7 @@ from threadpoolctl import threadpool_limits
 from phyfilter_ctl import PhyFilter
 from phyfilter_ctl.design.adjoint import Adam, train
 from phyfilter_ctl.design.learning import LearnEvent, LearnResult, learn
-from phyfilter_ctl.flightlog import FlightLog
+from phyfilter_ctl.recording import Recording
 from phyfilter_ctl.results import Status
 from phyfilter_ctl.study import Report
 
@@ -141,7 +141,7 @@ def _rate(n: int) -> float:
     return chosen.rates[chosen.orders.index(n)]
 
 
-def _uniform(case: Case, dt: float) -> FlightLog:
+def _uniform(case: Case, dt: float) -> Recording:
     log = case.log.with_signals(f_theta=case.f_theta)
     return log if log.is_uniform and abs(log.dt - dt) <= 1e-9 * dt else log.resample(dt)
 
@@ -160,7 +160,7 @@ def _random_filter(n: int, rng: np.random.Generator) -> PhyFilter:
     return PhyFilter.from_poles(poles)
 
 
-def _rmse(filter: PhyFilter, logs: Sequence[FlightLog], dt: float) -> float:
+def _rmse(filter: PhyFilter, logs: Sequence[Recording], dt: float) -> float:
     """Over all samples but the first of each flight, m/s^2."""
     squares = []
     for log in logs:
@@ -170,7 +170,7 @@ def _rmse(filter: PhyFilter, logs: Sequence[FlightLog], dt: float) -> float:
     return float(np.sqrt(np.mean(np.concatenate(squares))))
 
 
-def _by_learning(logs: Sequence[FlightLog], start: PhyFilter, dt: float) -> Descent:
+def _by_learning(logs: Sequence[Recording], start: PhyFilter, dt: float) -> Descent:
     points: list[tuple[float, float]] = []
 
     def note(event: LearnEvent) -> None:
@@ -184,7 +184,7 @@ def _by_learning(logs: Sequence[FlightLog], start: PhyFilter, dt: float) -> Desc
     return _descent(start, _rmse(start, logs, dt), points, result.status)
 
 
-def _by_adam(logs: Sequence[FlightLog], start: PhyFilter, dt: float, rate: float, seconds: float) -> Descent:
+def _by_adam(logs: Sequence[Recording], start: PhyFilter, dt: float, rate: float, seconds: float) -> Descent:
     chosen = params().convergence
     channels = logs[0].n_x
     steps = min(round(chosen.segment / dt), min(log.n for log in logs) - 2)

@@ -10,8 +10,8 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter, ScalarFormatter
 from numpy.typing import NDArray
 
-from phyfilter_ctl.flightlog import FlightLog
 from phyfilter_ctl.plots import dress
+from phyfilter_ctl.recording import Recording
 from phyfilter_ctl.results import Status
 
 from .differentiator import counted, labels
@@ -106,7 +106,7 @@ def draw(
     return figure
 
 
-def _velocities(axes: Axes, logs: Sequence[FlightLog], title: str, top: float) -> None:
+def _velocities(axes: Axes, logs: Sequence[Recording], title: str, top: float) -> None:
     begin = 0.0
     for k, log in enumerate(logs):
         t = begin + log.times - log.times[0]
@@ -125,7 +125,7 @@ def _velocities(axes: Axes, logs: Sequence[FlightLog], title: str, top: float) -
 def _errors(
     axes: Axes,
     estimates: Mapping[str, Sequence[FloatArray]],
-    logs: Sequence[FlightLog],
+    logs: Sequence[Recording],
     scores: Mapping[str, float],
     title: str,
 ) -> None:

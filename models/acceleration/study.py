@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from phyfilter_ctl import PhyFilter
 from phyfilter_ctl.design.learning import LearnResult
-from phyfilter_ctl.flightlog import FlightLog
+from phyfilter_ctl.recording import Recording
 from phyfilter_ctl.study import Report
 
 from .differentiator import counted
@@ -181,7 +181,7 @@ def sampling_intervals(
     return IntervalStudy(np.array(used), {name: np.array(values) for name, values in scores.items()})
 
 
-def _scores(learned: Learned, logs: Sequence[FlightLog], dt: float) -> dict[str, float]:
+def _scores(learned: Learned, logs: Sequence[Recording], dt: float) -> dict[str, float]:
     cases = [Case(log, learned.network.predict(log.x)) for log in logs]
     answers = {"network": rmse([case.f_theta for case in cases], logs)}
     for order, found in learned.filters.items():

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 
 from phyfilter_ctl import PhyFilter, SampledPhyFilter
-from phyfilter_ctl.flightlog import FlightLog
+from phyfilter_ctl.recording import Recording
 
 from .differentiator import counted, labels
 from .params import params
@@ -38,12 +38,12 @@ class Case:
 
     Attributes
     ----------
-    log : FlightLog
+    log : Recording
         With label.
     f_theta : (N, n_x) array
     """
 
-    log: FlightLog
+    log: Recording
     f_theta: FloatArray
 
 
@@ -78,7 +78,7 @@ def filtered(filter: PhyFilter | SampledPhyFilter, cases: Sequence[Case], dt: fl
     return estimates
 
 
-def rmse(estimates: Sequence[FloatArray], logs: Sequence[FlightLog]) -> float:
+def rmse(estimates: Sequence[FloatArray], logs: Sequence[Recording]) -> float:
     """Root-mean-square error over all samples that count and all axes, m/s^2."""
     errors = [(e - labels(log))[counted(log)].ravel() for e, log in zip(estimates, logs, strict=True)]
     return float(np.sqrt(np.mean(np.concatenate(errors) ** 2)))

@@ -24,14 +24,14 @@ from phyfilter_ctl.baselines import BackwardDifference, LowpassDifference
 from phyfilter_ctl.learned import Chebyshev, FitResult, LearnedModel
 from phyfilter_ctl.results import Status, plain
 
-from .replay_recordings import AXES, BAND, DelayScan, Recording, read
+from .replay_recordings import AXES, BAND, DelayScan, WindTunnelFlight, read
 
 __all__ = [
     "DelayScan",
     "Flight",
-    "Recording",
     "Replay",
     "Score",
+    "WindTunnelFlight",
     "default_filters",
     "figures",
     "replay",
@@ -82,13 +82,13 @@ class Flight:
 
     Attributes
     ----------
-    recording : Recording
+    recording : WindTunnelFlight
     estimates : dict of str to (N, 3) array
         f_hat by method, m/s^2.
     scores : dict of str to Score
     """
 
-    recording: Recording
+    recording: WindTunnelFlight
     estimates: Mapping[str, FloatArray]
     scores: Mapping[str, Score]
 
@@ -235,7 +235,7 @@ def _refuse_twice(paths: Sequence[Path | str]) -> None:
 
 
 def _estimates(
-    recording: Recording,
+    recording: WindTunnelFlight,
     filters: Mapping[str, PhyFilter | SampledPhyFilter],
     model: LearnedModel | None,
     mean: FloatArray | None,
@@ -261,7 +261,7 @@ def _estimates(
 
 
 def _run(
-    name: str, filter: PhyFilter | SampledPhyFilter, recording: Recording, f_theta: FloatArray | None
+    name: str, filter: PhyFilter | SampledPhyFilter, recording: WindTunnelFlight, f_theta: FloatArray | None
 ) -> FloatArray:
     log = recording.log
     sampled = filter.sampled(log.dt, g="average") if isinstance(filter, PhyFilter) else filter
@@ -282,7 +282,7 @@ def _run(
 
 
 def _errors(
-    recording: Recording, f_hat: FloatArray, start_up: float, horizon: float
+    recording: WindTunnelFlight, f_hat: FloatArray, start_up: float, horizon: float
 ) -> tuple[FloatArray, FloatArray]:
     """f_hat - label, and the error of the prediction over the horizon per second, after the start-up."""
     h, v, g = recording.log.dt, recording.v, recording.g

@@ -19,9 +19,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import butter, sosfiltfilt
 
-from phyfilter_ctl.flightlog import FlightLog
+from phyfilter_ctl.recording import Recording
 
-__all__ = ["AXES", "BAND", "DelayScan", "Recording", "read"]
+__all__ = ["AXES", "BAND", "DelayScan", "WindTunnelFlight", "read"]
 
 FloatArray = NDArray[np.float64]
 
@@ -71,12 +71,12 @@ class DelayScan:
 
 
 @dataclass(frozen=True)
-class Recording:
+class WindTunnelFlight:
     """A recorded flight, checked.
 
     Attributes
     ----------
-    log : FlightLog
+    log : Recording
         Name of the flight, and times on a uniform grid.
     v, g, label : (N, 3) array
         Velocity in m/s; known specific force and fa / m in m/s^2.
@@ -89,7 +89,7 @@ class Recording:
     delays : DelayScan
     """
 
-    log: FlightLog
+    log: Recording
     v: FloatArray
     g: FloatArray
     label: FloatArray
@@ -101,7 +101,7 @@ class Recording:
 
 def read(
     path: Path | str, *, mass: float | None = None, thrust_delay: float = 0.0, shortest: float = 3.0
-) -> Recording:
+) -> WindTunnelFlight:
     """Read a recorded flight.
 
     Parameters
@@ -124,7 +124,7 @@ def read(
         quaternion not of unit length, a throttle negative, or the label fits the assumed frames with no mass.
     """
     try:
-        raw = FlightLog.from_csv(
+        raw = Recording.from_csv(
             path, x=_VELOCITY, label=_LABEL, features=_INPUTS, g=None, f_theta=None, inertia=None
         )
     except ValueError as error:
@@ -149,8 +149,8 @@ def read(
     mass, misfit = _mass(path, force, _five_point(v, times) - axis * thrust[:, None] + up, mass)
     applied = axis * np.interp(times - thrust_delay, times, thrust)[:, None]
     along = np.sum((np.gradient(v, times, axis=0) + up) * axis, axis=1)
-    return Recording(
-        log=FlightLog(times, v, name=raw.name, channels=AXES, unit="m/s"),
+    return WindTunnelFlight(
+        log=Recording(times, v, name=raw.name, channels=AXES, unit="m/s"),
         v=v,
         g=applied - up,
         label=force / mass,

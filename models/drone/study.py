@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from phyfilter_ctl.design.learning import learn
-from phyfilter_ctl.flightlog import FlightLog
 from phyfilter_ctl.learned import Chebyshev
+from phyfilter_ctl.recording import Recording
 from phyfilter_ctl.simulation import BackendChoice
 from phyfilter_ctl.study import Report, on_cluster, silent
 
@@ -209,7 +209,7 @@ def records(
     *,
     duration: float | None = None,
     backend: BackendChoice = "auto",
-) -> tuple[list[FlightLog], list[FloatArray]]:
+) -> tuple[list[Recording], list[FloatArray]]:
     """The tuning flights as recordings of x, g, f_theta and the true f, and weights that leave the start-up out.
 
     Parameters
@@ -228,7 +228,7 @@ def records(
     flights = fly(method, tune, model, keep=keep, duration=duration, backend=backend)
     signals = flights.signals
     logs = [
-        FlightLog.from_arrays(
+        Recording.from_arrays(
             x=params().vehicle.mass * signals["v_m"][i],
             g=signals["g"][i],
             f_theta=signals["f_theta"][i],
@@ -242,7 +242,7 @@ def records(
 
 
 def learn_filters(
-    logs: Sequence[FlightLog], weights: Sequence[FloatArray], forms: Sequence[Form] = FORMS
+    logs: Sequence[Recording], weights: Sequence[FloatArray], forms: Sequence[Form] = FORMS
 ) -> tuple[LearnedFilter, ...]:
     """Filters of least squared error on recordings.
 

@@ -52,7 +52,7 @@ class LearnedFilter:
     logs: int
 
 
-def walk_logs(*, seed: int = 0) -> list[pf.FlightLog]:
+def walk_logs(*, seed: int = 0) -> list[pf.Recording]:
     """Walks as logs: x = M_0 q' with noise, g = tau - d q', and the residual without noise as label.
 
     Parameters
@@ -76,7 +76,7 @@ def walk_logs(*, seed: int = 0) -> list[pf.FlightLog]:
         seen = (qd + rng.normal(0.0, p.randomisation.noise_rate, qd.shape))[first:]
         times = dt * np.arange(len(seen))
         g = torque[first:] - damping * seen
-        logs.append(pf.FlightLog(times, inertia * seen, g=g, label=label, name=f"walk {number}"))
+        logs.append(pf.Recording(times, inertia * seen, g=g, label=label, name=f"walk {number}"))
     return logs
 
 

@@ -6,7 +6,7 @@ import os
 from typing import TYPE_CHECKING
 
 from ..filter import PhyFilter, SampledPhyFilter
-from ..flightlog import FlightLog
+from ..recording import Recording
 from .designs import Assumptions, Design, Numerator
 from .handle import Session, handle
 from .jobs import LearningJob
@@ -20,7 +20,7 @@ __all__ = ["Assumptions", "Design", "LearningJob", "Numerator", "Session", "desi
 def designer(
     filter: PhyFilter | SampledPhyFilter | None = None,
     *,
-    log: FlightLog | str | os.PathLike[str] | None = None,
+    log: Recording | str | os.PathLike[str] | None = None,
 ) -> Designer:
     """Design a filter interactively, in a notebook.
 
@@ -28,8 +28,8 @@ def designer(
     ----------
     filter : PhyFilter or SampledPhyFilter, optional
         Where the design begins; None means two poles at -20 rad/s. A sampled one brings its step and method.
-    log : FlightLog or path, optional
-        A recording to try it on; a path is read by :meth:`FlightLog.from_csv`.
+    log : Recording or path, optional
+        A recording to try it on; a path is read by :meth:`Recording.from_csv`.
 
     Returns
     -------

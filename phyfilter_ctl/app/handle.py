@@ -36,7 +36,7 @@ from threadpoolctl import ThreadpoolController
 
 from ..design.learning import Form
 from ..filter import PhyFilter, SampledPhyFilter
-from ..flightlog import FlightLog
+from ..recording import Recording
 from . import answers, exports, logs
 from .checking import Fields, MessageError
 from .designs import FAMILIES, HIGHEST_ORDER, Design, design_of_family, read_design
@@ -62,7 +62,7 @@ class Session:
     ----------
     start : PhyFilter or SampledPhyFilter, optional
         Where the design begins; None means two poles at -20 rad/s.
-    log : FlightLog, optional
+    log : Recording, optional
         Open from the start.
 
     Raises
@@ -79,7 +79,7 @@ class Session:
     """
 
     def __init__(
-        self, start: PhyFilter | SampledPhyFilter | None = None, *, log: FlightLog | None = None
+        self, start: PhyFilter | SampledPhyFilter | None = None, *, log: Recording | None = None
     ) -> None:
         self._lock = threading.Lock()
         self._design = Design() if start is None else Design().with_filter(start)
@@ -99,7 +99,7 @@ class Session:
         return self.design.filter
 
     @property
-    def log(self) -> FlightLog | None:
+    def log(self) -> Recording | None:
         """The open log."""
         with self._lock:
             return self._log
@@ -128,12 +128,12 @@ class Session:
         with self._lock:
             self._design = design
 
-    def set_log(self, log: FlightLog | None) -> None:
+    def set_log(self, log: Recording | None) -> None:
         """Open another log, or none; a job on the old one ends.
 
         Parameters
         ----------
-        log : FlightLog or None
+        log : Recording or None
         """
         with self._lock:
             self._log, job = log, self._job

@@ -10,7 +10,7 @@ from typing import Literal
 from numpy.linalg import LinAlgError
 
 from ..design.learning import Form, LearnEvent, LearnResult, learn
-from ..flightlog import FlightLog
+from ..recording import Recording
 from .designs import Design
 
 __all__ = ["LearningJob"]
@@ -30,7 +30,7 @@ class LearningJob:
     ----------
     number : int
         Name of the job in messages.
-    log : FlightLog
+    log : Recording
         With a label.
     order : int
     form : {"lowpass", "general"}
@@ -38,7 +38,7 @@ class LearningJob:
         Gives the method, and sampling and assumptions of the learned design.
     """
 
-    def __init__(self, number: int, log: FlightLog, order: int, *, form: Form, like: Design) -> None:
+    def __init__(self, number: int, log: Recording, order: int, *, form: Form, like: Design) -> None:
         self.number = number
         self._order, self._like = order, like
         self._form: Form = form
@@ -63,7 +63,7 @@ class LearningJob:
         return self._thread.is_alive()
 
     @property
-    def log(self) -> FlightLog:
+    def log(self) -> Recording:
         """What is learned from."""
         return self._log
 
@@ -144,7 +144,7 @@ class LearningJob:
             else:
                 self._end("failed", f"learning failed ({type(error).__name__}): try another order or form")
 
-    def _even(self, log: FlightLog) -> FlightLog:
+    def _even(self, log: Recording) -> Recording:
         if log.is_uniform or log.n <= _MOST_UNEQUAL:
             return log
         self._note = f"; the log was resampled evenly, every {log.dt:.4g} s"
@@ -160,7 +160,7 @@ class LearningJob:
                 self._message = f"order {event.order}: RMSE {rmse:.4g}"
         return self._stop.is_set()
 
-    def _floors(self, log: FlightLog) -> tuple[float, ...] | None:
+    def _floors(self, log: Recording) -> tuple[float, ...] | None:
         """The Wiener filter of every channel; it does not depend on the filter that is learned beside it."""
         found: list[float] = []
         for channel in range(log.n_x):

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from .._sections import FloatArray
-from ..flightlog import FlightLog
+from ..recording import Recording
 from ..results import plain
 from .checking import MessageError, shown
 from .designs import Design
@@ -25,7 +25,7 @@ _HEAD = 100_000  # characters in which the header must stand
 _DERIVED = ("label_", "g_", "f_theta_", "feature_", "inertia_")
 
 
-def read_log(name: str, text: str) -> FlightLog:
+def read_log(name: str, text: str) -> Recording:
     """A log from CSV text with a header line.
 
     Parameters
@@ -33,7 +33,7 @@ def read_log(name: str, text: str) -> FlightLog:
     name : str
         Of the file; only ever shown.
     text : str
-        Columns: times in s (``t`` or ``time``), x, and the further ones of :meth:`FlightLog.from_csv`: ``label_<x>``
+        Columns: times in s (``t`` or ``time``), x, and the further ones of :meth:`Recording.from_csv`: ``label_<x>``
         (``ax`` for ``vx``), ``g_<x>``, ``f_theta_<x>``, inertia. x are the columns that have a label;
         without labels all that are none of these.
 
@@ -61,7 +61,7 @@ def read_log(name: str, text: str) -> FlightLog:
         path = Path(folder, "log.csv")
         path.write_text(text, encoding="utf-8", newline="")
         try:
-            log = FlightLog.from_csv(
+            log = Recording.from_csv(
                 path, time=time, x=x, label=label, features=None, delimiter=delimiter, name=Path(name).stem
             )
         except (TypeError, ValueError) as error:
@@ -73,12 +73,12 @@ def read_log(name: str, text: str) -> FlightLog:
     return log
 
 
-def summary(log: FlightLog) -> dict[str, object]:
+def summary(log: Recording) -> dict[str, object]:
     """What a reply says of a log.
 
     Parameters
     ----------
-    log : FlightLog
+    log : Recording
 
     Returns
     -------
@@ -97,7 +97,7 @@ def summary(log: FlightLog) -> dict[str, object]:
 
 
 def estimate(
-    log: FlightLog,
+    log: Recording,
     design: Design,
     channel: int,
     wiener: Sequence[float] | None,
@@ -108,7 +108,7 @@ def estimate(
 
     Parameters
     ----------
-    log : FlightLog
+    log : Recording
     design : Design
     channel : int
     wiener : sequence of float, optional

@@ -8,7 +8,7 @@ import anywidget
 import traitlets
 
 from ..filter import PhyFilter, SampledPhyFilter
-from ..flightlog import FlightLog
+from ..recording import Recording
 from .handle import Session, handle
 from .modules import sent
 
@@ -30,11 +30,11 @@ class Designer(anywidget.AnyWidget):
         self,
         filter: PhyFilter | SampledPhyFilter | None = None,
         *,
-        log: FlightLog | str | os.PathLike[str] | None = None,
+        log: Recording | str | os.PathLike[str] | None = None,
     ) -> None:
         if filter is not None and not isinstance(filter, PhyFilter | SampledPhyFilter):
             raise TypeError(f"filter: expected a PhyFilter or a SampledPhyFilter, got {filter!r}")
-        recording = log if isinstance(log, FlightLog) or log is None else FlightLog.from_csv(log)
+        recording = log if isinstance(log, Recording) or log is None else Recording.from_csv(log)
         self._session = Session(filter, log=recording)
         super().__init__()
         self.set_trait("design", self._session.design.as_json())

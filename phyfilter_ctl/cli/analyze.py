@@ -13,7 +13,7 @@ import numpy as np
 from .. import filterfile
 from .._output import check_target, write_figure, write_text
 from ..filter import PhyFilter, SampledPhyFilter
-from ..flightlog import FlightLog
+from ..recording import Recording
 from ..results import plain
 
 if TYPE_CHECKING:
@@ -136,8 +136,8 @@ def _first(system: PhyFilter | SampledPhyFilter) -> PhyFilter:
     return system if isinstance(system, PhyFilter) else system.filters[0]
 
 
-def _log(path: str, options: argparse.Namespace) -> FlightLog:
-    return FlightLog.from_csv(
+def _log(path: str, options: argparse.Namespace) -> Recording:
+    return Recording.from_csv(
         path,
         x=options.x.split(","),
         f_theta=None if options.f_theta is None else options.f_theta.split(","),

@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 
 from .. import filterfile
-from ..flightlog import FlightLog
+from ..recording import Recording
 
 __all__ = ["add_arguments", "main"]
 
@@ -62,7 +62,7 @@ def main(options: argparse.Namespace) -> int:
         raise ValueError(f"--out: there is no folder {options.out}")
     session = Session(
         filterfile.load(options.file) if options.file is not None else None,
-        log=FlightLog.from_csv(options.log, x=options.x.split(",")) if options.log is not None else None,
+        log=Recording.from_csv(options.log, x=options.x.split(",")) if options.log is not None else None,
     )
     serve(session, port=options.port, out=out, browser=not options.no_browser)
     return 0

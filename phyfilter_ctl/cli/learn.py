@@ -19,7 +19,7 @@ from tqdm import tqdm
 from .. import filterfile
 from .._output import check_target, write_figure, write_text
 from ..filter import SampledPhyFilter
-from ..flightlog import FlightLog
+from ..recording import Recording
 from .learn_report import Row, best_of, figures_of, form_name, table_of
 
 if TYPE_CHECKING:
@@ -149,8 +149,8 @@ def _check(options: argparse.Namespace) -> None:
         seen.add(path)
 
 
-def _read(path: str, options: argparse.Namespace) -> FlightLog:
-    log = FlightLog.from_csv(
+def _read(path: str, options: argparse.Namespace) -> Recording:
+    log = Recording.from_csv(
         path,
         time=None if options.dt is not None else options.time or "t",
         dt=options.dt,
@@ -229,7 +229,7 @@ class _Bar(Protocol):
 
 
 def _learned(
-    options: argparse.Namespace, logs: list[FlightLog], held_out: list[FlightLog], interrupt: _Interrupt
+    options: argparse.Namespace, logs: list[Recording], held_out: list[Recording], interrupt: _Interrupt
 ) -> list[Row]:
     orders, forms = sorted(set(options.order)), list(dict.fromkeys(options.form))
     rows: list[Row] = []
@@ -251,8 +251,8 @@ def _row(
     options: argparse.Namespace,
     order: int,
     form: Form,
-    logs: list[FlightLog],
-    held_out: list[FlightLog],
+    logs: list[Recording],
+    held_out: list[Recording],
     interrupt: _Interrupt,
     bar: _Bar,
 ) -> Row | None:
@@ -292,14 +292,14 @@ def _sampled(options: argparse.Namespace, result: LearnResult) -> SampledPhyFilt
     return result.filter.sampled(float(f"{result.dt:.12g}"), result.method, g=g, f_theta=f_theta)
 
 
-def _signals(logs: Sequence[FlightLog]) -> filterfile.Signals:
+def _signals(logs: Sequence[Recording]) -> filterfile.Signals:
     inertias = [_constant_inertia(log) for log in logs]
     first = inertias[0]
     same = first is not None and all(i is not None and np.array_equal(i, first) for i in inertias)
     return filterfile.Signals(logs[0].channels, unit_x=logs[0].unit, inertia=first if same else None)
 
 
-def _constant_inertia(log: FlightLog) -> np.ndarray | None:
+def _constant_inertia(log: Recording) -> np.ndarray | None:
     """M of a flight where it is known and does not vary."""
     if log.inertia is None or log.inertia.ndim == 0 or len(log.inertia) != log.n:
         return log.inertia

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..flightlog import FlightLog
+from ..recording import Recording
 from ..results import Status, plain
 
 if TYPE_CHECKING:
@@ -58,7 +58,7 @@ def form_name(form: Form) -> str:
     return "low-pass" if form == "lowpass" else form
 
 
-def _alone(logs: Sequence[FlightLog], channels: Sequence[str]) -> float | None:
+def _alone(logs: Sequence[Recording], channels: Sequence[str]) -> float | None:
     """RMSE of f_theta alone, on the samples that are scored."""
     if not logs:
         return None
@@ -72,8 +72,8 @@ def _alone(logs: Sequence[FlightLog], channels: Sequence[str]) -> float | None:
 
 
 def table_of(
-    logs: Sequence[FlightLog],
-    held_out: Sequence[FlightLog],
+    logs: Sequence[Recording],
+    held_out: Sequence[Recording],
     channels: Sequence[str],
     rows: Sequence[Row],
     best: Row,
@@ -119,8 +119,8 @@ def _cell(value: float | None) -> str:
 
 
 def figures_of(
-    logs: Sequence[FlightLog],
-    held_out: Sequence[FlightLog],
+    logs: Sequence[Recording],
+    held_out: Sequence[Recording],
     channels: Sequence[str],
     rows: Sequence[Row],
     best: Row,

@@ -18,8 +18,8 @@ from scipy.optimize import OptimizeResult, minimize
 from .. import _signals
 from .._sections import FloatArray
 from ..filter import PaperFilter, PhyFilter, SampledPhyFilter
-from ..flightlog import FlightLog
 from ..learned import FitResult, LearnedModel
+from ..recording import Recording
 from ..results import Result, Status
 from .adjoint.costs import SquaredError, StageCost
 from .adjoint.gradient import Record, listed, record_of, terms_of
@@ -95,7 +95,7 @@ class JointResult(Result, Generic[M]):
 
 
 def joint_gradient(
-    logs: FlightLog | Sequence[FlightLog],
+    logs: Recording | Sequence[Recording],
     model: LearnedModel,
     sampled: SampledPhyFilter | PaperFilter,
     *,
@@ -108,7 +108,7 @@ def joint_gradient(
 
     Parameters
     ----------
-    logs : FlightLog or sequence of FlightLog
+    logs : Recording or sequence of Recording
         Flights with features z for the model, a label (the true f) and equal steps of ``sampled.dt``. An f_theta in
         them is not used.
     model : LearnedModel
@@ -133,7 +133,7 @@ def joint_gradient(
     --------
     >>> from phyfilter_ctl.learned import Network
     >>> z = np.linspace(-2.0, 2.0, 200)[:, None]
-    >>> log = FlightLog.from_arrays(x=0.0 * z, dt=0.01, label=np.sin(z), features=z)
+    >>> log = Recording.from_arrays(x=0.0 * z, dt=0.01, label=np.sin(z), features=z)
     >>> model = Network((4,), max_iterations=5).fit(z, np.sin(z)).model
     >>> joint_gradient(log, model, PhyFilter([1.0]).sampled(0.01)).model.shape
     (13,)
@@ -143,13 +143,13 @@ def joint_gradient(
 
 
 def learn_jointly(
-    logs: FlightLog | Sequence[FlightLog],
+    logs: Recording | Sequence[Recording],
     model: M,
     filter0: PhyFilter | SampledPhyFilter,
     *,
     form: Form | None = None,
     cost: StageCost | None = None,
-    held_out: FlightLog | Sequence[FlightLog] = (),
+    held_out: Recording | Sequence[Recording] = (),
     strategy: Strategy = "simultaneous",
     max_iterations: int = 200,
     tolerance: float = 1e-6,
@@ -161,7 +161,7 @@ def learn_jointly(
 
     Parameters
     ----------
-    logs : FlightLog or sequence of FlightLog
+    logs : Recording or sequence of Recording
         As for :func:`joint_gradient`.
     model : LearnedModel
         Where to start; one without parameters is fitted to the labels first.
@@ -171,7 +171,7 @@ def learn_jointly(
         As for :class:`Rollout`.
     cost : StageCost, optional
         As for :func:`joint_gradient`.
-    held_out : FlightLog or sequence of FlightLog
+    held_out : Recording or sequence of Recording
         Flights to choose the iterate by. None given: the last, which is the best on ``logs``.
     strategy : {"simultaneous", "alternating"}
         Move model and filter together, or by turns; the filter alone comes first in both.
@@ -207,12 +207,12 @@ def learn_jointly(
     >>> z = np.linspace(-2.0, 2.0, 400)[:, None]
     >>> f = np.sin(2.0 * z) + 0.3
     >>> x = 0.01 * np.cumsum(f, axis=0) + 1e-3 * rng.standard_normal(f.shape)
-    >>> log = FlightLog.from_arrays(x=x, dt=0.01, label=f, features=z)
+    >>> log = Recording.from_arrays(x=x, dt=0.01, label=f, features=z)
     >>> result = learn_jointly(log, Network((4,), max_iterations=3), PhyFilter([3.0]), max_iterations=30)
     >>> result.rmse < 0.2 * result.history[0]
     True
     """
-    flights, others = listed(logs), [held_out] if isinstance(held_out, FlightLog) else list(held_out)
+    flights, others = listed(logs), [held_out] if isinstance(held_out, Recording) else list(held_out)
     if strategy not in get_args(Strategy):
         raise ValueError(f"strategy: expected one of {get_args(Strategy)}, got {strategy!r}")
     max_iterations = _signals.count("max_iterations", max_iterations)
@@ -237,7 +237,7 @@ def learn_jointly(
     return _Search(problem, max_iterations, tolerance, callback).run(strategy)
 
 
-def _features(log: FlightLog) -> FloatArray:
+def _features(log: Recording) -> FloatArray:
     if log.features is None:
         name = f"log {log.name!r}" if log.name else "log"
         raise ValueError(
@@ -246,13 +246,13 @@ def _features(log: FlightLog) -> FloatArray:
     return log.features
 
 
-def _first_fit(model: M, flights: Sequence[FlightLog]) -> FitResult[M]:
+def _first_fit(model: M, flights: Sequence[Recording]) -> FitResult[M]:
     z = np.concatenate([_features(log) for log in flights])
     return model.fit(z, np.concatenate([log.label for log in flights if log.label is not None]))
 
 
 def _evaluate(
-    rollout: Rollout, logs: Sequence[FlightLog], model: LearnedModel, cost: StageCost
+    rollout: Rollout, logs: Sequence[Recording], model: LearnedModel, cost: StageCost
 ) -> JointGradient:
     value, squares, count = 0.0, 0.0, 0
     by_model, by_a, by_b = np.zeros(len(model.parameters)), np.zeros(rollout.sampled.order), None
@@ -282,8 +282,8 @@ class _Joint(Generic[M]):
 
     def __init__(
         self,
-        logs: Sequence[FlightLog],
-        held_out: Sequence[FlightLog],
+        logs: Sequence[Recording],
+        held_out: Sequence[Recording],
         model: M,
         rollout: Rollout,
         cost: StageCost,

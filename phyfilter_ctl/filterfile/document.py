@@ -41,7 +41,7 @@ from numpy.typing import ArrayLike
 from .. import _signals
 from .._output import replacing
 from ..filter import PhyFilter, SampledPhyFilter, Sampling
-from ..flightlog import checks
+from ..recording import checks
 from .table import TomlTable, parsed, refuse_oversize
 
 __all__ = ["Signals", "load", "load_signals", "save"]

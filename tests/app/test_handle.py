@@ -9,7 +9,7 @@ from designer_messages import answered, message_of, refused, reply_to
 from scipy import signal
 
 import phyfilter_ctl as pf
-from phyfilter_ctl import FlightLog, PhyFilter
+from phyfilter_ctl import PhyFilter, Recording
 from phyfilter_ctl.app import Session
 from phyfilter_ctl.app.steps import settling_time
 
@@ -345,17 +345,17 @@ def test_families_that_do_not_fit_say_why():
 # -- logs and estimates -----------------------------------------------------------------------------------------
 
 
-def csv_of(log: FlightLog, tmp_path) -> str:
+def csv_of(log: Recording, tmp_path) -> str:
     path = tmp_path / "log.csv"
     log.to_csv(path)
     return path.read_text()
 
 
-def flight(n: int = 400, *, dt: float = 0.002, inertia: float | None = None) -> FlightLog:
+def flight(n: int = 400, *, dt: float = 0.002, inertia: float | None = None) -> Recording:
     rng = np.random.default_rng(5)
     x = dt * np.cumsum(rng.standard_normal((n, 2)), axis=0)
     g, f_theta, label = rng.standard_normal((3, n, 2))
-    return FlightLog.from_arrays(
+    return Recording.from_arrays(
         x=x, dt=dt, g=g, f_theta=f_theta, label=label, inertia=inertia, channels=["px", "py"]
     )
 
@@ -406,7 +406,7 @@ def test_estimate_runs_at_the_step_of_the_log_and_says_so(tmp_path):
 def test_estimate_takes_unequal_steps(tmp_path):
     rng = np.random.default_rng(6)
     times = np.cumsum(0.002 * rng.uniform(0.5, 1.5, 300))
-    log = FlightLog.from_arrays(x=np.cumsum(rng.standard_normal((300, 1)), axis=0), times=times)
+    log = Recording.from_arrays(x=np.cumsum(rng.standard_normal((300, 1)), axis=0), times=times)
     session = Session(log=log)
     reply = answered(session, "estimate", design=DESIGNS["one pole"])
     f_hat = PhyFilter([20.0]).sampled(log.dt).run(log.x, times=times)[:, 0]
@@ -418,7 +418,7 @@ def test_long_estimate_is_thinned_without_losing_a_peak():
     n = 50_000
     label = np.sin(np.arange(n) / 3000.0)
     label[31_234], label[77] = 9.0, -8.0
-    log = FlightLog.from_arrays(x=np.zeros((n, 1)), dt=0.001, label=label[:, None])
+    log = Recording.from_arrays(x=np.zeros((n, 1)), dt=0.001, label=label[:, None])
     reply = answered(Session(log=log), "estimate", design=DESIGNS["one pole"])
     assert 500 < len(reply["t"]) <= 1500
     assert len(reply["label"]) == len(reply["f_hat"]) == len(reply["t"])
@@ -431,7 +431,7 @@ def test_long_estimate_is_thinned_without_losing_a_peak():
 def test_a_window_of_a_long_estimate_is_drawn_in_full():
     n, dt = 50_000, 0.001
     label = np.sin(np.arange(n) / 300.0)[:, None]
-    session = Session(log=FlightLog.from_arrays(x=np.zeros((n, 1)), dt=dt, label=label))
+    session = Session(log=Recording.from_arrays(x=np.zeros((n, 1)), dt=dt, label=label))
     whole = answered(session, "estimate", design=DESIGNS["one pole"])
     part = answered(session, "estimate", design=DESIGNS["one pole"], window=[20.0005, 20.5005])
     np.testing.assert_allclose(part["t"], dt * np.arange(20_000, 20_502))

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from designer_messages import answered, message_of, refused
 
-from phyfilter_ctl import FlightLog, PhyFilter, learn
+from phyfilter_ctl import PhyFilter, Recording, learn
 from phyfilter_ctl.app import Session
 from phyfilter_ctl.app.jobs import LearningJob
 
@@ -21,11 +21,11 @@ CANCELLED_WITHIN = 0.5  # s, on a busy machine
 PATIENCE = 60.0  # s
 
 
-def flight(n: int = 1500, *, noise: float = 0.0, channels: int = 1) -> FlightLog:
+def flight(n: int = 1500, *, noise: float = 0.0, channels: int = 1) -> Recording:
     rng = np.random.default_rng(8)
     x = DT * np.cumsum(rng.standard_normal((n, channels)), axis=0)
     label = TRUTH.sampled(DT).run(x) + noise * rng.standard_normal((n, channels))
-    return FlightLog.from_arrays(x=x, dt=DT, label=label)
+    return Recording.from_arrays(x=x, dt=DT, label=label)
 
 
 def ended(session: Session, job: int) -> dict:
@@ -91,7 +91,7 @@ def long_session() -> tuple[Session, int]:
     """A search that would take many seconds, once it is under way."""
     rng = np.random.default_rng(9)
     x = np.cumsum(rng.standard_normal((60_000, 3)), axis=0)
-    log = FlightLog.from_arrays(x=DT * x, dt=DT, label=rng.standard_normal((60_000, 3)))
+    log = Recording.from_arrays(x=DT * x, dt=DT, label=rng.standard_normal((60_000, 3)))
     session = Session(log=log)
     job = answered(session, "learn", order=8, form="general")["job"]
     until = time.perf_counter() + PATIENCE
@@ -158,12 +158,12 @@ def test_refusals(fields, said):
 
 
 def test_a_log_without_a_label_cannot_teach():
-    session = Session(log=FlightLog.from_arrays(x=np.zeros((10, 1)), dt=DT))
+    session = Session(log=Recording.from_arrays(x=np.zeros((10, 1)), dt=DT))
     assert "label" in refused(session, "learn", order=1)["error"]
 
 
 def test_a_log_that_teaches_nothing_fails_with_the_reason():
-    log = FlightLog.from_arrays(x=np.zeros((50, 1)), dt=DT, label=np.zeros((50, 1)))
+    log = Recording.from_arrays(x=np.zeros((50, 1)), dt=DT, label=np.zeros((50, 1)))
     session = Session(log=log)
     reply = ended(session, answered(session, "learn", order=1)["job"])
     assert reply["state"] == "failed"
@@ -192,7 +192,7 @@ def test_a_long_log_of_unequal_steps_is_resampled(monkeypatch):
     times = np.cumsum(DT * rng.uniform(0.8, 1.2, 900))
     x = DT * np.cumsum(rng.standard_normal((900, 1)), axis=0)
     label = TRUTH.sampled(DT).run(x, times=times)
-    session = Session(log=FlightLog.from_arrays(x=x, times=times, label=label))
+    session = Session(log=Recording.from_arrays(x=x, times=times, label=label))
     reply = ended(session, answered(session, "learn", order=2)["job"])
     assert reply["state"] == "done"
     assert "resampled" in reply["message"]

@@ -96,11 +96,11 @@ def test_a_sampled_filter_brings_its_sampling():
     assert live.sampled.sampling.method == "tustin"
 
 
-def log() -> pf.FlightLog:
+def log() -> pf.Recording:
     rng = np.random.default_rng(0)
     f = np.sin(0.05 * np.arange(2000))[:, None]
     x = np.cumsum(0.01 * f, axis=0) + 1e-3 * rng.standard_normal((2000, 1))
-    return pf.FlightLog.from_arrays(x=x, dt=0.01, label=f)
+    return pf.Recording.from_arrays(x=x, dt=0.01, label=f)
 
 
 @pytest.mark.parametrize("kind", ["log", "path", "text"])

@@ -15,7 +15,7 @@ import pytest
 from numpy.typing import NDArray
 
 import phyfilter_ctl as pf
-from phyfilter_ctl import FlightLog, PhyFilter, baselines, plants, simulate
+from phyfilter_ctl import PhyFilter, Recording, baselines, plants, simulate
 from phyfilter_ctl.baselines import DisturbanceObserver, Evolver, FeedbackNeuralNetwork
 from phyfilter_ctl.controllers import known_torque, position_controller
 from phyfilter_ctl.design import SquaredError, numerator_of_type
@@ -29,10 +29,10 @@ X = np.sin(3.0 * TIMES)[:, None] * [1.0, -2.0]
 ONE = X[:, :1]
 STATE = F.sampled(0.01).start(X[0])
 LAG = ct.tf([1.0], [0.1, 1.0], inputs="u", outputs="y", name="lag")
-LOG = FlightLog.from_arrays(x=X, times=TIMES, label=X)
+LOG = Recording.from_arrays(x=X, times=TIMES, label=X)
 GAIN = ct.nlsys(None, lambda t, x, u, p: p["k"] * u, inputs=1, outputs=1, params={"k": 2.0}, name="gain")
 _T = 0.01 * np.arange(200)[:, None]
-FLIGHT = FlightLog.from_arrays(x=-np.cos(_T), dt=0.01, g=np.zeros_like(_T), label=np.sin(_T))
+FLIGHT = Recording.from_arrays(x=-np.cos(_T), dt=0.01, g=np.zeros_like(_T), label=np.sin(_T))
 MODEL = Chebyshev(degree=2, n_d=0).fit(X, X).model
 BOUND = pf.ultimate_bound(PhyFilter([20.0]), residual={1: 1.0})
 MARGIN = pf.prior_margin(PhyFilter([20.0]))
@@ -54,11 +54,11 @@ DOORS: dict[str, Door] = {
     "step x": (X[0], lambda v: F.sampled(0.01).step(STATE, v)),
     "step g": (X[0], lambda v: F.sampled(0.01).step(STATE, X[0], v)),
     "step inertia": (np.ones(2), lambda v: F.sampled(0.01).step(STATE, X[0], inertia=v)),
-    "FlightLog x": (X, lambda v: FlightLog.from_arrays(x=v, dt=0.01)),
-    "FlightLog g": (X, lambda v: FlightLog.from_arrays(x=X, dt=0.01, g=v)),
-    "FlightLog features": (X, lambda v: FlightLog.from_arrays(x=X, dt=0.01, features=v)),
-    "FlightLog inertia": (X, lambda v: FlightLog.from_arrays(x=X, dt=0.01, inertia=v)),
-    "FlightLog compare": (X, lambda v: LOG.compare({"v": v})),
+    "Recording x": (X, lambda v: Recording.from_arrays(x=v, dt=0.01)),
+    "Recording g": (X, lambda v: Recording.from_arrays(x=X, dt=0.01, g=v)),
+    "Recording features": (X, lambda v: Recording.from_arrays(x=X, dt=0.01, features=v)),
+    "Recording inertia": (X, lambda v: Recording.from_arrays(x=X, dt=0.01, inertia=v)),
+    "Recording compare": (X, lambda v: LOG.compare({"v": v})),
     "BackwardDifference v": (X, lambda v: baselines.BackwardDifference(2).estimate(v, 0.01)),
     "KalmanDifferentiator v": (X, lambda v: baselines.KalmanDifferentiator(q=1.0, r=1.0).estimate(v, 0.01)),
     "tune v": (ONE, lambda v: baselines.tune(baselines.BackwardDifference, [(v, ONE, 0.01, 0)])),
@@ -102,7 +102,7 @@ DOORS: dict[str, Door] = {
 }
 TIME_DOORS: dict[str, Callable[..., object]] = {
     "run times": lambda t: F.sampled(0.01).run(X, times=t),
-    "FlightLog times": lambda t: FlightLog.from_arrays(x=X, times=t),
+    "Recording times": lambda t: Recording.from_arrays(x=X, times=t),
     "DisturbanceObserver times": lambda t: DisturbanceObserver(8.0, 0.01).run(X, times=t),
     "simulate timepts": lambda t: simulate(LAG, t, 1.0),
     "envelope times": lambda t: BOUND.envelope(t),
@@ -175,7 +175,7 @@ def test_times_run_forwards(door: str) -> None:
 @pytest.mark.parametrize(
     "door",
     [
-        lambda dt: FlightLog.from_arrays(x=X, dt=dt),
+        lambda dt: Recording.from_arrays(x=X, dt=dt),
         lambda dt: LOG.resample(dt),
         F.sampled,
         lambda dt: DisturbanceObserver(8.0, dt),

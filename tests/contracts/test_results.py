@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import phyfilter_ctl as pf
-from phyfilter_ctl import FlightLog, PhyFilter, Result, Status, baselines, design, learned
+from phyfilter_ctl import PhyFilter, Recording, Result, Status, baselines, design, learned
 from phyfilter_ctl.controllers import CooperativePlanner, PlannerLimits, follow
 from phyfilter_ctl.design import optimal
 
@@ -65,10 +65,10 @@ def test_statuses_are_words_that_say_what_they_mean() -> None:
     assert json.loads(json.dumps({"status": Status.AT_BOUND})) == {"status": "at_bound"}
 
 
-def record() -> FlightLog:
+def record() -> Recording:
     rng = np.random.default_rng(0)
     x = np.cumsum(rng.standard_normal((600, 1)), axis=0)
-    return FlightLog.from_arrays(x=x, dt=0.01, label=PhyFilter([400.0, 30.0]).sampled(0.01).run(x))
+    return Recording.from_arrays(x=x, dt=0.01, label=PhyFilter([400.0, 30.0]).sampled(0.01).run(x))
 
 
 SAMPLED = PhyFilter([400.0, 40.0]).sampled(0.01)

@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.signal import lfilter
 
-from phyfilter_ctl import FlightLog
+from phyfilter_ctl import Recording
 
 H = 0.002
 NOISE = 3e-3  # m/s
@@ -28,7 +28,7 @@ def reference_log(samples=28_000, seed=7, noise=NOISE):
     gusts = lfilter([np.sqrt(1.0 - keep**2)], [1.0, -keep], rng.standard_normal((len(t), 3)), axis=0)
     f = sines + 0.5 * gusts
     x = np.concatenate([np.zeros((1, 3)), np.cumsum(0.5 * h * (f[1:] + f[:-1]), axis=0)])[::FINER]
-    return FlightLog.from_arrays(
+    return Recording.from_arrays(
         x=x + noise * rng.standard_normal(x.shape),
         dt=H,
         f_theta=0.3 * sines[::FINER],

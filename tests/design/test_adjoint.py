@@ -22,7 +22,7 @@ from phyfilter_ctl.design.learning.residuals import flights_of
 from phyfilter_ctl.design.learning.samples import Samples
 from phyfilter_ctl.design.learning.sensitivity import coefficient_gradient
 from phyfilter_ctl.filter import PaperFilter
-from phyfilter_ctl.flightlog import FlightLog
+from phyfilter_ctl.recording import Recording
 
 # Sums over the same samples in another order.
 ROUNDING = 1e-11
@@ -31,20 +31,20 @@ DIFFERENCES = 1e-8
 H = 0.004
 
 
-def log_of(count: int, seed: int = 0, channels: int = 2, **signals) -> FlightLog:
+def log_of(count: int, seed: int = 0, channels: int = 2, **signals) -> Recording:
     rng = np.random.default_rng(seed)
     x = np.cumsum(0.01 * rng.standard_normal((count, channels)), axis=0)
     g, f_theta, label = rng.standard_normal((3, count, channels))
-    return FlightLog.from_arrays(x=x, dt=H, g=g, f_theta=f_theta, label=label, **signals)
+    return Recording.from_arrays(x=x, dt=H, g=g, f_theta=f_theta, label=label, **signals)
 
 
-def learnable(count: int = 3000, seed: int = 1, dt: float = 0.01) -> FlightLog:
+def learnable(count: int = 3000, seed: int = 1, dt: float = 0.01) -> Recording:
     """Slow sines under noise: a filter that is too fast or too slow is worse."""
     rng = np.random.default_rng(seed)
     t = dt * np.arange(count)
     f = np.column_stack([np.sin(2.0 * t), np.cos(1.3 * t) + 0.5 * np.sin(5.0 * t)])
     x = dt * np.cumsum(f, axis=0) + 3e-3 * rng.standard_normal(f.shape)
-    return FlightLog.from_arrays(x=x, dt=dt, label=f)
+    return Recording.from_arrays(x=x, dt=dt, label=f)
 
 
 def relative(one: np.ndarray, other: np.ndarray) -> float:
@@ -198,7 +198,7 @@ def test_any_stage_and_terminal_cost(realisation):
 def test_weights_of_channels():
     log, sampled = log_of(200), PhyFilter([400.0, 30.0]).sampled(H)
     weighted = adjoint_gradient(log, sampled, cost=SquaredError([3.0, 0.0]))
-    first = FlightLog.from_arrays(
+    first = Recording.from_arrays(
         x=log.x[:, :1], dt=H, g=log.g[:, :1], f_theta=log.f_theta[:, :1], label=log.label[:, :1]
     )
     alone = adjoint_gradient(first, sampled)
@@ -209,7 +209,7 @@ def test_weights_of_channels():
 # --- training
 
 
-def sweep(log: FlightLog) -> tuple[float, float]:
+def sweep(log: Recording) -> tuple[float, float]:
     """Best first-order pole of a dense sweep, and its mean squared error summed over channels."""
     poles = np.geomspace(0.5, 40.0, 300)
     costs = [adjoint_gradient(log, PhyFilter([p]).sampled(log.dt)) for p in poles]

@@ -9,8 +9,8 @@ from phyfilter_ctl import PhyFilter
 from phyfilter_ctl.design.adjoint import adjoint_gradient
 from phyfilter_ctl.design.joint import joint_gradient, learn_jointly
 from phyfilter_ctl.filter import PaperFilter
-from phyfilter_ctl.flightlog import FlightLog
 from phyfilter_ctl.learned import Chebyshev, Dictionary, Koopman, LearnedModel, Network, NeuralOde
+from phyfilter_ctl.recording import Recording
 from tests.cpu_budget import slow_but
 
 # Sixth-order central differences along one direction; what is left is their own rounding over the step.
@@ -18,7 +18,7 @@ DIFFERENCES = 1e-9
 H = 0.01
 
 
-def log_of(count: int = 300, seed: int = 0) -> FlightLog:
+def log_of(count: int = 300, seed: int = 0) -> Recording:
     """A drag that the model can know from z, and a gust that only the filter sees, with noise on x."""
     rng = np.random.default_rng(seed)
     t = H * np.arange(count)
@@ -26,10 +26,10 @@ def log_of(count: int = 300, seed: int = 0) -> FlightLog:
     drag = np.column_stack([-z[:, 0] * np.abs(z[:, 0]) - z[:, 1], z[:, 0] * z[:, 1]])
     gust = np.column_stack([0.4 * np.sin(2.0 * t), 0.3 * np.cos(2.6 * t)])
     x = H * np.cumsum(drag + gust, axis=0) + 2e-3 * rng.standard_normal((count, 2))
-    return FlightLog.from_arrays(x=x, dt=H, label=drag + gust, features=z)
+    return Recording.from_arrays(x=x, dt=H, label=drag + gust, features=z)
 
 
-def fitted(model: LearnedModel, log: FlightLog) -> LearnedModel:
+def fitted(model: LearnedModel, log: Recording) -> LearnedModel:
     return model.fit(log.features, log.label).model
 
 

@@ -10,7 +10,7 @@ import pytest
 from reference_log import reference_log
 from scipy.optimize import minimize
 
-from phyfilter_ctl import FlightLog, PhyFilter
+from phyfilter_ctl import PhyFilter, Recording
 from phyfilter_ctl.design.learning import LearnEvent, learn
 from phyfilter_ctl.design.learning.learn_filter import _status
 from tests.cpu_budget import slow_but
@@ -150,7 +150,7 @@ def test_a_filter_is_learned_back(name, method, irregular):
     times = np.cumsum(steps)
     f_theta = 0.1 * walk(3, 2500)
     label = truth.sampled(0.01, method=method).run(x, f_theta=f_theta, times=times)
-    log = FlightLog.from_arrays(x=x, times=times, label=label, f_theta=f_theta)
+    log = Recording.from_arrays(x=x, times=times, label=label, f_theta=f_theta)
     form = "lowpass" if truth.is_lowpass else "general"
     result = learn(log, truth.order, form=form, method=method, wiener=False)
     assert result.rmse <= EXACT_FIT * np.std(label)
@@ -165,7 +165,7 @@ def test_many_flights_of_several_rates_with_inertia_and_held_g():
         x, g = walk(seed, 1500 + 100 * seed), walk(10 + seed, 1500 + 100 * seed)
         inertia = [2.0, 3.0]
         label = truth.sampled(dt, g="average").run(x, g, inertia=inertia)
-        logs.append(FlightLog.from_arrays(x=x, g=g, dt=dt, label=label, inertia=inertia))
+        logs.append(Recording.from_arrays(x=x, g=g, dt=dt, label=label, inertia=inertia))
     result = learn(logs, 2, g="average", wiener=False)
     np.testing.assert_allclose(result.filter.a, truth.a, rtol=RECOVERED)
     wrong = learn(logs, 2, g="hold", wiener=False)
@@ -178,7 +178,7 @@ def test_jump_at_a_gap_in_the_times_does_not_slow_the_filter():
     times = 0.01 * np.arange(3000)
     times[1500:] += 2.0
     label = PhyFilter([30.0]).sampled(0.01).run(x, times=times)
-    result = learn(FlightLog.from_arrays(x=x, times=times, label=label), 1, wiener=False)
+    result = learn(Recording.from_arrays(x=x, times=times, label=label), 1, wiener=False)
     assert result.filter.a[0] == pytest.approx(30.0, rel=RECOVERED)
 
 
@@ -189,7 +189,7 @@ def test_weights_and_channels_choose_what_is_learned():
     x = walk(5)
     slow, fast = PhyFilter([4.0]).sampled(0.01), PhyFilter([40.0]).sampled(0.01)
     label = np.hstack([slow.run(x[:, :1]), fast.run(x[:, 1:])])
-    log = FlightLog.from_arrays(x=x, dt=0.01, label=label, channels=["roll", "pitch"])
+    log = Recording.from_arrays(x=x, dt=0.01, label=label, channels=["roll", "pitch"])
     assert learn(log, 1, channels=[0], wiener=False).filter.a[0] == pytest.approx(4.0, rel=RECOVERED)
     assert learn(log, 1, channels=["pitch"], wiener=False).filter.a[0] == pytest.approx(40.0, rel=RECOVERED)
     weights = np.zeros((3000, 2))
@@ -236,7 +236,7 @@ def test_wiener_filter_of_a_known_response():
     u, noise = rng.standard_normal((20_000, 1)), 0.1 * rng.standard_normal((20_000, 1))
     x = np.concatenate([[[0.0]], np.cumsum(0.01 * u, axis=0)])
     target = np.concatenate([[[0.0]], np.convolve(u[:, 0], taps)[:20_000, None] + noise])
-    result = learn(FlightLog.from_arrays(x=x, dt=0.01, label=target), 1)
+    result = learn(Recording.from_arrays(x=x, dt=0.01, label=target), 1)
     found = np.zeros(64)
     found[: len(result.wiener.taps)] = result.wiener.taps
     np.testing.assert_allclose(found[:4], taps, atol=5.0 * 0.1 / np.sqrt(20_000))
@@ -251,7 +251,7 @@ def test_wiener_filter_looks_back_only():
     u = rng.standard_normal((6000, 1))
     x = np.concatenate([[[0.0]], np.cumsum(0.01 * u, axis=0)])
     ahead = np.concatenate([u, [[0.0]]])  # label at sample k is u of the step after it
-    result = learn(FlightLog.from_arrays(x=x, dt=0.01, label=ahead), 1)
+    result = learn(Recording.from_arrays(x=x, dt=0.01, label=ahead), 1)
     assert result.wiener.rmse == pytest.approx(np.std(u), rel=0.05)
 
 
@@ -313,7 +313,7 @@ def test_statuses():
     rng = np.random.default_rng(13)
     u = rng.standard_normal((2000, 1))
     x = np.concatenate([[[0.0]], np.cumsum(0.01 * u, axis=0)])
-    direct = FlightLog.from_arrays(x=x, dt=0.01, label=np.concatenate([[[0.0]], u]))
+    direct = Recording.from_arrays(x=x, dt=0.01, label=np.concatenate([[[0.0]], u]))
     bound = learn(direct, 1, wiener=False)  # gamma* = u: as fast as can be
     assert bound.status == "at_bound"
     assert "faster sampling" in bound.message
@@ -349,9 +349,9 @@ def test_order_out_of_range(short, order):
 
 def bad_calls():
     x = walk(20, 50)
-    log = FlightLog.from_arrays(x=x, dt=0.01, label=walk(21, 50), name="hover")
-    still = FlightLog.from_arrays(x=np.ones((50, 2)), dt=0.01, label=walk(21, 50))
-    known = FlightLog.from_arrays(x=x, dt=0.01, label=x, f_theta=x)
+    log = Recording.from_arrays(x=x, dt=0.01, label=walk(21, 50), name="hover")
+    still = Recording.from_arrays(x=np.ones((50, 2)), dt=0.01, label=walk(21, 50))
+    known = Recording.from_arrays(x=x, dt=0.01, label=x, f_theta=x)
     return {
         "label missing": ({"logs": log.with_signals(label=None)}, "'hover'.*no label"),
         "no logs": ({"logs": []}, "at least one"),
@@ -384,7 +384,7 @@ def test_bad_values_are_refused(case):
 
 
 def test_bad_types_are_refused(short):
-    with pytest.raises(TypeError, match="FlightLogs"):
+    with pytest.raises(TypeError, match="Recordings"):
         learn([short.x], 2)
     with pytest.raises(TypeError, match="PhyFilters"):
         learn(short, 2, start=[3.0])
@@ -400,7 +400,7 @@ def test_cancelling_the_first_trials_of_unequal_steps_keeps_the_best_so_far() ->
     times = np.cumsum(rng.uniform(0.005, 0.015, 1500))
     x = np.cumsum(0.1 * rng.standard_normal((1500, 1)), axis=0)
     label = PhyFilter([400.0, 30.0]).sampled(0.01).run(x, times=times)
-    log = FlightLog.from_arrays(x=x, times=times, label=label)
+    log = Recording.from_arrays(x=x, times=times, label=label)
     seen: list[float] = []
 
     def stop(event: LearnEvent) -> bool:
@@ -421,6 +421,6 @@ def test_a_fit_down_to_rounding_has_a_wiener_floor() -> None:
     f = np.stack([np.sin((1 + i) * t) + 0.5 * np.sin(7.0 * t + i) for i in range(3)], axis=1)
     noise = 1e-3 * np.random.default_rng(0).standard_normal((n, 3))
     result = learn(
-        FlightLog.from_arrays(x=dt * np.cumsum(f, axis=0) + noise, dt=dt, label=f), 4, form="general"
+        Recording.from_arrays(x=dt * np.cumsum(f, axis=0) + noise, dt=dt, label=f), 4, form="general"
     )
     assert result.wiener is not None

@@ -9,7 +9,7 @@ from reference_log import reference_log
 from scipy.signal import lfilter
 from test_learning import random_filter
 
-from phyfilter_ctl import FlightLog, PhyFilter
+from phyfilter_ctl import PhyFilter, Recording
 from phyfilter_ctl.cli.learn_report import Row, best_of
 from phyfilter_ctl.design.learning import learn, levenberg
 from phyfilter_ctl.design.learning.label_check import label_faults
@@ -47,7 +47,7 @@ def flight(
     slope = f + np.repeat(held, FINER, axis=0)
     x = np.cumsum(slope * H / FINER, axis=0)[::FINER]
     x = x + noise * rng.standard_normal(x.shape) + slow * gusts(rng, n, H, 0.3)
-    return FlightLog.from_arrays(
+    return Recording.from_arrays(
         x=x,
         dt=H,
         g=held if g is not None and give_g else None,
@@ -74,7 +74,7 @@ def tilted(seed):
     f = np.gradient(v, H, axis=0)
     label = f - TILT * v
     x = v + NOISE * rng.standard_normal(v.shape)
-    return FlightLog.from_arrays(x=x, dt=H, label=label - np.mean(label, axis=0))
+    return Recording.from_arrays(x=x, dt=H, label=label - np.mean(label, axis=0))
 
 
 @pytest.fixture(scope="module")

@@ -156,7 +156,7 @@ def flight(seed, n=8000, h=0.01, s=1.0, tau=0.4, sigma=0.003):
     for i in range(n * fine):
         gamma[i + 1] = a * gamma[i] + drive[i]
     x = np.r_[0.0, np.cumsum(0.5 * (gamma[1:] + gamma[:-1]))] * h / fine
-    return pf.FlightLog.from_arrays(x=(x[::fine] + sigma * rng.standard_normal(n + 1))[:, None], dt=h), gamma
+    return pf.Recording.from_arrays(x=(x[::fine] + sigma * rng.standard_normal(n + 1))[:, None], dt=h), gamma
 
 
 @pytest.mark.slow
@@ -198,7 +198,7 @@ def test_peaks_and_their_share():
         (lambda: least_variance(2, residual=PROCESS, noise=0.0), "positive"),
         (lambda: bound_trade_off(2, residual={0: 1.0, 1: 1.0}, noise=0.1), "one bounded"),
         (
-            lambda: residual_statistics(pf.FlightLog.from_arrays(x=np.arange(50.0)[:, None], dt=0.1)),
+            lambda: residual_statistics(pf.Recording.from_arrays(x=np.arange(50.0)[:, None], dt=0.1)),
             "200 samples",
         ),
         (lambda: residual_statistics(flight(0, n=300)[0], confidence=1.0), "between 0 and 1"),

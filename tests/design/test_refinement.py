@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from phyfilter_ctl import PhyFilter
 from phyfilter_ctl.design.refinement import last_layer, offline_problem, refine, regression, score_model
 from phyfilter_ctl.design.refinement.online import OnlineRefiner
-from phyfilter_ctl.flightlog import FlightLog
 from phyfilter_ctl.learned import Chebyshev, Network
+from phyfilter_ctl.recording import Recording
 
 Array = NDArray[np.float64]
 
@@ -31,7 +31,7 @@ def truth(v: Array) -> Array:
 
 def flight(
     seed: int, *, seconds: float = 8.0, gust: float = 0.0, noise: float = 0.0, size: float = 1.0
-) -> FlightLog:
+) -> Recording:
     rng = np.random.default_rng(seed)
     t = DT * np.arange(round(seconds / DT))[:, None]
     v, slope, blown = np.zeros((len(t), 2)), np.zeros((len(t), 2)), np.zeros((len(t), 2))
@@ -42,7 +42,7 @@ def flight(
         blown += gust * np.sin(rng.uniform(0.2, 3.0, 2) * t + rng.uniform(0.0, 6.3, 2))
     f = truth(v) + blown
     x = v + noise * rng.standard_normal(v.shape)
-    return FlightLog.from_arrays(x=x, dt=DT, g=slope - f, label=f, features=v)
+    return Recording.from_arrays(x=x, dt=DT, g=slope - f, label=f, features=v)
 
 
 @pytest.fixture(scope="module")
@@ -290,7 +290,7 @@ def test_unexcited_directions_return_instead_of_winding_up(wrong: Chebyshev) -> 
     refiner = OnlineRefiner(wrong, SAMPLED, forgetting=1.0, trust=1e-4)
     taught = refiner.run(flight(20)).knowledge
     still = np.zeros((6000, 2))
-    hover = FlightLog.from_arrays(x=still, dt=DT, g=-truth(still), features=still)
+    hover = Recording.from_arrays(x=still, dt=DT, g=-truth(still), features=still)
     after = refiner.run(hover, knowledge=taught)
     assert np.all(np.isfinite(after.parameters))
     far = np.array([[2.0, 2.0]])
@@ -327,7 +327,7 @@ def test_bad_input_is_named(wrong: Chebyshev, network: Network) -> None:
     log = flight(20, seconds=1.0)
     with pytest.raises(ValueError, match=r"logs\[1\] has no features"):
         refine(wrong, [log, log.with_signals(features=None)], SAMPLED)
-    with pytest.raises(TypeError, match=r"logs\[0\]: expected a FlightLog, got ndarray"):
+    with pytest.raises(TypeError, match=r"logs\[0\]: expected a Recording, got ndarray"):
         refine(wrong, [log.x], SAMPLED)  # type: ignore[list-item]  # the value under test
     with pytest.raises(ValueError, match="at least one flight"):
         refine(wrong, [], SAMPLED)

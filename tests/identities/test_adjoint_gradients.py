@@ -20,7 +20,7 @@ from phyfilter_ctl.design.learning.residuals import flights_of
 from phyfilter_ctl.design.learning.samples import Samples
 from phyfilter_ctl.design.learning.sensitivity import coefficient_gradient
 from phyfilter_ctl.filter import PaperFilter
-from phyfilter_ctl.flightlog import FlightLog
+from phyfilter_ctl.recording import Recording
 
 # All routes differentiate the same sampled map exactly; what is left is the rounding of each.
 AGREE = 1e-9
@@ -38,11 +38,11 @@ Array = np.ndarray
 
 
 @cache
-def log_of(n: int, count: int = COUNT) -> FlightLog:
+def log_of(n: int, count: int = COUNT) -> Recording:
     rng = np.random.default_rng(n)
     x = np.cumsum(0.01 * rng.standard_normal((count, 2)), axis=0) + 3.0
     g, f_theta, label = rng.standard_normal((3, count, 2))
-    return FlightLog.from_arrays(x=x, dt=STEP, g=g, f_theta=f_theta, label=label)
+    return Recording.from_arrays(x=x, dt=STEP, g=g, f_theta=f_theta, label=label)
 
 
 def filter_of(n: int, form: str, *, repeated: bool) -> PhyFilter:
@@ -68,7 +68,7 @@ def rules(method: str) -> tuple[str, str]:
     return RULES.get(method, ("hold", "hold"))
 
 
-def residual(log: FlightLog, method: str) -> tuple[Array, Array]:
+def residual(log: Recording, method: str) -> tuple[Array, Array]:
     """u (m, 2) and gamma* (m, 2), written out."""
 
     def mean(rule: str, values: Array) -> Array:
@@ -206,7 +206,7 @@ def test_the_printed_gradient_lacks_the_term_of_the_last_sample(n):
     assert np.linalg.norm(gradient - direct - reference) > MISSING * size
 
 
-def direct_term_of_last_sample(filter: PhyFilter, log: FlightLog) -> Array:
+def direct_term_of_last_sample(filter: PhyFilter, log: Recording) -> Array:
     """d l_N / d a with the integrators held: f_hat_N = a_0 (xi + int x) + f_theta - sum a_{n-i} (alpha_i - beta_i)."""
     n = filter.order
     f_hat = PaperFilter(filter, STEP).run(log.x, log.g, log.f_theta)
@@ -228,7 +228,7 @@ def direct_term_of_last_sample(filter: PhyFilter, log: FlightLog) -> Array:
     return np.array(terms)
 
 
-def differences(filter: PhyFilter, log: FlightLog) -> Array:
+def differences(filter: PhyFilter, log: Recording) -> Array:
     def cost(a: Array) -> float:
         f_hat = PaperFilter(PhyFilter(a), STEP).run(log.x, log.g, log.f_theta)
         return float(np.sum((f_hat - log.label)[1:] ** 2))

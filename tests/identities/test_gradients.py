@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from phyfilter_ctl import FlightLog, PhyFilter
+from phyfilter_ctl import PhyFilter, Recording
 from phyfilter_ctl.design.learning.correlation import Correlations, Stretch
 from phyfilter_ctl.design.learning.residuals import flights_of
 from phyfilter_ctl.design.learning.samples import Samples
@@ -32,7 +32,7 @@ def record():
     rng = np.random.default_rng(3)
     x = np.cumsum(rng.standard_normal((N, 2)), axis=0)
     g, f_theta, label = rng.standard_normal((3, N, 2))
-    return FlightLog.from_arrays(x=x, dt=H, g=g, f_theta=f_theta, label=label)
+    return Recording.from_arrays(x=x, dt=H, g=g, f_theta=f_theta, label=label)
 
 
 def plain_cost(log, a, b, w, method):

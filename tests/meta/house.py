@@ -50,7 +50,7 @@ with tempfile.TemporaryDirectory() as folder:
     path = Path(folder, "log.csv")
     path.write_text("t,x,label_x\n" + rows)
     sys.setprofile(note)
-    log = pf.FlightLog.from_csv(path, x=["x"])
+    log = pf.Recording.from_csv(path, x=["x"])
     sampled = pf.learn(log, 1).filter.sampled(0.01)
     sampled.run(log.x)
     pf.export_fmu(sampled, Path(folder, "filter.fmu"), channels=1)

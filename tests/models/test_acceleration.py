@@ -13,8 +13,8 @@ import pytest
 
 from phyfilter_ctl import PhyFilter, models, save
 from phyfilter_ctl.cli import main
-from phyfilter_ctl.flightlog import FlightLog
 from phyfilter_ctl.learned import Network
+from phyfilter_ctl.recording import Recording
 
 ROOM = f"{models.__name__}.acceleration"
 diagram = importlib.import_module(f"{ROOM}.diagram")
@@ -53,11 +53,11 @@ def quick() -> experiment.Comparison:
     return experiment.compare(train, test, data="generated", seed=3, effort=experiment.QUICK)
 
 
-def sine_flight(speed: float, *, n: int = 300, seed: int = 0, name: str = "sine") -> FlightLog:
+def sine_flight(speed: float, *, n: int = 300, seed: int = 0, name: str = "sine") -> Recording:
     t = 0.01 * np.arange(n)[:, None]
     omega = np.array([2.0, 3.0, 4.0])
     noise = 0.002 * np.random.default_rng(seed).standard_normal((n, 3))
-    return FlightLog.from_arrays(
+    return Recording.from_arrays(
         x=speed * np.sin(omega * t + seed) + noise,
         dt=0.01,
         label=speed * omega * np.cos(omega * t + seed),
@@ -66,7 +66,7 @@ def sine_flight(speed: float, *, n: int = 300, seed: int = 0, name: str = "sine"
     )
 
 
-def write(path: Path, log: FlightLog) -> str:
+def write(path: Path, log: Recording) -> str:
     """The log with the columns of a recording."""
     assert log.label is not None
     table = np.hstack([log.times[:, None], log.x, log.label])
@@ -162,7 +162,7 @@ def test_tuner_finds_the_filter_that_made_the_labels():
     for _ in range(2):
         x, f_theta = np.cumsum(0.05 * rng.standard_normal((1500, 3)), axis=0), rng.standard_normal((1500, 3))
         label = truth.sampled(0.01).run(x, f_theta=f_theta)
-        log = FlightLog.from_arrays(x=x, dt=0.01, label=label)
+        log = Recording.from_arrays(x=x, dt=0.01, label=label)
         cases.append(tuning.Case(log, f_theta))
     found = tuning.tune_filters([1, 2], cases, 0.01)
     assert found[2].tuning_rmse < 0.03 * found[1].tuning_rmse
@@ -201,7 +201,7 @@ def test_every_method_is_causal(quick):
     log = quick.test[0]
     x = log.x.copy()
     x[500:] += 0.3
-    changed = FlightLog.from_arrays(x=x, dt=log.dt, label=log.label)
+    changed = Recording.from_arrays(x=x, dt=log.dt, label=log.label)
     again = experiment.estimates([log], quick.dt, quick.learned, quick.baselines)
     other = experiment.estimates([changed], quick.dt, quick.learned, quick.baselines)
     for name in METHODS:
@@ -236,7 +236,7 @@ def test_start_of_a_flight_does_not_count():
 def test_filter_uses_the_times_of_an_irregular_recording():
     log = sine_flight(1.0)
     times = log.times + 0.002 * np.random.default_rng(0).uniform(-1, 1, log.n)
-    irregular = FlightLog(times, log.x, label=log.label)
+    irregular = Recording(times, log.x, label=log.label)
     filter = PhyFilter([400.0, 40.0])
     case = tuning.Case(irregular, np.zeros_like(log.x))
     expected = filter.sampled(0.01).run(log.x, f_theta=case.f_theta, times=times)

@@ -11,7 +11,7 @@ import pytest
 
 from phyfilter_ctl import PhyFilter, models
 from phyfilter_ctl.cli import main
-from phyfilter_ctl.flightlog import FlightLog
+from phyfilter_ctl.recording import Recording
 
 ROOM = f"{models.__name__}.acceleration"
 experiment = importlib.import_module(f"{ROOM}.experiment")
@@ -33,14 +33,14 @@ def case(seed: int, *, n: int = 900, noise: float = 0.02, truth: PhyFilter | Non
     f_theta = rng.standard_normal((n, 3))
     truth = PhyFilter([90.0, 21.0]) if truth is None else truth
     label = truth.sampled(0.01).run(x, f_theta=f_theta) + noise * rng.standard_normal((n, 3))
-    return tuning.Case(FlightLog.from_arrays(x=x, dt=0.01, label=label), f_theta)
+    return tuning.Case(Recording.from_arrays(x=x, dt=0.01, label=label), f_theta)
 
 
-def sine_flight(speed: float, *, seed: int = 0, n: int = 300) -> FlightLog:
+def sine_flight(speed: float, *, seed: int = 0, n: int = 300) -> Recording:
     t = 0.01 * np.arange(n)[:, None]
     omega = np.array([2.0, 3.0, 4.0])
     noise = 0.002 * np.random.default_rng(seed).standard_normal((n, 3))
-    return FlightLog.from_arrays(
+    return Recording.from_arrays(
         x=speed * np.sin(omega * t + seed) + noise,
         dt=0.01,
         label=speed * omega * np.cos(omega * t + seed),
@@ -117,7 +117,7 @@ def test_irregular_recordings_are_resampled():
     regular = case(6)
     rng = np.random.default_rng(7)
     times = regular.log.times + 0.001 * rng.uniform(-1.0, 1.0, regular.log.n)
-    log = FlightLog(times, regular.log.x, label=regular.log.label)
+    log = Recording(times, regular.log.x, label=regular.log.label)
     found = learning.convergence(
         [tuning.Case(log, regular.f_theta)], 0.01, orders=(1,), starts=1, seconds=0.01
     )

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..._sections import FloatArray
 from ...filter import PaperFilter, SampledPhyFilter
-from ...flightlog import FlightLog
+from ...recording import Recording
 from ...results import Result
 from .costs import SquaredError, StageCost
 from .rollout import Carry, Form, Rollout, RolloutInputs
@@ -51,7 +51,7 @@ class AdjointGradient(Result):
 
 
 def adjoint_gradient(
-    logs: FlightLog | Sequence[FlightLog],
+    logs: Recording | Sequence[Recording],
     sampled: SampledPhyFilter | PaperFilter,
     *,
     form: Form | None = None,
@@ -65,7 +65,7 @@ def adjoint_gradient(
 
     Parameters
     ----------
-    logs : FlightLog or sequence of FlightLog
+    logs : Recording or sequence of Recording
         Flights with a label (the true f) and equal steps of ``sampled.dt``.
     sampled : SampledPhyFilter or PaperFilter
         The filter, any discretisation, or as the paper prints it; see :class:`Rollout`.
@@ -95,7 +95,7 @@ def adjoint_gradient(
     >>> import numpy as np
     >>> from phyfilter_ctl import PhyFilter
     >>> t = 0.01 * np.arange(200)
-    >>> log = FlightLog.from_arrays(x=(1.0 - np.cos(t))[:, None], dt=0.01, label=np.sin(t)[:, None])
+    >>> log = Recording.from_arrays(x=(1.0 - np.cos(t))[:, None], dt=0.01, label=np.sin(t)[:, None])
     >>> gradient = adjoint_gradient(log, PhyFilter([20.0]).sampled(0.01))
     >>> bool(gradient.a[0] < 0.0)  # a faster filter would be better: there is no noise
     True
@@ -117,15 +117,15 @@ class Record:
     skip: int = 1  # samples at its start that are not scored
 
 
-def listed(logs: FlightLog | Sequence[FlightLog]) -> list[FlightLog]:
+def listed(logs: Recording | Sequence[Recording]) -> list[Recording]:
     """One flight or several as a list that is not empty."""
-    flights = [logs] if isinstance(logs, FlightLog) else list(logs)
+    flights = [logs] if isinstance(logs, Recording) else list(logs)
     if not flights:
         raise ValueError("logs: expected at least one flight, got none")
     return flights
 
 
-def record_of(rollout: Rollout, log: FlightLog, f_theta: FloatArray | None = None) -> Record:
+def record_of(rollout: Rollout, log: Recording, f_theta: FloatArray | None = None) -> Record:
     """A flight with its label, sampled as the filter is; f_theta is the log's if None."""
     name = f"log {log.name!r}" if log.name else "log"
     if log.label is None:

@@ -15,7 +15,7 @@ from threadpoolctl import threadpool_limits
 
 from ..._sections import FloatArray
 from ...filter import PaperFilter, PhyFilter, SampledPhyFilter
-from ...flightlog import FlightLog
+from ...recording import Recording
 from ...results import Result, Status
 from ..learning.parametrisation import Chain, chain_of
 from .costs import SquaredError, StageCost
@@ -124,7 +124,7 @@ class TrainResult(Result):
 
 
 def train(
-    logs: FlightLog | Sequence[FlightLog],
+    logs: Recording | Sequence[Recording],
     filter0: PhyFilter | SampledPhyFilter | PaperFilter,
     *,
     form: Form | None = None,
@@ -145,7 +145,7 @@ def train(
 
     Parameters
     ----------
-    logs : FlightLog or sequence of FlightLog
+    logs : Recording or sequence of Recording
         Flights with a label and equal steps, all of one length of step.
     filter0 : PhyFilter, SampledPhyFilter or PaperFilter
         Where to start. A SampledPhyFilter says which discretisation is rolled out, a PaperFilter that it is the
@@ -196,7 +196,7 @@ def train(
     >>> rng = np.random.default_rng(1)
     >>> f = np.sin(0.02 * np.arange(2000))[:, None]
     >>> x = 0.01 * np.cumsum(f, axis=0) + 1e-3 * rng.standard_normal((2000, 1))
-    >>> log = FlightLog.from_arrays(x=x, dt=0.01, label=f)
+    >>> log = Recording.from_arrays(x=x, dt=0.01, label=f)
     >>> result = train(log, PhyFilter([1.0]), segment=400, optimiser=Adam(rate=0.5), max_epochs=30)
     >>> result.validation[-1] < result.validation[0]
     True

@@ -22,7 +22,7 @@ from ... import _signals
 from ..._sections import FloatArray
 from ...filter import PhyFilter
 from ...filter.sampling import Method, Rule
-from ...flightlog import FlightLog
+from ...recording import Recording
 from ...results import Status
 from . import levenberg
 from .correlation import MOST_LAGS, memory
@@ -51,7 +51,7 @@ _REFITS = 4  # Gauss-Newton steps of the filter learned without a block
 
 
 def learn(
-    logs: FlightLog | Sequence[FlightLog],
+    logs: Recording | Sequence[Recording],
     order: SupportsIndex,
     *,
     form: Form = "lowpass",
@@ -59,7 +59,7 @@ def learn(
     starts: int = 5,
     weights: ArrayLike | Sequence[ArrayLike] | None = None,
     channels: Sequence[int | str] | None = None,
-    held_out: FlightLog | Sequence[FlightLog] | None = None,
+    held_out: Recording | Sequence[Recording] | None = None,
     seed: int = 0,
     method: Method = "exact",
     g: Rule = "hold",
@@ -72,7 +72,7 @@ def learn(
 
     Parameters
     ----------
-    logs : FlightLog or sequence of FlightLog
+    logs : Recording or sequence of Recording
         Flights with a label, the true f = M x' - g; they stay apart. A missing f_theta or g is 0. Steps may differ,
         within a flight and between flights.
     order : int
@@ -85,10 +85,10 @@ def learn(
         Number of random starts of every order, beside warm starts from the order before and a scan of cutoffs.
     weights : array_like or sequence of array_like, optional
         How much the squared errors count, one entry a flight: a number, (N,) or (N, K) for the K channels that take
-        part. For a single FlightLog the entry itself.
+        part. For a single Recording the entry itself.
     channels : sequence of int or str, optional
         Channels that take part, by number or name; None means all.
-    held_out : FlightLog or sequence of FlightLog, optional
+    held_out : Recording or sequence of Recording, optional
         Flights that are scored, not learned from.
     seed : int
         Of the random starts; the same seed gives the same filter.
@@ -142,16 +142,16 @@ def learn(
     A label made by a known filter is learned back:
 
     >>> import numpy as np
-    >>> from phyfilter_ctl import FlightLog, PhyFilter
+    >>> from phyfilter_ctl import Recording, PhyFilter
     >>> x = np.cumsum(np.random.default_rng(0).standard_normal((2000, 1)), axis=0)
     >>> label = PhyFilter([400.0, 30.0]).sampled(0.01).run(x)
-    >>> result = learn(FlightLog.from_arrays(x=x, dt=0.01, label=label), 2, wiener=False)
+    >>> result = learn(Recording.from_arrays(x=x, dt=0.01, label=label), 2, wiener=False)
     >>> result.filter.a.round(4).tolist()
     [400.0, 30.0]
     """
     n = _order(order)
     _check_options(form, method, starts, max_iterations)
-    single = isinstance(logs, FlightLog)
+    single = isinstance(logs, Recording)
     entries = _weights(weights, single)
     flights = flights_of(_listed("logs", logs), channels=channels, weights=entries, g=g, f_theta=f_theta)
     refuse_uninformative(flights, n)
@@ -174,7 +174,7 @@ def learn(
 
 
 def _notes(
-    logs: FlightLog | Sequence[FlightLog], flights: Sequence[Flight], channels: Sequence[int | str] | None
+    logs: Recording | Sequence[Recording], flights: Sequence[Flight], channels: Sequence[int | str] | None
 ) -> tuple[str, ...]:
     """What to know of the logs; faults of their labels are warned of."""
     names = _listed("logs", logs)[0].channels
@@ -358,10 +358,10 @@ def _check_options(form: Form, method: Method, starts: int, max_iterations: int)
     _signals.count("max_iterations", operator.index(max_iterations))
 
 
-def _listed(name: str, logs: FlightLog | Sequence[FlightLog]) -> list[FlightLog]:
-    found = [logs] if isinstance(logs, FlightLog) else list(logs)
+def _listed(name: str, logs: Recording | Sequence[Recording]) -> list[Recording]:
+    found = [logs] if isinstance(logs, Recording) else list(logs)
     if not found:
-        raise ValueError(f"{name}: expected at least one FlightLog, got none")
+        raise ValueError(f"{name}: expected at least one Recording, got none")
     return found
 
 

@@ -1,4 +1,4 @@
-"""From flight logs to what a filter is learned from: the measured residual u of each step and the target at its end."""
+"""From recordings to what a filter is learned from: the measured residual u of each step and the target at its end."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from ... import _signals
 from ..._sections import FloatArray
 from ...filter import PhyFilter, record
 from ...filter.sampling import Rule
-from ...flightlog import FlightLog
+from ...recording import Recording
 
 # Residuals that vary by less than this of their size are constant: rounding of x over a step.
 _CONSTANT = 1e-9
@@ -65,7 +65,7 @@ class Flight:
 
 
 def flights_of(
-    logs: Sequence[FlightLog],
+    logs: Sequence[Recording],
     *,
     channels: Sequence[int | str] | None = None,
     weights: Sequence[ArrayLike] | None = None,
@@ -76,7 +76,7 @@ def flights_of(
 
     Parameters
     ----------
-    logs : sequence of FlightLog
+    logs : sequence of Recording
         With labels; a missing f_theta or g is 0.
     channels : sequence of int or str, optional
         Channels that take part, by number or name; None means all.
@@ -88,7 +88,7 @@ def flights_of(
     Raises
     ------
     TypeError
-        If an entry is not a FlightLog.
+        If an entry is not a Recording.
     ValueError
         If a label is missing, a channel is unknown, or a weight has the wrong shape, is negative or not finite, or
         all are 0.
@@ -97,8 +97,8 @@ def flights_of(
         raise ValueError(f"weights: expected one entry for each of the {len(logs)} logs, got {len(weights)}")
     found = []
     for i, log in enumerate(logs):
-        if not isinstance(log, FlightLog):
-            raise TypeError(f"logs: expected FlightLogs, got {type(log).__name__} at place {i}")
+        if not isinstance(log, Recording):
+            raise TypeError(f"logs: expected Recordings, got {type(log).__name__} at place {i}")
         if log.label is None:
             raise ValueError(
                 f"{named(log, i)} has no label: learning needs the true f; give label=, or label columns in the CSV"
@@ -114,7 +114,7 @@ def flights_of(
 
 
 def measured_residuals(
-    logs: Sequence[FlightLog], *, channels: Sequence[int | str] | None = None
+    logs: Sequence[Recording], *, channels: Sequence[int | str] | None = None
 ) -> tuple[list[FloatArray], float]:
     """Measured residual of every step of each log, (m, K) each, and the step that all share in s; no label needed.
 
@@ -157,7 +157,7 @@ def refuse_uninformative(flights: Sequence[Flight], order: int) -> None:
             )
 
 
-def named(log: FlightLog, i: int) -> str:
+def named(log: Recording, i: int) -> str:
     """The flight in words, for messages."""
     return f"log {i} ({log.name!r})" if log.name else f"log {i}"
 
@@ -167,7 +167,7 @@ def _is_constant(values: FloatArray) -> bool:
 
 
 def _reduced(
-    log: FlightLog, label: FloatArray, columns: list[int], g: Rule, f_theta: Rule
+    log: Recording, label: FloatArray, columns: list[int], g: Rule, f_theta: Rule
 ) -> tuple[FloatArray, FloatArray, float, FloatArray | None]:
     """u, gamma*, the (mean) step, and the steps where they differ."""
     m = log.n - 1
@@ -181,7 +181,7 @@ def _reduced(
     return np.ascontiguousarray(u[:, columns], dtype=float), target[1:, columns].copy(), dt, steps
 
 
-def _columns(log: FlightLog, i: int, channels: Sequence[int | str] | None) -> list[int]:
+def _columns(log: Recording, i: int, channels: Sequence[int | str] | None) -> list[int]:
     if channels is None:
         return list(range(log.n_x))
     if isinstance(channels, str) or len(channels) == 0:
@@ -205,7 +205,7 @@ def _columns(log: FlightLog, i: int, channels: Sequence[int | str] | None) -> li
     return columns
 
 
-def _weight(entry: ArrayLike, log: FlightLog, i: int, count: int) -> tuple[float, FloatArray | None]:
+def _weight(entry: ArrayLike, log: Recording, i: int, count: int) -> tuple[float, FloatArray | None]:
     weight = _signals.real("weights", entry)
     if not np.all(np.isfinite(weight)) or np.any(weight < 0.0):
         raise ValueError(f"weights: expected finite weights of 0 or more for {named(log, i)}")

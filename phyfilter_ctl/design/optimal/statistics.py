@@ -13,7 +13,7 @@ from scipy.stats import norm
 
 from ..._sections import FloatArray
 from ...analysis.variance import gauss_markov
-from ...flightlog import FlightLog
+from ...recording import Recording
 from ...results import Result
 from ..learning.residuals import measured_residuals
 
@@ -89,7 +89,7 @@ class ResidualStatistics(Result):
 
 
 def residual_statistics(
-    logs: FlightLog | Sequence[FlightLog],
+    logs: Recording | Sequence[Recording],
     *,
     channels: Sequence[int | str] | None = None,
     confidence: float = 0.95,
@@ -98,7 +98,7 @@ def residual_statistics(
 
     Parameters
     ----------
-    logs : FlightLog or sequence of FlightLog
+    logs : Recording or sequence of Recording
         At equal steps, all of one length. No label is needed: the measured residual M x' - g - f_theta is used.
     channels : sequence of int or str, optional
         Channels that take part, by number or name; taken as independent records of one process. None means all.
@@ -131,11 +131,11 @@ def residual_statistics(
     >>> for k in range(20000):
     ...     gamma[k + 1] = 0.98 * gamma[k] + 0.2 * rng.standard_normal()
     >>> x = np.cumsum(0.01 * gamma) + 0.002 * rng.standard_normal(20001)
-    >>> found = residual_statistics(FlightLog.from_arrays(x=x[:, None], dt=0.01))
+    >>> found = residual_statistics(Recording.from_arrays(x=x[:, None], dt=0.01))
     >>> round(found.noise.value, 3), bool(found.time_constant.low < 0.5 < found.time_constant.high)
     (0.002, True)
     """
-    logs = [logs] if isinstance(logs, FlightLog) else list(logs)
+    logs = [logs] if isinstance(logs, Recording) else list(logs)
     if not 0.0 < confidence < 1.0:
         raise ValueError(f"confidence: expected a number between 0 and 1, got {confidence}")
     records, h = measured_residuals(logs, channels=channels)

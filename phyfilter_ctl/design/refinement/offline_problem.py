@@ -14,8 +14,8 @@ from threadpoolctl import threadpool_limits
 
 from ..._sections import FloatArray
 from ...filter import SampledPhyFilter
-from ...flightlog import FlightLog
 from ...learned import LearnedModel
+from ...recording import Recording
 from . import regression
 from .regression import Tuned
 
@@ -53,7 +53,7 @@ class Problem(Generic[M]):
 
     tuned: Tuned[M]
     sampled: SampledPhyFilter
-    flights: tuple[FlightLog, ...]
+    flights: tuple[Recording, ...]
     keep: float
     memory: FloatArray | None
 

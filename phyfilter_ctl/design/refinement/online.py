@@ -15,8 +15,8 @@ from threadpoolctl import threadpool_limits
 from ... import _signals
 from ..._sections import FloatArray
 from ...filter import FilterState, SampledPhyFilter
-from ...flightlog import FlightLog
 from ...learned import LearnedModel
+from ...recording import Recording
 from . import regression
 from .regression import Tuned
 
@@ -277,12 +277,12 @@ class OnlineRefiner(Generic[M]):
 
     # -- whole flights ------------------------------------------------------------------------------------------
 
-    def run(self, log: FlightLog, *, knowledge: Knowledge | None = None) -> OnlineFlight:
+    def run(self, log: Recording, *, knowledge: Knowledge | None = None) -> OnlineFlight:
         """What :meth:`step` gives over a flight, without a loop over its samples.
 
         Parameters
         ----------
-        log : FlightLog
+        log : Recording
             With features, sampled at the filter's rate.
         knowledge : Knowledge, optional
             Of the flights before.
@@ -315,12 +315,12 @@ class OnlineRefiner(Generic[M]):
             last,
         )
 
-    def run_all(self, logs: Sequence[FlightLog]) -> tuple[tuple[OnlineFlight, ...], M]:
+    def run_all(self, logs: Sequence[Recording]) -> tuple[tuple[OnlineFlight, ...], M]:
         """Flight after flight, each starting from what the ones before taught; and the model in the end.
 
         Parameters
         ----------
-        logs : sequence of FlightLog
+        logs : sequence of Recording
             As for :meth:`run`.
 
         Raises

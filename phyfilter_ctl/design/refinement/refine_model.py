@@ -19,8 +19,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ...filter import SampledPhyFilter
-from ...flightlog import FlightLog
 from ...learned import LearnedModel, Network
+from ...recording import Recording
 from ...results import Result, Status
 from . import regression
 from .offline_problem import Problem, Solution
@@ -95,7 +95,7 @@ class RefineResult(Result, Generic[M_co]):
 
 def refine(
     model: M,
-    logs: FlightLog | Sequence[FlightLog],
+    logs: Recording | Sequence[Recording],
     filter: SampledPhyFilter,
     *,
     mode: Literal["offline", "online"] = "offline",
@@ -105,7 +105,7 @@ def refine(
     trust: float | None = None,
     forgetting: float = 30.0,
     every: int = 10,
-    held_out: FlightLog | Sequence[FlightLog] = (),
+    held_out: Recording | Sequence[Recording] = (),
     max_iterations: int = 200,
 ) -> RefineResult[M]:
     """Return the model improved by what the filter had to add in flight.
@@ -117,7 +117,7 @@ def refine(
     ----------
     model : LearnedModel
         A fitted model of f; evaluated at the ``features`` of the logs, whose ``f_theta`` is not read.
-    logs : FlightLog or sequence of FlightLog
+    logs : Recording or sequence of Recording
         Flights with features, sampled at the filter's rate.
     filter : SampledPhyFilter
         The filter behind the model.
@@ -137,7 +137,7 @@ def refine(
         Online: time constant in s over which samples fade.
     every : int
         Online: samples between updates of the model.
-    held_out : FlightLog or sequence of FlightLog
+    held_out : Recording or sequence of Recording
         Flights on which the filter's share must fall, else the refined model is rejected.
     max_iterations : int
         Most iterations of L-BFGS.
@@ -163,13 +163,13 @@ def refine(
     --------
     A wrong model -0.5 x of f = -x, refined on one flight without its true f:
 
-    >>> from phyfilter_ctl.flightlog import FlightLog
+    >>> from phyfilter_ctl.recording import Recording
     >>> from phyfilter_ctl.learned import Network
     >>> from phyfilter_ctl import PhyFilter
     >>> t = 0.01 * np.arange(2000)[:, None]
     >>> x = np.sin(t)
     >>> wrong = Network((8,), seed=1).fit(x, -0.5 * x).model
-    >>> log = FlightLog.from_arrays(x=x, dt=0.01, g=np.cos(t) + x, label=-x, features=x)
+    >>> log = Recording.from_arrays(x=x, dt=0.01, g=np.cos(t) + x, label=-x, features=x)
     >>> result = refine(wrong, log, PhyFilter([5.0]).sampled(0.01, g="average"), trainable=last_layer(wrong))
     >>> str(result.status), round(result.before.f_theta_rmse, 2), result.after.f_theta_rmse < 0.01
     ('converged', 0.35, True)
@@ -205,7 +205,7 @@ def refine(
 
 
 def score_model(
-    model: LearnedModel, logs: FlightLog | Sequence[FlightLog], filter: SampledPhyFilter
+    model: LearnedModel, logs: Recording | Sequence[Recording], filter: SampledPhyFilter
 ) -> ModelScore:
     """How much the filter must add to a model on flights, and how far both are from the truth.
 
@@ -213,7 +213,7 @@ def score_model(
     ----------
     model : LearnedModel
         Evaluated at the ``features`` of the logs.
-    logs : FlightLog or sequence of FlightLog
+    logs : Recording or sequence of Recording
         Flights with features, sampled at the filter's rate.
     filter : SampledPhyFilter
         The filter behind the model.
@@ -272,8 +272,8 @@ def last_layer(network: Network) -> slice:
 def _judged(
     tuned: Tuned[M],
     solution: Solution,
-    flights: tuple[FlightLog, ...],
-    others: tuple[FlightLog, ...],
+    flights: tuple[Recording, ...],
+    others: tuple[Recording, ...],
     sampled: SampledPhyFilter,
     flown: tuple[OnlineFlight, ...] = (),
 ) -> RefineResult[M]:

@@ -11,8 +11,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..._sections import FloatArray
 from ...filter import SampledPhyFilter
-from ...flightlog import FlightLog
 from ...learned import LearnedModel
+from ...recording import Recording
 
 M = TypeVar("M", bound=LearnedModel)
 
@@ -94,12 +94,12 @@ def checked_filter(sampled: SampledPhyFilter) -> SampledPhyFilter:
     return replace(sampled, sampling=replace(sampled.sampling, limit=None, nonfinite="raise"))
 
 
-def checked_logs(name: str, logs: FlightLog | Sequence[FlightLog], dt: float) -> tuple[FlightLog, ...]:
+def checked_logs(name: str, logs: Recording | Sequence[Recording], dt: float) -> tuple[Recording, ...]:
     """Logs with features, sampled at the filter's rate."""
-    flights = (logs,) if isinstance(logs, FlightLog) else tuple(logs)
+    flights = (logs,) if isinstance(logs, Recording) else tuple(logs)
     for i, log in enumerate(flights):
-        if not isinstance(log, FlightLog):
-            raise TypeError(f"{name}[{i}]: expected a FlightLog, got {type(log).__name__}")
+        if not isinstance(log, Recording):
+            raise TypeError(f"{name}[{i}]: expected a Recording, got {type(log).__name__}")
         if log.features is None:
             raise ValueError(
                 f"{name}[{i}] has no features to evaluate the model at; log.with_signals(features=z)"
@@ -111,14 +111,14 @@ def checked_logs(name: str, logs: FlightLog | Sequence[FlightLog], dt: float) ->
     return flights
 
 
-def features_of(log: FlightLog) -> FloatArray:
+def features_of(log: Recording) -> FloatArray:
     """Features z (N, n_z), which the log must have."""
     if log.features is None:
         raise ValueError("the log has no features")
     return log.features
 
 
-def correction(sampled: SampledPhyFilter, log: FlightLog, f_theta: FloatArray) -> FloatArray:
+def correction(sampled: SampledPhyFilter, log: Recording, f_theta: FloatArray) -> FloatArray:
     """f_hat - f_theta (N, n_x): what the filter adds to this prediction."""
     f_hat = sampled.run(log.x, log.g, f_theta, log.inertia)
     return np.asarray(f_hat - f_theta, dtype=float)

@@ -14,10 +14,10 @@ _GAP = 1.5
 
 
 def description(log: Recorded) -> str:
-    """See :meth:`FlightLog.describe`."""
+    """See :meth:`Recording.describe`."""
     name = f" {log.name!r}" if log.name else ""
     first, last = log.times[0], log.times[-1]
-    lines = [f"FlightLog{name}: {log.n} samples, {log.duration:.6g} s, from {first:.6g} s to {last:.6g} s"]
+    lines = [f"Recording{name}: {log.n} samples, {log.duration:.6g} s, from {first:.6g} s to {last:.6g} s"]
     lines += [f"  {key:<8}  {text}" for key, text in _timing(log).items()]
     lines += ["  channels"]
     unit = f" {log.unit}" if log.unit else ""

@@ -1,4 +1,4 @@
-"""What a flight log asks of its signals beside what every array must be."""
+"""What a recording asks of its signals beside what every array must be."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
-"""FlightLog: the recorded signals of one flight.
+"""Recording: recorded signals of one run of a robot.
 
-Many flights are a sequence of FlightLogs. They stay apart: joining two would put a jump where one ends.
+Many runs (flights, walks) are a sequence of Recordings. They stay apart: joining two would put a jump where one ends.
 """
 
 from __future__ import annotations
@@ -18,12 +18,12 @@ from .description import description
 from .parts import Parts
 from .stored import Stored
 
-__all__ = ["FlightLog"]
+__all__ = ["Recording"]
 
 
 @dataclass(frozen=True, init=False, eq=False, repr=False)
-class FlightLog(Parts, Stored):
-    """Recorded signals of one flight of a plant M x' = g + f. Arrays are copied and read-only.
+class Recording(Parts, Stored):
+    """Recorded signals of one run of a plant M x' = g + f. Arrays are copied and read-only.
 
     Usually made by :meth:`from_arrays` or :meth:`from_csv`. Signals and times may be frames, series and labelled arrays
     of pandas, polars and xarray; their rows go by position, an index is not looked at. A signal of one channel may have
@@ -68,10 +68,10 @@ class FlightLog(Parts, Stored):
 
     Examples
     --------
-    >>> from phyfilter_ctl.flightlog import FlightLog
-    >>> log = FlightLog.from_arrays(x=[[0.0], [0.1], [0.4]], dt=0.5, label=[[0.0], [0.4], [0.8]], name="hover")
+    >>> from phyfilter_ctl.recording import Recording
+    >>> log = Recording.from_arrays(x=[[0.0], [0.1], [0.4]], dt=0.5, label=[[0.0], [0.4], [0.8]], name="hover")
     >>> log
-    FlightLog('hover': 3 samples of x[0], 1 s, dt 0.5 s; label)
+    Recording('hover': 3 samples of x[0], 1 s, dt 0.5 s; label)
     >>> log.n, log.n_x, log.dt, log.is_uniform
     (3, 1, 0.5, True)
     """
@@ -99,8 +99,8 @@ class FlightLog(Parts, Stored):
 
         Examples
         --------
-        >>> from phyfilter_ctl.flightlog import FlightLog
-        >>> log = FlightLog.from_arrays(x=[[0.0], [1.0], [2.0]], dt=1.0, label=[[1.0], [1.0], [1.0]])
+        >>> from phyfilter_ctl.recording import Recording
+        >>> log = Recording.from_arrays(x=[[0.0], [1.0], [2.0]], dt=1.0, label=[[1.0], [1.0], [1.0]])
         >>> log.compare({"half": [[0.5], [0.5], [0.5]]}).rmse
         {'half': 0.5}
         """
@@ -131,11 +131,11 @@ class FlightLog(Parts, Stored):
 
         Examples
         --------
-        >>> from phyfilter_ctl.flightlog import FlightLog
+        >>> from phyfilter_ctl.recording import Recording
         >>> t = [0.0, 0.25, 0.5, 0.75, 1.03125, 1.78125]
-        >>> log = FlightLog(t, [0.0, 0.1, 0.3, 0.6, 1.0, 1.0], label=[0.4, 0.8, 1.2, 1.6, 0.0, 0.0], channels=["v"])
+        >>> log = Recording(t, [0.0, 0.1, 0.3, 0.6, 1.0, 1.0], label=[0.4, 0.8, 1.2, 1.6, 0.0, 0.0], channels=["v"])
         >>> print(log.describe())
-        FlightLog: 6 samples, 1.78125 s, from 0 s to 1.78125 s
+        Recording: 6 samples, 1.78125 s, from 0 s to 1.78125 s
           rate      4 Hz (median step 0.25 s), steps differ
           jitter    at most 0.0312 s, rms 0.0156 s
           gaps      1, 2 samples missing; the longest 0.75 s, after 1.03125 s
@@ -166,8 +166,8 @@ class FlightLog(Parts, Stored):
         --------
         >>> import matplotlib
         >>> matplotlib.use("Agg")
-        >>> from phyfilter_ctl.flightlog import FlightLog
-        >>> FlightLog.from_arrays(x=[[0.0, 1.0], [0.5, 1.5]], dt=0.1).plot().axes.shape
+        >>> from phyfilter_ctl.recording import Recording
+        >>> Recording.from_arrays(x=[[0.0, 1.0], [0.5, 1.5]], dt=0.1).plot().axes.shape
         (2, 1)
         """
         from .. import plots

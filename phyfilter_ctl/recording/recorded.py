@@ -24,7 +24,7 @@ _ROUNDING = 4.0 * np.finfo(float).eps
 
 @dataclass(frozen=True, init=False, eq=False, repr=False)
 class Recorded:
-    """Signals of one flight; see :class:`FlightLog`, which documents them."""
+    """Signals of one flight; see :class:`Recording`, which documents them."""
 
     times: FloatArray
     x: FloatArray
@@ -104,8 +104,8 @@ class Recorded:
 
         Examples
         --------
-        >>> from phyfilter_ctl.flightlog import FlightLog
-        >>> FlightLog.from_arrays(x=[[0.0, 1.0], [0.1, 1.0]], dt=0.002).times.tolist()
+        >>> from phyfilter_ctl.recording import Recording
+        >>> Recording.from_arrays(x=[[0.0, 1.0], [0.1, 1.0]], dt=0.002).times.tolist()
         [0.0, 0.002]
         """
         channels = _signals.labels(x) if channels is None else channels
@@ -167,8 +167,8 @@ class Recorded:
 
         Examples
         --------
-        >>> from phyfilter_ctl.flightlog import FlightLog
-        >>> FlightLog.from_arrays(x=[[3.0, 4.0], [0.0, 1.0]], dt=0.1).speed(100)
+        >>> from phyfilter_ctl.recording import Recording
+        >>> Recording.from_arrays(x=[[3.0, 4.0], [0.0, 1.0]], dt=0.1).speed(100)
         5.0
         """
         if not 0.0 <= percentile <= 100.0:
@@ -197,10 +197,10 @@ class Recorded:
 
         Examples
         --------
-        >>> from phyfilter_ctl.flightlog import FlightLog
-        >>> log = FlightLog.from_arrays(x=[[0.0], [0.1]], dt=0.5, label=[[1.0], [1.0]])
+        >>> from phyfilter_ctl.recording import Recording
+        >>> log = Recording.from_arrays(x=[[0.0], [0.1]], dt=0.5, label=[[1.0], [1.0]])
         >>> log.with_signals(f_theta=[[0.9], [0.9]], label=None)
-        FlightLog(2 samples of x[0], 0.5 s, dt 0.5 s; f_theta)
+        Recording(2 samples of x[0], 0.5 s, dt 0.5 s; f_theta)
         """
         given = {"g": g, "f_theta": f_theta, "label": label, "features": features}
         return replace(
@@ -231,7 +231,7 @@ class Recorded:
         signals = f"; {', '.join(held)}" if held else ""
         channels = ", ".join(self.channels)
         return (
-            f"FlightLog({name}{self.n} samples of {channels}{unit}, {self.duration:.6g} s, {step}{signals})"
+            f"Recording({name}{self.n} samples of {channels}{unit}, {self.duration:.6g} s, {step}{signals})"
         )
 
 

@@ -10,28 +10,28 @@ import numpy as np
 from . import checks
 
 if TYPE_CHECKING:
-    from .log import FlightLog
+    from .recording import Recording
 
 __all__ = ["split_by_speed", "split_flights"]
 
 
 def split_flights(
-    flights: Sequence[FlightLog], *, key: Callable[[FlightLog], float], fraction: float = 0.5
-) -> tuple[tuple[FlightLog, ...], tuple[FlightLog, ...]]:
+    flights: Sequence[Recording], *, key: Callable[[Recording], float], fraction: float = 0.5
+) -> tuple[tuple[Recording, ...], tuple[Recording, ...]]:
     """Split flights by a figure of each: the lower ``fraction`` of them, and the rest, both sorted by it.
 
     Parameters
     ----------
-    flights : sequence of FlightLog
+    flights : sequence of Recording
         At least two.
     key : callable
-        FlightLog -> float. Flights of the same figure keep their order.
+        Recording -> float. Flights of the same figure keep their order.
     fraction : float
         Share of the flights in the first part, rounded, with at least one flight in each.
 
     Returns
     -------
-    lower, upper : tuples of FlightLog
+    lower, upper : tuples of Recording
 
     Raises
     ------
@@ -42,8 +42,8 @@ def split_flights(
 
     Examples
     --------
-    >>> from phyfilter_ctl.flightlog import FlightLog, split_flights
-    >>> logs = [FlightLog.from_arrays(x=[[0.0]] * n, dt=0.1) for n in (9, 5, 7)]
+    >>> from phyfilter_ctl.recording import Recording, split_flights
+    >>> logs = [Recording.from_arrays(x=[[0.0]] * n, dt=0.1) for n in (9, 5, 7)]
     >>> short, long = split_flights(logs, key=lambda log: log.duration)
     >>> [log.n for log in short], [log.n for log in long]
     ([5, 7], [9])
@@ -63,13 +63,13 @@ def split_flights(
 
 
 def split_by_speed(
-    flights: Sequence[FlightLog], fraction: float = 0.5, *, percentile: float = 99.0
-) -> tuple[tuple[FlightLog, ...], tuple[FlightLog, ...]]:
-    """Split flights into slower and faster ones, sorted by :meth:`FlightLog.speed`.
+    flights: Sequence[Recording], fraction: float = 0.5, *, percentile: float = 99.0
+) -> tuple[tuple[Recording, ...], tuple[Recording, ...]]:
+    """Split flights into slower and faster ones, sorted by :meth:`Recording.speed`.
 
     Parameters
     ----------
-    flights : sequence of FlightLog
+    flights : sequence of Recording
         At least two.
     fraction : float
         Share of the flights among the slower, rounded, with at least one flight in each part.
@@ -78,7 +78,7 @@ def split_by_speed(
 
     Returns
     -------
-    slower, faster : tuples of FlightLog
+    slower, faster : tuples of Recording
 
     Raises
     ------
@@ -87,8 +87,8 @@ def split_by_speed(
 
     Examples
     --------
-    >>> from phyfilter_ctl.flightlog import FlightLog, split_by_speed
-    >>> logs = [FlightLog.from_arrays(x=[[v], [v]], dt=0.1) for v in (2.0, -3.0, 1.0, 0.5)]
+    >>> from phyfilter_ctl.recording import Recording, split_by_speed
+    >>> logs = [Recording.from_arrays(x=[[v], [v]], dt=0.1) for v in (2.0, -3.0, 1.0, 0.5)]
     >>> slower, faster = split_by_speed(logs)
     >>> [log.x[0, 0].item() for log in slower], [log.x[0, 0].item() for log in faster]
     ([0.5, 1.0], [2.0, -3.0])

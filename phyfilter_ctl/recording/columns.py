@@ -1,4 +1,4 @@
-"""Which columns of a CSV file hold which signal of a flight log."""
+"""Which columns of a CSV file hold which signal of a recording."""
 
 from __future__ import annotations
 

@@ -16,7 +16,7 @@ from .resampling import uniform_grid
 
 @dataclass(frozen=True, init=False, eq=False, repr=False)
 class Parts(Recorded):
-    """A log that is cut by samples and by times, and read on a grid; see :class:`FlightLog`."""
+    """A log that is cut by samples and by times, and read on a grid; see :class:`Recording`."""
 
     def segment(self, start: int, stop: int | None = None) -> Self:
         """Samples ``start`` to ``stop - 1``, at their own times; ``stop=None`` means to the end.
@@ -28,8 +28,8 @@ class Parts(Recorded):
 
         Examples
         --------
-        >>> from phyfilter_ctl.flightlog import FlightLog
-        >>> FlightLog.from_arrays(x=[[0.0], [0.1], [0.4]], dt=0.5).segment(1).times.tolist()
+        >>> from phyfilter_ctl.recording import Recording
+        >>> Recording.from_arrays(x=[[0.0], [0.1], [0.4]], dt=0.5).segment(1).times.tolist()
         [0.5, 1.0]
         """
         stop = self.n if stop is None else stop
@@ -82,8 +82,8 @@ class Parts(Recorded):
 
         Examples
         --------
-        >>> from phyfilter_ctl.flightlog import FlightLog
-        >>> log = FlightLog.from_arrays(x=[0.0, 0.1, 0.4, 0.9], dt=0.5)
+        >>> from phyfilter_ctl.recording import Recording
+        >>> log = Recording.from_arrays(x=[0.0, 0.1, 0.4, 0.9], dt=0.5)
         >>> log.between(0.5, 1.0).times.tolist(), log[1:3].times.tolist()
         ([0.5, 1.0], [0.5, 1.0])
         """
@@ -108,8 +108,8 @@ class Parts(Recorded):
 
         Examples
         --------
-        >>> from phyfilter_ctl.flightlog import FlightLog
-        >>> first, rest = FlightLog.from_arrays(x=[[0.0]] * 10, dt=0.1).split(0.8)
+        >>> from phyfilter_ctl.recording import Recording
+        >>> first, rest = Recording.from_arrays(x=[[0.0]] * 10, dt=0.1).split(0.8)
         >>> first.n, rest.n
         (8, 2)
         """
@@ -130,8 +130,8 @@ class Parts(Recorded):
 
         Examples
         --------
-        >>> from phyfilter_ctl.flightlog import FlightLog
-        >>> FlightLog.from_arrays(x=[[0.0], [1.0], [2.0], [3.0]], dt=0.5).decimate(2).x.tolist()
+        >>> from phyfilter_ctl.recording import Recording
+        >>> Recording.from_arrays(x=[[0.0], [1.0], [2.0], [3.0]], dt=0.5).decimate(2).x.tolist()
         [[0.0], [2.0]]
         """
         if not 1 <= k < self.n:
@@ -158,8 +158,8 @@ class Parts(Recorded):
 
         Examples
         --------
-        >>> from phyfilter_ctl.flightlog import FlightLog
-        >>> log = FlightLog.from_arrays(x=[[0.0], [1.0], [4.0]], times=[0.0, 1.0, 3.0], g=[[5.0], [6.0], [7.0]])
+        >>> from phyfilter_ctl.recording import Recording
+        >>> log = Recording.from_arrays(x=[[0.0], [1.0], [4.0]], times=[0.0, 1.0, 3.0], g=[[5.0], [6.0], [7.0]])
         >>> log.resample(1.5).x.ravel().tolist(), log.resample(1.5).g.ravel().tolist()
         ([0.0, 1.75, 4.0], [5.0, 6.0, 7.0])
         """

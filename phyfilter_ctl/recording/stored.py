@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, init=False, eq=False, repr=False)
 class Stored(Recorded):
-    """A log that is read and written; see :class:`FlightLog`."""
+    """A log that is read and written; see :class:`Recording`."""
 
     @classmethod
     def from_csv(
@@ -104,12 +104,12 @@ class Stored(Recorded):
         Examples
         --------
         >>> import pathlib, tempfile
-        >>> from phyfilter_ctl.flightlog import FlightLog
+        >>> from phyfilter_ctl.recording import Recording
         >>> with tempfile.TemporaryDirectory() as folder:
         ...     path = pathlib.Path(folder) / "short.csv"
         ...     _ = path.write_text("ms,v,a\\n0,1.0,0.5\\n10,1.005,0.5\\n")
-        ...     FlightLog.from_csv(path, time="ms", x=["v"], label=["a"], scale={"ms": 1e-3}, unit="m/s")
-        FlightLog('short': 2 samples of v [m/s], 0.01 s, dt 0.01 s; label)
+        ...     Recording.from_csv(path, time="ms", x=["v"], label=["a"], scale={"ms": 1e-3}, unit="m/s")
+        Recording('short': 2 samples of v [m/s], 0.01 s, dt 0.01 s; label)
         """
         path = Path(path)
         if (time is None) == (dt is None):
@@ -161,10 +161,10 @@ class Stored(Recorded):
         Examples
         --------
         >>> import pathlib, tempfile
-        >>> from phyfilter_ctl.flightlog import FlightLog
+        >>> from phyfilter_ctl.recording import Recording
         >>> with tempfile.TemporaryDirectory() as folder:
         ...     path = pathlib.Path(folder) / "log.csv"
-        ...     FlightLog.from_arrays(x=[[0.5], [0.25]], dt=0.1, channels=["v"], g=[[1.0], [2.0]]).to_csv(path)
+        ...     Recording.from_arrays(x=[[0.5], [0.25]], dt=0.1, channels=["v"], g=[[1.0], [2.0]]).to_csv(path)
         ...     print(path.read_text(), end="")
         t,v,g_v
         0.0,0.5,1.0
@@ -177,7 +177,7 @@ class Stored(Recorded):
         """The log as a pandas DataFrame: one row a sample, the times in s as its index ``t``.
 
         The columns are those of :meth:`to_csv`. ``name`` and ``unit`` are in its ``attrs``. Back again:
-        ``FlightLog(frame.index, frame[list(log.channels)], ...)``.
+        ``Recording(frame.index, frame[list(log.channels)], ...)``.
 
         Returns
         -------
@@ -192,8 +192,8 @@ class Stored(Recorded):
 
         Examples
         --------
-        >>> from phyfilter_ctl.flightlog import FlightLog
-        >>> log = FlightLog.from_arrays(x=[0.5, 0.25], dt=0.1, channels=["v"], g=[1.0, 2.0])
+        >>> from phyfilter_ctl.recording import Recording
+        >>> log = Recording.from_arrays(x=[0.5, 0.25], dt=0.1, channels=["v"], g=[1.0, 2.0])
         >>> log.to_pandas()  # doctest: +SKIP
                 v  g_v
         t

@@ -1,4 +1,4 @@
-"""FlightLog: what goes in comes out, and what is wrong is named by its place."""
+"""Recording: what goes in comes out, and what is wrong is named by its place."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from phyfilter_ctl import PhyFilter
-from phyfilter_ctl.flightlog import FlightLog, split_by_speed, split_flights
+from phyfilter_ctl.recording import Recording, split_by_speed, split_flights
 
 # Interpolation is a difference, a product and a sum of numbers of size 1: a few roundings.
 ROUNDING = 1e-14
@@ -26,11 +26,11 @@ SIGNALS = ("times", "x", "g", "f_theta", "label", "features", "inertia")
 finite = st.floats(-1e150, 1e150)
 
 
-def log_of(n: int = 6, n_x: int = 2, seed: int = 0) -> FlightLog:
+def log_of(n: int = 6, n_x: int = 2, seed: int = 0) -> Recording:
     """A log with all signals and unequal steps."""
     rng = np.random.default_rng(seed)
     x, g, f_theta, label = rng.standard_normal((4, n, n_x))
-    return FlightLog.from_arrays(
+    return Recording.from_arrays(
         x=x,
         times=np.cumsum(rng.uniform(0.01, 0.03, n)),
         g=g,
@@ -50,7 +50,7 @@ def written(tmp_path: Path, text: str, encoding: str = "utf-8") -> Path:
     return path
 
 
-def assert_same(one: FlightLog, other: FlightLog, names: tuple[str, ...] = SIGNALS) -> None:
+def assert_same(one: Recording, other: Recording, names: tuple[str, ...] = SIGNALS) -> None:
     """Bit for bit, the sign of zero included."""
     for name in names:
         a, b = getattr(one, name), getattr(other, name)
@@ -65,7 +65,7 @@ def assert_same(one: FlightLog, other: FlightLog, names: tuple[str, ...] = SIGNA
 
 def test_arrays_are_copied_and_read_only() -> None:
     x = np.zeros((3, 2))
-    log = FlightLog.from_arrays(x=x, dt=0.1, g=x, inertia=[1.0, 2.0])
+    log = Recording.from_arrays(x=x, dt=0.1, g=x, inertia=[1.0, 2.0])
     x[0, 0] = 7.0
     assert log.x[0, 0] == 0.0
     for value in (log.times, log.x, log.g, log.inertia):
@@ -77,7 +77,7 @@ def test_arrays_are_copied_and_read_only() -> None:
 
 
 def test_reads_off_its_figures() -> None:
-    log = FlightLog.from_arrays(x=np.zeros((4, 3)), times=[1.0, 1.1, 1.2, 2.0])
+    log = Recording.from_arrays(x=np.zeros((4, 3)), times=[1.0, 1.1, 1.2, 2.0])
     assert (log.n, log.n_x, log.duration, log.is_uniform) == (4, 3, 1.0, False)
     assert log.dt == pytest.approx(0.1, rel=1e-12)  # the median step, not the mean 1/3
     assert log.channels == ("x[0]", "x[1]", "x[2]")
@@ -87,7 +87,7 @@ def test_reads_off_its_figures() -> None:
 @pytest.mark.parametrize("dt", [0.002, 0.01, 1.0 / 3.0])
 @pytest.mark.parametrize("start", [0.0, 1.7e9])
 def test_uniform_in_spite_of_rounded_times(dt: float, start: float) -> None:
-    log = FlightLog.from_arrays(x=np.zeros((5000, 1)), times=start + dt * np.arange(5000))
+    log = Recording.from_arrays(x=np.zeros((5000, 1)), times=start + dt * np.arange(5000))
     assert log.is_uniform
     assert log.dt == pytest.approx(dt, rel=1e-6)
 
@@ -96,13 +96,13 @@ def test_uniform_in_spite_of_rounded_times(dt: float, start: float) -> None:
 def test_uniform_to_the_stated_tolerance(jitter: float, uniform: bool) -> None:
     times = 0.01 * np.arange(100)
     times[50] += 0.01 * jitter
-    assert FlightLog.from_arrays(x=np.zeros((100, 1)), times=times).is_uniform is uniform
+    assert Recording.from_arrays(x=np.zeros((100, 1)), times=times).is_uniform is uniform
 
 
 @pytest.mark.parametrize("shape", [(), (2,), (2, 2), (5, 2), (5, 2, 2)])
 def test_inertia_of_any_shape_and_sign(shape: tuple[int, ...]) -> None:
     inertia = -np.ones(shape)
-    log = FlightLog.from_arrays(x=np.zeros((5, 2)), dt=0.1, inertia=inertia)
+    log = Recording.from_arrays(x=np.zeros((5, 2)), dt=0.1, inertia=inertia)
     assert log.inertia is not None
     assert np.array_equal(log.inertia, inertia)
     assert log.inertia.shape == shape
@@ -175,29 +175,29 @@ ZERO = np.zeros((5, 2))
 )
 def test_refuses(arguments: dict[str, object], message: str) -> None:
     with pytest.raises(ValueError, match=message):
-        FlightLog.from_arrays(**arguments)  # type: ignore[arg-type]  # wrong on purpose
+        Recording.from_arrays(**arguments)  # type: ignore[arg-type]  # wrong on purpose
 
 
 def test_refuses_what_is_not_real() -> None:
     for x in ([[1.0, 2.0], [3.0]], [["a"], ["b"]], np.zeros((3, 1), dtype=complex)):
         with pytest.raises(TypeError, match="x: expected an array of real numbers"):
-            FlightLog.from_arrays(x=x, dt=0.1)
+            Recording.from_arrays(x=x, dt=0.1)
     with pytest.raises(TypeError, match="channels: expected 2 names"):
-        FlightLog.from_arrays(x=ZERO, dt=0.1, channels="ab")
+        Recording.from_arrays(x=ZERO, dt=0.1, channels="ab")
 
 
 def test_counts_many_bad_samples() -> None:
     with pytest.raises(ValueError, match="10 such values in all"):
-        FlightLog.from_arrays(x=np.full((5, 2), np.nan), dt=0.1)
+        Recording.from_arrays(x=np.full((5, 2), np.nan), dt=0.1)
     with pytest.raises(ValueError, match=r"row 5 .* and 4 more"):
-        FlightLog.from_arrays(x=np.zeros((10, 1)), times=np.zeros(10))
+        Recording.from_arrays(x=np.zeros((10, 1)), times=np.zeros(10))
 
 
 # -- files ------------------------------------------------------------------------------------------------------
 
 
 def test_reads_the_default_columns(tmp_path: Path) -> None:
-    log = FlightLog.from_csv(written(tmp_path, GOOD))
+    log = Recording.from_csv(written(tmp_path, GOOD))
     assert log.times.tolist() == [0.0, 0.1, 0.3]
     assert log.x.tolist() == [[1, 2, 3], [1.5, 2.5, 3.5], [7, 8, 9]]
     assert log.label is not None
@@ -209,7 +209,7 @@ def test_reads_the_default_columns(tmp_path: Path) -> None:
 
 def test_reads_columns_by_name_in_any_order(tmp_path: Path) -> None:
     path = written(tmp_path, "mode;f;ms;v;p\nhover;1;0;2;3\nland;4;10;5;6\n")
-    log = FlightLog.from_csv(
+    log = Recording.from_csv(
         path,
         time="ms",
         x=["v"],
@@ -233,31 +233,31 @@ def test_reads_columns_by_name_in_any_order(tmp_path: Path) -> None:
 
 
 def test_a_single_name_is_one_column(tmp_path: Path) -> None:
-    log = FlightLog.from_csv(written(tmp_path, GOOD), x="vx", label="ax")
+    log = Recording.from_csv(written(tmp_path, GOOD), x="vx", label="ax")
     assert log.channels == ("vx",)
     assert log.unit == ""
 
 
 def test_label_none_leaves_it_out(tmp_path: Path) -> None:
-    assert FlightLog.from_csv(written(tmp_path, GOOD), label=None).label is None
+    assert Recording.from_csv(written(tmp_path, GOOD), label=None).label is None
 
 
 def test_dt_for_a_file_without_times(tmp_path: Path) -> None:
     path = written(tmp_path, "vx,vy,vz\n1,2,3\n1,2,3\n")
-    assert FlightLog.from_csv(path, time=None, dt=0.5).times.tolist() == [0.0, 0.5]
+    assert Recording.from_csv(path, time=None, dt=0.5).times.tolist() == [0.0, 0.5]
     with pytest.raises(ValueError, match=r"exactly one of time .* got time='t' and dt=0.5"):
-        FlightLog.from_csv(path, dt=0.5)
+        Recording.from_csv(path, dt=0.5)
     with pytest.raises(ValueError, match=r"exactly one of time .* got neither"):
-        FlightLog.from_csv(path, time=None)
+        Recording.from_csv(path, time=None)
 
 
 def test_inertia_by_columns(tmp_path: Path) -> None:
     text = "t,u,w,m1,m2,j\n0,1,2,3,4,5\n1,1,2,6,7,8\n2,1,2,9,10,11\n"
-    diagonal = FlightLog.from_csv(written(tmp_path, text), x=["u", "w"], inertia=["m1", "m2"])
+    diagonal = Recording.from_csv(written(tmp_path, text), x=["u", "w"], inertia=["m1", "m2"])
     assert diagonal.inertia is not None
     assert diagonal.inertia.tolist() == [[3, 4], [6, 7], [9, 10]]
     with pytest.raises(ValueError, match="inertia: expected 2 or 4 columns for the 2 of x, got 3"):
-        FlightLog.from_csv(written(tmp_path, text), x=["u", "w"], inertia=["m1", "m2", "j"])
+        Recording.from_csv(written(tmp_path, text), x=["u", "w"], inertia=["m1", "m2", "j"])
 
 
 @pytest.mark.parametrize(
@@ -288,8 +288,8 @@ def test_inertia_by_columns(tmp_path: Path) -> None:
     ],
 )
 def test_tolerates(tmp_path: Path, text: str, encoding: str) -> None:
-    plain = FlightLog.from_csv(written(tmp_path, GOOD))
-    assert_same(FlightLog.from_csv(written(tmp_path, text, encoding)), plain)
+    plain = Recording.from_csv(written(tmp_path, GOOD))
+    assert_same(Recording.from_csv(written(tmp_path, text, encoding)), plain)
 
 
 HEAD = "t,vx,vy,vz\n"
@@ -333,16 +333,16 @@ HEAD = "t,vx,vy,vz\n"
 )
 def test_refuses_a_file(tmp_path: Path, text: str, message: str) -> None:
     with pytest.raises(ValueError, match=message):
-        FlightLog.from_csv(written(tmp_path, text))
+        Recording.from_csv(written(tmp_path, text))
 
 
 def test_refuses_what_is_no_text(tmp_path: Path) -> None:
     path = tmp_path / "log.csv"
     path.write_bytes(GOOD.encode() + b"\xff\xfe")
     with pytest.raises(ValueError, match=f"not UTF-8 text .*byte {len(GOOD)}"):
-        FlightLog.from_csv(path)
+        Recording.from_csv(path)
     with pytest.raises(FileNotFoundError):
-        FlightLog.from_csv(tmp_path / "none.csv")
+        Recording.from_csv(tmp_path / "none.csv")
 
 
 def test_numbers_beyond_reckoning_are_named_by_their_line(tmp_path: Path) -> None:
@@ -356,13 +356,13 @@ def test_numbers_beyond_reckoning_are_named_by_their_line(tmp_path: Path) -> Non
         ("t,v\n0,1\n1e-310,1\n1,1\n", r"line 3 \(0 s, then 1e-310 s: stands still\)"),
     ):
         with pytest.raises(ValueError, match=message):
-            FlightLog.from_csv(written(tmp_path, text), x=["v"])
+            Recording.from_csv(written(tmp_path, text), x=["v"])
     path = written(tmp_path, "t,v\n0,0\n1,1e200\n")
     with pytest.raises(ValueError, match="got inf in line 3, column 'v'"):
-        FlightLog.from_csv(path, x=["v"], scale={"v": 1e200})
-    assert FlightLog.from_csv(path, x=["v"], scale={"v": 1e-100}).speed(100) == pytest.approx(1e100)
+        Recording.from_csv(path, x=["v"], scale={"v": 1e200})
+    assert Recording.from_csv(path, x=["v"], scale={"v": 1e-100}).speed(100) == pytest.approx(1e100)
     edge = np.array([[1e150], [-1e150], [1e150]])
-    log = FlightLog.from_arrays(x=edge, dt=1e-3, label=edge, f_theta=-edge)
+    log = Recording.from_arrays(x=edge, dt=1e-3, label=edge, f_theta=-edge)
     assert np.isfinite(log.compare({"none": 0.0 * edge}).rmse["f_theta"])
     assert np.isfinite(log.resample(5e-4).x).all()
     assert np.isfinite(PhyFilter([400.0, 40.0]).sampled(1e-3).run(log.x, f_theta=log.f_theta)).all()
@@ -384,7 +384,7 @@ def test_numbers_beyond_reckoning_are_named_by_their_line(tmp_path: Path) -> Non
 )
 def test_refuses_options(tmp_path: Path, options: dict, error: type[Exception], message: str) -> None:
     with pytest.raises(error, match=message):
-        FlightLog.from_csv(written(tmp_path, GOOD), **options)
+        Recording.from_csv(written(tmp_path, GOOD), **options)
 
 
 @given(
@@ -393,7 +393,7 @@ def test_refuses_options(tmp_path: Path, options: dict, error: type[Exception], 
 def test_round_trip_is_bit_exact(tmp_path_factory, data, n: int, n_x: int, wanted: set[str]) -> None:
     steps = data.draw(arrays(float, n - 1, elements=st.floats(1e-9, 1e3)))
     signals = {name: data.draw(arrays(float, (n, n_x), elements=finite), name) for name in wanted}
-    log = FlightLog.from_arrays(
+    log = Recording.from_arrays(
         x=data.draw(arrays(float, (n, n_x), elements=finite)),
         times=np.concatenate([[0.0], np.cumsum(steps)]),
         channels=data.draw(st.sampled_from([("vx", "vy", "vz"), ("u,v", '"', "#w")]))[:n_x],
@@ -402,7 +402,7 @@ def test_round_trip_is_bit_exact(tmp_path_factory, data, n: int, n_x: int, wante
     path = tmp_path_factory.getbasetemp() / "round.csv"
     delimiter = data.draw(st.sampled_from(",;\t"))
     log.to_csv(path, delimiter=delimiter)
-    assert_same(FlightLog.from_csv(path, x=log.channels, delimiter=delimiter), log)
+    assert_same(Recording.from_csv(path, x=log.channels, delimiter=delimiter), log)
 
 
 @pytest.mark.parametrize(
@@ -411,9 +411,9 @@ def test_round_trip_is_bit_exact(tmp_path_factory, data, n: int, n_x: int, wante
 )
 def test_inertia_survives_the_file(tmp_path: Path, n: int, shape: tuple[int, ...]) -> None:
     inertia = np.random.default_rng(3).standard_normal(shape)
-    log = FlightLog.from_arrays(x=np.zeros((n, 2)), dt=0.1, inertia=inertia)
+    log = Recording.from_arrays(x=np.zeros((n, 2)), dt=0.1, inertia=inertia)
     log.to_csv(tmp_path / "log.csv")
-    read = FlightLog.from_csv(tmp_path / "log.csv", x=log.channels).inertia
+    read = Recording.from_csv(tmp_path / "log.csv", x=log.channels).inertia
     assert read is not None
     assert np.array_equal(as_matrices(read, n), as_matrices(inertia, n))
 
@@ -426,14 +426,14 @@ def as_matrices(inertia: np.ndarray | float, n: int) -> np.ndarray:
 
 
 def test_to_csv_refuses_one_name_twice(tmp_path: Path) -> None:
-    log = FlightLog.from_arrays(x=np.zeros((3, 2)), dt=0.1, channels=["t", "u"])
+    log = Recording.from_arrays(x=np.zeros((3, 2)), dt=0.1, channels=["t", "u"])
     with pytest.raises(ValueError, match="columns would have one name: 't'"):
         log.to_csv(tmp_path / "log.csv")
     with pytest.raises(ValueError, match="would make the header a comment"):
         log.to_csv(tmp_path / "log.csv", time="#")
     assert not (tmp_path / "log.csv").exists()
     log.to_csv(tmp_path / "log.csv", time="s")
-    assert_same(FlightLog.from_csv(tmp_path / "log.csv", time="s", x=["t", "u"]), log)
+    assert_same(Recording.from_csv(tmp_path / "log.csv", time="s", x=["t", "u"]), log)
 
 
 # -- parts of a log ---------------------------------------------------------------------------------------------
@@ -466,8 +466,8 @@ def test_split_refuses(fraction: float) -> None:
 def test_a_part_with_as_many_samples_as_channels_keeps_its_inertia() -> None:
     rng = np.random.default_rng(5)
     diagonal, matrix = rng.standard_normal((6, 2)), rng.standard_normal((2, 2))
-    varying = FlightLog.from_arrays(x=np.zeros((6, 2)), dt=0.1, inertia=diagonal).segment(3, 5).inertia
-    constant = FlightLog.from_arrays(x=np.zeros((6, 2)), dt=0.1, inertia=matrix).decimate(3).inertia
+    varying = Recording.from_arrays(x=np.zeros((6, 2)), dt=0.1, inertia=diagonal).segment(3, 5).inertia
+    constant = Recording.from_arrays(x=np.zeros((6, 2)), dt=0.1, inertia=matrix).decimate(3).inertia
     assert varying is not None
     assert constant is not None
     assert np.array_equal(varying, [np.diag(row) for row in diagonal[3:5]])
@@ -492,7 +492,7 @@ def test_slices_are_those_of_a_list() -> None:
 
 
 def test_between_takes_both_ends() -> None:
-    log = FlightLog.from_arrays(x=np.arange(11.0), dt=0.125)
+    log = Recording.from_arrays(x=np.arange(11.0), dt=0.125)
     for start, stop in ((0.25, 0.75), (0.2, 0.8), (timedelta(milliseconds=250), np.timedelta64(750, "ms"))):
         assert_same(log.between(start, stop), log[2:7])
     assert_same(log.between(0.25), log[2:])
@@ -511,7 +511,7 @@ def test_between_takes_both_ends() -> None:
 
 def test_signals_of_one_channel_may_have_no_column() -> None:
     one, n = np.arange(6.0), 6
-    log = FlightLog(0.1 * one, one, g=one, f_theta=one, label=one, features=one)
+    log = Recording(0.1 * one, one, g=one, f_theta=one, label=one, features=one)
     for name in ("x", "g", "f_theta", "label", "features"):
         assert getattr(log, name).shape == (n, 1)
     assert_same(log.with_signals(label=one[:, None]), log)
@@ -519,7 +519,7 @@ def test_signals_of_one_channel_may_have_no_column() -> None:
 
 
 def test_describe_tells_rate_jitter_and_gaps() -> None:
-    even = FlightLog.from_arrays(
+    even = Recording.from_arrays(
         x=np.zeros((100, 2)), dt=0.125, channels=["a", "long name"], unit="m/s", inertia=2.0
     )
     text = even.describe()
@@ -530,11 +530,11 @@ def test_describe_tells_rate_jitter_and_gaps() -> None:
     assert "    long name  0 to 0 m/s" in text
     assert "inertia (constant)" in text
     kept = np.delete(np.arange(100), [10, 40, 41, 42])
-    holes = FlightLog(even.times[kept], even.x[kept], features=np.zeros((96, 3)), name="f").describe()
-    assert "FlightLog 'f': 96 samples" in holes
+    holes = Recording(even.times[kept], even.x[kept], features=np.zeros((96, 3)), name="f").describe()
+    assert "Recording 'f': 96 samples" in holes
     assert "gaps      2, 4 samples missing; the longest 0.5 s, after 4.875 s" in holes
     assert "signals   features (3)" in holes
-    assert "x alone" in FlightLog([0.0, 1.0], [0.0, 1.0]).describe()
+    assert "x alone" in Recording([0.0, 1.0], [0.0, 1.0]).describe()
 
 
 def test_plot_draws_what_the_log_has() -> None:
@@ -550,7 +550,7 @@ def test_plot_draws_what_the_log_has() -> None:
     assert plot.axes[0, 0].get_ylabel() == "a [m/s]"
     assert plot.axes[0, 0].get_title("left") == "flight"
     assert [text.get_text() for text in plot.legend.get_texts()] == ["g", "f_theta", "label"]
-    bare = FlightLog(log.times, log.x)
+    bare = Recording(log.times, log.x)
     again = bare.plot(ax=list(plot.axes[:2, 0]))
     assert again.axes.shape == (2, 1)
     assert again.legend is None
@@ -593,7 +593,7 @@ def test_resample_follows_straight_lines_and_holds_g() -> None:
 def test_resample_at_its_own_rate_changes_nothing(start: float) -> None:
     rng = np.random.default_rng(8)
     x, g = rng.standard_normal((2, 1000, 2))
-    log = FlightLog.from_arrays(x=x, g=g, times=start + 0.002 * np.arange(1000))
+    log = Recording.from_arrays(x=x, g=g, times=start + 0.002 * np.arange(1000))
     again = log.resample(0.002)
     assert again.n == 1000
     assert again.g is not None
@@ -604,7 +604,7 @@ def test_resample_at_its_own_rate_changes_nothing(start: float) -> None:
 
 
 def test_resample_keeps_what_is_constant() -> None:
-    log = FlightLog.from_arrays(x=np.full((9, 1), 0.1), dt=0.3, label=np.full((9, 1), 1 / 3), inertia=2.0)
+    log = Recording.from_arrays(x=np.full((9, 1), 0.1), dt=0.3, label=np.full((9, 1), 1 / 3), inertia=2.0)
     even = log.resample(0.07)
     assert np.all(even.x == 0.1)
     assert np.all(even.label == 1 / 3)
@@ -635,19 +635,19 @@ def test_with_signals_replaces_what_is_named() -> None:
 
 
 def test_every_field_is_named_in_the_docstring() -> None:
-    text = inspect.getdoc(FlightLog) or ""  # without the indentation, which Python 3.13 takes away by itself
-    for entry in fields(FlightLog):
+    text = inspect.getdoc(Recording) or ""  # without the indentation, which Python 3.13 takes away by itself
+    for entry in fields(Recording):
         assert f"\n{entry.name} : " in text, entry.name
 
 
 # -- many flights -----------------------------------------------------------------------------------------------
 
 
-def flight(speed: float, name: str = "") -> FlightLog:
+def flight(speed: float, name: str = "") -> Recording:
     x = np.zeros((200, 2))
     x[:, 0], x[:, 1] = 0.6 * speed, -0.8 * speed
     x[0] = 100.0  # one outlier in 200 samples lies above the 99th percentile
-    return FlightLog.from_arrays(x=x, dt=0.01, name=name)
+    return Recording.from_arrays(x=x, dt=0.01, name=name)
 
 
 @given(speeds=st.lists(st.floats(0.1, 10.0), min_size=2, max_size=9), fraction=st.floats(0.05, 0.95))

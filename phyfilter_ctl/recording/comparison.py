@@ -18,7 +18,7 @@ __all__ = ["EstimateComparison"]
 
 @dataclass(frozen=True, eq=False, repr=False)
 class EstimateComparison(Result):
-    """Estimates of f beside the label; made by ``FlightLog.compare``.
+    """Estimates of f beside the label; made by ``Recording.compare``.
 
     Attributes
     ----------
