@@ -40,6 +40,7 @@ from .diagram import FlatModel, flatten
 from .filter import FilterState, PhyFilter, SampledPhyFilter, Sampling, stack
 from .filterfile import Signals, load, load_signals, save
 from .fmi import cosimulate, export_fmu, export_ssp, import_fmu
+from .logfiles import LogFile, Signal, Topic, open_log
 from .plants import Plant, plant
 from .recording import Recording, split_by_speed, split_flights
 from .results import Result, Status
@@ -66,6 +67,7 @@ __all__ = [
     "FunctionBlock",
     "InertiaVerdict",
     "LearnResult",
+    "LogFile",
     "LoopMargin",
     "PhyFilter",
     "PhyFilterBlock",
@@ -78,9 +80,11 @@ __all__ = [
     "SampledPhyFilter",
     "Sampling",
     "Sensitivity",
+    "Signal",
     "Signals",
     "SimulationResponse",
     "Status",
+    "Topic",
     "Variable",
     "Variance",
     "bandpass",
@@ -106,6 +110,7 @@ __all__ = [
     "loop_margin",
     "lowpass",
     "numerator_of_type",
+    "open_log",
     "phyfilter_block",
     "place_poles",
     "plant",

@@ -7,6 +7,8 @@ from __future__ import annotations
 
 import csv
 import io
+import math
+import re
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -18,11 +20,15 @@ import numpy as np
 from .._output import replacing
 from .._sections import FloatArray
 
-__all__ = ["CsvFile", "open_csv", "write_csv"]
+__all__ = ["CsvFile", "dialect", "open_csv", "write_csv"]
 
 # utf-8-sig reads UTF-8 with and without the byte-order mark that spreadsheets put in front.
 _ENCODING = "utf-8-sig"
 _SHOWN = 60  # characters of an offending text that an error repeats
+_LARGE = 1 << 22  # bytes from which on polars, where it is installed, is worth its import
+_DELIMITERS = (";", "\t", "|", ",", " ")
+_SAMPLED = 100  # rows that say which columns hold numbers
+_DECIMAL_COMMA = re.compile(r"\s*[+-]?\d*,\d+([eE][+-]?\d+)?\s*")
 
 
 @dataclass(frozen=True)
@@ -37,15 +43,20 @@ class CsvFile:
         Column names, without duplicates.
     header_line : int
         Number of the line that holds them, from 1; the rows follow.
+    decimal : str
+        "." or ",", in numbers.
     """
 
     path: Path
     delimiter: str
     header: tuple[str, ...]
     header_line: int
+    decimal: str = "."
 
-    def read(self, names: Sequence[str]) -> FloatArray:
+    def read(self, names: Sequence[str], *, gaps: bool = False) -> FloatArray:
         """The named columns, shape (N, len(names)); other columns may hold anything.
+
+        With ``gaps`` an empty field is NaN.
 
         Raises
         ------
@@ -54,21 +65,47 @@ class CsvFile:
             line, the column and the text are named.
         """
         columns = [self.header.index(name) for name in names]
+        if (table := self._read_by_polars(columns, gaps)) is not None:
+            return table
+        if self.decimal != ".":
+            return self._read_slowly(names, columns, gaps)
         try:
             with self.path.open(encoding=_ENCODING) as file:
                 # No comments here: the option would cut a field off at "#" anywhere in a row.
                 rows = islice(file, self.header_line, None)
                 table = np.loadtxt(rows, delimiter=self.delimiter, comments=None, ndmin=2)
         except ValueError:
-            return self._read_slowly(names, columns)
+            return self._read_slowly(names, columns, gaps)
         if table.shape[1] != len(self.header):
-            return self._read_slowly(names, columns)
+            return self._read_slowly(names, columns, gaps)
         return table[:, columns]
 
     def first(self, name: str) -> str:
         """Text of the named column in the first row."""
-        number, line = next(self._rows())
-        return _fields(self.path, number, line, self.delimiter)[self.header.index(name)].strip()
+        return next(self._cells(name))
+
+    def texts(self, name: str) -> list[str]:
+        """Text of the named column, row by row.
+
+        Raises
+        ------
+        ValueError
+            If a row has another number of fields than the header.
+        """
+        return list(self._cells(name))
+
+    def _cells(self, name: str) -> Iterator[str]:
+        column = self.header.index(name)
+        return (fields[column].strip() for _, fields in self._split_rows())
+
+    def numeric(self) -> tuple[str, ...]:
+        """Columns that hold numbers or nothing in the first rows."""
+        rows = [fields for _, fields in islice(self._split_rows(), _SAMPLED)]
+        return tuple(
+            name
+            for name, column in zip(self.header, zip(*rows, strict=True), strict=True)
+            if all(not field.strip() or self._number(field) is not None for field in column)
+        )
 
     def line_numbers(self) -> list[int]:
         """Number of the line of every row, from 1."""
@@ -80,9 +117,8 @@ class CsvFile:
                 if number > self.header_line and _holds_data(line):
                     yield number, line.rstrip("\n")
 
-    def _read_slowly(self, names: Sequence[str], columns: Sequence[int]) -> FloatArray:
+    def _split_rows(self) -> Iterator[tuple[int, list[str]]]:
         expected = len(self.header)
-        table: list[list[float]] = []
         for number, line in self._rows():
             fields = _fields(self.path, number, line, self.delimiter)
             if len(fields) != expected:
@@ -90,7 +126,18 @@ class CsvFile:
                     f"{self.path}: line {number} has {len(fields)} fields, expected {expected} as in the header: "
                     f"{_short(line)}"
                 )
-            row = [_number(fields[column]) for column in columns]
+            yield number, fields
+
+    def _number(self, text: str) -> float | None:
+        return _number(text if self.decimal == "." else text.replace(self.decimal, "."))
+
+    def _read_slowly(self, names: Sequence[str], columns: Sequence[int], gaps: bool) -> FloatArray:
+        table: list[list[float]] = []
+        for number, fields in self._split_rows():
+            row = [
+                math.nan if gaps and not fields[column].strip() else self._number(fields[column])
+                for column in columns
+            ]
             if None in row:
                 k = row.index(None)
                 text = fields[columns[k]].strip()
@@ -101,8 +148,62 @@ class CsvFile:
             table.append([value for value in row if value is not None])
         return np.array(table, dtype=float)
 
+    def _read_by_polars(self, columns: Sequence[int], gaps: bool) -> FloatArray | None:
+        """The columns of a large file; None where polars is missing or finds anything that is to be explained."""
+        if self.path.stat().st_size < _LARGE:
+            return None
+        try:
+            import polars as pl
+        except ModuleNotFoundError:
+            return None
+        last = len(self.header) - 1
+        read = sorted({*columns, last})
+        try:
+            frame = pl.read_csv(
+                self.path,
+                has_header=False,
+                columns=read,
+                separator=self.delimiter,
+                comment_prefix="#",
+                skip_lines=self.header_line,
+                schema_overrides={f"column_{k + 1}": pl.Float64 for k in read},
+                decimal_comma=self.decimal == ",",
+                infer_schema_length=1,
+            )
+        except (pl.exceptions.PolarsError, ValueError):
+            return None
+        # A row that is too short, or blank, ends in a null.
+        nulls = frame.null_count().row(0)
+        if nulls[-1] or (any(nulls) and not gaps) or frame.dtypes != [pl.Float64] * len(read):
+            return None
+        return frame.select(pl.all().fill_null(math.nan)).to_numpy()[:, [read.index(k) for k in columns]]
 
-def open_csv(path: Path, delimiter: str) -> CsvFile:
+
+def dialect(path: Path) -> tuple[str, str]:
+    """Delimiter and decimal sign of a file: those by which its first rows have as many fields as the header.
+
+    Raises
+    ------
+    ValueError
+        If it is no UTF-8 text.
+    """
+    try:
+        with path.open(encoding=_ENCODING) as file:
+            lines = [line.rstrip("\n") for line in islice(filter(_holds_data, file), 10)]
+    except UnicodeDecodeError:
+        return ",", "."  # open_csv says what is wrong with it
+    best, most = ",", 1
+    for delimiter in _DELIMITERS:
+        counts = {len(_fields(path, 0, line, delimiter)) for line in lines}
+        if len(counts) == 1 and (count := counts.pop()) > most:
+            best, most = delimiter, count
+    comma = best != "," and any(
+        _DECIMAL_COMMA.fullmatch(field) for line in lines[1:] for field in line.split(best)
+    )
+    return best, "," if comma else "."
+
+
+def open_csv(path: Path, delimiter: str, decimal: str = ".") -> CsvFile:
     """Read the header of a CSV file: the first line that is neither blank nor a comment ("#").
 
     Raises
@@ -131,7 +232,7 @@ def open_csv(path: Path, delimiter: str) -> CsvFile:
         raise ValueError(f"{path}: line {number} names columns more than once: {', '.join(map(repr, twice))}")
     if not has_rows:
         raise ValueError(f"{path}: no rows follow the header on line {number}")
-    return CsvFile(path, delimiter, header, number)
+    return CsvFile(path, delimiter, header, number, decimal)
 
 
 def _check_delimiter(delimiter: str) -> None:
