@@ -102,6 +102,8 @@ def _row(name: str, values: Any) -> FloatArray:
 
 def _padded(descending: FloatArray, order: int) -> FloatArray:
     """Ascending b_0 ... b_(n-1)."""
+    if order == 0:
+        raise ValueError("from_tf: the system is a constant; expected one with at least one pole")
     num = np.trim_zeros(descending, "f")
     if len(num) > order:
         raise ValueError(

@@ -44,13 +44,13 @@ class Roots(np.ndarray[tuple[int], np.dtype[np.complex128]]):
         return roots.view(cls)
 
     def __call__(self) -> ComplexArray:
-        return self.view(np.ndarray)
+        return np.array(self)  # to sort or to change
 
     def __array_wrap__(self, array: Any, context: Any = None, return_scalar: bool = False) -> Any:
         return array[()] if np.ndim(array) == 0 else np.asarray(array)
 
     def __repr__(self) -> str:
-        return repr(self())
+        return repr(self.view(np.ndarray))
 
 
 class _Labels(list[str]):
@@ -96,7 +96,9 @@ class LinearForm(ct.TransferFunction, ct.StateSpace):
         """Denominator for python-control: a (1, 1) array of the descending coefficients."""
         return self.transfer_function.den_array
 
-    # -- as a state space, by its sections ----------------------------------------------------------------------
+    # -- as a state space, by its sections, the last first ------------------------------------------------------
+    # So A is upper triangular: of a lower one python-control's balancing confuses the states, and with them which poles
+    # matter, how long a step response has to be and what step_info reads from it.
 
     @cached_property
     def sections(self) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -105,19 +107,19 @@ class LinearForm(ct.TransferFunction, ct.StateSpace):
 
     @property
     def A(self) -> FloatArray:
-        """State matrix (n, n) of the chain of sections."""
-        return self.sections[0].copy()
+        """State matrix (n, n) of the chain of sections, the last first."""
+        return self.sections[0][::-1, ::-1].copy()
 
     @property
     def B(self) -> FloatArray:
         """Input matrix (n, 1) of the chain of sections."""
         A, equilibrium, _ = self.sections
-        return (-A @ equilibrium)[:, None]
+        return (-A @ equilibrium)[::-1, None]
 
     @property
     def C(self) -> FloatArray:
         """Output matrix (1, n) of the chain of sections."""
-        return self.sections[2][None, :].copy()
+        return self.sections[2][None, ::-1].copy()
 
     @property
     def D(self) -> FloatArray:
@@ -142,7 +144,7 @@ class LinearForm(ct.TransferFunction, ct.StateSpace):
     @property
     def state_index(self) -> dict[str, int]:
         """Numbers of the states by their labels."""
-        return {f"w[{i}]": i for i in range(self.nstates)}
+        return {f"w[{i}]": k for k, i in enumerate(reversed(range(self.nstates)))}
 
     @property
     def state_labels(self) -> list[str]:
@@ -248,6 +250,26 @@ class LinearForm(ct.TransferFunction, ct.StateSpace):
         """``control.initial_response`` of the chain of sections, to be called like it."""
         return ct.StateSpace(self).initial_response
 
+    @property
+    def sample(self) -> Callable[..., Any]:
+        """``control.sample_system`` of the chain of sections, to be called like it.
+
+        A transfer function would lose the digits of repeated poles, and on a fast clock their stability; only the
+        method "matched" asks for one.
+
+        Examples
+        --------
+        >>> from phyfilter_ctl import PhyFilter
+        >>> PhyFilter.from_poles([-3.0] * 8).sample(1e-3).poles().real.round(9).tolist()[:2]
+        [0.997004496, 0.997004496]
+        """
+
+        def sample(Ts: float, method: str = "zoh", *args: Any, **keywords: Any) -> Any:
+            form = self.transfer_function if method == "matched" else ct.StateSpace(self)
+            return form.sample(Ts, method, *args, **keywords)
+
+        return sample
+
     # -- algebra: as a state space with those, else as a transfer function --------------------------------------
 
     def horner(self, x: Any, warn_infinite: bool = True) -> ComplexArray:
@@ -263,8 +285,10 @@ class LinearForm(ct.TransferFunction, ct.StateSpace):
         return np.atleast_1d(self(x, warn_infinite=warn_infinite)).reshape(1, 1, -1)
 
     def _operand(self, other: object) -> ct.TransferFunction | ct.StateSpace:
-        """The filter in the form of what it is to be combined with."""
-        if isinstance(other, ct.NonlinearIOSystem) and not isinstance(other, LinearForm):
+        """The filter in the form of what it is to be combined with; python-control divides no other form by data."""
+        if isinstance(other, ct.NonlinearIOSystem | ct.FrequencyResponseData) and not isinstance(
+            other, LinearForm
+        ):
             return ct.StateSpace(self)
         return self.transfer_function
 

@@ -97,11 +97,39 @@ class TestConversion:
         F = PhyFilter.from_poles([-3.0] * 8)
         system = ct.ss(F)
         A, equilibrium, C = F.sections
-        assert np.array_equal(system.A, A)
-        assert np.array_equal(system.B[:, 0], -A @ equilibrium)
-        assert np.array_equal(system.C[0], C)
+        assert system.state_labels == [f"w[{i}]" for i in range(7, -1, -1)]  # the last section first
+        assert np.array_equal(system.A, A[::-1, ::-1])
+        assert np.array_equal(system.B[::-1, 0], -A @ equilibrium)
+        assert np.array_equal(system.C[0, ::-1], C)
         # Where python-control's companion form has lost five digits the sections have lost none.
         assert np.allclose(np.linalg.eigvals(system.A), -3.0, rtol=1e-12)
+
+    def test_sampling_keeps_the_digits_of_repeated_poles(self):
+        F = PhyFilter.from_poles([-3.0] * 8)
+        sampled = ct.sample_system(F, 1e-3)
+        assert np.allclose(sampled.poles(), np.exp(-3e-3), rtol=1e-12)
+        assert np.isclose(sampled(1.0), 1.0, rtol=1e-9)
+        matched = ct.sample_system(GENERAL, 1e-3, method="matched")  # which state spaces do not have
+        assert np.isclose(matched(1.0), GENERAL.dc_gain, rtol=1e-9)
+
+    @pytest.mark.parametrize(
+        "F", [PhyFilter.from_poles([-1.0, -100.0]), PhyFilter([5.427e3, 1.00005427e4], [5427.0, 1e4])]
+    )
+    def test_step_response_is_as_long_as_that_of_its_transfer_function(self, F):
+        assert ct.step_response(F).time[-1] == pytest.approx(ct.step_response(F.transfer_function).time[-1])
+        assert ct.step_info(F) == pytest.approx(ct.step_info(F.transfer_function), rel=1e-4)
+
+    def test_a_constant_is_no_filter(self):
+        for system in (
+            ct.tf([0.0], [1.0]),
+            ct.tf([0.0], [1.0, 1.0]),
+            ct.ss([], [], [], [[0.0]]),
+            ([0.0], [2.0]),
+        ):
+            with pytest.raises(
+                ValueError, match="from_tf: the system is a constant; expected one with at least one"
+            ):
+                PhyFilter.from_tf(system)
 
     def test_names_go_to_what_comes_of_it(self):
         system = ct.ss(GENERAL, name="fast", inputs="r", outputs="v")
@@ -132,6 +160,7 @@ class TestConversion:
     def test_roots_are_arrays_and_answer_a_call(self):
         assert type(GENERAL.poles()) is np.ndarray
         assert np.array_equal(GENERAL.poles(), GENERAL.poles)
+        GENERAL.poles().sort()  # the caller's own
         assert type(2.0 * GENERAL.poles) is np.ndarray
         assert isinstance(np.max(GENERAL.poles.real), float)
         assert repr(GENERAL.poles) == repr(np.asarray(GENERAL.poles))
@@ -189,6 +218,7 @@ class TestArithmetic:
     def test_with_data_a_nonlinear_system_and_a_block(self):
         data = ct.frd([1.0, 2.0j], [1.0, 2.0])
         assert np.allclose((GENERAL * data).frdata[0, 0], GENERAL(1j * data.omega) * [1.0, 2.0j])
+        assert np.allclose((GENERAL / data).frdata[0, 0], GENERAL(1j * data.omega) / [1.0, 2.0j])
         tanh = ct.nlsys(None, lambda t, x, u, params: np.tanh(u), inputs=1, outputs=1)
         assert (tanh * GENERAL).nstates == (GENERAL * tanh).nstates == 2
         block = phyfilter_block(GENERAL, 1)
