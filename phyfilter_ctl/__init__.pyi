@@ -35,7 +35,7 @@ from .blocks import (
     wired,
 )
 from .codegen import export_c
-from .design import LearnResult, bandpass, learn, learn_jointly, lowpass, numerator_of_type, place_poles
+from .design import LearnResult, bandpass, hz, learn, learn_jointly, lowpass, numerator_of_type, place_poles
 from .diagram import FlatModel, flatten
 from .filter import FilterState, PhyFilter, SampledPhyFilter, Sampling, stack
 from .filterfile import Signals, load, load_signals, save
@@ -99,6 +99,7 @@ __all__ = [
     "frequency_response",
     "function_block",
     "gauss_markov",
+    "hz",
     "import_fmu",
     "largest_bandwidth",
     "learn",

@@ -121,7 +121,7 @@ def test_every_example_of_design_runs(tmp_path, monkeypatch, capsys):
         for line in capsys.readouterr().out.splitlines()
         if line.startswith("  phyf")
     ]
-    assert len(examples) == 6
+    assert len(examples) == 7
     for words in examples:
         assert main(words[1:]) == 0, words
     capsys.readouterr()
@@ -181,6 +181,33 @@ def test_a_filter_goes_to_disk_and_comes_back(tmp_path, capsys):
 
 
 @pytest.mark.parametrize(
+    "words",
+    [
+        "--poles -2+1j,-2-1j,-3 --zeros-at 2 --at 1,2",
+        "--family bessel --order 3 --cutoff 3.2",
+        "--bandpass 4,9",
+    ],
+)
+def test_options_in_hertz(words, capsys):
+    """The same words with -hz are the same filter 2 pi times faster; what is printed says both."""
+    turn = 2.0 * np.pi
+    slow = figures_of(capsys, *words.split())
+    hertz = [
+        f"{w}-hz" if w in ("--poles", "--zeros-at", "--at", "--cutoff", "--bandpass") else w
+        for w in words.split()
+    ]
+    fast = figures_of(capsys, *hertz)
+    assert np.ravel(fast["poles"]) == pytest.approx(turn * np.ravel(slow["poles"]))
+    assert fast["bandwidth"] == pytest.approx(turn * slow["bandwidth"], rel=FOUND)
+    for mine, theirs in zip(fast["at"], slow["at"], strict=True):
+        assert mine["omega"] == pytest.approx(turn * theirs["omega"])
+        assert mine["error"] == pytest.approx(theirs["error"], abs=1e-9)
+    assert main(["design", *hertz]) == 0
+    line = next(line for line in capsys.readouterr().out.splitlines() if line.startswith("bandwidth"))
+    assert line.endswith(" Hz)")
+
+
+@pytest.mark.parametrize(
     ("arguments", "message"),
     [
         ([], "expected one of FILTER.toml, --poles"),
@@ -203,6 +230,9 @@ def test_a_filter_goes_to_disk_and_comes_back(tmp_path, capsys):
         (["--poles", "-20", "--json", "absent/f.json"], "no folder"),
         (["--poles", "-20", "--picture", "f.gif"], "ends in"),
         (["--order", "two"], "--order"),
+        (["--cutoff", "3", "--cutoff-hz", "3"], "--cutoff-hz: not allowed with argument --cutoff"),
+        (["--poles-hz", "-3,x"], "--poles-hz: expected numbers"),
+        (["--family", "bessel", "--order", "2", "--cutoff", "3,4"], "--cutoff: expected one frequency"),
     ],
 )
 def test_bad_input_is_one_line_and_status_2(arguments, message, tmp_path, monkeypatch, capsys):

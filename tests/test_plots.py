@@ -18,6 +18,7 @@ from phyfilter_ctl import (
     error_variance,
     frequency_response,
     gauss_markov,
+    hz,
     lowpass,
     place_poles,
     ultimate_bound,
@@ -274,6 +275,10 @@ def test_budget_over_bandwidth() -> None:
     assert len({line.get_linestyle() for line in (total, residual, noise)}) == 3
     assert plot.axes[0, 0].get_xlabel() == "Bandwidth [rad/s]"
     assert not outside_or_overlapping(plot)
+    hertz = budget.plot(Hz=True)
+    assert hertz.axes[0, 0].get_xlabel() == "Bandwidth [Hz]"
+    np.testing.assert_allclose(hertz.lines[0, 0][0].get_xdata(), budget.bandwidth / hz(1.0))
+    assert hertz.lines[0, 0][-1].get_label().endswith(" Hz")
 
 
 def test_budget_of_variances() -> None:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from phyfilter_ctl.design import hz
 from phyfilter_ctl.study import Outputs, add_output_options
 
 if TYPE_CHECKING:
@@ -71,8 +72,12 @@ def add_arguments(parser: ArgumentParser) -> None:
         help="MuJoCo's friction cones: the model's own, in which feet creep, or elliptic ones (default pyramidal)",
     )
     parser.add_argument("--duration", type=float, metavar="S", help="of a trial, s (default 10)")
-    parser.add_argument(
+    speed = parser.add_mutually_exclusive_group()
+    speed.add_argument(
         "--a0", type=float, metavar="A", help="the filter's poles lie at -A rad/s (default 20)"
+    )
+    speed.add_argument(
+        "--a0-hz", dest="a0", type=lambda text: hz(float(text)), metavar="A", help="the same in Hz"
     )
     parser.add_argument("--order", type=int, metavar="N", help="of the filter (default 1)")
     parser.add_argument(

@@ -22,7 +22,7 @@ from .arrays import (
     usable,
 )
 from .containers import labels
-from .numbers import count, number
+from .numbers import count, in_both, number
 from .times import duration, interval, refuse_ticks, refuse_unordered, sample_times, seconds
 
 __all__ = [
@@ -33,6 +33,7 @@ __all__ = [
     "count",
     "duration",
     "filled",
+    "in_both",
     "inertia",
     "interval",
     "labels",

@@ -1,4 +1,4 @@
-"""Single numbers: real, finite, large enough."""
+"""Single numbers: real, finite, large enough; frequencies in words."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import numpy as np
 
 from .arrays import unmasked
 
-__all__ = ["count", "number"]
+__all__ = ["count", "in_both", "number"]
 
 
 def number(
@@ -66,3 +66,20 @@ def count(name: str, value: int, least: int = 1) -> int:
     if value < least:
         raise ValueError(f"{name}: expected at least {least}, got {value}")
     return int(value)
+
+
+def in_both(omega: float) -> str:
+    """An angular frequency as people read it, in rad/s and in Hz.
+
+    Parameters
+    ----------
+    omega : float
+        In rad/s.
+
+    Examples
+    --------
+    >>> in_both(20.0), in_both(0.0), in_both(float("inf"))
+    ('20 rad/s (3.18 Hz)', '0 rad/s', 'inf rad/s')
+    """
+    hertz = f" ({omega / (2.0 * np.pi):.3g} Hz)" if 0.0 < omega < np.inf else ""
+    return f"{omega:.4g} rad/s{hertz}"

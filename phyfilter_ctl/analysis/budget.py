@@ -57,13 +57,15 @@ class ErrorBudget(Result):
         every = {"residual": self.residual, "prior": self.prior, "noise": self.noise}
         return {name: values for name, values in every.items() if np.any(values)} or every
 
-    def plot(self, *, ax: Axes | None = None) -> ct.ControlPlot:
+    def plot(self, *, ax: Axes | None = None, Hz: bool | None = None) -> ct.ControlPlot:
         """Draw stacked bars of named designs, else curves over bandwidth.
 
         Parameters
         ----------
         ax : Axes, optional
             Where to draw; None makes a new figure.
+        Hz : bool, optional
+            Bandwidths in Hz; None: python-control's setting ``freqplot.Hz``.
 
         Returns
         -------
@@ -79,7 +81,7 @@ class ErrorBudget(Result):
         if self.names is not None:
             return plots.budget_plot(self.parts, self.names, label=label, ax=ax)
         assert self.bandwidth is not None
-        return plots.budget_curves(self.parts, self.bandwidth, label=label, ax=ax)
+        return plots.budget_curves(self.parts, self.bandwidth, label=label, ax=ax, Hz=Hz)
 
 
 def error_budget(

@@ -228,10 +228,7 @@ class FilterResponse:
     @property
     def label(self) -> str:
         """Order, band and step in words, as the legend has them."""
-        low, high = self.band_edges
-        band = f"{high:.3g}" if low == 0.0 else f"{low:.3g} to {high:.3g}"
-        step = f", h = {1e3 * self.system.dt:.3g} ms" if isinstance(self.system, SampledPhyFilter) else ""
-        return f"n = {self._filter.order}, {band} rad/s{step}"
+        return self._label("rad/s", 1.0)
 
     def curve(self, label: str | None = None) -> plots.FrequencyCurve:
         """What a frequency plot draws of it.
@@ -250,6 +247,9 @@ class FilterResponse:
         *,
         label: str | None = None,
         limits: Sequence[plots.FrequencyLimit] = (),
+        dB: bool | None = None,
+        Hz: bool | None = None,
+        deg: bool | None = None,
     ) -> ct.ControlPlot:
         """Draw |F|, |1 - F| and the phase of F.
 
@@ -261,12 +261,16 @@ class FilterResponse:
             Entry of the legend instead of :attr:`label`.
         limits : sequence of FrequencyLimit
             What |F| or |1 - F| must stay below, drawn beside them.
+        dB, Hz, deg : bool, optional
+            Magnitudes in dB, frequencies in Hz, phase in degrees; None: python-control's settings ``freqplot.dB``,
+            ``freqplot.Hz`` and ``freqplot.deg``.
 
         Returns
         -------
         control.ControlPlot
         """
-        return FilterResponseList((self,)).plot(ax, labels=None if label is None else [label], limits=limits)
+        labels = None if label is None else [label]
+        return FilterResponseList((self,)).plot(ax, labels=labels, limits=limits, dB=dB, Hz=Hz, deg=deg)
 
     def __repr__(self) -> str:
         points = f"{len(self.omega)} point{'s' * (len(self.omega) != 1)}"
@@ -285,6 +289,12 @@ class FilterResponse:
     @cached_property
     def _reaches_dc(self) -> bool:
         return self._dc > _NO_DC * self.peak.value
+
+    def _label(self, unit: str, per: float) -> str:
+        low, high = (edge / per for edge in self.band_edges)
+        band = f"{high:.3g}" if low == 0.0 else f"{low:.3g} to {high:.3g}"
+        step = f", h = {1e3 * self.system.dt:.3g} ms" if isinstance(self.system, SampledPhyFilter) else ""
+        return f"n = {self._filter.order}, {band} {unit}{step}"
 
     def _gain(self, omega: ArrayLike) -> FloatArray:
         return np.abs(_paths.residual(self.system, np.atleast_1d(_signals.real("omega", omega)))[0])
@@ -322,6 +332,9 @@ class FilterResponseList(tuple[FilterResponse, ...]):
         *,
         labels: Sequence[str] | None = None,
         limits: Sequence[plots.FrequencyLimit] = (),
+        dB: bool | None = None,
+        Hz: bool | None = None,
+        deg: bool | None = None,
     ) -> ct.ControlPlot:
         """Draw all responses into one magnitude and one phase diagram.
 
@@ -333,6 +346,8 @@ class FilterResponseList(tuple[FilterResponse, ...]):
             One entry of the legend each instead of the responses' own.
         limits : sequence of FrequencyLimit
             What |F| or |1 - F| must stay below, drawn beside them.
+        dB, Hz, deg : bool, optional
+            As for :meth:`FilterResponse.plot`.
 
         Returns
         -------
@@ -345,9 +360,10 @@ class FilterResponseList(tuple[FilterResponse, ...]):
         """
         if labels is not None and len(labels) != len(self):
             raise ValueError(f"labels: expected one for each of the {len(self)} responses, got {len(labels)}")
-        names = [response.label for response in self] if labels is None else labels
-        curves = [each.curve(name) for name, each in zip(names, self, strict=True)]
-        return plots.frequency_plot(curves, limits=limits, ax=ax)
+        if labels is None:
+            labels = [each._label(*plots.frequency_unit(Hz)) for each in self]
+        curves = [each.curve(name) for name, each in zip(labels, self, strict=True)]
+        return plots.frequency_plot(curves, limits=limits, ax=ax, dB=dB, Hz=Hz, deg=deg)
 
 
 @overload

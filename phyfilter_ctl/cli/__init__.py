@@ -43,7 +43,7 @@ _RUN_EPILOG = """examples:
   phyfilter-ctl run acceleration --help"""
 
 # Values that begin with a minus sign would be taken for options.
-_SIGNED = ("--poles",)
+_SIGNED = ("--poles", "--poles-hz")
 
 
 # Status of a process that SIGPIPE ended, 128 + 13.

@@ -15,6 +15,7 @@ from .._output import check_target, write_figure, write_text
 from ..filter import PhyFilter, SampledPhyFilter
 from ..recording import Recording
 from ..results import plain
+from .frequencies import add_picture_units
 
 if TYPE_CHECKING:
     from ..analysis import BoundResult, LoopMargin, PriorMargin
@@ -63,9 +64,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     loop.add_argument("--kd", type=float, metavar="K", help="outer gain on velocity per unit inertia, 1/s")
     output = parser.add_argument_group("output")
     output.add_argument(
-        "--json", metavar="FILE", help="write the figures; - for standard output instead of the text"
+        "--json",
+        metavar="FILE",
+        help="write the figures, frequencies in rad/s; - for standard output instead of the text",
     )
     output.add_argument("--picture", metavar="FILE", help="the page as png, pdf or svg")
+    add_picture_units(output)
 
 
 def main(options: argparse.Namespace) -> int:
@@ -128,7 +132,10 @@ def main(options: argparse.Namespace) -> int:
             growth = (times, bound.envelope(times), bound.bound)
         loops = {"inner loop": inner} | ({} if outer is None else {"complete loop": outer})
         sensitivities = {name: margin.sensitivity(response.omega) for name, margin in loops.items()}
-        write_figure(options.picture, analysis_plot(curves, response.omega, sensitivities, growth).figure)
+        write_figure(
+            options.picture,
+            analysis_plot(curves, response.omega, sensitivities, growth, dB=options.db, Hz=options.hz).figure,
+        )
     return 0
 
 

@@ -11,9 +11,11 @@ import numpy as np
 
 from .. import filterfile
 from .._output import check_target, write_figure, write_text
-from ..design.placement import Family, bandpass, lowpass, place_poles
+from .._signals import in_both
+from ..design.placement import Family, bandpass, hz, lowpass, place_poles
 from ..filter import PhyFilter, SampledPhyFilter
 from ..results import plain
+from .frequencies import add_frequency, add_picture_units, complex_numbers, numbers
 
 if TYPE_CHECKING:
     from ..analysis.frequency import FilterResponse
@@ -23,14 +25,15 @@ __all__ = ["add_arguments", "main"]
 _METHODS = ("exact", "euler", "tustin")
 
 _DESCRIPTION = """Choose a filter F = N/D and see what it does: formula, poles, bandwidth, peaks, phase lag, noise gain.
-Frequencies are in rad/s. Give poles, or a family, or a band, or a filter file."""
+Frequencies are in rad/s; options that end in -hz take Hz. Give poles, or a family, or a band, or a filter file."""
 
 _EPILOG = """examples:
   phyfilter-ctl design --poles -20,-20                          two poles at -20 rad/s, N = a_0
   phyfilter-ctl design --poles -20+10j,-20-10j --type 2         follows ramps of the residual too
   phyfilter-ctl design --poles -20,-20,-20 --zeros-at 6         cancels a residual at 6 rad/s
   phyfilter-ctl design --family butterworth --order 2 --cutoff 20 --dt 0.002 --out filter.toml
-  phyfilter-ctl design --bandpass 4,9 --picture band.png
+  phyfilter-ctl design --family bessel --order 3 --cutoff-hz 3.2  the same in Hz
+  phyfilter-ctl design --bandpass 4,9 --picture band.png --hz --db
   phyfilter-ctl design filter.toml --at 1,5,20 --json -         read a filter back, figures as JSON"""
 
 
@@ -40,29 +43,52 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
     source = parser.add_argument_group("the filter, one of")
     source.add_argument("file", nargs="?", metavar="FILTER.toml", help="a filter file")
-    source.add_argument(
-        "--poles", metavar="P,P,...", help="poles in rad/s, complex ones in pairs: -20+10j,-20-10j"
+    add_frequency(
+        source,
+        "--poles",
+        complex_numbers,
+        metavar="P,P,...",
+        help="poles in rad/s, complex ones in pairs: -20+10j,-20-10j",
     )
     source.add_argument(
         "--family", choices=get_args(Family), help="low-pass family, with --order and --cutoff"
     )
-    source.add_argument(
-        "--bandpass", metavar="LOW,HIGH", help="band edges in rad/s; --family and --order may be given"
+    add_frequency(
+        source,
+        "--bandpass",
+        numbers,
+        metavar="LOW,HIGH",
+        help="band edges in rad/s; --family and --order may be given",
     )
     shape = parser.add_argument_group("its shape")
     shape.add_argument("--order", type=int, metavar="N", help="order of D")
-    shape.add_argument("--cutoff", type=float, metavar="W", help="-3 dB frequency in rad/s")
+    add_frequency(shape, "--cutoff", numbers, metavar="W", help="-3 dB frequency in rad/s")
     shape.add_argument("--type", type=int, metavar="K", help="zeros of 1 - F at s = 0 (default 1, N = a_0)")
-    shape.add_argument("--zeros-at", metavar="W,W,...", help="further zeros of 1 - F, in rad/s; with --poles")
+    add_frequency(
+        shape,
+        "--zeros-at",
+        numbers,
+        metavar="W,W,...",
+        help="further zeros of 1 - F, in rad/s; with --poles",
+    )
     sampling = parser.add_argument_group("sampled")
     sampling.add_argument("--dt", type=float, metavar="S", help="sampling interval in s")
     sampling.add_argument("--method", choices=_METHODS, help="discretisation (default exact)")
     output = parser.add_argument_group("output")
-    output.add_argument("--at", metavar="W,W,...", help="also |F|, |1 - F| and phase lag at these, in rad/s")
+    add_frequency(
+        output,
+        "--at",
+        numbers,
+        metavar="W,W,...",
+        help="also |F|, |1 - F| and phase lag at these, in rad/s",
+    )
     output.add_argument("--picture", metavar="FILE", help="frequency response as png, pdf or svg")
     output.add_argument(
-        "--json", metavar="FILE", help="write the figures; - for standard output instead of the text"
+        "--json",
+        metavar="FILE",
+        help="write the figures, in rad/s and rad; - for standard output instead of the text",
     )
+    add_picture_units(output)
     output.add_argument("--out", metavar="FILTER.toml", help="write the filter")
 
 
@@ -82,8 +108,7 @@ def main(options: argparse.Namespace) -> int:
     check_target(picture, suffixes=(".png", ".pdf", ".svg"))
     system = _system(options)
     response = frequency_response(system)
-    at = [] if options.at is None else _numbers("--at", options.at)
-    figures = _figures(system, response, at)
+    figures = _figures(system, response, options.at or [])
     if options.json != "-":
         print(_text(system, figures))
     if options.json is not None:
@@ -94,7 +119,7 @@ def main(options: argparse.Namespace) -> int:
         import matplotlib
 
         matplotlib.use("Agg")  # a file is all that is wanted; there may be no display
-        write_figure(picture, response.plot().figure)
+        write_figure(picture, response.plot(dB=options.db, Hz=options.hz).figure)
     return 0
 
 
@@ -140,44 +165,25 @@ def _chosen(options: argparse.Namespace) -> PhyFilter | SampledPhyFilter:
     if source == "file":
         return filterfile.load(options.file)
     if source == "--poles":
-        zeros = [] if options.zeros_at is None else _numbers("--zeros-at", options.zeros_at)
         kind = "lowpass" if options.type is None else options.type
-        return place_poles(_complex_numbers("--poles", options.poles), numerator=kind, zeros_at=zeros)
+        return place_poles(options.poles, numerator=kind, zeros_at=options.zeros_at or [])
     if source == "--bandpass":
-        edges = _numbers("--bandpass", str(options.bandpass))
+        edges: list[float] = options.bandpass or []
         if len(edges) != 2:
-            raise ValueError(f"--bandpass: expected LOW,HIGH in rad/s, got {options.bandpass!r}")
-        return bandpass(
-            2 if options.order is None else options.order,
-            edges[0],
-            edges[1],
-            family=family or "butterworth",
-        )
+            raise ValueError(f"--bandpass: expected LOW,HIGH, got {len(edges)} numbers")
+        order = 2 if options.order is None else options.order
+        return bandpass(order, edges[0], edges[1], family=family or "butterworth")
     for name in ("--order", "--cutoff"):
         if not _given(options, (name,)):
             raise ValueError(f"--family {family} needs {name}")
+    if len(options.cutoff) != 1:
+        raise ValueError(f"--cutoff: expected one frequency, got {len(options.cutoff)}")
     kind = "lowpass" if options.type is None else options.type
-    return lowpass(options.order, options.cutoff, family=family or "binomial", numerator=kind)
+    return lowpass(options.order, options.cutoff[0], family=family or "binomial", numerator=kind)
 
 
 def _given(options: argparse.Namespace, names: tuple[str, ...]) -> list[str]:
     return [name for name in names if getattr(options, name.removeprefix("--").replace("-", "_")) is not None]
-
-
-def _numbers(name: str, text: str) -> list[float]:
-    try:
-        return [float(part) for part in text.split(",")]
-    except ValueError as error:
-        raise ValueError(f"{name}: expected numbers with commas between them, got {text!r}") from error
-
-
-def _complex_numbers(name: str, text: str) -> list[complex]:
-    try:
-        return [complex(part.strip().replace("i", "j")) for part in text.split(",")]
-    except ValueError as error:
-        raise ValueError(
-            f"{name}: expected numbers such as -20 or -20+10j with commas between them, got {text!r}"
-        ) from error
 
 
 # -- filter to figures ------------------------------------------------------------------------------------------
@@ -223,9 +229,9 @@ def _text(system: PhyFilter | SampledPhyFilter, figures: dict[str, object]) -> s
     response = frequency_response(system)
     filter = system if isinstance(system, PhyFilter) else system.filter
     low, high = response.band_edges
-    lines = {"bandwidth": f"{low:.4g} to {high:.4g} rad/s" if low > 0.0 else f"{high:.4g} rad/s"}
-    lines["peak |F|"] = f"{response.peak.value:.4g} at {response.peak.omega:.4g} rad/s"
-    lines["peak |1-F|"] = f"{response.error_peak.value:.4g} at {response.error_peak.omega:.4g} rad/s"
+    lines = {"bandwidth": f"{in_both(low)} to {in_both(high)}" if low > 0.0 else in_both(high)}
+    lines["peak |F|"] = f"{response.peak.value:.4g} at {in_both(response.peak.omega)}"
+    lines["peak |1-F|"] = f"{response.error_peak.value:.4g} at {in_both(response.error_peak.omega)}"
     sampled = isinstance(system, SampledPhyFilter)
     unit = (
         "1/s (f_hat per white noise on x, both standard deviations)"
@@ -238,9 +244,9 @@ def _text(system: PhyFilter | SampledPhyFilter, figures: dict[str, object]) -> s
     text = [filter.describe(), *(f"{name:<12}{value}" for name, value in lines.items())]
     table = figures["at"]
     if isinstance(table, list) and table:
-        text.append(f"{'rad/s':>12}{'|F|':>12}{'|1-F|':>12}{'lag [deg]':>12}")
-        text += [
-            f"{row['omega']:>12.4g}{row['F']:>12.4g}{row['error']:>12.4g}{math.degrees(row['phase_lag']):>12.4g}"
-            for row in table
-        ]
+        text.append(f"{'rad/s':>12}{'Hz':>12}{'|F|':>12}{'|1-F|':>12}{'lag [deg]':>12}")
+        for row in table:
+            lag = math.degrees(row["phase_lag"])
+            cells = (row["omega"], row["omega"] / hz(1.0), row["F"], row["error"], lag)
+            text.append("".join(f"{cell:>12.4g}" for cell in cells))
     return "\n".join(text)

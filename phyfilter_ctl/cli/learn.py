@@ -20,6 +20,7 @@ from .. import filterfile
 from .._output import check_target, write_figure, write_text
 from ..filter import SampledPhyFilter
 from ..recording import Recording
+from .frequencies import add_picture_units
 from .learn_report import Row, best_of, figures_of, form_name, table_of
 
 if TYPE_CHECKING:
@@ -92,6 +93,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     output.add_argument(
         "--json", metavar="FILE", help="write the figures; - for standard output instead of text"
     )
+    add_picture_units(output)
     output.add_argument("--quiet", action="store_true", help="no progress bar")
 
 
@@ -127,7 +129,7 @@ def main(options: argparse.Namespace) -> int:
         import matplotlib
 
         matplotlib.use("Agg")  # a file is all that is wanted; there may be no display
-        write_figure(picture, best.result.plot().figure)
+        write_figure(picture, best.result.plot(dB=options.db, Hz=options.hz).figure)
     return _STOPPED if interrupt.asked else 0
 
 

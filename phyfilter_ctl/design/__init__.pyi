@@ -17,7 +17,7 @@ from .adjoint import (
 )
 from .joint import JointGradient, JointResult, joint_gradient, learn_jointly
 from .learning import LearnEvent, LearnResult, WienerFloor, learn
-from .placement import Family, bandpass, lowpass, numerator_of_type, place_poles
+from .placement import Family, bandpass, hz, lowpass, numerator_of_type, place_poles
 from .refinement import (
     Knowledge,
     ModelScore,
@@ -56,6 +56,7 @@ __all__ = [
     "WienerFloor",
     "adjoint_gradient",
     "bandpass",
+    "hz",
     "joint_gradient",
     "last_layer",
     "learn",

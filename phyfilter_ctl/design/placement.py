@@ -16,7 +16,7 @@ from .. import _signals
 from .._sections import ComplexArray, FloatArray
 from ..filter import PhyFilter
 
-__all__ = ["Family", "bandpass", "lowpass", "numerator_of_type", "place_poles"]
+__all__ = ["Family", "bandpass", "hz", "lowpass", "numerator_of_type", "place_poles"]
 
 Family = Literal["binomial", "butterworth", "bessel", "itae"]
 
@@ -35,6 +35,29 @@ _ITAE: dict[int, tuple[float, ...]] = {
 }
 # |F| at the cutoff, and at both edges of a band.
 _HALF_POWER = 1.0 / np.sqrt(2.0)
+
+
+def hz(frequency: float) -> float:
+    """Angular frequency in rad/s of a frequency in Hz, for whatever takes rad/s.
+
+    Parameters
+    ----------
+    frequency : float
+        In Hz.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If it is not one finite real number.
+
+    Examples
+    --------
+    >>> round(hz(1.0), 6)
+    6.283185
+    >>> lowpass(1, hz(3.2)).poles.real.round(3).tolist()
+    [-20.106]
+    """
+    return 2.0 * np.pi * _signals.number("frequency", frequency, "Hz")
 
 
 def place_poles(

@@ -1,6 +1,7 @@
 """Draws results that were computed elsewhere; computes nothing. python-control's plotting conventions."""
 
 from ._style import COLOURS, dress
+from ._units import frequency_unit
 from .budget import budget_curves, budget_plot
 from .estimates import estimate_plot
 from .frequency import FrequencyCurve, FrequencyLimit, frequency_plot
@@ -21,6 +22,7 @@ __all__ = [
     "dress",
     "estimate_plot",
     "frequency_plot",
+    "frequency_unit",
     "learning_plot",
     "log_plot",
     "pole_plot",

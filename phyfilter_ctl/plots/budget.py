@@ -14,6 +14,7 @@ from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
 from ._style import COLOURS, SMALL
+from ._units import Units
 
 __all__ = ["budget_curves", "budget_plot"]
 
@@ -105,7 +106,12 @@ def budget_plot(
 
 
 def budget_curves(
-    parts: Mapping[str, FloatArray], bandwidth: FloatArray, *, label: str, ax: Axes | None = None
+    parts: Mapping[str, FloatArray],
+    bandwidth: FloatArray,
+    *,
+    label: str,
+    ax: Axes | None = None,
+    Hz: bool | None = None,
 ) -> ct.ControlPlot:
     """Each part of the error and their sum over bandwidth, with the least sum marked.
 
@@ -119,6 +125,8 @@ def budget_curves(
         What the error is, with its unit.
     ax : Axes, optional
         Where to draw; None makes a new figure.
+    Hz : bool, optional
+        Draw over Hz; None: python-control's setting ``freqplot.Hz``.
 
     Returns
     -------
@@ -143,16 +151,18 @@ def budget_curves(
     total = _total(parts, len(bandwidth), "bandwidth")
     if ax is None:
         _, ax = plt.subplots(layout="constrained", figsize=(5.4, 3.6))
+    units = Units.chosen(Hz=Hz)
+    bandwidth = bandwidth / units.per_frequency
     lines: list[Line2D] = ax.loglog(bandwidth, total, color="0.15", linewidth=1.8, label=_TOTAL)
     for k, (name, values) in enumerate(parts.items()):
         style = _STYLES[k % len(_STYLES)]
         lines += ax.loglog(bandwidth, values, color=COLOURS[k % len(COLOURS)], linestyle=style, label=name)
     best = int(np.argmin(total))
-    name = f"least sum: {total[best]:.3g} at {bandwidth[best]:.3g} rad/s"
+    name = f"least sum: {total[best]:.3g} at {bandwidth[best]:.3g} {units.frequency_name}"
     lines += ax.plot(
         [bandwidth[best]], [total[best]], "o", color="0.15", markerfacecolor="white", markersize=6, label=name
     )
-    ax.set_xlabel("Bandwidth [rad/s]", fontsize=SMALL)
+    ax.set_xlabel(f"Bandwidth [{units.frequency_name}]", fontsize=SMALL)
     ax.set_ylabel(label, fontsize=SMALL)
     ax.tick_params(which="both", labelsize=SMALL)
     ax.grid(True, which="major", color="0.88", linewidth=0.7)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import control as ct
@@ -16,6 +16,7 @@ from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from ._style import COLOURS, SMALL
+from ._units import Units
 
 __all__ = ["FrequencyCurve", "FrequencyLimit", "frequency_plot"]
 
@@ -86,6 +87,9 @@ def frequency_plot(
     *,
     limits: Sequence[FrequencyLimit] = (),
     ax: Sequence[Axes] | None = None,
+    dB: bool | None = None,
+    Hz: bool | None = None,
+    deg: bool | None = None,
 ) -> ct.ControlPlot:
     """Magnitude of F (full) and 1 - F (dashed), and phase of F, over frequency, on one axis for all filters.
 
@@ -96,6 +100,9 @@ def frequency_plot(
         Drawn grey, full for F and dashed for 1 - F, with hatches on the side to be kept clear.
     ax : two Axes, optional
         Where to draw magnitude and phase; None makes a new figure.
+    dB, Hz, deg : bool, optional
+        Magnitudes in dB, frequencies in Hz, phase in degrees; None: python-control's settings ``freqplot.dB``,
+        ``freqplot.Hz`` and ``freqplot.deg``. Curves and limits are given in rad/s all the same.
 
     Returns
     -------
@@ -121,17 +128,22 @@ def frequency_plot(
     """
     if not curves:
         raise ValueError("frequency_plot: expected at least one curve, got none")
+    units = Units.chosen(dB=dB, Hz=Hz, deg=deg)
+    per = units.per_frequency
+    curves = [replace(curve, omega=curve.omega / per, nyquist=curve.nyquist / per) for curve in curves]
+    limits = [replace(limit, low=limit.low / per, high=limit.high / per) for limit in limits]
     magnitude, phase = _two_axes(ax)
     lines: tuple[list[Line2D], list[Line2D]] = ([], [])
     for k, curve in enumerate(curves):
-        colour = COLOURS[k % len(COLOURS)]
-        lines[0].extend(magnitude.loglog(curve.omega, np.abs(curve.F), color=colour, label=curve.label))
-        lines[0].extend(magnitude.loglog(curve.omega, np.abs(curve.error), color=colour, linestyle="--"))
-        lines[1].extend(phase.semilogx(curve.omega, np.rad2deg(curve.phase), color=colour, label=curve.label))
-    _dress(curves, limits, magnitude, phase)
-    _mark_nyquist(curves, magnitude, phase)
+        colour, name = COLOURS[k % len(COLOURS)], curve.label
+        F, error = (units.magnitude(np.abs(values)) for values in (curve.F, curve.error))
+        lines[0].extend(magnitude.plot(curve.omega, F, color=colour, label=name))
+        lines[0].extend(magnitude.plot(curve.omega, error, color=colour, linestyle="--"))
+        lines[1].extend(phase.plot(curve.omega, units.phase(curve.phase), color=colour, label=name))
+    _dress(curves, limits, magnitude, phase, units)
+    _mark_nyquist(curves, magnitude, phase, units)
     for limit in limits:
-        _draw_limit(magnitude, limit)
+        _draw_limit(magnitude, limit, units)
     legend = _legend(magnitude, lines[0][::2], limits)
     grid = np.empty((2, 1), dtype=object)
     grid[:, 0] = lines
@@ -153,7 +165,7 @@ def _two_axes(ax: Sequence[Axes] | None) -> tuple[Axes, Axes]:
     return pair[0], pair[1]
 
 
-def _mark_nyquist(curves: Sequence[FrequencyCurve], magnitude: Axes, phase: Axes) -> None:
+def _mark_nyquist(curves: Sequence[FrequencyCurve], magnitude: Axes, phase: Axes, units: Units) -> None:
     """One dotted line for each Nyquist frequency, named once."""
     for nyquist in sorted({curve.nyquist for curve in curves if np.isfinite(curve.nyquist)}):
         for axes in (magnitude, phase):
@@ -161,7 +173,7 @@ def _mark_nyquist(curves: Sequence[FrequencyCurve], magnitude: Axes, phase: Axes
         # Right of the line, where this filter draws nothing, and away from the others.
         magnitude.annotate(
             "Nyquist",
-            (nyquist, _free_height(curves, nyquist, magnitude)),
+            (nyquist, _free_height(curves, nyquist, magnitude, units)),
             xycoords=("data", "axes fraction"),
             xytext=(3, 0),
             textcoords="offset points",
@@ -173,11 +185,11 @@ def _mark_nyquist(curves: Sequence[FrequencyCurve], magnitude: Axes, phase: Axes
         )
 
 
-def _free_height(curves: Sequence[FrequencyCurve], omega: float, axes: Axes) -> float:
+def _free_height(curves: Sequence[FrequencyCurve], omega: float, axes: Axes, units: Units) -> float:
     """Height of the axes, as a share, that is farthest from all curves at a frequency."""
-    bottom, top = np.log10(axes.get_ylim())
+    bottom, top = units.height(axes.get_ylim())
     taken = [
-        (np.log10(max(float(np.interp(omega, curve.omega, np.abs(values))), 1e-300)) - bottom)
+        (20.0 * np.log10(max(float(np.interp(omega, curve.omega, np.abs(values))), 1e-300)) - bottom)
         / (top - bottom)
         for curve in curves
         if curve.omega[-1] > omega
@@ -187,34 +199,40 @@ def _free_height(curves: Sequence[FrequencyCurve], omega: float, axes: Axes) -> 
     return max(heights, key=lambda height: min((abs(height - each) for each in taken), default=1.0))
 
 
-def _draw_limit(axes: Axes, limit: FrequencyLimit) -> None:
+def _draw_limit(axes: Axes, limit: FrequencyLimit, units: Units) -> None:
     left, right = axes.get_xlim()
     low, high = max(limit.low, left), min(limit.high, right)
     if low >= high:
         return
-    level = limit.magnitude
+    level, above = (float(value) for value in units.magnitude([limit.magnitude, 1.35 * limit.magnitude]))
     style = "-" if limit.of == "F" else "--"
     axes.plot([low, high], [level, level], color=_LIMIT, linestyle=style, linewidth=1.6, scalex=False)
     axes.fill_between(
-        [low, high], level, 1.35 * level, facecolor="none", edgecolor="0.6", hatch="////", linewidth=0.0
+        [low, high], level, above, facecolor="none", edgecolor="0.6", hatch="////", linewidth=0.0
     )
     axes.set_xlim(left, right)
 
 
 def _dress(
-    curves: Sequence[FrequencyCurve], limits: Sequence[FrequencyLimit], magnitude: Axes, phase: Axes
+    curves: Sequence[FrequencyCurve],
+    limits: Sequence[FrequencyLimit],
+    magnitude: Axes,
+    phase: Axes,
+    units: Units,
 ) -> None:
+    units.dress_magnitude(magnitude, "Magnitude")
     drawn = np.concatenate([np.abs(values) for curve in curves for values in (curve.F, curve.error)])
     drawn = drawn[np.isfinite(drawn) & (drawn > 0.0)]
     drawn = np.append(drawn, [limit.magnitude for limit in limits])
     if len(drawn):
         top = float(drawn.max())
         # Four decades: less is not read off, and a zero of 1 - F would stretch the axis without end.
-        magnitude.set_ylim(max(0.7 * float(drawn.min()), 1e-4 * top), 1.6 * top)
-    magnitude.set_ylabel("Magnitude", fontsize=SMALL)
-    phase.set_ylabel("Phase of $F$ [deg]", fontsize=SMALL)
-    phase.set_xlabel("Frequency [rad/s]", fontsize=SMALL)
-    phase.yaxis.set_major_locator(MaxNLocator(nbins=6, steps=[1, 1.5, 3, 4.5, 9, 10]))
+        magnitude.set_ylim(*units.magnitude([max(0.7 * float(drawn.min()), 1e-4 * top), 1.6 * top]))
+    phase.set_ylabel(f"Phase of $F$ [{'deg' if units.deg else 'rad'}]", fontsize=SMALL)
+    magnitude.set_xscale("log")
+    units.dress_frequency(phase)
+    if units.deg:
+        phase.yaxis.set_major_locator(MaxNLocator(nbins=6, steps=[1, 1.5, 3, 4.5, 9, 10]))
     for axes in (magnitude, phase):
         axes.grid(True, which="major", color="0.88", linewidth=0.7)
         axes.tick_params(labelsize=SMALL)

@@ -24,6 +24,9 @@ def learning_plot(
     curves: Sequence[FrequencyCurve],
     *,
     ax: Sequence[Axes] | None = None,
+    dB: bool | None = None,
+    Hz: bool | None = None,
+    deg: bool | None = None,
 ) -> ct.ControlPlot:
     """Root-mean-square error over the steps of every descent, above a frequency plot of what was learned.
 
@@ -34,6 +37,8 @@ def learning_plot(
     curves : sequence of FrequencyCurve
     ax : three Axes, optional
         Where to draw errors, magnitude and phase; None makes a new figure.
+    dB, Hz, deg : bool, optional
+        As for :func:`frequency_plot`.
 
     Returns
     -------
@@ -94,7 +99,7 @@ def learning_plot(
     errors.tick_params(which="both", labelsize=SMALL)
     if named:
         errors.legend(handles=list(named.values()), fontsize="x-small", frameon=False)
-    lower = frequency_plot(curves, ax=ax[1:])
+    lower = frequency_plot(curves, ax=ax[1:], dB=dB, Hz=Hz, deg=deg)
     grid = np.empty((3, 1), dtype=object)
     grid[:, 0] = [lines, *lower.lines[:, 0]]
     axes = np.empty((3, 1), dtype=object)

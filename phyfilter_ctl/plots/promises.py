@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ._style import COLOURS, SMALL
+from ._units import Units
 from .frequency import FrequencyCurve, frequency_plot
 
 __all__ = ["analysis_plot", "bound_plot", "trade_off_plot"]
@@ -116,6 +117,10 @@ def analysis_plot(
     omega: FloatArray,
     sensitivities: Mapping[str, FloatArray],
     growth: tuple[FloatArray, FloatArray, float] | None,
+    *,
+    dB: bool | None = None,
+    Hz: bool | None = None,
+    deg: bool | None = None,
 ) -> ct.ControlPlot:
     """One page on a filter: its response, how its loops treat the residual, how large the error can become.
 
@@ -128,6 +133,8 @@ def analysis_plot(
         |1/(1 + L)| by loop.
     growth : tuple of (m,) array, (m,) array, float, optional
         Times in s, bound of the error up to them, its limit.
+    dB, Hz, deg : bool, optional
+        As for :func:`frequency_plot`.
 
     Returns
     -------
@@ -148,7 +155,8 @@ def analysis_plot(
     figure, axes = plt.subplots(
         2, 2, layout="constrained", figsize=(8.4, 5.2), height_ratios=(3, 2), squeeze=False
     )
-    left = frequency_plot(curves, ax=list(axes[:, 0]))
+    units = Units.chosen(dB=dB, Hz=Hz, deg=deg)
+    left = frequency_plot(curves, ax=list(axes[:, 0]), dB=dB, Hz=Hz, deg=deg)
     top, bottom = axes[:, 1]
     lines = np.empty((2, 2), dtype=object)
     lines[:, 0] = left.lines[:, 0]
@@ -174,14 +182,18 @@ def analysis_plot(
         top.margins(x=0.0)
         top.legend(fontsize="x-small", frameon=False)
     lines[1, 1] = [
-        bottom.loglog(
-            omega, values, color=COLOURS[i % len(COLOURS)], linestyle=_STYLES[i % len(_STYLES)], label=name
+        bottom.plot(
+            omega / units.per_frequency,
+            units.magnitude(values),
+            color=COLOURS[i % len(COLOURS)],
+            linestyle=_STYLES[i % len(_STYLES)],
+            label=name,
         )[0]
         for i, (name, values) in enumerate(sensitivities.items())
     ]
-    bottom.axhline(1.0, color="0.6", linewidth=0.8)
-    bottom.set_xlabel("Frequency [rad/s]", fontsize=SMALL)
-    bottom.set_ylabel("Residual left, |1/(1 + L)|", fontsize=SMALL)
+    bottom.axhline(float(units.magnitude(1.0)), color="0.6", linewidth=0.8)
+    units.dress_frequency(bottom)
+    units.dress_magnitude(bottom, "Residual left, |1/(1 + L)|")
     bottom.margins(x=0.0)
     bottom.legend(fontsize="x-small", frameon=False, loc="lower right")
     for axis in (top, bottom):

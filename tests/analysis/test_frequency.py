@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.linalg import block_diag
 
-from phyfilter_ctl import PhyFilter
+from phyfilter_ctl import PhyFilter, plots
 from phyfilter_ctl.analysis import (
     FilterResponse,
     FilterResponseList,
@@ -392,6 +392,50 @@ def test_plot() -> None:
     again = both[0].plot([magnitude, phase], label="again")
     assert again.figure is plot.figure
     plt.close(plot.figure)
+
+
+def test_plots_in_hertz_and_decibel_as_python_control() -> None:
+    filter = lowpass(2, 20.0)
+    response = frequency_response(filter.sampled(0.01))
+    limit = plots.FrequencyLimit("error", 2.0, high=10.0)
+    plot = response.plot(dB=True, Hz=True, deg=False, limits=[limit])
+    plt.figure()
+    theirs = ct.bode_plot(
+        ct.frequency_response(filter, response.omega), dB=True, Hz=True, deg=False, wrap_phase=False
+    )
+    for axes, their in zip(plot.axes[:, 0], theirs.axes[:, 0], strict=True):
+        assert axes.get_xscale() == their.get_xscale() == "log"
+        assert axes.get_yscale() == their.get_yscale() == "linear"
+    assert plot.axes[0, 0].get_ylabel() == theirs.axes[0, 0].get_ylabel() == "Magnitude [dB]"
+    assert "[rad]" in plot.axes[1, 0].get_ylabel()
+    assert plot.axes[1, 0].get_xlabel() == theirs.axes[1, 0].get_xlabel() == "Frequency [Hz]"
+    gain, phase = plot.lines[0, 0][0], plot.lines[1, 0][0]
+    np.testing.assert_array_equal(gain.get_xdata(), theirs.lines[0, 0][0].get_xdata())
+    np.testing.assert_allclose(gain.get_ydata(), 20.0 * np.log10(np.abs(response.F)))
+    np.testing.assert_allclose(phase.get_ydata(), -response.phase_lag())
+    (drawn,) = [line for line in plot.axes[0, 0].get_lines() if line.get_color() == "0.35"]
+    assert drawn.get_xdata()[1] == pytest.approx(10.0 / (2.0 * np.pi))
+    assert drawn.get_ydata()[0] == pytest.approx(20.0 * np.log10(2.0))
+    assert [line.get_xdata()[0] for line in plot.axes[0, 0].get_lines() if line.get_linestyle() == ":"] == [
+        50.0
+    ]
+    assert plot.legend.get_texts()[0].get_text() == "n = 2, 3.17 Hz, h = 10 ms"
+    for figure in (plot.figure, theirs.figure):
+        plt.close(figure)
+
+
+def test_plots_follow_python_control_s_settings(monkeypatch: pytest.MonkeyPatch) -> None:
+    response = frequency_response(PhyFilter([20.0]))
+    plain = response.plot()
+    for name in ("dB", "Hz"):
+        monkeypatch.setitem(ct.config.defaults, f"freqplot.{name}", True)
+    set_so, said = response.plot(), response.plot(dB=False, Hz=False)
+    assert set_so.axes[1, 0].get_xlabel() == "Frequency [Hz]"
+    assert set_so.axes[0, 0].get_ylabel() == "Magnitude [dB]"
+    assert [ax.get_xlabel() for ax in said.axes[:, 0]] == [ax.get_xlabel() for ax in plain.axes[:, 0]]
+    np.testing.assert_array_equal(said.lines[0, 0][0].get_xydata(), plain.lines[0, 0][0].get_xydata())
+    for plot in (plain, set_so, said):
+        plt.close(plot.figure)
 
 
 def test_plot_refusals() -> None:

@@ -165,6 +165,16 @@ def test_the_coarse_knobs_are_the_library_s(page: Watched) -> None:
     )
 
 
+def test_the_frequency_axes_count_in_hertz_when_asked(page: Watched) -> None:
+    before, bandwidth = page.drawn("bode-phase"), page.number("bandwidth")
+    page("unit-Hz").click()
+    page.until(lambda: page.drawn("bode-phase") != before)
+    assert page("unit-Hz").get_attribute("aria-pressed") == "true"
+    assert page.number("bandwidth") == bandwidth
+    page("unit-rad/s").click()
+    page.until(lambda: page.drawn("bode-phase") == before)
+
+
 def test_a_pinned_design_is_compared(page: Watched) -> None:
     page("pin").click()
     page.fill("cutoff", "50")

@@ -11,7 +11,7 @@ from scipy.linalg import expm
 from scipy.optimize import brentq
 
 from phyfilter_ctl import PhyFilter
-from phyfilter_ctl.design import bandpass, lowpass, numerator_of_type, place_poles
+from phyfilter_ctl.design import bandpass, hz, lowpass, numerator_of_type, place_poles
 from phyfilter_ctl.design.placement import _ITAE, Family
 
 # Poles to coefficients and back, a root finder stopped at 1e-15: n <= 8 roundings each.
@@ -47,6 +47,17 @@ def test_prototypes_are_scipys(order: int) -> None:
     b, a = signal.bessel(order, 20.0, analog=True, norm="mag")
     np.testing.assert_allclose(lowpass(order, 20.0, family="bessel").a, a[:0:-1], rtol=SCIPY)
     assert abs(b[0] / lowpass(order, 20.0, family="bessel").a[0] - 1.0) < SCIPY
+
+
+def test_hertz() -> None:
+    assert signal.butter(2, hz(3.2), analog=True)[1][-1] == pytest.approx(
+        lowpass(2, hz(3.2), family="butterworth").a[0]
+    )
+    for wrong in (np.array([1.0, 2.0]), "3 Hz", 1j):
+        with pytest.raises(TypeError, match="frequency: expected a number"):
+            hz(wrong)
+    with pytest.raises(ValueError, match="frequency: expected a finite number"):
+        hz(float("nan"))
 
 
 def test_binomial_closed_form() -> None:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import control as ct
 import numpy as np
 
+from ... import _signals
 from ...filter import PhyFilter, SampledPhyFilter
 from ...results import Result, Status
 from ._actuator import checked_number
@@ -133,7 +134,7 @@ def largest_bandwidth(
         message = f"every bandwidth up to {high:g} rad/s is borne; raise high"
         return BandwidthLimit(limit, (), wanted, Status.UNLIMITED, message)
     beyond = f"; beyond it {_text(islands)} are borne again, cut off from it" if islands else ""
-    message = f"borne up to {limit:.6g} rad/s{beyond}"
+    message = f"borne up to {_signals.in_both(limit)}{beyond}"
     return BandwidthLimit(limit, tuple(islands), wanted, Status.LIMITED, message)
 
 

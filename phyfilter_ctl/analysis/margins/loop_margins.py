@@ -237,7 +237,7 @@ class LoopMargins(Result):
                 "gain margin": f"{low:.4g} to {high:.4g} times",
                 "phase margin": f"{np.rad2deg(self.phase_margin):.4g} deg",
                 "delay margin": f"{1e3 * self.delay_margin:.4g} ms",
-                "modulus margin": f"{self.modulus_margin:.4g} at {self.modulus_frequency:.4g} rad/s",
+                "modulus margin": f"{self.modulus_margin:.4g} at {_signals.in_both(self.modulus_frequency)}",
                 "sensitivity": f"peak {self.sensitivity_peak:.4g}",
             }
         return "\n".join(f"{name:<18}{text}" for name, text in lines.items())

@@ -262,7 +262,7 @@ def prior_margin(
     gain margin       0 to 51.01 times
     phase margin      88.88 deg
     delay margin      79.13 ms
-    modulus margin    0.9804 at 1571 rad/s
+    modulus margin    0.9804 at 1571 rad/s (250 Hz)
     sensitivity       peak 1.02
     """
     system, loop = build_loop(filter, actuator, delay, dt)

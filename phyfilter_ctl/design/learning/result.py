@@ -118,13 +118,22 @@ class LearnResult(Result):
         """95 % interval of ``wiener_ratio``."""
         return None if self.wiener is None else self.wiener.interval
 
-    def plot(self, *, ax: Sequence[Axes] | None = None) -> ct.ControlPlot:
+    def plot(
+        self,
+        *,
+        ax: Sequence[Axes] | None = None,
+        dB: bool | None = None,
+        Hz: bool | None = None,
+        deg: bool | None = None,
+    ) -> ct.ControlPlot:
         """Cost over the steps of the descents, and the filter beside the Wiener filter over frequency.
 
         Parameters
         ----------
         ax : three Axes, optional
             Where to draw the cost curve, magnitude and phase; None makes a new figure.
+        dB, Hz, deg : bool, optional
+            As for ``FilterResponse.plot``.
 
         Returns
         -------
@@ -143,7 +152,7 @@ class LearnResult(Result):
             for name, F in responses.items()
         ]
         events = [(event.order, event.start, event.iteration, event.cost) for event in self.history]
-        return plots.learning_plot(events, curves, ax=ax)
+        return plots.learning_plot(events, curves, ax=ax, dB=dB, Hz=Hz, deg=deg)
 
 
 def _sampled_response(result: LearnResult, omega: FloatArray) -> ComplexArray:

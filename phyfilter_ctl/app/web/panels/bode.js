@@ -8,7 +8,7 @@ import { Chart } from "../plots/chart.js";
 import { LimitHandle } from "../plots/limit_handle.js";
 import { CURVES, PIN_DASHES, swatch } from "../plots/styles.js";
 import { excess, KINDS, LIMIT_KINDS } from "../state/limits.js";
-import { button, card } from "./parts.js";
+import { button, card, segments } from "./parts.js";
 
 /** @import { App } from "../designer.js" */
 /** @import { Curve } from "../mathematics/filter.js" */
@@ -60,9 +60,20 @@ export class Bode {
       });
     });
     this.readout = h("p", { class: "pf-readout pf-line", "data-test": "readout" });
+    this.units = segments("Unit of the frequency axes", "unit", { "rad/s": "rad/s", Hz: "Hz" }, (key) => this.unit(key));
     const legends = h("div", { class: "pf-legends" }, ...CURVE_KEYS.map((key) => this.legend(key)));
     const bar = h("div", { class: "pf-bar" }, legends, h("div", { class: "pf-group pf-right" }, ...this.buttons));
-    this.element = card("Frequency", [bar, this.magnitude.element, this.phase.element, this.readout]);
+    this.units.show("rad/s");
+    const body = [bar, this.magnitude.element, this.phase.element, this.readout];
+    this.element = card("Frequency", body, { side: [this.units.element] });
+  }
+
+  /** What the frequency axes count in; all else stays in rad/s. @param {"rad/s" | "Hz"} unit */
+  unit(unit) {
+    for (const chart of [this.magnitude, this.phase]) chart.xUnit = unit === "Hz" ? 2 * Math.PI : 1;
+    this.phase.settings.xLabel = unit === "Hz" ? "frequency, Hz" : "ω, rad/s";
+    this.units.show(unit);
+    this.app.paint();
   }
 
   /** @param {keyof typeof CURVES} key */

@@ -42,6 +42,7 @@ export class Chart {
     this.bottom = settings.xLabel ? BOTTOM.named : BOTTOM.plain;
     this.top = settings.yLabel ? TOP.named : TOP.plain;
     this.x = [0, 1];
+    this.xUnit = 1; // what one of the numbers on the horizontal axis is of x
     this.y = [0, 1];
     this.ranged = false;
     /** @type {Series[]} */
@@ -156,7 +157,10 @@ export class Chart {
   /** @param {CanvasRenderingContext2D} context @param {Palette} palette */
   grid(context, palette) {
     const { settings } = this;
-    const vertical = settings.logX ? logTicks(this.x, this.inner.width) : linearTicks(this.x, this.inner.width / 80);
+    const range = this.x.map((x) => x / this.xUnit);
+    const vertical = (
+      settings.logX ? logTicks(range, this.inner.width) : linearTicks(range, this.inner.width / 80)
+    ).map((tick) => ({ ...tick, value: tick.value * this.xUnit }));
     const rows = this.inner.height / (settings.degrees ? 26 : 34);
     const horizontal = settings.logY
       ? logTicks(this.y, this.inner.height)
