@@ -37,7 +37,16 @@ from .blocks import (
 from .codegen import export_c
 from .design import LearnResult, bandpass, hz, learn, learn_jointly, lowpass, numerator_of_type, place_poles
 from .diagram import FlatModel, flatten
-from .filter import FilterState, PhyFilter, SampledPhyFilter, Sampling, stack
+from .filter import (
+    FilterState,
+    LiveFilter,
+    LiveHealth,
+    LivePolicy,
+    PhyFilter,
+    SampledPhyFilter,
+    Sampling,
+    stack,
+)
 from .filterfile import Signals, load, load_signals, save
 from .fmi import cosimulate, export_fmu, export_ssp, import_fmu
 from .logfiles import LogFile, Signal, Topic, open_log
@@ -67,6 +76,9 @@ __all__ = [
     "FunctionBlock",
     "InertiaVerdict",
     "LearnResult",
+    "LiveFilter",
+    "LiveHealth",
+    "LivePolicy",
     "LogFile",
     "LoopMargin",
     "PhyFilter",

@@ -112,7 +112,7 @@ def filter_law(
     w_next = w + ca.if_else(update, change, 0.0)
     memory.becomes(w, w_next)
     y = output(sections.grid(w_next), None, sections.constants.C)
-    f_hat = f_now + ca.if_else(update, ca.vertcat(*y), 0.0)
+    f_hat = f_now + ca.if_else(memory.started, ca.vertcat(*y), 0.0)
     if sampling.limit is not None:
         f_hat = ca.fmin(ca.fmax(f_hat, -ca.DM(sampling.limit)), ca.DM(sampling.limit))
 

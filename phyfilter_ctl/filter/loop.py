@@ -49,7 +49,7 @@ class FilterState(NamedTuple):
     g: Array | None  # (..., n_x) last g; None before the first step
     f_theta: Array  # (..., n_f) last f_theta
     inertia: Array | None  # diagonal (n_x,) or (..., n_x), or full (..., n_x, n_x); None for I
-    held: bool = False  # whether the last sample was refused and f_theta returned
+    held: bool = False  # whether the last sample was refused and the residual's estimate kept
     gap: float = 0.0  # seconds from the last accepted sample to the last sample
     past: tuple[Interval, ...] = ()  # steps of the gap, and those that a delay still needs
 
@@ -96,7 +96,27 @@ def step(
 ) -> tuple[FilterState, Array]:
     """See :meth:`SampledPhyFilter.step`."""
     check_state(recursion, state)
-    sampling, dtype = recursion.sampling, state.x.dtype
+    x, g, f_theta, M, good = checked_sample(state, x, g, f_theta, inertia)
+    h = recursion.sampling.dt if dt is None or dt == recursion.sampling.dt else _step_length(recursion, dt)
+    if good:
+        return take(recursion, state, x, g, f_theta, M, h)
+    if recursion.sampling.nonfinite == "raise":
+        for name, signal in (("x", x), ("g", g), ("f_theta", f_theta), ("inertia", M)):
+            if signal is not None:
+                refuse_unusable(name, signal, advice=_SKIP)
+    state = hold(recursion, state, g, f_theta, M, h)
+    return state, recursion.limited(state.f_theta + output(state.w, state.carry, recursion.nominal.C))
+
+
+def checked_sample(
+    state: FilterState,
+    x: ArrayLike,
+    g: ArrayLike | None,
+    f_theta: ArrayLike | None,
+    inertia: ArrayLike | None,
+) -> tuple[Array, Array, Array, Array | None, bool]:
+    """x, g, f_theta and the inertia of one sample, shapes checked, and whether all of them are usable."""
+    dtype = state.x.dtype
     x = _given("x", x, dtype)
     g = np.zeros_like(state.x) if g is None else _given("g", g, dtype)
     f_theta = np.zeros_like(state.f_theta) if f_theta is None else _given("f_theta", f_theta, dtype)
@@ -105,10 +125,17 @@ def step(
             f"x, g, f_theta: expected shapes {state.x.shape}, {state.x.shape} and {state.f_theta.shape}, as at the "
             f"start, got {x.shape}, {g.shape} and {f_theta.shape}"
         )
-    h = sampling.dt if dt is None or dt == sampling.dt else _step_length(recursion, dt)
-    M = state.inertia if inertia is None else _inertia("inertia", inertia, x)
-    if not _all_usable(x, g, f_theta) or (inertia is not None and M is not None and not usable(M)):
-        return _refuse(recursion, state, x, g, f_theta, M, h)
+    if inertia is None:
+        return x, g, f_theta, state.inertia, _all_usable(x, g, f_theta)
+    M = _inertia("inertia", inertia, x)
+    return x, g, f_theta, M, _all_usable(x, g, f_theta) and usable(M)
+
+
+def take(
+    recursion: Recursion, state: FilterState, x: Array, g: Array, f_theta: Array, M: Array | None, h: float
+) -> tuple[FilterState, Array]:
+    """A good sample after h seconds."""
+    sampling = recursion.sampling
     if sampling.delay or state.gap:
         u, h, past = _late_residual(recursion, state, x, g, f_theta, M, h)
         constants = recursion.step(h)
@@ -172,14 +199,10 @@ def _still_needed(past: tuple[Interval, ...], reach: float) -> tuple[Interval, .
     return past
 
 
-def _refuse(
-    recursion: Recursion, state: FilterState, x: Array, g: Array, f_theta: Array, M: Array | None, h: float
-) -> tuple[FilterState, Array]:
-    """A sample that is not finite: an error, or held and taken as part of a longer step later."""
-    if recursion.sampling.nonfinite == "raise":
-        for name, signal in (("x", x), ("g", g), ("f_theta", f_theta), ("inertia", M)):
-            if signal is not None:
-                refuse_unusable(name, signal, advice=_SKIP)
+def hold(
+    recursion: Recursion, state: FilterState, g: Array, f_theta: Array, M: Array | None, h: float
+) -> FilterState:
+    """A sample after h seconds that is no good: what is finite of it counts in a step that becomes longer."""
     g = np.where(unusable(g), np.zeros_like(g) if state.g is None else state.g, g)
     f_theta = np.where(unusable(f_theta), state.f_theta, f_theta)
     if M is not None:
@@ -188,8 +211,7 @@ def _refuse(
         )
         M = np.where(unusable(M), last, M)
     past = (*state.past, _interval(recursion, state, g, f_theta, M, h))
-    state = state._replace(g=g, f_theta=f_theta, inertia=M, held=True, gap=state.gap + h, past=past)
-    return state, recursion.limited(f_theta.copy())
+    return state._replace(g=g, f_theta=f_theta, inertia=M, held=True, gap=state.gap + h, past=past)
 
 
 def shift_x(state: FilterState, dx: ArrayLike) -> FilterState:
@@ -236,8 +258,8 @@ def _mean_inertia(before: Array | None, now: Array, ndim: int = 0) -> Array:
 def _given(name: str, values: ArrayLike, dtype: np.dtype) -> Array:
     """Numbers in the arithmetic of the filter: NaN where they are masked, infinite where float32 does not reach."""
     if type(values) is np.ndarray and values.dtype is dtype:  # as it is at nearly every step
-        return values
-    return real(name, values, dtype, copy=False)
+        return values.copy()  # it may be a buffer that the loop writes to, or a simulator's own
+    return real(name, values, dtype)
 
 
 def _inertia(name: str, inertia: ArrayLike, x: Array) -> Array:

@@ -28,6 +28,8 @@ from numpy.typing import ArrayLike
 from .. import _sections
 from .._sections import FloatArray
 from . import retuning
+from .live import LiveFilter
+from .live_policy import LivePolicy
 from .loop import FilterState
 from .rational import Rational
 from .recursion import Recursion, transition
@@ -320,6 +322,34 @@ class SampledPhyFilter(SampledForm):
         """
         new = self.with_filter(new_filter) if isinstance(new_filter, PhyFilter) else new_filter
         return retuning.retune(self.recursion, state, new.recursion)
+
+    def live(self, channels: int, policy: LivePolicy | None = None) -> LiveFilter:
+        """A loop's object that takes samples as they come: with time stamps, jitter, gaps, bad values, restarts.
+
+        Parameters
+        ----------
+        channels : int
+            Number n_x of channels of x.
+        policy : LivePolicy, optional
+            What it does about samples that are no good; by default it keeps f_hat - f_theta for 20 nominal steps, then
+            lets it decay as fast as the filter forgets.
+
+        Returns
+        -------
+        LiveFilter
+
+        Raises
+        ------
+        ValueError
+            For a number of channels that does not fit, or times of the policy that do not.
+
+        Examples
+        --------
+        >>> live = PhyFilter([20.0]).sampled(0.002).live(3)
+        >>> live.step(0.0, [0.0, 0.0, 0.0]).tolist()
+        [0.0, 0.0, 0.0]
+        """
+        return LiveFilter(self, channels, LivePolicy() if policy is None else policy)
 
     # -- equality and text --------------------------------------------------------------------------------------
 

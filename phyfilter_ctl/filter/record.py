@@ -138,7 +138,7 @@ def _run_aligned(
     acting = np.concatenate([g[:1], g[:-1]]) if recursion.sampling.g == "hold" else g
     acting, f_theta = windows.fill_forward(acting), windows.fill_forward(f_theta)
     M = None if M is None else windows.fill_forward(M, 1.0)
-    f_hat = f_theta.copy()
+    behind = np.zeros(f_theta.shape)  # f_hat - f_theta
     rows = np.flatnonzero(~held)
     if len(rows) > 1:
         grid: FloatArray = (
@@ -150,8 +150,10 @@ def _run_aligned(
         u = windows.late_residual(recursion, grid, ends, dx, g_pair, f_pair, M)
         steps: FloatArray | None = None if stamps is None and not held.any() else np.diff(grid[rows])
         for part, y in respond(recursion, len(u), u.shape[1], lambda chunk: u[chunk], steps):
-            f_hat[rows[1:][part]] += y
-    return f_hat
+            behind[rows[1:][part]] = y
+    if held.any():  # the estimate of the residual stays while samples are held
+        behind = behind[np.maximum.accumulate(np.where(held, 0, np.arange(len(x))))]
+    return np.add(f_theta, behind, out=np.empty_like(f_theta), casting="same_kind")
 
 
 def respond(

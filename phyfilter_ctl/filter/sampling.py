@@ -44,7 +44,9 @@ class Sampling:
         Bound on |f_hat|. It clamps the output, never the state, so nothing winds up.
     nonfinite : {"raise", "hold"}
         What a sample does that is NaN, infinite, masked or beyond 1e150. It never enters the state: "raise" refuses
-        it, "hold" returns f_theta for that sample, says so, and takes the gap as one longer step.
+        it, "hold" keeps the estimate of the residual, f_hat - f_theta, for that sample and for as long as none is
+        good (f_theta, where it is bad too, is its last good value), says so, and takes the gap as one longer step.
+        There is no longest gap: :meth:`SampledPhyFilter.live` has one.
 
     Raises
     ------

@@ -107,12 +107,13 @@ def test_no_equation_of_the_paper_is_left_out():
 
 
 def test_policy_states_the_versions_of_files():
+    from phyfilter_ctl.filter import live_state
     from phyfilter_ctl.filterfile import document
     from phyfilter_ctl.fmi import recipes
     from phyfilter_ctl.learned import _files
 
     text = (DOCS / "policy.md").read_text()
-    for module in (document, recipes, _files):
+    for module in (document, live_state, recipes, _files):
         row = next(line for line in text.splitlines() if f'"{module.FORMAT}"' in line)
         assert row.rstrip(" |").endswith(f" {module.VERSION}")
     header = (ROOT / "phyfilter_ctl/codegen/runtime/pf_filter.h").read_text()

@@ -51,7 +51,8 @@
  *       at rest it stays where it is for as long as the residual does, where F(0) is the same.
  *
  * All but reset and remember return 0 or a code below; then nothing has changed, f_hat neither. With HOLD_BAD a sample
- * that is not finite is no error: f_hat is f_theta, self->held is 1, and the gap becomes part of one longer step.
+ * that is not finite is no error: f_hat - f_theta stays, however long the gap, self->held is 1, and the gap becomes
+ * part of one longer step.
  *
  * Delay: PAST intervals are kept, enough for nominal steps. Where shorter steps need more, the two neighbours that are
  * shortest together become one of the same integral; the averages lose detail finer than delay / PAST, nothing else.

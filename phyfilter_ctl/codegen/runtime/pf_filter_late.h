@@ -157,7 +157,7 @@ static double PF_P(aligned_residual_)(PF_NAME *self, const PF_T *x, const PF_T *
 }
 
 #if PF_P(HOLD_BAD)
-/* A sample that is not finite: f_theta goes out, and what is finite of it counts in a step that becomes longer. */
+/* A sample that is not finite: f_hat - f_theta stays, and what is finite of it counts in a step that becomes longer. */
 PF_RARE int PF_P(hold_)(PF_NAME *self, const PF_T *g, const PF_T *f_theta, const PF_T *inertia, double h, PF_T *f_hat) {
   PF_T kept_g[PF_N_X], kept_f[PF_N_F], kept_inertia[PF_ENTRIES], late[PF_ENTRIES];
   for (int i = 0; i < PF_N_X; i++) kept_g[i] = PF_P(finite_)(&g[i], 1) ? g[i] : self->g[i];
@@ -184,7 +184,17 @@ PF_RARE int PF_P(hold_)(PF_NAME *self, const PF_T *g, const PF_T *f_theta, const
 #endif
   self->has_g = self->held = 1;
   self->gap += h;
-  for (int i = 0; i < PF_N_F; i++) f_hat[i] = PF_P(limited_)(self, i, kept_f[i]);
+  for (int i = 0; i < PF_N_F; i++) {
+    PF_T y = 0;
+    for (int j = 0; j < PF_N; j++) {
+#if PF_P(FLOAT)
+      y += (self->w[i][j] + self->carry[i][j]) * self->C[PF_BANK(i)][j];
+#else
+      y += self->w[i][j] * self->C[PF_BANK(i)][j];
+#endif
+    }
+    f_hat[i] = PF_P(limited_)(self, i, kept_f[i] + y);
+  }
   return PF_FILTER_OK;
 }
 #endif
