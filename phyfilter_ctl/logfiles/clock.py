@@ -102,14 +102,16 @@ def _counted(n: int, word: str) -> str:
 
 @dataclass(frozen=True)
 class Times:
-    """Times of a column, s from its first; ``start`` is UTC of that, where the column says it."""
+    """Times of a column, s from its first or the ``zero`` given; ``start`` is UTC of that, where the column says it."""
 
     seconds: FloatArray
     start: datetime | None
     note: str
+    zero: float | int = 0
+    unit: str = ""
 
 
-def since(ticks: NDArray[np.integer], zero: int, unit: str) -> FloatArray:
+def since(ticks: NDArray[np.generic], zero: int, unit: str) -> FloatArray:
     """Seconds from ``zero``, exact until the one division; NaN for none of them.
 
     Parameters
@@ -125,7 +127,13 @@ def since(ticks: NDArray[np.integer], zero: int, unit: str) -> FloatArray:
 
 
 def column_times(
-    name: str, values: NDArray[np.generic], unit: str | None, *, said: str = "", utc: bool = True
+    name: str,
+    values: NDArray[np.generic],
+    unit: str | None,
+    *,
+    said: str = "",
+    utc: bool = True,
+    zero: float | None = None,
 ) -> Times:
     """Times of a table's column: datetime64 and timedelta64 have their unit, numbers are given one.
 
@@ -140,6 +148,8 @@ def column_times(
         As the file says it.
     utc : bool
         Whether datetime64 is UTC, and not a local time of some zone.
+    zero : float, optional
+        Number to count from; None means the first.
 
     Raises
     ------
@@ -157,16 +167,16 @@ def column_times(
         raise ValueError(f"column {name!r}: {_question(values)}")
     if values.dtype.kind in "iu" and len(values):
         whole = values.astype(np.uint64 if values.dtype.kind == "u" else np.int64)
-        zero = int(whole[0])
+        zero = int(whole[0] if zero is None else zero)
         seconds = since(whole, zero, unit)
     else:
         known = values.astype(float)
         finite = known[np.isfinite(known)]
         if not len(finite):
             raise ValueError(f"column {name!r}: no time is a number")
-        zero = finite[0]
+        zero = float(finite[0] if zero is None else zero)
         seconds = (known - zero) / _TICKS[unit]
-    return Times(seconds, None, f"time 0 is {zero} {unit} of {name!r}")
+    return Times(seconds, None, f"time 0 is {zero} {unit} of {name!r}", zero, unit)
 
 
 def _calendar(name: str, values: NDArray[np.generic], utc: bool) -> Times:

@@ -1,0 +1,175 @@
+"""MATLAB's .mat (scipy; version 7.3 by h5py) and HDF5: a group, or a struct, with a vector of times is a topic."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .._sections import FloatArray
+from .clock import Times, column_times, column_unit, time_column
+from .contents import Column, Contents, Table
+from .formats import format_of
+from .tables import TABLE
+
+_WIDEST = 256  # columns of a matrix
+
+
+@dataclass(frozen=True)
+class _Array:
+    """An array of numbers that is read when it is asked for; shape without axes of length one."""
+
+    shape: tuple[int, ...]
+    dtype: np.dtype[np.generic]
+    unit: str
+    get: Callable[[], NDArray[np.generic]]
+
+
+_Groups = Mapping[str, Mapping[str, _Array]]
+
+
+def read(path: Path, time_unit: str | None, time: str | None) -> Contents:
+    """Topics by the path of their group; what has no times, or other numbers of them, is left out and said."""
+    form = format_of(path)
+    groups = _hdf5(path) if form == "hdf5" or _is_version_7_3(path) else _matlab(path)
+    timed = {name: arrays for name, arrays in groups.items() if time is None or time in arrays}
+    chosen: dict[str, str] = {}
+    without: list[str] = []
+    for name, arrays in timed.items():
+        vectors = [key for key, array in arrays.items() if len(array.shape) == 1 and array.shape[0] > 1]
+        try:
+            chosen[name] = time_column(vectors, (), time)
+        except ValueError as error:
+            without.append(f"{name}: {error}")
+    if not chosen:
+        raise ValueError(
+            "; ".join(without) or f"no group has {'arrays of numbers' if time is None else repr(time)}"
+        )
+    times = _common({name: (key, groups[name][key]) for name, key in chosen.items()}, time_unit)
+    tables = {name: _table(groups[name], chosen[name], times[name].seconds) for name in chosen}
+    notes = {found.note for found in times.values()}
+    return Contents(form, tables, None, (*sorted(notes), *(f"left out, {why}" for why in without)))
+
+
+def _common(clocks: Mapping[str, tuple[str, _Array]], unit: str | None) -> dict[str, Times]:
+    """All times from the earliest first one: possible where all count the same."""
+    own = {
+        name: column_times(key, array.get(), unit, said=array.unit) for name, (key, array) in clocks.items()
+    }
+    units = {found.unit for found in own.values()}
+    if len(units) > 1:
+        raise ValueError(f"its groups count time in {' and '.join(sorted(units))}: no common clock")
+    zero = min(found.zero for found in own.values())
+    return {
+        name: column_times(key, array.get(), unit, said=array.unit, zero=zero)
+        for name, (key, array) in clocks.items()
+    }
+
+
+def _table(arrays: Mapping[str, _Array], time: str, times: FloatArray) -> Table:
+    n = len(times)
+    columns: list[Column] = []
+    notes: list[str] = []
+    for name, array in arrays.items():
+        unit, kind = array.unit or column_unit(name), array.dtype.name
+        if name == time:
+            continue
+        if array.shape == (n,):
+            columns.append(Column(name, unit, kind))
+        elif len(array.shape) == 2 and n in array.shape and max(width := _width(array, n), 1) <= _WIDEST:
+            columns += [Column(f"{name}[{k}]", unit, kind) for k in range(width)]
+        else:
+            notes.append(f"left out, {name}: shape {array.shape} has no axis of the {n} of {time!r}")
+
+    def load(names: Sequence[str]) -> FloatArray:
+        sources = [name if name in arrays else name[: name.rindex("[")] for name in names]
+        read = {source: _by_rows(np.squeeze(arrays[source].get()), n) for source in dict.fromkeys(sources)}
+        picked = [
+            read[source] if name == source else read[source][:, int(name[len(source) + 1 : -1])]
+            for name, source in zip(names, sources, strict=True)
+        ]
+        return np.stack(picked, axis=1).astype(float)
+
+    return Table(tuple(columns), times, load, tuple(notes))
+
+
+def _width(array: _Array, n: int) -> int:
+    return array.shape[1] if array.shape[0] == n else array.shape[0]
+
+
+def _by_rows(values: NDArray[np.generic], n: int) -> NDArray[np.generic]:
+    return values if values.shape[0] == n else values.T
+
+
+# -- MATLAB -----------------------------------------------------------------------------------------------------------
+
+
+def _is_version_7_3(path: Path) -> bool:
+    with path.open("rb") as file:
+        return b"MATLAB 7.3" in file.read(128)
+
+
+def _matlab(path: Path) -> _Groups:
+    from scipy.io import loadmat
+
+    groups: dict[str, dict[str, _Array]] = {}
+    for group, name, value in _members(loadmat(path, simplify_cells=True), ""):
+        array = np.squeeze(np.asarray(value))
+        if array.dtype.kind in "biuf" and array.ndim:
+            groups.setdefault(group or TABLE, {})[name] = _Array(
+                array.shape, array.dtype, "", lambda a=array: a
+            )
+    return groups
+
+
+def _members(struct: Mapping[str, object], at: str) -> Iterator[tuple[str, str, object]]:
+    for name, value in struct.items():
+        if name.startswith("__"):
+            continue
+        if isinstance(value, dict):
+            yield from _members(value, f"{at}.{name}" if at else name)
+        else:
+            yield at, name, value
+
+
+# -- HDF5 -------------------------------------------------------------------------------------------------------------
+
+
+def _hdf5(path: Path) -> _Groups:
+    import h5py
+
+    groups: dict[str, dict[str, _Array]] = {}
+
+    def visit(name: str, item: object) -> None:
+        if not isinstance(item, h5py.Dataset) or name.startswith("#refs#"):
+            return
+        group, _, own = name.rpartition("/")
+        if item.dtype.names is not None:  # a table of its own
+            for column in item.dtype.names:
+                if item.dtype[column].kind in "biuf" and not item.dtype[column].shape:
+                    array = _Array(
+                        item.shape, item.dtype[column], "", lambda c=column: _hdf5_values(path, name, c)
+                    )
+                    groups.setdefault(name, {})[column] = array
+        elif item.dtype.kind in "biuf" and item.shape and item.attrs.get("MATLAB_class") != b"char":
+            shape = tuple(k for k in item.shape if k != 1)
+            unit = item.attrs.get("unit", item.attrs.get("units", ""))
+            unit = unit.decode("utf-8", "replace") if isinstance(unit, bytes) else str(unit)
+            array = _Array(shape, item.dtype, unit, lambda: _hdf5_values(path, name, None))
+            groups.setdefault(group or TABLE, {})[own] = array
+
+    with h5py.File(path, "r") as file:
+        file.visititems(visit)
+    return groups
+
+
+def _hdf5_values(path: Path, name: str, column: str | None) -> NDArray[np.generic]:
+    import h5py
+
+    with h5py.File(path, "r") as file:
+        item = file[name]
+        assert isinstance(item, h5py.Dataset)
+        return np.squeeze(item[() if column is None else column])

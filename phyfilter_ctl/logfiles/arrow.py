@@ -1,0 +1,86 @@
+"""Parquet, Arrow and Feather as a log, by pyarrow: one table with a column of times."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
+import pyarrow.parquet as pq
+from pyarrow import feather
+
+from .._sections import FloatArray
+from .clock import column_times, column_unit, time_column
+from .contents import Column, Contents, Table
+from .formats import format_of
+from .tables import TABLE
+
+
+def read(path: Path, time_unit: str | None, time: str | None) -> Contents:
+    """The table; columns that hold no numbers are left out, nulls are NaN."""
+    parquet = format_of(path) == "parquet"
+    schema = pq.read_schema(path) if parquet else _arrow(path).schema
+    calendar = [f.name for f in schema if pa.types.is_timestamp(f.type) or pa.types.is_duration(f.type)]
+    chosen = time_column(schema.names, calendar, time)
+
+    def table(names: Sequence[str]) -> pa.Table:
+        names = list(dict.fromkeys(names))
+        return pq.read_table(path, columns=names) if parquet else _arrow(path).select(names)
+
+    kind = schema.field(chosen).type
+    utc = not pa.types.is_timestamp(kind) or kind.tz is not None
+    found = column_times(
+        chosen, table([chosen])[chosen].to_numpy(), time_unit, said=_unit(schema.field(chosen)), utc=utc
+    )
+    columns: list[Column] = []
+    left_out: list[str] = []
+    for f in schema:
+        listed = pa.types.is_fixed_size_list(f.type)
+        if f.name == chosen:
+            continue
+        if not _is_number(f.type.value_type if listed else f.type):
+            left_out.append(f"{f.name} ({f.type})")
+        elif listed:
+            columns += [
+                Column(f"{f.name}[{k}]", _unit(f), str(f.type.value_type)) for k in range(f.type.list_size)
+            ]
+        else:
+            columns.append(Column(f.name, _unit(f), str(f.type)))
+
+    def load(names: Sequence[str]) -> FloatArray:
+        sources = [name if name in schema.names else name[: name.rindex("[")] for name in names]
+        data = table(sources)
+        out = np.empty((data.num_rows, len(names)))
+        for k, (name, source) in enumerate(zip(names, sources, strict=True)):
+            column = data[source]
+            if name != source:
+                column = pc.call_function("list_element", [column, int(name[len(source) + 1 : -1])])
+            out[:, k] = column.cast(pa.float64(), safe=False).to_numpy()
+        return out
+
+    notes = (f"left out, as no numbers: {', '.join(left_out)}",) if left_out else ()
+    only = Table(tuple(columns), found.seconds, load, notes)
+    return Contents("parquet" if parquet else "arrow", {TABLE: only}, found.start, (found.note,))
+
+
+def _is_number(kind: pa.DataType) -> bool:
+    return pa.types.is_floating(kind) or pa.types.is_integer(kind) or pa.types.is_boolean(kind)
+
+
+def _unit(field: pa.Field) -> str:
+    """As the column's metadata say it, or its name."""
+    metadata = field.metadata or {}
+    said = metadata.get(b"unit", metadata.get(b"units", b"")).decode("utf-8", "replace")
+    return said or column_unit(field.name)
+
+
+def _arrow(path: Path) -> pa.Table:
+    """A file or a stream, mapped; Feather of version 1 too."""
+    with path.open("rb") as file:
+        head = file.read(4)
+    if head in (b"ARRO", b"FEA1"):
+        return feather.read_table(path, memory_map=True)
+    with pa.memory_map(str(path)) as source, pa.ipc.open_stream(source) as stream:
+        return stream.read_all()
