@@ -217,9 +217,27 @@ def chain_output(poles: ComplexArray, a: FloatArray, b: FloatArray) -> FloatArra
     if b[0] == a[0] and not np.any(b[1:]):
         output[-1] = 1.0
         return output
+    scale, columns = _numerators(poles, a)
+    scaled_b = b / scale ** np.arange(n, 0, -1)
+    # Reversed, row s^(n-1) first, the matrix is lower triangular.
+    output = np.asarray(solve_triangular(columns[::-1], scaled_b[::-1], lower=True))
+    _, equilibrium = chain(poles)
+    output[-1] += b[0] / a[0] - output @ equilibrium  # F(0) to the last digit
+    return output
+
+
+def chain_numerator(poles: ComplexArray, a: FloatArray, C: FloatArray) -> FloatArray:
+    """Ascending coefficients (n,) of N = D C (sI - A)^-1 B: what :func:`chain_output` undoes."""
+    scale, columns = _numerators(poles, a)
+    return columns @ C * scale ** np.arange(len(C), 0, -1)
+
+
+def _numerators(poles: ComplexArray, a: FloatArray) -> tuple[float, FloatArray]:
+    """A frequency in rad/s, and in units of it the numerator of each state of the chain, column by column."""
+    n = len(poles)
     # In s / scale all coefficients are of one size. Numerator of state i: the gains up to it times the
     # denominators after it, so its degree falls by one a state and the system is triangular.
-    scale = abs(a[0]) ** (1.0 / n)
+    scale = float(abs(a[0]) ** (1.0 / n))
     p = _fastest_first(poles) / scale
     columns = np.zeros((n, n))
     gain, i = 1.0, 0
@@ -235,12 +253,7 @@ def chain_output(poles: ComplexArray, a: FloatArray, b: FloatArray) -> FloatArra
             gain *= r * r
             columns[: n - i - 1, i + 1] = gain * later
             i += 2
-    scaled_b = b / scale ** np.arange(n, 0, -1)
-    # Reversed, row s^(n-1) first, the matrix is lower triangular.
-    output = np.asarray(solve_triangular(columns[::-1], scaled_b[::-1], lower=True))
-    _, equilibrium = chain(poles)
-    output[-1] += b[0] / a[0] - output @ equilibrium  # F(0) to the last digit
-    return output
+    return scale, columns
 
 
 def side_by_side(

@@ -207,7 +207,7 @@ poles = [[-20.0, 0.0], [-20.0, 0.0]]
 
 [sampled]
 dt = 0.002
-method = "exact"
+method = "matched"
 g = "hold"
 f_theta = "average"
 precision = "float64"

@@ -276,7 +276,7 @@ PLAIN = PhyFilter([400.0, 40.0])
         ({"dt": 0.0}, "dt: expected"),
         ({"dt": -1.0}, "dt: expected"),
         ({"dt": np.nan}, "dt: expected"),
-        ({"method": "rk4"}, "method: expected one of exact, euler, tustin"),
+        ({"method": "rk4"}, "method: expected one of exact, matched, euler, tustin"),
         ({"g": "linear"}, "g: expected one of hold, average"),
         ({"precision": "float16"}, "precision"),
         ({"nonfinite": "skip"}, "nonfinite"),

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 __all__ = ["add_arguments", "main"]
 
-_METHODS = ("exact", "euler", "tustin")
+_METHODS = ("exact", "matched", "euler", "tustin")
 
 _DESCRIPTION = """Choose a filter F = N/D and see what it does: formula, poles, bandwidth, peaks, phase lag, noise gain.
 Frequencies are in rad/s; options that end in -hz take Hz. Give poles, or a family, or a band, or a filter file."""
@@ -133,7 +133,7 @@ def _system(options: argparse.Namespace) -> PhyFilter | SampledPhyFilter:
             return system
         system = system.filter
     if options.dt is not None:
-        return system.sampled(options.dt, options.method or "exact")
+        return system.sampled(options.dt, options.method)
     if options.method is not None:
         raise ValueError("--method needs --dt, the sampling interval in s")
     return system

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 __all__ = ["add_arguments", "main"]
 
 _FORMS = ("lowpass", "general")
-_METHODS = ("exact", "euler", "tustin")
+_METHODS = ("exact", "matched", "euler", "tustin")
 _RULES = ("hold", "average")
 _VELOCITIES = ("vx", "vy", "vz")
 _HIGHEST_ORDER = 12

@@ -127,7 +127,7 @@ def _parameters(task: Task, source: FilterSource) -> tuple[Variable, ...]:
     """a of all filters, then b, then the limits."""
     found: list[Variable] = []
     for letter, text in (("a", "denominator of F"), ("b", "numerator of F")):
-        for i, entry in enumerate(source.sampled.filters):
+        for i, entry in enumerate(source.sampled.realised):
             values = entry.a if letter == "a" else entry.b
             for j in range(entry.order):
                 name = f"{task.name}.{letter}[{_index(source, i, j)}]"
@@ -171,7 +171,7 @@ def _check(task: Task, source: FilterSource, member: str, number: int, first: in
     quoted = in_string(task.name)
     follows = [
         i
-        for i, entry in enumerate(source.sampled.filters)
+        for i, entry in enumerate(source.sampled.realised)
         if entry.b[0] == entry.a[0] and not entry.b[1:].any()
     ]
     lines = [

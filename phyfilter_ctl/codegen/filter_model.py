@@ -120,7 +120,7 @@ def _sampled_model(
     n_f = source.n_f
     own = signals if n_f == channels else Signals(unit_f=signals.unit_f)
     inputs = _inputs(channels, n_f, signals, own) + _inertia_inputs(inertia, channels)
-    parameters = _coefficients(sampled.filters) if tunable else ()
+    parameters = _coefficients(sampled.realised) if tunable else ()
     if tunable and source.limit is not None:
         parameters += tuple(
             Variable(f"limit[{i}]", float(bound), signals.unit_f, f"bound on |f_hat|{_of(own, i)}")

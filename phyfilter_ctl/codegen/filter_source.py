@@ -24,7 +24,8 @@ __all__ = ["FilterSource", "filter_source", "runtime_files"]
 
 InertiaInput = Literal["scalar", "diagonal", "full"]
 
-_METHODS = {"exact": 0, "euler": 1, "tustin": 2}
+# Matched sampling is the exact one of a filter with another numerator: ``SampledPhyFilter.realised``.
+_METHODS = {"exact": 0, "matched": 0, "euler": 1, "tustin": 2}
 _INERTIA = {"scalar": 1, "diagonal": 2, "full": 3}
 _FORMAT = 1  # PF_FILTER_FORMAT
 _MAX_ORDER = 12  # PF_MAX_ORDER
@@ -233,7 +234,7 @@ class _Numbers:
         variable: bool,
         tunable: bool,
     ) -> _Numbers:
-        n, filters = sampled.order, sampled.filters
+        n, filters = sampled.order, sampled.realised
         a, b, equilibrium, C = np.zeros((4, len(filters), n))
         dA, poles = np.zeros((len(filters), n, n)), np.zeros((len(filters), n, 2))
         for i, (entry, transition) in enumerate(zip(filters, sampled.recursion.transitions, strict=True)):

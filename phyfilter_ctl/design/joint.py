@@ -218,7 +218,7 @@ def learn_jointly(
     max_iterations = _signals.count("max_iterations", max_iterations)
     if not tolerance > 0.0:
         raise ValueError(f"tolerance: expected a positive number, got {tolerance!r}")
-    sampled = filter0.sampled(flights[0].dt) if isinstance(filter0, PhyFilter) else filter0
+    sampled = filter0.sampled(flights[0].dt, "exact") if isinstance(filter0, PhyFilter) else filter0
     if sampled.sampling.method == "euler":
         raise ValueError(
             "filter0: expected method 'exact' or 'tustin', got 'euler'; sample the result with Euler after"

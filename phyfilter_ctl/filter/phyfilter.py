@@ -11,9 +11,11 @@ and for every discretisation:
     w_k = w_{k-1} + dA (w_{k-1} - equilibrium u_k)
     f_hat_k = f_theta_k + C w_k
 
-This is exactly F driven by the step average of the measured residual. No state grows, x is never differentiated, and
-the chain of sections (unit gain each) with dA = e^{Ah} - I formed in delta form keeps its digits at any pole and rate.
-Forward Euler (the paper's choice) is the same recursion with dA = A h, Tustin with dA = (I - A h/2)^{-1} A h.
+This is exactly F driven by the step average of the measured residual, which costs the zeros of 1 - F a little, all but
+the first at s = 0; method="matched" gives them back by another C (``matching``). No state grows, x is never
+differentiated, and the chain of sections (unit gain each) with dA = e^{Ah} - I formed in delta form keeps its digits at
+any pole and rate. Forward Euler (the paper's choice) is the same recursion with dA = A h, Tustin with
+dA = (I - A h/2)^{-1} A h.
 """
 
 from __future__ import annotations
@@ -27,16 +29,16 @@ from numpy.typing import ArrayLike
 
 from .. import _sections
 from .._sections import FloatArray
-from . import retuning
+from . import matching, retuning
 from .live import LiveFilter
 from .live_policy import LivePolicy
 from .loop import FilterState
 from .rational import Rational
-from .recursion import Recursion, transition
+from .recursion import Chain, Recursion, transition
 from .sampled_form import SampledForm
 from .sampling import Method, NonFinite, Precision, Rule, Sampling
 
-__all__ = ["PhyFilter", "SampledPhyFilter", "stack"]
+__all__ = ["PhyFilter", "SampledPhyFilter", "chain_of", "stack"]
 
 
 @dataclass(frozen=True, init=False, eq=False, repr=False)
@@ -129,7 +131,7 @@ class PhyFilter(Rational):
     def sampled(
         self,
         dt: float,
-        method: Method = "exact",
+        method: Method | None = None,
         g: Rule = "hold",
         f_theta: Rule = "average",
         *,
@@ -143,8 +145,11 @@ class PhyFilter(Rational):
 
         Parameters
         ----------
-        dt, method, g, f_theta, precision, delay, limit, nonfinite
+        dt, g, f_theta, precision, delay, limit, nonfinite
             As for :class:`Sampling`, which says what each means and raises.
+        method : {"exact", "matched", "euler", "tustin"}, optional
+            As for :class:`Sampling`. None chooses "matched" where exact sampling would lose what F promises, that is
+            for a type of 2 and more and for zeros of 1 - F at +-j w, else "exact"; what was chosen is in ``sampling``.
         E
             As for :class:`SampledPhyFilter`.
 
@@ -152,11 +157,20 @@ class PhyFilter(Rational):
         --------
         >>> PhyFilter([20.0]).sampled(0.002)
         PhyFilter(a=[20.0]).sampled(0.002)
+        >>> PhyFilter([400.0, 40.0], [400.0, 40.0]).sampled(0.002)  # of type 2
+        PhyFilter(a=[400.0, 40.0], b=[400.0, 40.0]).sampled(0.002, method='matched')
         """
         sampling = Sampling(
-            dt, method, g, f_theta, precision=precision, delay=delay, limit=limit, nonfinite=nonfinite
+            dt,
+            method or "exact",
+            g,
+            f_theta,
+            precision=precision,
+            delay=delay,
+            limit=limit,
+            nonfinite=nonfinite,
         )
-        return SampledPhyFilter(self, sampling, E=E)
+        return SampledPhyFilter(self, sampling if method else _keeping_zeros([self], sampling), E=E)
 
 
 @dataclass(frozen=True, init=False, eq=False, repr=False)
@@ -168,7 +182,7 @@ class SampledPhyFilter(SampledForm):
     filters : PhyFilter or sequence of PhyFilter
         One filter for every channel, or one per channel (see :func:`stack`).
     sampling : Sampling or float
-        Interval, discretisation and the other options; a number stands for ``Sampling(number)``.
+        Interval, discretisation and the other options; a number stands for those of :meth:`PhyFilter.sampled`.
     E : array_like, shape (n_x, n_f), optional
         Known direction in which f acts, M x' = g + E f, of full column rank. f_theta and f_hat then have n_f channels.
 
@@ -217,10 +231,11 @@ class SampledPhyFilter(SampledForm):
         filters = (filters,) if isinstance(filters, PhyFilter) else tuple(filters)
         if not filters or not all(isinstance(entry, PhyFilter) for entry in filters):
             raise TypeError(f"filters: expected a PhyFilter or a non-empty sequence of them, got {filters!r}")
-        sampling = sampling if isinstance(sampling, Sampling) else Sampling(sampling)
+        if not isinstance(sampling, Sampling):
+            sampling = _keeping_zeros(filters, Sampling(sampling))
         object.__setattr__(self, "filters", filters)
         object.__setattr__(self, "sampling", sampling)
-        recursion = Recursion(tuple(entry.chain for entry in filters), sampling, E)
+        recursion = Recursion(tuple(chain_of(entry, sampling) for entry in filters), sampling, E)
         object.__setattr__(self, "E", recursion.E)
         object.__setattr__(self, "recursion", recursion)
 
@@ -251,8 +266,22 @@ class SampledPhyFilter(SampledForm):
 
         w_k = w_{k-1} + dA (w_{k-1} - equilibrium u_k), f_hat_k = f_theta_k + C w_k.
         """
-        A, equilibrium, C = self.filter.sections
+        _, A, equilibrium, C = chain_of(self.filter, self.sampling)
         return transition(A, self.sampling.method, self.dt), equilibrium, C
+
+    @property
+    def realised(self) -> tuple[PhyFilter, ...]:
+        """The filters whose exact sampling this is: of a matched one those with its numerators, else ``filters``."""
+        if self.sampling.method != "matched":
+            return self.filters
+        return tuple(
+            entry
+            if np.array_equal(chain.C, entry.sections[2])
+            else PhyFilter(
+                entry.a, _sections.chain_numerator(chain.poles, entry.a, chain.C), poles=entry.poles
+            )
+            for entry, chain in zip(self.filters, self.recursion.chains, strict=True)
+        )
 
     def with_filter(self, filters: PhyFilter | Sequence[PhyFilter]) -> SampledPhyFilter:
         """The same options around other coefficients.
@@ -369,6 +398,34 @@ class SampledPhyFilter(SampledForm):
         return f"SampledPhyFilter([{', '.join(map(repr, self.filters))}], {self.sampling!r}{direction})"
 
 
+def chain_of(filter: PhyFilter, sampling: Sampling) -> Chain:
+    """The chain that a sampled filter runs on: of a matched one with its own output row.
+
+    Parameters
+    ----------
+    filter : PhyFilter
+    sampling : Sampling
+    """
+    if sampling.method != "matched":
+        return filter.chain
+    return filter.chain._replace(C=matching.matched_output(filter, sampling.dt))
+
+
+def _keeping_zeros(filters: Sequence[PhyFilter], sampling: Sampling) -> Sampling:
+    """Exact sampling, matched where that keeps more of what the filters promise."""
+    kept = [matching.kept(entry, sampling.dt) for entry in filters]
+    return replace(sampling, method="matched") if any(kept) and None not in kept else sampling
+
+
+def _as_matched(sampled: SampledPhyFilter) -> SampledPhyFilter:
+    """A filter whose exact sampling loses nothing under the name "matched"; others as they are."""
+    if sampled.sampling.method != "exact" or any(
+        matching.kept(f, sampled.dt) is not False for f in sampled.filters
+    ):
+        return sampled
+    return SampledPhyFilter(sampled.filters, replace(sampled.sampling, method="matched"), E=sampled.E)
+
+
 def _differences(one: SampledPhyFilter, other: SampledPhyFilter) -> dict[str, object]:
     """Options that differ, with their values in the first."""
     found, (mine, theirs) = one.sampling.differences(other.sampling), (one.E, other.E)
@@ -410,6 +467,8 @@ def stack(filters: Sequence[SampledPhyFilter]) -> SampledPhyFilter:
                 f"stack: channel {i} is {entry!r}, expected a SampledPhyFilter; sample each first, F.sampled(dt), or "
                 "give them all to SampledPhyFilter([F, ...], dt)"
             )
+    if {entry.sampling.method for entry in filters} == {"exact", "matched"}:
+        filters = tuple(map(_as_matched, filters))
     reference = filters[0]
     for i, entry in enumerate(filters):
         usual = _differences(reference, entry)

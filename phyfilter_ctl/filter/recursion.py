@@ -62,11 +62,11 @@ class StepConstants(NamedTuple):
 
 
 def transition(A: FloatArray, method: Method, dt: float | FloatArray) -> FloatArray:
-    """The increment of w' = A w over a step of dt: e^(A dt) - I, A dt or the trapezoidal rule of it.
+    """The increment of w' = A w over a step of dt: e^(A dt) - I (exact, matched), A dt or the trapezoidal rule of it.
 
     Shape (n, n); for steps (m,) shape (m, n, n).
     """
-    if method == "exact":
+    if method in ("exact", "matched"):
         return _sections.expm1(A, dt)
     scaled = A * np.asarray(dt)[..., None, None]
     if method == "euler":

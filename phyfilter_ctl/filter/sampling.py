@@ -13,7 +13,7 @@ from .._signals import LARGEST, duration, interval, number, real
 
 __all__ = ["Method", "NonFinite", "Precision", "Rule", "Sampling"]
 
-Method = Literal["exact", "euler", "tustin"]
+Method = Literal["exact", "matched", "euler", "tustin"]
 Rule = Literal["hold", "average"]
 Precision = Literal["float64", "float32"]
 NonFinite = Literal["raise", "hold"]
@@ -29,9 +29,11 @@ class Sampling:
     ----------
     dt : float
         Nominal sampling interval h in seconds; a timedelta64 has its unit with it.
-    method : {"exact", "euler", "tustin"}
-        "exact": zero-order hold of the step-averaged residual, exact for x linear between samples. "euler": forward
-        Euler, as in the paper; refused where it diverges, |1 + p h| >= 1. "tustin": the trapezoidal rule.
+    method : {"exact", "matched", "euler", "tustin"}
+        "exact": zero-order hold of the step-averaged residual, exact for x linear between samples. "matched": exact
+        sampling with a numerator that keeps the zeros of 1 - F, its type and those at +-j w, at the samples
+        (``filter/matching.py``). "euler": forward Euler, as in the paper; refused where it diverges, |1 + p h| >= 1.
+        "tustin": the trapezoidal rule.
     g, f_theta : {"hold", "average"}
         What the signal does between samples: "hold" (a command held by an actuator) or "average" (a smooth signal
         known at both ends of the step).

@@ -1,5 +1,7 @@
 """Ultimate bounds against closed forms, against simulated worst cases, and never below any simulated error."""
 
+import math
+
 import control as ct
 import numpy as np
 import pytest
@@ -9,6 +11,7 @@ from scipy.signal import cont2discrete
 
 import phyfilter_ctl as pf
 from phyfilter_ctl.analysis.bounds import ultimate_bound
+from phyfilter_ctl.analysis.bounds.sampled_kernels import SampledKernels
 
 # What an exact bound is enclosed to, relative.
 CERTIFIED = 1e-6
@@ -211,7 +214,8 @@ def test_what_a_sampled_filter_leaves_of_a_ramp(poles, h):
     numerator, slope = np.polyval(f.b[::-1], p), np.polyval(np.polyder(np.append(f.a, 1.0)[::-1]), p)
     exact = np.sum(numerator / slope * (0.5 * p * h / np.tanh(0.5 * p * h) - 1.0) / p**2).real
     rounding = 1e-15 * (60.0 / np.abs(p.real).min()) ** 2 / h  # of x = t^2/2, over a step
-    assert left_of_a_ramp(f.sampled(h)) == pytest.approx(exact, abs=rounding)
+    assert left_of_a_ramp(f.sampled(h, "exact")) == pytest.approx(exact, abs=rounding)
+    assert left_of_a_ramp(f.sampled(h, "matched")) == pytest.approx(0.0, abs=rounding)
     assert left_of_a_ramp(f.sampled(h, "euler")) == pytest.approx(-0.5 * h, abs=rounding)
     assert left_of_a_ramp(f.sampled(h, "tustin")) == pytest.approx(0.0, abs=rounding)
     # z coth z = 1 + z^2/3 - 2 z^4 sum 1/((k pi)^2 (z^2 + (k pi)^2)), the last below |z|^4/45 where Re z^2 >= 0.
@@ -222,13 +226,15 @@ def test_what_a_sampled_filter_leaves_of_a_ramp(poles, h):
 def test_the_ramp_that_a_sampled_filter_does_not_follow_is_named():
     f = pf.place_poles([-5.0, -5.0], numerator=2)
     for options, left in (
-        ({}, r"infinite: .* leaves b_1 h\^2/12 times the slope"),
+        ({"method": "exact"}, r"infinite: .* leaves b_1 h\^2/12 times the slope .*; use method='matched'"),
         ({"method": "euler"}, "infinite: .* leaves -h/2 times the slope"),
-        ({"method": "tustin", "delay": 0.02}, "infinite: .* leaves its delay times the slope"),
-        ({"method": "tustin"}, "not worked out"),
+        ({"delay": 0.02}, "infinite: .* leaves its delay times the slope"),
     ):
         with pytest.raises(ValueError, match=left):
             ultimate_bound(f.sampled(0.01, **options), residual={2: 1.0})
+    third = pf.place_poles([-5.0] * 3, numerator=3).sampled(0.01, "tustin")
+    with pytest.raises(ValueError, match=r"leaves an error of residuals t\^2; use 'matched'"):
+        ultimate_bound(third, residual={3: 1.0})
     with pytest.raises(ValueError, match=r"type 1, .* up to order 1$"):
         ultimate_bound(pf.lowpass(2, 5.0).sampled(0.01), residual={2: 1.0})
 
@@ -261,6 +267,41 @@ def test_what_is_assumed_between_the_samples_is_said():
         "f_theta is held between the samples",
         "f_hat stays within its limit",
     )
+
+
+@settings(max_examples=15, deadline=None, derandomize=True)
+@given(poles, st.integers(2, 4), st.floats(0.02, 0.6), st.integers(0, 10**6))
+def test_higher_derivatives_bound_a_matched_filter(chosen, kind, share, seed):
+    """gamma^(k) jumps between +-1 every few steps, gamma and x are its exact integrals; the worst course reaches it."""
+    f = pf.place_poles(chosen)
+    kind = min(kind, f.order)
+    f = pf.place_poles(chosen, numerator=kind)
+    h = share / np.abs(f.poles).max()
+    sampled, n = f.sampled(h, "matched"), 300
+    result = ultimate_bound(sampled, residual={kind: 1.0})
+    rng = np.random.default_rng(seed)
+    highest = np.sign(rng.standard_normal((8, n)))
+    highest = np.stack(
+        [row[np.arange(n) // d] for row, d in zip(highest, rng.integers(1, 60, 8), strict=True)]
+    )
+    # The worst: the sign of the kernel, seen from the last sample; constant between samples it comes close only.
+    X = sampled.transition[1]
+    kernel = []
+    for _ in range(n):
+        kernel.append(float(SampledKernels(sampled).pieces[kind - 1][0] @ X))
+        X = X + sampled.transition[0] @ X
+    highest[0] = np.sign(kernel)[::-1]
+    parts = [np.zeros((8, n + 1)) for _ in range(kind + 1)]  # x, gamma, gamma', ...
+    for j in range(n):
+        ahead = [p[:, j] for p in parts] + [highest[:, j]]
+        for i, part in enumerate(parts):
+            part[:, j + 1] = sum(ahead[m] * h ** (m - i) / math.factorial(m - i) for m in range(i, kind + 2))
+    error = np.abs(parts[1] - sampled.run(parts[0].T).T)
+    rounding = 1e-13 * np.abs(parts[0]).max() / h * np.abs(sampled.realised[0].b / f.a).max()
+    assert error.max() <= result.bound * (1.0 + ROUNDING) + rounding
+    if share < 0.1 and n * h * np.abs(f.poles).min() > 10.0:
+        assert error[0, -1] >= 0.9 * result.bound - rounding
+    assert (result.between_samples == np.inf) == (kind > 1)
 
 
 def test_a_sum_over_samples_is_no_bound():

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from filter_harness import CFilter, compile_filters
 
-from phyfilter_ctl import PhyFilter, SampledPhyFilter, stack
+from phyfilter_ctl import PhyFilter, SampledPhyFilter, place_poles, stack
 from phyfilter_ctl.codegen.filter_source import filter_source
 
 H = 0.002
@@ -67,6 +67,10 @@ class Case:
     tunable: bool = True
 
 
+# Type 2, and nothing left of a sine of 6 rad/s, at the samples too.
+MATCHED = place_poles([-20.0] * 5, numerator=2, zeros_at=[6.0])
+
+
 def cases() -> list[Case]:
     """Every pair of option values once or more, by walking through the longest lists with coprime strides."""
     found = []
@@ -86,6 +90,7 @@ def cases() -> list[Case]:
         found += [
             Case(f"stack_{precision}", sampled, "none", True),
             Case(f"stack_fixed_{precision}", sampled, "full", False, False),
+            Case(f"matched_{precision}", MATCHED.sampled(18e-3, precision=precision), "none", True),
         ]
     return found
 

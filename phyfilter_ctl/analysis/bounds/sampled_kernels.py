@@ -1,8 +1,9 @@
 """The same for sampled filters, as they act on a residual that goes on between the samples.
 
 y_k = sum_i h_i u_{k-i}, where u is the mean of gamma over a step, so that for gamma' bounded the kernel is
-K(tau) = 1 - (s_i on straight lines) with s the step response of the recursion: piecewise linear. Its integral over
-tau, not a sum over samples, bounds the error.
+K_1(tau) = 1 - (s_i on straight lines) with s the step response of the recursion: piecewise linear. Where ramps leave
+no error at the samples, that is where K_2(0) = 0 of K_2(tau) = the integral of K_1 from tau on, K_2 is the kernel for
+gamma'' bounded, piecewise quadratic, and so on. The integral over tau, not a sum over samples, bounds the error.
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ from __future__ import annotations
 import warnings
 from dataclasses import dataclass
 from functools import cached_property
+from math import comb
 
 import numpy as np
 from scipy.linalg import LinAlgWarning, solve_discrete_lyapunov
@@ -24,6 +26,8 @@ _GAP = 1e-8
 _MOST_SAMPLES = 4_000_000
 # A filter that forgets faster than by this in a sample is taken to forget by as much: nothing is divided by zero.
 _DEADBEAT = 1e-2
+# What stands for zero beside the terms it is a sum of.
+_ROUNDING = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,13 +44,13 @@ class SampledKernels:
 
     @cached_property
     def _series(self) -> tuple[FloatArray, FloatArray, float]:
-        """Impulse response h_i and error step response 1 - s_i with s_0 = 0, (m,) each; bound of the rest of both."""
+        """States M^i e (m, n), e the equilibrium, P of V = x' P x, and what V^(1/2) of the states beyond adds up to."""
         dA, equilibrium, C = self.sampled.transition
         M = np.eye(len(dA)) + dA
         radius = float(np.abs(np.linalg.eigvals(M)).max())
         if radius >= 1.0:
             raise ValueError(f"the sampled filter is unstable: a pole of magnitude {radius:.6g}")
-        slow = np.sqrt(max(radius, _DEADBEAT))  # V = x' P x falls at least by this factor squared in a step
+        slow = np.sqrt(max(radius, _DEADBEAT))  # V falls at least by this factor squared in a step
         P = _lyapunov(M / slow)
         count = 64 + int(np.ceil(20.0 / -np.log(radius))) if radius > 0.0 else 64
         if count > _MOST_SAMPLES:
@@ -55,45 +59,86 @@ class SampledKernels:
                 "the bound of the continuous filter"
             )
         while True:
-            X = _powers(M, -equilibrium, count)
-            rest = np.sqrt(max(X[-1] @ P @ X[-1], 0.0)) / (1.0 - slow)
-            step, impulse = X @ C, X @ (dA.T @ C)
-            rest_step = float(np.sqrt(C @ np.linalg.solve(P, C)) * rest)
-            row = C @ dA
-            rest_impulse = float(np.sqrt(row @ np.linalg.solve(P, row)) * rest)
-            enough = rest_step <= _GAP * np.abs(step).sum() and rest_impulse <= _GAP * np.abs(impulse).sum()
+            X = _powers(M, equilibrium, count)
+            rest = float(np.sqrt(max(X[-1] @ P @ X[-1], 0.0)) / (1.0 - slow))
+            enough = all(_size(row, P) * rest <= _GAP * np.abs(X @ row).sum() for row in (C, C @ dA))
             if enough or 2 * count > _MOST_SAMPLES:
-                break
+                return X, P, rest
             count *= 2
-        # s_i = F(0) + C M^i (-equilibrium), so 1 - s_i loses no digits where F(0) = 1.
-        miss = self.sampled.filter.error_numerator[0] / self.sampled.filter.a[0]
-        return impulse, miss - step, max(rest_step, rest_impulse)
+
+    @cached_property
+    def _impulse(self) -> tuple[FloatArray, float]:
+        """Impulse response h_i (m,), and a bound of the sum of the rest."""
+        (X, P, rest), (dA, _, C) = self._series, self.sampled.transition
+        return -X @ (C @ dA), _size(C @ dA, P) * rest
+
+    @cached_property
+    def pieces(self) -> tuple[FloatArray, ...]:
+        """K_1, K_2, ... up to the type, each (k + 1, n): times M^i e polynomials of tau/h - i on [i h, (i + 1) h]."""
+        dA, _, C = self.sampled.transition
+        found, later = [np.stack([C, C @ dA])], np.linalg.inv(-dA)
+        for k in range(1, self.sampled.filter.type):
+            whole = found[-1] / np.arange(1.0, k + 2.0)[:, None]
+            start = self.sampled.dt * whole.sum(axis=0) @ later
+            found.append(np.vstack([start, -self.sampled.dt * whole]))
+        return tuple(found)
+
+    @property
+    def highest(self) -> int:
+        """Highest derivative k of gamma that bounds the error: t^0 ... t^(k - 1) leave none at the samples."""
+        if self.sampled.filter.type == 0 or self.sampled.sampling.delay:
+            return min(self.sampled.filter.type, 1)
+        equilibrium = self.sampled.transition[1]
+        for k, rows in enumerate(self.pieces[1:], start=2):
+            if abs(rows[0] @ equilibrium) > _ROUNDING * float(np.abs(rows[0]) @ np.abs(equilibrium)):
+                return k - 1
+        return self.sampled.filter.type
 
     def error(self, derivative: int) -> Certificate:
-        """From gamma (0) or its first derivative (1) to the error at the samples."""
-        h, (impulse, distance, rest) = self.sampled.dt, self._series
+        """From gamma (0) or a derivative of it, up to ``highest``, to the error at the samples."""
+        h, (X, P, rest) = self.sampled.dt, self._series
         if derivative == 0:
+            impulse, rest = self._impulse
             total = 1.0 + float(np.abs(impulse).sum())
-            return Certificate(total, total + rest, rest, h * len(impulse), len(impulse))
-        a, b = np.abs(distance[:-1]), np.abs(distance[1:])
-        same = distance[:-1] * distance[1:] >= 0.0
-        with np.errstate(invalid="ignore"):
-            pieces = np.where(same, 0.5 * (a + b), 0.5 * (a**2 + b**2) / np.where(same, 1.0, a + b))
-        total = h * float(pieces.sum()) + self.sampled.sampling.delay
-        return Certificate(total, total + h * rest, h * rest, h * len(impulse), len(impulse))
+            return Certificate(total, total + rest, rest, h * len(X), len(X))
+        rows = self.pieces[derivative - 1]
+        total = h * _absolute(X[:-1] @ rows.T) + (self.sampled.sampling.delay if derivative == 1 else 0.0)
+        rest = h * sum(_size(row, P) for row in rows) * rest
+        return Certificate(total, total + rest, rest, h * len(X), len(X))
 
     def estimate(self) -> Certificate:
         """From an error of the residual to the estimate."""
-        impulse, _, rest = self._series
+        impulse, rest = self._impulse
         total = float(np.abs(impulse).sum())
         return Certificate(total, total + rest, rest, self.sampled.dt * len(impulse), len(impulse))
 
     def noise(self) -> Certificate:
         """From noise of M x at the samples to the estimate."""
-        impulse, _, rest = self._series
+        impulse, rest = self._impulse
         total = float(np.abs(np.diff(impulse, prepend=0.0)).sum()) / self.sampled.dt
         rest = 2.0 * rest / self.sampled.dt
         return Certificate(total, total + rest, rest, self.sampled.dt * len(impulse), len(impulse))
+
+
+def _size(row: FloatArray, P: FloatArray) -> float:
+    """Largest row @ x for x' P x = 1."""
+    return float(np.sqrt(row @ np.linalg.solve(P, row)))
+
+
+def _absolute(polynomials: FloatArray) -> float:
+    """Sum of the integrals over [0, 1] of the absolute values of polynomials, ascending coefficients (m, k + 1)."""
+    whole = polynomials / np.arange(1.0, polynomials.shape[1] + 1.0)
+    totals = np.abs(whole.sum(axis=1))
+    # In Bernstein's form coefficients of one sign mean values of one sign.
+    k = polynomials.shape[1] - 1
+    bernstein = polynomials @ np.array(
+        [[comb(i, j) / comb(k, j) for i in range(k + 1)] for j in range(k + 1)]
+    )
+    for i in np.flatnonzero((bernstein.min(axis=1) < 0.0) & (bernstein.max(axis=1) > 0.0)):
+        roots = np.roots(polynomials[i, ::-1])
+        ends = np.concatenate([[0.0], np.sort(roots.real[(roots.real > 0.0) & (roots.real < 1.0)]), [1.0]])
+        totals[i] = np.abs(np.diff(np.polynomial.polynomial.polyval(ends, np.append(0.0, whole[i])))).sum()
+    return float(totals.sum())
 
 
 def _lyapunov(M: FloatArray) -> FloatArray:

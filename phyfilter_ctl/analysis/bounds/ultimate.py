@@ -113,10 +113,11 @@ class BoundResult(Result):
     def between_samples(self) -> float:
         """Bound at every time, for a sampled filter whose correction f_hat - f_theta is held between its samples.
 
-        For a bounded gamma the same; for a bounded gamma' larger by what gamma can move in a step.
+        For a bounded gamma the same; else larger by what gamma can move in a step, which without a bound of gamma' has
+        no end.
         """
-        if isinstance(self.system, SampledPhyFilter) and self.derivative == 1:
-            return self.bound + self.system.dt * self.residual[1]
+        if isinstance(self.system, SampledPhyFilter) and self.derivative:
+            return self.bound + self.system.dt * self.residual.get(1, float("inf"))
         return self.bound
 
     @cached_property
@@ -238,7 +239,7 @@ def ultimate_bound(
         f_theta go between them as its options say (see Notes).
     residual : dict of int to float
         delta_k: bounds of the k-th derivative of gamma = f - f_theta (2-norm), e.g. ``{0: 4.0, 1: 12.0}``; of a sampled
-        filter k = 0 and 1 count.
+        filter k = 0 and 1 count, with method="matched" and no delay all up to its type.
     inertia_error : float
         delta_M: bound of M - M_hat in the spectral norm.
     rate : float
@@ -274,7 +275,7 @@ def ultimate_bound(
     g="average" by 1.004 and 1.09 times.
 
     A ramp of slope r leaves an error that a sampled filter of type 2 or more does not lose: b_(n-1) r h^2/12 and terms
-    of h^4 with method="exact", -r h/2 with "euler", none with "tustin"; and r times its delay with any.
+    of h^4 with method="exact", -r h/2 with "euler", none with "matched" and "tustin"; and r times its delay with any.
 
     Examples
     --------
@@ -295,7 +296,7 @@ def ultimate_bound(
                 f"method={method!r} is for continuous filters: use method='exact' for a sampled one"
             )
         sampled = SampledKernels(filter)
-        usable = _usable(given, min(filter.filter.type, 1), filter)
+        usable = _usable(given, sampled.highest, filter)
         enclosures = {k: sampled.error(k) for k in usable}
         gains = {k: enclosure.upper for k, enclosure in enclosures.items()}
         prior_gain = sampled.estimate().upper if prior else 0.0
@@ -378,8 +379,8 @@ def _usable(given: Mapping[int, float], limit: int, filter: PhyFilter | SampledP
     usable = [k for k in given if k <= limit]
     if not usable:
         shared, least = filter.filter if isinstance(filter, SampledPhyFilter) else filter, min(given)
-        if isinstance(filter, SampledPhyFilter) and shared.type > 1:
-            reason = f"{_left_of_a_ramp(filter)}; bound gamma or its first derivative"
+        if isinstance(filter, SampledPhyFilter) and shared.type > limit:
+            reason = f"infinite: {_left_over(filter, limit)}; bound a derivative up to order {limit}"
         else:
             type_helps = isinstance(filter, PhyFilter) or least == 1
             other = f", or use a filter of type {least} (numerator_of_type)" if type_helps else ""
@@ -391,15 +392,14 @@ def _usable(given: Mapping[int, float], limit: int, filter: PhyFilter | SampledP
     return usable
 
 
-def _left_of_a_ramp(sampled: SampledPhyFilter) -> str:
-    """What stands against a bound from a second derivative where the type would allow one."""
-    left = {"exact": [f"b_{sampled.order - 1} h^2/12"], "euler": ["-h/2"], "tustin": []}[
-        sampled.sampling.method
-    ]
-    left += ["its delay"] if sampled.sampling.delay else []
-    if not left:
-        return "not worked out for a sampled filter"
+def _left_over(sampled: SampledPhyFilter, limit: int) -> str:
+    """What stands against a bound from a derivative that the type would allow."""
+    method, late = sampled.sampling.method, sampled.sampling.delay > 0.0
+    if limit > 1:
+        return f"sampled with method={method!r}, the filter leaves an error of residuals t^{limit}; use 'matched'"
+    left = {"exact": [f"b_{sampled.order - 1} h^2/12"], "euler": ["-h/2"]}.get(method, [])
+    left += ["its delay"] if late else []
     return (
-        f"infinite: sampled with method={sampled.sampling.method!r}, the filter leaves {' and '.join(left)} times the "
-        "slope of a ramp as a steady error, and the slope can grow without end"
+        f"sampled with method={method!r}, the filter leaves {' and '.join(left)} times the slope of a ramp as a steady "
+        f"error, and the slope can grow without end{'' if late else '; use method=' + repr('matched')}"
     )

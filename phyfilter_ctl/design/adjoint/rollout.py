@@ -179,6 +179,11 @@ class Rollout:
                 f"delay={sampling.delay:g}, limit={sampling.limit}, precision={sampling.precision!r}; learn "
                 "without them"
             )
+        if sampling.method == "matched":
+            raise ValueError(
+                "sampled: expected method 'exact', 'euler' or 'tustin', got 'matched', whose output row follows "
+                "from the zeros of 1 - F; learn with 'exact' and sample the result matched"
+            )
         if self.form is None:
             object.__setattr__(self, "form", "lowpass" if sampled.filter.is_lowpass else "general")
         for name, choices in (("form", Form), ("carry", Carry)):

@@ -57,7 +57,7 @@ class Correlations:
     ----------
     stretches : tuple of Stretch
     dt : float
-    method : {"exact", "euler", "tustin"}
+    method : {"exact", "matched", "euler", "tustin"}
     sequences : (2, L) array
         r with r_0 halved, and c, weighted and summed over stretches and channels.
     energy, weight : float

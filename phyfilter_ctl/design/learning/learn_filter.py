@@ -92,7 +92,7 @@ def learn(
         Flights that are scored, not learned from.
     seed : int
         Of the random starts; the same seed gives the same filter.
-    method : {"exact", "euler", "tustin"}
+    method : {"exact", "matched", "euler", "tustin"}
         Discretisation with which the filter will run.
     g, f_theta : {"hold", "average"}
         What the signals do between samples, as for :class:`SampledPhyFilter`.

@@ -9,6 +9,7 @@ import numpy as np
 
 from ..._sections import FloatArray
 from ...filter import PhyFilter, Recursion, Sampling, blocked, record
+from ...filter.phyfilter import chain_of
 from ...filter.recursion import transition
 from ...filter.sampling import Method
 from .residuals import Flight
@@ -18,7 +19,8 @@ from .sensitivity import Data
 def response(filter: PhyFilter, flight: Flight, method: Method, last: int | None = None) -> FloatArray:
     """f_hat - f_theta after the first ``last`` steps (m, K) of a flight."""
     u, steps = flight.u[:last], None if flight.steps is None else flight.steps[:last]
-    recursion, y = Recursion((filter.chain,), Sampling(flight.dt, method)), np.empty_like(u)
+    sampling, y = Sampling(flight.dt, method), np.empty_like(u)
+    recursion = Recursion((chain_of(filter, sampling),), sampling)
     for rows, part in record.respond(recursion, len(u), u.shape[1], lambda rows: u[rows], steps):
         y[rows] = part
     return y
@@ -31,7 +33,7 @@ class Samples:
     Attributes
     ----------
     flight : Flight
-    method : {"exact", "euler", "tustin"}
+    method : {"exact", "matched", "euler", "tustin"}
     energy, weight : float
         sum w gamma*^2 and sum w.
     """

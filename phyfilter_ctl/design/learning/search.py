@@ -59,7 +59,7 @@ class Search:
     coarse, fine : Data
         What trials run on, and what the answer must hold on; one object where they are the same.
     form : {"lowpass", "general"}
-    method : {"exact", "euler", "tustin"}
+    method : {"exact", "matched", "euler", "tustin"}
     step : float
         Longest sampling interval in s.
     floor : float

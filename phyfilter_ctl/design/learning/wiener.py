@@ -95,7 +95,7 @@ def wiener_floor(
         The learned one.
     refit : callable
         Data -> the filter learned from them, starting from the learned one.
-    method : {"exact", "euler", "tustin"}
+    method : {"exact", "matched", "euler", "tustin"}
     """
     groups = _groups(flights, filter, method)
     count = len(groups[0].folds)
