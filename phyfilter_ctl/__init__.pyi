@@ -49,6 +49,7 @@ from .filter import (
 )
 from .filterfile import Signals, load, load_signals, save
 from .fmi import cosimulate, export_fmu, export_ssp, import_fmu
+from .learned import learned_model
 from .logfiles import LogFile, Signal, Topic, open_log
 from .plants import Plant, plant
 from .recording import Recording, split_by_speed, split_flights
@@ -117,6 +118,7 @@ __all__ = [
     "learn",
     "learn_jointly",
     "learned_block",
+    "learned_model",
     "linearize_sampled",
     "load",
     "load_signals",

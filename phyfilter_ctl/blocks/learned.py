@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import casadi as ca
 
 from ..learned import LearnedModel
+from ..learned.model import expect_model
 from .function_block import FunctionBlock, symbols_like
 from .functions import BlockFunctions, Variable
 
@@ -25,7 +26,7 @@ def learned_block(
     Parameters
     ----------
     model : LearnedModel
-        Fitted.
+        Fitted; from elsewhere by :func:`~phyfilter_ctl.learned_model`.
     name : str
         Name of the block.
     inputs, outputs : sequence of str, optional
@@ -53,8 +54,7 @@ def learned_block(
     >>> block(2.0).round(6).item(), block.linearize(u0=[2.0]).D.round(6).item()
     (-1.6, -1.6)
     """
-    if not isinstance(model, LearnedModel):
-        raise TypeError(f"model: expected a learned model (predict, casadi, ...), got {type(model).__name__}")
+    expect_model(model)
     function = model.casadi()
     symbols = symbols_like(function, (1, 0, function.numel_in(0), 0))
     functions = BlockFunctions(

@@ -47,6 +47,7 @@ examples:
   phyfilter-ctl learn flight.csv
   phyfilter-ctl learn slow_*.csv --held-out fast_*.csv --order 1 2 3 --out filter.toml --picture learned.png
   phyfilter-ctl learn flight.csv --x px,py --label fx,fy --g ux,uy --f-theta mx,my --inertia 1.2
+  phyfilter-ctl learn flight.csv --model network.onnx --features vx,vy,vz
   phyfilter-ctl learn flight.csv --order 3 --form general --method tustin --json -
   phyfilter-ctl design filter.toml                              reads the saved filter"""
 
@@ -80,6 +81,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     columns.add_argument("--label", metavar="C,C,...", help="true f")
     columns.add_argument("--g", metavar="C,C,...", help="known part of M x'")
     columns.add_argument("--f-theta", metavar="C,C,...", help="learned model's estimate of f")
+    columns.add_argument(
+        "--model", metavar="FILE", help="instead: .onnx, or .npz of a learned model, run on --features"
+    )
+    columns.add_argument("--features", metavar="C,C,...", help="what --model takes (default feature_0, ...)")
     columns.add_argument("--inertia", metavar="M,... | C,...", help="M: numbers or columns (default 1)")
     columns.add_argument("--delimiter", default=",", metavar="CHAR", help="between columns (default ,)")
     columns.add_argument("--channels", metavar="C,C,...", help="of x, that take part (default all)")
@@ -144,6 +149,10 @@ def _check(options: argparse.Namespace) -> None:
             raise ValueError(f"--{name}: expected 0 or more, got {getattr(options, name)}")
     if options.time is not None and options.dt is not None:
         raise ValueError("--time and --dt: expected one of them; --dt is for files without times")
+    if options.model is not None and options.f_theta is not None:
+        raise ValueError("--model and --f-theta: expected one of them")
+    if options.features is not None and options.model is None:
+        raise ValueError("--features: expected --model beside it, which takes them")
     seen: set[Path] = set()
     for name in (*options.logs, *options.held_out):
         if (path := Path(name).resolve()) in seen:
@@ -159,17 +168,29 @@ def _read(path: str, options: argparse.Namespace) -> Recording:
         x=_VELOCITIES if options.x is None else _names("--x", options.x),
         label=_columns("--label", options.label),
         g=_columns("--g", options.g),
-        f_theta=_columns("--f-theta", options.f_theta),
-        features=None,
+        f_theta=None if options.model else _columns("--f-theta", options.f_theta),
+        features=_columns("--features", options.features) if options.model else None,
         inertia=_inertia(options.inertia),
         delimiter=options.delimiter,
     )
+    if options.model is not None:
+        log = _with_model(path, log, options.model)
     if log.label is None:
         raise ValueError(
             f"{path}: no label, the true f to learn from; name its columns by --label, or in the file ax, ay, az "
             "(for vx, vy, vz) or label_<x>"
         )
     return log
+
+
+def _with_model(path: str, log: Recording, name: str) -> Recording:
+    from ..learned import learned_model
+
+    if log.features is None:
+        raise ValueError(
+            f"{path}: --model needs features; name their columns by --features, or feature_0, ..."
+        )
+    return log.with_signals(f_theta=learned_model(name, z=log.features).predict(log.features), features=None)
 
 
 def _names(option: str, text: str) -> list[str]:

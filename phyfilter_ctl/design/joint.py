@@ -19,6 +19,7 @@ from .. import _signals
 from .._sections import FloatArray
 from ..filter import PaperFilter, PhyFilter, SampledPhyFilter
 from ..learned import FitResult, LearnedModel
+from ..learned.model import expect_model
 from ..recording import Recording
 from ..results import Result, Status
 from .adjoint.costs import SquaredError, StageCost
@@ -138,6 +139,7 @@ def joint_gradient(
     >>> joint_gradient(log, model, PhyFilter([1.0]).sampled(0.01)).model.shape
     (13,)
     """
+    expect_model(model)
     rollout = Rollout(sampled, form=form, segments=segments, workers=workers)
     return _evaluate(rollout, listed(logs), model, cost or SquaredError())
 
@@ -212,6 +214,7 @@ def learn_jointly(
     >>> result.rmse < 0.2 * result.history[0]
     True
     """
+    expect_model(model)
     flights, others = listed(logs), [held_out] if isinstance(held_out, Recording) else list(held_out)
     if strategy not in get_args(Strategy):
         raise ValueError(f"strategy: expected one of {get_args(Strategy)}, got {strategy!r}")

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from ._window import window
 from .adaptation import AdaptationRun, AdaptationState, AdaptiveChebyshev
+from .bring import learned_model
 from .chebyshev import Chebyshev
 from .dictionary import Dictionary
+from .function_model import FunctionModel
 from .koopman import Koopman
 from .layers import Layers
 from .model import FitResult, LearnedModel
@@ -21,6 +23,7 @@ __all__ = [
     "Chebyshev",
     "Dictionary",
     "FitResult",
+    "FunctionModel",
     "Koopman",
     "KoopmanRun",
     "KoopmanState",
@@ -33,5 +36,6 @@ __all__ = [
     "OnnxNetwork",
     "OnnxNode",
     "Trajectory",
+    "learned_model",
     "window",
 ]

@@ -60,13 +60,7 @@ def read(path: str | os.PathLike[str], kind: str) -> dict[str, Array]:
     ValueError
         If it is not such a file, is damaged, or of an unknown version; the message names the path.
     """
-    data = Path(path).read_bytes()
-    try:
-        arrays = _entries(data)
-    except _RefusedError as error:
-        raise ValueError(f"{path}: {error}; expected a file that save() wrote") from error
-    except _DAMAGE as error:
-        raise ValueError(f"{path}: damaged or not a learned model ({error}); save it again") from error
+    arrays = _read(path)
     for name, expected in (("format", FORMAT), ("version", VERSION), ("kind", kind)):
         if name not in arrays:
             raise ValueError(f"{path}: not a learned model, the entry {name!r} is missing")
@@ -75,6 +69,21 @@ def read(path: str | os.PathLike[str], kind: str) -> dict[str, Array]:
             advice = "; it was written by another version of this package" if name == "version" else ""
             raise ValueError(f"{path}: expected {name} {expected!r}, got {got.tolist()!r}{advice}")
     return arrays
+
+
+def kind_of(path: str | os.PathLike[str]) -> str:
+    """Which kind of model a file holds; ValueError as for :func:`read`."""
+    return str(_read(path).get("kind", ""))
+
+
+def _read(path: str | os.PathLike[str]) -> dict[str, Array]:
+    data = Path(path).read_bytes()
+    try:
+        return _entries(data)
+    except _RefusedError as error:
+        raise ValueError(f"{path}: {error}; expected a file that save() wrote") from error
+    except _DAMAGE as error:
+        raise ValueError(f"{path}: damaged or not a learned model ({error}); save it again") from error
 
 
 class _RefusedError(Exception):

@@ -98,3 +98,19 @@ class LearnedModel(Protocol):
             If the file is damaged, of another kind of model or of an unknown version.
         """
         ...
+
+
+def expect_model(model: object) -> None:
+    """Refuse what is no learned model, and name the way to one.
+
+    Raises
+    ------
+    TypeError
+        For everything else, a class of models too.
+    """
+    if isinstance(model, type) or not isinstance(model, LearnedModel):
+        got = f"the class {model.__name__}" if isinstance(model, type) else type(model).__name__
+        raise TypeError(
+            f"model: expected a learned model, got {got}; phyfilter_ctl.learned_model(...) makes one of models from "
+            "scikit-learn, PyTorch and ONNX and of functions"
+        )

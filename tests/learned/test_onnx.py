@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import io
+import json
 import sys
 import warnings
 from collections.abc import Callable
@@ -14,7 +15,8 @@ from typing import Literal
 import numpy as np
 import pytest
 
-from phyfilter_ctl import learned_block, simulate
+from phyfilter_ctl import PhyFilter, Recording, learned_block, simulate
+from phyfilter_ctl.cli import main
 from phyfilter_ctl.learned import LearnedModel, OnnxGraph, OnnxNetwork, OnnxNode
 
 onnx = pytest.importorskip("onnx", reason="the package onnx is not installed (extra: onnx)")
@@ -225,6 +227,29 @@ def test_external_constants(tmp_path: Path) -> None:
     with_external_data_at("/etc/passwd", tmp_path / "outside.onnx")
     with pytest.raises(ValueError, match="external file beside the model, got '/etc/passwd'"):
         OnnxNetwork.read(tmp_path / "outside.onnx")
+
+
+def test_the_command_line_takes_one_with_constants_beside_it(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    nodes = [helper.make_node("MatMul", ["z", "W"], ["f"])]
+    path, log = tmp_path / "model.onnx", tmp_path / "log.csv"
+    onnx.save(
+        model(nodes, [constant("W", 3, 2)]), path, save_as_external_data=True, location="w", size_threshold=0
+    )
+    x, z, truth = RNG.standard_normal((400, 2)), RNG.standard_normal((400, 3)), PhyFilter([20.0])
+    label = truth.sampled(0.01).run(x, f_theta=OnnxNetwork.read(path).predict(z))
+    Recording.from_arrays(x=x, dt=0.01, label=label, features=z, channels=["p", "q"]).to_csv(log)
+    options = ["--x", "p,q", "--order", "1", "--form", "lowpass", "--json", "-"]
+    assert main(["learn", str(log), *options, "--model", str(path)]) == 0
+    assert json.loads(capsys.readouterr().out)["filters"][0]["a"] == pytest.approx([20.0], rel=1e-6)
+    for wrong, words in (
+        (["--model", str(path), "--features", "p,q"], "z: expected shape (N, 3)"),
+        (["--model", str(path), "--f-theta", "none"], "--model and --f-theta: expected one of them"),
+        (["--features", "p,q"], "--features: expected --model beside it"),
+    ):
+        assert main(["learn", str(log), *options, *wrong]) != 0
+        assert words in capsys.readouterr().err
 
 
 def test_networks_of_pytorch() -> None:

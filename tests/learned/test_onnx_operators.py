@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
+from scipy.spatial.distance import cdist
 
 from phyfilter_ctl.learned import OnnxNetwork
 from phyfilter_ctl.learned.onnx._operators import OPERATORS
@@ -60,7 +61,7 @@ CASES: dict[str, Case] = {
     **{
         name.lower(): one(name)
         for name in (
-            *("Abs", "Cos", "Elu", "Exp", "Identity", "Mish", "Neg"),
+            *("Abs", "Atan", "Cos", "Elu", "Exp", "Identity", "Mish", "Neg"),
             *("Reciprocal", "Relu", "Selu", "Sigmoid", "Sign", "Sin", "Softplus", "Softsign", "Tanh"),
         )
     },
@@ -152,6 +153,50 @@ CASES: dict[str, Case] = {
     "cast": one("Cast", to=TensorProto.DOUBLE),
     "dropout": one("Dropout"),
     "shapes": Case(SHAPES, {"first": np.array([0]), "one": np.array([1]), "W": W[:, :2]}, shape=("N", 3, 1)),
+    "branches": Case(
+        [
+            ("Greater", ["z", "c"], ["above"], {}),
+            ("LessOrEqual", ["z", "d"], ["below"], {}),
+            ("And", ["above", "below"], ["between"], {}),
+            ("Mul", ["z", "z"], ["square"], {}),
+            ("Where", ["between", "square", "c"], ["f"], {}),
+        ],
+        {"c": 0.1 * ROW, "d": np.array(2.0)},
+    ),
+    "other branches": Case(
+        [
+            ("Less", ["z", "c"], ["below"], {}),
+            ("GreaterOrEqual", ["z", "d"], ["above"], {}),
+            ("Or", ["above", "below"], ["outside"], {}),
+            ("Not", ["outside"], ["between"], {}),
+            ("Where", ["between", "z", "d"], ["v"], {}),
+            ("Equal", ["z", "z"], ["same"], {}),
+            ("IsNaN", ["z"], ["not a number"], {}),
+            ("Or", ["not a number", "same"], ["always"], {}),
+            ("Where", ["always", "v", "c"], ["f"], {}),
+        ],
+        {"c": 0.1 * ROW, "d": np.array(2.0)},
+    ),
+    "reduce min": one("ReduceMin", np.array([1]), shape=CUBE),
+    "reduce prod": one("ReduceProd", np.array([1])),
+    "reduce norms": Case(
+        [
+            ("ReduceL1", ["z", "axis"], ["a"], {}),
+            ("ReduceL2", ["z", "axis"], ["b"], {}),
+            ("ReduceSumSquare", ["z", "axis"], ["c"], {}),
+            ("Concat", ["a", "b", "c"], ["f"], {"axis": 1}),
+        ],
+        {"axis": np.array([1])},
+    ),
+    "array feature extractor": one("ai.onnx.ml.ArrayFeatureExtractor", np.array([2, 0])),
+    "linear regressor": one(
+        "ai.onnx.ml.LinearRegressor",
+        coefficients=[0.5, 1.0, 2.0, -1.0, 0.25, 3.0],
+        intercepts=[1.0, -2.0],
+        targets=2,
+    ),
+    "distances": one("com.microsoft.CDist", W.T.copy(), metric="euclidean"),
+    "squared distances": one("com.microsoft.CDist", W.T.copy(), metric="sqeuclidean"),
     "scaler": one("ai.onnx.ml.Scaler", offset=[0.5, 1.0, 2.0], scale=[2.0, 0.25, -1.0]),
     **{
         f"normalizer, {norm}": one(
@@ -176,8 +221,18 @@ def model_of(case: Case) -> onnx.ModelProto:
         [helper.make_tensor_value_info("f", TensorProto.DOUBLE, None)],
         [numpy_helper.from_array(np.asarray(value), name) for name, value in case.constants.items()],
     )
-    versions = [helper.make_opsetid("", case.opset), helper.make_opsetid("ai.onnx.ml", 3)]
+    others = (("ai.onnx.ml", 3), ("com.microsoft", 1))
+    versions = [helper.make_opsetid("", case.opset), *(helper.make_opsetid(*other) for other in others)]
     return helper.make_model(graph, opset_imports=versions, ir_version=9)
+
+
+class CDist(importlib.import_module("onnx.reference.op_run").OpRun):  # type: ignore[misc]  # of a module named at run time
+    """ONNX Runtime's own, which the reference does not know."""
+
+    op_domain = "com.microsoft"
+
+    def _run(self, a: np.ndarray, b: np.ndarray, metric: str = "") -> tuple[np.ndarray]:
+        return (cdist(a, b, metric),)
 
 
 def rows_of(case: Case) -> np.ndarray:
@@ -195,7 +250,7 @@ def test_value_is_that_of_the_reference(name: str) -> None:
     if case.opset > onnx.defs.onnx_opset_version():
         pytest.skip(f"this onnx knows operators up to version {onnx.defs.onnx_opset_version()}")
     z = rows_of(case)
-    (expected,) = ReferenceEvaluator(model_of(case)).run(None, {"z": z})
+    (expected,) = ReferenceEvaluator(model_of(case), new_ops=[CDist]).run(None, {"z": z})
     f = network_of(case).predict(z.reshape(ROWS, -1))
     np.testing.assert_allclose(f, np.asarray(expected).reshape(ROWS, -1), rtol=0.0, atol=case.rounding * 30.0)
 

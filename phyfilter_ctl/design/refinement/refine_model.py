@@ -20,6 +20,7 @@ from numpy.typing import ArrayLike
 
 from ...filter import SampledPhyFilter
 from ...learned import LearnedModel, Network
+from ...learned.model import expect_model
 from ...recording import Recording
 from ...results import Result, Status
 from . import regression
@@ -227,6 +228,7 @@ def score_model(
     ValueError, TypeError
         As for :func:`refine`.
     """
+    expect_model(model)
     sampled = regression.checked_filter(filter)
     flights = regression.checked_logs("logs", logs, sampled.dt)
     if not flights:

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..._sections import FloatArray
 from ...filter import SampledPhyFilter
 from ...learned import LearnedModel
+from ...learned.model import expect_model
 from ...recording import Recording
 
 M = TypeVar("M", bound=LearnedModel)
@@ -34,6 +35,7 @@ class Tuned(Generic[M]):
     @classmethod
     def of(cls, model: M, trainable: slice | ArrayLike | None) -> Tuned[M]:
         """Of a fitted model, with some of its parameters moving; None: all."""
+        expect_model(model)
         count = len(model.parameters)
         if count == 0:
             raise ValueError("the model has no parameters to refine: fit it first")

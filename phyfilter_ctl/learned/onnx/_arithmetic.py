@@ -97,6 +97,18 @@ def divide(call: Call) -> Tensor:
     return elementwise(lambda a, b: a / b, call[0], call[1])
 
 
+def compared(function: Callable[[Column, Column], Column]) -> Rule:
+    def rule(call: Call) -> Tensor:
+        return replace(elementwise(function, call[0], call[1]), whole=False)
+
+    return rule
+
+
+def where(call: Call) -> Tensor:
+    condition, a, b = call[0], call[1], call[2]
+    return replace(elementwise(fn.where, condition, a, b), whole=a.whole and b.whole)
+
+
 def raised(call: Call) -> Tensor:
     power = elementwise(fn.power, call[0], call[1])
     return replace(power, whole=False)
@@ -150,7 +162,7 @@ def _axes(call: Call) -> list[int]:
     return [axis_of(axis, rank) for axis in given]
 
 
-def reduced(function: Callable[..., Tensor], *, mean: bool = False) -> Rule:
+def reduced(function: Callable[..., Tensor], *, mean: bool = False) -> Callable[[Call], Tensor]:
     def rule(call: Call) -> Tensor:
         axes = _axes(call)
         if not axes:
@@ -160,6 +172,43 @@ def reduced(function: Callable[..., Tensor], *, mean: bool = False) -> Rule:
         return replace(elementwise(lambda v: v / count, result), whole=False) if mean else result
 
     return rule
+
+
+def norm(call: Call) -> Tensor:
+    """Root of the sum of squares along axes."""
+    result = reduced(total_of(lambda v: v * v))(call)
+    return replace(elementwise(fn.sqrt, result), whole=False)
+
+
+def total_of(function: Callable[[Column], Column]) -> Callable[..., Tensor]:
+    """The sum along axes of a function of each number."""
+    return lambda v, axes, *, keep=True: total(elementwise(function, v), axes, keep=keep)
+
+
+def distances(call: Call) -> Tensor:
+    """From each row of one matrix to each of another: kernels of Gaussian processes are made of them."""
+    a, b, metric = call[0], call[1], call.text("metric", "sqeuclidean")
+    if metric not in ("sqeuclidean", "euclidean") or len(a.shape) != 2 or len(b.shape) != 2:
+        raise RefusedError(
+            f"expected Euclidean distances of rows of matrices, got {metric!r} of {a.shape}, {b.shape}"
+        )
+    apart = elementwise(
+        lambda a, b: a - b, a.reshaped((a.shape[0], 1, a.shape[1])), b.reshaped((1, *b.shape))
+    )
+    squares = total(elementwise(lambda v: v * v, apart), [2], keep=False)
+    return squares if metric == "sqeuclidean" else elementwise(fn.sqrt, squares)
+
+
+def linear_regressor(call: Call) -> Tensor:
+    given = call.node.attributes
+    C, b = (np.array(given.get(name, ()), dtype=float) for name in ("coefficients", "intercepts"))
+    targets = call.integer("targets", 1)
+    if call.text("post_transform", "NONE") != "NONE":
+        raise RefusedError(f"the post_transform {call.text('post_transform', '')!r} is not supported")
+    if targets < 1 or C.size % targets or b.size not in (0, targets):
+        raise RefusedError(f"{C.size} coefficients and {b.size} intercepts do not fit {targets} targets")
+    product = matmul(call[0], Tensor.of(C.reshape(targets, -1).T))
+    return elementwise(lambda v, b: v + b, product, Tensor.of(b)) if b.size else product
 
 
 def _centred(v: Tensor, axes: list[int]) -> tuple[Tensor, Tensor]:

@@ -7,6 +7,7 @@
 
 from __future__ import annotations
 
+import operator
 from collections.abc import Callable, Sequence
 from typing import Any, cast
 
@@ -120,6 +121,7 @@ sqrt = _unary("sqrt", np.sqrt, lambda v, y: 0.5 / y)
 tanh = _unary("tanh", np.tanh, lambda v, y: 1.0 - y**2)
 sin = _unary("sin", np.sin, lambda v, y: np.cos(v))
 cos = _unary("cos", np.cos, lambda v, y: -np.sin(v))
+atan = _unary("atan", np.arctan, lambda v, y: 1.0 / (1.0 + v**2))
 erf = _unary("erf", _erf, lambda v, y: 2.0 / np.sqrt(np.pi) * np.exp(-(v**2)))
 
 
@@ -135,6 +137,31 @@ def fmin(a: Column, b: Column) -> Column:
     if isinstance(a, _SYMBOLIC) or isinstance(b, _SYMBOLIC):
         return ca.fmin(a, b)
     return _binary(np.minimum, a, b, lambda a, b: _above(b, a), _above)
+
+
+def compared(name: str, function: Callable[..., NDArray[np.bool_]]) -> Callable[[Column, Column], Column]:
+    """A comparison, 1 where it holds and 0 elsewhere; it has no slope."""
+    symbolic = getattr(operator, name)
+
+    def apply(a: Column, b: Column) -> Column:
+        if isinstance(a, _SYMBOLIC) or isinstance(b, _SYMBOLIC):
+            return symbolic(a, b)
+        return function(array(a), array(b)).astype(float)
+
+    return apply
+
+
+def where(condition: Column, a: Column, b: Column) -> Column:
+    """a where the condition holds, b elsewhere, entry by entry; what is not taken has no slope."""
+    if any(isinstance(v, _SYMBOLIC) for v in (condition, a, b)):
+        return ca.if_else(condition, a, b)
+    holds = array(condition) != 0.0
+    value = np.where(holds, array(a), array(b))
+    origins: list[tuple[Traced, Pull]] = []
+    for v, taken in ((a, holds), (b, ~holds)):
+        if isinstance(v, Traced):
+            origins.append((v, lambda cotangent, taken=taken: np.where(taken, cotangent, 0.0)))
+    return Traced(value, origins) if origins else value
 
 
 def power(a: Column, b: Column) -> Column:

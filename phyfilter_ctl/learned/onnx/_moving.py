@@ -69,6 +69,13 @@ def gather(call: Call) -> Tensor:
     return v.moved(np.take(v.places, indices.astype(np.intp), axis=axis))
 
 
+def features(call: Call) -> Tensor:
+    """Entries along the last axis."""
+    v = call[0].reshaped((1, *call[0].shape)) if len(call[0].shape) == 1 else call[0]
+    chosen = np.array(call[1].whole_numbers("the indices"), dtype=np.intp)
+    return v.moved(np.take(v.places, chosen, axis=-1))
+
+
 def reshape(call: Call) -> Tensor:
     v, shape = call[0], list(call.listed("shape", 1) or [])
     if not call.integer("allowzero", 0):

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from ._operators import OPERATORS
 from .graph import MOST_NODES, MOST_NUMBERS, Array, Attribute, OnnxGraph, OnnxNode, RefusedError
 
 if TYPE_CHECKING:
@@ -96,7 +97,8 @@ def _graph(model: onnx.ModelProto, folder: Path | None) -> OnnxGraph:
 
 def _node(node: onnx.NodeProto, folder: Path | None) -> OnnxNode:
     operator = node.op_type if node.domain in ("", "ai.onnx") else f"{node.domain}.{node.op_type}"
-    attributes = {a.name: _attribute(a, operator, folder) for a in node.attribute}
+    read = operator in OPERATORS or operator == "Constant"  # others are refused by name, whatever they hold
+    attributes = {a.name: _attribute(a, operator, folder) for a in node.attribute} if read else {}
     inputs = list(node.input)
     while inputs and not inputs[-1]:
         inputs.pop()

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import reduce
+from functools import partial, reduce
 
 import casadi as ca
 import numpy as np
@@ -142,11 +142,16 @@ def total(tensor: Tensor, axes: Sequence[int], *, keep: bool = True) -> Tensor:
     )
 
 
-def greatest(tensor: Tensor, axes: Sequence[int], *, keep: bool = True) -> Tensor:
-    """Greatest entry along axes."""
+def folded(
+    function: Callable[[Column, Column], Column], tensor: Tensor, axes: Sequence[int], *, keep: bool = True
+) -> Tensor:
+    """A function of two numbers, over the entries along axes one after the other."""
     return _along(
-        lambda column, count: reduce(fmax, (column[i::count] for i in range(count))), tensor, axes, keep
+        lambda column, count: reduce(function, (column[i::count] for i in range(count))), tensor, axes, keep
     )
+
+
+greatest = partial(folded, fmax)
 
 
 def joined(tensors: Sequence[Tensor], axis: int) -> Tensor:

@@ -28,7 +28,7 @@ _UNFIT = (
     NotImplementedError,
     MemoryError,
 )
-_WAY_ROUND = "fit a Network to its predictions, or give f_theta as a signal"
+_WAY_ROUND = "fit a Network to its predictions, give its predict to learned_model as a function, or f_theta as a signal"
 
 
 @dataclass(frozen=True, eq=False)

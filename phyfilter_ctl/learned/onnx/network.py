@@ -87,12 +87,14 @@ class OnnxNetwork:
         """Read a network from an ONNX file, or from the bytes of one.
 
         The graph must have one input (N, n_z), or (N, ...) taken as its numbers by rows, and one output. Supported
-        operators: Abs, Add, BatchNormalization, Cast, Celu, Clip, Concat, Constant, ConstantOfShape, Cos, Div,
-        Dropout, Elu, Erf, Exp, Expand, Flatten, Gather, Gelu, Gemm, HardSigmoid, HardSwish, Identity,
-        LayerNormalization, LeakyRelu, Log, LogSoftmax, MatMul, Max, Mean, Min, Mish, Mul, Neg, PRelu, Pow,
-        RMSNormalization, Reciprocal, ReduceMax, ReduceMean, ReduceSum, Relu, Reshape, Selu, Shape, Sigmoid, Sign, Sin,
-        Slice, Softmax, Softplus, Softsign, Split, Sqrt, Squeeze, Sub, Sum, Swish, Tanh, Transpose, Unsqueeze,
-        ai.onnx.ml.Normalizer, ai.onnx.ml.Scaler.
+        operators: Abs, Add, And, Atan, BatchNormalization, Cast, Celu, Clip, Concat, Constant, ConstantOfShape, Cos,
+        Div, Dropout, Elu, Equal, Erf, Exp, Expand, Flatten, Gather, Gelu, Gemm, Greater, GreaterOrEqual, HardSigmoid,
+        HardSwish, Identity, IsNaN, LayerNormalization, LeakyRelu, Less, LessOrEqual, Log, LogSoftmax, MatMul, Max,
+        Mean, Min, Mish, Mul, Neg, Not, Or, PRelu, Pow, RMSNormalization, Reciprocal, ReduceL1, ReduceL2, ReduceMax,
+        ReduceMean, ReduceMin, ReduceProd, ReduceSum, ReduceSumSquare, Relu, Reshape, Selu, Shape, Sigmoid, Sign, Sin,
+        Slice, Softmax, Softplus, Softsign, Split, Sqrt, Squeeze, Sub, Sum, Swish, Tanh, Transpose, Unsqueeze, Where,
+        ai.onnx.ml.ArrayFeatureExtractor, ai.onnx.ml.LinearRegressor, ai.onnx.ml.Normalizer, ai.onnx.ml.Scaler,
+        com.microsoft.CDist.
 
         Parameters
         ----------
