@@ -17,7 +17,8 @@ hand it over    :func:`export_c`, :func:`export_fmu`, :func:`export_ssp`
 co-simulate     :func:`import_fmu`, :func:`cosimulate`
 keep it         :func:`save`, :func:`load` (TOML)
 answers         :class:`Result`, :class:`Status`: what every answer has in common
-data            :class:`Recording`, :func:`split_by_speed`; :func:`open_log`: robots' own logs
+data            :class:`Recording`, :func:`split_by_speed`; :func:`open_log`: robots' own logs; :class:`Robot`: what
+                is in them
 models of f     :func:`learned_model` (scikit-learn, PyTorch, ONNX, functions), :mod:`phyfilter_ctl.learned`
 others' ways    :mod:`phyfilter_ctl.baselines`
 your own study  :mod:`phyfilter_ctl.study`

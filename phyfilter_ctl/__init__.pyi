@@ -54,6 +54,7 @@ from .logfiles import LogFile, Signal, Topic, open_log
 from .plants import Plant, plant
 from .recording import Recording, split_by_speed, split_flights
 from .results import Result, Status
+from .robot import Robot, RobotCheck
 from .simulation import (
     Sensitivity,
     SimulationResponse,
@@ -89,6 +90,8 @@ __all__ = [
     "PriorMargin",
     "Recording",
     "Result",
+    "Robot",
+    "RobotCheck",
     "SampledBlock",
     "SampledPhyFilter",
     "Sampling",

@@ -13,6 +13,7 @@ from scipy.linalg import expm
 
 from .. import _signals
 from .._sections import FloatArray
+from .._units import unit_definition
 from ..blocks import SampledBlock
 from ..blocks.functions import BlockFunctions
 from .archive import ArchiveLimits
@@ -21,7 +22,6 @@ from .importing import import_fmu
 from .importing_steps import FmuSteps
 from .inspect import FmuDescription, FmuUnit, Scalar
 from .instance import FmuInstance
-from .units import unit_definition
 from .unpacked import UnpackedFmu
 
 __all__ = ["FmuPart", "SystemPart", "make_part"]

@@ -9,8 +9,8 @@ from datetime import UTC, datetime
 from importlib.metadata import PackageNotFoundError, version
 from math import isinf, isnan
 
+from .._units import UnitDefinition, unit_definition
 from .description import FmuInterface, InterfaceVariable
-from .units import UnitDefinition, unit_definition
 
 __all__ = ["build_description", "log_categories", "model_description", "terminals_and_icons"]
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from .. import _signals
 from .._sections import FloatArray
@@ -51,22 +51,46 @@ def channel_names(channels: Sequence[str] | None, n_x: int) -> tuple[str, ...]:
     return names
 
 
+def usable_or_nan(
+    name: str, values: FloatArray, columns: Sequence[str] | None, *, finite: bool
+) -> FloatArray:
+    """The values, NaN where they are no numbers to reckon with; such are refused where all must be finite."""
+    if finite:
+        _signals.refuse_unusable(name, values, columns)
+        return values
+    return values if _signals.usable(values) else np.where(_signals.unusable(values), np.nan, values)
+
+
 def signal(
-    name: str, values: ArrayLike | None, shape: tuple[int, int], channels: Sequence[str]
+    name: str,
+    values: ArrayLike | None,
+    shape: tuple[int, int],
+    channels: Sequence[str],
+    *,
+    finite: bool = True,
 ) -> FloatArray | None:
-    """A finite signal of the shape of x."""
+    """A signal of the shape of x."""
     if values is None:
         return None
     array = _signals.array(name, columned(name, values, shape[1]), shape, beside="x", finite=False)
-    _signals.refuse_unusable(name, array, channels)
-    return array
+    return usable_or_nan(name, array, channels, finite=finite)
 
 
-def features_of(values: ArrayLike | None, n: int) -> FloatArray | None:
-    """Finite features, shape (n, n_z)."""
+def refuse_gaps(name: str, missing: NDArray[np.bool_]) -> None:
+    """Raise for a log with gaps, where none can be used."""
+    if missing.any():
+        raise ValueError(
+            f"{f'log {name!r}' if name else 'log'}: expected no gaps, got {int(missing.sum())} rows that miss a "
+            f"signal, the first row {int(np.argmax(missing))}; give log.pieces(), the logs between the gaps"
+        )
+
+
+def features_of(values: ArrayLike | None, n: int, *, finite: bool = True) -> FloatArray | None:
+    """Features, shape (n, n_z)."""
     if values is None:
         return None
-    return _signals.array("features", columned("features", values), (n, "n_z"), beside="x")
+    array = _signals.array("features", columned("features", values), (n, "n_z"), beside="x", finite=finite)
+    return usable_or_nan("features", array, None, finite=finite)
 
 
 def inertia_varies(inertia: FloatArray, n: int) -> bool:

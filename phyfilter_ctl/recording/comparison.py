@@ -47,13 +47,13 @@ class EstimateComparison(Result):
 
     @cached_property
     def channel_rmse(self) -> dict[str, FloatArray]:
-        """Root-mean-square error of each channel, (n_x,) each; without the first sample, where f_hat = f_theta."""
-        return {name: np.sqrt(np.mean(values[1:] ** 2, axis=0)) for name, values in self.errors.items()}
+        """Root-mean-square error of each channel, (n_x,) each; without the first sample, f_hat = f_theta, and gaps."""
+        return {name: np.sqrt(np.nanmean(values[1:] ** 2, axis=0)) for name, values in self.errors.items()}
 
     @cached_property
     def rmse(self) -> dict[str, float]:
         """Root-mean-square error over samples and channels; without the first sample, where f_hat = f_theta."""
-        return {name: float(np.sqrt(np.mean(values[1:] ** 2))) for name, values in self.errors.items()}
+        return {name: float(np.sqrt(np.nanmean(values[1:] ** 2))) for name, values in self.errors.items()}
 
     def plot(self, *, ax: Sequence[Axes] | None = None) -> ct.ControlPlot:
         """Label and estimates of each channel over time, above a strip with the errors and their RMSE.

@@ -23,6 +23,10 @@ def description(log: Recorded) -> str:
     unit = f" {log.unit}" if log.unit else ""
     width = max(6, *(len(channel) for channel in log.channels))
     for channel, values in zip(log.channels, log.x.T, strict=True):
+        values = values[np.isfinite(values)]
+        if not len(values):
+            lines.append(f"    {channel:<{width}}  nothing but gaps")
+            continue
         low, high, mean = values.min(), values.max(), values.mean()
         lines.append(f"    {channel:<{width}}  {low:.4g} to {high:.4g}{unit}, mean {mean:.4g}")
     return "\n".join([*lines, f"  signals   {_signals_held(log)}"])
@@ -55,4 +59,5 @@ def _signals_held(log: Recorded) -> str:
         held.append(f"inertia ({'one a sample' if inertia_varies(log.inertia, log.n) else 'constant'})")
     if log.features is not None:
         held.append(f"features ({log.features.shape[1]})")
-    return ", ".join(held) or "x alone"
+    gaps = int(log.missing.sum())
+    return (", ".join(held) or "x alone") + (f"; {gaps} rows with gaps" if gaps else "")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import timedelta
 from typing import Literal, Self
 
@@ -119,6 +119,36 @@ class Parts(Recorded):
                 f"fraction {fraction} splits {self.n} samples into {cut} and {self.n - cut}, expected at least 2 each"
             )
         return self.segment(0, cut), self.segment(cut)
+
+    def pieces(self, *, shortest: int = 2) -> tuple[Self, ...]:
+        """The logs between the gaps, where no signal is NaN; (the log itself,) where there are none.
+
+        A g that is missing in row k spoils the step to the next sample, which begins a new piece.
+
+        Parameters
+        ----------
+        shortest : int
+            Least number of samples of a piece, 2 or more; shorter ones are left out.
+
+        Raises
+        ------
+        ValueError
+            If ``shortest`` is below 2.
+
+        Examples
+        --------
+        >>> from phyfilter_ctl.recording import Recording
+        >>> log = Recording.from_arrays(x=[0.0, 0.1, float("nan"), 0.4, 0.5, 0.6], dt=0.5, nonfinite="keep")
+        >>> [piece.times.tolist() for piece in log.pieces()]
+        [[0.0, 0.5], [1.5, 2.0, 2.5]]
+        """
+        if shortest < 2:
+            raise ValueError(f"shortest: expected 2 samples or more, got {shortest}")
+        edges = np.flatnonzero(np.diff(np.concatenate([[True], self.missing, [True]]).astype(int)))
+        pairs = edges.reshape(-1, 2)
+        return tuple(
+            replace(self.segment(a, b), nonfinite="raise") for a, b in pairs.tolist() if b - a >= shortest
+        )
 
     def decimate(self, k: int) -> Self:
         """Every k-th sample from the first on. Nothing is filtered before: faster content aliases.

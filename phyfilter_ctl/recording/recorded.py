@@ -6,10 +6,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from types import EllipsisType
-from typing import Self
+from typing import Literal, Self, get_args
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from .. import _signals
 from .._sections import FloatArray
@@ -20,6 +20,8 @@ from .resampling import Pick
 # as little. Rounding of the times themselves (large ones have few digits left for the step) is allowed on top.
 _UNIFORM = 1e-6
 _ROUNDING = 4.0 * np.finfo(float).eps
+
+NonFinite = Literal["raise", "keep"]
 
 
 @dataclass(frozen=True, init=False, eq=False, repr=False)
@@ -36,6 +38,7 @@ class Recorded:
     name: str
     channels: tuple[str, ...]
     unit: str
+    nonfinite: NonFinite
 
     def __init__(
         self,
@@ -50,26 +53,34 @@ class Recorded:
         name: str = "",
         channels: Sequence[str] | None = None,
         unit: str = "",
+        nonfinite: NonFinite = "raise",
     ) -> None:
+        if nonfinite not in get_args(NonFinite):
+            raise ValueError(f"nonfinite: expected 'raise' or 'keep', got {nonfinite!r}")
+        finite = nonfinite == "raise"
         channels = _signals.labels(x) if channels is None else channels
         x = checks.measured(x)
         n, n_x = x.shape
         names = checks.channel_names(channels, n_x)
         times = _signals.sample_times("times", times, n)
-        _signals.refuse_unusable("x", x, names)
+        x = checks.usable_or_nan("x", x, names, finite=finite)
         signals = {"g": g, "f_theta": f_theta, "label": label}
+        M = None if inertia is None else _signals.inertia("inertia", inertia, n_x, n, finite=finite)
         checked = {
             "times": times,
             "x": x,
-            **{key: checks.signal(key, value, (n, n_x), names) for key, value in signals.items()},
-            "inertia": None if inertia is None else _signals.inertia("inertia", inertia, n_x, n),
-            "features": checks.features_of(features, n),
+            **{
+                key: checks.signal(key, value, (n, n_x), names, finite=finite)
+                for key, value in signals.items()
+            },
+            "inertia": M,
+            "features": checks.features_of(features, n, finite=finite),
         }
         for key, value in checked.items():
             if value is not None:
                 value.flags.writeable = False
             object.__setattr__(self, key, value)
-        for key, text in (("name", name), ("channels", names), ("unit", unit)):
+        for key, text in (("name", name), ("channels", names), ("unit", unit), ("nonfinite", nonfinite)):
             object.__setattr__(self, key, text)
 
     @classmethod
@@ -87,12 +98,13 @@ class Recorded:
         name: str = "",
         channels: Sequence[str] | None = None,
         unit: str = "",
+        nonfinite: NonFinite = "raise",
     ) -> Self:
         """A log from arrays.
 
         Parameters
         ----------
-        x, times, g, f_theta, label, inertia, features, name, channels, unit
+        x, times, g, f_theta, label, inertia, features, name, channels, unit, nonfinite
             As for the class.
         dt : float, optional
             Sampling interval in s, instead of ``times``; the first sample is then at 0. Exactly one of the two.
@@ -121,6 +133,7 @@ class Recorded:
             name=name,
             channels=channels,
             unit=unit,
+            nonfinite=nonfinite,
         )
 
     def __len__(self) -> int:
@@ -141,6 +154,16 @@ class Recorded:
     def duration(self) -> float:
         """Time from the first sample to the last, s."""
         return float(self.times[-1] - self.times[0])
+
+    @cached_property
+    def missing(self) -> NDArray[np.bool_]:
+        """Rows (N,) in which a signal or the inertia is NaN; none unless ``nonfinite`` is "keep"."""
+        rows = np.zeros(self.n, dtype=bool)
+        for key in ("x", "g", "f_theta", "label", "inertia", "features") if self.nonfinite == "keep" else ():
+            value = getattr(self, key)
+            if value is not None and (key != "inertia" or checks.inertia_varies(value, self.n)):
+                rows |= np.isnan(value.reshape(self.n, -1)).any(axis=1)
+        return rows
 
     @cached_property
     def is_uniform(self) -> bool:
@@ -229,6 +252,7 @@ class Recorded:
             key for key in ("g", "f_theta", "label", "inertia", "features") if getattr(self, key) is not None
         ]
         signals = f"; {', '.join(held)}" if held else ""
+        signals += f"; {gaps} rows with gaps" if (gaps := int(self.missing.sum())) else ""
         channels = ", ".join(self.channels)
         return (
             f"Recording({name}{self.n} samples of {channels}{unit}, {self.duration:.6g} s, {step}{signals})"

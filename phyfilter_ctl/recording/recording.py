@@ -56,15 +56,19 @@ class Recording(Parts, Stored):
         x[1], ...
     unit : str
         Unit of x.
+    nonfinite : {"raise", "keep"}
+        What a number does that is NaN, infinite, masked or beyond 1e150: "raise" refuses it, "keep" keeps it as NaN, a
+        gap. ``missing`` tells the rows, ``pieces()`` are the logs between them; a filter sampled with
+        ``nonfinite="hold"`` runs across them, and learning refuses them.
 
     Raises
     ------
     TypeError
         If an array is not of real numbers, or times are text, or some have a time zone and some do not.
     ValueError
-        If a shape is wrong, a value is not finite, is masked or is beyond 1e150, or a time stands still or runs back
-        (the row is named, counted from 0), if there are fewer than two samples, or if ``inertia`` is (n_x, n_x) with
-        N == n_x, which could also mean (N, n_x).
+        If a shape is wrong, a value is not finite, is masked or is beyond 1e150 (unless kept), or a time stands still
+        or runs back (the row is named, counted from 0), if there are fewer than two samples, or if ``inertia`` is
+        (n_x, n_x) with N == n_x, which could also mean (N, n_x).
 
     Examples
     --------
@@ -111,7 +115,12 @@ class Recording(Parts, Stored):
         checked = {
             name: value
             for name, given in (*estimates.items(), ("f_theta", self.f_theta))
-            if (value := checks.signal(name, given, self.x.shape, self.channels)) is not None
+            if (
+                value := checks.signal(
+                    name, given, self.x.shape, self.channels, finite=self.nonfinite == "raise"
+                )
+            )
+            is not None
         }
         if not checked:
             raise ValueError("estimates: expected at least one estimate, and the log has no f_theta either")

@@ -21,6 +21,7 @@ from fmpy.build import build_platform_binary
 from fmpy.validation import validate_fmu
 
 import phyfilter_ctl as pf
+from phyfilter_ctl._units import unit_definition
 from phyfilter_ctl.blocks.functions import BlockFunctions, Variable
 from phyfilter_ctl.codegen import CompilerError, diagram_model
 from phyfilter_ctl.fmi.build import build_binaries
@@ -28,7 +29,6 @@ from phyfilter_ctl.fmi.description import FmuExperiment, FmuSolver, fmu_interfac
 from phyfilter_ctl.fmi.description_xml import model_description
 from phyfilter_ctl.fmi.export import export_fmu
 from phyfilter_ctl.fmi.glue import glue_source
-from phyfilter_ctl.fmi.units import unit_definition
 
 VERSIONS = ("2.0", "3.0")
 # Tests that compile: FMI 3.0 stands for both, CI runs both.

@@ -111,9 +111,10 @@ def test_policy_states_the_versions_of_files():
     from phyfilter_ctl.filterfile import document
     from phyfilter_ctl.fmi import recipes
     from phyfilter_ctl.learned import _files
+    from phyfilter_ctl.robot import document as robot
 
     text = (DOCS / "policy.md").read_text()
-    for module in (document, live_state, recipes, _files):
+    for module in (document, live_state, recipes, _files, robot):
         row = next(line for line in text.splitlines() if f'"{module.FORMAT}"' in line)
         assert row.rstrip(" |").endswith(f" {module.VERSION}")
     header = (ROOT / "phyfilter_ctl/codegen/runtime/pf_filter.h").read_text()

@@ -11,6 +11,7 @@ import numpy as np
 from ..._sections import FloatArray
 from ...filter import PaperFilter, SampledPhyFilter
 from ...recording import Recording
+from ...recording.checks import refuse_gaps
 from ...results import Result
 from .costs import SquaredError, StageCost
 from .rollout import Carry, Form, Rollout, RolloutInputs
@@ -138,6 +139,7 @@ def record_of(rollout: Rollout, log: Recording, f_theta: FloatArray | None = Non
         raise ValueError(
             f"{name}: expected equal steps of {dt:g} s as in the filter, got {steps}; use resample({dt:g})"
         )
+    refuse_gaps(log.name, log.missing)
     f_theta = log.f_theta if f_theta is None else f_theta
     return Record(rollout.inputs(log.x, log.g, f_theta, log.inertia), log.label)
 

@@ -13,6 +13,7 @@ from ..._sections import FloatArray
 from ...filter import PhyFilter, record
 from ...filter.sampling import Rule
 from ...recording import Recording
+from ...recording.checks import refuse_gaps
 
 # Residuals that vary by less than this of their size are constant: rounding of x over a step.
 _CONSTANT = 1e-9
@@ -170,6 +171,7 @@ def _reduced(
     log: Recording, label: FloatArray, columns: list[int], g: Rule, f_theta: Rule
 ) -> tuple[FloatArray, FloatArray, float, FloatArray | None]:
     """u, gamma*, the (mean) step, and the steps where they differ."""
+    refuse_gaps(log.name, log.missing)
     m = log.n - 1
     dt = log.duration / m
     steps = None if log.is_uniform else np.diff(log.times)

@@ -1,4 +1,4 @@
-"""Unit strings as SI exponents, for FMI's UnitDefinitions."""
+"""Unit strings as SI factors and exponents: units of FMUs and of recorded signals."""
 
 from __future__ import annotations
 

@@ -1,0 +1,134 @@
+"""A first version of a robot file for a log, with comments to complete it by."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
+
+from ..filterfile.table import parsed
+from .document import FORMAT, VERSION, preset_path, presets
+
+if TYPE_CHECKING:
+    from ..logfiles import LogFile, Topic
+
+__all__ = ["describe_log"]
+
+_WIDE = 100
+
+
+def describe_log(log: LogFile) -> str:
+    """A first robot file for a log: the preset whose topics it has, else a form to fill in, and all that it holds.
+
+    Parameters
+    ----------
+    log : LogFile
+
+    Returns
+    -------
+    str
+        TOML; what has to be filled in is marked by ``FILL IN``.
+
+    Examples
+    --------
+    >>> import pathlib, tempfile
+    >>> from phyfilter_ctl import open_log
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     path = pathlib.Path(folder) / "short.csv"
+    ...     _ = path.write_text("t,v,u\\n0,0.0,1.0\\n1,0.1,1.0\\n")
+    ...     print(describe_log(open_log(path, time_unit="s")).splitlines()[0])
+    # Robot of short.csv: M x' = g + f
+    """
+    scores = {name: _share(name, log) for name in presets()}
+    best = max(scores, key=lambda name: scores[name])
+    body = _from_preset(best, log) if scores[best] > 0.5 else _form(log)
+    head = [
+        f"# Robot of {log.path.name}: M x' = g + f",
+        f'format = "{FORMAT}"',
+        f"version = {VERSION}",
+    ]
+    return "\n".join([*head, *body, "", "# The log holds:", *_contents(log)]) + "\n"
+
+
+def _table(values: Mapping[str, object], key: str) -> dict[str, object]:
+    found = values.get(key)
+    return dict(found) if isinstance(found, dict) else {}
+
+
+def _share(name: str, log: LogFile) -> float:
+    """Share of a preset's signals that the log has."""
+    signals = _table(parsed(preset_path(name)), "signals")
+    there = [_has(_table(signals, signal), log) for signal in signals]
+    return sum(there) / len(there)
+
+
+def _has(signal: Mapping[str, object], log: LogFile) -> bool:
+    topics = [t for t in log.topics if t.name == signal.get("topic", t.name)]
+    fields = signal.get("fields", [signal.get("field")])
+    names = [str(name) for name in fields] if isinstance(fields, list) else []
+    return any(set(names) <= _names(topic) for topic in topics)
+
+
+def _names(topic: Topic) -> set[str]:
+    elements = {f"{f.name}[{i}]" for f in topic.fields for i in range(f.shape[0] if f.shape else 0)}
+    return {field.name for field in topic.fields} | elements
+
+
+def _from_preset(name: str, log: LogFile) -> list[str]:
+    values = parsed(preset_path(name))
+    asks, signals = _table(values, "asks"), _table(values, "signals")
+    lines = [f'preset = "{name}"    # its keys may be given here again, one by one', ""]
+    if asks:
+        lines += ["[constants]", *(f"{key} = 0.0    # FILL IN: {what}" for key, what in asks.items())]
+    if "mechanism" in values:
+        lines += ["[mechanism]", 'file = "robot.urdf"    # FILL IN', "joints = []    # FILL IN"]
+    missing = [key for key in signals if not _has(_table(signals, key), log)]
+    for key in missing:
+        given = {k: v for k, v in _table(signals, key).items() if k in ("topic", "field", "fields")}
+        lines += ["", f"[signals.{key}]    # FILL IN: the log has not what the preset reads: {given}"]
+    return lines
+
+
+def _form(log: LogFile) -> list[str]:
+    topic = max(log.topics, key=lambda t: t.count)
+    named = f'topic = "{topic.name}"' if len(log.topics) > 1 else ""
+    return [
+        "",
+        "[constants]",
+        "mass = 0.0    # FILL IN: kg",
+        "gravity = 9.80665    # m/s^2",
+        "",
+        "[signals.v]    # FILL IN: the velocity",
+        *([named] if named else []),
+        'fields = ["vx", "vy", "vz"]',
+        'unit = "m/s"',
+        'frame = "ENU"    # or NED, NWU; FLU, FRD of the body',
+        "",
+        "[signals.force]    # FILL IN: the known force, or what it is made of",
+        *([named] if named else []),
+        'fields = ["fx", "fy", "fz"]',
+        'unit = "N"',
+        'frame = "ENU"',
+        'between = "hold"    # or "linear"',
+        "",
+        "[model]    # vectors are in ENU and FLU here",
+        'x = "v"',
+        'unit = "m/s"',
+        'M = "mass"',
+        'g = "force - [0, 0, mass * gravity]"',
+    ]
+
+
+def _contents(log: LogFile) -> list[str]:
+    lines: list[str] = []
+    for topic in log.topics:
+        lines.append(f"#   {topic.name}: {topic.count} samples, every {topic.clock.dt:.4g} s")
+        row = ""
+        for field in topic.fields:
+            shape = f"[{field.shape[0]}]" if field.shape else ""
+            word = field.name + shape + (f" [{field.unit}]" if field.unit else "")
+            if row and len(row) + len(word) > _WIDE:
+                lines.append(f"#     {row}")
+                row = ""
+            row += f"{', ' if row else ''}{word}"
+        lines.append(f"#     {row}")
+    return lines
