@@ -8,7 +8,7 @@ and the estimate C w_k has no error where C X(s) = 1. Exact sampling (the row C 
 what a step's mean differs from its end by, of order (s h)^2, is left at every other zero of 1 - F. The matched row
 asks it, with k - 1 derivatives, at s = 0 (type k) and at each zero s = +-j w on the axis: k + 2 m real conditions on
 n entries, that F itself met with k + 2 m <= n coefficients. What they leave free stays as near C as can be. A filter
-of type 0 keeps its F(0) as well.
+of type 0 keeps its F(0) as well. Proof and figures: docs/sampling.md.
 
 The poles, and so stability and start, are those of exact sampling; what is new is a numerator.
 """
