@@ -20,6 +20,7 @@ _EPILOG = """examples:
   phyfilter-ctl app                                            design a filter with the mouse, in the browser
   phyfilter-ctl design --poles -20,-20                         choose a filter and see what it does
   phyfilter-ctl design --family butterworth --order 2 --cutoff 20 --dt 0.002 --out filter.toml
+  phyfilter-ctl log flight.ulg                                 what a robot's log holds: topics, units, clocks
   phyfilter-ctl learn flight.csv --order 1 2 3 --out filter.toml
                                                                learn filters from a flight with a known f
   phyfilter-ctl analyze filter.toml --slope 3 --noise 0.01     what it promises: bounds, noise, margins
@@ -28,9 +29,10 @@ _EPILOG = """examples:
   phyfilter-ctl fmu check model.fmu                            describe, check, run FMUs of any tool
   phyfilter-ctl COMMAND --help                                 all options of a command, with examples"""
 
-# Modules of this room, and what their commands are for.
+# Modules of this room, and what their commands are for; one of two words is in a module such as log_resample.
 _COMMANDS = {
     "design": "choose a filter: description, figures, picture, file",
+    "log": "what a robot's log holds: topics, units, clocks, gaps",
     "learn": "learn filters from flights: table, picture, file",
     "analyze": "what a filter promises: bounds, noise, margins",
     "export": "hand a filter or a model over: FMU, SSP, C",
@@ -84,6 +86,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     0
     """
     arguments = _with_signed_values(sys.argv[1:] if argv is None else argv)
+    if (words := " ".join(arguments[:2])) in _COMMANDS:
+        arguments[:2] = [words]
     try:
         with _flushed_output():
             options = _parser(arguments).parse_args(arguments)
@@ -127,7 +131,7 @@ def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
     for name, text in _COMMANDS.items():
         command = commands.add_parser(name, help=text)
         if name in arguments[:1]:  # only the one asked for is imported
-            module = import_module(f".{name}", __name__)
+            module = import_module(f".{name.replace(' ', '_')}", __name__)
             module.add_arguments(command)
             command.set_defaults(job=module.main)
     return parser

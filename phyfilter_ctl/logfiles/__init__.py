@@ -3,5 +3,6 @@
 from .clock import Clock
 from .contents import Dropout
 from .logfile import Field, LogFile, Signal, Topic, open_log
+from .suggestions import Suggestion, suggestions
 
-__all__ = ["Clock", "Dropout", "Field", "LogFile", "Signal", "Topic", "open_log"]
+__all__ = ["Clock", "Dropout", "Field", "LogFile", "Signal", "Suggestion", "Topic", "open_log", "suggestions"]

@@ -82,9 +82,9 @@ class Clock:
         """What is odd, each with what it may mean."""
         found: list[str] = []
         if self.dt < _SHORTEST:
-            found.append(f"dt {self.dt:.3g} s is below 10 us: is the unit of time right?")
+            found.append(f"dt {self.dt:.3g} s is below 10 us: a wrong unit of time?")
         if self.dt > _LONGEST:
-            found.append(f"dt {self.dt:.3g} s is above 1 s: is the unit of time right?")
+            found.append(f"dt {self.dt:.3g} s is above 1 s: a slow topic, or a wrong unit of time?")
         if self.gaps:
             found.append(f"{_counted(self.gaps, 'gap')}, the longest {self.longest:.3g} s")
         if self.backwards:

@@ -172,9 +172,8 @@ class LogFile:
         for name in wanted if clock is None else [*wanted, clock]:
             if name not in grouped:
                 where = f"{self.path}: topic {topic!r}"
-                raise ValueError(
-                    _unknown(f"{where} has no field", name, [f.name for f in _fields(table.columns)])
-                )
+                unknown = _unknown(f"{where} has no field", name, [f.name for f in _fields(table.columns)])
+                raise ValueError("; ".join([unknown, *(note for note in table.notes if "left out" in note)]))
         names = tuple(name for each in wanted for name in grouped[each])
         if clock is not None and (clock not in columns or columns[clock].dtype != TIME):
             times = [column.name for column in table.columns if column.dtype == TIME]

@@ -64,7 +64,7 @@ def test_units_of_time_are_the_files_or_are_asked_for(tmp_path: Path) -> None:
     assert log.notes == ("time 0 is 1700000000123456789 ns of 'timestamp'",)
     assert log.start is None  # 1970 is not certain
     wrong = pf.open_log(path, time_unit="s").topics[0].clock.findings
-    assert wrong == ("dt 2e+06 s is above 1 s: is the unit of time right?",)
+    assert wrong == ("dt 2e+06 s is above 1 s: a slow topic, or a wrong unit of time?",)
     named = written(tmp_path, path.read_text().replace("timestamp", "timestamp [ns]"), "named.csv")
     np.testing.assert_array_equal(pf.open_log(named).read("table").times, log.read("table").times)
     with pytest.raises(ValueError, match=r"is in ns: leave time_unit='ms' out"):

@@ -1,0 +1,147 @@
+"""Parquet, Arrow, Feather, .mat and HDF5 by their libraries' own writers."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from datetime import UTC, datetime
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip("h5py")
+pytest.importorskip("pyarrow")
+
+import h5py
+import pyarrow as pa
+import pyarrow.feather as feather
+import pyarrow.parquet as pq
+from scipy.io import savemat
+
+import phyfilter_ctl as pf
+
+TICKS = 1_700_000_000_123_456_789 + 2_000_000 * np.arange(50)
+V = np.sin(0.1 * np.arange(50))
+Q = np.random.default_rng(0).standard_normal((50, 4))
+
+
+def arrow_table(times: object) -> object:
+    v = pa.array([None, *V[1:].tolist()])
+    q = pa.FixedSizeListArray.from_arrays(pa.array(Q.ravel()), 4)
+    schema = pa.schema(
+        [("time", times.type), pa.field("v", pa.float64(), metadata={"unit": "m/s"}), ("q", q.type)]
+    )
+    table = pa.table([times, v, q], schema=schema)
+    return table.append_column("mode", pa.array(["auto"] * 50)).append_column("armed", pa.array([True] * 50))
+
+
+def stream(table: object, path: Path) -> None:
+    with pa.ipc.new_stream(str(path), table.schema) as sink:
+        sink.write_table(table, max_chunksize=20)
+
+
+ARROWS: dict[str, Callable[..., None]] = {
+    "parquet": pq.write_table,
+    "feather": feather.write_feather,
+    "arrow": stream,
+}
+
+
+@pytest.mark.parametrize("kind", ARROWS)
+def test_arrow_says_its_unit_of_time_and_its_zone(tmp_path: Path, kind: str) -> None:
+    path = tmp_path / f"log.{kind}"
+    ARROWS[kind](arrow_table(pa.array(TICKS, pa.timestamp("ns", tz="Europe/Berlin"))), path)
+    log = pf.open_log(path)
+    assert log.start == datetime(2023, 11, 14, 22, 13, 20, 123_456, UTC)
+    signal = log.read("table")
+    assert signal.fields == ("v", "q[0]", "q[1]", "q[2]", "q[3]", "armed")
+    assert signal.units == ("m/s", "", "", "", "", "")
+    np.testing.assert_array_equal(signal.times, 2_000_000 * np.arange(50) / 1e9)
+    np.testing.assert_array_equal(signal.values[:, 0], [np.nan, *V[1:]])
+    np.testing.assert_array_equal(log.read("table", ["q"]).values, Q)
+    assert log.topics[0].notes == ("left out, as no numbers: mode (string)",)
+    ARROWS[kind](arrow_table(pa.array(TICKS, pa.timestamp("ns"))), path)
+    assert pf.open_log(path).start is None
+    ARROWS[kind](arrow_table(pa.array(2_000_000 * np.arange(50), pa.duration("ns"))), path)
+    np.testing.assert_array_equal(
+        pf.open_log(path).read("table").times, signal.times
+    )  # timedelta64, not 2e6 s
+    ARROWS[kind](arrow_table(pa.array(TICKS)), path)
+    with pytest.raises(ValueError, match="does not say its unit"):
+        pf.open_log(path)
+    np.testing.assert_array_equal(pf.open_log(path, time_unit="ns").read("table").times, signal.times)
+    path.write_bytes(path.read_bytes()[:-200])
+    with pytest.raises(ValueError, match=r"log\.(parquet|feather|arrow): "):
+        pf.open_log(path, time_unit="ns").read("table")
+
+
+def write_hdf5(path: Path, **times: object) -> Path:
+    with h5py.File(path, "w") as file:
+        for k, (name, values) in enumerate(times.items()):
+            group = file.create_group(name)
+            group["time"] = values
+            group["time"].attrs["units"] = "us"
+            group["q"] = Q if k == 0 else Q.T
+            group["v"] = V[:, None]
+            group["v"].attrs["unit"] = "m/s"
+            group["short"] = V[:20]
+        rows = np.zeros(5, [("t_s", "f8"), ("x", "f4"), ("name", "S4")])
+        rows["t_s"], rows["x"] = np.arange(5.0), 7.0
+        if not times:
+            file["table_of_rows"] = rows
+    return path
+
+
+def test_hdf5_groups_share_a_zero(tmp_path: Path) -> None:
+    micro = TICKS // 1000
+    log = pf.open_log(write_hdf5(tmp_path / "log.h5", imu=micro, motor=micro + 500))
+    assert log.format == "hdf5"
+    for name, offset in {"imu": 0.0, "motor": 500e-6}.items():
+        signal = log.read(name)
+        np.testing.assert_allclose(signal.times, 0.002 * np.arange(50) + offset, rtol=0, atol=1e-12)
+        np.testing.assert_array_equal(log.read(name, ["q"]).values, Q)
+        np.testing.assert_array_equal(log.read(name, ["v"]).values[:, 0], V)
+    assert log.read("imu", ["v"]).units == ("m/s",)
+    assert log.topics[0].notes == ("left out, short: shape (20,) has no axis of the 50 of 'time'",)
+    rows = pf.open_log(write_hdf5(tmp_path / "rows.h5"))
+    assert rows.read("table_of_rows").values.tolist() == [[7.0]] * 5
+    path = tmp_path / "cut.h5"
+    path.write_bytes(log.path.read_bytes()[:1000])
+    with pytest.raises(ValueError, match=r"no readable hdf5 log: .*truncated"):
+        pf.open_log(path)
+
+
+def test_a_field_at_another_rate_is_refused_with_the_reason(tmp_path: Path) -> None:
+    log = pf.open_log(write_hdf5(tmp_path / "log.h5", imu=TICKS // 1000))
+    with pytest.raises(ValueError, match=r"no field 'short'.* shape \(20,\) has no axis of the 50 of 'time'"):
+        log.read("imu", ["short"])
+
+
+def test_matlab_structs_are_topics(tmp_path: Path) -> None:
+    path = tmp_path / "log.mat"
+    log = {"t": 0.002 * np.arange(50)[:, None], "q": Q, "v": V[None, :], "note": "text"}
+    savemat(path, {"flight": log, "gain": 3.0})
+    with pytest.raises(ValueError, match=r"does not say its unit; its steps would be 0.002 s in s"):
+        pf.open_log(path)
+    opened = pf.open_log(path, time_unit="s")
+    assert opened.format == "mat"
+    np.testing.assert_array_equal(opened.read("flight", ["q"]).values, Q)
+    np.testing.assert_array_equal(opened.read("flight", ["v"]).values[:, 0], V)
+    savemat(path, {"time_ms": np.arange(50), "v": V}, format="4")
+    assert pf.open_log(path).read("").times[1] == 0.001
+    path.write_bytes(path.read_bytes()[:60])
+    with pytest.raises(ValueError, match=r"log\.mat: "):
+        pf.open_log(path)
+
+
+def test_matlab_7_3_is_hdf5_inside(tmp_path: Path) -> None:
+    path = tmp_path / "log.mat"
+    with h5py.File(path, "w", userblock_size=512) as file:
+        file["flight/t_s"] = 0.002 * np.arange(50)[None, :]
+        file["flight/q"] = Q.T
+        file["flight/q"].attrs["MATLAB_class"] = np.bytes_("double")
+    with path.open("r+b") as file:
+        file.write(b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(124) + b"\x00\x02IM")
+    log = pf.open_log(path)
+    assert log.format == "mat"
+    np.testing.assert_array_equal(log.read("flight").values, Q)
