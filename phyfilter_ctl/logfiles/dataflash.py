@@ -58,6 +58,13 @@ def read(path: Path, time_unit: str | None, time: str | None) -> Contents:
     from pymavlink.DFReader import DFReader_binary
 
     class Indexed(DFReader_binary):
+        def __init__(self, filename: str) -> None:
+            try:
+                super().__init__(filename)
+            except BaseException:
+                self.filehandle.close()
+                raise
+
         def init_clock(self) -> None:
             """Nothing: it would read all messages one by one."""
 

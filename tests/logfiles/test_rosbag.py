@@ -32,7 +32,7 @@ def late(k: int) -> int:
     return 12_000_000 + 1_000_000 * (k % 3)
 
 
-def write(path: Path, kind: str) -> Path:
+def write(path: Path, kind: str, count: int = 100) -> Path:
     """A bag with an IMU, joints, text, poses and a message of the robot's own."""
     ros1 = kind == "rosbag1"
     store = get_typestore(Stores.ROS1_NOETIC if ros1 else Stores.ROS2_HUMBLE)
@@ -60,7 +60,7 @@ def write(path: Path, kind: str) -> Path:
             serialize = store.serialize_ros1 if ros1 else store.serialize_cdr
             writer.write(connections[topic], ns, serialize(message, names[topic]))
 
-        for k in range(100):
+        for k in range(count):
             imu = types[IMU](
                 header=header(received(k) - late(k)),
                 orientation=quaternion(0.0, 0.0, 0.0, 1.0),
