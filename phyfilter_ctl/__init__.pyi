@@ -37,6 +37,7 @@ from .blocks import (
 from .codegen import export_c
 from .design import LearnResult, bandpass, hz, learn, learn_jointly, lowpass, numerator_of_type, place_poles
 from .diagram import FlatModel, flatten
+from .estimation import Estimate, compare_estimators, estimate, smooth_label
 from .filter import (
     FilterState,
     LiveFilter,
@@ -71,6 +72,7 @@ __all__ = [
     "BlockFunctions",
     "BoundResult",
     "ErrorBudget",
+    "Estimate",
     "FilterResponse",
     "FilterResponseList",
     "FilterState",
@@ -104,10 +106,12 @@ __all__ = [
     "Variable",
     "Variance",
     "bandpass",
+    "compare_estimators",
     "cosimulate",
     "designer",
     "error_budget",
     "error_variance",
+    "estimate",
     "export_c",
     "export_fmu",
     "export_ssp",
@@ -141,6 +145,7 @@ __all__ = [
     "signal_margin",
     "simulate",
     "simulate_batch",
+    "smooth_label",
     "split_by_speed",
     "split_flights",
     "stack",

@@ -13,7 +13,14 @@ from typing import Final
 from .difference import BackwardDifference
 from .kalman import KalmanDifferentiator
 from .lowpass import LowpassDifference
-from .observers import DisturbanceObserver, Evolver, FeedbackNeuralNetwork, LinearESO, SeerII
+from .observers import (
+    DisturbanceObserver,
+    Evolver,
+    FeedbackNeuralNetwork,
+    LinearESO,
+    MomentumObserver,
+    SeerII,
+)
 from .protocol import Differentiator, SearchRange, TunableDifferentiator
 from .robust import RobustDifferentiator
 from .tracking import TrackingDifferentiator
@@ -29,6 +36,7 @@ __all__ = [
     "KalmanDifferentiator",
     "LinearESO",
     "LowpassDifference",
+    "MomentumObserver",
     "RobustDifferentiator",
     "SearchRange",
     "SeerII",

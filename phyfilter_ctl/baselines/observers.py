@@ -8,7 +8,7 @@
     Evolver                     xi_1' = f_theta' - a_0 (g + f_hat)             f_hat = xi_1 + a_0 x
     SeerII                      xi_2' = Xi Phi' s - a_0 (g + f_hat)            f_hat = xi_2 + int Xi Phi ds + a_0 x
 
-All take M = I, and are run by the filter that they equal. The first three are that filter. The last two take the slope
+All take M = I, and are run by the filter that they equal. The first four are that filter. The last two take the slope
 of the learned model instead of its value, and differ from the filter where the model jumps.
 """
 
@@ -64,6 +64,44 @@ def DisturbanceObserver(gain: float, dt: float, *, g: Rule = "hold") -> SampledP
     True
     """
     return _first_order(gain).sampled(dt, g=g)
+
+
+def MomentumObserver(gain: float, dt: float, *, g: Rule = "hold") -> SampledPhyFilter:
+    """Momentum observer of a robot arm, the usual detector of contacts: the filter of order one without a model.
+
+        r' = K (p' - tau - C^T q' + gravity - r),    p = M(q) q'
+
+    Give its ``run`` x = p and g = tau + C^T q' - gravity; or x = q', ``inertia`` = M(q) and g = tau - C q' - gravity,
+    which is the same motion. f_hat is r, the external torque.
+
+    Parameters
+    ----------
+    gain : float
+        K in rad/s.
+    dt, g
+        As for :func:`DisturbanceObserver`.
+
+    Returns
+    -------
+    SampledPhyFilter
+        Of K / (s + K).
+
+    Raises
+    ------
+    ValueError, TypeError
+        As for :func:`DisturbanceObserver`.
+
+    Notes
+    -----
+    A. De Luca, R. Mattone, "Actuator failure detection and isolation using generalized momenta", IEEE International
+    Conference on Robotics and Automation, 2003.
+
+    Examples
+    --------
+    >>> MomentumObserver(30.0, 0.001) == DisturbanceObserver(30.0, 0.001)
+    True
+    """
+    return DisturbanceObserver(gain, dt, g=g)
 
 
 def LinearESO(bandwidth: float, dt: float, *, g: Rule = "hold") -> SampledPhyFilter:

@@ -17,6 +17,7 @@ __all__ = ["main"]
 
 _EPILOG = """examples:
   phyfilter-ctl run drone                                      fly a drone with unknown mass in unseen wind
+  phyfilter-ctl estimate flight.csv                            what force did my model miss, which filter shows it
   phyfilter-ctl app                                            design a filter with the mouse, in the browser
   phyfilter-ctl design --poles -20,-20                         choose a filter and see what it does
   phyfilter-ctl design --family butterworth --order 2 --cutoff 20 --dt 0.002 --out filter.toml
@@ -33,6 +34,7 @@ _EPILOG = """examples:
 _COMMANDS = {
     "design": "choose a filter: description, figures, picture, file",
     "log": "what a robot's log holds: topics, units, clocks, gaps",
+    "estimate": "the force your model missed in recordings, and the filter that shows it",
     "learn": "learn filters from flights: table, picture, file",
     "analyze": "what a filter promises: bounds, noise, margins",
     "export": "hand a filter or a model over: FMU, SSP, C",

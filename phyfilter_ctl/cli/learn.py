@@ -8,18 +8,17 @@ import math
 import signal
 import threading
 import warnings
-from collections.abc import Sequence
 from pathlib import Path
-from types import EllipsisType, TracebackType
+from types import TracebackType
 from typing import TYPE_CHECKING, Protocol
 
-import numpy as np
 from tqdm import tqdm
 
 from .. import filterfile
 from .._output import check_target, write_figure, write_text
 from ..filter import SampledPhyFilter
 from ..recording import Recording
+from .columns import add_columns, names_of, read_columns, signals_of
 from .frequencies import add_picture_units
 from .learn_report import Row, best_of, figures_of, form_name, table_of
 
@@ -31,8 +30,6 @@ __all__ = ["add_arguments", "main"]
 
 _FORMS = ("lowpass", "general")
 _METHODS = ("exact", "matched", "euler", "tustin")
-_RULES = ("hold", "average")
-_VELOCITIES = ("vx", "vy", "vz")
 _HIGHEST_ORDER = 12
 _STOPPED = 130  # exit status after Ctrl-C, as of a shell
 
@@ -72,26 +69,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     kinds.add_argument("--method", choices=_METHODS, default="exact", help="discretisation (default exact)")
     kinds.add_argument("--starts", type=int, default=5, metavar="K", help="random starts (default 5)")
     kinds.add_argument("--seed", type=int, default=0, help="of the random starts (default 0)")
-    columns = parser.add_argument_group("columns, with commas between them (none: leave the signal out)")
-    columns.add_argument("--time", metavar="COLUMN", help="times in s (default t)")
-    columns.add_argument(
-        "--dt", type=float, metavar="S", help="sampling interval in s of files without times"
-    )
-    columns.add_argument("--x", metavar="C,C,...", help="measured signal (default vx,vy,vz)")
-    columns.add_argument("--label", metavar="C,C,...", help="true f")
-    columns.add_argument("--g", metavar="C,C,...", help="known part of M x'")
-    columns.add_argument("--f-theta", metavar="C,C,...", help="learned model's estimate of f")
-    columns.add_argument(
-        "--model", metavar="FILE", help="instead: .onnx, or .npz of a learned model, run on --features"
-    )
-    columns.add_argument("--features", metavar="C,C,...", help="what --model takes (default feature_0, ...)")
-    columns.add_argument("--inertia", metavar="M,... | C,...", help="M: numbers or columns (default 1)")
-    columns.add_argument("--delimiter", default=",", metavar="CHAR", help="between columns (default ,)")
-    columns.add_argument("--channels", metavar="C,C,...", help="of x, that take part (default all)")
-    columns.add_argument("--g-rule", choices=_RULES, default="hold", help="g between samples (default hold)")
-    columns.add_argument(
-        "--f-theta-rule", choices=_RULES, default="average", help="f_theta between samples (default average)"
-    )
+    kinds.add_argument("--channels", metavar="C,C,...", help="of x, that take part (default all)")
+    add_columns(parser)
     output = parser.add_argument_group("output")
     output.add_argument("--out", metavar="FILTER.toml", help="write the best filter")
     output.add_argument("--picture", metavar="FILE", help="costs and frequency response as png, pdf or svg")
@@ -122,14 +101,14 @@ def main(options: argparse.Namespace) -> int:
     if not rows:
         raise KeyboardInterrupt
     best = best_of(rows)
-    channels = logs[0].channels if options.channels is None else _names("--channels", options.channels)
+    channels = logs[0].channels if options.channels is None else names_of("--channels", options.channels)
     if options.json != "-":
         print(table_of(logs, held_out, channels, rows, best))
     if options.json is not None:
         figures = {"seed": options.seed, **figures_of(logs, held_out, channels, rows, best)}
         write_text(options.json, json.dumps(figures, indent=2, allow_nan=False) + "\n")
     if options.out is not None:
-        filterfile.save(options.out, _sampled(options, best.result), signals=_signals(logs))
+        filterfile.save(options.out, _sampled(options, best.result), signals=signals_of(logs))
     if picture is not None:
         import matplotlib
 
@@ -147,12 +126,6 @@ def _check(options: argparse.Namespace) -> None:
     for name in ("starts", "seed"):
         if getattr(options, name) < 0:
             raise ValueError(f"--{name}: expected 0 or more, got {getattr(options, name)}")
-    if options.time is not None and options.dt is not None:
-        raise ValueError("--time and --dt: expected one of them; --dt is for files without times")
-    if options.model is not None and options.f_theta is not None:
-        raise ValueError("--model and --f-theta: expected one of them")
-    if options.features is not None and options.model is None:
-        raise ValueError("--features: expected --model beside it, which takes them")
     seen: set[Path] = set()
     for name in (*options.logs, *options.held_out):
         if (path := Path(name).resolve()) in seen:
@@ -161,61 +134,13 @@ def _check(options: argparse.Namespace) -> None:
 
 
 def _read(path: str, options: argparse.Namespace) -> Recording:
-    log = Recording.from_csv(
-        path,
-        time=None if options.dt is not None else options.time or "t",
-        dt=options.dt,
-        x=_VELOCITIES if options.x is None else _names("--x", options.x),
-        label=_columns("--label", options.label),
-        g=_columns("--g", options.g),
-        f_theta=None if options.model else _columns("--f-theta", options.f_theta),
-        features=_columns("--features", options.features) if options.model else None,
-        inertia=_inertia(options.inertia),
-        delimiter=options.delimiter,
-    )
-    if options.model is not None:
-        log = _with_model(path, log, options.model)
+    log = read_columns(path, options)
     if log.label is None:
         raise ValueError(
             f"{path}: no label, the true f to learn from; name its columns by --label, or in the file ax, ay, az "
             "(for vx, vy, vz) or label_<x>"
         )
     return log
-
-
-def _with_model(path: str, log: Recording, name: str) -> Recording:
-    from ..learned import learned_model
-
-    if log.features is None:
-        raise ValueError(
-            f"{path}: --model needs features; name their columns by --features, or feature_0, ..."
-        )
-    return log.with_signals(f_theta=learned_model(name, z=log.features).predict(log.features), features=None)
-
-
-def _names(option: str, text: str) -> list[str]:
-    names = [name.strip() for name in text.split(",")]
-    if not all(names):
-        raise ValueError(f"{option}: expected names of columns with commas between them, got {text!r}")
-    return names
-
-
-def _columns(option: str, text: str | None) -> list[str] | EllipsisType | None:
-    """None leaves a signal out, ``...`` takes the default columns where the file has them."""
-    if text is None:
-        return ...
-    return None if text == "none" else _names(option, text)
-
-
-def _inertia(text: str | None) -> list[float] | list[str] | float | EllipsisType | None:
-    columns = _columns("--inertia", text)
-    if columns is None or isinstance(columns, EllipsisType):
-        return columns
-    try:
-        numbers = [float(entry) for entry in columns]
-    except ValueError:
-        return columns
-    return numbers[0] if len(numbers) == 1 else numbers
 
 
 # -- learning ---------------------------------------------------------------------------------------------------
@@ -293,7 +218,7 @@ def _row(
             order,
             form=form,
             starts=options.starts,
-            channels=None if options.channels is None else _names("--channels", options.channels),
+            channels=None if options.channels is None else names_of("--channels", options.channels),
             held_out=held_out or None,
             seed=options.seed,
             method=options.method,
@@ -313,17 +238,3 @@ def _sampled(options: argparse.Namespace, result: LearnResult) -> SampledPhyFilt
     f_theta: Rule = options.f_theta_rule
     # Twelve digits: times of a recording rarely give the interval to the last bit, and people read the file.
     return result.filter.sampled(float(f"{result.dt:.12g}"), result.method, g=g, f_theta=f_theta)
-
-
-def _signals(logs: Sequence[Recording]) -> filterfile.Signals:
-    inertias = [_constant_inertia(log) for log in logs]
-    first = inertias[0]
-    same = first is not None and all(i is not None and np.array_equal(i, first) for i in inertias)
-    return filterfile.Signals(logs[0].channels, unit_x=logs[0].unit, inertia=first if same else None)
-
-
-def _constant_inertia(log: Recording) -> np.ndarray | None:
-    """M of a flight where it is known and does not vary."""
-    if log.inertia is None or log.inertia.ndim == 0 or len(log.inertia) != log.n:
-        return log.inertia
-    return log.inertia[0] if np.all(log.inertia == log.inertia[0]) else None

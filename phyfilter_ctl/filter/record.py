@@ -135,25 +135,58 @@ def _run_aligned(
     held: NDArray[np.bool_],
 ) -> Array:
     """With a delay, or with gaps: a held sample makes the step to the next good one longer."""
-    acting = np.concatenate([g[:1], g[:-1]]) if recursion.sampling.g == "hold" else g
-    acting, f_theta = windows.fill_forward(acting), windows.fill_forward(f_theta)
-    M = None if M is None else windows.fill_forward(M, 1.0)
+    f_theta = windows.fill_forward(f_theta)
     behind = np.zeros(f_theta.shape)  # f_hat - f_theta
     rows = np.flatnonzero(~held)
     if len(rows) > 1:
-        grid: FloatArray = (
-            (recursion.sampling.dt * np.arange(len(x))).astype(float) if stamps is None else stamps
-        )
-        g_pair = (acting[1:] if recursion.sampling.g == "hold" else acting[:-1], acting[1:])
-        f_pair = (f_theta[:-1], f_theta[:-1] if recursion.sampling.f_theta == "hold" else f_theta[1:])
-        ends, dx = grid[rows] - recursion.sampling.delay, np.diff(x[rows], axis=0)
-        u = windows.late_residual(recursion, grid, ends, dx, g_pair, f_pair, M)
-        steps: FloatArray | None = None if stamps is None and not held.any() else np.diff(grid[rows])
+        u, times = _aligned_residual(recursion, x, g, f_theta, M, stamps, rows)
+        steps: FloatArray | None = None if stamps is None and not held.any() else np.diff(times)
         for part, y in respond(recursion, len(u), u.shape[1], lambda chunk: u[chunk], steps):
             behind[rows[1:][part]] = y
     if held.any():  # the estimate of the residual stays while samples are held
         behind = behind[np.maximum.accumulate(np.where(held, 0, np.arange(len(x))))]
     return np.add(f_theta, behind, out=np.empty_like(f_theta), casting="same_kind")
+
+
+def _aligned_residual(
+    recursion: Recursion,
+    x: Array,
+    g: Array,
+    f_theta: Array,
+    M: Array | None,
+    stamps: FloatArray | None,
+    rows: NDArray[np.intp],
+) -> tuple[Array, FloatArray]:
+    """u of the steps between the samples ``rows``, f_theta without gaps, and the times of those samples."""
+    acting = windows.fill_forward(np.concatenate([g[:1], g[:-1]]) if recursion.sampling.g == "hold" else g)
+    M = None if M is None else windows.fill_forward(M, 1.0)
+    grid: FloatArray = (recursion.sampling.dt * np.arange(len(x))).astype(float) if stamps is None else stamps
+    g_pair = (acting[1:] if recursion.sampling.g == "hold" else acting[:-1], acting[1:])
+    f_pair = (f_theta[:-1], f_theta[:-1] if recursion.sampling.f_theta == "hold" else f_theta[1:])
+    ends, dx = grid[rows] - recursion.sampling.delay, np.diff(x[rows], axis=0)
+    return windows.late_residual(recursion, grid, ends, dx, g_pair, f_pair, M), grid[rows]
+
+
+def step_residuals(
+    recursion: Recursion,
+    x: ArrayLike,
+    g: ArrayLike | None,
+    f_theta: ArrayLike | None,
+    inertia: ArrayLike | None,
+    times: FloatArray,
+) -> tuple[Array, NDArray[np.intp]]:
+    """u (m, n_f) that the filter is fed with over a whole record, and the samples (m + 1,) that its steps lie between.
+
+    Samples that are not finite are left out: the step across them is longer.
+    """
+    x, g, f_theta, M = checked_signals(recursion, x, g, f_theta, inertia)
+    rows = np.flatnonzero(~held_samples(recursion, x, g, f_theta, M))
+    if len(rows) == len(x) and not recursion.sampling.delay:
+        return measured_residual(recursion, x, g, f_theta, M, np.diff(times), slice(0, len(x) - 1)), rows
+    if len(rows) < 2:
+        return f_theta[:0], rows
+    f_theta = windows.fill_forward(f_theta)
+    return _aligned_residual(recursion, x, g, f_theta, M, times, rows)[0], rows
 
 
 def respond(

@@ -7,6 +7,7 @@ from .estimates import estimate_plot
 from .frequency import FrequencyCurve, FrequencyLimit, frequency_plot
 from .learning import learning_plot
 from .logs import log_plot
+from .missed import missed_plot
 from .poles import PoleSet, pole_plot
 from .promises import analysis_plot, bound_plot, trade_off_plot
 
@@ -25,6 +26,7 @@ __all__ = [
     "frequency_unit",
     "learning_plot",
     "log_plot",
+    "missed_plot",
     "pole_plot",
     "trade_off_plot",
 ]

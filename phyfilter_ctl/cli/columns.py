@@ -1,0 +1,120 @@
+"""Recordings out of CSV files by options that name their columns, for every command that takes recordings."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from types import EllipsisType
+
+import numpy as np
+
+from .. import filterfile
+from ..recording import Recording
+
+__all__ = ["add_columns", "names_of", "read_columns", "signals_of"]
+
+_RULES = ("hold", "average")
+_VELOCITIES = ("vx", "vy", "vz")
+
+
+def add_columns(parser: argparse.ArgumentParser) -> None:
+    """Add the options that name columns."""
+    columns = parser.add_argument_group("columns, with commas between them (none: leave the signal out)")
+    columns.add_argument("--time", metavar="COLUMN", help="times in s (default t)")
+    columns.add_argument(
+        "--dt", type=float, metavar="S", help="sampling interval in s of files without times"
+    )
+    columns.add_argument("--x", metavar="C,C,...", help="measured signal (default vx,vy,vz)")
+    columns.add_argument("--label", metavar="C,C,...", help="true f")
+    columns.add_argument("--g", metavar="C,C,...", help="known part of M x'")
+    columns.add_argument("--f-theta", metavar="C,C,...", help="learned model's estimate of f")
+    columns.add_argument(
+        "--model", metavar="FILE", help="instead: .onnx, or .npz of a learned model, run on --features"
+    )
+    columns.add_argument("--features", metavar="C,C,...", help="what --model takes (default feature_0, ...)")
+    columns.add_argument("--inertia", metavar="M,... | C,...", help="M: numbers or columns (default 1)")
+    columns.add_argument("--delimiter", default=",", metavar="CHAR", help="between columns (default ,)")
+    columns.add_argument("--g-rule", choices=_RULES, default="hold", help="g between samples (default hold)")
+    columns.add_argument(
+        "--f-theta-rule", choices=_RULES, default="average", help="f_theta between samples (default average)"
+    )
+
+
+def read_columns(path: str, options: argparse.Namespace) -> Recording:
+    """A recording by those options.
+
+    Raises
+    ------
+    ValueError, OSError
+        If the options contradict each other, or the file cannot be read.
+    """
+    if options.time is not None and options.dt is not None:
+        raise ValueError("--time and --dt: expected one of them; --dt is for files without times")
+    if options.model is not None and options.f_theta is not None:
+        raise ValueError("--model and --f-theta: expected one of them")
+    if options.features is not None and options.model is None:
+        raise ValueError("--features: expected --model beside it, which takes them")
+    log = Recording.from_csv(
+        path,
+        time=None if options.dt is not None else options.time or "t",
+        dt=options.dt,
+        x=_VELOCITIES if options.x is None else names_of("--x", options.x),
+        label=_columns("--label", options.label),
+        g=_columns("--g", options.g),
+        f_theta=None if options.model else _columns("--f-theta", options.f_theta),
+        features=_columns("--features", options.features) if options.model else None,
+        inertia=_inertia(options.inertia),
+        delimiter=options.delimiter,
+    )
+    return log if options.model is None else _with_model(path, log, options.model)
+
+
+def _with_model(path: str, log: Recording, name: str) -> Recording:
+    from ..learned import learned_model
+
+    if log.features is None:
+        raise ValueError(
+            f"{path}: --model needs features; name their columns by --features, or feature_0, ..."
+        )
+    return log.with_signals(f_theta=learned_model(name, z=log.features).predict(log.features), features=None)
+
+
+def names_of(option: str, text: str) -> list[str]:
+    """Names with commas between them."""
+    names = [name.strip() for name in text.split(",")]
+    if not all(names):
+        raise ValueError(f"{option}: expected names of columns with commas between them, got {text!r}")
+    return names
+
+
+def _columns(option: str, text: str | None) -> list[str] | EllipsisType | None:
+    """None leaves a signal out, ``...`` takes the default columns where the file has them."""
+    if text is None:
+        return ...
+    return None if text == "none" else names_of(option, text)
+
+
+def _inertia(text: str | None) -> list[float] | list[str] | float | EllipsisType | None:
+    columns = _columns("--inertia", text)
+    if columns is None or isinstance(columns, EllipsisType):
+        return columns
+    try:
+        numbers = [float(entry) for entry in columns]
+    except ValueError:
+        return columns
+    return numbers[0] if len(numbers) == 1 else numbers
+
+
+def signals_of(logs: Sequence[Recording]) -> filterfile.Signals:
+    """What a filter file notes beside a filter for these recordings."""
+    inertias = [_constant_inertia(log) for log in logs]
+    first = inertias[0]
+    same = first is not None and all(i is not None and np.array_equal(i, first) for i in inertias)
+    return filterfile.Signals(logs[0].channels, unit_x=logs[0].unit, inertia=first if same else None)
+
+
+def _constant_inertia(log: Recording) -> np.ndarray | None:
+    """M of a flight where it is known and does not vary."""
+    if log.inertia is None or log.inertia.ndim == 0 or len(log.inertia) != log.n:
+        return log.inertia
+    return log.inertia[0] if np.all(log.inertia == log.inertia[0]) else None

@@ -1,0 +1,339 @@
+"""The front: recordings in, the force that the model missed out."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import control as ct
+import numpy as np
+from matplotlib.axes import Axes
+
+from .. import _signals
+from .._sections import FloatArray
+from ..analysis import error_variance
+from ..design.optimal import Interval
+from ..filter import PhyFilter, SampledPhyFilter
+from ..filter.sampling import Rule
+from ..recording import Recording
+from ..results import Result
+from .prediction import Prediction, prediction
+from .spectrum import NoiseLevel, ResidualSpectrum, noise_level, residual_spectrum
+from .steps import steps_of
+from .suggestion import Suggestion, Unlabelled, error_of, suggest
+
+__all__ = ["Estimate", "checked_logs", "estimate", "sampled_for"]
+
+_APART = 4.0  # the two figures for a bandwidth disagree beyond this factor
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Estimate(Result):
+    """What the model missed in recordings; made by :func:`estimate`.
+
+    Attributes
+    ----------
+    recordings : tuple of Recording
+    filter : SampledPhyFilter
+        The one given, else the one suggested.
+    f_hat : tuple of (N, n_x) arrays
+        The estimate of f for each recording.
+    noise : NoiseLevel
+        Of M x.
+    noise_deviation : (n_x,) array
+        Standard deviation of f_hat that comes from that noise: its noise band. What f_hat lags behind comes on top.
+    error : Interval
+        Root of the expected mean square of f - f_hat, noise and lag together, over time and channels. No label is used.
+    missed : (n_x,) array
+        Rms of what the model misses, f - f_theta, the noise taken out.
+    explained : float
+        Share of the mean square of f that f_hat explains; 1 - error^2 over that of f.
+    explained_by_model : float
+        The same of f_theta alone; 0 where there is none.
+    spectrum : ResidualSpectrum
+    suggestion : Suggestion
+        The filter of least expected error, beside a filter that is given.
+    prediction : Prediction
+    notes : tuple of str
+        What to look at before trusting the figures.
+    """
+
+    _figures = (
+        "names",
+        "filter_text",
+        "noise",
+        "noise_deviation",
+        "error",
+        "missed",
+        "explained",
+        "explained_by_model",
+        "bands",
+        "crossing",
+        "suggestion",
+        "prediction",
+        "notes",
+    )
+
+    recordings: tuple[Recording, ...] = field(repr=False)
+    filter: SampledPhyFilter
+    f_hat: tuple[FloatArray, ...] = field(repr=False)
+    noise: NoiseLevel
+    noise_deviation: FloatArray
+    error: Interval
+    missed: FloatArray
+    explained: float
+    explained_by_model: float
+    spectrum: ResidualSpectrum
+    suggestion: Suggestion
+    prediction: Prediction
+    notes: tuple[str, ...]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of the recordings."""
+        return tuple(log.name for log in self.recordings)
+
+    @property
+    def filter_text(self) -> str:
+        """The filter as it would be typed."""
+        return repr(self.filter)
+
+    @property
+    def bands(self) -> dict[str, float]:
+        """Rms of what the model misses, by rad/s."""
+        return self.spectrum.bands
+
+    @property
+    def crossing(self) -> float:
+        """Bandwidth in rad/s at which noise and residual cross: a second opinion on the suggested one."""
+        return self.spectrum.crossing
+
+    def plot(self, recording: int = 0, *, ax: Sequence[Axes] | None = None) -> ct.ControlPlot:
+        """f_hat of each channel with its noise band (95 %), f_theta and label where there are any, and the spectrum.
+
+        Parameters
+        ----------
+        recording : int
+            Which one.
+        ax : n_x + 1 Axes, optional
+            One for each channel and one for the spectrum; None makes a new figure.
+
+        Returns
+        -------
+        control.ControlPlot
+
+        Raises
+        ------
+        ValueError
+            If ``ax`` does not hold n_x + 1 axes.
+        """
+        from .. import plots
+
+        log = self.recordings[recording]
+        beside = {"f_theta": log.f_theta, "label": log.label}
+        return plots.missed_plot(
+            log.times,
+            self.f_hat[recording],
+            1.96 * self.noise_deviation,
+            {name: values for name, values in beside.items() if values is not None},
+            (self.spectrum.omega, self.spectrum.residual.sum(axis=1), self.spectrum.noise.sum(axis=1)),
+            channels=log.channels,
+            title=log.name,
+            ax=ax,
+        )
+
+
+def estimate(
+    recordings: Recording | Sequence[Recording],
+    filter: PhyFilter | SampledPhyFilter | None = None,
+    *,
+    orders: Sequence[int] = (1, 2),
+    horizon: float = 0.2,
+    confidence: float = 0.95,
+    g: Rule = "hold",
+    f_theta: Rule = "average",
+) -> Estimate:
+    """The force that a model missed, how sure that is, and which filter shows it best: no label is needed.
+
+    Parameters
+    ----------
+    recordings : Recording or sequence of Recording
+        Of one robot: x, and what is known of M x' = g + f. Steps may differ, gaps are longer steps.
+    filter : PhyFilter or SampledPhyFilter, optional
+        None takes the one suggested. A PhyFilter is sampled at the median step.
+    orders : sequence of int
+        Orders to suggest from.
+    horizon : float
+        Of the prediction test, s.
+    confidence : float
+        Of all intervals. They are over the recordings where these are five or more, else over 12 stretches of them.
+    g, f_theta : {"hold", "average"}
+        Between samples, as for :class:`Sampling`; a SampledPhyFilter has its own.
+
+    Returns
+    -------
+    Estimate
+
+    Raises
+    ------
+    TypeError
+        If an argument is of another kind.
+    ValueError
+        If there are fewer than 100 steps in all, the recordings have different channels, the filter has a direction E
+        or another number of channels, or an option is out of range.
+
+    Notes
+    -----
+    The noise v of x is taken as white, which the velocity of an estimator is not: then ``noise.is_white`` is False, and
+    the figures tell less. Where noise and force share a band nothing tells them apart.
+
+    Examples
+    --------
+    A force of 2 sin(t), and velocity with noise of 5 mm/s at 100 Hz:
+
+    >>> t = 0.01 * np.arange(6000)[:, None]
+    >>> v = 2.0 * (1.0 - np.cos(t)) + 0.005 * np.random.default_rng(0).standard_normal(t.shape)
+    >>> found = estimate(Recording.from_arrays(x=v, dt=0.01))
+    >>> found.noise.value.round(3).tolist(), bool(found.missed[0].round(1) == 1.4)
+    ([0.005], True)
+    >>> truth = 2.0 * np.sin(t)
+    >>> bool(found.error.low < np.sqrt(np.mean((truth - found.f_hat[0]) ** 2)) < found.error.high)
+    True
+    >>> found.prediction.improves
+    True
+    """
+    logs = checked_logs(recordings)
+    if not 0.0 < confidence < 1.0:
+        raise ValueError(f"confidence: expected a number between 0 and 1, got {confidence}")
+    orders = [_signals.count("orders", order) for order in orders]
+    if not orders:
+        raise ValueError("orders: expected at least one, got none")
+    horizon = _signals.duration("horizon", horizon)
+    sampled = sampled_for(filter, logs, g, f_theta)
+    parts = steps_of(logs, sampled)
+    noise = noise_level(parts, confidence)
+    shared = sampled.with_filter(sampled.filters[0])  # the suggestion is one filter for all channels
+    spectrum = residual_spectrum(parts, noise.value)
+    data = Unlabelled(parts, noise.value, spectrum.crossing)
+    suggestion = suggest(data, shared, orders, confidence)
+    if filter is None:
+        sampled = sampled.with_filter(suggestion.filter)
+    sampled.recursion.channels(logs[0].n_x)
+    test = prediction(sampled, parts, horizon, confidence)
+    missed, whole = _missed(data, logs)
+    error = error_of(data.squares(sampled), confidence)
+    return Estimate(
+        tuple(logs),
+        sampled,
+        tuple(_run(sampled, log) for log in logs),
+        noise,
+        _gains(sampled, logs[0].n_x) * noise.value,
+        error,
+        missed,
+        1.0 - error.value**2 / whole,
+        1.0 - float(np.mean(missed**2)) / whole if any(log.f_theta is not None for log in logs) else 0.0,
+        spectrum,
+        suggestion,
+        test,
+        tuple(_notes(noise, suggestion, spectrum, test, error, given=filter is not None)),
+    )
+
+
+def checked_logs(recordings: Recording | Sequence[Recording]) -> list[Recording]:
+    """Recordings of one robot."""
+    logs = [recordings] if isinstance(recordings, Recording) else list(recordings)
+    if not logs:
+        raise ValueError("recordings: expected at least one, got none")
+    for i, log in enumerate(logs):
+        if not isinstance(log, Recording):
+            raise TypeError(f"recordings: expected Recordings, got {type(log).__name__} at place {i}")
+        if log.channels != logs[0].channels:
+            raise ValueError(
+                f"recordings: expected one robot's, with the channels {', '.join(logs[0].channels)}, got "
+                f"{', '.join(log.channels)} at place {i}"
+            )
+    return logs
+
+
+def sampled_for(
+    filter: PhyFilter | SampledPhyFilter | None, logs: Sequence[Recording], g: Rule, f_theta: Rule
+) -> SampledPhyFilter:
+    """The filter at the rate of the recordings; any one where there is none yet, for its sampling."""
+    if isinstance(filter, SampledPhyFilter):
+        if filter.E is not None:
+            raise ValueError(
+                "filter: expected one without a direction E, for f has as many channels as x here"
+            )
+        return filter
+    if filter is not None and not isinstance(filter, PhyFilter):
+        raise TypeError(f"filter: expected a PhyFilter or a SampledPhyFilter, got {type(filter).__name__}")
+    # Twelve digits: times of a recording rarely give the interval to the last bit, and people read the file.
+    dt = float(f"{np.median([log.dt for log in logs]):.12g}")
+    return (filter or PhyFilter([1.0])).sampled(dt, g=g, f_theta=f_theta)
+
+
+def _run(sampled: SampledPhyFilter, log: Recording) -> FloatArray:
+    """f_hat; f_theta where a sample is missing."""
+    over_gaps = replace(sampled, sampling=replace(sampled.sampling, nonfinite="hold"))
+    return np.asarray(over_gaps.run(log.x, log.g, log.f_theta, log.inertia, log.times), dtype=float)
+
+
+def _gains(sampled: SampledPhyFilter, n_x: int) -> FloatArray:
+    """Deviation of f_hat for noise of 1, by channel."""
+    found = [
+        math.sqrt(error_variance(sampled.with_filter(each), noise=1.0).noise) for each in sampled.filters
+    ]
+    return np.broadcast_to(found, (n_x,))
+
+
+def _missed(data: Unlabelled, logs: Sequence[Recording]) -> tuple[FloatArray, float]:
+    """Rms of f - f_theta by channel, and the mean square of f, both without the noise."""
+    missed = np.sum([rows.sum(axis=0) for rows in data.squares(None)], axis=0)
+    squares, whole = np.maximum(missed[:-1] / missed[-1], 0.0), 0.0
+    for k, (part, u, log) in enumerate(zip(data.parts, data.signals, logs, strict=True)):
+        model = np.zeros_like(u)
+        if log.f_theta is not None:
+            middle = part.times[0] + part.dt * (np.arange(len(u)) + 0.5)
+            known = log.f_theta[part.samples]
+            model = np.stack([np.interp(middle, part.times, column) for column in known.T], axis=1)
+        power = (u + data.passed(model, part.dt)) ** 2 - data.left(k) * data.noise**2
+        whole += part.dt * float(power.mean(axis=1).sum()) / float(missed[-1])
+    return np.sqrt(squares), max(whole, 1e-300)
+
+
+def _notes(
+    noise: NoiseLevel,
+    suggestion: Suggestion,
+    spectrum: ResidualSpectrum,
+    test: Prediction,
+    error: Interval,
+    *,
+    given: bool,
+) -> list[str]:
+    found = []
+    if not noise.is_white:
+        worst = float(noise.colour[np.argmax(np.abs(np.log(np.maximum(noise.colour, 1e-300))))])
+        found.append(
+            f"the noise is not white above half of the Nyquist frequency (power ratio {worst:.2g}, expected 1): x "
+            "comes out of an estimator, or the force reaches up there; noise level and bandwidth are less sure"
+        )
+    if suggestion.status != "converged":
+        found.append(suggestion.message)
+    else:
+        bandwidth = suggestion.bandwidth
+        if not 1.0 / _APART < bandwidth / spectrum.crossing < _APART and spectrum.crossing < math.inf:
+            found.append(
+                f"the suggested bandwidth ({bandwidth:.3g} rad/s) and the one at which noise and residual cross "
+                f"({spectrum.crossing:.3g} rad/s) differ by more than {_APART:g} times: try both"
+            )
+    if not test.improves:
+        found.append(
+            f"f_hat does not predict x {test.horizon:g} s ahead better than the model alone: there may be nothing to "
+            "estimate, or not at this bandwidth"
+        )
+    if given and suggestion.error.value < 0.9 * error.value:
+        found.append(
+            f"the suggested filter is expected to err {100.0 * (1.0 - suggestion.error.value / error.value):.0f} % less"
+        )
+    return found

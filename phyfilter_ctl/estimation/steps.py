@@ -1,0 +1,165 @@
+"""Recordings as the sampled filter sees them: the measured residual u of each step; how sure a mean over them is."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import OptimizeResult, minimize_scalar
+from scipy.stats import t as student
+
+from .._sections import FloatArray
+from ..design.optimal import Interval
+from ..filter import SampledPhyFilter, record, windows
+from ..recording import Recording
+
+__all__ = ["LEAST", "Steps", "filtered", "jackknife", "least", "steps_of", "units_of"]
+
+LEAST = 100  # steps below which nothing is said
+_ENOUGH, _BLOCKS = 5, 12  # recordings from which on they are the unit; stretches of fewer
+
+
+@dataclass(frozen=True, eq=False)
+class Steps:
+    """One recording.
+
+    Attributes
+    ----------
+    times : (m + 1,) array
+        Of the samples between the steps, s.
+    u, moved : (m, n_x) arrays
+        M dx / h - mean(g + f_theta) over each step, and M dx / h.
+    samples : (m + 1,) array
+        Which samples of the recording those are.
+    dt : float
+        Median step; the step where all are equal.
+    uniform : bool
+    scale : (n_x,) array
+        Mean of M where it is a number or a diagonal, else 1.
+    """
+
+    times: FloatArray
+    u: FloatArray
+    moved: FloatArray
+    samples: NDArray[np.intp]
+    dt: float
+    uniform: bool
+    scale: FloatArray
+
+    @property
+    def h(self) -> FloatArray:
+        """Lengths (m, 1) of the steps."""
+        return np.full((len(self.u), 1), self.dt) if self.uniform else np.diff(self.times)[:, None]
+
+    def on_grid(self, dt: float) -> FloatArray:
+        """Means of u over the cells of a uniform grid: rises of its integral, straight between the samples."""
+        if self.uniform and abs(self.dt - dt) <= 1e-6 * dt:
+            return self.u
+        edges = self._edges(dt)
+        return _means(self.times, self.u, edges)
+
+    def _edges(self, dt: float) -> FloatArray:
+        edges = np.arange(self.times[0], self.times[-1] + 1e-6 * dt, dt)
+        return np.minimum(edges, self.times[-1])
+
+    def noise_density(self, dt: float, theta: FloatArray) -> FloatArray:
+        """Spectrum over theta = omega dt of the noise of u on that grid, for noise 1 of M x; its mean is the variance.
+
+        Its integral is the noise of x on straight lines between the samples: white where grid and samples agree, else
+        of a covariance that ends after two lags or so.
+        """
+        lags = [1.0, 0.0, 0.0]
+        if not (self.uniform and abs(self.dt - dt) <= 1e-6 * dt):
+            edges = self._edges(dt)
+            left = np.clip(np.searchsorted(self.times, edges, "right") - 1, 0, len(self.times) - 2)
+            w = (edges - self.times[left]) / np.diff(self.times)[left]
+            lags = [float(np.mean(_shared(left, w, lag))) for lag in range(3)]
+        covariance = lags[0] + 2.0 * (lags[1] * np.cos(theta) + lags[2] * np.cos(2.0 * theta))
+        return np.maximum(covariance, 0.0) * 2.0 * (1.0 - np.cos(theta)) / dt**2
+
+
+def _means(times: FloatArray, values: FloatArray, edges: FloatArray) -> FloatArray:
+    """Means between the edges of what is constant between the times."""
+    return np.asarray(windows.window_means(times, values, values, edges[:-1], edges[1:]), dtype=float)
+
+
+def _shared(left: NDArray[np.intp], w: FloatArray, lag: int) -> FloatArray:
+    """Covariance of the lines at two points of the grid, between samples of variance 1."""
+    i, j = slice(None, len(w) - lag), slice(lag, None)
+    apart = left[j] - left[i]
+    same = (1.0 - w[i]) * (1.0 - w[j]) + w[i] * w[j]
+    return np.where(apart == 0, same, np.where(apart == 1, w[i] * (1.0 - w[j]), 0.0))
+
+
+def steps_of(logs: Sequence[Recording], sampled: SampledPhyFilter) -> list[Steps]:
+    """Measured residuals of all logs, as this filter would take them.
+
+    Raises
+    ------
+    ValueError
+        If there are fewer than 100 steps in all.
+    """
+    found = []
+    for log in logs:
+        u, samples = _residuals(sampled, log)
+        moved, there = _residuals(sampled, log.with_signals(g=None, f_theta=None))
+        times = log.times[samples]
+        if len(moved) > len(u):  # g or f_theta has gaps where x has none
+            moved = _means(log.times[there], moved, times)
+        whole = log.is_uniform and len(samples) == log.n
+        found.append(Steps(times, u, moved, samples, log.dt, whole, _scale(log)))
+    if (count := sum(len(part.u) for part in found)) < LEAST:
+        raise ValueError(
+            f"expected at least {LEAST} steps to tell noise from force, got {count}; give longer recordings"
+        )
+    return found
+
+
+def _residuals(sampled: SampledPhyFilter, log: Recording) -> tuple[FloatArray, NDArray[np.intp]]:
+    u, samples = record.step_residuals(sampled.recursion, log.x, log.g, log.f_theta, log.inertia, log.times)
+    return np.asarray(u, dtype=float), samples
+
+
+def _scale(log: Recording) -> FloatArray:
+    M = log.inertia
+    if M is None or M.ndim == 3 or (M.ndim == 2 and M.shape == (log.n_x, log.n_x) and log.n != log.n_x):
+        return np.ones(log.n_x)
+    return np.broadcast_to(np.abs(M if M.ndim < 2 else M.mean(axis=0)), (log.n_x,))
+
+
+def filtered(sampled: SampledPhyFilter, u: FloatArray, steps: FloatArray | None = None) -> FloatArray:
+    """f_hat - f_theta (m, n_x) at the ends of steps of residual u; ``steps`` (m,) where not nominal."""
+    y = np.empty(u.shape)
+    for rows, part in record.respond(sampled.recursion, len(u), u.shape[1], lambda rows: u[rows], steps):
+        y[rows] = part
+    return y
+
+
+def least(cost: Callable[[float], float], grid: FloatArray) -> tuple[float, float]:
+    """Where a cost is least, and the cost: the best of a grid, refined between its neighbours."""
+    k = int(np.argmin([cost(float(x)) for x in grid]))
+    ends = (grid[max(k - 1, 0)], grid[min(k + 1, len(grid) - 1)])
+    found: OptimizeResult = minimize_scalar(cost, bounds=ends, method="bounded", options={"xatol": 1e-3})
+    return float(found["x"]), float(found["fun"])
+
+
+# -- how sure -------------------------------------------------------------------------------------------------------
+
+
+def units_of(parts: Sequence[FloatArray]) -> FloatArray:
+    """Sums (units, k) of rows (m, k) over independent stretches: recordings, or parts of few."""
+    if len(parts) >= _ENOUGH:
+        return np.array([part.sum(axis=0) for part in parts])
+    count = -(-_BLOCKS // len(parts))
+    return np.array([block.sum(axis=0) for part in parts for block in np.array_split(part, count)])
+
+
+def jackknife(sums: FloatArray, statistic: Callable[[FloatArray], float], confidence: float) -> Interval:
+    """A function of totals (k,), with Student's interval from leaving out one unit after the other."""
+    count, total = len(sums), sums.sum(axis=0)
+    value, without = statistic(total), np.array([statistic(total - unit) for unit in sums])
+    deviation = np.sqrt((count - 1.0) / count * np.sum((without - without.mean()) ** 2))
+    width = float(student.ppf(0.5 + 0.5 * confidence, count - 1) * deviation)
+    return Interval(value, value - width, value + width)

@@ -1,0 +1,116 @@
+"""The force that a model missed, over time and over frequency."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import control as ct
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.axes import Axes
+from numpy.typing import NDArray
+
+from ._style import COLOURS, SMALL
+from .estimates import MANY, dress_over_time
+
+__all__ = ["missed_plot"]
+
+FloatArray = NDArray[np.float64]
+
+
+def missed_plot(
+    times: FloatArray,
+    f_hat: FloatArray,
+    band: FloatArray,
+    beside: Mapping[str, FloatArray],
+    spectrum: tuple[FloatArray, FloatArray, FloatArray],
+    *,
+    channels: Sequence[str],
+    title: str = "",
+    ax: Sequence[Axes] | None = None,
+) -> ct.ControlPlot:
+    """f_hat of each channel over time with its noise band, and beneath them the spectrum of what the model misses.
+
+    Parameters
+    ----------
+    times : (N,) array
+        Seconds.
+    f_hat : (N, n_x) array
+    band : (n_x,) array
+        Half the width of the noise band.
+    beside : dict of str to (N, n_x) array
+        Other signals, by name.
+    spectrum : three (K,) arrays
+        omega in rad/s, density of the measured residual, density of the noise in it.
+    channels : sequence of str
+        Names of the n_x channels.
+    title : str
+        Above the figure.
+    ax : n_x + 1 Axes, optional
+        None makes a new figure.
+
+    Returns
+    -------
+    control.ControlPlot
+        ``lines`` and ``axes`` (n_x + 1, 1); ``figure``; ``legend``.
+
+    Raises
+    ------
+    ValueError
+        If ``ax`` does not hold n_x + 1 axes.
+
+    Examples
+    --------
+    >>> import matplotlib
+    >>> matplotlib.use("Agg")
+    >>> t, one = np.arange(3.0), np.ones((3, 1))
+    >>> plot = missed_plot(t, one, np.ones(1), {"label": one}, (t + 1.0, t + 1.0, t + 1.0), channels=["v"])
+    >>> plot.axes.shape
+    (2, 1)
+    >>> plt.close(plot.figure)
+    """
+    count = len(channels) + 1
+    if ax is None:
+        size = (6.4, 1.0 + 1.6 * count)
+        axes = list(plt.subplots(count, 1, layout="constrained", figsize=size, squeeze=False)[1][:, 0])
+    elif len(axes := list(ax)) != count:
+        raise ValueError(f"ax: expected {count} axes, one for each channel and one more, got {len(axes)}")
+    rastered = len(times) > MANY
+    lines = np.empty((count, 1), dtype=object)
+    for i, channel in enumerate(channels):
+        axes[i].fill_between(
+            times,
+            f_hat[:, i] - band[i],
+            f_hat[:, i] + band[i],
+            color=COLOURS[0],
+            alpha=0.25,
+            linewidth=0.0,
+            rasterized=rastered,
+        )
+        drawn = axes[i].plot(
+            times, f_hat[:, i], color=COLOURS[0], linewidth=1.0, label="f_hat", rasterized=rastered
+        )
+        for k, (name, values) in enumerate(beside.items()):
+            drawn += axes[i].plot(
+                times, values[:, i], color=COLOURS[k + 1], linewidth=0.8, label=name, rasterized=rastered
+            )
+        axes[i].set_ylabel(f"$f$ of {channel}", fontsize=SMALL)
+        axes[i].sharex(axes[0])
+        lines[i, 0] = drawn
+    dress_over_time(axes[:-1], 1)
+    omega, residual, noise = (values[1:] for values in spectrum)
+    lines[-1, 0] = [
+        *axes[-1].loglog(omega, residual, color="0.15", linewidth=1.0, label="measured residual"),
+        *axes[-1].loglog(omega, noise, color=COLOURS[1], linewidth=1.0, linestyle="--", label="noise in it"),
+    ]
+    axes[-1].set_xlabel("Frequency [rad/s]", fontsize=SMALL)
+    axes[-1].set_ylabel("Density", fontsize=SMALL)
+    axes[-1].tick_params(labelsize="x-small")
+    axes[-1].grid(True, which="major", color="0.88", linewidth=0.7)
+    axes[-1].legend(fontsize="x-small", frameon=False)
+    legend = axes[0].legend(fontsize="x-small", frameon=False, ncols=len(beside) + 1)
+    if title:
+        axes[0].set_title(title, loc="left", fontsize=SMALL, fontweight="bold")
+    grid = np.empty((count, 1), dtype=object)
+    grid[:, 0] = axes
+    return ct.ControlPlot(lines, grid, axes[0].figure, legend=legend)
