@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable
 
 import control as ct
@@ -387,6 +388,43 @@ def test_sets_of_matrices_are_sound(seed: int, share: float):
             assert found.stable
             assert np.all(found.ratios.real >= verdict.ratios[0].real * (1.0 - CLOSE))
             assert np.all(found.ratios.real <= verdict.ratios[1].real * (1.0 + CLOSE))
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_boxes_of_matrices_are_exact_whatever_the_units(seed: int):
+    """Both ends of the range are those of a vertex, found by trying all; a congruence of units changes nothing."""
+    rng, n = np.random.default_rng(seed), 3
+    margin = prior_margin(repeated(3))
+    M_hat = np.eye(n) + 0.2 * random_definite(rng, n)
+    bounds = rng.uniform(0.0, 0.1, (n, n)) * np.sqrt(np.outer(np.diag(M_hat), np.diag(M_hat)))
+    bounds = np.maximum(bounds, bounds.T)
+    rows, columns = np.triu_indices(n)
+    found = []
+    for signs in itertools.product((-1.0, 1.0), repeat=len(rows)):
+        error = np.zeros((n, n))
+        error[rows, columns] = error[columns, rows] = signs * bounds[rows, columns]
+        found.append(np.linalg.eigvals(M_hat @ np.linalg.inv(M_hat + error)).real)
+    verdict = margin.inertia_within(M_hat, bounds)
+    assert verdict.ratios.real == pytest.approx([np.min(found), np.max(found)], rel=1e-10)
+    units = np.diag([1.0, 1e-3, 1e4])
+    again = margin.inertia_within(units @ M_hat @ units, units @ bounds @ units)
+    np.testing.assert_allclose(again.ratios, verdict.ratios, rtol=1e-9)
+
+
+def test_many_axes_and_mixed_units():
+    margin = prior_margin(repeated(3))
+    mixed = margin.inertia_within([10.0, 0.01], np.diag([1.0, 0.001]))
+    assert mixed.ratios.real == pytest.approx([1.0 / 1.1, 1.0 / 0.9], rel=1e-12)
+    rng, n = np.random.default_rng(1), 15
+    M_hat = np.eye(n) + 0.02 * random_definite(rng, n)
+    bounds = 0.2 / n * np.sqrt(np.outer(np.diag(M_hat), np.diag(M_hat)))
+    verdict, few = margin.inertia_within(M_hat, bounds), margin.inertia_within(M_hat[:5, :5], bounds[:5, :5])
+    signs = rng.choice([-1.0, 1.0], n)
+    for sign in (-1.0, 1.0):
+        ratios = margin.inertia(M_hat, M_hat + sign * signs * bounds * signs[:, None]).ratios.real
+        assert verdict.ratios[0].real <= ratios.min() <= ratios.max() <= verdict.ratios[1].real
+    # A part of the axes is less uncertain than all.
+    assert verdict.ratios[0].real <= few.ratios[0].real
 
 
 def test_sets_that_fit_are_accepted_and_others_explained():

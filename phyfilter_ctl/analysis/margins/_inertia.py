@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import product
+
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.linalg import eigh, eigvals
@@ -9,10 +11,12 @@ from scipy.linalg import eigh, eigvals
 from ... import _signals
 from ..._sections import ComplexArray, FloatArray
 
-__all__ = ["checked_inertia", "definite", "loewner_range", "ratios"]
+__all__ = ["box_range", "checked_inertia", "definite", "loewner_range", "ratios"]
 
 # Reciprocal condition number below which a matrix counts as singular.
 _SINGULAR = 1e-14
+# Axes up to which all 2^(n-1) sign patterns are tried: 4,096 small eigenvalue problems.
+_MOST_AXES = 13
 # Asymmetry that rounding leaves.
 _SYMMETRIC = 1e-9
 
@@ -26,10 +30,13 @@ def checked_inertia(name: str, value: ArrayLike) -> FloatArray:
         raise ValueError(f"{name}: expected a square matrix (n, n) or a diagonal (n,), got shape {M.shape}")
     if not np.all(np.isfinite(M)):
         raise ValueError(f"{name}: every entry must be finite, got {M.tolist()}")
-    singular = np.linalg.svd(M, compute_uv=False)
+    with np.errstate(invalid="ignore"):  # whatever the units of the axes; a row of zeros gives nan
+        scaled = M / np.abs(M).max(axis=1)[:, None]
+        scaled /= np.abs(scaled).max(axis=0)
+    singular = np.linalg.svd(scaled, compute_uv=False) if np.all(np.isfinite(scaled)) else np.zeros(1)
     if not singular[-1] > _SINGULAR * singular[0]:
         raise ValueError(
-            f"{name}: singular (smallest singular value {singular[-1]:.3g}, largest {singular[0]:.3g}); an inertia "
+            f"{name}: singular, with axes scaled alike the smallest singular value is {singular[-1]:.3g}; an inertia "
             "matrix has an inverse"
         )
     return M
@@ -61,3 +68,30 @@ def loewner_range(M_hat: FloatArray, low: FloatArray, high: FloatArray) -> tuple
     They are the stationary values of v' M_hat v / v' M v, which only falls as M grows.
     """
     return float(eigh(M_hat, high, eigvals_only=True)[0]), float(eigh(M_hat, low, eigvals_only=True)[-1])
+
+
+def box_range(M_hat: FloatArray, deviation: FloatArray) -> tuple[float, float, bool]:
+    """Range of the eigenvalues of M_hat M^-1 over all symmetric M with |M - M_hat| <= deviation entry by entry.
+
+    v' M v is largest, and least, in the box at M_hat +- S deviation S with S = diag(sign v), so the ends are those of
+    2^(n-1) vertices (J. Rohn, "Positive definiteness and stability of interval matrices", SIAM J. Matrix Anal. Appl. 15
+    (1994)), whatever the units of the axes.
+
+    Returns
+    -------
+    low, high : float
+        ``high`` is infinite where a singular M is in the box.
+    attained : bool
+        False beyond 13 axes: then the range is one that contains the true one, from the spectral radius of
+        |L^-1| deviation |L^-T|, M_hat = L L'.
+    """
+    n, inverse = len(M_hat), np.linalg.inv(np.linalg.cholesky(M_hat))
+    if n > _MOST_AXES:
+        size = np.abs(inverse) @ deviation @ np.abs(inverse.T)
+        radius = float(np.linalg.eigvalsh(0.5 * (size + size.T))[-1])
+        return 1.0 / (1.0 + radius), 1.0 / (1.0 - radius) if radius < 1.0 else np.inf, False
+    patterns = np.array([[1.0, *signs] for signs in product((1.0, -1.0), repeat=n - 1)])
+    turned = inverse * patterns[:, None, :]
+    largest = float(np.linalg.eigvalsh(turned @ deviation @ turned.transpose(0, 2, 1)).max(initial=0.0))
+    # M_hat^-1/2 (M - M_hat) M_hat^-T/2 has no larger eigenvalue, and this one.
+    return 1.0 / (1.0 + largest), 1.0 / (1.0 - largest) if largest < 1.0 else np.inf, True

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import control as ct
@@ -148,9 +148,9 @@ class PriorMargin(LoopMargins):
         Returns
         -------
         InertiaVerdict
-            Sufficient. float: small gain, |M - M_hat| |M_hat^-1| below :attr:`modulus_margin`. Matrix: M lies between
-            M_hat - r I and M_hat + r I, r the spectral radius of ``deviation``, whose eigenvalues are then tested as a
-            range. A constant M is meant.
+            float: sufficient; small gain, |M - M_hat| |M_hat^-1| below :attr:`modulus_margin`, so all axes should have
+            one unit. Matrix: exact up to 13 axes, whatever their units; the eigenvalues of M_hat M^-1 fill a real
+            range, which the vertices of the box give, and must all be stable. A constant M is meant.
 
         Raises
         ------
@@ -175,16 +175,16 @@ class PriorMargin(LoopMargins):
         if spread.ndim == 0:
             return self._small_gain(float(spread) * float(np.linalg.norm(np.linalg.inv(model), 2)))
         model = _inertia.definite("M_hat", model)
-        radius = float(np.linalg.norm(np.maximum(spread, spread.T), 2))
-        least = float(np.linalg.eigvalsh(model)[0])
-        if radius >= least:
-            message = (
-                f"the deviation may be {radius:.4g} in the spectral norm and M_hat has the eigenvalue {least:.4g}: a "
-                "singular M is not excluded; give tighter bounds"
-            )
-            return InertiaVerdict(False, "range", np.array([np.nan, np.nan], dtype=np.complex128), message)
-        shift = radius * np.eye(len(model))
-        return self._range(*_inertia.loewner_range(model, model - shift, model + shift))
+        low, high, attained = _inertia.box_range(model, np.maximum(spread, spread.T))
+        if np.isinf(high):
+            message = "a singular M is not excluded: give tighter bounds"
+            return InertiaVerdict(False, "range", np.array([low, np.inf], dtype=np.complex128), message)
+        verdict = self._range(low, high)
+        if attained or verdict.stable:
+            return verdict
+        return replace(
+            verdict, message=f"{verdict.message}; with so many axes this need not mean instability"
+        )
 
     def _range(self, low: float, high: float) -> InertiaVerdict:
         whole = any(a < low and high < b for a, b in self.stable_ratios)
