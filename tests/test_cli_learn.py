@@ -239,3 +239,67 @@ def test_help_teaches_by_examples_that_run(logs, capsys):
         assert main(words) == 0, words
     capsys.readouterr()
     assert main(["design", "filter.toml"]) == 0
+
+
+def drone(*, scale: float = 1.0, with_g: bool = True) -> str:
+    """A velocity in wind as CSV text: x' = g + f, g of gravity and thrust; times in units of ``scale`` s."""
+    t = DT * np.arange(3000)
+    f = np.stack([np.sin(1.3 * t), np.cos(0.7 * t)], axis=1)
+    g = np.stack([3.0 * np.sin(2.0 * t), 4.0 * np.sin(1.1 * t) - 9.81 + 9.81], axis=1)
+    rng = np.random.default_rng(0)
+    x = np.cumsum(DT * (f + g), axis=0) + 2e-3 * rng.standard_normal(f.shape)
+    head, columns = "t,px,py,label_px,label_py", [t / scale + 0.25, x, f]
+    if with_g:
+        head, columns = head + ",g_px,g_py", [*columns, g]
+    rows = np.column_stack(columns).tolist()
+    return "\n".join([head, *(",".join(f"{v!r}" for v in row) for row in rows)]) + "\n"
+
+
+def test_a_column_of_microseconds_is_refused_until_its_unit_is_given(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    Path("us.csv").write_text(drone(scale=1e-6))
+    arguments = [
+        "learn",
+        "us.csv",
+        "--x",
+        "px,py",
+        "--order",
+        "1",
+        "--form",
+        "lowpass",
+        "--out",
+        "filter.toml",
+    ]
+    assert main(arguments) == 2
+    said = capsys.readouterr().err
+    assert "the time steps are 1e+04 s, expected 10 us to 1 s" in said
+    assert "0.01 s if it counts us" in said
+    assert not Path("filter.toml").exists()
+    assert main([*arguments, "--time-unit", "us"]) == 0
+    assert filterfile.load("filter.toml").dt == DT
+    assert "note: us:" not in capsys.readouterr().out
+
+
+def test_a_flight_without_its_g_is_said_and_saves_nothing(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    Path("no_g.csv").write_text(drone(with_g=False))
+    arguments = [
+        "learn",
+        "no_g.csv",
+        "--x",
+        "px,py",
+        "--order",
+        "1",
+        "--form",
+        "lowpass",
+        "--out",
+        "filter.toml",
+    ]
+    assert main(arguments) == 2
+    shown = capsys.readouterr()
+    assert "there is no g, and M x' misses the label by" in shown.out
+    assert "filter.toml: not written: no filter is better than none" in shown.err
+    assert not Path("filter.toml").exists()
+    Path("with_g.csv").write_text(drone())
+    assert main([arguments[0], "with_g.csv", *arguments[2:]]) == 0
+    assert "note:" not in capsys.readouterr().out

@@ -10,9 +10,11 @@ import numpy as np
 
 from .. import filterfile
 from ..recording import Recording
+from ..robot import Suspicion, findings_of
 
-__all__ = ["add_columns", "names_of", "read_columns", "signals_of"]
+__all__ = ["add_columns", "names_of", "plausibility", "read_columns", "signals_of"]
 
+_TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 _RULES = ("hold", "average")
 _VELOCITIES = ("vx", "vy", "vz")
 
@@ -20,7 +22,12 @@ _VELOCITIES = ("vx", "vy", "vz")
 def add_columns(parser: argparse.ArgumentParser) -> None:
     """Add the options that name columns."""
     columns = parser.add_argument_group("columns, with commas between them (none: leave the signal out)")
-    columns.add_argument("--time", metavar="COLUMN", help="times in s (default t)")
+    columns.add_argument("--time", metavar="COLUMN", help="times (default t)")
+    columns.add_argument(
+        "--time-unit",
+        choices=tuple(_TIME_UNITS),
+        help="of the times (default s; without it, steps below 10 us or above 1 s are refused)",
+    )
     columns.add_argument(
         "--dt", type=float, metavar="S", help="sampling interval in s of files without times"
     )
@@ -48,8 +55,10 @@ def read_columns(path: str, options: argparse.Namespace) -> Recording:
     ValueError, OSError
         If the options contradict each other, or the file cannot be read.
     """
-    if options.time is not None and options.dt is not None:
-        raise ValueError("--time and --dt: expected one of them; --dt is for files without times")
+    for name in ("time", "time_unit"):
+        if getattr(options, name) is not None and options.dt is not None:
+            option = f"--{name.replace('_', '-')}"
+            raise ValueError(f"{option} and --dt: expected one of them; --dt is for files without times")
     if options.model is not None and options.f_theta is not None:
         raise ValueError("--model and --f-theta: expected one of them")
     if options.features is not None and options.model is None:
@@ -64,9 +73,27 @@ def read_columns(path: str, options: argparse.Namespace) -> Recording:
         f_theta=None if options.model else _columns("--f-theta", options.f_theta),
         features=_columns("--features", options.features) if options.model else None,
         inertia=_inertia(options.inertia),
+        scale=None if options.time_unit is None else {options.time or "t": _TIME_UNITS[options.time_unit]},
         delimiter=options.delimiter,
     )
     return log if options.model is None else _with_model(path, log, options.model)
+
+
+def plausibility(logs: Sequence[Recording], options: argparse.Namespace) -> list[str]:
+    """What is not plausible about the recordings that :func:`read_columns` read, with what to do.
+
+    Raises
+    ------
+    ValueError
+        For steps of time that can hardly be seconds, unless their unit was given.
+    """
+    known, found = options.time_unit is not None or options.dt is not None, list[str]()
+    for log in logs:
+        for finding in findings_of(log, time_unit_known=known):
+            if finding.suspicion is Suspicion.TIME_UNIT:
+                raise ValueError(f"{log.name}: {finding.message}")
+            found.append(f"{log.name}: {finding.message}")
+    return found
 
 
 def _with_model(path: str, log: Recording, name: str) -> Recording:

@@ -18,9 +18,9 @@ from .. import filterfile
 from .._output import check_target, write_figure, write_text
 from ..filter import SampledPhyFilter
 from ..recording import Recording
-from .columns import add_columns, names_of, read_columns, signals_of
+from .columns import add_columns, names_of, plausibility, read_columns, signals_of
 from .frequencies import add_picture_units
-from .learn_report import Row, best_of, figures_of, form_name, table_of
+from .learn_report import Row, best_of, figures_of, form_name, table_of, worse_than_none
 
 if TYPE_CHECKING:
     from ..design.learning import Form, LearnEvent, LearnResult
@@ -95,6 +95,7 @@ def main(options: argparse.Namespace) -> int:
     check_target(picture, suffixes=(".png", ".pdf", ".svg"))
     _check(options)
     logs, held_out = ([_read(path, options) for path in paths] for paths in (options.logs, options.held_out))
+    found = plausibility([*logs, *held_out], options)
     with _Interrupt() as interrupt, warnings.catch_warnings():
         warnings.filterwarnings("ignore", "the label of", UserWarning)  # it stands among the notes
         rows = _learned(options, logs, held_out, interrupt)
@@ -102,12 +103,20 @@ def main(options: argparse.Namespace) -> int:
         raise KeyboardInterrupt
     best = best_of(rows)
     channels = logs[0].channels if options.channels is None else names_of("--channels", options.channels)
+    worse = worse_than_none(logs, held_out, channels, best)
+    found += [worse] if worse else []
     if options.json != "-":
-        print(table_of(logs, held_out, channels, rows, best))
+        print(table_of(logs, held_out, channels, rows, best), *(f"note: {text}" for text in found), sep="\n")
     if options.json is not None:
-        figures = {"seed": options.seed, **figures_of(logs, held_out, channels, rows, best)}
+        figures = {
+            "seed": options.seed,
+            **figures_of(logs, held_out, channels, rows, best),
+            "findings": found,
+        }
         write_text(options.json, json.dumps(figures, indent=2, allow_nan=False) + "\n")
     if options.out is not None:
+        if worse:
+            raise ValueError(f"{options.out}: not written: {worse}")
         filterfile.save(options.out, _sampled(options, best.result), signals=signals_of(logs))
     if picture is not None:
         import matplotlib

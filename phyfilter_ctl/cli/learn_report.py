@@ -14,7 +14,7 @@ from ..results import Status, plain
 if TYPE_CHECKING:
     from ..design.learning import Form, LearnResult, WienerFloor
 
-__all__ = ["Row", "best_of", "figures_of", "form_name", "table_of"]
+__all__ = ["Row", "best_of", "figures_of", "form_name", "table_of", "worse_than_none"]
 
 # A filter of more coefficients is chosen where it lowers the RMSE by more than this share.
 _WORTHWHILE = 1e-3
@@ -69,6 +69,19 @@ def _alone(logs: Sequence[Recording], channels: Sequence[str]) -> float | None:
         gamma = log.label if log.f_theta is None else log.label - log.f_theta
         squares.append(gamma[1:, columns].ravel() ** 2)
     return float(np.sqrt(np.mean(np.concatenate(squares))))
+
+
+def worse_than_none(
+    logs: Sequence[Recording], held_out: Sequence[Recording], channels: Sequence[str], best: Row
+) -> str:
+    """That the best filter is no better than f_theta alone on what it was not learned from; empty where it is."""
+    alone = _alone(held_out or logs, channels)
+    if best.score is None or alone is None or best.score < alone:
+        return ""
+    return (
+        f"no filter is better than none: RMSE {best.score:.4g} with the best, {alone:.4g} with f_theta alone; look at "
+        "the units, signs, clocks and frames of x, label, g and inertia"
+    )
 
 
 def table_of(
