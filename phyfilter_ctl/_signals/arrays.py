@@ -61,7 +61,7 @@ def real(name: str, values: Given, dtype: DTypeLike = float, *, copy: bool = Tru
     values : array_like
         A frame, a series or a labelled array too; its rows go by position.
     dtype : dtype_like
-        float32 instead; what it does not reach becomes infinite.
+        float32 instead; what it does not reach becomes infinite. Of a complex one complex numbers are let in too.
     copy : bool
         Whether to copy what is of this type already.
 
@@ -83,7 +83,7 @@ def real(name: str, values: Given, dtype: DTypeLike = float, *, copy: bool = Tru
         raise TypeError(
             f"{name}: expected an array of real numbers with rows of one length: {error}"
         ) from error
-    if given.dtype.kind not in "fiub":
+    if given.dtype.kind not in "fiub" and not (given.dtype.kind == "c" and np.dtype(dtype).kind == "c"):
         held = (
             f"{given.dtype} ({type(given.flat[0]).__name__})"
             if given.dtype.kind == "O" and given.size

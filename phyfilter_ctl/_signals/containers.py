@@ -49,10 +49,10 @@ def contained(name: str, values: Any) -> Any:
         _refuse_columns(name, values, types)
     else:
         types = [getattr(values, "dtype", None)]
-        if (
-            getattr(types[0], "tz", None) is not None
-        ):  # without the type, pandas makes an object of every sample
-            return np.asarray(values, dtype=f"datetime64[{getattr(types[0], 'unit', 'ns')}]")
+        if getattr(types[0], "tz", None) is not None:
+            # Without the type pandas makes an object of every sample; xarray asks it for values, which lose the zone.
+            index = values.to_index() if hasattr(values, "to_index") else values
+            return np.asarray(index, dtype=f"datetime64[{getattr(types[0], 'unit', 'ns')}]")
     plain = isinstance(types[0], np.dtype) and all(each == types[0] for each in types) if types else True
     if not plain and all(getattr(each, "kind", "") in tuple("iufb") for each in types):
         # pandas: columns of several types, or of its own, whose missing entries are no NaN.

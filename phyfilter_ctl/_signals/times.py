@@ -82,7 +82,7 @@ def refuse_ticks(name: str, times: FloatArray, remedy: str) -> None:
     remedy : str
         How to give them.
     """
-    steps = np.abs(np.diff(times)) if times.ndim == 1 else times[:0]
+    steps = np.abs(np.diff(times)) if times.ndim == 1 else np.zeros(0)
     if len(steps) and (step := float(np.median(steps))) >= _TICKS:
         raise ValueError(
             f"{name}: steps of {step:.6g} as whole numbers are ticks of a clock, not seconds; give them {remedy}"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import operator
 from collections.abc import Sequence
+from contextlib import suppress
 from typing import Literal, SupportsIndex, cast, get_args
 
 import numpy as np
@@ -119,13 +120,13 @@ def place_poles(
         if len(frequencies) == 0:
             return shape
         numerator = 1
-    if np.ndim(numerator) > 0:
+    if isinstance(numerator, Sequence) or np.ndim(numerator) > 0:
         if len(frequencies):
             raise ValueError(
                 "zeros_at: the zeros of 1 - F decide the numerator, which is already given by its coefficients; "
                 "give one of the two, or a type as numerator"
             )
-        return PhyFilter.from_poles(poles, numerator)
+        return PhyFilter.from_poles(poles, _signals.array("numerator", numerator, (shape.order,)))
     kind = _type("numerator", numerator, shape.order)
     return PhyFilter(shape.a, _cancelling(shape.a, kind, frequencies), poles=shape.poles)
 
@@ -283,7 +284,13 @@ def _cancelling(a: FloatArray, kind: int, frequencies: FloatArray) -> FloatArray
         )
     # In s / scale the coefficients are of one size; the geometric mean keeps wide sets of frequencies central.
     scale = float(np.exp(np.mean(np.log(frequencies))))
-    powers = scale ** np.arange(n, 0, -1)
+    with np.errstate(over="ignore"):
+        powers = scale ** np.arange(n, 0, -1)
+    if not (np.isfinite(powers).all() and powers.all()):
+        raise ValueError(
+            f"zeros_at: power {n} of {scale:g} rad/s leaves the range of double precision; expected frequencies "
+            "that the loop can meet, or another unit of time"
+        )
     cancel = np.array([1.0])
     for w in frequencies / scale:
         cancel = polynomial.polymul(cancel, [w * w, 0.0, 1.0])
@@ -340,7 +347,8 @@ def _type(name: str, value: object, order: int) -> int:
 
 def _integer(name: str, value: object) -> int:
     if isinstance(value, SupportsIndex) and not isinstance(value, (bool, np.bool_)):
-        return operator.index(value)
+        with suppress(TypeError):  # an array of one number has the method, but refuses
+            return operator.index(value)
     raise TypeError(f"{name}: expected an integer, got {value!r}")
 
 

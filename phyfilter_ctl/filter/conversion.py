@@ -66,7 +66,10 @@ def _of_system(system: ct.InputOutputSystem) -> tuple[Any, Any]:
 
 
 def _of_zeros(z: Any, p: Any, k: Any) -> tuple[FloatArray, ComplexArray, bool]:
-    zeros, poles = (np.atleast_1d(np.asarray(roots, dtype=np.complex128)) for roots in (z, p))
+    zeros, poles = (
+        np.atleast_1d(_signals.real(name, roots, np.complex128)).astype(np.complex128)
+        for name, roots in (("z", z), ("p", p))
+    )
     if np.ndim(k):
         raise ValueError(f"from_tf: k: expected one gain, got shape {np.shape(k)}; one filter has one input")
     num = np.atleast_1d(np.poly(zeros)) * float(k)

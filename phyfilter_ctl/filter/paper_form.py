@@ -17,6 +17,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .. import _signals
 from .._sections import FloatArray
 from . import record
 from .phyfilter import PhyFilter, SampledPhyFilter
@@ -165,8 +166,10 @@ class PaperFilter:
         f_theta0 : (n_x,) array, optional
             None means 0.
         """
-        x = np.asarray(x0, self.precision)
-        f_theta = np.zeros_like(x) if f_theta0 is None else np.asarray(f_theta0, self.precision)
+        x = _signals.array("x0", x0, ("n_x",)).astype(self.precision)
+        f_theta = np.zeros_like(x)
+        if f_theta0 is not None:
+            f_theta = _signals.array("f_theta0", f_theta0, x.shape).astype(self.precision)
         return PaperState(self.matrices.start[:, None] * x, x, f_theta, f_theta)
 
     def step(
@@ -181,8 +184,12 @@ class PaperFilter:
             As for :meth:`SampledPhyFilter.step` with ``g="hold"``.
         """
         now, dtype = self.matrices, state.x.dtype
-        x = np.asarray(x, dtype)
-        g, f_theta = (np.zeros_like(x) if v is None else np.asarray(v, dtype) for v in (g, f_theta))
+        n_x = state.x.shape
+        x = _signals.array("x", x, n_x).astype(dtype)
+        g, f_theta = (
+            np.zeros_like(x) if value is None else _signals.array(name, value, n_x).astype(dtype)
+            for name, value in (("g", g), ("f_theta", f_theta))
+        )
         rate = self.shift @ state.s + now.c[:, None] * state.f_hat
         rate += now.P @ np.stack([state.x, g, state.f_theta])
         s = state.s + dtype.type(self.dt) * rate

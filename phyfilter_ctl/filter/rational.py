@@ -46,7 +46,7 @@ class Rational(LinearForm):
                     f"b has {len(b)} coefficients but a has {len(a)}: expected b_0 ... b_{len(a) - 1}, as many as "
                     "in a; pad with zeros"
                 )
-        roots = _sections.found_poles(a) if poles is None else _sections.given_poles(poles, len(a))
+        roots = _sections.found_poles(a) if poles is None else _given_poles(poles, len(a))
         worst = roots[np.argmax(roots.real)]
         if not worst.real < 0.0:
             raise ValueError(
@@ -90,7 +90,7 @@ class Rational(LinearForm):
         >>> PhyFilter.from_poles([-3.0 + 4.0j, -3.0 - 4.0j]).a.tolist()
         [25.0, 6.0]
         """
-        roots = _sections.given_poles(poles)
+        roots = _given_poles(poles)
         a = _sections.polynomial_from_roots(roots)
         # Below the normal numbers digits are lost, and at 0 the pole is.
         if np.all(roots.real < 0.0) and not (np.all(np.isfinite(a)) and np.all(a >= np.finfo(float).tiny)):
@@ -243,9 +243,16 @@ class Rational(LinearForm):
 
     def _over_denominator(self, numerator: FloatArray, s: ArrayLike) -> ComplexArray:
         s = np.asarray(s, dtype=np.complex128)
-        value = np.asarray(np.polynomial.polynomial.polyval(s, numerator), dtype=np.complex128)
+        with np.errstate(over="ignore", invalid="ignore"):
+            value = np.asarray(np.polynomial.polynomial.polyval(s, numerator), dtype=np.complex128)
+        beyond = ~np.isfinite(value) & np.isfinite(s)
+        value = np.where(beyond, 0.0, value)
         for pole in self.poles():  # one at a time: no intermediate overflows before F itself would
             value = np.divide(value, s - pole)
+        if np.any(beyond):  # so far out that only the highest powers count
+            degree = int(np.max(np.flatnonzero(numerator), initial=0))
+            far = numerator[degree] * np.where(beyond, s, 1.0) ** (degree - float(self.order))
+            value = np.where(beyond, far, value)
         return value
 
     def faster(self, factor: float) -> Self:
@@ -337,6 +344,10 @@ class Rational(LinearForm):
     def __repr__(self) -> str:
         numerator = "" if self.is_lowpass else f", b={self.b.tolist()}"
         return f"{type(self).__name__}(a={self.a.tolist()}{numerator})"
+
+
+def _given_poles(poles: ArrayLike, n: int | None = None) -> ComplexArray:
+    return _sections.given_poles(_signals.real("poles", poles, np.complex128), n)
 
 
 def _coefficients(name: str, values: ArrayLike) -> FloatArray:

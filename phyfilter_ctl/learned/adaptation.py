@@ -284,6 +284,8 @@ class AdaptiveChebyshev:
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Y, x and g of as many samples each."""
         assert self.model.Xi is not None
+        assert self.model.bounds is not None
+        z = _arrays.rows("z", z, len(self.model.bounds) - self.model.n_d)
         x = _arrays.rows("x", x, len(self.model.Xi))
         g = np.zeros_like(x) if g is None else _arrays.rows("g", g, x.shape[1])
         Y = self.model.regressor(z)

@@ -9,6 +9,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
+from .. import _signals
 from .algebra import Array, quaternion_product, stack
 from .declaration import Columns
 from .factory import Plant, Results, plant
@@ -82,7 +83,10 @@ def sensors(signals: Mapping[str, Sensor], *, name: str = "sensors") -> Plant:
     for signal, sensor in signals.items():
         inputs[signal] = ([1.0, 0.0, 0.0, 0.0], "") if sensor.quaternion else (sensor.start, sensor.unit)
     for signal, sensor in signals.items():
-        inputs[f"n_{signal}"] = (np.zeros(3 if sensor.quaternion else len(np.atleast_1d(sensor.start))), "")
+        start = _signals.real(f"{signal}: start", sensor.start)
+        if start.ndim > 1:
+            raise ValueError(f"{signal}: start: expected a number or shape (n,), got shape {start.shape}")
+        inputs[f"n_{signal}"] = (np.zeros(3 if sensor.quaternion else start.size), "")
     return plant(
         equations,
         name=name,

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .. import _signals
+from .._sections import FloatArray
 
 __all__ = ["Interval", "median_interval", "reduction"]
 
@@ -66,12 +67,20 @@ def median_interval(values: ArrayLike) -> Interval:
     """
     from scipy.stats import binom  # takes half a second
 
-    ordered = np.sort(_signals.real("values", values))
-    if ordered.ndim != 1 or len(ordered) == 0:
-        raise ValueError(f"values: expected one row of numbers, got shape {ordered.shape}")
+    ordered = np.sort(_row("values", values))
     n = len(ordered)
     k = max(1, int(binom.ppf(0.025, n, 0.5)))
     return Interval(float(np.median(ordered)), float(ordered[k - 1]), float(ordered[n - k]))
+
+
+def _row(name: str, values: ArrayLike) -> FloatArray:
+    """Numbers, infinity where a flight has failed."""
+    row = _signals.array(name, values, ("B",), finite=False)
+    if np.isnan(row).any():
+        raise ValueError(
+            f"{name}: expected numbers, none masked, got nan in entry {int(np.argmax(np.isnan(row)))}"
+        )
+    return row
 
 
 def reduction(ours: ArrayLike, theirs: ArrayLike) -> Interval:
@@ -92,7 +101,9 @@ def reduction(ours: ArrayLike, theirs: ArrayLike) -> Interval:
     >>> reduction([1.0, 2.0, 1.5], [2.0, 4.0, 3.0]).median
     50.0
     """
-    a, b = _signals.real("ours", ours), _signals.real("theirs", theirs)
+    a, b = _row("ours", ours), _row("theirs", theirs)
     if a.shape != b.shape:
-        raise ValueError(f"expected errors of the same flights, got shapes {a.shape} and {b.shape}")
+        raise ValueError(
+            f"ours, theirs: expected errors of the same flights, got shapes {a.shape} and {b.shape}"
+        )
     return median_interval(100.0 * (1.0 - a / b))

@@ -154,7 +154,7 @@ class BoundResult(Result):
         [3.0, 3.0, 3.0]
         """
         kernel = self._kernel
-        t = _signals.array("times", _signals.seconds("times", times), ("N",))
+        t = _signals.sample_times("times", times)
         assert self.derivative is not None
         signs = np.where(kernel.gain * kernel.at(t[-1] - t) >= 0.0, 1.0, -1.0)
         return self.residual[self.derivative] * signs

@@ -10,6 +10,7 @@ from typing import get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ... import _signals
 from ..._sections import FloatArray
 from ...results import Result, Status
 from .problem import (
@@ -260,7 +261,7 @@ class CooperativePlanner:
         >>> CooperativePlanner(limits, tilt_limit=0.0).reachable([[1.4, 0, 0.7], [1.4, 0, 0.6], [1.5, 0, 1.0]]).tolist()
         [True, False, False]
         """
-        points = np.asarray(points, dtype=np.float64)
+        points = _signals.array("points", points, ("K", 3), empty=True)
         lower, upper = self.limits.lower, self.limits.upper
         near, far = lower[3:] + self._mount, upper[3:] + self._mount
         farthest = np.maximum(abs(near), abs(far))
@@ -290,7 +291,7 @@ class CooperativePlanner:
         ValueError
             Naming the first such target.
         """
-        points = np.asarray(targets, dtype=np.float64)
+        points = _signals.array("targets", targets, ("K", 3), empty=True)
         out = np.flatnonzero(~self.reachable(points))
         if len(out):
             low, high = self.limits.lower, self.limits.upper
@@ -310,18 +311,17 @@ class CooperativePlanner:
         """
         state, limits = vector("h", h, (12,)), self.limits
         p, v = axes_of(state)
+        spans = [f"{low:g} to {high:g} m" for low, high in zip(limits.lower, limits.upper, strict=True)]
+        for i, axis in enumerate(AXES):
+            if not limits.lower[i] - ROUNDING <= p[i] <= limits.upper[i] + ROUNDING:
+                return f"{axis} is at {p[i]:g} m, expected {spans[i]}"
+            if abs(v[i]) > limits.velocity[i] + ROUNDING:
+                return f"{axis} moves at {v[i]:g} m/s, expected at most {limits.velocity[i]:g} m/s"
         steps = len(self._horizon.stopping) + int(np.max(abs(v) / (limits.acceleration * self.dt)))
         stop = axes_of(roll_out(state, braking(state, limits, self.dt, steps + 1), self.dt)[-1])[0]
         for i, axis in enumerate(AXES):
-            span = f"{limits.lower[i]:g} to {limits.upper[i]:g} m"
-            if not limits.lower[i] - ROUNDING <= p[i] <= limits.upper[i] + ROUNDING:
-                return f"{axis} is at {p[i]:g} m, expected {span}"
-            if abs(v[i]) > limits.velocity[i] + ROUNDING:
-                return f"{axis} moves at {v[i]:g} m/s, expected at most {limits.velocity[i]:g} m/s"
             if not limits.lower[i] - ROUNDING <= stop[i] <= limits.upper[i] + ROUNDING:
-                return (
-                    f"{axis} at {p[i]:g} m and {v[i]:g} m/s stops at {stop[i]:g} m at best, expected {span}"
-                )
+                return f"{axis} at {p[i]:g} m and {v[i]:g} m/s stops at {stop[i]:g} m at best, expected {spans[i]}"
         return ""
 
     def _solved(self, programme: QuadraticProgram, h: FloatArray) -> tuple[FloatArray, str]:
