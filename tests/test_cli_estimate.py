@@ -8,17 +8,24 @@ from pathlib import Path
 import control as ct
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 import phyfilter_ctl as pf
 from phyfilter_ctl.cli import main
 
 
+def motion() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Times, velocity with noise of 5 mm/s, force: Gauss-Markov with 0.5 s."""
+    rng, t = np.random.default_rng(0), 0.01 * np.arange(2500)
+    f = np.asarray(lfilter([0.4], [1.0, -0.98], rng.standard_normal(2500)))
+    x = np.concatenate([[0.0], np.cumsum(0.005 * (f[1:] + f[:-1]))])
+    return t, x + 0.005 * rng.standard_normal(2500), f
+
+
 @pytest.fixture
 def flight(tmp_path: Path) -> str:
-    t = 0.01 * np.arange(2500)[:, None]
-    v = 2.0 * (1.0 - np.cos(t)) + 0.005 * np.random.default_rng(0).standard_normal(t.shape)
-    log = pf.Recording(t[:, 0], v, g=np.zeros_like(v), channels=["v"])
-    log.to_csv(tmp_path / "flight.csv")
+    t, v, _ = motion()
+    pf.Recording(t, v, g=np.zeros_like(v), channels=["v"]).to_csv(tmp_path / "flight.csv")
     return str(tmp_path / "flight.csv")
 
 
@@ -67,3 +74,46 @@ def test_what_is_wrong_is_said(
 ) -> None:
     assert main(["estimate", flight, *arguments]) == 2
     assert words in capsys.readouterr().err
+
+
+def test_a_log_is_resampled_and_labelled(
+    flight: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    even, labelled, toml = (str(tmp_path / name) for name in ("even.csv", "labelled.csv", "filter.toml"))
+    log = pf.Recording.from_csv(flight, x=["v"])
+    uneven = pf.Recording(np.delete(log.times, [7, 90]), np.delete(log.x, [7, 90], axis=0), channels=["v"])
+    uneven.to_csv(tmp_path / "uneven.csv")
+    pf.save(toml, pf.PhyFilter([5.0]).sampled(0.01))
+    analyze = ["analyze", toml, "--x", "v", "--log"]
+    assert main([*analyze, str(tmp_path / "uneven.csv")]) == 2
+    advice = capsys.readouterr().err.split("phyfilter-ctl ")[-1].split()
+    made = {"FILE": str(tmp_path / "uneven.csv"), "S": "0.01"}
+    words = [made.get(word, word) for word in advice]
+    assert main([*words[:-1], even, "--x", "v"]) == 0  # the advice as it stands, and what x is
+    assert main([*analyze, even]) == 0
+    assert main(["log", "label", even, "--x", "v", "--out", labelled]) == 0
+    found = pf.Recording.from_csv(labelled, x=["v"])
+    assert found.label is not None
+    assert np.sqrt(np.mean((found.label[:, 0] - motion()[2]) ** 2)) < 0.5 * np.std(motion()[2])
+    assert "deviation_v" in Path(labelled).read_text().splitlines()[0]
+
+
+def test_a_robot_file_says_what_the_signals_are(
+    flight: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    robot = tmp_path / "robot.toml"
+    robot.write_text(
+        """format = "phyfilter-robot"
+version = 1
+time_unit = "s"
+constants = { mass = 2.0 }
+signals.v = { field = "v", unit = "m/s" }
+model = { x = "v", M = "mass", unit = "m/s" }
+"""
+    )
+    assert main(["estimate", flight, "--robot", str(robot), "--json", "-"]) == 0
+    figures = json.loads(capsys.readouterr().out)["estimate"]
+    alone = pf.estimate(pf.Recording.from_csv(flight, x=["v"], inertia=2.0))
+    assert figures["missed"] == pytest.approx(alone.missed.tolist(), rel=1e-6)
+    assert main(["estimate", flight, "--robot", str(robot), "--x", "v"]) == 2
+    assert "--robot and --x: expected one of them" in capsys.readouterr().err

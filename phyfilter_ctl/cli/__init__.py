@@ -34,6 +34,8 @@ _EPILOG = """examples:
 _COMMANDS = {
     "design": "choose a filter: description, figures, picture, file",
     "log": "what a robot's log holds: topics, units, clocks, gaps",
+    "log resample": "a recording at equal steps",
+    "log label": "the force of a recording from both sides, as its label",
     "estimate": "the force your model missed in recordings, and the filter that shows it",
     "learn": "learn filters from flights: table, picture, file",
     "analyze": "what a filter promises: bounds, noise, margins",

@@ -12,15 +12,19 @@ from .. import filterfile
 from ..recording import Recording
 from ..robot import Suspicion, findings_of
 
-__all__ = ["add_columns", "names_of", "plausibility", "read_columns", "signals_of"]
+__all__ = ["COLUMNS", "add_columns", "names_of", "plausibility", "read_columns", "signals_of"]
 
+# Options that name columns.
+COLUMNS = ("time", "time-unit", "dt", "x", "label", "g", "f-theta", "model", "features", "inertia")
 _TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 _RULES = ("hold", "average")
 _VELOCITIES = ("vx", "vy", "vz")
 
 
-def add_columns(parser: argparse.ArgumentParser) -> None:
-    """Add the options that name columns."""
+def add_columns(
+    parser: argparse.ArgumentParser, *, dt: str = "sampling interval in s of files without times"
+) -> None:
+    """Add the options that name columns; ``dt`` is what the help says of --dt."""
     columns = parser.add_argument_group("columns, with commas between them (none: leave the signal out)")
     columns.add_argument("--time", metavar="COLUMN", help="times (default t)")
     columns.add_argument(
@@ -28,9 +32,7 @@ def add_columns(parser: argparse.ArgumentParser) -> None:
         choices=tuple(_TIME_UNITS),
         help="of the times (default s; without it, steps below 10 us or above 1 s are refused)",
     )
-    columns.add_argument(
-        "--dt", type=float, metavar="S", help="sampling interval in s of files without times"
-    )
+    columns.add_argument("--dt", type=float, metavar="S", help=dt)
     columns.add_argument("--x", metavar="C,C,...", help="measured signal (default vx,vy,vz)")
     columns.add_argument("--label", metavar="C,C,...", help="true f")
     columns.add_argument("--g", metavar="C,C,...", help="known part of M x'")

@@ -18,7 +18,8 @@ from ..estimation import Estimate, EstimatorComparison, compare_estimators, esti
 from ..recording import Recording
 from ..recording.csvfile import write_csv
 from ..results import plain
-from .columns import add_columns, read_columns, signals_of
+from ..robot import Robot
+from .columns import COLUMNS, add_columns, plausibility, read_columns, signals_of
 
 if TYPE_CHECKING:
     from .._sections import FloatArray
@@ -40,6 +41,7 @@ examples:
   phyfilter-ctl estimate flight.csv
   phyfilter-ctl estimate flight_*.csv --g ux,uy,uz --inertia 1.5 --lag 0.05 --save-filter filter.toml
   phyfilter-ctl estimate flight.csv --filter filter.toml --compare    is my filter good, and is another way better
+  phyfilter-ctl estimate flight.ulg --robot robot.toml                a log as it is; robot.toml says what is in it
   phyfilter-ctl estimate flight.csv --picture missed.png --out f_hat.csv --json -"""
 
 
@@ -61,6 +63,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--horizon", type=float, default=0.2, metavar="S", help="of the prediction test (default 0.2)"
     )
     parser.add_argument("--compare", action="store_true", help="other estimators on the same recordings")
+    parser.add_argument(
+        "--robot", metavar="ROBOT.toml", help="what the signals of the logs are, instead of columns"
+    )
     loop = parser.add_argument_group("the loop that f_hat shall be fed back in")
     loop.add_argument("--lag", type=float, metavar="S", help="first-order lag of the actuator in s")
     loop.add_argument("--delay", type=float, default=0.0, metavar="S", help="delay of the command in s")
@@ -89,7 +94,7 @@ def main(options: argparse.Namespace) -> int:
     check_target(options.save_filter, suffixes=(".toml",))
     check_target(options.picture, suffixes=(".png", ".pdf", ".svg"))
     given = None if options.filter is None else filterfile.load(options.filter)
-    logs = [_read(path, options) for path in options.logs]
+    logs, doubts = _read(options)
     rules = {"g": options.g_rule, "f_theta": options.f_theta_rule}
     found = estimate(logs, given, orders=options.order, horizon=options.horizon, **rules)
     others = None
@@ -101,10 +106,10 @@ def main(options: argparse.Namespace) -> int:
     if options.out is not None:
         _write_table(options.out, found)
     if options.json is not None:
-        figures = plain({"estimate": found, "inner_loop": margin, "others": others})
+        figures = plain({"estimate": found, "findings": doubts, "inner_loop": margin, "others": others})
         write_text(options.json, json.dumps(figures, indent=2, allow_nan=False) + "\n")
     if options.json != "-":
-        print("\n".join(_text(found, options, margin, others)))
+        print("\n".join(_text(found, options, margin, others, doubts)))
     if options.picture is not None:
         import matplotlib
 
@@ -113,8 +118,19 @@ def main(options: argparse.Namespace) -> int:
     return 0
 
 
-def _read(path: str, options: argparse.Namespace) -> Recording:
-    return read_columns(path, options)
+def _read(options: argparse.Namespace) -> tuple[list[Recording], list[str]]:
+    """Recordings, and what is not plausible about them."""
+    if options.robot is None:
+        logs = [read_columns(path, options) for path in options.logs]
+        return logs, plausibility(logs, options)
+    given = [name for name in COLUMNS if getattr(options, name.replace("-", "_")) is not None]
+    if given:
+        raise ValueError(
+            f"--robot and --{given[0]}: expected one of them; the robot file says what the signals are"
+        )
+    checks = [Robot.load(options.robot).check(path) for path in options.logs]
+    doubts = [f"{check.recording.name}: {finding}" for check in checks for finding in check.findings]
+    return [check.recording for check in checks], doubts
 
 
 def _margin(found: Estimate, options: argparse.Namespace) -> PriorMargin | None:
@@ -169,6 +185,7 @@ def _text(
     options: argparse.Namespace,
     margin: PriorMargin | None,
     others: EstimatorComparison | None,
+    doubts: list[str],
 ) -> list[str]:
     lines = [*map(repr, found.recordings), ""]
     lines += _missed(found)
@@ -177,8 +194,8 @@ def _text(
     if others is not None:
         lines += ["", *_others(others)]
     lines += ["", *_loop(margin, options), "", *_handover(found, options)]
-    if found.notes:
-        lines += ["", "look at this first", *(f"  {note}" for note in found.notes)]
+    if notes := [*doubts, *found.notes]:
+        lines += ["", "look at this first", *(f"  {note}" for note in notes)]
     return lines
 
 

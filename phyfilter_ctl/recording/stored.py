@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Self
 import numpy as np
 from numpy.typing import ArrayLike
 
+from .. import _signals
 from .._sections import FloatArray
 from . import checks
 from .columns import VELOCITIES, default_columns, inertia_option, read_log
@@ -137,7 +138,14 @@ class Stored(Recorded):
             unit=("m/s" if log.x_names == VELOCITIES else "") if unit is None else unit,
         )
 
-    def to_csv(self, path: str | os.PathLike[str], *, time: str = "t", delimiter: str = ",") -> None:
+    def to_csv(
+        self,
+        path: str | os.PathLike[str],
+        *,
+        time: str = "t",
+        delimiter: str = ",",
+        extra: Mapping[str, ArrayLike] | None = None,
+    ) -> None:
         """Write the log so that :meth:`from_csv` with ``x=log.channels`` reads the same numbers, bit for bit.
 
         The columns are those of the table in :meth:`from_csv`. A constant inertia is written on every row; ``name``
@@ -150,11 +158,13 @@ class Stored(Recorded):
             Column of the times.
         delimiter : str
             One character.
+        extra : mapping of str to (N,) array_like, optional
+            Further columns, which reading does not look at.
 
         Raises
         ------
         ValueError
-            If two columns would have one name.
+            If two columns would have one name, or an extra one has another length.
         OSError
             If the file cannot be written.
 
@@ -171,6 +181,9 @@ class Stored(Recorded):
         0.1,0.25,2.0
         """
         header, blocks = self._table()
+        for name, values in (extra or {}).items():
+            header.append(name)
+            blocks.append(_signals.array(f"extra[{name!r}]", values, (self.n,), beside="x")[:, None])
         write_csv(Path(path), [time, *header], np.hstack([self.times[:, None], *blocks]), delimiter)
 
     def to_pandas(self) -> DataFrame:

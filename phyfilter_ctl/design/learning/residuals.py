@@ -131,7 +131,10 @@ def measured_residuals(
         columns = _columns(log, i, channels)
         u, _, dt, steps = _reduced(log, log.x, columns, "hold", "average")
         if steps is not None or abs(dt - h) > 1e-6 * h:
-            raise ValueError(f"{named(log, i)}: expected equal steps of {h:.6g} s; resample(dt) it first")
+            raise ValueError(
+                f"{named(log, i)}: expected equal steps of {h:.6g} s; make them so by "
+                "log.resample(dt), or phyfilter-ctl log resample FILE --dt S --out FILE"
+            )
         found.append(u)
     return found, h
 
