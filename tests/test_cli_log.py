@@ -56,3 +56,13 @@ def test_json_holds_the_same(tmp_path: Path, capsys: pytest.CaptureFixture[str])
     assert topic["fields"][0] == {"name": "vx [m/s]", "unit": "m/s", "dtype": "float64", "shape": []}
     assert main(["log", str(path), "--time-unit", "s"]) == 0
     assert "dt 4e+03 s is above 1 s: a slow topic, or a wrong unit of time?" in capsys.readouterr().out
+
+
+def test_a_first_robot_file_is_printed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "short.csv"
+    path.write_text("t,v,u\n0,0.0,1.0\n1,0.1,1.0\n2,0.2,1.0\n")
+    assert main(["log", str(path), "--time-unit", "s", "--describe"]) == 0
+    shown = capsys.readouterr().out
+    assert shown.startswith("# Robot of short.csv")
+    assert 'format = "phyfilter-robot"' in shown
+    assert "#     v, u" in shown

@@ -9,6 +9,7 @@ from typing import get_args
 from ..logfiles import LogFile, Topic, open_log, suggestions
 from ..logfiles.clock import TimeUnit
 from ..results import plain
+from ..robot import describe_log
 
 __all__ = ["add_arguments", "main"]
 
@@ -19,7 +20,8 @@ Feather, HDF5, .mat, CSV; told by the first bytes."""
 _EPILOG = """examples:
   phyfilter-ctl log flight.ulg
   phyfilter-ctl log table.csv --time-unit us --time stamp   a table whose column stamp counts microseconds
-  phyfilter-ctl log bag_folder --json                       all of it, for a program"""
+  phyfilter-ctl log bag_folder --json                       all of it, for a program
+  phyfilter-ctl log flight.ulg --describe > robot.toml      a first robot file: what its signals are"""
 
 _LISTED = 12  # fields of a topic that are shown
 
@@ -35,7 +37,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--time", metavar="COLUMN", help="a table's column of times (default: the one called so)"
     )
-    parser.add_argument("--json", action="store_true", help="print JSON instead of text")
+    output = parser.add_mutually_exclusive_group()
+    output.add_argument("--json", action="store_true", help="print JSON instead of text")
+    output.add_argument(
+        "--describe", action="store_true", help="print a first robot.toml for it instead, to be filled in"
+    )
 
 
 def main(options: argparse.Namespace) -> int:
@@ -47,7 +53,10 @@ def main(options: argparse.Namespace) -> int:
         If the file cannot be read, or its unit of time has to be given.
     """
     log = open_log(options.file, time_unit=options.time_unit, time=options.time)
-    print(_json(log) if options.json else _text(log))
+    if options.describe:
+        print(describe_log(log), end="")
+    else:
+        print(_json(log) if options.json else _text(log))
     return 0
 
 

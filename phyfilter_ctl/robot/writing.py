@@ -78,9 +78,13 @@ def _from_preset(name: str, log: LogFile) -> list[str]:
     asks, signals = _table(values, "asks"), _table(values, "signals")
     lines = [f'preset = "{name}"    # its keys may be given here again, one by one', ""]
     if asks:
-        lines += ["[constants]", *(f"{key} = 0.0    # FILL IN: {what}" for key, what in asks.items())]
+        lines += ["[constants]", *(f'{key} = "FILL IN"    # {what}' for key, what in asks.items())]
     if "mechanism" in values:
-        lines += ["[mechanism]", 'file = "robot.urdf"    # FILL IN', "joints = []    # FILL IN"]
+        lines += [
+            "[mechanism]",
+            'file = "FILL IN"    # URDF or MJCF',
+            'joints = ["FILL IN"]    # in the order of the log',
+        ]
     missing = [key for key in signals if not _has(_table(signals, key), log)]
     for key in missing:
         given = {k: v for k, v in _table(signals, key).items() if k in ("topic", "field", "fields")}
@@ -94,7 +98,7 @@ def _form(log: LogFile) -> list[str]:
     return [
         "",
         "[constants]",
-        "mass = 0.0    # FILL IN: kg",
+        'mass = "FILL IN"    # kg',
         "gravity = 9.80665    # m/s^2",
         "",
         "[signals.v]    # FILL IN: the velocity",

@@ -164,9 +164,11 @@ def test_a_first_file_is_one_that_loads_once_it_is_filled_in(load):
 
     text = describe_log(log_of("flight.ulg", px4_topics(fly(1.0))))
     assert 'preset = "px4-multirotor"' in text
-    assert "mass = 0.0    # FILL IN: kg" in text
+    assert 'mass = "FILL IN"    # kg' in text
     assert "vehicle_attitude: 126 samples, every 0.008 s" in text
-    assert isinstance(load(text), Robot)
+    with pytest.raises(ValueError, match=r"constants\.mass: expected a number, got text: 'FILL IN'"):
+        load(text)
+    assert isinstance(load(text.replace('"FILL IN"', "1.5")), Robot)
     own = describe_log(log_of("mine.ulg", topics()))
     assert "[signals.v]    # FILL IN" in own
-    assert isinstance(load(own), Robot)
+    assert isinstance(load(own.replace('"FILL IN"', "1.5")), Robot)
