@@ -266,6 +266,10 @@ def test_retuning_does_not_bump_and_keeps_the_record():
     assert live.step(101 * H, [2.0 * 101 * H])[0] == pytest.approx(before[0], abs=0.05)
     live.reset()
     assert live.f_hat.tolist() == [0.0]
+    assert live.step(101 * H, [9.0]).tolist() == [0.0]  # at any time: a new start
+    assert not live.held
+    assert live.step(102 * H, [9.0 + 2.0 * H]) == pytest.approx(-2.0 * math.expm1(-5.0 * H))
+    assert live.health.counts == live.health.counts | {"late": 0, "duplicate": 0, "clock_back": 0}
 
 
 def test_nothing_good_ever():
@@ -275,6 +279,16 @@ def test_nothing_good_ever():
     assert live.health.accepted == 0
     assert live.step(1.0, [5.0, 5.0], None, [1.0, 1.0]).tolist() == [1.0, 1.0]
     assert isinstance(live.health, LiveHealth)
+
+
+def test_nothing_but_bad_stamps(tmp_path):
+    live = FILTER.sampled(H).live(1)
+    for time in (NAN, math.inf, NAN):
+        assert live.step(time, [1.0]).tolist() == [0.0]
+    assert "3 samples whose time is not finite" in live.health.describe()
+    live.save(tmp_path / "live.json")
+    live.restore(tmp_path / "live.json")
+    assert live.health.counts["stamp"] == 3
 
 
 FAULTS = st.lists(st.tuples(st.sampled_from(KINDS), st.integers(1, 30), st.integers(APART, 20)), max_size=12)

@@ -59,11 +59,7 @@ class LiveFilter:
     channels : int
         Number n_x of channels of x.
     policy : LivePolicy
-
-    Raises
-    ------
-    ValueError
-        For a longest gap below two nominal steps, or one at which forward Euler diverges.
+        With a longest gap of two nominal steps or more, at which forward Euler does not diverge; else ValueError.
 
     Attributes
     ----------
@@ -74,10 +70,9 @@ class LiveFilter:
 
     Notes
     -----
-    On stamps without faults it gives what ``run`` gives with these ``times``, to rounding. Stamps are seconds of one
-    clock; a clock that goes on over restarts (not one that starts at boot) lets a restored filter know how long it was
-    away. Of a jump ahead shorter than the longest gap, and of one back by less until three stamps show it, nothing is
-    noticed but a wrong step.
+    On stamps without faults it gives what ``run`` gives with these ``times``, to rounding. A clock that goes on over
+    restarts (not one that starts at boot) lets a restored filter know how long it was away. A jump ahead by less than
+    the longest gap cannot be told from lost samples; one back by less shows at the third stamp.
 
     Examples
     --------
@@ -109,7 +104,6 @@ class LiveFilter:
         self._settle(nothing, LiveHealth())
 
     def _settle(self, state: FilterState, health: LiveHealth) -> None:
-        """Go on from a state."""
         self._state, self._time, self._accepted = state, health.time, health.accepted
         self._counts, self._last = dict(health.counts), dict(health.last)
         self._worst = health.worst_gap
@@ -141,7 +135,7 @@ class LiveFilter:
 
     @property
     def state(self) -> FilterState:
-        """State of the filter, as ``step`` of the sampled filter has it."""
+        """State, as ``step`` of the sampled filter has it."""
         return self._state
 
     @property
@@ -260,8 +254,7 @@ class LiveFilter:
 
     def _moves(self, time: float, x: Array) -> bool:
         """Whether no channel of x is stuck; the repetitions of one that is are taken back."""
-        equal = (x == self._state.x).tolist()
-        before = max(self._repeats)
+        equal, before = (x == self._state.x).tolist(), max(self._repeats)
         self._repeats = [n + 1 if same else 0 for n, same in zip(self._repeats, equal, strict=True)]
         n, least = max(self._repeats), (self.policy.stuck_after or 0) - 1
         if n < least:
@@ -321,16 +314,17 @@ class LiveFilter:
             self._state = state._replace(w=w, carry=None if state.carry is None else np.zeros_like(w))
 
     def _note(self, kind: str, time: float, count: int = 1) -> None:
-        if count > 0:
-            self._counts[kind] += count
+        self._counts[kind] += count
+        if math.isfinite(time):
             self._last[kind] = time
 
     # -- changes while it runs, and restarts --------------------------------------------------------------------
 
     def reset(self) -> None:
-        """Forget the residual: f_hat is f_theta, and the filter goes on from the next good sample."""
+        """Forget residual and time: f_hat is f_theta, and the filter goes on from the next good sample."""
         self._scale(0.0)
         self._rebase()
+        self._time = math.nan
         self._f_hat = self.recursion.limited(self._state.f_theta.copy())
 
     def retune(self, new_filter: SampledForm) -> None:
@@ -391,8 +385,9 @@ class LiveFilter:
         state, fresh, values = parsed_state(path, self.recursion, self._channels)
         if set(values["counts"]) != set(MEANING) or not set(values["last"]) <= set(MEANING):
             raise ValueError(f"{path}: health: expected the counts of {', '.join(MEANING)}")
-        time = values["time"]
-        self._settle(state, LiveHealth(**values | {"time": math.nan if time is None else time}))
+        if values["time"] is None:
+            values["time"] = math.nan
+        self._settle(state, LiveHealth(**values))
         self._fresh = self._fresh or fresh
         self._stepped = not self._fresh
 

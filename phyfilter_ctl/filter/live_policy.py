@@ -140,5 +140,8 @@ class LiveHealth(Result):
         met = [kind for kind, count in self.counts.items() if count]
         if not met:
             return head + "; nothing else happened"
-        rows = [f"  {self.counts[kind]:6d} {MEANING[kind]}, last at {self.last[kind]:.6g} s" for kind in met]
+        rows = [
+            f"  {self.counts[kind]:6d} {MEANING[kind]}, last at {self.last.get(kind, math.nan):.6g} s"
+            for kind in met
+        ]
         return "\n".join([head, *rows])

@@ -122,13 +122,13 @@ def _state(given: dict[str, Any], recursion: Recursion, n_x: int) -> FilterState
         return None if values is None else _signals.inertia(name, values, n_x).astype(kind)
 
     def interval(i: int, entry: dict[str, Any]) -> Interval:
-        pairs = [
+        g, f_theta = (
             (vector(f"past[{i}].{key}", entry[key][0], n), vector(f"past[{i}].{key}", entry[key][1], n))
             for key, n in (("g", n_x), ("f_theta", n_f))
-        ]
+        )
         first, last = (inertia(f"past[{i}].inertia", M) for M in entry["inertia"] or (None, None))
         both = None if first is None or last is None else (first, last)
-        return Interval(_signals.number(f"past[{i}].dt", entry["dt"], "s", least=0.0), *pairs, both)
+        return Interval(_signals.number(f"past[{i}].dt", entry["dt"], "s", least=0.0), g, f_theta, both)
 
     carry = given["carry"]
     state = FilterState(
