@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
@@ -15,6 +14,7 @@ from .._sections import FloatArray
 from .clock import column_times, column_unit, time_column
 from .contents import Column, Contents, Table
 from .formats import format_of
+from .records import side_by_side
 from .tables import TABLE
 
 
@@ -52,17 +52,21 @@ def read(path: Path, time_unit: str | None, time: str | None) -> Contents:
     def load(names: Sequence[str]) -> FloatArray:
         sources = [name if name in schema.names else name[: name.rindex("[")] for name in names]
         data = table(sources)
-        out = np.empty((data.num_rows, len(names)))
-        for k, (name, source) in enumerate(zip(names, sources, strict=True)):
-            column = data[source]
-            if name != source:
-                column = pc.call_function("list_element", [column, int(name[len(source) + 1 : -1])])
-            out[:, k] = column.cast(pa.float64(), safe=False).to_numpy()
-        return out
+        columns = [
+            data[source]
+            if name == source
+            else pc.call_function("list_element", [data[source], _element(name)])
+            for name, source in zip(names, sources, strict=True)
+        ]
+        return side_by_side([column.cast(pa.float64(), safe=False).to_numpy() for column in columns])
 
     notes = (f"left out, as no numbers: {', '.join(left_out)}",) if left_out else ()
     only = Table(tuple(columns), found.seconds, load, notes)
     return Contents("parquet" if parquet else "arrow", {TABLE: only}, found.start, (found.note,))
+
+
+def _element(name: str) -> int:
+    return int(name[name.rindex("[") + 1 : -1])
 
 
 def _is_number(kind: pa.DataType) -> bool:

@@ -20,7 +20,7 @@ from .._sections import FloatArray
 from . import units
 from .clock import since
 from .contents import Column, Contents, Table
-from .records import gathered, layout_of
+from .records import gathered, layout_of, side_by_side
 
 _KINDS = {
     **{"b": "i1", "B": "u1", "h": "i2", "H": "u2", "i": "i4", "I": "u4", "q": "i8", "Q": "u8"},
@@ -100,6 +100,6 @@ def _table(rows: NDArray[np.void], zero: int, version: int) -> Table:
     columns = tuple(Column(name, units.crazyflie(name), rows.dtype[name].name) for name in names)
 
     def load(wanted: Sequence[str]) -> FloatArray:
-        return np.stack([rows[name].astype(float) for name in wanted], axis=1)
+        return side_by_side([rows[name] for name in wanted])
 
     return Table(columns, since(rows[_TIME], zero, _TIMES[version][1]), load)

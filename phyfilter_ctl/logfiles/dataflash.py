@@ -6,8 +6,10 @@ a unit that is not SI (deg, Gauss) stays what it is.
 
 from __future__ import annotations
 
+import os
 from bisect import bisect
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -19,7 +21,7 @@ from numpy.typing import NDArray
 from .._sections import FloatArray
 from .clock import since
 from .contents import Column, Contents, Table
-from .records import gathered, layout_of
+from .records import gathered, layout_of, side_by_side
 
 if TYPE_CHECKING:
     from pymavlink.DFReader import DFFormat, DFReader_binary
@@ -65,6 +67,10 @@ def read(path: Path, time_unit: str | None, time: str | None) -> Contents:
                 self.filehandle.close()
                 raise
 
+        def init_arrays_fast(self, progress_callback: Callable[[int], None] | None = None) -> None:
+            with _silenced():
+                super().init_arrays_fast(progress_callback)
+
         def init_clock(self) -> None:
             """Nothing: it would read all messages one by one."""
 
@@ -78,6 +84,19 @@ def read(path: Path, time_unit: str | None, time: str | None) -> Contents:
     zero = min((int(message.rows[message.clock][0]) for message in found.values()), default=0)
     tables = {name: _table(message, zero) for name, message in found.items()}
     return Contents("dataflash", tables, _start(found, zero), notes)
+
+
+@contextmanager
+def _silenced() -> Iterator[None]:
+    """No lines on the process's standard error: compiled code writes one for every byte that is no message."""
+    kept = os.dup(2)
+    try:
+        with open(os.devnull, "wb") as nothing:
+            os.dup2(nothing.fileno(), 2)
+        yield
+    finally:
+        os.dup2(kept, 2)
+        os.close(kept)
 
 
 def _messages(log: DFReader_binary, data: NDArray[np.uint8]) -> dict[str, _Message]:
@@ -133,9 +152,8 @@ def _table(message: _Message, zero: int) -> Table:
     rows = message.rows
 
     def load(names: Sequence[str]) -> FloatArray:
-        out = np.empty((len(rows), len(names)))
+        out = side_by_side([rows[name] for name in names])
         for k, name in enumerate(names):
-            out[:, k] = rows[name]
             factor = message.factors[name]
             out[:, k] = out[:, k] / round(1.0 / factor) if factor in _TENTHS else out[:, k] * factor
         return out

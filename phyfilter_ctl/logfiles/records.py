@@ -7,6 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from .._sections import FloatArray
+
+_BLOCK = 1 << 12  # rows that stay in a processor's cache
 _PIECE = 1 << 16  # records that are gathered at a time
 
 
@@ -19,6 +22,15 @@ def gathered(
     for k in range(0, len(offsets), _PIECE):
         rows = data[offsets[k : k + _PIECE, None] + reach]
         out[k : k + _PIECE] = np.ascontiguousarray(rows).view(layout)[:, 0]
+    return out
+
+
+def side_by_side(columns: Sequence[NDArray[np.generic]]) -> FloatArray:
+    """Columns of records as floats, shape (N, k): some rows at a time, for records lie row by row."""
+    out = np.empty((len(columns[0]), len(columns)))
+    for k in range(0, len(out), _BLOCK):
+        for j, column in enumerate(columns):
+            out[k : k + _BLOCK, j] = column[k : k + _BLOCK]
     return out
 
 

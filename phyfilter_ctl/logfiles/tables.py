@@ -14,7 +14,6 @@ from .contents import Column, Contents, Table
 
 TABLE = "table"  # the one topic of a table
 
-_WHOLE = re.compile(r"[+-]?\d{1,19}")
 _CALENDAR = re.compile(r"(\d{4}-\d\d-\d\d[T ]\d\d:\d\d(?::\d\d(?:\.\d{1,9})?)?) ?(Z|UTC|[+-]\d\d:?\d\d)?")
 
 
@@ -36,13 +35,10 @@ def read(path: Path, time_unit: str | None, time: str | None) -> Contents:
 
 def _times(file: CsvFile, name: str, numeric: bool) -> tuple[NDArray[np.generic], bool]:
     """Whole numbers as such: nanoseconds since 1970 are more than a float64 holds. And whether dates are UTC."""
-    if numeric and not _WHOLE.fullmatch(file.first(name)):
-        return file.read([name], gaps=True)[:, 0], True
-    texts = file.texts(name)
-    if numeric:
-        whole = all(map(_WHOLE.fullmatch, texts))
-        return (np.array(texts, np.int64) if whole else file.read([name], gaps=True)[:, 0]), True
-    return _calendar(file, name, texts)
+    if not numeric:
+        return _calendar(file, name, file.texts(name))
+    whole = file.whole_numbers(name) if file.first(name).lstrip("+-").isdigit() else None
+    return (file.read([name], gaps=True)[:, 0] if whole is None else whole), True
 
 
 def _calendar(file: CsvFile, name: str, texts: list[str]) -> tuple[NDArray[np.datetime64], bool]:

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import io
 from collections.abc import Sequence
 from datetime import datetime
+from mmap import ACCESS_READ, mmap
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -15,42 +15,32 @@ from .._sections import FloatArray
 from . import units
 from .clock import since, utc_of
 from .contents import TIME, Column, Contents, Dropout, Table
+from .records import side_by_side
 
 if TYPE_CHECKING:
     from pyulog import ULog
 
+_HEADER = 16  # bytes before the first message
 _GPS = ("vehicle_gps_position", "sensor_gps")
-
-
-class _Watched(io.BufferedReader):
-    """A file that knows whether its last read was cut short, which pyulog takes for the end."""
-
-    cut = False
-
-    def read(self, size: int | None = -1, /) -> bytes:
-        data = super().read(size)
-        if size:
-            self.cut = 0 < len(data) < size
-        return data
 
 
 def read(path: Path, time_unit: str | None, time: str | None) -> Contents:
     """Topics by name, further instances as ``name[1]``; a file that was cut is read up to there."""
     from pyulog import ULog
 
-    file = _Watched(io.FileIO(path))
-    with file:
+    with path.open("rb") as file:  # which pyulog leaves open where it fails
         log = ULog(file)
-        cut = file.cut
     zero = int(log.start_timestamp)
     tables: dict[str, Table] = {}
     for data in log.data_list:
         name = data.name if data.multi_id == 0 else f"{data.name}[{data.multi_id}]"
         if "timestamp" in data.data:
             tables[name] = _table(data, zero)
-    notes = ["cut off: the last message is incomplete"] if cut else []
+    notes: list[str] = []
     if log.file_corruption:
         notes.append("damaged: messages that could not be read are missing")
+    elif _is_cut(path):
+        notes.append("cut off: the last message is incomplete")
     dropouts = tuple(Dropout((int(d.timestamp) - zero) / 1e6, d.duration / 1e3) for d in log.dropouts)
     return Contents("ulog", tables, _start(log, zero), tuple(notes), dropouts)
 
@@ -67,10 +57,7 @@ def _table(data: ULog.Data, zero: int) -> Table:
     times = {column.name for column in columns if column.dtype == TIME}
 
     def load(names: Sequence[str]) -> FloatArray:
-        out = np.empty((len(values["timestamp"]), len(names)))
-        for k, name in enumerate(names):
-            out[:, k] = since(values[name], zero, "us") if name in times else values[name]
-        return out
+        return side_by_side([since(values[n], zero, "us") if n in times else values[n] for n in names])
 
     return Table(tuple(columns), since(values["timestamp"], zero, "us"), load)
 
@@ -79,6 +66,16 @@ def _column(topic: str, field: str, kind: str) -> Column:
     if kind == "uint64_t" and field.startswith("timestamp"):  # timestamp_sample and the like: the same clock
         return Column(field, "s", TIME)
     return Column(field, units.px4(topic, field), kind.removesuffix("_t"))
+
+
+def _is_cut(path: Path) -> bool:
+    """Whether the messages end beyond the file, which pyulog takes for its end: each begins with its length."""
+    at = _HEADER
+    with path.open("rb") as file, mmap(file.fileno(), 0, access=ACCESS_READ) as data:
+        end = len(data) - 3
+        while at <= end:
+            at += 3 + data[at] + (data[at + 1] << 8)
+        return at != len(data)
 
 
 def _start(log: ULog, zero: int) -> datetime | None:

@@ -5,6 +5,7 @@ The fast path cannot say what is wrong with a row, or leave out a column of text
 
 from __future__ import annotations
 
+import codecs
 import csv
 import io
 import math
@@ -16,6 +17,7 @@ from itertools import islice
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .._output import replacing
 from .._sections import FloatArray
@@ -28,6 +30,7 @@ _SHOWN = 60  # characters of an offending text that an error repeats
 _LARGE = 1 << 22  # bytes from which on polars, where it is installed, is worth its import
 _DELIMITERS = (";", "\t", "|", ",", " ")
 _SAMPLED = 100  # rows that say which columns hold numbers
+_WHOLE = re.compile(r"[+-]?\d{1,18}|[+-]?[0-8]\d{18}")  # within 64 bits
 _DECIMAL_COMMA = re.compile(r"\s*[+-]?\d*,\d+([eE][+-]?\d+)?\s*")
 
 
@@ -66,7 +69,7 @@ class CsvFile:
         """
         columns = [self.header.index(name) for name in names]
         if (table := self._read_by_polars(columns, gaps)) is not None:
-            return table
+            return table.astype(float, copy=False)
         if self.decimal != ".":
             return self._read_slowly(names, columns, gaps)
         try:
@@ -83,6 +86,14 @@ class CsvFile:
     def first(self, name: str) -> str:
         """Text of the named column in the first row."""
         return next(self._cells(name))
+
+    def whole_numbers(self, name: str) -> NDArray[np.int64] | None:
+        """The named column, exact beyond what a float64 holds; None where a field is no whole number."""
+        table = self._read_by_polars([self.header.index(name)], False, whole=True)
+        if table is not None:
+            return table[:, 0].astype(np.int64, copy=False)
+        texts = self.texts(name)
+        return np.array(texts, np.int64) if all(map(_WHOLE.fullmatch, texts)) else None
 
     def texts(self, name: str) -> list[str]:
         """Text of the named column, row by row.
@@ -148,7 +159,9 @@ class CsvFile:
             table.append([value for value in row if value is not None])
         return np.array(table, dtype=float)
 
-    def _read_by_polars(self, columns: Sequence[int], gaps: bool) -> FloatArray | None:
+    def _read_by_polars(
+        self, columns: Sequence[int], gaps: bool, *, whole: bool = False
+    ) -> NDArray[np.generic] | None:
         """The columns of a large file; None where polars is missing or finds anything that is to be explained."""
         if self.path.stat().st_size < _LARGE:
             return None
@@ -157,26 +170,29 @@ class CsvFile:
         except ModuleNotFoundError:
             return None
         last = len(self.header) - 1
-        read = sorted({*columns, last})
+        kinds = {str(k): pl.String for k in range(last + 1)} | {
+            str(k): pl.Int64 if whole else pl.Float64 for k in columns
+        }
+        read = [str(k) for k in sorted({*columns, last})]
         try:
-            frame = pl.read_csv(
+            scanned = pl.scan_csv(
                 self.path,
                 has_header=False,
-                columns=read,
+                schema=kinds,
                 separator=self.delimiter,
                 comment_prefix="#",
                 skip_lines=self.header_line,
-                schema_overrides={f"column_{k + 1}": pl.Float64 for k in read},
                 decimal_comma=self.decimal == ",",
-                infer_schema_length=1,
             )
+            frame = scanned.select(read).collect()
         except (pl.exceptions.PolarsError, ValueError):
             return None
         # A row that is too short, or blank, ends in a null.
         nulls = frame.null_count().row(0)
-        if nulls[-1] or (any(nulls) and not gaps) or frame.dtypes != [pl.Float64] * len(read):
+        if nulls[-1] or (any(nulls) and not gaps):
             return None
-        return frame.select(pl.all().fill_null(math.nan)).to_numpy()[:, [read.index(k) for k in columns]]
+        wanted = frame.select([str(k) for k in columns])
+        return (wanted if whole else wanted.fill_null(math.nan)).to_numpy()
 
 
 def dialect(path: Path) -> tuple[str, str]:
@@ -217,8 +233,7 @@ def open_csv(path: Path, delimiter: str, decimal: str = ".") -> CsvFile:
             lines = ((number, line) for number, line in enumerate(file, start=1) if _holds_data(line))
             number, line = next(lines, (0, ""))
             has_rows = next(lines, None) is not None
-            for _ in file:  # so that text that is not UTF-8 is found here and not half-way
-                pass
+        _refuse_other_text(path)
     except UnicodeDecodeError as error:
         raise ValueError(
             f"{path}: not UTF-8 text ({error.reason} at byte {error.start}); save it as UTF-8"
@@ -233,6 +248,15 @@ def open_csv(path: Path, delimiter: str, decimal: str = ".") -> CsvFile:
     if not has_rows:
         raise ValueError(f"{path}: no rows follow the header on line {number}")
     return CsvFile(path, delimiter, header, number, decimal)
+
+
+def _refuse_other_text(path: Path) -> None:
+    """Find text that is not UTF-8 here and not half-way."""
+    decoder = codecs.getincrementaldecoder("utf-8")()
+    with path.open("rb") as file:
+        while block := file.read(_LARGE):
+            decoder.decode(block)
+    decoder.decode(b"", final=True)
 
 
 def _check_delimiter(delimiter: str) -> None:

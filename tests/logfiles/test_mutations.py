@@ -21,7 +21,7 @@ def sound(kind: str) -> bytes:
 
 
 @pytest.mark.parametrize("kind", mutations.PACKAGES)
-@settings(max_examples=12)
+@settings(max_examples=8)
 @given(seed=st.integers(0, 2**32 - 1))
 def test_damaged_logs_are_read_or_refused(kind: str, seed: int) -> None:
     pytest.importorskip(mutations.PACKAGES[kind])
