@@ -248,6 +248,13 @@ def test_a_log_goes_to_pandas_and_back(pd: Any) -> None:
     for key in ("times", "x", "g", "label", "inertia"):
         assert getattr(again, key).tobytes() == getattr(log, key).tobytes(), key
     assert not np.shares_memory(frame.to_numpy(), log.x)
+    frame.iloc[0, 0] = 9.0
+    view = log.to_pandas(copy=False)
+    assert all(np.shares_memory(view[name].to_numpy(), log.x) for name in NAMES)
+    assert np.shares_memory(view["g_v"].to_numpy(), log.g)
+    assert view["u"].iloc[0] == log.x[0, 0] != 9.0
+    view["u"] = 0.0
+    assert log.x[:, 0].any()
     with pytest.raises(ValueError, match="to_pandas: expected different columns"):
         Recording(T, x, g=g, channels=["u", "g_u"]).to_pandas()
 

@@ -186,11 +186,17 @@ class Stored(Recorded):
             blocks.append(_signals.array(f"extra[{name!r}]", values, (self.n,), beside="x")[:, None])
         write_csv(Path(path), [time, *header], np.hstack([self.times[:, None], *blocks]), delimiter)
 
-    def to_pandas(self) -> DataFrame:
+    def to_pandas(self, *, copy: bool = True) -> DataFrame:
         """The log as a pandas DataFrame: one row a sample, the times in s as its index ``t``.
 
         The columns are those of :meth:`to_csv`. ``name`` and ``unit`` are in its ``attrs``. Back again:
         ``Recording(frame.index, frame[list(log.channels)], ...)``.
+
+        Parameters
+        ----------
+        copy : bool
+            False: the columns are views of the log, which is frozen. Nothing is copied, and pandas refuses to write
+            single entries of them; a new column, or a whole one, may be set.
 
         Returns
         -------
@@ -222,8 +228,9 @@ class Stored(Recorded):
         header, blocks = self._table()
         if len(set(header)) < len(header):
             raise ValueError(f"to_pandas: expected different columns, got {header}; give other channels")
-        index = pandas.Index(self.times, name="t")
-        frame = pandas.DataFrame(np.hstack(blocks), index=index, columns=pandas.Index(header))
+        index = pandas.Index(self.times, name="t", copy=copy)
+        columns = (column for block in blocks for column in block.T)
+        frame = pandas.DataFrame(dict(zip(header, columns, strict=True)), index=index, copy=copy)
         frame.attrs.update(name=self.name, unit=self.unit)
         return frame
 
