@@ -74,6 +74,8 @@ def answer(design: Design) -> dict[str, object]:
             f"Sampled every {1e3 * design.dt:.4g} ms with forward Euler the filter is unstable: choose the exact "
             f"method, or a step below {1e3 * design.euler_dt:.4g} ms."
         )
+    if design.unmatched:
+        messages.append(f"Sampled exactly, not matched: {design.unmatched}.")
     curves, response, as_sampled = _frequency(design, filter, sampled)
     band, settling = _band(response), settling_time(filter)
     figures = [*_shape(design, band, settling, as_sampled), *_bounds(design, filter, sampled)]
@@ -184,7 +186,7 @@ def _shape(
             "Largest step of forward Euler",
             design.euler_dt,
             "s",
-            "stable below it; the exact and Tustin methods are stable at any step",
+            "stable below it; the other methods are stable at any step",
         ),
     ]
 

@@ -108,7 +108,9 @@ class Design:
     numerator : Numerator
     dt : float
         Sampling interval in s.
-    method : {"exact", "euler", "tustin"}
+    method : {"matched", "exact", "euler", "tustin"}
+        "matched" is what the library takes by itself: the exact method where matched sampling has nothing to keep, or
+        cannot.
     assume : Assumptions
     limits : mapping or None
         Limits that are drawn; kept as they came.
@@ -117,7 +119,7 @@ class Design:
     poles: tuple[complex, ...] = (-20.0 + 0.0j, -20.0 + 0.0j)
     numerator: Numerator = field(default_factory=Numerator)
     dt: float = 0.002
-    method: Method = "exact"
+    method: Method = "matched"
     assume: Assumptions = field(default_factory=Assumptions)
     limits: Mapping[str, object] | None = None
 
@@ -140,7 +142,8 @@ class Design:
                     f"dt: expected {SHORTEST_STEP:g} to {LONGEST_STEP:g} s, got {filter.dt:g} s; sample it "
                     "otherwise"
                 )
-            design = replace(self, dt=filter.dt, method=filter.sampling.method)
+            usual = filter.sampling.method == filter.filter.sampled(filter.dt).sampling.method
+            design = replace(self, dt=filter.dt, method="matched" if usual else filter.sampling.method)
             return design.with_filter(filter.filter)
         size = np.abs(filter.poles)
         if filter.order > HIGHEST_ORDER or size.min() < SLOWEST or size.max() > FASTEST:
@@ -178,7 +181,22 @@ class Design:
         ValueError
             If forward Euler diverges.
         """
-        return self.filter.sampled(self.dt, self.method)
+        return self.sampled_at(self.dt)
+
+    def sampled_at(self, dt: float) -> SampledPhyFilter:
+        """F as it runs at another step ``dt`` in s; raises as ``sampled``."""
+        return self.filter.sampled(dt, None if self.method == "matched" else self.method)
+
+    @property
+    def unmatched(self) -> str:
+        """Why the exact method stands for the matched one; empty where it does not have to."""
+        if self.method != "matched":
+            return ""
+        try:
+            self.filter.sampled(self.dt, "matched")
+        except ValueError as error:
+            return str(error).removeprefix("method='matched': ").removesuffix(", or use method='exact'")
+        return ""
 
     @property
     def euler_dt(self) -> float:
@@ -216,7 +234,7 @@ def read_design(message: Fields) -> Design:
     _check_poles(fields, poles)
     sampling = fields.fields("sampling")
     sampling.only("dt", "method")
-    method = sampling.choice("method", get_args(Method)) if "method" in sampling else "exact"
+    method = sampling.choice("method", get_args(Method)) if "method" in sampling else "matched"
     design = Design(
         tuple(poles),
         _numerator(fields.fields("numerator"), len(poles)) if "numerator" in fields else Numerator(),

@@ -65,11 +65,11 @@ def python_text(design: Design) -> str:
         made = f"pf.PhyFilter.from_poles({poles}, b={design.filter.b.tolist()!r})"
     lines = ["import phyfilter_ctl as pf", "", f"filter = {made}"]
     try:
-        _ = design.sampled
+        method = design.sampled.sampling.method
     except ValueError as error:
         lines.append(f"# {_line(str(error))}")
     else:
-        lines.append(f"sampled = filter.sampled({design.dt!r}, method={design.method!r})")
+        lines.append(f"sampled = filter.sampled({design.dt!r}, method={method!r})")
     return "\n".join(lines) + "\n"
 
 

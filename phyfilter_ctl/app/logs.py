@@ -128,7 +128,7 @@ def estimate(
         raise MessageError(
             "channel", f"expected 0 to {log.n_x - 1} of {_some(list(log.channels))}, got {channel}"
         )
-    sampled = design.filter.sampled(log.dt, design.method)
+    sampled = design.sampled_at(log.dt)
     # An inertia may couple the channels; without one each stands alone.
     pick = slice(channel, channel + 1) if log.inertia is None else slice(None)
     f_hat = sampled.run(

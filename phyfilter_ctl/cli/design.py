@@ -73,7 +73,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     sampling = parser.add_argument_group("sampled")
     sampling.add_argument("--dt", type=float, metavar="S", help="sampling interval in s")
-    sampling.add_argument("--method", choices=_METHODS, help="discretisation (default exact)")
+    sampling.add_argument(
+        "--method", choices=_METHODS, help="discretisation (default matched where that keeps more than exact)"
+    )
     output = parser.add_argument_group("output")
     add_frequency(
         output,

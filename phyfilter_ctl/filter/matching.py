@@ -28,6 +28,8 @@ __all__ = ["followed_frequencies", "kept", "matched_output"]
 
 # A zero of 1 - F this near the axis, relative to its magnitude, was put there.
 _ON_AXIS = 1e-6
+# A row so many times larger than that of F lives on differences of states that a step too long made alike.
+_LARGEST_CHANGE = 50.0
 
 
 def followed_frequencies(filter: Rational) -> FloatArray:
@@ -58,7 +60,7 @@ def kept(filter: Rational, dt: float) -> bool | None:
     w = followed_frequencies(filter)
     if filter.type < 2 and not len(w):
         return False
-    return None if _against(filter, w, dt) else True
+    return None if isinstance(_row(filter, w, dt), str) else True
 
 
 def matched_output(filter: Rational, dt: float) -> FloatArray:
@@ -67,14 +69,23 @@ def matched_output(filter: Rational, dt: float) -> FloatArray:
     Raises
     ------
     ValueError
-        If 1 - F vanishes at or beyond the Nyquist frequency, or its zeros leave no room for F(0).
+        If 1 - F vanishes at or beyond the Nyquist frequency, its zeros leave no room for F(0), or the step is far too
+        long for the poles.
     """
-    A, equilibrium, C = filter.sections
     w = followed_frequencies(filter)
     if filter.type < 2 and not len(w):
-        return C
+        return filter.sections[2]
+    row = _row(filter, w, dt)
+    if isinstance(row, str):
+        raise ValueError(f"method='matched': {row}, or use method='exact'")
+    return row
+
+
+def _row(filter: Rational, w: FloatArray, dt: float) -> FloatArray | str:
+    """The matched row, or why there is none and what to do."""
     if reason := _against(filter, w, dt):
-        raise ValueError(f"method='matched': {reason}, or use method='exact'")
+        return reason
+    A, equilibrium, C = filter.sections
     dA = expm1(A, dt)
     rows = _at_zero(dA, equilibrium, filter, dt)
     targets = [float(C @ equilibrium) if filter.type == 0 else 1.0, *[0.0] * (len(rows) - 1)]
@@ -84,7 +95,13 @@ def matched_output(filter: Rational, dt: float) -> FloatArray:
     R = np.stack(rows)
     size = np.linalg.norm(R, axis=1)
     missing = (np.array(targets) - R @ C) / size
-    return C + np.linalg.lstsq(R / size[:, None], missing, rcond=None)[0]
+    change = np.linalg.lstsq(R / size[:, None], missing, rcond=None)[0]
+    if not np.max(np.abs(change)) <= _LARGEST_CHANGE * np.max(np.abs(C)):
+        return (
+            f"a step of {dt:.6g} s is too long for poles of up to {np.max(np.abs(filter.poles)):.6g} rad/s, whose "
+            "states it cannot tell apart; sample faster"
+        )
+    return np.asarray(C + change)
 
 
 def _against(filter: Rational, w: FloatArray, dt: float) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import math
 import shutil
@@ -137,7 +138,7 @@ def case(
 
 def every_case() -> list[Case]:
     rng = np.random.default_rng(9)
-    methods = ("exact", "euler", "tustin")
+    methods = ("exact", "euler", "tustin", "matched")
     return [
         case(rng, order, kind=kind, method=method)
         for order in range(1, 9)
@@ -177,7 +178,7 @@ def test_the_random_designs_hold_every_kind_and_repeated_poles() -> None:
     cases = every_case()
     kinds = {each.question["design"]["numerator"]["kind"] for each in cases}
     assert kinds == {"lowpass", "type", "zeros", "b"}
-    assert {each.sampled.sampling.method for each in cases} == {"exact", "euler", "tustin"}
+    assert {each.sampled.sampling.method for each in cases} == {*("exact", "matched", "euler", "tustin")}
     repeated = [each for each in cases if len(np.unique(each.filter.poles)) < each.filter.order]
     assert {each.filter.order for each in repeated} == set(range(2, 9))
     twice = [each for each in repeated if np.any(each.filter.poles.imag)]
@@ -240,6 +241,62 @@ def test_zeros_are_the_roots_of_the_numerator(answered: Answered) -> None:
         assert len(found) == len(filter.zeros)
         for zero in filter.zeros:
             assert np.min(np.abs(found - zero)) < ROOTS * abs(zero)
+
+
+# -- matched sampling, where there is something to keep ----------------------------------------------------------
+
+
+def with_zeros(rng: np.random.Generator, each: Case) -> dict[str, Any]:
+    """The design with s^k (s^2 + w^2) ... as the numerator of 1 - F."""
+    a, sizes = each.filter.a, np.abs(each.filter.poles)
+    w = min(0.5 * math.pi / each.sampled.dt, float(rng.uniform(sizes.min(), sizes.max())))
+    type = int(rng.integers(0, len(a) - 1))
+    error = np.array([w * w, 0.0, 1.0])
+    for size in sizes[: len(a) - type - 2]:
+        error = np.convolve(error, [size, 1.0])
+    b = np.array(a)
+    b[type:] -= error[:-1]
+    return each.question["design"] | {"numerator": {"kind": "b", "b": b.tolist()}}
+
+
+def test_what_matched_sampling_keeps_is_the_library_s() -> None:
+    rng, questions, expected = np.random.default_rng(4), [], []
+    for order, kind in itertools.product(range(2, 9), range(3)):
+        plain = case(rng, order, kind=kind, method="matched")
+        followed = plain.question["design"] | {
+            "numerator": {"kind": "type", "type": int(rng.integers(2, order + 1))}
+        }
+        for design in (followed, with_zeros(rng, plain)):
+            read = read_design(Fields({"design": design}))
+            questions.append(plain.question | {"design": design})
+            expected.append(read.sampled)
+    assert sum(sampled.sampling.method == "matched" for sampled in expected) > 0.8 * len(expected)
+    for question, answer, sampled in zip(questions, ask(questions), expected, strict=True):
+        response = frequency_response(sampled, question["below"])
+        assert relative(curve(answer["S"]), response.F) < AGREES
+        assert relative(curve(answer["SE"]), response.error) < AGREES
+        assert answer["noiseGain"] == pytest.approx(response.noise_gain, rel=AGREES)
+
+
+def test_what_cannot_be_matched_is_sampled_exactly() -> None:
+    """1 - F = s (s^2 + w^2) / D with w beyond Nyquist; and a type of 8 with poles far too fast for the step."""
+    slow = {"poles": [[-100.0, 0.0]] * 3, "numerator": {"kind": "b", "b": [1e6, 3e4 - 200.0**2, 300.0]}}
+    fast = {
+        "poles": [[-(10.0 ** (0.5 * k)), 0.0] for k in range(8)],
+        "numerator": {"kind": "type", "type": 8},
+    }
+    for design, dt, words in (
+        (slow, 0.02, "beyond the Nyquist frequency"),
+        (fast, 0.02, "too long for poles"),
+    ):
+        known, exact = (design | {"sampling": {"dt": dt, "method": m}} for m in ("matched", "exact"))
+        read = read_design(Fields({"design": known}))
+        assert (read.sampled.sampling.method, words in read.unmatched) == ("exact", True)
+        question = {"omega": [1.0], "below": [1.0, 100.0], "duration": 1.0, "points": 3}
+        first, second = ask([question | {"design": each} for each in (known, exact)])
+        assert (first["S"], first["noiseGain"]) == (second["S"], second["noiseGain"])
+        known["sampling"]["dt"] = 1e-4 if design is slow else 1e-5
+        assert read_design(Fields({"design": known})).sampled.sampling.method == "matched"
 
 
 # -- where the time scales are decades apart: arithmetic of many digits is the judge ----------------------------

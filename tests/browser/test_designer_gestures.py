@@ -138,6 +138,23 @@ def test_the_limit_of_forward_euler_is_seen_and_crossed(page: Watched) -> None:
     assert page.number("noise_gain") == pytest.approx(found.noise_gain, rel=SHOWN)
 
 
+def test_sampling_is_matched_until_told_otherwise(page: Watched) -> None:
+    assert "hold at the samples" not in page.text("euler")  # of type 1 there is nothing to keep
+    page("numerator-type").click()
+    page.fill("dt", "50")
+    page.settled()
+    filter = pf.place_poles([-20.0, -20.0], numerator=2)
+    for method, words in (("matched", "1 − F hold at the samples"), ("exact", "for constants only")):
+        page(f"method-{method}").click()
+        page.settled()
+        assert words in page.text("euler")
+        found = pf.frequency_response(filter.sampled(0.05, method), [1.0])
+        assert page.number("noise_gain") == pytest.approx(found.noise_gain, rel=SHOWN)
+    assert found.noise_gain != pytest.approx(
+        pf.frequency_response(filter.sampled(0.05), [1.0]).noise_gain, rel=100.0 * SHOWN
+    )
+
+
 def test_the_coarse_knobs_are_the_library_s(page: Watched) -> None:
     page("family").select_option("bessel")
     page.until(lambda: "Bessel" in page.text("status"))

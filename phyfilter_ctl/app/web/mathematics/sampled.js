@@ -1,12 +1,13 @@
-/** The filter as it runs: sampled by one of three methods. */
+/** The filter as it runs: sampled by one of four methods. */
 
-import { EPSILON, div, mul } from "./polynomials.js";
-import { chain, expm1, product } from "./sections.js";
+import { matchedOutput } from "./matched.js";
+import { EPSILON, mul } from "./polynomials.js";
+import { chain, expm1, pairsOf, product, solved } from "./sections.js";
 
 /** @import { Complex } from "./polynomials.js" */
 /** @import { Curve, Filter } from "./filter.js" */
 
-/** @typedef {"exact" | "euler" | "tustin"} Method */
+/** @typedef {"exact" | "matched" | "euler" | "tustin"} Method  matched: exact where there is nothing to keep */
 
 // Doublings after which the slowest pole and the shortest step allowed (1e-3 rad/s, 10 us) have long died out.
 const MOST_DOUBLINGS = 64;
@@ -18,11 +19,12 @@ const MOST_DOUBLINGS = 64;
 function transition(filter, dt, method) {
   const { n, A, equilibrium, C } = chain(filter);
   let dA;
-  if (method === "exact") dA = expm1(A, n, dt);
+  if (method === "exact" || method === "matched") dA = expm1(A, n, dt);
   else {
     dA = A.map((value) => value * dt);
     if (method === "tustin") dA = tustin(dA, n);
   }
+  if (method === "matched") return { n, dA, equilibrium, C: matchedOutput(filter, dt, dA, equilibrium, C) };
   return { n, dA, equilibrium, C };
 }
 
@@ -58,8 +60,7 @@ function tustin(X, n) {
  */
 export function sampledResponse(filter, dt, method, omega) {
   const { n, dA, equilibrium, C } = transition(filter, dt, method);
-  const pairAt = new Uint8Array(n);
-  filter.sections.reduce((i, { im }) => ((pairAt[i] = im ? 1 : 0), i + (im ? 2 : 1)), 0);
+  const pairAt = pairsOf(filter);
   const drive = new Float64Array(n);
   let dc = 0;
   for (let i = 0; i < n; i++) {
@@ -99,57 +100,21 @@ export function sampledResponse(filter, dt, method, omega) {
 }
 
 /**
- * C (delta I - dA)^-1 drive by forward substitution over the sections: dA is lower triangular but for the pairs.
+ * C (delta I - dA)^-1 drive.
  * @param {Float64Array} dA @param {number} n @param {Uint8Array} pairAt @param {Complex} delta
  * @param {Float64Array} drive
  * @param {Float64Array} C @param {Float64Array} work
  * @returns {Complex}
  */
 function resolvent(dA, n, pairAt, delta, drive, C, work) {
-  let outRe = 0;
-  let outIm = 0;
-  for (let i = 0; i < n;) {
-    const rows = pairAt[i] ? 2 : 1;
-    for (let r = i; r < i + rows; r++) {
-      let x = drive[r];
-      let y = 0;
-      for (let j = 0; j < i; j++) {
-        x += dA[r * n + j] * work[2 * j];
-        y += dA[r * n + j] * work[2 * j + 1];
-      }
-      work[2 * r] = x;
-      work[2 * r + 1] = y;
-    }
-    if (rows === 1) {
-      const [x, y] = div([work[2 * i], work[2 * i + 1]], [delta[0] - dA[i * n + i], delta[1]]);
-      work[2 * i] = x;
-      work[2 * i + 1] = y;
-    } else {
-      /** @type {Complex} */
-      const p = [delta[0] - dA[i * n + i], delta[1]];
-      /** @type {Complex} */
-      const s = [delta[0] - dA[(i + 1) * n + i + 1], delta[1]];
-      const q = -dA[i * n + i + 1];
-      const t = -dA[(i + 1) * n + i];
-      const whole = mul(p, s);
-      whole[0] -= q * t;
-      /** @type {Complex} */
-      const u = [work[2 * i], work[2 * i + 1]];
-      /** @type {Complex} */
-      const v = [work[2 * i + 2], work[2 * i + 3]];
-      const first = mul(s, u);
-      const second = mul(p, v);
-      const one = div([first[0] - q * v[0], first[1] - q * v[1]], whole);
-      const two = div([second[0] - t * u[0], second[1] - t * u[1]], whole);
-      work.set([one[0], one[1], two[0], two[1]], 2 * i);
-    }
-    for (let r = i; r < i + rows; r++) {
-      outRe += C[r] * work[2 * r];
-      outIm += C[r] * work[2 * r + 1];
-    }
-    i += rows;
+  solved(dA, n, pairAt, delta, drive, work);
+  let re = 0;
+  let im = 0;
+  for (let i = 0; i < n; i++) {
+    re += C[i] * work[2 * i];
+    im += C[i] * work[2 * i + 1];
   }
-  return [outRe, outIm];
+  return [re, im];
 }
 
 /**

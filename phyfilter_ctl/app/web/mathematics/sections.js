@@ -3,8 +3,9 @@
  */
 
 import { monic } from "./filter.js";
-import { multiply } from "./polynomials.js";
+import { div, mul, multiply } from "./polynomials.js";
 
+/** @import { Complex } from "./polynomials.js" */
 /** @import { Filter } from "./filter.js" */
 
 const TAYLOR_NORM = 0.5;
@@ -118,4 +119,58 @@ export function expm1(A, n, step) {
     for (let i = 0; i < X.length; i++) X[i] = 2 * X[i] + square[i];
   }
   return X;
+}
+
+/** Where a conjugate pair begins among the states. @param {Filter} filter */
+export function pairsOf(filter) {
+  const pairAt = new Uint8Array(filter.order);
+  filter.sections.reduce((i, { im }) => ((pairAt[i] = im ? 1 : 0), i + (im ? 2 : 1)), 0);
+  return pairAt;
+}
+
+/**
+ * (delta I - dA)^-1 drive, real and imaginary parts in turn, by forward substitution over the sections: dA is lower
+ * triangular but for the pairs.
+ * @param {Float64Array} dA @param {number} n @param {Uint8Array} pairAt @param {Complex} delta
+ * @param {Float64Array} drive @param {Float64Array} [work] where they go
+ */
+export function solved(dA, n, pairAt, delta, drive, work = new Float64Array(2 * n)) {
+  for (let i = 0; i < n;) {
+    const rows = pairAt[i] ? 2 : 1;
+    for (let r = i; r < i + rows; r++) {
+      let x = drive[r];
+      let y = 0;
+      for (let j = 0; j < i; j++) {
+        x += dA[r * n + j] * work[2 * j];
+        y += dA[r * n + j] * work[2 * j + 1];
+      }
+      work[2 * r] = x;
+      work[2 * r + 1] = y;
+    }
+    if (rows === 1) {
+      const [x, y] = div([work[2 * i], work[2 * i + 1]], [delta[0] - dA[i * n + i], delta[1]]);
+      work[2 * i] = x;
+      work[2 * i + 1] = y;
+    } else {
+      /** @type {Complex} */
+      const p = [delta[0] - dA[i * n + i], delta[1]];
+      /** @type {Complex} */
+      const s = [delta[0] - dA[(i + 1) * n + i + 1], delta[1]];
+      const q = -dA[i * n + i + 1];
+      const t = -dA[(i + 1) * n + i];
+      const whole = mul(p, s);
+      whole[0] -= q * t;
+      /** @type {Complex} */
+      const u = [work[2 * i], work[2 * i + 1]];
+      /** @type {Complex} */
+      const v = [work[2 * i + 2], work[2 * i + 3]];
+      const first = mul(s, u);
+      const second = mul(p, v);
+      const one = div([first[0] - q * v[0], first[1] - q * v[1]], whole);
+      const two = div([second[0] - t * u[0], second[1] - t * u[1]], whole);
+      work.set([one[0], one[1], two[0], two[1]], 2 * i);
+    }
+    i += rows;
+  }
+  return work;
 }

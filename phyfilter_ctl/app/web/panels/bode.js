@@ -60,7 +60,9 @@ export class Bode {
       });
     });
     this.readout = h("p", { class: "pf-readout pf-line", "data-test": "readout" });
-    this.units = segments("Unit of the frequency axes", "unit", { "rad/s": "rad/s", Hz: "Hz" }, (key) => this.unit(key));
+    this.units = segments("Unit of the frequency axes", "unit", { "rad/s": "rad/s", Hz: "Hz" }, (key) =>
+      this.unit(key),
+    );
     const legends = h("div", { class: "pf-legends" }, ...CURVE_KEYS.map((key) => this.legend(key)));
     const bar = h("div", { class: "pf-bar" }, legends, h("div", { class: "pf-group pf-right" }, ...this.buttons));
     this.units.show("rad/s");

@@ -32,7 +32,7 @@ const MEANINGS = {
   noise_gain:
     "Standard deviation of f̂ for white noise of standard deviation 1 on every sample of x. Smaller is quieter.",
   noise: "Standard deviation of f̂ that the assumed noise of x leaves.",
-  euler_dt: "Forward Euler is unstable at this step and above. The exact method has no such limit.",
+  euler_dt: "Forward Euler is unstable at this step and above. The other methods have no such limit.",
   bound: "Certified: with |γ′| below the assumed slope the error |f − f̂| ends below this, whatever the residual does.",
   bound_sampled: "The same bound for the filter as it runs, sampled, at the samples.",
   ratio_low: "With f̂ fed back, the loop is stable from this modelled inertia over the true one ...",

@@ -3,12 +3,14 @@
 import { h } from "../elements.js";
 import { heldGain } from "../mathematics/edits.js";
 import { LIMITS } from "../mathematics/filter.js";
+import { kept } from "../mathematics/matched.js";
 import { eulerLimit } from "../mathematics/sampled.js";
 import { field, inUnit, short } from "../numbers.js";
 import { card, logSlider, named, numberField, put, segments } from "./parts.js";
 
 /** @import { App } from "../designer.js" */
 /** @import { Assumptions } from "../link.js" */
+/** @import { Method } from "../mathematics/sampled.js" */
 
 const TYPE_MEANINGS = ["constants", "ramps", "parabolas", "cubics"];
 
@@ -53,6 +55,13 @@ export class NumeratorKnobs {
   }
 }
 
+/** @type {Partial<Record<Method, string>>} */
+const MATCHES = {
+  matched: " The zeros of 1 − F hold at the samples.",
+  exact: " At the samples 1 − F vanishes for constants only: choose Matched to keep its other zeros.",
+};
+const CANNOT_MATCH = " Exact, as this order and step cannot keep the zeros of 1 − F at the samples: sample faster.";
+
 export class SamplingKnobs {
   /** @param {App} app */
   constructor(app) {
@@ -65,7 +74,7 @@ export class SamplingKnobs {
     };
     this.slider = logSlider(design, "dt-slider", "Step h", [LIMITS.dtMin, LIMITS.dtMax], set, "step");
     this.mark = h("span", { class: "pf-euler-mark", title: "Forward Euler is unstable right of here" });
-    const names = /** @type {const} */ ({ exact: "Exact", euler: "Euler", tustin: "Tustin" });
+    const names = /** @type {const} */ ({ matched: "Matched", exact: "Exact", euler: "Euler", tustin: "Tustin" });
     this.methods = segments("Method", "method", names, (method) =>
       design.edit("method", () => (design.sampling.method = method)),
     );
@@ -94,11 +103,13 @@ export class SamplingKnobs {
     this.mark.hidden = !(share >= 0 && share <= 1);
     // The thumb's middle travels from half a thumb inside to half a thumb inside.
     this.mark.style.left = `calc(8px + ${(100 * share).toFixed(2)}% - ${(16 * share).toFixed(2)}px)`;
+    const match = method === "exact" || method === "matched" ? kept(filter, dt) : false;
     const unstable = method === "euler" && !(dt < limit);
     this.note.classList.toggle("pf-violated", unstable);
     const reach = `Euler is stable below ${inUnit(limit, "s").join(" ")}`;
     const rate = `${short(1 / dt, 4)} Hz, Nyquist ${short(Math.PI / dt, 4)} rad/s. ${reach}.`;
-    this.note.textContent = unstable ? `⚠ Unstable: ${reach}; choose Exact, or sample faster.` : rate;
+    const meaning = match === null ? CANNOT_MATCH : match ? MATCHES[method] : "";
+    this.note.textContent = unstable ? `⚠ Unstable: ${reach}; choose Matched, or sample faster.` : rate + meaning;
   }
 }
 

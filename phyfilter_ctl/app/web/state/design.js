@@ -31,7 +31,7 @@ export const START = Object.freeze({
     [-20, 0],
   ],
   numerator: { kind: "lowpass" },
-  sampling: { dt: 0.002, method: "exact" },
+  sampling: { dt: 0.002, method: "matched" },
   assume: { slope: 1, noise: 0.001, ratio: 1, lag: 0.02, delay: 0, unit: "" },
   limits: null,
 });
