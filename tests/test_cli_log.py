@@ -32,7 +32,7 @@ def test_text_names_topics_rates_gaps_and_what_they_may_serve_as(
     pytest.importorskip("pyulog")
     assert main(["log", str(flight(tmp_path / "a.ulg"))]) == 0
     text = capsys.readouterr().out
-    assert "ulog, 3 topics, 2.48 s" in text
+    assert "ulog, topics: 3, 2.48 s" in text
     assert "! dropouts: 1, 0.48 s in all" in text
     row = next(line for line in text.splitlines() if line.startswith("vehicle_local_position"))
     assert row.split()[1:5] == ["100", "50", "0", "2.48"]

@@ -75,9 +75,9 @@ def _json(log: LogFile) -> str:
 
 def _text(log: LogFile) -> str:
     spans = [topic.clock.last for topic in log.topics if topic.count]
-    lines = [f"{log.path}: {log.format}, {len(log.topics)} topics, {max(spans, default=0.0):.6g} s"]
+    lines = [f"{log.path}: {log.format}, topics: {len(log.topics)}, {max(spans, default=0.0):.6g} s"]
     lines.append(f"time 0 is {log.start.isoformat() if log.start else 'of an unknown date'}")
-    lines += [f"! {note}" for note in log.notes]
+    lines += log.notes
     if log.dropouts:
         lost = sum(dropout.duration for dropout in log.dropouts)
         lines.append(f"! dropouts: {len(log.dropouts)}, {lost:.3g} s in all")

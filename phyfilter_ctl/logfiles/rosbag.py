@@ -73,7 +73,10 @@ def read(path: Path, time_unit: str | None, time: str | None) -> Contents:
                 try:
                     first = reader.deserialize(data, connection.msgtype)
                 except (SerdeError, KeyError) as error:
-                    left_out[name] = f"{connection.msgtype}: {error}"
+                    unknown = isinstance(error, KeyError)
+                    left_out[name] = (
+                        f"{connection.msgtype} is {'not defined' if unknown else f'broken: {error}'}"
+                    )
                     continue
                 stamped = _stamped(store, connection.msgtype)
                 topic = topics[name] = _Topic(connection.msgtype, first, stamped)

@@ -37,7 +37,7 @@ def _times(file: CsvFile, name: str, numeric: bool) -> tuple[NDArray[np.generic]
     """Whole numbers as such: nanoseconds since 1970 are more than a float64 holds. And whether dates are UTC."""
     if not numeric:
         return _calendar(file, name, file.texts(name))
-    whole = file.whole_numbers(name) if file.first(name).lstrip("+-").isdigit() else None
+    whole = file.whole_numbers(name)
     return (file.read([name], gaps=True)[:, 0] if whole is None else whole), True
 
 

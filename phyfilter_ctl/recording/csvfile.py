@@ -89,6 +89,8 @@ class CsvFile:
 
     def whole_numbers(self, name: str) -> NDArray[np.int64] | None:
         """The named column, exact beyond what a float64 holds; None where a field is no whole number."""
+        if not all(map(_WHOLE.fullmatch, islice(self._cells(name), _SAMPLED))):
+            return None
         table = self._read_by_polars([self.header.index(name)], False, whole=True)
         if table is not None:
             return table[:, 0].astype(np.int64, copy=False)

@@ -7,7 +7,6 @@ Every format has a process of its own, with a limit of memory, so that a crash o
 from __future__ import annotations
 
 import argparse
-import resource
 import subprocess
 import sys
 import tempfile
@@ -119,6 +118,8 @@ def outcome(path: Path) -> str:
 
 def search(kind: str, count: int, seed: int) -> None:
     """Damage and read a log ``count`` times; say how it went."""
+    import resource  # not on Windows
+
     resource.setrlimit(resource.RLIMIT_AS, (_MEMORY, _MEMORY))
     tally: Counter[str] = Counter()
     slowest = (0.0, 0)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -128,6 +129,14 @@ def test_topics_and_fields_that_are_not_there_are_named(tmp_path: Path) -> None:
         log.read("table", clock="v")
     with pytest.raises(ValueError, match="there is no column 'z'"):
         pf.open_log(log.path, time="z")
+
+
+def test_a_package_that_is_missing_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "a.ulg"
+    path.write_bytes(b"ULog\x01\x12\x35\x01" + bytes(8))
+    monkeypatch.setitem(sys.modules, "pyulog", None)
+    with pytest.raises(ValueError, match=r"needs the package pyulog: pip install 'phyfilter-ctl\[logs\]'"):
+        pf.open_log(path)
 
 
 def test_a_file_of_no_known_format_says_which_are_known(tmp_path: Path) -> None:

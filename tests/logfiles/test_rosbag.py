@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import sqlite3
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -134,6 +136,19 @@ def test_a_bag_is_refused_where_it_is_broken(tmp_path: Path) -> None:
     folder.mkdir()
     with pytest.raises(ValueError, match=r"a folder without metadata\.yaml is no ROS 2 bag"):
         pf.open_log(folder)
+
+
+def test_messages_that_the_bag_does_not_define_are_the_usual_ones_or_left_out(tmp_path: Path) -> None:
+    path = write(tmp_path / "bag", "rosbag2 sqlite3")
+    with contextlib.closing(sqlite3.connect(next(path.glob("*.db3")))) as data:  # as ROS 2 Humble wrote them
+        data.execute("delete from message_definitions")
+        data.commit()
+    log = pf.open_log(path)
+    assert log.notes == (
+        "left out, /motors: robot_msgs/msg/Motors is not defined",
+        "the bag does not define its messages: they are taken for those of ROS 2 Humble",
+    )
+    assert log.read("/joints", ["effort[0]"]).values[0, 0] == 0.125
 
 
 def test_a_single_mcap_file_needs_no_folder(tmp_path: Path) -> None:

@@ -117,6 +117,15 @@ def test_a_field_at_another_rate_is_refused_with_the_reason(tmp_path: Path) -> N
         log.read("imu", ["short"])
 
 
+def test_groups_that_count_differently_have_no_common_clock(tmp_path: Path) -> None:
+    path = tmp_path / "log.h5"
+    with h5py.File(path, "w") as file:
+        file["a/t_s"], file["a/v"], file["b/t_ms"], file["b/v"] = TICKS / 1e9, V, TICKS / 1e6, V
+    with pytest.raises(ValueError, match="its groups count time in ms and s: no common clock"):
+        pf.open_log(path)
+    assert [topic.name for topic in pf.open_log(path, time="t_ms").topics] == ["b"]
+
+
 def test_matlab_structs_are_topics(tmp_path: Path) -> None:
     path = tmp_path / "log.mat"
     log = {"t": 0.002 * np.arange(50)[:, None], "q": Q, "v": V[None, :], "note": "text"}
