@@ -39,6 +39,7 @@ from .design import LearnResult, bandpass, hz, learn, learn_jointly, lowpass, nu
 from .diagram import FlatModel, flatten
 from .estimation import Estimate, compare_estimators, estimate, smooth_label
 from .filter import (
+    FilterBank,
     FilterState,
     LiveFilter,
     LiveHealth,
@@ -54,7 +55,7 @@ from .learned import learned_model
 from .logfiles import LogFile, Signal, Topic, open_log
 from .plants import Plant, plant
 from .recording import Recording, split_by_speed, split_flights
-from .results import Result, Status
+from .results import PerChannel, Result, Status
 from .robot import Robot, RobotCheck
 from .simulation import (
     Sensitivity,
@@ -73,6 +74,7 @@ __all__ = [
     "BoundResult",
     "ErrorBudget",
     "Estimate",
+    "FilterBank",
     "FilterResponse",
     "FilterResponseList",
     "FilterState",
@@ -85,6 +87,7 @@ __all__ = [
     "LivePolicy",
     "LogFile",
     "LoopMargin",
+    "PerChannel",
     "PhyFilter",
     "PhyFilterBlock",
     "Plant",

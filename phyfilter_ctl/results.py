@@ -11,11 +11,11 @@ import math
 from collections.abc import Mapping, Sequence, Set
 from dataclasses import Field, fields, is_dataclass
 from enum import Enum, StrEnum
-from typing import Any, ClassVar
+from typing import Any, ClassVar, TypeVar
 
 import numpy as np
 
-__all__ = ["Result", "Status", "plain"]
+__all__ = ["PerChannel", "Result", "Status", "plain"]
 
 _LISTED = 6  # entries of a sequence that repr lists
 _WIDTH = 100  # characters of a value in repr
@@ -143,6 +143,42 @@ class Result:
             if f.repr
         ]
         return f"<table><caption>{type(self).__name__}</caption>{''.join(rows)}</table>"
+
+
+_Answer = TypeVar("_Answer", bound=Result, covariant=True)
+
+
+class PerChannel(tuple[_Answer, ...]):
+    """Answers channel by channel: a tuple of results.
+
+    Examples
+    --------
+    >>> from phyfilter_ctl import PhyFilter, stack, ultimate_bound
+    >>> bounds = ultimate_bound(stack([PhyFilter([20.0]), PhyFilter([5.0])]), residual=[{1: 3.0}, {1: 1.0}])
+    >>> [round(each.bound, 9) for each in bounds]
+    [0.15, 0.2]
+    """
+
+    __slots__ = ()
+
+    @property
+    def by_name(self) -> dict[str, _Answer]:
+        """The same as a dictionary: "channel 0", ..."""
+        return {f"channel {i}": entry for i, entry in enumerate(self)}
+
+    def to_dict(self) -> dict[str, Any]:
+        """What JSON can hold of it, by the names of :attr:`by_name`."""
+        return {name: plain(entry) for name, entry in self.by_name.items()}
+
+    def __repr__(self) -> str:
+        return "\n".join(f"{name}: {entry!r}" for name, entry in self.by_name.items())
+
+    def _repr_html_(self) -> str:
+        rows = [
+            f"<tr><th style='text-align:left'>{name}</th><td>{entry._repr_html_()}</td></tr>"
+            for name, entry in self.by_name.items()
+        ]
+        return f"<table>{''.join(rows)}</table>"
 
 
 def _shown(thing: Any) -> list[Field[Any]]:

@@ -328,10 +328,6 @@ def test_reads_what_a_person_writes(tmp_path: Path) -> None:
         (SAMPLED + "limit = 0.0", r"\[sampled\] limit: expected a positive"),
         (SAMPLED + "limit = [1.0, nan]", r"sampled.limit\[1\]: expected a finite number, got nan"),
         (
-            TWO.replace("[sampled]\ndt = 0.002\n", ""),
-            r"filters: one filter a channel needs a \[sampled\] table",
-        ),
-        (
             TWO.replace("version = 1", "version = 1\na = [20.0]"),
             "a: expected either a, b, poles or .*got both",
         ),

@@ -420,8 +420,8 @@ def test_trade_off_and_bound_have_units() -> None:
 def test_page_of_the_analysis(grown: bool) -> None:
     response = frequency_response(FOURTH.sampled(0.01))
     t = np.linspace(0.0, 1.0, 20)
-    growth = (t, 1.0 - np.exp(-9.0 * t), 1.0) if grown else None
-    both = {"inner loop": np.abs(response.error), "complete loop": np.abs(response.error) ** 2}
+    growth = [(t, 1.0 - np.exp(-9.0 * t), 1.0)] if grown else []
+    both = {"inner loop": [np.abs(response.error)], "complete loop": [np.abs(response.error) ** 2]}
     plot = analysis_plot([response.curve()], response.omega, both, growth)
     inner, complete = plot.lines[1, 1]
     np.testing.assert_array_equal(inner.get_ydata(), np.abs(response.error))

@@ -396,8 +396,10 @@ def test_channels_must_fit():
         stack([PLAIN.sampled(0.002), PLAIN.sampled(0.001)])
     with pytest.raises(ValueError, match="at least one"):
         stack([])
-    with pytest.raises(TypeError, match=r"channel 0 is PhyFilter\(.*sample each first, F.sampled\(dt\)"):
-        stack([PLAIN, PLAIN])  # type: ignore[list-item]  # wrong on purpose
+    with pytest.raises(TypeError, match=r"channel 1 is PhyFilter\(.*sample all, F.sampled\(dt\), or none"):
+        stack([PLAIN.sampled(0.002), PLAIN])  # type: ignore[list-item]  # wrong on purpose
+    with pytest.raises(TypeError, match=r"channel 0 is 1.0, expected a PhyFilter"):
+        stack([1.0, PLAIN])  # type: ignore[list-item]  # wrong on purpose
     with pytest.raises(TypeError, match="PhyFilter"):
         SampledPhyFilter([1.0], 0.1)  # type: ignore[list-item]  # wrong on purpose
     one = PLAIN.sampled(0.002)

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from .. import _signals, plots
 from .._sections import FloatArray
-from ..results import Result
+from ..results import PerChannel, Result
 from .bounds import BoundResult
 from .frequency import frequency_response
 from .variance import Variance
@@ -95,7 +95,8 @@ def error_budget(
     Parameters
     ----------
     results : mapping of str to, or sequence of, BoundResult or Variance
-        A mapping names the designs, to be compared as bars; a sequence is drawn over bandwidth.
+        A mapping names the designs, to be compared as bars, as a PerChannel does its channels; a sequence is drawn over
+        bandwidth.
     bandwidth : (m,) array_like, optional
         Of the designs in rad/s, for a sequence. None: the -3 dB width of each filter (a Variance does not know its
         filter and needs it).
@@ -124,6 +125,8 @@ def error_budget(
     >>> budget.residual.round(6).tolist(), budget.noise.round(6).tolist()
     ([0.8, 0.4], [0.2, 0.4])
     """
+    if isinstance(results, PerChannel):
+        results = results.by_name
     names = tuple(results) if isinstance(results, Mapping) else None
     found = list(results.values()) if isinstance(results, Mapping) else list(results)
     if not found:

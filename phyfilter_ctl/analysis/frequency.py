@@ -16,12 +16,12 @@ from scipy.optimize import brentq, minimize_scalar
 
 from .. import _signals, plots
 from .._sections import ComplexArray, FloatArray
-from ..filter import PhyFilter, SampledPhyFilter
+from ..filter import PhyFilter, SampledBank, SampledPhyFilter
 from . import _paths, _resolvent, grids
+from ._channels import Filter, channels_of
 
 __all__ = ["FilterResponse", "FilterResponseList", "Peak", "frequency_response"]
 
-Filter = PhyFilter | SampledPhyFilter
 Input = Literal["gamma", "x", "g", "f_theta", "noise"]
 Output = Literal["f_hat", "error"]
 
@@ -53,6 +53,8 @@ class FilterResponse:
         f_hat show it, the average over the step and the delay included.
     error : (N,) complex array
         1 - F, from gamma to f - f_hat, without cancellation at low frequencies.
+    name : str
+        "channel 0", ... of one of several channels with filters of their own; it begins the label.
 
     Notes
     -----
@@ -75,6 +77,7 @@ class FilterResponse:
     omega: FloatArray
     F: ComplexArray
     error: ComplexArray
+    name: str = ""
 
     def response(self, input: Input, output: Output = "f_hat") -> ComplexArray:
         """Response from one signal to f_hat or to the error f - f_hat, shape (N,).
@@ -228,7 +231,23 @@ class FilterResponse:
     @property
     def label(self) -> str:
         """Order, band and step in words, as the legend has them."""
-        return self._label("rad/s", 1.0)
+        return self.label_in("rad/s", 1.0)
+
+    def label_in(self, unit: str, per: float) -> str:
+        """The label in another unit of frequency.
+
+        Parameters
+        ----------
+        unit : str
+            Its name, such as "Hz".
+        per : float
+            How many rad/s one of it is.
+        """
+        low, high = (edge / per for edge in self.band_edges)
+        band = f"{high:.3g}" if low == 0.0 else f"{low:.3g} to {high:.3g}"
+        step = f", h = {1e3 * self.system.dt:.3g} ms" if isinstance(self.system, SampledPhyFilter) else ""
+        name = f"{self.name}: " if self.name else ""
+        return f"{name}n = {self._filter.order}, {band} {unit}{step}"
 
     def curve(self, label: str | None = None) -> plots.FrequencyCurve:
         """What a frequency plot draws of it.
@@ -289,12 +308,6 @@ class FilterResponse:
     @cached_property
     def _reaches_dc(self) -> bool:
         return self._dc > _NO_DC * self.peak.value
-
-    def _label(self, unit: str, per: float) -> str:
-        low, high = (edge / per for edge in self.band_edges)
-        band = f"{high:.3g}" if low == 0.0 else f"{low:.3g} to {high:.3g}"
-        step = f", h = {1e3 * self.system.dt:.3g} ms" if isinstance(self.system, SampledPhyFilter) else ""
-        return f"n = {self._filter.order}, {band} {unit}{step}"
 
     def _gain(self, omega: ArrayLike) -> FloatArray:
         return np.abs(_paths.residual(self.system, np.atleast_1d(_signals.real("omega", omega)))[0])
@@ -361,19 +374,21 @@ class FilterResponseList(tuple[FilterResponse, ...]):
         if labels is not None and len(labels) != len(self):
             raise ValueError(f"labels: expected one for each of the {len(self)} responses, got {len(labels)}")
         if labels is None:
-            labels = [each._label(*plots.frequency_unit(Hz)) for each in self]
+            labels = [each.label_in(*plots.frequency_unit(Hz)) for each in self]
         curves = [each.curve(name) for name, each in zip(labels, self, strict=True)]
         return plots.frequency_plot(curves, limits=limits, ax=ax, dB=dB, Hz=Hz, deg=deg)
+
+
+@overload
+def frequency_response(  # pyright: ignore[reportOverlappingOverload]  # a SampledPhyFilter with several responses
+    system: SampledBank | Sequence[Filter], omega: ArrayLike | None = None
+) -> FilterResponseList: ...
 
 
 @overload
 def frequency_response(  # pyright: ignore[reportOverlappingOverload]  # a PhyFilter, an LTI too, has more to tell
     system: Filter, omega: ArrayLike | None = None
 ) -> FilterResponse: ...
-
-
-@overload
-def frequency_response(system: Sequence[Filter], omega: ArrayLike | None = None) -> FilterResponseList: ...
 
 
 @overload
@@ -397,7 +412,8 @@ def frequency_response(
     FilterResponse
         For one filter.
     FilterResponseList
-        For several, over one common grid; each sampled one stops at its own Nyquist frequency.
+        For several, and of what ``stack`` gives for every channel: over one common grid; each sampled one stops at
+        its own Nyquist frequency.
     control.FrequencyResponseData
         For a python-control system, as ``control.frequency_response`` returns it.
 
@@ -407,7 +423,7 @@ def frequency_response(
         If ``system`` is none of the above, such as a nonlinear system.
     ValueError
         If frequencies are not finite, none is left below the Nyquist frequency, one filter is asked for frequencies
-        below 0 or above its Nyquist frequency, or a sampled filter has a filter of its own per channel.
+        below 0 or above its Nyquist frequency.
 
     Notes
     -----
@@ -429,24 +445,22 @@ def frequency_response(
         return _resolvent.frequency_response(system, omega)
     if isinstance(system, LTI) and not isinstance(system, Filter):
         return cast(ct.FrequencyResponseData, ct.frequency_response(system, omega))
+    if (filters := channels_of(system)) is not None:
+        return _responses(filters, omega)
     if isinstance(system, Filter):
         if omega is not None:
-            grids.checked(grids.ordered(omega), grids.nyquist(_shared(system)))
-        return _responses([system], omega)[0]
-    if isinstance(system, Sequence) and system and all(isinstance(each, Filter) for each in system):
-        return _responses(system, omega)
+            grids.checked(grids.ordered(omega), grids.nyquist(system))
+        return _responses([("", system)], omega)[0]
     raise TypeError(
         "frequency_response: expected a PhyFilter, a SampledPhyFilter, a sequence of them or a linear python-control "
         f"system, got {type(system).__name__}; linearise a nonlinear system first"
     )
 
 
-def _responses(systems: Sequence[Filter], omega: ArrayLike | None) -> FilterResponseList:
-    for system in systems:
-        _shared(system)
-    grid = grids.default(systems) if omega is None else grids.ordered(omega)
+def _responses(named: Sequence[tuple[str, Filter]], omega: ArrayLike | None) -> FilterResponseList:
+    grid = grids.default([system for _, system in named]) if omega is None else grids.ordered(omega)
     answers = []
-    for system in systems:
+    for name, system in named:
         nyquist = grids.nyquist(system)
         below = grid[grid < nyquist]
         if omega is None and np.isfinite(nyquist):
@@ -454,15 +468,6 @@ def _responses(systems: Sequence[Filter], omega: ArrayLike | None) -> FilterResp
         elif nyquist in grid:
             below = np.append(below, grid[grid == nyquist])
         mine = grids.checked(below, nyquist)
-        answers.append(FilterResponse(system, mine, *_paths.residual(system, mine)))
+        F, error = _paths.residual(system, mine)
+        answers.append(FilterResponse(system, mine, F, error, name))
     return FilterResponseList(answers)
-
-
-def _shared(system: Filter) -> Filter:
-    """The filter itself, refused where its channels differ."""
-    if isinstance(system, SampledPhyFilter) and len(system.filters) > 1:
-        raise ValueError(
-            f"each of the {len(system.filters)} channels has its own filter and so its own response: give them one by "
-            "one, as frequency_response([sampled.with_filter(f) for f in sampled.filters])"
-        )
-    return system

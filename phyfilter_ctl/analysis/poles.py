@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import control as ct
 import numpy as np
@@ -12,11 +12,10 @@ from matplotlib.axes import Axes
 from .. import plots
 from .._sections import ComplexArray
 from ..filter import PhyFilter, SampledPhyFilter
+from ._channels import Filter, channels_of
 from .frequency import frequency_response
 
 __all__ = ["PoleZeroMap", "PolesAndZeros", "pole_zero_map"]
-
-Filter = PhyFilter | SampledPhyFilter
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,17 +31,20 @@ class PolesAndZeros:
         Of F. Sampled: of F_d(z) from u_k, the residual averaged over a step, to f_hat_k - f_theta_k.
     error_zeros : complex array
         Of 1 - F: the complex frequencies of residuals that are followed without error. Empty for a sampled filter.
+    name : str
+        "channel 0", ... of one of several channels with filters of their own; it begins the label.
     """
 
     system: Filter
     poles: ComplexArray
     zeros: ComplexArray
     error_zeros: ComplexArray
+    name: str = ""
 
     @property
     def label(self) -> str:
         """Order, band and step in words, as the legend has them."""
-        return frequency_response(self.system).label
+        return replace(frequency_response(self.system), name=self.name).label
 
 
 class PoleZeroMap(tuple[PolesAndZeros, ...]):
@@ -87,14 +89,12 @@ def pole_zero_map(system: Filter | Sequence[Filter]) -> PoleZeroMap:
     Returns
     -------
     PoleZeroMap
-        One entry a filter.
+        One entry a filter; a channel each, for what ``stack`` gives.
 
     Raises
     ------
     TypeError
         If ``system`` is none of the above.
-    ValueError
-        If a sampled filter has a filter of its own per channel.
 
     Notes
     -----
@@ -115,27 +115,29 @@ def pole_zero_map(system: Filter | Sequence[Filter]) -> PoleZeroMap:
     >>> pole_zero_map(filter.sampled(0.01, "euler"))[0].zeros.real.round(12).tolist()
     [0.0, 0.9]
     """
-    systems = [system] if isinstance(system, Filter) else system
-    if not isinstance(systems, Sequence) or not systems or not all(isinstance(s, Filter) for s in systems):
+    filters = channels_of(system) or ([("", system)] if isinstance(system, Filter) else [])
+    if not filters:
         raise TypeError(
             "pole_zero_map: expected a PhyFilter, a SampledPhyFilter or a sequence of them, got "
             f"{type(system).__name__}"
         )
-    return PoleZeroMap(_sampled(s) if isinstance(s, SampledPhyFilter) else _continuous(s) for s in systems)
+    return PoleZeroMap(
+        _sampled(s, name) if isinstance(s, SampledPhyFilter) else _continuous(s, name) for name, s in filters
+    )
 
 
 def _step(system: Filter) -> float | None:
     return system.dt if isinstance(system, SampledPhyFilter) else None
 
 
-def _continuous(filter: PhyFilter) -> PolesAndZeros:
+def _continuous(filter: PhyFilter, name: str) -> PolesAndZeros:
     # The zeros at s = 0 are exact in the coefficients; the roots of the rest are found apart from them.
     rest = filter.error_numerator[filter.type :]
     error_zeros = np.concatenate([np.zeros(filter.type), np.roots(rest[::-1])]).astype(np.complex128)
-    return PolesAndZeros(filter, filter.poles, filter.zeros, error_zeros)
+    return PolesAndZeros(filter, filter.poles, filter.zeros, error_zeros, name)
 
 
-def _sampled(system: SampledPhyFilter) -> PolesAndZeros:
+def _sampled(system: SampledPhyFilter, name: str) -> PolesAndZeros:
     filter, h = system.filter, system.dt
     none, at_zero = np.zeros(0, dtype=np.complex128), np.zeros(1, dtype=np.complex128)
     if system.sampling.method == "euler":
@@ -147,7 +149,7 @@ def _sampled(system: SampledPhyFilter) -> PolesAndZeros:
         poles = np.exp(filter.poles * h)
         zeros = _zeros_of_exact(system) if filter.order > 1 else none
     every = np.concatenate([at_zero, zeros]).astype(np.complex128)
-    return PolesAndZeros(system, poles, every, none)
+    return PolesAndZeros(system, poles, every, none, name)
 
 
 def _tustin(values: ComplexArray) -> ComplexArray:

@@ -12,6 +12,7 @@ from .. import _sections
 from .._sections import FloatArray
 from ..filter import PhyFilter, SampledPhyFilter
 from ..results import Result
+from ._channels import per_channel
 
 __all__ = ["Variance", "error_variance", "gauss_markov"]
 
@@ -80,6 +81,7 @@ def gauss_markov(deviation: float, time_constant: float) -> ct.StateSpace:
     return ct.StateSpace([[-rate]], [[deviation * np.sqrt(2.0 * rate)]], [[1.0]], [[0.0]])
 
 
+@per_channel
 def error_variance(
     filter: PhyFilter | SampledPhyFilter,
     *,
@@ -91,8 +93,9 @@ def error_variance(
 
     Parameters
     ----------
-    filter : PhyFilter or SampledPhyFilter
-        Sampled: one filter for all channels; variances at the samples, the residual going on between them.
+    filter : PhyFilter, SampledPhyFilter or several
+        Sampled: variances at the samples, the residual going on between them. Several, by ``stack`` or as a sequence:
+        the answer is a ``PerChannel``, and every other argument one for all or a list.
     noise : float or control system
         Noise of x. Sampled: standard deviation of independent samples. Continuous: square root of the two-sided power
         density in units of x per sqrt(Hz), or the shaping filter of coloured noise (from unit white noise to x).
@@ -103,7 +106,7 @@ def error_variance(
 
     Returns
     -------
-    Variance
+    Variance, or PerChannel of it
 
     Raises
     ------

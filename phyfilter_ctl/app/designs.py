@@ -14,7 +14,7 @@ from .. import _sections
 from .._sections import FloatArray
 from ..analysis import frequency_response
 from ..design.placement import Family, bandpass, lowpass, numerator_of_type, place_poles
-from ..filter import PhyFilter, SampledPhyFilter
+from ..filter import FilterBank, PhyFilter, SampledPhyFilter
 from ..filter.sampling import Method
 from ..results import plain
 from .checking import Fields, MessageError, real, shown
@@ -123,12 +123,12 @@ class Design:
     assume: Assumptions = field(default_factory=Assumptions)
     limits: Mapping[str, object] | None = None
 
-    def with_filter(self, filter: PhyFilter | SampledPhyFilter) -> Design:
+    def with_filter(self, filter: PhyFilter | FilterBank | SampledPhyFilter) -> Design:
         """The same sampling and assumptions around another filter.
 
         Parameters
         ----------
-        filter : PhyFilter or SampledPhyFilter
+        filter : PhyFilter or SampledPhyFilter (a bank is refused)
             Sampled: one filter for all channels; its step and method are taken over.
 
         Raises
@@ -136,6 +136,13 @@ class Design:
         ValueError
             If it is of another size than a designer shows.
         """
+        filters = filter.filters if isinstance(filter, SampledPhyFilter) else filter
+        if not isinstance(filters, PhyFilter) and len(filters) > 1:
+            raise ValueError(
+                f"expected one filter, got {len(filters)}, one for each channel: show them one by one"
+            )
+        if isinstance(filter, FilterBank):
+            return self.with_filter(filter[0])
         if isinstance(filter, SampledPhyFilter):
             if not SHORTEST_STEP <= filter.dt <= LONGEST_STEP:
                 raise ValueError(

@@ -13,7 +13,7 @@ from typing import Literal
 
 from .. import filterfile
 from ..codegen import CompilerError, export_c, find_compiler
-from ..filter import PhyFilter, SampledPhyFilter
+from ..filter import FilterBank, PhyFilter, SampledPhyFilter
 from .checking import MessageError
 from .designs import Design
 
@@ -169,8 +169,8 @@ def export(design: Design, kind: Kind, channels: int) -> dict[str, object]:
 # -- inside -----------------------------------------------------------------------------------------------------
 
 
-def _dropped(system: PhyFilter | SampledPhyFilter) -> list[str]:
-    if isinstance(system, PhyFilter):
+def _dropped(system: PhyFilter | FilterBank | SampledPhyFilter) -> list[str]:
+    if not isinstance(system, SampledPhyFilter):
         return []
     changed = [name for name in system.sampling.unusual if name != "method"]
     changed += [] if system.E is None else ["E"]

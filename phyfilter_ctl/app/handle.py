@@ -35,7 +35,7 @@ from numpy.linalg import LinAlgError
 from threadpoolctl import ThreadpoolController
 
 from ..design.learning import Form
-from ..filter import PhyFilter, SampledPhyFilter
+from ..filter import FilterBank, PhyFilter, SampledPhyFilter
 from ..recording import Recording
 from . import answers, exports, logs
 from .checking import Fields, MessageError
@@ -60,7 +60,7 @@ class Session:
 
     Parameters
     ----------
-    start : PhyFilter or SampledPhyFilter, optional
+    start : PhyFilter or SampledPhyFilter, optional (a bank is refused)
         Where the design begins; None means two poles at -20 rad/s.
     log : Recording, optional
         Open from the start.
@@ -79,7 +79,7 @@ class Session:
     """
 
     def __init__(
-        self, start: PhyFilter | SampledPhyFilter | None = None, *, log: Recording | None = None
+        self, start: PhyFilter | FilterBank | SampledPhyFilter | None = None, *, log: Recording | None = None
     ) -> None:
         self._lock = threading.Lock()
         self._design = Design() if start is None else Design().with_filter(start)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 import math
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import control as ct
@@ -18,7 +19,8 @@ from ..results import plain
 from .frequencies import add_picture_units
 
 if TYPE_CHECKING:
-    from ..analysis import BoundResult, LoopMargin, PriorMargin
+    from .._sections import FloatArray
+    from ..analysis import BoundResult, FilterResponse, LoopMargin, PriorMargin
     from ..design.optimal import ResidualStatistics
 
 __all__ = ["add_arguments", "main"]
@@ -80,15 +82,57 @@ def main(options: argparse.Namespace) -> int:
     ValueError, OSError
         If the options are wrong or a file cannot be read or written.
     """
-    from ..analysis import error_variance, frequency_response, loop_margin, prior_margin, ultimate_bound
     from ..design.optimal import residual_statistics
+    from .channels import by_channel, figures_below, responses, text_of
 
     check_target(options.json)
     check_target(options.picture, suffixes=(".png", ".pdf", ".svg"))
-    system = filterfile.load(options.file)
+    channels = by_channel(filterfile.load(options.file), filterfile.load_signals(options.file).channels)
     statistics = residual_statistics([_log(path, options) for path in options.log]) if options.log else None
     residual, noise = _bounds(options, statistics)
-    response = frequency_response(system)
+    pages = {each.name: _page(each, residual, noise, options) for each in responses(channels)}
+    if options.json is not None:
+        figures = figures_below({name: page.figures(statistics) for name, page in pages.items()})
+        write_text(options.json, json.dumps(plain(figures), indent=2, allow_nan=False) + "\n")
+    if options.json != "-":
+        print(text_of({name: _text(page, statistics) for name, page in pages.items()}))
+    if options.picture is not None:
+        _draw(list(pages.values()), options)
+    return 0
+
+
+@dataclass(frozen=True)
+class _Page:
+    """What one filter promises."""
+
+    response: FilterResponse
+    bound: BoundResult | None
+    deviation: float | None
+    inner: PriorMargin
+    outer: LoopMargin | None
+
+    def figures(self, statistics: ResidualStatistics | None) -> dict[str, object]:
+        """What the JSON holds."""
+        system = self.response.system
+        return {
+            "filter": system if isinstance(system, PhyFilter) else system.filter,
+            "bandwidth": self.response.bandwidth,
+            "error_peak": self.response.error_peak.value,
+            "noise_gain": self.response.noise_gain,
+            "statistics": statistics,
+            "bound": self.bound,
+            "noise_deviation": self.deviation,
+            "inner_loop": self.inner,
+            "complete_loop": self.outer,
+        }
+
+
+def _page(
+    response: FilterResponse, residual: dict[int, float], noise: float, options: argparse.Namespace
+) -> _Page:
+    from ..analysis import error_variance, loop_margin, prior_margin, ultimate_bound
+
+    system = response.system
     bound = None
     if residual:
         bound = ultimate_bound(
@@ -103,44 +147,31 @@ def main(options: argparse.Namespace) -> int:
     if options.kp is not None or options.kd is not None:
         kp, kd = options.kp or 0.0, options.kd or 0.0
         outer = loop_margin(system, kp=kp, kd=kd, actuator=actuator, delay=options.delay)
-    figures: dict[str, object] = {
-        "filter": _first(system),
-        "bandwidth": response.bandwidth,
-        "error_peak": response.error_peak.value,
-        "noise_gain": response.noise_gain,
-        "statistics": statistics,
-        "bound": bound,
-        "noise_deviation": deviation,
-        "inner_loop": inner,
-        "complete_loop": outer,
-    }
-    if options.json is not None:
-        write_text(options.json, json.dumps(plain(figures), indent=2, allow_nan=False) + "\n")
-    if options.json != "-":
-        print(_text(system, statistics, bound, deviation, inner, outer))
-    if options.picture is not None:
-        import matplotlib
-
-        matplotlib.use("Agg")
-        from ..plots import analysis_plot
-
-        curves = [response.curve()]
-        growth = None
-        if bound is not None and isinstance(system, PhyFilter):
-            assert bound.certificate is not None
-            times = np.linspace(0.0, 0.6 * bound.certificate.horizon, 500)
-            growth = (times, bound.envelope(times), bound.bound)
-        loops = {"inner loop": inner} | ({} if outer is None else {"complete loop": outer})
-        sensitivities = {name: margin.sensitivity(response.omega) for name, margin in loops.items()}
-        write_figure(
-            options.picture,
-            analysis_plot(curves, response.omega, sensitivities, growth, dB=options.db, Hz=options.hz).figure,
-        )
-    return 0
+    return _Page(response, bound, deviation, inner, outer)
 
 
-def _first(system: PhyFilter | SampledPhyFilter) -> PhyFilter:
-    return system if isinstance(system, PhyFilter) else system.filters[0]
+def _draw(pages: list[_Page], options: argparse.Namespace) -> None:
+    import matplotlib
+
+    matplotlib.use("Agg")
+    from ..plots import analysis_plot, frequency_unit
+
+    omega, unit = pages[0].response.omega, frequency_unit(options.hz)
+    growths: list[tuple[FloatArray, FloatArray, float]] = []
+    for page in pages:
+        if (
+            page.bound is not None
+            and page.bound.certificate is not None
+            and isinstance(page.bound.system, PhyFilter)
+        ):
+            times = np.linspace(0.0, 0.6 * page.bound.certificate.horizon, 500)
+            growths.append((times, page.bound.envelope(times), page.bound.bound))
+    loops = {"inner loop": [page.inner.sensitivity(omega) for page in pages]}
+    if outer := [page.outer.sensitivity(omega) for page in pages if page.outer is not None]:
+        loops["complete loop"] = outer
+    curves = [page.response.curve(page.response.label_in(*unit)) for page in pages]
+    plot = analysis_plot(curves, omega, loops, growths, dB=options.db, Hz=options.hz)
+    write_figure(options.picture, plot.figure)
 
 
 def _log(path: str, options: argparse.Namespace) -> Recording:
@@ -175,15 +206,9 @@ def _bounds(
 # -- figures and text -------------------------------------------------------------------------------------------
 
 
-def _text(
-    system: PhyFilter | SampledPhyFilter,
-    statistics: ResidualStatistics | None,
-    bound: BoundResult | None,
-    deviation: float | None,
-    inner: PriorMargin,
-    outer: LoopMargin | None,
-) -> str:
-    lines = [_first(system).describe()]
+def _text(page: _Page, statistics: ResidualStatistics | None) -> str:
+    system, bound = page.response.system, page.bound
+    lines = [(system if isinstance(system, PhyFilter) else system.filter).describe()]
     if isinstance(system, SampledPhyFilter):
         lines.append(f"{'sampled':<12}every {system.dt:g} s, {system.sampling.method}")
     if statistics is not None:
@@ -213,14 +238,14 @@ def _text(
         kind = "attained by a bang-bang residual" if bound.exact else "least of the single ones"
         lines.append(_line("from", f"derivative {bound.derivative} of gamma; {kind}"))
         lines += [_line("as long as", text) for text in bound.assumptions]
-    if deviation is not None:
-        lines.append(_line("noise of f_hat", f"{deviation:.4g} (standard deviation)"))
-    lines += ["", "inner loop: f_hat fed back", *("  " + line for line in inner.describe().splitlines())]
-    if outer is not None:
+    if page.deviation is not None:
+        lines.append(_line("noise of f_hat", f"{page.deviation:.4g} (standard deviation)"))
+    lines += ["", "inner loop: f_hat fed back", *("  " + line for line in page.inner.describe().splitlines())]
+    if page.outer is not None:
         lines += [
             "",
             "complete loop: with the outer gains",
-            *("  " + line for line in outer.describe().splitlines()),
+            *("  " + line for line in page.outer.describe().splitlines()),
         ]
     return "\n".join(lines)
 

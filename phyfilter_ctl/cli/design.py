@@ -13,7 +13,7 @@ from .. import filterfile
 from .._output import check_target, write_figure, write_text
 from .._signals import in_both
 from ..design.placement import Family, bandpass, hz, lowpass, place_poles
-from ..filter import PhyFilter, SampledPhyFilter
+from ..filter import FilterBank, PhyFilter, SampledPhyFilter, Sampling
 from ..results import plain
 from .frequencies import add_frequency, add_picture_units, complex_numbers, numbers
 
@@ -102,46 +102,49 @@ def main(options: argparse.Namespace) -> int:
     ValueError, OSError
         If the options are wrong or a file cannot be read or written.
     """
-    from ..analysis.frequency import frequency_response
+    from .channels import by_channel, figures_below, responses, text_of
 
     picture = None if options.picture == "none" else options.picture
     check_target(options.json)
     check_target(options.out, suffixes=(".toml",))
     check_target(picture, suffixes=(".png", ".pdf", ".svg"))
     system = _system(options)
-    response = frequency_response(system)
-    figures = _figures(system, response, options.at or [])
+    signals = filterfile.load_signals(options.file) if options.file is not None else filterfile.Signals()
+    channels = by_channel(system, signals.channels)
+    found = responses(channels)
+    figures = {each.name: _figures(each.system, each, options.at or []) for each in found}
     if options.json != "-":
-        print(_text(system, figures))
+        print(text_of({each.name: _text(each, figures[each.name]) for each in found}))
     if options.json is not None:
-        write_text(options.json, json.dumps(plain(figures), indent=2, allow_nan=False) + "\n")
+        write_text(options.json, json.dumps(plain(figures_below(figures)), indent=2, allow_nan=False) + "\n")
     if options.out is not None:
         filterfile.save(options.out, system)
     if picture is not None:
         import matplotlib
 
         matplotlib.use("Agg")  # a file is all that is wanted; there may be no display
-        write_figure(picture, response.plot(dB=options.db, Hz=options.hz).figure)
+        write_figure(picture, found.plot(dB=options.db, Hz=options.hz).figure)
     return 0
 
 
 # -- options to filter ------------------------------------------------------------------------------------------
 
 
-def _system(options: argparse.Namespace) -> PhyFilter | SampledPhyFilter:
+def _system(options: argparse.Namespace) -> PhyFilter | FilterBank | SampledPhyFilter:
     system = _chosen(options)
     if isinstance(system, SampledPhyFilter):
         if options.dt is None and options.method is None:
             return system
-        system = system.filter
+        system = system.filter if len(system.filters) == 1 else FilterBank(system.filters)
     if options.dt is not None:
-        return system.sampled(options.dt, options.method)
+        sampling = options.dt if options.method is None else Sampling(options.dt, options.method)
+        return SampledPhyFilter(system, sampling)
     if options.method is not None:
         raise ValueError("--method needs --dt, the sampling interval in s")
     return system
 
 
-def _chosen(options: argparse.Namespace) -> PhyFilter | SampledPhyFilter:
+def _chosen(options: argparse.Namespace) -> PhyFilter | FilterBank | SampledPhyFilter:
     """The filter before sampling."""
     family: Family | None = options.family
     if options.bandpass is None and family is not None:
@@ -225,10 +228,8 @@ def _figures(
     return figures
 
 
-def _text(system: PhyFilter | SampledPhyFilter, figures: dict[str, object]) -> str:
-    from ..analysis.frequency import frequency_response
-
-    response = frequency_response(system)
+def _text(response: FilterResponse, figures: dict[str, object]) -> str:
+    system = response.system
     filter = system if isinstance(system, PhyFilter) else system.filter
     low, high = response.band_edges
     lines = {"bandwidth": f"{in_both(low)} to {in_both(high)}" if low > 0.0 else in_both(high)}

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from .. import filterfile, models
 from .._output import check_target, write_text
-from ..filter import PhyFilter, SampledPhyFilter
+from ..filter import FilterBank, PhyFilter, SampledPhyFilter
 
 __all__ = ["add_arguments", "main"]
 
@@ -110,7 +110,7 @@ def main(options: argparse.Namespace) -> int:
 
 
 InertiaInput = Literal["scalar", "diagonal", "full"]
-System = ct.InputOutputSystem | PhyFilter | SampledPhyFilter
+System = ct.InputOutputSystem | PhyFilter | FilterBank | SampledPhyFilter
 
 
 def _read(options: argparse.Namespace) -> tuple[System, filterfile.Signals | None]:
@@ -195,7 +195,7 @@ def _ssp(options: argparse.Namespace, system: System) -> Path:
 def _c(options: argparse.Namespace, system: System, signals: filterfile.Signals | None) -> Path:
     from ..codegen import export_c
 
-    if isinstance(system, PhyFilter):
+    if isinstance(system, PhyFilter | FilterBank):
         raise ValueError("--c: expected a sampled filter; give the sampling interval with --dt")
     return export_c(
         system,

@@ -8,6 +8,7 @@ import math
 import signal
 import threading
 import warnings
+from collections.abc import Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Protocol
@@ -16,8 +17,9 @@ from tqdm import tqdm
 
 from .. import filterfile
 from .._output import check_target, write_figure, write_text
-from ..filter import SampledPhyFilter
+from ..filter import SampledPhyFilter, stack
 from ..recording import Recording
+from .channels import figures_below, responses, text_of
 from .columns import add_columns, names_of, plausibility, read_columns, signals_of
 from .frequencies import add_picture_units
 from .learn_report import Row, best_of, figures_of, form_name, table_of, worse_than_none
@@ -46,6 +48,7 @@ examples:
   phyfilter-ctl learn flight.csv --x px,py --label fx,fy --g ux,uy --f-theta mx,my --inertia 1.2
   phyfilter-ctl learn flight.csv --model network.onnx --features vx,vy,vz
   phyfilter-ctl learn flight.csv --order 3 --form general --method tustin --json -
+  phyfilter-ctl learn flight.csv --per-channel --out filters.toml   one filter for each channel
   phyfilter-ctl design filter.toml                              reads the saved filter"""
 
 
@@ -70,6 +73,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     kinds.add_argument("--starts", type=int, default=5, metavar="K", help="random starts (default 5)")
     kinds.add_argument("--seed", type=int, default=0, help="of the random starts (default 0)")
     kinds.add_argument("--channels", metavar="C,C,...", help="of x, that take part (default all)")
+    kinds.add_argument(
+        "--per-channel",
+        action="store_true",
+        help="a filter of its own for each channel (default one for all)",
+    )
     add_columns(parser)
     output = parser.add_argument_group("output")
     output.add_argument("--out", metavar="FILTER.toml", help="write the best filter")
@@ -96,34 +104,47 @@ def main(options: argparse.Namespace) -> int:
     _check(options)
     logs, held_out = ([_read(path, options) for path in paths] for paths in (options.logs, options.held_out))
     found = plausibility([*logs, *held_out], options)
+    channels = (
+        list(logs[0].channels) if options.channels is None else names_of("--channels", options.channels)
+    )
+    groups = {name: [name] for name in channels} if options.per_channel else {"": channels}
     with _Interrupt() as interrupt, warnings.catch_warnings():
         warnings.filterwarnings("ignore", "the label of", UserWarning)  # it stands among the notes
-        rows = _learned(options, logs, held_out, interrupt)
-    if not rows:
+        rows = {name: _learned(options, group, logs, held_out, interrupt) for name, group in groups.items()}
+    if not all(rows.values()):
         raise KeyboardInterrupt
-    best = best_of(rows)
-    channels = logs[0].channels if options.channels is None else names_of("--channels", options.channels)
-    worse = worse_than_none(logs, held_out, channels, best)
-    found += [worse] if worse else []
+    best = {name: best_of(entries) for name, entries in rows.items()}
+    worse = {
+        k: text for k, group in groups.items() if (text := worse_than_none(logs, held_out, group, best[k]))
+    }
+    found += [f"{name}: {text}" if name else text for name, text in worse.items()]
     if options.json != "-":
-        print(table_of(logs, held_out, channels, rows, best), *(f"note: {text}" for text in found), sep="\n")
+        tables = {k: table_of(logs, held_out, group, rows[k], best[k]) for k, group in groups.items()}
+        print(text_of(tables), *(f"note: {text}" for text in found), sep="\n")
     if options.json is not None:
-        figures = {
-            "seed": options.seed,
-            **figures_of(logs, held_out, channels, rows, best),
-            "findings": found,
-        }
-        write_text(options.json, json.dumps(figures, indent=2, allow_nan=False) + "\n")
+        figures = {k: figures_of(logs, held_out, group, rows[k], best[k]) for k, group in groups.items()}
+        below = {"seed": options.seed, **figures_below(figures), "findings": found}
+        write_text(options.json, json.dumps(below, indent=2, allow_nan=False) + "\n")
     if options.out is not None:
         if worse:
-            raise ValueError(f"{options.out}: not written: {worse}")
-        filterfile.save(options.out, _sampled(options, best.result), signals=signals_of(logs))
+            raise ValueError(f"{options.out}: not written: {found[-1]}")
+        learned = _sampled(options, [row.result for row in best.values()])
+        filterfile.save(options.out, learned, signals=signals_of(logs))
     if picture is not None:
-        import matplotlib
-
-        matplotlib.use("Agg")  # a file is all that is wanted; there may be no display
-        write_figure(picture, best.result.plot(dB=options.db, Hz=options.hz).figure)
+        _draw(picture, options, best)
     return _STOPPED if interrupt.asked else 0
+
+
+def _draw(picture: str, options: argparse.Namespace, best: dict[str, Row]) -> None:
+    import matplotlib
+
+    matplotlib.use("Agg")  # a file is all that is wanted; there may be no display
+    if options.per_channel:
+        filters = {name: _sampled(options, [row.result]) for name, row in best.items()}
+        plot = responses(filters).plot(dB=options.db, Hz=options.hz)
+    else:
+        plot = best[""].result.plot(dB=options.db, Hz=options.hz)
+    write_figure(picture, plot.figure)
 
 
 # -- options to flights -----------------------------------------------------------------------------------------
@@ -135,6 +156,10 @@ def _check(options: argparse.Namespace) -> None:
     for name in ("starts", "seed"):
         if getattr(options, name) < 0:
             raise ValueError(f"--{name}: expected 0 or more, got {getattr(options, name)}")
+    if options.per_channel and options.channels is not None:
+        raise ValueError(
+            "--per-channel is of all channels: choose them by --x and --label instead of --channels"
+        )
     seen: set[Path] = set()
     for name in (*options.logs, *options.held_out):
         if (path := Path(name).resolve()) in seen:
@@ -186,7 +211,11 @@ class _Bar(Protocol):
 
 
 def _learned(
-    options: argparse.Namespace, logs: list[Recording], held_out: list[Recording], interrupt: _Interrupt
+    options: argparse.Namespace,
+    channels: list[str],
+    logs: list[Recording],
+    held_out: list[Recording],
+    interrupt: _Interrupt,
 ) -> list[Row]:
     orders, forms = sorted(set(options.order)), list(dict.fromkeys(options.form))
     rows: list[Row] = []
@@ -196,7 +225,7 @@ def _learned(
     ) as bar:
         for order in orders:
             for form in forms:
-                row = _row(options, order, form, logs, held_out, interrupt, bar)
+                row = _row(options, channels, order, form, logs, held_out, interrupt, bar)
                 rows += [] if row is None else [row]
                 if interrupt.asked:
                     return rows
@@ -206,6 +235,7 @@ def _learned(
 
 def _row(
     options: argparse.Namespace,
+    channels: list[str],
     order: int,
     form: Form,
     logs: list[Recording],
@@ -227,7 +257,7 @@ def _row(
             order,
             form=form,
             starts=options.starts,
-            channels=None if options.channels is None else names_of("--channels", options.channels),
+            channels=channels,
             held_out=held_out or None,
             seed=options.seed,
             method=options.method,
@@ -242,8 +272,10 @@ def _row(
     return Row(order, form, result)
 
 
-def _sampled(options: argparse.Namespace, result: LearnResult) -> SampledPhyFilter:
+def _sampled(options: argparse.Namespace, results: Sequence[LearnResult]) -> SampledPhyFilter:
     g: Rule = options.g_rule
     f_theta: Rule = options.f_theta_rule
     # Twelve digits: times of a recording rarely give the interval to the last bit, and people read the file.
-    return result.filter.sampled(float(f"{result.dt:.12g}"), result.method, g=g, f_theta=f_theta)
+    dt = float(f"{results[0].dt:.12g}")
+    parts = [each.filter.sampled(dt, each.method, g=g, f_theta=f_theta) for each in results]
+    return parts[0] if len(parts) == 1 else stack(parts)

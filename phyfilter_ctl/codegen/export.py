@@ -9,7 +9,7 @@ import control as ct
 from numpy.typing import ArrayLike
 
 from ..diagram import FlatModel, flatten
-from ..filter import PhyFilter, SampledPhyFilter
+from ..filter import FilterBank, PhyFilter, SampledPhyFilter
 from ..filterfile import Signals
 from .export_diagram import export_diagram
 from .export_filter import export_filter
@@ -69,7 +69,7 @@ def export_c(
     ...     (written / "wing.h").is_file()
     True
     """
-    if isinstance(system, PhyFilter):
+    if isinstance(system, PhyFilter | FilterBank):
         raise TypeError("a continuous filter has no steps: expected a sampled one, filter.sampled(dt)")
     if isinstance(system, SampledPhyFilter):
         known = system.E.shape[0] if system.E is not None else len(system.filters)

@@ -13,7 +13,7 @@ from .. import _signals
 from .._sections import FloatArray
 from ..baselines import BASELINES, SearchRange, TunableDifferentiator, tune
 from ..design.optimal import Interval
-from ..filter import PhyFilter, SampledPhyFilter
+from ..filter import FilterBank, PhyFilter, SampledPhyFilter
 from ..filter.sampling import Rule
 from ..recording import Recording
 from ..results import Result
@@ -85,7 +85,7 @@ class _Case:
 
 def compare_estimators(
     recordings: Recording | Sequence[Recording],
-    filter: PhyFilter | SampledPhyFilter | None = None,
+    filter: PhyFilter | FilterBank | SampledPhyFilter | None = None,
     *,
     horizon: float = 0.2,
     confidence: float = 0.95,

@@ -14,7 +14,7 @@ from .. import _signals
 from .._sections import FloatArray
 from ..analysis import error_variance
 from ..design.optimal import Interval
-from ..filter import PhyFilter, SampledPhyFilter
+from ..filter import FilterBank, PhyFilter, SampledPhyFilter, stack
 from ..filter.sampling import Rule
 from ..recording import Recording
 from ..results import Result
@@ -146,7 +146,7 @@ class Estimate(Result):
 
 def estimate(
     recordings: Recording | Sequence[Recording],
-    filter: PhyFilter | SampledPhyFilter | None = None,
+    filter: PhyFilter | FilterBank | SampledPhyFilter | None = None,
     *,
     orders: Sequence[int] = (1, 2),
     horizon: float = 0.2,
@@ -160,8 +160,8 @@ def estimate(
     ----------
     recordings : Recording or sequence of Recording
         Of one robot: x, and what is known of M x' = g + f. Steps may differ, gaps are longer steps.
-    filter : PhyFilter or SampledPhyFilter, optional
-        None takes the one suggested. A PhyFilter is sampled at the median step.
+    filter : PhyFilter, FilterBank or SampledPhyFilter, optional
+        None takes the one suggested. What is not sampled is sampled at the median step.
     orders : sequence of int
         Orders to suggest from.
     horizon : float
@@ -257,7 +257,10 @@ def checked_logs(recordings: Recording | Sequence[Recording]) -> list[Recording]
 
 
 def sampled_for(
-    filter: PhyFilter | SampledPhyFilter | None, logs: Sequence[Recording], g: Rule, f_theta: Rule
+    filter: PhyFilter | FilterBank | SampledPhyFilter | None,
+    logs: Sequence[Recording],
+    g: Rule,
+    f_theta: Rule,
 ) -> SampledPhyFilter:
     """The filter at the rate of the recordings; any one where there is none yet, for its sampling."""
     if isinstance(filter, SampledPhyFilter):
@@ -266,10 +269,12 @@ def sampled_for(
                 "filter: expected one without a direction E, for f has as many channels as x here"
             )
         return filter
-    if filter is not None and not isinstance(filter, PhyFilter):
+    if filter is not None and not isinstance(filter, PhyFilter | FilterBank):
         raise TypeError(f"filter: expected a PhyFilter or a SampledPhyFilter, got {type(filter).__name__}")
     # Twelve digits: times of a recording rarely give the interval to the last bit, and people read the file.
     dt = float(f"{np.median([log.dt for log in logs]):.12g}")
+    if isinstance(filter, FilterBank):
+        return stack([entry.sampled(dt, g=g, f_theta=f_theta) for entry in filter])
     return (filter or PhyFilter([1.0])).sampled(dt, g=g, f_theta=f_theta)
 
 

@@ -1,24 +1,26 @@
 """The filter: its coefficients (``PhyFilter``), and the same filter on sampled data (``SampledPhyFilter``).
 
-``phyfilter`` holds both classes; ``rational`` is what follows from the coefficients alone, ``lti`` what python-control
-asks of them, ``sampling`` the options of a sampled filter, ``recursion`` the one step that everything runs on.
-``record`` runs whole logs (``blocked``: without a loop per sample), ``loop`` one sample at a time, ``live`` samples as
-they come (``live_policy``, ``live_state``: on disk). ``retuning`` changes coefficients on the way, ``windows`` averages
-signals over (delayed, longer) steps. ``paper_form`` is Eq. (5) verbatim.
+``phyfilter`` holds both classes, ``bank`` one of them per channel; ``rational`` is what follows from the coefficients
+alone, ``lti`` what python-control asks of them, ``sampling`` the options of a sampled filter, ``recursion`` the one
+step that everything runs on. ``record`` runs whole logs (``blocked``: without a loop per sample), ``loop`` one sample
+at a time, ``live`` samples as they come (``live_policy``, ``live_state``: on disk). ``retuning`` changes coefficients
+on the way, ``windows`` averages signals over (delayed, longer) steps. ``paper_form`` is Eq. (5) verbatim.
 """
 
+from .bank import FilterBank, SampledBank, stack
 from .live import LiveFilter
 from .live_policy import LiveHealth, LivePolicy
 from .loop import FilterState, Interval
 from .lti import Roots
 from .paper_form import PaperFilter, PaperMatrices, PaperState
-from .phyfilter import PhyFilter, SampledPhyFilter, stack
+from .phyfilter import PhyFilter, SampledPhyFilter
 from .recursion import Chain, Recursion, StepConstants
 from .sampled_form import SampledForm
 from .sampling import Sampling
 
 __all__ = [
     "Chain",
+    "FilterBank",
     "FilterState",
     "Interval",
     "LiveFilter",
@@ -30,6 +32,7 @@ __all__ = [
     "PhyFilter",
     "Recursion",
     "Roots",
+    "SampledBank",
     "SampledForm",
     "SampledPhyFilter",
     "Sampling",

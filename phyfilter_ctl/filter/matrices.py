@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .. import _signals
-from .._sections import FloatArray, side_by_side
+from .._sections import FloatArray, continuous_matrices, side_by_side
 from . import windows
 from .recursion import Recursion
 
@@ -131,6 +131,21 @@ def sampled_state_space(
         inputs=inputs,
         outputs=outputs,
         states=state_labels(orders, len(matrices[0])),
+        name="phyfilter",
+        remove_useless_states=False,
+    )
+
+
+def continuous_state_space(sections: Sequence[tuple[FloatArray, FloatArray, FloatArray]]) -> ct.StateSpace:
+    """See :meth:`PhyFilter.state_space`; one chain of sections per channel."""
+    eye = np.eye(len(sections))
+    matrices, _ = continuous_matrices(sections, eye, eye)
+    inputs, outputs = signal_labels(len(eye), len(eye))
+    return ct.StateSpace(
+        *matrices,
+        inputs=inputs,
+        outputs=outputs,
+        states=state_labels([len(C) for _, _, C in sections], len(matrices[0])),
         name="phyfilter",
         remove_useless_states=False,
     )

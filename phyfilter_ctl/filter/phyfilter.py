@@ -33,12 +33,13 @@ from . import matching, retuning
 from .live import LiveFilter
 from .live_policy import LivePolicy
 from .loop import FilterState
+from .matrices import continuous_state_space
 from .rational import Rational
 from .recursion import Chain, Recursion, transition
 from .sampled_form import SampledForm
 from .sampling import Method, NonFinite, Precision, Rule, Sampling
 
-__all__ = ["PhyFilter", "SampledPhyFilter", "chain_of", "stack"]
+__all__ = ["PhyFilter", "SampledPhyFilter", "chain_of", "differences"]
 
 
 @dataclass(frozen=True, init=False, eq=False, repr=False)
@@ -117,16 +118,7 @@ class PhyFilter(Rational):
         """
         if channels < 1:
             raise ValueError(f"channels: expected at least 1, got {channels}")
-        eye, axes = np.eye(channels), range(channels)
-        matrices, _ = _sections.continuous_matrices([self.sections] * channels, eye, eye)
-        return ct.StateSpace(
-            *matrices,
-            inputs=[f"{signal}[{i}]" for signal in ("x", "g", "f_theta") for i in axes],
-            outputs=[f"f_hat[{i}]" for i in axes],
-            states=[f"w[{i},{j}]" for i in axes for j in range(self.order)],
-            name="phyfilter",
-            remove_useless_states=False,
-        )
+        return continuous_state_space([self.sections] * channels)
 
     def sampled(
         self,
@@ -256,6 +248,15 @@ class SampledPhyFilter(SampledForm):
         return shared
 
     @property
+    def by_channel(self) -> tuple[SampledPhyFilter, ...]:
+        """Each filter by itself, with the limit of its channel; one entry where all channels share a filter."""
+        limit, many = self.sampling.limit, len(self.filters) > 1
+        own = [self.sampling] * len(self.filters)
+        if many and limit is not None and limit.ndim:
+            own = [replace(self.sampling, limit=bound) for bound in limit]
+        return tuple(SampledPhyFilter(F, one, E=self.E) for F, one in zip(self.filters, own, strict=True))
+
+    @property
     def order(self) -> int:
         """Largest order of the filters."""
         return max(entry.order for entry in self.filters)
@@ -302,15 +303,17 @@ class SampledPhyFilter(SampledForm):
         """
         return replace(self, filters=filters)  # through __init__, so checked again
 
-    def retune(self, state: FilterState, new_filter: SampledPhyFilter | PhyFilter) -> FilterState:
+    def retune(
+        self, state: FilterState, new_filter: SampledPhyFilter | PhyFilter | Sequence[PhyFilter]
+    ) -> FilterState:
         """State with which another filter goes on from here: f_hat does not jump, and rest stays rest.
 
         Parameters
         ----------
         state : FilterState
             Of this filter.
-        new_filter : SampledPhyFilter or PhyFilter
-            The filter to go on with, of any order, step and method; a PhyFilter stands for
+        new_filter : SampledPhyFilter, PhyFilter or sequence of PhyFilter
+            The filter to go on with, of any order, step and method; what is not sampled stands for
             ``self.with_filter(new_filter)``.
 
         Returns
@@ -349,7 +352,7 @@ class SampledPhyFilter(SampledForm):
         >>> abs(float(fast.step(state, [0.05])[1][0]) - 5.0) < 1e-12
         True
         """
-        new = self.with_filter(new_filter) if isinstance(new_filter, PhyFilter) else new_filter
+        new = new_filter if isinstance(new_filter, SampledPhyFilter) else self.with_filter(new_filter)
         return retuning.retune(self.recursion, state, new.recursion)
 
     def live(self, channels: int, policy: LivePolicy | None = None) -> LiveFilter:
@@ -385,7 +388,7 @@ class SampledPhyFilter(SampledForm):
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, SampledPhyFilter):
             return NotImplemented
-        return self.filters == other.filters and not _differences(self, other)
+        return self.filters == other.filters and not differences(self, other)
 
     def __hash__(self) -> int:
         return hash((self.filters, self.sampling))
@@ -417,64 +420,8 @@ def _keeping_zeros(filters: Sequence[PhyFilter], sampling: Sampling) -> Sampling
     return replace(sampling, method="matched") if any(kept) and None not in kept else sampling
 
 
-def _as_matched(sampled: SampledPhyFilter) -> SampledPhyFilter:
-    """A filter whose exact sampling loses nothing under the name "matched"; others as they are."""
-    if sampled.sampling.method != "exact" or any(
-        matching.kept(f, sampled.dt) is not False for f in sampled.filters
-    ):
-        return sampled
-    return SampledPhyFilter(sampled.filters, replace(sampled.sampling, method="matched"), E=sampled.E)
-
-
-def _differences(one: SampledPhyFilter, other: SampledPhyFilter) -> dict[str, object]:
+def differences(one: SampledPhyFilter, other: SampledPhyFilter) -> dict[str, object]:
     """Options that differ, with their values in the first."""
     found, (mine, theirs) = one.sampling.differences(other.sampling), (one.E, other.E)
     same = mine is theirs if mine is None or theirs is None else np.array_equal(mine, theirs)
     return found if same else found | {"E": mine}
-
-
-def stack(filters: Sequence[SampledPhyFilter]) -> SampledPhyFilter:
-    """A filter of its own for each channel.
-
-    Parameters
-    ----------
-    filters : sequence of SampledPhyFilter
-        One per channel, in the order of the channels; orders may differ, options must not.
-
-    Returns
-    -------
-    SampledPhyFilter
-
-    Raises
-    ------
-    TypeError
-        If one of them is not sampled.
-    ValueError
-        If the sequence is empty or the options differ (the option is named).
-
-    Examples
-    --------
-    >>> slow, fast = PhyFilter([2.0]).sampled(0.01), PhyFilter([400.0, 40.0]).sampled(0.01)
-    >>> stack([slow, slow, fast]).run([[0.0, 0.0, 0.0], [1.0, 1.0, 1.0]])[1].round(3).tolist()
-    [1.98, 1.98, 1.752]
-    """
-    filters = tuple(filters)
-    if not filters:
-        raise ValueError("stack: expected at least one sampled filter, got none")
-    for i, entry in enumerate(filters):
-        if not isinstance(entry, SampledPhyFilter):
-            raise TypeError(
-                f"stack: channel {i} is {entry!r}, expected a SampledPhyFilter; sample each first, F.sampled(dt), or "
-                "give them all to SampledPhyFilter([F, ...], dt)"
-            )
-    if {entry.sampling.method for entry in filters} == {"exact", "matched"}:
-        filters = tuple(map(_as_matched, filters))
-    reference = filters[0]
-    for i, entry in enumerate(filters):
-        usual = _differences(reference, entry)
-        for name, value in _differences(entry, reference).items():
-            raise ValueError(
-                f"stack: channel {i} has {name}={value!r} but channel 0 has {usual[name]!r}: all options "
-                "must agree; only the coefficients may differ"
-            )
-    return reference.with_filter([part for entry in filters for part in entry.filters])

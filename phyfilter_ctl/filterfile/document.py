@@ -22,8 +22,8 @@
     units = { x = "m/s", g = "N", f = "N" }
     inertia = 1.2                            # or [1.2, 1.2, 1.3], or a matrix
 
-A filter of its own for every channel has a, b and poles in one ``[[filters]]`` table a channel instead. Unknown keys,
-unknown versions and numbers that are not finite (but for a ``limit`` of ``inf``) are refused.
+Filters of their own for every channel, sampled or not, have a, b and poles in one ``[[filters]]`` table a channel
+instead. Unknown keys, unknown versions and numbers that are not finite (but for a ``limit`` of ``inf``) are refused.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ from numpy.typing import ArrayLike
 
 from .. import _signals
 from .._output import replacing
-from ..filter import PhyFilter, SampledPhyFilter, Sampling
+from ..filter import FilterBank, PhyFilter, SampledPhyFilter, Sampling
 from ..recording import checks
 from .table import TomlTable, parsed, refuse_oversize
 
@@ -64,6 +64,7 @@ _ALWAYS = (
 _SAMPLED_KEYS = ("dt", *_CHOICES, "E", "delay", "limit")
 _SIGNAL_KEYS = ("channels", "units", "inertia")
 _UNIT_KEYS = ("x", "g", "f")
+Filter = PhyFilter | FilterBank | SampledPhyFilter
 # Poles of all filters of a file together: finding them is what takes time.
 _MOST_POLES = 1024
 
@@ -120,7 +121,10 @@ class Signals:
 
 
 def save(
-    path: str | os.PathLike[str], filter: PhyFilter | SampledPhyFilter, *, signals: Signals | None = None
+    path: str | os.PathLike[str],
+    filter: PhyFilter | FilterBank | SampledPhyFilter,
+    *,
+    signals: Signals | None = None,
 ) -> None:
     """Write a filter to a TOML file, whole or not at all: a failed write leaves the old file as it was.
 
@@ -128,7 +132,7 @@ def save(
     ----------
     path : str or path-like
         Written over if it exists.
-    filter : PhyFilter or SampledPhyFilter
+    filter : PhyFilter, FilterBank or SampledPhyFilter
     signals : Signals, optional
         Names, units and inertia to note beside it.
 
@@ -166,22 +170,22 @@ def save(
     precision = "float64"
     PhyFilter(a=[400.0, 40.0]).sampled(0.002)
     """
-    if not isinstance(filter, PhyFilter | SampledPhyFilter):
-        raise TypeError(f"filter: expected a PhyFilter or a SampledPhyFilter, got {filter!r}")
+    if not isinstance(filter, Filter):
+        hint = "; stack them first" if isinstance(filter, list | tuple) else ""
+        raise TypeError(f"filter: expected a PhyFilter, a SampledPhyFilter or a stack, got {filter!r}{hint}")
     if not (signals is None or isinstance(signals, Signals)):
         raise TypeError(f"signals: expected Signals or None, got {signals!r}")
     if signals is not None:
         _refuse_disagreement(filter, signals)
-    filters = (filter,) if isinstance(filter, PhyFilter) else filter.filters
-    _refuse_many([entry.order for entry in filters])
+    _refuse_many([entry.order for entry in _filters(filter)])
     data = _text(filter, signals).encode()
     refuse_oversize(data)
     with replacing(path) as file:
         file.write(data)
 
 
-def load(path: str | os.PathLike[str]) -> PhyFilter | SampledPhyFilter:
-    """Read the filter of a TOML file: a SampledPhyFilter if it has a ``[sampled]`` table, else a PhyFilter.
+def load(path: str | os.PathLike[str]) -> PhyFilter | FilterBank | SampledPhyFilter:
+    """Read the filter of a TOML file: a SampledPhyFilter if it has a ``[sampled]`` table, else a PhyFilter or a bank.
 
     Parameters
     ----------
@@ -189,7 +193,7 @@ def load(path: str | os.PathLike[str]) -> PhyFilter | SampledPhyFilter:
 
     Returns
     -------
-    PhyFilter or SampledPhyFilter
+    PhyFilter, FilterBank or SampledPhyFilter
         Equal to the one saved, bit for bit.
 
     Raises
@@ -247,10 +251,16 @@ def load_signals(path: str | os.PathLike[str]) -> Signals:
 # -- writing ----------------------------------------------------------------------------------------------------
 
 
-def _text(filter: PhyFilter | SampledPhyFilter, signals: Signals | None) -> str:
+def _filters(filter: Filter) -> tuple[PhyFilter, ...]:
+    if isinstance(filter, PhyFilter):
+        return (filter,)
+    return filter.filters if isinstance(filter, SampledPhyFilter) else filter
+
+
+def _text(filter: Filter, signals: Signals | None) -> str:
     head = {"format": FORMAT, "version": VERSION}
-    filters = (filter,) if isinstance(filter, PhyFilter) else filter.filters
-    if len(filters) == 1:
+    filters = _filters(filter)
+    if len(filters) == 1 and not isinstance(filter, FilterBank):
         blocks = [_title(filters[0]) + _lines(head | _coefficients(filters[0]))]
     else:
         blocks = [f"# PhyFilter, one for each of {len(filters)} channels\n" + _lines(head)]
@@ -325,18 +335,15 @@ def _value(value: object) -> str:
 # -- reading ----------------------------------------------------------------------------------------------------
 
 
-def _read(path: Path) -> tuple[PhyFilter | SampledPhyFilter, Signals]:
+def _read(path: Path) -> tuple[Filter, Signals]:
     top = TomlTable(path, "", parsed(path))
     _refuse_other_formats(top)
     top.refuse_unknown(_TOP_KEYS)
     filters = _read_filters(top)
-    filter: PhyFilter | SampledPhyFilter
     if "sampled" in top:
-        filter = _read_sampled(top.table("sampled"), filters)
-    elif "filters" in top:
-        raise top.error("filters", "one filter a channel needs a [sampled] table; expected a (and b) instead")
+        filter: Filter = _read_sampled(top.table("sampled"), filters)
     else:
-        (filter,) = filters
+        filter = FilterBank(filters) if "filters" in top else filters[0]
     signals = Signals()
     if "signals" in top:
         signals = _read_signals(top.table("signals"))
@@ -439,14 +446,13 @@ def _inertia(values: ArrayLike, channels: int) -> Inertia:
     return tuple(array.tolist()) if array.ndim else float(array)
 
 
-def _refuse_disagreement(filter: PhyFilter | SampledPhyFilter, signals: Signals) -> None:
+def _refuse_disagreement(filter: Filter, signals: Signals) -> None:
     """Raise where the filter and the signals have another number of channels."""
-    if isinstance(filter, PhyFilter):
-        return
-    if filter.E is not None:
+    filters = _filters(filter)
+    if isinstance(filter, SampledPhyFilter) and filter.E is not None:
         n_x, reason = len(filter.E), "E has as many rows"
-    elif len(filter.filters) > 1:
-        n_x, reason = len(filter.filters), "there are as many filters"
+    elif len(filters) > 1 or isinstance(filter, FilterBank):
+        n_x, reason = len(filters), "there are as many filters"
     else:
         return
     if signals.channels and len(signals.channels) != n_x:

@@ -38,7 +38,7 @@ import numpy as np
 
 from .._sections import FloatArray
 from ..blocks import phyfilter_block
-from ..filter import PhyFilter, SampledPhyFilter
+from ..filter import FilterBank, PhyFilter, SampledPhyFilter
 from ..filterfile import Signals, load, load_signals
 from ..filterfile.table import TomlTable
 from ..simulation import simulate
@@ -54,7 +54,7 @@ _KEYS = ("format", "version", "filter", "system", "export", "reference")
 _EXPORT_KEYS = ("fmi", "channels", "rate")
 _REFERENCE_KEYS = ("step", "stop", "inputs_at", "rtol", "atol")
 _VERSIONS = ("2.0", "3.0")
-Exportable = PhyFilter | SampledPhyFilter | ct.InputOutputSystem
+Exportable = PhyFilter | FilterBank | SampledPhyFilter | ct.InputOutputSystem
 
 
 @dataclass(frozen=True, eq=False)
@@ -363,7 +363,7 @@ def _sampled_runner(sampled: SampledPhyFilter, n_x: int, signals: Signals) -> tu
     return _names(n_x, n_f), run
 
 
-def _continuous_runner(filter: PhyFilter, n_x: int, recipe: Recipe) -> tuple[list[str], Runner]:
+def _continuous_runner(filter: PhyFilter | FilterBank, n_x: int, recipe: Recipe) -> tuple[list[str], Runner]:
     block = phyfilter_block(filter, n_x, inertia=recipe.signals.inertia)
 
     def run(times: FloatArray, u: FloatArray) -> tuple[list[str], FloatArray]:

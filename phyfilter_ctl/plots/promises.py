@@ -112,11 +112,15 @@ def trade_off_plot(following: FloatArray, noise: FloatArray, best: int, label: s
     return ct.ControlPlot(lines, axes, figure)
 
 
+def _colours(count: int) -> list[str]:
+    return [COLOURS[k % len(COLOURS)] for k in range(count)]
+
+
 def analysis_plot(
     curves: Sequence[FrequencyCurve],
     omega: FloatArray,
-    sensitivities: Mapping[str, FloatArray],
-    growth: tuple[FloatArray, FloatArray, float] | None,
+    sensitivities: Mapping[str, Sequence[FloatArray]],
+    growths: Sequence[tuple[FloatArray, FloatArray, float]],
     *,
     dB: bool | None = None,
     Hz: bool | None = None,
@@ -127,12 +131,13 @@ def analysis_plot(
     Parameters
     ----------
     curves : sequence of FrequencyCurve
+        One, or one for each channel.
     omega : (N,) array
         Frequencies in rad/s of the sensitivities.
-    sensitivities : dict of str to (N,) array
-        |1/(1 + L)| by loop.
-    growth : tuple of (m,) array, (m,) array, float, optional
-        Times in s, bound of the error up to them, its limit.
+    sensitivities : dict of str to sequence of (N,) array
+        |1/(1 + L)| by loop, one for each curve.
+    growths : sequence of (m,) array, (m,) array, float
+        Times in s, bound of the error up to them, its limit; one for each curve, or none.
     dB, Hz, deg : bool, optional
         As for :func:`frequency_plot`.
 
@@ -148,7 +153,7 @@ def analysis_plot(
     >>> omega = np.logspace(-1, 2)
     >>> F = 1.0 / (1.0 + 1j * omega)
     >>> curve = FrequencyCurve("n = 1", omega, F, 1.0 - F, np.angle(F))
-    >>> analysis_plot([curve], omega, {"inner loop": np.abs(1.0 - F)}, None).axes.shape
+    >>> analysis_plot([curve], omega, {"inner loop": [np.abs(1.0 - F)]}, []).axes.shape
     (2, 2)
     >>> plt.close("all")
     """
@@ -160,7 +165,7 @@ def analysis_plot(
     top, bottom = axes[:, 1]
     lines = np.empty((2, 2), dtype=object)
     lines[:, 0] = left.lines[:, 0]
-    if growth is None:
+    if not growths:
         top.text(
             0.5,
             0.5,
@@ -174,23 +179,27 @@ def analysis_plot(
         top.set_axis_off()
         lines[0, 1] = []
     else:
-        times, running, limit = growth
-        lines[0, 1] = top.plot(times, running, color=COLOURS[0], label="largest error so far")
-        top.axhline(limit, color="0.4", linestyle="--", linewidth=1.0, label=f"bound {limit:.4g}")
+        lines[0, 1] = []
+        for colour, (times, running, limit) in zip(_colours(len(growths)), growths, strict=True):
+            label = None if len(growths) > 1 else "largest error so far"
+            lines[0, 1] += top.plot(times, running, color=colour, label=label)
+            other = "0.4" if len(growths) == 1 else colour
+            top.axhline(limit, color=other, linestyle="--", linewidth=1.0, label=f"bound {limit:.4g}")
         top.set_xlabel("Time [s]", fontsize=SMALL)
         top.set_ylabel("Error [unit of f]", fontsize=SMALL)
         top.margins(x=0.0)
         top.legend(fontsize="x-small", frameon=False)
-    lines[1, 1] = [
-        bottom.plot(
-            omega / units.per_frequency,
-            units.magnitude(values),
-            color=COLOURS[i % len(COLOURS)],
-            linestyle=_STYLES[i % len(_STYLES)],
-            label=name,
-        )[0]
-        for i, (name, values) in enumerate(sensitivities.items())
-    ]
+    lines[1, 1] = []
+    for i, (name, rows) in enumerate(sensitivities.items()):
+        # One curve: a colour a loop. Several: the colour of the curve, and a style a loop, named once.
+        for k, (colour, values) in enumerate(zip(_colours(len(rows)), rows, strict=True)):
+            lines[1, 1] += bottom.plot(
+                omega / units.per_frequency,
+                units.magnitude(values),
+                color=COLOURS[i % len(COLOURS)] if len(rows) == 1 else colour,
+                linestyle=_STYLES[i % len(_STYLES)],
+                label=name if k == 0 else None,
+            )
     bottom.axhline(float(units.magnitude(1.0)), color="0.6", linewidth=0.8)
     units.dress_frequency(bottom)
     units.dress_magnitude(bottom, "Residual left, |1/(1 + L)|")

@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 
 from phyfilter_ctl import PhyFilter, SampledPhyFilter
 from phyfilter_ctl.analysis.margins import LoopMargin, largest_bandwidth, loop_margin, prior_margin
-from phyfilter_ctl.filter import stack
 
 # Closed forms and refined figures.
 CLOSE = 1e-9
@@ -291,8 +290,6 @@ def test_bad_input():
         prior_margin(sampled, dt=0.02)
     with pytest.raises(ValueError, match="g='average'"):
         prior_margin(PhyFilter([20.0]).sampled(0.01, g="average"))
-    with pytest.raises(ValueError, match="each of the 2 channels"):
-        prior_margin(stack([sampled, sampled]))
     with pytest.raises(ValueError, match="dt: expected a finite number > 0 s"):
         prior_margin(PhyFilter([20.0]), dt=0.0)
     with pytest.raises(ValueError, match="forward Euler diverges"):

@@ -15,6 +15,7 @@ from ... import _signals
 from ..._sections import FloatArray
 from ...filter import PhyFilter, SampledPhyFilter
 from ...results import Result
+from .._channels import per_channel
 from . import kernels, quadratic
 from .kernels import Certificate, Kernel
 from .sampled_kernels import SampledKernels
@@ -218,6 +219,7 @@ class BoundResult(Result):
         )
 
 
+@per_channel
 def ultimate_bound(
     filter: PhyFilter | SampledPhyFilter,
     *,
@@ -234,9 +236,10 @@ def ultimate_bound(
 
     Parameters
     ----------
-    filter : PhyFilter or SampledPhyFilter
-        Sampled: one filter for all channels; exact for a residual that goes on between the samples, as long as g and
-        f_theta go between them as its options say (see Notes).
+    filter : PhyFilter, SampledPhyFilter or several
+        Sampled: exact for a residual that goes on between the samples, as long as g and f_theta go between them as its
+        options say (see Notes). Several, by ``stack`` or as a sequence: the answer is a ``PerChannel`` of what each
+        channel promises for itself, and every other argument one for all or a list.
     residual : dict of int to float
         delta_k: bounds of the k-th derivative of gamma = f - f_theta (2-norm), e.g. ``{0: 4.0, 1: 12.0}``; of a sampled
         filter k = 0 and 1 count, with method="matched" and no delay all up to its type.
@@ -255,7 +258,7 @@ def ultimate_bound(
 
     Returns
     -------
-    BoundResult
+    BoundResult, or PerChannel of it
 
     Raises
     ------

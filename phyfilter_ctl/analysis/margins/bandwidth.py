@@ -9,8 +9,8 @@ import control as ct
 import numpy as np
 
 from ... import _signals
-from ...filter import PhyFilter, SampledPhyFilter
-from ...results import Result, Status
+from ...filter import FilterBank, PhyFilter, SampledPhyFilter
+from ...results import PerChannel, Result, Status
 from ._actuator import checked_number
 from .complete import loop_margin
 
@@ -50,7 +50,7 @@ class BandwidthLimit(Result):
 
 
 def largest_bandwidth(
-    make: Callable[[float], PhyFilter | SampledPhyFilter],
+    make: Callable[[float], PhyFilter | SampledPhyFilter | FilterBank],
     *,
     kp: float = 0.0,
     kd: float = 0.0,
@@ -67,7 +67,7 @@ def largest_bandwidth(
     Parameters
     ----------
     make : callable
-        Bandwidth in rad/s -> filter, continuous in it: ``lambda w: PhyFilter([w])``.
+        Bandwidth in rad/s -> filter, continuous in it: ``lambda w: PhyFilter([w])``. Of a stack every channel counts.
     kp, kd, actuator, delay, dt, inertia_ratio
         As for :func:`loop_margin`; both gains 0 leaves the inner loop.
     modulus_margin : float
@@ -110,7 +110,7 @@ def largest_bandwidth(
 
     def spare(bandwidth: float) -> float:
         """Positive where the bandwidth is borne."""
-        margin = loop_margin(
+        found = loop_margin(
             make(bandwidth),
             kp=kp,
             kd=kd,
@@ -119,7 +119,8 @@ def largest_bandwidth(
             inertia_ratio=inertia_ratio,
             dt=dt,
         )
-        return margin.modulus_margin - wanted
+        margins = found if isinstance(found, PerChannel) else (found,)
+        return min(each.modulus_margin for each in margins) - wanted
 
     points, values = _scan(spare, low, high)
     intervals = _intervals(spare, points, values)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import control as ct
 
 from ...filter import PhyFilter, SampledPhyFilter
+from .._channels import per_channel
 from .loop_margins import LoopMargins, build_loop
 from .prior import _positive
 
@@ -30,6 +31,7 @@ class LoopMargin(LoopMargins):
     filter: PhyFilter | SampledPhyFilter
 
 
+@per_channel
 def loop_margin(
     filter: PhyFilter | SampledPhyFilter,
     *,
@@ -46,7 +48,8 @@ def loop_margin(
 
     Parameters
     ----------
-    filter : PhyFilter or SampledPhyFilter
+    filter : PhyFilter, SampledPhyFilter or several
+        As for :func:`prior_margin`.
     kp, kd : float
         Gains per unit of modelled inertia, tau = M_hat (-kp position - kd x) - f_hat: kp in 1/s^2, kd in 1/s.
     actuator, delay, dt
@@ -56,7 +59,7 @@ def loop_margin(
 
     Returns
     -------
-    LoopMargin
+    LoopMargin, or PerChannel of it
 
     Raises
     ------

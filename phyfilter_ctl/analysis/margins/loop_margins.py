@@ -283,11 +283,6 @@ def build_loop(
         filter = filter.sampled(dt)
     elif dt is not None and dt != filter.dt:
         raise ValueError(f"dt: {dt:g} s contradicts the {filter.dt:g} s of the sampled filter; leave dt out")
-    if len(filter.filters) > 1:
-        raise ValueError(
-            f"each of the {len(filter.filters)} channels has its own filter and so its own loop: give them one by "
-            "one, as sampled.with_filter(f) for f in sampled.filters"
-        )
     if filter.sampling.g != "hold":
         raise ValueError(
             f"g={filter.sampling.g!r}: the command fed back is held between samples, and g='average' would need the "

@@ -13,6 +13,7 @@ from ... import _signals
 from ..._sections import ComplexArray
 from ...filter import PhyFilter, SampledPhyFilter
 from ...results import Result
+from .._channels import per_channel
 from . import _inertia
 from ._actuator import checked_number
 from .loop_margins import LoopMargins, build_loop
@@ -204,6 +205,7 @@ class PriorMargin(LoopMargins):
         return InertiaVerdict(fine, "small gain", np.array(ends, dtype=np.complex128), message)
 
 
+@per_channel
 def prior_margin(
     filter: PhyFilter | SampledPhyFilter,
     *,
@@ -218,9 +220,10 @@ def prior_margin(
 
     Parameters
     ----------
-    filter : PhyFilter or SampledPhyFilter
+    filter : PhyFilter, SampledPhyFilter or several
         A sampled one runs at its rate with the command held over the step, as it is (method, delay of the
-        measurement); its limit is left out.
+        measurement); its limit is left out. Several, by ``stack`` or as a sequence: the answer is a ``PerChannel``, and
+        every other argument one for all or a list.
     actuator : control.TransferFunction or control.StateSpace, optional
         Continuous, stable, proper, one input and one output. None means an ideal one.
     delay : float
@@ -232,7 +235,7 @@ def prior_margin(
 
     Returns
     -------
-    PriorMargin
+    PriorMargin, or PerChannel of it
 
     Raises
     ------

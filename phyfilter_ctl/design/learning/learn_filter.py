@@ -137,6 +137,9 @@ def learn(
     a label has lost its mean or drifts, slow poles follow it at frequencies at which the residual itself holds
     little, and the price is paid by the first constant residual.
 
+    One filter serves all channels that take part. A filter of its own for each:
+    ``stack([learn(logs, n, channels=[name]).filter for name in channels])``.
+
     Examples
     --------
     A label made by a known filter is learned back:

@@ -1,0 +1,65 @@
+"""Analysis of several channels, each with a filter of its own: the one place where channels come apart."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from functools import wraps
+from typing import Any, Concatenate, ParamSpec, Protocol, TypeVar, overload
+
+import numpy as np
+
+from ..filter import FilterBank, PhyFilter, SampledBank, SampledPhyFilter
+from ..results import PerChannel, Result
+
+__all__ = ["Filter", "PerFilter", "channels_of", "per_channel"]
+
+Filter = PhyFilter | SampledPhyFilter
+_P = ParamSpec("_P")
+_R = TypeVar("_R", bound=Result, covariant=True)
+
+
+def channels_of(system: object) -> list[tuple[str, Filter]] | None:
+    """Several filters one by one, those of one system named by channel; None of what is not several."""
+    if isinstance(system, FilterBank) or (isinstance(system, SampledPhyFilter) and len(system.filters) > 1):
+        filters = system if isinstance(system, FilterBank) else system.by_channel
+        return [(f"channel {i}", entry) for i, entry in enumerate(filters)]
+    if isinstance(system, Sequence) and system and all(isinstance(entry, Filter) for entry in system):
+        return [("", entry) for entry in system]
+    return None
+
+
+class PerFilter(Protocol[_P, _R]):
+    """An analysis of one filter, or of several: then channel by channel, each argument one for all or a list."""
+
+    @overload
+    def __call__(self, filter: SampledBank | Sequence[Filter], **arguments: object) -> PerChannel[_R]: ...
+
+    @overload
+    def __call__(self, filter: Filter, *args: _P.args, **kwargs: _P.kwargs) -> _R: ...
+
+
+def per_channel(function: Callable[Concatenate[Filter, _P], _R]) -> PerFilter[_P, _R]:
+    """Let an analysis of one filter answer for a bank of them too."""
+
+    @wraps(function)
+    def answer(filter: Any, *args: Any, **kwargs: Any) -> Any:
+        filters = channels_of(filter)
+        if filters is None:
+            return function(filter, *args, **kwargs)
+        spread = {name: _spread(name, value, len(filters)) for name, value in kwargs.items()}
+        return PerChannel(
+            function(entry, *args, **{name: values[i] for name, values in spread.items()})
+            for i, (_, entry) in enumerate(filters)
+        )
+
+    return answer
+
+
+def _spread(name: str, value: Any, count: int) -> Sequence[Any]:
+    if not (isinstance(value, list | tuple) or (isinstance(value, np.ndarray) and value.ndim)):
+        return [value] * count
+    if len(value) != count:
+        raise ValueError(
+            f"{name}: expected one for all channels or one for each of the {count}, got {len(value)}"
+        )
+    return list(value)
