@@ -175,11 +175,12 @@ def _case(log: Recording, part: Steps, labelled: bool, horizon: float) -> _Case:
     u = part.on_grid(part.dt)
     z = part.dt * np.concatenate([np.zeros_like(u[:1]), np.cumsum(u, axis=0)])
     if labelled and log.label is not None:
-        wanted = log.label if log.f_theta is None else log.label - log.f_theta
-        times = part.times[0] + part.dt * np.arange(len(z))
-        return _Case(
-            z, np.stack([np.interp(times, log.times, column) for column in wanted.T], axis=1), part.dt
-        )
+        wanted = (log.label if log.f_theta is None else log.label - log.f_theta)[part.samples]
+        grid = part.times[0] + part.dt * np.arange(len(z))
+        known = [np.isfinite(column) for column in wanted.T]
+        pairs = zip(known, wanted.T, strict=True)
+        target = [np.interp(grid, part.grid_times[rows], column[rows]) for rows, column in pairs]
+        return _Case(z, np.stack(target, axis=1), part.dt)
     ahead = max(1, round(horizon / part.dt))
     if len(z) < 4 * ahead + 4:
         raise ValueError(f"horizon: expected less than a quarter of each recording, got {horizon:g} s")

@@ -48,7 +48,7 @@ class Estimate(Result):
     missed : (n_x,) array
         Rms of what the model misses, f - f_theta, the noise taken out.
     explained : float
-        Share of the mean square of f that f_hat explains; 1 - error^2 over that of f.
+        Share of the mean square of f that f_hat explains: 1 - error^2 over that; 0 where all is noise.
     explained_by_model : float
         The same of f_theta alone; 0 where there is none.
     spectrum : ResidualSpectrum
@@ -231,7 +231,7 @@ def estimate(
         _gains(sampled, logs[0].n_x) * noise.value,
         error,
         missed,
-        1.0 - error.value**2 / whole,
+        1.0 - error.value**2 / whole if spectrum.crossing > 0.0 else 0.0,
         1.0 - float(np.mean(missed**2)) / whole if any(log.f_theta is not None for log in logs) else 0.0,
         spectrum,
         suggestion,
@@ -301,7 +301,7 @@ def _missed(data: Unlabelled, logs: Sequence[Recording]) -> tuple[FloatArray, fl
         if log.f_theta is not None:
             middle = part.times[0] + part.dt * (np.arange(len(u)) + 0.5)
             known = log.f_theta[part.samples]
-            model = np.stack([np.interp(middle, part.times, column) for column in known.T], axis=1)
+            model = np.stack([np.interp(middle, part.grid_times, column) for column in known.T], axis=1)
         power = (u + data.passed(model, part.dt)) ** 2 - data.left(k) * data.noise**2
         whole += part.dt * float(power.mean(axis=1).sum()) / float(missed[-1])
     return np.sqrt(squares), max(whole, 1e-300)

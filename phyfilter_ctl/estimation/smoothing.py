@@ -20,6 +20,7 @@ from .steps import Steps, least, steps_of
 
 __all__ = ["SmoothedLabel", "smooth_label"]
 
+_LEAST = 1e-9  # noise over the largest rise
 _WIDE = 1e4  # prior deviation of the first force over the largest |u|
 
 
@@ -93,14 +94,9 @@ def smooth_label(recording: Recording, *, noise: float | None = None, g: Rule = 
     given = None if noise is None else _signals.number("noise", noise, above=0.0)
     # Means over steps that differ are smoother than noise is: there the spectrum knows better.
     known = [given if given or part.uniform else float(s) for s in noise_level([part], 0.95).value]
-    levels = [_levels(part, i, s) for i, s in enumerate(known)]
-    smoothed = [
-        rauch_tung_striebel(part.h[:, 0], (part.h * part.u)[:, i], s, q) for i, (s, q) in enumerate(levels)
-    ]
-    force, deviation = (np.stack(each, axis=1) for each in zip(*smoothed, strict=True))
-    label, wide = (_at_samples(values, part, recording) for values in (force, deviation))
-    s, q = np.array(levels).T
-    return SmoothedLabel(recording.with_signals(label=label), wide, s, q)
+    force, deviation, s, walk = zip(*[_channel(part, i, s) for i, s in enumerate(known)], strict=True)
+    label, wide = (_at_samples(np.stack(each, axis=1), part, recording) for each in (force, deviation))
+    return SmoothedLabel(recording.with_signals(label=label), wide, np.array(s), np.array(walk))
 
 
 def _at_samples(values: FloatArray, part: Steps, log: Recording) -> FloatArray:
@@ -110,25 +106,35 @@ def _at_samples(values: FloatArray, part: Steps, log: Recording) -> FloatArray:
     return np.stack([np.interp(log.times, part.times, column) for column in values.T], axis=1)
 
 
-def _levels(part: Steps, i: int, noise: float | None) -> tuple[float, float]:
+def _channel(part: Steps, i: int, noise: float | None) -> tuple[FloatArray, FloatArray, float, float]:
+    """Force, deviation, noise and walk of one channel, computed in units of its largest rise."""
+    rise = (part.h * part.u)[:, i]
+    size = float(np.max(np.abs(rise)))
+    if size == 0.0:
+        return np.zeros(len(rise) + 1), np.zeros(len(rise) + 1), 0.0, 0.0
+    given = None if noise is None else max(noise / size, _LEAST)
+    s, walk = _levels(part.on_grid(part.dt)[:, i] / size, part.dt, given)
+    force, deviation = rauch_tung_striebel(part.h[:, 0], rise / size, s, walk)
+    return size * force, size * deviation, size * s, size * walk
+
+
+def _levels(u: FloatArray, h: float, noise: float | None) -> tuple[float, float]:
     """Noise s and walk q^(1/2) of largest likelihood.
 
     Innovations of the steady filter with L = q h^3 / s^2: e = [1 - 2 z^-1 + z^-2] / [1 + (K1 + K2 h - 2) z^-1 +
     (1 - K1) z^-2] z_k, of variance s^2 / (1 - K1); s is the most likely one for each L unless it is given.
     """
-    h, u = part.dt, part.on_grid(part.dt)[:, i]
-    size = max(float(np.max(np.abs(u))) * h, 1e-150)
 
     def loss(log_ratio: float) -> tuple[float, float]:
         K1, K2 = KalmanDifferentiator(q=math.exp(log_ratio), r=h**3).gain(h)
         # dz = h u, so one difference less; its first value is no innovation.
         e = np.asarray(lfilter([1.0, -1.0], [1.0, K1 + K2 * h - 2.0, 1.0 - K1], h * u))[1:]
         grown = 1.0 / (1.0 - K1)
-        s2 = max(float(np.mean(e**2)) / grown, 1e-300) if noise is None else noise**2
+        s2 = max(float(np.mean(e**2)) / grown, _LEAST**2) if noise is None else noise**2
         return math.log(s2 * grown) + float(np.mean(e**2)) / (s2 * grown), math.sqrt(s2)
 
     best, _ = least(lambda x: loss(x)[0], np.linspace(-35.0, 7.0, 43))
-    s = max(loss(best)[1], 1e-9 * size)
+    s = loss(best)[1]
     return s, math.sqrt(math.exp(best) * s**2 / h**3)
 
 

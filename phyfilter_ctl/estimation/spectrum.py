@@ -148,9 +148,11 @@ def _crossing(omega: FloatArray, residual: FloatArray, noise: FloatArray) -> flo
     edges = np.geomspace(0.999 * omega[1], omega[-1], count + 1)
     where = np.digitize(omega[1:], edges[1:-1])
     filled = np.unique(where)
+    least = 1e-12 * float(residual.max())  # of rounding, where there is no noise or no force
+    strong, weak = (np.maximum(power[1:].sum(axis=1), least) for power in (residual, noise))
     centre, ratio = (
         np.array([np.exp(np.mean(np.log(values[where == k]))) for k in filled])
-        for values in (omega[1:], residual[1:].sum(axis=1) / np.maximum(noise[1:].sum(axis=1), 1e-300))
+        for values in (omega[1:], strong / weak)
     )
     # Signal above noise: u above twice the noise. Logarithms of periodograms lie low, by the same for both.
     above = ratio > 2.0

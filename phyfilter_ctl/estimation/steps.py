@@ -18,6 +18,8 @@ from ..recording import Recording
 __all__ = ["LEAST", "Steps", "filtered", "jackknife", "least", "steps_of", "units_of"]
 
 LEAST = 100  # steps below which nothing is said
+_GAP = 20.0  # median steps, to which longer gaps are cut where spectra are taken
+_STILL = 1e-9  # a residual that varies by less than this of its size is rounding
 _ENOUGH, _BLOCKS = 5, 12  # recordings from which on they are the unit; stretches of fewer
 
 
@@ -58,11 +60,17 @@ class Steps:
         if self.uniform and abs(self.dt - dt) <= 1e-6 * dt:
             return self.u
         edges = self._edges(dt)
-        return _means(self.times, self.u, edges)
+        return _means(self.grid_times, self.u, edges)
+
+    @property
+    def grid_times(self) -> FloatArray:
+        """Times (m + 1,) in which a long gap is a short one: a day without samples needs no grid."""
+        steps = np.minimum(np.diff(self.times), _GAP * self.dt)
+        return self.times[0] + np.concatenate([[0.0], np.cumsum(steps)])
 
     def _edges(self, dt: float) -> FloatArray:
-        edges = np.arange(self.times[0], self.times[-1] + 1e-6 * dt, dt)
-        return np.minimum(edges, self.times[-1])
+        last = float(self.grid_times[-1])
+        return np.minimum(np.arange(self.times[0], last + 1e-6 * dt, dt), last)
 
     def noise_density(self, dt: float, theta: FloatArray) -> FloatArray:
         """Spectrum over theta = omega dt of the noise of u on that grid, for noise 1 of M x; its mean is the variance.
@@ -73,8 +81,9 @@ class Steps:
         lags = [1.0, 0.0, 0.0]
         if not (self.uniform and abs(self.dt - dt) <= 1e-6 * dt):
             edges = self._edges(dt)
-            left = np.clip(np.searchsorted(self.times, edges, "right") - 1, 0, len(self.times) - 2)
-            w = (edges - self.times[left]) / np.diff(self.times)[left]
+            times = self.grid_times
+            left = np.clip(np.searchsorted(times, edges, "right") - 1, 0, len(times) - 2)
+            w = (edges - times[left]) / np.diff(times)[left]
             lags = [float(np.mean(_shared(left, w, lag))) for lag in range(3)]
         covariance = lags[0] + 2.0 * (lags[1] * np.cos(theta) + lags[2] * np.cos(2.0 * theta))
         return np.maximum(covariance, 0.0) * 2.0 * (1.0 - np.cos(theta)) / dt**2
@@ -99,7 +108,7 @@ def steps_of(logs: Sequence[Recording], sampled: SampledPhyFilter) -> list[Steps
     Raises
     ------
     ValueError
-        If there are fewer than 100 steps in all.
+        If there are fewer than 100 steps in all, or nothing changes in any of them.
     """
     found = []
     for log in logs:
@@ -113,6 +122,11 @@ def steps_of(logs: Sequence[Recording], sampled: SampledPhyFilter) -> list[Steps
     if (count := sum(len(part.u) for part in found)) < LEAST:
         raise ValueError(
             f"expected at least {LEAST} steps to tell noise from force, got {count}; give longer recordings"
+        )
+    if all(np.all(np.ptp(part.u, axis=0) <= _STILL * np.max(np.abs(part.u), axis=0)) for part in found):
+        raise ValueError(
+            "the measured residual M x' - g - f_theta is constant throughout: it holds neither noise nor force to tell "
+            "apart; give recordings with motion in them, and check that the columns are the right ones"
         )
     return found
 
@@ -160,6 +174,8 @@ def jackknife(sums: FloatArray, statistic: Callable[[FloatArray], float], confid
     """A function of totals (k,), with Student's interval from leaving out one unit after the other."""
     count, total = len(sums), sums.sum(axis=0)
     value, without = statistic(total), np.array([statistic(total - unit) for unit in sums])
-    deviation = np.sqrt((count - 1.0) / count * np.sum((without - without.mean()) ** 2))
+    apart = without - without.mean()
+    size = max(float(np.max(np.abs(apart))), 1e-300)  # the square of which may leave double precision
+    deviation = size * np.sqrt((count - 1.0) / count * np.sum((apart / size) ** 2))
     width = float(student.ppf(0.5 + 0.5 * confidence, count - 1) * deviation)
     return Interval(value, value - width, value + width)

@@ -73,10 +73,11 @@ class Unlabelled:
     """
 
     def __init__(self, parts: Sequence[Steps], noise: FloatArray, crossing: float) -> None:
-        self.noise, self.parts = noise, parts
+        self.noise: FloatArray = noise
+        self.parts: Sequence[Steps] = parts
         longest = max(float(part.times[-1] - part.times[0]) for part in parts)
-        self.limit = max(BEYOND * crossing, _NARROWEST / longest)
-        self.signals = [self.passed(part.on_grid(part.dt), part.dt) for part in parts]
+        self.limit: float = max(BEYOND * crossing, _NARROWEST / longest)
+        self.signals: list[FloatArray] = [self.passed(part.on_grid(part.dt), part.dt) for part in parts]
         # Angles up to where nothing passes L, and |L|^2 times the spectrum of n for noise 1 of x there.
         self._angles = [np.pi * min(1.0, _PASSED * self.limit * part.dt / np.pi) * _CELLS for part in parts]
         self._densities = [

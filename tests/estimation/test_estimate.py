@@ -46,7 +46,7 @@ def rmse(log: pf.Recording, filter: pf.PhyFilter) -> float:
 
 @pytest.mark.parametrize("order", [1, 2])
 @pytest.mark.parametrize("noise", [pytest.param(0.002, marks=pytest.mark.slow), 0.02])
-@pytest.mark.parametrize("irregular", [False, True])
+@pytest.mark.parametrize("irregular", [pytest.param(False, marks=pytest.mark.slow), True])
 def test_the_suggested_filter_is_the_labelled_optimum(order: int, noise: float, irregular: bool) -> None:
     log = flight(noise, irregular=irregular)
     best = pf.estimate(log.with_signals(label=None), orders=[order]).suggestion
@@ -125,12 +125,34 @@ def test_many_recordings_gaps_and_json() -> None:
     assert found.plot(1).axes.shape == (2, 1)
 
 
+@pytest.mark.parametrize("what", ["missing", "a day's gap", "1e99", "1e-99"])
+def test_what_recordings_are_like(what: str) -> None:
+    log = flight(0.01, seconds=8.0)
+    times, x, unit = log.times.copy(), log.x.copy(), 1.0
+    if what == "missing":
+        x[::50] = np.nan
+    elif what == "a day's gap":
+        times[1000:] += 86400.0
+    else:
+        unit = float(what)
+    found = pf.estimate(pf.Recording(times, unit * x, nonfinite="keep"), pf.PhyFilter([20.0]))
+    alike = pf.estimate(log, pf.PhyFilter([20.0]))
+    assert found.noise.value[0] == pytest.approx(unit * alike.noise.value[0], rel=0.1)
+    assert found.missed[0] == pytest.approx(unit * alike.missed[0], rel=0.1)
+    assert found.error.value == pytest.approx(unit * alike.error.value, rel=0.2)
+    smoothed = pf.smooth_label(found.recordings[0]).recording.label
+    assert smoothed is not None
+    assert log.label is not None
+    assert np.std(smoothed / unit - log.label) < 0.5 * np.std(log.label)
+
+
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
         (([],), "at least one"),
         (([flight(0.01, seconds=0.2)],), "at least 100 steps"),
         (([flight(0.01), pf.Recording([0.0, 1.0], [0.0, 1.0])],), "one robot's"),
+        ((pf.Recording.from_arrays(x=np.ones(500), dt=0.1),), "constant throughout"),
         ((flight(0.01), pf.PhyFilter([1.0]).sampled(H, E=[[1.0]])), "without a direction E"),
     ],
 )
@@ -203,18 +225,18 @@ def test_label_covers_the_truth_at_its_deviation(irregular: bool) -> None:
 
 def test_a_six_line_momentum_observer_is_as_good_on_a_known_arm() -> None:
     """One joint, inertia 0.4 + 0.1 cos q, gravity and motor torque known, a contact torque of 2 N m that is not."""
-    dt, rng = 0.002, np.random.default_rng(0)
-    t = dt * np.arange(3000)
+    dt, rng = 0.004, np.random.default_rng(0)
+    t = dt * np.arange(1200)
     q, qd = 0.5 * np.sin(2.0 * t), np.cos(2.0 * t)
     M, dM = 0.4 + 0.1 * np.cos(q), -0.1 * np.sin(q) * qd
-    contact = np.where((t > 1.0) & (t < 4.0), 2.0, 0.0)
+    contact = np.where((t > 1.0) & (t < 3.5), 2.0, 0.0)
     gravity = 3.0 * np.sin(q)
     torque = M * -2.0 * np.sin(2.0 * t) + 0.5 * dM * qd + gravity - contact
     measured = qd + 0.002 * rng.standard_normal(len(t))
     known = torque + 0.5 * dM * measured - gravity
     p = M * measured
 
-    gain, total, residual = 30.0, 0.0, np.zeros(len(t))
+    gain, total, residual = 20.0, 0.0, np.zeros(len(t))
     for k in range(1, len(t)):
         total += dt * (known[k - 1] + residual[k - 1])
         residual[k] = gain * (p[k] - p[0] - total)
@@ -222,13 +244,14 @@ def test_a_six_line_momentum_observer_is_as_good_on_a_known_arm() -> None:
     log = pf.Recording(t, p, g=known, label=contact, unit="kg m^2/s")
     ours = MomentumObserver(gain, dt).run(log.x, log.g)[:, 0]
     errors = [np.sqrt(np.mean((each - contact) ** 2)) for each in (residual, ours)]
-    assert errors[1] == pytest.approx(errors[0], rel=0.05)
+    assert errors[1] == pytest.approx(errors[0], rel=0.1)
     found = pf.compare_estimators(log, pf.PhyFilter([gain]), max_evaluations=5)
     name = next(name for name in found.rmse if name.startswith("momentum observer"))
     assert found.ratio[name].value < 1.05
     assert found.against == "the label"
 
 
+@pytest.mark.slow
 def test_comparison_without_a_label() -> None:
     log = flight(0.01, seconds=8.0).with_signals(label=None)
     found = pf.compare_estimators(log, max_evaluations=5)
