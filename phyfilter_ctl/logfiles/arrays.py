@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -63,6 +64,8 @@ def _common(clocks: Mapping[str, tuple[str, _Array]], unit: str | None) -> dict[
     if len(units) > 1:
         raise ValueError(f"its groups count time in {' and '.join(sorted(units))}: no common clock")
     zero = min(found.zero for found in own.values())
+    if any(isinstance(found.zero, int) for found in own.values()):
+        zero = math.floor(zero)  # whole numbers are counted from a whole one
     return {
         name: column_times(key, array.get(), unit, said=array.unit, zero=zero)
         for name, (key, array) in clocks.items()
@@ -79,8 +82,8 @@ def _table(arrays: Mapping[str, _Array], time: str, times: FloatArray) -> Table:
             continue
         if array.shape == (n,):
             columns.append(Column(name, unit, kind))
-        elif len(array.shape) == 2 and n in array.shape and max(width := _width(array, n), 1) <= _WIDEST:
-            columns += [Column(f"{name}[{k}]", unit, kind) for k in range(width)]
+        elif len(array.shape) == 2 and n in array.shape and _width(array, n) <= _WIDEST:
+            columns += [Column(f"{name}[{k}]", unit, kind) for k in range(_width(array, n))]
         else:
             notes.append(f"left out, {name}: shape {array.shape} has no axis of the {n} of {time!r}")
 

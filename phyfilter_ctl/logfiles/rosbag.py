@@ -134,8 +134,8 @@ def _leaves(
             yield _Leaf(path, own, str(detail[0]), 0)
         elif isinstance(value, np.ndarray) and value.dtype.kind in "biuf" and 0 < len(value) <= _WIDEST:
             yield _Leaf(path, own, value.dtype.name, len(value))
-        elif not isinstance(value, str) and len(value):
-            left_out.append(f"{path} ({len(value)} elements)")
+        elif not isinstance(value, str):
+            left_out.append(f"{path} ({len(value)} elements{'' if len(value) else ' in the first message'})")
 
 
 def _table(path: Path, name: str, topic: _Topic, store: Typestore, zero: int) -> Table:

@@ -103,6 +103,9 @@ def test_what_was_written_is_read(tmp_path: Path, kind: str) -> None:
     topics = {topic.name: topic for topic in log.topics}
     assert topics["/imu"].clock.gaps == 1
     assert not topics["/text"].fields
+    assert (
+        "left out: name (2 elements), velocity (0 elements in the first message)" in topics["/joints"].notes
+    )
     joints = log.read("/joints", ["effort", "position[1]"])
     assert joints.values[3].tolist() == [0.125, 0.125, -30.0]
 

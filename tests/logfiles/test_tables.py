@@ -124,6 +124,15 @@ def test_groups_that_count_differently_have_no_common_clock(tmp_path: Path) -> N
     with pytest.raises(ValueError, match="its groups count time in ms and s: no common clock"):
         pf.open_log(path)
     assert [topic.name for topic in pf.open_log(path, time="t_ms").topics] == ["b"]
+    with h5py.File(path, "w") as file:  # whole seconds beside broken ones
+        file["a/t_s"], file["a/v"], file["b/t_s"], file["b/v"] = (
+            np.arange(7, 57),
+            V,
+            6.75 + 0.5 * np.arange(50),
+            V,
+        )
+    log = pf.open_log(path)
+    assert log.read("a").times[0] - log.read("b").times[0] == 0.25
 
 
 def test_matlab_structs_are_topics(tmp_path: Path) -> None:
