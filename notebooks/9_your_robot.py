@@ -81,8 +81,8 @@ savemat(folder / "flight.mat", log)
 # %% [markdown]
 # ## What is in it
 #
-# `phyfilter-ctl log flight.mat` tells; with `--describe > robot.toml` it writes a first robot file, in which what has to
-# be filled in is marked.
+# `phyfilter-ctl log flight.mat` tells; with `--describe > robot.toml` it writes a first robot file, in which what
+# has to be filled in is marked.
 
 # %%
 print(describe_log(pf.open_log(folder / "flight.mat")))

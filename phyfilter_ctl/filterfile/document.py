@@ -337,7 +337,7 @@ def _value(value: object) -> str:
 
 def _read(path: Path) -> tuple[Filter, Signals]:
     top = TomlTable(path, "", parsed(path))
-    _refuse_other_formats(top)
+    top.refuse_other_formats(FORMAT, VERSION, "filter")
     top.refuse_unknown(_TOP_KEYS)
     filters = _read_filters(top)
     if "sampled" in top:
@@ -352,21 +352,6 @@ def _read(path: Path) -> tuple[Filter, Signals]:
         except ValueError as error:
             raise top.error("signals", str(error)) from error
     return filter, signals
-
-
-def _refuse_other_formats(top: TomlTable) -> None:
-    if "format" not in top:
-        raise top.error("format", f'missing: no filter file; expected format = "{FORMAT}"')
-    if (found := top.text("format")) != FORMAT:
-        raise top.error("format", f"expected {FORMAT!r}, got {found!r}: not a filter file")
-    if "version" not in top:
-        raise top.error("version", f"missing; expected version = {VERSION}")
-    version = top.integer("version")
-    if version != VERSION:
-        remedy = "update phyfilter-ctl" if version > VERSION else "there is no such version"
-        raise top.error(
-            "version", f"this file has version {version}, this library reads version {VERSION}; {remedy}"
-        )
 
 
 def _read_filters(top: TomlTable) -> tuple[PhyFilter, ...]:

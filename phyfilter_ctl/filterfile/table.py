@@ -62,6 +62,19 @@ class TomlTable:
                 hint = f"did you mean {near[0]!r}? " if near else ""
                 raise self.error(key[:_SHOWN], f"unknown key; {hint}expected one of {', '.join(known)}")
 
+    def refuse_other_formats(self, name: str, version: int, kind: str) -> None:
+        """Raise unless the file says that it is of this format and version."""
+        if "format" not in self:
+            raise self.error("format", f'missing: no {kind} file; expected format = "{name}"')
+        if (found := self.text("format")) != name:
+            raise self.error("format", f"expected {name!r}, got {found!r}: not a {kind} file")
+        if "version" not in self:
+            raise self.error("version", f"missing; expected version = {version}")
+        if (given := self.integer("version")) != version:
+            remedy = "update phyfilter-ctl" if given > version else "there is no such version"
+            said = f"this file has version {given}, this library reads version {version}; {remedy}"
+            raise self.error("version", said)
+
     def number(self, key: str) -> float:
         """A finite number."""
         return self._number(key, self._get(key))

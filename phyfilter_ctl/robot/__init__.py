@@ -3,13 +3,11 @@
 from .checking import RobotCheck
 from .document import RobotSignal, presets
 from .findings import Finding, Suspicion, findings_of
-from .mechanism import Mechanism
 from .robot import Robot
 from .writing import describe_log
 
 __all__ = [
     "Finding",
-    "Mechanism",
     "Robot",
     "RobotCheck",
     "RobotSignal",

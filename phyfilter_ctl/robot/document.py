@@ -118,7 +118,7 @@ def preset_path(name: str) -> Path:
 def tables_of(path: Path) -> tuple[TomlTable, str]:
     """The checked tables of a robot file over those of its preset, and the preset's name."""
     own = TomlTable(path, "", parsed(path))
-    _refuse_other_formats(own)
+    own.refuse_other_formats(FORMAT, VERSION, "robot")
     own.refuse_unknown(_TOP)
     base: Mapping[str, object] = {}
     name = own.text("preset") if "preset" in own else ""
@@ -139,17 +139,6 @@ def tables_of(path: Path) -> tuple[TomlTable, str]:
     if "mechanism" in merged:
         merged.table("mechanism").refuse_unknown(_MECHANISM)
     return merged, name
-
-
-def _refuse_other_formats(top: TomlTable) -> None:
-    for key, expected in (("format", FORMAT), ("version", VERSION)):
-        if key not in top:
-            raise top.error(key, f"missing: expected {key} = {expected!r}".replace("'", '"'))
-    if (found := top.text("format")) != FORMAT:
-        raise top.error("format", f"expected {FORMAT!r}, got {found!r}: not a robot file")
-    if (version := top.integer("version")) != VERSION:
-        remedy = "update phyfilter-ctl" if version > VERSION else "there is no such version"
-        raise top.error("version", f"this file has {version}, this library reads {VERSION}; {remedy}")
 
 
 def _merged(base: Mapping[str, object], own: Mapping[str, object]) -> dict[str, object]:

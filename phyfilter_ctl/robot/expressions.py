@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import ast
 import operator
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -18,10 +18,11 @@ import numpy as np
 from .._sections import FloatArray
 from .frames import rotated
 
-__all__ = ["FUNCTIONS", "Expression", "constant"]
+__all__ = ["FUNCTIONS", "Evaluated", "Expression", "Function", "Functions", "constant"]
 
 Values = Mapping[str, FloatArray]
 Function = Callable[..., FloatArray]
+Evaluated = Callable[[Values], FloatArray]
 
 _LONGEST = 4000  # characters
 _DAMAGE = (SyntaxError, ValueError, RecursionError, MemoryError)
@@ -99,9 +100,12 @@ _BINARY: dict[type[ast.operator], Function] = {
 _NUMBERS = {"pi": np.pi}
 
 
+Functions = Mapping[str, tuple[Function, int]]
+
+
 @dataclass(frozen=True)
 class Expression:
-    """An expression that was checked: parsed, of the parts allowed, each function known and with its arguments.
+    """An expression: parsed, checked and ready to be evaluated.
 
     Parameters
     ----------
@@ -124,12 +128,10 @@ class Expression:
     """
 
     text: str
-    functions: Mapping[str, tuple[Function, int]]
+    functions: Functions = field(default_factory=dict)
 
-    def __init__(self, text: str, functions: Mapping[str, tuple[Function, int]] | None = None) -> None:
-        object.__setattr__(self, "text", text)
-        object.__setattr__(self, "functions", FUNCTIONS | dict(functions or {}))
-        _check(self._tree, self.functions)
+    def __post_init__(self) -> None:
+        _ = self._evaluate
 
     @cached_property
     def _tree(self) -> ast.expr:
@@ -139,6 +141,13 @@ class Expression:
             return ast.parse(self.text.strip(), mode="eval").body
         except _DAMAGE as error:
             raise ValueError(f"no expression: {error}") from error
+
+    @cached_property
+    def _evaluate(self) -> Evaluated:
+        try:
+            return _made(self._tree, FUNCTIONS | dict(self.functions))
+        except RecursionError as error:
+            raise ValueError(f"expected an expression less deep: {self.text[:60]!r}...") from error
 
     @cached_property
     def names(self) -> frozenset[str]:
@@ -157,82 +166,68 @@ class Expression:
         """
         try:
             with np.errstate(all="ignore"):  # what is not finite is told by those who know why
-                return _value(self._tree, values, self.functions)
+                return self._evaluate(values)
         except (ValueError, IndexError) as error:
             raise ValueError(f"{self.text!r}: {error}") from error
 
 
-def _check(node: ast.expr, functions: Mapping[str, tuple[Function, int]]) -> None:
-    for part in ast.walk(node):
-        if isinstance(part, ast.Call):
-            name = part.func.id if isinstance(part.func, ast.Name) else ast.unparse(part.func)
-            if name not in functions:
-                raise ValueError(f"unknown function {name!r}; there are {', '.join(sorted(functions))}")
-            expected = functions[name][1]
-            if part.keywords or len(part.args) != expected:
-                raise ValueError(f"{name}: expected {expected} arguments, got {ast.unparse(part)}")
-        elif isinstance(part, ast.Constant):
-            if isinstance(part.value, bool) or not isinstance(part.value, int | float):
-                raise ValueError(f"expected numbers, got {part.value!r}")
-        elif isinstance(part, ast.Subscript):
-            _index(part.slice)
-        elif isinstance(part, ast.BinOp):
-            if type(part.op) not in _BINARY:
-                raise ValueError(f"{ast.unparse(part)!r}: expected one of + - * / ** @")
-        elif isinstance(part, ast.UnaryOp):
-            if not isinstance(part.op, ast.USub | ast.UAdd):
-                raise ValueError(f"{ast.unparse(part)!r}: expected + or -")
-        elif not isinstance(
-            part, ast.Name | ast.List | ast.Tuple | ast.Slice | ast.Load | ast.operator | ast.unaryop
-        ):
-            raise ValueError(
-                f"{ast.unparse(part)!r} is not allowed: numbers, names, [..], + - * / ** @, f(..)"
-            )
+def _made(node: ast.expr, functions: Functions) -> Evaluated:
+    """A function of the values for one part of the grammar; what is not named here is not let in."""
+    if isinstance(node, ast.Constant) and type(node.value) in (int, float):
+        number = constant(float(node.value))  # pyright: ignore[reportArgumentType]
+        return lambda values: number
+    if isinstance(node, ast.Name):
+        name = node.id
+        return lambda values: constant(_NUMBERS[name]) if name in _NUMBERS else values[name]
+    if isinstance(node, ast.Subscript):
+        index = _index(node.slice)
+        return _applied(lambda value: value[(slice(None), *index)], [node.value], functions)
+    if isinstance(node, ast.List | ast.Tuple):
+        return _applied(_stacked, node.elts, functions)
+    if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub | ast.UAdd):
+        return _applied(
+            np.negative if isinstance(node.op, ast.USub) else np.positive, [node.operand], functions
+        )
+    if isinstance(node, ast.BinOp) and type(node.op) in _BINARY:
+        return _applied(_BINARY[type(node.op)], [node.left, node.right], functions)
+    if isinstance(node, ast.Call) and isinstance(node.func, ast.Name):
+        if node.func.id not in functions:
+            raise ValueError(f"unknown function {node.func.id!r}; there are {', '.join(sorted(functions))}")
+        function, count = functions[node.func.id]
+        if node.keywords or len(node.args) != count:
+            raise ValueError(f"{node.func.id}: expected {count} arguments, got {ast.unparse(node)}")
+        return _applied(function, node.args, functions)
+    raise ValueError(f"{ast.unparse(node)!r} is not allowed: numbers, names, [..], + - * / ** @, f(..)")
+
+
+def _applied(function: Function, parts: Sequence[ast.expr], functions: Functions) -> Evaluated:
+    inner = [_made(part, functions) for part in parts]
+    return lambda values: function(*(part(values) for part in inner))
 
 
 def _index(node: ast.expr) -> tuple[int | slice, ...]:
     """Whole numbers and slices of them."""
-    parts = node.elts if isinstance(node, ast.Tuple) else [node]
 
     def whole(part: ast.expr | None) -> int | None:
         if part is None:
             return None
-        sign, inner = (-1, part.operand) if isinstance(part, ast.UnaryOp) else (1, part)
-        if not (isinstance(inner, ast.Constant) and type(inner.value) is int):
+        try:
+            found = ast.literal_eval(part)
+        except ValueError:
+            found = None
+        if type(found) is not int:
             raise ValueError(f"[{ast.unparse(node)}]: expected whole numbers, as in v[0], v[0:2], M[0, 1]")
-        return sign * inner.value
+        return found
 
     def entry(part: ast.expr) -> int | slice:
         if isinstance(part, ast.Slice):
             return slice(whole(part.lower), whole(part.upper), whole(part.step))
-        found = whole(part)
-        return 0 if found is None else found
+        return whole(part) or 0
 
-    return tuple(entry(part) for part in parts)
-
-
-def _value(node: ast.expr, values: Values, functions: Mapping[str, tuple[Function, int]]) -> FloatArray:
-    def of(part: ast.expr) -> FloatArray:
-        return _value(part, values, functions)
-
-    if isinstance(node, ast.Constant) and isinstance(node.value, int | float):
-        return constant(float(node.value))
-    if isinstance(node, ast.Name):
-        return constant(_NUMBERS[node.id]) if node.id in _NUMBERS else values[node.id]
-    if isinstance(node, ast.List | ast.Tuple):
-        return _stacked([of(part) for part in node.elts])
-    if isinstance(node, ast.Subscript):
-        return of(node.value)[(slice(None), *_index(node.slice))]
-    if isinstance(node, ast.UnaryOp):
-        return -of(node.operand) if isinstance(node.op, ast.USub) else of(node.operand)
-    if isinstance(node, ast.BinOp):
-        return _BINARY[type(node.op)](of(node.left), of(node.right))
-    if isinstance(node, ast.Call) and isinstance(node.func, ast.Name):
-        return functions[node.func.id][0](*map(of, node.args))
-    raise ValueError(f"{ast.unparse(node)!r} is not allowed")
+    return tuple(map(entry, node.elts if isinstance(node, ast.Tuple) else [node]))
 
 
-def _stacked(parts: list[FloatArray]) -> FloatArray:
+def _stacked(*parts: FloatArray) -> FloatArray:
     if not parts:
         raise ValueError("expected at least one entry in [ ]")
     if len({part.shape[1:] for part in parts}) > 1:

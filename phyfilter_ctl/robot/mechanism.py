@@ -11,26 +11,19 @@ import numpy as np
 
 from .._sections import FloatArray
 from ..plants.legged.simulator import simulator
+from .expressions import Functions
 
 __all__ = ["Mechanism"]
 
 
 class Mechanism:
-    """A mechanism whose joints of one degree of freedom are the channels.
-
-    Parameters
-    ----------
-    file : Path
-        URDF or MJCF.
-    joints : sequence of str
-        In the order of the channels.
-    """
+    """A mechanism from a URDF or MJCF file, whose joints of one degree of freedom are the channels, in their order."""
 
     def __init__(self, file: Path, joints: Sequence[str]) -> None:
         self.file, self.joints = file, tuple(joints)
 
     @property
-    def functions(self) -> dict[str, tuple[Callable[..., FloatArray], int]]:
+    def functions(self) -> Functions:
         """What expressions may call."""
         return {"mass_matrix": (self.mass_matrix, 1), "bias": (self.bias, 2)}
 
@@ -54,17 +47,7 @@ class Mechanism:
         return mujoco, model, mujoco.MjData(model), positions, velocities
 
     def mass_matrix(self, q: FloatArray) -> FloatArray:
-        """M at joint positions.
-
-        Parameters
-        ----------
-        q : (N, n) array
-            In the order of ``joints``.
-
-        Returns
-        -------
-        (N, n, n) array
-        """
+        """M (N, n, n) at joint positions q (N, n)."""
         mujoco, model, data, positions, velocities = self._loaded
         full = np.zeros((model.nv, model.nv))
 
@@ -77,17 +60,7 @@ class Mechanism:
         return self._each(at, q, len(self.joints), (len(self.joints), len(self.joints)))
 
     def bias(self, q: FloatArray, qd: FloatArray) -> FloatArray:
-        """Coriolis, centrifugal and gravity torques, less those of the file's springs and dampers.
-
-        Parameters
-        ----------
-        q, qd : (N, n) arrays
-            Joint positions and velocities.
-
-        Returns
-        -------
-        (N, n) array
-        """
+        """Coriolis, centrifugal and gravity torques (N, n), less those of the file's springs and dampers."""
         mujoco, model, data, positions, velocities = self._loaded
         n = len(positions)
 

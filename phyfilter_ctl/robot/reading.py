@@ -15,8 +15,7 @@ from .._sections import FloatArray
 from ..recording import Recording, checks
 from .clocks import Evaluated, Track, step_means, values_at
 from .document import RobotSignal
-from .expressions import Expression, Function, constant
-from .mechanism import Mechanism
+from .expressions import Expression, Functions, constant
 from .tracks import track_of
 
 if TYPE_CHECKING:
@@ -41,7 +40,7 @@ class Reading:
     signals: Mapping[str, RobotSignal]
     expressions: Mapping[str, str]
     model: Mapping[str, str | tuple[str, ...]]
-    mechanism: Mechanism | None
+    functions: Functions
 
     def read(self, log: str | os.PathLike[str] | LogFile) -> Recording:
         """A log as a recording on the clock of x.
@@ -89,16 +88,12 @@ class Reading:
         return text if isinstance(text, str) else ""
 
     @cached_property
-    def _functions(self) -> dict[str, tuple[Function, int]]:
-        return {} if self.mechanism is None else self.mechanism.functions
-
-    @cached_property
     def _needs(self) -> dict[str, frozenset[str]]:
-        return {name: Expression(text, self._functions).names for name, text in self.expressions.items()}
+        return {name: Expression(text, self.functions).names for name, text in self.expressions.items()}
 
     def _bases(self, texts: Iterable[str]) -> list[str]:
         """Signals that expressions rest on, in order of the file."""
-        waiting = [name for text in texts for name in Expression(text, self._functions).names]
+        waiting = [name for text in texts for name in Expression(text, self.functions).names]
         seen: set[str] = set()
         while waiting:
             if (name := waiting.pop()) not in seen:
@@ -114,12 +109,12 @@ class Reading:
             waiting = [(text, "")]
             while waiting:
                 current, name = waiting[-1]
-                needed = [n for n in Expression(current, self._functions).names if n not in values]
+                needed = [n for n in Expression(current, self.functions).names if n not in values]
                 if needed:
                     waiting += [(self.expressions[n], n) for n in needed]
                     continue
                 waiting.pop()
-                result = Expression(current, self._functions)(values)
+                result = Expression(current, self.functions)(values)
                 if not name:
                     return result
                 values[name] = result

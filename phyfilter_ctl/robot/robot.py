@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Self
 
 from . import document
 from .checking import RobotCheck, checked
-from .expressions import Expression
+from .expressions import Expression, Functions
 from .mechanism import Mechanism
 from .reading import Reading
 
@@ -44,7 +44,8 @@ class Robot(Reading):
         Of signals, constants and one another.
     model : mapping
         x, M, g, f_theta, label, features: expressions; clock, channels, unit, f_theta_file.
-    mechanism : Mechanism or None
+    functions : mapping
+        What expressions may call beside the usual ones: those of its mechanism.
     """
 
     @classmethod
@@ -105,7 +106,7 @@ class Robot(Reading):
                 k: tuple(top.table("model").texts(k)) if k == "channels" else top.table("model").text(k)
                 for k in entries("model")
             },
-            mechanism=_mechanism(top),
+            functions=_functions(top),
         )
         robot._check(top)
         return robot
@@ -140,7 +141,7 @@ class Robot(Reading):
             raise top.error("model.x", "missing: the measured signal, an expression")
         for where, text in self._texts.items():
             try:
-                names = Expression(text, self._functions).names
+                names = Expression(text, self.functions).names
             except ValueError as error:
                 raise top.error(where, str(error)) from error
             for name in sorted(names - set(known)):
@@ -161,8 +162,8 @@ class Robot(Reading):
         return f"Robot({self.name!r}: {parts}; signals {', '.join(self.signals)})"
 
 
-def _mechanism(top: TomlTable) -> Mechanism | None:
+def _functions(top: TomlTable) -> Functions:
     if "mechanism" not in top:
-        return None
+        return {}
     table = top.table("mechanism")
-    return Mechanism(top.file.parent / table.text("file"), table.texts("joints"))
+    return Mechanism(top.file.parent / table.text("file"), table.texts("joints")).functions

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from textwrap import wrap
 from typing import TYPE_CHECKING
 
 from ..filterfile.table import parsed
@@ -13,7 +14,29 @@ if TYPE_CHECKING:
 
 __all__ = ["describe_log"]
 
-_WIDE = 100
+_WIDE = 110
+_FORM = """
+[constants]
+mass = "FILL IN"    # kg
+gravity = 9.80665    # m/s^2
+
+[signals.v]    # FILL IN: the velocity
+{topic}fields = ["vx", "vy", "vz"]
+unit = "m/s"
+frame = "ENU"    # or NED, NWU; FLU, FRD of the body
+
+[signals.force]    # FILL IN: the known force, or what it is made of
+{topic}fields = ["fx", "fy", "fz"]
+unit = "N"
+frame = "ENU"
+between = "hold"    # or "linear"
+
+[model]    # vectors are in ENU and FLU here
+x = "v"
+unit = "m/s"
+M = "mass"
+g = "force - [0, 0, mass * gravity]"
+"""
 
 
 def describe_log(log: LogFile) -> str:
@@ -93,46 +116,17 @@ def _from_preset(name: str, log: LogFile) -> list[str]:
 
 
 def _form(log: LogFile) -> list[str]:
-    topic = max(log.topics, key=lambda t: t.count)
-    named = f'topic = "{topic.name}"' if len(log.topics) > 1 else ""
-    return [
-        "",
-        "[constants]",
-        'mass = "FILL IN"    # kg',
-        "gravity = 9.80665    # m/s^2",
-        "",
-        "[signals.v]    # FILL IN: the velocity",
-        *([named] if named else []),
-        'fields = ["vx", "vy", "vz"]',
-        'unit = "m/s"',
-        'frame = "ENU"    # or NED, NWU; FLU, FRD of the body',
-        "",
-        "[signals.force]    # FILL IN: the known force, or what it is made of",
-        *([named] if named else []),
-        'fields = ["fx", "fy", "fz"]',
-        'unit = "N"',
-        'frame = "ENU"',
-        'between = "hold"    # or "linear"',
-        "",
-        "[model]    # vectors are in ENU and FLU here",
-        'x = "v"',
-        'unit = "m/s"',
-        'M = "mass"',
-        'g = "force - [0, 0, mass * gravity]"',
-    ]
+    topic = max(log.topics, key=lambda t: t.count).name
+    return _FORM.format(topic=f'topic = "{topic}"\n' if len(log.topics) > 1 else "").splitlines()
 
 
 def _contents(log: LogFile) -> list[str]:
     lines: list[str] = []
     for topic in log.topics:
         lines.append(f"#   {topic.name}: {topic.count} samples, every {topic.clock.dt:.4g} s")
-        row = ""
-        for field in topic.fields:
-            shape = f"[{field.shape[0]}]" if field.shape else ""
-            word = field.name + shape + (f" [{field.unit}]" if field.unit else "")
-            if row and len(row) + len(word) > _WIDE:
-                lines.append(f"#     {row}")
-                row = ""
-            row += f"{', ' if row else ''}{word}"
-        lines.append(f"#     {row}")
+        words = [
+            f"{f.name}{list(f.shape) if f.shape else ''}{f' ({f.unit})' if f.unit else ''}"
+            for f in topic.fields
+        ]
+        lines += wrap(", ".join(words), _WIDE, initial_indent="#     ", subsequent_indent="#     ")
     return lines

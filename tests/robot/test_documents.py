@@ -24,7 +24,11 @@ model = { x = "v", M = "mass", g = "force" }
     ("old", "new", "said"),
     [
         ('"phyfilter-robot"', '"phyfilter"', "format: expected 'phyfilter-robot'"),
-        ("version = 1", "version = 2", "version: this file has 2, this library reads 1; update"),
+        (
+            "version = 1",
+            "version = 2",
+            "version: this file has version 2, this library reads version 1; update",
+        ),
         ("constants =", "constnats =", "constnats: unknown key; did you mean 'constants'?"),
         ('unit = "N"', 'units = "N"', "signals.u.units: unknown key; did you mean 'unit'?"),
         ('unit = "N"', 'unit = "newton"', "signals.u.unit: not understood: 'newton'"),
@@ -151,7 +155,8 @@ def test_expressions_are_arithmetic_per_sample():
     "text",
     [
         "__import__('os')", "().__class__", "lambda: 1", "[x for x in v]", "v if v else v", "v := 1", "'a' * 9",
-        "True", "v[w]", "v[0.5]", "v.T", "sum(*v)", "sum(v, axis=0)", "v and v", "v < 1", "1j", "{1: 2}", "(" * 500, "",
+        "True", "v[w]", "v[0.5]", "v.T", "sum(*v)", "sum(v, axis=0)", "v and v", "v < 1", "1j", "{1: 2}", "(" * 500,
+        "-" * 3000 + "1", "",
     ],
 )  # fmt: skip
 def test_nothing_else_is_let_in(text):
