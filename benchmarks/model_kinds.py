@@ -25,9 +25,7 @@ from __future__ import annotations
 
 import argparse
 import sys
-import tempfile
 import time
-import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache
@@ -39,7 +37,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import t as student
 
-from phyfilter_ctl import PhyFilter, Recording, models
+from phyfilter_ctl import PhyFilter, Recording, learned_model, models
 from phyfilter_ctl.baselines import DisturbanceObserver, Evolver, FeedbackNeuralNetwork, SeerII
 from phyfilter_ctl.design import OnlineRefiner, learn, learn_jointly, refine
 from phyfilter_ctl.learned import (
@@ -50,7 +48,6 @@ from phyfilter_ctl.learned import (
     Network,
     NeuralOde,
     OnlineKoopman,
-    OnnxNetwork,
     Trajectory,
 )
 
@@ -254,10 +251,7 @@ def joint_torch() -> Estimator:
         return loss
 
     optimiser.step(closure)
-    with tempfile.TemporaryDirectory() as folder, warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # about a newer exporter, which needs another package
-        torch.onnx.export(model, (r[0, :1],), f"{folder}/model.onnx", dynamo=False)
-        read = OnnxNetwork.read(f"{folder}/model.onnx")
+    read = learned_model(model)
     return behind(lambda _: layer.filter(), lambda flight: read.predict(flight.r))
 
 
@@ -327,8 +321,8 @@ def main() -> int:
     print(f"{'':<17}{'rad/s':>6}{'RMSE of f_hat in N':>20}{'change':>18}{'CPU':>9}")
     without: Array | None = None
     for name in dict.fromkeys(["observer", *options.only]):
-        if name == "joint-torch" and not (find_spec("torch") and find_spec("onnx")):
-            print(f"{name:<17}not measured: needs the extras torch and onnx")
+        if name == "joint-torch" and not (find_spec("torch") and find_spec("onnxscript")):
+            print(f"{name:<17}not measured: needs the extra torch")
             continue
         begun = time.process_time()
         estimate = KINDS[name]()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -153,6 +154,31 @@ def test_a_translation_that_is_another_function_is_refused(monkeypatch: pytest.M
 
 
 TO_ONNX = skl2onnx.to_onnx
+
+
+def test_without_the_extra_its_name_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "skl2onnx", None)
+    with pytest.raises(ModuleNotFoundError, match=r"skl2onnx: pip install 'phyfilter-ctl\[onnx\]'"):
+        pf.learned_model(LinearRegression().fit(Z, F))
+
+
+@pytest.mark.slow
+def test_as_an_fmu(tmp_path: Path) -> None:
+    fmpy = pytest.importorskip("fmpy")
+    estimator = clone(MODELS["targets"]).fit(Z, F)
+    path = pf.export_fmu(pf.learned_block(pf.learned_model(estimator)), tmp_path / "model.fmu", fmi="2.0")
+    times = 0.01 * np.arange(len(Z))
+    inputs = np.rec.fromarrays([times, *Z.T], names=["time", "z[0]", "z[1]", "z[2]"])
+    options = {"start_time": 0.0, "stop_time": times[-1], "step_size": 0.01, "output_interval": 0.01}
+    found = fmpy.simulate_fmu(
+        str(path), fmi_type="ModelExchange", input=inputs, output=["f_theta[0]", "f_theta[1]"], **options
+    )
+    rows = np.searchsorted(found["time"], times - 1e-6)
+    expected = estimator.predict(Z)
+    for i in range(2):
+        np.testing.assert_allclose(
+            found[f"f_theta[{i}]"][rows], expected[:, i], rtol=0.0, atol=SAME_FORMULA * np.abs(expected).max()
+        )
 
 
 def test_the_way_round_works() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -102,6 +103,12 @@ def test_files_as_torch_writes_them(samples: int, tmp_path: Path) -> None:
     np.testing.assert_allclose(found, by_reference, rtol=0.0, atol=SINGLE)
     with pytest.raises(ValueError, match="is in an external file: give the path of the model"):
         pf.learned_model((tmp_path / "model.onnx").read_bytes())
+
+
+def test_without_the_extra_its_name_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "onnxscript", None)
+    with pytest.raises(ModuleNotFoundError, match=r"onnxscript: pip install 'phyfilter-ctl\[torch\]'"):
+        pf.learned_model(nn.Linear(6, 3))
 
 
 class Mean(nn.Module):  # type: ignore[misc,name-defined]
