@@ -2,6 +2,7 @@
 
 import json
 import math
+import random
 from collections import Counter
 
 import numpy as np
@@ -11,6 +12,7 @@ from hypothesis import strategies as st
 
 from phyfilter_ctl import PhyFilter, stack
 from phyfilter_ctl.filter import LiveHealth, LivePolicy
+from tests.cpu_budget import slow_but
 from tests.live_soak import APART, KINDS, Sensor, expected, live_filter
 
 H, N = 0.01, 300
@@ -252,6 +254,60 @@ def test_states_of_others_are_refused(tmp_path):
     with pytest.raises(ValueError, match="JSON"):
         live.restore(path)
     assert live.state is state
+
+
+VALUES = (None, True, -1, 0, 1e308, "x", [], {}, [[1.0]], [None], NAN, 10**400)
+
+
+def changed(document, rng):
+    """One entry somewhere in it gone, added or of another value."""
+    *way, last = rng.choice([path for path in paths(document, ()) if path])
+    at = document
+    for key in way:
+        at = at[key]
+    what = rng.random()
+    if what < 0.2:
+        del at[last]
+    elif what < 0.3 and isinstance(at, dict):
+        at["more"] = 1
+    else:
+        at[last] = rng.choice(VALUES)
+    return document
+
+
+def paths(value, way):
+    yield way
+    entries = (
+        value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
+    )
+    for key, entry in entries:
+        yield from paths(entry, (*way, key))
+
+
+@pytest.mark.parametrize("count", slow_but([80], [80, 4000]))
+def test_damaged_states_are_refused_or_run(tmp_path, count):
+    sampled, path, rng = FILTER.sampled(H, delay=0.013), tmp_path / "live.json", random.Random(0)
+    live = sampled.live(2)
+    for k in range(30):
+        live.step(H * k, None if 20 < k < 25 else [0.1 * k, 0.0], [1.0, 2.0], inertia=[1.0, 2.0])
+    live.step(0.3, None)
+    live.save(path)
+    text, restored = path.read_text(), 0
+    for i in range(count):
+        if i % 4:
+            path.write_text(json.dumps(changed(json.loads(text), rng)))
+        else:
+            place = rng.randrange(len(text))
+            path.write_bytes(text[:place].encode() + rng.randbytes(1) + text[place + 1 :].encode())
+        try:
+            (live := sampled.live(2)).restore(path)
+        except ValueError:
+            continue
+        restored += 1
+        for k in (31, 32):
+            assert np.isfinite(live.step(H * k, [3.0, 0.0], [1.0, 2.0])).all()
+        assert live.health.describe()
+    assert 0 < restored < count / 2
 
 
 def test_retuning_does_not_bump_and_keeps_the_record():

@@ -110,7 +110,9 @@ class LiveFilter:
         self._dt = self.recursion.sampling.dt
         self._usual = 1.5 * self._dt  # a longer step has lost samples in it
         self._longest = self.policy.longest_gap or 0.0
-        self._fresh = not health.accepted  # go on from the next good sample, without a step to it
+        self._fresh = not health.accepted or math.isnan(
+            health.time
+        )  # go on from the next good sample, without a step to it
         self._held = self._stepped = False
         self._kind = "missing"  # of the gap
         self._late = _NONE_LATE
@@ -244,13 +246,12 @@ class LiveFilter:
         self._state = self._state._replace(gap=0.0, past=())
 
     def _refuse_strange(self, h: float) -> None:
-        if not self._stepped and h > _STRANGE * self._dt:
-            self._strange += 1
-            if self._strange >= _LATE_IN_A_ROW:
-                raise ValueError(
-                    f"time: expected stamps in seconds, about {self._dt:g} s apart, got {h:g} between "
-                    "two of the first; convert them, or sample the filter at the interval that they have"
-                )
+        self._strange += not self._stepped and h > _STRANGE * self._dt
+        if self._strange >= _LATE_IN_A_ROW and not self._stepped:
+            raise ValueError(
+                f"time: expected stamps in seconds, about {self._dt:g} s apart, got {h:g} between two of the "
+                "first; convert them, or sample the filter at the interval that they have"
+            )
 
     def _moves(self, time: float, x: Array) -> bool:
         """Whether no channel of x is stuck; the repetitions of one that is are taken back."""
@@ -284,10 +285,10 @@ class LiveFilter:
     def _wait(self, sample: _Sample) -> None:
         before, (g, f_theta, M, h) = self._state.gap, sample
         self._state = loop.hold(self.recursion, self._state, g, f_theta, M, h)
-        if self._state.gap > self._longest:
-            self._state = self._state._replace(past=())  # that gap will not be closed
-            if before <= self._longest:
-                self._note("gap", self._time)
+        if self._state.gap > self._longest >= before:
+            self._note("gap", self._time)
+        if self._state.gap > self._longest or self._fresh:
+            self._state = self._state._replace(past=())  # no step will close that gap
 
     def _resume(self, x: Array, sample: _Sample) -> None:
         """Go on from this sample, without a step to it."""

@@ -19,6 +19,8 @@ __all__ = ["FORMAT", "VERSION", "parsed_state", "written_state"]
 FORMAT = "phyfilter-live"
 VERSION = 1
 _LONGEST_FILE = 5_000_000  # bytes; a state has a few hundred
+_LONGEST_TIME = 1e15  # s, and samples
+_SHORTEST_STEP, _LONGEST_GAP = 1e-9, 1e6  # s; sums of them keep their digits
 _KEYS = ("format", "version", "filter", "state", "fresh", "health")
 # What `LiveHealth` holds, by type; the entries of its two dictionaries likewise.
 _HEALTH: dict[str, tuple[type, ...]] = {
@@ -119,16 +121,33 @@ def _state(given: dict[str, Any], recursion: Recursion, n_x: int) -> FilterState
         return _signals.array(name, values, shape).astype(kind)
 
     def inertia(name: str, values: Any) -> np.ndarray | None:
-        return None if values is None else _signals.inertia(name, values, n_x).astype(kind)
+        if values is None:
+            return None
+        found = _signals.inertia(name, values, n_x).astype(kind)
+        return found if found.ndim else np.full(n_x, found)
 
     def interval(i: int, entry: dict[str, Any]) -> Interval:
-        g, f_theta = (
-            (vector(f"past[{i}].{key}", entry[key][0], n), vector(f"past[{i}].{key}", entry[key][1], n))
-            for key, n in (("g", n_x), ("f_theta", n_f))
-        )
-        first, last = (inertia(f"past[{i}].inertia", M) for M in entry["inertia"] or (None, None))
+        if not isinstance(entry, dict) or set(entry) != set(Interval._fields):
+            raise ValueError(f"past[{i}]: expected the entries {', '.join(Interval._fields)}")
+        g = tuple(vector(f"past[{i}].g", entry["g"], 2, n_x))
+        f_theta = tuple(vector(f"past[{i}].f_theta", entry["f_theta"], 2, n_f))
+        pair = entry["inertia"]
+        if pair is not None and not (isinstance(pair, list) and len(pair) == 2):
+            raise ValueError(f"past[{i}].inertia: expected those at both ends")
+        first, last = (inertia(f"past[{i}].inertia", M) for M in pair or (None, None))
         both = None if first is None or last is None else (first, last)
-        return Interval(_signals.number(f"past[{i}].dt", entry["dt"], "s", least=0.0), g, f_theta, both)
+        return Interval(
+            seconds(f"past[{i}].dt", entry["dt"], above=_SHORTEST_STEP),
+            (g[0], g[1]),
+            (f_theta[0], f_theta[1]),
+            both,
+        )
+
+    def seconds(name: str, value: Any, above: float | None = None) -> float:
+        found = _signals.number(name, value, "s", least=0.0, above=above)
+        if found > _LONGEST_GAP:
+            raise ValueError(f"{name}: expected at most {_LONGEST_GAP:g} s, got {found:g}")
+        return found
 
     carry = given["carry"]
     state = FilterState(
@@ -139,7 +158,7 @@ def _state(given: dict[str, Any], recursion: Recursion, n_x: int) -> FilterState
         vector("f_theta", given["f_theta"], n_f),
         inertia("inertia", given["inertia"]),
         given["held"] is True,
-        _signals.number("gap", given["gap"], "s", least=0.0),
+        seconds("gap", given["gap"]),
         tuple(interval(i, entry) for i, entry in enumerate(given["past"])),
     )
     check_state(recursion, state)
@@ -150,7 +169,7 @@ def _health(path: str | os.PathLike[str], given: Any) -> dict[str, Any]:
     def right(value: Any, types: tuple[type, ...]) -> bool:
         if isinstance(value, bool) or not isinstance(value, types):
             return False
-        return not isinstance(value, float) or np.isfinite(value)
+        return not isinstance(value, int | float) or abs(value) <= _LONGEST_TIME
 
     good = isinstance(given, dict) and set(given) == set(_HEALTH)
     good = good and all(right(given[key], types) for key, types in _HEALTH.items())

@@ -173,7 +173,7 @@ def _late_residual(
     if M is not None:
         # An inertia first given now was the same before: intervals without one take it too.
         pairs = [entry.inertia or (M, M) for entry in past]
-        M = np.array([pairs[0][0], *(pair[1] for pair in pairs)], dtype=float)
+        M = np.array(_of_one_form([pairs[0][0], *(pair[1] for pair in pairs)]), dtype=float)
     ends = np.array([-length - delay, -delay])
     dx = (x - state.x).astype(float)[None]
     u = windows.late_residual(recursion, times, ends, dx, g_pair, f_pair, M)[0]
@@ -249,10 +249,14 @@ def check_state(recursion: Recursion, state: FilterState) -> None:
 
 
 def _mean_inertia(before: Array | None, now: Array, ndim: int = 0) -> Array:
-    pair = (now if before is None else before, now)
-    ndim = max(ndim, *(M.ndim for M in pair))
-    first, last = (M[..., None] * np.eye(M.shape[-1], dtype=M.dtype) if M.ndim < ndim else M for M in pair)
+    first, last = _of_one_form([now if before is None else before, now], ndim)
     return mean("average", first, last)
+
+
+def _of_one_form(inertias: list[Array], ndim: int = 0) -> list[Array]:
+    """Diagonals as matrices, where there are matrices among them."""
+    ndim = max(ndim, *(M.ndim for M in inertias))
+    return [M[..., None] * np.eye(M.shape[-1], dtype=M.dtype) if M.ndim < ndim else M for M in inertias]
 
 
 def _given(name: str, values: ArrayLike, dtype: np.dtype) -> Array:

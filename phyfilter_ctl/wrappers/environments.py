@@ -16,8 +16,8 @@ try:
     from gymnasium import spaces
     from gymnasium.utils import RecordConstructorArgs
     from gymnasium.vector import AutoresetMode, VectorEnv, VectorWrapper
-except ImportError as error:
-    raise ImportError("this module needs Gymnasium: pip install 'phyfilter-ctl[gymnasium]'") from error
+except ImportError:
+    raise ImportError("this module needs Gymnasium: pip install 'phyfilter-ctl[gymnasium]'") from None
 
 __all__ = ["FeedForwardEnv", "FeedForwardVectorEnv"]
 
@@ -55,9 +55,13 @@ class FeedForwardEnv(gymnasium.Wrapper[Array, Array, Array, Array], RecordConstr
         super().__init__(env)
         _check_interval(feedforward, dt)
         self.feedforward = feedforward
-        self.dt, self.observe, self._time = dt, observe, 0.0
+        self.dt: float = dt
+        self.observe: bool = observe
+        self._time = 0.0
         if observe:
-            self.observation_space = _extended(env.observation_space, len(feedforward.live.f_hat))
+            self.observation_space: gymnasium.Space[Array] = _extended(
+                env.observation_space, len(feedforward.live.f_hat)
+            )
 
     def _seen(self, y: Array, info: dict[str, Any]) -> tuple[Array, dict[str, Any]]:
         f_hat = self.feedforward.estimate(self._time, np.array(y, dtype=float))
@@ -98,10 +102,10 @@ class FeedForwardVectorEnv(VectorWrapper[Array, Array, Array, Array, Array]):
         self, env: VectorEnv[Array, Array, Array], make: Callable[[], Observed], *, dt: float
     ) -> None:
         super().__init__(env)
-        self.each = [make() for _ in range(env.num_envs)]
+        self.each: list[Observed] = [make() for _ in range(env.num_envs)]
         for one in self.each:
             _check_interval(one, dt)
-        self.dt = dt
+        self.dt: float = dt
         self._times = np.zeros(env.num_envs)
         self._ended = np.zeros(env.num_envs, dtype=bool)
         self._mode = env.metadata.get("autoreset_mode", AutoresetMode.NEXT_STEP)
@@ -118,9 +122,8 @@ class FeedForwardVectorEnv(VectorWrapper[Array, Array, Array, Array, Array]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Array, dict[str, Any]]:
-        """Start episodes: all, or those of ``options["reset_mask"]``."""
-        mask = (options or {}).get("reset_mask", np.ones(self.num_envs))  # the environment takes it out
-        new = np.array(mask, dtype=bool)
+        """Start episodes: all, or those of ``options["reset_mask"]``, which the environment takes out."""
+        new = np.array((options or {}).get("reset_mask", np.ones(self.num_envs)), dtype=bool)
         y, info = self.env.reset(seed=seed, options=options)
         self._ended &= ~new
         return self._seen(y, info, new, new)
@@ -149,6 +152,5 @@ def _check_interval(feedforward: Observed, dt: float) -> None:
 def _extended(space: gymnasium.Space[Any], n_f: int) -> gymnasium.Space[Array]:
     if not isinstance(space, spaces.Box) or len(space.shape) != 1:
         raise TypeError(f"observe: expected observations of one row of numbers (a Box), got {space}")
-    open_end = np.full(n_f, np.inf, space.dtype)
-    low, high = np.concatenate([space.low, -open_end]), np.concatenate([space.high, open_end])
-    return spaces.Box(low, high, dtype=space.dtype.type)
+    edge = np.full(n_f, np.inf, space.dtype)
+    return spaces.Box(np.r_[space.low, -edge], np.r_[space.high, edge], dtype=space.dtype.type)

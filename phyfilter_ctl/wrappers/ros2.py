@@ -43,7 +43,7 @@ class ForceEstimator:
         self, live: LiveFilter, *, mass: float, frame_id: str, weight: Sequence[float] = (0.0, 0.0, 0.0)
     ) -> None:
         self.live = live
-        self.mass = _signals.number("mass", mass, "kg", above=0.0)
+        self.mass: float = _signals.number("mass", mass, "kg", above=0.0)
         self.frame_id = frame_id
         self.weight: Array = _signals.array("weight", weight, (3,))
         self._force: Array = self.weight

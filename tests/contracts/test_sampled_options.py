@@ -288,3 +288,22 @@ def test_many_systems_refuse_what_one_of_them_spoils():
         LOWPASS.sampled(H, nonfinite="hold").start(np.zeros((4, 2)))
     with pytest.raises(ValueError, match=r"inertia: expected a number or shape \(2,\) or \(2, 2\), \(4, 2\)"):
         sampled.step(state, np.zeros((4, 2)), inertia=np.ones((3, 2)))
+
+
+def test_a_diagonal_may_become_a_matrix_in_a_gap():
+    x, g, f_theta, inertia, _, _ = record()
+    diagonal, full = inertia[0].diagonal().copy(), np.diag(inertia[0].diagonal())
+    sampled = GENERAL.sampled(H, nonfinite="hold")
+    answers = []
+    for early in (diagonal, full):
+        state = sampled.start(x[0], inertia0=early)
+        for k in range(1, 20):
+            state, f_hat = sampled.step(
+                state,
+                x[k] if not 8 < k < 14 else np.full(3, np.nan),
+                g[k - 1],
+                f_theta[k],
+                inertia=early if k < 11 else full,
+            )
+        answers.append(f_hat)
+    np.testing.assert_allclose(*answers, atol=AGREE * np.abs(answers[0]).max())
