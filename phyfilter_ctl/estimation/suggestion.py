@@ -131,6 +131,22 @@ def _mean(total: FloatArray) -> float:
     return float(total[:-1].mean() / total[-1])
 
 
+def _gain(data: Unlabelled, chosen: Sequence[FloatArray], confidence: float) -> Interval:
+    """How far a filter's square of the error lies below that of none, gamma itself, as a share of the square of u.
+
+    The mean of the units' shares: forces come in bursts, and one unit must not decide.
+    """
+    n = len(data.noise)
+    rows = [
+        np.hstack([a[:, :n] - b[:, :n], part.dt * u**2])
+        for part, u, a, b in zip(data.parts, data.signals, data.squares(None), chosen, strict=True)
+    ]
+    units = units_of(rows)
+    shares = units[:, :n].sum(axis=1) / np.maximum(units[:, n:].sum(axis=1), np.finfo(float).tiny)
+    counted = np.stack([shares, np.ones_like(shares)], axis=1)
+    return jackknife(counted, lambda total: float(total[0] / total[1]), confidence)
+
+
 def suggest(
     data: Unlabelled, sampled: SampledPhyFilter, orders: Sequence[int], confidence: float
 ) -> Suggestion:
@@ -152,15 +168,13 @@ def suggest(
     order = min(n for n, (_, value) in found.items() if value <= best * (1.0 + _WORTH) ** 2)
     rate = found[order][0]
     chosen = rows(order, rate)
-    # Without a filter the error is gamma itself.
-    gains = [
-        np.hstack([a[:, :-1] - b[:, :-1], a[:, -1:]]) for a, b in zip(data.squares(None), chosen, strict=True)
-    ]
-    gain = jackknife(units_of(gains), _mean, confidence)
+    gain = _gain(data, chosen, confidence)
     status, message = Status.CONVERGED, "converged"
     if gain.low <= 0.0:
         status = Status.NOT_IDENTIFIED
-        message = "no filter is expected to be better than none: what the model misses does not stand out of the noise"
+        message = (
+            "no filter is better than none for sure: what the model misses hardly stands out of the noise"
+        )
     elif not low + 0.05 < rate < high - 0.05:
         status = Status.AT_BOUND
         side, more = ("slowest", "longer") if rate < 0.5 * (low + high) else ("fastest", "faster sampled")
