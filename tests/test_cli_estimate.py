@@ -56,6 +56,8 @@ def test_a_filter_is_judged_and_others_compared(
     assert main(["estimate", flight, "--x", "v", "--filter", str(slow), "--compare"]) == 0
     text = capsys.readouterr().out
     assert "is expected to err" in text
+    command = next(line for line in text.splitlines() if "--c firmware" in line)
+    assert main(command.replace("firmware", str(tmp_path / "firmware")).split()[1:]) == 0
     assert "a momentum observer is the filter of order 1 without f_theta" in text
     assert "better than the filter: " in text
 

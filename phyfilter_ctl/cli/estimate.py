@@ -13,13 +13,17 @@ import numpy as np
 
 from .. import filterfile
 from .._output import check_target, replacing, write_figure, write_text
+from .._signals import in_both
 from ..analysis import prior_margin
 from ..estimation import Estimate, EstimatorComparison, compare_estimators, estimate
+from ..filter import SampledPhyFilter
 from ..recording import Recording
 from ..recording.csvfile import write_csv
 from ..results import plain
 from ..robot import Robot
+from .channels import text_of
 from .columns import COLUMNS, add_columns, plausibility, read_columns, signals_of
+from .frequencies import add_picture_units
 
 if TYPE_CHECKING:
     from .._sections import FloatArray
@@ -76,6 +80,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     output.add_argument(
         "--picture", metavar="FILE", help="f_hat and spectrum of the first one: png, pdf, svg"
     )
+    add_picture_units(output, magnitudes=False)
     output.add_argument(
         "--json", metavar="FILE", help="write the figures; - for standard output instead of text"
     )
@@ -114,7 +119,7 @@ def main(options: argparse.Namespace) -> int:
         import matplotlib
 
         matplotlib.use("Agg")
-        write_figure(options.picture, found.plot().figure)
+        write_figure(options.picture, found.plot(Hz=options.hz).figure)
     return 0
 
 
@@ -219,17 +224,14 @@ def _missed(found: Estimate) -> list[str]:
 def _filter(found: Estimate, options: argparse.Namespace) -> list[str]:
     best, mine = found.suggestion, found.error
     low, high = mine.low, mine.high
-    tried = ", ".join(
-        f"order {n}: {error:.4g} at {w:.3g} rad/s ({w / (2.0 * math.pi):.3g} Hz)"
-        for n, (w, error) in best.orders.items()
-    )
-    crossing = (
-        f"{found.crossing:.3g} rad/s" if math.isfinite(found.crossing) else "above what the samples show"
-    )
+    tried = ", ".join(f"order {n}: {error:.4g} at {in_both(w)}" for n, (w, error) in best.orders.items())
+    crossing = in_both(found.crossing) if math.isfinite(found.crossing) else "above what the samples show"
     deviation = ", ".join(f"{value:.3g}" for value in found.noise_deviation)
+    names = found.recordings[0].channels if len(found.filter.filters) > 1 else ("",)
+    described = {name: F.describe() for name, F in zip(names, found.filter.filters, strict=True)}
     return [
         "the filter" if options.filter is None else f"your filter, {options.filter}",
-        *(f"  {line}" for line in found.filter.filters[0].describe().splitlines()),
+        *(f"  {line}" for line in text_of(described).splitlines()),
         _line(
             "expected error",
             f"{mine.value:.4g} rms of f - f_hat ({low:.3g} to {high:.3g}), lag and noise together",
@@ -290,12 +292,14 @@ def _loop(margin: PriorMargin | None, options: argparse.Namespace) -> list[str]:
 def _handover(found: Estimate, options: argparse.Namespace) -> list[str]:
     file, channels = options.save_filter or options.filter, found.recordings[0].n_x
     first = [] if file else ["  (write it first: --save-filter filter.toml)"]
-    file = file or "filter.toml"
+    file, words = file or "filter.toml", f"--channels {channels}"
+    if file == options.filter and not isinstance(filterfile.load(file), SampledPhyFilter):
+        words += f" --dt {found.filter.dt}"
     return [
         "hand it over",
         *first,
-        f"  phyfilter-ctl export {file} --c firmware --channels {channels}",
-        f"  phyfilter-ctl export {file} --fmu filter.fmu --channels {channels}",
+        f"  phyfilter-ctl export {file} --c firmware {words}",
+        f"  phyfilter-ctl export {file} --fmu filter.fmu {words}",
     ]
 
 

@@ -51,9 +51,10 @@ def add_frequency(
     )
 
 
-def add_picture_units(parser: argparse._ArgumentGroup) -> None:
+def add_picture_units(parser: argparse._ArgumentGroup, *, magnitudes: bool = True) -> None:
     """``--hz`` and ``--db``: what pictures are drawn in; None where not given."""
     parser.add_argument(
         "--hz", action="store_true", default=None, help="the picture over Hz instead of rad/s"
     )
-    parser.add_argument("--db", action="store_true", default=None, help="the picture's magnitudes in dB")
+    if magnitudes:
+        parser.add_argument("--db", action="store_true", default=None, help="the picture's magnitudes in dB")

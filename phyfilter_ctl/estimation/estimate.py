@@ -112,7 +112,9 @@ class Estimate(Result):
         """Bandwidth in rad/s at which noise and residual cross: a second opinion on the suggested one."""
         return self.spectrum.crossing
 
-    def plot(self, recording: int = 0, *, ax: Sequence[Axes] | None = None) -> ct.ControlPlot:
+    def plot(
+        self, recording: int = 0, *, ax: Sequence[Axes] | None = None, Hz: bool | None = None
+    ) -> ct.ControlPlot:
         """f_hat of each channel with its noise band (95 %), f_theta and label where there are any, and the spectrum.
 
         Parameters
@@ -121,6 +123,8 @@ class Estimate(Result):
             Which one.
         ax : n_x + 1 Axes, optional
             One for each channel and one for the spectrum; None makes a new figure.
+        Hz : bool, optional
+            The spectrum over Hz, its densities per Hz; None: python-control's setting ``freqplot.Hz``.
 
         Returns
         -------
@@ -144,6 +148,7 @@ class Estimate(Result):
             channels=log.channels,
             title=log.name,
             ax=ax,
+            Hz=Hz,
         )
 
 

@@ -11,6 +11,7 @@ from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
 from ._style import COLOURS, SMALL
+from ._units import frequency_unit
 from .estimates import MANY, dress_over_time
 
 __all__ = ["missed_plot"]
@@ -28,6 +29,7 @@ def missed_plot(
     channels: Sequence[str],
     title: str = "",
     ax: Sequence[Axes] | None = None,
+    Hz: bool | None = None,
 ) -> ct.ControlPlot:
     """f_hat of each channel over time with its noise band, and beneath them the spectrum of what the model misses.
 
@@ -48,6 +50,8 @@ def missed_plot(
         Above the figure.
     ax : n_x + 1 Axes, optional
         None makes a new figure.
+    Hz : bool, optional
+        The spectrum over Hz, its densities per Hz; None: python-control's setting ``freqplot.Hz``.
 
     Returns
     -------
@@ -98,12 +102,15 @@ def missed_plot(
         axes[i].sharex(axes[0])
         lines[i, 0] = drawn
     dress_over_time(axes[:-1], 1)
+    unit, per = frequency_unit(Hz)
     omega, residual, noise = (values[1:] for values in spectrum)
     lines[-1, 0] = [
-        *axes[-1].loglog(omega, residual, color="0.15", linewidth=1.0, label="measured residual"),
-        *axes[-1].loglog(omega, noise, color=COLOURS[1], linewidth=1.0, linestyle="--", label="noise in it"),
+        *axes[-1].loglog(omega / per, per * residual, color="0.15", linewidth=1.0, label="measured residual"),
+        *axes[-1].loglog(
+            omega / per, per * noise, color=COLOURS[1], linewidth=1.0, linestyle="--", label="noise in it"
+        ),
     ]
-    axes[-1].set_xlabel("Frequency [rad/s]", fontsize=SMALL)
+    axes[-1].set_xlabel(f"Frequency [{unit}]", fontsize=SMALL)
     axes[-1].set_ylabel("Density", fontsize=SMALL)
     axes[-1].tick_params(labelsize="x-small")
     axes[-1].grid(True, which="major", color="0.88", linewidth=0.7)

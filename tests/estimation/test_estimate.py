@@ -122,7 +122,14 @@ def test_many_recordings_gaps_and_json() -> None:
     assert [len(f_hat) for f_hat in found.f_hat] == [log.n for log in found.recordings]
     assert json.loads(json.dumps(found.to_dict(), allow_nan=False))["bands"]
     assert len(repr(found).splitlines()) < 40
-    assert found.plot(1).axes.shape == (2, 1)
+    plain, hertz = (found.plot(1, Hz=Hz) for Hz in (False, True))
+    assert plain.axes.shape == (2, 1)
+    assert hertz.axes[1, 0].get_xlabel() == "Frequency [Hz]"
+    area = [
+        np.trapezoid(drawn.get_ydata(), drawn.get_xdata())
+        for drawn in (p.lines[1, 0][0] for p in (plain, hertz))
+    ]
+    assert area[1] == pytest.approx(area[0]), "densities are per unit of the axis"
 
 
 @pytest.mark.parametrize("what", ["missing", "a day's gap", "1e99", "1e-99"])
