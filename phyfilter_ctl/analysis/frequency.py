@@ -18,7 +18,7 @@ from .. import _signals, plots
 from .._sections import ComplexArray, FloatArray
 from ..filter import PhyFilter, SampledBank, SampledPhyFilter
 from . import _paths, _resolvent, grids
-from ._channels import Filter, channels_of
+from .channels import Filter, channels_of
 
 __all__ = ["FilterResponse", "FilterResponseList", "Peak", "frequency_response"]
 

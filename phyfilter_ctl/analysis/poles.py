@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from .. import plots
 from .._sections import ComplexArray
 from ..filter import PhyFilter, SampledPhyFilter
-from ._channels import Filter, channels_of
+from .channels import Filter, channels_of
 from .frequency import frequency_response
 
 __all__ = ["PoleZeroMap", "PolesAndZeros", "pole_zero_map"]

@@ -12,7 +12,7 @@ from .. import _sections
 from .._sections import FloatArray
 from ..filter import PhyFilter, SampledPhyFilter
 from ..results import Result
-from ._channels import per_channel
+from .channels import per_channel
 
 __all__ = ["Variance", "error_variance", "gauss_markov"]
 

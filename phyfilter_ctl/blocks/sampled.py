@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from .. import _signals
 from .._sections import FloatArray
-from ..filter import PhyFilter, SampledPhyFilter
+from ..filter import FilterBank, PhyFilter, SampledPhyFilter
 from ..filter.matrices import channel_counts, constant_inertia
 from .continuous import (
     continuous_filter,
@@ -331,8 +331,9 @@ def sampled_block(
         if dt is None:
             raise ValueError("dt: expected the seconds between instants of the functions, got None")
         return _law_block(system, _signals.duration("dt", dt), "sampled" if name is None else name)
-    if isinstance(system, PhyFilter):
-        raise TypeError("sampled_block: a PhyFilter is continuous; sample it first: filter.sampled(dt)")
+    if isinstance(system, PhyFilter | FilterBank):
+        kind = type(system).__name__
+        raise TypeError(f"sampled_block: a {kind} is continuous; sample it first: filter.sampled(dt)")
     if not isinstance(system, ct.InputOutputSystem) or isinstance(system, ct.FrequencyResponseData):
         raise TypeError(
             "sampled_block: expected a SampledPhyFilter, a discrete python-control system or BlockFunctions, got "

@@ -15,7 +15,7 @@ from ... import _signals
 from ..._sections import FloatArray
 from ...filter import PhyFilter, SampledPhyFilter
 from ...results import Result
-from .._channels import per_channel
+from ..channels import per_channel
 from . import kernels, quadratic
 from .kernels import Certificate, Kernel
 from .sampled_kernels import SampledKernels

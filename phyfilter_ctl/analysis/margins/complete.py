@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import control as ct
 
 from ...filter import PhyFilter, SampledPhyFilter
-from .._channels import per_channel
+from ..channels import per_channel
 from .loop_margins import LoopMargins, build_loop
 from .prior import _positive
 

@@ -13,7 +13,7 @@ from ... import _signals
 from ..._sections import ComplexArray
 from ...filter import PhyFilter, SampledPhyFilter
 from ...results import Result
-from .._channels import per_channel
+from ..channels import per_channel
 from . import _inertia
 from ._actuator import checked_number
 from .loop_margins import LoopMargins, build_loop
