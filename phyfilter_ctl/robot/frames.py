@@ -15,8 +15,12 @@ __all__ = ["ATTITUDES", "BODY", "WORLD", "attitude", "continuous", "rotated", "t
 
 _ROOT = np.sqrt(0.5)
 # What turns a vector in this frame into ENU or FLU, as a quaternion (w, x, y, z).
-WORLD = {"ENU": (1.0, 0.0, 0.0, 0.0), "NED": (0.0, _ROOT, _ROOT, 0.0), "NWU": (_ROOT, 0.0, 0.0, _ROOT)}
-BODY = {"FLU": (1.0, 0.0, 0.0, 0.0), "FRD": (0.0, 1.0, 0.0, 0.0)}
+WORLD: dict[str, tuple[float, ...]] = {
+    "ENU": (1.0, 0.0, 0.0, 0.0),
+    "NED": (0.0, _ROOT, _ROOT, 0.0),
+    "NWU": (_ROOT, 0.0, 0.0, _ROOT),
+}
+BODY: dict[str, tuple[float, ...]] = {"FLU": (1.0, 0.0, 0.0, 0.0), "FRD": (0.0, 1.0, 0.0, 0.0)}
 ATTITUDES = ("wxyz", "xyzw", "rpy")
 
 _UNIT_LENGTH = 0.05  # of a quaternion; those of logs are rounded, what is no quaternion is far from it

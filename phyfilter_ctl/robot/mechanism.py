@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -16,11 +17,12 @@ from .expressions import Functions
 __all__ = ["Mechanism"]
 
 
+@dataclass(frozen=True)
 class Mechanism:
     """A mechanism from a URDF or MJCF file, whose joints of one degree of freedom are the channels, in their order."""
 
-    def __init__(self, file: Path, joints: Sequence[str]) -> None:
-        self.file, self.joints = file, tuple(joints)
+    file: Path
+    joints: Sequence[str]
 
     @property
     def functions(self) -> Functions:
