@@ -28,6 +28,8 @@ _WORSE_THAN_NONE = 1.0  # misfit of the label, relative to the label
 _CLEARLY_BETTER = 0.5  # share of the misfit that another convention leaves
 _MASS = 0.25  # relative
 _SAME_NOISE = 0.05
+_FOURTH = 70.0  # variance of fourth differences of white noise, relative
+_NOISE = 2.0  # times its rms
 
 
 class Suspicion(StrEnum):
@@ -97,11 +99,14 @@ class Windows:
         M dx/W.
     g : array or None
     label : array or None
+    noise : float
+        rms of what white noise of x makes in the slope.
     """
 
     slope: FloatArray
     g: FloatArray | None
     label: FloatArray | None
+    noise: float
 
     @classmethod
     def of(cls, log: Recording, length: float) -> Windows | None:
@@ -121,7 +126,8 @@ class Windows:
             return np.asarray(sums / np.add.reduceat(steps[rows], starts)[:, None], dtype=float)
 
         label = None if log.label is None else mean(0.5 * (log.label[1:] + log.label[:-1]))
-        return cls(mean(slope), None if log.g is None else mean(log.g[:-1]), label)
+        white = rms(np.diff(slope, 3, axis=0)) / np.sqrt(_FOURTH) * np.sqrt(2.0) / count
+        return cls(mean(slope), None if log.g is None else mean(log.g[:-1]), label, white)
 
 
 def windows_of(log: Recording) -> list[Windows]:
@@ -172,7 +178,7 @@ def findings_of(recording: Recording, *, time_unit_known: bool = False) -> tuple
     return (*found, *(finding for finding in checks if finding is not None))
 
 
-def rms(values: FloatArray) -> float:
+def rms(values: NDArray[np.floating]) -> float:
     """Over samples and channels."""
     return float(np.sqrt(np.mean(np.square(values))))
 
@@ -205,7 +211,7 @@ def _label_misfit(log: Recording, windows: Sequence[Windows]) -> Finding | None:
             best = ratio, w, left
     assert best is not None
     ratio, w, left = best
-    if ratio <= _WORSE_THAN_NONE:
+    if ratio <= _WORSE_THAN_NONE or rms(left) < _NOISE * w.noise:
         return None
     said = f"M x' {'- g ' if log.g is not None else ''}misses the label by {ratio:.2g} times its rms over windows"
     if log.g is None:

@@ -5,10 +5,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 import phyfilter_ctl as pf
 from tests.robot.conftest import PX4
-from tests.robot.flight import fly, log_of, px4_topics, wind
+from tests.robot.flight import GRAVITY, fly, log_of, px4_topics, wind
 
 # Recorded flights are no part of the project: a folder with windtunnel/ and crazyflie/ in it.
 DATA = Path(os.environ.get("PHYFILTER_RECORDINGS", "no-such-folder"))
@@ -137,3 +138,55 @@ model = { x = "v", label = "a", unit = "m/s" }
         np.testing.assert_allclose(ours.times, theirs.times - theirs.times[0], atol=1e-12)
         np.testing.assert_array_equal(ours.x, theirs.x)
         np.testing.assert_array_equal(ours.label, theirs.label)
+
+
+def test_presets_of_other_vehicles_know_their_frames(load):
+    """Each is tilted by 0.2 rad to its right and pushes 1.2 of its weight: known motion, nothing left for f."""
+    t, ones = 0.02 * np.arange(200), np.ones(200)
+    slope = GRAVITY * np.array(
+        [0.0, -1.2 * np.sin(0.2), 1.2 * np.cos(0.2) - 1.0]
+    )  # east is ahead, y to the left
+    v = t[:, None] * slope
+    up = np.array([0.0, 0.0, GRAVITY])
+    half = np.array([np.cos(0.1), np.sin(0.1), 0.0, 0.0])  # about the axis ahead
+    body_v = Rotation.from_quat(half, scalar_first=True).inv().apply(v)
+    logs = {
+        "ardupilot-copter": {
+            "XKF1[0]": (t, {"VN": v[:, 1], "VE": v[:, 0], "VD": -v[:, 2]}),
+            "ATT": (
+                t,
+                {"Roll": np.degrees(0.2) * ones, "Pitch": 0.0 * t, "Yaw": 90.0 * ones},
+            ),  # towards east
+            "CTUN": (t, {"ThO": 0.48 * ones, "ThH": 0.4 * ones}),
+        },
+        "crazyflie": {
+            "table": (
+                t,
+                {
+                    **{f"stateEstimate.v{a}": v[:, i] for i, a in enumerate("xyz")},
+                    **{f"stateEstimate.q{a}": half[i] * ones for i, a in enumerate("wxyz")},
+                    "stabilizer.thrust": 65535 * 1.2 * 0.03 * GRAVITY / 0.6 * ones,
+                },
+            )
+        },
+        "legged-base": {
+            "/odom": (
+                t,
+                {
+                    **{f"pose.pose.orientation.{a}": half[i] * ones for i, a in enumerate("wxyz")},
+                    **{f"twist.twist.linear.{a}": body_v[:, i] for i, a in enumerate("xyz")},
+                },
+            ),
+            "/contact_force": (
+                t,
+                {f"wrench.force.{a}": 20.0 * (slope + up)[i] * ones for i, a in enumerate("xyz")},
+            ),
+        },
+    }
+    constants = {"crazyflie": "mass = 0.03, full_thrust = 0.6", "legged-base": "mass = 20.0"}
+    for name, topics in logs.items():
+        given = constants.get(name, "mass = 2.0")
+        head = 'format = "phyfilter-robot"\nversion = 1\n'
+        log = load(f'{head}preset = "{name}"\nconstants = {{ {given} }}\n').read(log_of("f.log", topics))
+        left = log.inertia * np.diff(log.x, axis=0) / 0.02 - log.g[:-1]
+        assert np.max(np.abs(left)) < 1e-9 * log.inertia * GRAVITY, name

@@ -50,6 +50,12 @@ def test_a_label_that_holds_what_g_should():
     assert "in x[2], as gravity would" in finding.message
 
 
+def test_a_label_below_the_noise_is_left_alone():
+    label = 1e-3 * flight()["label"]
+    x = 0.1 * np.random.default_rng(5).standard_normal(label.shape)  # at rest
+    assert suspicions(dt=H, x=x, label=label) == []
+
+
 def test_a_label_of_another_sign_or_frame():
     given = flight()
     turned = given["g"][:, [1, 0, 2]] * [1.0, 1.0, -1.0]
