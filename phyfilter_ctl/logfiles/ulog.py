@@ -20,6 +20,7 @@ from .records import side_by_side
 if TYPE_CHECKING:
     from pyulog import ULog
 
+_LARGEST = 10_000  # bytes of a message that pyulog believes
 _HEADER = 16  # bytes before the first message
 _GPS = ("vehicle_gps_position", "sensor_gps")
 
@@ -28,6 +29,7 @@ def read(path: Path, time_unit: str | None, time: str | None) -> Contents:
     """Topics by name, further instances as ``name[1]``; a file that was cut is read up to there."""
     from pyulog import ULog
 
+    _check_definitions(path)
     with path.open("rb") as file:  # which pyulog leaves open where it fails
         log = ULog(file)
     zero = int(log.start_timestamp)
@@ -66,6 +68,21 @@ def _column(topic: str, field: str, kind: str) -> Column:
     if kind == "uint64_t" and field.startswith("timestamp"):  # timestamp_sample and the like: the same clock
         return Column(field, "s", TIME)
     return Column(field, units.px4(topic, field), kind.removesuffix("_t"))
+
+
+def _check_definitions(path: Path) -> None:
+    """Refuse a file that ends before its data begin: on some of them pyulog reads the end for ever."""
+    with path.open("rb") as file, mmap(file.fileno(), 0, access=ACCESS_READ) as data:
+        at = _HEADER
+        while at + 3 <= len(data):
+            size, kind = data[at] | data[at + 1] << 8, data[at + 2]
+            if kind in b"ALC":
+                return
+            if at + 3 + size > len(data):
+                break
+            damaged = kind not in b"FIMPQB" and (kind == 0 or size == 0 or size > _LARGEST)
+            at += 1 if damaged else 3 + size  # as pyulog goes on
+        raise ValueError("cut off or damaged within its definitions, before any data")
 
 
 def _is_cut(path: Path) -> bool:

@@ -1,12 +1,14 @@
 """Damaged logs: ``python -m tests.logfiles.mutations --count 10000 [--only ulog]``.
 
 A small log of each format is damaged at random places and read whole; nothing but the documented errors may come of it.
-Every format has a process of its own, with a limit of memory, so that a crash of a library is seen for what it is.
+Every format has a process of its own, with limits of memory and time, so that a crash or an endless loop of a library is
+seen for what it is.
 """
 
 from __future__ import annotations
 
 import argparse
+import faulthandler
 import subprocess
 import sys
 import tempfile
@@ -24,6 +26,7 @@ PACKAGES = {
     **{"hdf5": "h5py", "mat": "scipy"},
 }
 _MEMORY = 4 << 30  # bytes
+_LONGEST = 300  # s that an example may take
 _ROWS = 20
 
 
@@ -130,6 +133,7 @@ def search(kind: str, count: int, seed: int) -> None:
         assert outcome(path) == "read"
         for k in range(count):
             path.write_bytes(mutated(data, np.random.default_rng([seed, k])))
+            faulthandler.dump_traceback_later(_LONGEST, exit=True)
             before = time.process_time()
             try:
                 tally[outcome(path)] += 1
@@ -138,6 +142,7 @@ def search(kind: str, count: int, seed: int) -> None:
                 raise
             slowest = max(slowest, (time.process_time() - before, k))
             path.unlink()
+    faulthandler.cancel_dump_traceback_later()
     shown = ", ".join(f"{number} {word}" for word, number in sorted(tally.items()))
     print(f"{kind:10} {shown}; the slowest took {slowest[0]:.2f} CPU s (example {slowest[1]})", flush=True)
 

@@ -93,14 +93,23 @@ def test_a_log_that_was_cut_is_read_up_to_there_and_says_so(tmp_path: Path) -> N
     assert log.notes == ("cut off: the last message is incomplete",)
     assert 100 < len(log.read("vehicle_attitude").times) < 400
     path.write_bytes(whole[:12])
-    with pytest.raises(ValueError, match="Header too short"):
+    with pytest.raises(ValueError, match="cut off or damaged within its definitions"):
         pf.open_log(path)
     path.write_bytes(b"ULok" + whole[4:])
     with pytest.raises(ValueError, match=r"ends in \.ulg, but does not begin as a ulog log"):
         pf.open_log(path)
     path.write_bytes(whole[:60])
-    with pytest.raises(ValueError, match="holds no samples"):
+    with pytest.raises(ValueError, match="cut off or damaged within its definitions"):
         pf.open_log(path)
+
+
+def test_damage_that_pyulog_reads_for_ever_is_refused(tmp_path: Path) -> None:
+    whole = ulog(flight(), start=START)
+    path = tmp_path / "damaged.ulg"
+    for end in (b"", whole[16:]):
+        path.write_bytes(whole[:16] + b"\xff\xff\x00" + b"x" * 10 + end)
+        with pytest.raises(ValueError, match="cut off or damaged within its definitions"):
+            pf.open_log(path)
 
 
 def test_its_unit_of_time_is_its_own(tmp_path: Path) -> None:
