@@ -71,7 +71,7 @@ def main() -> int:
         ratios.append(ours / least)
         print(
             f"{log.name[-41:]:<42}{best.filter.order:>6}{best.bandwidth:>8.3g}{ours:>8.4f}{ours / least:>8.4f}"
-            f"{found.crossing:>8.3g}{float(np.max(found.noise.colour)):>8.2f}{found.prediction.reduction.value:>9.1%}"
+            f"{found.spectrum.crossing:>8.3g}{float(np.max(found.noise.colour)):>8.2f}{found.prediction.reduction.value:>9.1%}"
         )
     print(f"RMSE over the best by the label: median {np.median(ratios):.4f}, largest {max(ratios):.4f}")
     together = pf.estimate([log.with_signals(label=None) for log in logs])

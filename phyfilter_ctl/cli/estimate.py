@@ -210,7 +210,7 @@ def _missed(found: Estimate) -> list[str]:
     for i, name in enumerate(log.channels):
         span = f"{noise.value[i]:>16.3g}  ({noise.low[i]:.3g} to {noise.high[i]:.3g})"
         lines.append(f"  {name:<22}{found.missed[i]:>10.4g}{span}")
-    bands = "; ".join(f"{band} rad/s: {rms:.3g}" for band, rms in found.bands.items() if rms > 0.0)
+    bands = "; ".join(f"{band} rad/s: {rms:.3g}" for band, rms in found.spectrum.bands.items() if rms > 0.0)
     model = ""
     if any(log.f_theta is not None for log in found.recordings):
         model = f"; f_theta alone {100.0 * found.explained_by_model:.3g} %"
@@ -225,7 +225,11 @@ def _filter(found: Estimate, options: argparse.Namespace) -> list[str]:
     best, mine = found.suggestion, found.error
     low, high = mine.low, mine.high
     tried = ", ".join(f"order {n}: {error:.4g} at {in_both(w)}" for n, (w, error) in best.orders.items())
-    crossing = in_both(found.crossing) if math.isfinite(found.crossing) else "above what the samples show"
+    crossing = (
+        in_both(found.spectrum.crossing)
+        if math.isfinite(found.spectrum.crossing)
+        else "above what the samples show"
+    )
     deviation = ", ".join(f"{value:.3g}" for value in found.noise_deviation)
     names = found.recordings[0].channels if len(found.filter.filters) > 1 else ("",)
     described = {name: F.describe() for name, F in zip(names, found.filter.filters, strict=True)}

@@ -45,9 +45,9 @@ class Estimate(Result):
         Standard deviation of f_hat that comes from that noise: its noise band. What f_hat lags behind comes on top.
     error : Interval
         Root of the expected mean square of f - f_hat, noise and lag together, over time and channels. No label is used.
-        Its minimum is surer than its level: on a force as rough as a Gauss-Markov process (``benchmarks/unlabelled.py``)
-        it is 8 % low to 18 % high in the median, and low noise, where what is faster than four times the crossing
-        counts and is not seen, leaves the truth above the interval more often than not.
+        Its minimum is surer than its level: on a force as rough as a Gauss-Markov process
+        (``benchmarks/unlabelled.py``) it is 8 % low to 18 % high in the median; at low noise what is faster than four
+        times the crossing counts, is not seen, and leaves the truth above the interval more often than not.
     missed : (n_x,) array
         Rms of what the model misses, f - f_theta, the noise taken out.
     explained : float
@@ -64,15 +64,14 @@ class Estimate(Result):
 
     _figures = (
         "names",
-        "filter_text",
+        "filter",
         "noise",
         "noise_deviation",
         "error",
         "missed",
         "explained",
         "explained_by_model",
-        "bands",
-        "crossing",
+        "spectrum",
         "suggestion",
         "prediction",
         "notes",
@@ -96,21 +95,6 @@ class Estimate(Result):
     def names(self) -> tuple[str, ...]:
         """Of the recordings."""
         return tuple(log.name for log in self.recordings)
-
-    @property
-    def filter_text(self) -> str:
-        """The filter as it would be typed."""
-        return repr(self.filter)
-
-    @property
-    def bands(self) -> dict[str, float]:
-        """Rms of what the model misses, by rad/s."""
-        return self.spectrum.bands
-
-    @property
-    def crossing(self) -> float:
-        """Bandwidth in rad/s at which noise and residual cross: a second opinion on the suggested one."""
-        return self.spectrum.crossing
 
     def plot(
         self, recording: int = 0, *, ax: Sequence[Axes] | None = None, Hz: bool | None = None

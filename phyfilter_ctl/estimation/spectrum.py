@@ -109,6 +109,8 @@ class ResidualSpectrum(Result):
         rad/s above which noise is stronger than what the model misses; 0 where it is everywhere, inf where nowhere.
     """
 
+    _figures = ("bands", "crossing")
+
     omega: FloatArray
     residual: FloatArray
     noise: FloatArray

@@ -120,7 +120,7 @@ def test_many_recordings_gaps_and_json() -> None:
     held = logs[0][:300], logs[0][400:]
     found = pf.estimate([*held, *logs[1:]])
     assert [len(f_hat) for f_hat in found.f_hat] == [log.n for log in found.recordings]
-    assert json.loads(json.dumps(found.to_dict(), allow_nan=False))["bands"]
+    assert json.loads(json.dumps(found.to_dict(), allow_nan=False))["spectrum"]["bands"]
     assert len(repr(found).splitlines()) < 40
     plain, hertz = (found.plot(1, Hz=Hz) for Hz in (False, True))
     assert plain.axes.shape == (2, 1)
