@@ -72,7 +72,7 @@ def noise_level(parts: Sequence[Steps], confidence: float) -> NoiseLevel:
     freedom = 2.0 * len(both) / _SHARED
     variance, tail = both.mean(axis=0), 0.5 - 0.5 * confidence
     colour = low.mean(axis=0) / np.maximum(high.mean(axis=0), 1e-300)
-    chance = float(f.ppf(1.0 - tail, 0.5 * freedom, 0.5 * freedom))
+    chance = float(f.ppf(1.0 - tail / len(variance), 0.5 * freedom, 0.5 * freedom))  # of any channel
     return NoiseLevel(
         np.sqrt(variance),
         np.sqrt(variance * freedom / chi2.ppf(1.0 - tail, freedom)),
