@@ -185,6 +185,12 @@ def test_bad_policies_are_refused(settings, message):
 def test_forward_euler_must_survive_the_longest_gap():
     with pytest.raises(ValueError, match="forward Euler diverges"):
         PhyFilter([30.0]).sampled(H, "euler").live(1, LivePolicy(longest_gap=0.1))
+    euler = PhyFilter([30.0]).sampled(H, "euler")
+    policy = euler.live(1).policy
+    assert policy.longest_gap == pytest.approx(0.9 * 2.0 / 30.0)
+    assert policy.decay_time == pytest.approx(1.0 / 30.0)
+    with pytest.raises(ValueError, match="forward Euler diverges"):
+        euler.live(1).retune(PhyFilter([40.0]).sampled(H, "euler"))
 
 
 def test_wrong_shapes_change_nothing():

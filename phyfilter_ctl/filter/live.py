@@ -25,7 +25,7 @@ from .. import _signals
 from .._output import replacing
 from ..results import plain
 from . import loop, retuning
-from .live_policy import MEANING, LiveHealth, LivePolicy
+from .live_policy import MEANING, LiveHealth, LivePolicy, completed
 from .live_state import parsed_state, written_state
 from .loop import FilterState
 from .recursion import Recursion, output
@@ -87,17 +87,7 @@ class LiveFilter:
 
     def __init__(self, sampled: SampledForm, channels: int, policy: LivePolicy) -> None:
         self.recursion: Recursion = sampled.recursion
-        dt = sampled.dt
-        longest = 20.0 * dt if policy.longest_gap is None else policy.longest_gap
-        decay = 1.0 / self.recursion.slowest if policy.decay_time is None else policy.decay_time
-        if longest < 2.0 * dt:
-            raise ValueError(
-                f"longest_gap: expected at least two nominal steps, {2.0 * dt:g} s, got {longest:g}"
-            )
-        self.recursion.check_step(longest)
-        self.policy: LivePolicy = replace(
-            policy, longest_gap=longest, decay_time=decay, clock_jump=max(policy.clock_jump, 10.0 * longest)
-        )
+        self.policy: LivePolicy = completed(policy, self.recursion)
         self._channels = _signals.count("channels", channels)
         zeros = np.zeros(channels, sampled.sampling.precision)
         nothing = loop.start(self.recursion, zeros, f_hat0=None, f_theta0=None, inertia0=None, g0=None)

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal, get_args
+
+import numpy as np
 
 from .. import _signals
 from ..results import Result
+from .recursion import Recursion
 
-__all__ = ["MEANING", "LiveHealth", "LivePolicy"]
+__all__ = ["MEANING", "LiveHealth", "LivePolicy", "completed"]
 
 After = Literal["decay", "keep", "reset"]
 
@@ -22,7 +25,7 @@ class LivePolicy:
     ----------
     longest_gap : float, optional
         Seconds without a good sample for which f_hat - f_theta is kept and after which a gap is no longer closed by one
-        step. None means 20 nominal steps.
+        step. None means 20 nominal steps; with forward Euler fewer, as many as are stable as one.
     decay_time : float, optional
         Time constant in seconds with which f_hat goes to f_theta after the longest gap. None means 1/|p| of the slowest
         pole: the filter forgets as fast as it learns.
@@ -88,6 +91,22 @@ class LivePolicy:
         if gap <= longest or after == "keep":
             return 1.0
         return 0.0 if after == "reset" else math.exp(-(gap - longest) / decay)
+
+
+def completed(policy: LivePolicy, recursion: Recursion) -> LivePolicy:
+    """The policy with the times that it left open."""
+    dt, longest, decay = recursion.sampling.dt, policy.longest_gap, policy.decay_time
+    if longest is None:
+        longest = 20.0 * dt
+        if recursion.sampling.method == "euler":
+            poles = np.concatenate([chain.poles for chain in recursion.chains])
+            longest = max(2.0 * dt, min(longest, 0.9 * float(np.min(-2.0 * poles.real / np.abs(poles) ** 2))))
+    if longest < 2.0 * dt:
+        raise ValueError(f"longest_gap: expected at least two nominal steps, {2.0 * dt:g} s, got {longest:g}")
+    recursion.check_step(longest)
+    decay = 1.0 / recursion.slowest if decay is None else decay
+    jump = max(policy.clock_jump, 10.0 * longest)
+    return replace(policy, longest_gap=longest, decay_time=decay, clock_jump=jump)
 
 
 MEANING = {
