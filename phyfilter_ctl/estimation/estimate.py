@@ -25,6 +25,7 @@ from .suggestion import Suggestion, Unlabelled, error_of, suggest
 
 __all__ = ["Estimate", "checked_logs", "estimate", "sampled_for"]
 
+_SAME_RATE = 0.02  # share by which a filter's step may differ from the recordings'
 _APART = 4.0  # the two figures for a bandwidth disagree beyond this factor
 
 
@@ -220,7 +221,7 @@ def estimate(
         sampled,
         tuple(_run(sampled, log) for log in logs),
         noise,
-        _gains(sampled, logs[0].n_x) * noise.value,
+        _gains(sampled, _step(logs), logs[0].n_x) * noise.value,
         error,
         missed,
         1.0 - error.value**2 / whole if spectrum.crossing > 0.0 else 0.0,
@@ -228,7 +229,7 @@ def estimate(
         spectrum,
         suggestion,
         test,
-        tuple(_notes(noise, suggestion, spectrum, test, error, given=filter is not None)),
+        (*_rate(sampled, logs), *_notes(noise, suggestion, spectrum, test, error, given=filter is not None)),
     )
 
 
@@ -263,24 +264,37 @@ def sampled_for(
         return filter
     if filter is not None and not isinstance(filter, PhyFilter | FilterBank):
         raise TypeError(f"filter: expected a PhyFilter or a SampledPhyFilter, got {type(filter).__name__}")
-    # Twelve digits: times of a recording rarely give the interval to the last bit, and people read the file.
-    dt = float(f"{np.median([log.dt for log in logs]):.12g}")
+    dt = _step(logs)
     if isinstance(filter, FilterBank):
         return stack([entry.sampled(dt, g=g, f_theta=f_theta) for entry in filter])
     return (filter or PhyFilter([1.0])).sampled(dt, g=g, f_theta=f_theta)
 
 
 def _run(sampled: SampledPhyFilter, log: Recording) -> FloatArray:
-    """f_hat; f_theta where a sample is missing."""
+    """f_hat; across missing samples the estimate of the residual stays."""
     over_gaps = replace(sampled, sampling=replace(sampled.sampling, nonfinite="hold"))
     return np.asarray(over_gaps.run(log.x, log.g, log.f_theta, log.inertia, log.times), dtype=float)
 
 
-def _gains(sampled: SampledPhyFilter, n_x: int) -> FloatArray:
-    """Deviation of f_hat for noise of 1, by channel."""
-    found = [
-        math.sqrt(error_variance(sampled.with_filter(each), noise=1.0).noise) for each in sampled.filters
+def _step(logs: Sequence[Recording]) -> float:
+    """Of the recordings, to twelve digits: times rarely give it to the last bit, and people read a filter's file."""
+    return float(f"{np.median([log.dt for log in logs]):.12g}")
+
+
+def _rate(sampled: SampledPhyFilter, logs: Sequence[Recording]) -> list[str]:
+    """A filter made for other steps is told, since figures are of the steps that the recordings have."""
+    if abs(sampled.dt / _step(logs) - 1.0) <= _SAME_RATE:
+        return []
+    return [
+        f"the filter is made for steps of {sampled.dt:g} s and the recordings have {_step(logs):g} s: all figures are "
+        "of F at the recordings' steps; at its own its noise is another"
     ]
+
+
+def _gains(sampled: SampledPhyFilter, dt: float, n_x: int) -> FloatArray:
+    """Deviation of f_hat for noise of 1 at these steps, by channel."""
+    here = replace(sampled, sampling=replace(sampled.sampling, dt=dt))
+    found = [math.sqrt(error_variance(here.with_filter(each), noise=1.0).noise) for each in here.filters]
     return np.broadcast_to(found, (n_x,))
 
 

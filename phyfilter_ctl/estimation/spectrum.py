@@ -59,11 +59,7 @@ def noise_level(parts: Sequence[Steps], confidence: float) -> NoiseLevel:
     for part in parts:
         window = np.hanning(len(part.u) + 2)[1:-1, None]
         power = np.abs(np.fft.rfft(window * _levelled(part), axis=0)) ** 2 / np.sum(window**2)
-        theta = (
-            np.linspace(0.0, np.pi, len(power))
-            if len(part.u) % 2 == 0
-            else (2.0 * np.pi * np.arange(len(power)) / len(part.u))
-        )
+        theta = 2.0 * np.pi / len(part.u) * np.arange(len(power))
         level = power / np.maximum(2.0 * (1.0 - np.cos(theta)), 1e-9)[:, None]
         lower.append(level[(theta > 0.5 * np.pi) & (theta <= 0.75 * np.pi)])
         upper.append(level[theta > 0.75 * np.pi])

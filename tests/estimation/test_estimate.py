@@ -76,6 +76,15 @@ def test_expected_error_and_noise_band() -> None:
     assert pf.estimate(still, pf.PhyFilter([20.0])).error == found.error  # the label is not looked at
 
 
+def test_a_filter_for_another_rate_is_told() -> None:
+    log, F = flight(0.01, seconds=4.0), pf.PhyFilter([20.0])
+    same, other = (pf.estimate(log, F.sampled(dt)) for dt in (H, 5.0 * H))
+    assert not any("made for steps" in note for note in same.notes)
+    assert "made for steps of 0.02 s and the recordings have 0.004 s" in other.notes[0]
+    np.testing.assert_allclose(other.noise_deviation, same.noise_deviation)
+    np.testing.assert_allclose(other.f_hat[0], same.f_hat[0], atol=1e-9)
+
+
 def test_prediction_improves_on_none_where_there_is_a_force_alone() -> None:
     there = pf.estimate(flight(0.01)).prediction
     assert there.improves
