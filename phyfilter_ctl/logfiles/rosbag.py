@@ -10,6 +10,7 @@ import struct
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from functools import cache
 from operator import attrgetter
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -41,17 +42,24 @@ class _Topic:
     stamps: list[int] = field(default_factory=list)
 
 
+@cache
+def _usual() -> Typestore:
+    """Definitions for a bag that brings none."""
+    from rosbags.typesys import Stores, get_typestore
+
+    return get_typestore(Stores.ROS2_HUMBLE)
+
+
 @contextmanager
 def _opened(path: Path) -> Iterator[tuple[AnyReader, bool]]:
     """A reader, and whether the bag says what its messages hold."""
     from rosbags.highlevel import AnyReader
-    from rosbags.typesys import Stores, get_typestore
 
     if path.is_file() and path.suffix.lower() not in (".bag", ".db3", ".mcap"):
         raise ValueError(
             f"rename it: rosbags tells bags by .bag, .db3 or .mcap, and this one ends in {path.suffix!r}"
         )
-    reader = AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE))
+    reader = AnyReader([path], default_typestore=_usual())
     with reader:
         yield reader, any(connection.msgdef.data for connection in reader.connections)
 

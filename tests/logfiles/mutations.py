@@ -1,8 +1,8 @@
 """Damaged logs: ``python -m tests.logfiles.mutations --count 10000 [--only ulog]``.
 
 A small log of each format is damaged at random places and read whole; nothing but the documented errors may come of it.
-Every format has a process of its own, with limits of memory and time, so that a crash or an endless loop of a library is
-seen for what it is.
+Every format has a process of its own, with limits of memory and time, so that a crash or an endless loop of a library
+is seen for what it is.
 """
 
 from __future__ import annotations
