@@ -12,7 +12,7 @@ from ..logfiles import LogFile, Signal
 from ..recording import Recording
 from ..results import Result
 from .document import RobotSignal
-from .findings import Finding, Suspicion, Windows, findings_of, rms, windows_of
+from .findings import Finding, Suspicion, findings_of, rms, windows_of
 from .frames import BODY, WORLD
 from .reading import Reading
 
@@ -83,12 +83,7 @@ class _Part(LogFile):
 def _misfit(recording: Recording) -> float | None:
     """Least over the lengths of windows: at the longest where noise rules, at the shortest where motion does."""
     windows = [w for w in windows_of(recording) if w.g is not None]
-    return min((rms(_left(w)) for w in windows), default=None)
-
-
-def _left(w: Windows) -> np.ndarray:
-    left = w.slope if w.g is None else w.slope - w.g
-    return left if w.label is None else left - w.label
+    return min((rms(w.left) for w in windows), default=None)
 
 
 def _misfits(robot: Reading, log: LogFile) -> dict[str, float]:
@@ -156,7 +151,7 @@ def _wrong_mass(robot: Reading, log: LogFile) -> Finding | None:
     pair = [windows_of(each) for each in (robot.read(log), other)]
     if not (pair[0] and pair[1]):
         return None
-    left, right = (_left(windows[-1]) for windows in pair)
+    left, right = (windows[-1].left for windows in pair)
     slope = (right - left) / (0.1 * value)
     energy = float(np.sum(slope * slope))
     if not energy > 0.0:

@@ -27,7 +27,8 @@ _GRAVITY = 9.81
 _WORSE_THAN_NONE = 1.0  # misfit of the label, relative to the label
 _CLEARLY_BETTER = 0.5  # share of the misfit that another convention leaves
 _MASS = 0.25  # relative
-_SAME_NOISE = 0.05
+_SAME_NOISE = 0.1
+_WHITE = 1.5  # fourth over third differences of the steps' slopes: 1.9 where x has white noise, 0 where it is smooth
 _FOURTH = 70.0  # variance of fourth differences of white noise, relative
 _NOISE = 2.0  # times its rms
 
@@ -108,13 +109,16 @@ class Windows:
     label: FloatArray | None
     noise: float
 
+    @property
+    def left(self) -> FloatArray:
+        """What g and the label leave of the slope."""
+        known = [part for part in (self.g, self.label) if part is not None]
+        return self.slope - sum(known, np.zeros_like(self.slope))
+
     @classmethod
     def of(cls, log: Recording, length: float) -> Windows | None:
         """Of a recording without gaps; None if it is too short."""
-        steps = np.diff(log.times)
-        recursion = PhyFilter([1.0]).sampled(log.dt).recursion
-        signals = record.checked_signals(recursion, log.x, None, None, log.inertia)
-        slope = record.measured_residual(recursion, *signals, steps, slice(0, log.n - 1))
+        steps, slope = np.diff(log.times), _slopes(log)
         count = max(1, round(length / log.dt))
         starts = np.arange(0, len(steps) - count + 1, count)
         if len(starts) < 5:
@@ -166,8 +170,7 @@ def findings_of(recording: Recording, *, time_unit_known: bool = False) -> tuple
     if not (time_unit_known or _SHORTEST <= recording.dt <= _LONGEST):
         found.append(_time_unit(recording))
     if gaps := int(recording.missing.sum()):
-        message = f"{gaps} of {recording.n} rows miss a signal; {Suspicion.GAPS.meaning}"
-        found.append(Finding(Suspicion.GAPS, message))
+        found.append(_finding(Suspicion.GAPS, f"{gaps} of {recording.n} rows miss a signal"))
     if found and found[0].suspicion is Suspicion.TIME_UNIT:
         return tuple(found)  # nothing else can be judged
     windows = windows_of(recording)
@@ -176,6 +179,18 @@ def findings_of(recording: Recording, *, time_unit_known: bool = False) -> tuple
     else:
         checks = [_wrong_frame(windows), _wrong_mass(windows)]
     return (*found, *(finding for finding in checks if finding is not None))
+
+
+def _slopes(log: Recording) -> FloatArray:
+    """M dx/h of every step."""
+    recursion = PhyFilter([1.0]).sampled(log.dt).recursion
+    signals = record.checked_signals(recursion, log.x, None, None, log.inertia)
+    slope = record.measured_residual(recursion, *signals, np.diff(log.times), slice(0, log.n - 1))
+    return np.asarray(slope, dtype=float)
+
+
+def _finding(suspicion: Suspicion, said: str) -> Finding:
+    return Finding(suspicion, f"{said}: {suspicion.meaning}")
 
 
 def rms(values: NDArray[np.floating]) -> float:
@@ -190,9 +205,7 @@ def _time_unit(log: Recording) -> Finding:
         f"{dt * f:.3g} s if it counts {unit}" for unit, f in units.items() if _SHORTEST <= dt * f <= _LONGEST
     ]
     limits = f"expected 10 us to 1 s{'; ' if fits else ''}{', '.join(fits)}"
-    return Finding(
-        Suspicion.TIME_UNIT, f"the time steps are {dt:.4g} s, {limits}; {Suspicion.TIME_UNIT.meaning}"
-    )
+    return _finding(Suspicion.TIME_UNIT, f"the time steps are {dt:.4g} s, {limits}")
 
 
 # -- the label ------------------------------------------------------------------------------------------------------
@@ -200,39 +213,31 @@ def _time_unit(log: Recording) -> Finding:
 
 def _label_misfit(log: Recording, windows: Sequence[Windows]) -> Finding | None:
     """f = M x' - g is further from the label than nothing is."""
-    if not windows or not any(rms(w.label) > 0.0 for w in windows if w.label is not None):
+    triples = [(w, w.label, w.left) for w in windows if w.label is not None and rms(w.label) > 0.0]
+    if not triples:
         return None
-    best: tuple[float, Windows, FloatArray] | None = None
-    for w in windows:
-        assert w.label is not None
-        left = (w.slope if w.g is None else w.slope - w.g) - w.label
-        ratio = rms(left) / max(rms(w.label), np.finfo(float).tiny)
-        if best is None or ratio < best[0]:
-            best = ratio, w, left
-    assert best is not None
-    ratio, w, left = best
+    w, label, left = min(triples, key=lambda each: rms(each[2]) / rms(each[1]))
+    ratio = rms(left) / rms(label)
     if ratio <= _WORSE_THAN_NONE or rms(left) < _NOISE * w.noise:
         return None
     said = f"M x' {'- g ' if log.g is not None else ''}misses the label by {ratio:.2g} times its rms over windows"
-    if log.g is None:
+    if w.g is None:
         mean = np.abs(left.mean(axis=0))
-        weight = _GRAVITY * _mass_scale(log)
         heavy = int(np.argmax(mean))
-        if abs(mean[heavy] / weight - 1.0) < 0.2:
+        constant = 1.0 if log.inertia is None else log.inertia if log.inertia.ndim == 0 else np.nan
+        if abs(mean[heavy] / (_GRAVITY * constant) - 1.0) < 0.2:
             said += f", by {mean[heavy]:.3g} in {log.channels[heavy]}, as gravity would"
-        return Finding(Suspicion.MISSING_G, f"there is no g, and {said}: {Suspicion.MISSING_G.meaning}")
-    assert w.label is not None
-    fits = {name: rms(w.slope - g - w.label) for name, g in _variants(w).items()}
-    if fits and min(fits.values()) < _CLEARLY_BETTER * rms(left):
-        said += f"; {min(fits, key=lambda name: fits[name])} it fits"
-    return Finding(Suspicion.LABEL_MISFIT, f"{said}: {Suspicion.LABEL_MISFIT.meaning}")
+        return _finding(Suspicion.MISSING_G, f"there is no g, and {said}")
+    fits = {name: rms(w.slope - g - label) for name, g in _variants(w.g).items()}
+    name = min(fits, key=lambda key: fits[key])
+    said += f"; {name} it fits" if fits[name] < _CLEARLY_BETTER * rms(left) else ""
+    return _finding(Suspicion.LABEL_MISFIT, said)
 
 
-def _variants(w: Windows) -> dict[str, FloatArray]:
+def _variants(g: FloatArray) -> dict[str, FloatArray]:
     """g as other conventions would have it."""
-    assert w.g is not None
-    found = {"with -g": -w.g, "without g": np.zeros_like(w.g)}
-    return found | {f"with {name}": turned for name, turned in _turned(w.g).items()}
+    turned = {f"with {name}": values for name, values in _turned(g).items()}
+    return {"with -g": -g, "without g": np.zeros_like(g)} | turned
 
 
 def _turned(g: FloatArray) -> dict[str, FloatArray]:
@@ -246,37 +251,32 @@ def _turned(g: FloatArray) -> dict[str, FloatArray]:
     }
 
 
-def _mass_scale(log: Recording) -> float:
-    M = log.inertia
-    if M is None:
-        return 1.0
-    return float(np.mean(np.abs(M))) if M.ndim == 0 or M.shape[-1] != log.n_x or M.ndim == 1 else 1.0
-
-
 def _label_is_derivative(log: Recording) -> Finding | None:
-    """The label holds the noise that differences of x have, to a share of it."""
+    """The label holds the noise that differences of x have, to a share of it; only where x has noise."""
     if log.label is None or log.missing.any() or log.n < 50:
         return None
-    f = log.label if log.g is None else log.label + log.g
-    steps = np.diff(log.times)[:, None]
-    recursion = PhyFilter([1.0]).sampled(log.dt).recursion
-    signals = record.checked_signals(recursion, log.x, None, None, log.inertia)
-    forward = record.measured_residual(recursion, *signals, steps[:, 0], slice(0, log.n - 1))
-    central = 0.5 * (forward[1:] + forward[:-1])
-    five = (
-        8.0 * (forward[1:-2] + forward[2:-1]) - (forward[:-3] + forward[1:-2] + forward[2:-1] + forward[3:])
-    ) / 12.0
-    pairs = {"forward": (f[:-1], forward), "backward": (f[1:], forward), "central": (f[1:-1], central)}
-    pairs["five-point"] = (f[2:-2], five)
-    for name, (given, difference) in pairs.items():
-        noise = rms(np.diff(difference, 4, axis=0))
-        if (
-            noise > 1e-9 * rms(difference)
-            and rms(np.diff(given - difference, 4, axis=0)) < _SAME_NOISE * noise
-        ):
+    step = _slopes(log)
+    if rms(np.diff(step, 4, axis=0)) < _WHITE * rms(np.diff(step, 3, axis=0)):
+        return None
+    # A mean of g over the steps on both sides of a sample is g smoothed, and so everything else is.
+    g = np.zeros_like(log.label) if log.g is None else 0.5 * (log.g + np.vstack([log.g[:1], log.g[:-1]]))
+    near, far = step[1:-2] + step[2:-1], step[:-3] + step[3:]
+    differences = {
+        "forward": (slice(None, -1), step),
+        "backward": (slice(1, None), step),
+        "central": (slice(1, -1), 0.5 * (step[1:] + step[:-1])),
+        "five-point": (slice(2, -2), (7.0 * near - far) / 12.0),
+    }
+    for name, (rows, difference) in differences.items():
+        left = _smooth(log.label[rows] - difference) + g[rows][1:-1]
+        if rms(np.diff(left, 4, axis=0)) < _SAME_NOISE * rms(np.diff(_smooth(difference), 4, axis=0)):
             said = f"the label is the {name} difference of x itself, noise included"
-            return Finding(Suspicion.LABEL_IS_DERIVATIVE, f"{said}: {Suspicion.LABEL_IS_DERIVATIVE.meaning}")
+            return _finding(Suspicion.LABEL_IS_DERIVATIVE, said)
     return None
+
+
+def _smooth(values: FloatArray) -> FloatArray:
+    return 0.25 * (values[:-2] + 2.0 * values[1:-1] + values[2:])
 
 
 # -- without a label ------------------------------------------------------------------------------------------------
@@ -292,7 +292,7 @@ def _wrong_frame(windows: Sequence[Windows]) -> Finding | None:
         name = min(fits, key=lambda key: fits[key])
         if fits[name] < _CLEARLY_BETTER * given:
             said = f"rms of M x' - g is {given:.3g}, but {fits[name]:.3g} with {name}"
-            return Finding(Suspicion.WRONG_FRAME, f"{said}: {Suspicion.WRONG_FRAME.meaning}")
+            return _finding(Suspicion.WRONG_FRAME, said)
     return None
 
 
@@ -306,4 +306,4 @@ def _wrong_mass(windows: Sequence[Windows]) -> Finding | None:
     if alike < 0.95 or abs(np.log(max(c, 1e-9))) < np.log(1.0 + _MASS):
         return None
     said = f"x moves as with {c:.3g} times the M given (correlation {alike:.3f})"
-    return Finding(Suspicion.WRONG_MASS, f"{said}: {Suspicion.WRONG_MASS.meaning}")
+    return _finding(Suspicion.WRONG_MASS, said)

@@ -74,6 +74,9 @@ def test_a_label_made_of_x_itself():
     ):
         found = suspicions(dt=H, x=given["x"], label=label)
         assert found == [Suspicion.LABEL_IS_DERIVATIVE]
+    exact = flight(noise=0.0)  # smooth: nothing tells a derivative from the force itself
+    assert suspicions(**exact) == []
+    assert suspicions(dt=H, x=exact["x"], label=exact["label"] + exact["g"]) == []
 
 
 def test_frames_and_mass_without_a_label():
