@@ -157,11 +157,18 @@ def test_several_designs_are_a_sequence_without_channels() -> None:
 def test_bandwidth_that_every_channel_bears() -> None:
     lag = ct.tf(1, [0.1, 1])
     own = [
-        pf.largest_bandwidth(lambda w, n=n: pf.lowpass(n, w), kp=10.0, kd=6.0, actuator=lag, high=50.0).limit
+        pf.largest_bandwidth(
+            lambda w, n=n: pf.lowpass(n, w), kp=10.0, kd=6.0, actuator=lag, low=8.0, high=40.0
+        ).limit
         for n in (1, 2)
     ]
     both = pf.largest_bandwidth(
-        lambda w: pf.stack([pf.lowpass(1, w), pf.lowpass(2, w)]), kp=10.0, kd=6.0, actuator=lag, high=50.0
+        lambda w: pf.stack([pf.lowpass(1, w), pf.lowpass(2, w)]),
+        kp=10.0,
+        kd=6.0,
+        actuator=lag,
+        low=8.0,
+        high=40.0,
     )
     assert both.limit == pytest.approx(min(own), rel=1e-6)
 
