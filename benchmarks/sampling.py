@@ -62,7 +62,7 @@ def main() -> int:
     parser.add_argument("--picture", type=Path, help="where to draw it")
     options = parser.parse_args()
     steps, worst = (STEPS[1::3] if options.quick else STEPS), 0.0
-    found = {
+    found: dict[tuple[str, Method], np.ndarray] = {
         (name, method): np.array([figures(filter, h, method) for h in steps])
         for name, filter in FILTERS.items()
         for method in METHODS

@@ -17,7 +17,7 @@ from phyfilter_ctl.study import Outputs, add_output_options
 from .diagram import build
 
 if TYPE_CHECKING:
-    from phyfilter_ctl import PhyFilter, SampledPhyFilter
+    from phyfilter_ctl.filter import FilterBank, PhyFilter, SampledPhyFilter
 
     from .experiment import Comparison
     from .learning import Convergence, Descent
@@ -155,7 +155,7 @@ def _flights(options: Namespace) -> tuple[tuple[Recording, ...], tuple[Recording
 
 
 def _scores(
-    comparison: Comparison, given: Mapping[str, PhyFilter | SampledPhyFilter]
+    comparison: Comparison, given: Mapping[str, PhyFilter | FilterBank | SampledPhyFilter]
 ) -> dict[str, tuple[float, float]]:
     """Training and test RMSE of filters that were handed in, behind the same network."""
     from .tuning import filtered, rmse

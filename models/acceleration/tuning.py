@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
-from phyfilter_ctl import PhyFilter, SampledPhyFilter
+from phyfilter_ctl.filter import FilterBank, PhyFilter, SampledPhyFilter
 from phyfilter_ctl.recording import Recording
 
 from .differentiator import counted, labels
@@ -67,9 +67,11 @@ class TunedFilter:
     evaluations: int
 
 
-def filtered(filter: PhyFilter | SampledPhyFilter, cases: Sequence[Case], dt: float) -> list[FloatArray]:
+def filtered(
+    filter: PhyFilter | FilterBank | SampledPhyFilter, cases: Sequence[Case], dt: float
+) -> list[FloatArray]:
     """f_hat (N, n_x) of each flight: x = v, g = 0, M = 1; at its own times where they are not every ``dt``."""
-    sampled = filter.sampled(dt) if isinstance(filter, PhyFilter) else filter
+    sampled = filter if isinstance(filter, SampledPhyFilter) else filter.sampled(dt)
     estimates = []
     for case in cases:
         uniform = case.log.is_uniform and np.isclose(case.log.dt, sampled.dt, rtol=1e-6)
