@@ -286,9 +286,9 @@ def test_higher_derivatives_bound_a_matched_filter(chosen, kind, share, seed):
     )
     # The worst: the sign of the kernel, seen from the last sample; constant between samples it comes close only.
     X = sampled.transition[1]
-    kernel = []
+    kernel, piece = [], SampledKernels(sampled).pieces[kind - 1][0]
     for _ in range(n):
-        kernel.append(float(SampledKernels(sampled).pieces[kind - 1][0] @ X))
+        kernel.append(float(piece @ X))
         X = X + sampled.transition[0] @ X
     highest[0] = np.sign(kernel)[::-1]
     parts = [np.zeros((8, n + 1)) for _ in range(kind + 1)]  # x, gamma, gamma', ...

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,6 +14,7 @@ from phyfilter_ctl.blocks import sampled_block, wired
 from phyfilter_ctl.codegen import CompilerError, find_compiler
 from phyfilter_ctl.fmi import FmuSolver, Reference, hand_over
 from phyfilter_ctl.plants import mass
+from tests.cpu_budget import slow_but
 
 try:
     find_compiler()
@@ -25,15 +25,6 @@ DT, STEPS = 0.01, 60
 # Runge-Kutta in the same steps, sums in another order.
 SAME = 1e-12
 EVERY = ("C", "FMI 2.0", "FMI 3.0")
-
-
-@pytest.fixture(scope="module", autouse=True)
-def quick_compiler() -> Iterator[None]:
-    """The default one without optimisation, which takes a third of the time; contraction is off in any case."""
-    with pytest.MonkeyPatch.context() as patch:
-        if len(command := find_compiler().command) == 1:
-            patch.setenv("CC", f"""sh -c 'exec {command[0]} "$@" -O0' {command[0]}""")
-        yield
 
 
 @pytest.fixture(scope="module")
@@ -75,7 +66,7 @@ def test_diagram_is_repeated_by_every_export(
     assert (tmp_path / "cart" / "cart_out.csv").is_file()
 
 
-@pytest.mark.parametrize("rule", ["average", "hold"])
+@pytest.mark.parametrize("rule", slow_but(["average"], ["average", "hold"]))
 def test_filter_is_repeated_by_every_export_and_importer(rule: str, tmp_path: Path) -> None:
     sampled = PhyFilter.from_poles([-20.0, -30.0]).sampled(DT, g=rule)
     rng = np.random.default_rng(0)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import importlib
-from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -13,6 +12,8 @@ from phyfilter_ctl import models, simulate
 from phyfilter_ctl.codegen import CompilerError, find_compiler
 from phyfilter_ctl.fmi import check
 from phyfilter_ctl.learned import Chebyshev
+
+pytestmark = pytest.mark.usefixtures("quick_compiler")
 
 ROOM = f"{models.__name__}.drone"
 cosimulation = importlib.import_module(f"{ROOM}.cosimulation")
@@ -51,15 +52,6 @@ def payload_model():
 
 
 MODEL = payload_model()
-
-
-@pytest.fixture(scope="module", autouse=True)
-def quick_compiler() -> Iterator[None]:
-    """The default one without optimisation, which takes a third of the time; contraction is off in any case."""
-    with pytest.MonkeyPatch.context() as patch:
-        if COMPILER and len(command := find_compiler().command) == 1:
-            patch.setenv("CC", f"""sh -c 'exec {command[0]} "$@" -O0' {command[0]}""")
-        yield
 
 
 @pytest.fixture(scope="module")
