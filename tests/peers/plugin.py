@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import importlib
 import json
 import os
 import sys
@@ -11,8 +12,6 @@ from pathlib import Path
 from typing import Any
 
 import control as ct
-import control.flatsys  # its class of linear systems is made of python-control's own, not of what stands for them
-import control.matlab
 import numpy as np
 import pytest
 
@@ -83,6 +82,10 @@ def pytest_configure(config: pytest.Config) -> None:
     config.pluginmanager.register(_Run())
     if PUT_IN not in os.environ:
         return
+    # Here, since MATLAB's names bring MATLAB's settings of plots to a whole process; and before the stand-ins, since
+    # flat linear systems are made of python-control's own classes.
+    for room in ("flatsys", "matlab"):
+        importlib.import_module(f"control.{room}")
     functions, kinds = (ct.tf, ct.ss, ct.rss, ct.zpk), (ct.TransferFunction, ct.StateSpace)
     stands: dict[str, tuple[Any, Any]] = {each.__name__: (each, _standing_in(each)) for each in functions}
     stands |= {kind.__name__: (kind, _StandIn(kind.__name__, (kind,), {})) for kind in kinds}
