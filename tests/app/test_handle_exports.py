@@ -31,9 +31,9 @@ def data_of(reply: dict) -> bytes:
 
 
 @pytest.fixture
-def compiler() -> str:
+def compiler() -> list[str]:
     try:
-        return find_compiler().command[0]
+        return list(find_compiler().command)
     except CompilerError as error:
         pytest.skip(str(error))
 
@@ -143,7 +143,7 @@ def test_c_checks_itself(tmp_path, compiler):
         archive.extractall(tmp_path)
     sources = sorted(str(path) for path in (tmp_path / "phyfilter").glob("*.c"))
     program = str(tmp_path / "check")
-    subprocess.run([compiler, "-std=c99", "-O1", "-ffp-contract=off", *sources, "-o", program], check=True)
+    subprocess.run([*compiler, "-std=c99", "-O1", "-ffp-contract=off", *sources, "-o", program], check=True)
     assert "allowed" in subprocess.run([program], check=True, capture_output=True, text=True).stdout
 
 

@@ -42,9 +42,13 @@ def exists(name, places=()):
     if parts[0] in ("pf", "phyfilter_ctl"):
         places, parts = [pf], parts[1:]
         for i in range(len(parts), 0, -1):
-            with contextlib.suppress(ImportError):
+            try:
                 importlib.import_module(".".join(["phyfilter_ctl", *parts[:i]]))
                 break
+            except ModuleNotFoundError:
+                continue
+            except ImportError:  # it is there, but not the extra that it stands on
+                return True
     return any(member(place, parts) is not None for place in places)
 
 
