@@ -13,6 +13,7 @@ import pytest
 from phyfilter_ctl import PhyFilter, Recording, filterfile
 from phyfilter_ctl.cli import main
 from phyfilter_ctl.design import learning
+from phyfilter_ctl.learned import Network
 
 DT = 0.01
 # The label is made by the filter itself: what the descent leaves is rounding of the log's text and of the sums.
@@ -224,8 +225,9 @@ def test_help_teaches_by_examples_that_run(logs, capsys):
         main(["learn", "--help"])
     assert stop.value.code == 0
     shown = capsys.readouterr().out
-    examples = [line.split()[1:] for line in shown.splitlines() if line.startswith("  phyfilter-ctl learn")]
-    assert len(examples) == 4
+    lines = [line.strip() for line in shown.splitlines() if line.startswith("  phyfilter-ctl learn")]
+    examples = [line.split("   ")[0].split()[1:] for line in lines]
+    assert len(examples) == 6
     one, held = (flight(seed, n=300, noise=0.05) for seed in (5, 6))
     for path, log in (("flight.csv", one), ("slow_1.csv", one), ("fast_1.csv", held)):
         table = np.hstack(
@@ -234,8 +236,10 @@ def test_help_teaches_by_examples_that_run(logs, capsys):
         header = "t,vx,vy,vz,ax,ay,az,ux,uy,mx,my"
         table = np.hstack([table, log.x, log.label])
         np.savetxt(path, table, delimiter=",", header=header + ",px,py,fx,fy", comments="")
+    model = Network((3,), max_iterations=5).fit(one.x[:, [0, 1, 1]], one.x[:, [0, 1, 1]]).model
+    model.save("network.npz")
     for words in examples:
-        words = [word.replace("*", "1") for word in words]
+        words = [word.replace("*", "1").replace(".onnx", ".npz") for word in words]
         assert main(words) == 0, words
     capsys.readouterr()
     assert main(["design", "filter.toml"]) == 0

@@ -10,6 +10,7 @@ from scipy.linalg import eigh, eigvals
 
 from ... import _signals
 from ..._sections import ComplexArray, FloatArray
+from ..._signals import LARGEST
 
 __all__ = ["box_range", "checked_inertia", "definite", "loewner_range", "ratios"]
 
@@ -17,6 +18,8 @@ __all__ = ["box_range", "checked_inertia", "definite", "loewner_range", "ratios"
 _SINGULAR = 1e-14
 # Axes up to which all 2^(n-1) sign patterns are tried: 4,096 small eigenvalue problems.
 _MOST_AXES = 13
+# Ratio of two axes of one robot, in whatever units.
+_WIDEST = 1e30
 # Asymmetry that rounding leaves.
 _SYMMETRIC = 1e-9
 
@@ -30,10 +33,15 @@ def checked_inertia(name: str, value: ArrayLike) -> FloatArray:
         raise ValueError(f"{name}: expected a square matrix (n, n) or a diagonal (n,), got shape {M.shape}")
     if not np.all(np.isfinite(M)):
         raise ValueError(f"{name}: every entry must be finite, got {M.tolist()}")
-    with np.errstate(invalid="ignore"):  # whatever the units of the axes; a row of zeros gives nan
-        scaled = M / np.abs(M).max(axis=1)[:, None]
-        scaled /= np.abs(scaled).max(axis=0)
-    singular = np.linalg.svd(scaled, compute_uv=False) if np.all(np.isfinite(scaled)) else np.zeros(1)
+    sizes = np.abs(M).max(axis=1)
+    if not 0.0 < sizes.max() <= LARGEST or sizes.min() * _WIDEST < sizes.max():
+        raise ValueError(
+            f"{name}: singular, or of axes too unlike: rows of {sizes.min():.3g} to {sizes.max():.3g}, expected up to "
+            f"{_WIDEST:g} times between them and none beyond {LARGEST:g}; choose other units"
+        )
+    scaled = M / sizes[:, None]
+    columns = np.abs(scaled).max(axis=0)  # whatever the units of the axes
+    singular = np.linalg.svd(scaled / columns, compute_uv=False) if columns.min() > 0.0 else np.zeros(1)
     if not singular[-1] > _SINGULAR * singular[0]:
         raise ValueError(
             f"{name}: singular, with axes scaled alike the smallest singular value is {singular[-1]:.3g}; an inertia "
@@ -59,7 +67,9 @@ def ratios(M_hat: FloatArray, M: FloatArray) -> ComplexArray:
     """Eigenvalues of M_hat M^-1, from the pencil, so that M is not inverted."""
     if M_hat.shape != M.shape:
         raise ValueError(f"M_hat has shape {M_hat.shape} but M has {M.shape}: expected the same")
-    return np.asarray(eigvals(M_hat, M), dtype=np.complex128)
+    units = 1.0 / np.sqrt(np.abs(M).max(axis=1))  # a congruence, so that no axis is lost beside the others
+    units = np.outer(units, units)
+    return np.asarray(eigvals(M_hat * units, M * units), dtype=np.complex128)
 
 
 def loewner_range(M_hat: FloatArray, low: FloatArray, high: FloatArray) -> tuple[float, float]:
