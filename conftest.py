@@ -33,11 +33,6 @@ hypothesis.settings.load_profile(os.environ.get("PHYFILTER_HYPOTHESIS_PROFILE", 
 gc.set_threshold(100_000, 20, 100)
 
 
-def pytest_collection_finish() -> None:
-    """What is collected stays: no garbage is looked for in it."""
-    gc.freeze()
-
-
 @pytest.fixture(scope="module")
 def quick_compiler() -> Iterator[None]:
     """The default one without optimisation, which takes a third of the time; $CC from outside stays.
