@@ -19,7 +19,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from tests.peers.plugin import PUT_IN, REPORT
+from tests.peers.put_in import PUT_IN, REPORT
 
 ROOT = Path(__file__).parents[2]
 # Those that take linear systems; plots are compared by tests/identities/test_python_control.py.
@@ -103,7 +103,7 @@ def started(source: Path, put_in: bool) -> subprocess.Popen[str]:
         "-p",
         "no:cacheprovider",
         "-p",
-        "tests.peers.plugin",
+        "tests.peers.put_in",
         *files,
     ]
     with open(source / f"{put_in}.txt", "w") as log:
