@@ -161,6 +161,11 @@ def _table(path: Path, name: str, topic: _Topic, store: Typestore, zero: int) ->
         places = [_place(leaves, each) for each in names]
         wanted = list(dict.fromkeys(leaf for leaf, _ in places))
         values = dict(zip(wanted, _values(path, name, wanted, zero), strict=True))
+        found = {len(value) for value in values.values()}
+        if found - {len(times)}:  # its index and its messages disagree
+            raise ValueError(
+                f"topic {name!r}: expected {len(times)} messages, as in the whole file, got {max(found)}: it is damaged"
+            )
         return np.stack([values[leaf] if k is None else values[leaf][:, k] for leaf, k in places], axis=1)
 
     return Table(tuple(columns), times, load, tuple(notes))
