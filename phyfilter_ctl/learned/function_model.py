@@ -167,10 +167,9 @@ class FunctionModel:
         for row in (elements, z.T):  # numpy's functions want the one or the other
             try:
                 with warnings.catch_warnings():
-                    warnings.simplefilter(
-                        "ignore"
-                    )  # CasADi's note on numpy functions; the probe is what counts
-                    result: object = self.function(row)  # type: ignore[arg-type]
+                    # CasADi's note on numpy functions; the probe is what counts.
+                    warnings.simplefilter("ignore")
+                    result: object = self.function(row)  # type: ignore[arg-type]  # symbols, to see what it does
                     entries = ca.vertsplit(ca.vec(result)) if isinstance(result, ca.SX) else np.ravel(result)
                     traced = ca.Function("f_theta", [z], [ca.vertcat(*entries)], ["z"], ["f_theta"])
                     self._compare(traced)

@@ -108,8 +108,8 @@ def _node(node: onnx.NodeProto, folder: Path | None) -> OnnxNode:
 def _attribute(attribute: onnx.AttributeProto, operator: str, folder: Path | None) -> Attribute:
     from onnx import AttributeProto
 
-    if operator == "Constant":  # an array, which becomes a constant of the graph
-        return _constant(attribute, folder)  # type: ignore[return-value]
+    if operator == "Constant":  # an array, which becomes a constant of the graph: no attribute for long
+        return _constant(attribute, folder)  # type: ignore[return-value]  # an array, see above
     match attribute.type:
         case AttributeProto.INT:
             return int(attribute.i)
