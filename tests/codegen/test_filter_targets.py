@@ -70,7 +70,8 @@ def test_no_call_does_harm(name, tmp_path):
     assert 0.01 * CALLS < refused < 0.9 * CALLS
 
 
-@pytest.mark.parametrize("name", slow_but(("everything",), SOURCES))
+@pytest.mark.slow
+@pytest.mark.parametrize("name", SOURCES)
 def test_same_bits_at_every_optimisation(name, tmp_path):
     results = {level: run(SOURCES[name], tmp_path, calls=200, flags=[level]) for level in ("-O0", "-O3")}
     assert results["-O0"] == results["-O3"]

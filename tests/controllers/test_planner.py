@@ -310,6 +310,7 @@ def inside(path, box):
     )
 
 
+@pytest.mark.slow
 @settings(max_examples=10, deadline=None, derandomize=True)
 @given(seed=st.integers(0, 10_000), horizon=st.sampled_from([3, 5, 8]))
 def test_a_plan_always_has_a_successor(seed, horizon):

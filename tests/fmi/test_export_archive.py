@@ -43,6 +43,7 @@ def digest(path):
 # ---- reproducible ----
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("fmi", BUILT)
 def test_two_builds_are_identical(tmp_path, fmi):
     sampled = FILTER.sampled(PERIOD)

@@ -180,6 +180,7 @@ def test_the_law_of_a_pendulum_is_recovered() -> None:
     assert np.max(np.abs(result.model.simulate(unseen) - unseen.x)[:100]) < 0.15
 
 
+@pytest.mark.slow
 def test_free_starts_take_the_noise_out_of_the_law() -> None:
     noisy = [swing(x0, 0.05, seed) for seed, x0 in enumerate(STARTS)]
     errors = {}

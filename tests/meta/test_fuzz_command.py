@@ -63,6 +63,7 @@ def test_a_rare_failure_is_found_twice(tmp_path):
     )
 
 
+@pytest.mark.slow
 def test_the_time_ends_a_search_that_finds_nothing(tmp_path):
     run = search(tmp_path, "--fuzz-minutes=0.005", "--hypothesis-seed=7", "-k", "test_sound or test_no")
     assert run.returncode == 0, run.stdout

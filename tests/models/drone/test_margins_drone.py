@@ -40,6 +40,7 @@ def test_complete_formula_is_where_the_characteristic_function_vanishes(outer):
     assert abs(determinant(0.9 * limit, outer)) > 0.02
 
 
+@pytest.mark.slow
 def test_flight_breaks_where_the_complete_formula_says():
     found = margins.breaking_bandwidth(OUTER, low=80.0, high=95.0, duration=6.0)
     formula = margins.predicted(OUTER)
