@@ -57,13 +57,18 @@ def test_sampled_and_stacked_or_stacked_and_sampled() -> None:
     assert pf.stack([F.sampled(DT) for F in FILTERS]) == SAMPLED == SampledPhyFilter(FILTERS, DT)
     assert pf.stack(BANK) == BANK
     assert eval(repr(BANK), {"stack": pf.stack, "PhyFilter": PhyFilter}) == BANK
-    options = pf.Sampling(DT, "tustin", delay=0.004, limit=[1.0, 2.0, 3.0])
+    options = pf.Sampling(DT, "tustin", delay=0.004, limit=[1.0, 2.0, 3.0], g_limit=(0.0, [1.0, 2.0, 3.0]))
     parts = BANK.sampled(options).by_channel
     assert [part.filter for part in parts] == FILTERS
     assert [float(part.sampling.limit) for part in parts if part.sampling.limit is not None] == [
         1.0,
         2.0,
         3.0,
+    ]
+    assert [part.sampling.g_limit.tolist() for part in parts if part.sampling.g_limit is not None] == [
+        [0.0, 1.0],
+        [0.0, 2.0],
+        [0.0, 3.0],
     ]
     alone = FILTERS[0].sampled(DT)
     assert alone.by_channel == (alone,)

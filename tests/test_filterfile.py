@@ -102,7 +102,9 @@ def test_a_sampled_filter_comes_back_bit_for_bit(tmp_path_factory, sampled: Samp
     [
         PhyFilter([20.0]).sampled(0.002, "euler"),
         PhyFilter([400.0, 40.0]).sampled(0.01, delay=0.005),
-        PhyFilter([400.0, 40.0], [400.0, 40.0]).sampled(0.01, limit=[1.0, 2.0, np.inf]),
+        PhyFilter([400.0, 40.0], [400.0, 40.0]).sampled(
+            0.01, limit=[1.0, 2.0, np.inf], g_limit=(-np.inf, [1.0, 2.0, 3.0])
+        ),
         stack(
             [PhyFilter([20.0]).sampled(0.01, g="average"), PhyFilter([9.0, 6.0]).sampled(0.01, g="average")]
         ),

@@ -236,6 +236,7 @@ def test_states_of_others_are_refused(tmp_path):
         "poles": PhyFilter([400.0, 45.0]).sampled(H),
         "limit": FILTER.sampled(H, limit=1.0),
         "precision": FILTER.sampled(H, precision="float32"),
+        "g_limit": FILTER.sampled(H, g_limit=(-1.0, 1.0)),
     }
     for message, other in others.items():
         with pytest.raises(ValueError, match=message):

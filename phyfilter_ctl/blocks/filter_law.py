@@ -74,6 +74,8 @@ def filter_law(
     inputs = filter_inputs(channels, n_f, inertia)
     v = ca.SX.sym("v", len(inputs))
     x, g, f_theta, M = _split(v, [channels, channels, n_f, len(inputs) - 2 * channels - n_f])
+    if sampling.g_limit is not None:
+        g = _where_finite(_clipped(g, *sampling.g_limit), g)
     sections = _Sections.of(recursion, n_f)
     memory = _Memory(guarded=sampling.nonfinite == "hold")
     w = memory.state(sections.labels("w"))
@@ -114,7 +116,7 @@ def filter_law(
     y = output(sections.grid(w_next), None, sections.constants.C)
     f_hat = f_now + ca.if_else(memory.started, ca.vertcat(*y), 0.0)
     if sampling.limit is not None:
-        f_hat = ca.fmin(ca.fmax(f_hat, -ca.DM(sampling.limit)), ca.DM(sampling.limit))
+        f_hat = _clipped(f_hat, -sampling.limit, sampling.limit)
 
     arguments = [ca.SX.sym("t"), memory.vector, v, ca.SX.sym("q", 0)]
     return BlockFunctions(
@@ -287,6 +289,10 @@ def _all_finite(*parts: ca.SX) -> ca.SX:
     for entry in ca.vertsplit(ca.vertcat(*parts)):
         answer = ca.logic_and(answer, ca.fabs(entry) <= _LARGEST)
     return answer
+
+
+def _clipped(value: ca.SX, low: FloatArray, high: FloatArray) -> ca.SX:
+    return ca.fmin(ca.fmax(value, ca.DM(low)), ca.DM(high))
 
 
 def _where_finite(value: ca.SX, otherwise: ca.SX) -> ca.SX:

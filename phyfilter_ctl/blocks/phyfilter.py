@@ -124,7 +124,7 @@ def phyfilter_block(
     ------
     ValueError
         For a missing or contradictory number of channels, a wrong inertia, or a sampled filter with an option that no
-        linear block has (limit, nonfinite="hold").
+        linear block has (limit, g_limit, nonfinite="hold").
 
     Notes
     -----

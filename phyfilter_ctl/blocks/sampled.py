@@ -155,10 +155,10 @@ class SampledBlock(ct.NonlinearIOSystem):
     def continuous(self) -> BlockFunctions | ct.StateSpace | None:
         """What the block does as continuous time sees it; sampling and hold are left out.
 
-        A filter: F itself, with its delay of g and f_theta as a Pade approximant of order 3, without ``limit`` and
-        ``nonfinite``; an M that is an input counts as (M x)' instead of M x', which is the same at x = 0. A linear law:
-        the system whose Tustin discretisation it is. Functions: themselves where they have no states, else x' =
-        (next x - x) / period. None for a nonlinear system that has not been traced.
+        A filter: F itself, with its delay of g and f_theta as a Pade approximant of order 3, without ``limit``,
+        ``g_limit`` and ``nonfinite``; an M that is an input counts as (M x)' instead of M x', which is the same at
+        x = 0. A linear law: the system whose Tustin discretisation it is. Functions: themselves where they have no
+        states, else x' = (next x - x) / period. None for a nonlinear system that has not been traced.
         """
         if self.filter is not None:
             law = self.filter

@@ -30,7 +30,7 @@ class FilterTask:
     states : tuple of Variable
         w of its sections.
     parameters : tuple of Variable
-        a, b and limit, which join those of the diagram.
+        a, b and limits, which join those of the diagram.
     """
 
     source: FilterSource
@@ -68,7 +68,7 @@ def filter_task(
     real : {"double", "float"}
         In float the filter is float too; in double it has its own precision.
     tunable : bool
-        Whether a, b and limit become parameters.
+        Whether a, b and the limits become parameters.
 
     Returns
     -------
@@ -124,7 +124,7 @@ def filter_task(
 
 
 def _parameters(task: Task, source: FilterSource) -> tuple[Variable, ...]:
-    """a of all filters, then b, then the limits."""
+    """a of all filters, then b, then the limits of f_hat and of g."""
     found: list[Variable] = []
     for letter, text in (("a", "denominator of F"), ("b", "numerator of F")):
         for i, entry in enumerate(source.sampled.realised):
@@ -132,11 +132,12 @@ def _parameters(task: Task, source: FilterSource) -> tuple[Variable, ...]:
             for j in range(entry.order):
                 name = f"{task.name}.{letter}[{_index(source, i, j)}]"
                 found.append(Variable(name, float(values[j]), _unit(entry.order - j), text))
-    if source.limit is not None:
-        found += [
-            Variable(f"{task.name}.limit[{i}]", float(bound), description="bound on |f_hat|")
-            for i, bound in enumerate(source.limit)
-        ]
+    about = {"limit": "bound on |f_hat|", "g_low": "least that acts of g", "g_high": "most that acts of g"}
+    found += [
+        Variable(f"{task.name}.{name}[{i}]", float(end), description=about[name])
+        for name, ends in source.limits.items()
+        for i, end in enumerate(ends)
+    ]
     return tuple(found)
 
 
@@ -166,7 +167,7 @@ def _check(task: Task, source: FilterSource, member: str, number: int, first: in
     """Statements that retune a copy of the filter, trial<number>, where its parameters were changed."""
     name, orders, n = source.name, source.orders, source.sampled.order
     half = sum(orders)
-    total = 2 * half + (source.n_f if source.limit is not None else 0)
+    total = 2 * half + sum(map(len, source.limits.values()))
     table = ", ".join(str(order) for order in orders)
     quoted = in_string(task.name)
     follows = [
@@ -203,12 +204,17 @@ def _check(task: Task, source: FilterSource, member: str, number: int, first: in
         f"    if (memcmp(a_set, self->p_used + {first}, {2 * half} * sizeof(pf_real)) != 0)",
         f"      code = {name}_retune(&trial{number}, a[0], b[0]);",
     ]
-    if source.limit is not None:
+    at = 2 * half
+    for limit, ends in source.limits.items():
         lines += [
-            f"    {name}_real limit[{source.n_f}];",
-            f"    for (int i = 0; i < {source.n_f}; i++) limit[i] = ({name}_real)a_set[{2 * half} + i];",
-            f"    if (!code) code = {name}_set_limit(&trial{number}, limit);",
+            f"    {name}_real {limit}[{len(ends)}];",
+            f"    for (int i = 0; i < {len(ends)}; i++) {limit}[i] = ({name}_real)a_set[{at} + i];",
         ]
+        at += len(ends)
+    if "limit" in source.limits:
+        lines += [f"    if (!code) code = {name}_set_limit(&trial{number}, limit);"]
+    if "g_low" in source.limits:
+        lines += [f"    if (!code) code = {name}_set_g_limit(&trial{number}, g_low, g_high);"]
     lines += [f'    if (code == {code}) refusal = "{quoted}: {text}";' for code, text in _CODE.items()]
     lines += [
         "    if (code && !refusal)",

@@ -73,7 +73,8 @@ def diagram_model(
         With directional and adjoint products.
     tunable : bool
         Coefficients and limits of sampled PhyFilters become parameters behind those of the diagram: ``block.a[j]``,
-        ``block.b[j]`` (``[i,j]`` where channels differ), ``block.limit[i]``.
+        ``block.b[j]`` (``[i,j]`` where channels differ), ``block.limit[i]``,
+        ``block.g_low[i]``, ``block.g_high[i]``.
     step : float, optional
         Seconds between two calls of ``<name>_step``. By default the longest that meets every instant of the sampled
         blocks; 1 ms where there are none.

@@ -12,7 +12,7 @@ from .._sections import FloatArray
 from ..blocks.functions import Variable
 from ..filter import PhyFilter, SampledPhyFilter
 from ..filterfile import Signals
-from .filter_source import InertiaInput, braces, filter_source, inertia_kind, kept, runtime_files
+from .filter_source import InertiaInput, braces, filter_source, inertia_kind, runtime_files
 from .identifiers import checked_identifier
 from .model import CModel
 
@@ -48,7 +48,7 @@ def filter_model(
         When a sampled filter takes a sample: once per communication step, over the time that has passed; or on its own
         grid, every dt seconds.
     tunable : bool
-        Whether a, b and the limit are parameters.
+        Whether a, b and the limits are parameters.
     signals : Signals, optional
         Names of the channels and units.
 
@@ -56,7 +56,7 @@ def filter_model(
     -------
     CModel
         Inputs x[i], g[i], f_theta[i] (and M), outputs f_hat[i]; parameters a[j], b[j] (a[i,j], b[i,j] where each
-        channel has its own filter), limit[i]; states w[i,j].
+        channel has its own filter), limit[i], g_low[i], g_high[i]; states w[i,j].
 
     Raises
     ------
@@ -121,10 +121,17 @@ def _sampled_model(
     own = signals if n_f == channels else Signals(unit_f=signals.unit_f)
     inputs = _inputs(channels, n_f, signals, own) + _inertia_inputs(inertia, channels)
     parameters = _coefficients(sampled.realised) if tunable else ()
-    if tunable and source.limit is not None:
+    if tunable:
+        about = {
+            "limit": (signals.unit_f, "bound on |f_hat|", own),
+            "g_low": (signals.unit_g, "least that acts of g", signals),
+            "g_high": (signals.unit_g, "most that acts of g", signals),
+        }
         parameters += tuple(
-            Variable(f"limit[{i}]", float(bound), signals.unit_f, f"bound on |f_hat|{_of(own, i)}")
-            for i, bound in enumerate(kept(source.limit, source.real))
+            Variable(f"{name}[{i}]", float(end), unit, f"{text}{_of(whose, i)}")
+            for name, ends in source.limits.items()
+            for unit, text, whose in (about[name],)
+            for i, end in enumerate(ends)
         )
     return CModel(
         name,

@@ -71,10 +71,9 @@ class FilterSource:
         return "float" if self.sampled.sampling.precision == "float32" else "double"
 
     @property
-    def limit(self) -> FloatArray | None:
-        """Bounds on \\|f_hat\\|, (n_f,), where it has any."""
-        limit = self.sampled.sampling.limit
-        return None if limit is None else np.broadcast_to(limit, (self.n_f,)).copy()
+    def limits(self) -> dict[str, FloatArray]:
+        """Those it has: ``limit`` (n_f,), ``g_low`` and ``g_high`` (n_x,), as the C code holds them."""
+        return {name: kept(ends, self.real) for name, ends in _limits(self.sampled, self.n_x).items()}
 
 
 def filter_source(
@@ -156,6 +155,7 @@ def filter_source(
         "DIRECTION": int(sampled.E is not None),
         "PAST": 0 if not needed else past or needed,
         "LIMIT": int(sampled.sampling.limit is not None),
+        "G_LIMIT": int(sampled.sampling.g_limit is not None),
         "HOLD_BAD": int(sampled.sampling.nonfinite == "hold"),
         "PAIRS": numbers.pairs,
         "LOWPASS": int(numbers.lowpass),
@@ -252,9 +252,7 @@ class _Numbers:
         if tunable or variable or sampled.sampling.nonfinite == "hold":
             members["poles"] = ("double", poles)
         members |= {"dA": ("real", dA), "equilibrium": ("real", equilibrium), "C": ("real", C)}
-        if sampled.sampling.limit is not None:
-            bounds = np.broadcast_to(sampled.sampling.limit, (sampled.recursion.channels(n_x),))
-            members["limit"] = ("real", bounds)
+        members |= {name: ("real", ends) for name, ends in _limits(sampled, n_x).items()}
         if sampled.recursion.E_left is not None:
             members["E_left"] = ("real", sampled.recursion.E_left)
         if inertia is not None:
@@ -285,6 +283,18 @@ class _Numbers:
             single = kind == "real" and self.real == "float"
             lines += _wrapped(f"  .{name} = {braces(values, single)},")
         return "\n".join(lines)
+
+
+def _limits(sampled: SampledPhyFilter, n_x: int) -> dict[str, FloatArray]:
+    """One bound or pair of ends for each channel."""
+    found, (limit, ends) = {}, (sampled.sampling.limit, sampled.sampling.g_limit)
+    if limit is not None:
+        found["limit"] = np.broadcast_to(limit, (sampled.recursion.channels(n_x),))
+    if ends is not None:
+        found |= {
+            name: np.broadcast_to(end, (n_x,)) for name, end in zip(("g_low", "g_high"), ends, strict=True)
+        }
+    return found
 
 
 def kept(values: NDArray[np.floating], real: Literal["float", "double"]) -> NDArray[np.float64]:
@@ -374,6 +384,9 @@ def _describe(sampled: SampledPhyFilter, n_x: int, n_f: int, signals: Signals) -
         lines.append(f"delay of the measurement x: {sampling.delay:g} s")
     if sampling.limit is not None:
         lines.append(f"|f_hat| <= {np.array2string(sampling.limit, max_line_width=90)}")
+    if sampling.g_limit is not None:
+        low, high = (np.array2string(end, max_line_width=90) for end in sampling.g_limit)
+        lines.append(f"what acts of g: {low} <= g <= {high}")
     text = [line.replace("*/", "* /").replace("/*", "/ *") for entry in lines for line in entry.split("\n")]
     return "\n".join(f" * {line}".rstrip() for line in text)
 

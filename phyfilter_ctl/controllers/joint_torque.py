@@ -106,7 +106,7 @@ class JointTorqueFilter:
                 raise ValueError(
                     f"{name}: expected {'0 or more' if least == 0.0 else 'a positive time'}, got {value}"
                 )
-        other = self._sampling.unusual.keys() & {"delay", "precision", "nonfinite"}
+        other = self._sampling.unusual.keys() & {"delay", "precision", "nonfinite", "g_limit"}
         if other or self.sampled.E is not None:
             raise ValueError(f"sampled: expected none of {', '.join(sorted(other)) or 'E'}; leave it out")
         orders = [entry.order for entry in self.sampled.filters]

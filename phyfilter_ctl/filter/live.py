@@ -174,7 +174,7 @@ class LiveFilter:
             apart. Nothing has changed then.
         """
         came, given = x, self._nan if x is None else x
-        x, g, f_theta, M, good = loop.checked_sample(self._state, given, g, f_theta, inertia)
+        x, g, f_theta, M, good = loop.checked_sample(self.recursion, self._state, given, g, f_theta, inertia)
         time = time if type(time) is float else _seconds(time)
         h = time - self._time
         if abs(h - self._dt) <= _ROUNDING * abs(time):

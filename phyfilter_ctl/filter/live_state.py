@@ -48,6 +48,7 @@ def _identity(recursion: Recursion) -> dict[str, Any]:
             "poles": [chain.poles.tolist() for chain in recursion.chains],
             "C": [chain.C.tolist() for chain in recursion.chains],
         }
+        | ({} if sampling.g_limit is None else {"g_limit": sampling.g_limit.tolist()})
     )
 
 

@@ -79,6 +79,7 @@ def start(
     for name, values in named.items():
         if values is not None:
             refuse_unusable(name, values)
+    g = None if g is None else recursion.acting(g)
     w = _at_rest(recursion, (f_hat - f_theta).astype(float)).astype(dtype)
     carry = np.zeros_like(w) if dtype == np.float32 else None
     return FilterState(w, carry, x, g, f_theta, inertia)
@@ -96,7 +97,7 @@ def step(
 ) -> tuple[FilterState, Array]:
     """See :meth:`SampledPhyFilter.step`."""
     check_state(recursion, state)
-    x, g, f_theta, M, good = checked_sample(state, x, g, f_theta, inertia)
+    x, g, f_theta, M, good = checked_sample(recursion, state, x, g, f_theta, inertia)
     h = recursion.sampling.dt if dt is None or dt == recursion.sampling.dt else _step_length(recursion, dt)
     if good:
         return take(recursion, state, x, g, f_theta, M, h)
@@ -109,13 +110,14 @@ def step(
 
 
 def checked_sample(
+    recursion: Recursion,
     state: FilterState,
     x: ArrayLike,
     g: ArrayLike | None,
     f_theta: ArrayLike | None,
     inertia: ArrayLike | None,
 ) -> tuple[Array, Array, Array, Array | None, bool]:
-    """x, g, f_theta and the inertia of one sample, shapes checked, and whether all of them are usable."""
+    """x, the g that acts, f_theta and the inertia of one sample, shapes checked, and whether all are usable."""
     dtype = state.x.dtype
     x = _given("x", x, dtype)
     g = np.zeros_like(state.x) if g is None else _given("g", g, dtype)
@@ -125,6 +127,7 @@ def checked_sample(
             f"x, g, f_theta: expected shapes {state.x.shape}, {state.x.shape} and {state.f_theta.shape}, as at the "
             f"start, got {x.shape}, {g.shape} and {f_theta.shape}"
         )
+    g = recursion.acting(g)
     if inertia is None:
         return x, g, f_theta, state.inertia, _all_usable(x, g, f_theta)
     M = _inertia("inertia", inertia, x)

@@ -21,7 +21,7 @@ Matrices = tuple[FloatArray, FloatArray, FloatArray, FloatArray]
 
 def refuse_nonlinear(recursion: Recursion) -> None:
     """Options that no linear system has."""
-    for option in ("limit", "nonfinite"):
+    for option in ("limit", "g_limit", "nonfinite"):
         if option in recursion.sampling.unusual:
             raise ValueError(
                 f"{option}={recursion.sampling.unusual[option]!r} has no linear block: clamp or check the signals "

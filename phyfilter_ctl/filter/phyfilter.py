@@ -131,13 +131,14 @@ class PhyFilter(Rational):
         E: ArrayLike | None = None,
         delay: float = 0.0,
         limit: ArrayLike | None = None,
+        g_limit: tuple[ArrayLike, ArrayLike] | ArrayLike | None = None,
         nonfinite: NonFinite = "raise",
     ) -> SampledPhyFilter:
         """The filter on sampled data.
 
         Parameters
         ----------
-        dt, g, f_theta, precision, delay, limit, nonfinite
+        dt, g, f_theta, precision, delay, limit, g_limit, nonfinite
             As for :class:`Sampling`, which says what each means and raises.
         method : {"exact", "matched", "euler", "tustin"}, optional
             As for :class:`Sampling`. None chooses "matched" where exact sampling would lose what F promises, that is
@@ -160,6 +161,7 @@ class PhyFilter(Rational):
             precision=precision,
             delay=delay,
             limit=limit,
+            g_limit=g_limit,
             nonfinite=nonfinite,
         )
         return SampledPhyFilter(self, sampling if method else _keeping_zeros([self], sampling), E=E)
@@ -249,11 +251,13 @@ class SampledPhyFilter(SampledForm):
 
     @property
     def by_channel(self) -> tuple[SampledPhyFilter, ...]:
-        """Each filter by itself, with the limit of its channel; one entry where all channels share a filter."""
-        limit, many = self.sampling.limit, len(self.filters) > 1
+        """Each filter by itself, with the limits of its channel; one entry where all channels share a filter."""
+        limit, ends, many = self.sampling.limit, self.sampling.g_limit, len(self.filters) > 1
         own = [self.sampling] * len(self.filters)
         if many and limit is not None and limit.ndim:
-            own = [replace(self.sampling, limit=bound) for bound in limit]
+            own = [replace(one, limit=bound) for one, bound in zip(own, limit, strict=True)]
+        if many and ends is not None and ends.ndim > 1 and self.E is None:
+            own = [replace(one, g_limit=pair) for one, pair in zip(own, ends.T, strict=True)]
         return tuple(SampledPhyFilter(F, one, E=self.E) for F, one in zip(self.filters, own, strict=True))
 
     @property

@@ -50,7 +50,7 @@ def checked_signals(
     f_theta: ArrayLike | None,
     inertia: ArrayLike | None,
 ) -> tuple[Array, Array, Array, Array | None]:
-    """x, g (N, n_x), f_theta (N, n_f) and the inertia in the precision of the filter, shapes checked."""
+    """x, the g that acts (N, n_x), f_theta (N, n_f) and the inertia in the filter's precision, shapes checked."""
     dtype = np.dtype(recursion.sampling.precision)
     x = _signal("x", x, dtype)
     N, n_x = x.shape
@@ -62,7 +62,7 @@ def checked_signals(
     )
     with np.errstate(over="ignore"):  # as in _signal
         M = None if inertia is None else _record_inertia(inertia, N, n_x).astype(dtype, copy=False)
-    return x, g, f_theta, M
+    return x, recursion.acting(g), f_theta, M
 
 
 def finite_signals(

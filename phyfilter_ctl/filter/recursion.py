@@ -179,7 +179,7 @@ class Recursion:
         object.__setattr__(self, "chains", chains)
         object.__setattr__(self, "sampling", sampling)
         object.__setattr__(self, "E", None if E is None else _direction(E))
-        count, limit = len(chains), sampling.limit
+        count, limit, ends = len(chains), sampling.limit, sampling.g_limit
         if self.E is not None and count not in (1, self.E.shape[1]):
             raise ValueError(
                 f"{count} filters for the {self.E.shape[1]} columns of E: expected one, or one per column"
@@ -189,6 +189,9 @@ class Recursion:
             raise ValueError(
                 f"limit: {len(limit)} bounds for {known} channels; expected one number or {known}"
             )
+        n_x = len(self.E) if self.E is not None else known
+        if n_x is not None:
+            _check_ends(ends, n_x)
         self.check_step(sampling.dt)
 
     # -- channels -----------------------------------------------------------------------------------------------
@@ -221,6 +224,7 @@ class Recursion:
             )
         if limit is not None and limit.ndim == 1 and len(limit) != n_f:
             raise ValueError(f"limit: {len(limit)} bounds for {n_f} channels; expected one number or {n_f}")
+        _check_ends(self.sampling.g_limit, n_x)
         return n_f
 
     @cached_property
@@ -246,6 +250,19 @@ class Recursion:
             return f_hat
         limit = self.sampling.limit.astype(f_hat.dtype)
         return np.clip(f_hat, -limit, limit, out=out)
+
+    def acting(self, g: Array) -> Array:
+        """What acts of g within its limits; entries that are not usable stay as they are.
+
+        Parameters
+        ----------
+        g : (..., n_x) array
+        """
+        if self.sampling.g_limit is None:
+            return g
+        low, high = self.sampling.g_limit.astype(g.dtype)
+        within = np.clip(g, low, high)
+        return within if _signals.usable(g) else np.where(_signals.unusable(g), g, within)
 
     # -- transitions --------------------------------------------------------------------------------------------
 
@@ -372,6 +389,13 @@ class Recursion:
 
     def _rounded(self, values: FloatArray) -> FloatArray:
         return values.astype(self.sampling.precision).astype(float)
+
+
+def _check_ends(ends: FloatArray | None, n_x: int) -> None:
+    if ends is not None and ends.ndim > 1 and ends.shape[1] != n_x:
+        raise ValueError(
+            f"g_limit: {ends.shape[1]} pairs for {n_x} channels of g; expected one pair of numbers or {n_x}"
+        )
 
 
 def _direction(E: ArrayLike) -> FloatArray:

@@ -251,7 +251,7 @@ class SampledForm:
         ------
         ValueError
             For a contradictory number of channels, a wrong inertia, or an option that no linear system has (limit,
-            nonfinite="hold").
+            g_limit, nonfinite="hold").
 
         Examples
         --------

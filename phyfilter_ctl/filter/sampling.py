@@ -44,6 +44,10 @@ class Sampling:
         Known delay of the measurement x in seconds; g, f_theta and the inertia are delayed alike inside F.
     limit : float or array_like, shape (n_f,), optional
         Bound on |f_hat|. It clamps the output, never the state, so nothing winds up.
+    g_limit : pair (low, high) of floats or array_likes, shape (n_x,), optional
+        Between which g acts: each g is clipped there, entry by entry, before it counts. So the filter knows what a
+        saturated actuator leaves of a command, and does not take the rest for a force (``docs/saturation.md``). For
+        limits of something else than g, such as torques or rotors, give the g that the limited command makes.
     nonfinite : {"raise", "hold"}
         What a sample does that is NaN, infinite, masked or beyond 1e150. It never enters the state: "raise" refuses
         it, "hold" keeps the estimate of the residual, f_hat - f_theta, for that sample and for as long as none is
@@ -53,7 +57,7 @@ class Sampling:
     Raises
     ------
     ValueError
-        For options out of range.
+        For options out of range, a low that is not below its high.
 
     Examples
     --------
@@ -70,6 +74,7 @@ class Sampling:
     precision: Precision
     delay: float
     limit: FloatArray | None
+    g_limit: FloatArray | None
     nonfinite: NonFinite
 
     def __init__(
@@ -82,6 +87,7 @@ class Sampling:
         precision: Precision = "float64",
         delay: float = 0.0,
         limit: ArrayLike | None = None,
+        g_limit: tuple[ArrayLike, ArrayLike] | ArrayLike | None = None,
         nonfinite: NonFinite = "raise",
     ) -> None:
         dt = duration("dt", dt)
@@ -91,7 +97,8 @@ class Sampling:
         if delay >= LARGEST:
             raise ValueError(f"delay: expected less than {LARGEST:g} s, got {delay}")
         bound = None if limit is None else _bound(limit)
-        values = (dt, method, g, f_theta, precision, delay, bound, nonfinite)
+        ends = None if g_limit is None else _ends(g_limit)
+        values = (dt, method, g, f_theta, precision, delay, bound, ends, nonfinite)
         for entry, value in zip(fields(self), values, strict=True):
             object.__setattr__(self, entry.name, value)
         for name, choices in _CHOICES.items():
@@ -146,3 +153,23 @@ def _bound(limit: ArrayLike) -> FloatArray:
         )
     bound.flags.writeable = False
     return bound
+
+
+def _ends(g_limit: tuple[ArrayLike, ArrayLike] | ArrayLike) -> FloatArray:
+    """Ends of what g may be, (2,) or (2, n_x), read-only."""
+    try:
+        first, last = g_limit  # pyright: ignore[reportGeneralTypeIssues]  # one number is not iterable
+    except (TypeError, ValueError):
+        raise ValueError(
+            f"g_limit: expected a pair (low, high), each one number or one per channel, got {g_limit!r}"
+        ) from None
+    low, high = real("g_limit, low", first), real("g_limit, high", last)
+    if max(low.ndim, high.ndim) > 1 or (low.size != high.size and 1 not in (low.size, high.size)):
+        raise ValueError(
+            f"g_limit: expected low and high of one size, got shapes {low.shape} and {high.shape}"
+        )
+    if not np.all(low < high):
+        raise ValueError(f"g_limit: expected low < high, got {low.tolist()} and {high.tolist()}")
+    ends = np.stack(np.broadcast_arrays(low, high))
+    ends.flags.writeable = False
+    return ends

@@ -15,7 +15,7 @@
     g = "hold"
     f_theta = "average"
     precision = "float64"
-    # delay, limit, nonfinite: as for Sampling, E: as for SampledPhyFilter; may be left out
+    # delay, limit, g_limit, nonfinite: as for Sampling, E: as for SampledPhyFilter; may be left out
 
     [signals]                                # may be left out, as may each key
     channels = ["x", "y", "z"]
@@ -23,7 +23,7 @@
     inertia = 1.2                            # or [1.2, 1.2, 1.3], or a matrix
 
 Filters of their own for every channel, sampled or not, have a, b and poles in one ``[[filters]]`` table a channel
-instead. Unknown keys, unknown versions and numbers that are not finite (but for a ``limit`` of ``inf``) are refused.
+instead. Unknown keys, unknown versions and numbers that are not finite (but for limits of ``inf``) are refused.
 """
 
 from __future__ import annotations
@@ -61,7 +61,8 @@ _ALWAYS = (
     "f_theta",
     "precision",
 )  # written; the others where they are not the usual ones
-_SAMPLED_KEYS = ("dt", *_CHOICES, "E", "delay", "limit")
+_LIMITS = ("limit", "g_limit")
+_SAMPLED_KEYS = ("dt", *_CHOICES, "E", "delay", *_LIMITS)
 _SIGNAL_KEYS = ("channels", "units", "inertia")
 _UNIT_KEYS = ("x", "g", "f")
 Filter = PhyFilter | FilterBank | SampledPhyFilter
@@ -387,8 +388,7 @@ def _read_sampled(table: TomlTable, filters: tuple[PhyFilter, ...]) -> SampledPh
     E = table.matrix("E") if "E" in table else None
     if "delay" in table:
         options["delay"] = table.number("delay")
-    if "limit" in table:
-        options["limit"] = table.number_or_numbers("limit")
+    options |= {key: table.number_or_numbers(key) for key in _LIMITS if key in table}
     dt = table.number("dt")
     try:
         return SampledPhyFilter(filters, Sampling(dt, **options), E=E)

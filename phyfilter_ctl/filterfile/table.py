@@ -98,12 +98,17 @@ class TomlTable:
         """A list of finite numbers."""
         return self._numbers(key, self._get(key))
 
-    def number_or_numbers(self, key: str) -> float | list[float]:
-        """A number or a list of them; ``inf`` is allowed."""
+    def number_or_numbers(self, key: str) -> float | list[float | list[float]]:
+        """A number, a list of them, or one of lists of them; ``inf`` is allowed."""
+
+        def number(key: str, value: object) -> float:
+            return self._number(key, value, infinite=True)
+
+        def entry(key: str, value: object) -> float | list[float]:
+            return self._list(key, value, "", number) if isinstance(value, list) else number(key, value)
+
         value = self._get(key)
-        if isinstance(value, list):
-            return self._list(key, value, "", lambda k, entry: self._number(k, entry, infinite=True))
-        return self._number(key, value, infinite=True)
+        return self._list(key, value, "", entry) if isinstance(value, list) else number(key, value)
 
     def matrix(self, key: str, *, columns: int | None = None) -> list[list[float]]:
         """A list of rows of finite numbers, all of one length."""

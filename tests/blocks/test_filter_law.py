@@ -68,14 +68,14 @@ FORMS = {"lowpass": LOWPASS, "general": GENERAL, "bandpass": BANDPASS}
 
 @pytest.mark.parametrize("filter", slow_but([GENERAL], FORMS.values()), ids=FORMS)
 @pytest.mark.parametrize("method", ["exact", "euler", "tustin"])
-@pytest.mark.parametrize("option", ["plain", "delay", "limit", "E", "float32"])
+@pytest.mark.parametrize("option", ["plain", "delay", "limits", "E", "float32"])
 @pytest.mark.parametrize("nonfinite", ["raise", "hold"])
 def test_law_is_the_step(filter, method, option, nonfinite):
     x, g, f_theta, _, direction = record(2 if option == "E" else 3)
     settings = {
         "plain": {},
         "delay": {"delay": 0.0123},
-        "limit": {"limit": [0.5, 1.0, 2.0]},
+        "limits": {"limit": [0.5, 1.0, 2.0], "g_limit": ([-0.3, -np.inf, 0.1], [0.5, 1.0, 2.0])},
         "E": {"E": direction, "delay": 0.6 * H},
         "float32": {"precision": "float32"},
     }[option]

@@ -246,18 +246,22 @@ def test_filters_run_as_the_sampled_filter(options, inertia):
 @pytest.fixture(scope="module")
 def tunable():
     return compile_model(
-        filtered(PhyFilter([500.0, 45.0]).sampled(0.002, limit=4.0), 1), tunable=True, flags=STRICT
+        filtered(PhyFilter([500.0, 45.0]).sampled(0.002, limit=4.0, g_limit=(-0.8, 2.0)), 1),
+        tunable=True,
+        flags=STRICT,
     )
 
 
 def test_coefficients_are_parameters(tunable):
     names = [variable.name for variable in tunable.model.parameters]
-    assert names == ["wing.a[0]", "wing.a[1]", "wing.b[0]", "wing.b[1]", "wing.limit[0]"]
+    limits = ["wing.limit[0]", "wing.g_low[0]", "wing.g_high[0]"]
+    assert names == ["wing.a[0]", "wing.a[1]", "wing.b[0]", "wing.b[1]", *limits]
     assert [variable.unit for variable in tunable.model.parameters[:2]] == ["(rad/s)^2", "rad/s"]
     times = 0.002 * np.arange(60)
     u = np.random.default_rng(9).normal(size=(60, 3)) * [1e-3, 1.0, 1.0]
-    other = PhyFilter([900.0, 60.0]).sampled(0.002, limit=4.0)
-    run = tunable.simulate(times, u, params={"wing.a[0]": 900.0, "wing.a[1]": 60.0}, interpolation="hold")
+    other = PhyFilter([900.0, 60.0]).sampled(0.002, limit=4.0, g_limit=(-0.8, 0.5))
+    changes = {"wing.a[0]": 900.0, "wing.a[1]": 60.0, "wing.g_high[0]": 0.5}
+    run = tunable.simulate(times, u, params=changes, interpolation="hold")
     expected = other.run(u[:, :1], u[:, 1:2], u[:, 2:])
     np.testing.assert_allclose(run.outputs, expected, atol=1e-12)
 
@@ -269,8 +273,9 @@ def test_a_filter_that_is_not_stable_is_refused_and_the_old_one_stays(tunable):
     for bad in ({"wing.a[0]": -1.0}, {"wing.a[1]": 0.0}):
         with pytest.raises(ValueError, match="wing: D is not Hurwitz"):
             instance.set_parameters(bad)
-    with pytest.raises(ValueError, match="out of range"):
-        instance.set_parameters({"wing.limit[0]": -1.0, "wing.a[0]": 900.0})
+    for bad in ({"wing.limit[0]": -1.0, "wing.a[0]": 900.0}, {"wing.g_low[0]": 2.0}):
+        with pytest.raises(ValueError, match="out of range"):
+            instance.set_parameters(bad)
     np.testing.assert_array_equal(instance.memory, before)
 
 

@@ -51,10 +51,16 @@ OPTIONS = {
     "plain": {},
     "delay": {"delay": 6.15 * H},
     "whole delay": {"delay": 3.0 * H},
-    "limit": {"limit": [0.5, 1.0, 2.0]},
+    "limits": {"limit": [0.5, 1.0, 2.0], "g_limit": ([-0.3, -np.inf, 0.1], [0.5, 1.0, 2.0])},
     "E": {"E": E},
     "held": {"nonfinite": "hold"},
-    "E, delay, held, limit": {"E": E, "delay": 2.6 * H, "nonfinite": "hold", "limit": 1.5},
+    "E, delay, held, limits": {
+        "E": E,
+        "delay": 2.6 * H,
+        "nonfinite": "hold",
+        "limit": 1.5,
+        "g_limit": (-0.4, 0.7),
+    },
 }
 
 
@@ -219,7 +225,7 @@ def test_start_at_an_estimate(tmp_path, precision):
 
 
 def test_what_is_refused_changes_nothing(tmp_path):
-    limited = GENERAL.sampled(H, "euler", limit=2.0, g="average")
+    limited = GENERAL.sampled(H, "euler", limit=2.0, g="average", g_limit=(-1.0, 1.0))
     _, ours = simple(tmp_path, limited)
     ours.start(X[0, :2], None, F_THETA[0, :2])
     ours.step(X[1, :2], G[1, :2], F_THETA[1, :2])
@@ -240,6 +246,8 @@ def test_what_is_refused_changes_nothing(tmp_path):
         "Euler diverges": (2, ours.retune([[1e9, 3e6, 3e3]], [GENERAL.b])),
         "limit 0": (7, ours.call("set_limit", [1.0, 0.0])),
         "limit nan": (7, ours.call("set_limit", [np.nan, 1.0])),
+        "g_limit": (7, ours.call("set_g_limit", [0.0, 1.0], [1.0, 1.0])),
+        "g_limit nan": (7, ours.call("set_g_limit", [0.0, np.nan], [1.0, 1.0])),
         "shift": (1, ours.call("shift_x", bad)),
         "poles": (5, ours.call("retune_poles", [[[-1.0, 1.0], [-1.0, -2.0], [-3.0, 0.0]]], [GENERAL.b])),
         "start": (1, ours.start(bad)),

@@ -42,12 +42,12 @@ def continuous():
 
 @pytest.mark.parametrize("g_rule", ["hold", "average"])
 def test_one_sample_per_communication_step(g_rule):
-    sampled = GENERAL.sampled(H, g=g_rule, limit=[3.0, 9.0, 9.0])
+    sampled = GENERAL.sampled(H, g=g_rule, limit=[3.0, 9.0, 9.0], g_limit=(-0.5, [0.3, 1.0, 2.0]))
     model = filter_model(sampled, 3, inertia="diagonal")
     assert names(model.inputs)[-3:] == ["M[0]", "M[1]", "M[2]"]
     assert names(model.parameters) == [
         *(f"{c}[{j}]" for c in "ab" for j in range(3)),
-        *(f"limit[{i}]" for i in range(3)),
+        *(f"{end}[{i}]" for end in ("limit", "g_low", "g_high") for i in range(3)),
     ]
     assert model.communication == H
     assert model.tasks == ()

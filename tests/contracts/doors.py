@@ -122,6 +122,7 @@ DOORS: dict[str, Door] = {
     "from_poles poles": (np.array([-20.0, -30.0]), PhyFilter.from_poles),
     "from_poles b": (np.array([600.0, 40.0]), lambda v: PhyFilter.from_poles([-20.0, -30.0], v)),
     "sampled limit": (np.ones(2), lambda v: F.sampled(0.01, limit=v).run(X)),
+    "sampled g_limit": (np.ones(2), lambda v: F.sampled(0.01, g_limit=(-1.0, v)).run(X)),
     "start g0": (X[0], lambda v: F.sampled(0.01).start(X[0], g0=v)),
     "start f_theta0": (X[0], lambda v: F.sampled(0.01).start(X[0], f_theta0=v)),
     "start inertia0": (np.ones(2), lambda v: F.sampled(0.01).start(X[0], inertia0=v)),

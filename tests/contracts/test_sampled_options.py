@@ -59,7 +59,7 @@ FORMS = {"lowpass": LOWPASS, "general": GENERAL, "bandpass": BANDPASS}
 
 @pytest.mark.parametrize("filter", slow_but([GENERAL], FORMS.values()), ids=FORMS)
 @pytest.mark.parametrize("method", ["exact", "euler", "tustin"])
-@pytest.mark.parametrize("option", ["plain", "delay", "limit", "E", "float32", "delay, E, float32"])
+@pytest.mark.parametrize("option", ["plain", "delay", "limits", "E", "float32", "delay, E, float32"])
 def test_run_is_the_step_loop(filter, method, option):
     settings = {}
     *signals, direction = record(n_f=2 if "E" in option else 3)
@@ -67,7 +67,7 @@ def test_run_is_the_step_loop(filter, method, option):
     if "delay" in option:
         settings["delay"] = 0.0123
     if "limit" in option:
-        settings["limit"] = [0.5, 1.0, 2.0]
+        settings |= {"limit": [0.5, 1.0, 2.0], "g_limit": ([-0.3, -np.inf, 0.1], [0.5, 1.0, 2.0])}
     if "E" in option:
         settings["E"] = direction
     if "float32" in option:

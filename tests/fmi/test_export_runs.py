@@ -282,7 +282,15 @@ def test_inertia_and_options_are_those_of_the_filter(tmp_path):
     rng = np.random.default_rng(8)
     E = np.array([[1.0, 0.5, 0.0], [0.0, 1.0, -1.0]])
     sampled = FILTER.sampled(
-        PERIOD, "tustin", "average", "hold", E=E.T, delay=0.005, limit=[0.4, 3.0], nonfinite="hold"
+        PERIOD,
+        "tustin",
+        "average",
+        "hold",
+        E=E.T,
+        delay=0.005,
+        limit=[0.4, 3.0],
+        g_limit=(-1.0, 0.7),
+        nonfinite="hold",
     )
     x, g = rng.normal(size=(2, 200, 3)) * [[[0.01]], [[1.0]]]
     f_theta = rng.normal(size=(200, 2))

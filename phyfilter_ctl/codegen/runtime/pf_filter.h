@@ -15,6 +15,7 @@
  *   #define wing_DIRECTION 0        1: E, f acts in fewer directions than x has channels
  *   #define wing_PAST 0             intervals kept for a delay; 0: no delay
  *   #define wing_LIMIT 0            1: bounds on |f_hat|
+ *   #define wing_G_LIMIT 0          1: bounds on what acts of g
  *   #define wing_HOLD_BAD 0         1: nonfinite="hold"
  *   #define wing_PAIRS 1            bit i: sections i and i + 1 may be a complex pair
  *   #define wing_LOWPASS 0          1: C = (0, ..., 0, 1), never tuned
@@ -45,6 +46,7 @@
  *       acts from now on; nothing where g is averaged.
  *   wing_shift_x(self, dx)               The estimate of x jumped by dx: a reset, not an acceleration.
  *   wing_set_limit(self, limit)          N_F bounds (LIMIT).
+ *   wing_set_g_limit(self, low, high)    N_X ends each, between which every g given is clipped (G_LIMIT).
  *   wing_retune(self, a, b), wing_retune_poles(self, poles, b)   (TUNABLE)
  *       Other coefficients of the same orders, all filters at once, in double: a and b FILTERS x ORDER, ascending, the
  *       short ones padded with zeros; poles FILTERS x ORDER x (real, imaginary). f_hat does not jump;
@@ -74,7 +76,7 @@ enum {
   PF_FILTER_CORRUPT = 4,     /* CRC-32 of the parameters */
   PF_FILTER_NOT_HURWITZ = 5, /* a pole on or right of the imaginary axis */
   PF_FILTER_NO_REST = 6,     /* F(0) = 0: no constant residual gives f_hat0 */
-  PF_FILTER_INVALID = 7      /* parameters out of range: step, delay, order or limit */
+  PF_FILTER_INVALID = 7      /* parameters out of range: step, delay, order or a limit */
 };
 
 static inline const char *pf_filter_message(int code) {
@@ -135,6 +137,9 @@ typedef struct {
 #if PF_P(LIMIT)
   PF_P(real) limit[PF_P(N_F)];                             /* bound on |f_hat| */
 #endif
+#if PF_P(G_LIMIT)
+  PF_P(real) g_low[PF_P(N_X)], g_high[PF_P(N_X)];          /* between them g acts */
+#endif
 #if PF_P(DIRECTION)
   PF_P(real) E_left[PF_P(N_F)][PF_P(N_X)];                 /* left inverse of E */
 #endif
@@ -170,6 +175,9 @@ typedef struct {
 #endif
 #if PF_P(LIMIT)
   PF_P(real) limit[PF_P(N_F)];
+#endif
+#if PF_P(G_LIMIT)
+  PF_P(real) g_low[PF_P(N_X)], g_high[PF_P(N_X)];
 #endif
   int32_t started, held, has_g, has_inertia;
 #if PF_WIDE
@@ -215,6 +223,9 @@ void PF_P(remember)(PF_NAME *self, const PF_P(real) *g);
 int PF_P(shift_x)(PF_NAME *self, const PF_P(real) *dx);
 #if PF_P(LIMIT)
 int PF_P(set_limit)(PF_NAME *self, const PF_P(real) *limit);
+#endif
+#if PF_P(G_LIMIT)
+int PF_P(set_g_limit)(PF_NAME *self, const PF_P(real) *low, const PF_P(real) *high);
 #endif
 #if PF_P(TUNABLE)
 int PF_P(retune)(PF_NAME *self, const double *a, const double *b);

@@ -88,6 +88,10 @@ static uint32_t PF_P(crc_)(const PF_P(params) *p) {
 #if PF_P(LIMIT)
   crc = PF_CRC_REAL(crc, p->limit, PF_N_F);
 #endif
+#if PF_P(G_LIMIT)
+  crc = PF_CRC_REAL(crc, p->g_low, PF_N_X);
+  crc = PF_CRC_REAL(crc, p->g_high, PF_N_X);
+#endif
 #if PF_P(DIRECTION)
   for (int i = 0; i < PF_N_F; i++) crc = PF_CRC_REAL(crc, p->E_left[i], PF_N_X);
 #endif
@@ -110,6 +114,9 @@ int PF_P(init)(PF_NAME *self, const PF_P(params) *params) {
   memset(self, 0, sizeof *self);
 #if PF_P(LIMIT)
   if (PF_P(set_limit)(self, params->limit) != PF_FILTER_OK) return PF_FILTER_INVALID;
+#endif
+#if PF_P(G_LIMIT)
+  if (PF_P(set_g_limit)(self, params->g_low, params->g_high) != PF_FILTER_OK) return PF_FILTER_INVALID;
 #endif
   self->dt = params->dt;
   self->rate = (PF_T)(1.0 / params->dt);
@@ -145,6 +152,24 @@ int PF_P(set_limit)(PF_NAME *self, const PF_T *limit) {
     if (!(limit[i] > (PF_T)0)) return PF_FILTER_INVALID;
   PF_P(copy_)(limit, self->limit, PF_N_F);
   return PF_FILTER_OK;
+}
+#endif
+
+#if PF_P(G_LIMIT)
+int PF_P(set_g_limit)(PF_NAME *self, const PF_T *low, const PF_T *high) {
+  for (int i = 0; i < PF_N_X; i++)
+    if (!(low[i] < high[i])) return PF_FILTER_INVALID;
+  PF_P(copy_)(low, self->g_low, PF_N_X);
+  PF_P(copy_)(high, self->g_high, PF_N_X);
+  return PF_FILTER_OK;
+}
+
+/* What acts of g; a number that is not finite stays one. */
+static inline void PF_P(acting_)(const PF_NAME *self, const PF_T *g, PF_T *acting) {
+  PF_UNROLL for (int i = 0; i < PF_N_X; i++) {
+    const PF_T within = g[i] < self->g_low[i] ? self->g_low[i] : (g[i] > self->g_high[i] ? self->g_high[i] : g[i]);
+    acting[i] = g[i] - g[i] == (PF_T)0 ? within : g[i];
+  }
 }
 #endif
 
@@ -221,6 +246,11 @@ int PF_P(start)(PF_NAME *self, const PF_T *x0, const PF_T *f_hat0, const PF_T *f
   PF_P(copy_)(x0, self->x, PF_N_X);
   PF_P(copy_)(f_theta, self->f_theta, PF_N_F);
   if (g0) {
+#if PF_P(G_LIMIT)
+    PF_T acting[PF_N_X];
+    PF_P(acting_)(self, g0, acting);
+    g0 = acting;
+#endif
     PF_P(copy_)(g0, self->g, PF_N_X);
 #if !PF_P(G_AVERAGE)
     PF_P(copy_)(g0, self->g_held, PF_N_X);
@@ -395,6 +425,11 @@ PF_INLINE int PF_P(take_)(PF_NAME *self, const PF_T *x_now, const PF_T *g, const
   PF_T u[PF_N_F], x[PF_N_X], f_theta[PF_N_F], (*dA)[PF_N][PF_N] = self->dA, watch;
   PF_P(copy_)(x_now, x, PF_N_X);
   PF_P(copy_)(f_theta_now, f_theta, PF_N_F);
+#if PF_P(G_LIMIT)
+  PF_T acting[PF_N_X];
+  PF_P(acting_)(self, g, acting);
+  g = acting;
+#endif
 #if PF_P(INERTIA_INPUT)
   const int inertia_given = inertia != NULL;
   if (!inertia_given) inertia = self->inertia;

@@ -6,7 +6,7 @@
  *   #include "pf_filter_model.h"
  *
  * defines `const pf_model wing_model`. u: x, g, f_theta, the inertia if it is an input; y: f_hat; p, where TUNABLE: a of
- * all filters, b of all, limit; s: w of the sections. At a sample a held g is that of the sample before: f_hat does not
+ * all filters, b of all, limit, g_low, g_high; s: w of the sections. At a sample a held g is that of the sample before: f_hat does not
  * depend on g without delay. b[0] of a low-pass filter (b = a[0], 0, ...) follows a[0] unless b is set with it.
  */
 #include <string.h>
@@ -29,13 +29,7 @@
 #define PF_N_M (PF_N_X * PF_N_X)
 #endif
 #define PF_N_U (2 * PF_N_X + PF_N_F + PF_N_M)
-#if PF_P(TUNABLE) && PF_P(LIMIT)
-#define PF_N_P (2 * PF_N_A + PF_N_F)
-#elif PF_P(TUNABLE)
-#define PF_N_P (2 * PF_N_A)
-#else
-#define PF_N_P 0
-#endif
+#define PF_N_P (PF_P(TUNABLE) * (2 * PF_N_A + PF_P(LIMIT) * PF_N_F + PF_P(G_LIMIT) * 2 * PF_N_X))
 
 typedef struct {
   PF_NAME filter;
@@ -66,6 +60,10 @@ static void PF_P(model_init)(void *instance) {
     for (uint32_t j = 0; j < PF_P(parameters).order[i]; j++) *p++ = (pf_real)PF_P(parameters).b[i][j];
 #if PF_P(LIMIT)
   for (int i = 0; i < PF_N_F; i++) *p++ = (pf_real)PF_P(parameters).limit[i];
+#endif
+#if PF_P(G_LIMIT)
+  for (int i = 0; i < PF_N_X; i++) *p++ = (pf_real)PF_P(parameters).g_low[i];
+  for (int i = 0; i < PF_N_X; i++) *p++ = (pf_real)PF_P(parameters).g_high[i];
 #endif
   memcpy(self->p_used, self->p, sizeof self->p);
 #endif
@@ -109,6 +107,12 @@ static const char *PF_P(model_apply)(void *instance) {
   PF_T limit[PF_N_F];
   for (int i = 0; i < PF_N_F; i++) limit[i] = (PF_T)self->p[2 * PF_N_A + i];
   if (code == PF_FILTER_OK) code = PF_P(set_limit)(&trial, limit);
+#endif
+#if PF_P(G_LIMIT)
+  PF_T ends[2][PF_N_X];
+  for (int i = 0; i < 2 * PF_N_X; i++)
+    ends[i / PF_N_X][i % PF_N_X] = (PF_T)self->p[2 * PF_N_A + PF_P(LIMIT) * PF_N_F + i];
+  if (code == PF_FILTER_OK) code = PF_P(set_g_limit)(&trial, ends[0], ends[1]);
 #endif
   if (code != PF_FILTER_OK) {
     memcpy(self->p, self->p_used, sizeof self->p);
