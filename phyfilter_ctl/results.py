@@ -60,8 +60,8 @@ class Status(StrEnum):
     )
     NOT_IDENTIFIED = (
         "not_identified",
-        "the data do not show F(0) at this order, a lower one is returned: add flights with steady residuals, or take "
-        "the low-pass form",
+        "the data do not show F at low frequency at this order, a lower one is returned: add flights with steady "
+        "residuals, or take the low-pass form",
     )
     REJECTED = (
         "rejected",

@@ -12,7 +12,7 @@ from scipy.optimize import minimize
 
 from phyfilter_ctl import PhyFilter, Recording
 from phyfilter_ctl.design.learning import LearnEvent, learn
-from phyfilter_ctl.design.learning.learn_filter import _status
+from phyfilter_ctl.design.learning.verdict import status_of
 from tests.cpu_budget import slow_but
 
 matplotlib.use("Agg")
@@ -309,7 +309,7 @@ def test_the_same_seed_gives_the_same_filter(short):
 
 def test_statuses():
     # Which of many descents is still going down is a matter of rounding: what is said of one is not.
-    assert _status(SimpleNamespace(done=False), 2, 2, SimpleNamespace(form="lowpass")) == "iteration_limit"
+    assert status_of(SimpleNamespace(done=False), 2, 2, SimpleNamespace(form="lowpass")) == "iteration_limit"
     rng = np.random.default_rng(13)
     u = rng.standard_normal((2000, 1))
     x = np.concatenate([[[0.0]], np.cumsum(0.01 * u, axis=0)])

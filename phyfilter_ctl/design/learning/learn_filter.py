@@ -19,29 +19,27 @@ from numpy.typing import ArrayLike
 from threadpoolctl import threadpool_limits
 
 from ... import _signals
-from ..._sections import FloatArray
 from ...filter import PhyFilter
 from ...filter.sampling import Method, Rule
 from ...recording import Recording
 from ...results import Status
-from . import levenberg
+from . import levenberg, verdict
+from .coordinates import FASTEST
 from .correlation import MOST_LAGS, memory
 from .label_check import label_faults
 from .levenberg import Descent
-from .parametrisation import Chain
 from .residuals import Flight, flights_of, refuse_uninformative
 from .result import LearnEvent, LearnResult, is_identified
 from .samples import response
 from .search import Best, Search
-from .sensitivity import Data, Evaluation, Form, evaluate, filter_of
+from .sensitivity import Data
 from .sources import sources
+from .structure import Form, Structure, structure_of
 from .wiener import wiener_floor
 
 __all__ = ["learn"]
 
 HIGHEST_ORDER = 12
-# An order that lowers the squared error by less than this share adds nothing.
-_ADDS_NOTHING = 1e-4
 # Squared errors below this share of the target's square are rounding.
 _EXACT = 1e-14
 # A decay rate of 2 pi / T settles to 0.2 % within a flight of T, and flights resolve frequencies 2 pi / T apart.
@@ -55,6 +53,13 @@ def learn(
     order: SupportsIndex,
     *,
     form: Form = "lowpass",
+    dc_gain: float | None = 1.0,
+    type: SupportsIndex | None = None,
+    zeros_at: ArrayLike = (),
+    blocked_at: ArrayLike = (),
+    poles: ArrayLike = (),
+    pole_range: tuple[float, float] | None = None,
+    damping: float | None = None,
     start: PhyFilter | Sequence[PhyFilter] | None = None,
     starts: int = 5,
     weights: ArrayLike | Sequence[ArrayLike] | None = None,
@@ -78,7 +83,23 @@ def learn(
     order : int
         Order n of D, 1 to 12. Lower orders are learned on the way.
     form : {"lowpass", "general"}
-        N = a_0, or N free.
+        N = a_0, or N free but for the conditions below.
+    dc_gain : float or None
+        F(0) of the general form: 1, the default, follows a constant residual with no steady error. 0 leaves it alone
+        (band-pass). None leaves F(0) to the data, which rarely hold it.
+    type : int, optional
+        Zeros of 1 - F at s = 0 (general form): 2 follows ramps with no steady error, and so on.
+    zeros_at : array_like, shape (m,), optional
+        Angular frequencies in rad/s at which 1 - F vanishes, as for :func:`~phyfilter_ctl.place_poles`: what is
+        periodic there is followed.
+    blocked_at : array_like, shape (m,), optional
+        Angular frequencies in rad/s at which F vanishes: what is periodic there, a vibration, is not followed.
+    poles : array_like, shape (m,), optional
+        Poles in rad/s that are given; the others are learned.
+    pole_range : (float, float), optional
+        Least and largest magnitude in rad/s of the poles that are learned, inside what the data show (Notes).
+    damping : float, optional
+        Least damping ratio of the poles that are learned.
     start : PhyFilter or sequence of PhyFilter, optional
         Further starts, each for its own order.
     starts : int
@@ -113,7 +134,7 @@ def learn(
         If ``logs`` or ``start`` hold something else.
     ValueError
         If a label is missing, there are fewer samples than parameters, the residual is constant, the order is outside
-        1 to 12, or an option is none of the above.
+        1 to 12 or too low for the conditions on F, or an option is none of the above.
 
     Warns
     -----
@@ -132,10 +153,14 @@ def learn(
     remembers samples, whatever the length and number of flights. Unequal steps and weights of single samples are
     summed sample by sample; there the trials run on the mean step (and weighted signals), the answer does not.
 
+    Conditions on F are linear in N and hold exactly (least squares with equality constraints). With limits on single
+    poles or given ones D is a product of sections instead, in a box of its own.
+
     The general form of order n contains that of order n - 1: its cost never rises. A low-pass filter whose bounded
-    additional pole does not pay is not returned; the lower order is. Nor is a general filter with |1 - F(0)| > 1: where
-    a label has lost its mean or drifts, slow poles follow it at frequencies at which the residual itself holds
-    little, and the price is paid by the first constant residual.
+    additional pole does not pay is not returned; the lower order is. Nor is a general filter with |1 - F(0)| > 1, or
+    with |1 - F| > 2 (the largest sensitivity that loops are designed for) where a flight shows three periods at most:
+    where a label has lost its mean or drifts, slow poles follow it at frequencies at which the residual itself holds
+    little, and the price is paid by the first steady residual.
 
     One filter serves all channels that take part. A filter of its own for each:
     ``stack([learn(logs, n, channels=[name]).filter for name in channels])``.
@@ -154,6 +179,17 @@ def learn(
     """
     n = _order(order)
     _check_options(form, method, starts, max_iterations)
+    structure = structure_of(
+        form,
+        dc_gain=dc_gain,
+        type=type,
+        zeros_at=zeros_at,
+        blocked_at=blocked_at,
+        poles=poles,
+        pole_range=pole_range,
+        damping=damping,
+    )
+    structure.refuse(n)
     single = isinstance(logs, Recording)
     entries = _weights(weights, single)
     flights = flights_of(_listed("logs", logs), channels=channels, weights=entries, g=g, f_theta=f_theta)
@@ -168,7 +204,7 @@ def learn(
     recorder = _Recorder(callback)
     # Two threads of a BLAS make products of this size ten times slower.
     with threadpool_limits(1, user_api="blas"):
-        search = _search(flights, form, method, n, max_iterations, recorder.report)
+        search = _search(flights, form, method, n, max_iterations, recorder.report, structure)
         with suppress(_CancelledError):
             search.climb(n, given, starts, np.random.default_rng(seed))
         if recorder.cancelled:
@@ -216,6 +252,7 @@ def _search(
     order: int,
     limit: int,
     report: Callable[[int, int, Descent], None],
+    structure: Structure,
 ) -> Search:
     coarse, fine = sources(flights, method)
     longest = max(float(flight.dt * len(flight.u)) for flight in flights)
@@ -227,7 +264,16 @@ def _search(
     )
     # A gap is one long step, but no reason to keep the poles slow; forward Euler has no choice.
     typical = max(flight.dt for flight in flights)
-    return Search(coarse, fine, form, method, step if method == "euler" else typical, floor, limit, report)
+    search = Search(
+        coarse, fine, form, method, step if method == "euler" else typical, floor, limit, report, structure
+    )
+    low, high = search.band
+    if not low < high:
+        raise ValueError(
+            f"pole_range: expected a part of what the flights show, {floor:.3g} to {FASTEST / search.step:.3g} rad/s "
+            f"(2 pi over the longest flight, {FASTEST:g} over the step), got {structure.pole_range}"
+        )
+    return search
 
 
 # -- the answer ----------------------------------------------------------------------------------------------
@@ -248,15 +294,19 @@ def _result(
     status = Status.CANCELLED if recorder.cancelled else Status.CONVERGED
     if search.form == "lowpass":
         least = min(entry.cost for entry in search.best.values())
-        enough = max(least, 0.0) / (1.0 - _ADDS_NOTHING) + _EXACT * search.fine.energy / search.fine.weight
+        enough = (
+            max(least, 0.0) / (1.0 - verdict.ADDS_NOTHING) + _EXACT * search.fine.energy / search.fine.weight
+        )
         used = min(n for n, entry in search.best.items() if entry.cost <= enough)
     else:
-        identified = [n for n, entry in search.best.items() if is_identified(_filter(entry, search))]
+        identified = [
+            n for n, entry in search.best.items() if is_identified(search.filter(entry), search.floor)
+        ]
         used = max(identified, default=min(search.best))
     best = search.best[used]
     if not recorder.cancelled:
-        status = _status(best, used, order, search)
-    filter = _filter(best, search)
+        status = verdict.status_of(best, used, order, search)
+    filter = search.filter(best)
     floor = None
     if wiener and not recorder.cancelled:
         floor = wiener_floor(flights, filter, lambda data: _refitted(data, best, search), search.method)
@@ -267,75 +317,29 @@ def _result(
         held_out_rmse=_rmse(filter, tests, search.method) if tests else None,
         order_used=used,
         status=status,
-        message=_message(status, used, order, search),
+        message=verdict.message_of(status, used, order, search),
         notes=notes,
         history=tuple(recorder.events),
         costs={n: max(entry.cost, 0.0) for n, entry in sorted(search.best.items())},
         wiener=floor,
         dt=flights[0].dt,
         method=search.method,
-    )
-
-
-def _filter(best: Best, search: Search) -> PhyFilter:
-    return filter_of(best.chain, best.found.c, search.form)
-
-
-def _status(best: Best, used: int, order: int, search: Search) -> Status:
-    if search.form == "general" and not is_identified(_filter(search.best[max(search.best)], search)):
-        return Status.NOT_IDENTIFIED
-    if used < order:
-        return Status.ORDER_ADDS_NOTHING
-    if not best.done:
-        return Status.ITERATION_LIMIT
-    slow = bool(np.any(-best.chain.poles.real < 1.01 * search.floor))
-    return Status.AT_BOUND if best.bound or slow else Status.CONVERGED
-
-
-def _message(status: Status, used: int, order: int, search: Search) -> str:
-    return {
-        Status.CONVERGED: f"order {used}: no start and no lower order does better",
-        Status.ORDER_ADDS_NOTHING: (
-            f"no low-pass filter above order {used}, up to {order}, lowers the squared error by "
-            f"{100 * _ADDS_NOTHING:g} %: the filter of order {used} is returned; try form='general'"
-        ),
-        Status.NOT_IDENTIFIED: _not_identified(used, search),
-        Status.AT_BOUND: (
-            f"order {used}: a pole lies at a bound (decay rates from {search.floor:.3g} rad/s, 2 pi over the longest "
-            f"flight, to about {1.0 / search.step:.3g} rad/s, the sampling): try a lower order, longer flights or "
-            "faster sampling"
-        ),
-        Status.ITERATION_LIMIT: f"order {used}: the best descent was still going down; raise max_iterations",
-        Status.CANCELLED: f"cancelled by the callback: the best filter so far, of order {used}",
-    }[status]
-
-
-def _not_identified(used: int, search: Search) -> str:
-    order = max(search.best)
-    refused = _filter(search.best[order], search)
-    slowest = float(np.min(np.abs(refused.poles)))
-    return (
-        f"order {order}: F(0) is not identified: it would be {refused.dc_gain:.3g}, and a constant residual estimated "
-        f"worse than by f_theta alone; near {slowest:.2g} rad/s the flights hold little but the label's own error (a "
-        f"lost mean, a drift, another unit than M x' - g): the filter of order {used} is returned; put the label's "
-        "mean and slow part right, add flights with steady residuals, or take form='lowpass', where F(0) = 1"
+        slowest=search.floor,
     )
 
 
 def _refitted(data: Data, best: Best, search: Search) -> PhyFilter:
     """The learned filter after some steps on other data."""
-
-    def cost(theta: FloatArray) -> Evaluation | None:
-        return evaluate(data, Chain(theta, search.floor), search.form)
-
-    begun = levenberg.start(cost, best.chain.theta)
+    cost = search.cost(data)
+    begun = levenberg.start(cost, best.theta)
     if begun is None:
-        return _filter(best, search)
+        return search.filter(best)
     upper, lower = search.box(best.chain.order)
     descent = levenberg.descend(
         cost, begun, upper, lower, limit=_REFITS, negligible=0.0, report=lambda _: None
     )
-    return filter_of(Chain(descent.theta, search.floor), descent.found.c, search.form)
+    chain = search.coordinates.chain(descent.theta)
+    return search.filter(Best(descent.theta, chain, descent.found, 0, True, False))
 
 
 def _rmse(filter: PhyFilter, flights: Sequence[Flight], method: Method) -> float:

@@ -20,12 +20,24 @@ if TYPE_CHECKING:
 
 # A constant residual may be left with as much error as f_theta alone leaves, |1 - F(0)| = 1 (band-pass), and a little.
 _MOST_LEFT = 1.05
+# Largest sensitivity, |1 - F|, that loops are designed for; a residual with fewer periods a flight than these is left
+# with no more than twice the error that f_theta alone leaves.
+_PEAK, _PERIODS = 2.0, 3.0
 _POINTS = 400
 
 
-def is_identified(filter: PhyFilter) -> bool:
-    """Whether F(0) is one that data can have shown: a constant residual is left no worse than by f_theta alone."""
-    return abs(1.0 - filter.dc_gain) <= _MOST_LEFT
+def error_peak(filter: PhyFilter, slowest: float) -> tuple[float, float]:
+    """Largest |1 - F(j w)|, and w in rad/s, where flights of 2 pi / slowest show a few periods at most."""
+    omega = np.linspace(0.0, _PERIODS * slowest, _POINTS)
+    errors = np.abs(filter.error(1j * omega))
+    k = int(np.argmax(errors))
+    return float(errors[k]), float(omega[k])
+
+
+def is_identified(filter: PhyFilter, slowest: float) -> bool:
+    """Whether F is one that data can have shown: a constant residual is left no worse than by f_theta alone, and one of
+    a few periods a flight not much worse."""
+    return abs(1.0 - filter.dc_gain) <= _MOST_LEFT and error_peak(filter, slowest)[0] <= _PEAK
 
 
 @dataclass(frozen=True)
@@ -66,11 +78,11 @@ class LearnResult(Result):
     held_out_rmse : float or None
         As ``rmse`` on the held-out flights.
     order_used : int
-        Order of ``filter``; below the one asked for where the low-pass form gains nothing from it, or F(0) of the
-        general form is not identified.
+        Order of ``filter``; below the one asked for where the low-pass form gains nothing from it, or F of the general
+        form is not identified.
     status : Status
         CONVERGED; ORDER_ADDS_NOTHING (low-pass form: the lower order is returned); NOT_IDENTIFIED (general form: the
-        fit of this order would estimate a constant residual worse than f_theta alone; a lower order is returned);
+        fit of this order would estimate a steady residual worse than f_theta alone; a lower order is returned);
         AT_BOUND (a pole wants to be faster or slower than the data can show); ITERATION_LIMIT; CANCELLED (best so
         far).
     message : str
@@ -87,6 +99,8 @@ class LearnResult(Result):
         Sampling interval in s of the first flight.
     method : str
         Discretisation the filter was learned for.
+    slowest : float
+        Least decay rate in rad/s that the flights show, 2 pi over the longest one.
     """
 
     filter: PhyFilter
@@ -102,11 +116,13 @@ class LearnResult(Result):
     wiener: WienerFloor | None
     dt: float
     method: Method
+    slowest: float
 
     @property
     def is_identified(self) -> bool:
-        """Whether F(0) is one that data can have shown: a constant residual is left no worse than by f_theta alone."""
-        return is_identified(self.filter)
+        """Whether F is one that data can have shown: |1 - F(0)| is 1 at most (a constant residual is left no worse than
+        by f_theta alone), and |1 - F| 2 at most where the longest flight shows no more than three periods."""
+        return is_identified(self.filter, self.slowest)
 
     @property
     def wiener_ratio(self) -> float | None:

@@ -4,22 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
-from ..._sections import ComplexArray, FloatArray, sort_poles
+from ..._sections import ComplexArray, FloatArray
 from ...filter import PhyFilter
 from ...filter.sampling import Method
 from . import levenberg
+from .coordinates import FASTEST, Coordinates, Limited, Schwarz
 from .levenberg import Descent
-from .parametrisation import Chain, chain_of
-from .sensitivity import Data, Evaluation, Form, evaluate
+from .parametrisation import Chain
+from .sensitivity import Data, Evaluation, Form, evaluate, filter_of
+from .structure import FREE, Structure
 
-# n equal poles at this over the step lie just within the bounds. As an additional pole of the low-pass form it costs
-# 0.5 %, and beyond it the sampled filter hardly changes.
-FASTEST = 3.0
-# The rates of the Schwarz form may fall this far below the least decay rate.
-_SLOWEST = 1e-3
 _CUTOFFS = 10  # of the scan for where to start
 _TRIAL_STEPS = 8  # for every start; the best go on
 _GO_ON = 3
@@ -27,18 +25,11 @@ _REFINED, _FINE_STEPS = 2, 3  # answers of the trials' problem that are tried on
 _TOGETHER = 1e-4  # two trials whose costs agree to this are on one way
 
 
-@dataclass(frozen=True)
-class Start:
-    """A chain to start from, and the number under which the history lists it."""
-
-    number: int
-    chain: Chain
-
-
 @dataclass(frozen=True, eq=False)
 class Best:
     """The best of one order."""
 
+    theta: FloatArray
     chain: Chain
     found: Evaluation
     start: int
@@ -68,6 +59,8 @@ class Search:
         Steps of one descent.
     report : callable
         Order, start, descent; called after every step that lowered a cost.
+    structure : Structure
+        What F is made to be.
     best : dict
         By order; filled by :meth:`climb`, also when a callback breaks off.
     rough : dict
@@ -82,35 +75,56 @@ class Search:
     floor: float
     limit: int
     report: Callable[[int, int, Descent], None]
+    structure: Structure = FREE
     best: dict[int, Best] = field(default_factory=dict)
     rough: dict[int, Descent] = field(default_factory=dict)
+
+    @cached_property
+    def coordinates(self) -> Coordinates:
+        """The unknowns of the descents."""
+        if not self.structure.is_limited:
+            return Schwarz(self.step, self.floor)
+        low, high = self.band
+        return Limited(self.structure.poles, low, high, self.structure.least_damping)
+
+    @property
+    def band(self) -> tuple[float, float]:
+        """Least and largest rate in rad/s that single poles may have; without limits the largest holds on average."""
+        low, high = self.structure.pole_range or (self.floor, np.inf)
+        return max(low, self.floor), min(high, FASTEST / self.step)
+
+    def filter(self, best: Best) -> PhyFilter:
+        """The filter of a best one."""
+        return filter_of(best.chain, best.found.c, self.form, self.structure)
 
     def settle(self) -> None:
         """After a callback broke off: orders that had only been tried are judged on the fine data as they stand."""
         for n, descent in self.rough.items():
-            if n not in self.best and (found := self._cost(self.fine)(descent.theta)) is not None:
-                self.best[n] = Best(Chain(descent.theta, self.floor), found, 0, False, False)
+            if n not in self.best and (found := self.cost(self.fine)(descent.theta)) is not None:
+                self.best[n] = Best(
+                    descent.theta, self.coordinates.chain(descent.theta), found, 0, False, False
+                )
 
     def climb(self, order: int, given: Sequence[PhyFilter], starts: int, rng: np.random.Generator) -> None:
         """Solve the orders 1 ... order, each warm-started from the one before."""
-        for n in range(1, order + 1):
-            mine = [self._allowed(filter.poles) for filter in given if filter.order == n]
+        for n in range(self.structure.least_order, order + 1):
+            mine = [self.coordinates.of(filter.poles) for filter in given if filter.order == n]
             warm = [self._with_pole(self.best[n - 1].chain, rate) for rate in self._extra_rates(n)]
             scan = self._scan(n)
             random = [self._random(n, scan[0], rng) for _ in range(starts)]
             self._solve(n, [*warm, *mine, *scan[1:], *random], len(warm))
 
-    def _solve(self, n: int, chains: list[Chain], warm: int) -> None:
+    def _solve(self, n: int, begins: list[FloatArray], warm: int) -> None:
         upper, lower = self.box(n)
         trials: list[tuple[int, Descent]] = []
-        for number, chain in enumerate(chains):
-            begun = levenberg.start(self._cost(self.coarse), chain.theta)
+        for number, theta in enumerate(begins):
+            begun = levenberg.start(self.cost(self.coarse), theta)
             if begun is not None:
                 trials.append((number, self._descend(n, number, begun, self.coarse, _TRIAL_STEPS)))
         chosen = _distinct(trials)
         ended = [(number, self._descend(n, number, now, self.coarse, self.limit)) for number, now in chosen]
         if self.fine is not self.coarse:
-            ended = self._refined(n, ended, chains[:warm])
+            ended = self._refined(n, ended, begins[:warm])
         if not ended:
             return
         number, descent = min(ended, key=lambda entry: entry[1].found.cost)
@@ -118,13 +132,13 @@ class Search:
         self._keep(n, number, descent, edge)
 
     def _refined(
-        self, n: int, ended: list[tuple[int, Descent]], warm: list[Chain]
+        self, n: int, ended: list[tuple[int, Descent]], warm: list[FloatArray]
     ) -> list[tuple[int, Descent]]:
         """The best of the trials, and the lower order's answer, take a few steps on the fine data; one goes on."""
         ended = sorted(ended, key=lambda entry: entry[1].found.cost)[:_REFINED]
         thetas = [(number, descent.theta) for number, descent in ended]
-        thetas += [(number, chain.theta) for number, chain in enumerate(warm[:1])]
-        begun = [(number, levenberg.start(self._cost(self.fine), theta)) for number, theta in thetas]
+        thetas += [*enumerate(warm[:1])]
+        begun = [(number, levenberg.start(self.cost(self.fine), theta)) for number, theta in thetas]
         tried = [
             (number, self._descend(n, number, now, self.fine, _FINE_STEPS))
             for number, now in begun
@@ -146,7 +160,7 @@ class Search:
             self.report(n, number, descent)
 
         return levenberg.descend(
-            self._cost(data),
+            self.cost(data),
             now,
             upper,
             lower,
@@ -158,23 +172,25 @@ class Search:
     def _keep(self, n: int, number: int, descent: Descent, edge: bool) -> None:
         known = self.best.get(n)
         if known is None or descent.found.cost <= known.cost:
-            self.best[n] = Best(Chain(descent.theta, self.floor), descent.found, number, descent.done, edge)
+            chain = self.coordinates.chain(descent.theta)
+            self.best[n] = Best(descent.theta, chain, descent.found, number, descent.done, edge)
 
-    def _cost(self, data: Data) -> Callable[[FloatArray], Evaluation | None]:
+    def cost(self, data: Data) -> Callable[[FloatArray], Evaluation | None]:
+        """The cost on some data as a function of the unknowns."""
+
         def cost(theta: FloatArray) -> Evaluation | None:
-            chain = Chain(theta, self.floor)
+            chain = self.coordinates.chain(theta)
             # Beyond the Nyquist frequency a pole is the alias of a slower one.
             if np.max(np.abs(chain.poles.imag)) * self.step > np.pi:
                 return None
-            return evaluate(data, chain, self.form)
+            found = evaluate(data, chain, self.form, self.structure)
+            return None if found is None else self.coordinates.pulled(found, chain, theta)
 
         return cost
 
     def box(self, n: int) -> tuple[FloatArray, FloatArray]:
-        """Upper and lower bounds (n,) of theta: (s + P)^n has d = n P, and k_1 = P sqrt((n^2 - 1) / 3) largest."""
-        upper = np.full(n, np.log(FASTEST / self.step * np.sqrt((n * n - 1.0) / 3.0 or 1.0)))
-        upper[0] = np.log(n * FASTEST / self.step)
-        return upper, np.full(n, np.log(_SLOWEST * self.floor))
+        """Upper and lower bounds of the unknowns of order n."""
+        return self.coordinates.box(n)
 
     # -- starts -------------------------------------------------------------------------------------------------
 
@@ -183,15 +199,9 @@ class Search:
         """A rate in rad/s that the sampling still resolves, under every rule."""
         return 1.0 / self.step
 
-    def _allowed(self, poles: ComplexArray) -> Chain:
-        """The chain with these poles, moved into the box."""
-        chain = chain_of(sort_poles(poles), self.floor)
-        upper, lower = self.box(chain.order)
-        return Chain(np.clip(chain.theta, lower, upper), self.floor)
-
-    def _with_pole(self, chain: Chain, rate: float) -> Chain:
+    def _with_pole(self, chain: Chain, rate: float) -> FloatArray:
         """The chain with one real pole more: not moved, so that the general form contains the old filter."""
-        return chain_of(sort_poles(np.append(chain.poles, -rate)), self.floor)
+        return self.coordinates.of(np.append(chain.poles, -rate), inside=False)
 
     def _extra_rates(self, n: int) -> list[float]:
         """Where the additional pole of a warm start goes: as fast as the sampling allows, and by the others."""
@@ -201,20 +211,23 @@ class Search:
         near = min(2.0 * float(np.max(sizes)), 0.5 * self._fastest)
         return [self._fastest, near, max(0.5 * float(np.min(sizes)), 2.0 * self.floor)]
 
-    def _scan(self, n: int) -> list[Chain]:
+    def _scan(self, n: int) -> list[FloatArray]:
         """Poles spread a little about a cutoff: the best of a scan of cutoffs, damped well and weakly."""
-        cutoffs = np.geomspace(min(4.0 * self.floor, 0.1 * self._fastest), 0.5 * self._fastest, _CUTOFFS)
-        best: list[Chain] = []
+        low, high = self.band
+        slow = max(min(4.0 * self.floor, 0.1 * self._fastest), low)
+        cutoffs = np.geomspace(slow, max(min(0.5 * self._fastest, high), slow), _CUTOFFS)
+        best: list[FloatArray] = []
         for damping in (1.0, 0.4):
-            chains = [self._allowed(_spread(n, cutoff, damping)) for cutoff in cutoffs]
-            found = [evaluate(self.coarse, chain, self.form) for chain in chains]
+            begins = [self.coordinates.of(_spread(n, cutoff, damping)) for cutoff in cutoffs]
+            chains = [self.coordinates.chain(theta) for theta in begins]
+            found = [evaluate(self.coarse, chain, self.form, self.structure) for chain in chains]
             costs = [np.inf if entry is None else entry.cost for entry in found]
-            best.append(chains[int(np.argmin(costs))])
+            best.append(begins[int(np.argmin(costs))])
         return [best[0], *best]
 
-    def _random(self, n: int, about: Chain, rng: np.random.Generator) -> Chain:
-        """Poles drawn about those of a chain, a factor of three either way and more."""
-        centre = float(np.exp(np.mean(np.log(np.abs(about.poles)))))
+    def _random(self, n: int, about: FloatArray, rng: np.random.Generator) -> FloatArray:
+        """Poles drawn about those of a start, a factor of three either way and more."""
+        centre = float(np.exp(np.mean(np.log(np.abs(self.coordinates.chain(about).poles)))))
         poles: list[complex] = []
         while len(poles) < n:
             size = float(
@@ -226,7 +239,7 @@ class Search:
             else:
                 pole = size * complex(-damping, np.sqrt(1.0 - damping**2))
                 poles += [pole, pole.conjugate()]
-        return self._allowed(np.array(poles))
+        return self.coordinates.of(np.array(poles))
 
 
 def _spread(n: int, cutoff: float, damping: float) -> ComplexArray:

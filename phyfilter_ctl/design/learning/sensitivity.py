@@ -10,15 +10,15 @@ exact. So G = sum w s s' and m = sum w s gamma* hold everything a Gauss-Newton s
 
 from __future__ import annotations
 
-from typing import Literal, NamedTuple, Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
 from ..._sections import FloatArray
 from ...filter import PhyFilter
 from .parametrisation import Chain, chain_of
+from .structure import FREE, Form, Structure
 
-Form = Literal["lowpass", "general"]
 # Directions of the states whose share in their covariance is below this carry no information on c.
 _NO_INFORMATION = 1e-13
 
@@ -50,12 +50,13 @@ class Evaluation(NamedTuple):
     c: FloatArray  # (n,): F = c xi
 
 
-def evaluate(data: Data, chain: Chain, form: Form) -> Evaluation | None:
+def evaluate(data: Data, chain: Chain, form: Form, structure: Structure = FREE) -> Evaluation | None:
     """Cost, gradient and Gauss-Newton matrix by theta; None where the sampled filter is not stable, its sensitivities
     are not known, or a block that was taken out of the moments left only rounding.
 
-    The general form solves for c by linear least squares and projects the sensitivities (Kaufman's variable
-    projection, BIT 15 (1975)); its gradient is exact. In the low-pass form c is a function of theta.
+    The general form solves for c by linear least squares, the conditions of the structure as equality constraints, and
+    projects the sensitivities (Kaufman's variable projection, BIT 15 (1975)); its gradient is exact. In the low-pass
+    form c is a function of theta.
     """
     found = data.moments(chain.doubled)
     if found is None:
@@ -76,37 +77,57 @@ def evaluate(data: Data, chain: Chain, form: Form) -> Evaluation | None:
         rows[:, n - 1] += slopes
         curvature = rows @ G @ rows.T
     else:
-        solve = _Solver(G[:n, :n])
-        c = solve(m[:n])
+        S, d = structure.rows(chain.doubled)
+        solver = Solver(G[:n, :n], S[:n])
+        c = solver.least_squares(m[:n], d)
         rows = c @ rows
+        rows[:, :n] -= solver.met(rows @ S)  # c moves so that the conditions hold where the states have moved
         curvature = rows @ G @ rows.T
         across = rows @ G[:, :n]
-        curvature -= across @ solve(across.T)
+        curvature -= across @ solver.free(across.T)
     residual = m - G[:, :n] @ c
     cost = data.energy - float(c @ (m[:n] + residual[:n]))
     scale = 1.0 / data.weight
     return Evaluation(scale * cost, -2.0 * scale * (rows @ residual), 2.0 * scale * curvature, c)
 
 
-class _Solver:
-    """Least-squares solution of G c = m for a covariance G, by its eigenvectors after scaling the diagonal to 1."""
+class Solver:
+    """Least squares with equality constraints, min c G c' - 2 c m with c S = d, for a covariance G.
 
-    def __init__(self, G: FloatArray) -> None:
+    The null space of S is taken in states of unit size, and G on it is inverted by its eigenvectors.
+    """
+
+    def __init__(self, G: FloatArray, S: FloatArray) -> None:
         self.sizes = np.sqrt(np.maximum(np.diag(G), np.finfo(float).tiny))
-        values, vectors = np.linalg.eigh(G / np.outer(self.sizes, self.sizes))
-        kept = values > _NO_INFORMATION * values[-1]
-        self.vectors, self.values = vectors[:, kept], values[kept]
+        self.G = G / np.outer(self.sizes, self.sizes)
+        self.lengths = np.linalg.norm(S / self.sizes[:, None], axis=0)
+        Q, R = np.linalg.qr(S / self.sizes[:, None] / self.lengths, mode="complete")
+        count = S.shape[1]
+        self.forced, self.R = Q[:, :count], R[:count]
+        values, vectors = np.linalg.eigh(Q[:, count:].T @ self.G @ Q[:, count:])
+        kept = values > _NO_INFORMATION * np.max(values, initial=0.0)
+        self.basis, self.values = (Q[:, count:] @ vectors)[:, kept], values[kept]
 
-    def __call__(self, m: FloatArray) -> FloatArray:
-        scaled = (m.T / self.sizes).T
-        inner = (self.vectors.T @ scaled).T / self.values
-        return ((self.vectors @ inner.T).T / self.sizes).T
+    def least_squares(self, m: FloatArray, d: FloatArray) -> FloatArray:
+        """The minimiser c (n,)."""
+        forced = self.forced @ np.linalg.solve(self.R.T, d / self.lengths)
+        inner = self.basis.T @ (m / self.sizes - self.G @ forced)
+        return (forced + self.basis @ (inner / self.values)) / self.sizes
+
+    def met(self, d: FloatArray) -> FloatArray:
+        """Rows c (q, n) of least size with c S = d (q, p)."""
+        return (self.forced @ np.linalg.solve(self.R.T, (d / self.lengths).T)).T / self.sizes
+
+    def free(self, m: FloatArray) -> FloatArray:
+        """Z (Z' G Z)^-1 Z' m (n, q), Z spanning the rows with Z' S = 0."""
+        inner = (self.basis.T @ (m.T / self.sizes).T).T / self.values
+        return ((self.basis @ inner.T).T / self.sizes).T
 
 
-def filter_of(chain: Chain, c: FloatArray, form: Form) -> PhyFilter:
+def filter_of(chain: Chain, c: FloatArray, form: Form, structure: Structure = FREE) -> PhyFilter:
     """The continuous filter c xi."""
     a, R, _, _ = chain.polynomials
-    return PhyFilter(a, None if form == "lowpass" else R @ c, poles=chain.poles)
+    return PhyFilter(a, None if form == "lowpass" else structure.tidied(a, R @ c), poles=chain.poles)
 
 
 def coefficient_gradient(

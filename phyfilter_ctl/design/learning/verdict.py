@@ -1,0 +1,76 @@
+"""How a search ended, and in words."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ...results import Status
+from .result import error_peak, is_identified
+from .search import Best, Search
+
+__all__ = ["ADDS_NOTHING", "message_of", "status_of"]
+
+# An order that lowers the squared error by less than this share adds nothing.
+ADDS_NOTHING = 1e-4
+
+
+def status_of(best: Best, used: int, order: int, search: Search) -> Status:
+    """How the search for an order ended of which ``best``, of order ``used``, is returned."""
+    if search.form == "general" and not is_identified(
+        search.filter(search.best[max(search.best)]), search.floor
+    ):
+        return Status.NOT_IDENTIFIED
+    if used < order:
+        return Status.ORDER_ADDS_NOTHING
+    if not best.done:
+        return Status.ITERATION_LIMIT
+    at_end = best.bound or search.coordinates.at_end(best.chain.poles)
+    return Status.AT_BOUND if at_end else Status.CONVERGED
+
+
+def message_of(status: Status, used: int, order: int, search: Search) -> str:
+    """The status in words, and what to try."""
+    return {
+        Status.CONVERGED: f"order {used}: no start and no lower order does better",
+        Status.ORDER_ADDS_NOTHING: (
+            f"no low-pass filter above order {used}, up to {order}, lowers the squared error by "
+            f"{100 * ADDS_NOTHING:g} %: the filter of order {used} is returned; try form='general'"
+        ),
+        Status.NOT_IDENTIFIED: _not_identified(used, search),
+        Status.AT_BOUND: _at_bound(used, search),
+        Status.ITERATION_LIMIT: f"order {used}: the best descent was still going down; raise max_iterations",
+        Status.CANCELLED: f"cancelled by the callback: the best filter so far, of order {used}",
+    }[status]
+
+
+def _at_bound(used: int, search: Search) -> str:
+    if search.structure.is_limited:
+        low, high = search.band
+        return (
+            f"order {used}: a pole lies at a limit ({low:.3g} to {high:.3g} rad/s, damping ratio "
+            f"{search.structure.least_damping:.2g} at least): widen it, or try a lower order"
+        )
+    return (
+        f"order {used}: a pole lies at a bound (decay rates from {search.floor:.3g} rad/s, 2 pi over the longest "
+        f"flight, to about {1.0 / search.step:.3g} rad/s, the sampling): try a lower order, longer flights or "
+        "faster sampling"
+    )
+
+
+def _not_identified(used: int, search: Search) -> str:
+    order = max(search.best)
+    refused = search.filter(search.best[order])
+    slowest = float(np.min(np.abs(refused.poles)))
+    if search.structure.dc_gain is None:
+        what = (
+            f"F(0) is not identified: it would be {refused.dc_gain:.3g}, and a constant residual estimated worse than "
+            "by f_theta alone"
+        )
+    else:
+        peak, omega = error_peak(refused, search.floor)
+        what = f"F is not identified at low frequency: |1 - F| would be {peak:.3g} at {omega:.2g} rad/s"
+    return (
+        f"order {order}: {what}; near {slowest:.2g} rad/s the flights hold little but the label's own error (a lost "
+        f"mean, a drift, another unit than M x' - g): the filter of order {used} is returned; put the label's mean and "
+        "slow part right, add flights with steady residuals, or take a lower order or form='lowpass', where F(0) = 1"
+    )
