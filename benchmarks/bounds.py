@@ -19,7 +19,7 @@ import numpy as np
 
 import phyfilter_ctl as pf
 from phyfilter_ctl.analysis import ultimate_bound
-from phyfilter_ctl.analysis.bounds.ultimate import Method
+from phyfilter_ctl.analysis.bounds.result import Method
 from phyfilter_ctl.design.optimal import bound_trade_off, variance_trade_off
 
 FAMILIES = ("binomial", "butterworth", "bessel", "itae")

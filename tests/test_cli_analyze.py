@@ -62,11 +62,23 @@ def test_page_of_a_sampled_filter(sampled, capsys):
     for words in ("between samples", "least of the single ones", "noise of f_hat", "stable M_hat/M"):
         assert words in text
     assert "as long as        g is held between the samples" in text
-    assert main(["analyze", sampled, "--slope", "4", "--json", "-"]) == 0
-    assert json.loads(capsys.readouterr().out)["bound"]["assumptions"] == [
-        "g is held between the samples",
-        "f_theta goes straight from sample to sample",
-    ]
+    arguments = ["--slope", "4", "--rate", "2", "--implementation", "g.1=48", "jitter=1e-4", "x_step=0.001"]
+    assert main(["analyze", sampled, *arguments]) == 0
+    text = capsys.readouterr().out
+    assert "g between samples 0.24" in text
+    assert "holds for         |g'| up to 48 between the samples" in text
+    assert "as long as        f_theta goes straight from sample to sample" in text
+    assert main(["analyze", sampled, *arguments, "--json", "-"]) == 0
+    figures = json.loads(capsys.readouterr().out)["bound"]
+    expected = ultimate_bound(
+        pf.load(sampled),
+        residual={1: 4.0},
+        rate=2.0,
+        implementation=pf.Implementation(g={1: 48.0}, jitter=1e-4, x_step=0.001),
+    )
+    assert figures["implementation"] == expected.implementation
+    assert figures["covered"] == list(expected.covered)
+    assert figures["assumptions"] == list(expected.assumptions)
 
 
 def test_data_from_a_flight(sampled, tmp_path, capsys):
@@ -93,6 +105,9 @@ def test_data_from_a_flight(sampled, tmp_path, capsys):
         (["--delay", "-1", "--lag", "0.1"], "delay"),
         (["--log", "nothing.csv"], "nothing.csv"),
         (["--picture", "page.txt"], "ends in"),
+        (["--slope", "1", "--implementation", "g=3"], "g.K"),
+        (["--slope", "1", "--implementation", "u.1=3"], "such as"),
+        (["--slope", "1", "--implementation", "g.1=3"], "is for sampled filters"),
     ],
 )
 def test_wrong_options(continuous, arguments, message, capsys):

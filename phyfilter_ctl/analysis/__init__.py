@@ -1,6 +1,6 @@
 """Analysis: what a filter does to signals."""
 
-from .bounds import BoundResult, Certificate, QuadraticProof, ultimate_bound
+from .bounds import BoundResult, Certificate, Implementation, QuadraticProof, ultimate_bound
 from .budget import ErrorBudget, error_budget
 from .frequency import FilterResponse, FilterResponseList, Peak, frequency_response
 from .margins import (
@@ -26,6 +26,7 @@ __all__ = [
     "ErrorBudget",
     "FilterResponse",
     "FilterResponseList",
+    "Implementation",
     "InertiaVerdict",
     "Loop",
     "LoopMargin",

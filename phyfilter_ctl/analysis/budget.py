@@ -32,8 +32,9 @@ class ErrorBudget(Result):
         Of the designs, where they have names.
     bandwidth : (m,) array or None
         Of the designs in rad/s, ascending, where they have no names.
-    residual, prior, noise : (m,) arrays
-        The parts: left of the residual, from the wrong inertia, from the noise of x.
+    residual, prior, noise, implementation : (m,) arrays
+        The parts: left of the residual, from the wrong inertia, from the noise of x, from what a sampled filter meets
+        as it runs.
     unit : str
         Of f.
     """
@@ -44,17 +45,19 @@ class ErrorBudget(Result):
     residual: FloatArray
     prior: FloatArray
     noise: FloatArray
+    implementation: FloatArray
     unit: str
 
     @property
     def total(self) -> FloatArray:
         """Sum of the parts, shape (m,)."""
-        return self.residual + self.prior + self.noise
+        return self.residual + self.prior + self.noise + self.implementation
 
     @property
     def parts(self) -> dict[str, FloatArray]:
         """The parts by name; those that are 0 for every design are left out, unless all are."""
-        every = {"residual": self.residual, "prior": self.prior, "noise": self.noise}
+        names = ("residual", "prior", "noise", "implementation")
+        every = {name: getattr(self, name) for name in names}
         return {name: values for name, values in every.items() if np.any(values)} or every
 
     def plot(self, *, ax: Axes | None = None, Hz: bool | None = None) -> ct.ControlPlot:
@@ -139,19 +142,23 @@ def error_budget(
             + ", ".join(type(e).__name__ for e in found)
         )
     if bounds:
-        rows = [(entry.intrinsic, entry.prior, entry.noise) for entry in bounds]
+        rows = [
+            (entry.intrinsic, entry.prior, entry.noise, sum(entry.implementation.values()))
+            for entry in bounds
+        ]
     else:
-        rows = [(entry.residual_error, 0.0, entry.noise) for entry in variances]
+        rows = [(entry.residual_error, 0.0, entry.noise, 0.0) for entry in variances]
     parts, kind = np.array(rows, dtype=float).T, "bound" if bounds else "variance"
     if names is not None:
         if bandwidth is not None:
             raise ValueError(
                 "bandwidth: a mapping is compared by its names; give a sequence of results instead"
             )
-        return ErrorBudget(kind, names, None, parts[0], parts[1], parts[2], unit)
+        return ErrorBudget(kind, names, None, parts[0], parts[1], parts[2], parts[3], unit)
     widths = _widths(bounds, len(found), bandwidth)
     order = np.argsort(widths, kind="stable")
-    return ErrorBudget(kind, None, widths[order], parts[0, order], parts[1, order], parts[2, order], unit)
+    parts = parts[:, order]
+    return ErrorBudget(kind, None, widths[order], parts[0], parts[1], parts[2], parts[3], unit)
 
 
 def _widths(bounds: Sequence[BoundResult], count: int, bandwidth: ArrayLike | None) -> FloatArray:

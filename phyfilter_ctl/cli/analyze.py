@@ -20,7 +20,7 @@ from .frequencies import add_picture_units
 
 if TYPE_CHECKING:
     from .._sections import FloatArray
-    from ..analysis import BoundResult, FilterResponse, LoopMargin, PriorMargin
+    from ..analysis import BoundResult, FilterResponse, Implementation, LoopMargin, PriorMargin
     from ..design.optimal import ResidualStatistics
 
 __all__ = ["add_arguments", "main"]
@@ -31,6 +31,7 @@ of it is noise, how wrong the inertia may be, what margins are left once f_hat i
 _EPILOG = """examples:
   phyfilter-ctl analyze filter.toml                                 response and margins of the inner loop
   phyfilter-ctl analyze filter.toml --slope 3 --noise 0.01          with |gamma'| <= 3 and noise of x
+  phyfilter-ctl analyze filter.toml --slope 3 --rate 2 --implementation g.1=48 jitter=1e-4 x_step=0.001
   phyfilter-ctl analyze filter.toml --lag 0.1 --delay 0.02 --kp 10 --kd 6 --picture report.png
   phyfilter-ctl analyze filter.toml --log flight.csv --x vx,vy,vz   noise and bounds estimated from a flight"""
 
@@ -54,6 +55,22 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     data.add_argument("--inertia-error", type=float, default=0.0, metavar="D", help="bound of |M - M_hat|")
     data.add_argument("--rate", type=float, default=0.0, metavar="R", help="bound of |x'|")
+    data.add_argument(
+        "--inertia",
+        type=float,
+        default=1.0,
+        metavar="M",
+        help="|M_hat|, by which noise of x counts (default 1)",
+    )
+    data.add_argument(
+        "--implementation",
+        nargs="+",
+        default=[],
+        metavar="NAME=D",
+        help="what a sampled filter meets as it runs, bounds by derivative where there is one: g.1=48 (|g'|), "
+        "f_theta.1, inertia.1 (|M_hat'|), x.2 (|x''|), jitter and delay_error in s, x_step, g_step; x.0, g.0 and "
+        "f_theta.0 for the rounding, f for a limit of f_hat",
+    )
     data.add_argument(
         "--log", nargs="+", default=[], metavar="CSV", help="estimate slope and noise from flights"
     )
@@ -136,7 +153,13 @@ def _page(
     bound = None
     if residual:
         bound = ultimate_bound(
-            system, residual=residual, noise=noise, inertia_error=options.inertia_error, rate=options.rate
+            system,
+            residual=residual,
+            noise=noise,
+            inertia_error=options.inertia_error,
+            rate=options.rate,
+            inertia=options.inertia,
+            implementation=_implementation(options.implementation),
         )
     deviation = None
     if noise and isinstance(system, SampledPhyFilter):
@@ -203,6 +226,40 @@ def _bounds(
     return residual or {1: statistics.slope.value}, options.noise or statistics.noise.value
 
 
+def _implementation(entries: list[str]) -> Implementation | None:
+    from ..analysis import Implementation
+
+    signals: dict[str, dict[int, float]] = {"g": {}, "f_theta": {}, "x": {}, "inertia": {}}
+    others = {"jitter": 0.0, "delay_error": 0.0, "x_step": 0.0, "g_step": 0.0, "f": math.nan}
+    for entry in entries:
+        name, _, value = entry.partition("=")
+        name, dot, order = name.partition(".")
+        try:
+            if dot:
+                signals[name][int(order)] = float(value)
+            else:
+                others[name], _ = float(value), others[name]
+        except (KeyError, ValueError) as error:
+            raise ValueError(
+                f"--implementation: expected one of {', '.join(others)}, or g.K, f_theta.K, x.K, inertia.K with a "
+                f"number, such as jitter=1e-4 or g.1=48; got {entry!r}"
+            ) from error
+    if not entries:
+        return None
+    largest = others.pop("f")
+    return Implementation(
+        g=signals["g"],
+        f_theta=signals["f_theta"],
+        x=signals["x"],
+        inertia=signals["inertia"],
+        f=None if math.isnan(largest) else largest,
+        jitter=others["jitter"],
+        delay_error=others["delay_error"],
+        x_step=others["x_step"],
+        g_step=others["g_step"],
+    )
+
+
 # -- figures and text -------------------------------------------------------------------------------------------
 
 
@@ -231,13 +288,7 @@ def _text(page: _Page, statistics: ResidualStatistics | None) -> str:
         ]
     if bound is not None:
         lines += ["", "largest error f - f_hat"]
-        parts = f"residual {bound.intrinsic:.4g} + inertia {bound.prior:.4g} + noise {bound.noise:.4g}"
-        lines.append(_line("bound", f"{bound.bound:.6g} = {parts}"))
-        if isinstance(system, SampledPhyFilter):
-            lines.append(_line("between samples", f"{bound.between_samples:.6g}"))
-        kind = "attained by a bang-bang residual" if bound.exact else "least of the single ones"
-        lines.append(_line("from", f"derivative {bound.derivative} of gamma; {kind}"))
-        lines += [_line("as long as", text) for text in bound.assumptions]
+        lines += ["  " + line for line in bound.describe().splitlines()]
     if page.deviation is not None:
         lines.append(_line("noise of f_hat", f"{page.deviation:.4g} (standard deviation)"))
     lines += ["", "inner loop: f_hat fed back", *("  " + line for line in page.inner.describe().splitlines())]

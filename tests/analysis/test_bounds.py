@@ -239,36 +239,6 @@ def test_the_ramp_that_a_sampled_filter_does_not_follow_is_named():
         ultimate_bound(pf.lowpass(2, 5.0).sampled(0.01), residual={2: 1.0})
 
 
-@pytest.mark.parametrize(("h", "held", "straight"), [(0.01, 5.09, 1.004), (0.02, 9.58, 1.093)])
-def test_a_g_that_moves_between_the_samples_is_not_in_the_bound(h, held, straight):
-    """Known g = 8 sin 6t, gamma = 0.5 sin 2t, one pole at 20 rad/s: beyond the bound, to the digits of its page."""
-    for rule, times in (("hold", held), ("average", straight)):
-        sampled = pf.PhyFilter([20.0]).sampled(h, g=rule)
-        result = ultimate_bound(sampled, residual={1: 1.0})
-        t = h * np.arange(int(4.0 * np.pi / h))
-        x = 0.25 * (1.0 - np.cos(2.0 * t)) + 8.0 / 6.0 * (1.0 - np.cos(6.0 * t))
-        f_hat = sampled.run(x[:, None], 8.0 * np.sin(6.0 * t)[:, None])[:, 0]
-        error = np.abs(0.5 * np.sin(2.0 * t) - f_hat)[len(t) // 2 :].max()
-        assert error / result.bound == pytest.approx(times, abs=0.005)
-    assert ultimate_bound(pf.PhyFilter([20.0]), residual={1: 1.0}).assumptions == ()
-
-
-def test_what_is_assumed_between_the_samples_is_said():
-    f = pf.PhyFilter([20.0])
-    held = ultimate_bound(f.sampled(0.01), residual={1: 1.0})
-    assert held.assumptions == (
-        "g is held between the samples",
-        "f_theta goes straight from sample to sample",
-    )
-    assert "g is held between the samples" in repr(held)
-    other = f.sampled(0.01, g="average", f_theta="hold", limit=4.0)
-    assert ultimate_bound(other, residual={1: 1.0}).assumptions == (
-        "g goes straight from sample to sample",
-        "f_theta is held between the samples",
-        "f_hat stays within its limit",
-    )
-
-
 @settings(max_examples=15, deadline=None, derandomize=True)
 @given(poles, st.integers(2, 4), st.floats(0.02, 0.6), st.integers(0, 10**6))
 def test_higher_derivatives_bound_a_matched_filter(chosen, kind, share, seed):

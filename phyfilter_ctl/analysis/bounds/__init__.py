@@ -1,6 +1,8 @@
 """What a filter promises: ultimate bounds."""
 
+from .implementation import Implementation
 from .kernels import Certificate
-from .ultimate import BoundResult, QuadraticProof, ultimate_bound
+from .result import BoundResult, QuadraticProof
+from .ultimate import ultimate_bound
 
-__all__ = ["BoundResult", "Certificate", "QuadraticProof", "ultimate_bound"]
+__all__ = ["BoundResult", "Certificate", "Implementation", "QuadraticProof", "ultimate_bound"]

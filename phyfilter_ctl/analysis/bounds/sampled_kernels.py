@@ -94,6 +94,17 @@ class SampledKernels:
                 return k - 1
         return self.sampled.filter.type
 
+    def at(self, derivative: int, times: FloatArray) -> FloatArray:
+        """Kernel from gamma (0: without the direct part) or a derivative of it to the error, (N,); times in seconds."""
+        h, delay, X = self.sampled.dt, self.sampled.sampling.delay, self._series[0]
+        since = np.maximum(times - delay, 0.0) / h
+        step = np.minimum(since.astype(np.intp), len(X) - 1)
+        if derivative == 0:
+            return np.where(times < delay, 0.0, -self._impulse[0][step] / h)
+        rows = X[step] @ self.pieces[derivative - 1].T
+        values = (rows * (since - step)[:, None] ** np.arange(rows.shape[1])).sum(axis=1)
+        return np.where(times < delay, 1.0, np.where(since < len(X), values, 0.0))
+
     def error(self, derivative: int) -> Certificate:
         """From gamma (0) or a derivative of it, up to ``highest``, to the error at the samples."""
         h, (X, P, rest) = self.sampled.dt, self._series
@@ -111,6 +122,17 @@ class SampledKernels:
         impulse, rest = self._impulse
         total = float(np.abs(impulse).sum())
         return Certificate(total, total + rest, rest, self.sampled.dt * len(impulse), len(impulse))
+
+    def state_gains(self) -> tuple[FloatArray, FloatArray]:
+        """Largest |w_j| for |u| <= 1, and from an error added to w_j at every step to the estimate; (n,) each."""
+        (X, P, rest), (dA, _, C) = self._series, self.sampled.transition
+        M, n = np.eye(len(dA)) + dA, len(C)
+        into = np.abs(np.diff(X, axis=0)).sum(axis=0)
+        into += np.array([_size(row, P) for row in np.eye(n)]) * 2.0 * rest
+        rows = _powers(M.T, C, len(X))
+        slow = np.sqrt(max(float(np.abs(np.linalg.eigvals(M)).max()), _DEADBEAT))
+        out = np.abs(rows).sum(axis=0) + _size(rows[-1], P) * np.sqrt(np.diag(P)) / (1.0 - slow)
+        return np.asarray(into, dtype=float), np.asarray(out, dtype=float)
 
     def noise(self) -> Certificate:
         """From noise of M x at the samples to the estimate."""

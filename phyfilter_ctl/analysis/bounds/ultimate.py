@@ -3,220 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
-from functools import cached_property
-from typing import Literal, NamedTuple, get_args
+from typing import get_args
 
-import control as ct
 import numpy as np
-from numpy.typing import ArrayLike
 
-from ... import _signals
-from ..._sections import FloatArray
 from ...filter import PhyFilter, SampledPhyFilter
-from ...results import Result
 from ..channels import per_channel
 from . import kernels, quadratic
+from .implementation import Implementation, Run
 from .kernels import Certificate, Kernel
+from .result import BoundResult, Method, QuadraticProof
 from .sampled_kernels import SampledKernels
 
-__all__ = ["BoundResult", "QuadraticProof", "ultimate_bound"]
-
-Method = Literal["exact", "ellipsoid", "lyapunov", "lyapunov-raw"]
-
-
-class QuadraticProof(NamedTuple):
-    """What stands behind a bound that is not exact.
-
-    Attributes
-    ----------
-    P : (n, n) array
-        Lyapunov matrix, n the order of the filter.
-    decay : float
-        Rate in 1/s.
-    """
-
-    P: FloatArray
-    decay: float
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class BoundResult(Result):
-    """What a filter promises; made by :func:`ultimate_bound`.
-
-    Attributes
-    ----------
-    system : PhyFilter or SampledPhyFilter
-        The filter.
-    method : str
-        How the bound was found.
-    residual : dict of int to float
-        Bounds of derivatives as given.
-    bound : float
-        |f - f_hat| stays below it once the start is forgotten: ``intrinsic + prior + noise``. At the samples, for a
-        sampled filter; see ``between_samples``.
-    intrinsic, prior, noise : float
-        Its parts: from the residual, from the wrong inertia, from the noise of x.
-    derivative : int or None
-        Which derivative of the residual gave the least bound.
-    gains : dict of int to float
-        Worst-case gain for each derivative given, in s^k.
-    exact : bool
-        Whether some residual within the bounds attains ``intrinsic``: one derivative given, method "exact". With
-        several it is the least upper bound of the single ones.
-    certificate : Certificate
-        Enclosure of the gain that was used, truncation included ("exact" only).
-    proof : QuadraticProof or None
-        P and decay rate of "ellipsoid" and "lyapunov".
-    assumptions : tuple of str
-        What must hold between the samples for the bound of a sampled filter to hold; empty for a continuous one.
-    """
-
-    _figures = (
-        "system",
-        "method",
-        "residual",
-        "bound",
-        "intrinsic",
-        "prior",
-        "noise",
-        "between_samples",
-        "derivative",
-        "gains",
-        "exact",
-        "certificate",
-        "assumptions",
-    )
-
-    system: PhyFilter | SampledPhyFilter
-    method: Method
-    residual: dict[int, float]
-    intrinsic: float
-    prior: float
-    noise: float
-    derivative: int | None
-    gains: dict[int, float]
-    certificate: Certificate | None
-    proof: QuadraticProof | None
-    assumptions: tuple[str, ...] = ()
-
-    @property
-    def bound(self) -> float:
-        """Sum of the parts."""
-        return self.intrinsic + self.prior + self.noise
-
-    @property
-    def exact(self) -> bool:
-        """Whether the intrinsic part is attained."""
-        return self.method == "exact" and len(self.residual) <= 1
-
-    @property
-    def between_samples(self) -> float:
-        """Bound at every time, for a sampled filter whose correction f_hat - f_theta is held between its samples.
-
-        For a bounded gamma the same; else larger by what gamma can move in a step, which without a bound of gamma' has
-        no end.
-        """
-        if isinstance(self.system, SampledPhyFilter) and self.derivative:
-            return self.bound + self.system.dt * self.residual.get(1, float("inf"))
-        return self.bound
-
-    @cached_property
-    def _kernel(self) -> Kernel:
-        if not isinstance(self.system, PhyFilter) or self.derivative is None:
-            raise ValueError(
-                "expected a continuous filter and a bound of the residual or of a derivative of it"
-            )
-        return kernels.error_kernel(self.system, self.derivative)
-
-    def worst_residual(self, times: ArrayLike) -> FloatArray:
-        """The bang-bang course of gamma^(k) that drives the error to ``intrinsic`` at the last of the times.
-
-        Parameters
-        ----------
-        times : (N,) array
-            Ascending, in seconds.
-
-        Returns
-        -------
-        (N,) array
-            +-delta_k.
-
-        Raises
-        ------
-        ValueError
-            For a sampled filter, or where no residual was bounded.
-
-        Examples
-        --------
-        >>> import numpy as np
-        >>> result = ultimate_bound(PhyFilter([400.0, 40.0]), residual={1: 3.0})
-        >>> result.worst_residual(np.linspace(0.0, 1.0, 3)).tolist()
-        [3.0, 3.0, 3.0]
-        """
-        kernel = self._kernel
-        t = _signals.sample_times("times", times)
-        assert self.derivative is not None
-        signs = np.where(kernel.gain * kernel.at(t[-1] - t) >= 0.0, 1.0, -1.0)
-        return self.residual[self.derivative] * signs
-
-    def envelope(self, times: ArrayLike, initial: Mapping[int, float] | None = None) -> FloatArray:
-        """Bound of the error over time from a start at f_hat = f_theta.
-
-        Parameters
-        ----------
-        times : (N,) array
-            Seconds since the start.
-        initial : dict of int to float, optional
-            Bounds of |gamma^(j)(0)|, j = 0 ... k - 1 with k = ``derivative``; None means the filter's error at the
-            start is 0.
-
-        Returns
-        -------
-        (N,) array
-
-        Raises
-        ------
-        ValueError
-            For a sampled filter, or an initial derivative out of range.
-
-        Examples
-        --------
-        >>> result = ultimate_bound(PhyFilter([20.0]), residual={1: 1.0})
-        >>> result.envelope([0.0, 0.05, 1.0], initial={0: 2.0}).round(4).tolist()
-        [2.0, 0.7674, 0.05]
-        """
-        kernel = self._kernel
-        t = _signals.array("times", _signals.seconds("times", times), ("N",))
-        k = self.derivative
-        assert k is not None
-        assert isinstance(self.system, PhyFilter)
-        total = self.prior + self.noise + self.residual[k] * kernel.running(t)
-        for j, value in (initial or {}).items():
-            if not 0 <= j < k:
-                raise ValueError(f"initial: expected derivatives 0 ... {k - 1}, got {j}")
-            total = total + value * np.abs(kernels.error_kernel(self.system, j + 1).at(t))
-        return total
-
-    def plot(self) -> ct.ControlPlot:
-        """Impulse response from the bounded derivative to the error, and how the bound builds up.
-
-        Returns
-        -------
-        control.ControlPlot
-        """
-        from ... import plots
-
-        kernel = self._kernel
-        t = np.linspace(0.0, 0.6 * kernel.l1.horizon, 1000)
-        assert self.derivative is not None
-        return plots.bound_plot(
-            t,
-            kernel.at(t),
-            self.residual[self.derivative] * kernel.running(t),
-            self.derivative,
-            self.intrinsic,
-        )
+__all__ = ["ultimate_bound"]
 
 
 @per_channel
@@ -229,6 +28,7 @@ def ultimate_bound(
     noise: float = 0.0,
     inertia: float = 1.0,
     method: Method = "exact",
+    implementation: Implementation | None = None,
 ) -> BoundResult:
     """Bound of |f - f_hat| after all transients.
 
@@ -255,6 +55,9 @@ def ultimate_bound(
         "exact": the L1 norm of the impulse response, attained by a bang-bang residual. "ellipsoid": the best invariant
         ellipsoid. "lyapunov": the textbook's ball with Q = I in companion coordinates, time scaled by the filter's
         speed; "lyapunov-raw" unscaled. All but "exact" are for continuous filters.
+    implementation : Implementation, optional
+        What a sampled filter meets as it runs: g, f_theta and an inertia that move between the samples, jitter, wrong
+        delay, quantisation, rounding, a limit of f_hat. Each is a part of the bound.
 
     Returns
     -------
@@ -271,11 +74,11 @@ def ultimate_bound(
     The paper proves that the error ends in a ball "proportional to" its forcing. Here the forcing is
     ``D f_err = sum_k c_k gamma^(k) + N (M - M_hat) x'``, c_k = a_k - b_k, taken one derivative at a time.
 
-    A sampled filter knows g and f_theta at the samples only. Its bound holds where they go between them as ``g`` and
-    ``f_theta`` of the filter say, held or straight; what they do otherwise enters the residual and is not in the bound:
-    ``assumptions`` of the result. It may be most of the error: one pole at 20 rad/s, gamma = 0.5 sin 2t and a smooth
-    g = 8 sin 6t under the default g="hold" err by 5.1 times the bound at 10 ms and 9.6 times at 20 ms, under
-    g="average" by 1.004 and 1.09 times.
+    A sampled filter knows g and f_theta at the samples only. Without ``implementation`` its bound holds where they go
+    between them as ``g`` and ``f_theta`` of the filter say, held or straight; that, and all else that is taken for
+    granted, is in ``assumptions`` of the result. It may be most of the error: one pole at 20 rad/s, gamma = 0.5 sin 2t
+    and a smooth g = 8 sin 6t under the default g="hold" err by 5.1 times the bound at 10 ms and 9.6 times at 20 ms.
+    With ``Implementation(g={1: 48.0})`` the bound holds; g' and gamma' of constant sign attain it.
 
     A ramp of slope r leaves an error that a sampled filter of type 2 or more does not lose: b_(n-1) r h^2/12 and terms
     of h^4 with method="exact", -r h/2 with "euler", none with "matched" and "tustin"; and r times its delay with any.
@@ -292,7 +95,7 @@ def ultimate_bound(
     given = _checked(
         residual, {"inertia_error": inertia_error, "rate": rate, "noise": noise, "inertia": inertia}
     )
-    prior, noise = inertia_error * rate, noise * inertia
+    prior, heard = inertia_error * rate, noise * inertia
     if isinstance(filter, SampledPhyFilter):
         if method != "exact":
             raise ValueError(
@@ -303,9 +106,14 @@ def ultimate_bound(
         enclosures = {k: sampled.error(k) for k in usable}
         gains = {k: enclosure.upper for k, enclosure in enclosures.items()}
         prior_gain = sampled.estimate().upper if prior else 0.0
-        noise_gain = sampled.noise().upper if noise else 0.0
+        noise_gain = sampled.noise().upper if heard else 0.0
+        run = Run(sampled, implementation or Implementation(), rate, noise, inertia)
+        terms, covered, assumed = run.terms(), run.covered(), run.assumed()
         proofs: dict[int, QuadraticProof] = {}
     else:
+        if implementation is not None:
+            raise ValueError("implementation: is for sampled filters; take filter.sampled(dt)")
+        terms, covered, assumed = {}, (), ()
         usable = _usable(given, filter.type, filter)
         enclosures = {k: kernels.error_kernel(filter, k).l1 for k in usable} if method == "exact" else {}
         results = {
@@ -314,7 +122,7 @@ def ultimate_bound(
         gains = {k: gain for k, (gain, _) in results.items()}
         proofs = {k: proof for k, (_, proof) in results.items() if proof is not None}
         prior_gain = _gain_of(kernels.estimate_kernel(filter), method, filter) if prior else 0.0
-        noise_gain = _gain_of(kernels.noise_kernel(filter), method, filter) if noise else 0.0
+        noise_gain = _gain_of(kernels.noise_kernel(filter), method, filter) if heard else 0.0
     best = min(usable, key=lambda k: gains[k] * given[k], default=None)
     return BoundResult(
         filter,
@@ -322,19 +130,15 @@ def ultimate_bound(
         given,
         0.0 if best is None else gains[best] * given[best],
         prior_gain * prior,
-        noise_gain * noise,
+        noise_gain * heard,
         best,
         gains,
         None if best is None else enclosures.get(best),
         None if best is None else proofs.get(best),
-        _assumptions(filter) if isinstance(filter, SampledPhyFilter) else (),
+        terms,
+        covered,
+        assumed,
     )
-
-
-def _assumptions(sampled: SampledPhyFilter) -> tuple[str, ...]:
-    between = {"hold": "is held between the samples", "average": "goes straight from sample to sample"}
-    said = [f"{name} {between[getattr(sampled.sampling, name)]}" for name in ("g", "f_theta")]
-    return (*said, *(["f_hat stays within its limit"] if sampled.sampling.limit is not None else []))
 
 
 def _gain_of(kernel: Kernel, method: Method, filter: PhyFilter) -> float:

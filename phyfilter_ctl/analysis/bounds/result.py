@@ -1,0 +1,267 @@
+"""What a filter promises, as a result: the bound, its parts, what stands behind it and what it rests on."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Literal, NamedTuple
+
+import control as ct
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ... import _signals
+from ..._sections import FloatArray
+from ...filter import PhyFilter, SampledPhyFilter
+from ...results import Result
+from . import kernels
+from .kernels import Certificate, Kernel
+from .sampled_kernels import SampledKernels
+
+__all__ = ["BoundResult", "Method", "QuadraticProof"]
+
+Method = Literal["exact", "ellipsoid", "lyapunov", "lyapunov-raw"]
+
+
+class QuadraticProof(NamedTuple):
+    """What stands behind a bound that is not exact.
+
+    Attributes
+    ----------
+    P : (n, n) array
+        Lyapunov matrix, n the order of the filter.
+    decay : float
+        Rate in 1/s.
+    """
+
+    P: FloatArray
+    decay: float
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class BoundResult(Result):
+    """What a filter promises; made by :func:`ultimate_bound`.
+
+    Attributes
+    ----------
+    system : PhyFilter or SampledPhyFilter
+        The filter.
+    method : str
+        How the bound was found.
+    residual : dict of int to float
+        Bounds of derivatives as given.
+    bound : float
+        |f - f_hat| stays below it once the start is forgotten: the sum of ``parts``. At the samples, for a sampled
+        filter; see ``between_samples``.
+    intrinsic, prior, noise : float
+        Its parts: from the residual, from the wrong inertia, from the noise of x.
+    implementation : dict of str to float
+        Further parts, from what the filter meets as it runs; see :class:`Implementation`.
+    derivative : int or None
+        Which derivative of the residual gave the least bound.
+    gains : dict of int to float
+        Worst-case gain for each derivative given, in s^k.
+    exact : bool
+        Whether some residual within the bounds attains ``intrinsic``: one derivative given, method "exact". With
+        several it is the least upper bound of the single ones.
+    certificate : Certificate
+        Enclosure of the gain that was used, truncation included ("exact" only).
+    proof : QuadraticProof or None
+        P and decay rate of "ellipsoid" and "lyapunov".
+    covered, assumptions : tuple of str
+        What a sampled filter's bound holds for beyond the ideal, and what it takes for granted; empty for a continuous
+        one.
+    """
+
+    _figures = (
+        "system",
+        "method",
+        "residual",
+        "bound",
+        "intrinsic",
+        "prior",
+        "noise",
+        "implementation",
+        "between_samples",
+        "derivative",
+        "gains",
+        "exact",
+        "certificate",
+        "covered",
+        "assumptions",
+    )
+
+    system: PhyFilter | SampledPhyFilter
+    method: Method
+    residual: dict[int, float]
+    intrinsic: float
+    prior: float
+    noise: float
+    derivative: int | None
+    gains: dict[int, float]
+    certificate: Certificate | None
+    proof: QuadraticProof | None
+    implementation: dict[str, float] = field(default_factory=dict)
+    covered: tuple[str, ...] = ()
+    assumptions: tuple[str, ...] = ()
+
+    @property
+    def parts(self) -> dict[str, float]:
+        """What the bound is the sum of, by name."""
+        return {
+            "residual": self.intrinsic,
+            "inertia": self.prior,
+            "noise": self.noise,
+            **self.implementation,
+        }
+
+    @property
+    def bound(self) -> float:
+        """Sum of the parts."""
+        return sum(self.parts.values())
+
+    @property
+    def exact(self) -> bool:
+        """Whether the intrinsic part is attained."""
+        return self.method == "exact" and len(self.residual) <= 1
+
+    @property
+    def between_samples(self) -> float:
+        """Bound at every time, for a sampled filter whose correction f_hat - f_theta is held between its samples.
+
+        For a bounded gamma the same; else larger by what gamma can move in a step, which without a bound of gamma' has
+        no end.
+        """
+        if isinstance(self.system, SampledPhyFilter) and self.derivative:
+            return self.bound + self.system.dt * self.residual.get(1, float("inf"))
+        return self.bound
+
+    def describe(self) -> str:
+        """The bound, its parts and what it rests on, in a few lines.
+
+        Examples
+        --------
+        >>> from phyfilter_ctl import PhyFilter, ultimate_bound
+        >>> print(ultimate_bound(PhyFilter([20.0]), residual={1: 3.0}, noise=0.01).describe())
+        bound             0.55 = residual 0.15 + noise 0.4
+        from              derivative 1 of gamma; attained by a bang-bang residual
+        """
+        parts = [f"{name} {value:.4g}" for name, value in self.parts.items() if value] or ["nothing"]
+        lines = [_line("bound", f"{self.bound:.6g} = {' + '.join(parts)}")]
+        if isinstance(self.system, SampledPhyFilter):
+            lines.append(_line("between samples", f"{self.between_samples:.6g}"))
+        if self.derivative is not None:
+            kind = "attained by a bang-bang residual" if self.exact else "least of the single ones"
+            lines.append(_line("from", f"derivative {self.derivative} of gamma; {kind}"))
+        lines += [_line("holds for", text) for text in self.covered]
+        lines += [_line("as long as", text) for text in self.assumptions]
+        return "\n".join(lines)
+
+    @cached_property
+    def _kernel(self) -> Kernel:
+        if not isinstance(self.system, PhyFilter) or self.derivative is None:
+            raise ValueError(
+                "expected a continuous filter and a bound of the residual or of a derivative of it"
+            )
+        return kernels.error_kernel(self.system, self.derivative)
+
+    def worst_residual(self, times: ArrayLike) -> FloatArray:
+        """The bang-bang course of gamma^(k) that drives the error to ``intrinsic`` at the last of the times.
+
+        Parameters
+        ----------
+        times : (N,) array
+            Ascending, in seconds.
+
+        Returns
+        -------
+        (N,) array
+            +-delta_k.
+
+        Raises
+        ------
+        ValueError
+            Where no residual was bounded.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> from phyfilter_ctl import PhyFilter, ultimate_bound
+        >>> result = ultimate_bound(PhyFilter([400.0, 40.0]), residual={1: 3.0})
+        >>> result.worst_residual(np.linspace(0.0, 1.0, 3)).tolist()
+        [3.0, 3.0, 3.0]
+        """
+        t = _signals.sample_times("times", times)
+        if isinstance(self.system, SampledPhyFilter) and self.derivative is not None:
+            values = SampledKernels(self.system).at(self.derivative, t[-1] - t)
+        else:
+            values = self._kernel.gain * self._kernel.at(t[-1] - t)
+        signs = np.where(values >= 0.0, 1.0, -1.0)
+        if self.derivative == 0:
+            signs[-1] = 1.0  # what the residual is now is in the error itself
+        assert self.derivative is not None
+        return self.residual[self.derivative] * signs
+
+    def envelope(self, times: ArrayLike, initial: Mapping[int, float] | None = None) -> FloatArray:
+        """Bound of the error over time from a start at f_hat = f_theta.
+
+        Parameters
+        ----------
+        times : (N,) array
+            Seconds since the start.
+        initial : dict of int to float, optional
+            Bounds of |gamma^(j)(0)|, j = 0 ... k - 1 with k = ``derivative``; None means the filter's error at the
+            start is 0.
+
+        Returns
+        -------
+        (N,) array
+
+        Raises
+        ------
+        ValueError
+            For a sampled filter, or an initial derivative out of range.
+
+        Examples
+        --------
+        >>> from phyfilter_ctl import PhyFilter, ultimate_bound
+        >>> result = ultimate_bound(PhyFilter([20.0]), residual={1: 1.0})
+        >>> result.envelope([0.0, 0.05, 1.0], initial={0: 2.0}).round(4).tolist()
+        [2.0, 0.7674, 0.05]
+        """
+        kernel = self._kernel
+        t = _signals.array("times", _signals.seconds("times", times), ("N",))
+        k = self.derivative
+        assert k is not None
+        assert isinstance(self.system, PhyFilter)
+        total = self.prior + self.noise + self.residual[k] * kernel.running(t)
+        for j, value in (initial or {}).items():
+            if not 0 <= j < k:
+                raise ValueError(f"initial: expected derivatives 0 ... {k - 1}, got {j}")
+            total = total + value * np.abs(kernels.error_kernel(self.system, j + 1).at(t))
+        return total
+
+    def plot(self) -> ct.ControlPlot:
+        """Impulse response from the bounded derivative to the error, and how the bound builds up.
+
+        Returns
+        -------
+        control.ControlPlot
+        """
+        from ... import plots
+
+        kernel = self._kernel
+        t = np.linspace(0.0, 0.6 * kernel.l1.horizon, 1000)
+        assert self.derivative is not None
+        return plots.bound_plot(
+            t,
+            kernel.at(t),
+            self.residual[self.derivative] * kernel.running(t),
+            self.derivative,
+            self.intrinsic,
+        )
+
+
+def _line(name: str, text: str) -> str:
+    return f"{name:<18}{text}"
