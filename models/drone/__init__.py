@@ -84,6 +84,11 @@ def add_arguments(parser: ArgumentParser) -> None:
         help="a Dask scheduler that spreads the study over its workers; it must have one within 30 s",
     )
     parser.add_argument(
+        "--checkpoint",
+        metavar="FILE.jsonl",
+        help="keep what the study has found there; given again, it goes on where it was broken off",
+    )
+    parser.add_argument(
         "--out",
         metavar="DIR",
         default="drone_filter",
@@ -121,8 +126,9 @@ def _check(options: Namespace) -> None:
 
     if options.seeds is not None and options.seeds < 1:
         raise ValueError(f"--seeds: expected 1 or more, got {options.seeds}")
-    if options.scheduler and not options.study:
-        raise ValueError("--scheduler: only --study is spread over a cluster; add --study")
+    for name in ("scheduler", "checkpoint"):
+        if getattr(options, name) and not options.study:
+            raise ValueError(f"--{name}: only --study is spread over a cluster, and kept; add --study")
     if (options.replay_train or options.thrust_delay) and not options.replay:
         raise ValueError("--replay-train and --thrust-delay belong to --replay; add --replay FILES")
     mission, vehicle = params().mission, params().vehicle
@@ -225,7 +231,7 @@ def _study(options: Namespace, outputs: Outputs) -> None:
     if options.seeds is not None:
         grid = replace(grid, seeds=tuple(range(options.seeds)))
     with outputs.progress(study.steps(grid=grid)) as say:
-        found = study.study(grid=grid, report=say, scheduler=options.scheduler)
+        found = study.study(grid=grid, report=say, scheduler=options.scheduler, checkpoint=options.checkpoint)
     outputs.publish(table(found), figures(found), lambda: draw(found))
 
 

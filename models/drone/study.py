@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,8 +15,9 @@ from threadpoolctl import threadpool_limits
 from phyfilter_ctl.design.learning import learn
 from phyfilter_ctl.learned import Chebyshev
 from phyfilter_ctl.recording import Recording
+from phyfilter_ctl.results import plain
 from phyfilter_ctl.simulation import BackendChoice
-from phyfilter_ctl.study import Report, on_cluster, silent
+from phyfilter_ctl.study import Checkpoint, Executor, Report, silent
 
 from .experiment import fly
 from .flights import Scenario, conditions
@@ -24,6 +27,9 @@ from .params import params
 from .study_points import AXES, FORMS, USED, AxisName, Form, Grid, LearnedFilter, Point, bandwidths, plan
 from .training import train
 from .tuning import modulus_margin, tuned
+
+if TYPE_CHECKING:
+    from distributed import Client
 
 __all__ = [
     "LearnedFilter",
@@ -289,8 +295,9 @@ def study(
     methods: Mapping[MethodName, Method] | None = None,
     backend: BackendChoice = "auto",
     report: Report = silent,
-    scheduler: str | None = None,
+    scheduler: str | Client | None = None,
     workers: int | None = None,
+    checkpoint: str | os.PathLike[str] | None = None,
 ) -> Study:
     """Fly the study.
 
@@ -306,10 +313,12 @@ def study(
         As for ``simulate``.
     report : callable
         Called at the beginning of every step, :func:`steps` times.
-    scheduler : str, optional
-        Address of a Dask scheduler whose workers fly; None flies here. The numbers are the same.
+    scheduler : str or distributed.Client, optional
+        Of a Dask cluster whose workers fly; None flies here. The numbers are the same.
     workers : int, optional
-        Threads here; None means one per core.
+        Processes here; None means one per core.
+    checkpoint : str or path-like, optional
+        File of JSON lines that keeps every outcome; given again, the study goes on where it was broken off.
 
     Raises
     ------
@@ -329,14 +338,10 @@ def study(
         )
     points = plan(axes, methods, grid, learned)
     jobs = list(dict.fromkeys(_job(point) for point in points))
-    if scheduler is None:
-        answers = []
-        for job in jobs:
-            report(_name(job))
-            answers.append(evaluate(job, grid, model, backend=backend, workers=workers))
-    else:
+    kept = None if checkpoint is None else _kept(checkpoint, grid, methods, learned, jobs)
+    with Executor(workers, scheduler=scheduler) as executor:
         work = partial(evaluate, grid=grid, model=model, backend=backend, workers=1)
-        answers = on_cluster(scheduler, work, jobs, names=[_name(job) for job in jobs], report=report)
+        answers = list(executor.map(work, jobs, names=_names(jobs), report=report, checkpoint=kept))
     found = dict(zip(jobs, answers, strict=True))
     outcomes = tuple(replace(found[_job(point)], point=point) for point in points)
     where = None
@@ -351,5 +356,30 @@ def _job(point: Point) -> Point:
     return replace(point, axis="map" if point.axis == "map" else "g", family="", value=0.0)
 
 
-def _name(job: Point) -> str:
-    return f"{job.method.name}, {job.method.bandwidth:.3g}"
+def _names(jobs: Sequence[Point]) -> list[str]:
+    return [f"{k + 1}: {job.method.name}, {job.method.bandwidth:.3g}" for k, job in enumerate(jobs)]
+
+
+def _kept(
+    path: str | os.PathLike[str],
+    grid: Grid,
+    methods: Mapping[MethodName, Method],
+    learned: Sequence[LearnedFilter],
+    jobs: Sequence[Point],
+) -> Checkpoint[Outcome]:
+    """Outcomes on disk. Their points are those of the plan, which :func:`study` gives them."""
+
+    def to_json(outcome: Outcome) -> dict[str, object]:
+        errors = {
+            name: [e if np.isfinite(e) else None for e in each] for name, each in outcome.errors.items()
+        }
+        return {"errors": errors, "margin": outcome.margin, "position_bandwidth": outcome.position_bandwidth}
+
+    def from_json(entry: dict[str, Any]) -> Outcome:
+        errors = {
+            name: tuple(np.inf if e is None else e for e in each) for name, each in entry["errors"].items()
+        }
+        return Outcome(jobs[0], errors, entry["margin"], entry["position_bandwidth"])
+
+    described = plain({"grid": grid, "methods": methods, "learned": learned, "jobs": len(jobs)})
+    return Checkpoint(path, described, to_json=to_json, from_json=from_json)

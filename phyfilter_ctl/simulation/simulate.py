@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Literal, cast, get_args
 
@@ -15,6 +13,7 @@ from tqdm import tqdm
 
 from .. import _signals
 from ..diagram import FlatModel, flatten
+from ..execution import Executor
 from . import compiled, vm
 from .arguments import Inputs, Interpolation, Parameters, Run, Start, prepare
 from .exponential import has_linear_states, linear_part
@@ -193,8 +192,7 @@ def simulate_batch(
     """
     flat = as_flat(sys)
     options = Options(method, backend, max_step, rtol, atol, squeeze)
-    if workers is not None and workers < 1:
-        raise ValueError(f"workers: expected at least 1, got {workers}")
+    executor = Executor(workers, kind="threads")
     runs = [
         prepare(flat, timepts, u, x0, p, interpolation) for u, x0, p in _batch(inputs, initial_state, params)
     ]
@@ -208,8 +206,8 @@ def simulate_batch(
 
         # The first run builds (or compiles) all functions; then the threads only run them.
         first = one(runs[0])
-        with ThreadPoolExecutor(workers or os.cpu_count() or 1) as pool:
-            return ct.TimeResponseList([first, *pool.map(one, runs[1:])])
+        with executor:
+            return ct.TimeResponseList([first, *executor.map(one, runs[1:])])
 
 
 def as_flat(sys: ct.InputOutputSystem | FlatModel) -> FlatModel:

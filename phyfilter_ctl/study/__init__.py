@@ -5,24 +5,26 @@ numbers from a TOML file     :func:`parameter_file`, :func:`read_parameters`: ty
 flights over seeds           :func:`flight_times`, :func:`unit_noise`, then ``simulate_batch``, :func:`flight_signals`
 tuning at equal margin       :func:`least_error` of what :func:`fastest` finds; :func:`tuned_text`, :func:`read_tuned`
 methods by cases by seeds    :func:`score_methods`: medians with intervals, reductions flight by flight
-on more machines             :func:`on_cluster`
+over cores and machines      :class:`Executor`; :class:`Checkpoint` to go on where a study was broken off
 table, JSON, picture         :func:`add_output_options`, :class:`Outputs`
 ===========================  ===================================================================================
 
 The systems in ``models/`` are studied with nothing else; :func:`phyfilter_ctl.fmi.hand_over` hands their parts over.
 """
 
-from .cluster import on_cluster
+from ..execution import Checkpoint, Executor, Kind, Report, progress, silent
 from .comparison import Scores, score_methods
 from .flights import flight_signals, flight_times, realtime_factor, unit_noise
 from .outputs import Outputs, add_output_options
 from .parameters import parameter_file, read_parameters
-from .progress import Report, progress, silent
 from .statistics import Interval, median_interval, reduction
 from .tuning import TunedMethod, command_jitter, fastest, least_error, read_tuned, tuned_text
 
 __all__ = [
+    "Checkpoint",
+    "Executor",
     "Interval",
+    "Kind",
     "Outputs",
     "Report",
     "Scores",
@@ -34,7 +36,6 @@ __all__ = [
     "flight_times",
     "least_error",
     "median_interval",
-    "on_cluster",
     "parameter_file",
     "progress",
     "read_parameters",

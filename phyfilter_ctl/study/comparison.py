@@ -7,7 +7,7 @@ from typing import Generic, TypeVar
 
 import numpy as np
 
-from .progress import Report, silent
+from ..execution import Report, silent
 from .statistics import Interval, median_interval, reduction
 
 __all__ = ["Scores", "score_methods"]

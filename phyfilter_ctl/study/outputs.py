@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from .._output import check_target, write_figure, write_text
-from .progress import Report, progress
+from ..execution import Report, progress
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .. import _signals
-from .progress import Report, silent
+from ..execution import Report, silent
 
 __all__ = ["TunedMethod", "command_jitter", "fastest", "least_error", "read_tuned", "tuned_text"]
 

@@ -56,11 +56,16 @@ def model():
 
 
 @pytest.fixture(scope="module")
-def found():
+def kept(tmp_path_factory):
+    return tmp_path_factory.mktemp("study") / "outcomes.jsonl"
+
+
+@pytest.fixture(scope="module")
+def found(kept):
     """Two axes, flown here; margins are another test's."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(study, "modulus_margin", lambda v, m: 1.0 - 0.25 * v.position_bandwidth)
-        yield study.study(["wind", "map"], grid=TINY, methods=GIVEN, backend="vm")
+        yield study.study(["wind", "map"], grid=TINY, methods=GIVEN, backend="vm", workers=1, checkpoint=kept)
     study._with_margin.cache_clear()
 
 
@@ -268,6 +273,14 @@ def test_picture_has_a_panel_for_everything(whole, found):
     figure.canvas.draw()
     assert [axes.get_title(loc="left")[0] for axes in figure.axes] == list("abcdefghi")
     assert len(picture.draw(found).axes) == 3
+
+
+def test_study_goes_on_where_it_was_broken_off(found, kept, monkeypatch):
+    lines = kept.read_text().splitlines()
+    assert len(lines) == 1 + study.steps(["wind", "map"], TINY)
+    monkeypatch.setattr(study, "fly", None)  # nothing flies again
+    again = study.study(["wind", "map"], grid=TINY, methods=GIVEN, backend="vm", workers=1, checkpoint=kept)
+    assert again.outcomes == found.outcomes
 
 
 # -- the cluster --------------------------------------------------------------------------------------------------
