@@ -6,9 +6,10 @@
 A mass of 1 kg on which the actuator can put 5 N, a PD controller of kp = 10 1/s^2, kd = 6 1/s, 500 Hz, and f_hat fed
 back: command = PD - f_hat. Three flights of 40 s: from rest a gust of 8 N for 2 s, more than the actuator has; from a
 position error of 10 m; from rest a force of 4 N for good, which it has. Each without filter, with the filter given the
-command as g, and with ``g_limit``, so that it counts what acts. Printed: the largest error of f_hat against F f (what
-the filter would say without saturation), the largest command, and when the position error last exceeded 5 cm. Exits
-with status 1 if, told what acts, the estimate is off by more than rounding or a flight does not come back.
+command as g, and with ``g_limit``, so that it counts what acts. Printed: how many times the limit the command may be
+before the circle criterion no longer proves the loop stable; the largest error of f_hat against F f (what the filter
+would say without saturation), the largest command, and when the position error last exceeded 5 cm. Exits with status 1
+if, told what acts, the estimate is off by more than rounding or a flight does not come back.
 """
 
 from __future__ import annotations
@@ -52,12 +53,13 @@ def flown(sampled: pf.SampledPhyFilter | None, position: float, force: Callable[
     times = H * np.arange(round(END / H))
     forces = np.array([force(t) for t in times])
     speed = f_hat = command = error = largest = last = 0.0
-    if sampled is not None:
-        truth = sampled.run(np.concatenate([[0.0], H * np.cumsum(forces[:-1])]))[:, 0]
-        state = sampled.start([0.0])
+    fed_back = sampled is not None
+    filter = sampled if fed_back else FILTERS["order 1, 20 rad/s"].sampled(H)
+    truth = filter.run(np.concatenate([[0.0], H * np.cumsum(forces[:-1])]))[:, 0]
+    state = filter.start([0.0])
     for k, t in enumerate(times):
-        if sampled is not None and k:
-            state, out = sampled.step(state, [speed], [command])
+        if fed_back and k:
+            state, out = filter.step(state, [speed], [command])
             f_hat = float(out[0])
             error = max(error, abs(f_hat - truth[k]))
         command = -KP * position - KD * speed - f_hat
@@ -91,6 +93,11 @@ def main() -> int:
     fine = True
     for name, filter in list(FILTERS.items())[: 1 if options.quick else None]:
         print(f"{name}\n{'':<42}{'error of f_hat':>16}{'command':>12}{'back after':>12}")
+        for told in ("commanded", "applied"):
+            margin = pf.saturation_margin(filter, kp=KP, kd=KD, dt=H, g=told)
+            print(
+                f"  told what is {told}: stable for commands up to {margin.command_excess:.2f} times the limit"
+            )
         for flight, answers in compared(filter, 1 if options.quick else 3).items():
             for kind, found in answers.items():
                 back = (

@@ -10,7 +10,8 @@ learn F         :func:`learn`, :func:`learn_jointly`; :mod:`phyfilter_ctl.design
 what it missed  :func:`estimate`: the force in recordings, which filter shows it; :func:`compare_estimators`,
                 :func:`smooth_label`
 understand it   :func:`frequency_response`, :func:`ultimate_bound`, :func:`error_variance`, :func:`prior_margin`,
-                :func:`loop_margin`, :func:`signal_margin`; designs from them: :mod:`phyfilter_ctl.design.optimal`
+                :func:`loop_margin`, :func:`saturation_margin`, :func:`signal_margin`; designs from them:
+                :mod:`phyfilter_ctl.design.optimal`
 run it          :class:`SampledPhyFilter` (``PhyFilter.sampled``), :func:`stack`
 connect it      :func:`phyfilter_block`, :func:`sampled_block`, :func:`learned_block`, :func:`plant`: python-control
                 systems, wired with ``control.interconnect``

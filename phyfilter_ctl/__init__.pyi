@@ -11,6 +11,7 @@ from .analysis import (
     LoopMargin,
     PoleZeroMap,
     PriorMargin,
+    SaturationMargin,
     Variance,
     error_budget,
     error_variance,
@@ -20,6 +21,7 @@ from .analysis import (
     loop_margin,
     pole_zero_map,
     prior_margin,
+    saturation_margin,
     ultimate_bound,
 )
 from .app import designer
@@ -102,6 +104,7 @@ __all__ = [
     "SampledBlock",
     "SampledPhyFilter",
     "Sampling",
+    "SaturationMargin",
     "Sensitivity",
     "Signal",
     "Signals",
@@ -145,6 +148,7 @@ __all__ = [
     "prior_margin",
     "sampled_block",
     "sampled_open_loop",
+    "saturation_margin",
     "save",
     "sensitivity",
     "signal_margin",

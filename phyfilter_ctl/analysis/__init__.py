@@ -11,9 +11,11 @@ from .margins import (
     LoopMargin,
     LoopMargins,
     PriorMargin,
+    SaturationMargin,
     largest_bandwidth,
     loop_margin,
     prior_margin,
+    saturation_margin,
 )
 from .poles import PolesAndZeros, PoleZeroMap, pole_zero_map
 from .variance import Variance, error_variance, gauss_markov
@@ -36,6 +38,7 @@ __all__ = [
     "PolesAndZeros",
     "PriorMargin",
     "QuadraticProof",
+    "SaturationMargin",
     "Variance",
     "error_budget",
     "error_variance",
@@ -45,5 +48,6 @@ __all__ = [
     "loop_margin",
     "pole_zero_map",
     "prior_margin",
+    "saturation_margin",
     "ultimate_bound",
 ]

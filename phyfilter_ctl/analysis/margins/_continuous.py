@@ -59,8 +59,7 @@ class ContinuousLoop:
     def factors(self) -> tuple[Factors, Factors]:
         """(q, p)."""
         filter, k = self.filter, self._integrators
-        r = float(np.exp(np.mean(np.log(np.abs(filter.poles)))))
-        shift = np.full(k, -r, dtype=np.complex128)
+        shift = np.full(k, -self._shift, dtype=np.complex128)
         own = np.concatenate([roots_of(filter.error_numerator)[1], 0.0 * shift])
         gain, zeros = roots_of(self.actuator.numerator)
         outer_gain, outer_zeros = roots_of(self._outer)
@@ -86,6 +85,20 @@ class ContinuousLoop:
         s = (1j * omega).astype(np.complex128)
         q, p = self.factors
         return q(s), p(s) * np.exp(-s * self.delay)
+
+    def error(self, omega: FloatArray) -> ComplexArray:
+        """Q, (K,)."""
+        return self(omega)[0]
+
+    def normalisation(self, omega: FloatArray) -> ComplexArray:
+        """(s/(s + r))^k on the imaginary axis, (K,)."""
+        s = (1j * omega).astype(np.complex128)
+        return (s / (s + self._shift)) ** self._integrators
+
+    @property
+    def _shift(self) -> float:
+        """r."""
+        return float(np.exp(np.mean(np.log(np.abs(self.filter.poles)))))
 
     @cached_property
     def at_zero(self) -> tuple[float, float]:

@@ -100,6 +100,14 @@ class SampledLoop:
             P = P + self.kd * X + self.kp * (drive[m + 1] + h * X) / delta
         return Q, P * back**whole
 
+    def error(self, omega: FloatArray) -> ComplexArray:
+        """Q, (K,)."""
+        return self(omega)[0]
+
+    def normalisation(self, omega: FloatArray) -> ComplexArray:
+        """What Q and P carry as a common factor: nothing."""
+        return np.ones(len(omega), dtype=np.complex128)
+
     @cached_property
     def at_zero(self) -> tuple[float, float]:
         """Q and P at z = 1; P infinite with an outer loop is given as Q = 0."""

@@ -269,7 +269,7 @@ def build_loop(
     dt: float | None,
     kp: float = 0.0,
     kd: float = 0.0,
-) -> tuple[PhyFilter | SampledPhyFilter, Loop]:
+) -> tuple[PhyFilter | SampledPhyFilter, ContinuousLoop | SampledLoop]:
     """The filter as it runs, and its loop; all arguments checked."""
     if not isinstance(filter, PhyFilter | SampledPhyFilter):
         raise TypeError(f"filter: expected a PhyFilter or a SampledPhyFilter, got {type(filter).__name__}")

@@ -211,7 +211,7 @@ def least(function: Callable[[FloatArray], FloatArray], points: FloatArray) -> t
     k = int(np.argmin(values))
     best = (float(values[k]), float(points[k]))
     # Only dips that a refinement by a few percent could bring below the best.
-    for i in inner[values[inner] <= 1.1 * best[0]]:
+    for i in inner[values[inner] <= best[0] + 0.1 * abs(best[0])]:
         found = fminbound(
             lambda w: float(function(np.array([w]))[0]),
             points[i - 1],
