@@ -16,7 +16,7 @@ from .adjoint import (
     train,
 )
 from .joint import JointGradient, JointResult, joint_gradient, learn_jointly
-from .learning import LearnEvent, LearnResult, WienerFloor, learn
+from .learning import FlightScore, Intervals, LearnEvent, LearnResult, OrderScore, WienerFloor, learn
 from .placement import Family, bandpass, hz, lowpass, numerator_of_type, place_poles
 from .refinement import (
     Knowledge,
@@ -37,6 +37,8 @@ __all__ = [
     "CostTerms",
     "Cotangents",
     "Family",
+    "FlightScore",
+    "Intervals",
     "JointGradient",
     "JointResult",
     "Knowledge",
@@ -46,6 +48,7 @@ __all__ = [
     "OnlineFlight",
     "OnlineRefiner",
     "OnlineState",
+    "OrderScore",
     "RefineResult",
     "Rollout",
     "RolloutInputs",

@@ -132,7 +132,15 @@ def test_a_filter_of_the_structure_is_learned_back(name):
 def test_conditions_hold_where_the_label_is_another_filter():
     log = log_of(PhyFilter([400.0, 30.0]), noise=0.1)
     result = learn(
-        log, 5, form="general", type=2, zeros_at=[3.0], wiener=False, pole_range=(2.0, 120.0), damping=0.5
+        log,
+        5,
+        form="general",
+        type=2,
+        zeros_at=[3.0],
+        wiener=False,
+        pole_range=(2.0, 120.0),
+        damping=0.5,
+        starts=1,
     )
     found = result.filter
     assert result.order_used == 5
@@ -144,15 +152,16 @@ def test_conditions_hold_where_the_label_is_another_filter():
 
 
 def test_poles_stay_within_limits_and_given_ones_stay():
-    log = log_of(PhyFilter([400.0, 6.0]))  # damping 0.15, 20 rad/s
-    result = learn(log, 2, form="general", damping=0.6, wiener=False)
+    log = log_of(PhyFilter([400.0, 6.0]), n=1200)  # damping 0.15, 20 rad/s
+    quick = {"form": "general", "starts": 1, "wiener": False, "intervals": False, "cross_validate": False}
+    result = learn(log, 2, damping=0.6, **quick)
     assert result.status == "at_bound"
     assert "damping ratio 0.6" in result.message
     poles = result.filter.poles()
     assert np.all(-poles.real >= 0.6 * np.abs(poles) * (1.0 - ROUNDING))
-    slow = learn(log, 3, form="general", pole_range=(1.0, 12.0), wiener=False)
+    slow = learn(log, 3, pole_range=(1.0, 12.0), **quick)
     assert np.all(np.abs(slow.filter.poles()) <= 12.0 * (1.0 + REPEATED))
-    kept = learn(log, 4, form="general", poles=[-5.0 + 2.0j, -5.0 - 2.0j], wiener=False)
+    kept = learn(log, 4, poles=[-5.0 + 2.0j, -5.0 - 2.0j], **quick)
     assert np.min(np.abs(kept.filter.poles() - (-5.0 + 2.0j))) < ROUNDING
     # The truth is among them: its poles beside the given ones, which zeros cancel.
     assert kept.rmse < RECOVERED * np.std(log.label)

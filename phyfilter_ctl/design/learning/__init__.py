@@ -1,14 +1,27 @@
 """Learning a filter from flights whose true f is known.
 
-``learn_filter`` is the front and ``result`` what it returns; ``search`` goes from order to order and start to start,
-``levenberg`` descends, ``sensitivity`` gives exact derivatives in the ``parametrisation`` that is always Hurwitz.
-Flights come in as ``residuals``, whole (``samples``) or reduced to correlations (``correlation``, ``sources``);
-``label_check`` doubts their labels; ``wiener`` is the floor.
+``learn_filter`` is the front, ``answer`` what is made of the search (in words: ``verdict``), ``result`` what it returns;
+``search`` goes from order to order and start to start, ``levenberg`` descends, ``sensitivity`` gives exact derivatives
+in the ``parametrisation`` that is always Hurwitz, or in ``coordinates`` within limits; ``structure`` is what F keeps by
+construction, ``shrinkage`` the pull towards a lower order. Flights come in as ``residuals``, whole (``samples``) or
+reduced to correlations (``correlation``, ``sources``, ``offsets`` of labels); ``label_check`` doubts their labels.
+``folds``, ``validation`` and ``intervals`` say how far the answer holds; ``wiener`` is the floor.
 """
 
+from .intervals import Intervals
 from .learn_filter import learn
 from .result import LearnEvent, LearnResult
 from .sensitivity import Form
+from .validation import FlightScore, OrderScore
 from .wiener import WienerFloor
 
-__all__ = ["Form", "LearnEvent", "LearnResult", "WienerFloor", "learn"]
+__all__ = [
+    "FlightScore",
+    "Form",
+    "Intervals",
+    "LearnEvent",
+    "LearnResult",
+    "OrderScore",
+    "WienerFloor",
+    "learn",
+]

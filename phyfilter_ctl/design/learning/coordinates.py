@@ -21,7 +21,7 @@ from ..._sections import ComplexArray, FloatArray, polynomial_from_roots, sort_p
 from .parametrisation import Chain, chain_of
 from .sensitivity import Evaluation
 
-__all__ = ["FASTEST", "Coordinates", "Limited", "Schwarz"]
+__all__ = ["FASTEST", "Coordinates", "Limited", "Schwarz", "chain_slopes"]
 
 # n equal poles at this over the step lie just within the bounds. As an additional pole of the low-pass form it costs
 # 0.5 %, and beyond it the sampled filter hardly changes.
@@ -45,6 +45,10 @@ class Coordinates(Protocol):
 
     def pulled(self, found: Evaluation, chain: Chain, theta: FloatArray) -> Evaluation:
         """The evaluation with derivatives by these unknowns instead of the chain's."""
+        ...
+
+    def coefficients(self, chain: Chain, theta: FloatArray) -> FloatArray:
+        """d a_j / d theta_i at [i, j]."""
         ...
 
     def box(self, n: int) -> tuple[FloatArray, FloatArray]:
@@ -84,6 +88,10 @@ class Schwarz:
     def pulled(self, found: Evaluation, chain: Chain, theta: FloatArray) -> Evaluation:
         """See :class:`Coordinates`."""
         return found
+
+    def coefficients(self, chain: Chain, theta: FloatArray) -> FloatArray:
+        """See :class:`Coordinates`."""
+        return chain.polynomials[2]
 
     def box(self, n: int) -> tuple[FloatArray, FloatArray]:
         """(s + P)^n has d = n P, and k_1 = P sqrt((n^2 - 1) / 3) largest."""
@@ -161,14 +169,11 @@ class Limited:
 
     def pulled(self, found: Evaluation, chain: Chain, theta: FloatArray) -> Evaluation:
         """See :class:`Coordinates`."""
-        by_theta = self._coefficients(theta)
-        a, _, a_slopes, _ = chain.polynomials
-        # d a = d theta_chain a_slopes, column by column in units of a.
-        moved = np.linalg.solve((a_slopes / a).T, (by_theta / a).T).T
+        moved = chain_slopes(self, chain, theta)
         return found._replace(gradient=moved @ found.gradient, curvature=moved @ found.curvature @ moved.T)
 
-    def _coefficients(self, theta: FloatArray) -> FloatArray:
-        """d a_j / d theta_i at [i, j]."""
+    def coefficients(self, chain: Chain, theta: FloatArray) -> FloatArray:
+        """See :class:`Coordinates`."""
         factors: list[FloatArray] = []
         slopes: list[tuple[int, FloatArray]] = []
         for i in range(0, len(theta) - 1, 2):
@@ -219,6 +224,13 @@ class Limited:
             or np.any(sizes > self.high / (1.0 + _AT_END))
             or any(d < (1.0 + _AT_END) * self.damping for d in dampings if d < 1.0 - 1e-9)
         )
+
+
+def chain_slopes(coordinates: Coordinates, chain: Chain, theta: FloatArray) -> FloatArray:
+    """How the unknowns move those of the chain, at [i, j]: d a = d theta_chain a_slopes, in units of a."""
+    a, _, a_slopes, _ = chain.polynomials
+    moved = np.linalg.solve((a_slopes / a).T, (coordinates.coefficients(chain, theta) / a).T).T
+    return np.asarray(moved, dtype=float)
 
 
 def _roots(c0: float, c1: float) -> tuple[complex, complex]:

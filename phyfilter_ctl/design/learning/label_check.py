@@ -37,13 +37,16 @@ class _Channel(NamedTuple):
     integral: FloatArray | None  # of g
 
 
-def label_faults(flights: Sequence[Flight], channels: Sequence[str]) -> list[str]:
-    """What is wrong with the labels, in words, channel by channel; an empty list where nothing is."""
+def label_faults(flights: Sequence[Flight], channels: Sequence[str], *, offset: bool = False) -> list[str]:
+    """What is wrong with the labels, in words, channel by channel; an empty list where nothing is.
+
+    With ``offset`` they may be off by a constant a flight.
+    """
     taking = [flight for flight in flights if flight.takes_part and len(flight.u) > 2]
     found = []
     for j, name in enumerate(channels):
         parts = [part for flight in taking if (part := _channel(flight, j)).times[-1] > 0.0]
-        if parts and (fault := _held(parts, name) or _offset(parts, name)):
+        if parts and (fault := _held(parts, name) or ("" if offset else _offset(parts, name))):
             found.append(fault)
     return found
 
@@ -93,7 +96,8 @@ def _offset(parts: Sequence[_Channel], name: str) -> str | None:
     without = "; g is missing: give it, unless it is 0" if all(part.g is None for part in parts) else ""
     return (
         f"the label of {name} differs from M x' - g by {mean:.3g} in the mean over a flight, where noise of x allows "
-        f"{noise:.1g}{without}; check that it is f = M x' - g, in the same unit, its mean left in"
+        f"{noise:.1g}{without}; check that it is f = M x' - g, in the same unit, its mean left in, "
+        "or fit its mean out by label_offset=True"
     )
 
 

@@ -12,6 +12,7 @@ import operator
 import warnings
 from collections.abc import Callable, Sequence
 from contextlib import suppress
+from dataclasses import replace
 from typing import SupportsIndex, get_args
 
 import numpy as np
@@ -19,38 +20,33 @@ from numpy.typing import ArrayLike
 from threadpoolctl import threadpool_limits
 
 from ... import _signals
-from ...filter import PhyFilter
+from ...filter import PhyFilter, Sampling
 from ...filter.sampling import Method, Rule
 from ...recording import Recording
-from ...results import Status
-from . import levenberg, verdict
+from .answer import Asked, answer
 from .coordinates import FASTEST
 from .correlation import MOST_LAGS, memory
 from .label_check import label_faults
 from .levenberg import Descent
 from .residuals import Flight, flights_of, refuse_uninformative
-from .result import LearnEvent, LearnResult, is_identified
-from .samples import response
-from .search import Best, Search
+from .result import LearnEvent, LearnResult
+from .search import Search
 from .sensitivity import Data
 from .sources import sources
 from .structure import Form, Structure, structure_of
-from .wiener import wiener_floor
 
 __all__ = ["learn"]
 
 HIGHEST_ORDER = 12
-# Squared errors below this share of the target's square are rounding.
-_EXACT = 1e-14
 # A decay rate of 2 pi / T settles to 0.2 % within a flight of T, and flights resolve frequencies 2 pi / T apart.
 _SHOWN = 2.0 * np.pi
 _SLOW = 0.1  # of the sampling rate: what is slow in logs of a few samples
-_REFITS = 4  # Gauss-Newton steps of the filter learned without a block
+_SHORT = 200  # samples a coefficient below which an order is cross-validated unasked
 
 
 def learn(
     logs: Recording | Sequence[Recording],
-    order: SupportsIndex,
+    order: SupportsIndex | Sequence[SupportsIndex],
     *,
     form: Form = "lowpass",
     dc_gain: float | None = 1.0,
@@ -60,17 +56,24 @@ def learn(
     poles: ArrayLike = (),
     pole_range: tuple[float, float] | None = None,
     damping: float | None = None,
+    regularisation: float = 0.0,
     start: PhyFilter | Sequence[PhyFilter] | None = None,
     starts: int = 5,
     weights: ArrayLike | Sequence[ArrayLike] | None = None,
     channels: Sequence[int | str] | None = None,
+    label_offset: bool = False,
     held_out: Recording | Sequence[Recording] | None = None,
     seed: int = 0,
     method: Method = "exact",
     g: Rule = "hold",
     f_theta: Rule = "average",
+    delay: float = 0.0,
+    limit: ArrayLike | None = None,
+    E: ArrayLike | None = None,
     max_iterations: int = 80,
     wiener: bool = True,
+    cross_validate: bool | None = None,
+    intervals: bool = True,
     callback: Callable[[LearnEvent], bool | None] | None = None,
 ) -> LearnResult:
     """Return the filter of an order that fits f best on flights, and how far it is from the best possible one.
@@ -80,8 +83,9 @@ def learn(
     logs : Recording or sequence of Recording
         Flights with a label, the true f = M x' - g; they stay apart. A missing f_theta or g is 0. Steps may differ,
         within a flight and between flights.
-    order : int
-        Order n of D, 1 to 12. Lower orders are learned on the way.
+    order : int or sequence of int
+        Order n of D, 1 to 12. Lower orders are learned on the way. Of several orders, ``range(1, 7)``, the one that
+        cross-validation chooses is returned.
     form : {"lowpass", "general"}
         N = a_0, or N free but for the conditions below.
     dc_gain : float or None
@@ -100,6 +104,9 @@ def learn(
         Least and largest magnitude in rad/s of the poles that are learned, inside what the data show (Notes).
     damping : float, optional
         Least damping ratio of the poles that are learned.
+    regularisation : float
+        Pull towards the filter of the order below: the share of further samples, white and as strong as the measured
+        residual, that would ask for it. 0 for none.
     start : PhyFilter or sequence of PhyFilter, optional
         Further starts, each for its own order.
     starts : int
@@ -109,6 +116,9 @@ def learn(
         part. For a single Recording the entry itself.
     channels : sequence of int or str, optional
         Channels that take part, by number or name; None means all.
+    label_offset : bool
+        Whether the label of each flight and channel may be off by a constant, which is fitted along: for labels that
+        have lost their mean. Errors are then less their mean over the flight.
     held_out : Recording or sequence of Recording, optional
         Flights that are scored, not learned from.
     seed : int
@@ -117,10 +127,23 @@ def learn(
         Discretisation with which the filter will run.
     g, f_theta : {"hold", "average"}
         What the signals do between samples, as for :class:`SampledPhyFilter`.
+    delay : float
+        Known delay of x in s, as for :class:`SampledPhyFilter`; the label is not delayed.
+    limit : float or array_like, optional
+        Bound on |f_hat| that ``result.sampled()`` has. It plays no part in learning.
+    E : array_like, shape (n_x, n_f), optional
+        Direction in which f acts, M x' = g + E f. f_theta and label of the logs are what acts on x, E f.
     max_iterations : int
         Most steps of one descent.
     wiener : bool
         Whether to compare with the causal Wiener filter.
+    cross_validate : bool, optional
+        Whether to score every order on folds it was not learned from, whole flights where there are five at least:
+        ``result.orders``, ``result.flights``. None does where it decides: several orders asked for, or fewer than 200
+        samples a coefficient. An order that is worse than a lower one by more than one standard error of their
+        difference is not returned.
+    intervals : bool
+        Whether to find standard errors.
     callback : callable, optional
         Called with a :class:`LearnEvent` after every step that lowered a cost; True stops.
 
@@ -139,7 +162,8 @@ def learn(
     Warns
     -----
     UserWarning
-        If a label cannot be f: over whole flights its mean is not that of M x' - g, or it differs by g itself.
+        If a label cannot be f: over whole flights its mean is not that of M x' - g, or it differs by g itself. If
+        flights disagree.
 
     Notes
     -----
@@ -162,6 +186,9 @@ def learn(
     where a label has lost its mean or drifts, slow poles follow it at frequencies at which the residual itself holds
     little, and the price is paid by the first steady residual.
 
+    Several orders: the lowest within one standard error of the best cross-validated one is returned (Breiman et al.,
+    1984), the error that of the difference between the two, fold by fold.
+
     One filter serves all channels that take part. A filter of its own for each:
     ``stack([learn(logs, n, channels=[name]).filter for name in channels])``.
 
@@ -177,7 +204,8 @@ def learn(
     >>> result.filter.a.round(4).tolist()
     [400.0, 30.0]
     """
-    n = _order(order)
+    orders = _orders(order)
+    n = max(orders)
     _check_options(form, method, starts, max_iterations)
     structure = structure_of(
         form,
@@ -189,36 +217,75 @@ def learn(
         pole_range=pole_range,
         damping=damping,
     )
-    structure.refuse(n)
-    single = isinstance(logs, Recording)
-    entries = _weights(weights, single)
-    flights = flights_of(_listed("logs", logs), channels=channels, weights=entries, g=g, f_theta=f_theta)
+    structure.refuse(min(orders))
+    sampling = Sampling(1.0, method, g, f_theta, delay=delay, limit=limit)
+    pull = _signals.number("regularisation", regularisation, least=0.0)
+    entries = _weights(weights, isinstance(logs, Recording))
+
+    def reduced(
+        name: str, given: Recording | Sequence[Recording], entries: Sequence[ArrayLike] | None
+    ) -> list[Flight]:
+        return flights_of(
+            _listed(name, given),
+            channels=channels,
+            weights=entries,
+            g=g,
+            f_theta=f_theta,
+            delay=sampling.delay,
+            E=E,
+        )
+
+    flights = reduced("logs", logs, entries)
     refuse_uninformative(flights, n)
-    tests = (
-        []
-        if held_out is None
-        else flights_of(_listed("held_out", held_out), channels=channels, g=g, f_theta=f_theta)
-    )
+    tests = [] if held_out is None else reduced("held_out", held_out, None)
     given = _starts(start, n)
-    notes = _notes(logs, flights, channels)
+    names = _names(_listed("logs", logs)[0], channels, flights[0].u.shape[1])
+    notes = _notes(flights, names, label_offset)
     recorder = _Recorder(callback)
     # Two threads of a BLAS make products of this size ten times slower.
     with threadpool_limits(1, user_api="blas"):
-        search = _search(flights, form, method, n, max_iterations, recorder.report, structure)
+        data = sources(flights, method, offset=label_offset)
+        search = _search(flights, data, form, method, n, max_iterations, recorder.report, structure, pull)
         with suppress(_CancelledError):
             search.climb(n, given, starts, np.random.default_rng(seed))
         if recorder.cancelled:
             search.settle()
-        return _result(search, n, flights, tests, recorder, wiener, notes)
+        asked = Asked(
+            orders,
+            flights,
+            tests,
+            replace(sampling, dt=flights[0].dt),
+            E,
+            label_offset,
+            wiener,
+            _worthwhile(flights, orders, form) if cross_validate is None else cross_validate,
+            intervals,
+        )
+        result = answer(search, asked, tuple(recorder.events), recorder.cancelled, notes)
+    for note in result.notes[len(notes) :]:
+        warnings.warn(note, stacklevel=2)
+    return result
 
 
-def _notes(
-    logs: Recording | Sequence[Recording], flights: Sequence[Flight], channels: Sequence[int | str] | None
-) -> tuple[str, ...]:
+def _worthwhile(flights: Sequence[Flight], orders: Sequence[int], form: Form) -> bool:
+    """Whether folds decide something: several orders, or a short log."""
+    coefficients = max(orders) * (2 if form == "general" else 1)
+    return len(orders) > 1 or sum(flight.samples for flight in flights) < _SHORT * coefficients
+
+
+def _names(log: Recording, channels: Sequence[int | str] | None, count: int) -> list[str]:
+    if count != log.n_x and channels is None:  # with E
+        return [f"f[{i}]" for i in range(count)]
+    return (
+        list(log.channels)
+        if channels is None
+        else [c if isinstance(c, str) else log.channels[c] for c in channels]
+    )
+
+
+def _notes(flights: Sequence[Flight], names: Sequence[str], offset: bool) -> tuple[str, ...]:
     """What to know of the logs; faults of their labels are warned of."""
-    names = _listed("logs", logs)[0].channels
-    chosen = names if channels is None else [c if isinstance(c, str) else names[c] for c in channels]
-    faults = label_faults(flights, chosen)
+    faults = label_faults(flights, names, offset=offset)
     for fault in faults:
         warnings.warn(fault, stacklevel=3)
     missing = [] if any(flight.g is not None for flight in flights) else ["no g: M x' is taken as f"]
@@ -247,14 +314,15 @@ class _Recorder:
 
 def _search(
     flights: Sequence[Flight],
+    data: tuple[Data, Data],
     form: Form,
     method: Method,
     order: int,
     limit: int,
     report: Callable[[int, int, Descent], None],
     structure: Structure,
+    pull: float,
 ) -> Search:
-    coarse, fine = sources(flights, method)
     longest = max(float(flight.dt * len(flight.u)) for flight in flights)
     step = max(flight.dt if flight.steps is None else float(np.max(flight.steps)) for flight in flights)
     shortest = min(flight.dt for flight in flights)
@@ -264,9 +332,9 @@ def _search(
     )
     # A gap is one long step, but no reason to keep the poles slow; forward Euler has no choice.
     typical = max(flight.dt for flight in flights)
-    search = Search(
-        coarse, fine, form, method, step if method == "euler" else typical, floor, limit, report, structure
-    )
+    strength = pull * sum(flight.weight * float(np.sum(flight.u**2)) for flight in flights)
+    resolved = step if method == "euler" else typical
+    search = Search(*data, form, method, resolved, floor, limit, report, structure, strength)
     low, high = search.band
     if not low < high:
         raise ValueError(
@@ -276,85 +344,15 @@ def _search(
     return search
 
 
-# -- the answer ----------------------------------------------------------------------------------------------
-
-
-def _result(
-    search: Search,
-    order: int,
-    flights: Sequence[Flight],
-    tests: Sequence[Flight],
-    recorder: _Recorder,
-    wiener: bool,
-    notes: tuple[str, ...],
-) -> LearnResult:
-    if not search.best:
-        raise ValueError("no start had a finite cost; check the label and the residual for extreme values")
-    used = max(search.best)
-    status = Status.CANCELLED if recorder.cancelled else Status.CONVERGED
-    if search.form == "lowpass":
-        least = min(entry.cost for entry in search.best.values())
-        enough = (
-            max(least, 0.0) / (1.0 - verdict.ADDS_NOTHING) + _EXACT * search.fine.energy / search.fine.weight
-        )
-        used = min(n for n, entry in search.best.items() if entry.cost <= enough)
-    else:
-        identified = [
-            n for n, entry in search.best.items() if is_identified(search.filter(entry), search.floor)
-        ]
-        used = max(identified, default=min(search.best))
-    best = search.best[used]
-    if not recorder.cancelled:
-        status = verdict.status_of(best, used, order, search)
-    filter = search.filter(best)
-    floor = None
-    if wiener and not recorder.cancelled:
-        floor = wiener_floor(flights, filter, lambda data: _refitted(data, best, search), search.method)
-    return LearnResult(
-        filter=filter,
-        rmse=_rmse(filter, flights, search.method),
-        cost=max(best.cost, 0.0),  # of an exact fit only rounding is left, of either sign
-        held_out_rmse=_rmse(filter, tests, search.method) if tests else None,
-        order_used=used,
-        status=status,
-        message=verdict.message_of(status, used, order, search),
-        notes=notes,
-        history=tuple(recorder.events),
-        costs={n: max(entry.cost, 0.0) for n, entry in sorted(search.best.items())},
-        wiener=floor,
-        dt=flights[0].dt,
-        method=search.method,
-        slowest=search.floor,
-    )
-
-
-def _refitted(data: Data, best: Best, search: Search) -> PhyFilter:
-    """The learned filter after some steps on other data."""
-    cost = search.cost(data)
-    begun = levenberg.start(cost, best.theta)
-    if begun is None:
-        return search.filter(best)
-    upper, lower = search.box(best.chain.order)
-    descent = levenberg.descend(
-        cost, begun, upper, lower, limit=_REFITS, negligible=0.0, report=lambda _: None
-    )
-    chain = search.coordinates.chain(descent.theta)
-    return search.filter(Best(descent.theta, chain, descent.found, 0, True, False))
-
-
-def _rmse(filter: PhyFilter, flights: Sequence[Flight], method: Method) -> float:
-    squares = sum(float(np.sum((f.target - response(filter, f, method)) ** 2)) for f in flights)
-    return float(np.sqrt(squares / sum(flight.samples for flight in flights)))
-
-
 # -- checks --------------------------------------------------------------------------------------------------
 
 
-def _order(order: SupportsIndex) -> int:
-    n = operator.index(order)
-    if not 1 <= n <= HIGHEST_ORDER:
-        raise ValueError(f"order: expected 1 to {HIGHEST_ORDER}, got {n}")
-    return n
+def _orders(order: SupportsIndex | Sequence[SupportsIndex]) -> tuple[int, ...]:
+    given = order if isinstance(order, Sequence | np.ndarray) else [order]
+    found = tuple(sorted({operator.index(n) for n in given}))
+    if not found or not 1 <= found[0] <= found[-1] <= HIGHEST_ORDER:
+        raise ValueError(f"order: expected 1 to {HIGHEST_ORDER}, got {order}")
+    return found
 
 
 def _check_options(form: Form, method: Method, starts: int, max_iterations: int) -> None:

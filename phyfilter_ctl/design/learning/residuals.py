@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from ... import _signals
 from ..._sections import FloatArray
-from ...filter import PhyFilter, record
+from ...filter import PhyFilter, Recursion, record
 from ...filter.sampling import Rule
 from ...recording import Recording
 from ...recording.checks import refuse_gaps
@@ -72,6 +72,8 @@ def flights_of(
     weights: Sequence[ArrayLike] | None = None,
     g: Rule = "hold",
     f_theta: Rule = "average",
+    delay: float = 0.0,
+    E: ArrayLike | None = None,
 ) -> list[Flight]:
     """Residuals and targets of logs; the first sample of each, where f_hat = f_theta, is left out.
 
@@ -84,7 +86,10 @@ def flights_of(
     weights : sequence, optional
         One entry a log: a number, (N,) or (N, K) for K channels that take part.
     g, f_theta : {"hold", "average"}
-        As for :class:`~phyfilter_ctl.SampledPhyFilter`.
+    delay : float
+    E : array_like, shape (n_x, n_f), optional
+        As for :class:`~phyfilter_ctl.SampledPhyFilter`. With E the channels are those of f, and what the logs hold of
+        f_theta and the label, as M x' - g, is carried to them.
 
     Raises
     ------
@@ -104,10 +109,16 @@ def flights_of(
             raise ValueError(
                 f"{named(log, i)} has no label: learning needs the true f; give label=, or label columns in the CSV"
             )
-        columns = _columns(log, i, channels)
+        # Any filter will do: the measured residual does not depend on it.
+        recursion = (
+            PhyFilter([1.0])
+            .sampled(log.duration / (log.n - 1), "exact", g=g, f_theta=f_theta, delay=delay, E=E)
+            .recursion
+        )
+        columns = _columns(log, i, channels) if E is None else _all_of(recursion, log, channels)
         weight, own = (1.0, None) if weights is None else _weight(weights[i], log, i, len(columns))
-        u, target, dt, steps = _reduced(log, log.label, columns, g, f_theta)
-        known = None if log.g is None else np.array(log.g[1:, columns], dtype=float)
+        u, target, dt, steps = _reduced(log, log.label, columns, recursion)
+        known = None if log.g is None else np.array(_onto_f(recursion, log.g)[1:, columns], dtype=float)
         found.append(Flight(u, target, dt, steps, weight, own, known))
     if not any(flight.takes_part for flight in found):
         raise ValueError("weights: all are 0, nothing to fit; give at least one flight a positive weight")
@@ -129,7 +140,8 @@ def measured_residuals(
     found, h = [], logs[0].duration / (logs[0].n - 1)
     for i, log in enumerate(logs):
         columns = _columns(log, i, channels)
-        u, _, dt, steps = _reduced(log, log.x, columns, "hold", "average")
+        recursion = PhyFilter([1.0]).sampled(log.duration / (log.n - 1), "exact").recursion
+        u, _, dt, steps = _reduced(log, log.x, columns, recursion)
         if steps is not None or abs(dt - h) > 1e-6 * h:
             raise ValueError(
                 f"{named(log, i)}: expected equal steps of {h:.6g} s; make them so by "
@@ -171,19 +183,34 @@ def _is_constant(values: FloatArray) -> bool:
 
 
 def _reduced(
-    log: Recording, label: FloatArray, columns: list[int], g: Rule, f_theta: Rule
+    log: Recording, label: FloatArray, columns: list[int], recursion: Recursion
 ) -> tuple[FloatArray, FloatArray, float, FloatArray | None]:
     """u, gamma*, the (mean) step, and the steps where they differ."""
     refuse_gaps(log.name, log.missing)
-    m = log.n - 1
-    dt = log.duration / m
     steps = None if log.is_uniform else np.diff(log.times)
-    # Any filter will do: the measured residual does not depend on it.
-    recursion = PhyFilter([1.0]).sampled(dt, g=g, f_theta=f_theta).recursion
-    signals = record.checked_signals(recursion, log.x, log.g, log.f_theta, log.inertia)
-    u = record.measured_residual(recursion, *signals, steps, slice(0, m))
-    target = label if log.f_theta is None else label - log.f_theta
-    return np.ascontiguousarray(u[:, columns], dtype=float), target[1:, columns].copy(), dt, steps
+    f_theta = None if log.f_theta is None else _onto_f(recursion, log.f_theta)
+    if recursion.sampling.delay:
+        u, _ = record.step_residuals(recursion, log.x, log.g, f_theta, log.inertia, log.times)
+    else:
+        signals = record.checked_signals(recursion, log.x, log.g, f_theta, log.inertia)
+        u = record.measured_residual(recursion, *signals, steps, slice(0, log.n - 1))
+    target = _onto_f(recursion, label)
+    target = target if f_theta is None else target - f_theta
+    own = target[1:, columns].copy()
+    return np.ascontiguousarray(u[:, columns], dtype=float), own, recursion.sampling.dt, steps
+
+
+def _onto_f(recursion: Recursion, values: FloatArray) -> FloatArray:
+    """What acts on x (N, n_x) in channels of f (N, n_f)."""
+    return values if recursion.into is None else np.asarray(values @ recursion.into, dtype=float)
+
+
+def _all_of(recursion: Recursion, log: Recording, channels: Sequence[int | str] | None) -> list[int]:
+    if channels is not None:
+        raise ValueError(
+            "channels: with E the channels are those of f, and all take part; leave one of the two out"
+        )
+    return list(range(recursion.channels(log.n_x)))
 
 
 def _columns(log: Recording, i: int, channels: Sequence[int | str] | None) -> list[int]:

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import control as ct
 import numpy as np
 
 from ..._sections import ComplexArray, FloatArray
-from ...filter import PhyFilter
+from ...filter import PhyFilter, SampledPhyFilter, Sampling
 from ...filter.sampling import Method
 from ...results import Result, Status
+from .intervals import Intervals
+from .validation import FlightScore, OrderScore
 from .wiener import WienerFloor
 
 if TYPE_CHECKING:
@@ -95,12 +97,19 @@ class LearnResult(Result):
         Least cost by order.
     wiener : WienerFloor or None
         The causal Wiener filter and the comparison with it.
-    dt : float
-        Sampling interval in s of the first flight.
-    method : str
-        Discretisation the filter was learned for.
+    sampling : Sampling
+        Sampling interval of the first flight, and the options the filter was learned for.
+    E : (n_x, n_f) array or None
+        Direction in which f acts.
     slowest : float
         Least decay rate in rad/s that the flights show, 2 pi over the longest one.
+    orders : tuple of OrderScore
+        Every order on what it was not learned from; empty without cross-validation.
+    flights : tuple of FlightScore
+        Every flight with the filter learned without it, and with its own; empty without cross-validation, for one
+        flight and for more than 32.
+    intervals : Intervals or None
+        Standard errors and 95 % intervals.
     """
 
     filter: PhyFilter
@@ -114,9 +123,38 @@ class LearnResult(Result):
     history: tuple[LearnEvent, ...]
     costs: dict[int, float]
     wiener: WienerFloor | None
-    dt: float
-    method: Method
+    sampling: Sampling
+    E: FloatArray | None
     slowest: float
+    orders: tuple[OrderScore, ...] = ()
+    flights: tuple[FlightScore, ...] = ()
+    intervals: Intervals | None = None
+
+    @property
+    def dt(self) -> float:
+        """Sampling interval in s of the first flight."""
+        return self.sampling.dt
+
+    @property
+    def method(self) -> Method:
+        """Discretisation the filter was learned for."""
+        return self.sampling.method
+
+    def sampled(self, dt: float | None = None) -> SampledPhyFilter:
+        """The filter with everything it was learned for: method, rules of g and f_theta, delay, limit and E.
+
+        Parameters
+        ----------
+        dt : float, optional
+            Another sampling interval in s.
+
+        Returns
+        -------
+        SampledPhyFilter
+        """
+        # Twelve digits: times of a recording rarely give the interval to the last bit.
+        step = float(f"{self.dt:.12g}") if dt is None else dt
+        return SampledPhyFilter(self.filter, replace(self.sampling, dt=step), E=self.E)
 
     @property
     def is_identified(self) -> bool:

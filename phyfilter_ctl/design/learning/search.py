@@ -15,7 +15,9 @@ from . import levenberg
 from .coordinates import FASTEST, Coordinates, Limited, Schwarz
 from .levenberg import Descent
 from .parametrisation import Chain
+from .samples import Pooled
 from .sensitivity import Data, Evaluation, Form, evaluate, filter_of
+from .shrinkage import Shrinkage
 from .structure import FREE, Structure
 
 _CUTOFFS = 10  # of the scan for where to start
@@ -61,6 +63,8 @@ class Search:
         Order, start, descent; called after every step that lowered a cost.
     structure : Structure
         What F is made to be.
+    shrinkage : float
+        Strength of the pull towards the order below, rho sum_k u_k^2 (``shrinkage``); 0 for none.
     best : dict
         By order; filled by :meth:`climb`, also when a callback breaks off.
     rough : dict
@@ -76,6 +80,7 @@ class Search:
     limit: int
     report: Callable[[int, int, Descent], None]
     structure: Structure = FREE
+    shrinkage: float = 0.0
     best: dict[int, Best] = field(default_factory=dict)
     rough: dict[int, Descent] = field(default_factory=dict)
 
@@ -109,7 +114,7 @@ class Search:
         """Solve the orders 1 ... order, each warm-started from the one before."""
         for n in range(self.structure.least_order, order + 1):
             mine = [self.coordinates.of(filter.poles) for filter in given if filter.order == n]
-            warm = [self._with_pole(self.best[n - 1].chain, rate) for rate in self._extra_rates(n)]
+            warm = [self.with_pole(self.best[n - 1].chain, rate) for rate in self._extra_rates(n)]
             scan = self._scan(n)
             random = [self._random(n, scan[0], rng) for _ in range(starts)]
             self._solve(n, [*warm, *mine, *scan[1:], *random], len(warm))
@@ -183,10 +188,17 @@ class Search:
             # Beyond the Nyquist frequency a pole is the alias of a slower one.
             if np.max(np.abs(chain.poles.imag)) * self.step > np.pi:
                 return None
-            found = evaluate(data, chain, self.form, self.structure)
+            found = evaluate(self._pulled_down(data, chain.order), chain, self.form, self.structure)
             return None if found is None else self.coordinates.pulled(found, chain, theta)
 
         return cost
+
+    def _pulled_down(self, data: Data, n: int) -> Data:
+        below = self.best.get(n - 1)
+        if self.shrinkage == 0.0 or below is None:
+            return data
+        pull = Shrinkage(below.chain, below.found.c, self.shrinkage, self.step, self.method)
+        return Pooled([data, pull])
 
     def box(self, n: int) -> tuple[FloatArray, FloatArray]:
         """Upper and lower bounds of the unknowns of order n."""
@@ -199,9 +211,10 @@ class Search:
         """A rate in rad/s that the sampling still resolves, under every rule."""
         return 1.0 / self.step
 
-    def _with_pole(self, chain: Chain, rate: float) -> FloatArray:
-        """The chain with one real pole more: not moved, so that the general form contains the old filter."""
-        return self.coordinates.of(np.append(chain.poles, -rate), inside=False)
+    def with_pole(self, chain: Chain, rate: float | None = None) -> FloatArray:
+        """The chain with one real pole more, None as fast as can be: not moved, so that the general form contains the
+        old filter."""
+        return self.coordinates.of(np.append(chain.poles, -(rate or self._fastest)), inside=False)
 
     def _extra_rates(self, n: int) -> list[float]:
         """Where the additional pole of a warm start goes: as fast as the sampling allows, and by the others."""

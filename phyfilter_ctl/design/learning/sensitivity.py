@@ -66,29 +66,52 @@ def evaluate(data: Data, chain: Chain, form: Form, structure: Structure = FREE) 
         return None
     n = chain.order
     try:
-        rows = chain.sensitivities
+        if form == "lowpass":
+            rows, c = _lowpass_rows(chain)
+            curvature = rows @ G @ rows.T
+        else:
+            S, d = structure.rows(chain.doubled)
+            solver = Solver(G[:n, :n], S[:n])
+            c = solver.least_squares(m[:n], d)
+            rows = _general_rows(chain, c, solver, S)
+            curvature = rows @ G @ rows.T
+            across = rows @ G[:, :n]
+            curvature -= across @ solver.free(across.T)
     except np.linalg.LinAlgError:
         return None
-    if form == "lowpass":
-        kappa, slopes = chain.lowpass
-        c = np.zeros(n)
-        c[-1] = kappa
-        rows = kappa * rows[:, -1]
-        rows[:, n - 1] += slopes
-        curvature = rows @ G @ rows.T
-    else:
-        S, d = structure.rows(chain.doubled)
-        solver = Solver(G[:n, :n], S[:n])
-        c = solver.least_squares(m[:n], d)
-        rows = c @ rows
-        rows[:, :n] -= solver.met(rows @ S)  # c moves so that the conditions hold where the states have moved
-        curvature = rows @ G @ rows.T
-        across = rows @ G[:, :n]
-        curvature -= across @ solver.free(across.T)
     residual = m - G[:, :n] @ c
     cost = data.energy - float(c @ (m[:n] + residual[:n]))
     scale = 1.0 / data.weight
     return Evaluation(scale * cost, -2.0 * scale * (rows @ residual), 2.0 * scale * curvature, c)
+
+
+def jacobian(data: Data, chain: Chain, c: FloatArray, form: Form, structure: Structure) -> FloatArray:
+    """Rows (p, 2n) with d (F u) = row [xi; eta], by theta first, then by what the conditions leave free of c."""
+    if form == "lowpass":
+        return _lowpass_rows(chain)[0]
+    found = data.moments(chain.doubled)
+    assert found is not None  # the filter has a cost on these data
+    n = chain.order
+    S, _ = structure.rows(chain.doubled)
+    solver = Solver(found[0][:n, :n], S[:n])
+    free = np.pad(solver.basis.T / solver.sizes, [(0, 0), (0, n)])
+    return np.concatenate([_general_rows(chain, c, solver, S), free])
+
+
+def _lowpass_rows(chain: Chain) -> tuple[FloatArray, FloatArray]:
+    kappa, slopes = chain.lowpass
+    c = np.zeros(chain.order)
+    c[-1] = kappa
+    rows = kappa * chain.sensitivities[:, -1]
+    rows[:, chain.order - 1] += slopes
+    return rows, c
+
+
+def _general_rows(chain: Chain, c: FloatArray, solver: Solver, S: FloatArray) -> FloatArray:
+    """With c moving so that the conditions hold where the states have moved."""
+    rows = c @ chain.sensitivities
+    rows[:, : chain.order] -= solver.met(rows @ S)
+    return rows
 
 
 class Solver:

@@ -8,6 +8,7 @@ import numpy as np
 
 from ...filter.sampling import Method
 from .correlation import Correlations, Stretch
+from .offsets import Offsets
 from .residuals import Flight
 from .samples import Pooled, Samples
 from .sensitivity import Data
@@ -16,23 +17,33 @@ from .sensitivity import Data
 _SAME_STEP, _SIMILAR_STEP = 1e-6, 0.02
 
 
-def sources(flights: Sequence[Flight], method: Method) -> tuple[Data, Data]:
-    """Data for trials, and for the answer; one object where correlations hold everything."""
+def sources(flights: Sequence[Flight], method: Method, *, offset: bool = False) -> tuple[Data, Data]:
+    """Data for trials, and for the answer; one object where correlations hold everything.
+
+    With ``offset`` each flight and channel has an offset of its label, fitted along.
+    """
     taking = [flight for flight in flights if flight.takes_part]
     rest = [flight for flight in taking if not flight.is_plain]
-    exact = _correlated([flight for flight in taking if flight.is_plain], method, _SAME_STEP)
+    plain = [flight for flight in taking if flight.is_plain]
+    exact = [*_correlated(plain, method, _SAME_STEP), *_offsets(plain if offset else [], method)]
     if not rest:
         pooled = _pooled(exact)
         return pooled, pooled
-    trials = _correlated([_levelled(flight) for flight in taking], method, _SIMILAR_STEP)
-    return _pooled(trials), _pooled([*exact, *(Samples(flight, method) for flight in rest)])
+    levelled = [_levelled(flight) for flight in taking]
+    trials = [*_correlated(levelled, method, _SIMILAR_STEP), *_offsets(levelled if offset else [], method)]
+    return _pooled(trials), _pooled([*exact, *(Samples(flight, method, offset) for flight in rest)])
+
+
+def _offsets(flights: Sequence[Flight], method: Method) -> list[Data]:
+    groups = [[Stretch(flight, 0, len(flight.u), flight.weight)] for flight in flights]
+    return [Offsets(groups, method)] if groups else []
 
 
 def _pooled(parts: Sequence[Data]) -> Data:
     return parts[0] if len(parts) == 1 else Pooled(parts)
 
 
-def _correlated(flights: Sequence[Flight], method: Method, tolerance: float) -> list[Correlations]:
+def _correlated(flights: Sequence[Flight], method: Method, tolerance: float) -> list[Data]:
     groups: list[list[Flight]] = []
     for flight in flights:
         for group in groups:

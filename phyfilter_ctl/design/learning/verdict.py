@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from ...results import Status
 from .result import error_peak, is_identified
 from .search import Best, Search
+from .validation import FlightScore, OrderScore
 
-__all__ = ["ADDS_NOTHING", "message_of", "status_of"]
+__all__ = ["ADDS_NOTHING", "by_folds", "disagreement", "message_of", "status_of"]
 
 # An order that lowers the squared error by less than this share adds nothing.
 ADDS_NOTHING = 1e-4
@@ -41,6 +44,36 @@ def message_of(status: Status, used: int, order: int, search: Search) -> str:
         Status.ITERATION_LIMIT: f"order {used}: the best descent was still going down; raise max_iterations",
         Status.CANCELLED: f"cancelled by the callback: the best filter so far, of order {used}",
     }[status]
+
+
+def by_folds(orders: Sequence[OrderScore], used: int, asked: int, rejected: bool) -> str:
+    """The choice of cross-validation in words."""
+    by_order = {score.order: score for score in orders}
+    chosen, best = by_order[used], min(orders, key=lambda score: score.ratio)
+    if rejected:
+        worse = by_order[asked]
+        return (
+            f"order {asked}: RMSE {worse.held_out_rmse:.4g} on what it was not learned from, "
+            f"{chosen.held_out_rmse:.4g} with order {used}, which is returned: the flights do not support more; give "
+            "longer or more flights"
+        )
+    return (
+        f"order {used}: the lowest within one standard error of the best of {orders[0].order} to {orders[-1].order}; "
+        f"cross-validated RMSE {chosen.held_out_rmse:.4g}, the least {best.held_out_rmse:.4g} with order {best.order}"
+    )
+
+
+def disagreement(flights: Sequence[FlightScore]) -> tuple[str, ...]:
+    """What the flights left out have to warn of."""
+    apart = [score for score in flights if score.disagrees]
+    if not apart:
+        return ()
+    worst = max(apart, key=lambda score: score.left_out_rmse / score.own_rmse)
+    return (
+        f"flights disagree: {len(apart)} of {len(flights)} have a filter of their own that is better by more than "
+        f"10 %, flight {worst.flight} most (RMSE {worst.own_rmse:.4g} against {worst.left_out_rmse:.4g} with that "
+        "of the others); look at their units, labels and noise, or learn them apart",
+    )
 
 
 def _at_bound(used: int, search: Search) -> str:

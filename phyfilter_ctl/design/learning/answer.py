@@ -1,0 +1,137 @@
+"""From the best filter of every order to the one that is returned, and everything that is said of it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ...filter import PhyFilter, Sampling
+from ...results import Status
+from . import verdict
+from .correlation import memory
+from .folds import Folds
+from .intervals import intervals_of
+from .residuals import Flight
+from .result import LearnEvent, LearnResult, is_identified
+from .samples import response
+from .search import Search
+from .validation import FlightScore, OrderScore, by_flight, chosen_order, cross_validated, scores_of
+from .wiener import LONGEST, wiener_floor
+
+__all__ = ["Asked", "answer"]
+
+# Squared errors below this share of the target's square are rounding.
+_EXACT = 1e-14
+
+
+@dataclass(frozen=True, eq=False)
+class Asked:
+    """What :func:`learn` was asked for, beside the search."""
+
+    orders: tuple[int, ...]
+    flights: Sequence[Flight]
+    tests: Sequence[Flight]
+    sampling: Sampling
+    E: ArrayLike | None
+    offset: bool
+    wiener: bool
+    validate: bool
+    intervals: bool
+
+
+def answer(
+    search: Search, asked: Asked, events: tuple[LearnEvent, ...], cancelled: bool, notes: tuple[str, ...]
+) -> LearnResult:
+    """The result of a search."""
+    if not search.best:
+        raise ValueError("no start had a finite cost; check the label and the residual for extreme values")
+    candidates = _candidates(search, asked, cancelled)
+    orders: tuple[OrderScore, ...] = ()
+    flights: tuple[FlightScore, ...] = ()
+    floor, used, rejected = None, max(candidates), False
+    if not cancelled and (asked.validate or asked.wiener):
+        lags = _lags(search, candidates)
+        folds = Folds.of(asked.flights, search.method, lags, offset=asked.offset)
+        if folds.count > 1:
+            errors = cross_validated(folds, search, candidates if asked.validate else [used])
+            if asked.validate:
+                orders = scores_of(folds, search, errors)
+                used, rejected = _chosen(orders, candidates, asked)
+                flights = by_flight(asked.flights, search, search.best[used], lags, offset=asked.offset)
+            floor = wiener_floor(folds, errors[used]) if asked.wiener else None
+    best = search.best[used]
+    status = Status.CANCELLED if cancelled else verdict.status_of(best, used, max(asked.orders), search)
+    message = verdict.message_of(status, used, max(asked.orders), search)
+    if (
+        orders
+        and not cancelled
+        and status is not Status.NOT_IDENTIFIED
+        and (rejected or len(asked.orders) > 1)
+    ):
+        status = Status.ORDER_ADDS_NOTHING if rejected else verdict.status_of(best, used, used, search)
+        message = verdict.by_folds(orders, used, max(candidates), rejected)
+        if status not in (Status.CONVERGED, Status.ORDER_ADDS_NOTHING):
+            message += "; " + verdict.message_of(status, used, used, search)
+    filter = search.filter(best)
+    return LearnResult(
+        filter=filter,
+        rmse=_rmse(filter, asked.flights, search, asked.offset),
+        cost=max(best.cost, 0.0),  # of an exact fit only rounding is left, of either sign
+        held_out_rmse=_rmse(filter, asked.tests, search, asked.offset) if asked.tests else None,
+        order_used=used,
+        status=status,
+        message=message,
+        notes=(*notes, *verdict.disagreement(flights)),
+        history=events,
+        costs={n: max(entry.cost, 0.0) for n, entry in sorted(search.best.items())},
+        wiener=floor,
+        sampling=asked.sampling,
+        E=None if asked.E is None else np.array(asked.E, dtype=float),
+        slowest=search.floor,
+        orders=orders,
+        flights=flights,
+        intervals=(
+            intervals_of(asked.flights, search, best, offset=asked.offset)
+            if asked.intervals and not cancelled
+            else None
+        ),
+    )
+
+
+def _candidates(search: Search, asked: Asked, cancelled: bool) -> list[int]:
+    """Orders that may be returned: a low-pass order only where it pays, a general one where F is identified."""
+    wanted = [n for n in search.best if len(asked.orders) == 1 or n in asked.orders] or list(search.best)
+    if search.form == "lowpass":
+        least = min(entry.cost for entry in search.best.values())
+        negligible = _EXACT * search.fine.energy / search.fine.weight
+        enough = max(least, 0.0) / (1.0 - verdict.ADDS_NOTHING) + negligible
+        top = min(n for n, entry in search.best.items() if entry.cost <= enough)
+        return [n for n in wanted if n <= top] or [top]
+    found = [n for n in wanted if is_identified(search.filter(search.best[n]), search.floor)]
+    return found or [min(wanted)]
+
+
+def _chosen(orders: Sequence[OrderScore], candidates: Sequence[int], asked: Asked) -> tuple[int, bool]:
+    """The order that is returned, and whether the one asked for was rejected."""
+    lowest = chosen_order(orders, candidates)
+    if len(asked.orders) > 1:
+        return lowest, False
+    top = next(score for score in orders if score.order == max(candidates))
+    return (top.order, False) if top.is_good else (lowest, True)
+
+
+def _lags(search: Search, orders: Sequence[int]) -> float:
+    """Seconds of correlations that refits and the Wiener filter need."""
+    slowest = min(float(np.min(-search.best[n].chain.poles.real)) for n in orders)
+    return max(LONGEST * search.step, 2.0 * memory(max(orders)) / slowest)
+
+
+def _rmse(filter: PhyFilter, flights: Sequence[Flight], search: Search, offset: bool) -> float:
+    squares = 0.0
+    for flight in flights:
+        errors = flight.target - response(filter, flight, search.method)
+        squares += float(np.sum((errors - np.mean(errors, axis=0) if offset else errors) ** 2))
+    return float(np.sqrt(squares / sum(flight.samples for flight in flights)))
