@@ -210,10 +210,24 @@ def test_no_bound_for_a_filter_that_leaves_a_constant():
     assert "F(0) is not 1" in entry["note"]
 
 
-def test_bound_of_poles_far_apart_is_certified_and_quick():
-    message = message_of([-0.01, -900.0])
-    exact = pf.ultimate_bound(PhyFilter.from_poles([-0.01, -900.0]), residual={1: 1.0}, method="ellipsoid")
-    assert numbers(answered(Session(), "design", design=message))["bound"] == pytest.approx(exact.bound)
+def test_bounds_of_poles_far_apart_and_of_ringing_ones_are_certified_and_quick():
+    far, ringing = [-0.01, -900.0], [-0.01 + 9j, -0.01 - 9j]
+    exact = pf.ultimate_bound(PhyFilter.from_poles(far), residual={1: 1.0})
+    assert numbers(answered(Session(), "design", design=message_of(far)))["bound"] == pytest.approx(
+        exact.bound
+    )
+    above = pf.ultimate_bound(PhyFilter.from_poles(ringing), residual={1: 1.0}, method="ellipsoid")
+    found = numbers(answered(Session(), "design", design=message_of(ringing)))
+    assert found["bound"] == pytest.approx(above.bound)
+
+
+def test_the_sampled_bound_says_all_it_rests_on():
+    reply = answered(Session(), "design", design=message_of([-20.0] * 2))
+    entry = next(entry for entry in reply["numbers"] if entry["key"] == "bound_sampled")
+    sampled = PhyFilter.from_poles([-20.0] * 2).sampled(0.01)
+    said = pf.ultimate_bound(sampled, residual={1: 1.0}).assumptions
+    assert len(said) > 4
+    assert all(text in entry["note"] for text in said if "samples come" not in text)
 
 
 def test_long_delay_falls_back_on_the_continuous_loop():

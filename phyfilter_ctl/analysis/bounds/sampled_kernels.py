@@ -19,6 +19,7 @@ from scipy.linalg import LinAlgWarning, solve_discrete_lyapunov
 from ..._sections import FloatArray
 from ...filter import SampledPhyFilter
 from .kernels import Certificate
+from .walk import ROUNDOFF
 
 __all__ = ["SampledKernels"]
 
@@ -26,6 +27,8 @@ _GAP = 1e-8
 _MOST_SAMPLES = 4_000_000
 # A filter that forgets faster than by this in a sample is taken to forget by as much: nothing is divided by zero.
 _DEADBEAT = 1e-2
+# Roundings on the way to a state, in a product of matrices of size n: n + this.
+_OPERATIONS = 8
 # What stands for zero beside the terms it is a sum of.
 _ROUNDING = 1e-9
 
@@ -65,6 +68,28 @@ class SampledKernels:
             if enough or 2 * count > _MOST_SAMPLES:
                 return X, P, rest
             count *= 2
+
+    @cached_property
+    def _strayed(self) -> float:
+        """What rounding in the states X adds up to in V^(1/2), every error going on as V falls."""
+        (X, P, _), dA = self._series, self.sampled.transition[0]
+        M = np.abs(np.eye(len(dA)) + dA)
+        slow = np.sqrt(max(float(np.abs(np.linalg.eigvals(np.eye(len(dA)) + dA)).max()), _DEADBEAT))
+        unit = 2.0 * (len(dA) + _OPERATIONS) * ROUNDOFF
+        return unit * float(np.abs(X).sum(axis=0) @ M.T @ np.sqrt(np.diag(P))) / (1.0 - slow)
+
+    def _certificate(
+        self, total: float, rest: float, size: float, points: int, scale: float = 1.0
+    ) -> Certificate:
+        """An enclosure of scale times the sum, with ``size`` what a state of V = 1 adds to it."""
+        rounding = (
+            size * self._strayed
+            + (20.0 + len(self.sampled.transition[2]) + np.sqrt(points)) * ROUNDOFF * total
+        )
+        low, high, tail, rounding = (
+            float(scale * v) for v in (max(total - rounding, 0.0), total + rest + rounding, rest, rounding)
+        )
+        return Certificate(low, high, tail, self.sampled.dt * points, points, rounding)
 
     @cached_property
     def _impulse(self) -> tuple[FloatArray, float]:
@@ -109,19 +134,22 @@ class SampledKernels:
         """From gamma (0) or a derivative of it, up to ``highest``, to the error at the samples."""
         h, (X, P, rest) = self.sampled.dt, self._series
         if derivative == 0:
-            impulse, rest = self._impulse
-            total = 1.0 + float(np.abs(impulse).sum())
-            return Certificate(total, total + rest, rest, h * len(X), len(X))
+            impulse, beyond = self._impulse
+            return self._certificate(1.0 + float(np.abs(impulse).sum()), beyond, self._of_impulse, len(X))
         rows = self.pieces[derivative - 1]
         total = h * _absolute(X[:-1] @ rows.T) + (self.sampled.sampling.delay if derivative == 1 else 0.0)
-        rest = h * sum(_size(row, P) for row in rows) * rest
-        return Certificate(total, total + rest, rest, h * len(X), len(X))
+        size = h * sum(_size(row, P) for row in rows)
+        return self._certificate(total, size * rest, size, len(X))
 
     def estimate(self) -> Certificate:
         """From an error of the residual to the estimate."""
-        impulse, rest = self._impulse
-        total = float(np.abs(impulse).sum())
-        return Certificate(total, total + rest, rest, self.sampled.dt * len(impulse), len(impulse))
+        impulse, beyond = self._impulse
+        return self._certificate(float(np.abs(impulse).sum()), beyond, self._of_impulse, len(impulse))
+
+    @cached_property
+    def _of_impulse(self) -> float:
+        dA, _, C = self.sampled.transition
+        return _size(C @ dA, self._series[1])
 
     def state_gains(self) -> tuple[FloatArray, FloatArray]:
         """Largest |w_j| for |u| <= 1, and from an error added to w_j at every step to the estimate; (n,) each."""
@@ -136,10 +164,11 @@ class SampledKernels:
 
     def noise(self) -> Certificate:
         """From noise of M x at the samples to the estimate."""
-        impulse, rest = self._impulse
-        total = float(np.abs(np.diff(impulse, prepend=0.0)).sum()) / self.sampled.dt
-        rest = 2.0 * rest / self.sampled.dt
-        return Certificate(total, total + rest, rest, self.sampled.dt * len(impulse), len(impulse))
+        impulse, beyond = self._impulse
+        total = float(np.abs(np.diff(impulse, prepend=0.0)).sum())
+        return self._certificate(
+            total, 2.0 * beyond, 2.0 * self._of_impulse, len(impulse), 1.0 / self.sampled.dt
+        )
 
 
 def _size(row: FloatArray, P: FloatArray) -> float:

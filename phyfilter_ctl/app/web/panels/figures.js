@@ -34,7 +34,7 @@ const MEANINGS = {
   noise: "Standard deviation of f̂ that the assumed noise of x leaves.",
   euler_dt: "Forward Euler is unstable at this step and above. The other methods have no such limit.",
   bound: "Certified: with |γ′| below the assumed slope the error |f − f̂| ends below this, whatever the residual does.",
-  bound_sampled: "The same bound for the filter as it runs, sampled, at the samples.",
+  bound_sampled: "The same bound for the filter as it runs, sampled, at the samples, and what it takes for granted.",
   ratio_low: "With f̂ fed back, the loop is stable from this modelled inertia over the true one ...",
   ratio_high: "... up to this one, with the assumed lag and delay.",
   delay_margin: "Further delay that the loop tolerates before it turns unstable.",
