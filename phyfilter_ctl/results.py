@@ -77,6 +77,9 @@ class Status(StrEnum):
     LIMITED = "limited", "found: beyond it what was asked for does not hold"
     UNLIMITED = "unlimited", "all of the range will do: widen it"
     INFEASIBLE = "infeasible", "not even the lower end of the range will do: ask for less, or start lower"
+    PROVEN = "proven", "it holds, and what proves it is in the result"
+    REFUTED = "refuted", "it does not hold: the result has a case in which it fails"
+    OPEN = "open", "neither proven nor refuted: ask for a narrower range, or for a stronger method"
     KEPT = "kept", "no new plan: the one before goes on; the message says why"
     BRAKING = "braking", "no plan at all: every axis brakes; the message says why"
 

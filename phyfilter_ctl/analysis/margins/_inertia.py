@@ -12,7 +12,7 @@ from ... import _signals
 from ..._sections import ComplexArray, FloatArray
 from ..._signals import LARGEST
 
-__all__ = ["box_range", "checked_inertia", "definite", "loewner_range", "ratios"]
+__all__ = ["checked_inertia", "checked_vertices", "definite", "hull_range", "loewner_range", "ratios"]
 
 # Reciprocal condition number below which a matrix counts as singular.
 _SINGULAR = 1e-14
@@ -63,6 +63,21 @@ def definite(name: str, M: FloatArray) -> FloatArray:
     return M
 
 
+def checked_vertices(M_hat: FloatArray, vertices: ArrayLike) -> FloatArray:
+    """Symmetric positive definite matrices (J, n, n) beside M_hat; (J, n) or (J,) stand for diagonal ones."""
+    given = _signals.real("vertices", vertices)
+    if given.ndim not in (1, 2, 3) or not len(given):
+        raise ValueError(
+            f"vertices: expected a list of inertia matrices, (J, n, n) or diagonal (J, n), got shape {given.shape}"
+        )
+    found = np.array(
+        [definite(f"vertices[{j}]", checked_inertia(f"vertices[{j}]", each)) for j, each in enumerate(given)]
+    )
+    if found.shape[1:] != M_hat.shape:
+        raise ValueError(f"vertices: expected shape {M_hat.shape} as M_hat each, got {found.shape[1:]}")
+    return found
+
+
 def ratios(M_hat: FloatArray, M: FloatArray) -> ComplexArray:
     """Eigenvalues of M_hat M^-1, from the pencil, so that M is not inverted."""
     if M_hat.shape != M.shape:
@@ -80,28 +95,48 @@ def loewner_range(M_hat: FloatArray, low: FloatArray, high: FloatArray) -> tuple
     return float(eigh(M_hat, high, eigvals_only=True)[0]), float(eigh(M_hat, low, eigvals_only=True)[-1])
 
 
-def box_range(M_hat: FloatArray, deviation: FloatArray) -> tuple[float, float, bool]:
-    """Range of the eigenvalues of M_hat M^-1 over all symmetric M with |M - M_hat| <= deviation entry by entry.
+def hull_range(
+    M_hat: FloatArray, vertices: FloatArray, deviation: FloatArray | None = None
+) -> tuple[float, float, bool]:
+    """Range of the eigenvalues of M_hat M^-1 over all symmetric M within a deviation of the convex hull of vertices.
 
-    v' M v is largest, and least, in the box at M_hat +- S deviation S with S = diag(sign v), so the ends are those of
-    2^(n-1) vertices (J. Rohn, "Positive definiteness and stability of interval matrices", SIAM J. Matrix Anal. Appl. 15
-    (1994)), whatever the units of the axes.
+    With M_hat = L L' they are the inverses of those of L^-1 M L^-T, of which the largest is a convex function of M and
+    the least a concave one: both ends are attained at vertices. v' M v is largest, and least, in a box about V at
+    V +- S deviation S with S = diag(sign v), which leaves 2^(n-1) vertices of it (J. Rohn, "Positive definiteness and
+    stability of interval matrices", SIAM J. Matrix Anal. Appl. 15 (1994)). L makes all of it free of units.
+
+    Parameters
+    ----------
+    M_hat : (n, n) array
+    vertices : (J, n, n) array
+    deviation : (n, n) array, optional
+        |M - V| <= deviation entry by entry, V in the hull.
 
     Returns
     -------
     low, high : float
-        ``high`` is infinite where a singular M is in the box.
+        ``high`` is infinite where a singular M is in the set.
     attained : bool
-        False beyond 13 axes: then the range is one that contains the true one, from the spectral radius of
-        |L^-1| deviation |L^-T|, M_hat = L L'.
+        False for a deviation beyond 13 axes: then the range is one that contains the true one.
     """
     n, inverse = len(M_hat), np.linalg.inv(np.linalg.cholesky(M_hat))
+    middle = inverse @ vertices @ inverse.T
+    if deviation is None:
+        ends = np.linalg.eigvalsh(0.5 * (middle + middle.transpose(0, 2, 1)))
+        return *_inverted(float(ends[:, 0].min()), float(ends[:, -1].max())), True
     if n > _MOST_AXES:
+        ends = np.linalg.eigvalsh(0.5 * (middle + middle.transpose(0, 2, 1)))
         size = np.abs(inverse) @ deviation @ np.abs(inverse.T)
         radius = float(np.linalg.eigvalsh(0.5 * (size + size.T))[-1])
-        return 1.0 / (1.0 + radius), 1.0 / (1.0 - radius) if radius < 1.0 else np.inf, False
+        return *_inverted(float(ends[:, 0].min()) - radius, float(ends[:, -1].max()) + radius), False
     patterns = np.array([[1.0, *signs] for signs in product((1.0, -1.0), repeat=n - 1)])
     turned = inverse * patterns[:, None, :]
-    largest = float(np.linalg.eigvalsh(turned @ deviation @ turned.transpose(0, 2, 1)).max(initial=0.0))
-    # M_hat^-1/2 (M - M_hat) M_hat^-T/2 has no larger eigenvalue, and this one.
-    return 1.0 / (1.0 + largest), 1.0 / (1.0 - largest) if largest < 1.0 else np.inf, True
+    spread = turned @ deviation @ turned.transpose(0, 2, 1)
+    low = min(float(np.linalg.eigvalsh(each - spread)[:, 0].min()) for each in middle)
+    high = max(float(np.linalg.eigvalsh(each + spread)[:, -1].max()) for each in middle)
+    return *_inverted(low, high), True
+
+
+def _inverted(low: float, high: float) -> tuple[float, float]:
+    """Range of 1/v for v from low to high > 0."""
+    return 1.0 / high, 1.0 / low if low > 0.0 else np.inf

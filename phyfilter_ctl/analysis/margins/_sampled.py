@@ -54,7 +54,7 @@ class SampledLoop:
         return replace(self, delay=self.delay + extra)
 
     @cached_property
-    def _plant(self) -> tuple[FloatArray, FloatArray, FloatArray, int]:
+    def plant(self) -> tuple[FloatArray, FloatArray, FloatArray, int]:
         """Step of (actuator, x, position): transition - I, what the newer and the older command add, whole steps late.
 
         A delay of the measurement acts on x as one of the command would. The newer command acts over the last part of
@@ -86,7 +86,7 @@ class SampledLoop:
         # 1 - F m = (1 - F) + F (1 - m), 1 - m summed without the subtraction.
         Q = error - F * (np.expm1(-1j * np.outer(omega * h, np.arange(len(weights)))) @ weights)
 
-        transition, newer, older, whole = self._plant
+        transition, newer, older, whole = self.plant
         drive = newer[:, None] + older[:, None] * back
         m = len(transition) - 2
         if m:
@@ -146,7 +146,7 @@ class SampledLoop:
         States at instant k: actuator, increment x_k - x_{k-1} of the measured x, x and position where the outer loop
         needs them, w_{k-1}, and the commands sent at k - 1, k - 2, ...
         """
-        transition, newer, older, whole = self._plant
+        transition, newer, older, whole = self.plant
         h = self.sampled.dt
         m = len(transition) - 2
         kept = [m, m + 1][: 2 if self.kp else 1 if self.kd else 0]

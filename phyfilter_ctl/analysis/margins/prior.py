@@ -176,7 +176,58 @@ class PriorMargin(LoopMargins):
         if spread.ndim == 0:
             return self._small_gain(float(spread) * float(np.linalg.norm(np.linalg.inv(model), 2)))
         model = _inertia.definite("M_hat", model)
-        low, high, attained = _inertia.box_range(model, np.maximum(spread, spread.T))
+        return self._set(*_inertia.hull_range(model, model[None], np.maximum(spread, spread.T)))
+
+    def inertia_hull(
+        self, M_hat: ArrayLike, vertices: ArrayLike, *, deviation: ArrayLike | None = None
+    ) -> InertiaVerdict:
+        """Whether the loop is stable for every M of a polytope: loads and configurations, and all mixtures of them.
+
+        Parameters
+        ----------
+        M_hat : float, (n,) or (n, n) array
+            Modelled inertia, symmetric positive definite.
+        vertices : (J, n, n), (J, n) or (J,) array
+            Symmetric positive definite matrices, diagonals or numbers; M is in their convex hull.
+        deviation : (n, n) array, optional
+            M may lie off the hull by as much, entry by entry: what is between sampled configurations
+            (:func:`configuration_hull`). One vertex with a deviation is an interval matrix.
+
+        Returns
+        -------
+        InertiaVerdict
+            Exact, whatever the units of the axes, where the stable ratios are one interval (with a deviation up to 13
+            axes): the ends of the range of the eigenvalues of M_hat M^-1 are attained at vertices. A constant M is
+            meant; :func:`moving_inertia` is about one that moves.
+
+        Raises
+        ------
+        ValueError
+            If a matrix is not symmetric positive definite, or shapes differ.
+
+        Notes
+        -----
+        The largest eigenvalue of M_hat^-1/2 M M_hat^-1/2 is a convex function of M, the least a concave one.
+
+        Examples
+        --------
+        An arm of 2 kg m^2 and 8 kg that takes up to 1 kg with a lever, of which the model knows nothing:
+
+        >>> margin = prior_margin(PhyFilter([20.0]), dt=0.002)
+        >>> margin.inertia_hull([2.0, 8.0], [[[2.0, 0.0], [0.0, 8.0]], [[2.5, 0.5], [0.5, 9.0]]]).message
+        'the eigenvalues of M_hat M^-1, 0.7534 to 1, lie within one stable interval'
+        """
+        model = _inertia.definite("M_hat", _inertia.checked_inertia("M_hat", M_hat))
+        corners = _inertia.checked_vertices(model, vertices)
+        if deviation is None:
+            return self._set(*_inertia.hull_range(model, corners))
+        spread = _signals.array("deviation", deviation, model.shape)
+        if np.any(spread < 0.0):
+            raise ValueError("deviation: expected bounds of 0 or more")
+        return self._set(*_inertia.hull_range(model, corners, np.maximum(spread, spread.T)))
+
+    def _set(self, low: float, high: float, attained: bool) -> InertiaVerdict:
+        """The verdict over a set of M from the range of the eigenvalues."""
         if np.isinf(high):
             message = "a singular M is not excluded: give tighter bounds"
             return InertiaVerdict(False, "range", np.array([low, np.inf], dtype=np.complex128), message)

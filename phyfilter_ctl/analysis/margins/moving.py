@@ -1,0 +1,414 @@
+"""Loops whose inertia moves: proofs that they stay stable, or a motion under which they do not."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import cast
+
+import control as ct
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ... import _signals
+from ..._sections import FloatArray
+from ...filter import FilterBank, PhyFilter, SampledPhyFilter
+from ...results import Result, Status
+from ..channels import Filter, channels_of
+from . import _inequalities, _inertia, _switching
+from ._continuous import ContinuousLoop
+from ._openings import Opening, open_at_inertia, side_by_side
+from ._switching import InertiaMotion
+from .loop_margins import build_loop
+from .prior import PriorMargin
+
+__all__ = ["InertiaCertificate", "moving_inertia"]
+
+# Pieces of P over the range of the ratio that are tried one after another.
+_PIECES = (1, 4, 12)
+# Products of states beyond which a Lyapunov function of higher degree is refused.
+_MOST_PRODUCTS = 3000
+_ONE_AXIS = "one axis, or principal axes of M_hat^-1/2 M M_hat^-1/2 that do not turn"
+_FORCES = (
+    "forces with M' in them (Coriolis, a load that comes) are part of f: they shift f_hat, not its stability"
+)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class InertiaCertificate(Result):
+    """Whether the inner loop stays stable while the inertia moves; made by :func:`moving_inertia`.
+
+    Parameters
+    ----------
+    status : Status
+        PROVEN: for every motion of the set. REFUTED: ``motion``, or a constant member, diverges. OPEN: neither.
+    method : str
+        What decided.
+    ratios : (2,) array
+        Least and largest eigenvalue of M_hat M^-1 over the set.
+    rate : float or None
+        Largest |d ln M/dt| in 1/s; None for M of any speed, jumps included.
+    lyapunov : tuple of (N, N) arrays
+        P of V = x' P x, in the states of ``opening``; one, or one at each of ``knots``, or for each vertex. Of a higher
+        degree: of the products of states. One filter for several axes: kron(P, I).
+    knots : (K,) array
+        Values of M_hat/M between which P is linear; empty where there is one P.
+    motion : InertiaMotion or None
+        What refutes it.
+    opening : control.StateSpace or None
+        The loop opened at the inertia, s to p, closed by s = M_hat M^-1 p: state matrix A + B M_hat M^-1 C.
+    assumptions : tuple of str
+        What the proof is for.
+    message : str
+    """
+
+    status: Status
+    method: str
+    ratios: FloatArray
+    rate: float | None
+    lyapunov: tuple[FloatArray, ...]
+    knots: FloatArray
+    motion: InertiaMotion | None
+    opening: ct.StateSpace | None = field(repr=False)
+    assumptions: tuple[str, ...]
+    message: str
+
+
+@dataclass(frozen=True, eq=False)
+class _Question:
+    """What is asked, checked."""
+
+    margins: tuple[PriorMargin, ...]
+    opening: Opening | None
+    low: float
+    high: float
+    M_hat: FloatArray
+    vertices: FloatArray
+    rate: float | None
+    degree: int
+
+    @property
+    def shared(self) -> bool:
+        """Whether all axes have one filter."""
+        return len(self.margins) == 1
+
+    @property
+    def any_speed(self) -> bool:
+        return self.rate is None
+
+    def answer(
+        self,
+        status: Status,
+        method: str,
+        message: str,
+        *,
+        P: tuple[FloatArray, ...] = (),
+        knots: FloatArray | None = None,
+        motion: InertiaMotion | None = None,
+        only: tuple[str, ...] = (),
+    ) -> InertiaCertificate:
+        known = [_FORCES, *only]
+        if self.M_hat.size > 1:
+            known.append("M symmetric, M_hat constant")
+        opening = None
+        if self.opening is not None:
+            o = self.opening
+            opening = ct.StateSpace(o.A, o.B, o.C, np.zeros((o.axes, o.axes)), o.dt or 0)
+        ends = np.array([self.low, self.high])
+        knots = np.zeros(0) if knots is None else knots
+        return InertiaCertificate(
+            status, method, ends, self.rate, P, knots, motion, opening, tuple(known), message
+        )
+
+
+def moving_inertia(
+    filter: PhyFilter | SampledPhyFilter | FilterBank,
+    *,
+    ratios: ArrayLike | None = None,
+    vertices: ArrayLike | None = None,
+    M_hat: ArrayLike | None = None,
+    rate: float | None = None,
+    actuator: ct.TransferFunction | ct.StateSpace | None = None,
+    delay: float = 0.0,
+    dt: float | None = None,
+    degree: int = 2,
+) -> InertiaCertificate:
+    """Whether the inner loop stays stable while the inertia moves within a set: a proof, or a motion that diverges.
+
+        M(t) x' = tau + f,    tau = -f_hat,    f_hat = F [M_hat x' - tau]
+
+    Parameters
+    ----------
+    filter : PhyFilter, SampledPhyFilter, or several
+        A sampled one runs at its rate with the command held. Several (:func:`stack`): one for each axis, and M couples
+        the axes.
+    ratios : (low, high), optional
+        Where M_hat/M moves; for matrices the eigenvalues of M_hat M^-1, which a filter shared by all axes makes one
+        question. Several filters: with a diagonal M_hat.
+    vertices : (J, n, n), (J, n) or (J,) array, optional
+        Instead: symmetric positive definite matrices in whose convex hull M moves (:func:`configuration_hull`).
+    M_hat : float, (n,) or (n, n) array, optional
+        Modelled inertia, constant, symmetric positive definite; with ``vertices``.
+    rate : float, optional
+        Largest |d ln M/dt| in 1/s, with ``ratios`` of one axis; 0 for a constant M. None: any speed, jumps included.
+    actuator, delay, dt
+        As for :func:`prior_margin`.
+    degree : {2, 4, 6, 8}
+        Largest degree of Lyapunov functions that are tried for one axis at any speed. Above 2, and for ``rate`` and
+        coupled axes, linear matrix inequalities are solved (extra ``lmi``).
+
+    Returns
+    -------
+    InertiaCertificate
+
+    Raises
+    ------
+    ImportError
+        Without the extra ``lmi`` where only a linear matrix inequality can tell.
+    TypeError
+        If the filter or the actuator is of another kind.
+    ValueError
+        If neither or both of ``ratios`` and ``vertices`` are given, a matrix is not symmetric positive definite, or
+        the question is one that no method here answers: it says which.
+
+    Notes
+    -----
+    M' does not appear: the filter sees M_hat x' - tau = (M_hat M^-1 - I) tau + M_hat M^-1 f, so that only M as it is
+    counts, whether the robot is written M x' = ... or (M x)' = ...; what the latter has beside M x' is part of f. The
+    loop is linear with f as its input: proven stable, a bounded f gives a bounded f_hat. A f that grows with x itself
+    is a matter of the outer loop.
+
+    Any speed, one filter: V = x' P x proves it exactly where the circle with the diameter [low, high] excludes the
+    Nyquist curve, that is where the complex ratios about (low + high)/2 are stable within (high - low)/2
+    (:attr:`PriorMargin.ratio_radius`); P solves a Riccati equation, and kron(P, I) serves every symmetric M_hat^-1/2 M
+    M_hat^-1/2 with eigenvalues in the range, however it turns. Sampled it holds for motion within the steps too. With
+    delay in continuous time it is the circle criterion alone, over frequency.
+
+    Higher degrees: V of products of states (for one axis). ``rate``: P linear in M_hat/M from knot to knot, matrix
+    inequalities between them by Bernstein coefficients. Vertices: multipliers for p = M y, by vertices.
+
+    Every P is checked in rational arithmetic, with a reserve for the rounding of the loop's matrices; what the solver
+    says is not believed. Where no proof is found, motions back and forth between two values are searched for one that
+    grows from period to period.
+
+    References
+    ----------
+    Zames, "On the input-output stability of time-varying nonlinear feedback systems", IEEE Trans. Automatic Control 11
+    (1966). Boyd, El Ghaoui, Feron, Balakrishnan, *Linear Matrix Inequalities in System and Control Theory*, SIAM 1994.
+
+    Examples
+    --------
+    Three repeated poles tolerate any constant M_hat/M below 9, but not every motion between 1/8 and 8:
+
+    >>> filter = PhyFilter.from_poles([-20.0] * 3)
+    >>> moving_inertia(filter, ratios=(1 / 3.9, 3.9)).status
+    <Status.PROVEN: 'proven'>
+    >>> lost = moving_inertia(filter, ratios=(1 / 8, 8.0))
+    >>> print(lost.message)
+    diverges: 91.5 ms at 0.125, 63.9 ms at 8, and so on; 1.3 times as large after each period
+    """
+    question = _checked(filter, ratios, vertices, M_hat, rate, degree, actuator, delay, dt)
+    for attempt in (_constant, _small_gain, _rate_bounded, _higher_degree, _coupled, _diverging):
+        found = attempt(question)
+        if found is not None:
+            return found
+    message = "no proof, and no motion back and forth between two values that diverges"
+    return question.answer(Status.OPEN, "none", message)
+
+
+def _checked(
+    filter: PhyFilter | SampledPhyFilter | FilterBank,
+    ratios: ArrayLike | None,
+    vertices: ArrayLike | None,
+    M_hat: ArrayLike | None,
+    rate: float | None,
+    degree: int,
+    actuator: ct.TransferFunction | ct.StateSpace | None,
+    delay: float,
+    dt: float | None,
+) -> _Question:
+    if (ratios is None) == (vertices is None):
+        raise ValueError("ratios, vertices: expected one of the two, the set in which the inertia moves")
+    if (vertices is None) != (M_hat is None):
+        raise ValueError("M_hat: goes with vertices, and only with them; ratios are of M_hat/M already")
+    several = channels_of(filter)
+    single = [cast(Filter, filter)] if several is None else [entry for _, entry in several]
+    built = [build_loop(entry, actuator, delay, dt) for entry in single]
+    margins = tuple(PriorMargin(1.0, loop, system) for system, loop in built)
+    if rate is not None:
+        rate = _signals.number("rate", rate, "1/s", least=0.0)
+    if rate and (vertices is not None or len(margins) > 1):
+        raise ValueError("rate: a rate other than 0 goes with ratios of one axis; leave it out: any speed")
+    if degree not in (2, 4, 6, 8):
+        raise ValueError(f"degree: expected 2, 4, 6 or 8, got {degree!r}")
+    if vertices is not None and M_hat is not None:
+        model = _inertia.definite("M_hat", _inertia.checked_inertia("M_hat", M_hat))
+        corners = _inertia.checked_vertices(model, vertices)
+        low, high, _ = _inertia.hull_range(model, corners)
+    else:
+        low, high = map(float, _signals.array("ratios", [] if ratios is None else ratios, (2,)))
+        if not 0.0 < low <= high:
+            raise ValueError(f"ratios: expected 0 < low <= high, got {low:g} and {high:g}")
+        model, corners = np.eye(len(margins)), np.zeros((0, 0, 0))
+    if len(margins) > 1 and len(model) != len(margins):
+        raise ValueError(f"M_hat: expected {len(margins)} axes, one for each filter, got {len(model)}")
+    late = delay > 0.0 and isinstance(built[0][1], ContinuousLoop)
+    if late and (len(margins) > 1 or degree > 2 or rate):
+        raise ValueError(
+            f"delay: with {delay:g} s in continuous time only one filter, at any speed or for a constant M, by "
+            "degree 2 can be answered; give dt, the step at which the filter runs"
+        )
+    opening = None if late else _opening(margins)
+    return _Question(margins, opening, low, high, model, corners, rate, degree)
+
+
+def _opening(margins: tuple[PriorMargin, ...]) -> Opening:
+    found = [open_at_inertia(margin.loop) for margin in margins]
+    return found[0] if len(found) == 1 else side_by_side(found)
+
+
+def _constant(q: _Question) -> InertiaCertificate | None:
+    """Members that do not move: what is unstable there is refuted; with rate 0 what is stable is proven."""
+    if q.shared:
+        return _constant_of_one(q.margins[0], q)
+    assert q.opening is not None
+    opening = q.opening
+    inverse = _ratios(q)
+    ends = [np.diag(np.full(opening.axes, end)) for end in (q.low, q.high)]
+    names = [f"vertex {j}" for j in range(len(inverse))] or [f"M_hat/M = {mu:.6g}" for mu in (q.low, q.high)]
+    for where, mu in zip(names, inverse or ends, strict=True):
+        if not opening.growth(opening.closed(mu)) < 0.0:
+            return q.answer(Status.REFUTED, "eigenvalues", f"unstable for a constant M: {where}")
+    if len(inverse) == 1:
+        return q.answer(Status.PROVEN, "eigenvalues", "stable for the one M of the set")
+    if len(inverse):
+
+        def stable(M: FloatArray) -> bool:
+            return opening.growth(opening.closed(_ratio(q.M_hat, M))) < 0.0
+
+        M = _switching.worst_mixture(stable, q.vertices)
+        if M is not None:
+            return q.answer(Status.REFUTED, "eigenvalues", f"unstable for the constant M = {M.tolist()}")
+    return None
+
+
+def _ratios(q: _Question) -> list[FloatArray]:
+    """mu = M_hat M^-1 at the vertices."""
+    return [_ratio(q.M_hat, M) for M in q.vertices]
+
+
+def _ratio(M_hat: FloatArray, M: FloatArray) -> FloatArray:
+    return np.asarray(np.linalg.solve(M.T, M_hat.T).T, dtype=float)
+
+
+def _constant_of_one(margin: PriorMargin, q: _Question) -> InertiaCertificate | None:
+    lost = next((value for value in (q.low, q.high) if not margin.stable(value)), None)
+    whole = any(a < q.low and q.high < b for a, b in margin.stable_ratios)
+    if lost is None and not whole and not len(q.vertices):
+        edges = [edge for pair in margin.stable_ratios for edge in pair if q.low <= edge <= q.high]
+        lost = edges[0] if edges else None
+    if lost is not None:
+        return q.answer(Status.REFUTED, "eigenvalues", f"unstable for a constant M: M_hat/M = {lost:.6g}")
+    if q.rate == 0.0:
+        if whole:
+            return q.answer(Status.PROVEN, "stable ratios", "stable for every constant M of the set")
+        return q.answer(Status.OPEN, "none", "the ratios lie in different stable intervals")
+    return None
+
+
+def _small_gain(q: _Question) -> InertiaCertificate | None:
+    """A common quadratic Lyapunov function over the whole range of the ratio."""
+    diagonal = not np.any(q.M_hat - np.diag(np.diag(q.M_hat)))
+    if q.rate == 0.0 or (not q.shared and not diagonal):
+        return None
+    message = "V = x' P x falls for every motion within the ratios, at any speed"
+    if q.opening is None:
+        middle, radius = 0.5 * (q.low + q.high), 0.5 * (q.high - q.low)
+        margin = PriorMargin(middle, q.margins[0].loop, q.margins[0].filter)
+        if margin.ratio_radius > radius:
+            text = f"circle criterion over frequency: radius {margin.ratio_radius:.4g} about {middle:.4g}"
+            return q.answer(Status.PROVEN, "circle criterion", text)
+        return None
+    P = _inequalities.solved_by_riccati(q.opening.by_clock(), q.low, q.high)
+    return None if P is None else q.answer(Status.PROVEN, "common quadratic", message, P=(P,))
+
+
+def _rate_bounded(q: _Question) -> InertiaCertificate | None:
+    if not q.rate or q.opening is None:
+        return None
+    opening, rate = q.opening.by_clock(), q.rate / q.opening.clock
+    for pieces in _PIECES:
+        knots = np.geomspace(q.low, q.high, pieces + 1)
+        if (
+            q.opening.dt is not None
+            and pieces > 1
+            and np.log(q.high / q.low) / pieces < q.rate * q.opening.dt
+        ):
+            break  # a step would go over several knots
+        values = _inequalities.rate_bounded(opening, knots, rate).solve("moving_inertia(rate=...)")
+        if values is not None:
+            message = f"V = x' P(M_hat/M) x, linear between {pieces + 1} knots, falls at this rate"
+            P = tuple(values[: pieces + 1])
+            return q.answer(
+                Status.PROVEN, "parameter-dependent", message, P=P, knots=knots, only=(_ONE_AXIS,)
+            )
+    return None
+
+
+def _higher_degree(q: _Question) -> InertiaCertificate | None:
+    if q.rate is not None or not q.shared or len(q.M_hat) > 1 or q.opening is None:
+        return None
+    opening, sampled = q.opening.by_clock(), q.opening.dt is not None
+    for half in range(2, q.degree // 2 + 1):
+        if not opening.is_even or len(opening.A) ** half > _MOST_PRODUCTS:
+            return None
+        matrices = [_inequalities.power(opening.closed(mu), half, sampled) for mu in (q.low, q.high)]
+        values = _inequalities.common(matrices, sampled).solve("moving_inertia(degree=...)")
+        if values is not None:
+            message = f"V of degree {2 * half} falls for every motion within the ratios, at any speed"
+            only = (_ONE_AXIS,)
+            return q.answer(Status.PROVEN, f"common of degree {2 * half}", message, P=(values[0],), only=only)
+    return None
+
+
+def _coupled(q: _Question) -> InertiaCertificate | None:
+    """Vertices of matrices where the range of the ratio does not tell."""
+    if not len(q.vertices) or q.M_hat.size == 1 or q.opening is None:
+        return None
+    opening, n = q.opening.by_clock(), len(q.M_hat)
+    if q.shared:
+        opening = side_by_side([opening] * n)
+    # A congruence by powers of two: no axis is lost beside others, and nothing is rounded.
+    units = np.exp2(-np.round(0.5 * np.log2(np.diag(q.M_hat))))
+    units = np.outer(units, units)
+    constant = q.rate == 0.0
+    wanted = _inequalities.polytope(opening, q.M_hat * units, q.vertices * units, constant=constant)
+    values = wanted.solve("moving_inertia(vertices=...)")
+    if values is None:
+        return None
+    message = (
+        "V = x' P x falls at every vertex" if not constant else "V = x' P(M) x falls for every constant M"
+    )
+    only = () if opening.dt is None or constant else ("M changes at the samples only",)
+    return q.answer(Status.PROVEN, "vertices", message, P=tuple(values[:-1]), only=only)
+
+
+def _diverging(q: _Question) -> InertiaCertificate | None:
+    if q.rate == 0.0 or q.opening is None:
+        return None
+    if len(q.vertices) and q.M_hat.size > 1:
+        opening = side_by_side([q.opening] * len(q.M_hat)) if q.shared else q.opening
+        motion = _switching.worst_switching(opening, _ratios(q))
+    elif q.shared:
+        motion = _switching.worst_motion(q.opening, q.low, q.high, q.rate)
+    else:
+        unit = np.eye(q.opening.axes)
+        motion = _switching.worst_switching(q.opening, [q.low * unit, q.high * unit])
+    if motion is None:
+        return None
+    times = np.diff(motion.times)
+    names = [f"{a:.4g}" if a == b else f"{a:.4g} to {b:.4g}" for a, b in motion.ratios] or [
+        f"vertex {j}" for j in motion.vertices
+    ]
+    held = ", ".join(f"{1e3 * time:.3g} ms at {name}" for time, name in zip(times, names, strict=True))
+    message = f"diverges: {held}, and so on; {motion.growth:.3g} times as large after each period"
+    return q.answer(Status.REFUTED, "periodic motion", message, motion=motion)
