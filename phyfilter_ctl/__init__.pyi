@@ -40,7 +40,17 @@ from .blocks import (
     wired,
 )
 from .codegen import export_c
-from .design import LearnResult, bandpass, hz, learn, learn_jointly, lowpass, numerator_of_type, place_poles
+from .design import (
+    LearnResult,
+    bandpass,
+    hz,
+    learn,
+    learn_axes,
+    learn_jointly,
+    lowpass,
+    numerator_of_type,
+    place_poles,
+)
 from .diagram import FlatModel, flatten
 from .estimation import Estimate, compare_estimators, estimate, smooth_label
 from .filter import (
@@ -134,6 +144,7 @@ __all__ = [
     "import_fmu",
     "largest_bandwidth",
     "learn",
+    "learn_axes",
     "learn_jointly",
     "learned_block",
     "learned_model",

@@ -16,7 +16,18 @@ from .adjoint import (
     train,
 )
 from .joint import JointGradient, JointResult, joint_gradient, learn_jointly
-from .learning import FlightScore, Intervals, LearnEvent, LearnResult, OrderScore, WienerFloor, learn
+from .learning import (
+    AxesResult,
+    AxesScore,
+    FlightScore,
+    Intervals,
+    LearnEvent,
+    LearnResult,
+    OrderScore,
+    WienerFloor,
+    learn,
+    learn_axes,
+)
 from .placement import Family, bandpass, hz, lowpass, numerator_of_type, place_poles
 from .refinement import (
     Knowledge,
@@ -33,6 +44,8 @@ from .refinement import (
 __all__ = [
     "Adam",
     "AdjointGradient",
+    "AxesResult",
+    "AxesScore",
     "CasadiCost",
     "CostTerms",
     "Cotangents",
@@ -63,6 +76,7 @@ __all__ = [
     "joint_gradient",
     "last_layer",
     "learn",
+    "learn_axes",
     "learn_jointly",
     "lowpass",
     "numerator_of_type",

@@ -106,6 +106,12 @@ class Folds:
         """Number of folds."""
         return len(self.groups[0].folds)
 
+    @property
+    def are_flights(self) -> bool:
+        """Whether no flight is cut."""
+        parts = [part for i in range(self.count) for part in self.stretches(i)]
+        return all(part.first == 0 and part.last == len(part.flight.u) for part in parts)
+
     def stretches(self, fold: int) -> list[Stretch]:
         """The stretches of a fold."""
         return [part for group in self.groups for part in group.folds[fold]]

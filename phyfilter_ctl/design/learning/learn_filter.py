@@ -141,7 +141,7 @@ def learn(
         Whether to score every order on folds it was not learned from, whole flights where there are five at least:
         ``result.orders``, ``result.flights``. None does where it decides: several orders asked for, or fewer than 200
         samples a coefficient. An order that is worse than a lower one by more than one standard error of their
-        difference is not returned.
+        difference (two, from blocks of few flights) is not returned.
     intervals : bool
         Whether to find standard errors.
     callback : callable, optional
@@ -187,10 +187,11 @@ def learn(
     little, and the price is paid by the first steady residual.
 
     Several orders: the lowest within one standard error of the best cross-validated one is returned (Breiman et al.,
-    1984), the error that of the difference between the two, fold by fold.
+    1984), the error that of the difference between the two, fold by fold; within two where there are fewer than five
+    flights and folds are blocks of them, which know nothing of how flights differ.
 
     One filter serves all channels that take part. A filter of its own for each:
-    ``stack([learn(logs, n, channels=[name]).filter for name in channels])``.
+    ``stack([learn(logs, n, channels=[name]).filter for name in channels])``; :func:`learn_axes` chooses.
 
     Examples
     --------

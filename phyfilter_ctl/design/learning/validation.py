@@ -17,7 +17,15 @@ from .search import Best, Search
 from .sensitivity import Data
 from .wiener import log_ratio
 
-__all__ = ["FlightScore", "OrderScore", "by_flight", "chosen_order", "cross_validated", "scores_of"]
+__all__ = [
+    "FlightScore",
+    "OrderScore",
+    "by_flight",
+    "chosen_order",
+    "corrected_error",
+    "cross_validated",
+    "scores_of",
+]
 
 _STEPS = 12  # of Gauss and Newton for the filter learned without a fold
 # Squared errors below this share of the target's square are rounding.
@@ -25,6 +33,7 @@ _EXACT = 1e-14
 # A flight whose own filter lowers its RMSE by more than this, relative, disagrees with the others.
 _DISAGREES = 0.1
 _MOST_FLIGHTS = 32
+_BLOCKS_REACH = 2.0  # standard errors from blocks of few flights
 
 
 @dataclass(frozen=True, repr=False)
@@ -42,7 +51,11 @@ class OrderScore(Result):
     ratio : float
         ``held_out_rmse`` over the least of all orders.
     standard_error : float
-        Of the logarithm of ``ratio``, from the differences fold by fold (jackknife).
+        Of the logarithm of ``ratio``, from the differences fold by fold (jackknife), larger by what the folds' learned
+        filters share (Nadeau and Bengio, Machine Learning 52 (2003)): the root of 1 + k / (k - 1) for k folds.
+    is_good : bool
+        Whether the ratio is within one standard error; within two where folds are blocks of few flights, which know
+        nothing of how flights differ.
     """
 
     order: int
@@ -50,11 +63,7 @@ class OrderScore(Result):
     held_out_rmse: float
     ratio: float
     standard_error: float
-
-    @property
-    def is_good(self) -> bool:
-        """Whether it is within one standard error of the best order."""
-        return float(np.log(self.ratio)) <= self.standard_error
+    is_good: bool
 
 
 @dataclass(frozen=True, repr=False)
@@ -123,21 +132,30 @@ def refitted(search: Search, data: Data, n: int, starts: Sequence[FloatArray]) -
 
 def scores_of(folds: Folds, search: Search, errors: Mapping[int, FloatArray]) -> tuple[OrderScore, ...]:
     """The table by order."""
+    reach = 1.0 if folds.are_flights else _BLOCKS_REACH
     negligible = _EXACT * search.fine.energy / search.fine.weight * folds.weights
     floored = {n: np.maximum(entry, negligible) for n, entry in errors.items()}
     least = min(floored.values(), key=lambda entry: float(np.sum(entry)))
     found = []
     for n, entry in sorted(floored.items()):
-        ratio, spread = log_ratio(entry, least)
+        ratio, error = corrected_error(entry, least)
         held_out = float(np.sqrt(np.sum(entry) / np.sum(folds.weights)))
         rmse = float(np.sqrt(max(search.best[n].cost, 0.0)))
-        found.append(OrderScore(n, rmse, held_out, float(np.exp(ratio)), spread))
+        found.append(OrderScore(n, rmse, held_out, ratio, error, bool(np.log(ratio) <= reach * error)))
     return tuple(found)
 
 
+def corrected_error(errors: FloatArray, least: FloatArray) -> tuple[float, float]:
+    """Ratio of two root mean squares on the same folds, and the standard error of its logarithm: jackknife, corrected
+    for training sets that overlap (Nadeau and Bengio)."""
+    ratio, spread = log_ratio(errors, least)
+    k = len(errors)
+    return float(np.exp(ratio)), float(np.sqrt(1.0 + k / max(k - 1.0, 1.0)) * spread)
+
+
 def chosen_order(scores: Sequence[OrderScore], orders: Sequence[int]) -> int:
-    """Lowest of some orders within one standard error of the best of them (Breiman et al., Classification and
-    Regression Trees, 1984; the error here is of the difference, fold by fold)."""
+    """Lowest of some orders as good as the best (Breiman et al., Classification and Regression Trees, 1984; the error
+    here is of the difference, fold by fold)."""
     among = [score for score in scores if score.order in orders]
     good = [score.order for score in among if score.is_good]
     return min(good, default=min(among, key=lambda score: score.ratio).order)

@@ -58,7 +58,7 @@ def by_folds(orders: Sequence[OrderScore], used: int, asked: int, rejected: bool
             "longer or more flights"
         )
     return (
-        f"order {used}: the lowest within one standard error of the best of {orders[0].order} to {orders[-1].order}; "
+        f"order {used}: the lowest that is as good as the best of {orders[0].order} to {orders[-1].order}; "
         f"cross-validated RMSE {chosen.held_out_rmse:.4g}, the least {best.held_out_rmse:.4g} with order {best.order}"
     )
 

@@ -1,0 +1,70 @@
+"""One filter for all axes, one each, or a matrix: what cross-validation chooses, and that it runs as learned."""
+
+import numpy as np
+import pytest
+
+from phyfilter_ctl import PhyFilter, Recording, stack
+from phyfilter_ctl.design.learning import learn, learn_axes
+
+H = 0.01
+RECOVERED = 1e-5
+FILTERS = (PhyFilter([5.0]), PhyFilter([40.0]))
+# Coordinates come from covariances of samples: the label here has no noise, so they are found nearly exactly.
+COUPLED = np.array([[1.0, 0.6], [-0.4, 1.0]])
+
+
+def learner(logs):
+    return learn(logs, 1, starts=0, wiener=False, cross_validate=False, intervals=False)
+
+
+def log_of(filters, T, seed, noise=0.05, n=1500):
+    rng = np.random.default_rng(seed)
+    phi = np.cumsum(rng.standard_normal((n, 2)) * [1.0, 3.0], axis=0)
+    bank = stack(list(filters)).sampled(H)
+    label = (bank.run(phi) + noise * rng.standard_normal(phi.shape)) @ T.T
+    return Recording.from_arrays(x=phi @ T.T, dt=H, label=label)
+
+
+def test_one_filter_is_enough_where_axes_are_alike():
+    found = learn_axes([log_of((FILTERS[0], FILTERS[0]), np.eye(2), 1)], learner, folds=3)
+    assert found.choice == "shared"
+    assert found.filter.a[0] == pytest.approx(5.0, rel=0.05)
+
+
+@pytest.mark.slow
+def test_axes_that_differ_have_one_each():
+    logs = [log_of(FILTERS, np.eye(2), seed, n=400) for seed in range(5)]
+    found = learn_axes(logs, learner, folds=5)
+    assert found.choice == "each"
+    assert [one.a[0] for one in found.filter] == pytest.approx([5.0, 40.0], rel=0.05)
+    assert found.scores["shared"].ratio > 1.0 + found.scores["shared"].standard_error
+
+
+@pytest.mark.slow
+def test_coupled_axes_have_a_matrix_that_runs_as_learned():
+    """Inertia included: what is learned of M x' is what runs on x with M."""
+    M = np.array([2.0, 0.5])
+    log = log_of(FILTERS, COUPLED, 3)
+    log = Recording.from_arrays(x=log.x / M, dt=H, label=log.label, inertia=M)
+    found = learn_axes([log], learner, folds=3)
+    assert found.choice == "coupled"
+    poles = sorted(one.a[0] for one in found.filter)
+    assert poles == pytest.approx([5.0, 40.0], rel=0.1)
+    sampled = found.sampled()
+    f_hat = sampled.run(log.x, inertia=M) @ found.T.T
+    # By hand: carry u into phi, filter each by scipy's route of PhyFilter.run, and back.
+    phi = (log.x * M) @ np.linalg.inv(found.T).T
+    by_hand = stack(list(found.filter)).sampled(H).run(phi) @ found.T.T
+    np.testing.assert_allclose(f_hat, by_hand, atol=RECOVERED)
+    assert np.sqrt(np.mean((log.label - f_hat)[1:] ** 2)) < found.scores["each"].held_out_rmse
+
+
+def test_what_cannot_be_chosen_is_refused():
+    log = log_of(FILTERS, np.eye(2), 1, n=50)
+    with pytest.raises(ValueError, match="two channels"):
+        learn_axes([Recording.from_arrays(x=log.x[:, :1], dt=H, label=log.label[:, :1])], learner)
+    with pytest.raises(ValueError, match="no label"):
+        learn_axes([log.with_signals(label=None)], learner)
+    moving = Recording.from_arrays(x=log.x, dt=H, label=log.label, inertia=np.ones((50, 2)) + log.x**2)
+    with pytest.raises(ValueError, match="inertia that varies"):
+        learn_axes([moving], learner)
