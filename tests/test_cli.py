@@ -42,6 +42,19 @@ def run(
     )
 
 
+def test_design_from_what_is_bounded(capsys):
+    """Order 1: the best pole is sqrt(slope / (2 noise)), its error sqrt(2) times the floor 2 sqrt(slope noise)."""
+    arguments = ("--slope", "8", "--noise", "0.01", "--order", "1")
+    found = figures_of(capsys, *arguments)
+    assert found["a"] == pytest.approx([20.0], rel=FOUND)
+    assert found["least_bound"]["bound"] == pytest.approx(0.8, rel=FOUND)
+    assert found["least_bound"]["ratio"] == pytest.approx(np.sqrt(2.0), rel=FOUND)
+    assert main(["design", *arguments]) == 0
+    assert "worst error 0.8, 1.414 times the floor 0.5657" in capsys.readouterr().out
+    assert main(["design", "--slope", "8"]) == 2
+    assert main(["design", "--poles", "-3", "--form", "general"]) == 2
+
+
 # -- as a command -------------------------------------------------------------------------------------------------
 
 
@@ -121,7 +134,7 @@ def test_every_example_of_design_runs(tmp_path, monkeypatch, capsys):
         for line in capsys.readouterr().out.splitlines()
         if line.startswith("  phyf")
     ]
-    assert len(examples) == 7
+    assert len(examples) == 8
     for words in examples:
         assert main(words[1:]) == 0, words
     capsys.readouterr()

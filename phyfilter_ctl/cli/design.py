@@ -12,6 +12,7 @@ import numpy as np
 from .. import filterfile
 from .._output import check_target, write_figure, write_text
 from .._signals import in_both
+from ..design.learning import Form
 from ..design.placement import Family, bandpass, hz, lowpass, place_poles
 from ..filter import FilterBank, PhyFilter, SampledPhyFilter, Sampling
 from ..results import plain
@@ -19,13 +20,15 @@ from .frequencies import add_frequency, add_picture_units, complex_numbers, numb
 
 if TYPE_CHECKING:
     from ..analysis.frequency import FilterResponse
+    from ..design.optimal import LeastBound
 
 __all__ = ["add_arguments", "main"]
 
 _METHODS = ("exact", "matched", "euler", "tustin")
 
 _DESCRIPTION = """Choose a filter F = N/D and see what it does: formula, poles, bandwidth, peaks, phase lag, noise gain.
-Frequencies are in rad/s; options that end in -hz take Hz. Give poles, or a family, or a band, or a filter file."""
+Frequencies are in rad/s; options that end in -hz take Hz. Give poles, or a family, or a band, or what is bounded, or
+a filter file."""
 
 _EPILOG = """examples:
   phyfilter-ctl design --poles -20,-20                          two poles at -20 rad/s, N = a_0
@@ -34,6 +37,7 @@ _EPILOG = """examples:
   phyfilter-ctl design --family butterworth --order 2 --cutoff 20 --dt 0.002 --out filter.toml
   phyfilter-ctl design --family bessel --order 3 --cutoff-hz 3.2  the same in Hz
   phyfilter-ctl design --bandpass 4,9 --picture band.png --hz --db
+  phyfilter-ctl design --slope 8 --noise 0.01 --order 4 --form general  least worst-case error, and its floor
   phyfilter-ctl design filter.toml --at 1,5,20 --json -         read a filter back, figures as JSON"""
 
 
@@ -60,6 +64,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="LOW,HIGH",
         help="band edges in rad/s; --family and --order may be given",
     )
+    source.add_argument(
+        "--slope",
+        type=float,
+        metavar="D",
+        help="bound of |gamma'|, gamma = f - f_theta: the least worst-case error; with --noise",
+    )
     shape = parser.add_argument_group("its shape")
     shape.add_argument("--order", type=int, metavar="N", help="order of D")
     add_frequency(shape, "--cutoff", numbers, metavar="W", help="-3 dB frequency in rad/s")
@@ -70,6 +80,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         numbers,
         metavar="W,W,...",
         help="further zeros of 1 - F, in rad/s; with --poles",
+    )
+    shape.add_argument("--noise", type=float, metavar="S", help="bound of the noise of x; with --slope")
+    shape.add_argument(
+        "--form", choices=get_args(Form), help="of N; with --slope, whose --order is the largest (default 2)"
     )
     sampling = parser.add_argument_group("sampled")
     sampling.add_argument("--dt", type=float, metavar="S", help="sampling interval in s")
@@ -108,13 +122,25 @@ def main(options: argparse.Namespace) -> int:
     check_target(options.json)
     check_target(options.out, suffixes=(".toml",))
     check_target(picture, suffixes=(".png", ".pdf", ".svg"))
-    system = _system(options)
+    promise = _promise(options)
+    system = _system(options, promise)
     signals = filterfile.load_signals(options.file) if options.file is not None else filterfile.Signals()
     channels = by_channel(system, signals.channels)
     found = responses(channels)
     figures = {each.name: _figures(each.system, each, options.at or []) for each in found}
+    if promise is not None:
+        for each in figures.values():
+            each["least_bound"] = {
+                "bound": promise.bound.bound,
+                "floor": promise.floor,
+                "ratio": promise.ratio,
+                "message": promise.message,
+            }
     if options.json != "-":
         print(text_of({each.name: _text(each, figures[each.name]) for each in found}))
+        if promise is not None:
+            above = f"{promise.bound.bound:.4g}, {promise.ratio:.4g} times the floor {promise.floor:.4g}"
+            print(f"{'worst error':<12}{above}\n{promise.message}")
     if options.json is not None:
         write_text(options.json, json.dumps(plain(figures_below(figures)), indent=2, allow_nan=False) + "\n")
     if options.out is not None:
@@ -130,8 +156,27 @@ def main(options: argparse.Namespace) -> int:
 # -- options to filter ------------------------------------------------------------------------------------------
 
 
-def _system(options: argparse.Namespace) -> PhyFilter | FilterBank | SampledPhyFilter:
-    system = _chosen(options)
+def _promise(options: argparse.Namespace) -> LeastBound | None:
+    """The filter of least worst-case error, where that is asked for."""
+    if options.slope is None:
+        return None
+    from ..design.optimal import least_bound
+
+    if options.noise is None:
+        raise ValueError("--slope needs --noise, the bound of the noise of x")
+    return least_bound(
+        2 if options.order is None else options.order,
+        residual={1: options.slope},
+        noise=options.noise,
+        form=options.form or "lowpass",
+        type=1 if options.type is None else options.type,
+    )
+
+
+def _system(
+    options: argparse.Namespace, promise: LeastBound | None
+) -> PhyFilter | FilterBank | SampledPhyFilter:
+    system = _chosen(options, promise)
     if isinstance(system, SampledPhyFilter):
         if options.dt is None and options.method is None:
             return system
@@ -144,18 +189,20 @@ def _system(options: argparse.Namespace) -> PhyFilter | FilterBank | SampledPhyF
     return system
 
 
-def _chosen(options: argparse.Namespace) -> PhyFilter | FilterBank | SampledPhyFilter:
+def _chosen(
+    options: argparse.Namespace, promise: LeastBound | None
+) -> PhyFilter | FilterBank | SampledPhyFilter:
     """The filter before sampling."""
     family: Family | None = options.family
     if options.bandpass is None and family is not None:
         source = "--family"
-        given = [source, *_given(options, ("file", "--poles"))]
+        given = [source, *_given(options, ("file", "--poles", "--slope"))]
     else:
-        given = _given(options, ("file", "--poles", "--bandpass"))
+        given = _given(options, ("file", "--poles", "--bandpass", "--slope"))
         source = given[0] if given else ""
     if len(given) != 1:
         raise ValueError(
-            "expected one of FILTER.toml, --poles, --family and --bandpass, got "
+            "expected one of FILTER.toml, --poles, --family, --bandpass and --slope, got "
             + (" and ".join(given) if given else "none of them; try: phyfilter-ctl design --poles -20,-20")
         )
     allowed = {
@@ -163,12 +210,16 @@ def _chosen(options: argparse.Namespace) -> PhyFilter | FilterBank | SampledPhyF
         "--poles": ("--type", "--zeros-at"),
         "--family": ("--order", "--cutoff", "--type"),
         "--bandpass": ("--order", "--family"),
+        "--slope": ("--order", "--type", "--noise", "--form"),
     }[source]
-    shape = ("--order", "--cutoff", "--type", "--zeros-at", *(("--family",) if source != "--family" else ()))
-    if excess := [name for name in _given(options, shape) if name not in allowed]:
+    shape = ["--order", "--cutoff", "--type", "--zeros-at", "--noise", "--form"]
+    shape += ["--family"] if source != "--family" else []
+    if excess := [name for name in _given(options, tuple(shape)) if name not in allowed]:
         raise ValueError(f"{excess[0]} does not go with {'a filter file' if source == 'file' else source}")
     if source == "file":
         return filterfile.load(options.file)
+    if promise is not None:
+        return promise.filter
     if source == "--poles":
         kind = "lowpass" if options.type is None else options.type
         return place_poles(options.poles, numerator=kind, zeros_at=options.zeros_at or [])

@@ -2,11 +2,14 @@
 
 import numpy as np
 import pytest
+from scipy.optimize import linprog
+from scipy.signal import residue
 
 import phyfilter_ctl as pf
 from phyfilter_ctl.analysis import error_variance, gauss_markov, ultimate_bound
 from phyfilter_ctl.design.optimal import (
     bound_trade_off,
+    error_floor,
     kalman_filter,
     kalman_variance,
     least_bound,
@@ -14,7 +17,10 @@ from phyfilter_ctl.design.optimal import (
     residual_statistics,
     variance_trade_off,
 )
+from phyfilter_ctl.design.optimal.floor import _fastest_motion
+from phyfilter_ctl.design.optimal.shapes import at_speed
 from phyfilter_ctl.design.optimal.statistics import step_mean_spectrum
+from phyfilter_ctl.design.optimal.worst_case import worst_gains
 from tests.cpu_budget import slow_but
 
 # A simplex ends where the cost is flat to 1e-4 of it.
@@ -58,6 +64,110 @@ def test_a_third_order_low_pass_promises_no_more_than_a_second():
         for r in (1.0, 3.0, 8.0)
     )
     assert best >= (1 - SEARCH) * found.bound.bound
+
+
+def test_the_floor_by_the_polynomials_that_attain_it():
+    """On the half line Chebyshev's T_2 and T_3, continued at rest, have |z| <= 1 and the fastest end."""
+    for k, slope, highest in ((1, 4.0, 4.0), (2, 9.0, 24.0)):
+        constant = slope / highest ** (1.0 / (k + 1))
+        assert error_floor(residual={k: 1.0}, noise=1.0) == pytest.approx(constant, rel=1e-12)
+    scaled = error_floor(residual={2: 5.0}, noise=0.3, inertia=2.0)
+    assert scaled == pytest.approx((243.0 / 8.0 * 0.6**2 * 5.0) ** (1.0 / 3.0), rel=1e-12)
+    assert error_floor(residual={0: 0.1, 1: 5.0}, noise=1.0) == 0.1
+    assert error_floor(residual={1: 5.0}, noise=0.0) == 0.0
+
+
+@pytest.mark.parametrize(("k", "constant"), [(1, 2.0), (2, (243.0 / 8.0) ** (1.0 / 3.0)), (3, 4.2885)])
+def test_splines_come_up_to_the_published_constants_and_not_above(k, constant):
+    """Landau 1913, Matorin 1955, Schoenberg and Cavaretta 1970 (4.288)."""
+    assert (1.0 - 1e-3) * constant <= _fastest_motion({k: 1.0}) <= constant
+
+
+def test_floors_of_several_derivatives():
+    """Another bound takes motions away: a lower floor, and none that is loose changes it (splines lose 1e-3)."""
+    one = error_floor(residual={1: 8.0}, noise=0.01)
+    both = [error_floor(residual={1: 8.0, 2: d}, noise=0.01) for d in (10.0, 100.0, 1e5)]
+    assert np.all(np.diff(both) > 0.0)
+    assert (1.0 - 2e-3) * one <= both[-1] <= one
+    assert both[0] <= error_floor(residual={2: 10.0}, noise=0.01)
+
+
+@pytest.mark.parametrize("k", [1, 2])
+def test_no_filter_undercuts_the_floor(k):
+    rng = np.random.default_rng(20)
+    least = np.inf
+    for n in (2, 3, 4, 5) * 4:
+        shape = np.concatenate([rng.uniform(-1.0, 0.7, n - 1), 0.4 * rng.standard_normal(n - k)])
+        unit = ultimate_bound(at_speed(shape, n, k, 1.0), residual={k: 1.0}, noise=1.0)
+        best = (k * unit.intrinsic / unit.noise) ** (1.0 / (k + 1))
+        least = min(least, unit.intrinsic / best**k + unit.noise * best)
+    floor = error_floor(residual={k: 1.0}, noise=1.0)
+    assert floor < least < 2.0 * floor
+
+
+def test_how_far_filters_are_above_the_floor():
+    """2 sqrt(delta nu): what a finite difference over 2 sqrt(nu / delta) reaches."""
+    assert 1.18 <= least_bound(2, residual={1: 8.0}, noise=0.01).ratio <= 1.20
+    found = least_bound(4, residual={1: 8.0}, noise=0.01, form="general")
+    assert found.filter.order == 4
+    assert found.filter.dc_gain == pytest.approx(1.0, abs=1e-12)
+    assert 1.0 < found.ratio <= 1.045
+    assert found.floor == pytest.approx(2.0 * np.sqrt(0.08), rel=1e-12)
+    assert found.to_dict()["ratio"] == found.ratio
+    assert "4.2 % above" in found.message
+
+
+def test_units_do_not_matter():
+    one = least_bound(3, residual={1: 1.0}, noise=1.0, form="general")
+    other = least_bound(3, residual={1: 3e5}, noise=2e-7, inertia=5.0, form="general")
+    assert other.ratio == pytest.approx(one.ratio, rel=1e-4)
+
+
+def test_no_other_numerator_is_better_for_the_poles_found():
+    """The bound is convex in N: a linear programme over partial fractions, integrals by the trapezoidal rule."""
+    found = least_bound(3, residual={1: 1.0}, noise=1.0, form="general")
+    a, b = found.filter.a, found.filter.b
+    D = np.r_[1.0, a[::-1]]
+    t = np.linspace(0.0, 25.0 / -found.filter.poles.real.max(), 400)
+
+    def response(numerator):
+        r, p, _ = residue(numerator, D)
+        return (np.exp(np.outer(t, p)) @ r).real
+
+    # Kernels of 1/s - F/s and of s F without its direct part b_2, affine in (b_1, b_2).
+    def kernels(b1, b2):
+        error = response(np.array([1.0, a[2] - b2, a[1] - b1]))
+        return np.r_[error, response(np.array([b1 - b2 * a[2], a[0] - b2 * a[1], -b2 * a[0]]))]
+
+    offset = kernels(0.0, 0.0)
+    columns = np.column_stack([kernels(1.0, 0.0) - offset, kernels(0.0, 1.0) - offset])
+    weights = np.tile(np.full(len(t), t[1]) * np.r_[0.5, np.ones(len(t) - 2), 0.5], 2)
+    # Unknowns b_1, b_2, |b_2| and the absolute values of the kernels.
+    m = len(offset)
+    upper = np.block([[columns, np.zeros((m, 1)), -np.eye(m)], [-columns, np.zeros((m, 1)), -np.eye(m)]])
+    direct = np.zeros((2, m + 3))
+    direct[:, 1:3] = [[1.0, -1.0], [-1.0, -1.0]]
+    best = linprog(
+        np.r_[0.0, 0.0, 1.0, weights],
+        A_ub=np.vstack([upper, direct]),
+        b_ub=np.r_[-offset, offset, 0.0, 0.0],
+        bounds=(None, None),
+    )
+    given = weights @ np.abs(kernels(b[1], b[2])) + abs(b[2])
+    assert given == pytest.approx(found.bound.bound, rel=2e-3)
+    assert best.fun >= (1.0 - SEARCH) * given
+
+
+def test_gains_in_the_search_with_poles_ten_thousand_apart():
+    """Two real poles: both kernels but s F keep their sign; its norm is twice the peak of F's response."""
+    damping = 0.5 * (100.0 + 0.01)
+    gains = worst_gains(np.array([[np.log(damping)]]), 2, 1, 1)
+    fast, slow = 100.0, 0.01
+    peak = np.log(fast / slow) / (fast - slow)
+    height = (np.exp(-slow * peak) - np.exp(-fast * peak)) / (fast - slow)
+    assert gains.following[0] == pytest.approx(2.0 * damping, rel=1e-4)
+    assert gains.noise[0] == pytest.approx(2.0 * height, rel=1e-4)
+    assert gains.prior[0] == pytest.approx(1.0, rel=1e-4)
 
 
 @pytest.mark.slow
@@ -191,6 +301,13 @@ def test_peaks_and_their_share():
     [
         (lambda: least_bound(7, residual={1: 1.0}, noise=0.1), "1 to 6"),
         (lambda: least_bound(2, residual={1: 1.0}), "infinitely fast"),
+        (lambda: least_bound(2, residual={1: 1.0}, noise=-1.0), "noise"),
+        (
+            lambda: least_bound(2, residual={1: 1.0}, noise=0.1, form="none"),  # pyright: ignore[reportArgumentType]
+            "form: expected one of lowpass",
+        ),
+        (lambda: error_floor(residual={}, noise=0.1), "no residual|got none"),
+        (lambda: error_floor(residual={1: -1.0}, noise=0.1), r"residual\[1\]"),
         (lambda: least_bound(2, residual={0: 1.0}, noise=0.1), "derivative of order 1"),
         (lambda: least_bound(2, residual={1: 1.0}, type=3, noise=0.1), "type"),
         (lambda: least_bound(1, residual={1: 1.0}, noise=0.1, accept=lambda f: False), "every speed"),

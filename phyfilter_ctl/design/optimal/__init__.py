@@ -1,5 +1,6 @@
 """Filters from promises: least worst-case error, least variance, trade-offs, and what a log says of the data."""
 
+from .floor import error_floor
 from .promises import LeastBound, TradeOff, bound_trade_off, least_bound
 from .statistics import Interval, Peak, ResidualStatistics, residual_statistics
 from .variances import LeastVariance, kalman_filter, kalman_variance, least_variance, variance_trade_off
@@ -12,6 +13,7 @@ __all__ = [
     "ResidualStatistics",
     "TradeOff",
     "bound_trade_off",
+    "error_floor",
     "kalman_filter",
     "kalman_variance",
     "least_bound",
