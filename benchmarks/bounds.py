@@ -10,7 +10,7 @@ estimators, beside the finite difference over 2 sqrt(noise / slope), whose error
 
 Exits with status 1 if an exact bound is not certified to 1e-6, an ellipsoid exceeds 1.1 (to n = 5) or 1.55, the order 2
 low-pass is not 1.18 to 1.20 times the floor, a general order 4 above 1.045, or, unless --quick, the median time of an
-exact bound is above 5 ms, a least bound takes more than a second of CPU or a trade-off curve of 100 designs more than 5 s.
+exact bound is above 5 ms, a least bound takes more than a second of CPU or a curve of 100 designs more than 5 s.
 """
 
 from __future__ import annotations
