@@ -1,9 +1,9 @@
-"""A diagram with its loop opened at one signal: the loop gain there, and its margins."""
+"""A diagram with its loop opened at one signal or several: the loop gain there, and its margins."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Literal
 
@@ -14,128 +14,101 @@ from numpy.typing import ArrayLike
 from .. import _signals
 from .._sections import FloatArray
 from ..analysis.margins import LoopMargins
+from ..analysis.margins.matrix_search import MatrixSearch
+from ..analysis.margins.scalar_search import MarginSearch, ScalarSearch
 from ..analysis.margins.statespace import StateSpaceLoop
-from ..analysis.margins.sweep import lag_to_instability
-from ..results import Result
 from .flattening import flatten
 
 __all__ = ["SignalMargin", "open_loop"]
 
 _CUT = "opened_in", "opened_out"
+# Of I + T: beyond it the inverse is rounding.
+_SINGULAR = 1e12
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class SignalMargin(Result):
-    """Margins of a diagram at one of its signals; made by :func:`phyfilter_ctl.signal_margin`.
+class SignalMargin(LoopMargins):
+    """Margins of a diagram at one of its signals, or at several at once; made by :func:`phyfilter_ctl.signal_margin`.
 
     Parameters
     ----------
-    signal : str
-    open_loop : control.StateSpace
-        L, with the return difference 1 + L.
+    signal : str or tuple of str
+    open_loop : control.StateSpace or None
+        L, with the return difference I + L; None where a sampled loop is opened at a signal that acts between the
+        instants.
+    about : str
+        Where a sampled diagram was linearised, and whether it is at rest there.
+    _known : MarginSearch, optional
+        What is known beyond L.
+
+    Notes
+    -----
+    Several signals: gain, phase and delay are common to all of them; modulus and disk margins allow each its own.
+
+    Sampled blocks of several periods: L is lifted over their common period H, and frequencies are known up to multiples
+    of 2 pi/H. Gain margins are those of a constant factor on the signal, exact from the eigenvalues over H. A factor
+    e^(j phi) is the phase that is meant (it turns two equal axes into each other); modulus and disk margins are taken
+    in the norm of lifted signals and allow dynamic factors that change periodically too.
     """
 
-    _figures = (
-        "signal",
-        "is_stable",
-        "stable_gains",
-        "gain_margin",
-        "phase_margin",
-        "delay_margin",
-        "modulus_margin",
-    )
+    _figures = ("signal", "about", *LoopMargins._figures)
 
-    signal: str
-    open_loop: ct.StateSpace
+    signal: str | tuple[str, ...]
+    open_loop: ct.StateSpace | None
+    about: str = ""
+    _known: MarginSearch | None = field(default=None, repr=False)
 
     @cached_property
-    def _margins(self) -> LoopMargins:
-        return LoopMargins(1.0, StateSpaceLoop(self.open_loop))
+    def _search(self) -> MarginSearch:
+        if self._known is not None:
+            return self._known
+        assert self.open_loop is not None
+        if self.open_loop.ninputs == 1:
+            return ScalarSearch(StateSpaceLoop(self.open_loop))
+        return MatrixSearch.of(self.open_loop)
 
-    @property
-    def is_stable(self) -> bool:
-        """Whether the closed diagram is stable, from its eigenvalues: modes that the signal does not see count too."""
-        return self._margins.is_stable
-
-    @property
-    def stable_gains(self) -> tuple[tuple[float, float], ...]:
-        """Intervals of the factors on the signal, above 0, with which the diagram is stable."""
-        return self._margins.stable_ratios
-
-    @property
-    def gain_margin(self) -> tuple[float, float]:
-        """The interval of them that contains 1; (nan, nan) if the diagram is unstable."""
-        return self._margins.gain_margin
-
-    @property
-    def phase_margin(self) -> float:
-        """Least phase, lag or lead, in rad that makes the diagram unstable: inf where none does, 0 if it is so
-        already."""
-        return self._margins.phase_margin
-
-    @cached_property
-    def delay_margin(self) -> float:
-        """Least extra delay of the signal in seconds that makes the diagram unstable: inf where none does, 0 if it is
-        unstable. In discrete time the delay is a lag in phase, exact for whole steps."""
-        if not self.is_stable:
-            return 0.0
-        omega, lag = lag_to_instability(self._margins.loop, 1.0)
-        return float(np.min(lag / omega, initial=np.inf))
-
-    @property
-    def gain_crossings(self) -> FloatArray:
-        """Frequencies in rad/s at which |L| = 1, ascending."""
-        return self._margins.gain_crossings
-
-    @property
-    def modulus_margin(self) -> float:
-        """min |1 + L| over frequency; 0 if the diagram is unstable."""
-        return self._margins.modulus_margin
-
-    @property
-    def sensitivity_peak(self) -> float:
-        """max |1/(1 + L)| over frequency; inf if the diagram is unstable."""
-        return self._margins.sensitivity_peak
+    def _lines(self) -> dict[str, str]:
+        return super()._lines() | ({"linearised": self.about} if self.about else {})
 
 
 def open_loop(
     system: ct.InputOutputSystem,
-    signal: str,
+    signal: str | Sequence[str],
     *,
     x0: ArrayLike | None = None,
     u0: ArrayLike | None = None,
     params: Mapping[str, ArrayLike] | None = None,
     t: float = 0.0,
 ) -> ct.StateSpace:
-    """Loop gain L of a diagram opened at a signal, linearised, so that 1 + L is the return difference there.
+    """Loop gain L of a diagram opened at a signal, linearised, so that I + L is the return difference there.
 
     Parameters
     ----------
     system : control.InterconnectedSystem
         Any diagram that :func:`flatten` takes.
-    signal : str
+    signal : str or sequence of str
         ``block.signal``, an input (opened in front of that input alone) or an output (opened behind it, for all that
-        read it) of a block; blocks of a diagram inside as ``diagram.block.signal``.
+        read it) of a block; blocks of a diagram inside as ``diagram.block.signal``. Several are opened all at once.
     x0, u0, params, t
         Point of linearisation, as for :meth:`FlatModel.linearize`.
 
     Returns
     -------
     control.StateSpace
-        One input, one output, states of the diagram.
+        One input and one output for each signal, states of the diagram.
 
     Raises
     ------
     TypeError
         If the system is no diagram.
     ValueError
-        If there is no such signal (those there are are named) or an input and an output share the name; and what
-        :func:`flatten` and :meth:`FlatModel.linearize` raise.
+        If there is no such signal (those there are are named), one is given twice, or an input and an output share the
+        name; and what :func:`flatten` and :meth:`FlatModel.linearize` raise.
 
     Notes
     -----
     A signal d is added at the place and the sum r before it read: r = -L (r + d). So the diagram stays closed and the
-    point of linearisation is its own; L follows from the closed system r = T d as -T/(1 + T). Sampled blocks
+    point of linearisation is its own; L follows from the closed system r = T d as -T (I + T)^-1. Sampled blocks
     count as their continuous equivalents: what hold and sampling cost is in
     :func:`phyfilter_ctl.simulation.sampled_open_loop`, not here.
 
@@ -148,18 +121,50 @@ def open_loop(
     >>> open_loop(loop, "p.u").dcgain().item()
     2.0
     """
+    signals = signals_of(signal)
+    p = len(signals)
     # What drives no input is 0, as where the diagram came from.
-    flat = flatten(probed(system, signal), unconnected="zero")
-    return loop_gain(flat.linearize(x0, probed_inputs(system, u0), params, t), signal)
+    flat = flatten(probed(system, signals), unconnected="zero")
+    closed = flat.linearize(x0, probed_inputs(system, u0, p), params, t)
+    A, B, C, D = (np.asarray(part, dtype=float) for part in (closed.A, closed.B, closed.C, closed.D))
+    ends = [["in"], ["out"]] if p == 1 else [[f"{end}[{i}]" for i in range(p)] for end in ("in", "out")]
+    return ct.StateSpace(
+        *loop_gain(A, B[:, -p:], C[-p:], D[-p:, -p:], signals),
+        closed.dt,
+        states=closed.state_labels,
+        inputs=ends[0],
+        outputs=ends[1],
+        remove_useless_states=False,
+    )
 
 
-def loop_gain(closed: ct.StateSpace, signal: str) -> ct.StateSpace:
-    """L of a linear model of a :func:`probed` diagram, from its last input d to its last output r = -L (r + d).
+def signals_of(signal: str | Sequence[str]) -> tuple[str, ...]:
+    """One signal or several as a tuple.
 
     Parameters
     ----------
-    closed : control.StateSpace
-    signal : str
+    signal : str or sequence of str
+
+    Raises
+    ------
+    ValueError
+        If there is none, or one twice.
+    """
+    signals = (signal,) if isinstance(signal, str) else tuple(signal)
+    if not signals or len(set(signals)) < len(signals):
+        raise ValueError(f"signal: expected one or several different signals, got {signals}")
+    return signals
+
+
+def loop_gain(
+    A: FloatArray, B: FloatArray, C: FloatArray, D: FloatArray, signals: Sequence[str]
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Matrices of L from those of T: L = -T (I + T)^-1, T from the inputs d of a :func:`probed` diagram to its r.
+
+    Parameters
+    ----------
+    A, B, C, D : arrays
+    signals : sequence of str
         Where it was probed, for messages.
 
     Raises
@@ -167,32 +172,22 @@ def loop_gain(closed: ct.StateSpace, signal: str) -> ct.StateSpace:
     ValueError
         If the diagram opened there has a singular algebraic loop.
     """
-    A, B, C = np.asarray(closed.A), np.asarray(closed.B)[:, -1:], np.asarray(closed.C)[-1:]
-    through = 1.0 + float(np.asarray(closed.D)[-1, -1])
-    if through == 0.0:
+    through = np.eye(len(D)) + D
+    if np.linalg.cond(through) > _SINGULAR:
         raise ValueError(
-            f"{signal}: opened there, the diagram has a singular algebraic loop; open it elsewhere"
+            f"{', '.join(signals)}: opened there, the diagram has a singular algebraic loop; open it elsewhere"
         )
-    return ct.StateSpace(
-        A - B @ C / through,
-        B / through,
-        -C / through,
-        1.0 / through - 1.0,
-        closed.dt,
-        states=closed.state_labels,
-        inputs="in",
-        outputs="out",
-        remove_useless_states=False,
-    )
+    inverse = np.linalg.inv(through)
+    return A - B @ inverse @ C, B @ inverse, -inverse @ C, inverse - np.eye(len(D))
 
 
-def probed(system: ct.InputOutputSystem, signal: str) -> ct.InterconnectedSystem:
-    """A diagram with a last input d that is added at a signal and a last output that reads the signal before it.
+def probed(system: ct.InputOutputSystem, signals: Sequence[str]) -> ct.InterconnectedSystem:
+    """A diagram with last inputs d that are added at signals and last outputs that read the signals before them.
 
     Parameters
     ----------
     system : control.InterconnectedSystem
-    signal : str
+    signals : sequence of str
         As for :func:`open_loop`.
 
     Raises
@@ -205,16 +200,20 @@ def probed(system: ct.InputOutputSystem, signal: str) -> ct.InterconnectedSystem
             f"system: expected a diagram made by control.interconnect, got {type(system).__name__}; a single block has "
             "no loop to open"
         )
-    return _probe(system, signal, signal)
+    for signal in signals:
+        system = _probe(system, signal, signal)
+    return system
 
 
-def probed_inputs(system: ct.InputOutputSystem, u0: ArrayLike | None) -> FloatArray | None:
-    """Inputs of the :func:`probed` diagram for those of the diagram, nothing added at the signal.
+def probed_inputs(system: ct.InputOutputSystem, u0: ArrayLike | None, count: int) -> FloatArray | None:
+    """Inputs of the :func:`probed` diagram for those of the diagram, nothing added at the signals.
 
     Parameters
     ----------
     system : control.InterconnectedSystem
     u0 : (inputs,) array or None
+    count : int
+        Number of signals.
 
     Raises
     ------
@@ -226,7 +225,7 @@ def probed_inputs(system: ct.InputOutputSystem, u0: ArrayLike | None) -> FloatAr
     inputs = np.atleast_1d(_signals.real("u0", u0))
     if inputs.shape != (system.ninputs,):
         raise ValueError(f"u0: expected shape ({system.ninputs},), got {inputs.shape}")
-    return np.append(inputs, 0.0)
+    return np.append(inputs, np.zeros(count))
 
 
 def _probe(diagram: ct.InterconnectedSystem, place: str, signal: str) -> ct.InterconnectedSystem:
@@ -262,10 +261,11 @@ def _probe(diagram: ct.InterconnectedSystem, place: str, signal: str) -> ct.Inte
         add, read = np.zeros(len(connect)), np.zeros(connect.shape[1] + len(connect))
         add[inputs[index + 1]] = 1.0
         read[outputs[index + 1]] = 1.0
+    again = str(sum(label.startswith(_CUT[0]) for label in diagram.input_labels) or "")
     cut = ct.InterconnectedSystem(
         parts,
-        inputs=[*diagram.input_labels, _CUT[0]],
-        outputs=[*diagram.output_labels, _CUT[1]],
+        inputs=[*diagram.input_labels, _CUT[0] + again],
+        outputs=[*diagram.output_labels, _CUT[1] + again],
         name=diagram.name,
         params=diagram.params,
         dt=diagram.dt,

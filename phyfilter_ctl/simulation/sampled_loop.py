@@ -2,26 +2,61 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Literal
 
-import casadi as ca
 import control as ct
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from .._sections import FloatArray
 from ..blocks.function_block import point
+from ..blocks.functions import dependencies
 from ..diagram import FlatModel, flatten
-from ..diagram.opening import loop_gain, probed, probed_inputs
+from ..diagram.opening import loop_gain, probed, probed_inputs, signals_of
 from .arguments import Start, start_vector
-from .steps import Layout, Results, advance_rk4, at_node, compose, cut, start_state
+from .periodic import PeriodicModel, held
+from .settling import OperatingPoint, settled
 
-__all__ = ["linearize_sampled", "sampled_open_loop"]
+__all__ = [
+    "OpenedLoop",
+    "SampledModel",
+    "linearize_sampled",
+    "opened_loop",
+    "probed_flat",
+    "sampled_open_loop",
+]
 
-# In a period, if none are given: each makes the function that is differentiated longer.
-_MOST_STEPS = 64
+
+class SampledModel(ct.StateSpace):
+    """A discrete linear model of a diagram, and where it was linearised.
+
+    Parameters
+    ----------
+    matrices : sequence of arrays
+        A, B, C, D.
+    dt : float
+        Seconds.
+    point : OperatingPoint
+    inputs, outputs : sequence of str
+        Names.
+    """
+
+    def __init__(
+        self,
+        matrices: Sequence[FloatArray],
+        dt: float,
+        point: OperatingPoint,
+        *,
+        inputs: Sequence[str],
+        outputs: Sequence[str],
+    ) -> None:
+        super().__init__(
+            *matrices, dt, inputs=list(inputs), outputs=list(outputs), remove_useless_states=False
+        )
+        self.point: OperatingPoint = point
 
 
 def linearize_sampled(
@@ -31,42 +66,47 @@ def linearize_sampled(
     u0: ArrayLike | None = None,
     settle: float = 0.0,
     params: Mapping[str, ArrayLike] | None = None,
-    substeps: int | None = None,
-) -> ct.StateSpace:
-    """Discrete linear model of a diagram whose sampled blocks share one period.
+) -> SampledModel:
+    """Discrete linear model of a diagram with sampled blocks, of one period or of several.
 
-    What happens between one instant and the next, differentiated: the sampled blocks run, then Runge-Kutta 4 integrates
-    the rest with their outputs held. So sampling, hold, order of the blocks and delays count, which
+    What happens from one instant to the next, linear: the sampled blocks run, then the rest moves on with their outputs
+    held, by the matrix exponential. So sampling, hold, order of the blocks and delays count, which
     :meth:`FlatModel.linearize` leaves out.
 
     Parameters
     ----------
     sys : control.InputOutputSystem or FlatModel
-        With at least one sampled block, all of one period.
+        With at least one sampled block.
     initial_state : array, list, mapping or number, optional
         As for :func:`simulate`.
     u0 : (inputs,) array, optional
         Inputs, held throughout; None means their defaults.
     settle : float
-        Seconds that the diagram runs before it is linearised where it has come to: whole periods, and at least one,
-        because at its first instant a sampled filter only starts and passes nothing on.
+        Seconds that the diagram runs before it is linearised where it has come to: whole common periods, and at least
+        one, because at its first instant a sampled filter only starts and passes nothing on.
     params : mapping, optional
         As for :func:`simulate`.
-    substeps : int, optional
-        Steps of Runge-Kutta between instants; None means as many as the fastest mode at the start asks for.
 
     Returns
     -------
-    control.StateSpace
-        With the period as dt, inputs held between instants, outputs those at the instant. States are those of the
-        model, of the sampled blocks, and what these hold.
+    SampledModel
+        A control.StateSpace; its ``point`` says where it was linearised, and whether that is at rest. Inputs are held
+        between instants, outputs are those at the instant. States are those of the model, of the sampled blocks, and
+        what these hold. Blocks of several periods: dt is their least common multiple, and inputs and outputs come once
+        for each instant in it, as ``name@0``, ``name@1`` ...: the lifted system.
 
     Raises
     ------
     ValueError
-        For a diagram without sampled blocks, with several periods, without inputs or outputs; for inputs of the wrong
-        shape, a negative time to settle, substeps below 1, or none given where a mode is so fast that it takes more
-        than 64; or if the diagram does not stay finite while it settles.
+        For a diagram without sampled blocks, without inputs or outputs, or with periods that have no common multiple
+        within 2000 instants; for inputs of the wrong shape or a negative time to settle; or if the diagram does not
+        stay finite while it settles.
+
+    Notes
+    -----
+    Exact for diagrams that are linear in their continuous states, and for others at rest; elsewhere every interval has
+    the derivatives at its beginning. Lifting: P. Khargonekar, K. Poolla, A. Tannenbaum, "Robust control of linear
+    time-invariant plants using periodic compensation", IEEE Trans. Automatic Control 30 (1985).
 
     Examples
     --------
@@ -78,57 +118,49 @@ def linearize_sampled(
     >>> loop = wired(
     ...     [gain, body], {"body.u": "gain.u", "gain.y": "body.y"}, inputs={"r": "gain.r"}, outputs={"y": "body.y"}
     ... )
-    >>> sorted(linearize_sampled(loop).poles().real.round(12).tolist())
-    [-0.5, 0.0]
+    >>> model = linearize_sampled(loop)
+    >>> sorted(model.poles().real.round(12).tolist()), model.point.describe()
+    ([-0.5, 0.0], 'at rest after 1 s')
     """
     flat = sys if isinstance(sys, FlatModel) else flatten(sys)
-    period = _common_period(flat)
-    if not flat.inputs or not flat.outputs:
+    if flat.tasks and not (flat.inputs and flat.outputs):
         raise ValueError(f"{flat.name} has no inputs or no outputs: a linear model needs one of each")
-    u, p = point("u0", u0, flat.inputs), flat.start_parameters(params)
-    x = start_vector(flat, initial_state)
-    map_ = _period_map(flat, period, _enough_steps(flat, period, x, u, p) if substeps is None else substeps)
-    state, t = _settled(flat, map_, start_state(flat, x), u, p, settle)
-    A, B, C, D = (np.asarray(part, dtype=float) for part in map_.jacobian(state, t, u, p))
-    names = [f"x[{i}]" for i in range(len(A))]
-    return ct.StateSpace(
-        A,
-        B,
-        C,
-        D,
-        map_.period,
-        states=names,
-        inputs=[v.name for v in flat.inputs],
-        outputs=[v.name for v in flat.outputs],
-        remove_useless_states=False,
-    )
+    model, where = _settled(flat, initial_state, u0, settle, params)
+    every = slice(None)
+    instants = range(len(model.at))
+    matrices = model.wired(every, every, held).lifted(instants)
+    names = [[v.name for v in part] for part in (flat.inputs, flat.outputs)]
+    if len(instants) > 1:
+        names = [[f"{name}@{j}" for j in instants for name in part] for part in names]
+    return SampledModel(matrices, model.instants.period, where, inputs=names[0], outputs=names[1])
 
 
 def sampled_open_loop(
     system: ct.InputOutputSystem,
-    signal: str,
+    signal: str | Sequence[str],
     initial_state: Start | None = None,
     *,
     u0: ArrayLike | None = None,
     settle: float = 0.0,
     params: Mapping[str, ArrayLike] | None = None,
-    substeps: int | None = None,
-) -> ct.StateSpace:
-    """Loop gain L of a sampled diagram opened at a signal, so that 1 + L is the return difference there.
+) -> SampledModel:
+    """Loop gain L of a sampled diagram opened at a signal, so that I + L is the return difference there.
 
     Parameters
     ----------
     system : control.InterconnectedSystem
-        With sampled blocks of one period.
-    signal : str
+        With sampled blocks.
+    signal : str or sequence of str
         As for :func:`phyfilter_ctl.diagram.open_loop`.
-    initial_state, u0, settle, params, substeps
+    initial_state, u0, settle, params
         As for :func:`linearize_sampled`.
 
     Returns
     -------
-    control.StateSpace
-        Discrete, one input, one output.
+    SampledModel
+        Discrete; one input and output for each signal where dt is the period in which it changes or is read. Blocks of
+        several periods: dt is their least common multiple, and a signal that changes (or is read) N times in it is
+        lifted to N inputs and outputs, ``in@0`` ... ``in@N-1``. L is scalar for a signal at the slowest rate.
 
     Raises
     ------
@@ -150,98 +182,100 @@ def sampled_open_loop(
     >>> abs(1.0 + sampled_open_loop(loop, "gain.u")(-1.0)).round(9).item()  # 2/1.5 times the gain would be the limit
     0.25
     """
-    flat, u0 = probed_flat(system, signal), probed_inputs(system, u0)
-    closed = linearize_sampled(flat, initial_state, u0=u0, settle=settle, params=params, substeps=substeps)
-    return loop_gain(closed, signal)
+    return opened_loop(system, signal, initial_state, u0, settle, params).gain
 
 
 @lru_cache(maxsize=16)
-def probed_flat(system: ct.InputOutputSystem, signal: str) -> FlatModel:
-    """The diagram with its probe at the signal, flat; see :func:`phyfilter_ctl.diagram.opening.probed`."""
-    return flatten(probed(system, signal), unconnected="zero")
+def probed_flat(system: ct.InputOutputSystem, signals: tuple[str, ...]) -> FlatModel:
+    """The diagram with its probes at the signals, flat; see :func:`phyfilter_ctl.diagram.opening.probed`."""
+    return flatten(probed(system, signals), unconnected="zero")
 
 
 @dataclass(frozen=True, eq=False)
-class _PeriodMap:
-    """(state, t, u, p) -> next state and outputs, and its derivatives."""
+class OpenedLoop:
+    """A sampled diagram opened at signals.
 
-    period: float
-    step: ca.Function
-    jacobian: ca.Function
+    Parameters
+    ----------
+    model : PeriodicModel
+        Of the probed diagram.
+    count : int
+        Number of signals, the last inputs and outputs.
+    kind : {"held", "read", "mixed", "between"}
+        Whether the signals change at the instants of ``grid`` only; are read there only; some this, some that; or act
+        between instants too.
+    grid : tuple of int
+        Instants of the model.
+    gain : SampledModel
+        L over a hyperperiod, signal by signal.
+    """
 
-
-def _common_period(flat: FlatModel) -> float:
-    periods = {task.period for task in flat.tasks}
-    if not periods:
-        raise ValueError(f"{flat.name} has no sampled blocks: use flatten(...).linearize()")
-    if len(periods) > 1:
-        raise ValueError(
-            f"{flat.name} has sampled blocks of several periods, {sorted(periods)} s: expected one for all"
-        )
-    return periods.pop()
-
-
-def _enough_steps(flat: FlatModel, period: float, x: FloatArray, u: FloatArray, p: FloatArray) -> int:
-    """In a step no mode at the start moves by more than half a radian: Runge-Kutta is (1/2)^5/120 of it off."""
-    if not len(x):
-        return 1
-    slope = _slope(flat)(0.0, x, u, p, [variable.start for variable in flat.held])
-    fastest = float(np.abs(np.linalg.eigvals(np.nan_to_num(np.asarray(slope, dtype=float)))).max())
-    steps = max(1, int(np.ceil(2.0 * fastest * period)))
-    if steps > _MOST_STEPS:
-        raise ValueError(
-            f"{flat.name} has a mode of {fastest:.3g} rad/s, which takes {steps} steps of Runge-Kutta in the period of "
-            f"{period:g} s: give substeps if it may cost that, or leave the mode out"
-        )
-    return steps
+    model: PeriodicModel
+    count: int
+    kind: Literal["held", "read", "mixed", "between"]
+    grid: tuple[int, ...]
+    gain: SampledModel
 
 
-@lru_cache(maxsize=16)
-def _slope(flat: FlatModel) -> ca.Function:
-    arguments = [ca.MX.sym(name, flat.dynamics.size1_in(i)) for i, name in enumerate("txupz")]
-    return ca.Function(
-        "pf_slope", arguments, [ca.densify(ca.jacobian(flat.dynamics(*arguments), arguments[1]))]
-    )
-
-
-@lru_cache(maxsize=16)
-def _period_map(flat: FlatModel, period: float, substeps: int) -> _PeriodMap:
-    if substeps < 1:
-        raise ValueError(f"substeps: expected at least 1, got {substeps}")
-    layout = Layout(flat)
-    node, advance, h = at_node(flat), advance_rk4(flat), period / substeps
-
-    def body(state: ca.SX, t: ca.SX, u: ca.SX, p: ca.SX) -> Results:
-        def data(at: ca.SX) -> ca.SX:
-            rest = type(state)(np.ones(layout.data - 2 - 3 * layout.inputs))
-            return ca.vertcat(at, h, u, u, u, rest)
-
-        state, record = node(state, data(t), p)
-        for i in range(substeps):
-            state = advance(state, data(t + i * h), p)
-        return state, cut(record, slice(len(flat.states), None))
-
-    sizes = [layout.state, 1, layout.inputs, len(flat.parameters)]
-    step = compose("pf_period", sizes, body)
-    arguments = [ca.SX.sym(name, size) for name, size in zip("xtup", sizes, strict=True)]
-    following, y = step(*arguments)
-    parts = [ca.jacobian(value, arguments[i]) for value in (following, y) for i in (0, 2)]
-    return _PeriodMap(period, step, ca.Function("pf_period_jacobian", arguments, parts))
+def opened_loop(
+    system: ct.InputOutputSystem,
+    signal: str | Sequence[str],
+    initial_state: Start | None,
+    u0: ArrayLike | None,
+    settle: float,
+    params: Mapping[str, ArrayLike] | None,
+) -> OpenedLoop:
+    """The loop of :func:`sampled_open_loop` with all that margins need."""
+    signals = signals_of(signal)
+    flat, p = probed_flat(system, signals), len(signals)
+    model, where = _settled(flat, initial_state, probed_inputs(system, u0, p), settle, params)
+    kind, grid = _grid(flat, p, model)
+    last = slice(-p, None)
+    T = model.wired(last, last, held).lifted(grid)
+    order = np.arange(p * len(grid)).reshape(len(grid), p).T.ravel()  # signal by signal
+    A, B, C, D = loop_gain(T[0], T[1][:, order], T[2][order], T[3][order][:, order], signals)
+    ends = ["in", "out"] if p == 1 else ["in[{}]", "out[{}]"]
+    names = [
+        [end.format(i) + (f"@{j}" if len(grid) > 1 else "") for i in range(p) for j in range(len(grid))]
+        for end in ends
+    ]
+    gain = SampledModel((A, B, C, D), model.instants.period, where, inputs=names[0], outputs=names[1])
+    return OpenedLoop(model, p, kind, grid, gain)
 
 
 def _settled(
-    flat: FlatModel, map_: _PeriodMap, state: FloatArray, u: FloatArray, p: FloatArray, settle: float
-) -> tuple[FloatArray, float]:
-    """Where the diagram comes to, and when: past the first instant, at which what starts itself does not act."""
-    if not (np.isfinite(settle) and settle >= 0.0):
-        raise ValueError(f"settle: expected 0 or more seconds, got {settle}")
-    steps = max(1, round(settle / map_.period))
-    many = map_.step.mapaccum("pf_settle", steps, {"base": 10})
-    times = map_.period * np.arange(steps)[None]
-    columns = (np.tile(part[:, None], (1, steps)) for part in (u, p))
-    state = np.asarray(many(state, times, *columns)[0][:, -1], dtype=float).reshape(-1)
-    if not np.isfinite(state).all():
-        raise ValueError(
-            f"{flat.name} does not stay finite over the {steps * map_.period:g} s it settles: start nearer to its rest"
-        )
-    return state, steps * map_.period
+    flat: FlatModel,
+    initial_state: Start | None,
+    u0: ArrayLike | None,
+    settle: float,
+    params: Mapping[str, ArrayLike] | None,
+) -> tuple[PeriodicModel, OperatingPoint]:
+    u = point("u0", u0, flat.inputs)
+    return settled(flat, start_vector(flat, initial_state), u, flat.start_parameters(params), settle)
+
+
+def _grid(
+    flat: FlatModel, count: int, model: PeriodicModel
+) -> tuple[Literal["held", "read", "mixed", "between"], tuple[int, ...]]:
+    """When the last ``count`` outputs change, or the last inputs are read, whichever is less often."""
+    due, every = model.instants.due, tuple(range(len(model.at)))
+    moves: NDArray[np.bool_] = np.logical_or(
+        *(np.any(dependencies(flat.output, of)[-count:], axis=1) for of in (0, 1))
+    )
+    sources = np.array(dependencies(flat.output, 4)[-count:])
+    acts: NDArray[np.bool_] = np.logical_or.reduce(dependencies(flat.dynamics, 2)[:, -count:], axis=0)
+    readers = np.array([dependencies(task.signals, 2)[:, -count:].any(axis=0) for task in flat.tasks])
+    drivers = np.array([sources[:, task.held].any(axis=1) for task in flat.tasks])
+    kinds: dict[Literal["held", "read"], set[int]] = {}
+    for i in range(count):
+        choices: list[tuple[Literal["held", "read"], set[int]]] = []
+        if not acts[i]:
+            choices.append(("read", set(np.flatnonzero(due[:, readers[:, i]].any(axis=1)).tolist())))
+        if not moves[i]:
+            choices.append(("held", set(np.flatnonzero(due[:, drivers[:, i]].any(axis=1)).tolist())))
+        if not choices:
+            return "between", every
+        kind, when = min(choices, key=lambda choice: len(choice[1]))
+        kinds.setdefault(kind, set()).update(when)
+    grid = tuple(sorted(set().union(*kinds.values()))) or (0,)
+    return (next(iter(kinds)) if len(kinds) == 1 else "mixed"), grid

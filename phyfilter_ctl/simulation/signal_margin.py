@@ -1,51 +1,55 @@
-"""Margins of a whole diagram at one of its signals: continuous, discrete, or with sampled blocks in continuous time."""
+"""Margins of a whole diagram at its signals: continuous, discrete, or with sampled blocks in continuous time."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import control as ct
 from numpy.typing import ArrayLike
 
-from ..blocks.functions import dependencies
-from ..diagram import FlatModel, SignalMargin, open_loop
-from .sampled_loop import probed_flat, sampled_open_loop
+from ..analysis.margins.matrix_search import MatrixSearch
+from ..analysis.margins.scalar_search import Bound, MarginSearch, ScalarSearch
+from ..analysis.margins.statespace import StateSpaceLoop
+from ..diagram import SignalMargin, open_loop
+from ..diagram.opening import signals_of
+from .periodic import Matrix, scaled
+from .sampled_loop import OpenedLoop, opened_loop, probed_flat
+from .signal_delay import delay_margin
 
 __all__ = ["signal_margin"]
 
 
 def signal_margin(
     system: ct.InputOutputSystem,
-    signal: str,
+    signal: str | Sequence[str],
     *,
     x0: ArrayLike | None = None,
     u0: ArrayLike | None = None,
     params: Mapping[str, ArrayLike] | None = None,
     t: float = 0.0,
     settle: float = 0.0,
-    substeps: int | None = None,
 ) -> SignalMargin:
-    """Margins of a whole diagram with the loop opened at a named signal.
+    """Margins of a whole diagram with the loop opened at a named signal, or at several at once.
 
     Parameters
     ----------
     system, signal, x0, u0, params, t
         As for :func:`phyfilter_ctl.diagram.open_loop`.
-    settle, substeps
+    settle
         With sampled blocks, as for :func:`linearize_sampled`.
 
     Returns
     -------
     SignalMargin
-        With sampled blocks that of the sampled loop, with hold and delays: stable if the spectral radius from instant
-        to instant is below 1, the rest from L(e^(j omega h)) up to the Nyquist frequency.
+        With sampled blocks that of the sampled loop, with hold and delays: stable if the spectral radius over the
+        common period is below 1; delays within a step are exact. ``about`` says where it was linearised. A signal that
+        goes from a continuous block to a continuous one past the sampled blocks acts between the instants too: gain and
+        phase margin are exact (eigenvalues with the factor inside the loop), the others nan.
 
     Raises
     ------
     TypeError, ValueError
-        As for :func:`phyfilter_ctl.diagram.open_loop` and, with sampled blocks, :func:`sampled_open_loop`; for sampled
-        blocks of several periods; for a signal that goes from a continuous block to a continuous one past the sampled
-        blocks: a gain or delay there acts between the instants too, of which L from instant to instant knows nothing.
+        As for :func:`phyfilter_ctl.diagram.open_loop` and, with sampled blocks, :func:`sampled_open_loop`.
 
     Examples
     --------
@@ -54,28 +58,48 @@ def signal_margin(
     >>> loop = ct.interconnect([plant, control, ct.summing_junction(["r", "-y"], "e", name="error")],
     ...                        inputs="r", outputs="y")
     >>> margin = signal_margin(loop, "plant.u")
-    >>> [round(g, 6) for g in margin.gain_margin]
-    [0.0, 4.0]
+    >>> [round(g, 6) for g in margin.gain_margin], round(margin.gain_frequency[1], 6)
+    ([0.0, 4.0], 1.732051)
     """
-    flat = probed_flat(system, signal)
+    signals = signals_of(signal)
+    named = signals[0] if len(signals) == 1 else signals
+    flat = probed_flat(system, signals)
     if not flat.tasks:
-        if settle or substeps is not None:
-            raise ValueError(f"{flat.name} has no sampled blocks: settle and substeps are for those")
-        return SignalMargin(signal, open_loop(system, signal, x0=x0, u0=u0, params=params, t=t))
+        if settle:
+            raise ValueError(f"{flat.name} has no sampled blocks: settle is for those")
+        return SignalMargin(named, open_loop(system, signals, x0=x0, u0=u0, params=params, t=t))
     if t:
         raise ValueError(f"t: a diagram with sampled blocks starts at 0, got {t}; let it settle instead")
-    if _acts_between_instants(flat):
+    loop = opened_loop(system, signals, x0, u0, settle, params)
+    about = loop.gain.point.describe()
+    if loop.kind == "between":
         places = " or ".join(task.name for task in flat.tasks)
-        raise ValueError(
-            f"{signal} goes from continuous block to continuous block, past the sampled ones, so margins there cannot "
-            f"be told from instant to instant: open the loop where {places} reads or puts out; whether the diagram is "
-            "stable as it is, the poles of linearize_sampled tell"
-        )
-    L = sampled_open_loop(system, signal, x0, u0=u0, settle=settle, params=params, substeps=substeps)
-    return SignalMargin(signal, L)
+        return SignalMargin(named, None, about, _between(loop, places))
+    return SignalMargin(named, loop.gain, about, _search(loop))
 
 
-def _acts_between_instants(flat: FlatModel) -> bool:
-    """Whether a probed signal moves between the instants, and what is added to it acts there too."""
-    moves = any(dependencies(flat.output, of)[-1].any() for of in (0, 1))
-    return moves and bool(dependencies(flat.dynamics, 2)[:, -1].any())
+def _search(loop: OpenedLoop) -> MarginSearch:
+    def delayed() -> Bound:
+        return Bound(float("nan"), float("nan")) if loop.kind == "mixed" else delay_margin(loop)
+
+    if loop.gain.ninputs == 1:
+        return ScalarSearch(StateSpaceLoop(loop.gain), 1.0, delayed)
+    missing = (
+        "delay margin, as some signals are held and others only read at instants"
+        if loop.kind == "mixed"
+        else ""
+    )
+    return MatrixSearch.of(loop.gain, (len(loop.grid),) * loop.count, delayed, missing)
+
+
+def _between(loop: OpenedLoop, places: str) -> MatrixSearch:
+    last = slice(-loop.count, None)
+
+    def closed(factor: complex) -> Matrix:
+        return loop.model.wired(last, last, scaled(factor)).monodromy()
+
+    missing = (
+        "delay, modulus and disk margin, as the signal acts between the instants too; for those open the loop where "
+        f"{places} reads or puts out"
+    )
+    return MatrixSearch(closed, loop.model.instants.period, None, (1,) * loop.count, missing=missing)

@@ -16,7 +16,7 @@ from phyfilter_ctl import PhyFilter, Status, moving_inertia, place_poles, prior_
 from phyfilter_ctl.analysis import configuration_hull
 from phyfilter_ctl.analysis.margins._exact import exact, is_positive_definite
 from phyfilter_ctl.analysis.margins._openings import _root_mean_square, open_at_inertia, side_by_side
-from phyfilter_ctl.analysis.margins.loop_margins import build_loop
+from phyfilter_ctl.analysis.margins.ratio_margins import build_loop
 
 # Eigenvalues of matrices of a few states, no repeated ones among them.
 CLOSE = 1e-9

@@ -11,7 +11,7 @@ from scipy.linalg import eigvals
 from phyfilter_ctl import InertiaCertificate, PhyFilter, Status, moving_inertia, place_poles, stack
 from phyfilter_ctl.analysis.margins import _inequalities
 from phyfilter_ctl.analysis.margins._openings import open_at_inertia
-from phyfilter_ctl.analysis.margins.loop_margins import build_loop
+from phyfilter_ctl.analysis.margins.ratio_margins import build_loop
 
 pytest.importorskip("cvxpy")
 

@@ -4,15 +4,18 @@ from ._switching import InertiaMotion
 from .bandwidth import BandwidthLimit, largest_bandwidth
 from .complete import LoopMargin, loop_margin
 from .configurations import configuration_hull
+from .disk import DiskMargin, disk_margin
 from .loop_margins import LoopMargins
 from .moving import InertiaCertificate, moving_inertia
 from .prior import InertiaVerdict, PriorMargin, prior_margin
+from .ratio_margins import RatioMargins
 from .saturation import SaturationMargin, saturation_margin
 from .sweep import Crossing, Loop
 
 __all__ = [
     "BandwidthLimit",
     "Crossing",
+    "DiskMargin",
     "InertiaCertificate",
     "InertiaMotion",
     "InertiaVerdict",
@@ -20,8 +23,10 @@ __all__ = [
     "LoopMargin",
     "LoopMargins",
     "PriorMargin",
+    "RatioMargins",
     "SaturationMargin",
     "configuration_hull",
+    "disk_margin",
     "largest_bandwidth",
     "loop_margin",
     "moving_inertia",

@@ -28,7 +28,7 @@ _ON_AXIS = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
-class ContinuousLoop:
+class ContinuousLoop(sweep.Remembered):
     """Filter, actuator, delay and outer gains kp, kd per unit mass."""
 
     filter: PhyFilter
@@ -80,7 +80,7 @@ class ContinuousLoop:
         P = poly.polymul(self.actuator.numerator, self._outer)
         return Q.astype(np.float64), np.pad(P, (0, len(Q) - len(P))).astype(np.float64)
 
-    def __call__(self, omega: FloatArray) -> tuple[ComplexArray, ComplexArray]:
+    def _evaluate(self, omega: FloatArray) -> tuple[ComplexArray, ComplexArray]:
         """q and mu-free p e^(-s delay) on the imaginary axis, each (K,)."""
         s = (1j * omega).astype(np.complex128)
         q, p = self.factors

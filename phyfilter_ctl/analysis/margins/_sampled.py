@@ -32,7 +32,7 @@ _MOST_HALVINGS = 40
 
 
 @dataclass(frozen=True, eq=False)
-class SampledLoop:
+class SampledLoop(sweep.Remembered):
     """Sampled filter, actuator, delay of the command and outer gains kp, kd per unit mass."""
 
     sampled: SampledPhyFilter
@@ -75,7 +75,7 @@ class SampledLoop:
         older = early[:-1, -1] + rest[:-1, :-1] @ early[:-1, -1]
         return step[:-1, :-1], newer, older, whole
 
-    def __call__(self, omega: FloatArray) -> tuple[ComplexArray, ComplexArray]:
+    def _evaluate(self, omega: FloatArray) -> tuple[ComplexArray, ComplexArray]:
         """Q and P on the unit circle, each (K,)."""
         sampled, h = self.sampled, self.sampled.dt
         F, error = _paths._recursion(sampled, omega)

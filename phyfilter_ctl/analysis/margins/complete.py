@@ -8,20 +8,20 @@ import control as ct
 
 from ...filter import PhyFilter, SampledPhyFilter
 from ..channels import per_channel
-from .loop_margins import LoopMargins, build_loop
 from .prior import _positive
+from .ratio_margins import RatioMargins, build_loop
 
 __all__ = ["LoopMargin", "loop_margin"]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class LoopMargin(LoopMargins):
+class LoopMargin(RatioMargins):
     """Margins of 1 + F (mu Act - 1) + mu Act (Kp/s^2 + Kd/s) = 0; made by :func:`loop_margin`.
 
     Parameters
     ----------
     inertia_ratio : float
-        mu = M_hat / M at which gain, phase, delay and modulus margins are taken.
+        mu = M_hat / M at which gain, phase, delay, modulus and disk margins are taken.
     loop : Loop
         The characteristic function on the boundary of stability.
     filter : PhyFilter or SampledPhyFilter
@@ -55,7 +55,7 @@ def loop_margin(
     actuator, delay, dt
         As for :func:`prior_margin`.
     inertia_ratio : float
-        mu at which gain, phase, delay and modulus margins are taken.
+        mu at which gain, phase, delay, modulus and disk margins are taken.
 
     Returns
     -------

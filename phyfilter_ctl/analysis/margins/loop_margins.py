@@ -1,316 +1,176 @@
-"""What both kinds of margin share: the loop opened between the command and the actuator, and what it survives."""
+"""Margins of a loop: gain, phase, delay, modulus and disk, and the frequency each binds at, for all loops alike."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
 from functools import cached_property
 
-import control as ct
 import numpy as np
-from numpy.typing import ArrayLike
 
 from ... import _signals
-from ..._sections import ComplexArray, FloatArray
-from ...filter import PhyFilter, SampledPhyFilter
+from ..._sections import FloatArray
 from ...results import Result
-from . import sweep
-from ._actuator import checked_actuator, checked_number
-from ._continuous import ContinuousLoop
-from ._sampled import SampledLoop
-from .sweep import Crossing, Loop
+from .disk import DiskMargin, disk_of
+from .scalar_search import NONE, MarginSearch, StableGains
 
-__all__ = ["LoopMargins", "build_loop"]
+__all__ = ["LoopMargins"]
 
-# Fractions of a step at which the search for the delay margin of a sampled loop looks.
-_FRACTIONS = 4
-# It halves the last of them down to this share of the delay margin.
-_DELAY_RESOLUTION = 1e-6
-# Steps of delay up to which closed-loop poles are cheaper than the frequency response.
-_FEW_STEPS = 60.0
+_NOTHING = StableGains(NONE, NONE, (NONE, NONE))
 
 
-@dataclass(frozen=True, eq=False, repr=False)
 class LoopMargins(Result):
-    """Margins of a loop Q(s) + mu P(s) = 0, mu = M_hat / M, at one ratio mu and over all ratios.
+    """Margins of a loop of gain L, with the return difference 1 + L; the base of all results that have margins.
 
-    Parameters
-    ----------
-    inertia_ratio : float
-        The mu at which gain, phase, delay and modulus margins are taken.
-    loop : Loop
-        The characteristic function on the boundary of stability.
-
-    Notes
-    -----
-    The loop is opened between the command and the actuator, behind the place where the filter reads the command, so
-    L = mu Act e^(-s delay) (F + K)/(1 - F), and the sensitivity 1/(1 + L) is also what the loop leaves of the residual:
-    1 - F for an ideal actuator at mu = 1. Gain margins and stable ratios are one thing: an actuator gain acts as mu.
+    Frequencies are in rad/s, nan where nothing binds; those of a sampled loop are at most the Nyquist frequency.
     """
 
     _figures = (
-        "inertia_ratio",
         "is_stable",
-        "stable_ratios",
+        "stable_gains",
         "gain_margin",
+        "gain_frequency",
         "phase_margin",
+        "phase_frequency",
         "delay_margin",
+        "delay_frequency",
         "modulus_margin",
+        "modulus_frequency",
         "sensitivity_peak",
+        "disk",
     )
 
-    inertia_ratio: float
-    loop: Loop = field(repr=False)
-
-    # -- over all ratios ----------------------------------------------------------------------------------------
-
     @cached_property
-    def ratio_crossings(self) -> tuple[Crossing, ...]:
-        """Every ratio mu > 0 with a closed-loop pole on the boundary of stability, and the frequency of that pole.
-
-        With delay there are infinitely many; given are those up to a frequency beyond which poles only leave, and a
-        few beyond it.
-        """
-        return tuple(sweep.ratio_crossings(self.loop))
-
-    @cached_property
-    def stable_ratios(self) -> tuple[tuple[float, float], ...]:
-        """Open intervals (low, high) of mu > 0 for which the loop is stable, ascending; high may be inf."""
-        return tuple(sweep.intervals(self.loop, list(self.ratio_crossings)))
+    def _search(self) -> MarginSearch:
+        raise NotImplementedError
 
     @property
-    def min_ratio(self) -> float:
-        """Lower end of the stable interval that contains mu = 1: 0 where there is no lower limit, nan where mu = 1 is
-        not stable."""
-        return self._around(1.0)[0]
-
-    @property
-    def max_ratio(self) -> float:
-        """Upper end of the stable interval that contains mu = 1: inf where there is no upper limit, nan where mu = 1
-        is not stable."""
-        return self._around(1.0)[1]
-
-    def stable(self, ratio: complex) -> bool:
-        """Whether the loop is stable at this ratio.
-
-        Parameters
-        ----------
-        ratio : complex
-            mu = M_hat / M, or an eigenvalue of M_hat M^-1, which may be complex.
-
-        Returns
-        -------
-        bool
-            False on the boundary too.
-
-        Raises
-        ------
-        ValueError
-            If the ratio is not finite, or the delay turns the loop too many thousand times to count its poles.
-
-        Notes
-        -----
-        Without delay from the roots of the characteristic polynomial, sampled from the eigenvalues of the closed loop;
-        with delay from the turns of Q + mu P about 0 along the imaginary axis, with a bound on its slope that certifies
-        that no turn is missed. Sampled with a delay of more than a hundred steps from the turns along the unit circle.
-        """
-        if not np.isfinite(ratio):
-            raise ValueError(f"ratio: expected a finite number, got {ratio}")
-        return self.loop.unstable(ratio) == 0
-
-    # -- at one ratio -------------------------------------------------------------------------------------------
-
-    @cached_property
     def is_stable(self) -> bool:
-        """Whether the loop is stable at ``inertia_ratio``."""
-        return self.loop.unstable(self.inertia_ratio) == 0
+        """Whether the closed loop is stable, from its eigenvalues: modes that the signal does not see count too."""
+        return self._search.is_stable
 
     @property
-    def poles(self) -> ComplexArray | None:
-        """Closed-loop poles at ``inertia_ratio``: in rad/s, sampled as z; None with delay in continuous time, where
-        there are infinitely many."""
-        return self.loop.roots(self.inertia_ratio)
+    def stable_gains(self) -> tuple[tuple[float, float], ...]:
+        """Intervals of the factors on L, above 0, with which the loop is stable."""
+        return tuple((each.low, each.high) for each in self._search.stable_gains)
 
     @property
     def gain_margin(self) -> tuple[float, float]:
-        """Factors (low, high) of the actuator's gain between which the loop stays stable; (nan, nan) if it is not."""
-        low, high = self._around(self.inertia_ratio)
-        return low / self.inertia_ratio, high / self.inertia_ratio
+        """Factors (low, high) on L between which the loop stays stable; (nan, nan) if it is not."""
+        return self._around.low, self._around.high
+
+    @property
+    def gain_frequency(self) -> tuple[float, float]:
+        """Frequencies at which either end of the gain margin binds."""
+        return self._around.omega
 
     @property
     def gain_crossings(self) -> FloatArray:
-        """Frequencies in rad/s at which |L| = 1, ascending."""
-        return sweep.gain_crossings(self.loop, self.inertia_ratio)
+        """Frequencies at which |L| = 1, ascending; of a matrix, at which an eigenvalue has modulus 1."""
+        return self._search.gain_crossings
 
-    @cached_property
+    @property
     def phase_margin(self) -> float:
-        """Least phase, lag or lead at all frequencies, in rad that makes the loop unstable: inf where |L| nowhere
-        reaches 1, 0 if it is unstable as it is."""
-        if not self.is_stable:
-            return 0.0
-        _, lag = sweep.lag_to_instability(self.loop, self.inertia_ratio)
-        return float(np.min(np.minimum(lag, 2.0 * np.pi - lag), initial=np.inf))
+        """Least phase in rad, lag or lead at all frequencies, that makes the loop unstable: inf where none does, 0 if
+        it is unstable as it is."""
+        return self._search.phase.value if self.is_stable else 0.0
 
-    @cached_property
+    @property
+    def phase_frequency(self) -> float:
+        """Frequency at which the phase margin binds."""
+        return self._search.phase.omega if self.is_stable else NONE
+
+    @property
     def delay_margin(self) -> float:
-        """Least extra delay of the command in seconds that makes the loop unstable: inf where none does, 0 if it is
-        unstable as it is.
+        """Least extra delay in seconds that makes the loop unstable: inf where none does, 0 if it is unstable as it is.
 
         Sampled, a delay by a part of a step also changes what the plant does within it; that is taken into account.
+        Where only L is known, in discrete time, it is a lag in phase, exact for whole steps.
         """
-        if not self.is_stable:
-            return 0.0
-        if isinstance(self.loop, SampledLoop):
-            return _sampled_delay_margin(self.loop, self.inertia_ratio)
-        omega, lag = sweep.lag_to_instability(self.loop, self.inertia_ratio)
-        return float(np.min(lag / omega, initial=np.inf))
+        return self._search.delay.value if self.is_stable else 0.0
 
-    @cached_property
+    @property
+    def delay_frequency(self) -> float:
+        """Frequency at which the delay margin binds."""
+        return self._search.delay.omega if self.is_stable else NONE
+
+    @property
+    def modulus_margin(self) -> float:
+        """Least distance of L from -1, min |1 + L|: the disk margin of skew 1; 0 if the loop is unstable."""
+        return self._modulus.alpha
+
+    @property
+    def modulus_frequency(self) -> float:
+        """Frequency at which L is closest to -1; inf where it is in the limit."""
+        return self._modulus.frequency
+
+    @property
     def sensitivity_peak(self) -> float:
         """Maximum of |1/(1 + L)| over frequency; inf if the loop is unstable."""
         return 1.0 / self.modulus_margin if self.modulus_margin else float("inf")
 
-    def sensitivity(self, omega: ArrayLike) -> FloatArray:
-        """|1/(1 + L)|: what the loop leaves of the residual, over frequency.
+    @cached_property
+    def disk(self) -> DiskMargin:
+        """Gain and phase that it tolerates together: :meth:`disk_margin` of skew 0."""
+        return self.disk_margin()
+
+    def disk_margin(self, *, skew: float = 0.0) -> DiskMargin:
+        """Disk margin of the loop, of all opened signals at once where there are several.
 
         Parameters
         ----------
-        omega : (N,) array
-            Frequencies in rad/s, above 0; sampled, up to the Nyquist frequency.
+        skew : float
+            See :class:`DiskMargin`.
 
         Returns
         -------
-        (N,) array
+        DiskMargin
+            With ``alpha`` 0 if the loop is unstable.
+
+        Raises
+        ------
+        ValueError
+            If the skew is not finite.
         """
-        Q, P = self.loop(_signals.array("omega", omega, ("N",)))
-        return np.abs(Q) / np.abs(Q + self.inertia_ratio * P)
-
-    @cached_property
-    def modulus_margin(self) -> float:
-        """Least distance of L from -1, min |1 + L|; 0 if the loop is unstable.
-
-        For matrices: the loop stays stable for every M, symmetric or not, with |(M - M_hat) M_hat^-1| below it in the
-        spectral norm (``inertia_ratio`` = 1).
-        """
-        return self._modulus[0] if self.is_stable else 0.0
-
-    @property
-    def modulus_frequency(self) -> float:
-        """Frequency in rad/s at which L is closest to -1; inf where it is in the limit."""
-        return self._modulus[1]
-
-    @cached_property
-    def ratio_radius(self) -> float:
-        """Largest r such that every complex ratio with |mu - inertia_ratio| < r is stable; 0 if that itself is not.
-
-        For matrices: the loop stays stable for every M with |M_hat M^-1 - inertia_ratio I| < r in the spectral norm.
-        """
-        if not self.is_stable:
-            return 0.0
-
-        def distance(omega: FloatArray) -> FloatArray:
-            Q, P = self.loop(omega)
-            with np.errstate(divide="ignore"):
-                return np.abs(Q + self.inertia_ratio * P) / np.abs(P)
-
-        Q, P = self.loop.at_zero
-        limit = abs(Q + self.inertia_ratio * P) / abs(P) if P else float("inf")
-        return min(sweep.least(distance, self.loop.grid)[0], limit)
+        return disk_of(self._search, skew)
 
     # -- text and inside ----------------------------------------------------------------------------------------
 
     def describe(self) -> str:
-        """The margins as text, one line each.
+        """The margins as text, one line each, with the frequency at which each binds.
 
         Returns
         -------
         str
         """
-        ranges = ", ".join(f"{low:.4g} ... {high:.4g}" for low, high in self.stable_ratios) or "none"
-        lines = {"stable M_hat/M": ranges}
-        at = f"at M_hat/M = {self.inertia_ratio:g}"
-        if not self.is_stable:
-            lines[at] = "unstable"
-        else:
-            low, high = self.gain_margin
-            lines |= {
-                at: "stable",
-                "gain margin": f"{low:.4g} to {high:.4g} times",
-                "phase margin": f"{np.rad2deg(self.phase_margin):.4g} deg",
-                "delay margin": f"{1e3 * self.delay_margin:.4g} ms",
-                "modulus margin": f"{self.modulus_margin:.4g} at {_signals.in_both(self.modulus_frequency)}",
-                "sensitivity": f"peak {self.sensitivity_peak:.4g}",
-            }
-        return "\n".join(f"{name:<18}{text}" for name, text in lines.items())
+        return "\n".join(f"{name:<18}{text}" for name, text in self._lines().items())
 
-    def _around(self, ratio: float) -> tuple[float, float]:
-        inside = (each for each in self.stable_ratios if each[0] < ratio < each[1])
-        return next(inside, (float("nan"), float("nan")))
+    def _lines(self) -> dict[str, str]:
+        if not self.is_stable:
+            return {"stable": "no"}
+        low, high = self.gain_margin
+        ends = [f"{_signals.in_both(omega)}" for omega in self.gain_frequency if not np.isnan(omega)]
+        disk = self.disk
+        least, most = disk.gain_margin
+        lines = {
+            "stable": "yes",
+            "gain margin": f"{low:.4g} to {high:.4g} times" + (" at " + " and ".join(ends) if ends else ""),
+            "phase margin": f"{np.rad2deg(self.phase_margin):.4g} deg{_at(self.phase_frequency)}",
+            "delay margin": f"{1e3 * self.delay_margin:.4g} ms{_at(self.delay_frequency)}",
+            "modulus margin": f"{self.modulus_margin:.4g}{_at(self.modulus_frequency)}",
+            "disk margin": f"{disk.alpha:.4g}{_at(disk.frequency)}: {least:.4g} to {most:.4g} times with "
+            f"{np.rad2deg(disk.phase_margin):.4g} deg",
+            "sensitivity": f"peak {self.sensitivity_peak:.4g}",
+        }
+        return lines | ({"not answered": self._search.missing} if self._search.missing else {})
 
     @cached_property
-    def _modulus(self) -> tuple[float, float]:
-        def distance(omega: FloatArray) -> FloatArray:
-            Q, P = self.loop(omega)
-            with np.errstate(divide="ignore"):
-                return np.abs(Q + self.inertia_ratio * P) / np.abs(Q)
+    def _modulus(self) -> DiskMargin:
+        return disk_of(self._search, 1.0)
 
-        found = [sweep.least(distance, self.loop.grid)]
-        Q, P = self.loop.at_zero
-        if Q:
-            found.append((abs(Q + self.inertia_ratio * P) / abs(Q), 0.0))
-        if np.isinf(self.loop.nyquist):
-            found.append((1.0, float("inf")))
-        return min(found)
+    @property
+    def _around(self) -> StableGains:
+        found = (each for each in self._search.stable_gains if each.low < 1.0 < each.high)
+        return next(found, _NOTHING) if self.is_stable else _NOTHING
 
 
-def build_loop(
-    filter: PhyFilter | SampledPhyFilter,
-    actuator: ct.TransferFunction | ct.StateSpace | None,
-    delay: float,
-    dt: float | None,
-    kp: float = 0.0,
-    kd: float = 0.0,
-) -> tuple[PhyFilter | SampledPhyFilter, ContinuousLoop | SampledLoop]:
-    """The filter as it runs, and its loop; all arguments checked."""
-    if not isinstance(filter, PhyFilter | SampledPhyFilter):
-        raise TypeError(f"filter: expected a PhyFilter or a SampledPhyFilter, got {type(filter).__name__}")
-    act = checked_actuator(actuator)
-    delay = checked_number("delay", delay, least=0.0, unit=" s")
-    kp = checked_number("kp", kp, least=0.0, unit=" 1/s^2")
-    kd = checked_number("kd", kd, least=0.0, unit=" 1/s")
-    if isinstance(filter, PhyFilter):
-        if dt is None:
-            return filter, ContinuousLoop(filter, act, delay, kp, kd)
-        filter = filter.sampled(dt)
-    elif dt is not None and dt != filter.dt:
-        raise ValueError(f"dt: {dt:g} s contradicts the {filter.dt:g} s of the sampled filter; leave dt out")
-    if filter.sampling.g != "hold":
-        raise ValueError(
-            f"g={filter.sampling.g!r}: the command fed back is held between samples, and g='average' would need the "
-            "command that is computed from its own result; use g='hold'"
-        )
-    return filter, SampledLoop(filter, act, delay, kp, kd)
-
-
-def _sampled_delay_margin(loop: SampledLoop, ratio: float) -> float:
-    """Whole steps only turn the loop, so the gain crossings of each part of a step tell how many it tolerates."""
-    h = np.pi / loop.nyquist
-
-    def first_loss(part: float) -> float:
-        """Steps of delay, of those whole + part, at which stability is first lost."""
-        later = loop.later(part * h)
-        if later.unstable(ratio) != 0:
-            return part
-        omega, lag = sweep.lag_to_instability(later, ratio)
-        return part + float(np.ceil(np.min(lag / (omega * h), initial=np.inf)))
-
-    losses = [first_loss(i / _FRACTIONS) for i in range(_FRACTIONS)]
-    lost = min(losses)
-    if np.isinf(lost):
-        return lost
-    kept = lost - 1.0 / _FRACTIONS  # on the lattice, below the first loss
-    while lost - kept > _DELAY_RESOLUTION * lost:
-        middle = 0.5 * (kept + lost)
-        few = middle < _FEW_STEPS
-        fine = loop.later(middle * h).unstable(ratio) == 0 if few else first_loss(middle % 1.0) > middle
-        kept, lost = (middle, lost) if fine else (kept, middle)
-    return kept * h
+def _at(omega: float) -> str:
+    return "" if np.isnan(omega) else f" at {_signals.in_both(omega)}"

@@ -18,8 +18,8 @@ from . import _inequalities, _inertia, _switching
 from ._continuous import ContinuousLoop
 from ._openings import Opening, open_at_inertia, side_by_side
 from ._switching import InertiaMotion
-from .loop_margins import build_loop
 from .prior import PriorMargin
+from .ratio_margins import build_loop
 
 __all__ = ["InertiaCertificate", "moving_inertia"]
 

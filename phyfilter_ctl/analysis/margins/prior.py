@@ -16,7 +16,7 @@ from ...results import Result
 from ..channels import per_channel
 from . import _inertia
 from ._actuator import checked_number
-from .loop_margins import LoopMargins, build_loop
+from .ratio_margins import RatioMargins, build_loop
 
 __all__ = ["InertiaVerdict", "PriorMargin", "prior_margin"]
 
@@ -43,7 +43,7 @@ class InertiaVerdict(Result):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class PriorMargin(LoopMargins):
+class PriorMargin(RatioMargins):
     """Margins of the inner loop 1 + F (mu Act e^(-s delay) - 1) = 0; made by :func:`prior_margin`.
 
     For matrices Q I + M_hat M^-1 P = 0 splits into one scalar loop for each eigenvalue of M_hat M^-1, real or complex,
@@ -52,7 +52,7 @@ class PriorMargin(LoopMargins):
     Parameters
     ----------
     inertia_ratio : float
-        mu at which gain, phase, delay and modulus margins are taken.
+        mu at which gain, phase, delay, modulus and disk margins are taken.
     loop : Loop
         The characteristic function on the boundary of stability.
     filter : PhyFilter or SampledPhyFilter
@@ -282,7 +282,7 @@ def prior_margin(
     dt : float, optional
         Sampling interval in seconds: for a PhyFilter short for ``filter.sampled(dt)``.
     inertia_ratio : float
-        mu at which gain, phase, delay and modulus margins are taken.
+        mu at which gain, phase, delay, modulus and disk margins are taken.
 
     Returns
     -------
@@ -313,10 +313,11 @@ def prior_margin(
     >>> print(prior_margin(PhyFilter([20.0]), dt=0.002).describe())
     stable M_hat/M    0 ... 51.01
     at M_hat/M = 1    stable
-    gain margin       0 to 51.01 times
-    phase margin      88.88 deg
-    delay margin      79.13 ms
+    gain margin       0 to 51.01 times at 1571 rad/s (250 Hz)
+    phase margin      88.88 deg at 19.61 rad/s (3.12 Hz)
+    delay margin      79.13 ms at 19.6 rad/s (3.12 Hz)
     modulus margin    0.9804 at 1571 rad/s (250 Hz)
+    disk margin       1.923 at 1571 rad/s (250 Hz): 0.01961 to 51.01 times with 87.75 deg
     sensitivity       peak 1.02
     """
     system, loop = build_loop(filter, actuator, delay, dt)

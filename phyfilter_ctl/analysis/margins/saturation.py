@@ -33,8 +33,8 @@ from ...filter import PhyFilter, SampledPhyFilter
 from ...results import Result
 from ..channels import per_channel
 from . import sweep
-from .loop_margins import build_loop
 from .prior import _positive
+from .ratio_margins import build_loop
 from .sweep import Loop
 
 __all__ = ["KnownActuation", "SaturationMargin", "saturation_margin"]

@@ -19,7 +19,7 @@ _FAR = 1e6
 
 
 @dataclass(frozen=True, eq=False)
-class StateSpaceLoop:
+class StateSpaceLoop(sweep.Remembered):
     """Q + k P with P = L Q, Q = prod (s - p)/(s + |p|) over the open-loop poles (z - p over z): smooth at poles too."""
 
     system: ct.StateSpace
@@ -52,7 +52,7 @@ class StateSpaceLoop:
         sizes = np.abs(self._poles)
         return float(np.max(sizes, initial=0.0)) or 1.0
 
-    def __call__(self, omega: FloatArray) -> tuple[ComplexArray, ComplexArray]:
+    def _evaluate(self, omega: FloatArray) -> tuple[ComplexArray, ComplexArray]:
         points = np.exp(1j * omega * self._step) if self._step else 1j * omega
         Q = np.ones(len(points), dtype=np.complex128)
         for pole in self._poles:

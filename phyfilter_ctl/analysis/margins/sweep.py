@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from functools import cached_property
 from typing import NamedTuple, Protocol
@@ -15,12 +16,14 @@ __all__ = [
     "SAME",
     "Crossing",
     "Loop",
+    "Remembered",
     "gain_crossings",
     "grid",
     "intervals",
     "lag_to_instability",
     "least",
     "ratio_crossings",
+    "sign_changes",
 ]
 
 _POINTS_PER_DECADE = 150
@@ -84,6 +87,21 @@ class Loop(Protocol):
         ...
 
 
+class Remembered(ABC):
+    """A loop that is evaluated on its own grid once, however many searches start there."""
+
+    @abstractmethod
+    def _evaluate(self, omega: FloatArray) -> tuple[ComplexArray, ComplexArray]: ...
+
+    @cached_property
+    def _on_grid(self) -> tuple[ComplexArray, ComplexArray]:
+        return self._evaluate(vars(self)["grid"])
+
+    def __call__(self, omega: FloatArray) -> tuple[ComplexArray, ComplexArray]:
+        """Q and P at frequencies in rad/s, each (K,)."""
+        return self._on_grid if omega is vars(self).get("grid") else self._evaluate(omega)
+
+
 class Crossing(NamedTuple):
     """A ratio at which a closed-loop pole sits on the boundary of stability.
 
@@ -134,7 +152,7 @@ def ratio_crossings(loop: Loop) -> list[Crossing]:
         Q, P = loop(omega)
         return np.imag(P * np.conj(Q))
 
-    omega, before = _sign_changes(angle, loop.grid)
+    omega, before = sign_changes(angle, loop.grid)
     Q, P = loop(omega)
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         ratios = -np.real(Q / P)
@@ -192,7 +210,7 @@ def gain_crossings(loop: Loop, ratio: float) -> FloatArray:
         Q, P = loop(omega)
         return np.abs(ratio * P) - np.abs(Q)
 
-    return _sign_changes(excess, loop.grid)[0]
+    return sign_changes(excess, loop.grid)[0]
 
 
 def lag_to_instability(loop: Loop, ratio: float) -> tuple[FloatArray, FloatArray]:
@@ -223,7 +241,7 @@ def least(function: Callable[[FloatArray], FloatArray], points: FloatArray) -> t
     return best
 
 
-def _sign_changes(
+def sign_changes(
     function: Callable[[FloatArray], FloatArray], points: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Roots of a function (K,) -> (K,) and its sign before each (0: unknown), all refined together.

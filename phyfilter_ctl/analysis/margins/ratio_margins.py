@@ -1,0 +1,231 @@
+"""Margins of loops with a filter: over all ratios of modelled to true inertia, and at one of them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import control as ct
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ... import _signals
+from ..._sections import ComplexArray, FloatArray
+from ...filter import PhyFilter, SampledPhyFilter
+from . import sweep
+from ._actuator import checked_actuator, checked_number
+from ._continuous import ContinuousLoop
+from ._sampled import SampledLoop
+from .loop_margins import LoopMargins
+from .scalar_search import NONE, Bound, ScalarSearch
+from .sweep import Crossing, Loop
+
+__all__ = ["RatioMargins", "build_loop"]
+
+# Fractions of a step at which the search for the delay margin of a sampled loop looks.
+_FRACTIONS = 4
+# It halves the last of them down to this share of the delay margin.
+_DELAY_RESOLUTION = 1e-6
+# Steps of delay up to which closed-loop poles are cheaper than the frequency response.
+_FEW_STEPS = 60.0
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class RatioMargins(LoopMargins):
+    """Margins of a loop Q(s) + mu P(s) = 0, mu = M_hat / M, at one ratio mu and over all ratios.
+
+    Parameters
+    ----------
+    inertia_ratio : float
+        The mu at which gain, phase, delay, modulus and disk margins are taken.
+    loop : Loop
+        The characteristic function on the boundary of stability.
+
+    Notes
+    -----
+    The loop is opened between the command and the actuator, behind the place where the filter reads the command, so
+    L = mu Act e^(-s delay) (F + K)/(1 - F), and the sensitivity 1/(1 + L) is also what the loop leaves of the residual:
+    1 - F for an ideal actuator at mu = 1. Gain margins and stable ratios are one thing: an actuator gain acts as mu.
+
+    For matrices: with ``inertia_ratio`` = 1 the loop stays stable for every M, symmetric or not, with
+    |(M - M_hat) M_hat^-1| below the modulus margin in the spectral norm.
+    """
+
+    _figures = ("inertia_ratio", "stable_ratios", *LoopMargins._figures)
+
+    inertia_ratio: float
+    loop: Loop = field(repr=False)
+
+    # -- over all ratios ----------------------------------------------------------------------------------------
+
+    @cached_property
+    def ratio_crossings(self) -> tuple[Crossing, ...]:
+        """Every ratio mu > 0 with a closed-loop pole on the boundary of stability, and the frequency of that pole.
+
+        With delay there are infinitely many; given are those up to a frequency beyond which poles only leave, and a
+        few beyond it.
+        """
+        return tuple(self._search.crossings)
+
+    @cached_property
+    def stable_ratios(self) -> tuple[tuple[float, float], ...]:
+        """Open intervals (low, high) of mu > 0 for which the loop is stable, ascending; high may be inf."""
+        return self._search.intervals
+
+    @property
+    def min_ratio(self) -> float:
+        """Lower end of the stable interval that contains mu = 1: 0 where there is no lower limit, nan where mu = 1 is
+        not stable."""
+        return self._stable_around_one()[0]
+
+    @property
+    def max_ratio(self) -> float:
+        """Upper end of the stable interval that contains mu = 1: inf where there is no upper limit, nan where mu = 1
+        is not stable."""
+        return self._stable_around_one()[1]
+
+    def stable(self, ratio: complex) -> bool:
+        """Whether the loop is stable at this ratio.
+
+        Parameters
+        ----------
+        ratio : complex
+            mu = M_hat / M, or an eigenvalue of M_hat M^-1, which may be complex.
+
+        Returns
+        -------
+        bool
+            False on the boundary too.
+
+        Raises
+        ------
+        ValueError
+            If the ratio is not finite, or the delay turns the loop too many thousand times to count its poles.
+
+        Notes
+        -----
+        Without delay from the roots of the characteristic polynomial, sampled from the eigenvalues of the closed loop;
+        with delay from the turns of Q + mu P about 0 along the imaginary axis, with a bound on its slope that certifies
+        that no turn is missed. Sampled with a delay of more than a hundred steps from the turns along the unit circle.
+        """
+        if not np.isfinite(ratio):
+            raise ValueError(f"ratio: expected a finite number, got {ratio}")
+        return self.loop.unstable(ratio) == 0
+
+    # -- at one ratio -------------------------------------------------------------------------------------------
+
+    @property
+    def poles(self) -> ComplexArray | None:
+        """Closed-loop poles at ``inertia_ratio``: in rad/s, sampled as z; None with delay in continuous time, where
+        there are infinitely many."""
+        return self.loop.roots(self.inertia_ratio)
+
+    def sensitivity(self, omega: ArrayLike) -> FloatArray:
+        """|1/(1 + L)|: what the loop leaves of the residual, over frequency.
+
+        Parameters
+        ----------
+        omega : (N,) array
+            Frequencies in rad/s, above 0; sampled, up to the Nyquist frequency.
+
+        Returns
+        -------
+        (N,) array
+        """
+        Q, P = self.loop(_signals.array("omega", omega, ("N",)))
+        return np.abs(Q) / np.abs(Q + self.inertia_ratio * P)
+
+    @cached_property
+    def ratio_radius(self) -> float:
+        """Largest r such that every complex ratio with |mu - inertia_ratio| < r is stable; 0 if that itself is not.
+
+        For matrices: the loop stays stable for every M with |M_hat M^-1 - inertia_ratio I| < r in the spectral norm.
+        """
+        if not self.is_stable:
+            return 0.0
+
+        def distance(omega: FloatArray) -> FloatArray:
+            Q, P = self.loop(omega)
+            with np.errstate(divide="ignore"):
+                return np.abs(Q + self.inertia_ratio * P) / np.abs(P)
+
+        Q, P = self.loop.at_zero
+        limit = abs(Q + self.inertia_ratio * P) / abs(P) if P else float("inf")
+        return min(sweep.least(distance, self.loop.grid)[0], limit)
+
+    # -- text and inside ----------------------------------------------------------------------------------------
+
+    def _lines(self) -> dict[str, str]:
+        ranges = ", ".join(f"{low:.4g} ... {high:.4g}" for low, high in self.stable_ratios) or "none"
+        lines = super()._lines()
+        answer = "stable" if lines.pop("stable") == "yes" else "unstable"
+        return {"stable M_hat/M": ranges, f"at M_hat/M = {self.inertia_ratio:g}": answer} | lines
+
+    @cached_property
+    def _search(self) -> ScalarSearch:
+        loop, ratio = self.loop, self.inertia_ratio
+        delayed = (lambda: _sampled_delay_margin(loop, ratio)) if isinstance(loop, SampledLoop) else None
+        return ScalarSearch(loop, ratio, delayed)
+
+    def _stable_around_one(self) -> tuple[float, float]:
+        inside = (each for each in self.stable_ratios if each[0] < 1.0 < each[1])
+        return next(inside, (NONE, NONE))
+
+
+def build_loop(
+    filter: PhyFilter | SampledPhyFilter,
+    actuator: ct.TransferFunction | ct.StateSpace | None,
+    delay: float,
+    dt: float | None,
+    kp: float = 0.0,
+    kd: float = 0.0,
+) -> tuple[PhyFilter | SampledPhyFilter, ContinuousLoop | SampledLoop]:
+    """The filter as it runs, and its loop; all arguments checked."""
+    if not isinstance(filter, PhyFilter | SampledPhyFilter):
+        raise TypeError(f"filter: expected a PhyFilter or a SampledPhyFilter, got {type(filter).__name__}")
+    act = checked_actuator(actuator)
+    delay = checked_number("delay", delay, least=0.0, unit=" s")
+    kp = checked_number("kp", kp, least=0.0, unit=" 1/s^2")
+    kd = checked_number("kd", kd, least=0.0, unit=" 1/s")
+    if isinstance(filter, PhyFilter):
+        if dt is None:
+            return filter, ContinuousLoop(filter, act, delay, kp, kd)
+        filter = filter.sampled(dt)
+    elif dt is not None and dt != filter.dt:
+        raise ValueError(f"dt: {dt:g} s contradicts the {filter.dt:g} s of the sampled filter; leave dt out")
+    if filter.sampling.g != "hold":
+        raise ValueError(
+            f"g={filter.sampling.g!r}: the command fed back is held between samples, and g='average' would need the "
+            "command that is computed from its own result; use g='hold'"
+        )
+    return filter, SampledLoop(filter, act, delay, kp, kd)
+
+
+def _sampled_delay_margin(loop: SampledLoop, ratio: float) -> Bound:
+    """Whole steps only turn the loop, so the gain crossings of each part of a step tell how many it tolerates."""
+    h = np.pi / loop.nyquist
+
+    def first_loss(part: float) -> tuple[float, float]:
+        """Steps of delay, of those whole + part, at which stability is first lost, and at which frequency."""
+        later = loop.later(part * h)
+        if later.unstable(ratio) != 0:
+            return part, NONE
+        omega, lag = sweep.lag_to_instability(later, ratio)
+        if not len(omega):
+            return float("inf"), NONE
+        k = int(np.argmin(lag / omega))
+        return part + float(np.ceil(lag[k] / (omega[k] * h))), float(omega[k])
+
+    lost, omega = min(first_loss(i / _FRACTIONS) for i in range(_FRACTIONS))
+    if np.isinf(lost):
+        return Bound(lost, NONE)
+    kept = lost - 1.0 / _FRACTIONS  # on the lattice, below the first loss
+    while lost - kept > _DELAY_RESOLUTION * lost:
+        middle = 0.5 * (kept + lost)
+        few = middle < _FEW_STEPS
+        fine = loop.later(middle * h).unstable(ratio) == 0 if few else first_loss(middle % 1.0)[0] > middle
+        kept, lost = (middle, lost) if fine else (kept, middle)
+    if kept < _FEW_STEPS:
+        roots = loop.later(kept * h).roots(ratio)
+        omega = abs(float(np.angle(roots[np.argmax(np.abs(roots))]))) / h
+    return Bound(kept * h, omega)
