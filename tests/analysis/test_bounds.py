@@ -291,16 +291,6 @@ def test_noise_of_a_sampled_filter_is_attained():
     assert reached == pytest.approx(result.bound, rel=1e-6)
 
 
-def test_several_bounds_take_the_least_and_say_so():
-    f = pf.lowpass(2, 20.0)
-    slow, fast = {0: 1.0, 1: 0.5}, {0: 1.0, 1: 500.0}
-    assert ultimate_bound(f, residual=slow).derivative == 1
-    result = ultimate_bound(f, residual=fast)
-    assert result.derivative == 0
-    assert not result.exact
-    assert result.bound == ultimate_bound(f, residual={0: 1.0}).bound
-
-
 @pytest.mark.parametrize("k", [1, 2])
 def test_the_envelope_holds_from_the_start(k):
     f = pf.place_poles([-3.0, -2 + 4j, -2 - 4j], numerator=k)

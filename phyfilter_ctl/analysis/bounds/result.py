@@ -18,8 +18,12 @@ from ...results import Result
 from . import kernels
 from .kernels import Certificate, Kernel
 from .sampled_kernels import SampledKernels
+from .together import Together
 
 __all__ = ["BoundResult", "Method", "QuadraticProof"]
+
+# How close a course within all bounds comes to a bound that is called exact.
+_ATTAINED = 1e-2
 
 Method = Literal["exact", "ellipsoid", "lyapunov", "lyapunov-raw"]
 
@@ -59,19 +63,22 @@ class BoundResult(Result):
     implementation : dict of str to float
         Further parts, from what the filter meets as it runs; see :class:`Implementation`.
     derivative : int or None
-        Which derivative of the residual gave the least bound.
+        Which derivative of the residual alone gives the least bound.
     gains : dict of int to float
         Worst-case gain for each derivative given, in s^k.
     exact : bool
-        Whether some residual within the bounds attains ``intrinsic``: one derivative given, method "exact". With
-        several it is the least upper bound of the single ones.
+        Whether some residual within the bounds attains ``intrinsic`` to 1 %: method "exact", and with several
+        derivatives the gap of the certificate.
     certificate : Certificate
-        Enclosure of the gain that was used, truncation included ("exact" only).
+        Enclosure of the gain that was used; of ``intrinsic`` itself with several derivatives ("exact" only). Rounded
+        outwards.
     proof : QuadraticProof or None
         P and decay rate of "ellipsoid" and "lyapunov".
     covered, assumptions : tuple of str
         What a sampled filter's bound holds for beyond the ideal, and what it takes for granted; empty for a continuous
         one.
+    course : Together or None
+        Of several derivatives, the enclosure and the worst course that :meth:`worst_residual` gives.
     """
 
     _figures = (
@@ -105,6 +112,7 @@ class BoundResult(Result):
     implementation: dict[str, float] = field(default_factory=dict)
     covered: tuple[str, ...] = ()
     assumptions: tuple[str, ...] = ()
+    course: Together | None = field(default=None, repr=False)
 
     @property
     def parts(self) -> dict[str, float]:
@@ -124,7 +132,9 @@ class BoundResult(Result):
     @property
     def exact(self) -> bool:
         """Whether the intrinsic part is attained."""
-        return self.method == "exact" and len(self.residual) <= 1
+        if self.method != "exact" or self.certificate is None:
+            return False
+        return len(self.residual) == 1 or (self.course is not None and self.certificate.gap <= _ATTAINED)
 
     @property
     def between_samples(self) -> float:
@@ -152,8 +162,13 @@ class BoundResult(Result):
         if isinstance(self.system, SampledPhyFilter):
             lines.append(_line("between samples", f"{self.between_samples:.6g}"))
         if self.derivative is not None:
-            kind = "attained by a bang-bang residual" if self.exact else "least of the single ones"
-            lines.append(_line("from", f"derivative {self.derivative} of gamma; {kind}"))
+            if self.course is not None and self.certificate is not None:
+                orders = " and ".join(map(str, sorted(self.residual)))
+                said = f"derivatives {orders} of gamma together; attained to {self.certificate.gap:.1g} of it"
+            else:
+                kind = "attained by a bang-bang residual" if self.exact else "an upper bound"
+                said = f"derivative {self.derivative} of gamma; {kind}"
+            lines.append(_line("from", said))
         lines += [_line("holds for", text) for text in self.covered]
         lines += [_line("as long as", text) for text in self.assumptions]
         return "\n".join(lines)
@@ -167,7 +182,9 @@ class BoundResult(Result):
         return kernels.error_kernel(self.system, self.derivative)
 
     def worst_residual(self, times: ArrayLike) -> FloatArray:
-        """The bang-bang course of gamma^(k) that drives the error to ``intrinsic`` at the last of the times.
+        """The course of gamma^(k) that drives the error to ``intrinsic`` at the last of the times.
+
+        k is the derivative bounded; of several the lowest, and the course keeps all bounds.
 
         Parameters
         ----------
@@ -177,7 +194,7 @@ class BoundResult(Result):
         Returns
         -------
         (N,) array
-            +-delta_k.
+            +-delta_k; with several derivatives bounded between them.
 
         Raises
         ------
@@ -193,6 +210,8 @@ class BoundResult(Result):
         [3.0, 3.0, 3.0]
         """
         t = _signals.sample_times("times", times)
+        if self.course is not None:
+            return self.course.at(t[-1] - t)
         if isinstance(self.system, SampledPhyFilter) and self.derivative is not None:
             values = SampledKernels(self.system).at(self.derivative, t[-1] - t)
         else:

@@ -109,6 +109,16 @@ class SampledKernels:
         return tuple(found)
 
     @property
+    def states(self) -> FloatArray:
+        """M^i e, (m, n)."""
+        return self._series[0]
+
+    @property
+    def impulse(self) -> FloatArray:
+        """h_i, (m,)."""
+        return self._impulse[0]
+
+    @property
     def highest(self) -> int:
         """Highest derivative k of gamma that bounds the error: t^0 ... t^(k - 1) leave none at the samples."""
         if self.sampled.filter.type == 0 or self.sampled.sampling.delay:

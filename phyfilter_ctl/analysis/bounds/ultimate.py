@@ -10,10 +10,12 @@ import numpy as np
 from ...filter import PhyFilter, SampledPhyFilter
 from ..channels import per_channel
 from . import kernels, quadratic
+from .cells import continuous_cells, sampled_cells
 from .implementation import Implementation, Run
 from .kernels import Certificate, Kernel
 from .result import BoundResult, Method, QuadraticProof
 from .sampled_kernels import SampledKernels
+from .together import Together, together
 
 __all__ = ["ultimate_bound"]
 
@@ -32,7 +34,8 @@ def ultimate_bound(
 ) -> BoundResult:
     """Bound of |f - f_hat| after all transients.
 
-    ``|f_err| <= min_k ||(1 - F) / s^k||_1 delta_k + ||F||_1 delta_M delta_x + ||s F||_1 |M_hat| |nu|``
+    ``|f_err| <= min_k ||(1 - F) / s^k||_1 delta_k + ||F||_1 delta_M delta_x + ||s F||_1 |M_hat| |nu|``, the first term
+    of several derivatives less: the largest error of a residual that keeps all their bounds at once.
 
     Parameters
     ----------
@@ -52,7 +55,8 @@ def ultimate_bound(
     inertia : float
         |M_hat| in the spectral norm, by which noise of x counts.
     method : {"exact", "ellipsoid", "lyapunov", "lyapunov-raw"}
-        "exact": the L1 norm of the impulse response, attained by a bang-bang residual. "ellipsoid": the best invariant
+        "exact": the L1 norm of the impulse response, attained by a bang-bang residual; of several derivatives a linear
+        programme, enclosed from both sides. "ellipsoid": the best invariant
         ellipsoid. "lyapunov": the textbook's ball with Q = I in companion coordinates, time scaled by the filter's
         speed; "lyapunov-raw" unscaled. All but "exact" are for continuous filters.
     implementation : Implementation, optional
@@ -123,22 +127,41 @@ def ultimate_bound(
         proofs = {k: proof for k, (_, proof) in results.items() if proof is not None}
         prior_gain = _gain_of(kernels.estimate_kernel(filter), method, filter) if prior else 0.0
         noise_gain = _gain_of(kernels.noise_kernel(filter), method, filter) if heard else 0.0
-    best = min(usable, key=lambda k: gains[k] * given[k], default=None)
+    best = min(usable, key=lambda k: gains[k] * given[k])
+    intrinsic, certificate = gains[best] * given[best], enclosures.get(best)
+    course = _together(filter, given) if method == "exact" and len(given) > 1 and intrinsic > 0.0 else None
+    if course is not None and certificate is not None:
+        intrinsic = min(intrinsic, course.upper)
+        certificate = certificate._replace(
+            lower=min(course.lower, intrinsic), upper=intrinsic, points=len(course.knots)
+        )
     return BoundResult(
         filter,
         method,
         given,
-        0.0 if best is None else gains[best] * given[best],
+        intrinsic,
         prior_gain * prior,
         noise_gain * heard,
         best,
         gains,
-        None if best is None else enclosures.get(best),
-        None if best is None else proofs.get(best),
+        certificate,
+        proofs.get(best),
         terms,
         covered,
         assumed,
+        course,
     )
+
+
+def _together(filter: PhyFilter | SampledPhyFilter, given: Mapping[int, float]) -> Together | None:
+    lowest = min(given)
+    if isinstance(filter, SampledPhyFilter):
+        cells = sampled_cells(SampledKernels(filter), lowest)
+    else:
+        cells = continuous_cells(kernels.error_kernel(filter, lowest))
+    if cells is None:
+        return None
+    return together(cells, {k - lowest: value * cells.unit ** (k - lowest) for k, value in given.items()})
 
 
 def _gain_of(kernel: Kernel, method: Method, filter: PhyFilter) -> float:

@@ -148,6 +148,10 @@ class Stretch:
         """Only some of the intervals, by an index or a mask."""
         return Stretch(self.A, self.C, self.step, self.starts[which], self.left[which])
 
+    def sorted(self) -> Stretch:
+        """In the order of time."""
+        return self.some(np.argsort(self.starts))
+
     def halved(self) -> Stretch:
         """Twice as many, half as long."""
         step = 0.5 * self.step
