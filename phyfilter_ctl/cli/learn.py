@@ -11,7 +11,7 @@ import warnings
 from collections.abc import Sequence
 from pathlib import Path
 from types import TracebackType
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 from tqdm import tqdm
 
@@ -26,18 +26,19 @@ from .learn_report import Row, best_of, figures_of, form_name, table_of, worse_t
 
 if TYPE_CHECKING:
     from ..design.learning import Form, LearnEvent, LearnResult
-    from ..filter.sampling import Rule
 
 __all__ = ["add_arguments", "main"]
 
+_Number = TypeVar("_Number", float, complex)
 _FORMS = ("lowpass", "general")
 _METHODS = ("exact", "matched", "euler", "tustin")
 _HIGHEST_ORDER = 12
 _STOPPED = 130  # exit status after Ctrl-C, as of a shell
 
 _DESCRIPTION = """Learn filters F = N/D from flights whose true f is known (the label), and compare orders and forms.
-The best one is described and saved: least RMSE on --held-out flights, else on held-out blocks of the flights themselves
-(of filters within 0.1 % the one of fewest coefficients). Ctrl-C stops and keeps the best so far."""
+The best one is described and saved: least RMSE on --held-out flights (of filters within 0.1 % the one of fewest
+coefficients), else on flights or blocks not learned from (the one of fewest coefficients within one standard error, two
+of fewer than five flights). Ctrl-C stops and keeps the best so far."""
 
 _EPILOG = """columns looked for in a CSV file, unless an option names others:
   t [s]; x: vx vy vz [m/s]; label: ax ay az, or label_<x>; g_<x>; f_theta_<x>; inertia_<i> or inertia_<i>_<j>
@@ -66,9 +67,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--form",
         nargs="+",
         choices=_FORMS,
-        default=list(_FORMS),
-        help="N = a_0, or N free (default both)",
+        help="N = a_0, or N free (default both; general alone with a type, zeros or another gain)",
     )
+    _add_structure(parser)
     kinds.add_argument("--method", choices=_METHODS, default="exact", help="discretisation (default exact)")
     kinds.add_argument("--starts", type=int, default=5, metavar="K", help="random starts (default 5)")
     kinds.add_argument("--seed", type=int, default=0, help="of the random starts (default 0)")
@@ -87,6 +88,27 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add_picture_units(output)
     output.add_argument("--quiet", action="store_true", help="no progress bar")
+
+
+def _add_structure(parser: argparse.ArgumentParser) -> None:
+    kinds = parser.add_argument_group("what F is made to be (general form)")
+    kinds.add_argument("--dc-gain", default="1", metavar="G", help='F(0), or "free" (default 1)')
+    kinds.add_argument("--type", type=int, metavar="K", help="zeros of 1 - F at s = 0")
+    kinds.add_argument("--zeros-at", metavar="W,...", help="rad/s at which 1 - F vanishes: what is followed")
+    kinds.add_argument("--blocked-at", metavar="W,...", help="rad/s at which F vanishes: what is not")
+    kinds.add_argument("--poles", metavar="P,...", help="given poles in rad/s, as --poles=-5,-3+2j,-3-2j")
+    kinds.add_argument("--pole-range", metavar="LOW,HIGH", help="magnitude of the other poles in rad/s")
+    kinds.add_argument("--damping", type=float, metavar="Z", help="least damping ratio of the other poles")
+    kinds.add_argument(
+        "--regularisation", type=float, default=0.0, metavar="R", help="pull to the order below"
+    )
+    kinds.add_argument("--label-offset", action="store_true", help="labels may be off by a constant a flight")
+    kinds.add_argument("--delay", type=float, default=0.0, metavar="S", help="known delay of x in s")
+    kinds.add_argument(
+        "--compare-axes",
+        action="store_true",
+        help="one filter for all axes, one each or a matrix: score them",
+    )
 
 
 def main(options: argparse.Namespace) -> int:
@@ -109,7 +131,7 @@ def main(options: argparse.Namespace) -> int:
     )
     groups = {name: [name] for name in channels} if options.per_channel else {"": channels}
     with _Interrupt() as interrupt, warnings.catch_warnings():
-        warnings.filterwarnings("ignore", "the label of", UserWarning)  # it stands among the notes
+        warnings.filterwarnings("ignore", "the label of|flights disagree", UserWarning)  # among the notes
         rows = {name: _learned(options, group, logs, held_out, interrupt) for name, group in groups.items()}
     if not all(rows.values()):
         raise KeyboardInterrupt
@@ -118,6 +140,8 @@ def main(options: argparse.Namespace) -> int:
         k: text for k, group in groups.items() if (text := worse_than_none(logs, held_out, group, best[k]))
     }
     found += [f"{name}: {text}" if name else text for name, text in worse.items()]
+    if options.compare_axes and not options.per_channel and not interrupt.asked:
+        found.append(_axes(options, channels, logs, best[""]))
     if options.json != "-":
         tables = {k: table_of(logs, held_out, group, rows[k], best[k]) for k, group in groups.items()}
         print(text_of(tables), *(f"note: {text}" for text in found), sep="\n")
@@ -128,11 +152,33 @@ def main(options: argparse.Namespace) -> int:
     if options.out is not None:
         if worse:
             raise ValueError(f"{options.out}: not written: {found[-1]}")
-        learned = _sampled(options, [row.result for row in best.values()])
+        learned = _sampled([row.result for row in best.values()])
         filterfile.save(options.out, learned, signals=signals_of(logs))
     if picture is not None:
         _draw(picture, options, best)
     return _STOPPED if interrupt.asked else 0
+
+
+def _axes(options: argparse.Namespace, channels: list[str], logs: list[Recording], best: Row) -> str:
+    """What one filter each, or a matrix, would be worth."""
+    from ..design.learning import learn, learn_axes
+
+    if channels != list(logs[0].channels):
+        raise ValueError(
+            "--compare-axes is of all channels: choose them by --x and --label instead of --channels"
+        )
+    order, structure = best.result.order_used, _structure(options, best.form)
+
+    def learner(some: list[Recording]) -> LearnResult:
+        quick = {"starts": 0, "wiener": False, "cross_validate": False, "intervals": False}
+        return learn(some, order, form=best.form, method=options.method, **structure, **quick)
+
+    found = learn_axes(logs, learner)
+    scores = ", ".join(f"{kind} {score.held_out_rmse:.4g}" for kind, score in found.scores.items())
+    advice = {"shared": "as it is", "each": "learn with --per-channel", "coupled": "use pf.learn_axes"}
+    return (
+        f"axes, RMSE on what was not learned from: {scores}; chosen: {found.choice} ({advice[found.choice]})"
+    )
 
 
 def _draw(picture: str, options: argparse.Namespace, best: dict[str, Row]) -> None:
@@ -140,7 +186,7 @@ def _draw(picture: str, options: argparse.Namespace, best: dict[str, Row]) -> No
 
     matplotlib.use("Agg")  # a file is all that is wanted; there may be no display
     if options.per_channel:
-        filters = {name: _sampled(options, [row.result]) for name, row in best.items()}
+        filters = {name: _sampled([row.result]) for name, row in best.items()}
         plot = responses(filters).plot(dB=options.db, Hz=options.hz)
     else:
         plot = best[""].result.plot(dB=options.db, Hz=options.hz)
@@ -175,6 +221,46 @@ def _read(path: str, options: argparse.Namespace) -> Recording:
             "(for vx, vy, vz) or label_<x>"
         )
     return log
+
+
+def _structure(options: argparse.Namespace, form: Form) -> dict[str, Any]:
+    """Options of :func:`learn` on what F is made to be."""
+    found: dict[str, Any] = {
+        "pole_range": None
+        if options.pole_range is None
+        else tuple(_numbers("--pole-range", options.pole_range, float)),
+        "damping": options.damping,
+        "poles": _numbers("--poles", options.poles, complex),
+        "regularisation": options.regularisation,
+        "label_offset": options.label_offset,
+        "delay": options.delay,
+    }
+    if form == "lowpass":
+        return found
+    free = options.dc_gain.strip().lower() in ("free", "none")
+    return found | {
+        "dc_gain": None if free else _numbers("--dc-gain", options.dc_gain, float)[0],
+        "type": options.type,
+        "zeros_at": _numbers("--zeros-at", options.zeros_at, float),
+        "blocked_at": _numbers("--blocked-at", options.blocked_at, float),
+    }
+
+
+def _numbers(option: str, text: str | None, kind: type[_Number]) -> list[_Number]:
+    if text is None:
+        return []
+    try:
+        return [kind(part) for part in text.split(",")]
+    except ValueError:
+        raise ValueError(f"{option}: expected numbers with commas between, got {text!r}") from None
+
+
+def _forms(options: argparse.Namespace) -> tuple[Form, ...]:
+    """The forms asked for; by default both, or the general one where the low-pass form has no such choice."""
+    if options.form is not None:
+        return tuple(dict.fromkeys(options.form))
+    chosen = options.type is not None or options.zeros_at or options.blocked_at
+    return ("general",) if chosen else ("lowpass", "general")
 
 
 # -- learning ---------------------------------------------------------------------------------------------------
@@ -217,7 +303,7 @@ def _learned(
     held_out: list[Recording],
     interrupt: _Interrupt,
 ) -> list[Row]:
-    orders, forms = sorted(set(options.order)), list(dict.fromkeys(options.form))
+    orders, forms = sorted(set(options.order)), _forms(options)
     rows: list[Row] = []
     # disable=None: off where standard error is not a terminal.
     with tqdm(
@@ -264,6 +350,8 @@ def _row(
             g=options.g_rule,
             f_theta=options.f_theta_rule,
             callback=report,
+            cross_validate=True if len(logs) > 1 else None,
+            **_structure(options, form),
         )
     except ValueError:
         if interrupt.asked:  # before anything was found
@@ -272,10 +360,6 @@ def _row(
     return Row(order, form, result)
 
 
-def _sampled(options: argparse.Namespace, results: Sequence[LearnResult]) -> SampledPhyFilter:
-    g: Rule = options.g_rule
-    f_theta: Rule = options.f_theta_rule
-    # Twelve digits: times of a recording rarely give the interval to the last bit, and people read the file.
-    dt = float(f"{results[0].dt:.12g}")
-    parts = [each.filter.sampled(dt, each.method, g=g, f_theta=f_theta) for each in results]
+def _sampled(results: Sequence[LearnResult]) -> SampledPhyFilter:
+    parts = [result.sampled() for result in results]
     return parts[0] if len(parts) == 1 else stack(parts)

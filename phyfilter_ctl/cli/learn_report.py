@@ -16,7 +16,8 @@ if TYPE_CHECKING:
 
 __all__ = ["Row", "best_of", "figures_of", "form_name", "table_of", "worse_than_none"]
 
-# A filter of more coefficients is chosen where it lowers the RMSE by more than this share.
+# A filter of more coefficients is chosen where it lowers the RMSE by more than this share, and by more than a standard
+# error where only the flights learned from are there to score on.
 _WORTHWHILE = 1e-3
 
 
@@ -42,15 +43,74 @@ class Row:
 
 
 def best_of(rows: Sequence[Row]) -> Row:
-    """Of the filters that score as well as any, the one of fewest coefficients; F(0) identified, where any is."""
+    """Of the filters that score as well as any, the one of fewest coefficients; F identified, where any is."""
     rows = [row for row in rows if row.result.is_identified] or rows
     scores = {id(row): row.score for row in rows}
     if all(score is None for score in scores.values()):  # stopped before the first was scored
         scores = {id(row): row.result.rmse for row in rows}
     scored = [(row, score) for row in rows if (score := scores[id(row)]) is not None]
-    least = min(score for _, score in scored)
-    good = [(row, score) for row, score in scored if score <= (1.0 + _WORTHWHILE) * least]
+    top, least = min(scored, key=lambda entry: entry[1])
+    good = [
+        (row, score)
+        for row, score in scored
+        if score <= (1.0 + _WORTHWHILE) * least or _as_good(row.result, top.result)
+    ]
     return min(good, key=lambda entry: (entry[0].size, entry[1]))[0]
+
+
+def _as_good(one: LearnResult, best: LearnResult) -> bool:
+    """Whether a filter is as good as the best on the folds that both were learned without."""
+    from ..design.learning.validation import against
+
+    floors = (one.wiener, best.wiener)
+    if floors[0] is None or floors[1] is None or best.held_out_rmse is not None:
+        return False
+    return against(floors[0].filter_errors, floors[1].filter_errors, floors[1].are_flights)[2]
+
+
+def _reason(rows: Sequence[Row], best: Row) -> str:
+    """Why this one is the best."""
+    if len(rows) < 2 or best.score is None:
+        return ""
+    if best.result.held_out_rmse is not None:
+        return "fewest coefficients within 0.1 % of the least RMSE on the flights held out"
+    floor = best.result.wiener
+    assert floor is not None  # it has a score
+    what = f"{floor.blocks} flights or groups of them" if floor.are_flights else f"{floor.blocks} blocks"
+    errors = "one standard error" if floor.are_flights else "two standard errors (few flights)"
+    return f"fewest coefficients within {errors} of the least RMSE on {what} not learned from"
+
+
+def _known(result: LearnResult) -> list[str]:
+    """The 95 % intervals in words."""
+    found = result.intervals
+    if found is None:
+        return []
+    poles = []
+    for p, (real, imaginary) in zip(found.poles, found.half_widths, strict=True):
+        if p.imag >= 0.0:
+            turn = f" +- {p.imag:.4g}j (+- {imaginary:.2g})" if p.imag else ""
+            poles.append(f"{p.real:.4g} +- {real:.2g}{turn}")
+    (low, high), gain = found.rmse, found.dc_gain
+    at_rest = "F(0) = 1 by construction" if gain == (1.0, 1.0) else f"F(0) {gain[0]:.3g} to {gain[1]:.3g}"
+    return [
+        f"95 % intervals, from {found.kind}: RMSE {low:.4g} to {high:.4g}; {at_rest}",
+        f"  poles in rad/s: {', '.join(poles)}",
+    ]
+
+
+def _flights(logs: Sequence[Recording], result: LearnResult) -> list[str]:
+    """The flights left out one by one."""
+    if not result.flights:
+        return []
+    lines = ["", f"{'flight left out':<24}{'with it':>10}{'left out':>10}{'its own':>10}  (RMSE of the best)"]
+    for score in result.flights:
+        name = logs[score.flight].name or f"flight {score.flight}"
+        marks = "  <- disagrees" if score.disagrees else ""
+        lines.append(
+            f"{name[-23:]:<24}{_cell(score.rmse)}{_cell(score.left_out_rmse)}{_cell(score.own_rmse)}{marks}"
+        )
+    return lines
 
 
 def form_name(form: Form) -> str:
@@ -109,6 +169,7 @@ def table_of(
             "-"
             if floor is None
             else f"{floor.ratio:.3f} ({floor.interval[0]:.3f} to {floor.interval[1]:.3f})"
+            + ("" if floor.is_reliable else " ?")
         )
         used = f", order {result.order_used} used" if result.order_used < row.order else ""
         lines.append(
@@ -116,11 +177,25 @@ def table_of(
             f"{_cell(result.held_out_rmse)}  {ratio:<25}  {result.status}{used}{'  <- best' if row is best else ''}"
         )
     chosen = best.result
-    lines += ["", f"best: order {chosen.order_used}, {form_name(best.form)} form", chosen.filter.describe()]
+    if any(row.result.wiener is not None and not row.result.wiener.is_reliable for row in rows):
+        lines.append(
+            "?: the Wiener filter is no floor here, too little is known of its taps; give longer flights"
+        )
+    reason = _reason(rows, best)
+    lines += [
+        "",
+        f"best: order {chosen.order_used}, {form_name(best.form)} form{': ' + reason if reason else ''}",
+        chosen.filter.describe(),
+        *_known(chosen),
+        *_flights(logs, chosen),
+    ]
     said = [
         row.result.message
         for row in rows
-        if row.result.status is Status.NOT_IDENTIFIED
+        if (
+            row.result.status in (Status.NOT_IDENTIFIED, Status.ORDER_ADDS_NOTHING)
+            and (row.result.status is Status.NOT_IDENTIFIED or row.result.orders)
+        )
         or (row is best and chosen.status is not Status.CONVERGED)
     ]
     lines += [f"note: {text}" for text in (*said, *chosen.notes)]
@@ -149,6 +224,7 @@ def figures_of(
         "f_theta": {"rmse": _alone(logs, channels), "held_out_rmse": _alone(held_out, channels)},
         "filters": [_entry(row) for row in rows],
         "best": rows.index(best),
+        "reason": _reason(rows, best),
         "notes": list(best.result.notes),
         "history": [[e.order, e.start, e.iteration, max(e.cost, 0.0)] for e in best.result.history],
     }
@@ -166,6 +242,9 @@ def _entry(row: Row) -> dict[str, object]:
         "held_out_rmse": result.held_out_rmse,
         "wiener": None if result.wiener is None else _floor(result.wiener),
         "costs": plain(result.costs),
+        "orders": plain(result.orders),
+        "flights": plain(result.flights),
+        "intervals": plain(result.intervals),
         **plain(result.filter),
     }
 
@@ -176,5 +255,6 @@ def _floor(floor: WienerFloor) -> dict[str, object]:
         "filter_rmse": floor.filter_rmse,
         "ratio": floor.ratio,
         "interval": plain(floor.interval),
+        "reliable": floor.is_reliable,
         "taps": len(floor.taps),
     }

@@ -25,6 +25,9 @@ __all__ = ["Asked", "answer"]
 
 # Squared errors below this share of the target's square are rounding.
 _EXACT = 1e-14
+# An order that was asked for is not returned where it errs by more than this, relative, beyond a lower one on what it
+# was not learned from.
+_WORSE = 0.01
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,18 +66,7 @@ def answer(
                 flights = by_flight(asked.flights, search, search.best[used], lags, offset=asked.offset)
             floor = wiener_floor(folds, errors[used]) if asked.wiener else None
     best = search.best[used]
-    status = Status.CANCELLED if cancelled else verdict.status_of(best, used, max(asked.orders), search)
-    message = verdict.message_of(status, used, max(asked.orders), search)
-    if (
-        orders
-        and not cancelled
-        and status is not Status.NOT_IDENTIFIED
-        and (rejected or len(asked.orders) > 1)
-    ):
-        status = Status.ORDER_ADDS_NOTHING if rejected else verdict.status_of(best, used, used, search)
-        message = verdict.by_folds(orders, used, max(candidates), rejected)
-        if status not in (Status.CONVERGED, Status.ORDER_ADDS_NOTHING):
-            message += "; " + verdict.message_of(status, used, used, search)
+    status, message = _judged(search, asked, used, orders, rejected, cancelled)
     filter = search.filter(best)
     return LearnResult(
         filter=filter,
@@ -114,13 +106,33 @@ def _candidates(search: Search, asked: Asked, cancelled: bool) -> list[int]:
     return found or [min(wanted)]
 
 
+def _judged(
+    search: Search, asked: Asked, used: int, orders: Sequence[OrderScore], rejected: bool, cancelled: bool
+) -> tuple[Status, str]:
+    """How it ended, and in words."""
+    top = max(asked.orders)
+    if cancelled:
+        return Status.CANCELLED, verdict.message_of(Status.CANCELLED, used, top, search)
+    if len(asked.orders) > 1 and orders:
+        status = verdict.status_of(search.best[used], used, used, search)
+        message = verdict.by_folds(orders, used, used, False)
+        if status is not Status.CONVERGED:
+            message += "; " + verdict.message_of(status, used, used, search)
+        return status, message
+    status = verdict.status_of(search.best[used], used, top, search)
+    if rejected and status is Status.ORDER_ADDS_NOTHING:
+        return status, verdict.by_folds(orders, used, max(score.order for score in orders), True)
+    return status, verdict.message_of(status, used, top, search)
+
+
 def _chosen(orders: Sequence[OrderScore], candidates: Sequence[int], asked: Asked) -> tuple[int, bool]:
     """The order that is returned, and whether the one asked for was rejected."""
     lowest = chosen_order(orders, candidates)
     if len(asked.orders) > 1:
         return lowest, False
-    top = next(score for score in orders if score.order == max(candidates))
-    return (top.order, False) if top.is_good else (lowest, True)
+    top = max(orders, key=lambda score: score.order)
+    supported = top.held_out_rmse <= (1.0 + _WORSE) * min(score.held_out_rmse for score in orders)
+    return (top.order, False) if supported else (lowest, lowest < top.order)
 
 
 def _lags(search: Search, orders: Sequence[int]) -> float:

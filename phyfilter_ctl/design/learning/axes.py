@@ -19,6 +19,7 @@ from scipy import linalg
 from ..._sections import FloatArray
 from ...filter import FilterBank, PhyFilter, SampledPhyFilter, stack
 from ...recording import Recording
+from ...recording.checks import inertia_varies
 from ...results import Result
 from .result import LearnResult
 from .validation import corrected_error
@@ -158,10 +159,13 @@ def _in_units_of_f(log: Recording, i: int) -> Recording:
     x = log.x
     if log.inertia is not None:
         M = np.asarray(log.inertia)
-        if M.ndim > 2 or (M.ndim == 2 and M.shape != (log.n_x, log.n_x)):
-            raise ValueError(
-                f"log {i}: an inertia that varies cannot be carried into other coordinates; learn axis by axis"
-            )
+        if inertia_varies(M, log.n):
+            if not np.array_equal(M, np.broadcast_to(M[0], M.shape)):
+                raise ValueError(
+                    f"log {i}: an inertia that varies cannot be carried into other coordinates; learn axis by axis, "
+                    "by learn(..., channels=[name])"
+                )
+            M = M[0]
         x = x @ M.T if M.ndim == 2 else x * M
     return Recording(log.times, x, g=log.g, f_theta=log.f_theta, label=log.label, channels=log.channels)
 

@@ -140,8 +140,8 @@ def learn(
     cross_validate : bool, optional
         Whether to score every order on folds it was not learned from, whole flights where there are five at least:
         ``result.orders``, ``result.flights``. None does where it decides: several orders asked for, or fewer than 200
-        samples a coefficient. An order that is worse than a lower one by more than one standard error of their
-        difference (two, from blocks of few flights) is not returned.
+        samples a coefficient. A single order whose RMSE there is more than 1 % above that of a lower one is not
+        returned; the lowest good one is.
     intervals : bool
         Whether to find standard errors.
     callback : callable, optional

@@ -20,6 +20,7 @@ from .wiener import log_ratio
 __all__ = [
     "FlightScore",
     "OrderScore",
+    "against",
     "by_flight",
     "chosen_order",
     "corrected_error",
@@ -132,16 +133,15 @@ def refitted(search: Search, data: Data, n: int, starts: Sequence[FloatArray]) -
 
 def scores_of(folds: Folds, search: Search, errors: Mapping[int, FloatArray]) -> tuple[OrderScore, ...]:
     """The table by order."""
-    reach = 1.0 if folds.are_flights else _BLOCKS_REACH
     negligible = _EXACT * search.fine.energy / search.fine.weight * folds.weights
     floored = {n: np.maximum(entry, negligible) for n, entry in errors.items()}
     least = min(floored.values(), key=lambda entry: float(np.sum(entry)))
     found = []
     for n, entry in sorted(floored.items()):
-        ratio, error = corrected_error(entry, least)
+        ratio, error, good = against(entry, least, folds.are_flights)
         held_out = float(np.sqrt(np.sum(entry) / np.sum(folds.weights)))
         rmse = float(np.sqrt(max(search.best[n].cost, 0.0)))
-        found.append(OrderScore(n, rmse, held_out, ratio, error, bool(np.log(ratio) <= reach * error)))
+        found.append(OrderScore(n, rmse, held_out, ratio, error, good))
     return tuple(found)
 
 
@@ -151,6 +151,13 @@ def corrected_error(errors: FloatArray, least: FloatArray) -> tuple[float, float
     ratio, spread = log_ratio(errors, least)
     k = len(errors)
     return float(np.exp(ratio)), float(np.sqrt(1.0 + k / max(k - 1.0, 1.0)) * spread)
+
+
+def against(errors: FloatArray, least: FloatArray, are_flights: bool) -> tuple[float, float, bool]:
+    """:func:`corrected_error`, and whether the first is as good as the other: within one standard error, or two where
+    folds are blocks of few flights."""
+    ratio, error = corrected_error(errors, least)
+    return ratio, error, bool(np.log(ratio) <= (1.0 if are_flights else _BLOCKS_REACH) * error)
 
 
 def chosen_order(scores: Sequence[OrderScore], orders: Sequence[int]) -> int:

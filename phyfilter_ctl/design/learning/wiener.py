@@ -57,6 +57,10 @@ class WienerFloor(Result):
         Number of blocks.
     overfit : float
         RMSE of the Wiener filter on held-out blocks over that on the blocks it was fitted on.
+    filter_errors : (blocks,) array
+        Weighted sum of squared errors of the filter on each held-out block.
+    are_flights : bool
+        Whether the blocks are whole flights.
     """
 
     taps: FloatArray = field(repr=False)
@@ -67,6 +71,8 @@ class WienerFloor(Result):
     interval: tuple[float, float]
     blocks: int
     overfit: float
+    filter_errors: FloatArray = field(repr=False)
+    are_flights: bool
 
     @property
     def is_reliable(self) -> bool:
@@ -97,7 +103,18 @@ def wiener_floor(folds: Folds, ours: FloatArray) -> WienerFloor:
     floor, mine = np.sqrt(np.sum(floors) / total), np.sqrt(np.sum(ours) / total)
     dt = folds.groups[0].without(None)[0].dt
     overfit = float(np.sqrt(np.sum(floors) / max(fitted, np.finfo(float).tiny)))
-    return WienerFloor(responses[0], dt, float(floor), float(mine), ratio, interval, folds.count, overfit)
+    return WienerFloor(
+        responses[0],
+        dt,
+        float(floor),
+        float(mine),
+        ratio,
+        interval,
+        folds.count,
+        overfit,
+        ours,
+        folds.are_flights,
+    )
 
 
 def _best_response(folds: Folds, group: Group) -> tuple[FloatArray, FloatArray]:
