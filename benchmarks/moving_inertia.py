@@ -28,6 +28,8 @@ from phyfilter_ctl.analysis import InertiaCertificate, InertiaMotion
 Floats = NDArray[np.float64]
 
 MISSED: list[str] = []
+# Products of states beyond which a degree takes minutes.
+_MOST_PRODUCTS = 100
 PROVEN, REFUTED = pf.Status.PROVEN, pf.Status.REFUTED
 
 
@@ -152,9 +154,12 @@ def ranges(quick: bool) -> None:
             top = min(constant, 30.0)
             proven = [1.0]
             for degree in degrees:
+                if n ** (degree // 2) > _MOST_PRODUCTS:
+                    continue
                 proven.append(top if n == 1 else largest(proves(filter, degree), proven[-1], top, steps))
             none = largest(survives(filter), 1.0, top, 12)
             cells = "".join(f"{r:>9.3f}{'+' if r >= top else ' '}" for r in proven[1:])
+            cells += f"{'':10}" * (len(degrees) + 1 - len(proven))
             name = f"n = {n}, {'type n' if full else 'low-pass'}"
             print(
                 f"  {name:16}{constant:>9.3g}{cells}{none:>9.3f}{none / proven[-1]:>9.2f}"

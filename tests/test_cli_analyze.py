@@ -56,6 +56,20 @@ def test_page_of_a_continuous_filter(continuous, tmp_path, capsys):
     assert picture.stat().st_size > 10_000
 
 
+def test_page_says_whether_the_inertia_may_move(continuous, capsys):
+    assert main(["analyze", continuous, "--inertia-ratio", "0.1", "20"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    constant, moving = (
+        next(line for line in lines if words in line) for words in ("constant M", "any speed")
+    )
+    assert "proven for M_hat/M from 0.1 to 20; stable for every constant M" in constant
+    assert "refuted" in moving
+    assert "times as large after each period" in moving
+    assert main(["analyze", continuous, "--inertia-ratio", "0.5", "2", "--json", "-"]) == 0
+    found = json.loads(capsys.readouterr().out)["moving_inertia"]["M of any speed"]
+    assert (found["status"], found["method"]) == ("proven", "common quadratic")
+
+
 def test_page_of_a_sampled_filter(sampled, capsys):
     assert main(["analyze", sampled, "--residual", "0=4", "1=12", "--noise", "0.01"]) == 0
     text = capsys.readouterr().out

@@ -20,7 +20,14 @@ from .frequencies import add_picture_units
 
 if TYPE_CHECKING:
     from .._sections import FloatArray
-    from ..analysis import BoundResult, FilterResponse, Implementation, LoopMargin, PriorMargin
+    from ..analysis import (
+        BoundResult,
+        FilterResponse,
+        Implementation,
+        InertiaCertificate,
+        LoopMargin,
+        PriorMargin,
+    )
     from ..design.optimal import ResidualStatistics
 
 __all__ = ["add_arguments", "main"]
@@ -81,6 +88,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     loop.add_argument("--delay", type=float, default=0.0, metavar="S", help="delay of the command in s")
     loop.add_argument("--kp", type=float, metavar="K", help="outer gain on position per unit inertia, 1/s^2")
     loop.add_argument("--kd", type=float, metavar="K", help="outer gain on velocity per unit inertia, 1/s")
+    loop.add_argument(
+        "--inertia-ratio",
+        nargs=2,
+        type=float,
+        metavar=("LOW", "HIGH"),
+        help="whether M_hat/M may be anywhere in between, constant and moving at any speed",
+    )
     output = parser.add_argument_group("output")
     output.add_argument(
         "--json",
@@ -127,6 +141,7 @@ class _Page:
     deviation: float | None
     inner: PriorMargin
     outer: LoopMargin | None
+    inertia: dict[str, InertiaCertificate]
 
     def figures(self, statistics: ResidualStatistics | None) -> dict[str, object]:
         """What the JSON holds."""
@@ -141,13 +156,14 @@ class _Page:
             "noise_deviation": self.deviation,
             "inner_loop": self.inner,
             "complete_loop": self.outer,
+            "moving_inertia": self.inertia or None,
         }
 
 
 def _page(
     response: FilterResponse, residual: dict[int, float], noise: float, options: argparse.Namespace
 ) -> _Page:
-    from ..analysis import error_variance, loop_margin, prior_margin, ultimate_bound
+    from ..analysis import error_variance, loop_margin, moving_inertia, prior_margin, ultimate_bound
 
     system = response.system
     bound = None
@@ -166,11 +182,18 @@ def _page(
         deviation = math.sqrt(error_variance(system, noise=noise).noise)
     actuator = None if options.lag is None else ct.tf([1.0], [options.lag, 1.0])
     inner = prior_margin(system, actuator=actuator, delay=options.delay)
+    inertia = {}
+    if options.inertia_ratio is not None:
+        loop = {"ratios": options.inertia_ratio, "actuator": actuator, "delay": options.delay}
+        inertia = {
+            "constant M": moving_inertia(system, **loop, rate=0.0),
+            "M of any speed": moving_inertia(system, **loop),
+        }
     outer = None
     if options.kp is not None or options.kd is not None:
         kp, kd = options.kp or 0.0, options.kd or 0.0
         outer = loop_margin(system, kp=kp, kd=kd, actuator=actuator, delay=options.delay)
-    return _Page(response, bound, deviation, inner, outer)
+    return _Page(response, bound, deviation, inner, outer, inertia)
 
 
 def _draw(pages: list[_Page], options: argparse.Namespace) -> None:
@@ -292,6 +315,9 @@ def _text(page: _Page, statistics: ResidualStatistics | None) -> str:
     if page.deviation is not None:
         lines.append(_line("noise of f_hat", f"{page.deviation:.4g} (standard deviation)"))
     lines += ["", "inner loop: f_hat fed back", *("  " + line for line in page.inner.describe().splitlines())]
+    for name, found in page.inertia.items():
+        low, high = found.ratios
+        lines.append(_line(name, f"{found.status} for M_hat/M from {low:.4g} to {high:.4g}; {found.message}"))
     if page.outer is not None:
         lines += [
             "",

@@ -21,8 +21,8 @@ _VARIED = (0.3, 0.1, 0.03, 0.01)
 _RAMP = 64
 # Longest search in the sampled loop, in steps at one value.
 _MOST_STEPS = 2000
-# Growth below this share in a period may come from the pieces of the ramps.
-_GROWS = 1e-3
+# Growth below this share in a period may be rounding, or with ramps come from their pieces.
+_GROWS, _GROWS_RAMPED = 1e-6, 1e-3
 # Vertices between which pairs are tried.
 _MOST_VERTICES = 8
 
@@ -86,8 +86,8 @@ def worst_motion(opening: Opening, low: float, high: float, rate: float | None) 
                     [_flows(opening, each, np.array([duration / len(values)]))[0] for each in steps]
                 )
             ramps = [_product(steps[::-1]), _product(steps)]
-        found = _best_times(opening, matrices, ramps)
-        if found is None:
+        found = _best_times(opening, matrices, ramps, 2.0 * duration)
+        if found is None or (rate is not None and found[1] < 1.0 + _GROWS_RAMPED):
             continue
         (t1, t2), growth = found
         pieces = [(t1, a, a), (duration, a, b), (t2, b, b), (duration, b, a)]
@@ -104,7 +104,7 @@ def worst_switching(opening: Opening, mixtures: Sequence[FloatArray]) -> Inertia
     slowest = sorted(range(len(mixtures)), key=lambda j: -opening.growth(opening.closed(mixtures[j])))
     unit = [np.eye(len(opening.A))] * 2
     for i, j in combinations(sorted(slowest[:_MOST_VERTICES]), 2):
-        found = _best_times(opening, [opening.closed(mixtures[k]) for k in (i, j)], unit, _COARSE)
+        found = _best_times(opening, [opening.closed(mixtures[k]) for k in (i, j)], unit, count=_COARSE)
         if found is not None:
             (t1, t2), growth = found
             return InertiaMotion(
@@ -154,30 +154,40 @@ def _flows(opening: Opening, matrix: FloatArray, times: FloatArray) -> FloatArra
 
 
 def _best_times(
-    opening: Opening, matrices: Sequence[FloatArray], ramps: Sequence[FloatArray], count: int = _TIMES
+    opening: Opening,
+    matrices: Sequence[FloatArray],
+    ramps: Sequence[FloatArray],
+    between: float = 0.0,
+    count: int = _TIMES,
 ) -> tuple[tuple[float, float], float] | None:
-    """Times at the two values with the fastest growth, and the growth in a period; None where nothing grows."""
+    """Times at the two values with the fastest growth, and the growth in a period; None where nothing grows.
 
-    def sizes(first: FloatArray, second: FloatArray) -> FloatArray:
-        """Spectral radius over a period for each pair of times."""
+    ``between``: seconds that the ramps take. Growth is per second: in no time at all nothing shrinks either.
+    """
+
+    def rates(first: FloatArray, second: FloatArray) -> FloatArray:
+        """Growth for each pair of times."""
         flows = (
             _flows(opening, matrix, time) for matrix, time in zip(matrices, (first, second), strict=True)
         )
         begin, end = (ramp @ flow for ramp, flow in zip(ramps, flows, strict=True))
-        return np.abs(np.linalg.eigvals(end[:, None] @ begin[None])).max(axis=-1)
+        size = np.abs(np.linalg.eigvals(end[:, None] @ begin[None])).max(axis=-1)
+        period = first + second[:, None] + between
+        return np.where(period > 0.0, np.log(np.maximum(size, 1e-300)) / np.maximum(period, 1e-300), -np.inf)
 
     first = second = _candidates(opening, matrices, count)
-    best, where = 0.0, (0.0, 0.0)
+    best, where = -np.inf, (0.0, 0.0)
     for share in (0.0, *_VARIED):
         for _ in range(20 if share else 1):
             if share:
                 first, second = (_near(opening, value, share) for value in where)
-            size = sizes(first, second)
-            j, i = np.unravel_index(int(np.argmax(size)), size.shape)
-            if not size[j, i] > best:
+            rate = rates(first, second)
+            j, i = np.unravel_index(int(np.argmax(rate)), rate.shape)
+            if not rate[j, i] > best:
                 break
-            best, where = float(size[j, i]), (float(first[i]), float(second[j]))
-    return (where, best) if best > 1.0 + _GROWS and sum(where) > 0.0 else None
+            best, where = float(rate[j, i]), (float(first[i]), float(second[j]))
+    growth = float(np.exp(best * (sum(where) + between)))
+    return (where, growth) if growth > 1.0 + _GROWS else None
 
 
 def _near(opening: Opening, time: float, share: float) -> FloatArray:

@@ -61,6 +61,18 @@ class InertiaCertificate(Result):
     message : str
     """
 
+    _figures = (
+        "status",
+        "method",
+        "ratios",
+        "rate",
+        "lyapunov",
+        "knots",
+        "motion",
+        "assumptions",
+        "message",
+    )
+
     status: Status
     method: str
     ratios: FloatArray
@@ -204,7 +216,7 @@ def moving_inertia(
     <Status.PROVEN: 'proven'>
     >>> lost = moving_inertia(filter, ratios=(1 / 8, 8.0))
     >>> print(lost.message)
-    diverges: 91.5 ms at 0.125, 63.9 ms at 8, and so on; 1.3 times as large after each period
+    diverges: 67.1 ms at 0.125, 66 ms at 8, and so on; 1.28 times as large after each period
     """
     question = _checked(filter, ratios, vertices, M_hat, rate, degree, actuator, delay, dt)
     for attempt in (_constant, _small_gain, _rate_bounded, _higher_degree, _coupled, _diverging):
