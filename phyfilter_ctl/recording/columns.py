@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import EllipsisType
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -17,6 +18,15 @@ from .csvfile import CsvFile, open_csv
 
 VELOCITIES = ("vx", "vy", "vz")
 _ACCELERATIONS = ("ax", "ay", "az")
+
+
+class Header(Protocol):
+    """A file with named columns."""
+
+    @property
+    def path(self) -> Path: ...
+    @property
+    def header(self) -> tuple[str, ...]: ...
 
 
 @dataclass(frozen=True)
@@ -69,6 +79,27 @@ def read_log(
         For each further signal its columns, None to leave it out, ``...`` for the default ones where the file has
         them.
     """
+    file = open_csv(path, delimiter)
+    x, wanted = wanted_columns(file, time=time, x=x, signals=signals)
+    names = tuple(dict.fromkeys(name for columns in wanted.values() for name in columns))
+    table = _scaled(file, names, file.read(names), scale)
+    if time is not None and time not in scale:
+        _refuse_ticks(file, time, table[:, names.index(time)])
+    _check(file, names, table, time)
+    values = {key: table[:, [names.index(name) for name in columns]] for key, columns in wanted.items()}
+    if "time" in values:
+        values["time"] = values["time"][:, 0]
+    return LogColumns(x, with_inertia(values))
+
+
+def wanted_columns(
+    file: Header,
+    *,
+    time: str | None,
+    x: Sequence[str],
+    signals: Mapping[str, Sequence[str] | EllipsisType | None],
+) -> tuple[tuple[str, ...], dict[str, tuple[str, ...]]]:
+    """Columns of x, and columns by signal, as :func:`read_log` takes them; every one of them is there."""
     x = _names("x", x)
     given = {
         key: _names(key, value)
@@ -81,26 +112,22 @@ def read_log(
             raise ValueError(
                 f"{key}: expected {' or '.join(map(str, expected))} columns for the {len(x)} of x, got {len(names)}"
             )
-    file = open_csv(path, delimiter)
     wanted = {**({} if time is None else {"time": (time,)}), "x": x, **given}
     _refuse_missing(file, wanted)
     for key, value in signals.items():
         if isinstance(value, EllipsisType) and (found := _found_defaults(file, key, x)):
             wanted[key] = found
-    names = tuple(dict.fromkeys(name for columns in wanted.values() for name in columns))
-    table = _scaled(file, names, file.read(names), scale)
-    if time is not None and time not in scale:
-        _refuse_ticks(file, time, table[:, names.index(time)])
-    _check(file, names, table, time)
-    values = {key: table[:, [names.index(name) for name in columns]] for key, columns in wanted.items()}
-    if "time" in values:
-        values["time"] = values["time"][:, 0]
-    if "inertia" in values:
-        n, n_x = values["x"].shape
-        rows = values["inertia"]
-        full = rows.reshape(n, n_x, n_x) if rows.shape[1] == n_x * n_x else rows
-        values["inertia"] = checks.full_inertia(full, n, n_x, varies=True)
-    return LogColumns(x, values)
+    return x, wanted
+
+
+def with_inertia(values: dict[str, FloatArray]) -> dict[str, FloatArray]:
+    """Signals with the columns of M as matrices, where there are any."""
+    if "inertia" not in values:
+        return values
+    n, n_x = values["x"].shape
+    rows = values["inertia"]
+    full = rows.reshape(n, n_x, n_x) if rows.shape[1] == n_x * n_x else rows
+    return {**values, "inertia": checks.full_inertia(full, n, n_x, varies=True)}
 
 
 def _names(option: str, names: Sequence[str]) -> tuple[str, ...]:
@@ -113,18 +140,22 @@ def _names(option: str, names: Sequence[str]) -> tuple[str, ...]:
     return names
 
 
-def _refuse_missing(file: CsvFile, wanted: Mapping[str, Sequence[str]]) -> None:
+def _refuse_missing(file: Header, wanted: Mapping[str, Sequence[str]]) -> None:
     missing = [
         f"{name!r} ({key})" for key, names in wanted.items() for name in names if name not in file.header
     ]
     if missing:
         raise ValueError(
-            f"{file.path}: no column {', '.join(missing)}; line {file.header_line} has {', '.join(file.header)}; name "
+            f"{file.path}: no column {', '.join(missing)}; {_place(file)} {', '.join(file.header)}; name "
             "the columns by the options time=, x=, ... or check the delimiter"
         )
 
 
-def _found_defaults(file: CsvFile, signal: str, x: tuple[str, ...]) -> tuple[str, ...]:
+def _place(file: Header) -> str:
+    return f"line {file.header_line} has" if isinstance(file, CsvFile) else "it has"
+
+
+def _found_defaults(file: Header, signal: str, x: tuple[str, ...]) -> tuple[str, ...]:
     """The default columns of a signal if the file has them; some without the others are a mistake."""
     widths = {"features": (len(file.header),), "inertia": (len(x), len(x) ** 2)}.get(signal, (len(x),))
     for width in widths:

@@ -12,7 +12,7 @@ from test_learning import random_filter
 from phyfilter_ctl import PhyFilter, Recording
 from phyfilter_ctl.cli.learn_report import Row, best_of
 from phyfilter_ctl.design.learning import learn, levenberg
-from phyfilter_ctl.design.learning.label_check import label_faults
+from phyfilter_ctl.design.learning.label_check import label_faults, label_sums
 from phyfilter_ctl.design.learning.parametrisation import Chain
 from phyfilter_ctl.design.learning.residuals import flights_of
 from phyfilter_ctl.design.learning.search import Search
@@ -169,7 +169,7 @@ def test_a_label_that_is_not_f_is_warned_of(fault):
 def test_a_sound_label_raises_no_alarm(case):
     for seed in range(0, 20, 2):
         flights = [flight(seed, **SOUND[case]), flight(seed + 1, seconds=3.0, **SOUND[case])]
-        assert label_faults(flights_of(flights), ("vx", "vz")) == []
+        assert label_faults([*map(label_sums, flights_of(flights))], ("vx", "vz")) == []
 
 
 def test_a_stretch_of_no_weight_is_not_looked_at():
@@ -178,8 +178,8 @@ def test_a_stretch_of_no_weight_is_not_looked_at():
     label[:800] += log.g[:800]
     weights[:800] = 0.0
     log = log.with_signals(label=label)
-    assert label_faults(flights_of([log], weights=[weights]), ("vx", "vz")) == []
-    assert len(label_faults(flights_of([log]), ("vx", "vz"))) == 1
+    assert label_faults([*map(label_sums, flights_of([log], weights=[weights]))], ("vx", "vz")) == []
+    assert len(label_faults([*map(label_sums, flights_of([log]))], ("vx", "vz"))) == 1
 
 
 def test_without_g_the_result_says_what_is_taken_as_f():

@@ -1,12 +1,13 @@
 """Learning a filter from flights whose true f is known.
 
-``learn_filter`` is the front, ``answer`` makes of the search (in words: ``verdict``) the ``result`` that is returned;
-``search`` goes from order to order and start to start, ``levenberg`` descends, ``sensitivity`` gives exact derivatives
-in the ``parametrisation`` that is always Hurwitz, or in ``coordinates`` within limits; ``structure`` is what F keeps by
-construction, ``shrinkage`` the pull towards a lower order. Flights come in as ``residuals``, whole (``samples``) or
-reduced to correlations (``correlation``, ``sources``, ``offsets`` of labels); ``label_check`` doubts their labels.
-``folds``, ``validation`` and ``intervals`` say how far the answer holds; ``wiener`` is the floor,
-``axes`` chooses among one filter for all axes, one each and a matrix.
+``learn_filter`` is the front, ``answer`` what is made of the search (``verdict``: in words), ``result`` what it
+returns; ``search`` goes from order to order and start to start, ``levenberg`` descends, ``sensitivity`` gives exact
+derivatives in the ``parametrisation`` that is always Hurwitz, or in ``coordinates`` within limits; ``structure`` is
+what F keeps by construction, ``shrinkage`` the pull towards a lower order. Flights come in by ``reading`` as
+``residuals``, in memory or ``stored`` where they are, whole (``samples``) or reduced to correlations (``correlation``,
+``sources``, ``offsets`` of labels); ``label_check`` doubts their labels. ``folds``, ``validation`` and ``intervals``
+say how far the answer holds; ``wiener`` is the floor, ``axes`` chooses among one filter for all axes,
+one each and a matrix.
 """
 
 from .axes import AxesResult, AxesScore, learn_axes

@@ -4,17 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ...filter import PhyFilter, Sampling
+from ...filter.sampling import Method
 from ...results import Status
 from . import verdict
 from .correlation import memory
 from .folds import Folds
 from .intervals import intervals_of
-from .residuals import Flight
+from .residuals import Flight, each
 from .result import LearnEvent, LearnResult, is_identified
 from .samples import response
 from .search import Search
@@ -43,6 +45,7 @@ class Asked:
     wiener: bool
     validate: bool
     intervals: bool
+    skipped: tuple[tuple[str, str], ...]
 
 
 def answer(
@@ -77,6 +80,7 @@ def answer(
         status=status,
         message=message,
         notes=(*notes, *verdict.disagreement(flights)),
+        skipped=asked.skipped,
         history=events,
         costs={n: max(entry.cost, 0.0) for n, entry in sorted(search.best.items())},
         wiener=floor,
@@ -142,8 +146,10 @@ def _lags(search: Search, orders: Sequence[int]) -> float:
 
 
 def _rmse(filter: PhyFilter, flights: Sequence[Flight], search: Search, offset: bool) -> float:
-    squares = 0.0
-    for flight in flights:
-        errors = flight.target - response(filter, flight, search.method)
-        squares += float(np.sum((errors - np.mean(errors, axis=0) if offset else errors) ** 2))
+    squares = sum(each(partial(_squares, filter=filter, method=search.method, offset=offset), flights))
     return float(np.sqrt(squares / sum(flight.samples for flight in flights)))
+
+
+def _squares(flight: Flight, filter: PhyFilter, method: Method, offset: bool) -> float:
+    errors = flight.target - response(filter, flight, method)
+    return float(np.sum((errors - np.mean(errors, axis=0) if offset else errors) ** 2))

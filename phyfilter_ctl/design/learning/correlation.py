@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 from scipy import fft
@@ -23,7 +23,7 @@ from scipy import fft
 from ..._sections import FloatArray, multiply
 from ...filter.recursion import transition
 from ...filter.sampling import Method
-from .residuals import Flight
+from .residuals import Flight, each
 
 # Lags kept at most, and the longest piece transformed at once: bounds the memory for any record.
 MOST_LAGS = 1 << 20
@@ -46,7 +46,7 @@ class Stretch:
 
     @property
     def samples(self) -> int:
-        return (self.last - self.first) * self.flight.u.shape[1]
+        return (self.last - self.first) * (self.flight.samples // self.flight.length)
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,6 +62,9 @@ class Correlations:
         r with r_0 halved, and c, weighted and summed over stretches and channels.
     energy, weight : float
         sum w gamma*^2 and sum w.
+    rough : bool
+        Good enough for trials: flights that are not in memory are taken to have begun where what was kept of their
+        ends begins. Otherwise they are read again where the filter remembers more.
     """
 
     stretches: tuple[Stretch, ...]
@@ -70,20 +73,35 @@ class Correlations:
     sequences: FloatArray
     energy: float
     weight: float
+    rough: bool = False
 
     @classmethod
-    def of(cls, stretches: Sequence[Stretch], method: Method, lags: int = MOST_LAGS) -> Correlations:
+    def of(
+        cls, stretches: Sequence[Stretch], method: Method, lags: int = MOST_LAGS, *, rough: bool = False
+    ) -> Correlations:
         """Correlate stretches whose flights have one step; at most ``lags`` of them."""
         lags = min(lags, max(part.last for part in stretches))
         sequences, energy = np.zeros((2, lags)), 0.0
-        for part in stretches:
-            sequences += part.weight * correlations(part, lags)
-            energy += part.weight * float(np.sum(part.flight.target[part.first : part.last] ** 2))
+        for part, (own, squares) in zip(stretches, each(partial(reduced, lags=lags), stretches), strict=True):
+            sequences += part.weight * own
+            energy += part.weight * squares
+        return cls.summed(stretches, method, sequences, energy, rough)
+
+    @classmethod
+    def summed(
+        cls,
+        stretches: Sequence[Stretch],
+        method: Method,
+        sequences: FloatArray,
+        energy: float,
+        rough: bool = False,
+    ) -> Correlations:
+        """Of stretches whose correlations and squares are summed up already."""
         sequences[0, 0] *= 0.5
         samples = sum(part.samples for part in stretches)
         dt = sum(part.flight.dt * part.samples for part in stretches) / samples
         weight = sum(part.weight * part.samples for part in stretches)
-        return cls(tuple(stretches), dt, method, sequences, energy, weight)
+        return cls(tuple(stretches), dt, method, sequences, energy, weight, rough)
 
     @classmethod
     def joined(cls, parts: Sequence[Correlations]) -> Correlations:
@@ -95,6 +113,7 @@ class Correlations:
             np.sum([part.sequences for part in parts], axis=0),
             sum(part.energy for part in parts),
             sum(part.weight for part in parts),
+            any(part.rough for part in parts),
         )
 
     def moments(self, doubled: FloatArray) -> tuple[FloatArray, FloatArray] | None:
@@ -111,25 +130,37 @@ class Correlations:
         q, m = powers.total(self.sequences[:, :lags])
         half = np.outer(q, beta)
         drive = half + half.T
-        for jump, past in self._ends:
-            states = powers.total(past[:, :lags]) @ E.T
-            drive += jump * (states.T @ states)
+        far: list[Stretch] = []
+        for part in self._ends:
+            past, complete = part.flight.before(part.last)
+            if lags <= past.shape[1] or complete or self.rough:
+                states = powers.total(past[:, :lags]) @ E.T
+                drive += part.weight * (states.T @ states)
+            else:
+                far.append(part)
+        for part, states in zip(far, each(partial(_end_states, E=E, beta=beta, lags=lags), far), strict=True):
+            drive += part.weight * (states.T @ states)
         return _accumulated(E, drive, remembered), m
 
     @cached_property
-    def _ends(self) -> list[tuple[float, FloatArray]]:
-        """Where the weight jumps: the jump, and u (K, l) from there backwards."""
+    def _ends(self) -> list[Stretch]:
+        """Where the weight jumps: the flights from their beginning to there, and the jumps as their weights."""
         jumps: dict[tuple[int, int], float] = {}
         flights = {id(part.flight): part.flight for part in self.stretches}
         for part in self.stretches:
             for place, jump in ((part.first, part.weight), (part.last, -part.weight)):
                 key = (id(part.flight), place)
                 jumps[key] = jumps.get(key, 0.0) + jump
-        found = []
-        for (key, place), jump in jumps.items():
-            if jump and place:  # at the beginning of a record the state is 0
-                found.append((jump, flights[key].u[:place].T[:, ::-1]))
-        return found
+        # At the beginning of a record the state is 0.
+        return [
+            Stretch(flights[key], 0, place, jump) for (key, place), jump in jumps.items() if jump and place
+        ]
+
+
+def _end_states(part: Stretch, E: FloatArray, beta: FloatArray, lags: int) -> FloatArray:
+    """E s (K, 2n) at the end of a stretch that begins with its record."""
+    past = part.flight.u[: part.last].T[:, ::-1]
+    return _Powers(E, beta).total(past[:, :lags]) @ E.T
 
 
 class _Powers:
@@ -170,6 +201,11 @@ def _accumulated(E: FloatArray, drive: FloatArray, remembered: float) -> FloatAr
         power = power @ power
         reach *= 2.0
     return 0.5 * (G + G.T)
+
+
+def reduced(part: Stretch, lags: int) -> tuple[FloatArray, float]:
+    """Correlations (2, lags) of a stretch, and the sum of gamma*^2; without the weight of the stretch."""
+    return correlations(part, lags), float(np.sum(part.flight.target[part.first : part.last] ** 2))
 
 
 def correlations(part: Stretch, lags: int) -> FloatArray:

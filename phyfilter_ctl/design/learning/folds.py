@@ -6,8 +6,8 @@ Whole flights where there are several, for flights are what is independent; cont
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import dataclass
+from functools import cached_property, partial
 from itertools import pairwise
 
 import numpy as np
@@ -17,11 +17,11 @@ from ...filter import PhyFilter
 from ...filter.sampling import Method
 from .correlation import MOST_LAGS, Correlations, Stretch
 from .offsets import Offsets
-from .residuals import Flight
+from .residuals import Flight, each
 from .samples import Pooled, Samples, response
 from .sensitivity import Data
 
-__all__ = ["Folds", "Group"]
+__all__ = ["Folds", "Group", "scored"]
 
 MOST = 8
 _WHOLE_FLIGHTS = 5  # so many, and no flight is cut
@@ -95,10 +95,11 @@ class Folds:
         folds = [[_whole(flight)] for flight in ordered] if by_flight else _folds(ordered)
         groups = []
         for kind in kinds:
-            own = [[part for part in fold if any(part.flight is f for f in kind)] for fold in folds]
+            members = {id(flight) for flight in kind}
+            own = [[part for part in fold if id(part.flight) in members] for fold in folds]
             reach = min(max(int(lags / kind[0].dt), 1), MOST_LAGS)
-            parts = [Correlations.of(fold, method, reach) if fold else None for fold in own]
-            groups.append(Group(own, _same_lags(parts), kind[0].sample_weights is not None))
+            parts = [Correlations.of(fold, method, reach, rough=True) if fold else None for fold in own]
+            groups.append(Group(own, _same_lags(parts), kind[0].is_weighted))
         return cls(groups, method, offset)
 
     @property
@@ -133,7 +134,7 @@ class Folds:
             parts += [Correlations.joined(kept)] if kept else []
             if self.offset and kept:
                 parts.append(
-                    Offsets(_by_flight([part for each in kept for part in each.stretches]), self.method)
+                    Offsets(_by_flight([p for own in kept for p in own.stretches]), self.method, rough=True)
                 )
         return parts[0] if len(parts) == 1 else Pooled(parts)
 
@@ -141,23 +142,10 @@ class Folds:
         """The data of the other folds."""
         return self.data([i for i in range(self.count) if i != fold])
 
-    def error(self, filter: PhyFilter, fold: int) -> float:
-        """Weighted sum of squared errors of a filter on a fold."""
-        total = 0.0
-        for part in self.stretches(fold):
-            y = response(filter, part.flight, self.method, part.last)[part.first :]
-            total += self.scored(part, y)
-        return total
-
-    def scored(self, part: Stretch, y: FloatArray) -> float:
-        """Weighted sum of squares of gamma* - y on a stretch."""
-        rows = slice(part.first, part.last)
-        errors, given = part.flight.target[rows] - y, part.flight.sample_weights
-        weights = np.ones_like(errors) if given is None else given[rows]
-        if self.offset:
-            total = np.maximum(weights.sum(axis=0), np.finfo(float).tiny)
-            errors = errors - (weights * errors).sum(axis=0) / total
-        return part.weight * float(np.sum(weights * errors**2))
+    def errors(self, filters: Sequence[PhyFilter], fold: int) -> FloatArray:
+        """Weighted sums of squared errors of some filters on a fold."""
+        work = partial(_errors_of, filters=filters, method=self.method, offset=self.offset)
+        return np.sum([*each(work, self.stretches(fold))], axis=0)
 
     def _sample_by_sample(self, group: Group, chosen: set[int]) -> list[Data]:
         flights = {id(part.flight): part.flight for fold in group.folds for part in fold}
@@ -165,20 +153,38 @@ class Folds:
         for i, fold in enumerate(group.folds):
             for part in fold:
                 out[id(part.flight)] += [] if i in chosen else [part]
-        masked = [_masked(flights[key], held) for key, held in out.items()]
-        return [Samples(flight, self.method, offset=self.offset) for flight in masked if flight.takes_part]
+        masked = [
+            flights[key].masked([slice(part.first, part.last) for part in held]) if held else flights[key]
+            for key, held in out.items()
+        ]
+        taking = [flight for flight in masked if flight.takes_part]
+        return [*each(partial(Samples, method=self.method, offset=self.offset), taking)]
+
+
+def scored(part: Stretch, y: FloatArray, offset: bool) -> float:
+    """Weighted sum of squares of gamma* - y on a stretch, less their mean with an ``offset``."""
+    rows = slice(part.first, part.last)
+    errors, given = part.flight.target[rows] - y, part.flight.sample_weights
+    weights = np.ones_like(errors) if given is None else given[rows]
+    if offset:
+        total = np.maximum(weights.sum(axis=0), np.finfo(float).tiny)
+        errors = errors - (weights * errors).sum(axis=0) / total
+    return part.weight * float(np.sum(weights * errors**2))
+
+
+def _errors_of(part: Stretch, filters: Sequence[PhyFilter], method: Method, offset: bool) -> FloatArray:
+    answers = (response(filter, part.flight, method, part.last)[part.first :] for filter in filters)
+    return np.array([scored(part, y, offset) for y in answers])
 
 
 def _alike(one: Flight, other: Flight) -> bool:
-    if (one.sample_weights is None) != (other.sample_weights is None) or (one.steps is None) != (
-        other.steps is None
-    ):
+    if one.is_weighted != other.is_weighted or one.is_even != other.is_even:
         return False
-    return abs(one.dt - other.dt) <= (1e-6 if one.steps is None else _ONE_RATE) * other.dt
+    return abs(one.dt - other.dt) <= (1e-6 if one.is_even else _ONE_RATE) * other.dt
 
 
 def _whole(flight: Flight) -> Stretch:
-    return Stretch(flight, 0, len(flight.u), flight.weight)
+    return Stretch(flight, 0, flight.length, flight.weight)
 
 
 def _folds(flights: Sequence[Flight]) -> list[list[Stretch]]:
@@ -191,7 +197,7 @@ def _folds(flights: Sequence[Flight]) -> list[list[Stretch]]:
     total = sum(flight.samples for flight in flights)
     dealt = 0
     for flight in flights:
-        length = len(flight.u)
+        length = flight.length
         blocks = min(max(1, round(MOST * flight.samples / total)), MOST, length)
         edges = np.linspace(0, length, blocks + 1).astype(int)
         for first, last in pairwise(edges):
@@ -217,22 +223,15 @@ def _same_lags(parts: list[Correlations | None]) -> list[Correlations | None]:
             continue
         sequences = np.zeros((2, most))
         sequences[:, : part.sequences.shape[1]] = part.sequences
-        padded.append(Correlations(part.stretches, part.dt, part.method, sequences, part.energy, part.weight))
+        padded.append(
+            Correlations(
+                part.stretches, part.dt, part.method, sequences, part.energy, part.weight, part.rough
+            )
+        )
     return padded
 
 
-def _masked(flight: Flight, held: Sequence[Stretch]) -> Flight:
-    if not held:
-        return flight
-    own = flight.sample_weights
-    weights = np.ones_like(flight.target) if own is None else own.copy()
-    for part in held:
-        weights[part.first : part.last] = 0.0
-    return replace(flight, sample_weights=weights)
-
-
 def _weight(part: Stretch) -> float:
-    weights = part.flight.sample_weights
-    if weights is None:
+    if not part.flight.is_weighted or (weights := part.flight.sample_weights) is None:
         return part.weight * part.samples
     return part.weight * float(np.sum(weights[part.first : part.last]))

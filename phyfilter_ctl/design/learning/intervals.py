@@ -12,15 +12,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from scipy.special import stdtrit
 
 from ..._sections import ComplexArray, FloatArray
+from ...filter.sampling import Method
 from ...results import Result
 from .coordinates import chain_slopes
 from .levenberg import bound
-from .residuals import Flight
+from .residuals import Flight, each
 from .samples import Samples
 from .search import Best, Search
 from .sensitivity import jacobian
@@ -80,8 +82,17 @@ def intervals_of(flights: Sequence[Flight], search: Search, best: Best, *, offse
     known = bound(best.theta, best.found.gradient, upper, lower)
     free = np.append(~known, np.ones(len(rows) - len(known), dtype=bool))
     taking = [flight for flight in flights if flight.takes_part]
-    share = min(1.0, _MOST_SAMPLES / sum(len(flight.u) for flight in taking))
-    parts = [_scores(flight, search, best, rows[free], offset, share) for flight in taking]
+    share = min(1.0, _MOST_SAMPLES / sum(flight.length for flight in taking))
+    work = partial(
+        _scores,
+        method=search.method,
+        doubled=chain.doubled,
+        c=best.found.c,
+        rows=rows[free],
+        offset=offset,
+        share=share,
+    )
+    parts = [*each(work, taking)]
     A = np.sum([part[0] for part in parts], axis=0)
     squares, weight = (sum(part[k] for part in parts) for k in (2, 3))
     mean = squares / weight
@@ -112,19 +123,25 @@ def intervals_of(flights: Sequence[Flight], search: Search, best: Best, *, offse
 
 
 def _scores(
-    flight: Flight, search: Search, best: Best, rows: FloatArray, offset: bool, share: float
+    flight: Flight,
+    method: Method,
+    doubled: FloatArray,
+    c: FloatArray,
+    rows: FloatArray,
+    offset: bool,
+    share: float,
 ) -> tuple[FloatArray, FloatArray, float, float, FloatArray]:
     """Of one flight: A, q_k with sum w e^2 as last column, sum w e^2, sum w, and sum w of every sample."""
     m = max(2, round(share * len(flight.u)))
-    n, K = best.chain.order, flight.u.shape[1]
+    n, K = len(c), flight.u.shape[1]
     psi, e = np.empty((len(rows), m, K)), np.empty((m, K))
-    for chunk, s in Samples(flight, search.method).states(best.chain.doubled):
+    for chunk, s in Samples(flight, method).states(doubled):
         if chunk.start >= m:
             break
         kept = slice(chunk.start, min(chunk.stop, m))
         s = s[:, : kept.stop - kept.start]
         psi[:, kept] = np.tensordot(rows, s, 1)
-        e[kept] = flight.target[kept] - np.tensordot(best.found.c, s[:n], 1)
+        e[kept] = flight.target[kept] - np.tensordot(c, s[:n], 1)
     w = np.ones((m, K)) if flight.sample_weights is None else flight.sample_weights[:m]
     w = flight.weight * w
     if offset:

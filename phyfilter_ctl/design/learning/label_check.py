@@ -15,7 +15,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..._sections import FloatArray
 from .residuals import Flight
 
 # A mean below this share of the target's deviation is less than 1 % of its power: the fit hardly sees it.
@@ -27,31 +26,42 @@ _DEVIATIONS = 6.0
 _SLOPE, _POWER = 0.5, 0.9
 
 
-class _Channel(NamedTuple):
-    """One channel of one flight, the samples that count."""
+class ChannelSums(NamedTuple):
+    """What is needed of one channel of one flight, over the samples that count. D and the integral of g about their
+    means."""
 
-    times: FloatArray
-    D: FloatArray
-    target: FloatArray
-    g: FloatArray | None
-    integral: FloatArray | None  # of g
+    duration: float
+    end: float  # of D
+    spread: float  # deviation of D about its straight line
+    samples: int
+    squares: float  # of the target about its mean
+    g: tuple[int, float] | None  # number and squares
+    products: tuple[float, float, float]  # D D, D int g, int g int g
 
 
-def label_faults(flights: Sequence[Flight], channels: Sequence[str], *, offset: bool = False) -> list[str]:
-    """What is wrong with the labels, in words, channel by channel; an empty list where nothing is.
+def label_sums(flight: Flight) -> tuple[ChannelSums, ...]:
+    """Of every channel; none for a flight that is too short to tell, or does not take part."""
+    if not flight.takes_part or flight.length <= 2:
+        return ()
+    return tuple(_sums(flight, j) for j in range(flight.u.shape[1]))
+
+
+def label_faults(
+    sums: Sequence[tuple[ChannelSums, ...]], channels: Sequence[str], *, offset: bool = False
+) -> list[str]:
+    """What is wrong with the labels of flights, in words, channel by channel; an empty list where nothing is.
 
     With ``offset`` they may be off by a constant a flight.
     """
-    taking = [flight for flight in flights if flight.takes_part and len(flight.u) > 2]
     found = []
     for j, name in enumerate(channels):
-        parts = [part for flight in taking if (part := _channel(flight, j)).times[-1] > 0.0]
+        parts = [own[j] for own in sums if own and own[j].duration > 0.0]
         if parts and (fault := _held(parts, name) or ("" if offset else _offset(parts, name))):
             found.append(fault)
     return found
 
 
-def _channel(flight: Flight, j: int) -> _Channel:
+def _sums(flight: Flight, j: int) -> ChannelSums:
     """Integrals from the second sample on; the first label is not among the targets."""
     target, u = flight.target[:, j], flight.u[1:, j]
     steps = np.full(len(u), flight.dt) if flight.steps is None else flight.steps[1:]
@@ -59,36 +69,41 @@ def _channel(flight: Flight, j: int) -> _Channel:
     if flight.sample_weights is not None:
         counts = flight.sample_weights[:, j] > 0.0
         steps = steps * (counts[1:] & counts[:-1])
-    D = np.cumsum(steps * (0.5 * (target[1:] + target[:-1]) - u))
+    times, D = np.cumsum(steps), np.cumsum(steps * (0.5 * (target[1:] + target[:-1]) - u))
+    duration, end, own = float(times[-1]), float(D[-1]), target[counts]
+    spread = float(np.std(D - end / duration * times)) if duration > 0.0 else 0.0
+    squares = float(np.sum((own - np.mean(own)) ** 2)) if len(own) else 0.0
     if flight.g is None:
-        return _Channel(np.cumsum(steps), D, target[counts], None, None)
+        return ChannelSums(duration, end, spread, len(own), squares, None, (0.0, 0.0, 0.0))
     g = flight.g[:, j]
     integral = np.cumsum(steps * 0.5 * (g[1:] + g[:-1]))
-    return _Channel(np.cumsum(steps), D, target[counts], g[counts], integral)
+    d, integral = D - np.mean(D), integral - np.mean(integral)
+    products = (float(d @ d), float(d @ integral), float(integral @ integral))
+    known = (int(np.sum(counts)), float(np.sum(g[counts] ** 2)))
+    return ChannelSums(duration, end, spread, len(own), squares, known, products)
 
 
-def _held(parts: Sequence[_Channel], name: str) -> str | None:
+def _held(parts: Sequence[ChannelSums], name: str) -> str | None:
     """Whether D is the integral of a g of some size, but for a constant a flight and little else."""
     known = [part.g for part in parts if part.g is not None]
-    if len(known) < len(parts) or not _rms(known) > _SIZABLE * _deviation(parts):
+    if len(known) < len(parts):
         return None
-    d = np.concatenate([part.D - np.mean(part.D) for part in parts])
-    g = np.concatenate(
-        [part.integral - np.mean(part.integral) for part in parts if part.integral is not None]
-    )
-    both, own = float(d @ g), float(g @ g)
-    if abs(both - own) >= _SLOPE * own or both * both <= _POWER * own * float(d @ d):
+    size = float(np.sqrt(sum(squares for _, squares in known) / sum(count for count, _ in known)))
+    if not size > _SIZABLE * _deviation(parts):
+        return None
+    all_of, both, own = np.sum([part.products for part in parts], axis=0)
+    if abs(both - own) >= _SLOPE * own or both * both <= _POWER * own * all_of:
         return None
     return (
         f"the label of {name} differs from M x' - g by g (difference mean {_means(parts):.3g}, rms of g "
-        f"{_rms(known):.3g}): it seems to hold g; give f = M x' - g, that is, take g off the label"
+        f"{size:.3g}): it seems to hold g; give f = M x' - g, that is, take g off the label"
     )
 
 
-def _offset(parts: Sequence[_Channel], name: str) -> str | None:
+def _offset(parts: Sequence[ChannelSums], name: str) -> str | None:
     """Whether the mean of D's slope is more than noise of x at the ends, and matters."""
-    T = np.array([part.times[-1] for part in parts])
-    spread = np.array([np.std(part.D - part.D[-1] / part.times[-1] * part.times) for part in parts])
+    T = np.array([part.duration for part in parts])
+    spread = np.array([part.spread for part in parts])
     noise = _DEVIATIONS * float(np.sqrt(np.sum(2.0 * spread**2 / T) / np.sum(T)))
     mean = _means(parts)
     if mean <= max(_SIZABLE * _deviation(parts), noise):
@@ -101,16 +116,10 @@ def _offset(parts: Sequence[_Channel], name: str) -> str | None:
     )
 
 
-def _means(parts: Sequence[_Channel]) -> float:
+def _means(parts: Sequence[ChannelSums]) -> float:
     """Root mean square, over the flights by their lengths, of the mean difference."""
-    return float(
-        np.sqrt(sum(p.D[-1] ** 2 / p.times[-1] for p in parts) / sum(float(p.times[-1]) for p in parts))
-    )
+    return float(np.sqrt(sum(p.end**2 / p.duration for p in parts) / sum(p.duration for p in parts)))
 
 
-def _deviation(parts: Sequence[_Channel]) -> float:
-    return _rms([part.target - np.mean(part.target) for part in parts])
-
-
-def _rms(signals: Sequence[FloatArray]) -> float:
-    return float(np.sqrt(np.mean(np.concatenate(signals) ** 2)))
+def _deviation(parts: Sequence[ChannelSums]) -> float:
+    return float(np.sqrt(sum(part.squares for part in parts) / sum(part.samples for part in parts)))

@@ -11,29 +11,36 @@ from __future__ import annotations
 import operator
 import warnings
 from collections.abc import Callable, Sequence
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from dataclasses import replace
-from typing import SupportsIndex, get_args
+from pathlib import Path
+from typing import TYPE_CHECKING, SupportsIndex, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
 from threadpoolctl import threadpool_limits
 
 from ... import _signals
+from ...execution import Report, silent
 from ...filter import PhyFilter, Sampling
 from ...filter.sampling import Method, Rule
 from ...recording import Recording
 from .answer import Asked, answer
 from .coordinates import FASTEST
 from .correlation import MOST_LAGS, memory
-from .label_check import label_faults
+from .label_check import label_faults, label_sums
 from .levenberg import Descent
-from .residuals import Flight, flights_of, refuse_uninformative
+from .reading import Logs, OnBad, Reading, read_flight
+from .residuals import Flight, refuse_uninformative
 from .result import LearnEvent, LearnResult
 from .search import Search
 from .sensitivity import Data
 from .sources import sources
+from .stored import StoredFlights
 from .structure import Form, Structure, structure_of
+
+if TYPE_CHECKING:
+    from distributed import Client
 
 __all__ = ["learn"]
 
@@ -45,7 +52,7 @@ _SHORT = 200  # samples a coefficient below which an order is cross-validated un
 
 
 def learn(
-    logs: Recording | Sequence[Recording],
+    logs: Logs,
     order: SupportsIndex | Sequence[SupportsIndex],
     *,
     form: Form = "lowpass",
@@ -62,7 +69,7 @@ def learn(
     weights: ArrayLike | Sequence[ArrayLike] | None = None,
     channels: Sequence[int | str] | None = None,
     label_offset: bool = False,
-    held_out: Recording | Sequence[Recording] | None = None,
+    held_out: Logs | None = None,
     seed: int = 0,
     method: Method = "exact",
     g: Rule = "hold",
@@ -75,14 +82,20 @@ def learn(
     cross_validate: bool | None = None,
     intervals: bool = True,
     callback: Callable[[LearnEvent], bool | None] | None = None,
+    read: Callable[[Path], Recording] = read_flight,
+    on_bad: OnBad = "raise",
+    workers: int | None = None,
+    scheduler: str | Client | None = None,
+    report: Report = silent,
 ) -> LearnResult:
     """Return the filter of an order that fits f best on flights, and how far it is from the best possible one.
 
     Parameters
     ----------
-    logs : Recording or sequence of Recording
+    logs : Recording, path, or sequence of Recording, path or function () -> Recording
         Flights with a label, the true f = M x' - g; they stay apart. A missing f_theta or g is 0. Steps may differ,
-        within a flight and between flights.
+        within a flight and between flights. Files are read when they are needed, not kept; of a folder every table
+        (Parquet, Arrow, Feather) is a flight. Or one function () -> iterable of Recording, called anew for every pass.
     order : int or sequence of int
         Order n of D, 1 to 12. Lower orders are learned on the way. Of several orders, ``range(1, 7)``, the one that
         cross-validation chooses is returned.
@@ -119,7 +132,7 @@ def learn(
     label_offset : bool
         Whether the label of each flight and channel may be off by a constant, which is fitted along: for labels that
         have lost their mean. Errors are then less their mean over the flight.
-    held_out : Recording or sequence of Recording, optional
+    held_out : as ``logs``, optional
         Flights that are scored, not learned from.
     seed : int
         Of the random starts; the same seed gives the same filter.
@@ -146,6 +159,18 @@ def learn(
         Whether to find standard errors.
     callback : callable, optional
         Called with a :class:`LearnEvent` after every step that lowered a cost; True stops.
+    read : callable
+        Path -> Recording, for files that need more than :meth:`Recording.from_csv` and
+        :func:`~phyfilter_ctl.logfiles.read_recording` take by default, such as
+        ``partial(read_recording, time_unit="s")`` or ``Robot.load(...).read``.
+    on_bad : {"raise", "skip"}
+        What a flight does that cannot be read or has no label: an error, or an entry of ``result.skipped``.
+    workers : int, optional
+        Processes that read files; None means one per core, 1 reads them here.
+    scheduler : str or distributed.Client, optional
+        Of a Dask cluster whose workers read the files instead, by the same paths.
+    report : callable
+        Called with the name of every flight that is read for the first time.
 
     Returns
     -------
@@ -190,6 +215,12 @@ def learn(
     1984), the error that of the difference between the two, fold by fold; within two where there are fewer than five
     flights and folds are blocks of them, which know nothing of how flights differ.
 
+    Files are read once for the whole descent, whatever their number, and some times more for folds, intervals and
+    scores. What is kept of each is its end, 128 MB of all together: for a filter that remembers more than that they are
+    read again once a step, as are flights of unequal steps or with weights of single samples; folds take the record to
+    have begun there. Sums go in the order of the flights, so the answer does not depend on what reads them. A process
+    holds two flights.
+
     One filter serves all channels that take part. A filter of its own for each:
     ``stack([learn(logs, n, channels=[name]).filter for name in channels])``; :func:`learn_axes` chooses.
 
@@ -221,30 +252,20 @@ def learn(
     structure.refuse(min(orders))
     sampling = Sampling(1.0, method, g, f_theta, delay=delay, limit=limit)
     pull = _signals.number("regularisation", regularisation, least=0.0)
+    if on_bad not in get_args(OnBad):
+        raise ValueError(f"on_bad: expected one of {', '.join(get_args(OnBad))}, got {on_bad!r}")
     entries = _weights(weights, isinstance(logs, Recording))
-
-    def reduced(
-        name: str, given: Recording | Sequence[Recording], entries: Sequence[ArrayLike] | None
-    ) -> list[Flight]:
-        return flights_of(
-            _listed(name, given),
-            channels=channels,
-            weights=entries,
-            g=g,
-            f_theta=f_theta,
-            delay=sampling.delay,
-            E=E,
-        )
-
-    flights = reduced("logs", logs, entries)
-    refuse_uninformative(flights, n)
-    tests = [] if held_out is None else reduced("held_out", held_out, None)
-    given = _starts(start, n)
-    names = _names(_listed("logs", logs)[0], channels, flights[0].u.shape[1])
-    notes = _notes(flights, names, label_offset)
-    recorder = _Recorder(callback)
-    # Two threads of a BLAS make products of this size ten times slower.
-    with threadpool_limits(1, user_api="blas"):
+    options = {"channels": channels, "g": g, "f_theta": f_theta, "delay": sampling.delay, "E": E}
+    with ExitStack() as stack:
+        reading = Reading(stack, read, options, on_bad == "skip", workers, scheduler, report)
+        flights, skipped = reading.flights("logs", logs, entries)
+        refuse_uninformative(flights, n)
+        tests, bad = ([], ()) if held_out is None else reading.flights("held_out", held_out, None)
+        given = _starts(start, n)
+        notes = _notes(flights, label_offset)
+        recorder = _Recorder(callback)
+        # Two threads of a BLAS make products of this size ten times slower.
+        stack.enter_context(threadpool_limits(1, user_api="blas"))
         data = sources(flights, method, offset=label_offset)
         search = _search(flights, data, form, method, n, max_iterations, recorder.report, structure, pull)
         with suppress(_CancelledError):
@@ -261,6 +282,7 @@ def learn(
             wiener,
             _worthwhile(flights, orders, form) if cross_validate is None else cross_validate,
             intervals,
+            (*skipped, *bad),
         )
         result = answer(search, asked, tuple(recorder.events), recorder.cancelled, notes)
     for note in result.notes[len(notes) :]:
@@ -274,22 +296,13 @@ def _worthwhile(flights: Sequence[Flight], orders: Sequence[int], form: Form) ->
     return len(orders) > 1 or sum(flight.samples for flight in flights) < _SHORT * coefficients
 
 
-def _names(log: Recording, channels: Sequence[int | str] | None, count: int) -> list[str]:
-    if count != log.n_x and channels is None:  # with E
-        return [f"f[{i}]" for i in range(count)]
-    return (
-        list(log.channels)
-        if channels is None
-        else [c if isinstance(c, str) else log.channels[c] for c in channels]
-    )
-
-
-def _notes(flights: Sequence[Flight], names: Sequence[str], offset: bool) -> tuple[str, ...]:
+def _notes(flights: Sequence[Flight], offset: bool) -> tuple[str, ...]:
     """What to know of the logs; faults of their labels are warned of."""
-    faults = label_faults(flights, names, offset=offset)
+    sums = flights.sums if isinstance(flights, StoredFlights) else [label_sums(flight) for flight in flights]
+    faults = label_faults(sums, flights[0].channels, offset=offset)
     for fault in faults:
         warnings.warn(fault, stacklevel=3)
-    missing = [] if any(flight.g is not None for flight in flights) else ["no g: M x' is taken as f"]
+    missing = [] if any(flight.has_g for flight in flights) else ["no g: M x' is taken as f"]
     return (*missing, *faults)
 
 
@@ -324,8 +337,8 @@ def _search(
     structure: Structure,
     pull: float,
 ) -> Search:
-    longest = max(float(flight.dt * len(flight.u)) for flight in flights)
-    step = max(flight.dt if flight.steps is None else float(np.max(flight.steps)) for flight in flights)
+    longest = max(float(flight.dt * flight.length) for flight in flights)
+    step = max(flight.longest_step for flight in flights)
     shortest = min(flight.dt for flight in flights)
     floor = max(
         min(_SHOWN / longest, _SLOW / shortest),
@@ -333,7 +346,7 @@ def _search(
     )
     # A gap is one long step, but no reason to keep the poles slow; forward Euler has no choice.
     typical = max(flight.dt for flight in flights)
-    strength = pull * sum(flight.weight * float(np.sum(flight.u**2)) for flight in flights)
+    strength = pull * sum(flight.weight * flight.power for flight in flights)
     resolved = step if method == "euler" else typical
     search = Search(*data, form, method, resolved, floor, limit, report, structure, strength)
     low, high = search.band
@@ -362,13 +375,6 @@ def _check_options(form: Form, method: Method, starts: int, max_iterations: int)
             raise ValueError(f"{name}: expected one of {', '.join(choices)}, got {value!r}")
     _signals.count("starts", operator.index(starts), least=0)
     _signals.count("max_iterations", operator.index(max_iterations))
-
-
-def _listed(name: str, logs: Recording | Sequence[Recording]) -> list[Recording]:
-    found = [logs] if isinstance(logs, Recording) else list(logs)
-    if not found:
-        raise ValueError(f"{name}: expected at least one Recording, got none")
-    return found
 
 
 def _weights(weights: ArrayLike | Sequence[ArrayLike] | None, single: bool) -> Sequence[ArrayLike] | None:

@@ -18,6 +18,7 @@ from ..._sections import FloatArray
 from ...filter.recursion import transition
 from ...filter.sampling import Method
 from .correlation import Stretch, memory
+from .residuals import Flight
 
 __all__ = ["Offsets"]
 
@@ -31,10 +32,13 @@ class Offsets:
     groups : sequence of sequences of Stretch
         Stretches that share offsets: those of a flight. Steps are taken as equal, samples as of equal weight.
     method : {"exact", "matched", "euler", "tustin"}
+    rough : bool
+        As for correlations.
     """
 
     groups: Sequence[Sequence[Stretch]]
     method: Method
+    rough: bool = False
 
     @property
     def energy(self) -> float:
@@ -51,7 +55,7 @@ class Offsets:
         """By group: weight over the number of samples, sum of gamma* (K,)."""
         found = []
         for group in self.groups:
-            total = np.sum([part.flight.target[part.first : part.last].sum(axis=0) for part in group], axis=0)
+            total = np.sum([part.flight.totals(part.first, part.last)[1] for part in group], axis=0)
             found.append((group[0].weight / sum(part.last - part.first for part in group), total))
         return found
 
@@ -69,26 +73,36 @@ class Offsets:
         """Sums (K, 2n) of the states over a stretch."""
         M = transition(doubled, self.method, part.flight.dt)
         increment, beta = M[:-1, :-1], M[:-1, -1]
-        u = part.flight.u
-        ends = [_state(increment, beta, u[:place]) for place in (part.first, part.last)]
-        driven = np.outer(u[part.first : part.last].sum(axis=0), beta)
+        n = len(increment) // 2
+        slowest = np.max(np.abs(1.0 + np.linalg.eigvals(increment[:n, :n])))
+        reach = int(np.ceil(memory(n) / -np.log(max(float(slowest), 1e-300))))
+        ends = [
+            _state(increment, beta, self._past(part.flight, place, reach))
+            for place in (part.first, part.last)
+        ]
+        driven = np.outer(part.flight.totals(part.first, part.last)[0], beta)
         moved = (ends[0] - ends[1]) @ (increment + np.eye(len(increment))).T
         return np.asarray(np.linalg.solve(-increment, (moved + driven).T).T, dtype=float)
 
+    def _past(self, flight: Flight, place: int, reach: int) -> FloatArray:
+        """The last u (l, K) before a place, as many as the chain remembers."""
+        if place == 0:
+            return np.zeros((0, flight.samples // flight.length))
+        past, complete = flight.before(place)
+        if past.shape[1] < reach and not complete and not self.rough:
+            past = flight.u[:place].T[:, ::-1]
+        return past[:, :reach].T[::-1]
 
-def _state(increment: FloatArray, beta: FloatArray, u: FloatArray) -> FloatArray:
-    """States (K, 2n) after a record u (l, K) that began at rest."""
-    n = len(increment) // 2
-    slowest = np.max(np.abs(1.0 + np.linalg.eigvals(increment[:n, :n])))
-    reach = min(len(u), int(np.ceil(memory(n) / -np.log(max(float(slowest), 1e-300)))))
-    state = np.zeros((u.shape[1], len(beta)))
+
+def _state(increment: FloatArray, beta: FloatArray, past: FloatArray) -> FloatArray:
+    """States (K, 2n) after a record that began at rest, from as much of its end (l, K) as counts."""
+    state = np.zeros((past.shape[1], len(beta)))
     block = 64
     E = np.eye(len(beta)) + increment
     powers = [beta]
     while len(powers) < block:
         powers.append(E @ powers[-1])
     over = np.linalg.matrix_power(E, block)
-    past = u[len(u) - reach :]
     first = len(past) % block
     if first:
         state = past[:first].T @ np.array(powers[:first])[::-1]

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from types import NoneType
+from typing import Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ... import _signals
 from ..._sections import FloatArray
+from ...execution import Executor
 from ...filter import PhyFilter, Recursion, record
 from ...filter.sampling import Rule
 from ...recording import Recording
@@ -39,6 +42,8 @@ class Flight:
         How much each sample counts beside that.
     g : (m, K) array or None
         g at sample k + 1, where the log has one.
+    channels : tuple of str
+        Their names.
     """
 
     u: FloatArray
@@ -46,13 +51,30 @@ class Flight:
     dt: float
     steps: FloatArray | None
     weight: float = 1.0
-    sample_weights: FloatArray | None = None
-    g: FloatArray | None = None
+    # Factories leave no attribute of the class: a stored flight reads these when they are asked for.
+    sample_weights: FloatArray | None = field(default_factory=NoneType)
+    g: FloatArray | None = field(default_factory=NoneType)
+    channels: tuple[str, ...] = ()
+
+    @property
+    def executor(self) -> Executor | None:
+        """What reads flights that are not in memory; see ``stored``."""
+        return None
+
+    @property
+    def is_even(self) -> bool:
+        """Whether steps are equal."""
+        return self.steps is None
+
+    @property
+    def is_weighted(self) -> bool:
+        """Whether samples count differently."""
+        return self.sample_weights is not None
 
     @property
     def is_plain(self) -> bool:
         """Whether steps are equal and samples count alike."""
-        return self.steps is None and self.sample_weights is None
+        return self.is_even and not self.is_weighted
 
     @property
     def takes_part(self) -> bool:
@@ -60,9 +82,74 @@ class Flight:
         return self.weight > 0.0 and (self.sample_weights is None or bool(np.any(self.sample_weights > 0.0)))
 
     @property
+    def is_constant(self) -> tuple[bool, bool]:
+        """Whether u is, in every channel, and gamma*."""
+        return _is_constant(self.u), _is_constant(self.target)
+
+    @property
+    def power(self) -> float:
+        """Sum of u^2."""
+        return float(np.sum(self.u**2))
+
+    @property
+    def length(self) -> int:
+        """Number m of steps."""
+        return len(self.u)
+
+    @property
     def samples(self) -> int:
         """Number of targets, all channels together."""
         return self.target.size
+
+    @property
+    def longest_step(self) -> float:
+        """Longest step in s."""
+        return self.dt if self.steps is None else float(np.max(self.steps))
+
+    @property
+    def has_g(self) -> bool:
+        """Whether the log has g."""
+        return self.g is not None
+
+    def masked(self, rows: Sequence[slice]) -> Flight:
+        """The flight with some rows that do not count."""
+        weights = np.ones_like(self.target) if self.sample_weights is None else self.sample_weights.copy()
+        for part in rows:
+            weights[part] = 0.0
+        return replace(self, sample_weights=weights)
+
+    def levelled(self) -> Flight:
+        """The flight as if its steps were equal and the weights, slowly varying, part of the signals."""
+        if self.sample_weights is None:
+            return Flight(self.u, self.target, self.dt, None, self.weight)
+        root = np.sqrt(self.sample_weights)
+        return Flight(root * self.u, root * self.target, self.dt, None, self.weight)
+
+    def totals(self, first: int, last: int) -> tuple[FloatArray, FloatArray]:
+        """Sums (K,) of u and of gamma* over steps ``first`` to ``last - 1``."""
+        return self.u[first:last].sum(axis=0), self.target[first:last].sum(axis=0)
+
+    def before(self, place: int) -> tuple[FloatArray, bool]:
+        """u (K, l) from step ``place - 1`` backwards, and whether that is all there is."""
+        return self.u[:place].T[:, ::-1], True
+
+
+class _OfFlight(Protocol):
+    @property
+    def flight(self) -> Flight: ...
+
+
+Part = TypeVar("Part", bound=Flight | _OfFlight)
+Found = TypeVar("Found")
+
+
+def each(work: Callable[[Part], Found], parts: Sequence[Part]) -> Iterator[Found]:
+    """What a function of a module finds for flights, or parts of them, in order; side by side where they are read."""
+    for part in parts:
+        flight = part if isinstance(part, Flight) else part.flight
+        if flight.executor is not None:
+            return flight.executor.map(work, parts)
+    return map(work, parts)
 
 
 def flights_of(
@@ -119,7 +206,8 @@ def flights_of(
         weight, own = (1.0, None) if weights is None else _weight(weights[i], log, i, len(columns))
         u, target, dt, steps = _reduced(log, log.label, columns, recursion)
         known = None if log.g is None else np.array(_onto_f(recursion, log.g)[1:, columns], dtype=float)
-        found.append(Flight(u, target, dt, steps, weight, own, known))
+        names = tuple(log.channels[k] if E is None else f"f[{k}]" for k in columns)
+        found.append(Flight(u, target, dt, steps, weight, own, known, names))
     if not any(flight.takes_part for flight in found):
         raise ValueError("weights: all are 0, nothing to fit; give at least one flight a positive weight")
     return found
@@ -165,8 +253,8 @@ def refuse_uninformative(flights: Sequence[Flight], order: int) -> None:
             f"{samples} samples of f for up to {2 * order} parameters of a filter of order {order}: expected at "
             "least as many; give a longer log or a lower order"
         )
-    for name, what in (("u", "measured residual M x' - g - f_theta"), ("target", "target label - f_theta")):
-        if all(_is_constant(getattr(flight, name)) for flight in flights):
+    for k, what in enumerate(("measured residual M x' - g - f_theta", "target label - f_theta")):
+        if all(flight.is_constant[k] for flight in flights):
             raise ValueError(
                 f"the {what} is constant in every channel of every flight: it says nothing about how fast the filter "
                 "should be; give a log with motion in it (and check that the columns are the right ones)"

@@ -91,6 +91,8 @@ class LearnResult(Result):
         The status in words, and what to try.
     notes : tuple of str
         What was assumed of the logs, and what is wrong with their labels; the latter is also issued as a warning.
+    skipped : tuple of (str, str)
+        Bad flights that were left out, and why (``on_bad="skip"``).
     history : tuple of LearnEvent
         Every step that lowered a cost, of all orders and starts.
     costs : dict
@@ -120,6 +122,7 @@ class LearnResult(Result):
     status: Status
     message: str
     notes: tuple[str, ...]
+    skipped: tuple[tuple[str, str], ...]
     history: tuple[LearnEvent, ...]
     costs: dict[int, float]
     wiener: WienerFloor | None

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 
 import numpy as np
 
@@ -12,7 +13,7 @@ from ...filter import PhyFilter, Recursion, Sampling, blocked, record
 from ...filter.phyfilter import chain_of
 from ...filter.recursion import transition
 from ...filter.sampling import Method
-from .residuals import Flight
+from .residuals import Flight, each
 from .sensitivity import Data
 
 
@@ -136,7 +137,10 @@ class Pooled:
 
     def moments(self, doubled: FloatArray) -> tuple[FloatArray, FloatArray] | None:
         """See :class:`~phyfilter_ctl.design.learning.sensitivity.Data`."""
-        found = [part.moments(doubled) for part in self.parts]
+        at_hand = [part for part in self.parts if not isinstance(part, Samples)]
+        to_read = [part for part in self.parts if isinstance(part, Samples)]
+        found = [part.moments(doubled) for part in at_hand]
+        found += each(partial(Samples.moments, doubled=doubled), to_read)
         kept = [entry for entry in found if entry is not None]
         if len(kept) < len(found):
             return None

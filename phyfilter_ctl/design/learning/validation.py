@@ -104,12 +104,15 @@ def cross_validated(folds: Folds, search: Search, orders: Sequence[int]) -> dict
     for fold in range(folds.count):
         data = folds.without(fold)
         below: Best | None = None
+        filters: list[PhyFilter] = []
         for n in sorted(orders):
             starts = [search.best[n].theta]
             if below is not None and below.chain.order == n - 1:
                 starts.append(search.with_pole(below.chain))
             below = refitted(search, data, n, starts) or search.best[n]
-            errors[n][fold] = folds.error(search.filter(below), fold)
+            filters.append(search.filter(below))
+        for n, error in zip(sorted(orders), folds.errors(filters, fold), strict=True):
+            errors[n][fold] = error
     return errors
 
 
@@ -181,14 +184,12 @@ def by_flight(
     n, shared = best.chain.order, search.filter(best)
     found = []
     for fold in range(folds.count):
-
-        def rmse(filter: PhyFilter, fold: int = fold) -> float:
-            return float(np.sqrt(folds.error(filter, fold) / folds.weights[fold]))
-
         others, own = (
             refitted(search, data, n, [best.theta]) or best
             for data in (folds.without(fold), folds.data([fold]))
         )
         place = places[id(folds.stretches(fold)[0].flight)]
-        found.append(FlightScore(place, rmse(shared), rmse(search.filter(others)), rmse(search.filter(own))))
+        filters = [shared, search.filter(others), search.filter(own)]
+        rmse = np.sqrt(folds.errors(filters, fold) / folds.weights[fold])
+        found.append(FlightScore(place, *map(float, rmse)))
     return tuple(sorted(found, key=lambda score: score.flight))

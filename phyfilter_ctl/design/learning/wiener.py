@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import partial
 
 import numpy as np
 from scipy.linalg import solve_toeplitz
@@ -21,7 +22,8 @@ from scipy.special import stdtrit
 from ..._sections import FloatArray
 from ...results import Result
 from .correlation import Correlations, Stretch
-from .folds import Folds, Group
+from .folds import Folds, Group, scored
+from .residuals import each
 
 _LENGTHS = (1, 2, 4, 8, 16, 32, 64, 128, 256, 512, 1024, 2048)
 _SAMPLES_PER_TAP = 10
@@ -96,7 +98,10 @@ def wiener_floor(folds: Folds, ours: FloatArray) -> WienerFloor:
     for group in folds.groups:
         errors, taps = _best_response(folds, group)
         floors += errors
-        fitted += sum(folds.scored(part, _convolved(taps, part)) for fold in group.folds for part in fold)
+        parts = [part for fold in group.folds for part in fold]
+        fitted += sum(
+            float(own[0]) for own in each(partial(_errors, responses=[taps], offset=folds.offset), parts)
+        )
         responses.append(taps)
     ratio, interval = ratio_of(ours, floors)
     total = float(np.sum(folds.weights))
@@ -120,20 +125,21 @@ def wiener_floor(folds: Folds, ours: FloatArray) -> WienerFloor:
 def _best_response(folds: Folds, group: Group) -> tuple[FloatArray, FloatArray]:
     """Squared errors on each fold for the length that does best on all of them, and its taps fitted on everything."""
     samples = sum(part.samples for fold in group.folds for part in fold)
-    found: list[tuple[float, FloatArray, int]] = []
-    for length in _LENGTHS:
-        if found and length * _SAMPLES_PER_TAP > samples:
-            break
-        errors = np.zeros(len(group.folds))
-        for fold, parts in enumerate(group.folds):
-            others = group.without(fold)
-            if not parts or not others:
-                continue
-            taps = _taps(others, length)
-            errors[fold] = sum(folds.scored(part, _convolved(taps, part)) for part in parts)
-        found.append((float(np.sum(errors)), errors, length))
-    _, errors, length = min(found, key=lambda entry: entry[0])
-    return errors, _taps(group.without(None), length)
+    lengths = [length for length in _LENGTHS if length == 1 or length * _SAMPLES_PER_TAP <= samples]
+    errors = np.zeros((len(group.folds), len(lengths)))
+    for fold, parts in enumerate(group.folds):
+        others = group.without(fold)
+        if parts and others:
+            responses = [_taps(others, length) for length in lengths]
+            work = partial(_errors, responses=responses, offset=folds.offset)
+            errors[fold] = np.sum([*each(work, parts)], axis=0)
+    best = int(np.argmin(errors.sum(axis=0)))
+    return errors[:, best], _taps(group.without(None), lengths[best])
+
+
+def _errors(part: Stretch, responses: Sequence[FloatArray], offset: bool) -> FloatArray:
+    """Squared errors of some impulse responses on a stretch."""
+    return np.array([scored(part, _convolved(taps, part), offset) for taps in responses])
 
 
 def _taps(parts: Sequence[Correlations], length: int) -> FloatArray:

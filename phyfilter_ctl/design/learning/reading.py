@@ -1,0 +1,256 @@
+"""Flights as ``learn`` takes them: recordings, files, folders, functions; the bad ones left out or refused."""
+
+from __future__ import annotations
+
+import os
+import sys
+import uuid
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias, cast
+
+from ...execution import Executor, Report
+from ...logfiles import read_recording
+from ...recording import Recording
+from .residuals import Flight, flights_of
+from .stored import ENDS, Answer, OneFlight, Source, StoredFlight, StoredFlights, load, serve, surveyed
+
+if TYPE_CHECKING:
+    from distributed import Client
+
+__all__ = ["Logs", "OnBad", "Reading", "read_flight"]
+
+Logs: TypeAlias = OneFlight | Sequence[OneFlight] | Callable[[], Iterable[Recording]]
+OnBad = Literal["raise", "skip"]
+
+# Flights that a function makes are not counted beforehand.
+_FLIGHTS_MADE = 1 << 6
+_TABLES = (".parquet", ".pq", ".arrow", ".feather")
+
+
+def read_flight(path: Path) -> Recording:
+    """A file of any table format by its usual columns; times without a unit, as in CSV, are s."""
+    if path.suffix.lower() == ".csv":
+        return Recording.from_csv(path)
+    return read_recording(path)
+
+
+@dataclass(frozen=True)
+class Reading:
+    """How one call of ``learn`` reads flights.
+
+    Attributes
+    ----------
+    stack : ExitStack
+        Ends the workers that were started.
+    read : callable
+        Path -> Recording.
+    options : mapping
+        Of :func:`flights_of`.
+    skip : bool
+        Whether bad flights are left out.
+    workers, scheduler
+        Of the :class:`Executor`.
+    report : callable
+        Called with the name of every flight that is read for the first time.
+    """
+
+    stack: ExitStack
+    read: Callable[[Path], Recording]
+    options: Mapping[str, Any]
+    skip: bool
+    workers: int | None
+    scheduler: str | Client | None
+    report: Report
+
+    @cached_property
+    def executor(self) -> Executor:
+        """Started when the first flight is read."""
+        return self.stack.enter_context(Executor(self.workers, scheduler=self.scheduler))
+
+    def flights(
+        self, name: str, logs: Logs, weights: Sequence[Any] | None
+    ) -> tuple[Sequence[Flight], tuple[tuple[str, str], ...]]:
+        """Flights, whose signals are in memory or not, and the bad ones that were left out.
+
+        Raises
+        ------
+        TypeError
+            If ``logs`` hold something else, or an iterator.
+        ValueError, OSError
+            If there are none, or one is bad and not skipped.
+        """
+        found = _listed(name, logs)
+        if not isinstance(found, list):
+            stored = _made_flights(self, found, weights)
+        elif self.scheduler is not None or any(
+            isinstance(log, str | os.PathLike) or callable(log) for log in found
+        ):
+            stored = _stored_flights(self, found, weights)
+        else:
+            return self._at_hand(cast("list[Recording]", found), weights)
+        return stored, tuple(stored.skipped)
+
+    def _at_hand(
+        self, logs: list[Recording], weights: Sequence[Any] | None
+    ) -> tuple[list[Flight], tuple[tuple[str, str], ...]]:
+        if not self.skip:
+            return flights_of(logs, weights=weights, **self.options), ()
+        entries = [1.0] * len(logs) if weights is None else weights
+        found: list[Flight] = []
+        bad: list[tuple[str, str]] = []
+        for i, (log, entry) in enumerate(zip(logs, entries, strict=True)):
+            try:
+                found.append(load(log, self.read, entry, dict(self.options)))
+            except ValueError as error:
+                bad.append((_name(log, i), str(error)))
+        _refuse_empty(found, bad)
+        return found, tuple(bad)
+
+
+def _listed(name: str, logs: object) -> list[OneFlight] | Callable[[], Iterable[Recording]]:
+    """Flights one by one, a folder as its files; or the function that makes them.
+
+    Raises
+    ------
+    TypeError
+        For an iterator, which is used up by one pass, or something else.
+    ValueError
+        Without any.
+    """
+    if isinstance(logs, str | os.PathLike):
+        found = _files(Path(logs))
+    elif isinstance(logs, Recording):
+        found = [logs]
+    elif isinstance(logs, Iterator):
+        raise TypeError(
+            f"{name}: an iterator or generator is used up after one pass, and learning makes several; give a function "
+            "that begins anew each time, as lambda: flights(), or a list of files"
+        )
+    elif callable(logs):
+        return cast("Callable[[], Iterable[Recording]]", logs)
+    elif isinstance(logs, Iterable):
+        found = [
+            file
+            for log in logs
+            for file in (_files(Path(log)) if isinstance(log, str | os.PathLike) else [log])
+        ]
+    else:
+        raise TypeError(f"{name}: expected Recordings, files or a function, got {type(logs).__name__}")
+    if not found:
+        raise ValueError(f"{name}: expected at least one Recording or file, got none")
+    return found
+
+
+def _files(path: Path) -> list[OneFlight]:
+    """The tables of a folder, in the order of their paths; a file as it is."""
+    if not path.is_dir() or (path / "metadata.yaml").is_file():  # a ROS 2 bag
+        return [path]
+    files = sorted(file for file in path.rglob("*") if file.suffix.lower() in _TABLES)
+    if not files:
+        raise ValueError(f"{path}: a folder without {', '.join(_TABLES)} files")
+    return [*files]
+
+
+def _stored_flights(how: Reading, logs: list[OneFlight], weights: Sequence[Any] | None) -> StoredFlights:
+    """Every flight read once, side by side."""
+    if weights is not None and len(weights) != len(logs):
+        raise ValueError(f"weights: expected one entry for each of the {len(logs)} logs, got {len(weights)}")
+    token = uuid.uuid4().hex
+    serve(token, how.executor)
+    entries = [None] * len(logs) if weights is None else weights
+    sources = [
+        Source(token, i, _name(log, i), partial(load, log, how.read, entry, dict(how.options)))
+        for i, (log, entry) in enumerate(zip(logs, entries, strict=True))
+    ]
+    survey = partial(surveyed, share=ENDS // len(logs), skip=how.skip)
+    names = [source.name for source in sources]
+    return _gathered(how, sources, how.executor.map(survey, sources, names=names, report=how.report))
+
+
+def _made_flights(
+    how: Reading, make: Callable[[], Iterable[Recording]], weights: Sequence[Any] | None
+) -> StoredFlights:
+    """Every flight that a function makes, here, one after the other."""
+    if weights is not None:
+        raise ValueError("weights: flights that a function makes all count alike; give a list of flights")
+    if how.scheduler is not None:
+        raise ValueError(
+            "scheduler: flights that one function makes one after the other cannot be spread over workers; give a list "
+            "of files, or of functions () -> Recording"
+        )
+    made = _Made(make)
+    sources = made.sources(uuid.uuid4().hex, dict(how.options), how.report)
+    survey = partial(surveyed, share=ENDS // _FLIGHTS_MADE, skip=how.skip)
+    return _gathered(how, made.known, map(survey, sources))
+
+
+def _gathered(how: Reading, sources: Sequence[Source], answers: Iterable[Answer]) -> StoredFlights:
+    found = StoredFlights()
+    for i, answer in enumerate(answers):
+        if not isinstance(answer, str):
+            survey, correlated = answer
+            if found.flights and survey.shape[1] != found.flights[0].survey.shape[1]:
+                answer = (
+                    f"has {survey.shape[1]} channels, {', '.join(survey.channels)}, where "
+                    f"{found.flights[0].source.name} has {', '.join(found.flights[0].channels)}"
+                )
+            else:
+                found.add(StoredFlight(sources[i], survey), correlated)
+        if isinstance(answer, str):
+            if not how.skip:
+                raise ValueError(f"{sources[i].name}: {answer}")
+            found.skipped.append((sources[i].name, answer))
+    _refuse_empty(found.flights, found.skipped)
+    return found
+
+
+def _refuse_empty(found: Sequence[Flight], bad: Sequence[tuple[str, str]]) -> None:
+    if not found:
+        text = f"; the first: {bad[0][0]}: {bad[0][1]}" if bad else ""
+        raise ValueError(f"logs: no good flight among {len(bad)}{text}")
+    if not any(flight.takes_part for flight in found):
+        raise ValueError("weights: all are 0, nothing to fit; give at least one flight a positive weight")
+
+
+def _name(log: OneFlight, index: int) -> str:
+    if isinstance(log, str | os.PathLike):
+        return os.fspath(log)
+    return log.name if isinstance(log, Recording) and log.name else f"flight {index}"
+
+
+class _Made:
+    """Flights that a function makes anew in every pass, one after the other."""
+
+    def __init__(self, make: Callable[[], Iterable[Recording]]) -> None:
+        self.make, self.known = make, list[Source]()
+        self._logs, self._next = (
+            iter(()),
+            sys.maxsize,
+        )  # flights of the later passes, and the next one's number
+
+    def sources(self, token: str, options: dict[str, Any], report: Report) -> Iterator[Source]:
+        """Of the first pass."""
+        for i, log in enumerate(self.make()):
+            name = _name(log, i)
+            report(name)
+            self.known.append(Source(token, i, name, partial(self._load, i, options)))
+            # The flight at hand is not made twice.
+            yield replace(
+                self.known[-1], token=f"{token}, survey", load=partial(load, log, read_flight, None, options)
+            )
+
+    def _load(self, index: int, options: dict[str, Any]) -> Flight:
+        if index < self._next:
+            self._logs, self._next = iter(self.make()), 0
+        for log in self._logs:
+            self._next += 1
+            if self._next > index:
+                return load(log, read_flight, None, options)
+        raise ValueError(
+            f"logs: the function made {self._next} flights in a later pass, {len(self.known)} in the first; it has to "
+            "begin anew each time it is called"
+        )
