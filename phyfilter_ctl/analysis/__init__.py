@@ -1,6 +1,6 @@
 """Analysis: what a filter does to signals."""
 
-from .bounds import BoundResult, Certificate, Implementation, QuadraticProof, ultimate_bound
+from .bounds import BoundResult, Certificate, Implementation, QuadraticProof, Together, ultimate_bound
 from .budget import ErrorBudget, error_budget
 from .frequency import FilterResponse, FilterResponseList, Peak, frequency_response
 from .margins import (
@@ -50,6 +50,7 @@ __all__ = [
     "QuadraticProof",
     "RatioMargins",
     "SaturationMargin",
+    "Together",
     "Variance",
     "configuration_hull",
     "disk_margin",

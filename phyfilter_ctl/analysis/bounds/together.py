@@ -50,7 +50,13 @@ class Together:
     course: FloatArray
 
     def at(self, before: FloatArray) -> FloatArray:
-        """phi at times before the error in seconds, (N,)."""
+        """phi at times before the moment of the error, (N,).
+
+        Parameters
+        ----------
+        before : (N,) array
+            Seconds.
+        """
         place = np.clip(np.searchsorted(self.knots, before, side="right") - 1, 0, len(self.knots) - 2)
         since = np.minimum(before, self.knots[-1]) - self.knots[place]
         terms = [part[place] * (-since) ** q / factorial(q) for q, part in enumerate(self.course)]
