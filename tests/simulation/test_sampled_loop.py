@@ -10,6 +10,7 @@ from scipy.linalg import expm
 from phyfilter_ctl import PhyFilter, flatten, signal_margin
 from phyfilter_ctl.analysis.margins import loop_margin, prior_margin
 from phyfilter_ctl.blocks import sampled_block, wired
+from phyfilter_ctl.diagram import SignalMargin, open_loop
 from phyfilter_ctl.plants import mass, plant
 from phyfilter_ctl.simulation import linearize_sampled, sampled_open_loop, simulate
 
@@ -206,9 +207,14 @@ def test_margins_of_a_sampled_loop() -> None:
 
 
 def test_an_unstable_sampled_loop_has_no_margin() -> None:
-    """Its continuous equivalents are stable, with a phase margin of 6.5 degrees."""
+    """Its continuous equivalents are stable, with 6.5 degrees of phase and 3.2 ms of delay to spare."""
     h, filter, lag = 0.02, PhyFilter([120.0]), ct.tf([1.0], [LAG, 1.0])
-    assert np.rad2deg(loop_margin(filter, kp=KP, kd=KD, actuator=lag).phase_margin) > 6.0
+    own = loop_margin(filter, kp=KP, kd=KD, actuator=lag)
+    equivalent = open_loop(position_loop(filter, h, law_sampled=True), "act.tau")
+    for continuous in (own, SignalMargin("act.tau", equivalent)):
+        assert continuous.is_stable
+        assert np.rad2deg(continuous.phase_margin) == pytest.approx(6.5, abs=0.05)
+        assert continuous.delay_margin == pytest.approx(3.2e-3, abs=5e-5)
     for law_sampled, signal in ((True, "act.tau"), (False, "law.f_hat"), (False, "filter.x[0]")):
         margin = signal_margin(position_loop(filter, h, law_sampled=law_sampled), signal)
         assert (margin.is_stable, margin.phase_margin, margin.delay_margin) == (False, 0.0, 0.0)
@@ -223,7 +229,8 @@ def test_a_signal_that_acts_between_the_instants_has_the_margins_that_can_be_tol
         for factor in (share * margin.gain_margin[1], np.exp(1j * share * margin.phase_margin)):
             closed, _ = rows_by_hand(PhyFilter([20.0]), h, flow_by_hand(h, factor))
             assert (np.abs(np.linalg.eigvals(closed)).max() < 1.0) == stable
-    assert np.isnan([margin.delay_margin, margin.modulus_margin, margin.disk.alpha]).all()
+    assert np.isnan([margin.delay_margin, margin.modulus_margin, *margin.disk.gain_margin]).all()
+    assert "nan" not in margin.describe()
     assert "open the loop where filter reads or puts out" in margin.describe()
     assert not signal_margin(position_loop(PhyFilter([120.0]), h, law_sampled=False), "act.tau").is_stable
 

@@ -25,7 +25,7 @@ class DiskMargin(Result):
     Parameters
     ----------
     alpha : float
-        Size of the disk; 0 if the loop is unstable.
+        Size of the disk; 0 if the loop is unstable, nan where it cannot be told.
     skew : float
         0: gain up and down alike; 1: of S, the modulus margin; -1: of T, multiplicative uncertainty.
     frequency : float
@@ -45,6 +45,8 @@ class DiskMargin(Result):
     @property
     def gain_margin(self) -> tuple[float, float]:
         """Real factors (low, high) in the disk: all channels may be scaled within it, each by its own."""
+        if np.isnan(self.alpha):
+            return self.alpha, self.alpha
         below, above = 0.5 * self.alpha * (1.0 - self.skew), 0.5 * self.alpha * (1.0 + self.skew)
         low = max(0.0, (1.0 - below) / (1.0 + above)) if above > -1.0 else 0.0
         return low, (1.0 + below) / (1.0 - above) if above < 1.0 else float("inf")
@@ -52,6 +54,8 @@ class DiskMargin(Result):
     @property
     def phase_margin(self) -> float:
         """Phase in rad that all channels may be turned by, lag or lead, each by its own: inf where any."""
+        if np.isnan(self.alpha):
+            return self.alpha
         a, s = self.alpha**2, self.skew**2
         # A circle |f| = 1 that lies inside has no point where |d| = alpha.
         below, above = 4.0 - a * (1.0 + s), 4.0 + a * (1.0 - s)

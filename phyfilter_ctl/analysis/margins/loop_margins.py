@@ -160,7 +160,12 @@ class LoopMargins(Result):
             f"{np.rad2deg(disk.phase_margin):.4g} deg",
             "sensitivity": f"peak {self.sensitivity_peak:.4g}",
         }
-        return lines | ({"not answered": self._search.missing} if self._search.missing else {})
+        if self._search.missing:
+            answered = {"delay margin": self.delay_margin, "modulus margin": self.modulus_margin}
+            answered |= {"disk margin": disk.alpha, "sensitivity": self.sensitivity_peak}
+            lines = {name: text for name, text in lines.items() if not np.isnan(answered.get(name, 0.0))}
+            lines["not answered"] = self._search.missing
+        return lines
 
     @cached_property
     def _modulus(self) -> DiskMargin:

@@ -151,6 +151,8 @@ class MatrixSearch:
                 break
             found = float(sizes(points[i : i + 1], exact=True)[0])
             best, where = max((best, where), (found, int(i)))
+        if not best:
+            return Bound(float("inf"), NONE)
         alpha, omega = 1.0 / best, float(points[where])
         around = points[max(0, where - 1) : where + 2]
         if len(around) == 3:
