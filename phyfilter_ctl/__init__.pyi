@@ -54,7 +54,7 @@ from .design import (
     place_poles,
 )
 from .diagram import FlatModel, flatten
-from .estimation import Estimate, compare_estimators, estimate, smooth_label
+from .estimation import Estimate, compare_estimators, estimate, known_noise, measurement_noise, smooth_label
 from .filter import (
     FilterBank,
     FilterState,
@@ -146,6 +146,7 @@ __all__ = [
     "gauss_markov",
     "hz",
     "import_fmu",
+    "known_noise",
     "largest_bandwidth",
     "learn",
     "learn_axes",
@@ -157,6 +158,7 @@ __all__ = [
     "load_signals",
     "loop_margin",
     "lowpass",
+    "measurement_noise",
     "moving_inertia",
     "numerator_of_type",
     "open_log",

@@ -66,6 +66,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--horizon", type=float, default=0.2, metavar="S", help="of the prediction test (default 0.2)"
     )
+    parser.add_argument(
+        "--noise",
+        nargs="+",
+        type=float,
+        metavar="S",
+        help="deviation of the white noise of M x, one for all or one each, instead of what the recordings show",
+    )
     parser.add_argument("--compare", action="store_true", help="other estimators on the same recordings")
     parser.add_argument(
         "--robot", metavar="ROBOT.toml", help="what the signals of the logs are, instead of columns"
@@ -101,7 +108,7 @@ def main(options: argparse.Namespace) -> int:
     given = None if options.filter is None else filterfile.load(options.filter)
     logs, doubts = _read(options)
     rules = {"g": options.g_rule, "f_theta": options.f_theta_rule}
-    found = estimate(logs, given, orders=options.order, horizon=options.horizon, **rules)
+    found = estimate(logs, given, orders=options.order, horizon=options.horizon, noise=options.noise, **rules)
     others = None
     if options.compare:
         others = compare_estimators(logs, given, horizon=options.horizon, **rules)

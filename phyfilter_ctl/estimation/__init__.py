@@ -1,12 +1,14 @@
 """From recordings to an answer: the force that the model missed, how sure that is, and which filter shows it.
 
-``estimate`` is the front. ``spectrum`` measures the noise and where the model misses something, ``suggestion`` finds
-the filter of least expected error without labels, ``prediction`` tests it, ``comparison`` puts other people's
-estimators beside it, ``smoothing`` makes a label from both sides.
+``estimate`` is the front. ``spectrum`` shows where the model misses something, ``levels`` tells it from the noise,
+``noise`` is for noise that is known from elsewhere, ``suggestion`` finds the filter of least expected error without
+labels, ``prediction`` tests it, ``comparison`` puts other people's estimators beside it, ``smoothing`` makes a label
+from both sides.
 """
 
 from .comparison import EstimatorComparison, compare_estimators
 from .estimate import Estimate, estimate
+from .noise import known_noise, measurement_noise
 from .prediction import Prediction
 from .smoothing import SmoothedLabel, smooth_label
 from .spectrum import NoiseLevel, ResidualSpectrum
@@ -22,5 +24,7 @@ __all__ = [
     "Suggestion",
     "compare_estimators",
     "estimate",
+    "known_noise",
+    "measurement_noise",
     "smooth_label",
 ]

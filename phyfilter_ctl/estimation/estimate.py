@@ -9,19 +9,21 @@ from dataclasses import dataclass, field, replace
 import control as ct
 import numpy as np
 from matplotlib.axes import Axes
+from numpy.typing import ArrayLike
 
 from .. import _signals
 from .._sections import FloatArray
-from ..analysis import error_variance
 from ..design.optimal import Interval
 from ..filter import FilterBank, PhyFilter, SampledPhyFilter, stack
 from ..filter.sampling import Rule
 from ..recording import Recording
 from ..results import Result
+from .levels import separate
+from .noise import given_noise
 from .prediction import Prediction, prediction
-from .spectrum import NoiseLevel, ResidualSpectrum, noise_level, residual_spectrum
+from .spectrum import NoiseLevel, ResidualSpectrum
 from .steps import steps_of
-from .suggestion import Suggestion, Unlabelled, error_of, suggest
+from .suggestion import Search, Suggestion, Unlabelled, suggest
 
 __all__ = ["Estimate", "checked_logs", "estimate", "sampled_for"]
 
@@ -46,9 +48,9 @@ class Estimate(Result):
         Standard deviation of f_hat that comes from that noise: its noise band. What f_hat lags behind comes on top.
     error : Interval
         Root of the expected mean square of f - f_hat, noise and lag together, over time and channels. No label is used.
-        Its minimum is surer than its level: on a force as rough as a Gauss-Markov process
-        (``benchmarks/unlabelled.py``) it is 8 % low to 18 % high in the median; at low noise what is faster than four
-        times the crossing counts, is not seen, and leaves the truth above the interval more often than not.
+        The interval is a jackknife over recordings or stretches, with the noise found anew without each one; it counts
+        on a residual that, above the frequency at which noise and residual cross, falls on as it does there. From 0 to
+        inf where the two cannot be told apart: ``noise.message`` says why.
     missed : (n_x,) array
         Rms of what the model misses, f - f_theta, the noise taken out.
     explained : float
@@ -144,6 +146,7 @@ def estimate(
     orders: Sequence[int] = (1, 2),
     horizon: float = 0.2,
     confidence: float = 0.95,
+    noise: NoiseLevel | ArrayLike | None = None,
     g: Rule = "hold",
     f_theta: Rule = "average",
 ) -> Estimate:
@@ -161,6 +164,10 @@ def estimate(
         Of the prediction test, s.
     confidence : float
         Of all intervals. They are over the recordings where these are five or more, else over 12 stretches of them.
+    noise : NoiseLevel, float or (n_x,) array, optional
+        Of M x, by :func:`measurement_noise` (a stretch at rest) or :func:`known_noise` (covariance, spectrum), or the
+        deviation of white noise, such as ``smooth_label(log).noise``. None finds it in the recordings: white, else an
+        autoregression.
     g, f_theta : {"hold", "average"}
         Between samples, as for :class:`Sampling`; a SampledPhyFilter has its own.
 
@@ -174,12 +181,16 @@ def estimate(
         If an argument is of another kind.
     ValueError
         If there are fewer than 100 steps in all, the recordings have different channels, the filter has a direction E
-        or another number of channels, or an option is out of range.
+        or it or the noise another number of channels, or an option is out of range.
 
     Notes
     -----
-    The noise v of x is taken as white, which the velocity of an estimator is not: then ``noise.is_white`` is False, and
-    the figures tell less. Where noise and force share a band nothing tells them apart.
+    The noise is white where its spectrum is, above the frequency at which it crosses the residual; else it is an
+    autoregression of order 1 or 2, if one fits and its filter predicts x no worse than any other. Otherwise, as where
+    both share a band, ``noise.status`` is NOT_IDENTIFIED, and the suggestion is the filter that predicts x best.
+
+    f_hat is meant for the end of each step, delays of x included (``filter`` sampled with ``delay``). A g that acts
+    later than it is recorded is part of f: shift it first. That g reacts to the noise of x does no harm.
 
     Examples
     --------
@@ -205,23 +216,22 @@ def estimate(
     horizon = _signals.duration("horizon", horizon)
     sampled = sampled_for(filter, logs, g, f_theta)
     parts = steps_of(logs, sampled)
-    noise = noise_level(parts, confidence)
+    several = separate(parts, given_noise(noise, logs), confidence)
     shared = sampled.with_filter(sampled.filters[0])  # the suggestion is one filter for all channels
-    spectrum = residual_spectrum(parts, noise.value)
-    data = Unlabelled(parts, noise.value, spectrum.crossing)
-    suggestion = suggest(data, shared, orders, confidence)
+    data, suggestion = suggest(several, Search(shared, parts, orders, horizon, confidence))
+    level, spectrum = data.separated.noise, data.separated.spectrum
     if filter is None:
         sampled = sampled.with_filter(suggestion.filter)
     sampled.recursion.channels(logs[0].n_x)
     test = prediction(sampled, parts, horizon, confidence)
     missed, whole = _missed(data, logs)
-    error = error_of(data.squares(sampled), confidence)
+    error = data.interval(sampled, confidence)
     return Estimate(
         tuple(logs),
         sampled,
         tuple(_run(sampled, log) for log in logs),
-        noise,
-        _gains(sampled, _step(logs), logs[0].n_x) * noise.value,
+        level,
+        data.noise_deviation(sampled, _step(logs)),
         error,
         missed,
         1.0 - error.value**2 / whole if spectrum.crossing > 0.0 else 0.0,
@@ -229,7 +239,7 @@ def estimate(
         spectrum,
         suggestion,
         test,
-        (*_rate(sampled, logs), *_notes(noise, suggestion, spectrum, test, error, given=filter is not None)),
+        (*_rate(sampled, logs), *_notes(level, suggestion, spectrum, test, error, given=filter is not None)),
     )
 
 
@@ -291,25 +301,19 @@ def _rate(sampled: SampledPhyFilter, logs: Sequence[Recording]) -> list[str]:
     ]
 
 
-def _gains(sampled: SampledPhyFilter, dt: float, n_x: int) -> FloatArray:
-    """Deviation of f_hat for noise of 1 at these steps, by channel."""
-    here = replace(sampled, sampling=replace(sampled.sampling, dt=dt))
-    found = [math.sqrt(error_variance(here.with_filter(each), noise=1.0).noise) for each in here.filters]
-    return np.broadcast_to(found, (n_x,))
-
-
 def _missed(data: Unlabelled, logs: Sequence[Recording]) -> tuple[FloatArray, float]:
     """Rms of f - f_theta by channel, and the mean square of f, both without the noise."""
-    missed = np.sum([rows.sum(axis=0) for rows in data.squares(None)], axis=0)
-    squares, whole = np.maximum(missed[:-1] / missed[-1], 0.0), 0.0
+    squares, whole = np.maximum(data.mean(None), 0.0), 0.0
+    total = sum(part.dt * len(u) for part, u in zip(data.parts, data.signals, strict=True))
     for k, (part, u, log) in enumerate(zip(data.parts, data.signals, logs, strict=True)):
         model = np.zeros_like(u)
         if log.f_theta is not None:
             middle = part.times[0] + part.dt * (np.arange(len(u)) + 0.5)
             known = log.f_theta[part.samples]
             model = np.stack([np.interp(middle, part.grid_times, column) for column in known.T], axis=1)
-        power = (u + data.passed(model, part.dt)) ** 2 - data.left(k) * data.noise**2
-        whole += part.dt * float(power.mean(axis=1).sum()) / float(missed[-1])
+        beside = data.correction(k, None, [data.separated.levels])[0]
+        power = (u + data.passed(model, part.dt)) ** 2 + beside
+        whole += part.dt * float(power.mean(axis=1).sum()) / total
     return np.sqrt(squares), max(whole, 1e-300)
 
 
@@ -323,12 +327,16 @@ def _notes(
     given: bool,
 ) -> list[str]:
     found = []
-    if not noise.is_white:
+    if not noise.is_white and noise.source == "flight":
         worst = float(noise.colour[np.argmax(np.abs(np.log(np.maximum(noise.colour, 1e-300))))])
         found.append(
             f"the noise is not white above half of the Nyquist frequency (power ratio {worst:.2g}, expected 1): x "
             "comes out of an estimator, or the force reaches up there; noise level and bandwidth are less sure"
         )
+    if noise.message != "converged":
+        found.append(noise.message)
+    if suggestion.status == "converged" and suggestion.message != "converged":
+        found.append(f"the suggested filter: {suggestion.message}")
     if suggestion.status != "converged":
         found.append(suggestion.message)
     else:

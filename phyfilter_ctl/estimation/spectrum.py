@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import Any
 
@@ -12,15 +12,23 @@ from scipy.signal import welch
 from scipy.stats import chi2, f
 
 from .._sections import FloatArray
-from ..results import Result
+from ..results import Result, Status
 from .steps import Steps
 
-__all__ = ["BEYOND", "NoiseLevel", "ResidualSpectrum", "noise_level", "residual_spectrum"]
+__all__ = [
+    "BEYOND",
+    "SHARED",
+    "NoiseLevel",
+    "ResidualSpectrum",
+    "density",
+    "noise_level",
+    "residual_spectrum",
+]
 
 # Neighbouring bins of a Hann window are correlated: so many of them count as one.
-_SHARED = 1.0 + 2.0 * ((2.0 / 3.0) ** 2 + (1.0 / 6.0) ** 2)
+SHARED = 1.0 + 2.0 * ((2.0 / 3.0) ** 2 + (1.0 / 6.0) ** 2)
 _AROUND = 9  # steps over which the residual is taken as constant where the steps differ
-BEYOND = 4.0  # times the crossing the residual is lost in the noise
+BEYOND = 2.5  # times the crossing the residual is lost in the noise
 _COLOURED = 1.25  # ratio of the two quarters of the band beyond which the noise is called coloured
 _EDGES = (0.0, 1.0, 3.0, 10.0, 30.0, 100.0, 300.0, 1000.0)  # rad/s, of the bands
 _KEPT: Any = False  # the mean, which scipy's types do not know can be kept
@@ -29,24 +37,36 @@ _PER_DECADE = 10  # points of the smoothed spectra that are compared
 
 @dataclass(frozen=True, eq=False, repr=False)
 class NoiseLevel(Result):
-    """White noise of M x, from the spectrum of u above half of the Nyquist frequency.
+    """Noise v of M x: how strong, of which colour, and whether it can be told from the residual.
 
     Attributes
     ----------
     value, low, high : (n_x,) arrays
         Standard deviation of a sample, and the ends of its confidence interval, in the unit of M x.
+    covariance : (J + 1, n_x) array
+        E v_k v_(k-j) at lags of j = 0 to J steps: one row where the noise is white.
+    source : {"flight", "given", "rest"}
+        What it is from: the spectrum of u, the caller, a stretch at rest.
     colour : (n_x,) array
-        Power of the lower half of that band over the upper one: 1 for white noise. Above: x comes out of an estimator
-        that smooths it, or the force reaches up there.
+        Power of n = v_k - v_(k-1) between half and three quarters of the Nyquist frequency over that above, relative to
+        that of white v: 1 for white noise. Above: x comes out of an estimator that smooths it, or the force reaches up
+        there.
     is_white : bool
         Whether every channel's colour is within chance or below 1.25 either way.
+    status : Status
+        CONVERGED, or NOT_IDENTIFIED where the model of the noise does not fit or shares its band with the residual.
+    message : str
     """
 
     value: FloatArray
     low: FloatArray
     high: FloatArray
+    covariance: FloatArray = field(repr=False)
+    source: str
     colour: FloatArray
     is_white: bool
+    status: Status = Status.CONVERGED
+    message: str = "converged"
 
 
 def noise_level(parts: Sequence[Steps], confidence: float) -> NoiseLevel:
@@ -65,7 +85,7 @@ def noise_level(parts: Sequence[Steps], confidence: float) -> NoiseLevel:
         upper.append(level[theta > 0.75 * np.pi])
     low, high = np.concatenate(lower), np.concatenate(upper)
     both = np.concatenate([low, high])
-    freedom = 2.0 * len(both) / _SHARED
+    freedom = 2.0 * len(both) / SHARED
     variance, tail = both.mean(axis=0), 0.5 - 0.5 * confidence
     colour = low.mean(axis=0) / np.maximum(high.mean(axis=0), 1e-300)
     chance = float(f.ppf(1.0 - tail / len(variance), 0.5 * freedom, 0.5 * freedom))  # of any channel
@@ -73,6 +93,8 @@ def noise_level(parts: Sequence[Steps], confidence: float) -> NoiseLevel:
         np.sqrt(variance),
         np.sqrt(variance * freedom / chi2.ppf(1.0 - tail, freedom)),
         np.sqrt(variance * freedom / chi2.ppf(tail, freedom)),
+        variance[None],
+        "flight",
         colour,
         bool(np.all(np.abs(np.log(np.maximum(colour, 1e-300))) < np.log(max(_COLOURED, chance)))),
     )
@@ -114,8 +136,14 @@ class ResidualSpectrum(Result):
     crossing: float
 
 
-def residual_spectrum(parts: Sequence[Steps], noise: FloatArray) -> ResidualSpectrum:
-    """Welch's spectrum over all recordings; ``noise`` (n_x,) is the deviation of M x."""
+def density(covariance: FloatArray, theta: FloatArray) -> FloatArray:
+    """Spectrum (K, n_x) over theta of a covariance (J + 1, n_x); its mean is the variance."""
+    lags = np.arange(1, len(covariance))
+    return np.maximum(covariance[0] + 2.0 * np.cos(np.outer(theta, lags)) @ covariance[1:], 0.0)
+
+
+def residual_spectrum(parts: Sequence[Steps], covariance: FloatArray) -> ResidualSpectrum:
+    """Welch's spectrum over all recordings; ``covariance`` (J + 1, n_x) is that of the noise of M x."""
     dt = max(part.dt for part in parts)
     signals = [u for part in parts if len(u := part.on_grid(dt)) >= 16]
     length = min(4096, max(64, sum(map(len, signals)) // 8), max(map(len, signals)))
@@ -125,7 +153,7 @@ def residual_spectrum(parts: Sequence[Steps], noise: FloatArray) -> ResidualSpec
     omega = 2.0 * np.pi / (length * dt) * np.arange(length // 2 + 1.0)
     shapes = [part.noise_density(dt, omega * dt) * dt / np.pi for part in parts]
     shape = np.average(shapes, axis=0, weights=[len(part.u) for part in parts])
-    expected = shape[:, None] * noise**2
+    expected = shape[:, None] * density(covariance, omega * dt)
     crossing = _crossing(omega, residual, expected)
     return ResidualSpectrum(omega, residual, expected, _bands(omega, residual - expected, crossing), crossing)
 

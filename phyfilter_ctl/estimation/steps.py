@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,12 +17,28 @@ from ..design.optimal import Interval
 from ..filter import SampledPhyFilter, record, windows
 from ..recording import Recording
 
-__all__ = ["LEAST", "Steps", "filtered", "jackknife", "least", "steps_of", "units_of"]
+__all__ = [
+    "LEAST",
+    "Steps",
+    "Stretch",
+    "filtered",
+    "jackknife",
+    "least",
+    "spread",
+    "steps_of",
+    "stretches",
+    "units_of",
+]
 
 LEAST = 100  # steps below which nothing is said
 _GAP = 20.0  # median steps, to which longer gaps are cut where spectra are taken
 _STILL = 1e-9  # a residual that varies by less than this of its size is rounding
-_ENOUGH, _BLOCKS = 5, 12  # recordings from which on they are the unit; stretches of fewer
+_ENOUGH, _BLOCKS, _MOST = (
+    5,
+    12,
+    40,
+)  # recordings from which on they are the unit; stretches of fewer; most units
+_SHORTEST = 40  # rows of a stretch
 
 
 @dataclass(frozen=True, eq=False)
@@ -162,20 +180,39 @@ def least(cost: Callable[[float], float], grid: FloatArray) -> tuple[float, floa
 # -- how sure -------------------------------------------------------------------------------------------------------
 
 
-def units_of(parts: Sequence[FloatArray]) -> FloatArray:
-    """Sums (units, k) of rows (m, k) over independent stretches: recordings, or parts of few."""
-    if len(parts) >= _ENOUGH:
-        return np.array([part.sum(axis=0) for part in parts])
-    count = -(-_BLOCKS // len(parts))
-    return np.array([block.sum(axis=0) for part in parts for block in np.array_split(part, count)])
+Stretch = tuple[int, int, int]  # which recording, first row, end
+
+
+def stretches(lengths: Sequence[int]) -> list[list[Stretch]]:
+    """Independent units of recordings of so many rows: recordings, several where there are many, or parts of few."""
+    if len(lengths) >= _ENOUGH:
+        dealt = np.array_split(np.arange(len(lengths)), min(len(lengths), _MOST))
+        return [[(int(k), 0, lengths[k]) for k in some] for some in dealt]
+    found: list[list[Stretch]] = []
+    for k, length in enumerate(lengths):
+        most = max(-(-2 // len(lengths)), length // _SHORTEST)
+        edges = np.linspace(0, length, min(-(-_BLOCKS // len(lengths)), most) + 1).astype(int).tolist()
+        found += [[(k, a, b)] for a, b in pairwise(edges)]
+    return found
+
+
+def units_of(parts: Sequence[FloatArray], units: Sequence[Sequence[Stretch]] | None = None) -> FloatArray:
+    """Sums (units, k) of rows (m, k) over independent stretches."""
+    units = stretches([len(part) for part in parts]) if units is None else units
+    return np.array([np.sum([parts[k][a:b].sum(axis=0) for k, a, b in unit], axis=0) for unit in units])
 
 
 def jackknife(sums: FloatArray, statistic: Callable[[FloatArray], float], confidence: float) -> Interval:
     """A function of totals (k,), with Student's interval from leaving out one unit after the other."""
-    count, total = len(sums), sums.sum(axis=0)
+    total = sums.sum(axis=0)
     value, without = statistic(total), np.array([statistic(total - unit) for unit in sums])
-    apart = without - without.mean()
-    size = max(float(np.max(np.abs(apart))), 1e-300)  # the square of which may leave double precision
-    deviation = size * np.sqrt((count - 1.0) / count * np.sum((apart / size) ** 2))
-    width = float(student.ppf(0.5 + 0.5 * confidence, count - 1) * deviation)
+    width = spread(without, confidence)
     return Interval(value, value - width, value + width)
+
+
+def spread(without: FloatArray, confidence: float) -> float:
+    """Half of Student's interval of what leaving out one unit after the other gives."""
+    count, apart = len(without), without - without.mean()
+    size = max(float(np.max(np.abs(apart))), 1e-300)  # the square of which may leave double precision
+    deviation = size * math.sqrt((count - 1.0) / count * float(np.sum((apart / size) ** 2)))
+    return float(student.ppf(0.5 + 0.5 * confidence, count - 1) * deviation)

@@ -3,30 +3,35 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.signal import butter, sosfiltfilt, sosfreqz
 
-from .._sections import FloatArray
-from ..analysis import error_variance
+from .._sections import ComplexArray, FloatArray
 from ..design import lowpass
 from ..design.optimal import Interval
 from ..filter import PhyFilter, SampledPhyFilter
 from ..results import Result, Status
-from .spectrum import BEYOND
-from .steps import Steps, filtered, jackknife, least, units_of
+from .levels import Levels, Separated
+from .prediction import Prediction, prediction
+from .spectrum import BEYOND, density
+from .steps import Steps, filtered, jackknife, least, spread, units_of
 
-__all__ = ["Suggestion", "Unlabelled", "error_of", "suggest"]
+__all__ = ["Search", "Suggestion", "Unlabelled", "suggest"]
 
 _POINTS = 20  # of the scan over rates
 _FASTEST = 3.0  # rate times step, beyond which the sampled filter hardly changes
 _WORTH = 0.01  # an order more has to lower the error by this share
+_WORSE = 0.05  # share by which the prediction may be worse where the noise is in doubt
 _NARROWEST = 30.0  # that is at least so many rad over a recording
-_PASSED = 4.0  # times its edge, nothing passes L any more
-_CELLS = (np.arange(500) + 0.5) / 500  # of integrals over frequency
+# Integrals over frequency are sums over cells: narrow where poles may be, even where noise and its colour are.
+_EDGES = np.pi * np.concatenate([[0.0], np.geomspace(1e-5, 0.1, 300), np.linspace(0.1, 1.0, 301)[1:]])
+_THETA = 0.5 * (_EDGES[1:] + _EDGES[:-1])
+_WEIGHTS = np.diff(_EDGES) / np.pi
+_SINC = np.sinc(0.5 * _THETA / np.pi)[:, None]  # of a mean over a step
 
 
 @dataclass(frozen=True, repr=False)
@@ -66,109 +71,242 @@ class Unlabelled:
 
     holds for a filter of taps phi; it is E |(1 - F) u|^2 - E |(1 - F) n|^2 + E |F n|^2. What is left of n in the first
     two terms is chance, most of it where gamma is not. So both are taken below a frequency beyond which gamma is lost
-    in the noise, by the zero-phase filter L: much less chance, and the same expectation as long as gamma passes L. And
-    u is the mean over a step, but f_hat is meant for its end: the mean of two steps, A u, stands for gamma there.
+    in the noise, by the zero-phase filter L; beyond, E |(1 - F) gamma|^2 is that of a spectrum that falls on as a power
+    of the frequency, as it does around there. And u is the mean over a step, but f_hat is meant for its end, or, with x
+    measured late, for later: the line through the means of two steps, A u, stands for gamma there.
 
     Steps that differ are replaced by equal ones here, each with its mean of u.
     """
 
-    def __init__(self, parts: Sequence[Steps], noise: FloatArray, crossing: float) -> None:
-        self.noise: FloatArray = noise
+    def __init__(self, parts: Sequence[Steps], separated: Separated) -> None:
         self.parts: Sequence[Steps] = parts
+        self.separated: Separated = separated
         longest = max(float(part.times[-1] - part.times[0]) for part in parts)
-        self.limit: float = max(BEYOND * crossing, _NARROWEST / longest)
+        self.limit: float = max(BEYOND * separated.spectrum.crossing, _NARROWEST / longest)
+        self._sections: dict[float, FloatArray | None] = {}
         self.signals: list[FloatArray] = [self.passed(part.on_grid(part.dt), part.dt) for part in parts]
-        # Angles up to where nothing passes L, and |L|^2 times the spectrum of n for noise 1 of x there.
-        self._angles = [np.pi * min(1.0, _PASSED * self.limit * part.dt / np.pi) * _CELLS for part in parts]
-        self._densities = [
-            theta[-1] / np.pi * part.noise_density(part.dt, theta) * self._power(part.dt, theta)
-            for part, theta in zip(parts, self._angles, strict=True)
-        ]
+        self._white = [part.noise_density(part.dt, _THETA)[:, None] for part in parts]
+        self._passed = [self._power(part.dt, _THETA)[:, None] for part in parts]
 
     def passed(self, signal: FloatArray, dt: float) -> FloatArray:
         """L of a signal."""
         sos = self._sos(dt)
-        return signal if sos is None else sosfiltfilt(sos, signal, axis=0, padlen=min(len(signal) - 1, 100))
+        if sos is None:
+            return signal
+        # Reflected, not turned, about the end: the noise of a single u is far stronger than what L leaves of it.
+        return sosfiltfilt(sos, signal, axis=0, padtype="even", padlen=min(len(signal) - 1, 100))
 
     def _sos(self, dt: float) -> FloatArray | None:
-        share = self.limit * dt / np.pi  # of the Nyquist frequency
-        return None if share > 0.8 else np.asarray(butter(4, share, output="sos"))
+        if dt not in self._sections:
+            share = self.limit * dt / np.pi  # of the Nyquist frequency
+            self._sections[dt] = None if share > 0.8 else np.asarray(butter(4, share, output="sos"))
+        return self._sections[dt]
 
     def _power(self, dt: float, theta: FloatArray) -> FloatArray:
         sos = self._sos(dt)
         return np.ones_like(theta) if sos is None else np.abs(sosfreqz(sos, theta)[1]) ** 4
 
-    def left(self, k: int, filter: SampledPhyFilter | None = None) -> float:
-        """E |L (A - F) n|^2 of recording k for noise 1 of x; without a filter E |L n|^2."""
-        if filter is None:
-            return float(np.mean(self._densities[k]))
-        dA, equilibrium, C = filter.transition
-        z = np.exp(1j * self._angles[k])
-        states = np.linalg.solve((z[:, None, None] - 1.0) * np.eye(len(C)) - dA, -dA @ equilibrium)
-        return float(np.mean(self._densities[k] * np.abs(0.5 * (1.0 + z) - z * (states @ C)) ** 2))
+    def correction(
+        self, k: int, sampled: SampledPhyFilter | None, several: Sequence[Levels]
+    ) -> list[FloatArray]:
+        """E |gamma - F u|^2 less E |L (A - F) u|^2 of recording k, (n_x,) by levels; None is F = 0 and A = 1."""
+        part, passed = self.parts[k], self._passed[k]
+        F: ComplexArray = np.zeros((len(_THETA), 1), dtype=np.complex128)
+        A, instant = np.ones_like(F), np.ones_like(F)
+        if sampled is not None:
+            F = np.stack([_response(each) for each in _each(self.here(sampled, part))], axis=1)
+            A, instant = _references(sampled, part.dt)
+        steps = 2.0 * (1.0 - np.cos(_THETA))[:, None] / part.dt**2
+        left, through = passed * self._white[k] * np.abs(A - F) ** 2, steps * np.abs(F) ** 2
+        unseen = (1.0 - passed) * np.abs(instant - _SINC * F) ** 2
+        falling = np.maximum(_THETA / part.dt, self.limit / BEYOND)  # below, L passes it anyway
+        found = []
+        for levels in several:
+            noise = density(levels.covariance, _THETA)
+            total = _WEIGHTS @ ((through - left) * noise)
+            if self._sos(part.dt) is not None:
+                total += _WEIGHTS @ (unseen * levels.residual(falling, part.dt))
+                total += levels.residual_beyond(part.dt)
+            found.append(total)
+        return found
+
+    def here(self, sampled: SampledPhyFilter, part: Steps) -> SampledPhyFilter:
+        """The filter at a recording's own step."""
+        return replace(sampled, sampling=replace(sampled.sampling, dt=part.dt))
 
     def squares(self, sampled: SampledPhyFilter | None) -> list[FloatArray]:
-        """Rows (m, n_x + 1): square of gamma - F u by channel, of gamma for None, times the step; and the step."""
+        """Rows (m, n_x + 1): square of L (A - F) u by channel, of L u for None, times the step; and the step."""
         rows = []
-        for k, (part, u) in enumerate(zip(self.parts, self.signals, strict=True)):
-            error, power = u, np.full(len(self.noise), -self.left(k))
+        for part, u in zip(self.parts, self.signals, strict=True):
+            error = u
             if sampled is not None:
-                here = replace(sampled, sampling=replace(sampled.sampling, dt=part.dt))
-                each = [here.with_filter(filter) for filter in here.filters]
-                power = [error_variance(one, noise=1.0).noise - self.left(k, one) for one in each]
-                error = 0.5 * (u + np.concatenate([u[1:], u[-1:]])) - filtered(here, u)
-            rows.append(part.dt * np.hstack([error**2 + power * self.noise**2, np.ones((len(u), 1))]))
+                y = filtered(self.here(sampled, part), u)
+                j, w = _later(sampled, part.dt)
+                count = max(len(u) - j - 1, 1)
+                error = (1.0 - w) * u[j:][:count] + w * u[j + 1 :][:count] - y[:count]
+            rows.append(part.dt * np.hstack([error**2, np.ones((len(error), 1))]))
         return rows
 
+    def noise_deviation(self, sampled: SampledPhyFilter, dt: float) -> FloatArray:
+        """Standard deviation (n_x,) of f_hat that comes from the noise, at equal steps."""
+        here = replace(sampled, sampling=replace(sampled.sampling, dt=dt))
+        F = np.stack([_response(each) for each in _each(here)], axis=1)
+        steps = 2.0 * (1.0 - np.cos(_THETA))[:, None] / dt**2
+        return np.sqrt(
+            _WEIGHTS @ (np.abs(F) ** 2 * steps * density(self.separated.levels.covariance, _THETA))
+        )
 
-def error_of(rows: Sequence[FloatArray], confidence: float) -> Interval:
-    """Root of the mean of :meth:`Unlabelled.squares` over time and channels, with an interval."""
-    found = jackknife(units_of(rows), _mean, confidence)
-    return Interval(*(math.sqrt(max(value, 0.0)) for value in found))
+    def mean(self, sampled: SampledPhyFilter | None) -> FloatArray:
+        """Expected square of gamma - F u by channel (n_x,), of gamma for None."""
+        return self._means(sampled, [self.separated.levels], np.zeros(1, dtype=int))[0]
+
+    def _means(
+        self, sampled: SampledPhyFilter | None, several: Sequence[Levels], without: NDArray[np.intp]
+    ) -> FloatArray:
+        """By levels (len, n_x), each without the unit of that number less 1; 0 is none."""
+        rows = self.squares(sampled)
+        units = units_of(rows, self.separated.units)
+        lasts = [float(row[:, -1].sum()) for row in rows]
+        corrections = [self.correction(k, sampled, several) for k in range(len(rows))]
+        mean = np.average(np.array(corrections), axis=0, weights=lasts)
+        total = units.sum(axis=0)
+        left = total - np.vstack([np.zeros_like(total), units])[without]
+        return left[:, :-1] / left[:, -1:] + mean
+
+    def interval(self, sampled: SampledPhyFilter, confidence: float) -> Interval:
+        """Root of the expected square of gamma - F u, mean over the channels.
+
+        Jackknife over the stretches, noise and spectrum found anew without each one; what is not known of a noise that
+        was given comes on top. It reaches up to the roughest residual that the stretches allow. From 0 to inf where
+        noise and residual cannot be told apart.
+        """
+        found, count = self.separated, len(self.separated.units)
+        several = [found.levels, *found.without, found.rough, *found.ends]
+        numbers = np.array([*range(count + 1), 0, 0, 0][: len(several)])
+        squares = self._means(sampled, several, numbers).mean(axis=1)
+        width = spread(squares[1 : count + 1], confidence)
+        if found.ends:
+            width = math.hypot(width, 0.5 * float(squares[-1] - squares[-2]))
+        value = math.sqrt(max(float(squares[0]), 0.0))
+        if found.noise.status is Status.NOT_IDENTIFIED:
+            return Interval(value, 0.0, math.inf)
+        high = max(float(squares[0]) + width, float(squares[count + 1]))
+        low, high = (math.sqrt(max(end, 0.0)) for end in (float(squares[0]) - width, high))
+        return Interval(value, low, high)
 
 
-def _mean(total: FloatArray) -> float:
-    return float(total[:-1].mean() / total[-1])
+def _later(sampled: SampledPhyFilter, dt: float) -> tuple[int, float]:
+    """f_hat is meant for (1 - w) u_(k+j) + w u_(k+j+1): half a step after the middle of step k, and the delay of x."""
+    place = 0.5 + sampled.sampling.delay / dt
+    return int(place), place - int(place)
 
 
-def _gain(data: Unlabelled, chosen: Sequence[FloatArray], confidence: float) -> Interval:
+def _references(sampled: SampledPhyFilter, dt: float) -> tuple[ComplexArray, ComplexArray]:
+    """(K, 1): A, and what f_hat is meant for itself, gamma at an instant counted from the middle of step k."""
+    j, w = _later(sampled, dt)
+    z: ComplexArray = np.exp(1j * _THETA)[:, None]
+    return z**j * (1.0 - w + w * z), np.asarray(z ** (j + w), dtype=np.complex128)
+
+
+def _each(sampled: SampledPhyFilter) -> list[SampledPhyFilter]:
+    return [sampled.with_filter(filter) for filter in sampled.filters]
+
+
+def _response(sampled: SampledPhyFilter) -> ComplexArray:
+    dA, equilibrium, C = sampled.transition
+    z = np.exp(1j * _THETA)
+    states = np.linalg.solve((z[:, None, None] - 1.0) * np.eye(len(C)) - dA, -dA @ equilibrium)
+    return np.asarray(z * (states @ C), dtype=np.complex128)
+
+
+def _gain(data: Unlabelled, sampled: SampledPhyFilter, confidence: float) -> Interval:
     """How far a filter's square of the error lies below that of none, gamma itself, as a share of the square of u.
 
     The mean of the units' shares: forces come in bursts, and one unit must not decide.
     """
-    n = len(data.noise)
-    rows = [
-        np.hstack([a[:, :n] - b[:, :n], part.dt * u**2])
-        for part, u, a, b in zip(data.parts, data.signals, data.squares(None), chosen, strict=True)
-    ]
-    units = units_of(rows)
+    levels = [data.separated.levels]
+    rows = []
+    for k, (part, u, a, b) in enumerate(
+        zip(data.parts, data.signals, data.squares(None), data.squares(sampled), strict=True)
+    ):
+        less = data.correction(k, None, levels)[0] - data.correction(k, sampled, levels)[0]
+        count = len(b)
+        gained = a[:count, :-1] - b[:, :-1] + part.dt * less
+        rows.append(np.hstack([gained, part.dt * u[:count] ** 2]))
+    units, n = units_of(rows, data.separated.units), rows[0].shape[1] // 2
     shares = units[:, :n].sum(axis=1) / np.maximum(units[:, n:].sum(axis=1), np.finfo(float).tiny)
     counted = np.stack([shares, np.ones_like(shares)], axis=1)
     return jackknife(counted, lambda total: float(total[0] / total[1]), confidence)
 
 
-def suggest(
-    data: Unlabelled, sampled: SampledPhyFilter, orders: Sequence[int], confidence: float
-) -> Suggestion:
-    """The pole and the order of least expected error; the options of sampling are those of ``sampled``."""
-    parts = data.parts
-    low = math.log(2.0 / max(part.times[-1] - part.times[0] for part in parts))
-    high = math.log(_FASTEST / min(part.dt for part in parts))
+@dataclass(frozen=True, eq=False)
+class Search:
+    """Butterworth filters of some orders, scanned over their bandwidth; the options of sampling are those given."""
 
-    def rows(order: int, rate: float) -> list[FloatArray]:
-        return data.squares(sampled.with_filter(lowpass(order, math.exp(rate), family="butterworth")))
+    sampled: SampledPhyFilter
+    parts: Sequence[Steps]
+    orders: Sequence[int]
+    horizon: float
+    confidence: float
 
-    def cost(order: int, rate: float) -> float:
-        return _mean(np.sum([part.sum(axis=0) for part in rows(order, rate)], axis=0))
+    @property
+    def ends(self) -> tuple[float, float]:
+        """Logarithms of the slowest and the fastest pole."""
+        longest = max(part.times[-1] - part.times[0] for part in self.parts)
+        return math.log(2.0 / longest), math.log(_FASTEST / min(part.dt for part in self.parts))
 
-    grid = np.linspace(low, high, _POINTS)
-    found = {order: least(partial(cost, order), grid) for order in sorted(set(orders))}
+    def made(self, order: int, rate: float) -> SampledPhyFilter:
+        return self.sampled.with_filter(lowpass(order, math.exp(rate), family="butterworth"))
+
+    def least(self, cost: Callable[[SampledPhyFilter], float]) -> dict[int, tuple[float, float]]:
+        """By order: the rate and the cost."""
+        grid = np.linspace(*self.ends, _POINTS)
+        return {n: least(lambda rate, n=n: cost(self.made(n, rate)), grid) for n in sorted(set(self.orders))}
+
+    def ahead(self, sampled: SampledPhyFilter) -> Prediction:
+        return prediction(sampled, self.parts, self.horizon, self.confidence)
+
+
+def suggest(several: Sequence[Separated], search: Search) -> tuple[Unlabelled, Suggestion]:
+    """The filter of least expected error; the recordings as the separation shows them that it rests on.
+
+    Where the noise is not white and a filter of best prediction predicts anything, the suggestion may not predict
+    worse: else noise and residual were not told apart, and the filter of best prediction it is.
+    """
+    data = Unlabelled(search.parts, several[0])
+    found = _least_error(data, search)
+    if len(several) == 1 and several[0].noise.status is not Status.NOT_IDENTIFIED:
+        return data, found
+    by_order = search.least(lambda sampled: search.ahead(sampled).filter)
+    order = min(by_order, key=lambda n: by_order[n][1])
+    best = search.made(order, by_order[order][0])
+    foretold = search.ahead(best)
+    for separated in several:
+        data = Unlabelled(search.parts, separated)
+        found = _least_error(data, search)
+        rms = search.ahead(search.made(found.filter.order, math.log(found.bandwidth))).filter
+        if rms <= (1.0 + _WORSE) * foretold.filter:
+            return data, found
+    if not foretold.improves:
+        return data, found
+    listed = {
+        n: (math.exp(rate), math.sqrt(max(float(data.mean(search.made(n, rate)).mean()), 0.0)))
+        for n, (rate, _) in by_order.items()
+    }
+    error = data.interval(best, search.confidence)
+    message = f"it predicts x {search.horizon:g} s ahead best; its expected error is not known"
+    return data, Suggestion(best.filters[0], listed[order][0], error, listed, Status.CONVERGED, message)
+
+
+def _least_error(data: Unlabelled, search: Search) -> Suggestion:
+    low, high = search.ends
+    found = search.least(lambda sampled: float(data.mean(sampled).mean()))
     found = {order: (rate, max(value, 0.0)) for order, (rate, value) in found.items()}
     best = min(value for _, value in found.values())
     order = min(n for n, (_, value) in found.items() if value <= best * (1.0 + _WORTH) ** 2)
     rate = found[order][0]
-    chosen = rows(order, rate)
-    gain = _gain(data, chosen, confidence)
+    chosen = search.made(order, rate)
+    gain = _gain(data, chosen, search.confidence)
     status, message = Status.CONVERGED, "converged"
     if gain.low <= 0.0:
         status = Status.NOT_IDENTIFIED
@@ -180,5 +318,5 @@ def suggest(
         side, more = ("slowest", "longer") if rate < 0.5 * (low + high) else ("fastest", "faster sampled")
         message = f"the {side} pole tried is the best; {more} recordings would tell more"
     listed = {n: (math.exp(x), math.sqrt(value)) for n, (x, value) in found.items()}
-    filter = lowpass(order, math.exp(rate), family="butterworth")
-    return Suggestion(filter, math.exp(rate), error_of(chosen, confidence), listed, status, message)
+    error = data.interval(chosen, search.confidence)
+    return Suggestion(chosen.filters[0], math.exp(rate), error, listed, status, message)
