@@ -100,7 +100,7 @@ def test_of_several_orders_the_lowest_good_one_is_chosen():
     logs = [log_of(PhyFilter([300.0, 25.0]), seed, n=1200) for seed in range(3)]
     result = learn(logs, range(1, 5), starts=1, form="general", intervals=False)
     assert result.order_used == 2
-    assert "lowest within one standard error" in result.message
+    assert "the lowest that is as good as the best of 1 to 4" in result.message
     assert [score.order for score in result.orders] == [1, 2, 3, 4]
     first, second = result.orders[:2]
     assert not first.is_good

@@ -88,10 +88,11 @@ class Structure:
         columns: list[np.ndarray] = []
         targets: list[float] = []
         if self.dc_gain is not None:
-            unit = float(np.min(np.abs(np.linalg.eigvals(A[: len(A) // 2, : len(A) // 2]))))
-            states = -B
+            states, unit = -B, 1.0
             for j in range(self.type):
-                states = np.asarray(np.linalg.solve(A, states * (unit if j else 1.0)))
+                if j == 1:
+                    unit = float(np.min(np.abs(np.linalg.eigvals(A[: len(A) // 2, : len(A) // 2]))))
+                states = np.asarray(np.linalg.solve(A, states * unit))
                 columns.append(states)
                 targets.append(0.0 if j else self.dc_gain)
         for omega, value in ((self.zeros_at, 1.0), (self.blocked_at, 0.0)):

@@ -28,7 +28,7 @@ __all__ = [
     "scores_of",
 ]
 
-_STEPS = 12  # of Gauss and Newton for the filter learned without a fold
+_STEPS = 6  # of Gauss and Newton for the filter learned without a fold
 # Squared errors below this share of the target's square are rounding.
 _EXACT = 1e-14
 # A flight whose own filter lowers its RMSE by more than this, relative, disagrees with the others.
