@@ -1,22 +1,24 @@
 """Attacks on every bound: how many errors exceed what was promised, and how far the promises are from what is reached.
 
-    python benchmarks/attacks.py --count 10000     some two minutes
+    python benchmarks/attacks.py --count 10000     about a minute
     python benchmarks/attacks.py --quick           300 attacks
 
 Each attack is one course of all signals through a filter as it runs: residual, g, f_theta and inertia on switching
 slopes, square waves, sums of sines, or the course of the kernel itself, with noise, jitter, steps of quantisation and
 float32; x is their exact integral. The bounds are those of the signals. Prints, by kind of attack, bound / reached at
-the worst signal of each filter (median and largest over filters; 1 where the bound is attained). Exits with status 1 if
-one error exceeds its bound.
+the worst signal of each filter (median and largest over filters; 1 where the bound is attained), and what a bound costs
+by order. Exits with status 1 if one error exceeds its bound.
 """
 
 from __future__ import annotations
 
 import argparse
 import sys
+import time
 from collections.abc import Iterator
 from typing import NamedTuple
 
+import control as ct
 import numpy as np
 from numpy.typing import NDArray
 
@@ -210,6 +212,48 @@ def attack(rng: np.random.Generator, sampled: pf.SampledPhyFilter, kind: Options
     return Outcome(count, int(np.count_nonzero(error > allowed)), bound / float(error.max()))
 
 
+def attack_continuous(rng: np.random.Generator, f: pf.PhyFilter, both: bool, count: int) -> Outcome:
+    """|gamma'| <= 1, or |gamma| bounded as well, on straight lines through F, exactly."""
+    result = pf.ultimate_bound(f, residual={1: 1.0})
+    size = np.inf
+    if both:
+        size = result.bound * rng.uniform(0.2, 1.0)
+        result = pf.ultimate_bound(f, residual={0: size, 1: 1.0})
+    part = min(0.1 / float(np.abs(f.poles).max()), 0.1 * size)
+    parts = min(int(12.0 / (part * float(np.min(-f.poles.real)))), 6000)
+    gamma = np.zeros((parts + 1, count))
+    for k, step in enumerate(switching(rng, parts, count) * part):
+        gamma[k + 1] = np.clip(gamma[k] + step, -size, size)
+    worst = result.worst_residual(part * np.arange(parts + 1))
+    gamma[:, 0] = worst if both else np.concatenate([[0.0], np.cumsum(part * worst[1:])])
+    gamma[:, 0] -= 0.0 if both else gamma[0, 0]
+    straight = ct.StateSpace(f.A, f.B, f.C, 0.0).sample(part, method="foh")
+    A, B, C, D = (np.asarray(matrix) for matrix in (straight.A, straight.B, straight.C, straight.D))
+    state = np.linalg.solve(np.eye(len(A)) - A, B) * gamma[0]  # at rest on where it begins
+    error = np.zeros(count)
+    for k in range(parts + 1):
+        error = np.maximum(error, np.abs(gamma[k] - (C @ state + D * gamma[k])[0]))
+        state = A @ state + B * gamma[k]
+    allowed = result.bound * (1.0 + 1e-7) + 1e-10 * np.abs(gamma).max(axis=0)
+    return Outcome(count, int(np.count_nonzero(error > allowed)), result.bound / float(error.max()))
+
+
+def times() -> None:
+    """Print milliseconds of a bound against order."""
+    print(f"{'ms of CPU, order':24} {'continuous':>12} {'sampled':>12} {'two bounds':>12}")
+    for order in range(1, 7):
+        f = pf.lowpass(order, 20.0)
+        row = []
+        for system, residual in ((f, {1: 1.0}), (f.sampled(0.01), {1: 1.0}), (f, {0: 1.0, 1: 20.0})):
+            spent = []
+            for _ in range(3):
+                begun = time.process_time()
+                pf.ultimate_bound(system, residual=residual)
+                spent.append(1e3 * (time.process_time() - begun))
+            row.append(min(spent))
+        print(f"{order:<24} " + " ".join(f"{value:12.2f}" for value in row))
+
+
 def _stepped(values: Array, step: float) -> Array:
     return step * np.round(values / step) if step else values
 
@@ -247,17 +291,23 @@ def main() -> int:
     count = 300 if options.quick else options.count
     rng, beyond, done = np.random.default_rng(options.seed), 0, 0
     print(f"{'':24} {'attacks':>8} {'beyond':>7} {'bound / reached: median':>24} {'largest':>8}")
-    for name, kind in KINDS.items():
+    kinds: dict[str, Options | bool] = {**KINDS, "continuous, |gamma'|": False, "|gamma| and |gamma'|": True}
+    for name, kind in kinds.items():
         ratios: list[float] = []
         found = attacks = 0
-        every = filters(rng, kind.precision)
-        while attacks * len(KINDS) < count:
-            outcome = attack(rng, next(every), kind, SIGNALS)
+        every = filters(rng, kind.precision if isinstance(kind, Options) else "float64")
+        while attacks * len(kinds) < count:
+            sampled = next(every)
+            if isinstance(kind, Options):
+                outcome = attack(rng, sampled, kind, SIGNALS)
+            else:
+                outcome = attack_continuous(rng, sampled.filter, kind, SIGNALS)
             attacks, found = attacks + outcome.attacks, found + outcome.beyond
             ratios.append(outcome.ratio)
         print(f"{name:24} {attacks:8} {found:7} {np.median(ratios):24.3f} {max(ratios):8.2f}")
         beyond, done = beyond + found, done + attacks
     print(f"{done} attacks, {beyond} beyond their bound")
+    times()
     return int(beyond > 0)
 
 
