@@ -1,6 +1,6 @@
 """What learning returns by order on few and many flights, and what it is worth on flights it never saw.
 
-    python benchmarks/learned_orders.py [FOLDER] [--flights 1 2 8] [--orders 8] [--quick]
+    python benchmarks/order_choice.py [FOLDER] [--flights 1 2 8] [--orders 8] [--quick]
 
 FOLDER holds CSV files with the columns t [s], vx vy vz [m/s], ax ay az [m/s^2], one a flight; without one flights are
 generated (gusts, noisy x). The slowest by the 99th percentile of speed are learned from, all others are scored
