@@ -488,7 +488,7 @@ def test_columns_are_found(header, channels, label):
         ("t,v\n0,1\n1,two\n", "line 3"),
         ("t,v\n0,1\n0,2\n", "stands still"),
         ("t,v\n0,1\n", "2 rows"),
-        ("t,v,v\n0,1,1\n1,1,1\n", "twice"),
+        ("t,v,v\n0,1,1\n1,1,1\n", "more than once"),
         ("t," + ",".join(f"c{i}" for i in range(40)) + "\n", "at most 12"),
         ("t,v\n" + "x" * 50, "fields"),
     ],
