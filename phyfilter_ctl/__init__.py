@@ -10,8 +10,8 @@ learn F         :func:`learn`, :func:`learn_axes`, :func:`learn_jointly`; :mod:`
 what it missed  :func:`estimate`: the force in recordings, which filter shows it; :func:`compare_estimators`,
                 :func:`smooth_label`, :func:`measurement_noise`, :func:`known_noise`
 understand it   :func:`frequency_response`, :func:`ultimate_bound`, :func:`error_variance`, :func:`prior_margin`,
-                :func:`loop_margin`, :func:`saturation_margin`, :func:`signal_margin`; designs from them:
-                :mod:`phyfilter_ctl.design.optimal`
+                :func:`loop_margin`, :func:`saturation_margin`, :func:`signal_margin`, :func:`tracking_tube`;
+                designs from them: :mod:`phyfilter_ctl.design.optimal`
 run it          :class:`SampledPhyFilter` (``PhyFilter.sampled``), :func:`stack`
 connect it      :func:`phyfilter_block`, :func:`sampled_block`, :func:`learned_block`, :func:`plant`: python-control
                 systems, wired with ``control.interconnect``

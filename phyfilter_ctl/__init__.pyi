@@ -14,6 +14,8 @@ from .analysis import (
     PoleZeroMap,
     PriorMargin,
     SaturationMargin,
+    TrackingDeviation,
+    TrackingTube,
     Variance,
     disk_margin,
     error_budget,
@@ -26,6 +28,8 @@ from .analysis import (
     pole_zero_map,
     prior_margin,
     saturation_margin,
+    tracking_deviation,
+    tracking_tube,
     ultimate_bound,
 )
 from .app import designer
@@ -127,6 +131,8 @@ __all__ = [
     "SimulationResponse",
     "Status",
     "Topic",
+    "TrackingDeviation",
+    "TrackingTube",
     "Variable",
     "Variance",
     "bandpass",
@@ -179,6 +185,8 @@ __all__ = [
     "split_by_speed",
     "split_flights",
     "stack",
+    "tracking_deviation",
+    "tracking_tube",
     "ultimate_bound",
     "wired",
 ]

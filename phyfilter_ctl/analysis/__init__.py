@@ -25,6 +25,7 @@ from .margins import (
     saturation_margin,
 )
 from .poles import PolesAndZeros, PoleZeroMap, pole_zero_map
+from .tubes import TrackingDeviation, TrackingTube, tracking_deviation, tracking_tube
 from .variance import Variance, error_variance, gauss_markov
 
 __all__ = [
@@ -51,6 +52,8 @@ __all__ = [
     "RatioMargins",
     "SaturationMargin",
     "Together",
+    "TrackingDeviation",
+    "TrackingTube",
     "Variance",
     "configuration_hull",
     "disk_margin",
@@ -64,5 +67,7 @@ __all__ = [
     "pole_zero_map",
     "prior_margin",
     "saturation_margin",
+    "tracking_deviation",
+    "tracking_tube",
     "ultimate_bound",
 ]

@@ -1,0 +1,411 @@
+"""How far a loop with the filter in it strays from its reference: tubes from bounds, bands from variances.
+
+For a linear loop p = sum of kernels over what disturbs it, and with each of these bounded
+
+    |p| <= sum_i ||K_i||_L1 sup |d_i|
+
+whatever they do, and some course of each reaches its term (C. A. Desoer, M. Vidyasagar, "Feedback Systems:
+Input-Output Properties", 1975, section II.4). For stationary Gaussian ones p is Gaussian, of a variance that a Lyapunov
+equation gives; its band holds at each time by itself, not along a whole flight.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import get_args
+
+import control as ct
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.linalg import solve_discrete_lyapunov
+from scipy.stats import norm
+
+from .. import _signals
+from .._sections import FloatArray
+from ..filter import PhyFilter, SampledPhyFilter
+from ..results import Result
+from .margins._sampled import SampledLoop
+from .margins.loop_margins import build_loop
+from .margins.prior import _positive
+from .tracking_loop import Noisy, Source, Told, TrackingLoop
+from .variance import Shape, discretised, shaping
+
+__all__ = ["TrackingDeviation", "TrackingTube", "tracking_deviation", "tracking_tube"]
+
+Bounds = Mapping[int, float] | Sequence[Mapping[int, float]]
+_SOURCES: tuple[Source, ...] = get_args(Source)
+_NOISY: tuple[Noisy, ...] = get_args(Noisy)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class TrackingTube(Result):
+    """Largest error of position that bounded disturbances force; made by :func:`tracking_tube`.
+
+    Parameters
+    ----------
+    parts, command_parts : dict of str to float
+        What each of residual, actuation, noise and position_noise adds to ``radius`` and ``command``.
+    derivatives : dict of str to list of int
+        Which derivative of each part of residual and actuation counts: of several bounds, the one that gives least.
+    command_limit : float
+        Of the part of the command that is fed back.
+    loop : TrackingLoop
+    given : dict of str to list of dict of int to float
+        Bounds on the derivatives of each part, per unit of M_hat.
+    """
+
+    _figures = ("radius", "parts", "derivatives", "command", "command_parts", "command_limit", "is_linear")
+
+    parts: dict[str, float]
+    derivatives: dict[str, list[int]]
+    command_parts: dict[str, float]
+    command_limit: float
+    loop: TrackingLoop = field(repr=False)
+    given: dict[Source, list[dict[int, float]]] = field(repr=False)
+
+    @property
+    def radius(self) -> float:
+        """Largest error of position at the samples, once the start is forgotten."""
+        return float(sum(self.parts.values()))
+
+    @property
+    def command(self) -> float:
+        """Largest part of the command that is fed back, in units of f."""
+        return float(sum(self.command_parts.values()))
+
+    @property
+    def is_linear(self) -> bool:
+        """Whether the command stays within its limit, so that the loop is the linear one and the tube is proved."""
+        return self.command <= self.command_limit
+
+    def envelope(
+        self, times: ArrayLike, *, position: float = 0.0, velocity: float = 0.0, residual: float = 0.0
+    ) -> FloatArray:
+        """Bound on the error of position over time after a start at rest, at the samples at or after each time.
+
+        Parameters
+        ----------
+        times : (N,) array
+            Seconds since the start.
+        position, velocity, residual : float
+            Bounds on the errors at the start and on |f| then, which the filter does not know yet.
+
+        Returns
+        -------
+        (N,) array
+            It tends to ``radius``.
+        """
+        loop, h = self.loop, self.loop.sampled.dt
+        steps = np.ceil(np.maximum(_signals.array("times", times, ("N",)), 0.0) / h - 1e-9).astype(int)
+        count = int(steps.max()) + 1
+        bound = np.full(count, self.radius - sum(self.parts.get(s, 0.0) for s in _SOURCES))
+        for source, parts in self.given.items():
+            for k, sizes in zip(self.derivatives[source], parts, strict=True):
+                bound += loop.running(source, k, count) * sizes[k]
+        bound += position * loop.released("position", count) + velocity * loop.released("velocity", count)
+        if residual:
+            c, pieces = loop.row("position"), loop.pieces("residual", 1)[0]
+            bound += residual / loop.inertia * np.abs(loop.powers(c, count) @ pieces)
+        return bound[steps]
+
+    def describe(self) -> str:
+        """The tube as text, one line each.
+
+        Returns
+        -------
+        str
+        """
+        lines = {"radius": f"{self.radius:.4g}"}
+        lines |= {f"  {name.replace('_', ' ')}": f"{value:.4g}" for name, value in self.parts.items()}
+        lines["command"] = f"{self.command:.4g}"
+        if np.isfinite(self.command_limit):
+            held = "within" if self.is_linear else "BEYOND: the tube is not proved; see saturation_margin"
+            lines["its limit"] = f"{self.command_limit:.4g}, {held}"
+        return "\n".join(f"{name:<20}{text}" for name, text in lines.items())
+
+
+def tracking_tube(
+    filter: PhyFilter | SampledPhyFilter,
+    *,
+    kp: float,
+    kd: float,
+    residual: Bounds,
+    actuation: Bounds = (),
+    noise: float = 0.0,
+    position_noise: float = 0.0,
+    actuator: ct.TransferFunction | ct.StateSpace | None = None,
+    delay: float = 0.0,
+    inertia: float = 1.0,
+    inertia_ratio: float = 1.0,
+    g: Told = "commanded",
+    command_limit: float = np.inf,
+    dt: float | None = None,
+) -> TrackingTube:
+    """Largest error of position of the complete sampled loop, for a residual of bounded derivatives.
+
+        M x' = a + f + d,    a = Act v(t - delay),    v = -M_hat (kp p + kd x) - f_hat,    p' = x
+
+    Parameters
+    ----------
+    filter : PhyFilter or SampledPhyFilter
+        One filter; a continuous one with ``dt``. With ``g="hold"`` and no delay of the measurement.
+    kp, kd, actuator, delay, inertia_ratio, dt
+        As for :func:`loop_margin`; kp above 0.
+    residual : mapping of int to float, or sequence of them
+        Bounds on \\|f\\| (0), \\|f'\\| (1), ...: measured (:func:`estimate`), or what a learned model says of itself,
+        two or three of its standard deviations. Of several the one that gives least counts. A sequence: of parts that
+        add up to f, a slow one with a bound on its slope and a rough one with a bound on itself, say. What a learned
+        f_theta has of f is part of it here: a delayed actuator answers it as late as the rest.
+    actuation : mapping of int to float, or sequence of them
+        The same for d: what the actuator does beyond ``actuator``, gains, lags and feed-forward that it misses.
+    noise, position_noise : float
+        Bounds on the noise of x and of the position.
+    inertia : float
+        M_hat: f, d and v are in its unit times that of x'.
+    g : {"commanded", "acting"}
+        What the filter is told: v, or the force a + d that acts, lag and all.
+    command_limit : float
+        What the actuator has for v. The tube is that of a linear loop: it is proved while the command stays within, and
+        ``is_linear`` tells whether it does, by its own bound.
+
+    Returns
+    -------
+    TrackingTube
+
+    Raises
+    ------
+    ValueError
+        As for :func:`loop_margin`; for a loop that is not stable, or a derivative of which no bound alone bounds the
+        error: 2 and above, since a held command stays half a step behind a ramp; 1 of a d that the filter is told.
+
+    Notes
+    -----
+    At the samples; f and d go on in between. Exact for each term alone, to 1e-6: some course of it reaches the radius.
+
+    Examples
+    --------
+    1 kg, a force that changes by up to 2 N/s:
+
+    >>> settings = {"kp": 10.0, "kd": 6.0, "dt": 0.01, "residual": {1: 2.0}}
+    >>> slow, fast = (tracking_tube(PhyFilter([pole]), **settings) for pole in (2.0, 20.0))
+    >>> round(slow.radius, 3), round(fast.radius, 4)
+    (0.101, 0.011)
+    """
+    loop = _loop(filter, kp, kd, actuator, delay, inertia_ratio, inertia, g, dt)
+    given: dict[Source, list[dict[int, float]]] = {}
+    parts: dict[str, float] = {}
+    used: dict[str, list[int]] = {}
+    commands: dict[str, float] = {}
+    for source, bounds in zip(_SOURCES, (residual, actuation), strict=True):
+        given[source] = _bounds(source, bounds, inertia)
+        used[source] = [_least(loop, source, one) for one in given[source]]
+        if given[source]:
+            pairs = list(zip(used[source], given[source], strict=True))
+            parts[source] = sum(loop.gain(source, k, "position") * one[k] for k, one in pairs)
+            # The command follows f itself, of which a bound on a derivative says nothing.
+            sizes = [one.get(0, np.inf) for one in given[source]]
+            commands[source] = inertia * loop.gain(source, 0, "command") * sum(sizes)
+    for name, of, size in zip(("noise", "position_noise"), _NOISY, (noise, position_noise), strict=True):
+        if _signals.number(name, size, "", least=0.0):
+            parts[name] = loop.noise_gain(of, "position") * size
+            commands[name] = inertia * loop.noise_gain(of, "command") * size
+    limit = float(command_limit)
+    if not limit > 0.0:
+        raise ValueError(f"command_limit: expected a positive force, got {command_limit}")
+    return TrackingTube(parts, used, commands, limit, loop, given)
+
+
+@dataclass(frozen=True, repr=False)
+class TrackingDeviation(Result):
+    """Standard deviations at the samples; made by :func:`tracking_deviation`.
+
+    Parameters
+    ----------
+    residual, actuation, noise : float
+        Of the error of position, from each of them.
+    command : float
+        Of the part of the command that is fed back, from all.
+    """
+
+    residual: float
+    actuation: float
+    noise: float
+    command: float
+
+    @property
+    def position(self) -> float:
+        """Of the error of position, from all: they are independent."""
+        return float(np.sqrt(self.residual**2 + self.actuation**2 + self.noise**2))
+
+    def band(self, probability: float = 0.95) -> float:
+        """Half the width of the band in which the error is at any one time with this probability.
+
+        Parameters
+        ----------
+        probability : float
+            Between 0 and 1.
+
+        Notes
+        -----
+        Pointwise. That a whole flight stays within is less probable: over T seconds of errors that forget within tau
+        seconds there are about T/tau chances to leave it.
+        """
+        if not 0.0 < probability < 1.0:
+            raise ValueError(f"probability: expected one between 0 and 1, got {probability}")
+        return float(norm.ppf(0.5 + 0.5 * probability)) * self.position
+
+
+def tracking_deviation(
+    filter: PhyFilter | SampledPhyFilter,
+    *,
+    kp: float,
+    kd: float,
+    residual: Shape | ArrayLike | None = None,
+    actuation: Shape | ArrayLike | None = None,
+    noise: float = 0.0,
+    position_noise: float = 0.0,
+    actuator: ct.TransferFunction | ct.StateSpace | None = None,
+    delay: float = 0.0,
+    inertia: float = 1.0,
+    inertia_ratio: float = 1.0,
+    g: Told = "commanded",
+    dt: float | None = None,
+) -> TrackingDeviation:
+    """Standard deviation of the position error of the complete sampled loop, for Gaussian disturbances.
+
+    Parameters
+    ----------
+    filter, kp, kd, actuator, delay, inertia, inertia_ratio, g, dt
+        As for :func:`tracking_tube`.
+    residual, actuation : control system or (L,) array, optional
+        Shaping filters of f and d from unit white noise, stable and strictly proper: :func:`gauss_markov`. Or their
+        autocovariances at the lags 0, dt, 2 dt, ...: measured, or of a stationary Gaussian process; f and d then run
+        straight from sample to sample.
+    noise, position_noise : float
+        Standard deviations of white noise of the samples of x and of the position.
+
+    Returns
+    -------
+    TrackingDeviation
+
+    Raises
+    ------
+    ValueError
+        As for :func:`tracking_tube`, and for shaping filters that are not stable or not strictly proper.
+
+    Examples
+    --------
+    >>> from phyfilter_ctl import gauss_markov
+    >>> gusts = gauss_markov(1.0, 0.5)
+    >>> found = tracking_deviation(PhyFilter([8.0]), kp=10.0, kd=6.0, dt=0.01, residual=gusts)
+    >>> round(found.band(0.95), 3)
+    0.027
+    """
+    loop = _loop(filter, kp, kd, actuator, delay, inertia_ratio, inertia, g, dt)
+    rows = np.stack([loop.row("position"), loop.row("command")])
+    totals = {}
+    for source, shape in zip(_SOURCES, (residual, actuation), strict=True):
+        if shape is None:
+            totals[source] = np.zeros(2)
+        elif isinstance(shape, ct.StateSpace | ct.TransferFunction):
+            totals[source] = _shaped(loop, source, shaping(source, shape), rows) / inertia**2
+        else:
+            covariance = _signals.array(source, shape, ("L",))
+            totals[source] = np.array([_covered(loop, source, covariance, c) for c in rows]) / inertia**2
+    totals["noise"] = np.zeros(2)
+    for of, size in zip(_NOISY, (noise, position_noise), strict=True):
+        first, then = loop.noise(of)
+        drive = loop.A @ first + then
+        P = solve_discrete_lyapunov(loop.A, np.outer(drive, drive))
+        totals["noise"] += size**2 * ((rows @ first) ** 2 + np.einsum("ij,jk,ik->i", rows, P, rows))
+    deviations = {name: float(np.sqrt(max(value[0], 0.0))) for name, value in totals.items()}
+    command = inertia * float(np.sqrt(sum(max(value[1], 0.0) for value in totals.values())))
+    return TrackingDeviation(**deviations, command=command)
+
+
+def _shaped(loop: TrackingLoop, source: Source, shape: ct.StateSpace, rows: FloatArray) -> FloatArray:
+    """Variances of the rows' outputs for a source with this shaping filter, exact between the samples."""
+    n, size, B = shape.nstates, len(loop.A), np.asarray(shape.B)
+    # States: the integral of (time to the end of the step) f, that of f, the shaping filter.
+    flow, density = np.zeros((2, n + 2, n + 2))
+    flow[0, 1], flow[1, 2:], flow[2:, 2:], density[2:, 2:] = 1.0, shape.C[0], shape.A, B @ B.T
+    turn, spread = discretised(flow, density, loop.sampled.dt)
+    b_0, b_1 = loop.into(source)
+    into = np.zeros((size + n, n + 2))
+    into[:size, 0], into[:size, 1], into[size:, 2:] = b_1, b_0, np.eye(n)
+    step = np.zeros((size + n, size + n))
+    step[:size, :size] = loop.A
+    step[:, size:] = into @ turn[:, 2:]
+    P = solve_discrete_lyapunov(step, into @ spread @ into.T)[:size, :size]
+    return np.asarray(np.einsum("ij,jk,ik->i", rows, P, rows))
+
+
+def _covered(loop: TrackingLoop, source: Source, covariance: FloatArray, c: FloatArray) -> float:
+    """Variance of c's output for a source with this autocovariance at the samples."""
+    h, (b_0, b_1) = loop.sampled.dt, loop.into(source)
+    # Over a step the source is (1 - tau/h) of its last value and tau/h of the one before.
+    last, before = h * (b_0 / 2.0 + h * b_1 / 6.0), h * (b_0 / 2.0 + h * b_1 / 3.0)
+    values, _ = loop.rows(c, np.stack([last, before]))
+    weights = np.append(values[:, 0], 0.0) + np.append(0.0, values[:, 1])
+    size = len(weights)
+    spectrum = np.abs(np.fft.rfft(weights, 2 * size)) ** 2
+    overlap = np.fft.irfft(spectrum, 2 * size)[: min(size, len(covariance))]
+    overlap[1:] *= 2.0
+    return float(overlap @ covariance[: len(overlap)])
+
+
+def _loop(
+    filter: PhyFilter | SampledPhyFilter,
+    kp: float,
+    kd: float,
+    actuator: ct.TransferFunction | ct.StateSpace | None,
+    delay: float,
+    ratio: float,
+    inertia: float,
+    told: Told,
+    dt: float | None,
+) -> TrackingLoop:
+    sampled, loop = build_loop(filter, actuator, delay, dt, kp, kd)
+    if not isinstance(sampled, SampledPhyFilter) or not isinstance(loop, SampledLoop):
+        raise ValueError(
+            "dt: expected the sampling interval of the filter, got None; or give a sampled filter"
+        )
+    if told not in get_args(Told):
+        raise ValueError(f"g: expected {' or '.join(map(repr, get_args(Told)))}, got {told!r}")
+    if sampled.sampling.delay:
+        raise ValueError("filter: expected no delay of the measurement; count it to the delay of the command")
+    if not kp > 0.0:
+        raise ValueError(f"kp: expected a positive gain, got {kp}: without it nothing holds the position")
+    found = TrackingLoop(
+        sampled, loop, _positive(ratio), _signals.number("inertia", inertia, "", above=0.0), told
+    )
+    radius = float(np.abs(np.linalg.eigvals(found.A)).max())
+    if radius >= 1.0:
+        raise ValueError(
+            f"the loop is not stable: a pole of magnitude {radius:.6g}; lower the bandwidth, see loop_margin"
+        )
+    return found
+
+
+def _bounds(name: str, bounds: Bounds, inertia: float) -> list[dict[int, float]]:
+    """Parts, checked, per unit of M_hat."""
+    parts = [bounds] if isinstance(bounds, Mapping) else list(bounds)
+    for part in parts:
+        for k, bound in part.items():
+            if isinstance(k, bool) or not isinstance(k, int) or k < 0 or not 0.0 <= bound < np.inf:
+                raise ValueError(f"{name}: expected {{derivative: bound}}, finite, got {k!r}: {bound!r}")
+        if not part:
+            raise ValueError(f"{name}: expected {{derivative: bound}} for each part, got none")
+    return [{k: bound / inertia for k, bound in part.items()} for part in parts]
+
+
+def _least(loop: TrackingLoop, source: Source, bounds: Mapping[int, float]) -> int:
+    """The derivative whose bound gives the least error."""
+    found = [k for k in bounds if loop.bounds(source, k, "position")]
+    if not found:
+        raise ValueError(
+            f"{source}: no bound on its derivative {min(bounds)} alone bounds the error: what is constant or a ramp "
+            "leaves one; give a bound on a lower derivative (0: on itself)"
+        )
+    return min(found, key=lambda k: loop.gain(source, k, "position") * bounds[k])
