@@ -20,12 +20,15 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Literal
 
+import control as ct
 import numpy as np
+from scipy.linalg import solve_discrete_lyapunov
 
 from .._sections import FloatArray
 from ..filter import SampledPhyFilter
 from .bounds.sampled_kernels import _absolute, _lyapunov, _size
 from .margins._sampled import SampledLoop
+from .variance import discretised
 
 __all__ = ["Noisy", "Source", "Told", "TrackingLoop"]
 
@@ -189,3 +192,34 @@ class TrackingLoop:
         first, then = self.noise(of)
         values, rest = self.rows(self.row(output), (self.A @ first + then)[None])
         return abs(float(self.row(output) @ first)) + float(np.abs(values).sum()) + rest
+
+    # -- variances ----------------------------------------------------------------------------------------------
+
+    def shaped(self, source: Source, shape: ct.StateSpace, rows: FloatArray) -> FloatArray:
+        """Variances of the rows' outputs for a source with this shaping filter, exact between the samples."""
+        n, size, B = shape.nstates, len(self.A), np.asarray(shape.B)
+        # States: the integral of (time to the end of the step) f, that of f, the shaping filter.
+        flow, density = np.zeros((2, n + 2, n + 2))
+        flow[0, 1], flow[1, 2:], flow[2:, 2:], density[2:, 2:] = 1.0, shape.C[0], shape.A, B @ B.T
+        turn, spread = discretised(flow, density, self.sampled.dt)
+        b_0, b_1 = self.into(source)
+        into = np.zeros((size + n, n + 2))
+        into[:size, 0], into[:size, 1], into[size:, 2:] = b_1, b_0, np.eye(n)
+        step = np.zeros((size + n, size + n))
+        step[:size, :size] = self.A
+        step[:, size:] = into @ turn[:, 2:]
+        P = solve_discrete_lyapunov(step, into @ spread @ into.T)[:size, :size]
+        return np.asarray(np.einsum("ij,jk,ik->i", rows, P, rows))
+
+    def covered(self, source: Source, covariance: FloatArray, c: FloatArray) -> float:
+        """Variance of c's output for a source with this autocovariance at the samples."""
+        h, (b_0, b_1) = self.sampled.dt, self.into(source)
+        # Over a step the source is (1 - tau/h) of its last value and tau/h of the one before.
+        last, before = h * (b_0 / 2.0 + h * b_1 / 6.0), h * (b_0 / 2.0 + h * b_1 / 3.0)
+        values, _ = self.rows(c, np.stack([last, before]))
+        weights = np.append(values[:, 0], 0.0) + np.append(0.0, values[:, 1])
+        size = len(weights)
+        spectrum = np.abs(np.fft.rfft(weights, 2 * size)) ** 2
+        overlap = np.fft.irfft(spectrum, 2 * size)[: min(size, len(covariance))]
+        overlap[1:] *= 2.0
+        return float(overlap @ covariance[: len(overlap)])

@@ -26,10 +26,10 @@ from .._sections import FloatArray
 from ..filter import PhyFilter, SampledPhyFilter
 from ..results import Result
 from .margins._sampled import SampledLoop
-from .margins.loop_margins import build_loop
 from .margins.prior import _positive
+from .margins.ratio_margins import build_loop
 from .tracking_loop import Noisy, Source, Told, TrackingLoop
-from .variance import Shape, discretised, shaping
+from .variance import Shape, shaping
 
 __all__ = ["TrackingDeviation", "TrackingTube", "tracking_deviation", "tracking_tube"]
 
@@ -309,10 +309,10 @@ def tracking_deviation(
         if shape is None:
             totals[source] = np.zeros(2)
         elif isinstance(shape, ct.StateSpace | ct.TransferFunction):
-            totals[source] = _shaped(loop, source, shaping(source, shape), rows) / inertia**2
+            totals[source] = loop.shaped(source, shaping(source, shape), rows) / inertia**2
         else:
             covariance = _signals.array(source, shape, ("L",))
-            totals[source] = np.array([_covered(loop, source, covariance, c) for c in rows]) / inertia**2
+            totals[source] = np.array([loop.covered(source, covariance, c) for c in rows]) / inertia**2
     totals["noise"] = np.zeros(2)
     for of, size in zip(_NOISY, (noise, position_noise), strict=True):
         first, then = loop.noise(of)
@@ -322,37 +322,6 @@ def tracking_deviation(
     deviations = {name: float(np.sqrt(max(value[0], 0.0))) for name, value in totals.items()}
     command = inertia * float(np.sqrt(sum(max(value[1], 0.0) for value in totals.values())))
     return TrackingDeviation(**deviations, command=command)
-
-
-def _shaped(loop: TrackingLoop, source: Source, shape: ct.StateSpace, rows: FloatArray) -> FloatArray:
-    """Variances of the rows' outputs for a source with this shaping filter, exact between the samples."""
-    n, size, B = shape.nstates, len(loop.A), np.asarray(shape.B)
-    # States: the integral of (time to the end of the step) f, that of f, the shaping filter.
-    flow, density = np.zeros((2, n + 2, n + 2))
-    flow[0, 1], flow[1, 2:], flow[2:, 2:], density[2:, 2:] = 1.0, shape.C[0], shape.A, B @ B.T
-    turn, spread = discretised(flow, density, loop.sampled.dt)
-    b_0, b_1 = loop.into(source)
-    into = np.zeros((size + n, n + 2))
-    into[:size, 0], into[:size, 1], into[size:, 2:] = b_1, b_0, np.eye(n)
-    step = np.zeros((size + n, size + n))
-    step[:size, :size] = loop.A
-    step[:, size:] = into @ turn[:, 2:]
-    P = solve_discrete_lyapunov(step, into @ spread @ into.T)[:size, :size]
-    return np.asarray(np.einsum("ij,jk,ik->i", rows, P, rows))
-
-
-def _covered(loop: TrackingLoop, source: Source, covariance: FloatArray, c: FloatArray) -> float:
-    """Variance of c's output for a source with this autocovariance at the samples."""
-    h, (b_0, b_1) = loop.sampled.dt, loop.into(source)
-    # Over a step the source is (1 - tau/h) of its last value and tau/h of the one before.
-    last, before = h * (b_0 / 2.0 + h * b_1 / 6.0), h * (b_0 / 2.0 + h * b_1 / 3.0)
-    values, _ = loop.rows(c, np.stack([last, before]))
-    weights = np.append(values[:, 0], 0.0) + np.append(0.0, values[:, 1])
-    size = len(weights)
-    spectrum = np.abs(np.fft.rfft(weights, 2 * size)) ** 2
-    overlap = np.fft.irfft(spectrum, 2 * size)[: min(size, len(covariance))]
-    overlap[1:] *= 2.0
-    return float(overlap @ covariance[: len(overlap)])
 
 
 def _loop(
