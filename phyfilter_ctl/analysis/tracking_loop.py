@@ -68,7 +68,7 @@ class TrackingLoop:
     @cached_property
     def _step(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         """A; and what a change of (x, p), of u, and of v itself makes of the state at the sample where it shows."""
-        transition, newer, older, whole = self.loop._plant
+        transition, newer, older, whole = self.loop.plant
         h, mu = self.sampled.dt, self.ratio
         dA, equilibrium, C = self.sampled.transition
         m, n, sent = len(transition) - 2, len(dA), whole + 2
@@ -113,7 +113,7 @@ class TrackingLoop:
 
     def row(self, output: Output) -> FloatArray:
         """c of the position error, or of the fed back command."""
-        m = len(self.loop._plant[0]) - 2
+        m = len(self.loop.plant[0]) - 2
         row = np.zeros(len(self.A))
         if output == "position":
             row[m + 1] = self.ratio
