@@ -50,7 +50,6 @@ class TrackingTube(Result):
         Which derivative of each part of residual and actuation counts: of several bounds, the one that gives least.
     command_limit : float
         Of the part of the command that is fed back.
-    loop : TrackingLoop
     given : dict of str to list of dict of int to float
         Bounds on the derivatives of each part, per unit of M_hat.
     """
@@ -61,8 +60,8 @@ class TrackingTube(Result):
     derivatives: dict[str, list[int]]
     command_parts: dict[str, float]
     command_limit: float
-    loop: TrackingLoop = field(repr=False)
     given: dict[Source, list[dict[int, float]]] = field(repr=False)
+    _loop: TrackingLoop = field(repr=False)
 
     @property
     def radius(self) -> float:
@@ -96,7 +95,7 @@ class TrackingTube(Result):
         (N,) array
             It tends to ``radius``.
         """
-        loop, h = self.loop, self.loop.sampled.dt
+        loop, h = self._loop, self._loop.sampled.dt
         steps = np.ceil(np.maximum(_signals.array("times", times, ("N",)), 0.0) / h - 1e-9).astype(int)
         count = int(steps.max()) + 1
         bound = np.full(count, self.radius - sum(self.parts.get(s, 0.0) for s in _SOURCES))
@@ -213,7 +212,7 @@ def tracking_tube(
     limit = float(command_limit)
     if not limit > 0.0:
         raise ValueError(f"command_limit: expected a positive force, got {command_limit}")
-    return TrackingTube(parts, used, commands, limit, loop, given)
+    return TrackingTube(parts, used, commands, limit, given, loop)
 
 
 @dataclass(frozen=True, repr=False)
