@@ -52,6 +52,8 @@ class TrackingTube(Result):
         Of the part of the command that is fed back.
     given : dict of str to list of dict of int to float
         Bounds on the derivatives of each part, per unit of M_hat.
+    _loop : TrackingLoop
+        The sampled loop and its kernels.
     """
 
     _figures = ("radius", "parts", "derivatives", "command", "command_parts", "command_limit", "is_linear")
