@@ -92,6 +92,7 @@ def test_a_factor_of_the_disk_reaches_the_boundary() -> None:
 def test_unstable_or_static_loops() -> None:
     gone = disk_margin(ct.tf([20.0], [1.0, 1.0, 1.0, 0.0]))
     assert (gone.alpha, gone.gain_margin, gone.phase_margin) == (0.0, (1.0, 1.0), 0.0)
+    assert disk_margin(ct.ss([], [], [], -np.eye(2))).alpha == 0.0  # I + L is singular
     # L = 1 stays at S - T = 0: any factor but -1, which no disk of gain 2 and more holds back.
     assert disk_margin(ct.tf([1.0], [1.0, 1.0])).alpha == pytest.approx(2.0, rel=CLOSE)
 

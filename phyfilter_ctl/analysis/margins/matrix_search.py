@@ -26,6 +26,8 @@ _FACTORS = np.geomspace(1e-4, 1e4, 641)
 _PHASES = np.linspace(0.0, np.pi, 361)
 # Points at most of the frequency grid; a peak between them is refined.
 _MOST_POINTS = 1200
+# Stands for a pole at infinity.
+_AWAY = 1e100
 
 _Matrices: TypeAlias = tuple[FloatArray, FloatArray, FloatArray, FloatArray]
 
@@ -190,7 +192,10 @@ class MatrixSearch:
         return np.moveaxis(_resolvent.evaluate(*matrices, points.astype(np.complex128)), 2, 0)
 
     def _roots(self, k: complex) -> ComplexArray:
-        return np.linalg.eigvals(self.closed(k)).astype(np.complex128)
+        try:
+            return np.linalg.eigvals(self.closed(k)).astype(np.complex128)
+        except np.linalg.LinAlgError:  # a singular algebraic loop, which is not stable
+            return np.array([_AWAY + 0j])
 
     def _excess(self, factors: FloatArray | ComplexArray) -> FloatArray:
         """How far the worst closed-loop pole is outside, (K,)."""
