@@ -17,6 +17,7 @@ from phyfilter_ctl.recording import Recording, split_by_speed
 from phyfilter_ctl.study import Report, silent
 
 from .differentiator import WindowDifferentiator, counted, labels, stride_of, train
+from .linear import Linear, fit_linear, kept_error
 from .params import params
 from .tuning import Case, TunedFilter, filtered, rmse, tune_filters
 
@@ -100,6 +101,7 @@ class Comparison:
     train, test : tuples of Recording
     learned : Learned
     baselines : dict of str to TuneResult
+    linear : Linear
     train_estimates, test_estimates : dict of str to list of (N, n_x) arrays
         By method, one array a flight, m/s^2.
     """
@@ -111,6 +113,7 @@ class Comparison:
     test: tuple[Recording, ...]
     learned: Learned
     baselines: Mapping[str, TuneResult[TunableDifferentiator]]
+    linear: Linear
     train_estimates: Mapping[str, Sequence[FloatArray]]
     test_estimates: Mapping[str, Sequence[FloatArray]]
 
@@ -123,6 +126,14 @@ class Comparison:
     def test_rmse(self) -> dict[str, float]:
         """By method, m/s^2."""
         return {name: rmse(estimates, self.test) for name, estimates in self.test_estimates.items()}
+
+    def squares(self) -> dict[str, FloatArray]:
+        """By method, for each test flight (flights, 2): sum of squared errors, and how many; for paired intervals."""
+        found = {}
+        for name, estimates in self.test_estimates.items():
+            errors = [kept_error(e, log) for e, log in zip(estimates, self.test, strict=True)]
+            found[name] = np.array([[float(np.sum(error**2)), error.size] for error in errors])
+        return found
 
     def train_cases(self) -> list[Case]:
         """The training flights with the network's estimate."""
@@ -269,6 +280,9 @@ def compare(
     for name, kind in BASELINES.items():
         report(name.replace("_", " "))
         baselines[name] = tune(kind, flights, max_evaluations=effort.baseline_evaluations)
+    report("without a network")
+    iterations = params().network.iterations if effort.iterations is None else effort.iterations
+    linear = fit_linear(prepared, dt, stride=learned.network.stride, seed=seed, iterations=iterations)
     report("estimates")
     tested = tuple(test_logs)
     return Comparison(
@@ -279,8 +293,9 @@ def compare(
         tested,
         learned,
         baselines,
-        estimates(prepared, dt, learned, baselines),
-        estimates(tested, dt, learned, baselines),
+        linear,
+        {**estimates(prepared, dt, learned, baselines), **linear.estimates(prepared, dt)},
+        {**estimates(tested, dt, learned, baselines), **linear.estimates(tested, dt)},
     )
 
 
@@ -302,4 +317,4 @@ def estimates(
 
 def steps() -> int:
     """How often :func:`compare` reports at most, for a progress bar."""
-    return len(params().network.spans) + 3 + len(BASELINES) + 1
+    return len(params().network.spans) + 3 + len(BASELINES) + 2

@@ -94,6 +94,14 @@ class Filter:
 
 
 @dataclass(frozen=True)
+class Linear:
+    """What is fitted without a network."""
+
+    order: int
+    taps: int
+
+
+@dataclass(frozen=True)
 class Study:
     """Ranges of the studies."""
 
@@ -134,6 +142,7 @@ class Params:
     sensor: Sensor
     network: Network
     filter: Filter
+    linear: Linear
     study: Study
     convergence: Convergence
     scoring: Scoring

@@ -33,6 +33,10 @@ NAMES = {
     "robust_differentiator": "robust differentiator",
     "kalman": "Kalman",
     "lowpass": "low-pass",
+    "learned": "learned filter",
+    "learned_axes": "learned, by axis",
+    "fir": "FIR, 16 taps",
+    "network_after": "network after it",
 }
 # One colour a method in all panels (Wong, Nature Methods 8, 2011); the filters are blues, learning is vermilion.
 COLOURS = {
@@ -45,6 +49,10 @@ COLOURS = {
     "robust_differentiator": "#CC79A7",
     "kalman": "#E69F00",
     "lowpass": "#555555",
+    "learned": "#F0E442",
+    "learned_axes": "#B5A800",
+    "fir": "#8B5A2B",
+    "network_after": "#FF9E7A",
 }
 _ORDER_COLOURS = {
     1: COLOURS["phyfilter_1"],

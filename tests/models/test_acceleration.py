@@ -43,6 +43,10 @@ METHODS = [
     "robust_differentiator",
     "kalman",
     "lowpass",
+    "learned",
+    "learned_axes",
+    "fir",
+    "network_after",
 ]
 
 
@@ -203,7 +207,9 @@ def test_every_method_is_causal(quick):
     x[500:] += 0.3
     changed = Recording.from_arrays(x=x, dt=log.dt, label=log.label)
     again = experiment.estimates([log], quick.dt, quick.learned, quick.baselines)
+    again |= quick.linear.estimates([log], quick.dt)
     other = experiment.estimates([changed], quick.dt, quick.learned, quick.baselines)
+    other |= quick.linear.estimates([changed], quick.dt)
     for name in METHODS:
         np.testing.assert_array_equal(other[name][0][:500], again[name][0][:500], err_msg=name)
         assert not np.allclose(other[name][0][500:], again[name][0][500:]), name
