@@ -48,6 +48,7 @@ from .blocks import (
 from .codegen import export_c
 from .design import (
     LearnResult,
+    LoopConstraint,
     bandpass,
     hz,
     learn,
@@ -110,6 +111,7 @@ __all__ = [
     "LiveHealth",
     "LivePolicy",
     "LogFile",
+    "LoopConstraint",
     "LoopMargin",
     "PerChannel",
     "PhyFilter",

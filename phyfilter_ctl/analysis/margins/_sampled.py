@@ -53,6 +53,12 @@ class SampledLoop(sweep.Remembered):
         """The same loop with ``extra`` seconds more delay of the command."""
         return replace(self, delay=self.delay + extra)
 
+    def with_filter(self, sampled: SampledPhyFilter) -> SampledLoop:
+        """The same loop about another filter of the same step and delay: what is around it is known."""
+        found = replace(self, sampled=sampled)
+        found.__dict__["plant"] = self.plant
+        return found
+
     @cached_property
     def plant(self) -> tuple[FloatArray, FloatArray, FloatArray, int]:
         """Step of (actuator, x, position): transition - I, what the newer and the older command add, whole steps late.
@@ -77,14 +83,19 @@ class SampledLoop(sweep.Remembered):
 
     def _evaluate(self, omega: FloatArray) -> tuple[ComplexArray, ComplexArray]:
         """Q and P on the unit circle, each (K,)."""
+        F, error = _paths._recursion(self.sampled, omega)
+        missing, through, outer = self.surroundings(omega)
+        # 1 - F m = (1 - F) + F (1 - m), 1 - m summed without the subtraction.
+        return error - F * missing, F * through + outer
+
+    def surroundings(self, omega: FloatArray) -> tuple[ComplexArray, ComplexArray, ComplexArray]:
+        """What F stands in, each (K,): m - 1, and what P is F times of and beside that."""
         sampled, h = self.sampled, self.sampled.dt
-        F, error = _paths._recursion(sampled, omega)
         half = 0.5 * omega * h
         delta = 2j * np.sin(half) * np.exp(1j * half)
         back = 1.0 / (1.0 + delta)
         weights = mean_weights("hold", sampled.sampling.delay / h)
-        # 1 - F m = (1 - F) + F (1 - m), 1 - m summed without the subtraction.
-        Q = error - F * (np.expm1(-1j * np.outer(omega * h, np.arange(len(weights)))) @ weights)
+        missing = np.expm1(-1j * np.outer(omega * h, np.arange(len(weights)))) @ weights
 
         transition, newer, older, whole = self.plant
         drive = newer[:, None] + older[:, None] * back
@@ -94,11 +105,12 @@ class SampledLoop(sweep.Remembered):
             G = _resolvent.evaluate(transition[:m, :m], inputs, np.eye(m), np.zeros((m, 2)), delta)
             drive = drive + transition[:, :m] @ (G[:, 0] + G[:, 1] * back)
         change = drive[m]  # delta X
-        P = F * back * change / h
+        late = back**whole
+        outer = np.zeros(len(omega), dtype=np.complex128)
         if self.kp or self.kd:
             X = change / delta
-            P = P + self.kd * X + self.kp * (drive[m + 1] + h * X) / delta
-        return Q, P * back**whole
+            outer = (self.kd * X + self.kp * (drive[m + 1] + h * X) / delta) * late
+        return missing, back * change / h * late, outer
 
     def error(self, omega: FloatArray) -> ComplexArray:
         """Q, (K,)."""

@@ -7,10 +7,12 @@ what F keeps by construction, ``shrinkage`` the pull towards a lower order. Flig
 ``residuals``, in memory or ``stored`` where they are, whole (``samples``) or reduced to correlations (``correlation``,
 ``sources``, ``offsets`` of labels); ``label_check`` doubts their labels. ``folds``, ``validation`` and ``intervals``
 say how far the answer holds; ``wiener`` is the floor, ``axes`` chooses among one filter for all axes,
-one each and a matrix.
+one each and a matrix. ``constraints`` are what F must keep in a loop, ``constrained`` the search
+among filters that keep them, ``in_loop`` its answer.
 """
 
 from .axes import AxesResult, AxesScore, learn_axes
+from .constraints import LoopConstraint, LoopMarginsLike, LoopPrice, Near
 from .intervals import Intervals
 from .learn_filter import learn
 from .result import LearnEvent, LearnResult
@@ -26,6 +28,10 @@ __all__ = [
     "Intervals",
     "LearnEvent",
     "LearnResult",
+    "LoopConstraint",
+    "LoopMarginsLike",
+    "LoopPrice",
+    "Near",
     "OrderScore",
     "WienerFloor",
     "learn",

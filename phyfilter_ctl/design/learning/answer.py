@@ -23,7 +23,7 @@ from .search import Search
 from .validation import FlightScore, OrderScore, by_flight, chosen_order, cross_validated, scores_of
 from .wiener import LONGEST, wiener_floor
 
-__all__ = ["Asked", "answer"]
+__all__ = ["Asked", "answer", "rmse"]
 
 # Squared errors below this share of the target's square are rounding.
 _EXACT = 1e-14
@@ -73,9 +73,9 @@ def answer(
     filter = search.filter(best)
     return LearnResult(
         filter=filter,
-        rmse=_rmse(filter, asked.flights, search, asked.offset),
+        rmse=rmse(filter, asked.flights, search, asked.offset),
         cost=max(best.cost, 0.0),  # of an exact fit only rounding is left, of either sign
-        held_out_rmse=_rmse(filter, asked.tests, search, asked.offset) if asked.tests else None,
+        held_out_rmse=rmse(filter, asked.tests, search, asked.offset) if asked.tests else None,
         order_used=used,
         status=status,
         message=message,
@@ -145,7 +145,8 @@ def _lags(search: Search, orders: Sequence[int]) -> float:
     return max(LONGEST * search.step, 2.0 * memory(max(orders)) / slowest)
 
 
-def _rmse(filter: PhyFilter, flights: Sequence[Flight], search: Search, offset: bool) -> float:
+def rmse(filter: PhyFilter, flights: Sequence[Flight], search: Search, offset: bool) -> float:
+    """Root-mean-square error on flights."""
     squares = sum(each(partial(_squares, filter=filter, method=search.method, offset=offset), flights))
     return float(np.sqrt(squares / sum(flight.samples for flight in flights)))
 

@@ -25,9 +25,11 @@ from ...execution import Report, silent
 from ...filter import PhyFilter, Sampling
 from ...filter.sampling import Method, Rule
 from ...recording import Recording
-from .answer import Asked, answer
+from .answer import Asked, answer, rmse
+from .constraints import LoopConstraint
 from .coordinates import FASTEST
 from .correlation import MOST_LAGS, memory
+from .in_loop import keep_limits
 from .label_check import label_faults, label_sums
 from .levenberg import Descent
 from .reading import Logs, OnBad, Reading, read_flight
@@ -81,6 +83,7 @@ def learn(
     wiener: bool = True,
     cross_validate: bool | None = None,
     intervals: bool = True,
+    loop: LoopConstraint | None = None,
     callback: Callable[[LearnEvent], bool | None] | None = None,
     read: Callable[[Path], Recording] = read_flight,
     on_bad: OnBad = "raise",
@@ -157,6 +160,10 @@ def learn(
         returned; the lowest good one is.
     intervals : bool
         Whether to find standard errors.
+    loop : LoopConstraint, optional
+        The loop f_hat is fed back in, and the margins and limits that the filter must keep there. ``orders``,
+        ``flights`` and ``wiener`` of the result stay those of the filter learned without it, which chooses the largest
+        order; a filter that limits bind has no ``intervals``.
     callback : callable, optional
         Called with a :class:`LearnEvent` after every step that lowered a cost; True stops.
     read : callable
@@ -285,9 +292,18 @@ def learn(
             (*skipped, *bad),
         )
         result = answer(search, asked, tuple(recorder.events), recorder.cancelled, notes)
+        if loop is not None:
+            result = keep_limits(
+                search, loop, asked.sampling, result, lambda found: _scores(found, search, asked)
+            )
     for note in result.notes[len(notes) :]:
         warnings.warn(note, stacklevel=2)
     return result
+
+
+def _scores(filter: PhyFilter, search: Search, asked: Asked) -> tuple[float, float | None]:
+    held_out = rmse(filter, asked.tests, search, asked.offset) if asked.tests else None
+    return rmse(filter, asked.flights, search, asked.offset), held_out
 
 
 def _worthwhile(flights: Sequence[Flight], orders: Sequence[int], form: Form) -> bool:

@@ -13,6 +13,7 @@ from ..._sections import ComplexArray, FloatArray
 from ...filter import PhyFilter, SampledPhyFilter, Sampling
 from ...filter.sampling import Method
 from ...results import Result, Status
+from .constraints import LoopPrice
 from .intervals import Intervals
 from .validation import FlightScore, OrderScore
 from .wiener import WienerFloor
@@ -86,7 +87,7 @@ class LearnResult(Result):
         CONVERGED; ORDER_ADDS_NOTHING (low-pass form: the lower order is returned); NOT_IDENTIFIED (general form: the
         fit of this order would estimate a steady residual worse than f_theta alone; a lower order is returned);
         AT_BOUND (a pole wants to be faster or slower than the data can show); ITERATION_LIMIT; CANCELLED (best so
-        far).
+        far); INFEASIBLE (no filter keeps the limits of ``loop``: F = 0 is returned, ``rmse`` is nan).
     message : str
         The status in words, and what to try.
     notes : tuple of str
@@ -112,6 +113,8 @@ class LearnResult(Result):
         flight and for more than 32.
     intervals : Intervals or None
         Standard errors and 95 % intervals.
+    loop : LoopPrice or None
+        With ``loop``: spare room of every limit, which of them bind, and what they cost.
     """
 
     filter: PhyFilter
@@ -132,6 +135,7 @@ class LearnResult(Result):
     orders: tuple[OrderScore, ...] = ()
     flights: tuple[FlightScore, ...] = ()
     intervals: Intervals | None = None
+    loop: LoopPrice | None = None
 
     @property
     def dt(self) -> float:

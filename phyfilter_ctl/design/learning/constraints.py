@@ -1,0 +1,287 @@
+"""What a learned filter must keep in the loop: margins, noise of the command, the bound for a residual of a slope."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Protocol
+
+import control as ct
+import numpy as np
+
+from ... import _signals
+from ..._sections import FloatArray
+from ...analysis import frequency_response, ultimate_bound
+from ...analysis.margins import LoopMargin, loop_margin
+from ...analysis.margins.slopes import Margin, SampledLoop, Touch, modulus_at, touches
+from ...filter import SampledPhyFilter
+from ...results import Result
+
+__all__ = ["LoopConstraint", "LoopMarginsLike", "LoopPrice", "Near"]
+
+# Spare room beyond this counts no further, and what has none is this far off.
+_AMPLE, _LOST = 10.0, -1.0
+
+
+class LoopMarginsLike(Protocol):
+    """What is asked of the margins of a diagram: ``SignalMargin`` has it."""
+
+    @property
+    def is_stable(self) -> bool:
+        """Whether the loop is stable."""
+        ...
+
+    @property
+    def modulus_margin(self) -> float:
+        """Least distance of L from -1."""
+        ...
+
+    @property
+    def delay_margin(self) -> float:
+        """Least extra delay in s that makes the loop unstable."""
+        ...
+
+    @property
+    def gain_margin(self) -> tuple[float, float]:
+        """Factors between which the loop stays stable."""
+        ...
+
+
+@dataclass(frozen=True)
+class Near:
+    """Spare room of one limit where the loop comes near to it, and how F moves it.
+
+    Attributes
+    ----------
+    name : str
+    spare : float
+        0 at the limit.
+    omega : float
+        In rad/s.
+    slope : complex
+        d spare = Re(slope dF(omega)).
+    """
+
+    name: str
+    spare: float
+    omega: float
+    slope: complex
+
+
+@dataclass(frozen=True, eq=False)
+class LoopConstraint:
+    """A loop and what the filter must keep in it, for ``learn(..., loop=...)``.
+
+    Parameters
+    ----------
+    kp, kd : float
+        Outer gains per unit of modelled inertia, 1/s^2 and 1/s, as for :func:`~phyfilter_ctl.loop_margin`; both 0: the
+        inner loop alone.
+    actuator : control.TransferFunction or StateSpace, optional
+        ``control.tf(1, [0.05, 1])`` is a lag of 50 ms.
+    delay : float
+        Of the command, in s.
+    modulus_margin : float
+        Least distance of the open loop from -1, in [0, 1): 0.5, the default, holds the peak of the sensitivity at 2.
+    delay_margin : float
+        Least extra delay in s that must be borne.
+    inertia_ratios : (float, float)
+        M_hat / M between which the loop must be stable, around 1.
+    noise_gain : float, optional
+        Most standard deviation of f_hat per unit of the noise of x: what jitter of the command allows.
+    slope, bound : float, optional
+        Largest |f - f_hat| that a residual of \\|gamma'\\| <= slope may leave; both or none.
+    margins : callable, optional
+        Margins of another loop instead of that of kp, kd, actuator and delay: from the sampled filter to an object with
+        ``is_stable``, ``modulus_margin``, ``delay_margin`` and ``gain_margin``. Of a python-control diagram with the
+        filter as a block: ``lambda f: signal_margin(diagram(f), "motor.u")``.
+
+    Raises
+    ------
+    ValueError
+        For a number out of range, or a loop given twice.
+
+    Examples
+    --------
+    >>> import control as ct
+    >>> loop = LoopConstraint(kp=10.0, kd=6.0, actuator=ct.tf(1, [0.05, 1]), delay=0.01)
+    >>> from phyfilter_ctl import PhyFilter
+    >>> {name: round(spare, 3) for name, spare in loop.spare(PhyFilter([5.0]).sampled(0.01)).items()}
+    {'modulus margin': 0.128}
+    """
+
+    kp: float = 0.0
+    kd: float = 0.0
+    actuator: ct.TransferFunction | ct.StateSpace | None = None
+    delay: float = 0.0
+    modulus_margin: float = 0.5
+    delay_margin: float = 0.0
+    inertia_ratios: tuple[float, float] = (1.0, 1.0)
+    noise_gain: float | None = None
+    slope: float | None = None
+    bound: float | None = None
+    margins: Callable[[SampledPhyFilter], LoopMarginsLike] | None = field(default=None, repr=False)
+
+    def __post_init__(self) -> None:
+        for name in ("kp", "kd", "delay", "modulus_margin", "delay_margin"):
+            _signals.number(name, getattr(self, name), least=0.0)
+        if not self.modulus_margin < 1.0:
+            raise ValueError(
+                f"modulus_margin: expected a number in [0, 1), got {self.modulus_margin:g}; no loop that acts reaches 1"
+            )
+        low, high = self.inertia_ratios
+        if not 0.0 < low <= 1.0 <= high < np.inf:
+            raise ValueError(f"inertia_ratios: expected 0 < low <= 1 <= high, got {low:g} and {high:g}")
+        if (self.slope is None) != (self.bound is None):
+            raise ValueError("slope, bound: expected both or none")
+        for name in ("noise_gain", "slope", "bound"):
+            value = getattr(self, name)
+            if value is not None and not value > 0.0:
+                raise ValueError(f"{name}: expected a positive number, got {value}")
+        if self.margins is not None and (self.kp or self.kd or self.delay or self.actuator is not None):
+            raise ValueError("margins: expected it alone, or kp, kd, actuator and delay: one loop, not two")
+
+    def spare(self, filter: SampledPhyFilter) -> dict[str, float]:
+        """Spare room of every limit by the exact margins of the sampled loop: kept where it is 0 or more.
+
+        Parameters
+        ----------
+        filter : SampledPhyFilter
+
+        Returns
+        -------
+        dict of str to float
+            The modulus margin's in units of its own, of others the share of the limit; -1 where the loop is unstable.
+        """
+        found = self._loop_margin(filter) if self.margins is None else self.margins(filter)
+        spare = {"modulus margin": found.modulus_margin - self.modulus_margin if found.is_stable else _LOST}
+        if self.delay_margin:
+            spare["delay margin"] = found.delay_margin / self.delay_margin - 1.0 if found.is_stable else _LOST
+        if self.inertia_ratios != (1.0, 1.0):
+            low, high = found.gain_margin if found.is_stable else (np.inf, 0.0)
+            spare["lower inertia ratio"] = 1.0 - low / self.inertia_ratios[0]
+            spare["upper inertia ratio"] = high / self.inertia_ratios[1] - 1.0
+        spare |= self.others(filter)
+        return {name: float(np.clip(value, _LOST, _AMPLE)) for name, value in spare.items()}
+
+    def others(self, filter: SampledPhyFilter) -> dict[str, float]:
+        """Spare room of what is not a margin of the loop: noise and bound.
+
+        Parameters
+        ----------
+        filter : SampledPhyFilter
+        """
+        found: dict[str, float] = {}
+        if self.noise_gain is not None:
+            found["noise gain"] = 1.0 - frequency_response(filter).noise_gain / self.noise_gain
+        if self.slope is not None and self.bound is not None:
+            found["bound"] = 1.0 - ultimate_bound(filter, residual={1: self.slope}).bound / self.bound
+        return found
+
+    def near(self, filter: SampledPhyFilter, also: Sequence[float] = ()) -> list[Near]:
+        """Every place where the loop of kp, kd, actuator and delay comes near to a limit.
+
+        Parameters
+        ----------
+        filter : SampledPhyFilter
+        also : sequence of float
+            Further frequencies in rad/s at which the modulus is taken.
+        """
+        loop = self._sampled_loop(filter)
+        asked: list[Margin] = ["modulus"]
+        if self.delay_margin:
+            asked.append("delay")
+        if self.inertia_ratios != (1.0, 1.0):
+            asked.append("ratio")
+        found = touches(loop, 1.0, *asked)
+        if also:
+            found += modulus_at(loop, 1.0, np.array(also))
+        return [self._spare_at(touch) for touch in found]
+
+    def is_stable(self, filter: SampledPhyFilter) -> bool:
+        """Whether the loop of kp, kd, actuator and delay is stable.
+
+        Parameters
+        ----------
+        filter : SampledPhyFilter
+        """
+        return self._loop_margin(filter).is_stable
+
+    def again(self, filter: SampledPhyFilter, near: Sequence[Near]) -> FloatArray:
+        """Spare room of the moduli at the same frequencies for another filter, nan for other limits.
+
+        Parameters
+        ----------
+        filter : SampledPhyFilter
+        near : sequence of Near
+            Of the filter before.
+        """
+        omega = np.array([each.omega for each in near])
+        moduli = modulus_at(self._sampled_loop(filter), 1.0, omega)
+        at_dip = np.array([each.name == "modulus margin" for each in near])
+        return np.where(at_dip, [each.value - self.modulus_margin for each in moduli], np.nan)
+
+    def _spare_at(self, touch: Touch) -> Near:
+        low, high = self.inertia_ratios
+        name, least = {
+            "modulus": ("modulus margin", self.modulus_margin),
+            "delay": ("delay margin", self.delay_margin),
+            "ratio": ("upper inertia ratio", high) if touch.value > 1.0 else ("lower inertia ratio", low),
+        }[touch.margin]
+        if touch.margin == "modulus":
+            spare, slope = touch.value - least, touch.slope
+        elif name == "lower inertia ratio":
+            spare, slope = 1.0 - touch.value / least, -touch.slope / least
+        else:
+            spare, slope = touch.value / least - 1.0, touch.slope / least
+        return Near(name, spare, touch.omega, slope)
+
+    def _loop_margin(self, filter: SampledPhyFilter) -> LoopMargin:
+        key = filter.dt, filter.sampling.delay, filter.sampling.g
+        known = self._loops.get(key)
+        if known is None:
+            found = loop_margin(filter, kp=self.kp, kd=self.kd, actuator=self.actuator, delay=self.delay)
+            if isinstance(found.loop, SampledLoop):
+                self._loops[key] = found.loop
+            return found
+        return LoopMargin(1.0, known.with_filter(filter), filter)
+
+    def _sampled_loop(self, filter: SampledPhyFilter) -> SampledLoop:
+        loop = self._loop_margin(filter).loop
+        assert isinstance(loop, SampledLoop)  # of a sampled filter
+        return loop
+
+    @cached_property
+    def _loops(self) -> dict[tuple[float, float, str], SampledLoop]:
+        """By step and delay, what is around the filter."""
+        return {}
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class LoopPrice(Result):
+    """What the loop asks of a learned filter, and what that costs: ``LearnResult.loop``.
+
+    Attributes
+    ----------
+    constraint : LoopConstraint
+    spare : dict of str to float
+        Spare room of every limit with the filter, by the exact functions; never negative.
+    without : dict of str to float
+        The same with the filter learned without the loop.
+    rmse_without : float
+        RMSE of that filter on the training flights.
+    price : float
+        RMSE over ``rmse_without``, less 1; nan where no filter is admissible.
+    """
+
+    constraint: LoopConstraint
+    spare: Mapping[str, float]
+    without: Mapping[str, float]
+    rmse_without: float
+    price: float
+
+    @property
+    def binding(self) -> tuple[str, ...]:
+        """Limits that the filter touches: asking less of them would lower the error."""
+        return tuple(name for name, spare in self.spare.items() if spare < 1e-2)

@@ -1,0 +1,143 @@
+"""Filters learned for a loop keep its limits by the exact margins, and are no slower than they must be."""
+
+import control as ct
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from phyfilter_ctl import (
+    LoopConstraint,
+    PhyFilter,
+    Recording,
+    Status,
+    learn,
+    loop_margin,
+    ultimate_bound,
+)
+from phyfilter_ctl.analysis import frequency_response, largest_bandwidth
+from phyfilter_ctl.analysis.margins.slopes import modulus_at, touches
+
+H = 0.01
+LOOP = {"kp": 10.0, "kd": 6.0, "actuator": ct.tf(1, [0.05, 1]), "delay": 0.01}
+PLAIN = {"wiener": False, "cross_validate": False, "intervals": False, "starts": 2}
+# Central differences of a minimum over frequency that is found to 1e-7 of it.
+DIFFERENCE = 1e-4
+# The search stops where steps gain 1e-4 of the cost or promise 1e-5, and keeps 1e-6 of spare room.
+NEAR_LIMIT = 1e-3
+
+
+@pytest.fixture(scope="module")
+def log():
+    """Gusts of 0.4 s and a slow swing for 20 s, velocity with 3 mm/s of noise."""
+    rng = np.random.default_rng(0)
+    keep = np.exp(-H / 0.4)
+    f = lfilter([np.sqrt(1.0 - keep**2)], [1.0, -keep], rng.standard_normal(2000))
+    f = f + np.sin(1.7 * H * np.arange(2000))
+    x = np.cumsum(H * f) + 3e-3 * rng.standard_normal(2000)
+    return Recording.from_arrays(x=x[:, None], dt=H, label=f[:, None])
+
+
+@pytest.mark.parametrize("kind", ["modulus", "delay", "ratio"])
+def test_slopes_of_margins_are_their_central_differences(kind):
+    a, step = np.array([64.0, 60.0, 12.0]), np.array([1.0, -2.0, 0.4, 0.3, 1.5, -0.2])
+
+    def margin(t):
+        numbers = np.append(a, [64.0, 40.0, 1.0]) * (1.0 + t * step)
+        return loop_margin(PhyFilter(numbers[:3], numbers[3:]), **LOOP, dt=H)
+
+    def response(t, omega):
+        dA, equilibrium, C = margin(t).filter.transition
+        z = np.exp(1j * omega * H)
+        return z * C @ np.linalg.solve((z - 1.0) * np.eye(3) - dA, -dA @ equilibrium)
+
+    t = 1e-4
+    here = touches(margin(0.0).loop, 1.0, kind)
+    exact = {
+        "modulus": lambda m: m.modulus_margin,
+        "delay": lambda m: min(each.value for each in touches(m.loop, 1.0, "delay")),
+        "ratio": lambda m: m.max_ratio,
+    }[kind]
+    binding = min((each for each in here if kind != "ratio" or each.value > 1.0), key=lambda each: each.value)
+    if kind == "modulus":  # at the peak itself: the search's own is a parabola's
+        peak = margin(0.0)
+        (binding,) = modulus_at(peak.loop, 1.0, np.array([peak.modulus_frequency]))
+    moved = (response(t, binding.omega) - response(-t, binding.omega)) / (2.0 * t)
+    differences = (exact(margin(t)) - exact(margin(-t))) / (2.0 * t)
+    assert abs(exact(margin(0.0)) - binding.value) < 1e-6 * binding.value
+    assert abs((binding.slope * moved).real - differences) < DIFFERENCE * abs(differences)
+
+
+def test_order_one_is_the_fastest_that_keeps_the_modulus_margin(log):
+    found = learn(log, 1, loop=LoopConstraint(**LOOP), **PLAIN)
+    limit = largest_bandwidth(lambda w: PhyFilter([w]), **LOOP, dt=H, modulus_margin=0.5).limit
+    assert found.status is Status.CONVERGED
+    assert found.loop.binding == ("modulus margin",)
+    assert not loop_margin(learn(log, 1, **PLAIN).filter, **LOOP, dt=H).is_stable
+    assert limit * (1.0 - NEAR_LIMIT) < found.filter.a[0] <= limit
+    assert found.loop.price > 0.5
+    assert found.rmse == pytest.approx(found.loop.rmse_without * (1.0 + found.loop.price))
+
+
+def test_a_filter_that_keeps_the_limits_is_left_as_it_is(log):
+    free = learn(log, 1, **PLAIN)
+    found = learn(log, 1, loop=LoopConstraint(modulus_margin=0.1, noise_gain=1e4), **PLAIN)
+    assert np.array_equal(found.filter.a, free.filter.a)
+    assert found.loop.price == 0.0
+    assert found.loop.binding == ()
+
+
+def test_what_no_filter_keeps_is_infeasible_and_nothing_is_fed_back(log):
+    found = learn(log, 1, loop=LoopConstraint(**LOOP, modulus_margin=0.9), **PLAIN)
+    assert found.status is Status.INFEASIBLE
+    assert not np.any(found.filter.b)
+    assert "lower the outer gains" in found.message
+    slow = learn(log, 1, loop=LoopConstraint(noise_gain=1e-3), **PLAIN)
+    assert slow.status is Status.INFEASIBLE
+    assert "longer flights" in slow.message
+
+
+def test_margins_of_a_diagram_stand_for_the_formula(log):
+    found = learn(log, 1, loop=LoopConstraint(margins=lambda f: loop_margin(f, **LOOP)), **PLAIN)
+    formula = learn(log, 1, loop=LoopConstraint(**LOOP), **PLAIN)
+    assert found.filter.a == pytest.approx(formula.filter.a, rel=NEAR_LIMIT)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        ({"modulus_margin": 1.0}, "modulus_margin"),
+        ({"inertia_ratios": (1.5, 2.0)}, "inertia_ratios"),
+        ({"slope": 1.0}, "both or none"),
+        ({"noise_gain": 0.0}, "noise_gain"),
+        ({"kp": 1.0, "margins": lambda f: None}, "one loop, not two"),
+    ],
+)
+def test_wrong_limits_are_refused(wrong, message):
+    with pytest.raises(ValueError, match=message):
+        LoopConstraint(**wrong)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("order", "form", "limits"),
+    [
+        (1, "lowpass", {"delay_margin": 0.08, "inertia_ratios": (0.4, 2.5)}),
+        (1, "lowpass", {"slope": 3.0, "bound": 1.0}),
+        (2, "general", {"noise_gain": 8.0}),
+    ],
+)
+def test_limits_hold_by_the_exact_functions(log, order, form, limits):
+    constraint = LoopConstraint(**LOOP, **limits)
+    found = learn(log, order, form=form, loop=constraint, **PLAIN)
+    margin = loop_margin(found.filter, **LOOP, dt=H)
+    sampled = found.sampled()
+    assert found.status is not Status.INFEASIBLE
+    assert margin.modulus_margin >= constraint.modulus_margin
+    assert margin.delay_margin >= constraint.delay_margin
+    assert margin.min_ratio <= constraint.inertia_ratios[0]
+    assert margin.max_ratio >= constraint.inertia_ratios[1]
+    assert constraint.noise_gain is None or frequency_response(sampled).noise_gain <= constraint.noise_gain
+    assert constraint.bound is None or ultimate_bound(sampled, residual={1: 3.0}).bound <= constraint.bound
+    assert found.loop.binding
+    # Order 1 that keeps the same is among the starts of the general form.
+    assert found.rmse <= learn(log, 1, form=form, loop=constraint, **PLAIN).rmse * (1.0 + 1e-4)
