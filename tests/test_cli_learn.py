@@ -7,10 +7,11 @@ import os
 import signal
 from pathlib import Path
 
+import control as ct
 import numpy as np
 import pytest
 
-from phyfilter_ctl import PhyFilter, Recording, filterfile
+from phyfilter_ctl import PhyFilter, Recording, filterfile, loop_margin
 from phyfilter_ctl.cli import main
 from phyfilter_ctl.design import learning
 from phyfilter_ctl.learned import Network
@@ -350,3 +351,20 @@ def test_a_flight_without_its_g_is_said_and_saves_nothing(tmp_path, monkeypatch,
     Path("with_g.csv").write_text(drone())
     assert main([arguments[0], "with_g.csv", *arguments[2:]]) == 0
     assert "note:" not in capsys.readouterr().out
+
+
+def test_margin_is_kept_in_the_loop_and_its_price_is_said(logs, capsys):
+    loop = ["--lag", "0.05", "--loop-delay", "0.01", "--kp", "10", "--kd", "6"]
+    options = ["--x", "px,py", "--order", "1", "--form", "lowpass", "--json", "figures.json"]
+    assert main(["learn", "one.csv", *options, "--margin", "0.5", *loop, "--out", "filter.toml"]) == 0
+    assert "modulus margin binds" in capsys.readouterr().out
+    (row,) = json.loads((logs / "figures.json").read_text())["filters"]
+    margin = loop_margin(
+        filterfile.load("filter.toml"), kp=10.0, kd=6.0, actuator=ct.tf(1, [0.05, 1]), delay=0.01
+    )
+    assert margin.modulus_margin >= 0.5
+    assert row["loop"]["price"] > 0.0
+    assert main(["learn", "one.csv", *options, "--margin", "0.95", *loop, "--out", "none.toml"]) != 0
+    assert "lower the outer gains" in capsys.readouterr().err
+    assert main(["learn", "one.csv", *options, *loop]) != 0
+    assert "--margin" in capsys.readouterr().err

@@ -38,6 +38,7 @@ __all__ = [
     "Prediction",
     "breaking_bandwidth",
     "exact_bandwidth",
+    "held_force",
     "limits",
     "predicted",
 ]
@@ -305,10 +306,10 @@ def _flat(method: Method, known: KnownForce) -> FlatModel:
 
 def _loop(method: Method, known: KnownForce) -> ct.InterconnectedSystem:
     """Where ``known`` is "held", the filter takes over each step the force that was commanded for it."""
-    return build(method, prior=_held_force() if known == "held" else None)
+    return build(method, prior=held_force() if known == "held" else None)
 
 
-def _held_force() -> FunctionBlock:
+def held_force() -> FunctionBlock:
     """g from the command of this instant, which the filter keeps until the next."""
     vehicle = params().vehicle
 

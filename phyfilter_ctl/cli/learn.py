@@ -19,9 +19,11 @@ from .. import filterfile
 from .._output import check_target, write_figure, write_text
 from ..filter import SampledPhyFilter, stack
 from ..recording import Recording
+from ..results import Status
 from .channels import figures_below, responses, text_of
 from .columns import add_columns, names_of, plausibility, read_columns, signals_of
 from .frequencies import add_picture_units
+from .learn_loop import add_loop, loop_of
 from .learn_report import Row, best_of, figures_of, form_name, table_of, worse_than_none
 
 if TYPE_CHECKING:
@@ -50,6 +52,7 @@ examples:
   phyfilter-ctl learn flight.csv --model network.onnx --features vx,vy,vz
   phyfilter-ctl learn flight.csv --order 3 --form general --method tustin --json -
   phyfilter-ctl learn flight.csv --per-channel --out filters.toml   one filter for each channel
+  phyfilter-ctl learn flight.csv --margin 0.5 --lag 0.05 --loop-delay 0.01 --kp 10 --kd 6   safe in this loop
   phyfilter-ctl design filter.toml                              reads the saved filter"""
 
 
@@ -79,6 +82,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="a filter of its own for each channel (default one for all)",
     )
+    add_loop(parser)
     add_columns(parser)
     output = parser.add_argument_group("output")
     output.add_argument("--out", metavar="FILTER.toml", help="write the best filter")
@@ -150,6 +154,8 @@ def main(options: argparse.Namespace) -> int:
         below = {"seed": options.seed, **figures_below(figures), "findings": found}
         write_text(options.json, json.dumps(below, indent=2, allow_nan=False) + "\n")
     if options.out is not None:
+        if lost := [row.result.message for row in best.values() if row.result.status is Status.INFEASIBLE]:
+            raise ValueError(f"{options.out}: not written: {lost[0]}")
         if worse:
             raise ValueError(f"{options.out}: not written: {found[-1]}")
         learned = _sampled([row.result for row in best.values()])
@@ -351,6 +357,7 @@ def _row(
             f_theta=options.f_theta_rule,
             callback=report,
             cross_validate=True if len(logs) > 1 else None,
+            loop=loop_of(options),
             **_structure(options, form),
         )
     except ValueError:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -34,6 +35,8 @@ class Row:
         """RMSE on what was not learned from; None where there was nothing."""
         if self.result.held_out_rmse is not None:
             return self.result.held_out_rmse
+        if self.result.loop is not None:  # the folds know nothing of the loop
+            return self.result.rmse if math.isfinite(self.result.rmse) else math.inf
         return None if self.result.wiener is None else self.result.wiener.filter_rmse
 
     @property
@@ -63,7 +66,7 @@ def _as_good(one: LearnResult, best: LearnResult) -> bool:
     from ..design.learning.validation import against
 
     floors = (one.wiener, best.wiener)
-    if floors[0] is None or floors[1] is None or best.held_out_rmse is not None:
+    if one.loop is not None or floors[0] is None or floors[1] is None or best.held_out_rmse is not None:
         return False
     return against(floors[0].filter_errors, floors[1].filter_errors, floors[1].are_flights)[2]
 
@@ -74,6 +77,10 @@ def _reason(rows: Sequence[Row], best: Row) -> str:
         return ""
     if best.result.held_out_rmse is not None:
         return "fewest coefficients within 0.1 % of the least RMSE on the flights held out"
+    if best.result.loop is not None:
+        return (
+            "fewest coefficients within 0.1 % of the least RMSE among those that keep the margin in the loop"
+        )
     floor = best.result.wiener
     assert floor is not None  # it has a score
     what = f"{floor.blocks} flights or groups of them" if floor.are_flights else f"{floor.blocks} blocks"
@@ -196,7 +203,7 @@ def table_of(
             row.result.status in (Status.NOT_IDENTIFIED, Status.ORDER_ADDS_NOTHING)
             and (row.result.status is Status.NOT_IDENTIFIED or row.result.orders)
         )
-        or (row is best and chosen.status is not Status.CONVERGED)
+        or (row is best and (chosen.status is not Status.CONVERGED or chosen.loop is not None))
     ]
     lines += [f"note: {text}" for text in (*said, *chosen.notes)]
     return "\n".join(lines)
@@ -238,7 +245,10 @@ def _entry(row: Row) -> dict[str, object]:
         "order_used": result.order_used,
         "status": result.status,
         "message": result.message,
-        "rmse": result.rmse,
+        "rmse": plain(result.rmse),
+        "loop": None
+        if result.loop is None
+        else plain({"spare": result.loop.spare, "price": result.loop.price}),
         "held_out_rmse": result.held_out_rmse,
         "wiener": None if result.wiener is None else _floor(result.wiener),
         "costs": plain(result.costs),

@@ -26,11 +26,13 @@ from .learning import (
     LoopConstraint,
     LoopMarginsLike,
     LoopPrice,
+    MarginTradeOff,
     Near,
     OrderScore,
     WienerFloor,
     learn,
     learn_axes,
+    margin_trade_off,
 )
 from .placement import Family, bandpass, hz, lowpass, numerator_of_type, place_poles
 from .refinement import (
@@ -64,6 +66,7 @@ __all__ = [
     "LoopConstraint",
     "LoopMarginsLike",
     "LoopPrice",
+    "MarginTradeOff",
     "ModelScore",
     "Near",
     "OnlineFlight",
@@ -87,6 +90,7 @@ __all__ = [
     "learn_axes",
     "learn_jointly",
     "lowpass",
+    "margin_trade_off",
     "numerator_of_type",
     "place_poles",
     "refine",

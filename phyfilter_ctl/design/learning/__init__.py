@@ -13,6 +13,7 @@ among filters that keep them, ``in_loop`` its answer.
 
 from .axes import AxesResult, AxesScore, learn_axes
 from .constraints import LoopConstraint, LoopMarginsLike, LoopPrice, Near
+from .in_loop import MarginTradeOff, margin_trade_off
 from .intervals import Intervals
 from .learn_filter import learn
 from .result import LearnEvent, LearnResult
@@ -31,9 +32,11 @@ __all__ = [
     "LoopConstraint",
     "LoopMarginsLike",
     "LoopPrice",
+    "MarginTradeOff",
     "Near",
     "OrderScore",
     "WienerFloor",
     "learn",
     "learn_axes",
+    "margin_trade_off",
 ]

@@ -3,7 +3,7 @@
 At an admissible filter the cost's Gauss-Newton model and every dip, gain and phase crossing of the loop, linear in
 F(j omega), make a quadratic program; its step is corrected for the curvature of the limits and shortened until the
 limits hold and the cost falls. So whatever the search does, it ends at a filter that is admissible, and no worse than
-the start: the filter learned without the loop (and simpler ones), as fast as the loop bears it.
+the start: the filter learned without the loop (and simpler ones), as fast as the loop tolerates it.
 """
 
 from __future__ import annotations
@@ -84,7 +84,7 @@ class Admissible:
         return found
 
     def slowed(self, filter: PhyFilter) -> Point | None:
-        """A filter as fast as the loop bears it, at its own speed at most."""
+        """A filter as fast as the loop tolerates it, at its own speed at most."""
         slowest = min(self.search.band[0] / float(np.max(np.abs(filter.poles))), 1.0)
 
         def at(speed: float) -> Point | None:

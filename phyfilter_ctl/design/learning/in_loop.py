@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import ArrayLike
 
+from ... import _signals
+from ..._sections import FloatArray
 from ...filter import PhyFilter, SampledPhyFilter, Sampling
-from ...results import Status
+from ...results import Result, Status
 from .constrained import Admissible, Point, at_speed
 from .constraints import LoopConstraint, LoopPrice
 from .result import LearnResult
 from .search import Search
 
-__all__ = ["keep_limits"]
+__all__ = ["MarginTradeOff", "keep_limits", "margin_trade_off"]
 
 _SLOWER = (1e-5, 1e-4, 1e-3, 0.01, 0.05, 0.2)  # where the exact margins find less than the search did
 
@@ -58,6 +61,7 @@ def keep_limits(
         order_used=point.filter.order,
         status=status,
         message=message,
+        wiener=None,
         intervals=None,
         loop=price,
     )
@@ -96,6 +100,66 @@ def _infeasible(
         held_out_rmse=None,
         status=Status.INFEASIBLE,
         message=f"no filter up to order {result.order_used} keeps the limits, F = 0 is returned: {why}",
+        wiener=None,
         intervals=None,
         loop=price,
     )
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class MarginTradeOff(Result):
+    """What every margin costs; made by :func:`margin_trade_off`.
+
+    Attributes
+    ----------
+    margins : (m,) array
+        Modulus margins asked for.
+    rmse : (m,) array
+        RMSE of the filter that keeps them on the training flights; nan where none does.
+    results : tuple of LearnResult
+    """
+
+    margins: FloatArray
+    rmse: FloatArray
+    results: tuple[LearnResult, ...]
+
+
+def margin_trade_off(
+    learner: Callable[[LoopConstraint], LearnResult], loop: LoopConstraint, margins: ArrayLike
+) -> MarginTradeOff:
+    """Error against modulus margin: what is given up for every step of safety.
+
+    Parameters
+    ----------
+    learner : callable
+        ``lambda loop: learn(logs, 2, loop=loop)``.
+    loop : LoopConstraint
+        Whose modulus margin is replaced.
+    margins : array_like, shape (m,)
+        Modulus margins in [0, 1).
+
+    Returns
+    -------
+    MarginTradeOff
+
+    Raises
+    ------
+    ValueError
+        If a margin is out of range, before anything is learned.
+
+    Examples
+    --------
+    >>> from phyfilter_ctl import Recording, learn
+    >>> rng = np.random.default_rng(0)
+    >>> f = np.sin(0.02 * np.arange(1000))[:, None]
+    >>> x = np.cumsum(0.01 * f, axis=0) + 1e-3 * rng.standard_normal(f.shape)
+    >>> log = Recording.from_arrays(x=x, dt=0.01, label=f)
+    >>> loop = LoopConstraint(kp=10.0, kd=6.0, delay=0.04)
+    >>> found = margin_trade_off(lambda each: learn(log, 1, loop=each, wiener=False), loop, [0.3, 0.5])
+    >>> bool(found.rmse[0] < found.rmse[1])
+    True
+    """
+    wanted = _signals.array("margins", margins, ("m",))
+    loops = [replace(loop, modulus_margin=float(margin)) for margin in wanted]
+    results = tuple(learner(each) for each in loops)
+    return MarginTradeOff(wanted, np.array([result.rmse for result in results]), results)

@@ -161,9 +161,9 @@ def learn(
     intervals : bool
         Whether to find standard errors.
     loop : LoopConstraint, optional
-        The loop f_hat is fed back in, and the margins and limits that the filter must keep there. ``orders``,
-        ``flights`` and ``wiener`` of the result stay those of the filter learned without it, which chooses the largest
-        order; a filter that limits bind has no ``intervals``.
+        The loop f_hat is fed back in, and the margins and limits that the filter must keep there. ``orders`` and
+        ``flights`` of the result stay those of the filter learned without it, which chooses the largest order; a filter
+        that limits bind has no ``intervals`` and is not compared with the Wiener filter.
     callback : callable, optional
         Called with a :class:`LearnEvent` after every step that lowered a cost; True stops.
     read : callable

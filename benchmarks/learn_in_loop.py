@@ -1,0 +1,252 @@
+"""Filters learned for estimation alone and for the loop they are fed back in: who stands, and what standing costs.
+
+    python benchmarks/learn_in_loop.py [--quick]
+
+For every loop the filters that fit best, and those that keep a modulus margin besides (`learn(..., loop=...)`): poles,
+RMSE of f_hat on the log, the margin by the exact functions, and whether the simulated loop comes to rest after a push.
+
+* plain: a mass behind a lag of 50 ms and a delay of 10 ms, PD, 100 Hz; gusts and a slow swing; low-pass orders 1 and
+  2 and the general form of orders 2 and 3. Simulated with ten steps of the plant a sample.
+* drone: the vertical axis of `models/drone`, its motor lag, delay and rate. Simulated in the whole vehicle's diagram.
+* quadruped: the standing robot of `models/quadruped` in MuJoCo (extra `mujoco`; not with --quick), learned from walks.
+
+Exits with 1 where a constrained filter does not stand or misses its margin, or all unconstrained ones of a loop stand.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import warnings
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from types import ModuleType
+from typing import Any
+
+import control as ct
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import expm
+from scipy.signal import lfilter
+
+from phyfilter_ctl import LoopConstraint, Recording, SampledPhyFilter, learn, models
+from phyfilter_ctl.design.learning import LearnResult, LoopMarginsLike
+from phyfilter_ctl.diagram import flatten
+from phyfilter_ctl.plants.legged.simulator import simulator
+from phyfilter_ctl.simulation import simulate
+
+FloatArray = NDArray[np.float64]
+KP, KD, LAG, DELAY, DT = 10.0, 6.0, 0.05, 0.01, 0.01
+FINER = 10
+MARGIN = 0.5
+# Of the margin that PD alone has; filters slower than 2 pi over a walk's 5 s, which would leave more, no walk shows.
+QUADRUPED_SHARE = 0.15
+PUSH, SECONDS = 0.1, 20.0
+# A loop that stands has come back to less than this share of the push.
+BACK = 0.05
+
+
+def part(name: str) -> ModuleType:
+    """A module of a model."""
+    return importlib.import_module(f"{models.__name__}.{name}")
+
+
+def gusts(dt: float, samples: int, noise: float, seed: int = 0) -> Recording:
+    """Gusts of 0.4 s and a slow swing, velocity with noise."""
+    rng = np.random.default_rng(seed)
+    keep = np.exp(-dt / 0.4)
+    drive = rng.standard_normal(samples)
+    f = np.asarray(lfilter([np.sqrt(1.0 - keep**2)], [1.0, -keep], drive)) + np.sin(
+        1.7 * dt * np.arange(samples)
+    )
+    x = np.cumsum(dt * f) + noise * rng.standard_normal(samples)
+    return Recording.from_arrays(x=x[:, None], dt=dt, label=f[:, None])
+
+
+def plain_stands(filter: SampledPhyFilter) -> bool:
+    """A push of the velocity, then nothing but the loop: lag, speed and place in ten exact steps a sample."""
+    h = filter.dt / FINER
+    late = round(DELAY / h)
+    A = np.array([[-1.0 / LAG, 0.0, 0.0, 1.0 / LAG], [1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0] * 4])
+    step = expm(A * h)[:3]
+    state, line = np.array([0.0, PUSH, 0.0]), [0.0] * late
+    memory, command = filter.start(np.array([PUSH])), 0.0
+    for _ in range(round(SECONDS / filter.dt)):
+        for _ in range(FINER):
+            line.append(command)
+            state = step @ np.append(state, line.pop(0))
+        memory, f_hat = filter.step(memory, state[1:2], np.array([command]))
+        command = -KP * state[2] - KD * state[1] - float(f_hat[0])
+        if not np.all(np.abs(state) < 1e3 * PUSH):
+            return False
+    return bool(np.all(np.abs(state[1:]) < BACK * PUSH))
+
+
+def drone_loop() -> tuple[LoopConstraint, float, Callable[[SampledPhyFilter], bool]]:
+    """The vertical axis' constraint, the rate, and whether the simulated vehicle stands."""
+
+    build, held_force = part("drone.diagram").build, part("drone.margins").held_force
+    start_state, params = part("drone.experiment").start_state, part("drone.params").params
+    Method = part("drone.methods").Method
+    vehicle, dt = params().vehicle, params().sampling.dt
+    w = 1.9  # rad/s, of the outer loop
+
+    def made(filter: SampledPhyFilter) -> Any:
+        coefficients = tuple(filter.filter.a.tolist()), tuple(filter.filter.b.tolist())
+        return Method(
+            "phyfilter",
+            w,
+            1.0,
+            known="commanded",
+            damping=params().tuning.damping,
+            with_model=False,
+            coefficients=coefficients,
+        )
+
+    kp, kd, _ = Method("observer", w, 1.0, damping=params().tuning.damping).gains
+
+    def stands(filter: SampledPhyFilter) -> bool:
+        chosen = made(filter)
+        flat = flatten(build(chosen, prior=held_force()))
+        start = {**start_state(), "vehicle.quadrotor.v": [0.0, 0.0, 1e-4]}
+        settings = chosen.parameters() | {
+            "controller.reference.speed": 1e-9,
+            "controller.attitude.tilt_max": 1e-7,
+        }
+        flight = simulate(
+            flat,
+            dt * np.arange(round(10.0 / dt) + 1),
+            None,
+            start,
+            params=settings,
+            method="rk4",
+            max_step=params().sampling.max_step,
+            backend="vm",
+        )
+        height = np.asarray(flight.outputs)[[v.name for v in flat.outputs].index("r[2]")]
+        if not np.abs(height - height[0]).max() < 0.005:
+            return False
+        swing = np.abs(np.diff(height, 2))
+        quarter = len(swing) // 4
+        return bool(swing[3 * quarter :].max() <= swing[quarter : 2 * quarter].max())
+
+    constraint = LoopConstraint(
+        kp=kp, kd=kd, actuator=ct.tf(1, [vehicle.motor_lag, 1]), delay=vehicle.delay, modulus_margin=MARGIN
+    )
+    return constraint, dt, stands
+
+
+@dataclass(frozen=True)
+class Standing:
+    """Margins of the standing quadruped at its motors."""
+
+    is_stable: bool
+    modulus_margin: float
+    delay_margin: float = np.inf
+    gain_margin: tuple[float, float] = (0.0, np.inf)
+
+
+def quadruped_loop() -> tuple[LoopConstraint, Sequence[Recording], Callable[[SampledPhyFilter], bool]]:
+    """Constraint by the linearised robot, walks to learn from, and whether the robot in MuJoCo stands."""
+
+    stance, p = part("quadruped.stance"), part("quadruped.params").params()
+    plant = stance.linearized()
+    joint_inertia, walk_logs = part("quadruped.robot").joint_inertia, part("quadruped.learned").walk_logs
+    mujoco = simulator("the quadruped's stance")
+    kp, kd = p.control.kp, p.control.kd
+
+    def margins(filter: SampledPhyFilter) -> LoopMarginsLike:
+        (row,) = stance.study([stance.Case("", filter.filter, kp, kd)], plant=plant)
+        return Standing(row.stands, row.modulus_margin)
+
+    def stands(filter: SampledPhyFilter) -> bool:
+        model, data = stance.settled()
+        inertia, damping = joint_inertia(), p.robot.damping
+        posture, load = data.qpos[7:].copy(), data.ctrl.copy()  # the prior knows what holds the weight
+        rate, torque = data.qvel[6:].copy(), load.copy()
+        memory, speeds = filter.start(inertia * rate), []
+        data.qvel[2] -= 0.05  # the push, m/s
+        for _ in range(round(10.0 / p.control.dt)):
+            mujoco.mj_step(model, data)
+            now = data.qvel[6:].copy()
+            g = torque - load - 0.5 * damping * (now + rate)
+            memory, f_hat = filter.step(memory, inertia * now, g)
+            rate = now
+            torque = load + kp * (posture - data.qpos[7:]) - kd * now - f_hat
+            data.ctrl[:] = torque
+            speeds.append(float(np.abs(data.qvel[6:]).max()))
+        return bool(max(speeds[-200:]) < 0.1)
+
+    alone = stance.study([stance.Case("", None, kp, kd)], plant=plant)[0].modulus_margin
+    return LoopConstraint(modulus_margin=QUADRUPED_SHARE * alone, margins=margins), walk_logs(), stands
+
+
+def learned(
+    logs: Recording | Sequence[Recording], n: int, form: str, loop: LoopConstraint | None
+) -> LearnResult:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)
+        return learn(
+            logs,
+            n,
+            form="general" if form == "general" else "lowpass",
+            loop=loop,
+            starts=2,
+            wiener=False,
+            cross_validate=False,
+            intervals=False,
+        )
+
+
+def compare(
+    name: str,
+    logs: Recording | Sequence[Recording],
+    kinds: Sequence[tuple[int, str]],
+    loop: LoopConstraint,
+    stands: Callable[[SampledPhyFilter], bool],
+) -> bool:
+    """Print the rows of a loop; whether all is as it should be."""
+    fell, good = 0, True
+    for n, form in kinds:
+        free, kept = learned(logs, n, form, None), learned(logs, n, form, loop)
+        for label, result in (("free", free), ("in the loop", kept)):
+            filter = result.sampled()
+            spare = loop.spare(filter)["modulus margin"]
+            holds = stands(filter)
+            poles = ", ".join(f"{p:.3g}" if p.imag else f"{p.real:.3g}" for p in result.filter.poles)
+            margin = "unstable" if spare == -1.0 else f"{spare + loop.modulus_margin:.3f}"
+            price = f"{100.0 * (result.rmse / free.rmse - 1.0):+.1f} %"
+            print(
+                f"{name:<10}{form:<8}{n:>2}  {label:<12}{result.rmse:>9.4g}{price:>10}{margin:>10}"
+                f"{'stands' if holds else 'falls':>8}   {poles} rad/s"
+            )
+            fell += label == "free" and not holds
+            good = good and (label == "free" or (holds and spare >= 0.0))
+    print(f"{name:<10}{fell} of {len(kinds)} learned without the loop fall")
+    return good and fell > 0
+
+
+def main() -> int:
+    """Print the tables."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--quick", action="store_true", help="short logs, no general form, no quadruped")
+    quick = parser.parse_args().quick
+    print(
+        f"{'loop':<10}{'form':<8}{'n':>2}  {'learned':<12}{'RMSE':>9}{'price':>10}{'margin':>10}{'flown':>8}   poles"
+    )
+    plain = LoopConstraint(kp=KP, kd=KD, actuator=ct.tf(1, [LAG, 1]), delay=DELAY, modulus_margin=MARGIN)
+    kinds = [(1, "lowpass")] if quick else [(1, "lowpass"), (2, "lowpass"), (2, "general"), (3, "general")]
+    good = compare("plain", gusts(DT, 1500 if quick else 3000, 3e-3), kinds, plain, plain_stands)
+    loop, dt, stands = drone_loop()
+    kinds = [(1, "lowpass")] if quick else [(1, "lowpass"), (2, "general")]
+    good &= compare("drone", gusts(dt, 1500 if quick else 6000, 3e-4), kinds, loop, stands)
+    if not quick:
+        constraint, walks, standing = quadruped_loop()
+        good &= compare("quadruped", walks, [(1, "lowpass")], constraint, standing)
+    return 0 if good else 1
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
