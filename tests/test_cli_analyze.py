@@ -100,6 +100,28 @@ def test_page_of_a_sampled_filter(sampled, capsys):
     assert figures["assumptions"] == list(expected.assumptions)
 
 
+def test_page_of_a_saturated_loop(sampled, capsys):
+    loop = ["--kp", "10", "--kd", "6", "--delay", "0.01"]
+    assert main(["analyze", sampled, "--slope", "3", "--residual", "2=9", *loop, "--json", "-"]) == 0
+    figures = json.loads(capsys.readouterr().out)
+    f = pf.lowpass(2, 20.0).sampled(0.01)
+    tube = pf.tracking_tube(f, kp=10.0, kd=6.0, delay=0.01, residual={1: 3.0})
+    assert figures["tracking"]["radius"] == tube.radius
+    told, untold = (
+        pf.saturation_margin(f, kp=10.0, kd=6.0, delay=0.01, g=g).command_excess
+        for g in ("applied", "commanded")
+    )
+    assert figures["saturated_loop"]["commanded"]["command_excess"] == untold
+    assert main(["analyze", sampled, "--slope", "3", *loop]) == 0
+    page = capsys.readouterr().out
+    assert f"{told:.4g} times its limit if told what acts, {untold:.4g} if the command" in page
+    assert f"{tube.radius:.4g} at most" in page
+    assert (
+        main(["analyze", sampled, "--slope", "3", "--kp", "1000", "--kd", "1"]) == 0
+    )  # unstable: nothing to promise
+    assert "position error" not in capsys.readouterr().out
+
+
 def test_data_from_a_flight(sampled, tmp_path, capsys):
     rng = np.random.default_rng(1)
     gamma = np.zeros((6001, 1))

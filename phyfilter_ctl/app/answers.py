@@ -11,7 +11,7 @@ import numpy as np
 from numpy.linalg import LinAlgError
 
 from .._sections import ComplexArray, FloatArray
-from ..analysis import frequency_response, grids, prior_margin, ultimate_bound
+from ..analysis import PriorMargin, frequency_response, grids, prior_margin, ultimate_bound
 from ..analysis.frequency import FilterResponse
 from ..filter import PhyFilter, SampledPhyFilter
 from ..results import plain
@@ -257,6 +257,8 @@ def _margins(design: Design, filter: PhyFilter, sampled: SampledPhyFilter | None
         margin = read_off(margin) if exact else margin
         values["ratio_low"], values["ratio_high"] = margin.min_ratio, margin.max_ratio
         values["phase_margin"], values["delay_margin"] = phase_and_delay(margin)
+        if margin.is_stable:
+            notes["phase_margin"] += f"; {_distance(margin)}"
     except (ValueError, LinAlgError, FloatingPointError):
         notes = dict.fromkeys(values, "the loop could not be searched: its time scales are too far apart")
     for key, value in values.items():
@@ -274,6 +276,15 @@ def _margins(design: Design, filter: PhyFilter, sampled: SampledPhyFilter | None
         Figure("delay_margin", "Delay margin", values["delay_margin"], "s", notes["delay_margin"]),
         Figure("phase_margin", "Phase margin", values["phase_margin"], "deg", notes["phase_margin"]),
     ]
+
+
+def _distance(margin: PriorMargin) -> str:
+    """How close the loop comes to -1, in words."""
+    low, high = margin.disk.gain_margin
+    return (
+        f"|1 + L| is {margin.modulus_margin:.3g} or more, least at {margin.modulus_frequency:.4g} rad/s; "
+        f"gain and phase together: {low:.3g} to {high:.3g} times with {math.degrees(margin.disk.phase_margin):.3g} deg"
+    )
 
 
 def _advice(design: Design, band: tuple[float, float]) -> list[str]:

@@ -27,6 +27,8 @@ if TYPE_CHECKING:
         InertiaCertificate,
         LoopMargin,
         PriorMargin,
+        SaturationMargin,
+        TrackingTube,
     )
     from ..design.optimal import ResidualStatistics
 
@@ -141,6 +143,8 @@ class _Page:
     deviation: float | None
     inner: PriorMargin
     outer: LoopMargin | None
+    saturated: dict[str, SaturationMargin]
+    tube: TrackingTube | None
     inertia: dict[str, InertiaCertificate]
 
     def figures(self, statistics: ResidualStatistics | None) -> dict[str, object]:
@@ -156,6 +160,8 @@ class _Page:
             "noise_deviation": self.deviation,
             "inner_loop": self.inner,
             "complete_loop": self.outer,
+            "saturated_loop": self.saturated or None,
+            "tracking": self.tube,
             "moving_inertia": self.inertia or None,
         }
 
@@ -163,7 +169,15 @@ class _Page:
 def _page(
     response: FilterResponse, residual: dict[int, float], noise: float, options: argparse.Namespace
 ) -> _Page:
-    from ..analysis import error_variance, loop_margin, moving_inertia, prior_margin, ultimate_bound
+    from ..analysis import (
+        error_variance,
+        loop_margin,
+        moving_inertia,
+        prior_margin,
+        saturation_margin,
+        tracking_tube,
+        ultimate_bound,
+    )
 
     system = response.system
     bound = None
@@ -189,11 +203,33 @@ def _page(
             "constant M": moving_inertia(system, **loop, rate=0.0),
             "M of any speed": moving_inertia(system, **loop),
         }
-    outer = None
+    outer, saturated, tube = None, {}, None
     if options.kp is not None or options.kd is not None:
-        kp, kd = options.kp or 0.0, options.kd or 0.0
-        outer = loop_margin(system, kp=kp, kd=kd, actuator=actuator, delay=options.delay)
-    return _Page(response, bound, deviation, inner, outer, inertia)
+        kp, kd, delay = options.kp or 0.0, options.kd or 0.0, options.delay
+        outer = loop_margin(system, kp=kp, kd=kd, actuator=actuator, delay=delay)
+        saturated = {
+            g: saturation_margin(system, kp=kp, kd=kd, actuator=actuator, delay=delay, g=g)
+            for g in ("applied", "commanded")
+        }
+        told = {k: size for k, size in residual.items() if k <= 1}
+        if told and outer.is_stable and _has_tube(system, kp):
+            tube = tracking_tube(
+                system,
+                kp=kp,
+                kd=kd,
+                actuator=actuator,
+                delay=delay,
+                residual=told,
+                noise=noise,
+                inertia=options.inertia,
+            )
+    return _Page(response, bound, deviation, inner, outer, saturated, tube, inertia)
+
+
+def _has_tube(system: PhyFilter | SampledPhyFilter, kp: float) -> bool:
+    """Whether there is a tube of the position: for a sampled filter that is told a held command."""
+    sampled = isinstance(system, SampledPhyFilter)
+    return kp > 0.0 and sampled and system.sampling.g == "hold" and not system.sampling.delay
 
 
 def _draw(pages: list[_Page], options: argparse.Namespace) -> None:
@@ -324,6 +360,16 @@ def _text(page: _Page, statistics: ResidualStatistics | None) -> str:
             "complete loop: with the outer gains",
             *("  " + line for line in page.outer.describe().splitlines()),
         ]
+        excess = {g: f"{found.command_excess:.4g}" for g, found in page.saturated.items() if found.is_stable}
+        if excess:
+            told = (
+                f"{excess['applied']} times its limit if told what acts, {excess['commanded']} if the command"
+            )
+            lines.append(_line("command up to", f"{told}: stable"))
+    if page.tube is not None:
+        lines.append(
+            _line("position error", f"{page.tube.radius:.4g} at most, while |f| is bounded as gamma is")
+        )
     return "\n".join(lines)
 
 

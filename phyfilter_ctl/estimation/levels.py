@@ -374,7 +374,7 @@ def _scored(
         free = ~(((values <= low) & (slope < 0.0)) | ((values >= high) & (slope > 0.0)))
         while damping < 1e6:
             step = np.zeros_like(values)
-            part = H[np.ix_(free, free)]
+            part = H[free][:, free]
             ridge = (damping * np.diag(part).max(initial=0.0) + 1e-12) * np.eye(len(part))
             step[free] = np.linalg.solve(part + ridge, slope[free])
             tried = np.clip(values + step, low, high)
