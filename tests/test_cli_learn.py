@@ -73,7 +73,9 @@ def test_figures_are_those_of_learn(logs, capsys):
     ]
     training = [Recording.from_csv(f"{name}.csv", x=["px", "py"]) for name in ("one", "two")]
     held = Recording.from_csv("held.csv", x=["px", "py"])
-    expected = learning.learn(training, 2, held_out=held)
+    expected = learning.learn(
+        training, 2, held_out=held, cross_validate=True
+    )  # as the command, for two files
     row = figures["filters"][2]
     assert row["a"] == expected.filter.a.tolist()
     assert row["rmse"] == expected.rmse
