@@ -17,13 +17,13 @@ from ..filter import PhyFilter, SampledPhyFilter
 from ..recording import Recording
 from ..results import plain
 from .frequencies import add_picture_units
+from .implementation import read_implementation
 
 if TYPE_CHECKING:
     from .._sections import FloatArray
     from ..analysis import (
         BoundResult,
         FilterResponse,
-        Implementation,
         InertiaCertificate,
         LoopMargin,
         PriorMargin,
@@ -189,7 +189,7 @@ def _page(
             inertia_error=options.inertia_error,
             rate=options.rate,
             inertia=options.inertia,
-            implementation=_implementation(options.implementation),
+            implementation=read_implementation(options.implementation),
         )
     deviation = None
     if noise and isinstance(system, SampledPhyFilter):
@@ -283,40 +283,6 @@ def _bounds(
     if statistics is None:
         return residual, options.noise
     return residual or {1: statistics.slope.value}, options.noise or statistics.noise.value
-
-
-def _implementation(entries: list[str]) -> Implementation | None:
-    from ..analysis import Implementation
-
-    signals: dict[str, dict[int, float]] = {"g": {}, "f_theta": {}, "x": {}, "inertia": {}}
-    others = {"jitter": 0.0, "delay_error": 0.0, "x_step": 0.0, "g_step": 0.0, "f": math.nan}
-    for entry in entries:
-        name, _, value = entry.partition("=")
-        name, dot, order = name.partition(".")
-        try:
-            if dot:
-                signals[name][int(order)] = float(value)
-            else:
-                others[name], _ = float(value), others[name]
-        except (KeyError, ValueError) as error:
-            raise ValueError(
-                f"--implementation: expected one of {', '.join(others)}, or g.K, f_theta.K, x.K, inertia.K with a "
-                f"number, such as jitter=1e-4 or g.1=48; got {entry!r}"
-            ) from error
-    if not entries:
-        return None
-    largest = others.pop("f")
-    return Implementation(
-        g=signals["g"],
-        f_theta=signals["f_theta"],
-        x=signals["x"],
-        inertia=signals["inertia"],
-        f=None if math.isnan(largest) else largest,
-        jitter=others["jitter"],
-        delay_error=others["delay_error"],
-        x_step=others["x_step"],
-        g_step=others["g_step"],
-    )
 
 
 # -- figures and text -------------------------------------------------------------------------------------------

@@ -1,0 +1,52 @@
+"""``--implementation``: what a sampled filter meets as it runs, from the command line."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from ..analysis import Implementation
+
+__all__ = ["read_implementation"]
+
+
+def read_implementation(entries: list[str]) -> Implementation | None:
+    """What ``--implementation NAME[.K]=D ...`` says; None where it is not given.
+
+    Raises
+    ------
+    ValueError
+        For a name that does not count or a value that is no number.
+    """
+    from ..analysis import Implementation
+
+    signals: dict[str, dict[int, float]] = {"g": {}, "f_theta": {}, "x": {}, "inertia": {}}
+    others = {"jitter": 0.0, "delay_error": 0.0, "x_step": 0.0, "g_step": 0.0, "f": math.nan}
+    for entry in entries:
+        name, _, value = entry.partition("=")
+        name, dot, order = name.partition(".")
+        try:
+            if dot:
+                signals[name][int(order)] = float(value)
+            else:
+                others[name], _ = float(value), others[name]
+        except (KeyError, ValueError) as error:
+            raise ValueError(
+                f"--implementation: expected one of {', '.join(others)}, or g.K, f_theta.K, x.K, inertia.K with a "
+                f"number, such as jitter=1e-4 or g.1=48; got {entry!r}"
+            ) from error
+    if not entries:
+        return None
+    largest = others.pop("f")
+    return Implementation(
+        g=signals["g"],
+        f_theta=signals["f_theta"],
+        x=signals["x"],
+        inertia=signals["inertia"],
+        f=None if math.isnan(largest) else largest,
+        jitter=others["jitter"],
+        delay_error=others["delay_error"],
+        x_step=others["x_step"],
+        g_step=others["g_step"],
+    )
