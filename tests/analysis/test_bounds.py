@@ -239,6 +239,7 @@ def test_the_ramp_that_a_sampled_filter_does_not_follow_is_named():
         ultimate_bound(pf.lowpass(2, 5.0).sampled(0.01), residual={2: 1.0})
 
 
+@pytest.mark.slow
 @settings(max_examples=15, deadline=None, derandomize=True)
 @given(poles, st.integers(2, 4), st.floats(0.02, 0.6), st.integers(0, 10**6))
 def test_higher_derivatives_bound_a_matched_filter(chosen, kind, share, seed):

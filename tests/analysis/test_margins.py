@@ -355,6 +355,7 @@ def test_rotation_is_a_complex_ratio():
     assert verdict.stable == (margin.phase_margin > angle)
 
 
+@pytest.mark.slow
 @given(seed=st.integers(0, 10**6), share=st.floats(0.05, 1.5))
 @settings(max_examples=40, deadline=None)
 def test_sets_of_matrices_are_sound(seed: int, share: float):

@@ -57,6 +57,7 @@ def run(source: FilterSource, folder: Path, *, calls: int, flags=(), compiler=No
     return crc, int(refused)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", slow_but(("everything",), SOURCES))
 def test_no_call_does_harm(name, tmp_path):
     """Wrong calls are refused and change nothing; a correct run afterwards is right."""

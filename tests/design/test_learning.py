@@ -102,6 +102,7 @@ def test_general_form_comes_near_the_wiener_filter(log):
     assert result.wiener.filter_rmse == pytest.approx(result.rmse, rel=0.01)
 
 
+@pytest.mark.slow
 def test_cost_never_rises_with_the_order_of_the_general_form(short):
     for method in ("exact", "euler", "tustin"):
         costs = list(learn(short, 6, form="general", method=method, starts=0, wiener=False).costs.values())
@@ -414,6 +415,7 @@ def test_cancelling_the_first_trials_of_unequal_steps_keeps_the_best_so_far() ->
     assert all(cost >= 0.0 for cost in seen)
 
 
+@pytest.mark.slow
 def test_a_fit_down_to_rounding_has_a_wiener_floor() -> None:
     """Costs of moments with a block held out are then rounding of either sign; the refits must not fall over them."""
     n, dt = 28_000, 0.002

@@ -129,6 +129,7 @@ def test_ends_are_bounded_whatever_their_number(flights, monkeypatch):
     np.testing.assert_array_equal(end, found[0].u.T[:, ::-1][:, : end.shape[1]])
 
 
+@pytest.mark.slow
 def test_weights_offsets_and_unequal_steps_hold_for_files(flights, files):
     rng = np.random.default_rng(5)
     weights = [1.0, 0.0, 0.5, *(rng.uniform(0.5, 1.5, log.n) for log in flights[3:])]

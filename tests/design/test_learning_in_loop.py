@@ -67,6 +67,7 @@ def test_slopes_of_margins_are_their_central_differences(kind):
     assert abs((binding.slope * moved).real - differences) < DIFFERENCE * abs(differences)
 
 
+@pytest.mark.slow
 def test_order_one_is_the_fastest_that_keeps_the_modulus_margin(log):
     found = learn(log, 1, loop=LoopConstraint(**LOOP), **PLAIN)
     limit = largest_bandwidth(lambda w: PhyFilter([w]), **LOOP, dt=H, modulus_margin=0.5).limit

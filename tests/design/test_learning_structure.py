@@ -151,6 +151,7 @@ def test_conditions_hold_where_the_label_is_another_filter():
     assert abs(notched(80j)) < ROUNDING
 
 
+@pytest.mark.slow
 def test_poles_stay_within_limits_and_given_ones_stay():
     log = log_of(PhyFilter([400.0, 6.0]), n=1200)  # damping 0.15, 20 rad/s
     quick = {"form": "general", "starts": 1, "wiener": False, "intervals": False, "cross_validate": False}

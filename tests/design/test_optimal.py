@@ -36,6 +36,7 @@ def test_first_order_in_closed_form():
     assert found.status == "converged"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("type", "k"), slow_but(((2, 1),), ((1, 1), (2, 1), (2, 2))))
 def test_no_second_order_filter_on_a_grid_is_better(type, k):
     found = least_bound(2, residual={k: 30.0}, noise=0.01, type=type)

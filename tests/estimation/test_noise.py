@@ -76,6 +76,7 @@ def test_noise_of_f_hat_beside_its_impulse_response() -> None:
     assert white**2 == pytest.approx(pf.error_variance(sampled, noise=0.01).noise, rel=1e-3)
 
 
+@pytest.mark.slow
 def test_a_colour_is_found_and_the_filter_with_it() -> None:
     log = flight(0.01, 0.6)
     found = pf.estimate(log)

@@ -284,6 +284,7 @@ def test_step_at_which_euler_diverges_is_discarded(tmp_path):
         fmu.step(PERIOD, x=1.1)
 
 
+@pytest.mark.slow
 def test_single_precision_filter(tmp_path):
     sampled = FILTER.sampled(PERIOD, precision="float32")
     path = export_fmu(sampled, tmp_path / "a.fmu", channels=2, compiler=quick_compiler())
@@ -432,6 +433,7 @@ def test_documentation_says_what_it_is():
     assert not re.search(r"(src|href)=", page.split("<svg")[0])  # nothing from elsewhere
 
 
+@pytest.mark.slow
 def test_matplotlib_settings_are_left_alone(tmp_path):
     import matplotlib as mpl
 

@@ -155,6 +155,7 @@ def test_communication_steps_do_not_matter(fmi, steps):
     assert found[1] == pytest.approx(PULL * found[0], rel=1e-15)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("fmi", VERSIONS)
 def test_adaptive_solver_keeps_its_tolerance(fmi):
     for rtol in (1e-4, 1e-10):

@@ -381,6 +381,7 @@ def test_command_refuses_bad_recordings(tmp_path, capsys):
     assert not target.exists()
 
 
+@pytest.mark.slow
 def test_a_filter_on_disk_is_scored_beside_the_tuned_ones(tmp_path, capsys):
     """The filter file of ``design`` and ``learn``, continuous or sampled at another rate, behind the same network."""
     trains = [
@@ -413,6 +414,7 @@ def test_a_filter_on_disk_is_scored_beside_the_tuned_ones(tmp_path, capsys):
     assert "none.toml" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_no_method_diverges_on_faster_flights_than_it_was_tuned_on(tmp_path, capsys):
     """A recursion by forward Euler has gains that hold on slow flights and not on a fast one."""
     trains = [

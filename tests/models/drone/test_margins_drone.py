@@ -50,6 +50,7 @@ def test_flight_breaks_where_the_complete_formula_says():
     assert formula.inner > 1.2 * formula.complete
 
 
+@pytest.mark.slow
 def test_linearised_loop_agrees_with_flight_and_formula():
     exact = margins.exact_bandwidth(OUTER, low=80.0, high=90.0, tolerance=0.005)
     assert exact == pytest.approx(margins.predicted(OUTER).sampled, rel=OF_SAMPLED)

@@ -275,6 +275,7 @@ def test_picture_has_a_panel_for_everything(whole, found):
     assert len(picture.draw(found).axes) == 3
 
 
+@pytest.mark.slow
 def test_study_goes_on_where_it_was_broken_off(found, kept, monkeypatch):
     lines = kept.read_text().splitlines()
     assert len(lines) == 1 + study.steps(["wind", "map"], TINY)
