@@ -273,7 +273,7 @@ def test_help_teaches_by_examples_that_run(logs, capsys):
     shown = capsys.readouterr().out
     lines = [line.strip() for line in shown.splitlines() if line.startswith("  phyfilter-ctl learn")]
     examples = [line.split("   ")[0].split()[1:] for line in lines]
-    assert len(examples) == 6
+    assert len(examples) == 7
     one, held = (flight(seed, n=300, noise=0.05) for seed in (5, 6))
     for path, log in (("flight.csv", one), ("slow_1.csv", one), ("fast_1.csv", held)):
         table = np.hstack(

@@ -56,7 +56,7 @@ class SampledLoop(sweep.Remembered):
     def with_filter(self, sampled: SampledPhyFilter) -> SampledLoop:
         """The same loop about another filter of the same step and delay: what is around it is known."""
         found = replace(self, sampled=sampled)
-        found.__dict__["plant"] = self.plant
+        object.__setattr__(found, "plant", self.plant)  # a frozen dataclass, a cached property
         return found
 
     @cached_property
@@ -95,7 +95,8 @@ class SampledLoop(sweep.Remembered):
         delta = 2j * np.sin(half) * np.exp(1j * half)
         back = 1.0 / (1.0 + delta)
         weights = mean_weights("hold", sampled.sampling.delay / h)
-        missing = np.expm1(-1j * np.outer(omega * h, np.arange(len(weights)))) @ weights
+        lags = np.outer(omega * h, np.arange(len(weights)))
+        missing = np.asarray(np.expm1(-1j * lags) @ weights, dtype=np.complex128)
 
         transition, newer, older, whole = self.plant
         drive = newer[:, None] + older[:, None] * back
