@@ -72,7 +72,8 @@ class MatrixSearch:
 
         def closed(k: complex) -> FloatArray | ComplexArray:
             through = np.eye(len(D)) + k * D
-            return np.asarray(A - k * (B @ np.linalg.solve(through, C)))
+            # Not solve: with no states some versions of it take a singular matrix.
+            return np.asarray(A - k * (B @ np.linalg.inv(through) @ C))
 
         step = float(system.dt) if system.isdtime(strict=True) else 0.0
         return cls(closed, step, system, blocks or (1,) * len(D), delayed, missing)
