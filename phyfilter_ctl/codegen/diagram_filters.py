@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from ..blocks.functions import Variable
 from ..blocks.sampled import FilterLaw
 from ..diagram.model import Task
+from ..filter import SampledPhyFilter
 from .casadi_source import Real
 from .diagram_header import TaskText, in_comment, in_string
 from .filter_source import FilterSource, filter_source
@@ -74,7 +75,11 @@ def filter_task(
     -------
     FilterTask
     """
-    sampled = replace(law.sampled, precision="float32") if real == "float" else law.sampled
+    sampled = law.sampled
+    if real == "float":
+        sampled = SampledPhyFilter(
+            sampled.filters, replace(sampled.sampling, precision="float32"), E=sampled.E
+        )
     source = filter_source(
         sampled, law.channels, name=name, inertia=law.inertia, variable=False, tunable=tunable
     )

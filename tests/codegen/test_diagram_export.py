@@ -5,10 +5,12 @@ import os
 import subprocess
 from pathlib import Path
 
+import control
 import numpy as np
 import pytest
 from flat_models import STRICT, by_hand, oscillator, two_rates
 
+import phyfilter_ctl as pf
 from phyfilter_ctl.codegen import compile_sources, diagram_model, find_compiler
 from phyfilter_ctl.codegen.diagram_source import runtime_sources
 from phyfilter_ctl.codegen.export_diagram import export_diagram
@@ -190,3 +192,12 @@ def test_two_exports_are_the_same_bytes(tmp_path):
     one, other = export_diagram(two_rates(), tmp_path / "a"), export_diagram(two_rates(), tmp_path / "b")
     for path in one.iterdir():
         assert path.read_bytes() == (other / path.name).read_bytes()
+
+
+def test_a_diagram_with_a_filter_is_exported_in_float(tmp_path):
+    block = pf.sampled_block(pf.PhyFilter([20.0]).sampled(0.01), 1)
+    loop = control.interconnect([block], inputs=block.input_labels, outputs=block.output_labels, name="loop")
+    folder = pf.export_c(loop, tmp_path / "loop", real="float")
+    sources = {path.name: path.read_text() for path in folder.iterdir() if path.suffix in (".c", ".h")}
+    sources = {name: text for name, text in sources.items() if "main(" not in text}
+    compile_sources(sources, tmp_path / "a.so", flags=STRICT)
