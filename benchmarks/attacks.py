@@ -16,6 +16,7 @@ import argparse
 import sys
 import time
 from collections.abc import Iterator
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import control as ct
@@ -23,16 +24,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 import phyfilter_ctl as pf
+from phyfilter_ctl.filter.sampling import Method, Precision, Rule
 
 Array = NDArray[np.float64]
 
 SIGNALS = 25  # at a time, through one filter
 FINE = 8  # parts of a step on which slopes are constant
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(6)
+RULES: tuple[Rule, ...] = ("hold", "average")
+METHODS: tuple[Method, ...] = ("exact", "tustin")
 ROUNDING = 1e-11  # of the simulation, beside the largest signal over a step
 
 
-class Course(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class Course:
     """Values at both ends of each part of a step, (parts, signals)."""
 
     first: Array
@@ -45,7 +50,7 @@ class Course(NamedTuple):
     def slope(self, part: float) -> float:
         return float(np.abs(self.last - self.first).max() / part)
 
-    def __add__(self, other: Course) -> Course:  # type: ignore[override]
+    def __add__(self, other: Course) -> Course:
         return Course(self.first + other.first, self.last + other.last)
 
     def at(self, where: Array) -> Array:
@@ -96,7 +101,7 @@ class Options(NamedTuple):
     late: int = 0
     x_step: float = 0.0
     g_step: float = 0.0
-    precision: str = "float64"
+    precision: Precision = "float64"
     derivative: int = 1
 
 
@@ -258,7 +263,7 @@ def _stepped(values: Array, step: float) -> Array:
     return step * np.round(values / step) if step else values
 
 
-def filters(rng: np.random.Generator, precision: str) -> Iterator[pf.SampledPhyFilter]:
+def filters(rng: np.random.Generator, precision: Precision) -> Iterator[pf.SampledPhyFilter]:
     """Without end: poles real, repeated and complex, orders 1 to 5, all types, steps and rules."""
     while True:
         order = int(rng.integers(1, 6))
@@ -275,9 +280,9 @@ def filters(rng: np.random.Generator, precision: str) -> Iterator[pf.SampledPhyF
                 poles.append(complex(-size))
         f = pf.place_poles(poles, numerator=int(rng.integers(1, order + 1)))
         h = rng.uniform(0.02, 0.8) / float(np.abs(f.poles).max())
-        rules = rng.choice(["hold", "average"], 2)
-        method = str(rng.choice(["exact", "tustin"]))
-        yield f.sampled(h, method, g=rules[0], f_theta=rules[1], precision=precision)  # type: ignore[arg-type]
+        g, f_theta = (RULES[k] for k in rng.integers(2, size=2))
+        method = METHODS[int(rng.integers(2))]
+        yield f.sampled(h, method, g=g, f_theta=f_theta, precision=precision)
 
 
 def main() -> int:

@@ -55,7 +55,12 @@ def _of(model: str, part: str) -> ModuleType:
 
 
 def report(
-    name: str, filter: pf.PhyFilter | pf.FilterBank, verdict: tuple[float, float], sure: str, **loop: object
+    name: str,
+    filter: pf.PhyFilter | pf.FilterBank,
+    verdict: tuple[float, float],
+    sure: str,
+    dt: float,
+    actuator: ct.TransferFunction | None = None,
 ) -> None:
     """One line: range of the ratio over the configurations, constant, at any speed."""
     low, high = verdict
@@ -66,7 +71,7 @@ def report(
     for words, rate in (("constant", 0.0), ("any speed", None)):
         if words == "constant" and isinstance(filter, pf.FilterBank):
             continue
-        found = pf.moving_inertia(filter, ratios=(low, high), rate=rate, **loop)  # type: ignore[arg-type]
+        found = pf.moving_inertia(filter, ratios=(low, high), rate=rate, actuator=actuator, dt=dt)
         # The range holds more than the robot's own M: what is refuted for it is not proven for the robot.
         if found.status is not PROVEN and "model's" in name:
             MISSED.append(f"{name}, {words}")
@@ -114,9 +119,9 @@ def platform(points: int) -> None:
     print(f"flying arm: {len(sets[0][0])} configurations, load 0 to {values.mission.payload:g} kg")
     act, h = ct.tf(1, [values.vehicle.motor_lag, 1]), values.sampling.dt
     tuned = pf.stack([pf.PhyFilter([3.866])] * 3 + [pf.PhyFilter([8.79])] * 3)
-    report("platform, the model's 3.866 and 8.79 rad/s", tuned, verdict, words, actuator=act, dt=h)
+    report("platform, the model's 3.866 and 8.79 rad/s", tuned, verdict, words, h, act)
     fast = pf.stack([pf.PhyFilter([12.0])] * 3 + [pf.PhyFilter([30.0])] * 3)
-    report("platform, 12 and 30 rad/s", fast, verdict, words, actuator=act, dt=h)
+    report("platform, 12 and 30 rad/s", fast, verdict, words, h, act)
 
 
 def joint_space_inertia(arm: SerialArm, q: Floats) -> Floats:

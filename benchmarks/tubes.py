@@ -106,7 +106,7 @@ def settings(method: Any, i: int) -> dict[str, Any]:
         "actuator": ct.tf(1.0, [lag, 1.0]),
         "delay": values.vehicle.delay,
         "inertia": values.vehicle.mass,
-        "g": "acting",
+        "g": "applied",
         "dt": values.sampling.dt,
     }
 

@@ -109,7 +109,7 @@ def test_page_of_a_saturated_loop(sampled, capsys):
     assert figures["tracking"]["radius"] == tube.radius
     told, untold = (
         pf.saturation_margin(f, kp=10.0, kd=6.0, delay=0.01, g=g).command_excess
-        for g in ("applied", "commanded")
+        for g in ("saturated", "commanded")
     )
     assert figures["saturated_loop"]["commanded"]["command_excess"] == untold
     assert main(["analyze", sampled, "--slope", "3", *loop]) == 0

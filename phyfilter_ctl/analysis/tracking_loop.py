@@ -4,7 +4,7 @@
 
 with p and x the errors of position and velocity, f the residual that the filter is to find, d what the actuator does
 beyond its model, v the part of the command that is fed back, held between the samples. The filter is told v
-("commanded") or a + d, the force that acts ("acting"). Everything in units of M_hat.
+("commanded") or a + d, the force that acts ("applied"). Everything in units of M_hat.
 
 Between two samples f and d act on the plant as they are: a unit impulse tau seconds before a sample changes the state
 there by b_0 + tau b_1, so that the kernel to an output c is
@@ -32,7 +32,7 @@ from .variance import discretised
 
 __all__ = ["Noisy", "Source", "Told", "TrackingLoop"]
 
-Told = Literal["commanded", "acting"]
+Told = Literal["commanded", "applied"]
 Source = Literal["residual", "actuation"]
 Noisy = Literal["velocity", "position"]
 Output = Literal["position", "command"]
@@ -56,7 +56,7 @@ class TrackingLoop:
         mu = M_hat / M.
     inertia : float
         M_hat.
-    told : {"commanded", "acting"}
+    told : {"commanded", "applied"}
     """
 
     sampled: SampledPhyFilter

@@ -164,7 +164,7 @@ def tracking_tube(
         Bounds on the noise of x and of the position.
     inertia : float
         M_hat: f, d and v are in its unit times that of x'.
-    g : {"commanded", "acting"}
+    g : {"commanded", "applied"}
         What the filter is told: v, or the force a + d that acts, lag and all.
     command_limit : float
         What the actuator has for v. The tube is that of a linear loop: it is proved while the command stays within, and

@@ -209,7 +209,7 @@ def _page(
         outer = loop_margin(system, kp=kp, kd=kd, actuator=actuator, delay=delay)
         saturated = {
             g: saturation_margin(system, kp=kp, kd=kd, actuator=actuator, delay=delay, g=g)
-            for g in ("applied", "commanded")
+            for g in ("saturated", "commanded")
         }
         told = {k: size for k, size in residual.items() if k <= 1}
         if told and outer.is_stable and _has_tube(system, kp):
@@ -328,9 +328,7 @@ def _text(page: _Page, statistics: ResidualStatistics | None) -> str:
         ]
         excess = {g: f"{found.command_excess:.4g}" for g, found in page.saturated.items() if found.is_stable}
         if excess:
-            told = (
-                f"{excess['applied']} times its limit if told what acts, {excess['commanded']} if the command"
-            )
+            told = f"{excess['saturated']} times its limit if told what acts, {excess['commanded']} if the command"
             lines.append(_line("command up to", f"{told}: stable"))
     if page.tube is not None:
         lines.append(

@@ -139,7 +139,7 @@ def _failure(error: Exception) -> memoryview:
     try:
         text = _dumps((None, error))
         _loads(text)  # some exceptions cannot be made again from their arguments
-    except Exception:
+    except Exception:  # their own code runs here, and may raise anything
         return _dumps((None, RuntimeError(f"{type(error).__name__}: {error}")))
     return text
 

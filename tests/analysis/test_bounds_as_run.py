@@ -205,7 +205,7 @@ def test_what_is_covered_and_what_is_assumed_is_said():
         "sampling instants up to 0.0001 s off the grid",
         "a delay of x off by up to 0.001 s",
         "x in steps of 0.01",
-        "rounding in float64, |x| up to 3, |g| up to 9, |f_theta| up to 0",
+        "rounding in float64 of up to 6 axes, |x| up to 3, |g| up to 9, |f_theta| up to 0",
     )
     assert ultimate_bound(f, residual={1: 1.0}).assumptions == ()
 

@@ -28,9 +28,9 @@ FLAT = 1e-9
 def test_k_is_where_the_common_lyapunov_function_ends(seed):
     cases = random_cases(40 if seed == 1 else 300, seed)
     assert {(case.told, case.h > 0.0, case.late > 0) for case in cases} >= {
-        ("applied", True, True),
+        ("saturated", True, True),
         ("commanded", True, True),
-        ("applied", False, False),
+        ("saturated", False, False),
         ("commanded", False, False),
     }
     assert [case for case in cases if wrong(case)] == []
@@ -98,7 +98,7 @@ def flight(sampled, position, seconds=30.0, limit=1.0):
 
 def test_told_the_command_it_diverges_told_what_acts_it_does_not():
     h, told = 0.01, {"kp": 10.0, "kd": 6.0, "dt": 0.01}
-    commanded, applied = (saturation_margin(FIRST, g=g, **told) for g in ("commanded", "applied"))
+    commanded, saturated = (saturation_margin(FIRST, g=g, **told) for g in ("commanded", "saturated"))
     ignorant, knowing = FIRST.sampled(h), FIRST.sampled(h, g_limit=(-1.0, 1.0))
     excess, end = flight(ignorant, 0.2)
     assert 1.5 < excess < commanded.command_excess
@@ -107,7 +107,7 @@ def test_told_the_command_it_diverges_told_what_acts_it_does_not():
     assert excess > commanded.command_excess
     assert end > 10.0
     excess, end = flight(knowing, 3.0)
-    assert excess > applied.command_excess  # sufficient, not necessary
+    assert excess > saturated.command_excess  # sufficient, not necessary
     assert end < 1e-6
 
 
@@ -119,7 +119,7 @@ def test_sampled_is_continuous_for_short_steps():
         "delay": 0.005,
         "inertia_ratio": 0.7,
     }
-    for g in ("applied", "commanded"):
+    for g in ("saturated", "commanded"):
         fine, limit = (
             saturation_margin(FILTERS[1], g=g, dt=dt, **settings).least_gain for dt in (1e-4, None)
         )
@@ -142,7 +142,7 @@ def test_what_is_unstable_or_wrong():
     assert not lost.is_stable
     assert np.isnan(lost.command_excess)
     assert "unstable" in lost.describe()
-    with pytest.raises(ValueError, match="g: expected 'applied' or 'commanded', got 'hold'"):
+    with pytest.raises(ValueError, match="g: expected 'saturated' or 'commanded', got 'hold'"):
         saturation_margin(FIRST, g="hold")  # type: ignore[arg-type]  # wrong on purpose
     with pytest.raises(ValueError, match="use g='hold'"):
         saturation_margin(FIRST.sampled(0.01, g="average"))

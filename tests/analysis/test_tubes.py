@@ -77,7 +77,7 @@ def test_steady_error_and_largest_command():
     assert "BEYOND" in tight.describe()
 
 
-@pytest.mark.parametrize("told", ["commanded", "acting"])
+@pytest.mark.parametrize("told", ["commanded", "applied"])
 def test_flights_stay_within_and_come_near(told):
     """Worst courses of each term by the kernel's signs, flown by the filter's own steps and a plant by expm."""
     h, kp, kd, lag, M = 0.01, 8.0, 5.0, 0.04, 3.0
@@ -206,7 +206,7 @@ def test_what_is_refused():
         tracking_tube(
             PhyFilter([90.0]), actuator=ct.tf(1, [0.1, 1]), delay=0.02, residual={0: 1.0}, **settings
         )
-    with pytest.raises(ValueError, match="g: expected 'commanded' or 'acting', got 'told'"):
+    with pytest.raises(ValueError, match="g: expected 'commanded' or 'applied', got 'told'"):
         tracking_tube(FIRST, residual={0: 1.0}, g="told", **settings)  # type: ignore[arg-type]  # on purpose
     with pytest.raises(ValueError, match="no delay of the measurement"):
         tracking_tube(FIRST.sampled(0.01, delay=0.02), kp=10.0, kd=6.0, residual={0: 1.0})

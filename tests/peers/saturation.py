@@ -33,7 +33,7 @@ import phyfilter_ctl as pf
 from phyfilter_ctl.analysis import SaturationMargin, saturation_margin
 
 Array = NDArray[np.float64]
-Told = Literal["applied", "commanded"]
+Told = Literal["saturated", "commanded"]
 STEPS = 2400
 ATTACKS = 10
 SHARES = (1.001, 0.5, 0.2, 0.05)
@@ -106,7 +106,7 @@ def continuous(case: Case) -> Matrices:
         b[1] = b[-1] = case.mu
     A[first : first + n - 1, first + 1 :] += np.eye(n - 1)
     A[-1, first:] -= F.a
-    if case.told == "applied":
+    if case.told == "saturated":
         b[-1] -= 1.0
     else:
         A[-1] -= c
@@ -139,7 +139,7 @@ def sampled(case: Case) -> Matrices:
     else:
         b[:3] += step[:3, 3]
     A[3], A[4 : 4 + n] = unit[1], w_now
-    if case.told == "applied":
+    if case.told == "saturated":
         b[4 + n] = 1.0
     else:
         A[4 + n] = c
@@ -172,7 +172,7 @@ def random_cases(count: int, seed: int) -> list[Case]:
             float(rng.choice([0.0, 0.02, 0.08])),
             float(rng.choice([0.0, 0.005, 0.015, 0.03])),
             int(rng.integers(0, 3)),
-            ("applied", "commanded")[int(rng.integers(2))],
+            ("saturated", "commanded")[int(rng.integers(2))],
         )
         if (case.kp and not case.kd) or case.h * speed * order > 1.0:
             continue
@@ -297,7 +297,7 @@ def main() -> int:
     for case in mistakes[:5]:
         print(f"  {case}")
     failed = len(mistakes)
-    for told in ("applied", "commanded"):
+    for told in ("saturated", "commanded"):
         own, least = attacked(cases, told)
         batch = Batch.of([without_position(case) for case in own])
         omega_h = np.array([max(case.margin().frequency * case.h, 0.01) for case in own])

@@ -19,7 +19,7 @@ import numpy as np
 
 from ..._signals import number
 from ...filter import SampledPhyFilter
-from .rounding import rounding_error
+from .rounding import AXES, rounding_error
 from .sampled_kernels import SampledKernels
 
 __all__ = ["Implementation", "Run"]
@@ -232,7 +232,9 @@ class Run:
             sizes = [f"|x| up to {b.x[0]:g}"] + [
                 f"|{name}| up to {getattr(b, name).get(0, 0.0):g}" for name in ("g", "f_theta")
             ]
-            said.append(f"rounding in {self.sampled.sampling.precision}, {', '.join(sizes)}")
+            said.append(
+                f"rounding in {self.sampled.sampling.precision} of up to {AXES} axes, {', '.join(sizes)}"
+            )
         if self.sampled.sampling.limit is not None and b.f is not None:
             said.append(f"f_hat at its limit, |f| up to {b.f:g}")
         return tuple(said)

@@ -12,10 +12,10 @@ import numpy as np
 
 from .sampled_kernels import SampledKernels
 
-__all__ = ["rounding_error"]
+__all__ = ["AXES", "rounding_error"]
 
 # Products of a full inertia with up to so many axes, in the 2-norm: n u sqrt(n).
-_AXES = 6
+AXES = 6
 # For the products of two roundings, which are left out of the sums.
 _SECOND_ORDER = 1.01
 
@@ -40,7 +40,7 @@ def rounding_error(
     n, h = len(C), kernels.sampled.dt
     slope = M * (V + 2.0 * u * X / h)
     # dx 1, M 2 (in, mean), product, rate 2; g 2 (in, mean), subtraction; f_theta 2, subtraction.
-    product = _AXES * np.sqrt(_AXES)
+    product = AXES * np.sqrt(AXES)
     of_input = u * ((5.0 + product) * slope + 2.0 * G + (slope + G) + 2.0 * T + (slope + G + T))
     U = slope + G + T + of_input
     states, to_output = kernels.state_gains()

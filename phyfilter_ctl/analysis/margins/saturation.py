@@ -39,7 +39,7 @@ from .sweep import Loop
 
 __all__ = ["KnownActuation", "SaturationMargin", "saturation_margin"]
 
-KnownActuation = Literal["applied", "commanded"]
+KnownActuation = Literal["saturated", "commanded"]
 # Share of 1 that m may be below 0 by rounding: S itself is of size 1.
 _ROUNDING = 1e-12
 
@@ -50,7 +50,7 @@ class SaturationMargin(Result):
 
     Parameters
     ----------
-    g : {"applied", "commanded"}
+    g : {"saturated", "commanded"}
         What the filter is told.
     inertia_ratio : float
         mu = M_hat / M.
@@ -118,7 +118,7 @@ class SaturationMargin(Result):
         -------
         str
         """
-        known = "what acts" if self.g == "applied" else "the command, not what acts"
+        known = "what acts" if self.g == "saturated" else "the command, not what acts"
         lines = {"told to the filter": known, f"at M_hat/M = {self.inertia_ratio:g}": "stable"}
         if not self.is_stable:
             lines[f"at M_hat/M = {self.inertia_ratio:g}"] = "unstable"
@@ -139,7 +139,7 @@ def saturation_margin(
     actuator: ct.TransferFunction | ct.StateSpace | None = None,
     delay: float = 0.0,
     inertia_ratio: float = 1.0,
-    g: KnownActuation = "applied",
+    g: KnownActuation = "saturated",
     dt: float | None = None,
 ) -> SaturationMargin:
     """How far beyond the actuator's limit the command may go, by the circle criterion.
@@ -151,7 +151,7 @@ def saturation_margin(
     kp, kd, actuator, delay, inertia_ratio, dt
         As for :func:`loop_margin`; without kp and kd the loop through the filter alone. The saturation comes before
         delay and actuator.
-    g : {"applied", "commanded"}
+    g : {"saturated", "commanded"}
         What the filter is told: what the saturation leaves of the command, as with ``Sampling.g_limit``, or the
         command itself.
 
@@ -177,11 +177,11 @@ def saturation_margin(
     command, the integrator in 1/(1 - F) winds up.
 
     >>> F = PhyFilter([20.0])
-    >>> [round(saturation_margin(F, kp=10.0, kd=6.0, g=g).command_excess, 1) for g in ("applied", "commanded")]
+    >>> [round(saturation_margin(F, kp=10.0, kd=6.0, g=g).command_excess, 1) for g in ("saturated", "commanded")]
     [8.4, 8.0]
     """
     system, loop = build_loop(filter, actuator, delay, dt, kp, kd)
     if g not in get_args(KnownActuation):
-        raise ValueError(f"g: expected 'applied' or 'commanded', got {g!r}")
-    numerator = loop.normalisation if g == "applied" else loop.error
+        raise ValueError(f"g: expected 'saturated' or 'commanded', got {g!r}")
+    numerator = loop.normalisation if g == "saturated" else loop.error
     return SaturationMargin(g, _positive(inertia_ratio), loop, numerator, system)
