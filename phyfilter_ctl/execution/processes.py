@@ -28,6 +28,13 @@ _dumps = ForkingPickler.dumps
 _loads = ForkingPickler.loads  # pyright: ignore[reportAttributeAccessIssue] # a builtin, which is not bound
 _LENGTH = struct.Struct("<Q")
 _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
+# One thread each; and what a job frees goes back to the system, which glibc and Arrow otherwise keep for the next.
+_ENVIRONMENT = {
+    **dict.fromkeys(_THREADS, "1"),
+    "MALLOC_MMAP_THRESHOLD_": str(1 << 20),
+    "MALLOC_ARENA_MAX": "1",
+    "ARROW_DEFAULT_MEMORY_POOL": "system",
+}
 # The path first, so that what a job imports is what its sender would.
 _PROGRAM = "import sys; sys.path[:] = {path!r}; from phyfilter_ctl.execution.processes import serve; serve()"
 
@@ -91,7 +98,7 @@ class _Worker:
             [sys.executable, "-c", _PROGRAM.format(path=sys.path)],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
-            env={**dict.fromkeys(_THREADS, "1"), **os.environ},
+            env={**_ENVIRONMENT, **os.environ},
         )
 
     def ask(self, text: memoryview) -> tuple[object, Exception | None]:

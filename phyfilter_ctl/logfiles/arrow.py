@@ -5,9 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
+import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
+from numpy.typing import NDArray
 from pyarrow import feather
 
 from .._sections import FloatArray
@@ -27,12 +29,15 @@ def read(path: Path, time_unit: str | None, time: str | None) -> Contents:
 
     def table(names: Sequence[str]) -> pa.Table:
         names = list(dict.fromkeys(names))
-        return pq.read_table(path, columns=names) if parquet else _arrow(path).select(names)
+        if not parquet:
+            return _arrow(path).select(names)
+        with pq.ParquetFile(path) as file:
+            return file.read(columns=names)
 
     kind = schema.field(chosen).type
     utc = not pa.types.is_timestamp(kind) or kind.tz is not None
     found = column_times(
-        chosen, table([chosen])[chosen].to_numpy(), time_unit, said=_unit(schema.field(chosen)), utc=utc
+        chosen, _values(table([chosen])[chosen]), time_unit, said=_unit(schema.field(chosen)), utc=utc
     )
     columns: list[Column] = []
     left_out: list[str] = []
@@ -58,11 +63,20 @@ def read(path: Path, time_unit: str | None, time: str | None) -> Contents:
             else pc.call_function("list_element", [data[source], _element(name)])
             for name, source in zip(names, sources, strict=True)
         ]
-        return side_by_side([column.cast(pa.float64(), safe=False).to_numpy() for column in columns])
+        return side_by_side([_values(column.cast(pa.float64(), safe=False)) for column in columns])
 
     notes = (f"left out, as no numbers: {', '.join(left_out)}",) if left_out else ()
     only = Table(tuple(columns), found.seconds, load, notes)
     return Contents("parquet" if parquet else "arrow", {TABLE: only}, found.start, (found.note,))
+
+
+def _values(column: pa.ChunkedArray) -> NDArray[np.generic]:
+    """As numpy holds them. Numbers go past ``to_numpy``, which imports pandas: 30 MB in every process that reads."""
+    kind = column.type
+    if column.null_count or pa.types.is_boolean(kind) or not _is_number(kind):
+        return column.to_numpy()
+    chunks = [np.from_dlpack(chunk) for chunk in column.chunks]
+    return chunks[0] if len(chunks) == 1 else np.concatenate([np.empty(0, kind.to_pandas_dtype()), *chunks])
 
 
 def _element(name: str) -> int:

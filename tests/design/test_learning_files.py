@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 import os
 import signal
 import threading
@@ -97,7 +96,7 @@ def test_files_and_functions_teach_what_recordings_do(flights, files):
 
 def test_a_descent_reads_no_file_again(files):
     read = Counting()
-    learn(files, 2, read=read, workers=1, **FEW)
+    learn(files, 2, read=read, workers=1, **FEW | {"intervals": True})
     names = [path.name for path in files]
     assert sorted(read.paths) == sorted(2 * names)  # the survey, and the RMSE of the answer
     assert read.paths[: len(names)] == names
@@ -105,28 +104,33 @@ def test_a_descent_reads_no_file_again(files):
 
 def test_ends_that_are_too_short_are_read_again(flights, files, monkeypatch):
     """Slow poles remember more than what is kept: the answer on the whole flights does not change."""
-    expected = learn(flights, 2, **FEW)
-    monkeypatch.setattr(
-        importlib.import_module("phyfilter_ctl.design.learning.reading"), "ENDS", 6 * 2 * 8 * 20
-    )
+    options = FEW | {"intervals": True}
+    expected = learn(flights, 2, **options)
+    monkeypatch.setattr(stored, "ENDS", 6 * 2 * 8 * 20)
+    monkeypatch.setattr(stored, "_BEGUN", 6 * 20)
     read = Counting()
-    found = learn(files, 2, read=read, workers=1, **FEW)
+    found = learn(files, 2, read=read, workers=1, **options)
     same(expected, found, TWO_DESCENTS)
     assert found.cost == pytest.approx(expected.cost, rel=SAME)
+    assert found.intervals.rmse == pytest.approx(expected.intervals.rmse, rel=TWO_DESCENTS)
     assert len(read.paths) > 4 * len(files)
 
 
-def test_ends_are_bounded_whatever_their_number(flights, monkeypatch):
+def test_ends_and_beginnings_are_bounded_whatever_their_number(flights, monkeypatch):
     monkeypatch.setattr(stored, "ENDS", 6 * 2 * 8 * 100)
+    monkeypatch.setattr(stored, "_BEGUN", 6 * 100)
     found = stored.StoredFlights()
     for k, log in enumerate(flights):
         source = stored.Source("t", k, log.name, partial(stored.load, log, None, None, {}))
-        survey, correlated = stored.surveyed(source, share=10**9, skip=False)
+        survey, correlated = stored.surveyed(source, flights=1, skip=False)
         found.add(stored.StoredFlight(source, survey), correlated)
     assert sum(each.survey.end.nbytes for each in found) <= stored.ENDS
     end, complete = found[0].before(found[0].length)
     assert not complete
     np.testing.assert_array_equal(end, found[0].u.T[:, ::-1][:, : end.shape[1]])
+    assert sum(each.survey.beginning.length for each in found) <= 6 * 100
+    for count in (30, 300, 10**6):  # kept, not kept, more than there is
+        np.testing.assert_array_equal(found[0].beginning(count).target, found[0].target[:count])
 
 
 @pytest.mark.slow

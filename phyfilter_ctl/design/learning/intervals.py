@@ -22,7 +22,7 @@ from ...filter.sampling import Method
 from ...results import Result
 from .coordinates import chain_slopes
 from .levenberg import bound
-from .residuals import Flight, each
+from .residuals import BEGINNINGS, Flight, each
 from .samples import Samples
 from .search import Best, Search
 from .sensitivity import jacobian
@@ -32,8 +32,6 @@ __all__ = ["Intervals", "intervals_of"]
 _LEVEL = 0.95
 # So many flights, and their sums are the independent observations.
 _CLUSTERS = 12
-# Samples that are looked at; of longer data the beginning of each flight.
-_MOST_SAMPLES = 100_000
 # Directions whose share in A is below this are not known.
 _UNKNOWN = 1e-12
 
@@ -82,7 +80,8 @@ def intervals_of(flights: Sequence[Flight], search: Search, best: Best, *, offse
     known = bound(best.theta, best.found.gradient, upper, lower)
     free = np.append(~known, np.ones(len(rows) - len(known), dtype=bool))
     taking = [flight for flight in flights if flight.takes_part]
-    share = min(1.0, _MOST_SAMPLES / sum(flight.length for flight in taking))
+    share = min(1.0, BEGINNINGS / sum(flight.length for flight in taking))
+    begun = [flight.beginning(max(2, round(share * flight.length))) for flight in taking]
     work = partial(
         _scores,
         method=search.method,
@@ -90,9 +89,8 @@ def intervals_of(flights: Sequence[Flight], search: Search, best: Best, *, offse
         c=best.found.c,
         rows=rows[free],
         offset=offset,
-        share=share,
     )
-    parts = [*each(work, taking)]
+    parts = [*each(work, begun)]
     A = np.sum([part[0] for part in parts], axis=0)
     squares, weight = (sum(part[k] for part in parts) for k in (2, 3))
     mean = squares / weight
@@ -129,21 +127,14 @@ def _scores(
     c: FloatArray,
     rows: FloatArray,
     offset: bool,
-    share: float,
 ) -> tuple[FloatArray, FloatArray, float, float, FloatArray]:
     """Of one flight: A, q_k with sum w e^2 as last column, sum w e^2, sum w, and sum w of every sample."""
-    m = max(2, round(share * len(flight.u)))
-    n, K = len(c), flight.u.shape[1]
+    n, (m, K) = len(c), flight.u.shape
     psi, e = np.empty((len(rows), m, K)), np.empty((m, K))
     for chunk, s in Samples(flight, method).states(doubled):
-        if chunk.start >= m:
-            break
-        kept = slice(chunk.start, min(chunk.stop, m))
-        s = s[:, : kept.stop - kept.start]
-        psi[:, kept] = np.tensordot(rows, s, 1)
-        e[kept] = flight.target[kept] - np.tensordot(c, s[:n], 1)
-    w = np.ones((m, K)) if flight.sample_weights is None else flight.sample_weights[:m]
-    w = flight.weight * w
+        psi[:, chunk] = np.tensordot(rows, s, 1)
+        e[chunk] = flight.target[chunk] - np.tensordot(c, s[:n], 1)
+    w = flight.weight * (np.ones((m, K)) if flight.sample_weights is None else flight.sample_weights)
     if offset:
         total = np.maximum(w.sum(axis=0), np.finfo(float).tiny)
         e -= (w * e).sum(axis=0) / total

@@ -222,11 +222,11 @@ def learn(
     1984), the error that of the difference between the two, fold by fold; within two where there are fewer than five
     flights and folds are blocks of them, which know nothing of how flights differ.
 
-    Files are read once for the whole descent, whatever their number, and some times more for folds, intervals and
-    scores. What is kept of each is its end, 128 MB of all together: for a filter that remembers more than that they are
-    read again once a step, as are flights of unequal steps or with weights of single samples; folds take the record to
-    have begun there. Sums go in the order of the flights, so the answer does not depend on what reads them. A process
-    holds two flights.
+    Files are read once for the whole descent, whatever their number, and some times more for folds and scores. What is
+    kept of each is its beginning, for intervals, and its end, 128 MB of all together: for a filter that remembers more
+    than that they are read again once a step, as are flights of unequal steps or with weights of single samples; folds
+    take the record to have begun there. Sums go in the order of the flights, so the answer does not depend on what
+    reads them. A process holds two flights.
 
     One filter serves all channels that take part. A filter of its own for each:
     ``stack([learn(logs, n, channels=[name]).filter for name in channels])``; :func:`learn_axes` chooses.

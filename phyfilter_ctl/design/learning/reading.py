@@ -16,7 +16,7 @@ from ...execution import Executor, Report
 from ...logfiles import read_recording
 from ...recording import Recording
 from .residuals import Flight, flights_of
-from .stored import ENDS, Answer, OneFlight, Source, StoredFlight, StoredFlights, load, serve, surveyed
+from .stored import Answer, OneFlight, Source, StoredFlight, StoredFlights, load, serve, surveyed
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -166,7 +166,7 @@ def _stored_flights(how: Reading, logs: list[OneFlight], weights: Sequence[Any] 
         Source(token, i, _name(log, i), partial(load, log, how.read, entry, dict(how.options)))
         for i, (log, entry) in enumerate(zip(logs, entries, strict=True))
     ]
-    survey = partial(surveyed, share=ENDS // len(logs), skip=how.skip)
+    survey = partial(surveyed, flights=len(logs), skip=how.skip)
     names = [source.name for source in sources]
     return _gathered(how, sources, how.executor.map(survey, sources, names=names, report=how.report))
 
@@ -184,7 +184,7 @@ def _made_flights(
         )
     made = _Made(make)
     sources = made.sources(uuid.uuid4().hex, dict(how.options), how.report)
-    survey = partial(surveyed, share=ENDS // _FLIGHTS_MADE, skip=how.skip)
+    survey = partial(surveyed, flights=_FLIGHTS_MADE, skip=how.skip)
     return _gathered(how, made.known, map(survey, sources))
 
 

@@ -20,6 +20,8 @@ from ...recording.checks import refuse_gaps
 
 # Residuals that vary by less than this of their size are constant: rounding of x over a step.
 _CONSTANT = 1e-9
+# Samples that standard errors look at; of longer data the beginning of each flight.
+BEGINNINGS = 100_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,6 +126,14 @@ class Flight:
             return Flight(self.u, self.target, self.dt, None, self.weight)
         root = np.sqrt(self.sample_weights)
         return Flight(root * self.u, root * self.target, self.dt, None, self.weight)
+
+    def beginning(self, count: int) -> Flight:
+        """A copy of its first steps, so many, without g."""
+        signals = (self.u, self.target, self.steps, self.sample_weights)
+        u, target, steps, weights = (None if each is None else each[:count].copy() for each in signals)
+        assert u is not None
+        assert target is not None
+        return Flight(u, target, self.dt, steps, self.weight, weights, None, self.channels)
 
     def totals(self, first: int, last: int) -> tuple[FloatArray, FloatArray]:
         """Sums (K,) of u and of gamma* over steps ``first`` to ``last - 1``."""

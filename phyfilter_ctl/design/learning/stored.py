@@ -2,8 +2,8 @@
 
 A :class:`StoredFlight` reads itself when its signals are asked for; a process keeps the last two. One survey reads
 every flight once, side by side, and keeps what is exact and small of it: its correlations (summed up, in the order of
-the flights), its end, and what its label is checked by. With these a descent does not read again, whatever the length
-and number of the flights, unless a filter remembers more than the ends that were kept.
+the flights), its beginning and end, and what its label is checked by. With these a descent does not read again,
+whatever the length and number of the flights, unless a filter remembers more than the ends that were kept.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from ...filter.sampling import Method
 from ...recording import Recording
 from .correlation import MOST_LAGS, Correlations, Stretch, reduced
 from .label_check import ChannelSums, label_sums
-from .residuals import Flight, flights_of
+from .residuals import BEGINNINGS, Flight, flights_of
 
 __all__ = [
     "ENDS",
@@ -42,6 +42,8 @@ OneFlight: TypeAlias = Recording | str | os.PathLike[str] | Callable[[], Recordi
 
 # Bytes that the ends of all flights may take together.
 ENDS = 1 << 27
+# Samples that their beginnings may take together: those of longer flights are longer.
+_BEGUN = 2 * BEGINNINGS
 _SAME_STEP = 1e-6
 
 
@@ -87,10 +89,15 @@ class Survey(NamedTuple):
     takes_part: bool
     longest_step: float
     has_g: bool
+    beginning: Flight
     end: FloatArray
     totals: tuple[FloatArray, FloatArray]
     sums: tuple[ChannelSums, ...]
     channels: tuple[str, ...]
+
+    def bare(self, **changed: Any) -> Survey:
+        """Without signals."""
+        return self._replace(beginning=self.beginning.beginning(0), end=self.end[:0], **changed)
 
 
 # What a survey finds: also the correlations and squares of a plain flight. Or why it is bad.
@@ -125,7 +132,7 @@ class StoredFlight(Flight):
 
     def __getstate__(self) -> dict[str, Any]:
         """For a worker: how to read it, and no more."""
-        return {**self.__dict__, "survey": self.survey._replace(end=self.survey.end[:0])}
+        return {**self.__dict__, "survey": self.survey.bare()}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)
@@ -181,6 +188,14 @@ class StoredFlight(Flight):
             return end.T[:, ::-1], len(end) == place
         return super().before(place)
 
+    def beginning(self, count: int) -> Flight:
+        kept = self.survey.beginning
+        if min(count, self.length) <= kept.length:
+            return kept.beginning(count)
+        shape = (min(count, self.length), self.survey.shape[1])
+        source = self._source(f"first {count}", partial(_beginning, count=count))
+        return StoredFlight(source, self.survey.bare(shape=shape))
+
     def masked(self, rows: Sequence[slice]) -> Flight:
         return self._derived(f"without {rows}", partial(_masked, rows=tuple(rows)), is_weighted=True)
 
@@ -189,10 +204,17 @@ class StoredFlight(Flight):
 
     def _derived(self, how: str, make: Callable[[Flight], Flight], **known: bool) -> StoredFlight:
         """A flight that is made of this one when it is read."""
-        source = replace(self.source, how=how, load=partial(_made_of, self.source, make))
+        source = self._source(how, make)
         found = _loaded(source) if self.is_weighted else None
         totals = self.survey.totals if found is None else found.totals(0, self.length)
-        return StoredFlight(source, self.survey._replace(**known, end=self.survey.end[:0], totals=totals))
+        return StoredFlight(source, self.survey.bare(**known, totals=totals))
+
+    def _source(self, how: str, make: Callable[[Flight], Flight]) -> Source:
+        return replace(self.source, how=how, load=partial(_made_of, self.source, make))
+
+
+def _beginning(flight: Flight, count: int) -> Flight:
+    return flight.beginning(count)
 
 
 def _masked(flight: Flight, rows: Sequence[slice]) -> Flight:
@@ -214,7 +236,8 @@ def load(log: OneFlight, read: Callable[[Path], Recording], weight: Any, options
     return replace(flights_of([log], **options)[0], weight=0.0)
 
 
-def surveyed(source: Source, *, share: int, skip: bool) -> Answer:
+def surveyed(source: Source, *, flights: int, skip: bool) -> Answer:
+    """Read one of so many flights."""
     try:
         flight = _loaded(source)
     except (ValueError, TypeError, OSError) as error:
@@ -223,7 +246,7 @@ def surveyed(source: Source, *, share: int, skip: bool) -> Answer:
         text = str(error)
         raise ValueError(text if source.name in text else f"{source.name}: {text}") from error
     m, count = flight.u.shape
-    kept = min(m, max(1, share // (8 * count)))
+    kept = min(m, max(1, ENDS // flights // (8 * count)))
     survey = Survey(
         (m, count),
         flight.dt,
@@ -235,6 +258,7 @@ def surveyed(source: Source, *, share: int, skip: bool) -> Answer:
         flight.takes_part,
         flight.longest_step,
         flight.has_g,
+        flight.beginning(_BEGUN // flights),
         flight.u[m - kept :].copy(),
         flight.totals(0, m),
         label_sums(flight),
@@ -303,7 +327,7 @@ class StoredFlights(Sequence[Flight]):
 
     def add(self, flight: StoredFlight, found: tuple[FloatArray, float] | None) -> None:
         self.flights.append(flight)
-        self._bound_ends()
+        self._bound()
         if found is None:
             return
         for total in self._totals:
@@ -313,8 +337,12 @@ class StoredFlights(Sequence[Flight]):
         self._totals.append(_Total([], np.zeros((2, 1)), 0.0))
         return self._totals[-1].add(flight, *found)
 
-    def _bound_ends(self) -> None:
-        """Halve the longest ends while all together are too long."""
+    def _bound(self) -> None:
+        """Halve the beginnings, and the longest ends, while all together are too long."""
+        if sum(flight.survey.beginning.length for flight in self.flights) > _BEGUN:
+            for flight in self.flights:
+                begun = flight.survey.beginning.beginning(_BEGUN // 2 // len(self.flights))
+                flight.__dict__["survey"] = flight.survey._replace(beginning=begun)
         while sum(flight.survey.end.nbytes for flight in self.flights) > ENDS:
             most = max(len(flight.survey.end) for flight in self.flights) // 2
             for flight in self.flights:
