@@ -8,7 +8,8 @@ training data. PhyFilter passes the learning residual through a designed filter 
 choose F        :func:`place_poles`, :func:`lowpass`, :func:`bandpass`, :class:`PhyFilter`
 learn F         :func:`learn`, :func:`learn_axes`, :func:`learn_jointly`; :mod:`phyfilter_ctl.design` the paper's way
 what it missed  :func:`estimate`: the force in recordings, which filter shows it; :func:`compare_estimators`,
-                :func:`smooth_label`, :func:`measurement_noise`, :func:`known_noise`
+                :func:`smooth_label`, :func:`measurement_noise`, :func:`known_noise`; :func:`model_value`: whether the
+                learned model pays
 understand it   :func:`frequency_response`, :func:`ultimate_bound`, :func:`error_variance`, :func:`prior_margin`,
                 :func:`loop_margin`, :func:`saturation_margin`, :func:`signal_margin`, :func:`tracking_tube`;
                 designs from them: :mod:`phyfilter_ctl.design.optimal`

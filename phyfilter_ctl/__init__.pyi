@@ -59,7 +59,15 @@ from .design import (
     place_poles,
 )
 from .diagram import FlatModel, flatten
-from .estimation import Estimate, compare_estimators, estimate, known_noise, measurement_noise, smooth_label
+from .estimation import (
+    Estimate,
+    compare_estimators,
+    estimate,
+    known_noise,
+    measurement_noise,
+    model_value,
+    smooth_label,
+)
 from .filter import (
     FilterBank,
     FilterState,
@@ -167,6 +175,7 @@ __all__ = [
     "loop_margin",
     "lowpass",
     "measurement_noise",
+    "model_value",
     "moving_inertia",
     "numerator_of_type",
     "open_log",

@@ -2,12 +2,13 @@
 
 ``estimate`` is the front. ``spectrum`` shows where the model misses something, ``levels`` tells it from the noise,
 ``noise`` is for noise that is known from elsewhere, ``suggestion`` finds the filter of least expected error without
-labels, ``prediction`` tests it, ``comparison`` puts other people's estimators beside it, ``smoothing`` makes a label
-from both sides.
+labels, ``prediction`` tests it, ``model_value`` says what the learned model is worth beside it, ``comparison`` puts
+other people's estimators beside it, ``smoothing`` makes a label from both sides.
 """
 
 from .comparison import EstimatorComparison, compare_estimators
 from .estimate import Estimate, estimate
+from .model_value import ModelValue, model_value
 from .noise import known_noise, measurement_noise
 from .prediction import Prediction
 from .smoothing import SmoothedLabel, smooth_label
@@ -17,6 +18,7 @@ from .suggestion import Suggestion
 __all__ = [
     "Estimate",
     "EstimatorComparison",
+    "ModelValue",
     "NoiseLevel",
     "Prediction",
     "ResidualSpectrum",
@@ -26,5 +28,6 @@ __all__ = [
     "estimate",
     "known_noise",
     "measurement_noise",
+    "model_value",
     "smooth_label",
 ]

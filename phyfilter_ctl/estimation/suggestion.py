@@ -173,6 +173,11 @@ class Unlabelled:
         left = total - np.vstack([np.zeros_like(total), units])[without]
         return left[:, :-1] / left[:, -1:] + mean
 
+    def without_each(self, sampled: SampledPhyFilter) -> FloatArray:
+        """As :meth:`mean` (1 + units, n_x), then without each of the stretches, noise and spectrum found anew."""
+        found = self.separated
+        return self._means(sampled, [found.levels, *found.without], np.arange(1 + len(found.without)))
+
     def interval(self, sampled: SampledPhyFilter, confidence: float) -> Interval:
         """Root of the expected square of gamma - F u, mean over the channels.
 

@@ -7,7 +7,7 @@ from .estimates import estimate_plot
 from .frequency import FrequencyCurve, FrequencyLimit, frequency_plot
 from .learning import learning_plot
 from .logs import log_plot
-from .missed import missed_plot
+from .missed import density_plot, missed_plot
 from .poles import PoleSet, pole_plot
 from .promises import analysis_plot, bound_plot, trade_off_plot
 
@@ -20,6 +20,7 @@ __all__ = [
     "bound_plot",
     "budget_curves",
     "budget_plot",
+    "density_plot",
     "dress",
     "estimate_plot",
     "frequency_plot",

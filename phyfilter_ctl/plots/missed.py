@@ -14,7 +14,7 @@ from ._style import COLOURS, SMALL
 from ._units import frequency_unit
 from .estimates import MANY, dress_over_time
 
-__all__ = ["missed_plot"]
+__all__ = ["density_plot", "missed_plot"]
 
 FloatArray = NDArray[np.float64]
 
@@ -102,22 +102,71 @@ def missed_plot(
         axes[i].sharex(axes[0])
         lines[i, 0] = drawn
     dress_over_time(axes[:-1], 1)
-    unit, per = frequency_unit(Hz)
     omega, residual, noise = (values[1:] for values in spectrum)
-    lines[-1, 0] = [
-        *axes[-1].loglog(omega / per, per * residual, color="0.15", linewidth=1.0, label="measured residual"),
-        *axes[-1].loglog(
-            omega / per, per * noise, color=COLOURS[1], linewidth=1.0, linestyle="--", label="noise in it"
-        ),
-    ]
-    axes[-1].set_xlabel(f"Frequency [{unit}]", fontsize=SMALL)
-    axes[-1].set_ylabel("Density", fontsize=SMALL)
-    axes[-1].tick_params(labelsize="x-small")
-    axes[-1].grid(True, which="major", color="0.88", linewidth=0.7)
-    axes[-1].legend(fontsize="x-small", frameon=False)
+    below = density_plot(omega, {"measured residual": residual, "noise in it": noise}, ax=axes[-1], Hz=Hz)
+    lines[-1, 0] = list(below.lines[0, 0])
     legend = axes[0].legend(fontsize="x-small", frameon=False, ncols=len(beside) + 1)
     if title:
         axes[0].set_title(title, loc="left", fontsize=SMALL, fontweight="bold")
     grid = np.empty((count, 1), dtype=object)
     grid[:, 0] = axes
     return ct.ControlPlot(lines, grid, axes[0].figure, legend=legend)
+
+
+def density_plot(
+    omega: FloatArray,
+    densities: Mapping[str, FloatArray],
+    *,
+    ax: Axes | None = None,
+    Hz: bool | None = None,
+) -> ct.ControlPlot:
+    """Spectral densities over frequency; the last, noise, dashed.
+
+    Parameters
+    ----------
+    omega : (K,) array
+        rad/s, above 0.
+    densities : dict of str to (K,) array
+        Per rad/s, by name. What is 0 is not drawn.
+    ax : Axes, optional
+        None makes a new figure.
+    Hz : bool, optional
+        Over Hz, densities per Hz; None: python-control's setting ``freqplot.Hz``.
+
+    Returns
+    -------
+    control.ControlPlot
+        ``lines`` and ``axes`` (1, 1); ``figure``; ``legend``.
+
+    Examples
+    --------
+    >>> import matplotlib
+    >>> matplotlib.use("Agg")
+    >>> omega = np.geomspace(1.0, 100.0, 5)
+    >>> plot = density_plot(omega, {"signal": omega**-2.0, "noise": 0.01 + 0.0 * omega})
+    >>> [line.get_label() for line in plot.lines[0, 0]]
+    ['signal', 'noise']
+    >>> plt.close(plot.figure)
+    """
+    if ax is None:
+        ax = plt.subplots(layout="constrained", figsize=(6.4, 3.2))[1]
+    unit, per = frequency_unit(Hz)
+    drawn = []
+    for k, (name, density) in enumerate(densities.items()):
+        last = k == len(densities) - 1
+        drawn += ax.loglog(
+            omega / per,
+            np.where(density > 0.0, per * density, np.nan),
+            color=COLOURS[1] if last else "0.15" if k == 0 else COLOURS[0],
+            linewidth=1.0,
+            linestyle="--" if last else "-",
+            label=name,
+        )
+    ax.set_xlabel(f"Frequency [{unit}]", fontsize=SMALL)
+    ax.set_ylabel("Density", fontsize=SMALL)
+    ax.tick_params(labelsize="x-small")
+    ax.grid(True, which="major", color="0.88", linewidth=0.7)
+    legend = ax.legend(fontsize="x-small", frameon=False)
+    lines, grid = np.empty((1, 1), dtype=object), np.empty((1, 1), dtype=object)
+    lines[0, 0], grid[0, 0] = drawn, ax
+    return ct.ControlPlot(lines, grid, ax.figure, legend=legend)
