@@ -80,6 +80,7 @@ def closed_pipe() -> IO[str]:
     return os.fdopen(writer, "w")
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(os.name != "posix", reason="a reader that leaves is another error on Windows")
 def test_a_reader_that_leaves_ends_the_process_quietly(tmp_path):
     with closed_pipe() as left:

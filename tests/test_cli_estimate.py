@@ -29,6 +29,7 @@ def flight(tmp_path: Path) -> str:
     return str(tmp_path / "flight.csv")
 
 
+@pytest.mark.slow
 def test_everything_at_once(flight: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out, json_, toml, png = (str(tmp_path / name) for name in ("f.csv", "f.json", "f.toml", "f.png"))
     arguments = ["--out", out, "--json", json_, "--save-filter", toml, "--picture", png, "--lag", "0.05"]

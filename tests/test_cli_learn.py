@@ -89,6 +89,7 @@ def test_figures_are_those_of_learn(logs, capsys):
     assert figures["best"] == 2
 
 
+@pytest.mark.slow
 def test_text_has_every_figure_and_marks_the_best(logs, capsys):
     assert main(["learn", "one.csv", "--x", "px,py", "--order", "1", "2", "--json", "figures.json"]) == 0
     shown = capsys.readouterr().out
@@ -162,12 +163,14 @@ def test_flights_are_left_out_one_by_one_and_axes_compared(logs, capsys):
     assert "axes, RMSE on what was not learned from: shared" in shown
 
 
+@pytest.mark.slow
 def test_picture_is_written(logs):
     arguments = ["one.csv", "--x", "px,py", "--order", "1", "--form", "lowpass", "--picture", "costs.png"]
     assert main(["learn", *arguments]) == 0
     assert Path("costs.png").read_bytes().startswith(b"\x89PNG")
 
 
+@pytest.mark.slow
 def test_columns_by_name_and_without_times(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     log = flight(3)

@@ -37,6 +37,7 @@ from phyfilter_ctl.plots import (
     pole_plot,
 )
 from phyfilter_ctl.recording import Recording
+from tests.cpu_budget import slow_but
 
 # F at its zeros over |F| beside them: rounding of n roots.
 ZERO = 1e-8
@@ -416,7 +417,7 @@ def test_trade_off_and_bound_have_units() -> None:
         assert not outside_or_overlapping(plot)
 
 
-@pytest.mark.parametrize("grown", [True, False])
+@pytest.mark.parametrize("grown", slow_but([True], [True, False]))
 def test_page_of_the_analysis(grown: bool) -> None:
     response = frequency_response(FOURTH.sampled(0.01))
     t = np.linspace(0.0, 1.0, 20)

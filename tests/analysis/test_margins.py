@@ -521,6 +521,7 @@ def test_bandwidth_status():
     assert "start lower" in none.message
 
 
+@pytest.mark.slow
 def test_islands_are_reported():
     """A family whose bandwidth overshoots within a band narrower than the scan: only a dip of the margin tells."""
 

@@ -57,6 +57,7 @@ def with_b(poles: list[complex], b: list[float], dt: float = 0.002) -> dict:
     return message_of(poles, numerator={"kind": "b", "b": b}, dt=dt)
 
 
+@pytest.mark.slow
 @settings(max_examples=40, deadline=None)
 @given(designs())
 @example(with_b([-20.0, -15 + 8j, -15 - 8j], [1.1085011130014349e-88, 1.0, 1.2912435758480616e-266], dt=0.1))

@@ -18,7 +18,6 @@ from phyfilter_ctl.app.checking import Fields
 from phyfilter_ctl.app.designs import read_design
 from phyfilter_ctl.codegen import CompilerError, find_compiler
 from phyfilter_ctl.fmi import check, describe
-from tests.cpu_budget import slow_but
 
 pytestmark = pytest.mark.usefixtures("quick_compiler")
 
@@ -121,9 +120,8 @@ def test_files_that_are_no_designs_are_refused(text, said, tmp_path):
     assert "/" not in reply["error"].replace("rad/s", "")
 
 
-@pytest.mark.parametrize(
-    ("kind", "version"), slow_but((("fmu3", "3.0"),), (("fmu2", "2.0"), ("fmu3", "3.0")))
-)
+@pytest.mark.slow
+@pytest.mark.parametrize(("kind", "version"), [("fmu2", "2.0"), ("fmu3", "3.0")])
 def test_fmu_is_accepted_by_the_checker(kind, version, tmp_path, compiler):
     reply = answered(Session(), "export", design=TYPE_2, kind=kind, channels=3)
     assert reply["name"] == "phyfilter.fmu"

@@ -54,6 +54,7 @@ def test_message_names_the_order_once():
     assert reply["message"].count("order 1") == 1
 
 
+@pytest.mark.slow
 def test_curve_falls_and_ends_at_the_rmse():
     session = Session(log=flight(noise=0.5, channels=2))
     job = answered(session, "learn", order=2)["job"]
@@ -66,6 +67,7 @@ def test_curve_falls_and_ends_at_the_rmse():
     assert rmse[-1] == pytest.approx(expected.rmse)
 
 
+@pytest.mark.slow
 def test_wiener_filter_stands_beside_the_estimate_once_learned():
     log = flight(noise=0.5, channels=2)
     session = Session(log=log)

@@ -20,6 +20,7 @@ from phyfilter_ctl.baselines import (
     TuneResult,
     tune,
 )
+from tests.cpu_budget import slow_but
 
 DT = 0.01
 
@@ -72,7 +73,7 @@ def test_finds_the_parameters_that_made_the_labels(
     assert result.rmse < 1e-2
 
 
-@pytest.mark.parametrize("kind", BASELINES.values())
+@pytest.mark.parametrize("kind", slow_but([LowpassDifference, KalmanDifferentiator], BASELINES.values()))
 def test_beats_its_defaults_and_reports_its_own_figure(kind: type[TunableDifferentiator]) -> None:
     data = flights()
     result = tune(kind, data)
@@ -96,6 +97,7 @@ def test_long_flights_are_screened_short_and_give_the_same_optimum() -> None:
     assert tune(LowpassDifference, long).rmse <= fine * (1.0 + 1e-3)
 
 
+@pytest.mark.slow
 def test_is_deterministic() -> None:
     one, again = (tune(RobustDifferentiator, flights(200), max_evaluations=20) for _ in range(2))
     assert one == again

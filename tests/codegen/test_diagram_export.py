@@ -15,6 +15,7 @@ from phyfilter_ctl.codegen import compile_sources, diagram_model, find_compiler
 from phyfilter_ctl.codegen.diagram_source import runtime_sources
 from phyfilter_ctl.codegen.export_diagram import export_diagram
 from phyfilter_ctl.codegen.export_folder import write_folder
+from tests.cpu_budget import slow_but
 
 # Some hundred steps of some ten operations each, in another order of summation.
 ROUNDING = 1e-12
@@ -72,7 +73,7 @@ int main(void) {
 """
 
 
-@pytest.fixture(scope="module", params=["double", "float"])
+@pytest.fixture(scope="module", params=slow_but(["double"], ["double", "float"]))
 def exported(request, tmp_path_factory):
     parent = tmp_path_factory.mktemp(request.param)
     return export_diagram(two_rates(), parent / "code", real=request.param), request.param
@@ -194,6 +195,7 @@ def test_two_exports_are_the_same_bytes(tmp_path):
         assert path.read_bytes() == (other / path.name).read_bytes()
 
 
+@pytest.mark.slow
 def test_a_diagram_with_a_filter_is_exported_in_float(tmp_path):
     block = pf.sampled_block(pf.PhyFilter([20.0]).sampled(0.01), 1)
     loop = control.interconnect([block], inputs=block.input_labels, outputs=block.output_labels, name="loop")

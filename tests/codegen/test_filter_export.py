@@ -37,7 +37,7 @@ EXPORTS = {
 }
 
 
-@pytest.mark.parametrize("real", ["double", "float"])
+@pytest.mark.parametrize("real", slow_but(["float"], ["double", "float"]))
 @pytest.mark.parametrize("name", slow_but(("everything",), EXPORTS))
 def test_exported_folder_checks_itself(name, real, tmp_path):
     sampled, settings = EXPORTS[name]
@@ -84,6 +84,7 @@ def test_same_twice_and_no_strangers(tmp_path):
     assert (lean / "mine.txt").read_text() == "keep"
 
 
+@pytest.mark.slow
 def test_symbols_stay_with_the_filter(tmp_path):
     """Everything that a linker sees starts with the filter's name or pf_; no heap, no libm, nothing that changes."""
     if shutil.which("nm") is None:

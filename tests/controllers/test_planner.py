@@ -16,6 +16,7 @@ from phyfilter_ctl.controllers.planner import (
 )
 from phyfilter_ctl.controllers.planner import problem as programme_module
 from phyfilter_ctl.controllers.planner.problem import Horizon, braking, quadratic_program, roll_out, rotations
+from tests.cpu_budget import slow_but
 
 DT = 0.07
 MOUNT = np.array([0.05, 0.0, -0.05])
@@ -337,6 +338,7 @@ def test_without_the_stopping_condition_plans_end_in_a_corner(monkeypatch):
     assert np.isfinite(path.h).all()
 
 
+@pytest.mark.slow
 def test_boxes_without_width_hold_an_axis():
     still = PlannerLimits(PLATFORM, [[0.3, -0.1, -0.15], [0.3, 0.1, -0.15]])
     planner = CooperativePlanner(still, MOUNT)
@@ -452,7 +454,7 @@ def tilting(t, h, u):
     return Rotation.from_rotvec(tilt).as_matrix(), 0.1 * np.array([np.cos(t), np.sin(t), 0.0])
 
 
-@pytest.mark.parametrize("attitude", [None, tilting])
+@pytest.mark.parametrize("attitude", slow_but([tilting], [None, tilting]))
 def test_pick_and_place(attitude):
     planner = CooperativePlanner(limits(), MOUNT)
     path = follow(planner, REST, targets=pick_and_place, steps=230, attitude=attitude)

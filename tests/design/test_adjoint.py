@@ -217,6 +217,7 @@ def sweep(log: Recording) -> tuple[float, float]:
     return float(poles[np.argmin(means)]), float(min(means))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("coordinates", ["coefficients", "hurwitz"])
 def test_training_finds_the_best_pole_of_a_sweep(coordinates):
     log = learnable()

@@ -93,6 +93,7 @@ def test_best_known_costs_are_also_scipys(short):
         assert np.exp(other.x[0]) == pytest.approx(np.sqrt(result.filter.a[0]), rel=1e-3)
 
 
+@pytest.mark.slow
 def test_general_form_comes_near_the_wiener_filter(log):
     result = learn(log, 3, form="general")
     assert result.wiener is not None
@@ -140,7 +141,7 @@ TRUTHS = {
 
 @pytest.mark.parametrize("name", TRUTHS)
 @pytest.mark.parametrize("method", slow_but(("exact",), ("exact", "euler", "tustin")))
-@pytest.mark.parametrize("irregular", [False, True])
+@pytest.mark.parametrize("irregular", slow_but([True], [False, True]))
 def test_a_filter_is_learned_back(name, method, irregular):
     truth = TRUTHS[name]
     x = walk(1, 2500)
@@ -256,6 +257,7 @@ def test_wiener_filter_looks_back_only():
     assert result.wiener.rmse == pytest.approx(np.std(u), rel=0.05)
 
 
+@pytest.mark.slow
 def test_both_are_scored_on_irregular_and_weighted_flights(short):
     times = short.times + 2e-4 * np.random.default_rng(12).uniform(-1.0, 1.0, short.n)
     jittered = dataclasses.replace(short, times=times)
@@ -302,6 +304,7 @@ def test_cancelled_at_the_first_step(short):
     assert len(result.history) == 1
 
 
+@pytest.mark.slow
 def test_the_same_seed_gives_the_same_filter(short):
     one, two = (learn(short, 4, form="general", seed=3, wiener=False) for _ in range(2))
     assert one.filter == two.filter

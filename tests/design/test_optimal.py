@@ -212,7 +212,7 @@ def test_a_random_walk_gives_butterworth():
     assert filter.dc_gain == pytest.approx(1.0, rel=1e-3)
 
 
-@pytest.mark.parametrize("dt", [None, 0.01])
+@pytest.mark.parametrize("dt", slow_but([None], [None, 0.01]))
 def test_nothing_beats_kalman_and_the_best_comes_close(dt):
     found = least_variance(3, residual=PROCESS, noise=0.01, dt=dt)
     assert 1.0 <= found.ratio < 1.1

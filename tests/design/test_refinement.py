@@ -160,6 +160,7 @@ def test_cross_validation_refuses_to_learn_gusts() -> None:
     assert model_error(careful.model) < 0.5 * model_error(loose.model)
 
 
+@pytest.mark.slow
 def test_network_is_refined_by_descent(network: Network) -> None:
     training = [flight(80 + i) for i in range(3)]
     unseen = flight(90)

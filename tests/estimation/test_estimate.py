@@ -115,6 +115,7 @@ def test_inertia_scales_what_has_the_unit_of_f_alone() -> None:
     assert two.prediction.model == pytest.approx(one.prediction.model)
 
 
+@pytest.mark.slow
 def test_smoothed_white_noise_is_noticed() -> None:
     log = flight(0.01)
     assert pf.estimate(log).noise.is_white
@@ -239,6 +240,7 @@ def test_label_covers_the_truth_at_its_deviation(irregular: bool) -> None:
 # -- others ----------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_a_six_line_momentum_observer_is_as_good_on_a_known_arm() -> None:
     """One joint, inertia 0.4 + 0.1 cos q, gravity and motor torque known, a contact torque of 2 N m that is not."""
     dt, rng = 0.004, np.random.default_rng(0)

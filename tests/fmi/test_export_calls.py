@@ -50,7 +50,7 @@ def drive(fmu, name, steps, seed=1, h=PERIOD):
 
 
 @pytest.mark.parametrize("fmi", VERSIONS)
-@pytest.mark.parametrize("name", slow_but(("loop", "sampled"), MODELS))
+@pytest.mark.parametrize("name", slow_but(("sampled",), MODELS))
 def test_state_round_trip(name, fmi):
     """The rest of a run from a state put back, and from one that went through bytes, bit for bit."""
     with Instance(exported(name, fmi)) as fmu, Instance(exported(name, fmi)) as other:
@@ -161,7 +161,7 @@ def names_of(path, *kinds):
 
 
 @pytest.mark.parametrize("fmi", VERSIONS)
-@pytest.mark.parametrize("name", ["continuous", "oscillator", "loop"])
+@pytest.mark.parametrize("name", slow_but(["loop"], ["continuous", "oscillator", "loop"]))
 def test_derivatives_against_finite_differences(name, fmi):
     path = exported(name, fmi)
     unknowns, inputs, states = (

@@ -54,6 +54,7 @@ def fuzzer(name, fmi):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "fmi"), CASES)
 @settings(max_examples=1, phases=[Phase.generate])  # a smaller seed is no simpler
 @given(seed=st.integers(0, 2**32))

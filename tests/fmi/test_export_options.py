@@ -40,7 +40,7 @@ CASES = {
 }
 
 
-@pytest.mark.parametrize("case", slow_but(("direction and limit", "delay"), CASES))
+@pytest.mark.parametrize("case", slow_but(("direction and limit",), CASES))
 def test_options_are_those_of_python(case, tmp_path):
     filters, options, inertia = CASES[case]
     filters = filters if isinstance(filters, list) else [filters]

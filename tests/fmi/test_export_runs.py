@@ -277,6 +277,7 @@ def test_event_mode_ignored_or_without_early_return(name):
     np.testing.assert_allclose(found[0], found[1], rtol=1e-9)
 
 
+@pytest.mark.slow
 def test_inertia_and_options_are_those_of_the_filter(tmp_path):
     from phyfilter_ctl.fmi.export import export_fmu
 

@@ -254,6 +254,7 @@ def test_another_user_of_fmpy_does_not_get_our_messages(build, capsys):
     assert "spring" not in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_files_go_away(build, tmp_path, monkeypatch):
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
     block = import_fmu(build())

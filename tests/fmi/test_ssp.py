@@ -12,7 +12,6 @@ from foreign_fmus import description, oscillator
 
 from phyfilter_ctl.fmi import Wire, cosimulate, cut_diagram, write_ssp
 from phyfilter_ctl.fmi.ssp_read import opened_ssp
-from tests.cpu_budget import slow_but
 
 T = np.linspace(0.0, 2.0, 21)
 U = np.array([np.ones_like(T), np.sin(T)])
@@ -68,7 +67,8 @@ def fmu(tmp_path_factory):
     return oscillator(tmp_path_factory.mktemp("foreign"))
 
 
-@pytest.mark.parametrize("name", slow_but(("crossed",), SPLITS))
+@pytest.mark.slow
+@pytest.mark.parametrize("name", SPLITS)
 def test_parts_converge_to_the_diagram(name):
     system = diagram()
     monolith = ct.input_output_response(

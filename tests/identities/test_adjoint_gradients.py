@@ -21,6 +21,7 @@ from phyfilter_ctl.design.learning.samples import Samples
 from phyfilter_ctl.design.learning.sensitivity import coefficient_gradient
 from phyfilter_ctl.filter import PaperFilter
 from phyfilter_ctl.recording import Recording
+from tests.cpu_budget import slow_but
 
 # All routes differentiate the same sampled map exactly; what is left is the rounding of each.
 AGREE = 1e-9
@@ -183,7 +184,7 @@ def exponential(matrix: ca.SX) -> ca.SX:
 @every_method
 @every_form
 @every_shape
-@pytest.mark.parametrize("route", [by_sensitivities, by_complex_steps, by_casadi])
+@pytest.mark.parametrize("route", slow_but([by_casadi], [by_sensitivities, by_complex_steps, by_casadi]))
 def test_gradients_agree(n, method, form, repeated, route):
     filter = filter_of(n, form, repeated=repeated)
     value, gradient = by_costates(n, filter, method, form)

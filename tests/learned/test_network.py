@@ -164,6 +164,7 @@ def test_fit_and_predict_are_those_of_scikit_learn(columns: list[int]) -> None:
     np.testing.assert_allclose(result.model.predict(z), expected, rtol=SAME_FORMULA, atol=1e-11)
 
 
+@pytest.mark.slow
 def test_fit_recovers_a_smooth_function_beyond_the_samples() -> None:
     result = Network(seed=1, tolerance=1e-5, l2=1e-6).fit(*smooth(800))
     assert isinstance(result, FitResult)

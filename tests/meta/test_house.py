@@ -5,6 +5,8 @@ import re
 import tomllib
 from pathlib import Path
 
+import pytest
+
 from tests.meta.house import circles, code_lines, graph, modules
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -52,6 +54,7 @@ def test_every_room_of_the_import_contract_exists():
         assert path.is_dir() or path.with_suffix(".py").is_file(), name
 
 
+@pytest.mark.slow
 def test_files_stay_readable():
     """A file with more code than this is a place to look for a second room."""
     library = [path for path in files() if path.suffix == ".py" and "tests" not in path.parts]
@@ -88,6 +91,7 @@ def private_names(tree: ast.AST) -> tuple[set[str], set[str]]:
     )
 
 
+@pytest.mark.slow
 def test_private_names_stay_in_their_room():
     """Modules beside the rooms, `_signals` and the like, are what the rooms stand on: theirs are everybody's."""
     defined, used = {}, {}
@@ -107,6 +111,7 @@ def test_private_names_stay_in_their_room():
     assert not across
 
 
+@pytest.mark.slow
 def test_no_module_imports_its_importer():
     """Imports for type checking and inside functions included."""
     assert not circles(graph(ROOT))

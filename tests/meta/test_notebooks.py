@@ -4,8 +4,6 @@ from pathlib import Path
 
 import pytest
 
-from tests.cpu_budget import slow_but
-
 jupytext = pytest.importorskip("jupytext", reason="jupytext is not installed: notebooks are not executed")
 nbclient = pytest.importorskip("nbclient", reason="nbclient is not installed: notebooks are not executed")
 pytest.importorskip("ipykernel", reason="ipykernel is not installed: notebooks are not executed")
@@ -23,7 +21,8 @@ def test_all_are_percent_files():
 # The first stands for the way that all are run; CI runs the rest.
 
 
-@pytest.mark.parametrize("path", slow_but(NOTEBOOKS[:1], NOTEBOOKS), ids=lambda path: path.stem)
+@pytest.mark.slow
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
 # The kernel's client library warns about its own event loop and file descriptors; the code under test runs elsewhere.
 @pytest.mark.filterwarnings("default")
 def test_notebook_runs(path):

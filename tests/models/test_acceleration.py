@@ -90,6 +90,7 @@ def test_every_number_has_a_unit_and_a_reason():
             assert len(entry["reason"]) > 10, name
 
 
+@pytest.mark.slow
 def test_flights_are_as_many_as_fast_and_as_repeatable_as_said():
     train, test = flights.generate("train"), flights.generate("test")
     assert sum(log.n for log in train) == 28_000
@@ -158,6 +159,7 @@ def test_least_squares_slope_is_polyfit():
     np.testing.assert_allclose(window.predict(v)[30], expected, rtol=1e-12)
 
 
+@pytest.mark.slow
 def test_tuner_finds_the_filter_that_made_the_labels():
     """Labels made by a known filter of order 2: the tuner gets back to it."""
     rng = np.random.default_rng(4)

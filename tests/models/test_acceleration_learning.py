@@ -55,12 +55,14 @@ def quick() -> experiment.Comparison:
     return experiment.compare(train, [sine_flight(1.5, seed=9)], data="recorded", effort=experiment.QUICK)
 
 
+@pytest.mark.slow
 def test_filters_that_made_the_labels_are_learned():
     found = learning.learn_filters([case(0, noise=0.0), case(1, noise=0.0)], [1, 2])
     np.testing.assert_allclose(found[2, "lowpass"].filter.a, [90.0, 21.0], rtol=1e-6)
     np.testing.assert_allclose(found[2, "general"].filter.b, [90.0, 0.0], rtol=1e-6, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_start_of_a_flight_is_left_out():
     clean, spoilt = case(2), case(2)
     label = np.array(spoilt.log.label)
@@ -84,6 +86,7 @@ def test_learned_filters_are_no_worse_than_tuned_ones(quick):
     assert point.test_rmse == tuning.rmse(f_hat, quick.test)
 
 
+@pytest.mark.slow
 def test_learning_comes_down_from_every_start():
     cases = [case(3), case(4)]
     found = learning.convergence(cases, 0.01, orders=(1, 2), starts=3, seconds=0.05)

@@ -83,6 +83,7 @@ def long_run():
     return (response.outputs[:, 1000:] - [[V], [0.0], [0.0]]) / (0.2 * V)
 
 
+@pytest.mark.slow
 def test_a_long_run_has_the_variance(long_run):
     np.testing.assert_allclose(long_run.var(axis=1), 1.0, atol=VARIANCE)
     np.testing.assert_allclose(long_run.mean(axis=1), 0.0, atol=VARIANCE)

@@ -88,6 +88,7 @@ def approach() -> dict[str, np.ndarray]:
     return outputs(OBSERVER, 3.0, {**STILL, "vehicle.load.held": 0.2}, parts=PARTS)
 
 
+@pytest.mark.slow
 def test_references_are_each_others_derivatives() -> None:
     goals, dt = mission.reference(), params.params().sampling.dt
     inner = slice(50, -50)
@@ -193,6 +194,7 @@ def test_observer_finds_load_and_its_torque() -> None:
     np.testing.assert_allclose(found["tau_hat"][settled], true[settled], atol=0.02)
 
 
+@pytest.mark.slow
 def test_integration_is_converged() -> None:
     coarse, fine = (outputs(OBSERVER, 2.0, {}, step)["r_e"] for step in (0.002, 0.001))
     assert np.abs(coarse - fine).max() < STEP

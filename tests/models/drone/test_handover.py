@@ -69,6 +69,7 @@ def cosimulated(tmp_path_factory):
     return cosimulation.cosimulation(OBSERVER, duration=5.0, folder=tmp_path_factory.mktemp("packages"))
 
 
+@pytest.mark.slow
 @needs_compiler
 def test_exports_repeat_the_flight(handed, flight):
     assert set(handed.differences) == {"FMI 2.0", "FMI 3.0", "C"}
