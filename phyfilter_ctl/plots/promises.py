@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 import control as ct
 import matplotlib.pyplot as plt
 import numpy as np
+from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
 from ._style import COLOURS, SMALL
@@ -72,17 +73,33 @@ def bound_plot(
     return ct.ControlPlot(lines, axes, figure)
 
 
-def trade_off_plot(following: FloatArray, noise: FloatArray, best: int, label: str) -> ct.ControlPlot:
-    """Error that noise causes against error that the residual leaves, one point per design.
+def trade_off_plot(
+    across: FloatArray,
+    up: FloatArray,
+    best: int | None,
+    label: str,
+    *,
+    names: tuple[str, str] = ("Error from the residual [unit of f]", "Error from the noise [unit of f]"),
+    log: bool = True,
+    ax: Axes | None = None,
+) -> ct.ControlPlot:
+    """What is gained against what it costs, one point per design: by default error that noise causes against error that
+    the residual leaves.
 
     Parameters
     ----------
-    following, noise : (m,) arrays
-        The two parts of the error.
-    best : int
-        Design that is marked.
+    across, up : (m,) arrays
+        The two. Designs with a nan are left out.
+    best : int or None
+        Design of the least sum, which is marked.
     label : str
-        In which sense they are errors.
+        Heading: in which sense they are errors.
+    names : (str, str)
+        Of the axes.
+    log : bool
+        Whether the axes are logarithmic.
+    ax : Axes, optional
+        Where to draw; None makes a new figure.
 
     Returns
     -------
@@ -97,19 +114,22 @@ def trade_off_plot(following: FloatArray, noise: FloatArray, best: int, label: s
     (1, 1)
     >>> plt.close("all")
     """
-    figure, axes = plt.subplots(1, 1, layout="constrained", figsize=(4.6, 3.6), squeeze=False)
-    (axis,) = axes[0]
-    (line,) = axis.loglog(following, noise, color=COLOURS[0])
-    (mark,) = axis.loglog([following[best]], [noise[best]], "o", color=COLOURS[1], label="least sum")
+    axis = ax or plt.subplots(layout="constrained", figsize=(4.6, 3.6))[1]
+    lines = np.empty((1, 1), dtype=object)
+    lines[0, 0] = axis.plot(across, up, ".-", color=COLOURS[0])
+    if log:
+        axis.set(xscale="log", yscale="log")
+    if best is not None:
+        lines[0, 0] += axis.plot([across[best]], [up[best]], "o", color=COLOURS[1], label="least sum")
+        axis.legend(fontsize="x-small", frameon=False)
     axis.set_title(label, loc="left", fontsize="x-small")
-    axis.set_xlabel("Error from the residual [unit of f]", fontsize=SMALL)
-    axis.set_ylabel("Error from the noise [unit of f]", fontsize=SMALL)
+    axis.set_xlabel(names[0], fontsize=SMALL)
+    axis.set_ylabel(names[1], fontsize=SMALL)
     axis.grid(True, which="major", color="0.88", linewidth=0.7)
     axis.tick_params(which="both", labelsize=SMALL)
-    axis.legend(fontsize="x-small", frameon=False)
-    lines = np.empty((1, 1), dtype=object)
-    lines[0, 0] = [line, mark]
-    return ct.ControlPlot(lines, axes, figure)
+    axes = np.empty((1, 1), dtype=object)
+    axes[0, 0] = axis
+    return ct.ControlPlot(lines, axes, axis.figure)
 
 
 def _colours(count: int) -> list[str]:

@@ -83,10 +83,36 @@ class SampledLoop(sweep.Remembered):
 
     def _evaluate(self, omega: FloatArray) -> tuple[ComplexArray, ComplexArray]:
         """Q and P on the unit circle, each (K,)."""
+        Q, P, _ = self.parts(omega)
+        return Q, P
+
+    def parts(self, omega: FloatArray) -> tuple[ComplexArray, ComplexArray, ComplexArray]:
+        """Q, P and what d(P/Q) Q^2 is dF times of, each (K,)."""
         F, error = _paths._recursion(self.sampled, omega)
         missing, through, outer = self.surroundings(omega)
         # 1 - F m = (1 - F) + F (1 - m), 1 - m summed without the subtraction.
-        return error - F * missing, F * through + outer
+        Q, P = error - F * missing, F * through + outer
+        return Q, P, through * Q + (1.0 + missing) * P
+
+    @property
+    def dt(self) -> float:
+        """Seconds from sample to sample."""
+        return self.sampled.dt
+
+    @property
+    def late(self) -> float:
+        """Seconds of delay, of the command and of the measurement."""
+        return self.delay + self.sampled.sampling.delay
+
+    @property
+    def corners(self) -> ComplexArray:
+        """Poles and zeros of what is around the filter."""
+        act = self.actuator
+        return np.concatenate([act.poles, roots_of(act.numerator)[1]]).astype(np.complex128)
+
+    def is_stable(self, filter: SampledPhyFilter) -> bool:
+        """Whether the loop is, with another filter of the same step and delay."""
+        return self.with_filter(filter).unstable(1.0) == 0
 
     def surroundings(self, omega: FloatArray) -> tuple[ComplexArray, ComplexArray, ComplexArray]:
         """What F stands in, each (K,): m - 1, and what P is F times of and beside that."""

@@ -40,18 +40,12 @@ SAME = 1e-10
 _ENDLESS = 1e12
 
 
-class Loop(Protocol):
-    """Q + mu P = 0 on the boundary of stability: j omega, or the unit circle."""
+class Swept(Protocol):
+    """Q + mu P on the boundary of stability: j omega, or the unit circle."""
 
     @property
     def nyquist(self) -> float:
         """Highest frequency in rad/s; inf where the loop is not sampled."""
-        ...
-
-    @cached_property
-    def tail(self) -> tuple[float, float]:
-        """Frequency beyond which poles only leave the stable region, and the ratio up to which every crossing is on the
-        grid; inf where the grid has all."""
         ...
 
     @cached_property
@@ -69,13 +63,23 @@ class Loop(Protocol):
         """The same at :attr:`nyquist`; None where nothing crosses there."""
         ...
 
+    def __call__(self, omega: FloatArray, /) -> tuple[ComplexArray, ComplexArray]:
+        """Q and P at frequencies in rad/s."""
+        ...
+
+
+class Loop(Swept, Protocol):
+    """Q + mu P = 0, and where its poles are."""
+
+    @cached_property
+    def tail(self) -> tuple[float, float]:
+        """Frequency beyond which poles only leave the stable region, and the ratio up to which every crossing is on the
+        grid; inf where the grid has all."""
+        ...
+
     @property
     def delay(self) -> float:
         """Seconds of delay."""
-        ...
-
-    def __call__(self, omega: FloatArray, /) -> tuple[ComplexArray, ComplexArray]:
-        """Q and P at frequencies in rad/s."""
         ...
 
     def roots(self, ratio: complex) -> ComplexArray | None:
@@ -145,7 +149,7 @@ def grid(corners: ComplexArray, end: float, *, turn: float = 0.0) -> FloatArray:
     return points[(points > 0.0) & (points <= high)]
 
 
-def ratio_crossings(loop: Loop) -> list[Crossing]:
+def ratio_crossings(loop: Swept) -> list[Crossing]:
     """Every ratio mu > 0 at which the loop has a pole on the boundary: Q + mu P = 0 at a real frequency."""
 
     def angle(omega: FloatArray) -> FloatArray:
@@ -203,7 +207,7 @@ def _inside(low: float, high: float) -> float:
     return float(np.sqrt(low * high)) if low else 0.5 * high
 
 
-def gain_crossings(loop: Loop, ratio: float) -> FloatArray:
+def gain_crossings(loop: Swept, ratio: float) -> FloatArray:
     """Frequencies at which |mu P| = |Q|, (K,)."""
 
     def excess(omega: FloatArray) -> FloatArray:
@@ -213,7 +217,7 @@ def gain_crossings(loop: Loop, ratio: float) -> FloatArray:
     return sign_changes(excess, loop.grid)[0]
 
 
-def lag_to_instability(loop: Loop, ratio: float) -> tuple[FloatArray, FloatArray]:
+def lag_to_instability(loop: Swept, ratio: float) -> tuple[FloatArray, FloatArray]:
     """Gain crossings and the phase lag in (0, 2 pi] that would bring each of them to -1."""
     omega = gain_crossings(loop, ratio)
     Q, P = loop(omega)

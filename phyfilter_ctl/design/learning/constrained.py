@@ -8,46 +8,162 @@ the start: the filter learned without the loop (and simpler ones), as fast as th
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from typing import NamedTuple
+from functools import cached_property
+from typing import Protocol
 
 import numpy as np
 from scipy.linalg import cholesky, solve_triangular
 from scipy.optimize import nnls
 
 from ..._sections import FloatArray
+from ...analysis.margins.slopes import Around, LoopOnGrid
 from ...filter import PhyFilter, SampledPhyFilter, Sampling
 from ...filter.recursion import transition
 from .constraints import LoopConstraint, Near
 from .coordinates import chain_slopes
 from .parametrisation import Chain
 from .search import Search
-from .sensitivity import Solver, filter_of, jacobian
+from .sensitivity import Data, Solver, filter_of, jacobian
 
-__all__ = ["Admissible", "Point", "at_speed"]
+__all__ = ["INSIDE", "Admissible", "Estimation", "Objective", "Point", "Remembering", "responses"]
 
 _SHORTER = 8  # times that a step is shortened before the descent ends
 _CORRECTIONS = 2
 _LONGEST = 0.7  # of a step, in logarithms
 _PROMISE = 1e-5  # of the cost, below which a descent is done
 _SMALL, _SMALL_STEPS = 1e-4, 3  # so many steps that gained less than this of the cost end it too
-_INSIDE = 1e-6  # spare room kept in the search
+# Spare room kept in the search, and where the exact margins find less than it did.
+INSIDE = (1e-6, 1e-5, 1e-4, 1e-3, 1e-2)
 _DIFFERENCE = 1e-5
-_APART = 0.02  # of frequencies, in logarithms
+_AMPLE = 0.5  # spare room beyond which a step is not asked to keep what has to be differenced
+_APART = 1e-4  # of frequencies, in logarithms: a dip moves as the filter does
 _SPEEDS = 24  # scanned from that of a filter down to the slowest
 _HALVINGS = 8
 _ADDS_NOTHING = 1e-4
 
 
-class Point(NamedTuple):
-    """A filter on the way."""
+class Objective(Protocol):
+    """What a filter within the limits is to make least."""
+
+    def cost(self, chain: Chain, c: FloatArray) -> float:
+        """A mean square; inf where there is none."""
+        ...
+
+    def model(self, chain: Chain, c: FloatArray, rows: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Gradient (p,) and Gauss-Newton matrix (p, p) by unknowns that move F by ``rows`` [xi; eta]."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class Estimation(Objective):
+    """Mean square of gamma* - F u on the flights.
+
+    Attributes
+    ----------
+    data : Data
+    """
+
+    data: Data
+
+    def cost(self, chain: Chain, c: FloatArray) -> float:
+        """See :class:`Objective`."""
+        found, n = self.data.moments(chain.doubled), chain.order
+        if found is None:
+            return float("inf")
+        G, m = found
+        return float(self.data.energy - 2.0 * c @ m[:n] + c @ G[:n, :n] @ c) / self.data.weight
+
+    def model(self, chain: Chain, c: FloatArray, rows: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """See :class:`Objective`."""
+        found = self.data.moments(chain.doubled)
+        assert found is not None  # the filter has a cost on these data
+        G, m = found
+        scale = 2.0 / self.data.weight
+        return -scale * rows @ (m - G[:, : chain.order] @ c), scale * rows @ G @ rows.T
+
+
+class Remembering(Data):
+    """Data whose moments are asked for several times at one filter.
+
+    Parameters
+    ----------
+    data : Data
+    """
+
+    def __init__(self, data: Data) -> None:
+        self.data, self._key, self._found = data, b"", None
+
+    @property
+    def energy(self) -> float:
+        """As of the data."""
+        return self.data.energy
+
+    @property
+    def weight(self) -> float:
+        """As of the data."""
+        return self.data.weight
+
+    def moments(self, doubled: FloatArray) -> tuple[FloatArray, FloatArray] | None:
+        """As of the data."""
+        key = doubled.tobytes()
+        if key != self._key:
+            self._key, self._found = key, self.data.moments(doubled)
+        return self._found
+
+
+@dataclass(frozen=True, eq=False)
+class Point:
+    """A filter on the way.
+
+    Attributes
+    ----------
+    theta : array
+        Unknowns of the search.
+    chain : Chain
+    c : (n,) array
+        F = c xi.
+    filter : PhyFilter
+    cost : float
+    sampled : SampledPhyFilter or None
+        As it will run; None where Euler's method diverges.
+    loop : LoopOnGrid or None
+        None where only exact margins are known.
+    task : Admissible
+    """
 
     theta: FloatArray
     chain: Chain
     c: FloatArray
     filter: PhyFilter
     cost: float
+    sampled: SampledPhyFilter | None
+    loop: LoopOnGrid | None
+    task: Admissible
+
+    @cached_property
+    def near(self) -> list[Near]:
+        """Where the loop comes near to its limits."""
+        return [] if self.loop is None else self.task.constraint.near(self.loop)
+
+    @cached_property
+    def spares(self) -> dict[str, float]:
+        """Spare room of limits that are at no frequency."""
+        assert self.sampled is not None  # asked of filters that run
+        if self.loop is None:
+            return self.task.constraint.spare(self.sampled)
+        return self.task.constraint.others(self.sampled)
+
+    @cached_property
+    def keeps(self) -> bool:
+        """Whether all limits hold, so far as the search sees them."""
+        least = 0.5 * self.task.inside
+        if self.sampled is None or any(each.spare < least for each in self.near):
+            return False
+        if self.loop is not None and not self.loop.around.loop.is_stable(self.sampled):
+            return False
+        return all(spare >= least for spare in self.spares.values())
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,22 +174,34 @@ class Admissible:
     ----------
     search : Search
         That without a loop, ended.
+    data : Data
+        Its.
     constraint : LoopConstraint
     sampling : Sampling
         As the filter will run.
+    objective : Objective
+    inside : float
+        Spare room that limits keep.
     """
 
     search: Search
+    data: Data
     constraint: LoopConstraint
     sampling: Sampling
+    objective: Objective
+    inside: float = INSIDE[0]
 
-    def best(self, orders: int) -> tuple[Point, bool] | None:
-        """The best admissible filter up to an order, and whether its descent ended; None where there is none."""
+    def best(self, orders: int, given: Iterable[PhyFilter] = ()) -> tuple[Point, bool] | None:
+        """The best admissible filter up to an order, and whether its descent ended; None where there is none.
+
+        ``given`` are further starts.
+        """
         found: tuple[Point, bool] | None = None
         for n in range(max(self.search.structure.least_order, 1), orders + 1):
             starts = [] if n not in self.search.best else [self.search.filter(self.search.best[n])]
+            starts += [filter for filter in given if filter.order == n]
             if found is not None:
-                starts.append(_with_pole(found[0].filter, 1.0 / self.search.step))
+                starts += [_with_pole(found[0].filter, rate) for rate in self._rates(found[0].filter)]
             begun = [point for start in starts if (point := self.slowed(start)) is not None]
             ended = [self._descend(point) for point in begun]
             if not ended:
@@ -83,6 +211,11 @@ class Admissible:
                 found = least
         return found
 
+    def _rates(self, filter: PhyFilter) -> list[float]:
+        """Of a pole more: as fast as the sampling shows, and by the others."""
+        fastest, sizes = 1.0 / self.search.step, np.abs(filter.poles)
+        return [fastest, min(2.0 * float(np.max(sizes)), 0.5 * fastest)]
+
     def slowed(self, filter: PhyFilter) -> Point | None:
         """A filter as fast as the loop tolerates it, at its own speed at most."""
         slowest = min(self.search.band[0] / float(np.max(np.abs(filter.poles))), 1.0)
@@ -90,7 +223,7 @@ class Admissible:
         def at(speed: float) -> Point | None:
             slow = at_speed(filter, speed)
             point = self._at(self.search.coordinates.of(slow.poles), lambda chain: chain.output(slow.b))
-            return point if point is not None and self._keeps(point) else None
+            return point if point is not None and point.keeps else None
 
         before = 1.0
         for speed in np.geomspace(1.0, slowest, _SPEEDS):
@@ -114,13 +247,13 @@ class Admissible:
         damping, done, small = 1e-3, False, 0
         for _ in range(self.search.limit):
             rows = self._rows(now)
-            gradient, curvature = self._model(now, rows)
-            met: list[float] = []  # frequencies of dips at which steps failed
+            gradient, curvature = self.objective.model(now.chain, now.c, rows)
+            curvature = curvature + 1e-12 * float(np.trace(curvature)) / len(rows) * np.eye(len(rows))
+            limits = self._limits(now, rows)
             trial = None
             for _ in range(_SHORTER):
-                near, spare, slopes = self._limits(now, rows, met)
                 metric = curvature + damping * np.diag(np.diag(curvature))
-                trial, promised = self._trial(now, rows, gradient, metric, near, spare, slopes, met)
+                trial, promised, limits = self._trial(now, rows, gradient, metric, limits)
                 done = promised <= _PROMISE * now.cost
                 if done or (trial is not None and trial.cost < now.cost):
                     break
@@ -132,39 +265,33 @@ class Admissible:
         return now, False
 
     def _trial(
-        self,
-        now: Point,
-        rows: FloatArray,
-        gradient: FloatArray,
-        metric: FloatArray,
-        near: list[Near],
-        spare: FloatArray,
-        slopes: FloatArray,
-        met: list[float],
-    ) -> tuple[Point | None, float]:
-        """The filter after a step, None where it is not admissible; and by how much the step lowers the model."""
+        self, now: Point, rows: FloatArray, gradient: FloatArray, metric: FloatArray, limits: _Limits
+    ) -> tuple[Point | None, float, _Limits]:
+        """The filter after a step, None where it is not admissible; by how much the step lowers the model; the limits
+        and what the step met beside them."""
         upper, lower = self.search.box(now.chain.order)
         box = _box(now.theta, np.maximum(upper, now.theta), np.minimum(lower, now.theta), len(rows))
         free = rows[len(now.theta) :, : now.chain.order]
-        promised, left = 0.0, spare
+        promised, left = 0.0, limits.spare
         for k in range(_CORRECTIONS + 1):
-            step = _program(gradient, metric, np.vstack([slopes, box[0]]), np.append(left - _INSIDE, box[1]))
+            step = _program(
+                gradient, metric, np.vstack([limits.slopes, box[0]]), np.append(left - self.inside, box[1])
+            )
             if step is None:
-                return None, np.inf if k else 0.0
+                return None, np.inf if k else 0.0, limits
             if k == 0:
                 promised = -float(gradient @ step + 0.5 * step @ metric @ step)
             trial = self._moved(now, step, free)
-            if trial is None or (trial.cost < now.cost and self._keeps(trial)):
-                return trial, promised
-            if self.constraint.margins is None:
-                met += self._new_dips(trial, near)
-                seen = self.constraint.again(self._sampled(trial), near)
-                seen = np.append(seen, np.full(len(spare) - len(seen), np.nan))
-            else:
-                seen = np.array(list(self._spares(trial).values()))
+            if trial is None or (trial.cost < now.cost and trial.keeps):
+                return trial, promised, limits
+            if trial.sampled is None:
+                return None, promised, limits
+            limits = self._with_new(now, rows, limits, trial)
+            left = np.append(left, limits.spare[len(left) :])
+            seen = self._again(trial, limits)
             # The limits' curvature, as the step has met it.
-            left = np.where(np.isnan(seen), left, np.minimum(seen - slopes @ step, spare))
-        return None, promised
+            left = np.where(np.isnan(seen), left, np.minimum(seen - limits.slopes @ step, limits.spare))
+        return None, promised, limits
 
     def _moved(self, now: Point, step: FloatArray, free: FloatArray) -> Point | None:
         count = len(now.theta)
@@ -177,24 +304,31 @@ class Admissible:
         chain = search.coordinates.chain(theta)
         if np.max(np.abs(chain.poles.imag)) * search.step > np.pi:
             return None
-        found = search.fine.moments(chain.doubled)
-        if found is None:
-            return None
-        n, (G, m) = chain.order, found
+        n = chain.order
         if search.form == "lowpass":
             c = np.zeros(n)
             c[-1] = chain.lowpass[0]
         else:
+            found = self.data.moments(chain.doubled)
+            if found is None:
+                return None
             c = output(chain)
             S, d = search.structure.rows(chain.doubled)
-            c = c + Solver(G[:n, :n], S[:n]).met((d - c @ S[:n])[None])[0]
-        cost = search.fine.energy - 2.0 * c @ m[:n] + c @ G[:n, :n] @ c
+            c = c + Solver(found[0][:n, :n], S[:n]).met((d - c @ S[:n])[None])[0]
+        cost = self.objective.cost(chain, c)
+        if not np.isfinite(cost):
+            return None
         filter = filter_of(chain, c, search.form, search.structure)
-        return Point(theta, chain, c, filter, float(cost) / search.fine.weight)
+        try:
+            sampled = SampledPhyFilter(filter, self.sampling)
+        except ValueError:  # Euler's method diverges
+            sampled = None
+        loop = None if sampled is None or self._around is None else LoopOnGrid(self._around, sampled)
+        return Point(theta, chain, c, filter, cost, sampled, loop, self)
 
     def _rows(self, now: Point) -> FloatArray:
         """d F = row [xi; eta] by the unknowns and by what the structure leaves free of c."""
-        rows = jacobian(self.search.fine, now.chain, now.c, self.search.form, self.search.structure)
+        rows = jacobian(self.data, now.chain, now.c, self.search.form, self.search.structure)
         n = now.chain.order
         if not self.search.structure.is_limited:
             return rows
@@ -202,69 +336,66 @@ class Admissible:
             [chain_slopes(self.search.coordinates, now.chain, now.theta) @ rows[:n], rows[n:]]
         )
 
-    def _model(self, now: Point, rows: FloatArray) -> tuple[FloatArray, FloatArray]:
-        found = self.search.fine.moments(now.chain.doubled)
-        assert found is not None  # the filter has a cost on these data
-        G, m = found
-        scale = 2.0 / self.search.fine.weight
-        curvature = scale * rows @ G @ rows.T
-        least = 1e-12 * float(np.trace(curvature)) / len(rows)
-        return -scale * rows @ (m - G[:, : now.chain.order] @ now.c), curvature + least * np.eye(len(rows))
-
     # -- limits -------------------------------------------------------------------------------------------------
 
-    def _sampled(self, point: Point) -> SampledPhyFilter:
-        return SampledPhyFilter(point.filter, self.sampling)
+    @cached_property
+    def _around(self) -> Around | None:
+        some = SampledPhyFilter(PhyFilter([self.search.floor]), self.sampling)
+        return self.constraint.around(some, self.search.floor)
 
-    def _spares(self, point: Point) -> dict[str, float]:
-        filter = self._sampled(point)
-        return (
-            self.constraint.spare(filter)
-            if self.constraint.margins is not None
-            else self.constraint.others(filter)
-        )
+    def _limits(self, now: Point, rows: FloatArray) -> _Limits:
+        slopes = self._slopes(now, rows, now.near)
+        names = tuple(name for name, spare in now.spares.items() if spare < _AMPLE)
+        spare = np.array([*(each.spare for each in now.near), *(now.spares[name] for name in names)])
+        if names:
+            slopes = np.vstack([slopes, self._differences(now, rows, names)])
+        return _Limits(tuple(now.near), names, spare, slopes, ())
 
-    def _keeps(self, point: Point) -> bool:
-        try:
-            sampled = self._sampled(point)
-        except ValueError:  # Euler's method diverges
-            return False
-        if any(spare < 0.0 for spare in self._spares(point).values()):
-            return False
-        if self.constraint.margins is not None:
-            return True
-        return self.constraint.is_stable(sampled) and all(
-            each.spare >= 0.0 for each in self.constraint.near(sampled)
-        )
+    def _slopes(self, now: Point, rows: FloatArray, near: Iterable[Near]) -> FloatArray:
+        near = list(near)
+        omega = np.array([each.omega for each in near])
+        moved = responses(now.chain, omega, self.sampling) @ rows.T  # (k, p): dF(j omega)
+        return np.real(np.array([each.slope for each in near])[:, None] * moved)
 
-    def _new_dips(self, trial: Point, near: list[Near]) -> list[float]:
-        """Frequencies at which a step has made the modulus too small, apart from those known."""
-        known = np.array([each.omega for each in near])
-        return [
+    def _with_new(self, now: Point, rows: FloatArray, limits: _Limits, trial: Point) -> _Limits:
+        """With frequencies at which a step has made the modulus too small, apart from those known."""
+        if now.loop is None:
+            return limits
+        known = np.array([each.omega for each in (*limits.near, *limits.met)])
+        new = [
             each.omega
-            for each in self.constraint.near(self._sampled(trial))
+            for each in trial.near
             if each.name == "modulus margin"
-            and each.spare < 0.0
+            and each.spare < self.inside
             and np.min(np.abs(np.log(known / each.omega)), initial=np.inf) > _APART
         ]
+        if not new:
+            return limits
+        met = self.constraint.again(now.loop, np.array(new))
+        return _Limits(
+            limits.near,
+            limits.names,
+            np.append(limits.spare, [each.spare for each in met]),
+            np.vstack([limits.slopes, self._slopes(now, rows, met)]),
+            (*limits.met, *met),
+        )
 
-    def _limits(
-        self, now: Point, rows: FloatArray, met: list[float]
-    ) -> tuple[list[Near], FloatArray, FloatArray]:
-        """Where the loop is near to its limits, spare room (k,) there and of what has no frequency, slopes (k, p)."""
-        formula = self.constraint.margins is None
-        near = self.constraint.near(self._sampled(now), met) if formula else []
-        omega = np.array([each.omega for each in near])
-        moved = _responses(now.chain, omega, self.sampling) @ rows.T  # (k, p): dF(j omega)
-        slopes = np.real(np.array([each.slope for each in near])[:, None] * moved)
-        spares = self._spares(now)
-        if spares:
-            slopes = np.vstack([slopes, self._differences(now, rows, list(spares))])
-        return near, np.array([*(each.spare for each in near), *spares.values()]), slopes
+    def _again(self, trial: Point, limits: _Limits) -> FloatArray:
+        """Spare room of the same limits for another filter, nan where that is not known."""
+        seen = np.full(len(limits.spare), np.nan)
+        if trial.loop is None:
+            return np.array([trial.spares[name] for name in limits.names])
+        at = [i for i, each in enumerate(limits.near) if each.name == "modulus margin"]
+        at += range(len(limits.spare) - len(limits.met), len(limits.spare))
+        all_near = (*limits.near, *([None] * len(limits.names)), *limits.met)
+        omega = np.array([each.omega for i in at if (each := all_near[i]) is not None])
+        seen[at] = [each.spare for each in self.constraint.again(trial.loop, omega)]
+        return seen
 
-    def _differences(self, now: Point, rows: FloatArray, names: list[str]) -> FloatArray:
-        """Slopes (k, p) of spare room by central differences."""
+    def _differences(self, now: Point, rows: FloatArray, names: Iterable[str]) -> FloatArray:
+        """Slopes (k, p) of spare room by differences."""
         count, free = len(now.theta), rows[len(now.theta) :, : now.chain.order]
+        names = list(names)
         found = np.zeros((len(names), len(rows)))
         for i in range(len(rows)):
             step = np.zeros(len(rows))
@@ -275,12 +406,21 @@ class Admissible:
                 * float(np.linalg.norm(now.c))
                 / max(float(np.linalg.norm(free[i - count])), 1e-300)
             )
-            ends = [self._moved(now, sign * step, free) for sign in (1.0, -1.0)]
-            if ends[0] is None or ends[1] is None:
-                continue
-            high, low = (self._spares(end) for end in ends if end is not None)
-            found[:, i] = [(high[name] - low[name]) / (2.0 * step[i]) for name in names]
+            end = self._moved(now, step, free)
+            if end is not None and end.sampled is not None:
+                found[:, i] = [(end.spares[name] - now.spares[name]) / step[i] for name in names]
         return found
+
+
+@dataclass(frozen=True, eq=False)
+class _Limits:
+    """Limits linear in a step: those near, those without a frequency by name, and what earlier steps met."""
+
+    near: tuple[Near, ...]
+    names: tuple[str, ...]
+    spare: FloatArray  # (k,)
+    slopes: FloatArray  # (k, p)
+    met: tuple[Near, ...]
 
 
 def at_speed(filter: PhyFilter, speed: float) -> PhyFilter:
@@ -298,7 +438,7 @@ def _with_pole(filter: PhyFilter, rate: float) -> PhyFilter:
     return PhyFilter(a, np.convolve(filter.b, [rate, 1.0]))
 
 
-def _responses(chain: Chain, omega: FloatArray, sampling: Sampling) -> np.ndarray:
+def responses(chain: Chain, omega: FloatArray, sampling: Sampling) -> np.ndarray:
     """States [xi; eta] of the sampled doubled chain, per measured residual, (k, 2n)."""
     A, B = chain.doubled[:-1, :-1], chain.doubled[:-1, -1]
     dA = transition(A, sampling.method, sampling.dt)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Protocol
@@ -14,7 +14,16 @@ from ... import _signals
 from ..._sections import FloatArray
 from ...analysis import frequency_response, ultimate_bound
 from ...analysis.margins import LoopMargin, loop_margin
-from ...analysis.margins.slopes import Margin, SampledLoop, Touch, modulus_at, touches
+from ...analysis.margins.slopes import (
+    Around,
+    LoopOnGrid,
+    Margin,
+    SampledLoop,
+    Touch,
+    approached,
+    modulus_at,
+    touches,
+)
 from ...filter import SampledPhyFilter
 from ...results import Result
 
@@ -179,48 +188,47 @@ class LoopConstraint:
             found["bound"] = 1.0 - ultimate_bound(filter, residual={1: self.slope}).bound / self.bound
         return found
 
-    def near(self, filter: SampledPhyFilter, also: Sequence[float] = ()) -> list[Near]:
-        """Every place where the loop of kp, kd, actuator and delay comes near to a limit.
+    def around(self, filter: SampledPhyFilter, slowest: float) -> Around | None:
+        """What filters of this one's step and delay stand in; None where only ``margins`` knows.
 
         Parameters
         ----------
         filter : SampledPhyFilter
-        also : sequence of float
-            Further frequencies in rad/s at which the modulus is taken.
+        slowest : float
+            Least rate in rad/s of the filters that will be tried.
         """
-        loop = self._sampled_loop(filter)
+        if self.margins is not None:
+            return None
+        loop = self._loop_margin(filter).loop
+        assert isinstance(loop, SampledLoop)  # of a sampled filter
+        return Around(loop, slowest)
+
+    def near(self, loop: LoopOnGrid) -> list[Near]:
+        """Every place where the loop is at a limit or comes near to one.
+
+        Parameters
+        ----------
+        loop : LoopOnGrid
+        """
         asked: list[Margin] = ["modulus"]
         if self.delay_margin:
             asked.append("delay")
         if self.inertia_ratios != (1.0, 1.0):
             asked.append("ratio")
         found = touches(loop, 1.0, *asked)
-        if also:
-            found += modulus_at(loop, 1.0, np.array(also))
+        found += modulus_at(loop, 1.0, approached(loop, 1.0, self.modulus_margin))
         return [self._spare_at(touch) for touch in found]
 
-    def is_stable(self, filter: SampledPhyFilter) -> bool:
-        """Whether the loop of kp, kd, actuator and delay is stable.
+    def again(self, loop: LoopOnGrid, omega: FloatArray) -> list[Near]:
+        """Spare room of the modulus at given frequencies.
 
         Parameters
         ----------
-        filter : SampledPhyFilter
+        loop : LoopOnGrid
+        omega : (k,) array
+            In rad/s.
         """
-        return self._loop_margin(filter).is_stable
-
-    def again(self, filter: SampledPhyFilter, near: Sequence[Near]) -> FloatArray:
-        """Spare room of the moduli at the same frequencies for another filter, nan for other limits.
-
-        Parameters
-        ----------
-        filter : SampledPhyFilter
-        near : sequence of Near
-            Of the filter before.
-        """
-        omega = np.array([each.omega for each in near])
-        moduli = modulus_at(self._sampled_loop(filter), 1.0, omega)
-        at_dip = np.array([each.name == "modulus margin" for each in near])
-        return np.where(at_dip, [each.value - self.modulus_margin for each in moduli], np.nan)
+        return [self._spare_at(touch) for touch in modulus_at(loop, 1.0, omega)]
 
     def _spare_at(self, touch: Touch) -> Near:
         low, high = self.inertia_ratios
@@ -246,11 +254,6 @@ class LoopConstraint:
                 self._loops[key] = found.loop
             return found
         return LoopMargin(1.0, known.with_filter(filter), filter)
-
-    def _sampled_loop(self, filter: SampledPhyFilter) -> SampledLoop:
-        loop = self._loop_margin(filter).loop
-        assert isinstance(loop, SampledLoop)  # of a sampled filter
-        return loop
 
     @cached_property
     def _loops(self) -> dict[tuple[float, float, str], SampledLoop]:

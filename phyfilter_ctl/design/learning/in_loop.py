@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
+import control as ct
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -12,14 +14,15 @@ from ... import _signals
 from ..._sections import FloatArray
 from ...filter import PhyFilter, SampledPhyFilter, Sampling
 from ...results import Result, Status
-from .constrained import Admissible, Point, at_speed
+from .constrained import INSIDE, Admissible, Estimation, Point, Remembering
 from .constraints import LoopConstraint, LoopPrice
 from .result import LearnResult
 from .search import Search
 
-__all__ = ["MarginTradeOff", "keep_limits", "margin_trade_off"]
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
-_SLOWER = (1e-5, 1e-4, 1e-3, 0.01, 0.05, 0.2)  # where the exact margins find less than the search did
+__all__ = ["MarginTradeOff", "keep_limits", "margin_trade_off"]
 
 
 def keep_limits(
@@ -34,19 +37,19 @@ def keep_limits(
     ``score`` gives the RMSE on training and held-out flights.
     """
     sampling = replace(sampling, dt=float(f"{sampling.dt:.12g}"))
-    task = Admissible(search, constraint, sampling)
+    data = Remembering(search.fine)
+    task = Admissible(search, data, constraint, sampling, Estimation(data))
     without = constraint.spare(SampledPhyFilter(result.filter, sampling))
     if min(without.values()) >= 0.0:
         price = LoopPrice(constraint, without, without, result.rmse, 0.0)
         return replace(result, loop=price)
-    found = task.best(result.order_used)
-    verified = None if found is None else _verified(task, found[0])
-    if found is None or verified is None:
+    found = _verified(task, result.order_used)
+    if found is None:
         return _infeasible(constraint, sampling, result, without)
-    point, spare = verified
+    point, ended, spare = found
     rmse, held_out = score(point.filter)
     price = LoopPrice(constraint, spare, without, result.rmse, rmse / result.rmse - 1.0)
-    status = Status.CONVERGED if found[1] else Status.ITERATION_LIMIT
+    status = Status.CONVERGED if ended else Status.ITERATION_LIMIT
     message = (
         f"order {point.filter.order}: {', '.join(price.binding) or 'no limit'} binds; RMSE {rmse:.4g}, "
         f"{100.0 * price.price:+.1f} % of the filter without the loop ({result.rmse:.4g}), which does not keep "
@@ -67,14 +70,16 @@ def keep_limits(
     )
 
 
-def _verified(task: Admissible, point: Point) -> tuple[Point, dict[str, float]] | None:
-    """The filter by the exact margins, a little slower where they find less than the search did."""
-    for slower in (0.0, *_SLOWER):
-        now = point if slower == 0.0 else task.slowed(at_speed(point.filter, 1.0 - slower))
-        if now is not None:
-            spare = task.constraint.spare(SampledPhyFilter(now.filter, task.sampling))
-            if min(spare.values()) >= 0.0:
-                return now, spare
+def _verified(task: Admissible, orders: int) -> tuple[Point, bool, dict[str, float]] | None:
+    """The best filter by the exact margins, searched further inside where they find less than the search did."""
+    for inside in INSIDE:
+        found = replace(task, inside=inside).best(orders)
+        if found is None:
+            return None
+        assert found[0].sampled is not None  # it keeps the limits
+        spare = task.constraint.spare(found[0].sampled)
+        if min(spare.values()) >= 0.0:
+            return *found, spare
     return None
 
 
@@ -123,6 +128,23 @@ class MarginTradeOff(Result):
     rmse: FloatArray
     results: tuple[LearnResult, ...]
 
+    def plot(self, *, ax: Axes | None = None) -> ct.ControlPlot:
+        """Error against margin.
+
+        Parameters
+        ----------
+        ax : Axes, optional
+            Where to draw; None makes a new figure.
+
+        Returns
+        -------
+        control.ControlPlot
+        """
+        from ... import plots
+
+        names = "Modulus margin", "RMSE on the training flights [unit of f]"
+        return plots.trade_off_plot(self.margins, self.rmse, None, "", names=names, log=False, ax=ax)
+
 
 def margin_trade_off(
     learner: Callable[[LoopConstraint], LearnResult], loop: LoopConstraint, margins: ArrayLike
@@ -158,6 +180,8 @@ def margin_trade_off(
     >>> found = margin_trade_off(lambda each: learn(log, 1, loop=each, wiener=False), loop, [0.3, 0.5])
     >>> bool(found.rmse[0] < found.rmse[1])
     True
+    >>> found.plot().axes.shape
+    (1, 1)
     """
     wanted = _signals.array("margins", margins, ("m",))
     loops = [replace(loop, modulus_margin=float(margin)) for margin in wanted]
