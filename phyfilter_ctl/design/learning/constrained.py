@@ -21,7 +21,7 @@ from ..._sections import FloatArray
 from ...analysis.margins.slopes import Around, LoopOnGrid
 from ...filter import PhyFilter, SampledPhyFilter, Sampling
 from ...filter.recursion import transition
-from .constraints import LoopConstraint, Near
+from .constraints import LoopConstraint, Near, again, around, near_limits
 from .coordinates import chain_slopes
 from .parametrisation import Chain
 from .search import Search
@@ -145,7 +145,7 @@ class Point:
     @cached_property
     def near(self) -> list[Near]:
         """Where the loop comes near to its limits."""
-        return [] if self.loop is None else self.task.constraint.near(self.loop)
+        return [] if self.loop is None else near_limits(self.task.constraint, self.loop)
 
     @cached_property
     def spares(self) -> dict[str, float]:
@@ -341,7 +341,7 @@ class Admissible:
     @cached_property
     def _around(self) -> Around | None:
         some = SampledPhyFilter(PhyFilter([self.search.floor]), self.sampling)
-        return self.constraint.around(some, self.search.floor)
+        return around(self.constraint, some, self.search.floor)
 
     def _limits(self, now: Point, rows: FloatArray) -> _Limits:
         slopes = self._slopes(now, rows, now.near)
@@ -371,7 +371,7 @@ class Admissible:
         ]
         if not new:
             return limits
-        met = self.constraint.again(now.loop, np.array(new))
+        met = again(self.constraint, now.loop, np.array(new))
         return _Limits(
             limits.near,
             limits.names,
@@ -389,7 +389,7 @@ class Admissible:
         at += range(len(limits.spare) - len(limits.met), len(limits.spare))
         all_near = (*limits.near, *([None] * len(limits.names)), *limits.met)
         omega = np.array([each.omega for i in at if (each := all_near[i]) is not None])
-        seen[at] = [each.spare for each in self.constraint.again(trial.loop, omega)]
+        seen[at] = [each.spare for each in again(self.constraint, trial.loop, omega)]
         return seen
 
     def _differences(self, now: Point, rows: FloatArray, names: Iterable[str]) -> FloatArray:

@@ -27,7 +27,7 @@ from ...analysis.margins.slopes import (
 from ...filter import SampledPhyFilter
 from ...results import Result
 
-__all__ = ["LoopConstraint", "LoopMarginsLike", "LoopPrice", "Near"]
+__all__ = ["LoopConstraint", "LoopMarginsLike", "LoopPrice", "Near", "again", "around", "near_limits"]
 
 # Spare room beyond this counts no further, and what has none is this far off.
 _AMPLE, _LOST = 10.0, -1.0
@@ -188,63 +188,6 @@ class LoopConstraint:
             found["bound"] = 1.0 - ultimate_bound(filter, residual={1: self.slope}).bound / self.bound
         return found
 
-    def around(self, filter: SampledPhyFilter, slowest: float) -> Around | None:
-        """What filters of this one's step and delay stand in; None where only ``margins`` knows.
-
-        Parameters
-        ----------
-        filter : SampledPhyFilter
-        slowest : float
-            Least rate in rad/s of the filters that will be tried.
-        """
-        if self.margins is not None:
-            return None
-        loop = self._loop_margin(filter).loop
-        assert isinstance(loop, SampledLoop)  # of a sampled filter
-        return Around(loop, slowest)
-
-    def near(self, loop: LoopOnGrid) -> list[Near]:
-        """Every place where the loop is at a limit or comes near to one.
-
-        Parameters
-        ----------
-        loop : LoopOnGrid
-        """
-        asked: list[Margin] = ["modulus"]
-        if self.delay_margin:
-            asked.append("delay")
-        if self.inertia_ratios != (1.0, 1.0):
-            asked.append("ratio")
-        found = touches(loop, 1.0, *asked)
-        found += modulus_at(loop, 1.0, approached(loop, 1.0, self.modulus_margin))
-        return [self._spare_at(touch) for touch in found]
-
-    def again(self, loop: LoopOnGrid, omega: FloatArray) -> list[Near]:
-        """Spare room of the modulus at given frequencies.
-
-        Parameters
-        ----------
-        loop : LoopOnGrid
-        omega : (k,) array
-            In rad/s.
-        """
-        return [self._spare_at(touch) for touch in modulus_at(loop, 1.0, omega)]
-
-    def _spare_at(self, touch: Touch) -> Near:
-        low, high = self.inertia_ratios
-        name, least = {
-            "modulus": ("modulus margin", self.modulus_margin),
-            "delay": ("delay margin", self.delay_margin),
-            "ratio": ("upper inertia ratio", high) if touch.value > 1.0 else ("lower inertia ratio", low),
-        }[touch.margin]
-        if touch.margin == "modulus":
-            spare, slope = touch.value - least, touch.slope
-        elif name == "lower inertia ratio":
-            spare, slope = 1.0 - touch.value / least, -touch.slope / least
-        else:
-            spare, slope = touch.value / least - 1.0, touch.slope / least
-        return Near(name, spare, touch.omega, slope)
-
     def _loop_margin(self, filter: SampledPhyFilter) -> LoopMargin:
         key = filter.dt, filter.sampling.delay, filter.sampling.g
         known = self._loops.get(key)
@@ -259,6 +202,70 @@ class LoopConstraint:
     def _loops(self) -> dict[tuple[float, float, str], SampledLoop]:
         """By step and delay, what is around the filter."""
         return {}
+
+
+def around(loop: LoopConstraint, filter: SampledPhyFilter, slowest: float) -> Around | None:
+    """What filters of this one's step and delay stand in; None where only ``margins`` knows.
+
+    Parameters
+    ----------
+    loop : LoopConstraint
+    filter : SampledPhyFilter
+    slowest : float
+        Least rate in rad/s of the filters that will be tried.
+    """
+    if loop.margins is not None:
+        return None
+    found = loop._loop_margin(filter).loop
+    assert isinstance(found, SampledLoop)  # of a sampled filter
+    return Around(found, slowest)
+
+
+def near_limits(limits: LoopConstraint, loop: LoopOnGrid) -> list[Near]:
+    """Every place where the loop is at a limit or comes near to one.
+
+    Parameters
+    ----------
+    limits : LoopConstraint
+    loop : LoopOnGrid
+    """
+    asked: list[Margin] = ["modulus"]
+    if limits.delay_margin:
+        asked.append("delay")
+    if limits.inertia_ratios != (1.0, 1.0):
+        asked.append("ratio")
+    found = touches(loop, 1.0, *asked)
+    found += modulus_at(loop, 1.0, approached(loop, 1.0, limits.modulus_margin))
+    return [_spare_at(limits, touch) for touch in found]
+
+
+def again(limits: LoopConstraint, loop: LoopOnGrid, omega: FloatArray) -> list[Near]:
+    """Spare room of the modulus at given frequencies.
+
+    Parameters
+    ----------
+    limits : LoopConstraint
+    loop : LoopOnGrid
+    omega : (k,) array
+        In rad/s.
+    """
+    return [_spare_at(limits, touch) for touch in modulus_at(loop, 1.0, omega)]
+
+
+def _spare_at(limits: LoopConstraint, touch: Touch) -> Near:
+    low, high = limits.inertia_ratios
+    name, least = {
+        "modulus": ("modulus margin", limits.modulus_margin),
+        "delay": ("delay margin", limits.delay_margin),
+        "ratio": ("upper inertia ratio", high) if touch.value > 1.0 else ("lower inertia ratio", low),
+    }[touch.margin]
+    if touch.margin == "modulus":
+        spare, slope = touch.value - least, touch.slope
+    elif name == "lower inertia ratio":
+        spare, slope = 1.0 - touch.value / least, -touch.slope / least
+    else:
+        spare, slope = touch.value / least - 1.0, touch.slope / least
+    return Near(name, spare, touch.omega, slope)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
