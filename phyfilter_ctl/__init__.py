@@ -10,6 +10,7 @@ learn F         :func:`learn`, :func:`learn_axes`, :func:`learn_jointly`; :mod:`
 what it missed  :func:`estimate`: the force in recordings, which filter shows it; :func:`compare_estimators`,
                 :func:`smooth_label`, :func:`measurement_noise`, :func:`known_noise`; :func:`model_value`: whether the
                 learned model pays
+what of it      :func:`separate`: payload, wind, drag, a model's scale, or only their sum
 understand it   :func:`frequency_response`, :func:`ultimate_bound`, :func:`error_variance`, :func:`prior_margin`,
                 :func:`loop_margin`, :func:`saturation_margin`, :func:`signal_margin`, :func:`tracking_tube`;
                 designs from them: :mod:`phyfilter_ctl.design.optimal`

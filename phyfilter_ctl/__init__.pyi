@@ -61,11 +61,13 @@ from .design import (
 from .diagram import FlatModel, flatten
 from .estimation import (
     Estimate,
+    Separation,
     compare_estimators,
     estimate,
     known_noise,
     measurement_noise,
     model_value,
+    separate,
     smooth_label,
 )
 from .filter import (
@@ -136,6 +138,7 @@ __all__ = [
     "Sampling",
     "SaturationMargin",
     "Sensitivity",
+    "Separation",
     "Signal",
     "Signals",
     "SimulationResponse",
@@ -189,6 +192,7 @@ __all__ = [
     "saturation_margin",
     "save",
     "sensitivity",
+    "separate",
     "signal_margin",
     "simulate",
     "simulate_batch",

@@ -1,0 +1,31 @@
+"""What the residual is made of: payload, wind, drag, a model's scale, each with its uncertainty, or only their sum."""
+
+from .identifiability import Combination, Identifiability
+from .parts import (
+    AddedInertia,
+    ColouredForce,
+    ModelScale,
+    Part,
+    Payload,
+    Regressor,
+    SensorBias,
+    SteadyForce,
+)
+from .separate import PartEstimate, PartialSum, Separation, separate
+
+__all__ = [
+    "AddedInertia",
+    "ColouredForce",
+    "Combination",
+    "Identifiability",
+    "ModelScale",
+    "Part",
+    "PartEstimate",
+    "PartialSum",
+    "Payload",
+    "Regressor",
+    "SensorBias",
+    "Separation",
+    "SteadyForce",
+    "separate",
+]
