@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import json
 import os
 import signal
@@ -12,6 +13,7 @@ import numpy as np
 import pytest
 
 from phyfilter_ctl import PhyFilter, Recording, filterfile, loop_margin
+from phyfilter_ctl.cli import flights as in_files
 from phyfilter_ctl.cli import main
 from phyfilter_ctl.design import learning
 from phyfilter_ctl.learned import Network
@@ -87,6 +89,69 @@ def test_figures_are_those_of_learn(logs, capsys):
     assert figures["f_theta"]["held_out_rmse"] == pytest.approx(np.sqrt(np.mean(gamma**2)), rel=EXACT)
     # The truth is of order 2 in the low-pass form: no more coefficients are chosen.
     assert figures["best"] == 2
+
+
+FOLDER = ["learn", "day", "--held-out", "held.csv", "--x", "px,py", "--order", "1", "--form", "lowpass"]
+
+
+@pytest.fixture
+def folder(logs) -> Path:
+    """Two flights in a folder, one of them as Parquet."""
+    pytest.importorskip("pyarrow", reason="the extra logs (pyarrow) is not installed")
+    from pyarrow import csv, parquet
+
+    (logs / "day" / "noon").mkdir(parents=True)
+    (logs / "one.csv").rename(logs / "day" / "one.csv")
+    table = csv.read_csv(logs / "two.csv")
+    named = table.rename_columns(["t [s]", *table.column_names[1:]])
+    parquet.write_table(named, logs / "day" / "noon" / "two.parquet")
+    return logs
+
+
+def test_folders_stay_in_files_and_bad_flights_are_left_out_on_request(folder, monkeypatch, capsys):
+    assert main([*FOLDER, "--json", "-"]) == 0
+    expected = json.loads(capsys.readouterr().out)
+    assert (expected["logs"], expected["skipped"]) == (["two", "one"], {})
+    broken = folder / "day" / "broken.csv"
+    broken.write_text("t,px,py\n0,1,2\n0.01,oops,2\n")
+    assert main(FOLDER) == 2
+    assert "'oops'" in capsys.readouterr().err
+    # Nothing is kept in memory: learn is given paths.
+    monkeypatch.setattr(in_files, "_AT_HAND", 0)
+    given, learn = [], learning.learn
+    monkeypatch.setattr(
+        learning, "learn", lambda logs, *rest, **options: given.append(logs) or learn(logs, *rest, **options)
+    )
+    assert main([*FOLDER, "--skip-bad", "--workers", "1", "--json", "found.json"]) == 0
+    shown = capsys.readouterr().out
+    assert f"note: left out: {Path('day', 'broken.csv')}: line 3" in shown
+    found = json.loads((folder / "found.json").read_text())
+    assert all(isinstance(log, Path) for logs in given for log in logs)
+    assert list(found["skipped"]) == [str(Path("day", "broken.csv"))]
+    same_figures(expected, found)
+
+
+def same_figures(expected, found):
+    for key in ("logs", "samples", "channels", "best"):
+        assert found[key] == expected[key]
+    assert found["f_theta"] == pytest.approx(expected["f_theta"], rel=EXACT)
+    for one, other in zip(expected["filters"], found["filters"], strict=True):
+        for key in ("a", "rmse", "held_out_rmse"):
+            assert other[key] == pytest.approx(one[key], rel=EXACT)
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("default")
+def test_a_cluster_reads_the_folder(folder, capsys):
+    pytest.importorskip("distributed", reason="the extra cluster (dask[distributed]) is not installed")
+    distributed = importlib.import_module("distributed")
+    assert main([*FOLDER, "--json", "-"]) == 0
+    expected = json.loads(capsys.readouterr().out)
+    with distributed.LocalCluster(
+        n_workers=2, threads_per_worker=1, processes=False, protocol="tcp://", dashboard_address=None
+    ) as local:
+        assert main([*FOLDER, "--scheduler", local.scheduler_address, "--json", "-"]) == 0
+    same_figures(expected, json.loads(capsys.readouterr().out))
 
 
 @pytest.mark.slow
@@ -276,7 +341,7 @@ def test_help_teaches_by_examples_that_run(logs, capsys):
     shown = capsys.readouterr().out
     lines = [line.strip() for line in shown.splitlines() if line.startswith("  phyfilter-ctl learn")]
     examples = [line.split("   ")[0].split()[1:] for line in lines]
-    assert len(examples) == 7
+    assert len(examples) == 8
     one, held = (flight(seed, n=300, noise=0.05) for seed in (5, 6))
     for path, log in (("flight.csv", one), ("slow_1.csv", one), ("fast_1.csv", held)):
         table = np.hstack(
@@ -285,6 +350,9 @@ def test_help_teaches_by_examples_that_run(logs, capsys):
         header = "t,vx,vy,vz,ax,ay,az,ux,uy,mx,my"
         table = np.hstack([table, log.x, log.label])
         np.savetxt(path, table, delimiter=",", header=header + ",px,py,fx,fy", comments="")
+    for folder in ("day_1", "day_2"):
+        Path(folder).mkdir()
+        Path(folder, "flight.csv").write_bytes(Path("flight.csv").read_bytes())
     model = Network((3,), max_iterations=5).fit(one.x[:, [0, 1, 1]], one.x[:, [0, 1, 1]]).model
     model.save("network.npz")
     for words in examples:

@@ -4,21 +4,34 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
+from pathlib import Path
 from types import EllipsisType
+from typing import Any, Protocol
 
 import numpy as np
 
 from .. import filterfile
+from .._sections import FloatArray
+from ..logfiles import read_recording
 from ..recording import Recording
 from ..robot import Suspicion, findings_of
 
-__all__ = ["COLUMNS", "add_columns", "names_of", "plausibility", "read_columns", "signals_of"]
+__all__ = [
+    "COLUMNS",
+    "add_columns",
+    "constant_inertia",
+    "names_of",
+    "plausibility",
+    "read_columns",
+    "signals_of",
+]
 
 # Options that name columns.
 COLUMNS = ("time", "time-unit", "dt", "x", "label", "g", "f-theta", "model", "features", "inertia")
 _TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 _RULES = ("hold", "average")
 _VELOCITIES = ("vx", "vy", "vz")
+_TABLES = (".parquet", ".pq", ".arrow", ".feather", ".mat", ".h5", ".hdf5")
 
 
 def add_columns(
@@ -49,8 +62,8 @@ def add_columns(
     )
 
 
-def read_columns(path: str, options: argparse.Namespace) -> Recording:
-    """A recording by those options.
+def read_columns(path: str | Path, options: argparse.Namespace) -> Recording:
+    """A recording by those options: CSV, or a table with a unit of time, such as Parquet.
 
     Raises
     ------
@@ -65,19 +78,30 @@ def read_columns(path: str, options: argparse.Namespace) -> Recording:
         raise ValueError("--model and --f-theta: expected one of them")
     if options.features is not None and options.model is None:
         raise ValueError("--features: expected --model beside it, which takes them")
-    log = Recording.from_csv(
-        path,
-        time=None if options.dt is not None else options.time or "t",
-        dt=options.dt,
-        x=_VELOCITIES if options.x is None else names_of("--x", options.x),
-        label=_columns("--label", options.label),
-        g=_columns("--g", options.g),
-        f_theta=None if options.model else _columns("--f-theta", options.f_theta),
-        features=_columns("--features", options.features) if options.model else None,
-        inertia=_inertia(options.inertia),
-        scale=None if options.time_unit is None else {options.time or "t": _TIME_UNITS[options.time_unit]},
-        delimiter=options.delimiter,
-    )
+    x = _VELOCITIES if options.x is None else names_of("--x", options.x)
+    label, g = _columns("--label", options.label), _columns("--g", options.g)
+    f_theta = None if options.model else _columns("--f-theta", options.f_theta)
+    features = _columns("--features", options.features) if options.model else None
+    signals: dict[str, Any] = {"label": label, "g": g, "f_theta": f_theta, "features": features}
+    inertia = _inertia(options.inertia)
+    if Path(path).suffix.lower() in _TABLES:
+        if options.dt is not None:
+            raise ValueError(f"{path}: --dt is for CSV files without times; this table has a column of them")
+        unit = options.time_unit
+        log = read_recording(path, time=options.time, time_unit=unit, x=x, inertia=inertia, **signals)
+    else:
+        log = Recording.from_csv(
+            path,
+            time=None if options.dt is not None else options.time or "t",
+            dt=options.dt,
+            x=x,
+            inertia=inertia,
+            scale=None
+            if options.time_unit is None
+            else {options.time or "t": _TIME_UNITS[options.time_unit]},
+            delimiter=options.delimiter,
+            **signals,
+        )
     return log if options.model is None else _with_model(path, log, options.model)
 
 
@@ -98,7 +122,7 @@ def plausibility(logs: Sequence[Recording], options: argparse.Namespace) -> list
     return found
 
 
-def _with_model(path: str, log: Recording, name: str) -> Recording:
+def _with_model(path: str | Path, log: Recording, name: str) -> Recording:
     from ..learned import learned_model
 
     if log.features is None:
@@ -134,15 +158,26 @@ def _inertia(text: str | None) -> list[float] | list[str] | float | EllipsisType
     return numbers[0] if len(numbers) == 1 else numbers
 
 
-def signals_of(logs: Sequence[Recording]) -> filterfile.Signals:
+class _Described(Protocol):
+    @property
+    def n(self) -> int: ...
+    @property
+    def channels(self) -> tuple[str, ...]: ...
+    @property
+    def unit(self) -> str: ...
+    @property
+    def inertia(self) -> FloatArray | None: ...
+
+
+def signals_of(logs: Sequence[_Described]) -> filterfile.Signals:
     """What a filter file notes beside a filter for these recordings."""
-    inertias = [_constant_inertia(log) for log in logs]
+    inertias = [constant_inertia(log) for log in logs]
     first = inertias[0]
     same = first is not None and all(i is not None and np.array_equal(i, first) for i in inertias)
     return filterfile.Signals(logs[0].channels, unit_x=logs[0].unit, inertia=first if same else None)
 
 
-def _constant_inertia(log: Recording) -> np.ndarray | None:
+def constant_inertia(log: _Described) -> FloatArray | None:
     """M of a flight where it is known and does not vary."""
     if log.inertia is None or log.inertia.ndim == 0 or len(log.inertia) != log.n:
         return log.inertia

@@ -9,6 +9,7 @@ import signal
 import threading
 import warnings
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Protocol, TypeVar
@@ -18,16 +19,17 @@ from tqdm import tqdm
 from .. import filterfile
 from .._output import check_target, write_figure, write_text
 from ..filter import SampledPhyFilter, stack
-from ..recording import Recording
 from ..results import Status
 from .channels import figures_below, responses, text_of
-from .columns import add_columns, names_of, plausibility, read_columns, signals_of
+from .columns import add_columns, names_of, signals_of
+from .flights import Flights, add_reading, read_flights, read_labelled
 from .frequencies import add_picture_units
 from .learn_loop import add_loop, loop_of
 from .learn_report import Row, best_of, figures_of, form_name, table_of, worse_than_none
 
 if TYPE_CHECKING:
     from ..design.learning import Form, LearnEvent, LearnResult
+    from ..design.learning.stored import OneFlight
 
 __all__ = ["add_arguments", "main"]
 
@@ -52,6 +54,7 @@ examples:
   phyfilter-ctl learn flight.csv --model network.onnx --features vx,vy,vz
   phyfilter-ctl learn flight.csv --order 3 --form general --method tustin --json -
   phyfilter-ctl learn flight.csv --per-channel --out filters.toml   one filter for each channel
+  phyfilter-ctl learn day_1 day_2 --order 2 --skip-bad            folders; files beyond 128 MB are not kept in memory
   phyfilter-ctl learn flight.csv --margin 0.5 --lag 0.05 --loop-delay 0.01 --kp 10 --kd 6   safe in this loop
   phyfilter-ctl design filter.toml                              reads the saved filter"""
 
@@ -60,7 +63,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of ``phyfilter-ctl learn``."""
     parser.description, parser.epilog = _DESCRIPTION, _EPILOG
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
-    parser.add_argument("logs", nargs="+", metavar="LOG.csv", help="flights to learn from")
+    parser.add_argument(
+        "logs", nargs="+", metavar="LOG.csv", help="flights, or folders of them, to learn from"
+    )
     parser.add_argument("--held-out", nargs="+", default=[], metavar="LOG.csv", help="flights to score on")
     kinds = parser.add_argument_group("filters")
     kinds.add_argument(
@@ -84,6 +89,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add_loop(parser)
     add_columns(parser)
+    add_reading(parser)
     output = parser.add_argument_group("output")
     output.add_argument("--out", metavar="FILTER.toml", help="write the best filter")
     output.add_argument("--picture", metavar="FILE", help="costs and frequency response as png, pdf or svg")
@@ -128,10 +134,13 @@ def main(options: argparse.Namespace) -> int:
     check_target(options.out, suffixes=(".toml",))
     check_target(picture, suffixes=(".png", ".pdf", ".svg"))
     _check(options)
-    logs, held_out = ([_read(path, options) for path in paths] for paths in (options.logs, options.held_out))
-    found = plausibility([*logs, *held_out], options)
+    logs, held_out = read_flights(options.logs, options), read_flights(options.held_out, options)
+    found = [text for each in (*logs.summaries, *held_out.summaries) for text in each.findings]
+    found += [f"left out: {text}" for part in (logs, held_out) for text in part.skipped.values()]
     channels = (
-        list(logs[0].channels) if options.channels is None else names_of("--channels", options.channels)
+        list(logs.summaries[0].channels)
+        if options.channels is None
+        else names_of("--channels", options.channels)
     )
     groups = {name: [name] for name in channels} if options.per_channel else {"": channels}
     with _Interrupt() as interrupt, warnings.catch_warnings():
@@ -159,27 +168,29 @@ def main(options: argparse.Namespace) -> int:
         if worse:
             raise ValueError(f"{options.out}: not written: {found[-1]}")
         learned = _sampled([row.result for row in best.values()])
-        filterfile.save(options.out, learned, signals=signals_of(logs))
+        filterfile.save(options.out, learned, signals=signals_of(logs.summaries))
     if picture is not None:
         _draw(picture, options, best)
     return _STOPPED if interrupt.asked else 0
 
 
-def _axes(options: argparse.Namespace, channels: list[str], logs: list[Recording], best: Row) -> str:
+def _axes(options: argparse.Namespace, channels: list[str], logs: Flights, best: Row) -> str:
     """What one filter each, or a matrix, would be worth."""
     from ..design.learning import learn, learn_axes
 
-    if channels != list(logs[0].channels):
+    if channels != list(logs.summaries[0].channels):
         raise ValueError(
             "--compare-axes is of all channels: choose them by --x and --label instead of --channels"
         )
     order, structure = best.result.order_used, _structure(options, best.form)
 
-    def learner(some: list[Recording]) -> LearnResult:
+    def learner(some: list[OneFlight]) -> LearnResult:
         quick = {"starts": 0, "wiener": False, "cross_validate": False, "intervals": False}
-        return learn(some, order, form=best.form, method=options.method, **structure, **quick)
+        return learn(
+            some, order, form=best.form, method=options.method, **structure, **quick, **_workers(options)
+        )
 
-    found = learn_axes(logs, learner)
+    found = learn_axes(logs.logs, learner, read=partial(read_labelled, options=options))
     scores = ", ".join(f"{kind} {score.held_out_rmse:.4g}" for kind, score in found.scores.items())
     advice = {"shared": "as it is", "each": "learn with --per-channel", "coupled": "use pf.learn_axes"}
     return (
@@ -219,14 +230,9 @@ def _check(options: argparse.Namespace) -> None:
         seen.add(path)
 
 
-def _read(path: str, options: argparse.Namespace) -> Recording:
-    log = read_columns(path, options)
-    if log.label is None:
-        raise ValueError(
-            f"{path}: no label, the true f to learn from; name its columns by --label, or in the file ax, ay, az "
-            "(for vx, vy, vz) or label_<x>"
-        )
-    return log
+def _workers(options: argparse.Namespace) -> dict[str, Any]:
+    """Options of :func:`learn` on who reads files."""
+    return {"workers": options.workers, "scheduler": options.scheduler}
 
 
 def _structure(options: argparse.Namespace, form: Form) -> dict[str, Any]:
@@ -305,8 +311,8 @@ class _Bar(Protocol):
 def _learned(
     options: argparse.Namespace,
     channels: list[str],
-    logs: list[Recording],
-    held_out: list[Recording],
+    logs: Flights,
+    held_out: Flights,
     interrupt: _Interrupt,
 ) -> list[Row]:
     orders, forms = sorted(set(options.order)), _forms(options)
@@ -330,8 +336,8 @@ def _row(
     channels: list[str],
     order: int,
     form: Form,
-    logs: list[Recording],
-    held_out: list[Recording],
+    logs: Flights,
+    held_out: Flights,
     interrupt: _Interrupt,
     bar: _Bar,
 ) -> Row | None:
@@ -345,19 +351,22 @@ def _row(
 
     try:
         result = learn(
-            logs,
+            logs.logs,
             order,
             form=form,
             starts=options.starts,
             channels=channels,
-            held_out=held_out or None,
+            held_out=held_out.logs or None,
             seed=options.seed,
             method=options.method,
             g=options.g_rule,
             f_theta=options.f_theta_rule,
             callback=report,
-            cross_validate=True if len(logs) > 1 else None,
+            cross_validate=True if len(logs.logs) > 1 else None,
             loop=loop_of(options),
+            read=partial(read_labelled, options=options),
+            report=bar.set_postfix_str,
+            **_workers(options),
             **_structure(options, form),
         )
     except ValueError:

@@ -7,10 +7,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-import numpy as np
-
-from ..recording import Recording
 from ..results import Status, plain
+from .flights import Flights
 
 if TYPE_CHECKING:
     from ..design.learning import Form, LearnResult, WienerFloor
@@ -106,13 +104,13 @@ def _known(result: LearnResult) -> list[str]:
     ]
 
 
-def _flights(logs: Sequence[Recording], result: LearnResult) -> list[str]:
+def _flights(logs: Flights, result: LearnResult) -> list[str]:
     """The flights left out one by one."""
     if not result.flights:
         return []
     lines = ["", f"{'flight left out':<24}{'with it':>10}{'left out':>10}{'its own':>10}  (RMSE of the best)"]
     for score in result.flights:
-        name = logs[score.flight].name or f"flight {score.flight}"
+        name = logs.names[score.flight] or f"flight {score.flight}"
         marks = "  <- disagrees" if score.disagrees else ""
         lines.append(
             f"{name[-23:]:<24}{_cell(score.rmse)}{_cell(score.left_out_rmse)}{_cell(score.own_rmse)}{marks}"
@@ -125,24 +123,9 @@ def form_name(form: Form) -> str:
     return "low-pass" if form == "lowpass" else form
 
 
-def _alone(logs: Sequence[Recording], channels: Sequence[str]) -> float | None:
-    """RMSE of f_theta alone, on the samples that are scored."""
-    if not logs:
-        return None
-    squares = []
-    for log in logs:
-        columns = [log.channels.index(name) for name in channels]
-        assert log.label is not None  # checked when it was read
-        gamma = log.label if log.f_theta is None else log.label - log.f_theta
-        squares.append(gamma[1:, columns].ravel() ** 2)
-    return float(np.sqrt(np.mean(np.concatenate(squares))))
-
-
-def worse_than_none(
-    logs: Sequence[Recording], held_out: Sequence[Recording], channels: Sequence[str], best: Row
-) -> str:
+def worse_than_none(logs: Flights, held_out: Flights, channels: Sequence[str], best: Row) -> str:
     """That the best filter is no better than f_theta alone on what it was not learned from; empty where it is."""
-    alone = _alone(held_out or logs, channels)
+    alone = (held_out if held_out.logs else logs).alone(channels)
     if best.score is None or alone is None or best.score < alone:
         return ""
     return (
@@ -152,23 +135,23 @@ def worse_than_none(
 
 
 def table_of(
-    logs: Sequence[Recording],
-    held_out: Sequence[Recording],
+    logs: Flights,
+    held_out: Flights,
     channels: Sequence[str],
     rows: Sequence[Row],
     best: Row,
 ) -> str:
     """The text: one line a filter, and the best of them described."""
-    held = f", {len(held_out)} held out" if held_out else ""
+    count, held = len(logs.logs), f", {len(held_out.logs)} held out" if held_out.logs else ""
     lines = [
-        f"{len(logs)} {'flight' if len(logs) == 1 else 'flights'}{held}: {sum(log.n for log in logs)} samples of "
+        f"{count} {'flight' if count == 1 else 'flights'}{held}: {logs.samples} samples of "
         f"{', '.join(channels)}, every {1e3 * best.result.dt:.4g} ms",
         "",
         f"{'RMSE of label - f_hat':<24}{'training':>10}{'blocks':>10}{'held out':>10}  "
         f"{'ratio to Wiener floor':<25}  status",
     ]
-    name = "f_theta alone" if any(log.f_theta is not None for log in logs) else "f_theta = 0 alone"
-    lines.append(f"{name:<24}{_cell(_alone(logs, channels))}{_cell(None)}{_cell(_alone(held_out, channels))}")
+    name = "f_theta alone" if any(each.has_f_theta for each in logs.summaries) else "f_theta = 0 alone"
+    lines.append(f"{name:<24}{_cell(logs.alone(channels))}{_cell(None)}{_cell(held_out.alone(channels))}")
     for row in rows:
         result, floor = row.result, row.result.wiener
         name = f"order {row.order}, {form_name(row.form)}"
@@ -214,21 +197,22 @@ def _cell(value: float | None) -> str:
 
 
 def figures_of(
-    logs: Sequence[Recording],
-    held_out: Sequence[Recording],
+    logs: Flights,
+    held_out: Flights,
     channels: Sequence[str],
     rows: Sequence[Row],
     best: Row,
 ) -> dict[str, object]:
     """What the JSON holds; figures that are infinite or not known are null."""
     return {
-        "logs": [log.name for log in logs],
-        "held_out": [log.name for log in held_out],
-        "samples": sum(log.n for log in logs),
+        "logs": logs.names,
+        "held_out": held_out.names,
+        "skipped": {**logs.skipped, **held_out.skipped},
+        "samples": logs.samples,
         "channels": list(channels),
         "dt": best.result.dt,
         "method": best.result.method,
-        "f_theta": {"rmse": _alone(logs, channels), "held_out_rmse": _alone(held_out, channels)},
+        "f_theta": {"rmse": logs.alone(channels), "held_out_rmse": held_out.alone(channels)},
         "filters": [_entry(row) for row in rows],
         "best": rows.index(best),
         "reason": _reason(rows, best),

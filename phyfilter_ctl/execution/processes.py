@@ -28,10 +28,9 @@ _dumps = ForkingPickler.dumps
 _loads = ForkingPickler.loads  # pyright: ignore[reportAttributeAccessIssue] # a builtin, which is not bound
 _LENGTH = struct.Struct("<Q")
 _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
-# One thread each; and what a job frees goes back to the system, which glibc and Arrow otherwise keep for the next.
+# One thread each, and one heap: those of glibc's threads and Arrow's pool keep what jobs free from one another.
 _ENVIRONMENT = {
     **dict.fromkeys(_THREADS, "1"),
-    "MALLOC_MMAP_THRESHOLD_": str(1 << 20),
     "MALLOC_ARENA_MAX": "1",
     "ARROW_DEFAULT_MEMORY_POOL": "system",
 }

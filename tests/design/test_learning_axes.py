@@ -1,5 +1,7 @@
 """One filter for all axes, one each, or a matrix: what cross-validation chooses, and that it runs as learned."""
 
+from functools import partial
+
 import numpy as np
 import pytest
 
@@ -13,8 +15,13 @@ FILTERS = (PhyFilter([5.0]), PhyFilter([40.0]))
 COUPLED = np.array([[1.0, 0.6], [-0.4, 1.0]])
 
 
+BARE = {"wiener": False, "cross_validate": False, "intervals": False}
+# Trials on files begin where what was kept of them does; the answers do not differ by more than rounding.
+SAME = 1e-9
+
+
 def learner(logs):
-    return learn(logs, 1, starts=0, wiener=False, cross_validate=False, intervals=False)
+    return learn(logs, 1, starts=0, **BARE)
 
 
 def log_of(filters, T, seed, noise=0.05, n=1500):
@@ -57,6 +64,27 @@ def test_coupled_axes_have_a_matrix_that_runs_as_learned():
     by_hand = stack(list(found.filter)).sampled(H).run(phi) @ found.T.T
     np.testing.assert_allclose(f_hat, by_hand, atol=RECOVERED)
     assert np.sqrt(np.mean((log.label - f_hat)[1:] ** 2)) < found.scores["each"].held_out_rmse
+
+
+@pytest.mark.slow
+def test_axes_of_files_are_those_of_recordings(tmp_path):
+    """Three flights are cut into blocks, five are whole; what is read again is bit for bit the same."""
+    read = partial(Recording.from_csv, x=["x[0]", "x[1]"])
+    logs = [log_of(FILTERS, COUPLED, seed, n=300) for seed in range(5)]
+    for k, log in enumerate(logs):
+        log.to_csv(tmp_path / f"{k}.csv")
+    files = sorted(tmp_path.iterdir())
+    for count in (2, 5):
+        expected = learn_axes(logs[:count], learner, folds=2)
+        found = learn_axes(
+            files[:count], lambda some: learn(some, 1, workers=1, starts=0, **BARE), folds=2, read=read
+        )
+        assert found.choice == expected.choice
+        np.testing.assert_allclose(found.T, expected.T, rtol=SAME)
+        for kind, score in expected.scores.items():
+            assert found.scores[kind].held_out_rmse == pytest.approx(score.held_out_rmse, rel=SAME)
+            for one, other in zip(found.results[kind], expected.results[kind], strict=True):
+                np.testing.assert_allclose(one.filter.a, other.filter.a, rtol=SAME)
 
 
 def test_what_cannot_be_chosen_is_refused():

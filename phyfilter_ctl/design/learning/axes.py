@@ -8,10 +8,13 @@ that each phi_i can be estimated by itself. In it the matrix filter is a bank wi
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import pairwise
-from typing import Literal, NamedTuple
+from pathlib import Path
+from typing import Literal, NamedTuple, TypeAlias
 
 import numpy as np
 from scipy import linalg
@@ -21,13 +24,17 @@ from ...filter import FilterBank, PhyFilter, SampledPhyFilter, stack
 from ...recording import Recording
 from ...recording.checks import inertia_varies
 from ...results import Result
+from .reading import read_flight
 from .result import LearnResult
+from .stored import OneFlight
 from .validation import corrected_error
 
 __all__ = ["Axes", "AxesResult", "AxesScore", "learn_axes"]
 
 Axes = Literal["shared", "each", "coupled"]
-Learner = Callable[[list[Recording]], LearnResult]
+Learner = Callable[[list[OneFlight]], LearnResult]
+# A flight, or what reads it.
+_Log: TypeAlias = Recording | Callable[[], Recording]
 
 _KINDS: tuple[Axes, ...] = ("shared", "each", "coupled")
 _WHOLE_FLIGHTS = 5
@@ -84,18 +91,27 @@ class AxesResult(Result):
         return _sampled(self.results[self.choice], self.T if self.choice == "coupled" else None)
 
 
-def learn_axes(logs: Sequence[Recording], learner: Learner, *, folds: int = 8) -> AxesResult:
+def learn_axes(
+    logs: Sequence[OneFlight],
+    learner: Learner,
+    *,
+    folds: int = 8,
+    read: Callable[[Path], Recording] = read_flight,
+) -> AxesResult:
     """Choose by cross-validation among one filter for all axes, one each, and a matrix.
 
     Parameters
     ----------
-    logs : sequence of Recording
-        Flights with labels and several channels; an inertia that varies is refused.
+    logs : sequence of Recording, path or function () -> Recording
+        Flights with labels and several channels; an inertia that varies is refused. Files are read when they are
+        needed, not kept.
     learner : callable
         Flights -> LearnResult, for instance ``lambda logs: learn(logs, 2, form="general", wiener=False)``. It is called
         with all channels, and with one, without and with each fold.
     folds : int
         Most of them: whole flights where there are five at least, else contiguous blocks.
+    read : callable
+        Path -> Recording, as for :func:`learn`.
 
     Returns
     -------
@@ -118,29 +134,47 @@ def learn_axes(logs: Sequence[Recording], learner: Learner, *, folds: int = 8) -
     >>> found.choice, [f"{one.a[0]:.3f}" for one in found.filter]
     ('each', ['4.000', '40.000'])
     """
-    plain = [_in_units_of_f(log, i) for i, log in enumerate(logs)]
-    if not plain or plain[0].n_x < 2:
+    plain = [_then(_source(log, read), partial(_in_units_of_f, i=i)) for i, log in enumerate(logs)]
+    shapes = [_at_hand(log).x.shape for log in plain]
+    if not plain or shapes[0][1] < 2:
         raise ValueError("logs: expected flights of two channels at least; one channel has one filter")
     T = _decoupling(plain)
-    blocks = _blocks(plain, folds)
+    blocks = _blocks([n for n, _ in shapes], folds)
     errors: dict[Axes, FloatArray] = {kind: np.zeros(len(blocks)) for kind in _KINDS}
     for fold, held in enumerate(blocks):
-        rest = _without(plain, held)
+        rest = _without(plain, held, [n for n, _ in shapes])
         own = _decoupling(rest)
-        for kind in _KINDS:
-            estimate = _estimator(kind, _learned(kind, rest, own, learner), own)
-            for i, first, last in held:
-                log = plain[i]
-                assert log.label is not None
-                f_hat = estimate(log)
+        estimates = {kind: _estimator(kind, _learned(kind, rest, own, learner), own) for kind in _KINDS}
+        for i, first, last in held:
+            log = _at_hand(plain[i])
+            assert log.label is not None
+            for kind in _KINDS:
+                f_hat = estimates[kind](log)
                 errors[kind][fold] += float(np.sum((log.label - f_hat)[first:last] ** 2))
-    samples = sum((last - first) * plain[i].n_x for held in blocks for i, first, last in held)
+    samples = sum((last - first) * shapes[i][1] for held in blocks for i, first, last in held)
     scores = _scores(errors, samples)
     choice: Axes = next(kind for kind in _KINDS if np.log(scores[kind].ratio) <= scores[kind].standard_error)
     results: dict[Axes, tuple[LearnResult, ...]] = {
         kind: _learned(kind, plain, T, learner) for kind in _KINDS
     }
     return AxesResult(choice, scores, results, T)
+
+
+def _source(log: OneFlight, read: Callable[[Path], Recording]) -> _Log:
+    return partial(read, Path(log)) if isinstance(log, str | os.PathLike) else log
+
+
+def _at_hand(log: _Log) -> Recording:
+    return log() if callable(log) else log
+
+
+def _then(log: _Log, change: Callable[[Recording], Recording]) -> _Log:
+    """A flight changed: now, or whenever it is read."""
+    return partial(_changed, log, change) if callable(log) else change(log)
+
+
+def _changed(log: Callable[[], Recording], change: Callable[[Recording], Recording]) -> Recording:
+    return change(log())
 
 
 def _scores(errors: Mapping[Axes, FloatArray], samples: int) -> dict[Axes, AxesScore]:
@@ -181,18 +215,15 @@ def _transformed(log: Recording, into: FloatArray) -> Recording:
     )
 
 
-def _decoupling(logs: Sequence[Recording]) -> FloatArray:
+def _decoupling(logs: Sequence[_Log]) -> FloatArray:
     """T whose inverse makes the covariances of gamma* and of u - gamma* diagonal."""
-    targets, noises = [], []
-    for log in logs:
-        assert log.label is not None
-        known = np.zeros_like(log.x) if log.f_theta is None else log.f_theta
-        g = np.zeros_like(log.x) if log.g is None else log.g
-        target = log.label - known
-        slope = np.diff(log.x, axis=0) / np.diff(log.times)[:, None] - (g + known)[:-1]
-        targets.append(target[1:] - target[1:].mean(axis=0))
-        noises.append(slope - target[1:])
-    S, N = (np.cov(np.concatenate(part), rowvar=False) for part in (targets, noises))
+    parts = [_moments(_at_hand(log)) for log in logs]
+    counts = np.array([[part.steps] for part in parts])
+    means = np.array([part.mean for part in parts])
+    off = means - np.sum(counts * means, axis=0) / np.sum(counts)
+    rest = float(np.sum(counts)) - 1.0
+    S = np.sum([part.target for part in parts], axis=0) / rest
+    N = (np.sum([part.noise for part in parts], axis=0) + (counts * off).T @ off) / rest
     N = N + (_LEAST_NOISE * np.trace(S) + np.finfo(float).tiny) * np.eye(len(N))
     vectors = linalg.eigh(S, N)[1]
     T = np.linalg.inv(vectors.T)
@@ -200,13 +231,31 @@ def _decoupling(logs: Sequence[Recording]) -> FloatArray:
     return np.asarray(T * np.sign(T[np.argmax(np.abs(T), axis=0), np.arange(len(T))]), dtype=float)
 
 
-def _learned(
-    kind: Axes, logs: Sequence[Recording], T: FloatArray, learner: Learner
-) -> tuple[LearnResult, ...]:
+class _Moments(NamedTuple):
+    """Of a flight: products of gamma* and of u - gamma* about their means, and the mean of the latter."""
+
+    steps: int
+    target: FloatArray
+    noise: FloatArray
+    mean: FloatArray
+
+
+def _moments(log: Recording) -> _Moments:
+    assert log.label is not None
+    known = np.zeros_like(log.x) if log.f_theta is None else log.f_theta
+    g = np.zeros_like(log.x) if log.g is None else log.g
+    target = (log.label - known)[1:]
+    noise = np.diff(log.x, axis=0) / np.diff(log.times)[:, None] - (g + known)[:-1] - target
+    mean = noise.mean(axis=0)
+    target, noise = target - target.mean(axis=0), noise - mean
+    return _Moments(len(target), target.T @ target, noise.T @ noise, mean)
+
+
+def _learned(kind: Axes, logs: Sequence[_Log], T: FloatArray, learner: Learner) -> tuple[LearnResult, ...]:
     if kind == "shared":
-        return (learner(list(logs)),)
+        return (learner([*logs]),)
     rows = np.eye(len(T)) if kind == "each" else np.linalg.inv(T)
-    return tuple(learner([_transformed(log, row[None]) for log in logs]) for row in rows)
+    return tuple(learner([_then(log, partial(_transformed, into=row[None])) for log in logs]) for row in rows)
 
 
 def _sampled(results: Sequence[LearnResult], E: FloatArray | None) -> SampledPhyFilter:
@@ -231,23 +280,35 @@ def _estimator(
     return estimate
 
 
-def _blocks(logs: Sequence[Recording], folds: int) -> list[list[tuple[int, int, int]]]:
+def _blocks(lengths: Sequence[int], folds: int) -> list[list[tuple[int, int, int]]]:
     """Folds of (flight, first, last sample); the first sample of a flight, where f_hat = f_theta, in none."""
-    if len(logs) >= _WHOLE_FLIGHTS:
-        dealt: list[list[tuple[int, int, int]]] = [[] for _ in range(min(folds, len(logs)))]
-        for i, log in enumerate(logs):
-            dealt[i % len(dealt)].append((i, 1, log.n))
+    if len(lengths) >= _WHOLE_FLIGHTS:
+        dealt: list[list[tuple[int, int, int]]] = [[] for _ in range(min(folds, len(lengths)))]
+        for i, length in enumerate(lengths):
+            dealt[i % len(dealt)].append((i, 1, length))
         return dealt
-    edges = [(i, np.linspace(1, log.n, folds + 1).astype(int)) for i, log in enumerate(logs)]
+    edges = [(i, np.linspace(1, length, folds + 1).astype(int)) for i, length in enumerate(lengths)]
     return [[(i, int(cut[k]), int(cut[k + 1])) for i, cut in edges] for k in range(folds)]
 
 
-def _without(logs: Sequence[Recording], held: Sequence[tuple[int, int, int]]) -> list[Recording]:
+def _without(
+    logs: Sequence[_Log], held: Sequence[tuple[int, int, int]], lengths: Sequence[int]
+) -> list[_Log]:
     """What is left of the flights, cut where a block is taken out."""
     out = {i: (first, last) for i, first, last in held}
-    kept: list[Recording] = []
+    kept: list[_Log] = []
     for i, log in enumerate(logs):
-        cuts = [0, *out.get(i, ()), log.n]
-        pieces = list(pairwise(cuts))[:: 2 if i in out else 1]
-        kept += [log.segment(first, last) for first, last in pieces if last - first > 2]
+        if i not in out:
+            kept.append(log)
+            continue
+        pieces = list(pairwise([0, *out[i], lengths[i]]))[::2]
+        kept += [
+            _then(log, partial(_segment, first=first, last=last))
+            for first, last in pieces
+            if last - first > 2
+        ]
     return kept
+
+
+def _segment(log: Recording, first: int, last: int) -> Recording:
+    return log.segment(first, last)

@@ -98,7 +98,8 @@ def learn(
     logs : Recording, path, or sequence of Recording, path or function () -> Recording
         Flights with a label, the true f = M x' - g; they stay apart. A missing f_theta or g is 0. Steps may differ,
         within a flight and between flights. Files are read when they are needed, not kept; of a folder every table
-        (Parquet, Arrow, Feather) is a flight. Or one function () -> iterable of Recording, called anew for every pass.
+        (Parquet, Arrow, Feather, CSV) is a flight. Or one function () -> iterable of Recording, called anew for every
+        pass.
     order : int or sequence of int
         Order n of D, 1 to 12. Lower orders are learned on the way. Of several orders, ``range(1, 7)``, the one that
         cross-validation chooses is returned.

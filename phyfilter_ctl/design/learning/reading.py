@@ -21,14 +21,14 @@ from .stored import Answer, OneFlight, Source, StoredFlight, StoredFlights, load
 if TYPE_CHECKING:
     from distributed import Client
 
-__all__ = ["Logs", "OnBad", "Reading", "read_flight"]
+__all__ = ["Logs", "OnBad", "Reading", "files_of", "read_flight"]
 
 Logs: TypeAlias = OneFlight | Sequence[OneFlight] | Callable[[], Iterable[Recording]]
 OnBad = Literal["raise", "skip"]
 
 # Flights that a function makes are not counted beforehand.
 _FLIGHTS_MADE = 1 << 6
-_TABLES = (".parquet", ".pq", ".arrow", ".feather")
+_TABLES = (".parquet", ".pq", ".arrow", ".feather", ".csv")
 
 
 def read_flight(path: Path) -> Recording:
@@ -122,7 +122,7 @@ def _listed(name: str, logs: object) -> list[OneFlight] | Callable[[], Iterable[
         Without any.
     """
     if isinstance(logs, str | os.PathLike):
-        found = _files(Path(logs))
+        found: list[OneFlight] = [*files_of(Path(logs))]
     elif isinstance(logs, Recording):
         found = [logs]
     elif isinstance(logs, Iterator):
@@ -136,7 +136,7 @@ def _listed(name: str, logs: object) -> list[OneFlight] | Callable[[], Iterable[
         found = [
             file
             for log in logs
-            for file in (_files(Path(log)) if isinstance(log, str | os.PathLike) else [log])
+            for file in (files_of(Path(log)) if isinstance(log, str | os.PathLike) else [log])
         ]
     else:
         raise TypeError(f"{name}: expected Recordings, files or a function, got {type(logs).__name__}")
@@ -145,14 +145,20 @@ def _listed(name: str, logs: object) -> list[OneFlight] | Callable[[], Iterable[
     return found
 
 
-def _files(path: Path) -> list[OneFlight]:
-    """The tables of a folder, in the order of their paths; a file as it is."""
+def files_of(path: Path) -> list[Path]:
+    """The tables of a folder, in the order of their paths; a file as it is.
+
+    Raises
+    ------
+    ValueError
+        If a folder holds none.
+    """
     if not path.is_dir() or (path / "metadata.yaml").is_file():  # a ROS 2 bag
         return [path]
     files = sorted(file for file in path.rglob("*") if file.suffix.lower() in _TABLES)
     if not files:
         raise ValueError(f"{path}: a folder without {', '.join(_TABLES)} files")
-    return [*files]
+    return files
 
 
 def _stored_flights(how: Reading, logs: list[OneFlight], weights: Sequence[Any] | None) -> StoredFlights:

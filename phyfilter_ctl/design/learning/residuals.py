@@ -277,7 +277,8 @@ def named(log: Recording, i: int) -> str:
 
 
 def _is_constant(values: FloatArray) -> bool:
-    return bool(np.all(np.ptp(values, axis=0) <= _CONSTANT * np.max(np.abs(values), axis=0)))
+    low, high = np.min(values, axis=0), np.max(values, axis=0)
+    return bool(np.all(high - low <= _CONSTANT * np.maximum(np.abs(low), np.abs(high))))
 
 
 def _reduced(
