@@ -91,7 +91,8 @@ def test_figures_are_those_of_learn(logs, capsys):
     assert figures["best"] == 2
 
 
-FOLDER = ["learn", "day", "--held-out", "held.csv", "--x", "px,py", "--order", "1", "--form", "lowpass"]
+FOLDER = ["learn", "day", "--held-out", "held.csv", "--x", "px,py"]
+FOLDER += ["--order", "1", "--form", "lowpass", "--starts", "0"]
 
 
 @pytest.fixture
