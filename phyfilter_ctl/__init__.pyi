@@ -43,6 +43,7 @@ from .blocks import (
     learned_block,
     phyfilter_block,
     sampled_block,
+    separation_block,
     wired,
 )
 from .codegen import export_c
@@ -193,6 +194,7 @@ __all__ = [
     "save",
     "sensitivity",
     "separate",
+    "separation_block",
     "signal_margin",
     "simulate",
     "simulate_batch",

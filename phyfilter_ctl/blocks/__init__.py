@@ -8,6 +8,7 @@ from .functions import BlockFunctions, Variable, dependencies
 from .learned import learned_block
 from .phyfilter import PhyFilterBlock, phyfilter_block
 from .sampled import FilterLaw, SampledBlock, sampled_block
+from .separation import separation_block
 from .wiring import signal_names, wired
 
 __all__ = [
@@ -25,6 +26,7 @@ __all__ = [
     "learned_block",
     "phyfilter_block",
     "sampled_block",
+    "separation_block",
     "signal_names",
     "wired",
 ]

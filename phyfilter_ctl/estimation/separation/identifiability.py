@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 
 from ..._sections import FloatArray
 from ...results import Result
-from .structure import Structure
+from .structure import Working
 
-__all__ = ["Combination", "Identifiability", "identifiability", "with_weak_priors"]
+__all__ = ["WEAK", "Combination", "Identifiability", "identifiability", "with_weak_priors"]
 
-_WEAK = 0.01  # share of its prior information that a parameter keeps where it is asked how much that matters
+WEAK = 0.01  # share of its prior information that a parameter keeps where it is asked how much that matters
 _NEGLIGIBLE = 0.05  # of the largest entry of a combination, in units of prior deviations
 
 
@@ -77,47 +77,52 @@ class Identifiability(Result):
 
 
 def with_weak_priors(
-    structure: Structure, covariance: FloatArray, elapsed: FloatArray
+    working: Working, covariance: FloatArray, elapsed: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Covariance (..., p, p) of c with weak priors of the parameters, and prior variances (..., p); in units of sd.
+    """Covariance (..., p, p) of working scalars with weak priors, and prior variances (..., p); in units of sd.
 
     A Gaussian posterior less the information D of its prior is P + P E (1/D - E' P E)^-1 E' P, E the parameters'
     columns: nothing that is nearly singular is inverted.
     """
-    units = structure.sd
+    structure, units = working.structure, working.sd
     prior = 1.0 + structure.parameter * structure.density * elapsed[..., None] / units**2
     P = covariance / (units[:, None] * units)
     own = np.flatnonzero(structure.parameter)
     if not len(own):
         return P, prior
     left = -P[..., own[:, None], own]
-    left[..., np.arange(len(own)), np.arange(len(own))] += prior[..., own] / (1.0 - _WEAK)
+    left[..., np.arange(len(own)), np.arange(len(own))] += prior[..., own] / (1.0 - WEAK)
     return P + P[..., own] @ np.linalg.solve(left, P[..., own, :]), prior
 
 
 def identifiability(
-    structure: Structure,
+    working: Working,
     covariance: FloatArray,
     elapsed: FloatArray,
     last: FloatArray,
     fraction: FloatArray,
+    turned: FloatArray,
 ) -> tuple[Identifiability, NDArray[np.bool_]]:
-    """Of covariances (N, p, p) of c at times since the start; ``last`` (p,) are the means at the end.
+    """Of covariances (N, p, p) of working scalars at times since the start.
 
-    Returns the report and, sample by sample, whether each scalar is identified.
+    ``last`` (p,) are the physical ones at the end, ``turned`` (p, p) their derivative by the working ones. Returns the
+    report and, sample by sample, whether each scalar is identified.
     """
-    alone, prior = with_weak_priors(structure, covariance, elapsed)
+    structure = working.structure
+    alone, prior = with_weak_priors(working, covariance, elapsed)
     share = np.diagonal(alone, axis1=-2, axis2=-1) / prior
     ratio = np.sqrt(share.mean(axis=0))
     identified = ratio <= fraction
-    scaled = (alone / np.sqrt(prior[..., :, None] * prior[..., None, :])).mean(axis=0)
-    open_ = np.flatnonzero(~identified)
+    D = turned * working.sd
     units = structure.sd * np.sqrt(prior[-1])
+    scaled = D @ alone.mean(axis=0) @ D.T / (units[:, None] * units)
     return (
         Identifiability(
             dict(zip(structure.labels, ratio.tolist(), strict=True)),
             dict(zip(structure.labels, identified.tolist(), strict=True)),
-            tuple(_combinations(structure.labels, scaled, open_, units, last, fraction)),
+            tuple(
+                _combinations(structure.labels, scaled, np.flatnonzero(~identified), units, last, fraction)
+            ),
         ),
         np.sqrt(share) <= fraction,
     )

@@ -1,12 +1,5 @@
 """The Kalman filter of the parts and its smoother.
 
-Exact where the model is linear. Where parts add to the inertia N = M + sum c_i J_i it is not: each step of the filter
-is linearised about the parameters that it finds, the smoother about its own answer (B. M. Bell, "The iterated Kalman
-smoother as a Gauss-Newton method", SIAM Journal on Optimization 4 (3), 1994), but for one term. What N resists is the
-motion by forces known up to parameters; the motion by random forces w is N^-1 w with N as it was last estimated. Were
-its derivative by N counted too, a small N would explain the motion by a small w, which is likelier: the estimate would
-be drawn towards N = 0, as least squares are by a regressor that holds the noise.
-
 The smoother is Bryson's and Frazier's in the form of G. J. Bierman, "Fixed interval smoothing with discrete
 measurements", International Journal of Control 18 (1), 1973, which inverts no covariance of the state.
 """
@@ -14,15 +7,14 @@ measurements", International Journal of Control 18 (1), 1973, which inverts no c
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import numpy as np
 
 from ..._sections import FloatArray
-from .structure import Moments, Samples, Structure, moments
+from .structure import Moments, Samples, Working, moments
 
-__all__ = ["Course", "Forward", "Transition", "forward", "smoothed", "transition"]
+__all__ = ["Course", "Forward", "added", "forward", "smoothed", "started", "transition"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,70 +51,42 @@ class Forward:
     log_likelihood: FloatArray
 
 
-@dataclass(frozen=True, eq=False)
-class Transition:
-    """Over one step, or over all of them along the first axis.
-
-    Attributes
-    ----------
-    dx : (..., n_x) array
-        Movement of x from the scalars that it is linearised at.
-    F, Q : (..., n, n) arrays
-        Transition of (x, c), and the covariance that the step adds.
-    """
-
-    dx: FloatArray
-    F: FloatArray
-    Q: FloatArray
-
-
-def transition(
-    structure: Structure,
-    step: Moments,
-    h: FloatArray,
-    impulse: FloatArray,
-    load: FloatArray,
-    M: FloatArray,
-    c: FloatArray,
-) -> Transition:
-    """From scalars c (..., p); h (..., 1, 1), M (..., n_x, n_x) and the moments broadcast."""
-    n_x, p = structure.n_x, len(structure.labels)
-    force = impulse + (load @ (step.area * c)[..., None])[..., 0]
-    if structure.has_inertia:
-        into_x = np.linalg.inv(M + np.tensordot(c, structure.inertia, 1))
-        dx = (into_x @ force[..., None])[..., 0]
-        known = impulse + (load @ np.where(structure.random, 0.0, step.area * c)[..., None])[..., 0]
-        resisted = (into_x @ known[..., None])[..., 0]
-        push = into_x @ (load - np.einsum("pij,...j->...ip", structure.inertia, resisted) / h)
-    else:
-        into_x = np.linalg.inv(M)
-        dx = (into_x @ force[..., None])[..., 0]
-        push = into_x @ load
-    F = np.zeros((*c.shape[:-1], n_x + p, n_x + p))
-    Q = np.zeros_like(F)
+def transition(area: FloatArray, stay: FloatArray, push: FloatArray) -> FloatArray:
+    """Transition (..., n, n) of (x, c): ``push`` (..., n_x, p) is M^-1 L, the rest as in :class:`Moments`."""
+    n_x, p = push.shape[-2:]
+    F = np.zeros((*push.shape[:-2], n_x + p, n_x + p))
     x, own = np.arange(n_x), np.arange(n_x, n_x + p)
     F[..., x, x] = 1.0
-    F[..., own, own] = step.stay
-    F[..., :n_x, n_x:] = push * step.area[..., None, :]
-    Q[..., :n_x, :n_x] = (push * step.area_area[..., None, :]) @ np.swapaxes(push, -1, -2)
-    Q[..., :n_x, n_x:] = push * step.area_end[..., None, :]
+    F[..., own, own] = stay
+    F[..., :n_x, n_x:] = push * area
+    return F
+
+
+def added(step: Moments, push: FloatArray, scale: FloatArray) -> FloatArray:
+    """Covariance (..., n, n) that a step adds, by noise of ``scale`` (..., p) times the stated deviations."""
+    n_x, p = push.shape[-2:]
+    Q = np.zeros((*push.shape[:-2], n_x + p, n_x + p))
+    own = np.arange(n_x, n_x + p)
+    square = scale**2
+    Q[..., :n_x, :n_x] = (push * (square * step.area_area)[..., None, :]) @ np.swapaxes(push, -1, -2)
+    Q[..., :n_x, n_x:] = push * (square * step.area_end)[..., None, :]
     Q[..., n_x:, :n_x] = np.swapaxes(Q[..., :n_x, n_x:], -1, -2)
-    Q[..., own, own] = step.end
-    return Transition(dx, F, Q)
+    Q[..., own, own] = square * step.end
+    return Q
 
 
-def started(structure: Structure, x: FloatArray, R: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Mean and covariance at the first sample, x (..., n_x): nothing is known of x before it."""
-    B, n_x = structure.measured, structure.n_x
-    P = np.zeros((n_x + len(structure.labels),) * 2)
-    prior = np.diag(structure.sd**2)
+def started(working: Working, x: FloatArray, R: FloatArray) -> Course:
+    """At the first sample, x (..., n_x): nothing is known of x before it."""
+    B, n_x = working.structure.measured, working.structure.n_x
+    P = np.zeros((n_x + len(working.sd),) * 2)
+    prior = np.diag(working.sd**2)
     P[n_x:, n_x:] = prior
     P[:n_x, :n_x] = B @ prior @ B.T + R
     P[:n_x, n_x:] = -B @ prior
     P[n_x:, :n_x] = P[:n_x, n_x:].T
-    c = np.broadcast_to(structure.mean, (*x.shape[:-1], len(structure.labels)))
+    c = np.broadcast_to(working.mean, (*x.shape[:-1], len(working.sd)))
     mean = np.concatenate([x - c @ B.T, c], axis=-1)
-    return mean, np.broadcast_to(P, (*x.shape[:-1], *P.shape))
+    return Course(mean, np.broadcast_to(P, (*x.shape[:-1], *P.shape)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,14 +100,12 @@ class _Step(Course):
 
 
 def _measured(
-    before: Course, x: FloatArray, R: FloatArray, H: FloatArray, c: FloatArray, step: Transition
+    before: Course, x: FloatArray, R: FloatArray, H: FloatArray, F: FloatArray, Q: FloatArray, dx: FloatArray
 ) -> _Step:
-    """A step on, linearised at the scalars c, and the measurement x (..., n_x) at its end; Joseph's form."""
-    n_x, F = len(H), step.F
-    # F (z - z_c) + f(z_c), where x enters f as it is and c through F and dx.
+    """A step on, and the measurement x (..., n_x) at its end; Joseph's form."""
     z = (F @ before.mean[..., None])[..., 0]
-    z[..., :n_x] += step.dx - (F[..., :n_x, n_x:] @ c[..., None])[..., 0]
-    P = F @ before.covariance @ np.swapaxes(F, -1, -2) + step.Q
+    z[..., : len(H)] += dx
+    P = F @ before.covariance @ np.swapaxes(F, -1, -2) + Q
     cross = P @ H.T
     S_inverse = np.asarray(np.linalg.inv(H @ cross + R), dtype=float)
     K = cross @ S_inverse
@@ -154,66 +116,44 @@ def _measured(
     return _Step(z + (K @ innovation[..., None])[..., 0], P, F, K, S_inverse, innovation)
 
 
-def forward(structure: Structure, data: Samples, about: FloatArray | None = None) -> Forward:
-    """The filter, linearised about its own estimate, or about a course (N, ..., n) of means."""
+def forward(working: Working, data: Samples, about: FloatArray | None = None) -> Forward:
+    """The filter; random forces are scaled by the eta that it finds, or by that of means ``about`` (N, ..., n)."""
+    structure = working.structure
     n_x, m = structure.n_x, len(data.h)
-    z, P = started(structure, data.x[0], data.R)
+    first = started(working, data.x[0], data.R)
     H = np.hstack([np.eye(n_x), structure.measured])
-    of_step = _of_steps(structure, data, None if about is None else about[:-1, ..., n_x:])
-    relinearised = structure.has_inertia and about is None
-    before: Course | _Step = Course(z, P)
-    steps: list[_Step] = []
+    lengths, which = np.unique(data.h, return_inverse=True)
+    steps = [moments(structure.rate, structure.density, float(h)) for h in lengths]
+    beside = (slice(None), *(None,) * (data.impulse.ndim - 2))
+    into_x = np.linalg.inv(data.M)[beside]
+    push, dx = into_x @ data.load, (into_x @ data.impulse[..., None])[..., 0]
+    area, stay = (np.array([getattr(each, key) for each in steps])[which][beside] for key in ("area", "stay"))
+    F = transition(area[..., None, :], stay, push)
+    found: list[_Step] = []
+    before: Course = first
     for k in range(m):
-        after = _measured(before, data.x[k + 1], data.R, H, *of_step(k, before.mean[..., n_x:]))
-        if relinearised:
-            c = np.where(structure.random, before.mean[..., n_x:], after.mean[..., n_x:])
-            after = _measured(before, data.x[k + 1], data.R, H, *of_step(k, c))
-        steps.append(after)
-        before = after
-    F, gain, S_inverse, innovation = (
-        np.array([getattr(each, name) for each in steps]) for name in ("F", "gain", "S_inverse", "innovation")
+        scale = working.scale((before.mean if about is None else about[k])[..., n_x:])
+        Q = added(steps[which[k]], push[k], scale)
+        before = _measured(before, data.x[k + 1], data.R, H, F[k], Q, dx[k])
+        found.append(before)
+    gain, S_inverse, innovation = (
+        np.array([getattr(each, key) for each in found]) for key in ("gain", "S_inverse", "innovation")
     )
-    means, covariances = (
-        np.concatenate([first[None], [getattr(each, name) for each in steps]])
-        for name, first in (("mean", z), ("covariance", P))
+    course = Course(
+        np.concatenate([first.mean[None], [each.mean for each in found]]),
+        np.concatenate([first.covariance[None], [each.covariance for each in found]]),
     )
     roots = np.linalg.cholesky(S_inverse)
     whitened = (np.swapaxes(roots, -1, -2) @ innovation[..., None])[..., 0]
     determinants = 2.0 * np.log(np.diagonal(roots, axis1=-2, axis2=-1)).sum(axis=(0, -1))
     likelihood = 0.5 * (determinants - np.sum(whitened**2, axis=(0, -1)) - m * n_x * math.log(2.0 * math.pi))
-    return Forward(Course(means, covariances), F, innovation, whitened, S_inverse, gain, likelihood)
+    return Forward(course, F, innovation, whitened, S_inverse, gain, likelihood)
 
 
-def _of_steps(
-    structure: Structure, data: Samples, about: FloatArray | None
-) -> Callable[[int, FloatArray], tuple[FloatArray, Transition]]:
-    """The transition of each step and the scalars it is linearised at: all at once where these are known before."""
-    lengths, which = np.unique(data.h, return_inverse=True)
-    sampled = [moments(structure.rate, structure.density, float(h)) for h in lengths]
-    if structure.has_inertia and about is None:
-
-        def one(k: int, c: FloatArray) -> tuple[FloatArray, Transition]:
-            step, h = sampled[which[k]], data.h[k : k + 1, None]
-            return c, transition(structure, step, h, data.impulse[k], data.load[k], data.M[k], c)
-
-        return one
-    c = np.zeros((*data.impulse.shape[:-1], len(structure.labels))) if about is None else about
-    beside = tuple(range(1, data.impulse.ndim - 1))
-    step = Moments(
-        *(
-            np.expand_dims(np.array([getattr(each, f.name) for each in sampled])[which], beside)
-            for f in fields(Moments)
-        )
-    )
-    h, M = (np.expand_dims(each, beside) for each in (data.h[:, None, None], data.M))
-    every = transition(structure, step, h, data.impulse, data.load, M, c)
-    return lambda k, _: (c[k], Transition(every.dx[k], every.F[k], every.Q[k]))
-
-
-def smoothed(structure: Structure, run: Forward) -> Course:
+def smoothed(working: Working, run: Forward) -> Course:
     """Given all samples."""
     means, covariances = run.course.mean.copy(), run.course.covariance.copy()
-    H = np.hstack([np.eye(structure.n_x), structure.measured])
+    H = np.hstack([np.eye(working.structure.n_x), working.structure.measured])
     eye = np.eye(means.shape[-1])
     adjoint = np.zeros((*means.shape[1:], 1))
     information = np.zeros(covariances.shape[1:])

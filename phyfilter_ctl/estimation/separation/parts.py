@@ -37,8 +37,8 @@ class Terms:
         Whether c is a parameter, whose prior deviation is how large it may be; else a random force.
     load : (n_x, p) array or None
         Force c acts with, less inertia; None where it is recorded sample by sample.
-    inertia : (p, n_x, n_x) array
-        What c adds to M.
+    inertia : (n_x, n_x) array or None
+        What the one scalar of an inertia part adds to M.
     measured : (n_x, p) array
         What c adds to the measured x.
     """
@@ -50,7 +50,7 @@ class Terms:
     density: FloatArray
     parameter: bool
     load: FloatArray | None
-    inertia: FloatArray
+    inertia: FloatArray | None
     measured: FloatArray
 
 
@@ -71,9 +71,8 @@ def _made(
     p = len(labels)
     _signals.number(f"{part.name}: sd", float(np.min(sd)), above=0.0)
     first, noise = np.broadcast_to(mean, p).astype(float), np.broadcast_to(density, p).astype(float)
-    J = np.zeros((p, n_x, n_x)) if inertia is None else inertia
     B = np.zeros((n_x, p)) if measured is None else measured
-    return Terms(labels, first, sd, np.full(p, float(rate)), noise, parameter, load, J, B)
+    return Terms(labels, first, sd, np.full(p, float(rate)), noise, parameter, load, inertia, B)
 
 
 def _each(name: str, values: ArrayLike, count: int) -> FloatArray:
@@ -133,7 +132,7 @@ class Payload:
             sd=_each(f"{self.name}: sd", self.sd, 1),
             density=_drift(self.name, self.drift),
             load=down[:, None],
-            inertia=np.eye(n_x)[None] / scale,
+            inertia=np.eye(n_x) / scale,
         )
 
 
@@ -144,7 +143,7 @@ class AddedInertia:
     Parameters
     ----------
     J : float, (n_x,) or (n_x, n_x) array_like
-        Its shape; a diagonal as (n_x,).
+        Its shape, proportional to M; a diagonal as (n_x,).
     sd : float
         Prior standard deviation of theta.
     mean, drift : float
@@ -170,7 +169,7 @@ class AddedInertia:
             sd=_each(f"{self.name}: sd", self.sd, 1),
             density=_drift(self.name, self.drift),
             load=np.zeros((n_x, 1)),
-            inertia=full[None],
+            inertia=full,
         )
 
 

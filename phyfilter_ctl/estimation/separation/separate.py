@@ -20,12 +20,10 @@ from ..spectrum import NoiseLevel
 from .identifiability import Identifiability, identifiability
 from .kalman import Course, Forward, forward, smoothed
 from .parts import Part
-from .structure import Samples, Structure, samples_of, structure_of
+from .structure import Samples, Structure, Working, samples_of, structure_of
 
-__all__ = ["PartEstimate", "PartialSum", "Separation", "separate"]
+__all__ = ["PartEstimate", "PartialSum", "Separation", "fractions", "separate"]
 
-_ITERATIONS = 5  # of the smoother about its own answer; two are the rule
-_SETTLED = 0.01  # of a standard deviation
 _WHITE = 4.0  # deviations of the mean square of the innovations beyond which the model is doubted
 _LEAST = 20  # samples
 
@@ -177,21 +175,23 @@ class Ends:
         """Force (N, n_x) of the parts inside, and its derivative (N, n_x, p) by all scalars."""
         structure, data = self.structure, self.data
         own = np.asarray(inside)[structure.part]
-        L = data.load_end * own
-        force = (L @ self.c[..., None])[..., 0]
-        if not structure.has_inertia:
-            return force, L
-        J = structure.inertia
-        into_x = np.linalg.inv(data.M_end + np.tensordot(self.c, J, 1))
-        each = into_x @ data.load_end * self.c[:, None, :]
-        random = each * structure.random
-        slope = (into_x @ data.force_end[..., None])[..., 0] + each.sum(axis=-1)
-        resist = np.einsum("pij,nj->nip", J, slope)
-        # As the filter has it: motion by random forces does not depend on the inertia, so that these forces do.
-        moved = into_x @ (data.load_end - resist + np.einsum("pij,nj->nip", J, random.sum(axis=-1)))
-        carried = np.tensordot(self.c * own, J, 1)
-        blown = np.einsum("pij,nj->nip", J, (random * own).sum(axis=-1))
-        return force - (carried @ slope[..., None])[..., 0], L - resist * own + blown - carried @ moved
+        L = data.load_end.copy()
+        if (i := structure.theta) is not None:
+            L[:, :, i] = structure.weight
+        force = (L * own @ self.c[..., None])[..., 0]
+        if i is None:
+            return force, L * own
+        into_x = np.linalg.inv(data.M_end + self.c[:, i, None, None] * structure.J)
+        slope = (into_x @ (data.force_end[..., None] + L @ self.c[..., None]))[..., 0]
+        resist, moved = slope @ structure.J, into_x @ L
+        moved[:, :, i] -= (into_x @ resist[..., None])[..., 0]
+        D = L * own
+        if own[i]:
+            theta = self.c[:, i, None]
+            force = force - theta * resist
+            D = D - theta[..., None] * (structure.J @ moved)
+            D[:, :, i] -= resist
+        return force, D
 
     def force(self, inside: Sequence[bool]) -> tuple[FloatArray, FloatArray]:
         """And its standard deviation."""
@@ -243,12 +243,12 @@ def separate(
     -----
     With c the scalars of all parts, the model sampled exactly at any steps is
 
-        (M + sum_i c_i J_i) x' = g + f_theta + L(t) c,    c_i' = -rate_i c_i + white noise,    measured x + white noise
+        (M + theta J) x' = g + f_theta + L(t) c,    c_i' = -rate_i c_i + white noise,    measured x + white noise
 
     and (x, c) the state of a Kalman filter (causal) or smoother. x is not differentiated: its noise enters where it is
-    measured, once. Where parts add to M the model is bilinear: the filter is extended, the smoother iterated. Without
-    parameters the gain becomes constant and f_hat that of a PhyFilter: of order 2 for one :class:`SteadyForce` that
-    drifts.
+    measured, once. One part may add to the inertia, J proportional to a constant M: in 1/(M + theta J) and forces per
+    inertia the model is linear. Without parameters the gain becomes constant and f_hat that of a PhyFilter: of order 2
+    for one :class:`SteadyForce` that drifts.
 
     Whether a part is identified must not hang on priors: all but a hundredth of the information of the parameters'
     priors is taken out of the posterior first. What is not identified is reported in the sums that are, along the
@@ -289,17 +289,19 @@ def separate(
         raise ValueError(f"g: expected 'hold' or 'average', got {g!r}")
     structure = structure_of(parts, recording.n_x)
     level = _noise(recording, noise, g)
-    shares = _fractions(structure, fraction)
+    shares = fractions(structure, fraction)
     data = samples_of(recording, parts, structure, level, g)
-    run, course = _course(structure, data, causal=causal)
-    n_x = recording.n_x
-    ends = Ends(structure, data, course.mean[:, n_x:], course.covariance[:, n_x:, n_x:])
+    working = Working.of(structure, data.rho)
+    run, course = _course(working, data, causal=causal)
+    c, P = course.mean[:, recording.n_x :], course.covariance[:, recording.n_x :, recording.n_x :]
+    found, covariance, turned = working.physical(c, P)
+    ends = Ends(structure, data, found, covariance)
     elapsed = recording.times - recording.times[0]
     asked = slice(-1, None) if causal else slice(None)
-    report, _ = identifiability(structure, ends.covariance[asked], elapsed[asked], ends.c[-1], shares)
-    known = np.broadcast_to(list(report.identified.values()), ends.c.shape)
+    report, _ = identifiability(working, P[asked], elapsed[asked], found[-1], shares, turned[-1])
+    known = np.broadcast_to(list(report.identified.values()), found.shape)
     if causal:
-        known = identifiability(structure, ends.covariance, elapsed, ends.c[-1], shares)[1]
+        known = identifiability(working, P, elapsed, found[-1], shares, turned[-1])[1]
     total, sd = ends.force([True] * len(parts))
     model = 0.0 if recording.f_theta is None else recording.f_theta
     square = float(np.mean(run.whitened**2))
@@ -333,7 +335,7 @@ def _noise(log: Recording, noise: NoiseLevel | ArrayLike | None, g: Rule) -> Flo
     return found.value
 
 
-def _fractions(structure: Structure, fraction: float | Mapping[str, float]) -> FloatArray:
+def fractions(structure: Structure, fraction: float | Mapping[str, float]) -> FloatArray:
     given = dict(fraction) if isinstance(fraction, Mapping) else dict.fromkeys(structure.names, fraction)
     if unknown := given.keys() - set(structure.names):
         raise ValueError(
@@ -345,19 +347,14 @@ def _fractions(structure: Structure, fraction: float | Mapping[str, float]) -> F
     return np.array([given.get(structure.names[i], 0.5) for i in structure.part])
 
 
-def _course(structure: Structure, data: Samples, *, causal: bool) -> tuple[Forward, Course]:
-    """The filter's, or the smoother's, iterated where the model is bilinear."""
-    run = forward(structure, data)
+def _course(working: Working, data: Samples, *, causal: bool) -> tuple[Forward, Course]:
+    """The filter's, or the smoother's; again where random forces are scaled by the inertia that is found."""
+    run = forward(working, data)
     if causal:
         return run, run.course
-    course = smoothed(structure, run)
-    for _ in range(_ITERATIONS if structure.has_inertia else 0):
-        run = forward(structure, data, course.mean)
-        before, course = course, smoothed(structure, run)
-        sd = np.sqrt(np.diagonal(course.covariance, axis1=-2, axis2=-1))
-        if np.max(np.abs(course.mean - before.mean) / sd) < _SETTLED:
-            break
-    return run, course
+    if working.structure.theta is not None:
+        run = forward(working, data, smoothed(working, run).mean)
+    return run, smoothed(working, run)
 
 
 def _part(ends: Ends, report: Identifiability, known: NDArray[np.bool_], i: int) -> PartEstimate:

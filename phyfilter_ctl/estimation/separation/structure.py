@@ -1,9 +1,17 @@
-"""Parts and a recording as one state-space model, (x, c) with c the scalars of all parts, sampled exactly.
+"""Parts and a recording as one linear state-space model, (x, c) with c the scalars of all parts, sampled exactly.
 
-    (M + sum_i c_i J_i) x' = g + f_theta + L(t) c,      c_i' = -rate_i c_i + noise,      measured x + B c + noise
+    M x' = g + f_theta + L(t) c,      c_i' = -rate_i c_i + noise,      measured x + B c + noise
 
-x itself is a state, so that neither x nor its noise is ever differentiated, and an inertia part is driven by the motion
-that is estimated, not by a difference of what is measured.
+x itself is a state, so that neither x nor its noise is ever differentiated. An inertia part theta J, J = rho M, makes
+
+    (1 + rho theta) M x' = g + f_theta + theta w + L(t) c,      w its weight
+
+which is bilinear in theta, and linear in eta = 1/(1 + rho theta) - 1 and in forces per added inertia, (1 + eta) c:
+
+    M x' = g + f_theta + eta (g + f_theta - w/rho) + L(t) (1 + eta) c
+
+So the filter runs on these, and nothing is linearised: a regressor made of the measured motion would hold the noise,
+one of the estimated motion the other parts, and both bias theta. What comes out is turned back at the end.
 """
 
 from __future__ import annotations
@@ -22,9 +30,20 @@ from ...recording import Recording
 from ...recording.checks import inertia_varies
 from .parts import ModelScale, Part, Regressor, Terms
 
-__all__ = ["Moments", "Samples", "Structure", "moments", "samples_of", "structure_of"]
+__all__ = [
+    "LEAST_SHARE",
+    "Moments",
+    "Samples",
+    "Structure",
+    "Working",
+    "moments",
+    "samples_of",
+    "structure_of",
+]
 
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(12)
+_PROPORTIONAL = 1e-6  # of J, by which it may differ from rho M
+LEAST_SHARE = 0.01  # of M in M + theta J: no payload of a hundred times the vehicle
 _FEW = 4.0  # rate h up to which a dozen nodes integrate to the last digit
 
 
@@ -47,7 +66,12 @@ class Structure:
         0 where it is recorded.
     recorded : (p,) array
         Whether it is.
-    inertia : (p, n_x, n_x) array
+    theta : int or None
+        Which scalar adds to the inertia.
+    weight : (n_x,) array
+        Its own force; 0 without one.
+    J : (n_x, n_x) array
+        What it adds to M.
     measured : (n_x, p) array
     """
 
@@ -61,7 +85,9 @@ class Structure:
     parameter: NDArray[np.bool_]
     load: FloatArray
     recorded: NDArray[np.bool_]
-    inertia: FloatArray
+    theta: int | None
+    weight: FloatArray
+    J: FloatArray
     measured: FloatArray
 
     @property
@@ -74,10 +100,23 @@ class Structure:
         """Which scalars are driven by noise."""
         return self.density > 0.0
 
-    @property
-    def has_inertia(self) -> bool:
-        """Whether the model is bilinear, by parts that add to M."""
-        return bool(np.any(self.inertia))
+    def rho(self, M: FloatArray) -> float:
+        """J over M; 0 without an inertia part.
+
+        Raises
+        ------
+        ValueError
+            If M (..., n_x, n_x) is not constant and proportional to J.
+        """
+        if self.theta is None:
+            return 0.0
+        ratio = float(np.sum(self.J * M) / np.sum(M * M))
+        if np.max(np.abs(ratio * M - self.J)) > _PROPORTIONAL * np.max(np.abs(self.J)) or not ratio > 0.0:
+            raise ValueError(
+                f"{self.labels[self.theta]}: expected a constant inertia M that it is proportional to, got another; "
+                "give channels of other inertias as recordings of their own"
+            )
+        return ratio
 
 
 def structure_of(parts: Sequence[Part], n_x: int) -> Structure:
@@ -102,8 +141,22 @@ def structure_of(parts: Sequence[Part], n_x: int) -> Structure:
         raise ValueError(f"parts: expected different names, got {twice[0]!r} twice; give name=")
     terms: list[Terms] = [part._terms(n_x) for part in parts]
     counts = [len(each.labels) for each in terms]
+    heavy = [i for i, each in enumerate(terms) if each.inertia is not None]
+    if len(heavy) > 1:
+        both = " and ".join(names[i] for i in heavy[:2])
+        raise ValueError(
+            f"parts: expected at most one that adds to the inertia, got {both}; only their sum is seen"
+        )
+    theta = int(np.sum(counts[: heavy[0]])) if heavy else None
+    weight, J = np.zeros(n_x), np.zeros((n_x, n_x))
+    for i in heavy:
+        own, load = terms[i].inertia, terms[i].load
+        assert own is not None
+        assert load is not None
+        weight, J = load[:, 0], own
     loads = [
-        np.zeros((n_x, p)) if each.load is None else each.load for each, p in zip(terms, counts, strict=True)
+        np.zeros((n_x, p)) if each.load is None or each.inertia is not None else each.load
+        for each, p in zip(terms, counts, strict=True)
     ]
     return Structure(
         names,
@@ -115,8 +168,10 @@ def structure_of(parts: Sequence[Part], n_x: int) -> Structure:
         ),
         parameter=np.repeat([each.parameter for each in terms], counts),
         load=np.hstack(loads),
-        recorded=np.repeat([each.load is None for each in terms], counts),
-        inertia=np.concatenate([each.inertia for each in terms]),
+        recorded=np.repeat([each.load is None or each.inertia is not None for each in terms], counts),
+        theta=theta,
+        weight=weight,
+        J=J,
         measured=np.hstack([each.measured for each in terms]),
     )
 
@@ -197,6 +252,8 @@ class Samples:
         Mean of M over each step.
     R : (n_x, n_x) array
         Covariance of the noise of x.
+    rho : float
+        J over M.
     force_end : (N, ..., n_x) array
         g + f_theta at the end of the step up to each sample, and of the first at its beginning.
     load_end : (N, ..., n_x, p) array
@@ -211,6 +268,7 @@ class Samples:
     load: FloatArray
     M: FloatArray
     R: FloatArray
+    rho: float
     force_end: FloatArray
     load_end: FloatArray
     M_end: FloatArray
@@ -235,16 +293,22 @@ def samples_of(
                 np.concatenate([values[:1], values[:-1]]) if part.between == "hold" else values
             )
     M_end = _matrices(log)
-    M = _means(M_end)
+    M, rho = _means(M_end), structure.rho(M_end)
+    force = acting + _means(model)
+    force_end = (np.concatenate([known[:1], known[:-1]]) if g == "hold" else known) + model
+    if structure.theta is not None:
+        load[:, :, structure.theta] = force - structure.weight / rho
+        load_end[:, :, structure.theta] = force_end - structure.weight / rho
     into_x = np.linalg.inv(M_end.mean(axis=0))
     return Samples(
         log.x,
         h,
-        h[:, None] * (acting + _means(model)),
+        h[:, None] * force,
         load,
         M,
         into_x @ np.diag(noise**2) @ into_x.T,
-        (np.concatenate([known[:1], known[:-1]]) if g == "hold" else known) + model,
+        rho,
+        force_end,
         load_end,
         M_end,
     )
@@ -269,3 +333,58 @@ def _matrices(log: Recording) -> FloatArray:
         raise ValueError("inertia: expected invertible matrices, got one that is singular")
     _signals.refuse_unusable("inertia", found)
     return found
+
+
+@dataclass(frozen=True, eq=False)
+class Working:
+    """The scalars that the filter runs on: eta for theta, (1 + eta) c for the others.
+
+    Attributes
+    ----------
+    structure : Structure
+    rho : float
+    mean, sd : (p,) arrays
+        Prior, that of eta to first order.
+    """
+
+    structure: Structure
+    rho: float
+    mean: FloatArray
+    sd: FloatArray
+
+    @classmethod
+    def of(cls, structure: Structure, rho: float) -> Working:
+        """For an inertia part of this J over M."""
+        mean, sd = structure.mean.copy(), structure.sd.copy()
+        if (i := structure.theta) is not None:
+            whole = 1.0 + rho * mean[i]
+            if not whole > 0.0:
+                raise ValueError(
+                    f"{structure.labels[i]}: mean: expected a positive inertia, got {mean[i]:g} beside M"
+                )
+            eta = 1.0 / whole - 1.0, rho * sd[i] / whole**2
+            mean, sd = mean / whole, sd / whole
+            mean[i], sd[i] = eta
+        return cls(structure, rho, mean, sd)
+
+    def scale(self, c: FloatArray) -> FloatArray:
+        """Working over physical deviations (..., p) of noise, at working scalars c."""
+        found = np.ones(c.shape)
+        if (i := self.structure.theta) is not None:
+            share = np.maximum(1.0 + c[..., i : i + 1], LEAST_SHARE)
+            found = found * share
+            found[..., i] = self.rho * share[..., 0] ** 2
+        return found
+
+    def physical(self, c: FloatArray, P: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Scalars (..., p), covariance (..., p, p) and the derivative (..., p, p) by the working ones."""
+        D = np.broadcast_to(np.eye(c.shape[-1]), P.shape).copy()
+        if (i := self.structure.theta) is None:
+            return c, P, D
+        share = np.maximum(1.0 + c[..., i], LEAST_SHARE)
+        found = c / share[..., None]
+        D /= share[..., None, None]
+        D[..., :, i] = -c / share[..., None] ** 2
+        found[..., i] = (1.0 / share - 1.0) / self.rho
+        D[..., i, i] = -1.0 / (self.rho * share**2)
+        return found, D @ P @ np.swapaxes(D, -1, -2), D
