@@ -15,7 +15,6 @@ import shutil
 import subprocess
 import sys
 import tempfile
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import matplotlib as mpl
@@ -23,6 +22,7 @@ import numpy as np
 from tqdm import tqdm
 
 from phyfilter_ctl import PhyFilter, SampledPhyFilter
+from phyfilter_ctl.study import Executor
 
 RATE = 500.0
 ORDERS = (1, 2, 3, 4)
@@ -117,10 +117,9 @@ def main() -> int:
             bins, first = run_case(program, sampled, steps, SENSOR_NOISE[kind])
             return bins, difference_to_step(sampled, first)
 
-        with ThreadPoolExecutor() as pool:
-            answers = list(
-                tqdm(pool.map(solve, cases), total=len(cases), desc=f"{steps:,} steps each", disable=None)
-            )
+        with Executor(kind="threads") as executor:
+            solved = executor.map(solve, cases)
+            answers = list(tqdm(solved, total=len(cases), desc=f"{steps:,} steps each", disable=None))
     results = {case: bins for case, (bins, _) in zip(cases, answers, strict=True)}
     twin = max(difference for _, difference in answers)
     print(

@@ -8,7 +8,7 @@ from __future__ import annotations
 from argparse import ArgumentParser, Namespace
 from typing import TYPE_CHECKING
 
-from phyfilter_ctl.study import Outputs, add_output_options
+from phyfilter_ctl.study import Executor, Outputs, add_output_options
 
 from .diagram import build
 
@@ -48,6 +48,11 @@ def add_arguments(parser: ArgumentParser) -> None:
         )
     parser.add_argument("--payload", type=float, metavar="KG", help="mass of the object (default 0.3)")
     parser.add_argument(
+        "--scheduler",
+        metavar="ADDRESS",
+        help="a Dask scheduler whose workers fly; it must have one within 30 s",
+    )
+    parser.add_argument(
         "--out",
         metavar="DIR",
         help="export vehicle, controller and filters as FMUs, and replay a mission through each",
@@ -67,7 +72,7 @@ def main(options: Namespace) -> int:
     if options.out is not None:
         _check_out(options)
     if options.tune:
-        _tune(outputs)
+        _tune(options, outputs)
     elif options.study:
         _study(options, outputs)
     else:
@@ -118,8 +123,10 @@ def _compare(options: Namespace, mission: Mission | None, outputs: Outputs) -> N
     from .picture import draw
 
     cases = ("mission",) if options.quick else tuple(comparison.CASES)
-    with outputs.progress(comparison.steps(cases=cases) + 1) as say:
-        found = comparison.compare(_seeds(options), cases=cases, mission=mission, report=say)
+    with outputs.progress(comparison.steps(cases=cases) + 1) as say, _executor(options) as executor:
+        found = comparison.compare(
+            _seeds(options), cases=cases, mission=mission, report=say, executor=executor
+        )
         figures = report.figures(found)
         say("real-time factor")
         factor = comparison.realtime_factor(found.methods["phyfilter"], found.training)
@@ -145,16 +152,22 @@ def _hand_over(folder: str, outputs: Outputs, found: Comparison, figures: dict[s
 def _study(options: Namespace, outputs: Outputs) -> None:
     from . import study
 
-    with outputs.progress(study.steps()) as say:
-        rows = study.run(_seeds(options), report=say)
+    with outputs.progress(study.steps()) as say, _executor(options) as executor:
+        rows = study.run(_seeds(options), report=say, executor=executor)
     outputs.publish(study.table(rows), study.figures(rows))
 
 
-def _tune(outputs: Outputs) -> None:
+def _executor(options: Namespace) -> Executor:
+    """One job after the other here, each over the cores; or the cluster."""
+    return Executor(1) if options.scheduler is None else Executor(scheduler=options.scheduler)
+
+
+def _tune(options: Namespace, outputs: Outputs) -> None:
     from . import tuning
     from .methods import METHODS
     from .training import train
 
-    with outputs.progress(sum(tuning.steps(name) for name in METHODS)) as say:
-        found = tuning.tune_all(train().seer, report=say)
+    count = sum(tuning.steps(name) for name in METHODS)
+    with outputs.progress(count) as say, _executor(options) as executor:
+        found = tuning.tune_all(train().seer, report=say, executor=executor)
     print(tuning.text(found), end="")

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from phyfilter_ctl import study
 from phyfilter_ctl.results import Status
-from phyfilter_ctl.study import Interval, Report, Scores, TunedMethod, score_methods, silent
+from phyfilter_ctl.study import Executor, Interval, Report, Scores, TunedMethod, score_methods, silent
 
 from .experiment import Backend, Flights, Score, fly
 from .methods import METHODS, Method, MethodName
@@ -129,6 +129,7 @@ def compare(
     mission: Mission | None = None,
     backend: Backend = "auto",
     report: Report = silent,
+    executor: Executor | None = None,
 ) -> Comparison:
     """Fly every method over the test seeds in every case.
 
@@ -145,6 +146,8 @@ def compare(
         As for ``simulate``.
     report : callable
         Called at the beginning of every step.
+    executor : Executor, optional
+        What flies the cases, method by method; None flies them here. The numbers are the same.
 
     Raises
     ------
@@ -158,10 +161,8 @@ def compare(
     training, entries = train(backend), tuned()
     elsewhere = off_distribution(training, backend)
 
-    def scored(name: MethodName, case: str) -> Score:
-        return _flown(name, seeds, training, CASES[case], mission, backend=backend).score()
-
-    scores = score_methods(methods, cases, scored, report=report)
+    scored = partial(_scored, seeds=seeds, training=training, mission=mission, backend=backend)
+    scores = score_methods(methods, cases, scored, report=report, executor=executor)
     report("missions to show")
     shown_by = "phyfilter" if "phyfilter" in methods else methods[0]
     seed = seeds[scores.middle(cases[0], shown_by, "mean")]
@@ -180,6 +181,17 @@ def compare(
         path.statuses,
         shown,
     )
+
+
+def _scored(
+    name: MethodName,
+    case: str,
+    seeds: Sequence[int],
+    training: Training,
+    mission: Mission | None,
+    backend: Backend,
+) -> Score:
+    return _flown(name, seeds, training, CASES[case], mission, backend=backend).score()
 
 
 def _flown(

@@ -4,16 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from phyfilter_ctl.study import Report, silent
+from phyfilter_ctl.study import Executor, Report, silent
 
 from .experiment import Score, fly
 from .methods import METHODS, NAMES, MethodName
 from .mission import changed, reference
 from .params import params
+from .seer import Seer
 from .training import train
 from .tuning import modulus_margin, tuned
 
@@ -72,7 +74,7 @@ def steps() -> int:
     return len(_METHODS) * (len(_TURBULENCE) + len(_TRANSFER)) + len(METHODS) * len(_SHARES) + 2
 
 
-def run(seeds: Sequence[int], *, report: Report = silent) -> list[Row]:
+def run(seeds: Sequence[int], *, report: Report = silent, executor: Executor | None = None) -> list[Row]:
     """Fly all settings.
 
     Parameters
@@ -80,35 +82,48 @@ def run(seeds: Sequence[int], *, report: Report = silent) -> list[Row]:
     seeds : sequence of int
     report : callable
         Called at the beginning of every step.
+    executor : Executor, optional
+        What flies the settings; None flies them here. The numbers are the same.
     """
-    seer, rows = train().seer, []
-
-    def add(what: str, value: str, name: MethodName, others: dict[str, float], **of_mission: float) -> None:
-        report(f"{what} {value}, {name}")
-        flights = fly(
-            tuned()[name].method,
-            seeds,
-            seer,
-            mission=changed(transfer=of_mission.get("transfer")),
-            others=others,
-        )
-        margin = modulus_margin(tuned()[name].method, seer, others=others) if what == _ARM else None
-        rows.append(Row(what, value, name, flights.score(), margin))
-
-    for name in _METHODS:
-        for turbulence in _TURBULENCE:
-            add("turbulence", f"{100 * turbulence:g} %", name, {"vehicle.wind.turbulence": turbulence})
-        for transfer in _TRANSFER:
-            add("load within", f"{transfer:g} s", name, {}, transfer=transfer)
-    for name in METHODS:
-        for share in _SHARES:
-            add(_ARM, f"{100 * share:g} %", name, {"controller.arm.share": share})
+    seer, settings = train().seer, _settings()
+    names = [f"{one.what} {one.value}, {one.method}" for one in settings]
+    work = partial(_row, seeds=seeds, seer=seer)
+    rows = list((executor or Executor(1)).map(work, settings, names=names, report=report))
     for label, attitude in (("level", None), ("swaying", swaying)):
         report(f"planner told {label}")
         goals = reference(attitude=attitude)
         flights = fly(tuned()["phyfilter"].method, seeds, seer, goals=goals)
         rows.append(Row("planner told", label, "phyfilter", flights.score()))
     return rows
+
+
+@dataclass(frozen=True)
+class _Setting:
+    what: str
+    value: str
+    method: MethodName
+    others: dict[str, float]
+    transfer: float | None = None
+
+
+def _settings() -> list[_Setting]:
+    found: list[_Setting] = []
+    for name in _METHODS:
+        for turbulence in _TURBULENCE:
+            wind = {"vehicle.wind.turbulence": turbulence}
+            found.append(_Setting("turbulence", f"{100 * turbulence:g} %", name, wind))
+        found += [_Setting("load within", f"{time:g} s", name, {}, time) for time in _TRANSFER]
+    for name in METHODS:
+        for share in _SHARES:
+            found.append(_Setting(_ARM, f"{100 * share:g} %", name, {"controller.arm.share": share}))
+    return found
+
+
+def _row(one: _Setting, seeds: Sequence[int], seer: Seer) -> Row:
+    method = tuned()[one.method].method
+    flights = fly(method, seeds, seer, mission=changed(transfer=one.transfer), others=one.others)
+    margin = modulus_margin(method, seer, others=one.others) if one.what == _ARM else None
+    return Row(one.what, one.value, one.method, flights.score(), margin)
 
 
 def table(rows: Sequence[Row]) -> str:

@@ -27,6 +27,7 @@ from threadpoolctl import threadpool_limits
 from phyfilter_ctl.diagram import FlatModel, flatten
 from phyfilter_ctl.simulation import linearize_sampled
 from phyfilter_ctl.study import (
+    Executor,
     Report,
     TunedMethod,
     command_jitter,
@@ -132,7 +133,9 @@ def _flat(structure: Method, seer: Seer | None) -> FlatModel:
     return flatten(build(structure, seer, probed=True))
 
 
-def tune(name: MethodName, seer: Seer, *, report: Report = silent) -> TunedMethod[Method]:
+def tune(
+    name: MethodName, seer: Seer, *, report: Report = silent, executor: Executor | None = None
+) -> TunedMethod[Method]:
     """Tune one method.
 
     Parameters
@@ -143,6 +146,8 @@ def tune(name: MethodName, seer: Seer, *, report: Report = silent) -> TunedMetho
         SEER-I's models.
     report : callable
         Called with a few words at the beginning of every step, :func:`steps` times.
+    executor : Executor, optional
+        What tunes the candidates; None tunes one after the other, here.
 
     Raises
     ------
@@ -160,9 +165,8 @@ def tune(name: MethodName, seer: Seer, *, report: Report = silent) -> TunedMetho
     wanted = f"a modulus margin of {values.modulus_margin}"
 
     def best(candidates: list[tuple[str, Method]]) -> TunedMethod[Method]:
-        return least_error(
-            name, candidates, lambda method: _tuned(method, seer), wanted=wanted, report=report
-        )
+        work = partial(_tuned, seer=seer)
+        return least_error(name, candidates, work, wanted=wanted, report=report, executor=executor)
 
     found: TunedMethod[Method] | None = None
     for which in _stages(name):
@@ -241,11 +245,13 @@ def _fastest(candidate: Method, seer: Seer) -> tuple[Method, float] | None:
     return found, float(margins(found).min())
 
 
-def tune_all(seer: Seer, *, report: Report = silent) -> dict[MethodName, TunedMethod[Method]]:
+def tune_all(
+    seer: Seer, *, report: Report = silent, executor: Executor | None = None
+) -> dict[MethodName, TunedMethod[Method]]:
     """Tune every method, in the order of ``METHODS``."""
     found: dict[MethodName, TunedMethod[Method]] = {}
     for name in METHODS:
-        found[name] = tune(name, seer, report=report)
+        found[name] = tune(name, seer, report=report, executor=executor)
     return found
 
 

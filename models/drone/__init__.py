@@ -9,7 +9,7 @@ from argparse import ArgumentParser, Namespace
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from phyfilter_ctl.study import Outputs, Report, add_output_options
+from phyfilter_ctl.study import Executor, Outputs, Report, add_output_options
 
 from .diagram import build
 
@@ -81,7 +81,7 @@ def add_arguments(parser: ArgumentParser) -> None:
     parser.add_argument(
         "--scheduler",
         metavar="ADDRESS",
-        help="a Dask scheduler that spreads the study over its workers; it must have one within 30 s",
+        help="a Dask scheduler whose workers fly; it must have one within 30 s",
     )
     parser.add_argument(
         "--checkpoint",
@@ -110,7 +110,7 @@ def main(options: Namespace) -> int:
     if options.replay:
         _replay(options, outputs)
     elif options.tune:
-        _tune(outputs)
+        _tune(options, outputs)
     elif options.cosimulate:
         _cosimulate(options, outputs)
     elif options.study:
@@ -126,9 +126,10 @@ def _check(options: Namespace) -> None:
 
     if options.seeds is not None and options.seeds < 1:
         raise ValueError(f"--seeds: expected 1 or more, got {options.seeds}")
-    for name in ("scheduler", "checkpoint"):
-        if getattr(options, name) and not options.study:
-            raise ValueError(f"--{name}: only --study is spread over a cluster, and kept; add --study")
+    if options.scheduler and (options.replay or options.cosimulate):
+        raise ValueError("--scheduler: a replay and a co-simulation run here; leave one of the two out")
+    if options.checkpoint and not options.study:
+        raise ValueError("--checkpoint: only --study is kept; add --study")
     if (options.replay_train or options.thrust_delay) and not options.replay:
         raise ValueError("--replay-train and --thrust-delay belong to --replay; add --replay FILES")
     mission, vehicle = params().mission, params().vehicle
@@ -155,13 +156,14 @@ def _compare(options: Namespace, outputs: Outputs) -> None:
     from .picture import draw
 
     seeds, duration = _seeds(options), _QUICK_DURATION if options.quick else None
-    with outputs.progress(comparison.steps() + 2) as say:
+    with outputs.progress(comparison.steps() + 2) as say, _executor(options) as executor:
         found = comparison.compare(
             seeds,
             duration=duration,
             payload=tuple(options.payload) if options.payload else None,
             others=_circle(options),
             report=say,
+            executor=executor,
         )
         figures = report.figures(found)
         say("real-time factor")
@@ -208,13 +210,19 @@ def _cosimulate(options: Namespace, outputs: Outputs) -> None:
     outputs.publish(cosimulation.table(found), cosimulation.figures(found))
 
 
-def _tune(outputs: Outputs) -> None:
+def _executor(options: Namespace) -> Executor:
+    """One job after the other here, each over the cores; or the cluster."""
+    return Executor(1) if options.scheduler is None else Executor(scheduler=options.scheduler)
+
+
+def _tune(options: Namespace, outputs: Outputs) -> None:
     from . import tuning
     from .methods import METHODS
     from .training import train
 
-    with outputs.progress(sum(tuning.steps(name) for name in METHODS)) as say:
-        found = tuning.tune_all(train().model, report=say)
+    count = sum(tuning.steps(name) for name in METHODS)
+    with outputs.progress(count) as say, _executor(options) as executor:
+        found = tuning.tune_all(train().model, report=say, executor=executor)
     print(tuning.text(found), end="")
 
 

@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from phyfilter_ctl import study
+from phyfilter_ctl.learned import Chebyshev
 from phyfilter_ctl.simulation import BackendChoice
-from phyfilter_ctl.study import Interval, Report, Scores, TunedMethod, score_methods, silent
+from phyfilter_ctl.study import Executor, Interval, Report, Scores, TunedMethod, score_methods, silent
 
 from .experiment import Flights, Score, fly
 from .flights import Scenario, conditions
@@ -107,6 +108,7 @@ def compare(
     others: Mapping[str, ArrayLike] | None = None,
     backend: BackendChoice = "auto",
     report: Report = silent,
+    executor: Executor | None = None,
 ) -> Comparison:
     """Fly every method over the test seeds, with unknown mass and with wind beside it.
 
@@ -125,26 +127,22 @@ def compare(
         As for ``simulate``.
     report : callable
         Called at the beginning of every step.
+    executor : Executor, optional
+        What flies the scenarios, method by method; None flies them here. The numbers are the same.
     """
     seeds = tuple(range(params().seeds.test)) if seeds is None else tuple(seeds)
     training, entries = train(backend), tuned()
-    estimation: dict[tuple[Scenario, MethodName], Estimation] = {}
-
-    def flown(name: MethodName, scenario: Scenario) -> Score:
-        flights = fly(
-            entries[name].method,
-            conditions(seeds, scenario, payload=payload),
-            training.model,
-            keep=("r", "r_ref", *_kept(name)),
-            duration=duration,
-            others=others,
-            backend=backend,
-        )
-        if _kept(name):
-            estimation[scenario, name] = _estimation(flights)
-        return flights.score()
-
-    scores = score_methods(methods, SCENARIOS, flown, report=report)
+    options = {"payload": payload, "duration": duration, "others": others, "backend": backend}
+    flown = partial(
+        _flown, seeds, {name: entries[name].method for name in methods}, training.model, **options
+    )
+    scores: Scores[Score] = score_methods(methods, SCENARIOS, flown, report=report, executor=executor)
+    estimation: dict[tuple[Scenario, MethodName], Estimation] = {
+        (scenario, name): entry.estimation
+        for scenario in SCENARIOS
+        for name in methods
+        if isinstance(entry := scores[scenario, name], _Flown) and entry.estimation is not None
+    }
     report("flights to show")
     shown_by = "phyfilter" if "phyfilter" in methods else methods[0]
     seed = seeds[scores.middle("wind", shown_by, "total")]
@@ -165,6 +163,32 @@ def compare(
 
     chosen: dict[MethodName, TunedMethod[Method]] = {name: entries[name] for name in methods}
     return Comparison(seeds, chosen, training, scores, estimation, showing("wind"), showing("mass"))
+
+
+@dataclass(frozen=True)
+class _Flown(Score):
+    """What a scenario says of a method."""
+
+    estimation: Estimation | None
+
+
+def _flown(
+    seeds: Sequence[int],
+    methods: Mapping[MethodName, Method],
+    model: Chebyshev,
+    name: MethodName,
+    scenario: Scenario,
+    *,
+    payload: tuple[float, float] | None,
+    duration: float | None,
+    others: Mapping[str, ArrayLike] | None,
+    backend: BackendChoice,
+) -> _Flown:
+    drawn, keep = conditions(seeds, scenario, payload=payload), ("r", "r_ref", *_kept(name))
+    flights = fly(methods[name], drawn, model, keep=keep, duration=duration, others=others, backend=backend)
+    score = flights.score()
+    estimation = _estimation(flights) if _kept(name) else None
+    return _Flown(score.total, score.horizontal, score.vertical, estimation)
 
 
 def _kept(name: MethodName) -> tuple[str, ...]:

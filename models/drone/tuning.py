@@ -25,6 +25,7 @@ from phyfilter_ctl.analysis import frequency_response
 from phyfilter_ctl.learned import Chebyshev
 from phyfilter_ctl.simulation import sampled_open_loop
 from phyfilter_ctl.study import (
+    Executor,
     Report,
     TunedMethod,
     command_jitter,
@@ -119,7 +120,12 @@ def _diagram(structure: Method, model: Chebyshev | None) -> ct.InterconnectedSys
 
 
 def tune(
-    name: MethodName, model: Chebyshev, *, seer_rate: float = 0.0, report: Report = silent
+    name: MethodName,
+    model: Chebyshev,
+    *,
+    seer_rate: float = 0.0,
+    report: Report = silent,
+    executor: Executor | None = None,
 ) -> TunedMethod[Method]:
     """Tune one method.
 
@@ -133,20 +139,23 @@ def tune(
         Of the SEER-I that a PhyFilter repairs, 1/s: that of SEER-I flown alone, which the filter is plugged onto.
     report : callable
         Called with a few words at the beginning of every step, :func:`steps` times.
+    executor : Executor, optional
+        What tunes the candidates; None tunes one after the other, here.
     """
     wanted = f"a modulus margin of {params().tuning.modulus_margin} and quiet rotors"
-
-    def flown(start: Method) -> TunedMethod[Method] | None:
-        method = _fastest(start, model)
-        return None if method is None else _flown(method, model)
-
+    flown = partial(_tuned, model=model)
     starts = [(f"{name}: {each.bandwidth:.3g}" if each.tunable else name, each) for each in _candidates(name)]
-    best = least_error(name, starts, flown, wanted=wanted, report=report)
+    best = least_error(name, starts, flown, wanted=wanted, report=report, executor=executor)
     if name not in _FILTERS:
         return best
     # Found without a model; now onto SEER-I.
     onto = replace(best.method, with_model=True, seer_rate=seer_rate)
     return least_error(name, [(name, onto)], flown, wanted=wanted)
+
+
+def _tuned(start: Method, model: Chebyshev) -> TunedMethod[Method] | None:
+    method = _fastest(start, model)
+    return None if method is None else _flown(method, model)
 
 
 def _flown(method: Method, model: Chebyshev) -> TunedMethod[Method]:
@@ -157,12 +166,14 @@ def _flown(method: Method, model: Chebyshev) -> TunedMethod[Method]:
     return TunedMethod(method, modulus_margin(method, model), mae, jitter(flown))
 
 
-def tune_all(model: Chebyshev, *, report: Report = silent) -> dict[MethodName, TunedMethod[Method]]:
+def tune_all(
+    model: Chebyshev, *, report: Report = silent, executor: Executor | None = None
+) -> dict[MethodName, TunedMethod[Method]]:
     """Tune every method, in the order of ``METHODS``: PhyFilters take SEER-I as it was tuned alone."""
     found: dict[MethodName, TunedMethod[Method]] = {}
     for name in METHODS:
         rate = found["seer"].method.bandwidth if "seer" in found else 0.0
-        found[name] = tune(name, model, seer_rate=rate, report=report)
+        found[name] = tune(name, model, seer_rate=rate, report=report, executor=executor)
     return found
 
 

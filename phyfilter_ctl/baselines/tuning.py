@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, is_dataclass
+from functools import partial
 from itertools import product
 from typing import Generic, TypeVar, cast
 
@@ -13,6 +14,7 @@ from scipy.optimize import minimize
 
 from .. import _signals
 from .._sections import FloatArray
+from ..execution import Executor
 from ..results import Result, Status
 from .protocol import SearchRange, TunableDifferentiator
 
@@ -66,6 +68,7 @@ def tune(
     bounds: Mapping[str, tuple[float, float]] | None = None,
     max_evaluations: int = 400,
     tolerance: float = 1e-2,
+    executor: Executor | None = None,
 ) -> TuneResult[D]:
     """Return the differentiator of this kind with the least RMSE over all samples and channels.
 
@@ -88,6 +91,8 @@ def tune(
         Most candidates that the simplex may try after the grid.
     tolerance : float
         Relative change of the parameters at which the simplex stops.
+    executor : Executor, optional
+        What tries the points of the grid; None tries one after the other, here. The result is the same.
 
     Returns
     -------
@@ -120,13 +125,14 @@ def tune(
     fixed = {} if fixed is None else dict(fixed)
     ranges = _ranges(kind, min(dt for _, _, dt, _ in data), fixed, {} if bounds is None else bounds)
     search = _Search(kind, data, fixed, ranges)
-    screening = _shortened(data)
     # Shortened flights rank all the points; integers alone are final, so they are ranked on everything.
     points = list(_grid(ranges))
+    run = Executor(1) if executor is None else executor
     if not all(r.integer for r in ranges):
-        points = sorted(points, key=lambda point: search.cost(point, screening))[:_SCREENED]
-    for point in points:
-        search.cost(point)
+        costs = search.costs(points, _shortened(data), run)
+        points = [points[k] for k in np.argsort(costs, kind="stable")[:_SCREENED]]
+    for point, cost in zip(points, search.costs(points, data, run), strict=True):
+        search.keep(point, cost)
     limited = _refine(search, max_evaluations, tolerance) if search.best_cost < _DIVERGED else False
     return search.result(limited, tolerance)
 
@@ -154,13 +160,18 @@ class _Search(Generic[D]):
         }
         return self.make(**self.fixed, **sought)
 
-    def cost(self, point: FloatArray, screening: Sequence[_Flight] | None = None) -> float:
-        self.evaluations += 1
-        if screening is not None:
-            return _rmse(self.candidate(point), screening)
-        cost = _rmse(self.candidate(point), self.data)
+    def costs(self, points: Sequence[FloatArray], data: Sequence[_Flight], executor: Executor) -> list[float]:
+        self.evaluations += len(points)
+        return list(executor.map(partial(_rmse, data=data), [self.candidate(point) for point in points]))
+
+    def keep(self, point: FloatArray, cost: float) -> None:
         if cost < self.best_cost:
             self.best_cost, self.best = cost, np.array(point)
+
+    def cost(self, point: FloatArray) -> float:
+        self.evaluations += 1
+        cost = _rmse(self.candidate(point), self.data)
+        self.keep(point, cost)
         return cost
 
     def result(self, limited: bool, tolerance: float) -> TuneResult[D]:

@@ -97,6 +97,16 @@ class Executor:
         """Whether jobs run one after the other in this process."""
         return self._cluster is None and self.workers == 1
 
+    @property
+    def shares_memory(self) -> bool:
+        """Whether jobs run in this process, one after the other or in its threads: nothing is pickled."""
+        return self.is_here or (self._cluster is None and self.kind == "threads")
+
+    @property
+    def size(self) -> int:
+        """Jobs that run at once, now: the workers of a cluster may come and go."""
+        return self.workers if self._cluster is None else self._cluster.size
+
     def map(
         self,
         work: Callable[[Job], Answer],
@@ -153,7 +163,7 @@ class Executor:
         try:
             while True:
                 # Counted from the first that is not answered: late ones hold the others back, not in memory.
-                while len(out) + len(waiting) < _AHEAD * self._size and (i := next(queue, None)) is not None:
+                while len(out) + len(waiting) < _AHEAD * self.size and (i := next(queue, None)) is not None:
                     out[i] = self._submit(work, jobs[i])
                     out[i].add_done_callback(lambda _, i=i: done.put(i))
                 if not out:
@@ -175,10 +185,6 @@ class Executor:
             except Empty:
                 if self._cluster is not None:
                     self._cluster.refuse_idle()
-
-    @property
-    def _size(self) -> int:
-        return self.workers if self._cluster is None else self._cluster.size
 
     def _submit(self, work: Callable[[Job], Answer], job: Job) -> Promise[Answer]:
         if self._cluster is not None:

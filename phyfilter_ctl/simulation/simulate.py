@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Literal, cast, get_args
 
 import control as ct
@@ -27,6 +28,8 @@ MethodChoice = Literal["auto", "rk4", "adaptive", "exact"]
 BackendChoice = Literal["auto", "vm", "c"]
 # A matrix exponential of more coupled states costs more than it saves.
 _MOST_COUPLED = 200
+# Jobs for each worker of another process.
+_JOBS = 2
 
 
 @dataclass(frozen=True)
@@ -151,6 +154,7 @@ def simulate_batch(
     interpolation: Interpolation = "linear",
     squeeze: bool | None = None,
     workers: int | None = None,
+    executor: Executor | None = None,
     progress: bool = False,
 ) -> ct.TimeResponseList:
     """Many runs of one diagram, over the cores.
@@ -169,6 +173,9 @@ def simulate_batch(
         As for :func:`simulate`; backend="auto" compiles where the whole batch pays for it.
     workers : int, optional
         Threads; None means one per core.
+    executor : Executor, optional
+        What runs them instead, such as ``Executor(scheduler="tcp://...")``, a Dask cluster; the numbers are the same
+        where its machines are alike.
     progress : bool
         Show a progress bar.
 
@@ -192,22 +199,40 @@ def simulate_batch(
     """
     flat = as_flat(sys)
     options = Options(method, backend, max_step, rtol, atol, squeeze)
-    executor = Executor(workers, kind="threads")
+    if executor is not None and workers is not None:
+        raise ValueError("workers and executor: expected one of them; the executor has workers of its own")
+    chosen = Executor(workers, kind="threads") if executor is None else executor
     runs = [
         prepare(flat, timepts, u, x0, p, interpolation) for u, x0, p in _batch(inputs, initial_state, params)
     ]
     decided = _decided(flat, runs[0], options, len(runs))
-    with tqdm(total=len(runs), disable=not progress, unit="run") as bar:
+    try:
+        with tqdm(total=len(runs), disable=not progress, unit="run") as bar:
+            answers: list[SimulationResponse] = []
+            for some in _spread(chosen, partial(_simulate_all, flat=flat, options=decided), runs):
+                answers += some
+                bar.update(len(some))
+            return ct.TimeResponseList(answers)
+    finally:
+        if executor is None:
+            chosen.close()
 
-        def one(run: Run) -> SimulationResponse:
-            response = _simulate(flat, run, decided, False)
-            bar.update()
-            return response
 
+def _spread(
+    executor: Executor, work: Callable[[Sequence[Run]], list[SimulationResponse]], runs: Sequence[Run]
+) -> Iterator[list[SimulationResponse]]:
+    if executor.shares_memory:
         # The first run builds (or compiles) all functions; then the threads only run them.
-        first = one(runs[0])
-        with executor:
-            return ct.TimeResponseList([first, *executor.map(one, runs[1:])])
+        yield work(runs[:1])
+        yield from executor.map(work, [[run] for run in runs[1:]])
+    else:
+        # Every job builds them for itself: a few jobs for each worker.
+        length = -(-len(runs) // (_JOBS * executor.size))
+        yield from executor.map(work, [runs[k : k + length] for k in range(0, len(runs), length)])
+
+
+def _simulate_all(runs: Sequence[Run], flat: FlatModel, options: Options) -> list[SimulationResponse]:
+    return [_simulate(flat, run, options, False) for run in runs]
 
 
 def as_flat(sys: ct.InputOutputSystem | FlatModel) -> FlatModel:

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Generic, TypeVar
 
 import numpy as np
 
-from ..execution import Report, silent
+from ..execution import Checkpoint, Executor, Report, silent
 from .statistics import Interval, median_interval, reduction
 
 __all__ = ["Scores", "score_methods"]
@@ -62,7 +63,13 @@ class Scores(dict[tuple[str, str], S], Generic[S]):
 
 
 def score_methods(
-    methods: Sequence[Name], cases: Sequence[Case], fly: Callable[[Name, Case], S], *, report: Report = silent
+    methods: Sequence[Name],
+    cases: Sequence[Case],
+    fly: Callable[[Name, Case], S],
+    *,
+    report: Report = silent,
+    executor: Executor | None = None,
+    checkpoint: Checkpoint[S] | None = None,
 ) -> Scores[S]:
     """Score every method in every case.
 
@@ -73,6 +80,10 @@ def score_methods(
         Over the same seeds each time.
     report : callable
         Called at the beginning of every case.
+    executor : Executor, optional
+        What flies them; None flies one after the other, here. The scores are the same.
+    checkpoint : Checkpoint, optional
+        Of the scores, by "method, case".
 
     Examples
     --------
@@ -84,9 +95,16 @@ def score_methods(
     >>> round(scores.reduction("wind", "pd", of="filter", figure="error").median, 9)
     50.0
     """
+    jobs = [(name, case) for name in methods for case in cases]
+    names = [f"{name}, {case}" for name, case in jobs]
+    answers = (executor or Executor(1)).map(
+        partial(_scored, fly=fly), jobs, names=names, report=report, checkpoint=checkpoint
+    )
     scores: Scores[S] = Scores()
-    for name in methods:
-        for case in cases:
-            report(f"{name}, {case}")
-            scores[case, name] = fly(name, case)
+    for (name, case), answer in zip(jobs, answers, strict=True):
+        scores[case, name] = answer
     return scores
+
+
+def _scored(job: tuple[Name, Case], fly: Callable[[Name, Case], S]) -> S:
+    return fly(*job)

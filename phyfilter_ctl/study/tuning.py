@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .. import _signals
-from ..execution import Report, silent
+from ..execution import Executor, Report, silent
 
 __all__ = ["TunedMethod", "command_jitter", "fastest", "least_error", "read_tuned", "tuned_text"]
 
@@ -85,6 +85,7 @@ def least_error(
     *,
     wanted: str = "the margin that is asked for",
     report: Report = silent,
+    executor: Executor | None = None,
 ) -> TunedMethod[Method]:
     """The candidate with the least error of those that have what is asked for: a comparison at equal margin.
 
@@ -104,6 +105,8 @@ def least_error(
         What is asked for, for the message.
     report : callable
         Told of every candidate.
+    executor : Executor, optional
+        What tunes them; None tunes one after the other, here. The answer is the same.
 
     Raises
     ------
@@ -117,11 +120,11 @@ def least_error(
     >>> least_error("pd", [(f"{speed}", speed) for speed in (1.0, 2.0, 4.0)], flown).method
     2.0
     """
-    kept: list[TunedMethod[Method]] = []
-    for text, candidate in candidates:
-        report(text)
-        if (found := tuned(candidate)) is not None:
-            kept.append(found)
+    listed = list(candidates)
+    answers = (executor or Executor(1)).map(
+        tuned, [candidate for _, candidate in listed], names=[text for text, _ in listed], report=report
+    )
+    kept = [found for found in answers if found is not None]
     if not kept:
         raise ValueError(f"{name}: no gains have {wanted}")
     return min(kept, key=lambda entry: entry.mae)

@@ -20,6 +20,7 @@ from phyfilter_ctl.baselines import (
     TuneResult,
     tune,
 )
+from phyfilter_ctl.study import Executor
 from tests.cpu_budget import slow_but
 
 DT = 0.01
@@ -95,6 +96,12 @@ def test_long_flights_are_screened_short_and_give_the_same_optimum() -> None:
     long = flights(9000)
     fine = min(rmse(LowpassDifference(float(w)), long) for w in np.geomspace(5.0, 50.0, 100))
     assert tune(LowpassDifference, long).rmse <= fine * (1.0 + 1e-3)
+
+
+@pytest.mark.slow
+def test_other_processes_find_the_same() -> None:
+    with Executor(2) as executor:
+        assert tune(LowpassDifference, flights(), executor=executor) == tune(LowpassDifference, flights())
 
 
 @pytest.mark.slow

@@ -9,6 +9,7 @@ from phyfilter_ctl.blocks import sampled_block
 from phyfilter_ctl.codegen import CompilerError, find_compiler
 from phyfilter_ctl.diagram import flatten
 from phyfilter_ctl.simulation import compiled, sensitivity, simulate, simulate_batch
+from phyfilter_ctl.study import Executor
 
 TIMES = np.linspace(0.0, 2.0, 101)
 # Central differences of step 1e-5: rounding 1e-11, and the third derivative times 1e-10.
@@ -59,6 +60,23 @@ def test_batch_is_the_single_runs_bit_for_bit(loop, method, backend):
     assert not np.array_equal(many[0].outputs, many[1].outputs)
 
 
+@pytest.mark.slow
+def test_other_processes_find_the_same_numbers(loop):
+    starts = np.random.default_rng(0).standard_normal((5, 2))
+    options = {"initial_state": starts, "method": "rk4", "backend": "vm"}
+    expected = simulate_batch(loop, TIMES, INPUTS, **options)
+    with Executor(2) as executor:
+        found = simulate_batch(loop, TIMES, INPUTS, executor=executor, **options)
+        assert list(executor.map(abs, [-1])) == [1]  # it is its owner's to close
+    for one, other in zip(expected, found, strict=True):
+        assert (other.success, other.message, other.output_labels) == (
+            one.success,
+            one.message,
+            one.output_labels,
+        )
+        np.testing.assert_array_equal(other.outputs, one.outputs)
+
+
 def test_batches_of_starts_and_inputs(loop):
     rng = np.random.default_rng(0)
     starts, inputs = rng.standard_normal((4, 2)), rng.standard_normal((4, 3, len(TIMES)))
@@ -73,6 +91,8 @@ def test_batches_of_starts_and_inputs(loop):
             simulate_batch(loop, TIMES, 0.0, **arguments)
     with pytest.raises(ValueError, match="workers"):
         simulate_batch(loop, TIMES, inputs, workers=0)
+    with pytest.raises(ValueError, match="workers and executor: expected one of them"):
+        simulate_batch(loop, TIMES, inputs, workers=2, executor=Executor(1))
 
 
 def test_a_run_that_fails_leaves_the_others_alone():

@@ -10,7 +10,6 @@ recursion with a larger step, backwards likewise, and nothing is approximated.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import KW_ONLY, dataclass
 from functools import cached_property
 from typing import Literal, NamedTuple, TypeVar, get_args
@@ -20,6 +19,7 @@ from numpy.typing import ArrayLike
 
 from ... import _signals
 from ..._sections import FloatArray
+from ...execution import Executor
 from ...filter import PaperFilter, SampledPhyFilter, record
 from ...filter.blocked import propagate
 from ...filter.recursion import Recursion, momentum
@@ -301,10 +301,8 @@ class Rollout:
     def side_by_side(self, work: Callable[[S], T], tasks: Iterable[S]) -> list[T]:
         """Results of ``work`` on each of ``tasks``, on the threads of this rollout."""
         tasks = list(tasks)
-        if self.workers == 1 or len(tasks) == 1:
-            return [work(task) for task in tasks]
-        with ThreadPoolExecutor(self.workers) as pool:
-            return list(pool.map(work, tasks))
+        with Executor(max(1, min(self.workers, len(tasks))), kind="threads") as executor:
+            return list(executor.map(work, tasks))
 
     @property
     def _recursion(self) -> Recursion:

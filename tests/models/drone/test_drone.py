@@ -14,7 +14,7 @@ from scipy.stats import binom
 
 from phyfilter_ctl import flatten, models, simulate
 from phyfilter_ctl.cli import main
-from phyfilter_ctl.study import median_interval
+from phyfilter_ctl.study import Executor, median_interval
 from tests.cpu_budget import slow_but
 
 ROOM = f"{models.__name__}.drone"
@@ -194,6 +194,21 @@ def test_seer_learned_the_mass_and_not_the_wind() -> None:
     np.testing.assert_allclose(trained.model.bounds[-1], [0.0, params.params().mass.high])
 
 
+@pytest.mark.slow
+def test_comparison_is_the_same_by_any_number_of_workers() -> None:
+    options = {"methods": ("integral", "observer"), "duration": 8.0, "backend": "vm"}
+    expected = comparison.compare([0, 1], **options)
+    with Executor(2) as executor:
+        found = comparison.compare([0, 1], **options, executor=executor)
+    assert list(found.scores) == list(expected.scores)
+    for key, score in expected.scores.items():
+        for figure in ("total", "horizontal", "vertical"):
+            np.testing.assert_array_equal(getattr(found.scores[key], figure), getattr(score, figure))
+    assert [*found.estimation] == [("mass", "observer"), ("wind", "observer")]
+    for key, estimation in expected.estimation.items():
+        np.testing.assert_array_equal(found.estimation[key].force, estimation.force)
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
@@ -201,7 +216,8 @@ def test_seer_learned_the_mass_and_not_the_wind() -> None:
         (["--payload", "-0.5", "0.2"], "0 <= LOW <= HIGH"),
         (["--payload", "0.2", "40"], "take a smaller mass"),
         (["--seeds", "0"], "1 or more"),
-        (["--scheduler", "tcp://127.0.0.1:1"], "add --study"),
+        (["--scheduler", "tcp://127.0.0.1:1", "--cosimulate"], "a co-simulation run here"),
+        (["--checkpoint", "kept.jsonl"], "add --study"),
         (["--thrust-delay", "0.1"], "belong to --replay"),
         (["--replay", "no-such-file.csv"], "no-such-file.csv"),
         (["--picture", "flight.xyz"], "flight.xyz"),
