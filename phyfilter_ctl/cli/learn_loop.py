@@ -19,6 +19,11 @@ def add_loop(parser: argparse.ArgumentParser) -> None:
     loop.add_argument(
         "--margin", type=float, metavar="M", help="modulus margin to keep there, in [0, 1); 0.5 is usual"
     )
+    loop.add_argument(
+        "--tracking",
+        action="store_true",
+        help="least tracking error in that loop, instead of least error of f_hat",
+    )
     loop.add_argument("--lag", type=float, metavar="S", help="first-order lag of the actuator in s")
     loop.add_argument("--loop-delay", type=float, default=0.0, metavar="S", help="delay of the command in s")
     loop.add_argument("--kp", type=float, default=0.0, metavar="K", help="outer gain on position, 1/s^2")
@@ -36,9 +41,9 @@ def loop_of(options: argparse.Namespace) -> LoopConstraint | None:
     from ..design.learning import LoopConstraint
 
     if options.margin is None:
-        if options.lag is not None or options.loop_delay or options.kp or options.kd:
+        if options.tracking or options.lag is not None or options.loop_delay or options.kp or options.kd:
             raise ValueError(
-                "--lag, --loop-delay, --kp, --kd: expected --margin too, what the filter must keep there"
+                "--tracking, --lag, --loop-delay, --kp, --kd: expected --margin too, what the filter must keep there"
             )
         return None
     return LoopConstraint(
@@ -47,4 +52,5 @@ def loop_of(options: argparse.Namespace) -> LoopConstraint | None:
         actuator=None if options.lag is None else ct.tf([1.0], [options.lag, 1.0]),
         delay=options.loop_delay,
         modulus_margin=options.margin,
+        cost="tracking" if options.tracking else "estimation",
     )

@@ -17,6 +17,8 @@ from phyfilter_ctl import (
 )
 from phyfilter_ctl.analysis import frequency_response, largest_bandwidth
 from phyfilter_ctl.analysis.margins.slopes import modulus_at, touches
+from phyfilter_ctl.blocks import phyfilter_block, sampled_block, wired
+from phyfilter_ctl.simulation import FilterPlace
 
 H = 0.01
 LOOP = {"kp": 10.0, "kd": 6.0, "actuator": ct.tf(1, [0.05, 1]), "delay": 0.01}
@@ -25,6 +27,8 @@ PLAIN = {"wiener": False, "cross_validate": False, "intervals": False, "starts":
 DIFFERENCE = 1e-4
 # The search stops where steps gain 1e-4 of the cost or promise 1e-5, and keeps 1e-6 of spare room.
 NEAR_LIMIT = 1e-3
+# Of matrices of order 6 near an integrator.
+ROUNDING = 1e-9
 
 
 @pytest.fixture(scope="module")
@@ -102,6 +106,68 @@ def test_margins_of_a_diagram_stand_for_the_formula(log):
     found = learn(log, 1, loop=LoopConstraint(margins=lambda f: loop_margin(f, **LOOP)), **PLAIN)
     formula = learn(log, 1, loop=LoopConstraint(**LOOP), **PLAIN)
     assert found.filter.a == pytest.approx(formula.filter.a, rel=NEAR_LIMIT)
+
+
+def diagram(filter):
+    """The loop of LOOP without its delay, wired: motor and body, law, filter."""
+    body = ct.ss(
+        [[-20.0, 0, 0], [1, 0, 0], [0, 1, 0]],
+        [[20.0], [0], [0]],
+        [[0, 1, 0], [0, 0, 1]],
+        np.zeros((2, 1)),
+        inputs="u",
+        outputs=["x", "p"],
+        name="body",
+    )
+    gains = ct.ss(
+        [], [], [], [[-6.0, -10.0, -1.0]], dt=H, inputs=["x", "p", "f_hat"], outputs="u", name="law"
+    )
+    block = sampled_block(phyfilter_block(filter, 1, name="filter"))
+    wires = {
+        "body.u": "law.u",
+        "filter.x[0]": "body.x",
+        "filter.g[0]": "law.u",
+        "law.x": "body.x",
+        "law.p": "body.p",
+        "law.f_hat": "filter.f_hat[0]",
+    }
+    return wired([block, sampled_block(gains), body], wires, outputs={"x": "body.x"})
+
+
+PD = LOOP | {"delay": 0.0}
+
+
+def test_what_is_around_the_filter_of_a_diagram_is_what_its_equations_say():
+    place, filter = FilterPlace(diagram, "body.u", "filter.f_hat[0]"), PhyFilter([64.0, 12.0], [64.0, 10.0])
+    own = loop_margin(filter, **PD, dt=H)
+    found = place.loop(filter.sampled(H))
+    omega = np.geomspace(0.1, 300.0, 50)
+    for mine, theirs in zip(found.surroundings(omega), own.loop.surroundings(omega), strict=True):
+        assert np.max(np.abs(mine - theirs) / np.abs(theirs)) < ROUNDING
+    assert place(filter.sampled(H)).modulus_margin == pytest.approx(own.modulus_margin, rel=1e-6)
+    resonant = [PhyFilter([w * w, 0.3 * w]) for w in (2.0, 4.0, 8.0, 16.0, 32.0, 64.0)]
+    verdicts = [
+        (found.is_stable(each.sampled(H)), loop_margin(each, **PD, dt=H).is_stable) for each in resonant
+    ]
+    assert all(mine == theirs for mine, theirs in verdicts)
+    assert {mine for mine, _ in verdicts} == {True, False}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("order", "form"), [(1, "lowpass"), (2, "general")])
+def test_a_filter_learned_in_the_diagram_is_that_of_the_formula(log, order, form):
+    place = FilterPlace(diagram, "body.u", "filter.f_hat[0]")
+    found = learn(log, order, form=form, loop=LoopConstraint(margins=place), **PLAIN)
+    formula = learn(log, order, form=form, loop=LoopConstraint(**PD), **PLAIN)
+    assert found.rmse == pytest.approx(formula.rmse, rel=NEAR_LIMIT)
+    assert found.loop.spare["modulus margin"] >= 0.0
+    assert found.loop.binding == formula.loop.binding == ("modulus margin",)
+
+
+def test_a_place_where_signals_act_between_instants_is_refused():
+    place = FilterPlace(diagram, "filter.f_hat[0]", "body.x")
+    with pytest.raises(ValueError, match="once a step"):
+        place.loop(PhyFilter([5.0]).sampled(2.0 * H))
 
 
 @pytest.mark.parametrize(

@@ -10,6 +10,7 @@ from .moving import InertiaCertificate, moving_inertia
 from .prior import InertiaVerdict, PriorMargin, prior_margin
 from .ratio_margins import RatioMargins
 from .saturation import SaturationMargin, saturation_margin
+from .slopes import Surroundings
 from .sweep import Crossing, Loop
 
 __all__ = [
@@ -25,6 +26,7 @@ __all__ = [
     "PriorMargin",
     "RatioMargins",
     "SaturationMargin",
+    "Surroundings",
     "configuration_hull",
     "disk_margin",
     "largest_bandwidth",

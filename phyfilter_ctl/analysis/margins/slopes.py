@@ -170,6 +170,10 @@ class LoopOnGrid(sweep.Remembered):
         Q, P, _ = self.parts(self.grid[-1:])
         return float(Q[0].real), float(P[0].real)
 
+    @cached_property
+    def _transition(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        return self.filter.transition
+
     @property
     def sharp(self) -> FloatArray:
         """Frequencies about weakly damped poles of the filter."""
@@ -184,7 +188,7 @@ class LoopOnGrid(sweep.Remembered):
 
     def parts(self, omega: FloatArray) -> tuple[ComplexArray, ComplexArray, ComplexArray]:
         """As of :class:`SampledLoop`."""
-        dA, equilibrium, C = self.filter.transition
+        dA, equilibrium, C = self._transition
         delta = np.expm1(1j * omega * self.filter.dt)
         drive = np.broadcast_to(-dA @ equilibrium, (len(omega), len(dA)))[..., None].astype(np.complex128)
         F = (1.0 + delta) * (np.linalg.solve(delta[:, None, None] * np.eye(len(dA)) - dA, drive)[..., 0] @ C)

@@ -11,23 +11,21 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Protocol
 
 import numpy as np
-from scipy.linalg import cholesky, solve_triangular
-from scipy.optimize import nnls
 
 from ..._sections import FloatArray
-from ...analysis.margins.slopes import Around, LoopOnGrid
+from ...analysis.margins.slopes import Around, LoopOnGrid, Surroundings
 from ...filter import PhyFilter, SampledPhyFilter, Sampling
-from ...filter.recursion import transition
-from .constraints import LoopConstraint, Near, again, around, near_limits
+from .constraints import LoopConstraint, Near, again, loop_of, near_limits
 from .coordinates import chain_slopes
+from .objective import Objective, responses
 from .parametrisation import Chain
+from .quadratic import quadratic_program
 from .search import Search
 from .sensitivity import Data, Solver, filter_of, jacobian
 
-__all__ = ["INSIDE", "Admissible", "Estimation", "Objective", "Point", "Remembering", "responses"]
+__all__ = ["INSIDE", "Admissible", "Point"]
 
 _SHORTER = 8  # times that a step is shortened before the descent ends
 _CORRECTIONS = 2
@@ -42,75 +40,6 @@ _APART = 1e-4  # of frequencies, in logarithms: a dip moves as the filter does
 _SPEEDS = 24  # scanned from that of a filter down to the slowest
 _HALVINGS = 8
 _ADDS_NOTHING = 1e-4
-
-
-class Objective(Protocol):
-    """What a filter within the limits is to make least."""
-
-    def cost(self, chain: Chain, c: FloatArray) -> float:
-        """A mean square; inf where there is none."""
-        ...
-
-    def model(self, chain: Chain, c: FloatArray, rows: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Gradient (p,) and Gauss-Newton matrix (p, p) by unknowns that move F by ``rows`` [xi; eta]."""
-        ...
-
-
-@dataclass(frozen=True, eq=False)
-class Estimation(Objective):
-    """Mean square of gamma* - F u on the flights.
-
-    Attributes
-    ----------
-    data : Data
-    """
-
-    data: Data
-
-    def cost(self, chain: Chain, c: FloatArray) -> float:
-        """See :class:`Objective`."""
-        found, n = self.data.moments(chain.doubled), chain.order
-        if found is None:
-            return float("inf")
-        G, m = found
-        return float(self.data.energy - 2.0 * c @ m[:n] + c @ G[:n, :n] @ c) / self.data.weight
-
-    def model(self, chain: Chain, c: FloatArray, rows: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """See :class:`Objective`."""
-        found = self.data.moments(chain.doubled)
-        assert found is not None  # the filter has a cost on these data
-        G, m = found
-        scale = 2.0 / self.data.weight
-        return -scale * rows @ (m - G[:, : chain.order] @ c), scale * rows @ G @ rows.T
-
-
-class Remembering(Data):
-    """Data whose moments are asked for several times at one filter.
-
-    Parameters
-    ----------
-    data : Data
-    """
-
-    def __init__(self, data: Data) -> None:
-        self.data, self._key, self._found = data, b"", None
-
-    @property
-    def energy(self) -> float:
-        """As of the data."""
-        return self.data.energy
-
-    @property
-    def weight(self) -> float:
-        """As of the data."""
-        return self.data.weight
-
-    def moments(self, doubled: FloatArray) -> tuple[FloatArray, FloatArray] | None:
-        """As of the data."""
-        key = doubled.tobytes()
-        if key != self._key:
-            self._key, self._found = key, self.data.moments(doubled)
-        return self._found
 
 
 @dataclass(frozen=True, eq=False)
@@ -274,7 +203,7 @@ class Admissible:
         free = rows[len(now.theta) :, : now.chain.order]
         promised, left = 0.0, limits.spare
         for k in range(_CORRECTIONS + 1):
-            step = _program(
+            step = quadratic_program(
                 gradient, metric, np.vstack([limits.slopes, box[0]]), np.append(left - self.inside, box[1])
             )
             if step is None:
@@ -339,9 +268,13 @@ class Admissible:
     # -- limits -------------------------------------------------------------------------------------------------
 
     @cached_property
+    def loop(self) -> Surroundings | None:
+        """What the filters stand in; None where only exact margins are known."""
+        return loop_of(self.constraint, SampledPhyFilter(PhyFilter([self.search.floor]), self.sampling))
+
+    @cached_property
     def _around(self) -> Around | None:
-        some = SampledPhyFilter(PhyFilter([self.search.floor]), self.sampling)
-        return around(self.constraint, some, self.search.floor)
+        return None if self.loop is None else Around(self.loop, self.search.floor)
 
     def _limits(self, now: Point, rows: FloatArray) -> _Limits:
         slopes = self._slopes(now, rows, now.near)
@@ -438,45 +371,6 @@ def _with_pole(filter: PhyFilter, rate: float) -> PhyFilter:
     return PhyFilter(a, np.convolve(filter.b, [rate, 1.0]))
 
 
-def responses(chain: Chain, omega: FloatArray, sampling: Sampling) -> np.ndarray:
-    """States [xi; eta] of the sampled doubled chain, per measured residual, (k, 2n)."""
-    A, B = chain.doubled[:-1, :-1], chain.doubled[:-1, -1]
-    dA = transition(A, sampling.method, sampling.dt)
-    drive = dA @ np.linalg.solve(A, B)
-    delta = np.expm1(1j * omega * sampling.dt)[:, None, None]
-    found = np.linalg.solve(
-        delta * np.eye(len(A)) - dA, np.tile(drive, (len(omega), 1))[..., None].astype(complex)
-    )
-    return np.asarray((1.0 + delta[:, 0]) * found[..., 0])
-
-
 def _box(theta: FloatArray, upper: FloatArray, lower: FloatArray, size: int) -> tuple[FloatArray, FloatArray]:
     eye = np.eye(len(theta), size)
     return np.vstack([-eye, eye]), np.minimum(np.append(upper - theta, theta - lower), _LONGEST)
-
-
-def _program(gradient: FloatArray, H: FloatArray, A: FloatArray, spare: FloatArray) -> FloatArray | None:
-    """The step d that minimises gradient d + d' H d/2 with spare + A d >= 0; None where nothing keeps that.
-
-    Lawson and Hanson's least distance programming: by non-negative least squares.
-    """
-    try:
-        L = cholesky(H, lower=True)
-    except np.linalg.LinAlgError:
-        return None
-    free = solve_triangular(L, gradient, lower=True)
-    G = solve_triangular(L, A.T, lower=True)  # columns
-    h = G.T @ free - spare
-    E = np.vstack([G, h])
-    sizes = np.linalg.norm(E, axis=0)
-    E = E[:, sizes > 0.0] / sizes[sizes > 0.0]
-    target = np.append(np.zeros(len(G)), 1.0)
-    try:
-        y, _ = nnls(E, target)
-    except RuntimeError:
-        return None
-    r = E @ y - target
-    if -r[-1] <= 1e-12:
-        return None
-    v = -r[:-1] / r[-1]
-    return np.asarray(solve_triangular(L.T, v - free, lower=False))

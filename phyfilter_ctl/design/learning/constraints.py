@@ -5,20 +5,21 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Protocol
+from typing import Literal, Protocol, get_args, runtime_checkable
 
 import control as ct
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ... import _signals
 from ..._sections import FloatArray
 from ...analysis import frequency_response, ultimate_bound
 from ...analysis.margins import LoopMargin, loop_margin
 from ...analysis.margins.slopes import (
-    Around,
     LoopOnGrid,
     Margin,
     SampledLoop,
+    Surroundings,
     Touch,
     approached,
     modulus_at,
@@ -27,10 +28,12 @@ from ...analysis.margins.slopes import (
 from ...filter import SampledPhyFilter
 from ...results import Result
 
-__all__ = ["LoopConstraint", "LoopMarginsLike", "LoopPrice", "Near", "again", "around", "near_limits"]
+__all__ = ["LoopConstraint", "LoopMarginsLike", "LoopPrice", "Near", "again", "loop_of", "near_limits"]
 
 # Spare room beyond this counts no further, and what has none is this far off.
 _AMPLE, _LOST = 10.0, -1.0
+
+Cost = Literal["estimation", "tracking"]
 
 
 class LoopMarginsLike(Protocol):
@@ -54,6 +57,19 @@ class LoopMarginsLike(Protocol):
     @property
     def gain_margin(self) -> tuple[float, float]:
         """Factors between which the loop stays stable."""
+        ...
+
+
+@runtime_checkable
+class PlaceLike(Protocol):
+    """A diagram with a place for the filter: ``FilterPlace`` of ``simulation``."""
+
+    def __call__(self, filter: SampledPhyFilter, /) -> LoopMarginsLike:
+        """The exact margins."""
+        ...
+
+    def loop(self, filter: SampledPhyFilter, /) -> Surroundings:
+        """What is around the filter, for all of its sampling."""
         ...
 
 
@@ -101,10 +117,18 @@ class LoopConstraint:
         Most standard deviation of f_hat per unit of the noise of x: what jitter of the command allows.
     slope, bound : float, optional
         Largest |f - f_hat| that a residual of \\|gamma'\\| <= slope may leave; both or none.
+    cost : {"estimation", "tracking"}
+        What the filter is to make least within the limits: mean square error of f_hat on the flights, or of tracking in
+        this loop, of position (of velocity where kp is 0), with the flights' residual and noise as its disturbances.
+        That of a filter in the loop: where the loop is slow, an estimate that lags costs it little, and noise much.
+    reference : array_like, shape (N,) or (N, K), optional
+        For ``cost="tracking"``: accelerations times M_hat, in the unit of f and at the flights' step, that the loop is
+        asked to follow besides; it sends them as commands. None for standing still, or a residual recorded in motion.
     margins : callable, optional
         Margins of another loop instead of that of kp, kd, actuator and delay: from the sampled filter to an object with
         ``is_stable``, ``modulus_margin``, ``delay_margin`` and ``gain_margin``. Of a python-control diagram with the
-        filter as a block: ``lambda f: signal_margin(diagram(f), "motor.u")``.
+        filter as a block: :class:`~phyfilter_ctl.simulation.FilterPlace`, which is searched as fast as kp and kd; a
+        mere function, ``lambda f: signal_margin(diagram(f), "motor.u")``, is differenced.
 
     Raises
     ------
@@ -130,6 +154,8 @@ class LoopConstraint:
     noise_gain: float | None = None
     slope: float | None = None
     bound: float | None = None
+    cost: Cost = "estimation"
+    reference: ArrayLike | None = field(default=None, repr=False)
     margins: Callable[[SampledPhyFilter], LoopMarginsLike] | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
@@ -150,6 +176,16 @@ class LoopConstraint:
                 raise ValueError(f"{name}: expected a positive number, got {value}")
         if self.margins is not None and (self.kp or self.kd or self.delay or self.actuator is not None):
             raise ValueError("margins: expected it alone, or kp, kd, actuator and delay: one loop, not two")
+        if self.cost not in get_args(Cost):
+            raise ValueError(f"cost: expected one of {', '.join(get_args(Cost))}, got {self.cost!r}")
+        if self.cost == "tracking" and not (self.kp or self.kd):
+            raise ValueError('cost="tracking": expected kp or kd, the outer loop whose error it is')
+        if self.reference is not None:
+            if self.cost != "tracking":
+                raise ValueError('reference: it plays a part in cost="tracking" only; leave it out')
+            given = _signals.real("reference", self.reference)
+            shape = ("N",) if given.ndim == 1 else ("N", "K")
+            object.__setattr__(self, "reference", _signals.array("reference", given, shape))
 
     def spare(self, filter: SampledPhyFilter) -> dict[str, float]:
         """Spare room of every limit by the exact margins of the sampled loop: kept where it is 0 or more.
@@ -204,21 +240,21 @@ class LoopConstraint:
         return {}
 
 
-def around(loop: LoopConstraint, filter: SampledPhyFilter, slowest: float) -> Around | None:
-    """What filters of this one's step and delay stand in; None where only ``margins`` knows.
+def loop_of(limits: LoopConstraint, filter: SampledPhyFilter) -> Surroundings | None:
+    """What filters of this one's step and delay stand in; None where only a function knows margins.
 
     Parameters
     ----------
-    loop : LoopConstraint
+    limits : LoopConstraint
     filter : SampledPhyFilter
-    slowest : float
-        Least rate in rad/s of the filters that will be tried.
     """
-    if loop.margins is not None:
+    if isinstance(limits.margins, PlaceLike):
+        return limits.margins.loop(filter)
+    if limits.margins is not None:
         return None
-    found = loop._loop_margin(filter).loop
+    found = limits._loop_margin(filter).loop
     assert isinstance(found, SampledLoop)  # of a sampled filter
-    return Around(found, slowest)
+    return found
 
 
 def near_limits(limits: LoopConstraint, loop: LoopOnGrid) -> list[Near]:
@@ -283,6 +319,11 @@ class LoopPrice(Result):
         RMSE of that filter on the training flights.
     price : float
         RMSE over ``rmse_without``, less 1; nan where no filter is admissible.
+    tracking : float or None
+        With ``cost="tracking"``: root-mean-square tracking error in the loop, in the unit of f times s^2 (s for
+        velocity), m for M_hat = 1 kg and f in N.
+    tracking_of_estimator : float or None
+        The same with the filter that estimates best within the limits.
     """
 
     constraint: LoopConstraint
@@ -290,6 +331,8 @@ class LoopPrice(Result):
     without: Mapping[str, float]
     rmse_without: float
     price: float
+    tracking: float | None = None
+    tracking_of_estimator: float | None = None
 
     @property
     def binding(self) -> tuple[str, ...]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -12,12 +12,16 @@ from numpy.typing import ArrayLike
 
 from ... import _signals
 from ..._sections import FloatArray
+from ...analysis.margins.slopes import SampledLoop
 from ...filter import PhyFilter, SampledPhyFilter, Sampling
 from ...results import Result, Status
-from .constrained import INSIDE, Admissible, Estimation, Point, Remembering
+from .constrained import INSIDE, Admissible, Point
 from .constraints import LoopConstraint, LoopPrice
+from .objective import Estimation, Remembering
+from .residuals import Flight
 from .result import LearnResult
 from .search import Search
+from .tracking import Tracking, spectra_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -29,8 +33,11 @@ def keep_limits(
     search: Search,
     constraint: LoopConstraint,
     sampling: Sampling,
+    flights: Sequence[Flight],
     result: LearnResult,
     score: Callable[[PhyFilter], tuple[float, float | None]],
+    *,
+    offset: bool,
 ) -> LearnResult:
     """The result with the best filter that keeps the limits, verified by the exact margins.
 
@@ -39,22 +46,34 @@ def keep_limits(
     sampling = replace(sampling, dt=float(f"{sampling.dt:.12g}"))
     data = Remembering(search.fine)
     task = Admissible(search, data, constraint, sampling, Estimation(data))
+    objective = _tracking(task, flights, offset) if constraint.cost == "tracking" else None
     without = constraint.spare(SampledPhyFilter(result.filter, sampling))
-    if min(without.values()) >= 0.0:
+    if objective is None and min(without.values()) >= 0.0:
         price = LoopPrice(constraint, without, without, result.rmse, 0.0)
         return replace(result, loop=price)
     found = _verified(task, result.order_used)
+    errors: tuple[float, float] | tuple[()] = ()
+    if objective is not None and found is not None:
+        estimator = found[0]
+        found = _verified(replace(task, objective=objective), result.order_used, [estimator.filter])
+        if found is not None:
+            errors = (
+                float(np.sqrt(found[0].cost)),
+                float(np.sqrt(objective.cost(estimator.chain, estimator.c))),
+            )
     if found is None:
         return _infeasible(constraint, sampling, result, without)
     point, ended, spare = found
     rmse, held_out = score(point.filter)
-    price = LoopPrice(constraint, spare, without, result.rmse, rmse / result.rmse - 1.0)
-    status = Status.CONVERGED if ended else Status.ITERATION_LIMIT
+    price = LoopPrice(constraint, spare, without, result.rmse, rmse / result.rmse - 1.0, *errors)
+    lost = ", ".join(name for name, value in without.items() if value < 0.0)
     message = (
         f"order {point.filter.order}: {', '.join(price.binding) or 'no limit'} binds; RMSE {rmse:.4g}, "
-        f"{100.0 * price.price:+.1f} % of the filter without the loop ({result.rmse:.4g}), which does not keep "
-        f"{', '.join(name for name, value in without.items() if value < 0.0)}"
+        f"{100.0 * price.price:+.1f} % of the filter without the loop ({result.rmse:.4g}), which "
+        + (f"does not keep {lost}" if lost else "keeps the limits too")
     )
+    if errors:
+        message += f"; tracking error {errors[0]:.4g}, {errors[1]:.4g} with the filter that estimates best"
     return replace(
         result,
         filter=point.filter,
@@ -62,7 +81,7 @@ def keep_limits(
         cost=point.cost,
         held_out_rmse=held_out,
         order_used=point.filter.order,
-        status=status,
+        status=Status.CONVERGED if ended else Status.ITERATION_LIMIT,
         message=message,
         wiener=None,
         intervals=None,
@@ -70,10 +89,20 @@ def keep_limits(
     )
 
 
-def _verified(task: Admissible, orders: int) -> tuple[Point, bool, dict[str, float]] | None:
+def _tracking(task: Admissible, flights: Sequence[Flight], offset: bool) -> Tracking:
+    assert isinstance(task.loop, SampledLoop)  # the constraint has asked for kp or kd
+    reference = task.constraint.reference
+    signal = None if reference is None else np.asarray(reference, dtype=float)
+    omega, spectra = spectra_of(flights, task.sampling.dt, signal, offset=offset)
+    return Tracking.of(task.loop, omega, spectra, task.sampling)
+
+
+def _verified(
+    task: Admissible, orders: int, given: Sequence[PhyFilter] = ()
+) -> tuple[Point, bool, dict[str, float]] | None:
     """The best filter by the exact margins, searched further inside where they find less than the search did."""
     for inside in INSIDE:
-        found = replace(task, inside=inside).best(orders)
+        found = replace(task, inside=inside).best(orders, given)
         if found is None:
             return None
         assert found[0].sampled is not None  # it keeps the limits

@@ -295,7 +295,13 @@ def learn(
         result = answer(search, asked, tuple(recorder.events), recorder.cancelled, notes)
         if loop is not None:
             result = keep_limits(
-                search, loop, asked.sampling, result, lambda found: _scores(found, search, asked)
+                search,
+                loop,
+                asked.sampling,
+                flights,
+                result,
+                lambda found: _scores(found, search, asked),
+                offset=label_offset,
             )
     for note in result.notes[len(notes) :]:
         warnings.warn(note, stacklevel=2)
