@@ -140,7 +140,7 @@ def arm(rate: float, wind: float, seeds: Sequence[int], seconds: float) -> Cell:
 
 
 SYSTEMS = {
-    "drone": (drone, "m/s", (1.0, 2.0, 3.0, 4.0), (0.0, 0.5, 1.0), 18.0),
+    "drone": (drone, "m/s", (1.0, 2.0, 3.0, 3.75), (0.0, 0.5, 1.0), 18.0),
     "arm": (arm, "rad/s", (1.5, 2.5, 3.5, 5.0, 6.5), (0.0, 1.0), 20.0),
 }
 
