@@ -2,13 +2,13 @@
 
     python benchmarks/order_choice.py [FOLDER] [--flights 1 2 8] [--orders 8] [--quick]
 
-FOLDER holds CSV files with the columns t [s], vx vy vz [m/s], ax ay az [m/s^2], one a flight; without one flights are
-generated (gusts, noisy x). The slowest by the 99th percentile of speed are learned from, all others are scored
-and nothing is chosen by them. For every number of flights and every N the general form of `learn(flights, range(1, N +
-1))`: the order that cross-validation chooses, F(0), slowest and fastest pole, cross-validated and out-of-sample RMSE,
-its ratio to that of N - 1 with the standard error of this ratio over the flights. Then what was returned before, fitted
-to the training flights alone with F(0) free. Exits with 1 where F(0) is not 1, a pole lies outside the band, or the
-ratio exceeds 1 by more than one standard error.
+FOLDER holds CSV files as for recorded_estimate.py, one a flight; without it flights are generated (noisy x). The
+slowest by the 99th percentile of speed are learned from, all others are scored and nothing is chosen by them. For every
+number of flights and every N the general form of `learn(flights, range(1, N + 1))`: the order that cross-validation
+chooses, F(0), slowest and fastest pole, cross-validated and out-of-sample RMSE, its ratio to that of N - 1 with the
+standard error of this ratio over the flights. Then what was returned before, fitted to the training flights alone with
+F(0) free. Exits with 1 where F(0) is not 1, a pole lies outside the band, or the ratio exceeds 1 by more than one
+standard error.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
+from recorded_estimate import flight
 from scipy.signal import lfilter
 
 from phyfilter_ctl import Recording, split_by_speed
@@ -113,7 +114,7 @@ def main() -> int:
     numbers, orders, starts = options.flights, options.orders, options.starts
     if options.quick:
         numbers, orders, starts = [1], 3, 0
-    logs = [Recording.from_csv(path) for path in paths] or generated(4 if options.quick else 16)
+    logs = [flight(path) for path in paths] or generated(4 if options.quick else 16)
     slower, faster = split_by_speed(logs)
     good = True
     for count in numbers:

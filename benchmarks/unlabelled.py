@@ -1,6 +1,6 @@
 """Filters suggested without labels, on 20 kinds of generated recordings whose force is known.
 
-    python benchmarks/unlabelled.py [--flights 12] [--quick]
+    python benchmarks/unlabelled.py [--flights 12] [--first 0] [--kinds irregular late] [--quick]
 
 x' = g + f with f a Gauss-Markov process (0.5 s) and two sines unless said, 30 s at 500 Hz. Prints by kind, for the
 filter suggested without the label: its RMSE over that of the best of both orders by the label (median, largest), how
@@ -203,6 +203,10 @@ def _others(
 def main() -> int:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--flights", type=int, default=12, help="of each kind (default 12)")
+    parser.add_argument("--first", type=int, default=0, help="first seed (default 0)")
+    parser.add_argument(
+        "--kinds", nargs="*", default=[""], help="those whose names hold one of these (default all)"
+    )
     parser.add_argument("--quick", action="store_true", help="one flight of every third kind")
     options = parser.parse_args()
     print(
@@ -213,13 +217,16 @@ def main() -> int:
         print(title)
         rows: list[Row] = []
         for name, kind in list(kinds.items())[:: 3 if options.quick else 1]:
+            if not any(part in name for part in options.kinds):
+                continue
             some = [
-                evaluated(kind, seed, others=seed < 3)
-                for seed in range(1 if options.quick else options.flights)
+                evaluated(kind, options.first + i, others=i < 3)
+                for i in range(1 if options.quick else options.flights)
             ]
             rows += some
             _print(f"  {name}", some)
-        _print("  all of them", rows)
+        if rows:
+            _print("  all of them", rows)
     return 0
 
 

@@ -28,6 +28,7 @@ from .suggestion import Search, Suggestion, Unlabelled, suggest
 __all__ = ["Estimate", "checked_logs", "estimate", "sampled_for"]
 
 _SAME_RATE = 0.02  # share by which a filter's step may differ from the recordings'
+_NEARER = 0.5  # of the horizon: f held over the whole of it favours filters too slow for gusts
 _APART = 4.0  # the two figures for a bandwidth disagree beyond this factor
 
 
@@ -161,7 +162,7 @@ def estimate(
     orders : sequence of int
         Orders to suggest from.
     horizon : float
-        Of the prediction test, s.
+        Of the prediction test, s; a filter that has to be chosen by prediction is by half of it.
     confidence : float
         Of all intervals. They are over the recordings where these are five or more, else over 12 stretches of them.
     noise : NoiseLevel, float or (n_x,) array, optional
@@ -218,7 +219,7 @@ def estimate(
     parts = steps_of(logs, sampled)
     several = separate(parts, given_noise(noise, logs), confidence)
     shared = sampled.with_filter(sampled.filters[0])  # the suggestion is one filter for all channels
-    data, suggestion = suggest(several, Search(shared, parts, orders, horizon, confidence))
+    data, suggestion = suggest(several, Search(shared, parts, orders, _NEARER * horizon, confidence))
     level, spectrum = data.separated.noise, data.separated.spectrum
     if filter is None:
         sampled = sampled.with_filter(suggestion.filter)

@@ -20,26 +20,30 @@ from scipy.stats import chi2
 
 from .._sections import FloatArray
 from ..results import Status
-from .spectrum import SHARED, NoiseLevel, ResidualSpectrum, density, noise_level, residual_spectrum
+from .spectrum import (
+    SHARED,
+    NoiseLevel,
+    ResidualSpectrum,
+    density,
+    noise_level,
+    periodogram,
+    residual_spectrum,
+)
 from .steps import Steps, Stretch, spread, stretches
 
 __all__ = ["Levels", "Separated", "covariance_of", "separate"]
 
-_COLOURED, _OCTAVES = (
-    (1, 2),
-    5,
-)  # orders of the autoregression, and octaves below the crossing of white noise, tried
+_COLOURED = (1, 2)  # orders of the autoregression that are tried
+_OCTAVES = 5  # below the crossing of white noise
 _AROUND = 0.35  # times the crossing, from where on the residual is taken to fall as a power
+_LONG = 100.0  # rad at the crossing that a stretch is to have: its error is as good as independent of the next one's
 _RATIO = 1.15  # of the edges of a band
 _STEEPNESS = (5.0 / 3.0, 12.0)  # of p; no force is rougher than turbulence, of 5/3
 _ITERATIONS, _STEP, _ENOUGH = 60, 1e-6, 1e-10  # of the search for the largest likelihood
 _REFLECTIONS = ((1.5, 0.0), (1.0, -0.7), (0.0, -0.7))  # inverse hyperbolic tangents to search from, beside 0
 _LAGS = 1024  # at which the covariance of an autoregression is looked at
 _NEGLIGIBLE = 1e-6  # of the variance
-_DOUBT, _MISFIT = (
-    0.01,
-    0.1,
-)  # a model of the noise is wrong where less likely than this and off by more than this
+_DOUBT, _MISFIT = 0.01, 0.1  # a model of the noise is wrong where less likely, and off by more, than this
 _UNSURE = 1.0  # half width of the interval of the logarithm of the noise's power at the crossing
 
 
@@ -127,8 +131,7 @@ def _gathered(
     for k, first, last in unit:
         if last - first < 8:
             continue
-        window = np.hanning(last - first + 2)[1:-1, None]
-        power = np.abs(np.fft.rfft(window * signals[k][first:last], axis=0)) ** 2 / np.sum(window**2)
+        power = periodogram(signals[k][first:last])
         where = np.digitize(2.0 * np.pi / (last - first) * np.arange(len(power)), edges) - 1
         inside = (where >= 0) & (where < len(counts))
         np.add.at(sums, where[inside], power[inside])
@@ -166,12 +169,15 @@ class Separated:
 
 def separate(parts: Sequence[Steps], given: NoiseLevel | None, confidence: float) -> list[Separated]:
     """Noise and residual told apart: by the noise given; else as white, before it by a colour where white is wrong."""
-    units = stretches([len(part.on_grid(part.dt)) for part in parts])
+    lengths = [len(part.on_grid(part.dt)) for part in parts]
     first = noise_level(parts, confidence)
     known = None if given is None else given.covariance
     spectrum = residual_spectrum(parts, first.covariance if known is None else known)
     force = 0.0 < spectrum.crossing < np.inf
     lowest = _AROUND * spectrum.crossing if force else 0.0
+    units = stretches(
+        lengths, _LONG / (spectrum.crossing * np.median([part.dt for part in parts])) if force else np.inf
+    )
     bands = bands_of(parts, units, lowest)
     points = _points(bands, 0, force, known)
     fits = _fits(bands, points, 0, known)
@@ -196,18 +202,28 @@ def separate(parts: Sequence[Steps], given: NoiseLevel | None, confidence: float
     found = [Separated(units, noise, spectrum, levels, without, [], rough)]
     if fits or not force:
         return found
+    units = stretches(lengths)
     # Of a coloured noise the crossing is lower than of a white one: from the lowest frequency that it fits from.
     for octave, order in product(range(_OCTAVES, -1, -1), _COLOURED):
         bands = bands_of(parts, units, lowest * 0.5**octave)
         points = _points(bands, order, force, None)
-        if _fits(bands, points, order, None):
-            levels, without = _jackknifed(bands, points, order, force, None)
-            spectrum = residual_spectrum(parts, levels.covariance)
-            if not _shared(levels, without, spectrum.crossing * bands.dt, confidence, fits=True):
-                noise = _level(first, levels, without, confidence)
-                rough = _roughest(bands, levels, without, points, None, confidence)
-                found.insert(0, Separated(units, noise, spectrum, levels, without, [], rough))
-            break
+        if not _fits(bands, points, order, None):
+            continue
+        # What is taken for the power law starts, as of white noise, where the crossing of this colour says.
+        crossing = residual_spectrum(parts, _levels(points, bands.dt, None).covariance).crossing
+        if 0.0 < crossing < np.inf:
+            nearer = bands_of(parts, units, _AROUND * crossing)
+            again = _points(nearer, order, force, None)
+            if len(nearer.theta) < len(bands.theta) and _fits(nearer, again, order, None):
+                bands, points = nearer, again
+        levels, without = _jackknifed(bands, points, order, force, None)
+        spectrum = residual_spectrum(parts, levels.covariance)
+        seen = spectrum.crossing > 0.0  # a colour that leaves no residual took it for noise
+        if seen and not _shared(levels, without, spectrum.crossing * bands.dt, confidence, fits=True):
+            noise = _level(first, levels, without, confidence)
+            rough = _roughest(bands, levels, without, points, None, confidence)
+            found.insert(0, Separated(units, noise, spectrum, levels, without, [], rough))
+        break
     return found
 
 

@@ -49,7 +49,7 @@ class Prediction(Result):
 
 def ahead(part: Steps, horizon: float) -> tuple[Samples, Samples]:
     """Steps k (n,) and later ones j (n,) whose ends are a horizon apart, as near as the samples allow."""
-    ends = part.times[1:]
+    ends, horizon = part.times[1:], max(horizon, part.dt)
     later = np.searchsorted(ends, ends + horizon - 0.5 * part.dt)
     here = np.flatnonzero(later < len(ends))
     later = later[here]

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 from scipy.signal import welch
+from scipy.signal.windows import tukey
 from scipy.stats import chi2, f
 
 from .._sections import FloatArray
@@ -22,11 +23,15 @@ __all__ = [
     "ResidualSpectrum",
     "density",
     "noise_level",
+    "periodogram",
     "residual_spectrum",
 ]
 
-# Neighbouring bins of a Hann window are correlated: so many of them count as one.
-SHARED = 1.0 + 2.0 * ((2.0 / 3.0) ** 2 + (1.0 / 6.0) ** 2)
+_TAPER = (
+    0.5  # share of a stretch that the window lets fade: leakage falls as with Hann's, and more samples count
+)
+# Its neighbouring bins are correlated: so many of them count as one, m sum w^4 / (sum w^2)^2.
+SHARED = (1.0 - _TAPER * 93.0 / 128.0) / (1.0 - _TAPER * 5.0 / 8.0) ** 2
 _AROUND = 9  # steps over which the residual is taken as constant where the steps differ
 BEYOND = 2.5  # times the crossing the residual is lost in the noise
 _COLOURED = 1.25  # ratio of the two quarters of the band beyond which the noise is called coloured
@@ -69,6 +74,12 @@ class NoiseLevel(Result):
     message: str = "converged"
 
 
+def periodogram(values: FloatArray) -> FloatArray:
+    """Of rows (m, n_x) at theta = 2 pi k / m, tapered; its mean over all theta is the mean square."""
+    window = tukey(len(values) + 2, _TAPER)[1:-1, None]
+    return np.abs(np.fft.rfft(window * values, axis=0)) ** 2 / np.sum(window**2)
+
+
 def noise_level(parts: Sequence[Steps], confidence: float) -> NoiseLevel:
     """The noise v of M x: its part of h u is v_k - v_(k-1), of spectrum 2 (1 - cos theta) s^2 over theta = omega h.
 
@@ -77,8 +88,7 @@ def noise_level(parts: Sequence[Steps], confidence: float) -> NoiseLevel:
     """
     lower, upper = [], []
     for part in parts:
-        window = np.hanning(len(part.u) + 2)[1:-1, None]
-        power = np.abs(np.fft.rfft(window * _levelled(part), axis=0)) ** 2 / np.sum(window**2)
+        power = periodogram(_levelled(part))
         theta = 2.0 * np.pi / len(part.u) * np.arange(len(power))
         level = power / np.maximum(2.0 * (1.0 - np.cos(theta)), 1e-9)[:, None]
         lower.append(level[(theta > 0.5 * np.pi) & (theta <= 0.75 * np.pi)])

@@ -183,15 +183,19 @@ def least(cost: Callable[[float], float], grid: FloatArray) -> tuple[float, floa
 Stretch = tuple[int, int, int]  # which recording, first row, end
 
 
-def stretches(lengths: Sequence[int]) -> list[list[Stretch]]:
-    """Independent units of recordings of so many rows: recordings, several where there are many, or parts of few."""
+def stretches(lengths: Sequence[int], long: float = math.inf) -> list[list[Stretch]]:
+    """Independent units of recordings of so many rows: recordings, several where there are many, or parts of few.
+
+    Those parts are 12, or up to 40 where each still has ``long`` rows.
+    """
     if len(lengths) >= _ENOUGH:
         dealt = np.array_split(np.arange(len(lengths)), min(len(lengths), _MOST))
         return [[(int(k), 0, lengths[k]) for k in some] for some in dealt]
     found: list[list[Stretch]] = []
+    blocks = min(max(_BLOCKS, int(sum(lengths) / long)), _MOST)
     for k, length in enumerate(lengths):
         most = max(-(-2 // len(lengths)), length // _SHORTEST)
-        edges = np.linspace(0, length, min(-(-_BLOCKS // len(lengths)), most) + 1).astype(int).tolist()
+        edges = np.linspace(0, length, min(-(-blocks // len(lengths)), most) + 1).astype(int).tolist()
         found += [[(k, a, b)] for a, b in pairwise(edges)]
     return found
 

@@ -181,23 +181,25 @@ class Unlabelled:
     def interval(self, sampled: SampledPhyFilter, confidence: float) -> Interval:
         """Root of the expected square of gamma - F u, mean over the channels.
 
-        Jackknife over the stretches, noise and spectrum found anew without each one; what is not known of a noise that
-        was given comes on top. It reaches up to the roughest residual that the stretches allow. From 0 to inf where
-        noise and residual cannot be told apart.
+        Student's interval of its logarithm, whose deviation does not grow with it, by the jackknife over the stretches,
+        noise and spectrum found anew without each one. What is not known of a noise that was given comes on top. It
+        reaches up to the roughest residual that the stretches allow. From 0 to inf where noise and residual cannot be
+        told apart.
         """
         found, count = self.separated, len(self.separated.units)
         several = [found.levels, *found.without, found.rough, *found.ends]
         numbers = np.array([*range(count + 1), 0, 0, 0][: len(several)])
         squares = self._means(sampled, several, numbers).mean(axis=1)
-        width = spread(squares[1 : count + 1], confidence)
-        if found.ends:
-            width = math.hypot(width, 0.5 * float(squares[-1] - squares[-2]))
-        value = math.sqrt(max(float(squares[0]), 0.0))
-        if found.noise.status is Status.NOT_IDENTIFIED:
-            return Interval(value, 0.0, math.inf)
-        high = max(float(squares[0]) + width, float(squares[count + 1]))
-        low, high = (math.sqrt(max(end, 0.0)) for end in (float(squares[0]) - width, high))
-        return Interval(value, low, high)
+        if found.noise.status is Status.NOT_IDENTIFIED or squares[: count + 1].min() <= 0.0:
+            high = math.inf if found.noise.status is Status.NOT_IDENTIFIED else max(float(squares.max()), 0.0)
+            return Interval(math.sqrt(max(float(squares[0]), 0.0)), 0.0, math.sqrt(high))
+        square, share = float(squares[0]), spread(np.log(squares[1 : count + 1]), confidence)
+        known = 0.5 * float(squares[-1] - squares[-2]) / square if found.ends else 0.0
+        width = math.exp(0.5 * math.hypot(share, known))
+        value = math.sqrt(square)
+        return Interval(
+            value, value / width, max(value * width, math.sqrt(max(float(squares[count + 1]), 0.0)))
+        )
 
 
 def _later(sampled: SampledPhyFilter, dt: float) -> tuple[int, float]:

@@ -6,10 +6,13 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from scipy.signal import lfilter
+from scipy.signal.windows import tukey
 
 import phyfilter_ctl as pf
 from phyfilter_ctl.estimation.levels import separate
 from phyfilter_ctl.estimation.noise import known_noise, measurement_noise
+from phyfilter_ctl.estimation.prediction import ahead
+from phyfilter_ctl.estimation.spectrum import SHARED
 from phyfilter_ctl.estimation.steps import steps_of
 from phyfilter_ctl.estimation.suggestion import Unlabelled
 
@@ -99,6 +102,41 @@ def test_x_measured_late_asks_for_another_filter() -> None:
     assert truth > 1.2 * pf.estimate(log, sampled.with_filter(found.suggestion.filter).filters[0]).error.value
 
 
+def test_a_g_that_reacts_to_the_noise_of_x_changes_nothing() -> None:
+    """x' = g + f with g = -5 x as measured 20 ms before: u is that of the same force and noise without g."""
+    log, back = flight(0.01, seconds=6.0), 5
+    rise, v = np.diff(flight(0.0, seconds=6.0).x[:, 0]), log.x[:, 0] - flight(0.0, seconds=6.0).x[:, 0]
+    x, g = np.zeros(log.n), np.zeros(log.n)
+    for k in range(log.n - 1):
+        seen = max(k - back, 0)
+        g[k] = -5.0 * (x[seen] + v[seen])
+        x[k + 1] = x[k] + rise[k] + H * g[k]
+    closed, sampled = pf.Recording(log.times, x + v, g=g), pf.lowpass(2, 40.0).sampled(H)
+    one, other = (steps_of([each], sampled)[0].u for each in (log, closed))
+    np.testing.assert_allclose(other, one, atol=1e-9 * np.max(np.abs(one)))
+
+
+@pytest.mark.slow
+def test_where_the_noise_is_in_doubt_the_nearer_future_decides() -> None:
+    log = flight(0.02, 0.95)
+    found = pf.estimate(log, horizon=0.2)
+    assert found.suggestion.message.startswith("it predicts x 0.1 s ahead best")
+    assert over_the_best(log, found) < 1.02
+
+
+def test_a_horizon_is_a_step_at_least() -> None:
+    log = pf.Recording.from_arrays(x=np.random.default_rng(0).standard_normal((200, 1)), dt=0.5)
+    (part,) = steps_of([log], pf.PhyFilter([1.0]).sampled(0.5))
+    here, later = ahead(part, 0.1)
+    np.testing.assert_array_equal(later, here + 1)
+
+
+def test_share_of_a_bin_of_the_window() -> None:
+    """Variance of the mean of a white periodogram over that of as many independent values."""
+    window = tukey(4002, 0.5)[1:-1]
+    assert pytest.approx(len(window) * np.sum(window**4) / np.sum(window**2) ** 2, rel=1e-3) == SHARED
+
+
 def test_what_shares_a_band_is_refused() -> None:
     """Noise of a corner at 5 rad/s and a force of 2: no spectrum tells them apart."""
     found = pf.estimate(flight(0.3, 0.98, seconds=8.0))
@@ -162,7 +200,7 @@ def test_intervals_hold_the_truth_as_often_as_they_say() -> None:
     for seed in range(40):
         log = flight(0.01, seed=seed)
         parts = steps_of([log], sampled)
-        (found,) = separate(parts, None, 0.95)
+        found = separate(parts, None, 0.95)[0]
         interval = Unlabelled(parts, found).interval(sampled, 0.95)
         error.append(interval.low < rmse(log, sampled) < interval.high)
         noise.append(bool(found.noise.low[0] < 0.01 < found.noise.high[0]))
