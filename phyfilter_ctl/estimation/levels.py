@@ -167,15 +167,23 @@ class Separated:
     rough: Levels
 
 
-def separate(parts: Sequence[Steps], given: NoiseLevel | None, confidence: float) -> list[Separated]:
-    """Noise and residual told apart: by the noise given; else as white, before it by a colour where white is wrong."""
+def separate(
+    parts: Sequence[Steps],
+    given: NoiseLevel | None,
+    confidence: float,
+    units: list[list[Stretch]] | None = None,
+) -> list[Separated]:
+    """Noise and residual told apart: by the noise given; else as white, before it by a colour where white is wrong.
+
+    ``units`` are stretches of another separation of the same steps, to compare with.
+    """
     lengths = [len(part.on_grid(part.dt)) for part in parts]
     first = noise_level(parts, confidence)
     known = None if given is None else given.covariance
     spectrum = residual_spectrum(parts, first.covariance if known is None else known)
     force = 0.0 < spectrum.crossing < np.inf
     lowest = _AROUND * spectrum.crossing if force else 0.0
-    units = stretches(
+    units = units or stretches(
         lengths, _LONG / (spectrum.crossing * np.median([part.dt for part in parts])) if force else np.inf
     )
     bands = bands_of(parts, units, lowest)

@@ -40,7 +40,7 @@ __all__ = ["ModelValue", "model_value"]
 _SPEEDS = np.geomspace(1.0, 30.0, 16)  # of the other filter, up to what the sampling lets it be
 _FASTEST = 2.0  # pole times step
 _EDGES = (1.0, 3.0, 10.0, 30.0, 100.0, 300.0)  # rad/s, of the bands
-_HORIZON = 0.2  # s, of the prediction that decides where noise and residual share a band
+_HORIZON = 0.1  # s, of the prediction that decides where noise and residual share a band
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -250,7 +250,8 @@ def model_value(
     level = data.separated.noise
     parts_alone = steps_of(alone, sampled)
     alone_data, best_alone = suggest(
-        separate(parts_alone, level, confidence), Search(shared, parts_alone, orders, _HORIZON, confidence)
+        separate(parts_alone, level, confidence, data.separated.units),
+        Search(shared, parts_alone, orders, _HORIZON, confidence),
     )
     if filter is None:
         sampled = sampled.with_filter(best.filter)
