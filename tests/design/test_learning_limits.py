@@ -219,3 +219,26 @@ def test_a_chain_without_sensitivities_has_no_cost():
     log = reference_log(100)
     data, _ = sources(flights_of([log]), "exact")
     assert evaluate(data, Chain(np.array([-700.0, 0.0]), 1.0), "general") is None
+
+
+# -- limits of the actuators ---------------------------------------------------------------------------------------
+
+
+def test_commands_beyond_the_actuators_are_learned_from_as_the_filter_will_take_them():
+    """The label is what a filter with these limits makes of the log: with them it is learned back, without not."""
+    rng = np.random.default_rng(3)
+    g, gust = 3.0 * np.sin(np.outer(np.arange(600), [0.11, 0.07])), rng.standard_normal((600, 2))
+    ends = ([-1.0, -2.0], [1.5, 1.0])
+    x = np.cumsum(0.02 * (np.clip(g, *ends) + gust), axis=0)
+    truth = PhyFilter([30.0]).sampled(0.02, g_limit=ends)
+    log = Recording.from_arrays(x=x, dt=0.02, g=g, label=truth.run(x, g))
+    found = learn(log, 1, g_limit=ends, starts=0, wiener=False)
+    assert found.filter.a[0] == pytest.approx(30.0, rel=1e-6)
+    np.testing.assert_allclose(found.sampled().run(x, g), log.label, atol=1e-6)
+    with pytest.warns(UserWarning, match="label"):
+        without = learn(log, 1, starts=0, wiener=False)
+    assert without.rmse > 0.1
+    with pytest.raises(ValueError, match="one pair of numbers"):
+        learn(log, 1, channels=[0], g_limit=ends)
+    alone = learn(log, 1, channels=[0], g_limit=(-1.0, 1.5), starts=0, wiener=False)
+    assert alone.filter.a[0] == pytest.approx(30.0, rel=1e-6)

@@ -78,6 +78,7 @@ def learn(
     f_theta: Rule = "average",
     delay: float = 0.0,
     limit: ArrayLike | None = None,
+    g_limit: tuple[ArrayLike, ArrayLike] | None = None,
     E: ArrayLike | None = None,
     max_iterations: int = 80,
     wiener: bool = True,
@@ -148,6 +149,9 @@ def learn(
         Known delay of x in s, as for :class:`SampledPhyFilter`; the label is not delayed.
     limit : float or array_like, optional
         Bound on |f_hat| that ``result.sampled()`` has. It plays no part in learning.
+    g_limit : pair (low, high) of floats or array_likes, shape (n_x,), optional
+        What the actuators leave of g, as for :class:`SampledPhyFilter`: where the logs hold commands beyond it, the
+        measured residual is that of the filter that will run. With ``channels`` a pair of floats.
     E : array_like, shape (n_x, n_f), optional
         Direction in which f acts, M x' = g + E f. f_theta and label of the logs are what acts on x, E f.
     max_iterations : int
@@ -258,12 +262,17 @@ def learn(
         damping=damping,
     )
     structure.refuse(min(orders))
-    sampling = Sampling(1.0, method, g, f_theta, delay=delay, limit=limit)
+    sampling = Sampling(1.0, method, g, f_theta, delay=delay, limit=limit, g_limit=g_limit)
+    if channels is not None and sampling.g_limit is not None and sampling.g_limit.size > 2:
+        raise ValueError("g_limit: with channels expected one pair of numbers, got one for each channel")
     pull = _signals.number("regularisation", regularisation, least=0.0)
     if on_bad not in get_args(OnBad):
         raise ValueError(f"on_bad: expected one of {', '.join(get_args(OnBad))}, got {on_bad!r}")
     entries = _weights(weights, isinstance(logs, Recording))
-    options = {"channels": channels, "g": g, "f_theta": f_theta, "delay": sampling.delay, "E": E}
+    options = {
+        **{"channels": channels, "g": g, "f_theta": f_theta, "delay": sampling.delay},
+        **{"g_limit": g_limit, "E": E},
+    }
     with ExitStack() as stack:
         reading = Reading(stack, read, options, on_bad == "skip", workers, scheduler, report)
         flights, skipped = reading.flights("logs", logs, entries)

@@ -170,6 +170,7 @@ def flights_of(
     g: Rule = "hold",
     f_theta: Rule = "average",
     delay: float = 0.0,
+    g_limit: tuple[ArrayLike, ArrayLike] | None = None,
     E: ArrayLike | None = None,
 ) -> list[Flight]:
     """Residuals and targets of logs; the first sample of each, where f_hat = f_theta, is left out.
@@ -184,6 +185,7 @@ def flights_of(
         One entry a log: a number, (N,) or (N, K) for K channels that take part.
     g, f_theta : {"hold", "average"}
     delay : float
+    g_limit : pair, optional
     E : array_like, shape (n_x, n_f), optional
         As for :class:`~phyfilter_ctl.SampledPhyFilter`. With E the channels are those of f, and what the logs hold of
         f_theta and the label, as M x' - g, is carried to them.
@@ -209,13 +211,18 @@ def flights_of(
         # Any filter will do: the measured residual does not depend on it.
         recursion = (
             PhyFilter([1.0])
-            .sampled(log.duration / (log.n - 1), "exact", g=g, f_theta=f_theta, delay=delay, E=E)
+            .sampled(
+                log.duration / (log.n - 1), "exact", g=g, f_theta=f_theta, delay=delay, g_limit=g_limit, E=E
+            )
             .recursion
         )
         columns = _columns(log, i, channels) if E is None else _all_of(recursion, log, channels)
         weight, own = (1.0, None) if weights is None else _weight(weights[i], log, i, len(columns))
         u, target, dt, steps = _reduced(log, log.label, columns, recursion)
-        known = None if log.g is None else np.array(_onto_f(recursion, log.g)[1:, columns], dtype=float)
+        known = None
+        if log.g is not None:
+            acting = np.asarray(recursion.acting(log.g), dtype=float)
+            known = _onto_f(recursion, acting)[1:, columns].copy()
         names = tuple(log.channels[k] if E is None else f"f[{k}]" for k in columns)
         found.append(Flight(u, target, dt, steps, weight, own, known, names))
     if not any(flight.takes_part for flight in found):

@@ -123,23 +123,26 @@ class Solver:
     def __init__(self, G: FloatArray, S: FloatArray) -> None:
         self.sizes = np.sqrt(np.maximum(np.diag(G), np.finfo(float).tiny))
         self.G = G / np.outer(self.sizes, self.sizes)
-        self.lengths = np.linalg.norm(S / self.sizes[:, None], axis=0)
-        Q, R = np.linalg.qr(S / self.sizes[:, None] / self.lengths, mode="complete")
+        scaled = S / self.sizes[:, None]
+        lengths = np.sqrt(np.sum(scaled**2, axis=0))
+        Q, R = np.linalg.qr(scaled / lengths, mode="complete")
         count = S.shape[1]
-        self.forced, self.R = Q[:, :count], R[:count]
+        self.forced = (
+            np.linalg.solve(R[:count], Q[:, :count].T).T / lengths
+        )  # of least size, for each condition
         values, vectors = np.linalg.eigh(Q[:, count:].T @ self.G @ Q[:, count:])
         kept = values > _NO_INFORMATION * np.max(values, initial=0.0)
         self.basis, self.values = (Q[:, count:] @ vectors)[:, kept], values[kept]
 
     def least_squares(self, m: FloatArray, d: FloatArray) -> FloatArray:
         """The minimiser c (n,)."""
-        forced = self.forced @ np.linalg.solve(self.R.T, d / self.lengths)
+        forced = self.forced @ d
         inner = self.basis.T @ (m / self.sizes - self.G @ forced)
         return (forced + self.basis @ (inner / self.values)) / self.sizes
 
     def met(self, d: FloatArray) -> FloatArray:
         """Rows c (q, n) of least size with c S = d (q, p)."""
-        return (self.forced @ np.linalg.solve(self.R.T, (d / self.lengths).T)).T / self.sizes
+        return d @ self.forced.T / self.sizes
 
     def free(self, m: FloatArray) -> FloatArray:
         """Z (Z' G Z)^-1 Z' m (n, q), Z spanning the rows with Z' S = 0."""
