@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from phyfilter_ctl.design import hz
-from phyfilter_ctl.study import Outputs, add_output_options
+from phyfilter_ctl.study import Executor, Outputs, add_output_options
 
 if TYPE_CHECKING:
     import control as ct
@@ -89,6 +89,14 @@ def add_arguments(parser: ArgumentParser) -> None:
         metavar="FILE",
         help="gif of the last force, slow, first stance, without and with the filter",
     )
+    parser.add_argument(
+        "--workers", type=int, metavar="K", help="processes that simulate (default one a core)"
+    )
+    parser.add_argument(
+        "--scheduler",
+        metavar="ADDRESS",
+        help="a Dask scheduler whose workers simulate instead; it must have one within 30 s",
+    )
     add_output_options(parser, "humanoid", description=_DESCRIPTION, examples=_EXAMPLES)
 
 
@@ -138,13 +146,17 @@ def _checked(options: Namespace) -> tuple[tuple[str, ...], float | None]:
     return stances, full + 2.0 if options.quick and options.duration is None else options.duration
 
 
+def _executor(options: Namespace) -> Executor:
+    return Executor(None if options.scheduler else options.workers, scheduler=options.scheduler)
+
+
 def _compare(options: Namespace, stances: tuple[str, ...], duration: float | None, outputs: Outputs) -> None:
     from . import limits, picture, report
     from .trial import phyfilter
 
     forces = tuple(dict.fromkeys(options.forces))
     law = phyfilter(options.a0, options.order)
-    with outputs.progress(limits.steps(stances, forces)) as say:
+    with outputs.progress(limits.steps(stances, forces)) as say, _executor(options) as executor:
         found = limits.compare(
             stances,
             forces,
@@ -153,6 +165,7 @@ def _compare(options: Namespace, stances: tuple[str, ...], duration: float | Non
             filter=law,
             duration=duration,
             report=say,
+            executor=executor,
         )
     outputs.publish(report.table(found), report.figures(found), lambda: picture.draw(found))
     if options.animation is not None:
@@ -167,9 +180,11 @@ def _study(options: Namespace, stances: tuple[str, ...], duration: float | None,
     from . import limits, report
 
     found = {}
-    with outputs.progress(14 * len(stances)) as say:
+    with outputs.progress(14 * len(stances)) as say, _executor(options) as executor:
         for name in stances:
-            found[name] = limits.study(name, friction=options.friction, duration=duration, report=say)
+            found[name] = limits.study(
+                name, friction=options.friction, duration=duration, report=say, executor=executor
+            )
     outputs.publish(
         "\n\n".join(report.study_table(name, rows) for name, rows in found.items()),
         [report.study_figures(name, rows) for name, rows in found.items()],

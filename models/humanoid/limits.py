@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache, partial
+from typing import Any, TypeAlias
 
 import numpy as np
 
 from phyfilter_ctl import PhyFilter
-from phyfilter_ctl.study import Report, silent
+from phyfilter_ctl.study import Executor, Report, silent
 
 from .params import params
 from .posture import tipping_force
@@ -148,6 +150,7 @@ def compare(
     filter: PhyFilter | None = None,
     duration: float | None = None,
     report: Report = silent,
+    executor: Executor | None = None,
 ) -> Comparison:
     """Trials at given forces, and the largest ones, without and with the filter.
 
@@ -166,31 +169,36 @@ def compare(
         Of a trial in s; None takes that of ``params.toml``.
     report : Report
         Told what is being computed.
+    executor : Executor, optional
+        What runs the trials; None runs one after the other, here. The numbers are the same.
 
     Raises
     ------
     ValueError
         For unknown stances, or numbers out of range.
     """
-    humanoid, law = load(gears, friction), phyfilter() if filter is None else filter
+    humanoid, law = _loaded(gears, friction), phyfilter() if filter is None else filter
     duration = params().trial.duration if duration is None else duration
     schedules = {name: schedule(humanoid, name, report=report) for name in stances}
-    limits, trials = [], {}
     modes: tuple[Mode, ...] = ("alone", "filter")
-    for name, points in schedules.items():
-        for profile, rise in PROFILES.items():
+    jobs, names = list[_Job](), list[str]()
+    for name in stances:
+        for profile in PROFILES:
             for mode in modes:
-                for direction in DIRECTIONS:
-                    report(f"{name} stance, {profile} force, {mode}")
-                    found = largest_force(
-                        humanoid, points, direction, mode=mode, rise=rise, filter=law, duration=duration
-                    )
-                    limits.append(Limit(name, profile, direction, mode, *found))
-                for force in forces:
-                    report(f"{name} stance, {force:g} N, {mode}")
-                    trials[name, profile, force, mode] = run(
-                        humanoid, points, force, mode=mode, rise=rise, filter=law, duration=duration
-                    )
+                jobs += [_Job(name, profile, mode, direction, True) for direction in DIRECTIONS]
+                names += [f"{name} stance, {profile} force, {mode}"] * len(DIRECTIONS)
+                jobs += [_Job(name, profile, mode, force, False) for force in forces]
+                names += [f"{name} stance, {force:g} N, {mode}" for force in forces]
+    work = partial(
+        _answer, schedules=schedules, gears=gears, friction=friction, filter=law, duration=duration
+    )
+    limits, trials = list[Limit](), dict[tuple[str, str, float, Mode], Trial]()
+    answers = (executor or Executor(1)).map(work, jobs, names=names, report=report)
+    for job, answer in zip(jobs, answers, strict=True):
+        if isinstance(answer, Limit):
+            limits.append(answer)
+        else:
+            trials[job.stance, job.profile, job.force, job.mode] = answer
     tipping = {
         name: (
             tipping_force(humanoid, points.upright.posture, 1.0),
@@ -201,12 +209,43 @@ def compare(
     return Comparison(humanoid, schedules, tipping, tuple(limits), trials, law, duration)
 
 
+@dataclass(frozen=True)
+class _Job:
+    stance: str
+    profile: str
+    mode: Mode
+    force: float  # the direction alone, of a largest one
+    largest: bool
+
+
+# Not pickled: it holds the simulator.
+_loaded = lru_cache(maxsize=2)(load)
+
+
+def _answer(
+    job: _Job,
+    schedules: dict[str, Schedule],
+    gears: float,
+    friction: Friction,
+    filter: PhyFilter,
+    duration: float,
+) -> Limit | Trial:
+    humanoid, points, rise = _loaded(gears, friction), schedules[job.stance], PROFILES[job.profile]
+    if not job.largest:
+        return run(humanoid, points, job.force, mode=job.mode, rise=rise, filter=filter, duration=duration)
+    found = largest_force(
+        humanoid, points, job.force, mode=job.mode, rise=rise, filter=filter, duration=duration
+    )
+    return Limit(job.stance, job.profile, job.force, job.mode, *found)
+
+
 def study(
     stance: str,
     *,
     friction: Friction = "pyramidal",
     duration: float | None = None,
     report: Report = silent,
+    executor: Executor | None = None,
 ) -> tuple[StudyRow, ...]:
     """Variants of the filter, of what is done with f_hat and of the sensors, in one stance.
 
@@ -219,12 +258,13 @@ def study(
         Of a trial in s.
     report : Report
         Told what is being computed.
+    executor : Executor, optional
+        As for :func:`compare`.
     """
-    humanoid = load(friction=friction)
-    points = schedule(humanoid, stance, report=report)
+    points = schedule(_loaded(1.0, friction), stance, report=report)
     band = PhyFilter([400.0, 40.0], [0.0, 40.0])
     type2 = PhyFilter([400.0, 40.0], [400.0, 40.0])
-    variants: list[tuple[str, Mode, PhyFilter | None, float]] = [
+    variants: list[_Variant] = [
         ("LQR alone", "alone", None, 0.0),
         ("f_hat off the motors, target unchanged", "torque", None, 0.0),
         *(
@@ -239,29 +279,26 @@ def study(
         ("retarget, velocity noise 0.01", "filter", None, 0.01),
         ("retarget, velocity noise 0.01, a0 = 1 rad/s", "filter", phyfilter(1.0, 1), 0.01),
     ]
-    rows = []
-    for name, mode, law, noise in variants:
-        report(name)
-        found = {
-            profile: tuple(
-                largest_force(
-                    humanoid,
-                    points,
-                    direction,
-                    mode=mode,
-                    rise=rise,
-                    filter=law,
-                    noise=noise,
-                    duration=duration,
-                )[0]
-                for direction in DIRECTIONS
-            )
-            for profile, rise in PROFILES.items()
-        }
-        rows.append(
-            StudyRow(name, (found["sudden"][0], found["sudden"][1]), (found["slow"][0], found["slow"][1]))
+    work = partial(_row, points=points, friction=friction, duration=duration)
+    names = [name for name, *_ in variants]
+    return tuple((executor or Executor(1)).map(work, variants, names=names, report=report))
+
+
+# Name, mode, filter, noise.
+_Variant: TypeAlias = tuple[str, Mode, PhyFilter | None, float]
+
+
+def _row(variant: _Variant, points: Schedule, friction: Friction, duration: float | None) -> StudyRow:
+    name, mode, law, noise = variant
+    options: dict[str, Any] = {"mode": mode, "filter": law, "noise": noise, "duration": duration}
+    found = {
+        profile: tuple(
+            largest_force(_loaded(1.0, friction), points, direction, rise=rise, **options)[0]
+            for direction in DIRECTIONS
         )
-    return tuple(rows)
+        for profile, rise in PROFILES.items()
+    }
+    return StudyRow(name, (found["sudden"][0], found["sudden"][1]), (found["slow"][0], found["slow"][1]))
 
 
 def mean_estimate(trial: Trial) -> float:
