@@ -23,6 +23,7 @@ from __future__ import annotations
 
 import argparse
 import importlib
+import time
 import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -252,8 +253,12 @@ def compare(
     """Print the rows of a loop; whether all is as it should be."""
     fell, good = 0, True
     for n, form in kinds:
-        free, kept = learned(logs, n, form, None), learned(logs, n, form, loop)
-        for label, result in (("free", free), ("in the loop", kept)):
+        begin = time.process_time()
+        free = learned(logs, n, form, None)
+        between = time.process_time()
+        kept = learned(logs, n, form, loop)
+        spent = between - begin, time.process_time() - between
+        for label, result, seconds in (("free", free, spent[0]), ("in the loop", kept, spent[1])):
             filter = result.sampled()
             spare = loop.spare(filter)["modulus margin"]
             holds = stands(filter)
@@ -262,7 +267,7 @@ def compare(
             price = f"{100.0 * (result.rmse / free.rmse - 1.0):+.1f} %"
             print(
                 f"{name:<10}{form:<8}{n:>2}  {label:<12}{result.rmse:>9.4g}{price:>10}{margin:>10}"
-                f"{'stands' if holds else 'falls':>8}   {poles} rad/s"
+                f"{'stands' if holds else 'falls':>8}{seconds:>8.1f}   {poles} rad/s"
             )
             fell += label == "free" and not holds
             good = good and (label == "free" or (holds and spare >= 0.0))
@@ -312,7 +317,7 @@ def main() -> int:
     parser.add_argument("--quick", action="store_true", help="short logs, no general form, no quadruped")
     quick = parser.parse_args().quick
     print(
-        f"{'loop':<10}{'form':<8}{'n':>2}  {'learned':<12}{'RMSE':>9}{'price':>10}{'margin':>10}{'flown':>8}   poles"
+        f"{'loop':<10}{'form':<8}{'n':>2}  {'learned':<12}{'RMSE':>9}{'price':>10}{'margin':>10}{'flown':>8}{'CPU s':>8}   poles"
     )
     plain = LoopConstraint(kp=KP, kd=KD, actuator=ct.tf(1, [LAG, 1]), delay=DELAY, modulus_margin=MARGIN)
     kinds = [(1, "lowpass")] if quick else [(1, "lowpass"), (2, "lowpass"), (2, "general"), (3, "general")]

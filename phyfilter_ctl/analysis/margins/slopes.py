@@ -31,11 +31,12 @@ __all__ = [
     "Surroundings",
     "Touch",
     "approached",
+    "gain_at",
     "modulus_at",
     "touches",
 ]
 
-Margin = Literal["modulus", "delay", "ratio"]
+Margin = Literal["modulus", "delay", "ratio", "gain"]
 
 _MOST_DIPS = 8
 # Points of a grid that serves every filter, a decade, and how far below the slowest filter it begins.
@@ -54,8 +55,8 @@ class Touch(NamedTuple):
 
     Parameters
     ----------
-    margin : {"modulus", "delay", "ratio"}
-        What the value is: |1 + L| at a dip; seconds of delay at a gain crossing; M_hat/M at a phase crossing.
+    margin : {"modulus", "delay", "ratio", "gain"}
+        What the value is: |1 + L| at a dip; seconds of delay at a gain crossing; M_hat/M at a phase crossing; |L|.
     omega : float
         In rad/s.
     value : float
@@ -272,6 +273,17 @@ def modulus_at(loop: SampledLoop | LoopOnGrid, ratio: float, omega: FloatArray) 
     return [
         Touch("modulus", float(w), float(v), complex(g))
         for w, v, g in zip(omega, values, slopes, strict=True)
+    ]
+
+
+def gain_at(loop: SampledLoop | LoopOnGrid, ratio: float, omega: FloatArray) -> list[Touch]:
+    """|L| at given frequencies in rad/s: what is below 1 there has no delay margin to lose."""
+    Q, P, moved = loop.parts(omega)
+    L = ratio * P / Q
+    slopes = np.conj(L) * ratio * moved / Q**2 / np.abs(L)
+    return [
+        Touch("gain", float(w), float(v), complex(g))
+        for w, v, g in zip(omega, np.abs(L), slopes, strict=True)
     ]
 
 

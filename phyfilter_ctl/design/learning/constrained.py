@@ -37,6 +37,7 @@ INSIDE = (1e-6, 1e-5, 1e-4, 1e-3, 1e-2)
 _DIFFERENCE = 1e-5
 _AMPLE = 0.5  # spare room beyond which a step is not asked to keep what has to be differenced
 _APART = 1e-4  # of frequencies, in logarithms: a dip moves as the filter does
+_SAME_CROSSING = 0.2  # two filters' crossings this near are one, in logarithms
 _SPEEDS = 24  # scanned from that of a filter down to the slowest
 _HALVINGS = 8
 _ADDS_NOTHING = 1e-4
@@ -291,20 +292,25 @@ class Admissible:
         return np.real(np.array([each.slope for each in near])[:, None] * moved)
 
     def _with_new(self, now: Point, rows: FloatArray, limits: _Limits, trial: Point) -> _Limits:
-        """With frequencies at which a step has made the modulus too small, apart from those known."""
+        """With frequencies at which a step has made the modulus too small, apart from those known, or has raised |L|
+        beyond 1 where that leaves too little delay margin."""
         if now.loop is None:
             return limits
         known = np.array([each.omega for each in (*limits.near, *limits.met)])
-        new = [
+        lost = [each for each in trial.near if each.spare < self.inside]
+        dips = [
             each.omega
-            for each in trial.near
+            for each in lost
             if each.name == "modulus margin"
-            and each.spare < self.inside
             and np.min(np.abs(np.log(known / each.omega)), initial=np.inf) > _APART
         ]
-        if not new:
+        crossings = np.array([each.omega for each in lost if each.name == "delay margin"])
+        met = again(self.constraint, now.loop, np.array(dips)) if dips else []
+        if len(crossings):
+            below = again(self.constraint, now.loop, crossings, gain=True)
+            met += [each for each in below if each.spare > 0.0]
+        if not met:
             return limits
-        met = again(self.constraint, now.loop, np.array(new))
         return _Limits(
             limits.near,
             limits.names,
@@ -318,11 +324,17 @@ class Admissible:
         seen = np.full(len(limits.spare), np.nan)
         if trial.loop is None:
             return np.array([trial.spares[name] for name in limits.names])
-        at = [i for i, each in enumerate(limits.near) if each.name == "modulus margin"]
-        at += range(len(limits.spare) - len(limits.met), len(limits.spare))
-        all_near = (*limits.near, *([None] * len(limits.names)), *limits.met)
-        omega = np.array([each.omega for i in at if (each := all_near[i]) is not None])
+        places = [*range(len(limits.near)), *range(len(seen) - len(limits.met), len(seen))]
+        entries = list(zip(places, (*limits.near, *limits.met), strict=True))
+        at = [i for i, each in entries if each.name == "modulus margin"]
+        omega = np.array([each.omega for _, each in entries if each.name == "modulus margin"])
         seen[at] = [each.spare for each in again(self.constraint, trial.loop, omega)]
+        # A crossing is the nearest of its kind.
+        for i, each in entries[: len(limits.near)]:
+            same = [other for other in trial.near if other.name == each.name != "modulus margin"]
+            nearest = min(same, key=lambda other: abs(np.log(other.omega / each.omega)), default=None)
+            if nearest is not None and abs(np.log(nearest.omega / each.omega)) < _SAME_CROSSING:
+                seen[i] = nearest.spare
         return seen
 
     def _differences(self, now: Point, rows: FloatArray, names: Iterable[str]) -> FloatArray:

@@ -22,6 +22,7 @@ from ...analysis.margins.slopes import (
     Surroundings,
     Touch,
     approached,
+    gain_at,
     modulus_at,
     touches,
 )
@@ -275,8 +276,8 @@ def near_limits(limits: LoopConstraint, loop: LoopOnGrid) -> list[Near]:
     return [_spare_at(limits, touch) for touch in found]
 
 
-def again(limits: LoopConstraint, loop: LoopOnGrid, omega: FloatArray) -> list[Near]:
-    """Spare room of the modulus at given frequencies.
+def again(limits: LoopConstraint, loop: LoopOnGrid, omega: FloatArray, *, gain: bool = False) -> list[Near]:
+    r"""Spare room of the modulus at given frequencies.
 
     Parameters
     ----------
@@ -284,8 +285,11 @@ def again(limits: LoopConstraint, loop: LoopOnGrid, omega: FloatArray) -> list[N
     loop : LoopOnGrid
     omega : (k,) array
         In rad/s.
+    gain : bool
+        How far \|L\| is below 1 instead: where a gain crossing would have too little delay margin.
     """
-    return [_spare_at(limits, touch) for touch in modulus_at(loop, 1.0, omega)]
+    found = gain_at(loop, 1.0, omega) if gain else modulus_at(loop, 1.0, omega)
+    return [_spare_at(limits, touch) for touch in found]
 
 
 def _spare_at(limits: LoopConstraint, touch: Touch) -> Near:
@@ -293,11 +297,12 @@ def _spare_at(limits: LoopConstraint, touch: Touch) -> Near:
     name, least = {
         "modulus": ("modulus margin", limits.modulus_margin),
         "delay": ("delay margin", limits.delay_margin),
+        "gain": ("delay margin", 1.0),
         "ratio": ("upper inertia ratio", high) if touch.value > 1.0 else ("lower inertia ratio", low),
     }[touch.margin]
     if touch.margin == "modulus":
         spare, slope = touch.value - least, touch.slope
-    elif name == "lower inertia ratio":
+    elif touch.margin == "gain" or name == "lower inertia ratio":
         spare, slope = 1.0 - touch.value / least, -touch.slope / least
     else:
         spare, slope = touch.value / least - 1.0, touch.slope / least
