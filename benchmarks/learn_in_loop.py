@@ -317,7 +317,8 @@ def main() -> int:
     parser.add_argument("--quick", action="store_true", help="short logs, no general form, no quadruped")
     quick = parser.parse_args().quick
     print(
-        f"{'loop':<10}{'form':<8}{'n':>2}  {'learned':<12}{'RMSE':>9}{'price':>10}{'margin':>10}{'flown':>8}{'CPU s':>8}   poles"
+        f"{'loop':<10}{'form':<8}{'n':>2}  {'learned':<12}{'RMSE':>9}{'price':>10}{'margin':>10}{'flown':>8}"
+        f"{'CPU s':>8}   poles"
     )
     plain = LoopConstraint(kp=KP, kd=KD, actuator=ct.tf(1, [LAG, 1]), delay=DELAY, modulus_margin=MARGIN)
     kinds = [(1, "lowpass")] if quick else [(1, "lowpass"), (2, "lowpass"), (2, "general"), (3, "general")]
