@@ -173,18 +173,20 @@ def _scores(
 def _table(comparison: Comparison, given: Mapping[str, tuple[float, float]]) -> str:
     """The scores as text, in the order of the JSON."""
     from .picture import NAMES
+    from .scores import best_rival, over
 
-    train, test = comparison.train_rmse, comparison.test_rmse
-    best = min(test.values())
+    train, test, squares = comparison.train_rmse, comparison.test_rmse, comparison.test_squares
+    best, rival = min(test.values()), best_rival(test)
     made = " (simulated, not recorded)" if comparison.data == "generated" else ""
     lines = [
         f"{comparison.data} flights{made}: {len(comparison.train)} training, {len(comparison.test)} test, every "
         f"{1e3 * comparison.dt:.3g} ms",
         "",
-        f"{'RMSE in m/s^2':<26}{'training':>10}{'test':>10}",
+        f"{'RMSE in m/s^2':<26}{'training':>10}{'test':>10}   over {NAMES[rival]}",
     ]
     lines += [
-        f"{NAMES[name]:<26}{train[name]:>10.4f}{test[name]:>10.4f}{'  least' if test[name] == best else ''}"
+        f"{NAMES[name]:<26}{train[name]:>10.4f}{test[name]:>10.4f}   {over(squares[name], squares[rival])}"
+        f"{'  least' if test[name] == best else ''}"
         for name in test
     ]
     lines += [f"{Path(name).name:<26}{one:>10.4f}{other:>10.4f}" for name, (one, other) in given.items()]

@@ -6,7 +6,7 @@ Everything is fitted and tuned on the training flights. The test flights are onl
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -17,9 +17,10 @@ from phyfilter_ctl.recording import Recording, split_by_speed
 from phyfilter_ctl.study import Report, silent
 
 from .differentiator import WindowDifferentiator, counted, labels, stride_of, train
-from .linear import Linear, fit_linear, kept_error
+from .flights import generate
+from .linear import Linear, fit_linear
 from .params import params
-from .tuning import Case, TunedFilter, filtered, rmse, tune_filters
+from .tuning import Case, TunedFilter, filtered, rmse, squares, tune_filters
 
 __all__ = [
     "BASELINE_NAMES",
@@ -27,6 +28,7 @@ __all__ = [
     "Effort",
     "Learned",
     "compare",
+    "compare_generated",
     "estimates",
     "fit_learned",
     "prepare",
@@ -127,13 +129,19 @@ class Comparison:
         """By method, m/s^2."""
         return {name: rmse(estimates, self.test) for name, estimates in self.test_estimates.items()}
 
-    def squares(self) -> dict[str, FloatArray]:
+    @property
+    def test_squares(self) -> dict[str, FloatArray]:
         """By method, for each test flight (flights, 2): sum of squared errors, and how many; for paired intervals."""
-        found = {}
-        for name, estimates in self.test_estimates.items():
-            errors = [kept_error(e, log) for e, log in zip(estimates, self.test, strict=True)]
-            found[name] = np.array([[float(np.sum(error**2)), error.size] for error in errors])
-        return found
+        return {name: squares(estimates, self.test) for name, estimates in self.test_estimates.items()}
+
+    def tested_on(self, logs: Sequence[Recording]) -> Comparison:
+        """The same methods, as they were fitted and tuned, on other test flights."""
+        prepare(self.train, logs)
+        return replace(
+            self,
+            test=tuple(logs),
+            test_estimates=_all(logs, self.dt, self.learned, self.baselines, self.linear),
+        )
 
     def train_cases(self) -> list[Case]:
         """The training flights with the network's estimate."""
@@ -294,9 +302,15 @@ def compare(
         learned,
         baselines,
         linear,
-        {**estimates(prepared, dt, learned, baselines), **linear.estimates(prepared, dt)},
-        {**estimates(tested, dt, learned, baselines), **linear.estimates(tested, dt)},
+        _all(prepared, dt, learned, baselines, linear),
+        _all(tested, dt, learned, baselines, linear),
     )
+
+
+def compare_generated(seed: int, *, effort: Effort | None = None, share: float = 1.0) -> Comparison:
+    """:func:`compare` on the flights of a seed, the networks' first weights being its own, too."""
+    train_logs, test_logs = (generate(kind, seed, share=share) for kind in ("train", "test"))
+    return compare(train_logs, test_logs, data="generated", seed=seed, effort=effort)
 
 
 def estimates(
@@ -313,6 +327,16 @@ def estimates(
     for name, result in baselines.items():
         estimates[name] = [result.differentiator.estimate(log.x, log.dt) for log in logs]
     return estimates
+
+
+def _all(
+    logs: Sequence[Recording],
+    dt: float,
+    learned: Learned,
+    baselines: Mapping[str, TuneResult[TunableDifferentiator]],
+    linear: Linear,
+) -> dict[str, list[FloatArray]]:
+    return {**estimates(logs, dt, learned, baselines), **linear.estimates(logs, dt)}
 
 
 def steps() -> int:

@@ -2,71 +2,93 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 from scipy.signal import lfilter
 
 from phyfilter_ctl import stack
-from phyfilter_ctl.design.learning import learn
+from phyfilter_ctl.design.learning import LearnResult, learn
 from phyfilter_ctl.filter import FilterBank, PhyFilter
-from phyfilter_ctl.recording import Recording
+from phyfilter_ctl.recording import Recording, split_by_speed
 
 from .differentiator import WindowDifferentiator, counted, labels, train
 from .params import params
-from .tuning import Case, filtered
+from .tuning import Case, filtered, rmse
 
-__all__ = ["Linear", "SlopeFIR", "fit_linear", "kept_error"]
+__all__ = ["Linear", "SlopeFIR", "fit_linear"]
 
 FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
 class SlopeFIR:
-    """Acceleration as a weighted sum of the last differences of the velocity, one response for all axes.
+    """Acceleration as a weighted sum of the last slopes of the velocity.
 
-        a_k = sum_j c_j (v_(k-j) - v_(k-j-1)) / h
+        a_k = sum_j c_j (v_(k-j) - v_(k-j-1)) / (t_(k-j) - t_(k-j-1))
 
     Parameters
     ----------
-    taps : (L,) array
+    taps : (n_x, L) array, or (1, L) where one response serves all axes
 
     Examples
     --------
-    >>> SlopeFIR(np.array([0.5, 0.5])).estimate([[0.0], [0.1], [0.3]], 0.1).ravel().round(6).tolist()
+    >>> log = Recording.from_arrays(x=[[0.0], [0.1], [0.3]], dt=0.1)
+    >>> SlopeFIR(np.array([[0.5, 0.5]])).estimate(log).ravel().round(6).tolist()
     [0.0, 0.5, 1.5]
     """
 
     taps: FloatArray
 
+    @property
+    def length(self) -> int:
+        """L."""
+        return self.taps.shape[1]
+
     @classmethod
-    def fit(cls, logs: Sequence[Recording], length: int) -> SlopeFIR:
-        """Of least squared error over all samples that count, all axes and flights."""
-        gram, right = np.zeros((length, length)), np.zeros(length)
+    def fit(cls, logs: Sequence[Recording], length: int, *, by_axis: bool = False) -> SlopeFIR:
+        """Of least squared error over all samples that count and all flights."""
+        n_x = logs[0].n_x
+        gram, right = np.zeros((n_x, length, length)), np.zeros((n_x, length, 1))
         for log in logs:
             kept = counted(log)
-            past = _past(log.x, log.dt, length)[kept].reshape(-1, length)
-            gram += past.T @ past
-            right += past.T @ labels(log)[kept].ravel()
-        return cls(np.asarray(np.linalg.solve(gram, right), dtype=float))
+            past = _past(log, length)[kept].transpose(1, 2, 0)
+            gram += past @ past.transpose(0, 2, 1)
+            right += past @ labels(log)[kept].T[:, :, None]
+        if not by_axis:
+            gram, right = gram.sum(axis=0, keepdims=True), right.sum(axis=0, keepdims=True)
+        return cls(np.asarray(np.linalg.solve(gram, right)[:, :, 0], dtype=float))
 
-    def estimate(self, v: ArrayLike, dt: float) -> FloatArray:
-        """Acceleration (N, n_x) of v (N, n_x) sampled every ``dt`` seconds."""
-        rise = np.diff(np.asarray(v, dtype=float), axis=0, prepend=np.asarray(v, dtype=float)[:1]) / dt
-        return np.asarray(lfilter(self.taps, [1.0], rise, axis=0))
+    @classmethod
+    def chosen(cls, logs: Sequence[Recording], lengths: Sequence[int], *, by_axis: bool = False) -> SlopeFIR:
+        """Of the length that errs least on the faster flights, fitted to the slower ones; then fitted to all."""
+        slower, faster = split_by_speed(logs, params().filter.slower)
+        errors = {
+            length: rmse([fir.estimate(log) for log in faster], faster)
+            for length in lengths
+            for fir in [cls.fit(slower, length, by_axis=by_axis)]
+        }
+        return cls.fit(logs, min(errors, key=lambda length: errors[length]), by_axis=by_axis)
+
+    def estimate(self, log: Recording) -> FloatArray:
+        """Acceleration (N, n_x) of a flight's velocity, at its own times."""
+        taps = np.broadcast_to(self.taps, (log.n_x, self.length))
+        slopes = _slopes(log)
+        return np.stack([lfilter(taps[i], [1.0], slopes[:, i]) for i in range(log.n_x)], axis=1)
 
 
-def kept_error(estimate: FloatArray, log: Recording) -> FloatArray:
-    """Error of the samples that count."""
-    return (estimate - labels(log))[counted(log)]
+def _slopes(log: Recording) -> FloatArray:
+    """(N, n_x): between each sample and the one before, 0 at the first."""
+    rise = np.diff(log.x, axis=0) / np.diff(log.times)[:, None]
+    return np.concatenate([np.zeros((1, log.n_x)), rise])
 
 
-def _past(v: FloatArray, dt: float, length: int) -> FloatArray:
-    """(N, n_x, L): the difference of each sample and those before it."""
-    rise = np.diff(v, axis=0, prepend=v[:1]) / dt
-    padded = np.concatenate([np.zeros((length - 1, v.shape[1])), rise])
+def _past(log: Recording, length: int) -> FloatArray:
+    """(N, n_x, L): the slope at each sample and those before it."""
+    padded = np.concatenate([np.zeros((length - 1, log.n_x)), _slopes(log)])
     return np.lib.stride_tricks.sliding_window_view(padded, length, axis=0)[:, :, ::-1]
 
 
@@ -76,27 +98,29 @@ class Linear:
 
     Attributes
     ----------
-    shared : PhyFilter
-        Learned: one filter for all axes.
+    result : LearnResult
+        One filter for all axes, of the order that cross-validation chooses.
     axes : FilterBank
-        Learned: one filter each.
-    fir : SlopeFIR
+        One filter each, of the same order.
+    fir, fir_axes : SlopeFIR
     after : WindowDifferentiator
-        A network for what ``shared`` leaves.
+        A network for what the shared filter leaves.
     """
 
-    shared: PhyFilter
+    result: LearnResult
     axes: FilterBank
     fir: SlopeFIR
+    fir_axes: SlopeFIR
     after: WindowDifferentiator
 
     def estimates(self, logs: Sequence[Recording], dt: float) -> dict[str, list[FloatArray]]:
         """Acceleration (N, n_x) of each flight, by method."""
-        shared = _estimates(self.shared, logs, dt)
+        shared = _estimates(self.result.filter, logs, dt)
         return {
             "learned": shared,
             "learned_axes": _estimates(self.axes, logs, dt),
-            "fir": [self.fir.estimate(log.x, log.dt) for log in logs],
+            "fir": [self.fir.estimate(log) for log in logs],
+            "fir_axes": [self.fir_axes.estimate(log) for log in logs],
             "network_after": [y + self.after.predict(log.x) for y, log in zip(shared, logs, strict=True)],
         }
 
@@ -117,16 +141,30 @@ def fit_linear(logs: Sequence[Recording], dt: float, *, stride: int, seed: int, 
     """
     chosen = params().linear
     bare = [log.with_signals(f_theta=None) for log in logs]
-    weights = [np.where(np.arange(log.n) < counted(log).start, 0.0, 1.0) for log in bare]
-    learned = [
-        learn(
-            bare, chosen.order, form="general", weights=weights, channels=channels, wiener=False, starts=2
-        ).filter
-        for channels in (None, *([i] for i in range(bare[0].n_x)))
-    ]
+    with warnings.catch_warnings():
+        # Slow and fast flights do; what that costs is what the comparison shows.
+        warnings.filterwarnings("ignore", "flights disagree", UserWarning)
+        result = learn(
+            bare, chosen.orders, form="general", wiener=False, intervals=False, starts=chosen.starts
+        )
+        axes = [
+            learn(
+                bare,
+                result.filter.order,
+                form="general",
+                channels=[i],
+                start=result.filter,
+                starts=0,
+                wiener=False,
+                cross_validate=False,
+                intervals=False,
+            ).filter
+            for i in range(bare[0].n_x)
+        ]
     left = [
         log.with_signals(label=labels(log) - y)
-        for log, y in zip(bare, _estimates(learned[0], bare, dt), strict=True)
+        for log, y in zip(bare, _estimates(result.filter, bare, dt), strict=True)
     ]
     after = train(left, stride=stride, seed=seed, iterations=iterations)
-    return Linear(learned[0], stack(learned[1:]), SlopeFIR.fit(bare, chosen.taps), after)
+    fir, fir_axes = (SlopeFIR.chosen(bare, chosen.taps, by_axis=by_axis) for by_axis in (False, True))
+    return Linear(result, stack(axes), fir, fir_axes, after)

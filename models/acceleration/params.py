@@ -97,8 +97,9 @@ class Filter:
 class Linear:
     """What is fitted without a network."""
 
-    order: int
-    taps: int
+    orders: tuple[int, ...]
+    starts: int
+    taps: tuple[int, ...]
 
 
 @dataclass(frozen=True)

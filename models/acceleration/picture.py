@@ -35,8 +35,9 @@ NAMES = {
     "lowpass": "low-pass",
     "learned": "learned filter",
     "learned_axes": "learned, by axis",
-    "fir": "FIR, 16 taps",
-    "network_after": "network after it",
+    "fir": "FIR",
+    "fir_axes": "FIR, by axis",
+    "network_after": "learned, then network",
 }
 # One colour a method in all panels (Wong, Nature Methods 8, 2011); the filters are blues, learning is vermilion.
 COLOURS = {
@@ -52,6 +53,7 @@ COLOURS = {
     "learned": "#F0E442",
     "learned_axes": "#B5A800",
     "fir": "#8B5A2B",
+    "fir_axes": "#C49A6C",
     "network_after": "#FF9E7A",
 }
 _ORDER_COLOURS = {

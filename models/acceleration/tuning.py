@@ -22,8 +22,9 @@ from phyfilter_ctl.recording import Recording
 
 from .differentiator import counted, labels
 from .params import params
+from .scores import root_mean
 
-__all__ = ["Case", "TunedFilter", "filtered", "rmse", "tune_filters"]
+__all__ = ["Case", "TunedFilter", "filtered", "rmse", "squares", "tune_filters"]
 
 FloatArray = NDArray[np.float64]
 
@@ -80,10 +81,15 @@ def filtered(
     return estimates
 
 
+def squares(estimates: Sequence[FloatArray], logs: Sequence[Recording]) -> FloatArray:
+    """By flight (flights, 2): sum of squared errors over the samples that count and all axes, and how many."""
+    errors = [(e - labels(log))[counted(log)] for e, log in zip(estimates, logs, strict=True)]
+    return np.array([[float(np.sum(error**2)), error.size] for error in errors])
+
+
 def rmse(estimates: Sequence[FloatArray], logs: Sequence[Recording]) -> float:
     """Root-mean-square error over all samples that count and all axes, m/s^2."""
-    errors = [(e - labels(log))[counted(log)].ravel() for e, log in zip(estimates, logs, strict=True)]
-    return float(np.sqrt(np.mean(np.concatenate(errors) ** 2)))
+    return root_mean(squares(estimates, logs))
 
 
 def tune_filters(

@@ -74,7 +74,8 @@ class RobustDifferentiator:
         """Gains for robots that move by metres, whatever ``dt``.
 
         On noisy data the least RMSE may lie at a large ``mu`` with small ``k1`` and ``k2``, where the terms that
-        make the estimate exact without noise are gone.
+        make the estimate exact without noise are gone. Then only k1 mu and k2 mu^2 count: the upper end of ``mu`` holds
+        nothing back.
         """
         _signals.duration("dt", dt)
         return SearchRange("k1", 1e-3, 100.0), SearchRange("k2", 1e-4, 3000.0), SearchRange("mu", 1e-2, 1e5)

@@ -389,6 +389,17 @@ def test_robust_differentiator_never_diverges(dt: float) -> None:
         assert np.all(np.abs(estimate) < 100.0 * np.max(np.abs(v), axis=0) / dt)
 
 
+def test_robust_differentiator_is_at_its_limit_where_the_search_for_mu_ends() -> None:
+    """There only k1 mu and k2 mu^2 count, the gains of its higher powers: a larger mu changes nothing."""
+    (mu,) = (r.high for r in RobustDifferentiator.search_space(0.01) if r.name == "mu")
+    t = 0.01 * np.arange(600.0)[:, None]
+    v = np.sin(3.0 * t) + 0.005 * np.random.default_rng(1).standard_normal((600, 1))
+    at_end, beyond = (
+        RobustDifferentiator(830.0 / m, 1.2e7 / m**2, mu=m).estimate(v, 0.01) for m in (mu, 100.0 * mu)
+    )
+    assert np.std(at_end - beyond) < 1e-3 * np.std(at_end)
+
+
 def test_compiled_recursions_are_kept() -> None:
     assert tracking._block(3) is tracking._block(3)
     assert robust._block(2) is robust._block(2)

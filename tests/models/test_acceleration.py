@@ -10,6 +10,7 @@ from pathlib import Path
 import control as ct
 import numpy as np
 import pytest
+from scipy import stats
 
 from phyfilter_ctl import PhyFilter, models, save
 from phyfilter_ctl.cli import main
@@ -21,7 +22,9 @@ diagram = importlib.import_module(f"{ROOM}.diagram")
 differentiator = importlib.import_module(f"{ROOM}.differentiator")
 experiment = importlib.import_module(f"{ROOM}.experiment")
 flights = importlib.import_module(f"{ROOM}.flights")
+linear = importlib.import_module(f"{ROOM}.linear")
 params = importlib.import_module(f"{ROOM}.params")
+scores = importlib.import_module(f"{ROOM}.scores")
 study = importlib.import_module(f"{ROOM}.study")
 tuning = importlib.import_module(f"{ROOM}.tuning")
 
@@ -30,6 +33,8 @@ SAME = 1e-9
 # The label is the slope of the velocity that the noise was added to: what is left is the step of the integrator (1 ms)
 # and the noise, averaged over the window of the comparison.
 SLOPE = 0.05
+# A bootstrap of 10,000 draws of eight units against Student's interval, in units of its half width.
+STUDENT = 0.15
 # Noise of a known power: 3 standard errors of its estimate over 28,000 samples that are correlated over 50.
 NOISE = 0.15
 
@@ -46,6 +51,7 @@ METHODS = [
     "learned",
     "learned_axes",
     "fir",
+    "fir_axes",
     "network_after",
 ]
 
@@ -176,6 +182,25 @@ def test_tuner_finds_the_filter_that_made_the_labels():
     np.testing.assert_allclose(np.sort(found[2].filter.poles.real), [-15.0, -6.0], rtol=0.05)
 
 
+def test_fir_finds_the_response_that_made_the_labels_at_irregular_times():
+    rng = np.random.default_rng(8)
+    times = np.cumsum(0.01 * rng.uniform(0.5, 1.5, 400))
+    x = np.cumsum(rng.standard_normal((400, 2)), axis=0)
+    slopes = np.diff(x, axis=0) / np.diff(times)[:, None]
+    truth = np.array([[0.5, 0.3, -0.1, 0.2], [0.1, 0.6, 0.0, 0.3]])
+    label = np.zeros_like(x)
+    for i in range(2):
+        label[1:, i] = np.convolve(slopes[:, i], truth[i])[:399]
+    log = Recording(times, x, label=label)
+    own = linear.SlopeFIR.fit([log], 4, by_axis=True)
+    np.testing.assert_allclose(own.taps, truth, atol=SAME)
+    np.testing.assert_allclose(own.estimate(log), label, atol=1e3 * SAME)
+    shared = linear.SlopeFIR.fit([log.with_signals(label=label[:, ::-1])], 4)
+    assert shared.taps.shape == (1, 4)
+    # Too short a response errs more, and the length is found on the flights that it was not fitted to.
+    assert linear.SlopeFIR.chosen([log, log], (1, 2, 4), by_axis=True).length == 4
+
+
 @pytest.mark.slow
 def test_general_form_nests_the_lowpass_form(quick):
     costs = [quick.learned.filters[n].tuning_rmse for n in (1, 2, 3)]
@@ -199,6 +224,36 @@ def test_network_fails_beyond_its_speeds_and_every_filter_repairs_it(quick):
     assert test["network"] > 2.0 * train["network"]
     for n in (1, 2, 3):
         assert test[f"phyfilter_{n}"] < 0.6 * test["network"]
+
+
+@pytest.mark.slow
+def test_other_flights_are_estimated_by_the_same_methods(quick):
+    again = quick.tested_on(quick.train)
+    assert again.test_rmse == quick.train_rmse
+    assert again.learned is quick.learned
+
+
+def test_interval_of_a_ratio_is_students_for_small_differences():
+    """Squares that differ by a little: the ratio of the roots is half their mean difference."""
+    rng = np.random.default_rng(4)
+    excess = 1e-4 * rng.standard_normal(8)
+    other = np.ones((8, 2))
+    found = scores.over(other * np.stack([1.0 + excess, np.ones(8)], axis=1), other)
+    half = stats.t.ppf(0.975, 7) * 0.5 * np.std(excess, ddof=1) / np.sqrt(8.0)
+    assert found.value == pytest.approx(0.5 * excess.mean(), rel=1e-3)
+    assert abs(found.low - (found.value - half)) < STUDENT * half
+    assert abs(found.high - (found.value + half)) < STUDENT * half
+    assert not found.is_ahead
+    assert scores.over(other * [0.9, 1.0], other).is_ahead
+    # Few flights have no interval, and no method is ahead on them.
+    few = scores.over(other[:3] * [0.5, 1.0], other[:3])
+    assert not few.is_ahead
+    assert str(few) == "-29.3 %"
+
+
+def test_best_rival_is_one_without_a_filter():
+    assert scores.best_rival({"learned": 0.1, "kalman": 0.3, "fir": 0.2, "network_after": 0.05}) == "fir"
+    assert set(scores.OURS) < set(METHODS)
 
 
 @pytest.mark.slow
