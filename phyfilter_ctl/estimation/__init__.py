@@ -14,6 +14,7 @@ from .noise import known_noise, measurement_noise
 from .prediction import Prediction
 from .separation import (
     AddedInertia,
+    Changes,
     ColouredForce,
     Combination,
     Identifiability,
@@ -26,6 +27,7 @@ from .separation import (
     SensorBias,
     Separation,
     SteadyForce,
+    detect_changes,
     separate,
 )
 from .smoothing import SmoothedLabel, smooth_label
@@ -34,6 +36,7 @@ from .suggestion import Suggestion
 
 __all__ = [
     "AddedInertia",
+    "Changes",
     "ColouredForce",
     "Combination",
     "Estimate",
@@ -55,6 +58,7 @@ __all__ = [
     "SteadyForce",
     "Suggestion",
     "compare_estimators",
+    "detect_changes",
     "estimate",
     "known_noise",
     "measurement_noise",

@@ -1,5 +1,6 @@
 """What the residual is made of: payload, wind, drag, a model's scale, each with its uncertainty, or only their sum."""
 
+from .changes import Changes, detect_changes
 from .identifiability import Combination, Identifiability
 from .parts import (
     AddedInertia,
@@ -15,6 +16,7 @@ from .separate import PartEstimate, PartialSum, Separation, separate
 
 __all__ = [
     "AddedInertia",
+    "Changes",
     "ColouredForce",
     "Combination",
     "Identifiability",
@@ -27,5 +29,6 @@ __all__ = [
     "SensorBias",
     "Separation",
     "SteadyForce",
+    "detect_changes",
     "separate",
 ]

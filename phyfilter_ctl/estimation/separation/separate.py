@@ -99,10 +99,12 @@ class Separation(Result):
     consistency : float
         Mean square of the innovations in their own units: 1 where the parts describe the data. Above it intervals are
         too narrow.
+    causal : bool
+        As asked for.
     notes : tuple of str
         What to look at before trusting the figures.
     _ends : object
-        What :meth:`together` reckons with.
+        What :meth:`together` and :func:`detect_changes` reckon with.
     """
 
     recording: Recording = field(repr=False)
@@ -113,6 +115,7 @@ class Separation(Result):
     noise: FloatArray
     log_likelihood: float
     consistency: float
+    causal: bool
     notes: tuple[str, ...]
     _ends: Ends = field(repr=False)
 
@@ -164,12 +167,16 @@ class Ends:
     data : Samples
     c : (N, p) array
     covariance : (N, p, p) array
+    working : Working
+    run : Forward
     """
 
     structure: Structure
     data: Samples
     c: FloatArray
     covariance: FloatArray
+    working: Working
+    run: Forward
 
     def map(self, inside: Sequence[bool]) -> tuple[FloatArray, FloatArray]:
         """Force (N, n_x) of the parts inside, and its derivative (N, n_x, p) by all scalars."""
@@ -295,7 +302,7 @@ def separate(
     run, course = _course(working, data, causal=causal)
     c, P = course.mean[:, recording.n_x :], course.covariance[:, recording.n_x :, recording.n_x :]
     found, covariance, turned = working.physical(c, P)
-    ends = Ends(structure, data, found, covariance)
+    ends = Ends(structure, data, found, covariance, working, run)
     elapsed = recording.times - recording.times[0]
     asked = slice(-1, None) if causal else slice(None)
     report, _ = identifiability(working, P[asked], elapsed[asked], found[-1], shares, turned[-1])
@@ -314,6 +321,7 @@ def separate(
         level,
         float(run.log_likelihood),
         square,
+        causal,
         tuple(_notes(square, run.whitened.size, report)),
         ends,
     )
