@@ -89,7 +89,12 @@ def compare(outputs, found):
     assert np.max(np.abs(error) / scale) < AGREE
 
 
-@pytest.mark.parametrize("case", CASES)
+QUICK = ("payload", "full inertia, regressors")
+
+
+@pytest.mark.parametrize(
+    "case", [case if case in QUICK else pytest.param(case, marks=pytest.mark.slow) for case in CASES]
+)
 def test_block_is_the_filter_over_a_recording(case):
     block, inputs, found = made(case)
     law = block.law
@@ -104,7 +109,7 @@ def test_block_is_the_filter_over_a_recording(case):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("case", ["payload", "full inertia, regressors"])
+@pytest.mark.parametrize("case", QUICK)
 def test_in_c(case):
     block, inputs, found = made(case)
     diagram = ct.interconnect(

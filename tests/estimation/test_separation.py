@@ -1,5 +1,7 @@
 """Parts of the residual, against dense Gaussian conditioning, generalised least squares and steady Kalman filters."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.linalg import expm, solve_discrete_are
@@ -46,7 +48,7 @@ def lifted(times, M, loads, rates, densities, sds, measured, noise):
     chance = np.diag(np.concatenate([sds, np.zeros(sources - p)]) ** 2)
     x, c = np.zeros((n_x, sources)), np.eye(p, sources)
     of_x[0], of_c[0] = x, c
-    into_x = np.linalg.inv(M)
+    into_x = np.broadcast_to(np.linalg.inv(M), (m, n_x, n_x))
     for k, h in enumerate(np.diff(times)):
         area, following = np.zeros((p, sources)), np.zeros((p, sources))
         for i in range(p):
@@ -57,7 +59,7 @@ def lifted(times, M, loads, rates, densities, sds, measured, noise):
             area[i, at] += 1.0
             following[i] = F[1, 1] * c[i]
             following[i, at + 1] += 1.0
-        x, c = x + into_x @ loads[k] @ area, following
+        x, c = x + into_x[k] @ loads[k] @ area, following
         of_x[k + 1], of_c[k + 1] = x, c
     seen, first = of_x + measured @ of_c, p + 2 * p * m
     for k in range(m + 1):
@@ -67,11 +69,12 @@ def lifted(times, M, loads, rates, densities, sds, measured, noise):
     return (seen - seen[0])[1:].reshape(-1, sources), of_c, chance
 
 
-def mixed():
-    """Two channels, a full inertia, irregular steps, every kind of linear part."""
+def mixed(moving):
+    """Two channels, a full inertia that may move, irregular steps, every kind of linear part."""
     rng = np.random.default_rng(3)
     times = np.concatenate([[0.0], np.cumsum(rng.uniform(0.01, 0.2, 39))])
     M = np.array([[2.0, 0.3], [0.3, 1.0]])
+    M = M * (1.0 + 0.5 * np.sin(times))[:, None, None] if moving else M
     phi = rng.standard_normal((40, 2, 2))
     f_theta = np.stack([np.sin(3.0 * times), np.cos(times)], axis=1)
     parts = [
@@ -94,14 +97,16 @@ def mixed():
     return log, parts, (times, M, loads, rates, densities, sds, measured), model
 
 
-@pytest.mark.parametrize("causal", [False, True])
-def test_estimates_are_gaussian_conditioning(causal):
-    log, parts, (times, M, loads, rates, densities, sds, measured), model = mixed()
+@pytest.mark.parametrize(("causal", "moving"), [(False, True), (True, False)])
+def test_estimates_are_gaussian_conditioning(causal, moving):
+    log, parts, (times, M, loads, rates, densities, sds, measured), model = mixed(moving)
     # Noise of M x of deviation S, as the inertia is full: that of x is correlated.
     found = separate(log, parts, noise=S, causal=causal, fraction=0.999999)
-    noise = np.linalg.inv(M) @ np.linalg.inv(M).T * S**2
+    into_x = np.linalg.inv(M.reshape(-1, 2, 2).mean(axis=0))
+    noise = into_x @ into_x.T * S**2
+    M = 0.5 * (M[1:] + M[:-1]) if moving else M
     seen, of_c, chance = lifted(times, M, loads, rates, densities, sds, measured, noise)
-    drive = np.diff(times)[:, None] * (log.g[:-1] + model[:, :, 0]) @ np.linalg.inv(M).T
+    drive = (np.linalg.inv(M) @ (np.diff(times)[:, None] * (log.g[:-1] + model[:, :, 0]))[..., None])[..., 0]
     y = (log.x[1:] - log.x[0] - np.cumsum(drive, axis=0)).ravel()
     joint = seen @ chance @ seen.T
     course = np.hstack([part.course for part in found.parts.values()])
@@ -231,11 +236,25 @@ def test_what_cannot_be_told_apart_is_reported_as_a_sum_only():
 
 def test_at_hover_the_filter_never_takes_the_payload_for_known():
     """A linearised filter would: its estimates move, and with them the direction in which nothing is known."""
-    log, _ = hover_then_climb(np.random.default_rng(1), 0.0)
+    log, _ = hover_then_climb(np.random.default_rng(1), 0.0, n=150)
     found = separate(log, PARTS, noise=S, causal=True)
     assert np.isnan(found.parts["payload"].course).all()
     assert np.isnan(found.parts["mean"].course[:, 2]).all()
     assert np.isfinite(found.parts["mean"].course[20:, 0]).all()
+
+
+def test_forces_follow_from_the_scalars_by_their_derivatives():
+    """Of each part, at the end of each step: what its force changes by, against differences of it."""
+    log, _ = hover_then_climb(np.random.default_rng(4), 3.0, n=60)
+    ends = separate(log, PARTS, noise=S)._ends
+    for inside in ([True, False, False], [False, True, True], [True, True, True]):
+        _, D = ends.map(inside)
+        for i, step in enumerate(1e-5 * np.eye(len(ends.structure.labels))):
+            change = (
+                replace(ends, c=ends.c + step).map(inside)[0] - replace(ends, c=ends.c - step).map(inside)[0]
+            )
+            # Second differences: 1e-10 of forces of 10 N.
+            np.testing.assert_allclose(D[:, :, i], change / 2e-5, rtol=0.0, atol=1e-8)
 
 
 @pytest.mark.slow
