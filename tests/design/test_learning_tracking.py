@@ -148,6 +148,17 @@ def test_steps_that_differ_are_refused():
 
 
 @pytest.mark.slow
+def test_flights_that_are_read_give_the_answer_of_those_in_memory():
+    f, noise, wanted = signals(n=900, rest=100)
+    log = Recording.from_arrays(x=(np.cumsum(H * f) + noise)[:, None], dt=H, label=f[:, None])
+    loop = LoopConstraint(**LOOP, delay=H, cost="tracking", reference=wanted)
+    plain = {"loop": loop, "wiener": False, "cross_validate": False, "intervals": False}
+    kept, read = learn(log, 1, **plain), learn([lambda: log], 1, workers=1, **plain)
+    assert np.array_equal(kept.filter.a, read.filter.a)
+    assert kept.loop.tracking == read.loop.tracking
+
+
+@pytest.mark.slow
 def test_the_filter_learned_for_tracking_tracks_better_on_another_record():
     def record(seed):
         rng = np.random.default_rng(seed)
