@@ -225,8 +225,11 @@ class Admissible:
 
     def _moved(self, now: Point, step: FloatArray, free: FloatArray) -> Point | None:
         count = len(now.theta)
+        upper, lower = self.search.box(now.chain.order)
+        # A programme that is nearly infeasible is not solved to its bounds.
+        theta = np.clip(now.theta + step[:count], np.minimum(lower, now.theta), np.maximum(upper, now.theta))
         c = now.c + step[count:] @ free
-        return self._at(now.theta + step[:count], lambda chain: c)
+        return self._at(theta, lambda chain: c)
 
     def _at(self, theta: FloatArray, output: Callable[[Chain], FloatArray]) -> Point | None:
         """The filter with these unknowns and an output row moved as little as the structure asks."""
