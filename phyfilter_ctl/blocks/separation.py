@@ -172,7 +172,7 @@ class _Filter:
         structure, sd = self.working.structure, self.working.sd
         units = ca.DM(1.0 / sd)
         scaled = P * ca.mtimes(units, units.T)
-        prior = 1.0 + ca.DM(structure.parameter * structure.density / sd**2) * elapsed
+        prior = 1.0 + ca.DM(structure.parameter * structure.density / structure.sd**2) * elapsed
         own = np.flatnonzero(structure.parameter).tolist()
         if not own:
             return ca.diag(scaled) / prior

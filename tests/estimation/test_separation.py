@@ -376,3 +376,17 @@ def test_what_is_refused():
         separate(log, ["wind"], noise=0.1)
     with pytest.raises(TypeError, match="expected a Recording"):
         separate(np.zeros(30), [wind], noise=0.1)
+
+
+def test_momentum_and_velocity_say_the_same():
+    """x = m v with M = 1, and x = v with M = m: noise, payload, its drift and its report are those of M x."""
+    log, _ = hover_then_climb(np.random.default_rng(6), 3.0, n=60)
+    momentum = pf.Recording.from_arrays(x=2.0 * log.x, g=log.g, dt=log.dt)
+    options = {"noise": S, "causal": True}
+    first = separate(log, [Payload(1.0, drift=0.3), *PARTS[1:]], **options)
+    second = separate(momentum, [Payload(1.0, drift=0.3, x_per_velocity=2.0), *PARTS[1:]], **options)
+    for name, part in first.parts.items():
+        np.testing.assert_allclose(part.course, second.parts[name].course, rtol=0.0, atol=STEADY)
+        np.testing.assert_allclose(part.sd_course, second.parts[name].sd_course, rtol=STEADY)
+    ratios = [list(each.identifiability.ratio.values()) for each in (first, second)]
+    np.testing.assert_allclose(*ratios, rtol=STEADY)

@@ -85,7 +85,7 @@ def with_weak_priors(
     columns: nothing that is nearly singular is inverted.
     """
     structure, units = working.structure, working.sd
-    prior = 1.0 + structure.parameter * structure.density * elapsed[..., None] / units**2
+    prior = 1.0 + structure.parameter * structure.density * elapsed[..., None] / structure.sd**2
     P = covariance / (units[:, None] * units)
     own = np.flatnonzero(structure.parameter)
     if not len(own):
