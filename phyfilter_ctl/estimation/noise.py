@@ -16,7 +16,7 @@ from .. import _signals
 from .._sections import FloatArray
 from ..recording import Recording
 from ..results import Status
-from .levels import covariance_of
+from .likelihood import covariance_of
 from .spectrum import NoiseLevel
 
 __all__ = ["given_noise", "known_noise", "measurement_noise"]

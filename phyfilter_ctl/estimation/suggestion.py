@@ -9,19 +9,22 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import butter, sosfiltfilt, sosfreqz
+from scipy.stats import norm
 
 from .._sections import ComplexArray, FloatArray
 from ..design import lowpass
 from ..design.optimal import Interval
 from ..filter import PhyFilter, SampledPhyFilter
 from ..results import Result, Status
-from .levels import Levels, Separated
+from .levels import Separated
+from .likelihood import Levels
 from .prediction import Prediction, prediction
-from .spectrum import BEYOND, density
+from .spectrum import BEYOND, SHARED, density
 from .steps import Steps, filtered, jackknife, least, spread, units_of
 
 __all__ = ["Search", "Suggestion", "Unlabelled", "suggest"]
 
+_MOVED = 1e-3  # of a parameter of the spectrum, for slopes
 _POINTS = 20  # of the scan over rates
 _FASTEST = 3.0  # rate times step, beyond which the sampled filter hardly changes
 _WORTH = 0.01  # an order more has to lower the error by this share
@@ -184,22 +187,51 @@ class Unlabelled:
         Student's interval of its logarithm, whose deviation does not grow with it, by the jackknife over the stretches,
         noise and spectrum found anew without each one. What is not known of a noise that was given comes on top. It
         reaches up to the roughest residual that the stretches allow. From 0 to inf where noise and residual cannot be
-        told apart.
+        told apart. It is no shorter than by :meth:`_deviation`, since few stretches may be alike by chance.
         """
         found, count = self.separated, len(self.separated.units)
         several = [found.levels, *found.without, found.rough, *found.ends]
         numbers = np.array([*range(count + 1), 0, 0, 0][: len(several)])
         squares = self._means(sampled, several, numbers).mean(axis=1)
-        if found.noise.status is Status.NOT_IDENTIFIED or squares[: count + 1].min() <= 0.0:
-            high = math.inf if found.noise.status is Status.NOT_IDENTIFIED else max(float(squares.max()), 0.0)
-            return Interval(math.sqrt(max(float(squares[0]), 0.0)), 0.0, math.sqrt(high))
-        square, share = float(squares[0]), spread(np.log(squares[1 : count + 1]), confidence)
+        square, value = float(squares[0]), math.sqrt(max(float(squares[0]), 0.0))
+        if found.noise.status is Status.NOT_IDENTIFIED:
+            return Interval(value, 0.0, math.inf)
+        if squares[: count + 1].min() <= 0.0:
+            high = float(squares.max()) + spread(squares[1 : count + 1], confidence)
+            return Interval(value, 0.0, math.sqrt(max(high, 0.0)))
+        gaussian = float(norm.ppf(0.5 + 0.5 * confidence)) * self._deviation(sampled, square)
         known = 0.5 * float(squares[-1] - squares[-2]) / square if found.ends else 0.0
-        width = math.exp(0.5 * math.hypot(share, known))
-        value = math.sqrt(square)
-        return Interval(
-            value, value / width, max(value * width, math.sqrt(max(float(squares[count + 1]), 0.0)))
+        share = math.hypot(max(spread(np.log(squares[1 : count + 1]), confidence), gaussian), known)
+        # As exp(share / 2), but for a share so large that nothing is known.
+        width = math.sqrt(1.0 + share + 0.5 * share**2)
+        high = max(value * width, math.sqrt(max(float(squares[count + 1]), 0.0)))
+        return Interval(value, value / width, high)
+
+    def _deviation(self, sampled: SampledPhyFilter, square: float) -> float:
+        """Standard deviation, as a share of it, of the mean of :meth:`mean` over the channels, for a Gaussian u.
+
+        A band whose mean of m values of the periodogram is off by the share e, of variance 1 / m (times what the window
+        shares between neighbours), changes |L (A - F) u|^2 by |L (A - F)|^2 S e m / M, with M values in all, and the
+        correction by its slopes times the parameters' answer to e. The two counteract. Below the bands u is gamma, and
+        what it is by chance is in the error that was made as well.
+        """
+        fit = self.separated.fit
+        bands, count = fit.bands, fit.bands.counts.sum(axis=0)
+        lengths = [len(part.u) * part.dt for part in self.parts]
+        k = int(np.argmin([abs(part.dt - bands.dt) for part in self.parts]))
+        several = fit.moved(_MOVED)
+        means = np.average(
+            [self.correction(k, sampled, several) for k in range(len(self.parts))], axis=0, weights=lengths
         )
+        F = np.stack([_response(each) for each in _each(self.here(sampled, self.parts[k]))], axis=1)
+        through = self._passed[k] * np.abs(_references(sampled, self.parts[k].dt)[0] - F) ** 2
+        variance, n = 0.0, means.shape[1]
+        for i, column in enumerate(np.broadcast_to(through, (len(_THETA), n)).T):
+            spectrum, answers = fit.answers(i)
+            seen = np.interp(bands.theta, _THETA, column) * spectrum * count * 2.0 * bands.dt / sum(lengths)
+            change = seen + answers @ (means[1:, i] - means[0, i]) / _MOVED
+            variance += SHARED * float(np.sum((change / (n * square)) ** 2 / count))
+        return math.sqrt(variance)
 
 
 def _later(sampled: SampledPhyFilter, dt: float) -> tuple[int, float]:
