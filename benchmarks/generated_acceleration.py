@@ -55,12 +55,12 @@ def main() -> int:
     table = {name: np.array(values) for name, values in squares.items()}
     ours, rivals = ([name for name in table if (name in scores.OURS) == own] for own in (True, False))
     print("\nall seeds: RMSE in m/s^2, and of the filters over the others")
-    print(f"{'':<26}{'RMSE':>8}   " + "".join(f"{name:<24}" for name in ours))
-    print(f"{'':<37}" + "".join(f"{scores.root_mean(table[name]):<24.4f}" for name in ours))
+    print(f"{'':<26}{'RMSE':>8}   " + "".join(f"{name:<28}" for name in ours))
+    print(f"{'':<37}" + "".join(f"{scores.root_mean(table[name]):<28.4f}" for name in ours))
     for rival in rivals:
         ratios = [scores.over(table[name], table[rival]) for name in ours]
         cells = [f"{ratio}{' *' if ratio.is_ahead else ''}" for ratio in ratios]
-        print(f"{rival:<26}{scores.root_mean(table[rival]):8.4f}   " + "".join(f"{c:<24}" for c in cells))
+        print(f"{rival:<26}{scores.root_mean(table[rival]):8.4f}   " + "".join(f"{c:<28}" for c in cells))
     print("* ahead")
     return 0
 
