@@ -9,9 +9,6 @@ the share of 95 % intervals that hold, of mass and wind. Of `separate` how many 
 known to 2 % of the nominal mass, one standard deviation. The gusts' deviation is the likeliest of four in the first
 2 s. Then what a step of the block costs in C, beside a PhyFilter of order 2.
 
---changes: a payload that drops, of a body with 5 to 60 % of payload in gusts as declared, velocity with noise, at
-250 Hz: false alarms over 10 h (one an hour is accepted), and how often and when a drop is noticed.
-
 least squares: recursive, on what a filter of 20 rad/s leaves of the measured residual, with mass and mean wind.
 extended Kalman filter: the same states and noise, linearised about its estimates.
 SEER-I: trained on masses up to 30 % in still air; its own decomposition, f_theta as the mass part.
@@ -32,13 +29,11 @@ from typing import Any
 import control as ct
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2
 from tqdm import tqdm
 
 import phyfilter_ctl as pf
 from phyfilter_ctl import models
 from phyfilter_ctl.estimation import ColouredForce, Part, Payload, Regressor, SteadyForce
-from phyfilter_ctl.estimation.separation.changes import evidence
 from phyfilter_ctl.estimation.separation.identifiability import with_weak_priors
 from phyfilter_ctl.estimation.separation.kalman import Forward, added, forward, started
 from phyfilter_ctl.estimation.separation.structure import Samples, Working, moments, samples_of, structure_of
@@ -314,57 +309,6 @@ def cost(steps: int = 100_000) -> None:
         )
 
 
-def bodies(rng: np.random.Generator, payload: Array, drop: float) -> list[pf.Recording]:
-    """Flights of 10 s at 250 Hz, held on a course by their velocity; the payload drops at ``drop`` s."""
-    dt, count = 0.004, len(payload)
-    t = dt * np.arange(2501)
-    stay = np.exp(-BANDWIDTH * dt)
-    mean = np.column_stack([rng.uniform(-5.0, 5.0, (count, 2)), rng.normal(0.0, 0.3, count)])
-    gust, v, held = 0.5 * rng.standard_normal((count, 3)), np.zeros((count, 3)), np.zeros((count, 3))
-    x, g = np.zeros((2, len(t), count, 3))
-    course = 2.0 * np.stack([np.sin(t), 1.0 - np.cos(t), 0.3 * np.sin(2.0 * t)], axis=1)
-    for k, now in enumerate(t):
-        added = np.where(now < drop, payload, 0.0)[:, None]
-        x[k] = NOMINAL * v + NOISE * rng.standard_normal((count, 3))
-        held += 4.0 * dt * (course[k] - x[k] / NOMINAL)
-        g[k] = NOMINAL * (4.0 * (course[k] - x[k] / NOMINAL) + held)
-        following = stay * gust + 0.5 * np.sqrt(1.0 - stay**2) * rng.standard_normal((count, 3))
-        force = g[k] + mean + 0.5 * (gust + following) - added * np.array([0.0, 0.0, WEIGHT])
-        v = v + dt * force / (NOMINAL + added)
-        gust = following
-    return [pf.Recording.from_arrays(x=x[:, i], g=g[:, i], dt=dt) for i in range(count)]
-
-
-def changes(hours: float) -> None:
-    """False alarms, and drops that are noticed."""
-    rng, dt, batch = np.random.default_rng(0), 0.004, 40
-    ages, every = [12, 25, 50, 75], 2  # of detect_changes at 250 Hz
-    threshold = chi2.isf(1.0 / (3600.0 / (every * dt) * len(ages)), 1)
-
-    def tested(payload: Array, drop: float) -> tuple[NDArray[np.intp], Array]:
-        working, data = side_by_side(bodies(rng, payload, drop), 0.5)
-        begins, statistic, _ = evidence(working, forward(working, data), np.array([0]), ages, every)
-        return begins, np.asarray(statistic > threshold, dtype=float)
-
-    alarms, runs = 0, round(hours * 360.0 / batch)
-    progress = tqdm(range(runs), "false alarms")
-    for _ in progress:
-        _, over = tested(NOMINAL * rng.uniform(0.05, 0.6, batch), np.inf)
-        alarms += int(np.sum(np.any(over > 0.0, axis=(0, 1))))
-        progress.set_postfix(alarms=alarms)
-    print(
-        f"flights of 10 s with a false alarm: {alarms} in {runs * batch / 360.0:.2f} h; accepted: one an hour"
-    )
-    for size in (0.15, 0.3, 0.6, 1.2):
-        begins, over = tested(np.full(batch, size), 5.0)
-        ends = (begins[None] + np.array(ages)[:, None])[:, :, None] * dt - 5.0
-        delay = np.min(np.where((over > 0.0) & (ends > 0.0), ends, np.inf), axis=(0, 1))
-        print(
-            f"{size:g} kg dropped: noticed within 0.3 s in {100 * np.mean(delay <= 0.3):.0f} % of {batch} flights, "
-            f"median delay {1e3 * np.median(delay):.0f} ms"
-        )
-
-
 def tunnel(folder: Path) -> None:
     """Recorded flights: no label of the parts exists, so what is shown is whether mass and winds agree."""
     rows, masses = [], []
@@ -424,11 +368,7 @@ def main() -> None:
     parser.add_argument("--flights", type=int, default=100)
     parser.add_argument("--quick", action="store_true", help="4 flights of 3 s, without SEER-I")
     parser.add_argument("--folder", type=Path, help="recorded wind-tunnel flights, CSV")
-    parser.add_argument("--changes", action="store_true", help="false alarms and delays of detect_changes")
     options = parser.parse_args()
-    if options.changes:
-        changes(0.2 if options.quick else 10.0)
-        return
     if options.folder is not None:
         if not any(options.folder.glob("*.csv")):
             raise SystemExit(f"--folder: no CSV in {options.folder}; not evaluated")

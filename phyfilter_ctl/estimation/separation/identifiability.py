@@ -140,7 +140,7 @@ def _combinations(
     if len(of) < 2:
         return []
     found = []
-    values, vectors = np.linalg.eigh(scaled[np.ix_(of, of)])
+    values, vectors = np.linalg.eigh(scaled[of][:, of])
     for value, vector in zip(values, vectors.T, strict=True):
         if value > np.min(fraction[of]) ** 2:
             break
@@ -151,7 +151,7 @@ def _combinations(
             continue
         others, main = of[kept & (of != of[main])], of[main]
         # What of the main term the others do not foretell: the sum of least variance.
-        weights = np.linalg.solve(scaled[np.ix_(others, others)], scaled[others, main])
+        weights = np.linalg.solve(scaled[others][:, others], scaled[others, main])
         left = scaled[main, main] - weights @ scaled[others, main]
         terms = {int(main): 1.0}
         terms |= {int(i): float(-w * units[main] / units[i]) for i, w in zip(others, weights, strict=True)}
