@@ -159,6 +159,8 @@ def _inertia(text: str | None) -> list[float] | list[str] | float | EllipsisType
 
 
 class _Described(Protocol):
+    """What of a recording is shown: its size, channels and signals."""
+
     @property
     def n(self) -> int: ...
     @property

@@ -182,6 +182,7 @@ def points_of(bands: Bands, order: int, force: bool, known: FloatArray | None) -
 
 
 def column(known: FloatArray | None, i: int) -> FloatArray | None:
+    """Of channel i, (J + 1, 1)."""
     return None if known is None else known[:, i : i + 1]
 
 
@@ -298,6 +299,7 @@ def fits_of(bands: Bands, points: Sequence[FloatArray], order: int, known: Float
 
 
 def levels_of(points: Sequence[FloatArray], dt: float, known: FloatArray | None) -> Levels:
+    """Of the points that were found, channel by channel."""
     theta = np.linspace(0.0, np.pi, _LAGS + 1)
     if known is None:
         known = covariance_of(np.stack([_noise(point, theta, None) for point in points], axis=1))

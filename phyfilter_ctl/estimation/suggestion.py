@@ -295,6 +295,7 @@ class Search:
         return math.log(2.0 / longest), math.log(_FASTEST / min(part.dt for part in self.parts))
 
     def made(self, order: int, rate: float) -> SampledPhyFilter:
+        """The filter of an order at a bandwidth, its logarithm given."""
         return self.sampled.with_filter(lowpass(order, math.exp(rate), family="butterworth"))
 
     def least(self, cost: Callable[[SampledPhyFilter], float]) -> dict[int, tuple[float, float]]:
@@ -303,6 +304,7 @@ class Search:
         return {n: least(lambda rate, n=n: cost(self.made(n, rate)), grid) for n in sorted(set(self.orders))}
 
     def ahead(self, sampled: SampledPhyFilter) -> Prediction:
+        """How well f_hat of a filter foretells x."""
         return prediction(sampled, self.parts, self.horizon, self.confidence)
 
 

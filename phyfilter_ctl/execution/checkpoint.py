@@ -63,7 +63,8 @@ class Checkpoint(Generic[Answer]):
         to_json: Callable[[Answer], Any] = lambda answer: answer,
         from_json: Callable[[Any], Answer] = lambda answer: answer,
     ) -> None:
-        self.path, self._to_json = Path(path), to_json
+        self.path: Path = Path(path)
+        self._to_json = to_json
         head = json.loads(json.dumps({"study": dict(study)}))
         self.answers: dict[str, Answer] = {}
         text = self.path.read_text(encoding="utf-8") if self.path.exists() else ""

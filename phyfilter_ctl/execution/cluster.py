@@ -24,10 +24,11 @@ class Cluster:
     """
 
     def __init__(self, scheduler: str | Client, timeout: float) -> None:
-        self.timeout, self._own = timeout, isinstance(scheduler, str)
+        self.timeout: float = timeout
+        self._own = isinstance(scheduler, str)
         if not isinstance(scheduler, str) and not hasattr(scheduler, "submit"):
             raise TypeError(f"scheduler: expected an address or a distributed.Client, got {scheduler!r}")
-        self.client = _client(scheduler, timeout) if isinstance(scheduler, str) else scheduler
+        self.client: Client = _client(scheduler, timeout) if isinstance(scheduler, str) else scheduler
 
     @property
     def size(self) -> int:

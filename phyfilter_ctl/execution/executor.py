@@ -34,9 +34,17 @@ _AHEAD = 4
 class Promise(Protocol[A_co]):
     """What concurrent.futures and Dask call a future."""
 
-    def result(self) -> A_co: ...
-    def add_done_callback(self, fn: Callable[[object], object], /) -> object: ...
-    def cancel(self) -> object: ...
+    def result(self) -> A_co:
+        """The answer, waited for; or the job's error."""
+        ...
+
+    def add_done_callback(self, fn: Callable[[object], object], /) -> object:
+        """Call a function with this promise once there is an answer."""
+        ...
+
+    def cancel(self) -> object:
+        """Leave the job out where it has not begun."""
+        ...
 
 
 class Executor:
@@ -85,7 +93,7 @@ class Executor:
             if scheduler is not None:
                 raise ValueError("workers: those of the scheduler do the jobs; leave workers= out")
         _signals.duration("timeout", timeout)
-        self.workers = workers or os.cpu_count() or 1
+        self.workers: int = workers or os.cpu_count() or 1
         self.kind: Kind = kind
         self.timeout = timeout
         self._cluster = None if scheduler is None else Cluster(scheduler, timeout)

@@ -136,6 +136,7 @@ class MatrixSearch:
         return omega, np.where(lag == 0.0, 2.0 * np.pi, lag)
 
     def disk(self, skew: float) -> Bound:
+        """By the least upper bound with scalings D, at each frequency."""
         if self.system is None:
             return Bound(NONE, NONE)
         # S has the poles of the closed loop: it is finite where L is not.

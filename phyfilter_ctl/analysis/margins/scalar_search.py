@@ -123,6 +123,7 @@ class ScalarSearch:
         return sweep.gain_crossings(self.loop, self.ratio)
 
     def disk(self, skew: float) -> Bound:
+        """One channel: the largest |S + (skew - 1)/2|."""
         shift = 0.5 * (skew - 1.0)
 
         def margin(omega: FloatArray) -> FloatArray:

@@ -65,7 +65,8 @@ class Remembering(Data):
     """
 
     def __init__(self, data: Data) -> None:
-        self.data, self._key, self._found = data, b"", None
+        self.data: Data = data
+        self._key, self._found = b"", None
 
     @property
     def energy(self) -> float:

@@ -121,18 +121,18 @@ class Solver:
     """
 
     def __init__(self, G: FloatArray, S: FloatArray) -> None:
-        self.sizes = np.sqrt(np.maximum(np.diag(G), np.finfo(float).tiny))
-        self.G = G / np.outer(self.sizes, self.sizes)
+        self.sizes: FloatArray = np.sqrt(np.maximum(np.diag(G), np.finfo(float).tiny))
+        self.G: FloatArray = G / np.outer(self.sizes, self.sizes)
         scaled = S / self.sizes[:, None]
         lengths = np.sqrt(np.sum(scaled**2, axis=0))
         Q, R = np.linalg.qr(scaled / lengths, mode="complete")
         count = S.shape[1]
-        self.forced = (
-            np.linalg.solve(R[:count], Q[:, :count].T).T / lengths
-        )  # of least size, for each condition
+        # Of least size, for each condition.
+        self.forced: FloatArray = np.linalg.solve(R[:count], Q[:, :count].T).T / lengths
         values, vectors = np.linalg.eigh(Q[:, count:].T @ self.G @ Q[:, count:])
         kept = values > _NO_INFORMATION * np.max(values, initial=0.0)
-        self.basis, self.values = (Q[:, count:] @ vectors)[:, kept], values[kept]
+        self.basis: FloatArray = (Q[:, count:] @ vectors)[:, kept]
+        self.values: FloatArray = values[kept]
 
     def least_squares(self, m: FloatArray, d: FloatArray) -> FloatArray:
         """The minimiser c (n,)."""

@@ -178,17 +178,20 @@ class StoredFlight(Flight):
         return self.survey.has_g
 
     def totals(self, first: int, last: int) -> tuple[FloatArray, FloatArray]:
+        """As of a flight in memory; those of the whole were kept."""
         if (first, last) == (0, self.length):
             return self.survey.totals
         return super().totals(first, last)
 
     def before(self, place: int) -> tuple[FloatArray, bool]:
+        """As of a flight in memory; those of the end were kept."""
         end = self.survey.end
         if place == self.length:
             return end.T[:, ::-1], len(end) == place
         return super().before(place)
 
     def beginning(self, count: int) -> Flight:
+        """As of a flight in memory; a short one was kept."""
         kept = self.survey.beginning
         if min(count, self.length) <= kept.length:
             return kept.beginning(count)
@@ -197,9 +200,11 @@ class StoredFlight(Flight):
         return StoredFlight(source, self.survey.bare(shape=shape))
 
     def masked(self, rows: Sequence[slice]) -> Flight:
+        """As of a flight in memory, done when it is read."""
         return self._derived(f"without {rows}", partial(_masked, rows=tuple(rows)), is_weighted=True)
 
     def levelled(self) -> Flight:
+        """As of a flight in memory, done when it is read."""
         return self._derived("levelled", Flight.levelled, is_even=True, is_weighted=False)
 
     def _derived(self, how: str, make: Callable[[Flight], Flight], **known: bool) -> StoredFlight:
@@ -226,6 +231,7 @@ def _made_of(source: Source, make: Callable[[Flight], Flight]) -> Flight:
 
 
 def load(log: OneFlight, read: Callable[[Path], Recording], weight: Any, options: dict[str, Any]) -> Flight:
+    """One flight in memory, read or made where it is not yet."""
     if isinstance(log, str | os.PathLike):
         log = read(Path(log))
     elif callable(log):
@@ -281,6 +287,7 @@ class _Total:
     energy: float
 
     def add(self, flight: Flight, sequences: FloatArray, energy: float) -> None:
+        """Count the correlations and the energy of a flight."""
         longer = sequences.shape[1] - self.sequences.shape[1]
         if longer > 0:
             self.sequences = np.pad(self.sequences, ((0, 0), (0, longer)))
@@ -326,6 +333,7 @@ class StoredFlights(Sequence[Flight]):
         ]
 
     def add(self, flight: StoredFlight, found: tuple[FloatArray, float] | None) -> None:
+        """Count a flight; what was found of a plain one are its correlations and its energy."""
         self.flights.append(flight)
         self._bound()
         if found is None:

@@ -344,6 +344,7 @@ def _noise(log: Recording, noise: NoiseLevel | ArrayLike | None, g: Rule) -> Flo
 
 
 def fractions(structure: Structure, fraction: float | Mapping[str, float]) -> FloatArray:
+    """Share of its prior deviation, for each scalar, below which it counts as identified."""
     given = dict(fraction) if isinstance(fraction, Mapping) else dict.fromkeys(structure.names, fraction)
     if unknown := given.keys() - set(structure.names):
         raise ValueError(
