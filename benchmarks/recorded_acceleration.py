@@ -52,8 +52,8 @@ def unseen(checkout: Path, known: set[str]) -> list[Recording]:
     """Flights of the public repository that are not known: its times are in us, its labels hold gravity."""
     found = []
     for path in sorted(checkout.glob("data/training/datacollection*/*/cf*.csv")):
-        session, folder = path.parts[-3:-1]
-        name = f"{session.replace('datacollection', 'dc')}_{folder}_{path.stem}"
+        series, folder = path.parts[-3:-1]
+        name = f"{series.replace('datacollection', 'dc')}_{folder}_{path.stem}"
         if name in known:
             continue
         table = np.loadtxt(path, delimiter=",", skiprows=1, usecols=(0, 4, 5, 6, 7, 8, 9))
