@@ -15,7 +15,7 @@ m/s^2 (accelerometer); PD of 3 rad/s. What is not known:
     koopman online EVOLVER with one fitted in flight to the last 4 s
     seer-i, ii     Chebyshev model of the gain, its parameter adapted in flight; by value, by its slope
     network        of the place, from labelled flights; the filter behind it
-    joint          network and filter learned together
+    joint          network and filter learned together; the filter as it comes
 
 Bandwidths are the best of 14 from 0.3 to 100 rad/s on 8 flights of other seeds, the noise of the command at most 2 % of
 the weight; "edge" where that is the slowest, or the fastest that is so calm. Models are learned on 8 more. Printed:

@@ -40,6 +40,7 @@ class LoopMargins(Result):
 
     @cached_property
     def _search(self) -> MarginSearch:
+        """What finds the margins; every kind of loop has its own."""
         raise NotImplementedError
 
     @property
