@@ -27,7 +27,7 @@ from scipy.linalg import solve_discrete_lyapunov
 from .._sections import FloatArray
 from ..filter import SampledPhyFilter
 from .bounds.sampled_kernels import _absolute, _lyapunov, _size
-from .margins._sampled import SampledLoop
+from .margins.sampled import SampledLoop
 from .variance import discretised
 
 __all__ = ["Noisy", "Source", "Told", "TrackingLoop"]

@@ -25,9 +25,9 @@ from .. import _signals
 from .._sections import FloatArray
 from ..filter import PhyFilter, SampledPhyFilter
 from ..results import Result
-from .margins._sampled import SampledLoop
 from .margins.prior import _positive
 from .margins.ratio_margins import build_loop
+from .margins.sampled import SampledLoop
 from .tracking_loop import Noisy, Source, Told, TrackingLoop
 from .variance import Shape, shaping
 

@@ -158,7 +158,7 @@ def _inertia(text: str | None) -> list[float] | list[str] | float | EllipsisType
     return numbers[0] if len(numbers) == 1 else numbers
 
 
-class _Described(Protocol):
+class DescribedLog(Protocol):
     """What of a recording is shown: its size, channels and signals."""
 
     @property
@@ -171,7 +171,7 @@ class _Described(Protocol):
     def inertia(self) -> FloatArray | None: ...
 
 
-def signals_of(logs: Sequence[_Described]) -> filterfile.Signals:
+def signals_of(logs: Sequence[DescribedLog]) -> filterfile.Signals:
     """What a filter file notes beside a filter for these recordings."""
     inertias = [constant_inertia(log) for log in logs]
     first = inertias[0]
@@ -179,7 +179,7 @@ def signals_of(logs: Sequence[_Described]) -> filterfile.Signals:
     return filterfile.Signals(logs[0].channels, unit_x=logs[0].unit, inertia=first if same else None)
 
 
-def constant_inertia(log: _Described) -> FloatArray | None:
+def constant_inertia(log: DescribedLog) -> FloatArray | None:
     """M of a flight where it is known and does not vary."""
     if log.inertia is None or log.inertia.ndim == 0 or len(log.inertia) != log.n:
         return log.inertia

@@ -15,7 +15,7 @@ from scipy.linalg import eigvals, expm
 from phyfilter_ctl import PhyFilter, Status, moving_inertia, place_poles, prior_margin, stack
 from phyfilter_ctl.analysis import configuration_hull
 from phyfilter_ctl.analysis.margins._exact import exact, is_positive_definite
-from phyfilter_ctl.analysis.margins._openings import _root_mean_square, open_at_inertia, side_by_side
+from phyfilter_ctl.analysis.margins.openings import _root_mean_square, open_at_inertia, side_by_side
 from phyfilter_ctl.analysis.margins.ratio_margins import build_loop
 
 # Eigenvalues of matrices of a few states, no repeated ones among them.

@@ -10,7 +10,7 @@ from scipy.linalg import eigvals
 
 from phyfilter_ctl import InertiaCertificate, PhyFilter, Status, moving_inertia, place_poles, stack
 from phyfilter_ctl.analysis.margins import _inequalities
-from phyfilter_ctl.analysis.margins._openings import open_at_inertia
+from phyfilter_ctl.analysis.margins.openings import open_at_inertia
 from phyfilter_ctl.analysis.margins.ratio_margins import build_loop
 
 pytest.importorskip("cvxpy")

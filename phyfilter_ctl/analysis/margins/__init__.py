@@ -1,6 +1,5 @@
 """Margins of loops with the filter in them: inertia, gain, phase, delay, bandwidth."""
 
-from ._switching import InertiaMotion
 from .bandwidth import BandwidthLimit, largest_bandwidth
 from .complete import LoopMargin, loop_margin
 from .configurations import configuration_hull
@@ -12,6 +11,7 @@ from .ratio_margins import RatioMargins
 from .saturation import SaturationMargin, saturation_margin
 from .slopes import Surroundings
 from .sweep import Crossing, Loop
+from .switching import InertiaMotion
 
 __all__ = [
     "BandwidthLimit",

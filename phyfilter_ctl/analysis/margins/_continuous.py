@@ -17,9 +17,9 @@ from numpy.polynomial import polynomial as poly
 from ..._sections import ComplexArray, FloatArray
 from ...filter import PhyFilter
 from . import sweep
-from ._actuator import Actuator
 from ._factors import Factors, roots_of, trimmed
 from ._winding import zeros_on_the_right
+from .actuator import Actuator
 
 __all__ = ["ContinuousLoop"]
 

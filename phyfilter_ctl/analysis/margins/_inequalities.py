@@ -20,7 +20,7 @@ from scipy.linalg import LinAlgError, solve_continuous_are, solve_discrete_are
 
 from ..._sections import FloatArray
 from ._exact import exact, is_positive_definite
-from ._openings import Opening
+from .openings import Opening
 
 __all__ = ["Inequalities", "common", "polytope", "power", "rate_bounded", "small_gain", "solved_by_riccati"]
 

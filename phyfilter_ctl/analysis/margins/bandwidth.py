@@ -11,7 +11,7 @@ import numpy as np
 from ... import _signals
 from ...filter import FilterBank, PhyFilter, SampledPhyFilter
 from ...results import PerChannel, Result, Status
-from ._actuator import checked_number
+from .actuator import checked_number
 from .complete import loop_margin
 
 __all__ = ["BandwidthLimit", "largest_bandwidth"]

@@ -14,12 +14,12 @@ from ..._sections import FloatArray
 from ...filter import FilterBank, PhyFilter, SampledPhyFilter
 from ...results import Result, Status
 from ..channels import Filter, channels_of
-from . import _inequalities, _inertia, _switching
+from . import _inequalities, _inertia, switching
 from ._continuous import ContinuousLoop
-from ._openings import Opening, open_at_inertia, side_by_side
-from ._switching import InertiaMotion
+from .openings import Opening, open_at_inertia, side_by_side
 from .prior import PriorMargin
 from .ratio_margins import build_loop
+from .switching import InertiaMotion
 
 __all__ = ["InertiaCertificate", "moving_inertia"]
 
@@ -297,7 +297,7 @@ def _constant(q: _Question) -> InertiaCertificate | None:
         def stable(M: FloatArray) -> bool:
             return opening.growth(opening.closed(_ratio(q.M_hat, M))) < 0.0
 
-        M = _switching.worst_mixture(stable, q.vertices)
+        M = switching.worst_mixture(stable, q.vertices)
         if M is not None:
             return q.answer(Status.REFUTED, "eigenvalues", f"unstable for the constant M = {M.tolist()}")
     return None
@@ -409,12 +409,12 @@ def _diverging(q: _Question) -> InertiaCertificate | None:
         return None
     if len(q.vertices) and q.M_hat.size > 1:
         opening = side_by_side([q.opening] * len(q.M_hat)) if q.shared else q.opening
-        motion = _switching.worst_switching(opening, _ratios(q))
+        motion = switching.worst_switching(opening, _ratios(q))
     elif q.shared:
-        motion = _switching.worst_motion(q.opening, q.low, q.high, q.rate)
+        motion = switching.worst_motion(q.opening, q.low, q.high, q.rate)
     else:
         unit = np.eye(q.opening.axes)
-        motion = _switching.worst_switching(q.opening, [q.low * unit, q.high * unit])
+        motion = switching.worst_switching(q.opening, [q.low * unit, q.high * unit])
     if motion is None:
         return None
     times = np.diff(motion.times)

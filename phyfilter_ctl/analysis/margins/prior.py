@@ -15,7 +15,7 @@ from ...filter import PhyFilter, SampledPhyFilter
 from ...results import Result
 from ..channels import per_channel
 from . import _inertia
-from ._actuator import checked_number
+from .actuator import checked_number
 from .ratio_margins import RatioMargins, build_loop
 
 __all__ = ["InertiaVerdict", "PriorMargin", "prior_margin"]

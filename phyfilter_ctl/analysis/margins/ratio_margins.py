@@ -13,10 +13,10 @@ from ... import _signals
 from ..._sections import ComplexArray, FloatArray
 from ...filter import PhyFilter, SampledPhyFilter
 from . import sweep
-from ._actuator import checked_actuator, checked_number
 from ._continuous import ContinuousLoop
-from ._sampled import SampledLoop
+from .actuator import checked_actuator, checked_number
 from .loop_margins import LoopMargins
+from .sampled import SampledLoop
 from .scalar_search import NONE, Bound, ScalarSearch
 from .sweep import Crossing, Loop
 

@@ -21,7 +21,7 @@ from scipy.interpolate import CubicSpline
 from ..._sections import ComplexArray, FloatArray
 from ...filter import SampledPhyFilter
 from . import sweep
-from ._sampled import SampledLoop
+from .sampled import SampledLoop
 
 __all__ = [
     "Around",

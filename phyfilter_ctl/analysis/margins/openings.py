@@ -20,9 +20,9 @@ from scipy.linalg import block_diag, matrix_balance
 from ..._sections import FloatArray, expm1
 from ...filter import PhyFilter
 from ...filter.windows import mean_weights
-from ._actuator import Actuator
 from ._continuous import ContinuousLoop
-from ._sampled import SampledLoop
+from .actuator import Actuator
+from .sampled import SampledLoop
 from .sweep import Loop
 
 __all__ = ["Opening", "open_at_inertia", "side_by_side"]

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..._sections import FloatArray, expm1
 from ...results import Result
-from ._openings import Opening
+from .openings import Opening
 
 __all__ = ["InertiaMotion", "worst_mixture", "worst_motion", "worst_switching"]
 

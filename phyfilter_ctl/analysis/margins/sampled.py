@@ -19,8 +19,8 @@ from ...filter import SampledPhyFilter
 from ...filter.windows import mean_weights
 from .. import _paths, _resolvent
 from . import sweep
-from ._actuator import Actuator
 from ._factors import roots_of, trimmed
+from .actuator import Actuator
 
 __all__ = ["SampledLoop"]
 
