@@ -89,6 +89,7 @@ class _SolverDouble(ct.Structure):
         ("rtol", ct.c_double),
         ("atol", ct.c_double),
         ("h", ct.c_double),
+        ("budget", ct.c_longlong),
     )
 
 
@@ -99,6 +100,7 @@ class _SolverFloat(ct.Structure):
         ("rtol", ct.c_float),
         ("atol", ct.c_float),
         ("h", ct.c_double),
+        ("budget", ct.c_longlong),
     )
 
 
@@ -149,7 +151,7 @@ class Library:
         double = exported.pf_exported_real() == 8
         self.dtype: np.dtype[np.floating] = np.dtype(np.float64 if double else np.float32)
 
-    def solver(self, method: int, step: float, rtol: float, atol: float) -> ct.Structure:
+    def solver(self, method: int, step: float, rtol: float, atol: float, budget: int = 0) -> ct.Structure:
         """A new pf_solver.
 
         Parameters
@@ -160,9 +162,11 @@ class Library:
             Longest step in seconds; 0: from stop to stop.
         rtol, atol : float
             Of the adaptive method.
+        budget : int
+            Steps that may be tried; 0: no bound.
         """
         kind = _SolverDouble if self.dtype == np.float64 else _SolverFloat
-        return kind(method, step, rtol, atol, 0.0)
+        return kind(method, step, rtol, atol, 0.0, budget)
 
     def view(self, instance: NDArray[np.uint8], pointer: int, length: int) -> NDArray[np.floating]:
         """The numbers at an address inside an instance, in place.

@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor, wait
 from dataclasses import dataclass
 from pathlib import Path
+from time import monotonic
 from typing import Literal
 
 import numpy as np
@@ -28,6 +29,8 @@ FloatArray = NDArray[np.float64]
 
 _METHODS = {"rk4": 0, "adaptive": 1}
 _POLL = 0.05  # s between two looks at the progress of a run
+_SHORTEST_POLL = 1e-3
+_STOPPED, _LATE = (4, 100), 101  # what a run says that was stopped; what became of it
 _MESSAGES = {
     0: "done",
     1: "the states are not finite from t = {t:.9g} s on: the diagram diverges, or the step is too long; shorten "
@@ -35,7 +38,9 @@ _MESSAGES = {
     2: "a Newton iteration in the diagram does not converge at t = {t:.9g} s; check the algebraic loop there",
     3: "the step became too small at t = {t:.9g} s: a singularity, a jump, or a stiff diagram; relax rtol and atol, or "
     "use method='rk4' with a given max_step",
+    4: "the steps allowed were spent at t = {t:.9g} s",
     100: "cancelled at t = {t:.9g} s",
+    101: "the time limit was reached at t = {t:.9g} s",
 }
 
 
@@ -51,13 +56,16 @@ class CompiledRun(Result):
     sampled_states : (N, n_s) array
         Of the sampled blocks, after those due had run.
     status : int
-        0 done, 1 not finite, 2 no convergence, 3 step too small, 100 cancelled.
+        0 done, 1 not finite, 2 no convergence, 3 step too small, 4 too many steps, 100 cancelled,
+        101 time limit.
     message : str
         What happened, and what to try.
     t_reached : float
         Seconds, as far as the run came.
     rows : int
         Number of times reached.
+    last_state : (n_x,) array
+        Continuous states at ``t_reached``.
     """
 
     states: FloatArray
@@ -67,6 +75,7 @@ class CompiledRun(Result):
     message: str
     t_reached: float
     rows: int
+    last_state: FloatArray
 
     @property
     def success(self) -> bool:
@@ -109,6 +118,8 @@ class CompiledModel:
         atol: float = 1e-10,
         interpolation: Literal["linear", "hold"] = "linear",
         progress: Callable[[int], None] | None = None,
+        max_steps: int = 0,
+        time_limit: float | None = None,
     ) -> CompiledRun:
         """A whole run in one call of C, other Python threads running meanwhile.
 
@@ -136,6 +147,10 @@ class CompiledModel:
             Inputs between the times: on straight lines, or held until the next.
         progress : callable, optional
             Called every 50 ms with the number of times reached. Then Ctrl-C ends the run too.
+        max_steps : int
+            Steps that may be tried; 0: no bound.
+        time_limit : float, optional
+            Seconds of this machine's time.
 
         Returns
         -------
@@ -165,7 +180,7 @@ class CompiledModel:
         if sampled_state is not None:
             instance.set_sampled_states(sampled_state)
         longest = 0.0 if max_step is None or max_step == float("inf") else float(max_step)
-        solver = library.solver(_METHODS[method], longest, rtol, atol)
+        solver = library.solver(_METHODS[method], longest, rtol, atol, max_steps)
         shape = [len(self.model.states), len(self.model.outputs), len(self.model.sampled_states)]
         results = [np.full((len(times), n), np.nan, library.dtype) for n in shape]
         reached, shared = ct.c_double(), Progress()
@@ -177,12 +192,18 @@ class CompiledModel:
                 interpolation == "linear", *map(address, results), ct.byref(shared), ct.byref(reached),
             )  # fmt: skip
 
-        status = run() if progress is None else _watched(run, shared, progress)
+        if progress is None and time_limit is None:
+            status = run()
+        else:
+            status = _watched(run, shared, solver, progress, time_limit)
         states, outputs, sampled = (np.asarray(result, dtype=np.float64) for result in results)
         message = _MESSAGES.get(status, "status {status} at t = {t:.9g} s").format(
             t=reached.value, status=status
         )
-        return CompiledRun(states, outputs, sampled, status, message, reached.value, int(shared.rows))
+        return CompiledRun(
+            states, outputs, sampled, status, message, reached.value, int(shared.rows),
+            np.array(instance.x, dtype=float),
+        )  # fmt: skip
 
     def _matrix(self, name: str, values: ArrayLike, rows: int | None, columns: int) -> NDArray[np.floating]:
         shape = (columns,) if rows is None else (rows, columns)
@@ -255,15 +276,27 @@ def _times(timepts: ArrayLike) -> FloatArray:
     return np.ascontiguousarray(_signals.sample_times("timepts", timepts))
 
 
-def _watched(run: Callable[[], int], shared: Progress, progress: Callable[[int], None]) -> int:
-    """Runs in a thread and reports; whatever stops the reports stops the run."""
+def _watched(
+    run: Callable[[], int],
+    shared: Progress,
+    solver: ct.Structure,
+    progress: Callable[[int], None] | None,
+    time_limit: float | None,
+) -> int:
+    """Runs in a thread and reports; whatever stops the reports stops the run, and so does the time limit."""
+    show = progress or (lambda rows: None)
+    deadline = np.inf if time_limit is None else monotonic() + time_limit
+    late = False
     with ThreadPoolExecutor(1) as pool:
         future = pool.submit(run)
         try:
-            while not wait([future], _POLL).done:
-                progress(int(shared.rows))
-            progress(int(shared.rows))
+            while not wait([future], min(_POLL, max(deadline - monotonic(), _SHORTEST_POLL))).done:
+                show(int(shared.rows))
+                if monotonic() >= deadline:
+                    late, shared.cancel, solver.budget = True, 1, -1
+            show(int(shared.rows))
         except BaseException:
-            shared.cancel = 1
+            shared.cancel, solver.budget = 1, -1
             raise
-        return future.result()
+        status = future.result()
+        return _LATE if late and status in _STOPPED else status

@@ -50,6 +50,7 @@ class Layout:
     derivatives: bool
     can_fail: bool
     step: float
+    substeps: int
     between: bool
     version: int
 

@@ -26,6 +26,7 @@ _RUNTIME = ("pf_model.h", "pf_run.h", "pf_run.c", "pf_instants.h", "pf_crc.h")
 _FINEST_STEP = 1e-3
 _LONGEST_FRACTION = 10**9
 _DEFAULT_STEP = 1e-3
+_MOST_SUBSTEPS = 10**6
 
 
 def runtime_sources(names: tuple[str, ...] = _RUNTIME, real: Real = "double") -> dict[str, str]:
@@ -58,6 +59,7 @@ def diagram_model(
     derivatives: bool = True,
     tunable: bool = True,
     step: float | None = None,
+    substeps: int = 1,
 ) -> CModel:
     """C99 sources of a flat diagram.
 
@@ -78,6 +80,8 @@ def diagram_model(
     step : float, optional
         Seconds between two calls of ``<name>_step``. By default the longest that meets every instant of the sampled
         blocks; 1 ms where there are none.
+    substeps : int
+        Runge-Kutta steps in one call of ``<name>_step``.
 
     Returns
     -------
@@ -86,8 +90,8 @@ def diagram_model(
     Raises
     ------
     ValueError
-        If the name is none in C, the step is not positive, CasADi has no C code for a part of the diagram, or a
-        nonlinear algebraic loop is to be solved in float.
+        If the name is none in C, the step or substeps are not positive, CasADi has no C code for a part of the diagram,
+        or a nonlinear algebraic loop is to be solved in float.
 
     Notes
     -----
@@ -106,6 +110,8 @@ def diagram_model(
     """
     if real not in ("double", "float"):
         raise ValueError(f"real: expected 'double' or 'float', got {real!r}")
+    if isinstance(substeps, bool) or not isinstance(substeps, int) or not 1 <= substeps <= _MOST_SUBSTEPS:
+        raise ValueError(f"substeps: expected a whole number from 1 to {_MOST_SUBSTEPS}, got {substeps!r}")
     flat = as_sampled(flat)
     prefix = model_identifier(flat.name) if name is None else checked_identifier(name)
     functions = flat_functions(flat)
@@ -133,6 +139,7 @@ def diagram_model(
         outputs=flat.outputs, parameters=parameters, held=flat.held, sampled_states=sampled_states,
         law_states=tuple(parts.law_states), tasks=tuple(parts.tasks), derivatives=bool(products),
         can_fail="casadi_newton(" in equations or bool(parts.sources and len(parts.tasks) > 1), step=base,
+        substeps=substeps,
         between=bool(flat.states) or not meets_all, version=_version(prefix, real, parameters),
     )  # fmt: skip
     return CModel(
@@ -151,6 +158,7 @@ def diagram_model(
         parameters=parameters,
         sampled_states=sampled_states,
         tasks=tuple((task.name, task.period) for task in flat.tasks),
+        step=base,
         depends=dependence(flat),
         description=flat.name,
     )

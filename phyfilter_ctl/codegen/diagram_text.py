@@ -198,7 +198,7 @@ def _step(layout: Layout) -> str:
         going_on = f"""\
   if (!status) {{
     pf_real work[{8 * len(layout.states) + len(layout.inputs) + 1}];
-    pf_solver solver = {{PF_RK4, {capital}_STEP, 0, 0, 0}};
+    pf_solver solver = {{PF_RK4, {capital}_STEP / {layout.substeps}, 0, 0, 0, 0}};
     pf_time reached;
     const pf_time end = (pf_time)(self->steps + 1) * {capital}_STEP;
     status = pf_approach(&{name}_model, self, work, &solver, t, end, NULL, &reached);

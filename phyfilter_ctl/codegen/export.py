@@ -28,6 +28,8 @@ def export_c(
     signals: Signals | None = None,
     tunable: bool = True,
     variable: bool = True,
+    step: float | None = None,
+    substeps: int = 1,
 ) -> Path:
     """Write a sampled filter, a plant or a diagram as C99.
 
@@ -46,6 +48,12 @@ def export_c(
         Whether coefficients may be set at run time. Without, the code is smaller.
     variable : bool
         Of a filter: whether a step may have another length than dt. Without either, code and memory are least.
+
+    step : float, optional
+        Of a diagram: seconds between two calls of ``<name>_step``. None: the longest that meets every instant of the
+        sampled blocks, 1 ms where there are none.
+    substeps : int
+        Of a diagram: Runge-Kutta steps in one call. A step at which a stable mode would grow is refused.
 
     Returns
     -------
@@ -74,6 +82,8 @@ def export_c(
     if isinstance(system, SampledPhyFilter):
         known = system.E.shape[0] if system.E is not None else len(system.filters)
         named = len(signals.channels) if signals is not None and signals.channels else known
+        if step is not None or substeps != 1:
+            raise ValueError("step and substeps are those of a diagram; a filter has its dt")
         return export_filter(
             system,
             folder,
@@ -88,4 +98,6 @@ def export_c(
     if channels is not None or inertia is not None or signals is not None:
         raise ValueError("channels, inertia and signals are those of a filter; a diagram brings its own")
     flat = system if isinstance(system, FlatModel) else flatten(system)
-    return export_diagram(flat, folder, name=name, real=real or "double", tunable=tunable)
+    return export_diagram(
+        flat, folder, name=name, real=real or "double", step=step, substeps=substeps, tunable=tunable
+    )

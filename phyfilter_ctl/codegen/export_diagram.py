@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from ..diagram.fixed_step import refuse_unstable_step
 from ..diagram.model import FlatModel
 from .casadi_source import Real
 from .diagram_source import diagram_model
@@ -52,6 +53,7 @@ def export_diagram(
     name: str | None = None,
     real: Real = "double",
     step: float | None = None,
+    substeps: int = 1,
     tunable: bool = True,
 ) -> Path:
     """Writes the C sources of a flat diagram, with an example that runs them.
@@ -67,6 +69,8 @@ def export_diagram(
         Numbers of the C code.
     step : float, optional
         Seconds between two calls of ``<name>_step``; default: meets every instant of the sampled blocks.
+    substeps : int
+        Runge-Kutta steps in one call.
     tunable : bool
         Whether coefficients of sampled PhyFilters can be set while running; without it the code is smaller.
 
@@ -82,7 +86,8 @@ def export_diagram(
     FileNotFoundError
         If there is no folder for it to be in.
     ValueError
-        As :func:`diagram_model`.
+        As :func:`diagram_model`, and for a step at which the integration of a stable mode is unstable; the message says
+        the longest that is stable at the start values.
 
     Examples
     --------
@@ -94,7 +99,13 @@ def export_diagram(
     ...     sorted(path.name for path in files if path.suffix == ".c")
     ['lag.c', 'main.c', 'pf_run.c']
     """
-    model = diagram_model(flat, name=name, real=real, derivatives=False, tunable=tunable, step=step)
+    model = diagram_model(
+        flat, name=name, real=real, derivatives=False, tunable=tunable, step=step, substeps=substeps
+    )
+    if model.states:
+        refuse_unstable_step(
+            flat, model.step / substeps, "give substeps={substeps}, or a step of at most {step}", substeps
+        )
     return write_folder(folder, model.sources | {"main.c": _example(model)})
 
 

@@ -37,6 +37,8 @@ class CModel:
     formula : str
         Transfer function as text, for comments and documentation; "" where there is none.
     description : str
+    step : float
+        Seconds between two calls of ``<name>_step`` of a diagram; 0: there is no such function.
     """
 
     name: str
@@ -52,3 +54,4 @@ class CModel:
     depends: NDArray[np.bool_] = field(default_factory=lambda: np.zeros((0, 0), dtype=bool))
     formula: str = ""
     description: str = ""
+    step: float = 0.0

@@ -20,6 +20,7 @@ from ..codegen.filter_model import filter_model
 from ..codegen.identifiers import checked_identifier, identifier
 from ..codegen.model import CModel
 from ..diagram import FlatModel, flatten
+from ..diagram.fixed_step import largest_stable_step, refuse_unstable_step
 from ..filter import PhyFilter, SampledPhyFilter
 from ..filterfile import Signals
 from .archive_write import write_archive
@@ -33,6 +34,8 @@ __all__ = ["export_fmu"]
 
 # RK4 is stable up to |p h| = 2.78 and exact to 1e-6 at a tenth of this.
 _STEPS_PER_POLE = 20.0
+# Of the longest stable step: an error of a few per cent in the fastest mode, which has died out by then.
+_OF_STABLE = 0.25
 
 
 def export_fmu(
@@ -80,7 +83,8 @@ def export_fmu(
     signals : Signals, optional
         Of a filter: names of channels and units.
     solver : FmuSolver, optional
-        Of co-simulation with continuous states. By default RK4 in steps of 1 ms, shorter for a filter with fast poles.
+        Of co-simulation with continuous states. By default RK4 in steps of 1 ms, shorter where poles are
+        fast. A step at which a mode that decays at the start would grow is refused.
     experiment : FmuExperiment, optional
         Start, stop, step and tolerance that importers take by default.
     arrays : bool
@@ -133,6 +137,12 @@ def export_fmu(
     if isinstance(system, ct.InputOutputSystem) and not isinstance(system, PhyFilter):
         system = flatten(system)
     model, filters = _c_model(system, name, channels, inertia, rate, signals)
+    if solver is None and isinstance(system, FlatModel):
+        solver = FmuSolver(step=min(1e-3, _OF_STABLE * largest_stable_step(system).seconds))
+    elif solver is not None and isinstance(system, FlatModel) and solver.method == "rk4" and "cs" in kinds:
+        refuse_unstable_step(
+            system, solver.step or 0.0, "give FmuSolver(step={step}) or FmuSolver('adaptive')"
+        )
     interface = fmu_interface(
         model, fmi=fmi, kinds=kinds, solver=_solver(solver, filters if model.states else ()), experiment=experiment,
         arrays=arrays, author=author, description=description,

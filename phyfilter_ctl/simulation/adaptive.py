@@ -15,6 +15,7 @@ from scipy.integrate import DOP853
 from .._sections import FloatArray
 from ..diagram import FlatModel
 from .chains import bind
+from .limits import LOOKED_AT, Limits, chattering
 from .steps import KEPT, Results, compose
 
 __all__ = ["Integrator", "StepError"]
@@ -24,6 +25,9 @@ _ORDER = 8
 # The polynomial inside a step errs by up to ten times the end of the step (measured on a lag).
 _INSIDE = 0.1
 _SAFETY, _LEAST, _MOST = 0.9, 0.2, 10.0
+# Accepted steps between two looks at where a run is going, and looks in a row that must say it goes nowhere: it would
+# take so many times the steps that are left.
+_FORESEEN_AFTER, _DOUBTS, _HOPELESS = 512, 4, 10.0
 _TIME_ROUNDING = 10 * np.finfo(float).eps
 
 
@@ -135,14 +139,25 @@ class Integrator:
     ----------
     flat : FlatModel
     p : (n_p,) array
+    limits : Limits
     rtol, atol : float
         Error of a step and inside it, root mean square over the states of error / (atol + rtol abs(x)), below 1.
     max_step : float, optional
         Longest step in seconds.
+    until : float
+        Where the whole run ends, in seconds.
     """
 
     def __init__(
-        self, flat: FlatModel, p: FloatArray, *, rtol: float, atol: float, max_step: float | None = None
+        self,
+        flat: FlatModel,
+        p: FloatArray,
+        limits: Limits,
+        *,
+        rtol: float,
+        atol: float,
+        max_step: float | None = None,
+        until: float = np.inf,
     ) -> None:
         n_x, n_u = len(flat.states), len(flat.inputs)
         self._x, self._q = np.zeros(n_x), np.array([0.0, 0.0, _INSIDE * rtol, _INSIDE * atol])
@@ -154,8 +169,32 @@ class Integrator:
         after, _, slopes = self._trial.results
         self._dense = _Call(_interpolant(flat), [*given, after, slopes])
         self._max_step = np.inf if max_step is None else max_step
-        self._h = 0.0
+        self._h, self._accepted = 0.0, 0
+        self._flat, self._limits, self._until = flat, limits, until
+        self._slopes, self._counts = np.full((LOOKED_AT, n_x), np.nan), np.zeros(LOOKED_AT, dtype=np.int64)
+        self._mark, self._doubts = (0.0, 0), 0
         self.steps: int = 0
+
+    @property
+    def chattering(self) -> str:
+        """What chatters, by the derivatives after the last accepted steps; "" for nothing."""
+        newest, oldest = (
+            self._counts[(self._accepted - 1) % LOOKED_AT],
+            self._counts[self._accepted % LOOKED_AT],
+        )
+        return chattering(self._flat, np.roll(self._slopes, -self._accepted, axis=0), int(newest - oldest))
+
+    def _note(self, t: float) -> bool:
+        """Keeps what the accepted step tells of chattering; whether that will outlast the run's limits."""
+        place = self._accepted % LOOKED_AT
+        self._slopes[place], self._counts[place] = self._first, self.steps
+        self._accepted += 1
+        if self._accepted % _FORESEEN_AFTER:
+            return False
+        (since, count), self._mark = self._mark, (t, self.steps)
+        needed = (self.steps - count) * (self._until - t) / max(t - since, 1e-300)
+        self._doubts = self._doubts + 1 if needed > _HOPELESS * self._limits.left and self.chattering else 0
+        return self._doubts >= _DOUBTS
 
     def run(
         self,
@@ -187,6 +226,9 @@ class Integrator:
             left = end - t
             wanted = min(self._h, self._max_step)
             h = left if wanted >= left * (1 - 1e-9) else left / 2 if wanted > left / 2 else wanted
+            refusal = self._limits.spend(1)
+            if refusal:
+                raise StepError(refusal, t, inside[:done])
             self._q[1] = h
             after, error, slopes = self._trial()
             self.steps += 1
@@ -215,6 +257,8 @@ class Integrator:
             self._x[:] = after[0]
             self._first[:] = slopes[_STAGES]
             t = later
+            if self._note(t):
+                raise StepError("the steps left would not do: given up", t, inside[:done])
             self._u[:] = u[0] + (t - interval[0]) * self._rate
             self._q[0] = t
         return self._x.copy(), inside

@@ -11,14 +11,21 @@ from tqdm import tqdm
 from ..codegen import CompiledModel, CompilerError, compile_model
 from ..diagram import FlatModel, as_sampled
 from .arguments import Run
+from .limits import Limits
 from .response import Outcome
 from .steps import KEPT
+from .vm import chattering_from
 
 __all__ = ["compiles", "pays", "run_compiled"]
 
 # Measured: the virtual machine takes 1.35 ns an instruction; compiling 0.5 s, and 40 us an instruction.
 _VM_INSTRUCTION = 1.35e-9
 _COMPILE, _COMPILE_INSTRUCTION = 0.5, 40e-6
+# Statuses of a run that was not going to end.
+_GIVEN_UP = (3, 4, 101)
+_WAY_OUT = (
+    "max_steps and time_limit allow more; for a stiff diagram try method='exact' where fast parts are linear"
+)
 
 
 def compiles(flat: FlatModel) -> bool:
@@ -48,6 +55,7 @@ def run_compiled(
     max_step: float | None,
     rtol: float,
     atol: float,
+    limits: Limits,
     progress: bool,
 ) -> Outcome:
     """A run in one call of C."""
@@ -73,9 +81,13 @@ def run_compiled(
             atol=atol,
             interpolation=run.interpolation,
             progress=show if progress else None,
+            max_steps=limits.steps,
+            time_limit=limits.seconds,
         )
     # A sampled law has advanced its states when a row is filled; a discrete diagram records them before.
     states = np.vstack([run.start, answer.sampled_states[:-1]]) if discrete else answer.states
     message = "" if answer.success else answer.message
+    if answer.status in _GIVEN_UP and not discrete:
+        message += f"; {chattering_from(flat, run, answer.t_reached, answer.last_state) or _WAY_OUT}"
     failed_at = np.inf if answer.success else answer.t_reached
     return Outcome(states, answer.outputs, 0, message, failed_at)

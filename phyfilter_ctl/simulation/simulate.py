@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Literal, cast, get_args
 
@@ -18,6 +18,7 @@ from ..execution import Executor
 from . import compiled, vm
 from .arguments import Inputs, Interpolation, Parameters, Run, Start, prepare
 from .exponential import has_linear_states, linear_part
+from .limits import Limits, steps_allowed
 from .response import SimulationResponse, response_of
 from .steplength import default_step
 from .steps import advance_rk4, at_node
@@ -42,6 +43,8 @@ class Options:
     rtol: float
     atol: float
     squeeze: bool | None
+    max_steps: int | None
+    time_limit: float | None
 
     def __post_init__(self) -> None:
         for name, choices in (("method", MethodChoice), ("backend", BackendChoice)):
@@ -52,6 +55,13 @@ class Options:
         if self.max_step is not None and not 0.0 < self.max_step < np.inf:
             raise ValueError(
                 f"max_step: expected a positive number of seconds or None, got {self.max_step!r}"
+            )
+        steps = self.max_steps
+        if steps is not None and (isinstance(steps, bool) or not isinstance(steps, int) or steps < 1):
+            raise ValueError(f"max_steps: expected a whole number above 0 or None, got {steps!r}")
+        if self.time_limit is not None and not self.time_limit > 0.0:
+            raise ValueError(
+                f"time_limit: expected a positive number of seconds or None, got {self.time_limit!r}"
             )
         if not (0.0 < self.rtol < 1.0 and 0.0 < self.atol < np.inf):
             raise ValueError(
@@ -72,6 +82,8 @@ def simulate(
     rtol: float = 1e-8,
     atol: float = 1e-10,
     interpolation: Interpolation = "linear",
+    max_steps: int | None = None,
+    time_limit: float | None = None,
     squeeze: bool | None = None,
     progress: bool = False,
 ) -> SimulationResponse:
@@ -107,6 +119,11 @@ def simulate(
         Adaptive: error of a step relative to, and beside, the size of the states.
     interpolation : {"linear", "hold"}
         Inputs between the times: on straight lines as in python-control, or each held until the next.
+    max_steps : int, optional
+        Steps of integration that the run may try. None: of error control 1 million and 20 for each time and instant,
+        of fixed length 100 million.
+    time_limit : float, optional
+        Seconds of this machine's time that the run may take.
     squeeze : bool, optional
         As for ``control.input_output_response``.
     progress : bool
@@ -116,8 +133,8 @@ def simulate(
     -------
     SimulationResponse
         A ``control.TimeResponseData``. At an instant of a sampled block the outputs are those after it has run. A
-        run that meets numbers that are not finite, or steps that become too small, has ``success`` False, NaN from
-        there on and a ``message`` that says what to try.
+        run that meets numbers that are not finite, steps that become too small or one of its limits, has ``success``
+        False, NaN from there on and a ``message`` that says what to try.
 
     Raises
     ------
@@ -134,7 +151,7 @@ def simulate(
     [0.0, 0.632121, 0.864665]
     """
     flat = as_flat(sys)
-    options = Options(method, backend, max_step, rtol, atol, squeeze)
+    options = Options(method, backend, max_step, rtol, atol, squeeze, max_steps, time_limit)
     run = prepare(flat, timepts, inputs, initial_state, params, interpolation)
     return _simulate(flat, run, _decided(flat, run, options, 1), progress)
 
@@ -152,6 +169,8 @@ def simulate_batch(
     rtol: float = 1e-8,
     atol: float = 1e-10,
     interpolation: Interpolation = "linear",
+    max_steps: int | None = None,
+    time_limit: float | None = None,
     squeeze: bool | None = None,
     workers: int | None = None,
     executor: Executor | None = None,
@@ -169,8 +188,9 @@ def simulate_batch(
         As for :func:`simulate`, or (B, n_x).
     params : mapping, optional
         By name: numbers for all runs, or arrays whose first axis are the B runs.
-    method, backend, max_step, rtol, atol, interpolation, squeeze
-        As for :func:`simulate`; backend="auto" compiles where the whole batch pays for it.
+    method, backend, max_step, rtol, atol, interpolation, max_steps, time_limit, squeeze
+        As for :func:`simulate`; backend="auto" compiles where the whole batch pays for it;
+        limits are those of one run.
     workers : int, optional
         Threads; None means one per core.
     executor : Executor, optional
@@ -198,7 +218,7 @@ def simulate_batch(
     [0.6321, 0.8647]
     """
     flat = as_flat(sys)
-    options = Options(method, backend, max_step, rtol, atol, squeeze)
+    options = Options(method, backend, max_step, rtol, atol, squeeze, max_steps, time_limit)
     if executor is not None and workers is not None:
         raise ValueError("workers and executor: expected one of them; the executor has workers of its own")
     chosen = Executor(workers, kind="threads") if executor is None else executor
@@ -250,7 +270,7 @@ def _decided(flat: FlatModel, run: Run, options: Options, runs: int) -> Options:
         method = "rk4"  # nothing to integrate
     if backend == "auto":
         backend = "c" if method != "exact" and _worth_compiling(flat, run, options, runs) else "vm"
-    return Options(method, backend, options.max_step, options.rtol, options.atol, options.squeeze)
+    return replace(options, method=method, backend=backend)
 
 
 def _worth_compiling(flat: FlatModel, run: Run, options: Options, runs: int) -> bool:
@@ -268,6 +288,8 @@ def _worth_compiling(flat: FlatModel, run: Run, options: Options, runs: int) -> 
 def _simulate(flat: FlatModel, run: Run, options: Options, progress: bool) -> SimulationResponse:
     method = cast(Literal["rk4", "adaptive", "exact"], options.method)
     longest = options.max_step
+    allowed = steps_allowed(flat, run, options.max_steps, method == "adaptive")
+    limits = Limits(allowed, options.time_limit)
     if longest is None and method != "adaptive" and flat.dt == 0.0:
         longest = default_step(flat, run, without_linear=method == "exact")
     if options.backend == "c":
@@ -279,16 +301,24 @@ def _simulate(flat: FlatModel, run: Run, options: Options, progress: bool) -> Si
             max_step=longest,
             rtol=options.rtol,
             atol=options.atol,
+            limits=limits,
             progress=progress,
         )
     elif flat.dt > 0.0:
-        outcome, _ = vm.run_pieces(flat, run, vm.discrete_pieces(flat, run), progress=progress)
+        outcome, _ = vm.run_pieces(flat, run, vm.discrete_pieces(flat, run), limits=limits, progress=progress)
     elif method == "adaptive":
         outcome = vm.run_adaptive(
-            flat, run, rtol=options.rtol, atol=options.atol, max_step=longest, progress=progress
+            flat,
+            run,
+            rtol=options.rtol,
+            atol=options.atol,
+            max_step=longest,
+            limits=limits,
+            progress=progress,
         )
     else:
-        outcome, _ = vm.run_pieces(flat, run, vm.fixed_pieces(flat, run, method, longest), progress=progress)
+        pieces = vm.fixed_pieces(flat, run, method, longest)
+        outcome, _ = vm.run_pieces(flat, run, pieces, limits=limits, progress=progress)
     return response_of(
         flat, run, outcome, method="discrete" if flat.dt > 0.0 else method,
         backend="c" if options.backend == "c" else "vm", squeeze=options.squeeze,

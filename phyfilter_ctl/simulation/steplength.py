@@ -2,25 +2,20 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
-
-import casadi as ca
 import numpy as np
 from scipy.sparse import csc_array
-from scipy.sparse.linalg import ArpackError, eigs
 
 from ..diagram import FlatModel
+from ..diagram.fixed_step import fastest_modes, state_jacobian
 from .arguments import Run
 from .exponential import linear_part
-from .steps import KEPT, start_state
+from .steps import start_state
 
 __all__ = ["default_step"]
 
 # h times the fastest pole. RK4 is stable up to 2.78; here it errs by (0.2)^4 / 120 of a mode for each of its time
 # constants, 1.3e-5.
 _REACH = 0.2
-# Beyond this many states a few eigenvalues are sought instead of all.
-_MANY = 250
 
 
 def default_step(flat: FlatModel, run: Run, *, without_linear: bool) -> float | None:
@@ -32,7 +27,7 @@ def default_step(flat: FlatModel, run: Run, *, without_linear: bool) -> float | 
         return None
     held = start_state(flat, run.start)[len(run.start) :]
     z = held[len(held) - len(flat.held) :]
-    values = _jacobian(flat)(run.times[0], run.start, run.inputs[0], run.parameters, z)
+    values = state_jacobian(flat)(run.times[0], run.start, run.inputs[0], run.parameters, z)
     rows, columns = (np.array(part, dtype=np.intp) for part in values.sparsity().get_triplet())
     entries = np.array(values.nonzeros(), dtype=float)
     if without_linear:
@@ -43,22 +38,5 @@ def default_step(flat: FlatModel, run: Run, *, without_linear: bool) -> float | 
     matrix = csc_array((entries, (rows, columns)), shape=(len(flat.states),) * 2)
     if not np.all(np.isfinite(entries)):
         return None
-    radius = _radius(matrix, len(flat.states))
+    radius = float(np.abs(fastest_modes(matrix)[0]).max())
     return _REACH / radius if radius > 0.0 else None
-
-
-@lru_cache(maxsize=KEPT)
-def _jacobian(flat: FlatModel) -> ca.Function:
-    symbols = [ca.MX.sym(name, flat.dynamics.size1_in(i)) for i, name in enumerate("txupz")]
-    return ca.Function("jacobian", symbols, [ca.jacobian(flat.dynamics(*symbols), symbols[1])])
-
-
-def _radius(matrix: csc_array, n: int) -> float:
-    """Greatest absolute eigenvalue."""
-    if n <= _MANY:
-        return float(np.abs(np.linalg.eigvals(matrix.toarray())).max())
-    try:
-        found = eigs(matrix, k=1, which="LM", v0=np.ones(n), return_eigenvectors=False)
-        return float(np.abs(np.asarray(found)).max())
-    except (ArpackError, RuntimeError):
-        return float(abs(matrix).sum(axis=0).max())  # a norm bounds it

@@ -18,14 +18,29 @@ from .adaptive import Integrator, StepError
 from .arguments import Run
 from .chains import Chain
 from .exponential import advance_exponential, tables
+from .limits import Limits
 from .response import Outcome
 from .schedule import WINDOW, Nodes, Steps, nodes, steps_between
 from .steps import KEPT, Layout, advance_rk4, at_node, discrete_step, full_step, split_step, start_state
 
-__all__ = ["Piece", "discrete_pieces", "diverged", "fixed_pieces", "run_adaptive", "run_pieces"]
+__all__ = [
+    "Piece",
+    "chattering_from",
+    "discrete_pieces",
+    "diverged",
+    "fixed_pieces",
+    "run_adaptive",
+    "run_pieces",
+]
 
 # Steps whose lengths agree to this use one set of matrices: the times themselves are no better known.
 _SAME_LENGTH = 1e-12
+# Steps that show whether something chatters.
+_DIAGNOSIS = 3000
+_STIFF = (
+    "The diagram is stiff or has a singularity there: try method='exact' where its fast parts are linear, larger rtol "
+    "and atol, or method='rk4' with a max_step you choose; max_steps and time_limit allow more"
+)
 
 
 class Piece(NamedTuple):
@@ -77,6 +92,7 @@ def run_pieces(
     pieces: Iterator[Piece],
     *,
     state: FloatArray | None = None,
+    limits: Limits | None = None,
     progress: bool = False,
 ) -> tuple[Outcome, FloatArray]:
     """Run them one after another; stops where the state is no longer finite.
@@ -90,6 +106,15 @@ def run_pieces(
     count, message, failed_at = 0, "", np.inf
     with _bar(run, progress) as bar:
         for step, p, data, rows in pieces:
+            refusal = limits.spend(len(data)) if limits is not None else ""
+            if refusal:
+                failed_at = float(data[0, 0])
+                record = np.full((len(run.times), n_x + n_y), np.nan) if record is None else record
+                message = (
+                    f"{refusal} at t = {failed_at:.9g} s: a longer max_step or method='adaptive' needs fewer, "
+                    "max_steps and time_limit allow more"
+                )
+                break
             if chain is None or chain.step is not step:
                 chain = Chain(step, state if chain is None else chain.state, p)
             chain.p = p
@@ -125,14 +150,24 @@ def diverged(flat: FlatModel, x: FloatArray, failed_at: float) -> str:
 
 
 def run_adaptive(
-    flat: FlatModel, run: Run, *, rtol: float, atol: float, max_step: float | None, progress: bool
+    flat: FlatModel,
+    run: Run,
+    *,
+    rtol: float,
+    atol: float,
+    max_step: float | None,
+    limits: Limits,
+    progress: bool,
 ) -> Outcome:
     """Adaptive steps from one discontinuity to the next."""
     layout = Layout(flat)
     n_x, n_s, n_z = layout.sizes
     x = np.full((len(run.times), n_x), np.nan)
     z = np.zeros((len(run.times), n_z))
-    integrator = Integrator(flat, run.parameters, rtol=rtol, atol=atol, max_step=max_step)
+    until = float(run.times[-1])
+    integrator = Integrator(
+        flat, run.parameters, limits, rtol=rtol, atol=atol, max_step=max_step, until=until
+    )
     chain = Chain(at_node(flat), start_state(flat, run.start), run.parameters)
     failed_at, message = np.inf, ""
     with _bar(run, progress) as bar:
@@ -161,14 +196,28 @@ def run_adaptive(
             except StepError as error:
                 x[later[: len(error.inside)]] = error.inside
                 failed_at = error.time
-                message = (
-                    f"{error}. The diagram is stiff or has a singularity there: try method='exact' where its fast "
-                    "parts are linear, larger rtol and atol, or method='rk4' with a max_step you choose"
-                )
+                message = f"{error}. {integrator.chattering or _STIFF}"
                 break
             bar.update(float(window.times[-1] - bar.n - run.times[0]))
     good = np.asarray(np.isfinite(x).all(axis=1))
     return Outcome(x, _outputs(flat, run, x, z, good), integrator.steps, message, failed_at)
+
+
+def chattering_from(flat: FlatModel, run: Run, t: float, x: FloatArray) -> str:
+    """What chatters near a point where a run without sampled blocks was given up; "" for nothing."""
+    if flat.tasks or not t < run.times[-1] or not np.all(np.isfinite(x)):
+        return ""
+    row = max(int(np.searchsorted(run.times, t, side="right")) - 1, 0)
+    begin, end = run.times[row : row + 2]
+    held = run.interpolation == "hold"
+    ahead = run.inputs[row] if held else run.inputs[row + 1]
+    here = run.inputs[row] + (t - begin) / (end - begin) * (ahead - run.inputs[row])
+    integrator = Integrator(flat, run.parameters, Limits(_DIAGNOSIS), rtol=1e-6, atol=1e-9)
+    try:
+        integrator.run(x, np.zeros(0), (t, float(end)), (here, ahead), np.zeros(0))
+    except StepError:
+        return integrator.chattering
+    return ""
 
 
 def _breaks(layout: Layout, window: Nodes, data: FloatArray) -> list[int]:

@@ -31,7 +31,7 @@ DRIVER = """\
 int main(void) {
   static two_rates self, saved;
   pf_real work[64], u[1] = {0.5}, y[TWO_RATES_N_Y], slope[1] = {0.1}, s[TWO_RATES_N_S];
-  pf_solver adaptive = {PF_ADAPTIVE, 0, (pf_real)1e-6, (pf_real)1e-6, 0};
+  pf_solver adaptive = {PF_ADAPTIVE, 0, (pf_real)1e-6, (pf_real)1e-6, 0, 0};
   pf_time t = 0, reached;
   if (sizeof work / sizeof *work < pf_work_reals(&two_rates_model)) return 1;
   two_rates_init(&self);

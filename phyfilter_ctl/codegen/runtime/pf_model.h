@@ -16,7 +16,7 @@ typedef double pf_time; /* seconds; double also where pf_real is float, which ha
 
 #define PF_NEVER 1e300 /* pf_model.next: no instant to come */
 
-enum { PF_OK = 0, PF_NOT_FINITE = 1, PF_NO_CONVERGENCE = 2, PF_STEP_TOO_SMALL = 3 };
+enum { PF_OK = 0, PF_NOT_FINITE = 1, PF_NO_CONVERGENCE = 2, PF_STEP_TOO_SMALL = 3, PF_TOO_MANY_STEPS = 4 };
 
 typedef struct pf_model {
   const char *name;

@@ -68,19 +68,27 @@ static int rk4_step(const segment *way, pf_real *work, pf_time t, pf_time t_next
   return PF_OK;
 }
 
-static int rk4(const segment *way, pf_real *work, const pf_solver *solver, pf_time t_end, pf_time *t_reached) {
+static int spend(pf_solver *solver) {
+  if (solver->budget < 0) return PF_TOO_MANY_STEPS;
+  if (solver->budget == 1) solver->budget = -1;
+  if (solver->budget > 1) solver->budget--;
+  return PF_OK;
+}
+
+static int rk4(const segment *way, pf_real *work, pf_solver *solver, pf_time t_end, pf_time *t_reached) {
   const pf_time length = t_end - way->begin;
   long steps = 1;
   if (solver->step > 0.0) {
     const pf_time ratio = length / solver->step - SAME_STOP;
-    if (!(ratio < (pf_time)MOST_STEPS)) return PF_STEP_TOO_SMALL;
+    if (!(ratio < (pf_time)MOST_STEPS)) return PF_TOO_MANY_STEPS;
     steps = (long)ratio; /* rounded up, but not for rounding's sake */
     if ((pf_time)steps < ratio) steps++;
     if (steps < 1) steps = 1;
   }
   for (long i = 1; i <= steps; i++) {
     const pf_time next = i == steps ? t_end : way->begin + length * (pf_time)i / (pf_time)steps;
-    const int status = rk4_step(way, work, *t_reached, next);
+    int status = spend(solver);
+    if (!status) status = rk4_step(way, work, *t_reached, next);
     if (status) return status;
     *t_reached = next;
   }
@@ -149,7 +157,7 @@ static int adaptive(const segment *way, pf_real *work, pf_solver *solver, pf_tim
   int rejected = 0;
   for (long steps = 0; *t_reached < t_end; steps++) {
     const pf_time t = *t_reached, left = t_end - t;
-    if (steps >= MOST_STEPS) return PF_STEP_TOO_SMALL;
+    if (steps >= MOST_STEPS || spend(solver)) return PF_TOO_MANY_STEPS;
     if (solver->step > 0.0 && solver->h > solver->step) solver->h = solver->step;
     /* Never a sliver at the end: what is left is one step, or at least two halves. */
     pf_time h = solver->h >= left * (1.0 - SAME_STOP) ? left : solver->h > 0.5 * left ? 0.5 * left : solver->h;

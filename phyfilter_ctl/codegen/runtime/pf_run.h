@@ -10,6 +10,9 @@ typedef struct {
   pf_time step;       /* longest step in seconds; 0: RK4 goes to the next stop in one step, adaptive has no bound */
   pf_real rtol, atol; /* adaptive: error of a step below atol + rtol |x|, entry by entry */
   pf_time h;          /* adaptive: step to try next; 0 at first */
+  /* Steps that may still be tried, counted down; 0: no bound, -1: spent, PF_TOO_MANY_STEPS. Another thread may set it
+   * to -1 to end a run. */
+  volatile long long budget;
 } pf_solver;
 
 size_t pf_work_reals(const pf_model *model); /* length of `work` below */

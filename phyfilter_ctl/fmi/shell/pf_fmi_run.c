@@ -275,6 +275,7 @@ int pf_fmi_step(pf_fmi *self, double t, double h, double *reached, int *event) {
   const pf_solver solver = saved->solver;
   const pf_time begin = saved->time, end = t + h;
   int code = PF_OK;
+  saved->solver.budget = (long long)MOST_STEPS;
   saved->time = t; /* the importer's clock rules: no drift of sums */
   if (continuous) {
     memcpy(self->spare, self->self, model->size);
@@ -286,6 +287,7 @@ int pf_fmi_step(pf_fmi *self, double t, double h, double *reached, int *event) {
     const pf_time elapsed = *reached == end ? h : *reached - t; /* h itself: no rounding of a difference */
     code = model->update(self->self, *reached, elapsed_since(elapsed, end));
   }
+  saved->solver.budget = 0;
   self->fresh = 0;
   saved->sloped = 0; /* slopes are those of one step */
   if (code) {
