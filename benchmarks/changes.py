@@ -13,12 +13,11 @@ import argparse
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2
 from separation import BANDWIDTH, NOISE, NOMINAL, WEIGHT, side_by_side
 from tqdm import tqdm
 
 import phyfilter_ctl as pf
-from phyfilter_ctl.estimation.separation.changes import evidence
+from phyfilter_ctl.estimation.separation.changes import Schedule, evidence
 from phyfilter_ctl.estimation.separation.kalman import forward
 
 Array = NDArray[np.float64]
@@ -48,13 +47,12 @@ def bodies(rng: np.random.Generator, payload: Array, drop: float) -> list[pf.Rec
 def changes(hours: float, batch: int) -> None:
     """False alarms, and drops that are noticed."""
     rng, dt = np.random.default_rng(0), 0.004
-    ages, every = [12, 25, 50, 75], 2  # of detect_changes at 250 Hz
-    threshold = chi2.isf(1.0 / (3600.0 / (every * dt) * len(ages)), 1)
+    schedule = Schedule.of(dt, 1, false_alarms=1.0, within=0.3)
 
     def tested(payload: Array, drop: float) -> tuple[NDArray[np.intp], Array]:
         working, data = side_by_side(bodies(rng, payload, drop), 0.5)
-        begins, statistic, _ = evidence(working, forward(working, data), np.array([0]), ages, every)
-        return begins, np.asarray(statistic > threshold, dtype=float)
+        begins, statistic, _ = evidence(working, forward(working, data), np.array([0]), schedule)
+        return begins, np.asarray(statistic > schedule.threshold, dtype=float)
 
     alarms, runs = 0, round(hours * 360.0 / batch)
     progress = tqdm(range(runs), "false alarms")
@@ -67,7 +65,7 @@ def changes(hours: float, batch: int) -> None:
     )
     for size in (0.15, 0.3, 0.6, 1.2):
         begins, over = tested(np.full(batch, size), 5.0)
-        ends = (begins[None] + np.array(ages)[:, None])[:, :, None] * dt - 5.0
+        ends = (begins[None] + np.array(schedule.ages)[:, None])[:, :, None] * dt - 5.0
         delay = np.min(np.where((over > 0.0) & (ends > 0.0), ends, np.inf), axis=(0, 1))
         print(
             f"{size:g} kg dropped: noticed within 0.3 s in {100 * np.mean(delay <= 0.3):.0f} % of {batch} flights, "

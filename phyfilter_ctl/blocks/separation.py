@@ -12,12 +12,14 @@ from numpy.typing import ArrayLike
 from .. import _signals
 from .._sections import FloatArray
 from ..estimation import ModelScale, Part, Regressor
+from ..estimation.separation.changes import Schedule
 from ..estimation.separation.identifiability import WEAK
 from ..estimation.separation.kalman import started
 from ..estimation.separation.separate import fractions
 from ..estimation.separation.structure import LEAST_SHARE, Moments, Working, moments, structure_of
 from ..filter.matrices import constant_inertia
 from ..filter.sampling import Rule
+from .changes import Update, Watch
 from .functions import BlockFunctions, Variable
 from .sampled import SampledBlock, sampled_block
 
@@ -36,6 +38,10 @@ def separation_block(
     inertia: ArrayLike | None = None,
     fraction: float | Mapping[str, float] = 0.5,
     g: Rule = "hold",
+    watch: str | None = None,
+    false_alarms: float = 1.0,
+    within: float = 0.3,
+    restart: bool = True,
     name: str = "separation",
 ) -> SampledBlock:
     """What the residual is made of, as it comes: the filter of :func:`separate` with ``causal=True`` as a block.
@@ -59,6 +65,12 @@ def separation_block(
         From which share of its prior deviation on a scalar is identified, as for :func:`separate`.
     g : {"hold", "average"}
         Between instants. With "hold" a command may depend on the outputs without an algebraic loop.
+    watch : str, optional
+        Part whose sudden changes are looked for as :func:`~phyfilter_ctl.estimation.detect_changes` does.
+    false_alarms, within : float
+        Of these tests, as there.
+    restart : bool
+        Whether the filter counts a change that it alarms of, at once; else it follows it slowly.
     name : str
         Name of the block.
 
@@ -67,14 +79,24 @@ def separation_block(
     SampledBlock
         Inputs x[i], g[i], f_theta[i], and of each Regressor name[i], or name[i,j] of p columns. Outputs f_hat[i],
         f_theta and all parts; then of each scalar the estimate under its label, its standard deviation sd_label, and
-        known_label: 1 where the data identify it, else 0. An estimate that is not identified is the prior mean.
+        known_label: 1 where the data identify it, else 0. An estimate that is not identified is the prior mean. With
+        ``watch``, alarm, 1 at the instants at which a change is noticed; statistic, the largest test that ends there;
+        age, how long ago that change began most likely, s; and jump_label of each scalar of the part, its size.
+
+    Notes
+    -----
+    A change that began at the start of a test leaves D times its size in the state's error now, D the trace that the
+    test follows. With ``restart`` the state moves by D nu and its covariance grows by D C D', where nu and C are mean
+    and covariance of the size, given its signature in the innovations and the part's own prior (A. S. Willsky, H. L.
+    Jones, see :func:`~phyfilter_ctl.estimation.detect_changes`): the filter that had known when, but not how much.
 
     Raises
     ------
     TypeError
         If an argument is of another kind.
     ValueError
-        As :func:`separate`, or if x and the scalars are more than 24 states.
+        As :func:`separate` and :func:`~phyfilter_ctl.estimation.detect_changes`, or if x and the scalars are more than
+        24 states.
 
     Examples
     --------
@@ -83,6 +105,8 @@ def separation_block(
     >>> block = separation_block(parts, 1, dt=0.01, noise=0.03, inertia=3.0)
     >>> block.output_labels[:3], block.output_labels[-2:]
     (['f_hat[0]', 'payload', 'wind'], ['known_payload', 'known_wind'])
+    >>> separation_block(parts, 1, dt=0.01, noise=0.03, inertia=3.0, watch="payload").output_labels[-4:]
+    ['alarm', 'statistic', 'age', 'jump_payload']
     """
     n_x = _signals.count("channels", channels)
     h = _signals.duration("dt", dt)
@@ -99,9 +123,17 @@ def separation_block(
     if np.any(deviation <= 0.0):
         raise ValueError(f"noise: expected deviations above 0, got {deviation}")
     M = constant_inertia(inertia, n_x)
+    tests = None
+    if watch is not None:
+        names = [part.name for part in parts]
+        if watch not in names:
+            raise ValueError(f"watch: expected one of {', '.join(names)}, got {watch!r}")
+        watched = np.flatnonzero(structure.part == names.index(watch)).tolist()
+        schedule = Schedule.of(h, len(watched), false_alarms=false_alarms, within=within)
+        tests = Watch(schedule, watched, n_x, n_x + len(structure.labels), restart)
     working = Working.of(structure, structure.rho(M))
     filter = _Filter(working, moments(structure.rate, structure.density, h), h, M, deviation)
-    return sampled_block(_functions(parts, filter, fractions(structure, fraction), g), dt=h, name=name)
+    return sampled_block(_functions(parts, filter, fractions(structure, fraction), g, tests), dt=h, name=name)
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,8 +167,10 @@ class _Filter:
         theta = self.working.structure.theta
         return ca.SX(1) if theta is None else ca.fmax(1.0 + c[theta], LEAST_SHARE)
 
-    def predicted(self, x: ca.SX, c: ca.SX, P: ca.SX, impulse: ca.SX, load: ca.SX) -> tuple[ca.SX, ca.SX]:
-        """State (x, c) and its covariance a step later."""
+    def predicted(
+        self, x: ca.SX, c: ca.SX, P: ca.SX, impulse: ca.SX, load: ca.SX
+    ) -> tuple[ca.SX, ca.SX, ca.SX]:
+        """State (x, c) and its covariance a step later, and the transition."""
         step, theta, share = self.step, self.working.structure.theta, self.share(c)
         into_x = _constant(np.asarray(np.linalg.inv(self.M), dtype=float))
         push = ca.mtimes(into_x, load)
@@ -153,26 +187,31 @@ class _Filter:
             ca.horzcat(both.T, ca.mtimes(scale, _diagonal(step.end))),
         )
         mean = ca.vertcat(x + ca.mtimes(into_x, impulse) + ca.mtimes(to_x, c), ca.mtimes(stay, c))
-        return mean, ca.mtimes([F, P, F.T]) + Q
+        return mean, ca.mtimes([F, P, F.T]) + Q, F
 
-    def corrected(self, z: ca.SX, P: ca.SX, measured: ca.SX) -> tuple[ca.SX, ca.SX]:
-        """After the measurement of x, its noise made white of variance 1 first."""
+    def corrected(self, z: ca.SX, P: ca.SX, measured: ca.SX) -> tuple[ca.SX, ca.SX, list[Update]]:
+        """After the measurement of x, its noise made white of variance 1 first; and what each channel of it did."""
         white = np.asarray(np.linalg.inv(np.linalg.cholesky(self.R)), dtype=float)
         H = _constant(white @ np.hstack([np.eye(len(white)), self.working.structure.measured]))
         y = ca.mtimes(_constant(white), measured)
+        done = []
         for j in range(len(white)):
             cross = ca.mtimes(P, H[j, :].T)
             s = 1.0 + ca.mtimes(H[j, :], cross)
-            z = z + cross * ((y[j] - ca.mtimes(H[j, :], z)) / s)
+            done.append(Update(H[j, :], cross, s, y[j] - ca.mtimes(H[j, :], z)))
+            z = z + cross * (done[-1].innovation / s)
             P = ca.triu2symm(ca.triu(P - ca.mtimes(cross, cross.T) / s))
-        return z, P
+        return z, P, done
 
-    def left(self, P: ca.SX, elapsed: ca.SX) -> ca.SX:
-        """Variance (p,) left of each scalar with weak priors, over its prior; see ``with_weak_priors``."""
+    def left(self, P: ca.SX, elapsed: ca.SX, jumps: ca.SX) -> ca.SX:
+        """Variance (p,) left of each scalar with weak priors, over its prior; see ``with_weak_priors``.
+
+        Each of the ``jumps`` (p,) that were counted has widened the prior by itself.
+        """
         structure, sd = self.working.structure, self.working.sd
         units = ca.DM(1.0 / sd)
         scaled = P * ca.mtimes(units, units.T)
-        prior = 1.0 + ca.DM(structure.parameter * structure.density / structure.sd**2) * elapsed
+        prior = 1.0 + ca.DM(structure.parameter * structure.density / structure.sd**2) * elapsed + jumps
         own = np.flatnonzero(structure.parameter).tolist()
         if not own:
             return ca.diag(scaled) / prior
@@ -192,8 +231,22 @@ class _Filter:
         turned[theta] = P[theta, theta] / (self.working.rho * share**2) ** 2
         return found, turned
 
+    def moved(self, c: ca.SX, own: list[int]) -> ca.SX:
+        """What a jump (p,) of the physical scalars does to the state (n_x + all, p), at the working ones."""
+        n_x, theta = self.working.structure.n_x, self.working.structure.theta
+        D = ca.SX.zeros(n_x + c.shape[0], len(own))
+        share = self.share(c)
+        for j, i in enumerate(own):
+            D[n_x + i, j] = share
+            if i == theta:
+                D[n_x:, j] = -self.working.rho * share * c
+                D[n_x + i, j] = -self.working.rho * share**2
+        return D
 
-def _functions(parts: Sequence[Part], filter: _Filter, fraction: FloatArray, g_rule: Rule) -> BlockFunctions:
+
+def _functions(
+    parts: Sequence[Part], filter: _Filter, fraction: FloatArray, g_rule: Rule, tests: Watch | None
+) -> BlockFunctions:
     """The law of the block."""
     working, structure = filter.working, filter.working.structure
     n_x, labels = structure.n_x, structure.labels
@@ -205,26 +258,35 @@ def _functions(parts: Sequence[Part], filter: _Filter, fraction: FloatArray, g_r
         if isinstance(part, Regressor)
     }
     kept = {"g": signals["g"], "f_theta": signals["f_theta"]} | {parts[i].name: phi[i] for i in phi}
-    first = _first(filter, signals["x"])
+    first = _first(filter, signals["x"]) | ({} if tests is None else tests.first())
     before = {key: ca.SX.sym(f"{key}_before", *symbol.shape) for key, symbol in (first | kept).items()}
     g_end = before["g"] if g_rule == "hold" else signals["g"]
     known = 0.5 * (before["g"] + g_end + before["f_theta"] + signals["f_theta"])
     mean, end = _loads(parts, working, signals, phi, before, known, g_end + signals["f_theta"])
     wide = ca.triu2symm(ca.SX(ca.Sparsity.upper(n), before["P"]))
-    foretold = filter.predicted(before["x"], before["c"], wide, filter.h * known, mean)
-    z, P = filter.corrected(*foretold, signals["x"])
-    elapsed = before["elapsed"] + filter.h
-    now = {"started": ca.SX(1), "elapsed": elapsed, "x": z[:n_x], "c": z[n_x:], "P": _upper(P)}
+    z, P, F = filter.predicted(before["x"], before["c"], wide, filter.h * known, mean)
+    z, P, done = filter.corrected(z, P, signals["x"])
+    now = {"started": ca.SX(1), "elapsed": before["elapsed"] + filter.h}
+    found: dict[str, ca.SX] = {}
+    if tests is not None:
+        prior = structure.sd[tests.own] ** 2
+        z, P, seen, found = tests.step(before, filter.moved(before["c"], tests.own), F, done, z, P, prior)
+        now, found["age"] = now | seen, filter.h * found["age"]
+    now |= {"x": z[:n_x], "c": z[n_x:], "P": _upper(P)}
     going = before["started"]
-    following = {key: ca.if_else(going, now[key], first[key]) for key in now} | kept
+    following = {key: ca.if_else(going, now[key], first[key]) for key in first} | kept
     of_c = ca.triu2symm(ca.SX(ca.Sparsity.upper(n), following["P"]))[n_x:, n_x:]
-    identified = filter.left(of_c, following["elapsed"]) <= ca.DM(fraction**2)
-    found, variance = filter.physical(following["c"], of_c)
+    jumps = ca.SX(len(labels), 1)
+    if tests is not None:
+        jumps[tests.own] = following["jumps"]
+    identified = filter.left(of_c, following["elapsed"], jumps) <= ca.DM(fraction**2)
+    estimate, variance = filter.physical(following["c"], of_c)
     results = [
         signals["f_theta"] + ca.if_else(going, ca.mtimes(end, following["c"]), 0.0),
-        ca.if_else(identified, found, ca.DM(structure.mean)),
+        ca.if_else(identified, estimate, ca.DM(structure.mean)),
         ca.sqrt(ca.fmax(variance, 0.0)),
         identified,
+        *(ca.if_else(going, value, 0.0) for value in found.values()),
     ]
     arguments = [
         ca.SX.sym("t"),
@@ -242,6 +304,8 @@ def _functions(parts: Sequence[Part], filter: _Filter, fraction: FloatArray, g_r
                 *labels,
                 *(f"sd_{label}" for label in labels),
                 *(f"known_{label}" for label in labels),
+                *([] if tests is None else ["alarm", "statistic", "age"]),
+                *([] if tests is None else [f"jump_{labels[i]}" for i in tests.own]),
             )
         ),
         (),
@@ -309,7 +373,7 @@ def _named(symbols: Mapping[str, ca.SX]) -> tuple[Variable, ...]:
     found = []
     for key, symbol in symbols.items():
         rows, columns = symbol.shape
-        if key in ("started", "elapsed"):
+        if key in ("started", "elapsed", "phase", "quiet", "jumps"):
             found.append(key)
         elif columns == 1:
             found += [f"{key}[{i}]" for i in range(rows)]

@@ -19,10 +19,39 @@ from .structure import Working
 if TYPE_CHECKING:
     from .separate import Separation
 
-__all__ = ["Changes", "detect_changes", "evidence"]
+__all__ = ["Changes", "Schedule", "detect_changes", "evidence"]
 
 _AGES = (1 / 6, 1 / 3, 2 / 3, 1.0)  # of a change when it is tested, in the longest
 _SPACING = 1 / 30  # between changes tested, in the longest age
+
+
+@dataclass(frozen=True)
+class Schedule:
+    """Which jumps are tested, and when.
+
+    Attributes
+    ----------
+    ages : tuple of int
+        Of a jump when it is tested, in samples, ascending.
+    every : int
+        Samples between two jumps that are tested.
+    threshold : float
+        Above which a test alarms.
+    """
+
+    ages: tuple[int, ...]
+    every: int
+    threshold: float
+
+    @classmethod
+    def of(cls, dt: float, scalars: int, *, false_alarms: float, within: float) -> Schedule:
+        """For a part of so many scalars, sampled every ``dt`` seconds; the rest as for :func:`detect_changes`."""
+        rate = _signals.number("false_alarms", false_alarms, "1/h", above=0.0)
+        span = _signals.duration("within", within)
+        ages = sorted({max(1, round(age * span / dt)) for age in _AGES})
+        every = max(1, round(_SPACING * span / dt))
+        count = 3600.0 / (every * dt) * len(ages)
+        return cls(tuple(ages), every, float(chi2.isf(min(rate / count, 1.0), scalars)))
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -85,7 +114,8 @@ def detect_changes(
     at four ages. Bonferroni's inequality sets the threshold, so that the rate holds whatever the tests have in common,
     as long as the innovations are white, of which ``Separation.consistency`` speaks.
 
-    A filter that has seen a change follows it slowly: separate the recording anew from the alarm on.
+    A filter that has seen a change follows it slowly: separate the recording anew from the alarm on. In flight
+    :func:`~phyfilter_ctl.blocks.separation_block` does these tests with ``watch``, and goes on with the change counted.
 
     Examples
     --------
@@ -106,19 +136,15 @@ def detect_changes(
         raise ValueError(f"part: expected one of {', '.join(separation.parts)}, got {part!r}")
     if not separation.causal:
         raise ValueError("separation: expected one of causal=True, whose innovations are those of the flight")
-    rate = _signals.number("false_alarms", false_alarms, "1/h", above=0.0)
-    span = _signals.duration("within", within)
     log, ends = separation.recording, separation._ends
-    ages = sorted({max(1, round(age * span / log.dt)) for age in _AGES})
-    every = max(1, round(_SPACING * span / log.dt))
+    own = np.flatnonzero(ends.structure.part == list(separation.parts).index(part))
+    schedule = Schedule.of(log.dt, len(own), false_alarms=false_alarms, within=within)
+    ages, threshold = schedule.ages, schedule.threshold
     if log.n <= ages[-1]:
         raise ValueError(
             f"within: expected less than the recording of {log.duration:.3g} s, got {within:g} s"
         )
-    own = np.flatnonzero(ends.structure.part == list(separation.parts).index(part))
-    count = 3600.0 / (every * log.dt) * len(ages)
-    threshold = float(chi2.isf(min(rate / count, 1.0), len(own)))
-    begins, statistic, jumps = evidence(ends.working, ends.run, own, ages, every)
+    begins, statistic, jumps = evidence(ends.working, ends.run, own, schedule)
     best, onset, jump = np.zeros(log.n), np.zeros(log.n), np.zeros((log.n, len(own)))
     for age, values, sizes in zip(ages, statistic, jumps, strict=True):
         at = begins + age
@@ -135,12 +161,13 @@ def detect_changes(
 
 
 def evidence(
-    working: Working, run: Forward, own: NDArray[np.intp], ages: list[int], every: int
+    working: Working, run: Forward, own: NDArray[np.intp], schedule: Schedule
 ) -> tuple[NDArray[np.intp], FloatArray, FloatArray]:
     """Where jumps begin (T,), and for each age their statistic (A, T, ...) and most likely size (A, T, ..., p)."""
     n_x = working.structure.n_x
     H = np.hstack([np.eye(n_x), working.structure.measured])
-    begins = np.arange(0, len(run.F) - ages[-1] + 1, every)
+    ages = schedule.ages
+    begins = np.arange(0, len(run.F) - ages[-1] + 1, schedule.every)
     mean, P = run.course.mean[begins][..., n_x:], run.course.covariance[begins][..., n_x:, n_x:]
     # What a jump of the physical scalars does to the working ones.
     D = np.zeros((*mean.shape[:-1], run.F.shape[-1], len(own)))
