@@ -67,7 +67,7 @@ class _Table(ct.Structure):
         ("name", ct.c_char_p),
         ("size", ct.c_size_t),
         *((name, ct.c_int) for name in ("n_x", "n_u", "n_y", "n_p", "n_s", "n_tasks", "communication")),
-        ("init", ct.CFUNCTYPE(None, ct.c_void_p)),
+        ("init", ct.CFUNCTYPE(ct.c_int, ct.c_void_p)),
         *((name, _POINTER) for name in ("x", "u", "p")),
         ("s", ct.CFUNCTYPE(None, ct.c_void_p, _VECTOR)),
         ("apply", ct.CFUNCTYPE(ct.c_char_p, ct.c_void_p)),

@@ -43,6 +43,7 @@ _CONFIGURATION = re.compile(
 _LANGUAGE = re.compile(r"\n#ifdef __cplusplus\n.*?#endif\n", re.S)
 _HELPER = re.compile(r"^(casadi_real|casadi_int|void|int) (casadi_\w+\()", re.M)
 _BODY = re.compile(r"^(static int casadi_f\d+\(.*\) \{)$", re.M)
+_TABLE = re.compile(r"^static const (?:pf|casadi)_real ", re.M)
 _NEWTON = re.compile(
     r"(for \(iter=0; iter<)(\d+)(; \+\+iter\) \{.*?\n  \}\n)(  /\* Get the solution \*/)", re.S
 )
@@ -135,6 +136,7 @@ def casadi_header(functions: Mapping[str, ca.Function], prefix: str, real: Real 
         raise RuntimeError(
             f"Newton's method in C of CasADi {ca.CasadiMeta.version()} is not as expected; use CasADi 3.8"
         )
+    text = _TABLE.sub(r'#include "pf_ieee.h"\n\g<0>', text)
     text = re.sub(r"\n{3,}", "\n\n", text) + "\n" + "\n".join(entries)
     if real == "float":
         if newtons:

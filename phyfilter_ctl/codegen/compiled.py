@@ -39,6 +39,7 @@ _MESSAGES = {
     3: "the step became too small at t = {t:.9g} s: a singularity, a jump, or a stiff diagram; relax rtol and atol, or "
     "use method='rk4' with a given max_step",
     4: "the steps allowed were spent at t = {t:.9g} s",
+    5: "damaged parameters, or flags of the compiler that give no IEEE arithmetic",
     100: "cancelled at t = {t:.9g} s",
     101: "the time limit was reached at t = {t:.9g} s",
 }
@@ -56,8 +57,8 @@ class CompiledRun(Result):
     sampled_states : (N, n_s) array
         Of the sampled blocks, after those due had run.
     status : int
-        0 done, 1 not finite, 2 no convergence, 3 step too small, 4 too many steps, 100 cancelled,
-        101 time limit.
+        0 done, 1 not finite, 2 no convergence, 3 step too small, 4 too many steps, 5 not usable,
+        100 cancelled, 101 time limit.
     message : str
         What happened, and what to try.
     t_reached : float

@@ -97,8 +97,10 @@ def filter_task(
     if (!status) {{
       {name}_real out[{n_f}];
       for (int i = 0; i < {n_v}; i++) in{number}[i] = ({name}_real)v{number}[i];
-      if ({name}_output(&self->{member}, in{number}, in{number} + {n_x}, in{number} + {2 * n_x}, {inertia}, out))
-        status = PF_NOT_FINITE;
+      const int code =
+          {name}_output(&self->{member}, in{number}, in{number} + {n_x}, in{number} + {2 * n_x}, {inertia}, out);
+      if (code)
+        status = code == PF_FILTER_NOT_FINITE ? PF_NOT_FINITE : PF_UNUSABLE;
       else
         for (int i = 0; i < {n_f}; i++) self->z[{z} + i] = (pf_real)out[i];
     }}
@@ -119,7 +121,7 @@ def filter_task(
         commit="",
         declarations=f"  {name}_real in{number}[{n_v}];\n",
         member=f"{name} {member}; /* {in_comment(task.name)} */",
-        init=f"  (void){name}_init(&self->{member}, &{name}_parameters);\n",
+        init=f"  refused |= {name}_init(&self->{member}, &{name}_parameters);\n",
         states=_copies(source, member),
         check=_check(task, source, member, number, parameter) if parameters else "",
         put_in_force=f"  self->{member} = trial{number};\n" if parameters else "",

@@ -152,8 +152,8 @@ extern const pf_model {name}_model;
 
 #define {capital}_STEP {number(layout.step, "double")} /* s, between two calls of {name}_step */
 
-void {name}_init(void *self);  /* start values; t = 0 */
-void {name}_reset({name} *self); /* the same, parameters kept */
+int {name}_init(void *self); /* start values; t = 0. Not PF_OK: do not run it, see pf_ieee.h */
+int {name}_reset({name} *self); /* the same, parameters kept */
 
 /* One period: takes the inputs u (n_u) at the present time, runs the sampled blocks that are due, writes the outputs
  * y (n_y) of the present time, and goes on to the next one, {capital}_STEP later, with u held. PF_OK, or the state is

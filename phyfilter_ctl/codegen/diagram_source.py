@@ -21,7 +21,7 @@ from .model import CModel
 
 __all__ = ["diagram_model", "runtime_sources"]
 
-_RUNTIME = ("pf_model.h", "pf_run.h", "pf_run.c", "pf_instants.h", "pf_crc.h")
+_RUNTIME = ("pf_ieee.h", "pf_model.h", "pf_run.h", "pf_run.c", "pf_instants.h", "pf_crc.h")
 # Periods whose common divisor is this much shorter than the shortest of them have none in practice.
 _FINEST_STEP = 1e-3
 _LONGEST_FRACTION = 10**9

@@ -77,6 +77,7 @@ static int sample(void *instance, pf_time t, const pf_real *x) {
     periods = ", ".join(number(task.period, "double") for task in layout.tasks)
     unread = "".join(f"  (void)v{i};\n" for i, task in enumerate(layout.tasks) if not task.n_v)
     return f"""\
+#include "pf_ieee.h" /* a table follows */
 static const pf_time PERIODS[] = {{{periods}}}; /* s */
 
 static pf_time next_instant(const void *instance) {{
@@ -244,6 +245,8 @@ def source_text(layout: Layout, equations: str) -> str:
     copy_unread = "" if copies else "  (void)self;\n  (void)s;\n"
     return f"""\
 /* {in_comment(layout.description)}. Generated. */
+#include "pf_ieee.h"
+
 #include "{name}.h"
 
 #include <math.h>
@@ -253,6 +256,7 @@ def source_text(layout: Layout, equations: str) -> str:
 #include "pf_crc.h"
 #include "pf_instants.h"
 {'#include "pf_run.h"' + chr(10) if layout.between else ""}
+#include "pf_ieee.h" /* a table follows */
 static const {name} INITIAL = {{
     .start = PF_NEVER,
     .x = {_initial(layout.states, real)},
@@ -262,10 +266,12 @@ static const {name} INITIAL = {{
     .z = {_initial(layout.held, real)},
     .s = {_initial(layout.law_states, real)}}};
 
-void {name}_init(void *instance) {{
+int {name}_init(void *instance) {{
   {name} *const self = ({name} *)instance;
+  int refused = !pf_ieee_holds_();
   memcpy(self, &INITIAL, sizeof INITIAL);
-{inits}}}
+{inits}  return refused ? PF_UNUSABLE : PF_OK;
+}}
 
 static pf_real *states(void *self) {{ return (({name} *)self)->x; }}
 static pf_real *inputs(void *self) {{ return (({name} *)self)->u; }}
@@ -281,12 +287,13 @@ void {name}_set_states({name} *self, const pf_real *s) {{
 {_evaluations(layout)}
 {_sample(layout)}
 {_parameters(layout)}
-void {name}_reset({name} *self) {{
+int {name}_reset({name} *self) {{
+  int status;
   pf_real kept[{room(layout.parameters)}];
   memcpy(kept, self->p_used, sizeof kept);
-  {name}_init(self);
+  status = {name}_init(self);
   memcpy(self->p, kept, sizeof kept);
-  (void)apply(self);
+  return status || apply(self) ? PF_UNUSABLE : PF_OK;
 }}
 
 {_table(layout)}

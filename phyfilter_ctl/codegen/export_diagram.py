@@ -26,7 +26,10 @@ _MAIN = """\
 int main(void) {{
   static {name} self; /* static: no room on the stack */
   pf_real u[{n_u}] = {{0}}, y[{n_y}] = {{0}};
-  {name}_init(&self);
+  if ({name}_init(&self)) {{
+    fprintf(stderr, "{name}: damaged parameters, or flags without IEEE arithmetic: see pf_ieee.h\\n");
+    return 1;
+  }}
   for (int i = 0; i < {capital}_N_U; i++) u[i] = {name}_model.u(&self)[i];
   const long steps = (long)(1.0 / {capital}_STEP + 0.5);
   for (long k = 0; k <= steps; k++) {{

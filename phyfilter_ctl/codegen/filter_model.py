@@ -18,7 +18,7 @@ from .model import CModel
 
 __all__ = ["filter_model"]
 
-_RUNTIME = ("pf_model.h", "pf_run.c", "pf_run.h")
+_RUNTIME = ("pf_ieee.h", "pf_model.h", "pf_run.c", "pf_run.h")
 
 
 def filter_model(
@@ -109,6 +109,8 @@ def _sampled_model(
         sampled, channels, name=name, inertia=inertia, variable=communication, tunable=tunable
     )
     code = f"""\
+#include "pf_ieee.h"
+
 #include "{name}.h"
 
 #define {name}_COMMUNICATION {int(communication)}
@@ -193,11 +195,14 @@ def _continuous_model(
     defines = "\n".join(f"#define {name}_{option} {value}" for option, value in options.items())
     members = "\n".join(f"  .{member} = {braces(values, False)}," for member, values in numbers.items())
     code = f"""\
+#include "pf_ieee.h"
+
 {defines}
 #define {name}_MODEL_NAME "{name}"
 #define PF_NAME {name}
 #include "pf_filter_continuous.h"
 
+#include "pf_ieee.h" /* a table follows */
 static const {name}_numbers {name}_parameters = {{
   .order = {{{", ".join(map(str, orders))}}},
 {members}

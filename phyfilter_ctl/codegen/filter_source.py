@@ -162,7 +162,7 @@ def filter_source(
         "VARIABLE": int(variable),
         "TUNABLE": int(tunable),
     }
-    runtime = ["pf_crc.h", "pf_filter.h", "pf_filter_code.h", "pf_hurwitz.h"]
+    runtime = ["pf_crc.h", "pf_filter.h", "pf_filter_code.h", "pf_hurwitz.h", "pf_ieee.h"]
     if needed or sampled.sampling.nonfinite == "hold":
         runtime += ["pf_filter_late.h"]
     if variable or tunable or sampled.sampling.nonfinite == "hold":
@@ -393,11 +393,14 @@ def _describe(sampled: SampledPhyFilter, n_x: int, n_f: int, signals: Signals) -
 
 def _code(name: str, numbers: _Numbers) -> str:
     return f"""\
+#include "pf_ieee.h"
+
 #include "{name}.h"
 
 #define PF_NAME {name}
 #include "pf_filter_code.h"
 
+#include "pf_ieee.h" /* a table follows */
 const {name}_params {name}_parameters = {{
 {numbers.text()}
 }};

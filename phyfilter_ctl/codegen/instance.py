@@ -48,7 +48,10 @@ class Instance:
 
     def init(self) -> None:
         """Start values of everything."""
-        self._table.init(self.address)
+        if self._table.init(self.address):
+            raise RuntimeError(
+                f"{self._model.name}: the compiler's flags give no IEEE arithmetic, see pf_ieee.h"
+            )
 
     def set_parameters(self, params: Mapping[str, float] | ArrayLike) -> None:
         """Puts parameters in force, all or none.

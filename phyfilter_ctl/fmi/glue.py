@@ -19,7 +19,7 @@ _HEADERS = {
     "2.0": ("fmi2Functions.h", "fmi2FunctionTypes.h", "fmi2TypesPlatform.h"),
     "3.0": ("fmi3Functions.h", "fmi3FunctionTypes.h", "fmi3PlatformTypes.h"),
 }
-_RUNTIME = ("pf_model.h", "pf_run.h", "pf_run.c")
+_RUNTIME = ("pf_ieee.h", "pf_model.h", "pf_run.h", "pf_run.c")
 # Steps of the solver, or instants, within one communication step: more is a mistake in the importer's units.
 _MOST_STEPS = 1e7
 

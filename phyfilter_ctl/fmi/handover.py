@@ -59,7 +59,7 @@ int main(void) {{
   const long steps = (long)({dt!r} / {capital}_STEP + 0.5);
   const double off = steps * {capital}_STEP - {dt!r};
   if (steps < 1 || off > 1e-9 * {dt!r} || -off > 1e-9 * {dt!r}) return 4;
-  {name}_init(&self);
+  if ({name}_init(&self)) return 3;
   for (long k = 0; k < {samples}; k++) {{
     for (int i = 0; i < {inputs}; i++)
       if (scanf("%lf", u + i) != 1) return 2;

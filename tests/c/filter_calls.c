@@ -3,6 +3,8 @@
  * Build with -DNAME=<filter> -DHEADER="<filter>.h" under sanitizers. Argument: number of calls. Prints a CRC-32 of all
  * f_hat of the run, which must be the same from every compiler. Returns 1 where a refused call changed anything.
  */
+#include "pf_ieee.h"
+
 #include <float.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -149,6 +151,7 @@ static int check_init(void) {
   damaged = PF_P(parameters);
   damaged.dt *= 2.0;
   if (PF_P(init)(&self, &damaged) != PF_FILTER_CORRUPT) return 1;
+  if (PF_P(step)(&self, x, g, f_theta, inertia, f_hat) != PF_FILTER_INVALID) return 1; /* it does not run */
   return PF_P(init)(&self, &PF_P(parameters)) != PF_FILTER_OK;
 }
 

@@ -138,7 +138,9 @@ def test_sanitizers_find_nothing(exported, tmp_path):
 
 @pytest.mark.parametrize("real", ["double", "float"])
 def test_the_runtime_converts_nothing_silently(real, tmp_path):
-    sources = runtime_sources(("pf_model.h", "pf_run.h", "pf_run.c", "pf_simulate.h", "pf_simulate.c"), real)
+    sources = runtime_sources(
+        ("pf_ieee.h", "pf_model.h", "pf_run.h", "pf_run.c", "pf_simulate.h", "pf_simulate.c"), real
+    )
     sources |= runtime_sources(("pf_instants.h", "pf_crc.h"), real)
     sources["all.c"] = '#include "pf_instants.h"\n#include "pf_crc.h"\nint pf_all;\n'
     compile_sources(sources, tmp_path / "a.so", flags=[*STRICT, "-Wconversion"])

@@ -23,7 +23,9 @@ METHODS = ["exact", "euler", "tustin"]
 
 @pytest.fixture(scope="module")
 def tune(tmp_path_factory):
-    texts = runtime_files(["pf_arithmetic.h", "pf_hurwitz.h", "pf_roots.c", "pf_tune.c", "pf_tune.h"])
+    texts = runtime_files(
+        ["pf_arithmetic.h", "pf_hurwitz.h", "pf_ieee.h", "pf_roots.c", "pf_tune.c", "pf_tune.h"]
+    )
     texts["hurwitz.c"] = (
         '#include "pf_hurwitz.h"\nint hurwitz(int n, const double *a);\n'
         "int hurwitz(int n, const double *a) { return pf_hurwitz(n, a); }\n"

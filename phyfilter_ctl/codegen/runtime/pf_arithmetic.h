@@ -1,16 +1,9 @@
 /* Numbers without libm, for pf_roots.c and pf_tune.c. */
 #ifndef PF_ARITHMETIC_H
 #define PF_ARITHMETIC_H
-#include <float.h>
+#include "pf_ieee.h"
 
 #include "pf_hurwitz.h" /* PF_MAX_ORDER */
-
-#if defined(__clang__)
-#pragma STDC FP_CONTRACT OFF
-#endif
-#if defined(__FAST_MATH__) || (defined(FLT_EVAL_METHOD) && FLT_EVAL_METHOD == 2)
-#error "the filter needs IEEE arithmetic: build without -ffast-math, and on 32-bit x86 with -msse2 -mfpmath=sse"
-#endif
 
 typedef struct {
   double re, im;

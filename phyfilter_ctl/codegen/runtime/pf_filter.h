@@ -76,7 +76,8 @@ enum {
   PF_FILTER_CORRUPT = 4,     /* CRC-32 of the parameters */
   PF_FILTER_NOT_HURWITZ = 5, /* a pole on or right of the imaginary axis */
   PF_FILTER_NO_REST = 6,     /* F(0) = 0: no constant residual gives f_hat0 */
-  PF_FILTER_INVALID = 7      /* parameters out of range: step, delay, order or a limit */
+  PF_FILTER_INVALID = 7,     /* parameters out of range: step, delay, order or a limit; or init has refused them */
+  PF_FILTER_ARITHMETIC = 8   /* the compiler's flags: see pf_ieee.h */
 };
 
 static inline const char *pf_filter_message(int code) {
@@ -88,19 +89,14 @@ static inline const char *pf_filter_message(int code) {
     case PF_FILTER_CORRUPT: return "the CRC-32 of the parameters is wrong";
     case PF_FILTER_NOT_HURWITZ: return "D is not Hurwitz: a pole on or right of the imaginary axis";
     case PF_FILTER_NO_REST: return "F(0) = 0: no constant residual gives this f_hat; start without it";
-    default: return "a parameter is out of range";
+    case PF_FILTER_ARITHMETIC: return "arithmetic is not IEEE's: see pf_ieee.h for the compiler's flags";
+    default: return "a parameter is out of range, or the filter was not initialised";
   }
 }
 
 #define PF_CAT_(a, b) a##_##b
 #define PF_CAT(a, b) PF_CAT_(a, b)
 #define PF_P(member) PF_CAT(PF_NAME, member) /* PF_P(step) is wing_step where PF_NAME is wing */
-#endif
-
-/* Rounding within one state must be that of its type, and f_hat must not depend on where the compiler fuses. */
-#include <float.h>
-#if defined(__FAST_MATH__) || (defined(FLT_EVAL_METHOD) && FLT_EVAL_METHOD == 2)
-#error "the filter needs IEEE arithmetic: build without -ffast-math, and on 32-bit x86 with -msse2 -mfpmath=sse"
 #endif
 
 #if PF_P(INERTIA) == 0

@@ -4,14 +4,10 @@
  *   w_k = w_{k-1} + dA (w_{k-1} - equilibrium u_k)
  *   f_hat_k = f_theta_k + C w_k
  */
-#include <string.h>
+#include "pf_ieee.h"
 
 #include "pf_crc.h"
 #include "pf_hurwitz.h"
-
-#if defined(__clang__)
-#pragma STDC FP_CONTRACT OFF
-#endif
 
 /* Loops of few and fixed turns: without it half of the instructions would count. */
 #if defined(__clang__)
@@ -103,6 +99,8 @@ static uint32_t PF_P(crc_)(const PF_P(params) *p) {
 }
 
 int PF_P(init)(PF_NAME *self, const PF_P(params) *params) {
+  memset(self, 0, sizeof *self); /* refused: it does not start */
+  if (!pf_ieee_holds_()) return PF_FILTER_ARITHMETIC;
   if (params->version != PF_FILTER_FORMAT) return PF_FILTER_VERSION;
   if (params->crc != PF_P(crc_)(params)) return PF_FILTER_CORRUPT;
   if (!(params->dt > 0.0) || !(params->dt < 1e30)) return PF_FILTER_INVALID;
@@ -111,7 +109,6 @@ int PF_P(init)(PF_NAME *self, const PF_P(params) *params) {
     if (params->order[i] < 1u || params->order[i] > (uint32_t)PF_N) return PF_FILTER_INVALID;
     if (!pf_hurwitz((int)params->order[i], params->a[i])) return PF_FILTER_NOT_HURWITZ;
   }
-  memset(self, 0, sizeof *self);
 #if PF_P(LIMIT)
   if (PF_P(set_limit)(self, params->limit) != PF_FILTER_OK) return PF_FILTER_INVALID;
 #endif
@@ -230,6 +227,7 @@ int PF_P(start)(PF_NAME *self, const PF_T *x0, const PF_T *f_hat0, const PF_T *f
   PF_T w[PF_N_F][PF_N], f_theta[PF_N_F];
   int away = 0;
   memset(w, 0, sizeof w);
+  if (!(self->dt > 0.0)) return PF_FILTER_INVALID;
   for (int i = 0; i < PF_N_F; i++) f_theta[i] = f_theta0 ? f_theta0[i] : (PF_T)0;
   if (!PF_P(finite_)(x0, PF_N_X) || !PF_P(finite_)(f_theta, PF_N_F)) return PF_FILTER_NOT_FINITE;
   if (g0 && !PF_P(finite_)(g0, PF_N_X)) return PF_FILTER_NOT_FINITE;
@@ -403,6 +401,7 @@ PF_RARE int PF_P(all_finite_)(const PF_T *x, const PF_T *g, const PF_T *f_theta,
 /* The first sample by itself: at rest, f_hat = f_theta. */
 PF_RARE int PF_P(begin_)(PF_NAME *self, const PF_T *x, const PF_T *g, const PF_T *f_theta, const PF_T *inertia,
                          PF_T *f_hat) {
+  if (!(self->dt > 0.0)) return PF_FILTER_INVALID; /* init has refused, or was not called */
 #if PF_P(HOLD_BAD)
   PF_T last[PF_N_F]; /* good f_theta so far */
   for (int i = 0; i < PF_N_F; i++) last[i] = PF_P(finite_)(&f_theta[i], 1) ? f_theta[i] : self->f_theta[i];

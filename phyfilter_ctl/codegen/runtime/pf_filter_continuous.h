@@ -126,7 +126,7 @@ static void PF_P(flow)(const PF_P(model_instance) *self, const pf_real *z, const
   }
 }
 
-static void PF_P(model_init)(void *instance) {
+static int PF_P(model_init)(void *instance) {
   PF_P(model_instance) *const self = (PF_P(model_instance) *)instance;
   memset(self, 0, sizeof *self);
   for (int i = 0; i < PF_BANKS; i++)
@@ -140,6 +140,7 @@ static void PF_P(model_init)(void *instance) {
     for (int j = 0; j < PF_P(parameters).order[i]; j++) *p++ = (pf_real)PF_P(parameters).b[i][j];
   memcpy(self->p_used, self->p, sizeof self->p);
 #endif
+  return pf_ieee_holds_() ? PF_OK : PF_UNUSABLE;
 }
 
 static pf_real *PF_P(model_x)(void *self) { return ((PF_P(model_instance) *)self)->x; }

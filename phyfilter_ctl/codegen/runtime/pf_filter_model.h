@@ -40,13 +40,14 @@ typedef struct {
 
 static int PF_P(model_status)(int code) {
   if (code == PF_FILTER_OK) return PF_OK;
+  if (code == PF_FILTER_INVALID) return PF_UNUSABLE;
   return code == PF_FILTER_STEP ? PF_STEP_TOO_SMALL : PF_NOT_FINITE;
 }
 
-static void PF_P(model_init)(void *instance) {
+static int PF_P(model_init)(void *instance) {
   PF_P(model_instance) *const self = (PF_P(model_instance) *)instance;
   memset(self, 0, sizeof *self);
-  (void)PF_P(init)(&self->filter, &PF_P(parameters)); /* generated, hence whole */
+  if (PF_P(init)(&self->filter, &PF_P(parameters))) return PF_UNUSABLE;
   self->begun = PF_NEVER;
 #if PF_N_M
   for (int i = 0; i < PF_N_M; i++) /* I */
@@ -67,6 +68,7 @@ static void PF_P(model_init)(void *instance) {
 #endif
   memcpy(self->p_used, self->p, sizeof self->p);
 #endif
+  return PF_OK;
 }
 
 static pf_real *PF_P(model_x)(void *self) { return ((PF_P(model_instance) *)self)->x; }

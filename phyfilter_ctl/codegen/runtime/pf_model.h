@@ -16,7 +16,14 @@ typedef double pf_time; /* seconds; double also where pf_real is float, which ha
 
 #define PF_NEVER 1e300 /* pf_model.next: no instant to come */
 
-enum { PF_OK = 0, PF_NOT_FINITE = 1, PF_NO_CONVERGENCE = 2, PF_STEP_TOO_SMALL = 3, PF_TOO_MANY_STEPS = 4 };
+enum {
+  PF_OK = 0,
+  PF_NOT_FINITE = 1,
+  PF_NO_CONVERGENCE = 2,
+  PF_STEP_TOO_SMALL = 3,
+  PF_TOO_MANY_STEPS = 4,
+  PF_UNUSABLE = 5
+};
 
 typedef struct pf_model {
   const char *name;
@@ -26,7 +33,9 @@ typedef struct pf_model {
   int n_tasks;             /* sampled blocks with instants of their own */
   int communication;       /* 1: a sampled block updates once per communication step (pf_model.update) */
 
-  void (*init)(void *self);      /* all start values; t = 0; nothing sampled yet */
+  /* All start values; t = 0; nothing sampled yet. PF_UNUSABLE: corrupt parameters, or arithmetic that is not IEEE's
+   * (pf_ieee.h); `start` and a step say it again. */
+  int (*init)(void *self);
   pf_real *(*x)(void *self);     /* continuous states, in place */
   pf_real *(*u)(void *self);     /* inputs, in place */
   pf_real *(*p)(void *self);     /* parameters as last set, in place; in force after apply */

@@ -1,4 +1,6 @@
 /* See pf_run.h. No libm: finiteness is x - x == 0, roots are Newton's. */
+#include "pf_ieee.h"
+
 #include "pf_run.h"
 
 enum { STAGES = 7, RK4_VECTORS = 3, ADAPTIVE_VECTORS = STAGES + 1 };

@@ -1,4 +1,6 @@
 /* See pf_simulate.h. */
+#include "pf_ieee.h"
+
 #include "pf_simulate.h"
 
 static void copy(pf_real *to, const pf_real *from, int n) {

@@ -1,7 +1,8 @@
 /* From poles to the matrices of the recursion: see pf_tune.h. */
-#include "pf_tune.h"
+#include "pf_ieee.h"
 
 #include "pf_arithmetic.h"
+#include "pf_tune.h"
 
 #define TERMS 18 /* of the Taylor series below a norm of 0.5: 0.5^18 / 19! < 1e-22 of the result */
 

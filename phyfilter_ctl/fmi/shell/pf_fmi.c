@@ -152,7 +152,7 @@ void pf_fmi_reset(pf_fmi *self) {
   self->saved->event_mode = event_mode;
   self->saved->early_return = early_return;
   self->saved->solver = pf_fmu_here.solver;
-  self->model->init(self->self);
+  (void)self->model->init(self->self); /* start says it again */
   self->fresh = 0;
 }
 
@@ -204,7 +204,8 @@ int pf_fmi_failure(pf_fmi *self, const char *call, int code) {
   if (pf_fmu_here.why)
     return pf_fmi_say(self, PF_FMI_DISCARD, "%s at %.9g s: %.400s", call, self->saved->time, pf_fmu_here.why());
   return pf_fmi_say(self, PF_FMI_DISCARD, "%s at %.9g s: %s", call, self->saved->time,
-                    code == PF_NO_CONVERGENCE   ? "an equation inside was not solved"
+                    code == PF_UNUSABLE         ? "damaged parameters, or a build without IEEE arithmetic"
+                    : code == PF_NO_CONVERGENCE ? "an equation inside was not solved"
                     : code == PF_STEP_TOO_SMALL && !self->model->n_x
                         ? "a step of this length is not possible; forward Euler would diverge"
                     : code == PF_TOO_MANY_STEPS ? "the solver took 1e7 steps; the model is stiff or chatters"

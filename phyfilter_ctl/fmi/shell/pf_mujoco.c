@@ -186,12 +186,13 @@ static int advance(instance *self, pf_time t, long timesteps) {
 
 /* ---- pf_model ---- */
 
-static void init(void *pointer) {
+static int init(void *pointer) {
   static const double START[] = PF_MUJOCO_START;
   instance *const self = (instance *)pointer;
   memset(self, 0, sizeof *self);
   memcpy(self->p, START, sizeof self->p);
   memcpy(self->p_used, START, sizeof self->p);
+  return PF_OK;
 }
 
 static pf_real *x_of(void *self) { return ((instance *)self)->x; }
