@@ -133,6 +133,13 @@ def header_text(layout: Layout) -> str:
 
 #include "pf_model.h"
 {includes}
+#ifdef __cplusplus
+extern "C" {{
+#endif
+
+/* pf_real of an export in another precision that was included before this: keep the two in files of their own. */
+typedef char {name}_needs_pf_real_to_be_{layout.real}[sizeof(pf_real) == sizeof({layout.real}) ? 1 : -1];
+
 enum {{
 {chr(10).join(f"  {capital}_{key} = {len(value)}," for key, value in sizes.items()).rstrip(",")}
 }};
@@ -175,5 +182,8 @@ void {name}_seal({name}_parameters *parameters);
 /* Puts parameters in force, all or none: NULL, or why they are refused. */
 const char *{name}_set_parameters({name} *self, const {name}_parameters *parameters);
 
+#ifdef __cplusplus
+}}
+#endif
 #endif
 """

@@ -8,7 +8,7 @@ from ..diagram.fixed_step import refuse_unstable_step
 from ..diagram.model import FlatModel
 from .casadi_source import Real
 from .diagram_source import diagram_model
-from .export_folder import write_folder
+from .export_folder import own_symbols, write_folder
 from .model import CModel
 
 __all__ = ["export_diagram"]
@@ -109,7 +109,7 @@ def export_diagram(
         refuse_unstable_step(
             flat, model.step / substeps, "give substeps={substeps}, or a step of at most {step}", substeps
         )
-    return write_folder(folder, model.sources | {"main.c": _example(model)})
+    return write_folder(folder, own_symbols(model.sources, model.name) | {"main.c": _example(model)})
 
 
 def _example(model: CModel) -> str:

@@ -2,15 +2,45 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from pathlib import Path
 
 from .._output import replacing_folder
 
-__all__ = ["write_folder"]
+__all__ = ["own_symbols", "write_folder"]
 
 _LIST = "pf_files.txt"
 _FIRST_LINE = "Written by phyfilter_ctl; the next export to this folder replaces these files:"
+
+_FUNCTION = re.compile(r"^(?!static\b|typedef\b)[a-z][\w ]*[ *](pf_\w+)\(", re.M)
+
+
+def own_symbols(sources: Mapping[str, str], name: str) -> dict[str, str]:
+    """The same C with the functions of the runtime called after the model: several exports fit into one image.
+
+    Parameters
+    ----------
+    sources : mapping of str to str
+        File name to text; those named pf_*.c are the runtime's.
+    name : str
+        Prefix, the model's C name.
+
+    Returns
+    -------
+    dict of str to str
+
+    Examples
+    --------
+    >>> own_symbols({"pf_a.c": "int pf_a(void) { return 1; }", "m.c": "int b(void) { return pf_a(); }"}, "m")
+    {'pf_a.c': 'int m_pf_a(void) { return 1; }', 'm.c': 'int b(void) { return m_pf_a(); }'}
+    """
+    runtime = (text for file, text in sources.items() if re.fullmatch(r"pf_\w+\.c", file))
+    found = sorted({function for text in runtime for function in _FUNCTION.findall(text)})
+    if not found:
+        return dict(sources)
+    calls = re.compile(rf"\b({'|'.join(found)})\b(?!\.)")  # pf_roots, but not the file pf_roots.c
+    return {file: calls.sub(rf"{name}_\1", text) for file, text in sources.items()}
 
 
 def write_folder(folder: str | Path, files: Mapping[str, str]) -> Path:

@@ -33,7 +33,7 @@ int main(void) {
   pf_real work[64], u[1] = {0.5}, y[TWO_RATES_N_Y], slope[1] = {0.1}, s[TWO_RATES_N_S];
   pf_solver adaptive = {PF_ADAPTIVE, 0, (pf_real)1e-6, (pf_real)1e-6, 0, 0};
   pf_time t = 0, reached;
-  if (sizeof work / sizeof *work < pf_work_reals(&two_rates_model)) return 1;
+  if (sizeof work / sizeof *work < two_rates_pf_work_reals(&two_rates_model)) return 1;
   two_rates_init(&self);
   for (int k = 0; k < 300; k++)
     if (two_rates_step(&self, u, y)) return 2;
@@ -41,7 +41,7 @@ int main(void) {
   if (two_rates_model.start(&self, 0)) return 3;
   for (int k = 1; k < 200; k++) {
     const pf_time end = t + 1e-7 * (pf_time)(k * k % 97) * (pf_time)k;
-    if (pf_advance(&two_rates_model, &self, work, &adaptive, t, end, k % 2 ? slope : NULL, &reached)) return 4;
+    if (two_rates_pf_advance(&two_rates_model, &self, work, &adaptive, t, end, k % 2 ? slope : NULL, &reached)) return 4;
     if (reached < end || end < reached) return 5;
     t = end;
     if (k == 100) memcpy(&saved, &self, sizeof self);

@@ -99,3 +99,44 @@ def test_no_warning_on_a_cortex(folder, project):
             ]
             build = subprocess.run(command, capture_output=True, text=True, check=False)
             assert build.returncode == 0, build.stderr[:3000]
+
+
+@pytest.mark.slow
+def test_several_exports_fit_into_one_image(tmp_path):
+    """Two filters and a diagram each in double and float, C and C++: every symbol is called after its model."""
+    filter_ = pf.PhyFilter.from_poles([-9.0, -6.0])
+    lag = ct.ss([-1.0], [1.0], [1.0], [0.0], name="lag")
+    names = ["slow", "fast", "lag_d", "lag_f"]
+    for name, system in zip(names, [filter_.sampled(0.01), filter_.sampled(0.002), lag, lag], strict=True):
+        pf.export_c(system, tmp_path / name, real="float" if name.endswith("f") else "double", name=name)
+        (tmp_path / name / "main.c").unlink()
+    flags = ["-std=c99", "-O1", "-c"]
+    for name in names:
+        for path in (tmp_path / name).glob("*.c"):
+            command = [
+                *find_compiler().command,
+                *flags,
+                str(path),
+                "-o",
+                str(tmp_path / f"{name}_{path.stem}.o"),
+            ]
+            subprocess.run(command, check=True)
+    main = "".join(f'#include "{name}/{name}.h"\n' for name in names[:3])
+    main += "int main(void) { static lag_d self; return lag_d_init(&self) + !pf_filter_message(0); }\n"
+    (tmp_path / "main.cpp").write_text(main)
+    objects = [str(path) for path in tmp_path.glob("*.o")]
+    program = str(tmp_path / "program")
+    subprocess.run(
+        [*find_compiler().command, "-x", "c++", "-c", str(tmp_path / "main.cpp"), "-o", program + ".o"],
+        check=True,
+    )
+    subprocess.run([*find_compiler().command, *objects, program + ".o", "-o", program], check=True)
+    subprocess.run([program], check=True)
+    (tmp_path / "both.c").write_text('#include "lag_d/lag_d.h"\n#include "lag_f/lag_f.h"\n')
+    both = subprocess.run(
+        [*find_compiler().command, *flags, str(tmp_path / "both.c"), "-o", program + ".o"],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert "lag_f_needs_pf_real_to_be_float" in both.stderr
