@@ -17,7 +17,14 @@ from scipy.sparse.linalg import ArpackError, eigs
 
 from .model import FlatModel
 
-__all__ = ["StableStep", "fastest_modes", "largest_stable_step", "refuse_unstable_step", "state_jacobian"]
+__all__ = [
+    "StableStep",
+    "fastest_modes",
+    "largest_stable_step",
+    "refuse_unstable_step",
+    "state_jacobian",
+    "stiffness",
+]
 
 # Beyond this many states a few eigenvalues are sought instead of all.
 _MANY = 250
@@ -90,11 +97,9 @@ def largest_stable_step(flat: FlatModel) -> StableStep:
     free = StableStep(np.inf, 0j, "")
     if not flat.states or flat.dt > 0.0:
         return free
-    z = [variable.start for variable in flat.held]
-    values = state_jacobian(flat)(0.0, flat.start_state(), flat.start_inputs(), flat.start_parameters(), z)
-    rows, columns = values.sparsity().get_triplet()
-    matrix = csc_array((np.array(values.nonzeros()), (rows, columns)), shape=(len(flat.states),) * 2)
-    if not np.all(np.isfinite(matrix.data)) or not matrix.nnz:
+    z = np.array([variable.start for variable in flat.held])
+    matrix = _state_matrix(flat, 0.0, flat.start_state(), flat.start_inputs(), flat.start_parameters(), z)
+    if matrix is None:
         return free
     eigenvalues, vectors = fastest_modes(matrix)
     shortest = free
@@ -104,6 +109,23 @@ def largest_stable_step(flat: FlatModel) -> StableStep:
             mode = flat.states[int(np.argmax(np.abs(vectors[:, i])))].name
             shortest = StableStep(seconds, complex(value), mode)
     return shortest
+
+
+def stiffness(flat: FlatModel, t: float, *at: NDArray[np.float64]) -> float:
+    """Rate of the fastest mode that decays more than it oscillates, 1/s; ``at`` is x, u, p, z."""
+    matrix = _state_matrix(flat, t, *at)
+    if matrix is None:
+        return 0.0
+    values = fastest_modes(matrix)[0]
+    decaying = values[-values.real >= np.abs(values.imag)]
+    return float(np.abs(decaying).max(initial=0.0))
+
+
+def _state_matrix(flat: FlatModel, t: float, *at: NDArray[np.float64]) -> csc_array | None:
+    values = state_jacobian(flat)(t, *at)
+    rows, columns = values.sparsity().get_triplet()
+    matrix = csc_array((np.array(values.nonzeros()), (rows, columns)), shape=(len(flat.states),) * 2)
+    return matrix if matrix.nnz and np.all(np.isfinite(matrix.data)) else None
 
 
 def refuse_unstable_step(flat: FlatModel, step: float, way_out: str, substeps: int = 1) -> None:

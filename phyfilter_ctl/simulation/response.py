@@ -15,7 +15,7 @@ from .arguments import Run
 
 __all__ = ["Backend", "Method", "Outcome", "SimulationResponse", "response_of"]
 
-Method: TypeAlias = Literal["rk4", "adaptive", "exact"]
+Method: TypeAlias = Literal["rk4", "adaptive", "stiff", "exact"]
 Backend: TypeAlias = Literal["vm", "c"]
 
 
@@ -43,8 +43,8 @@ class SimulationResponse(ct.TimeResponseData):
         Names of the signals.
     name : str
         Name of the diagram.
-    method : {"rk4", "adaptive", "exact", "discrete"}
-        How it was integrated.
+    method : {"rk4", "adaptive", "stiff", "exact", "discrete"}
+        How it was integrated; at the end, where "auto" changed it on the way.
     backend : {"vm", "c"}
         What ran it.
     steps : int

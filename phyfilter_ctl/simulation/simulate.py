@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Literal, cast, get_args
+from typing import Literal, get_args
 
 import control as ct
 import numpy as np
@@ -14,6 +14,7 @@ from tqdm import tqdm
 
 from .. import _signals
 from ..diagram import FlatModel, flatten
+from ..diagram.fixed_step import stiffness
 from ..execution import Executor
 from . import compiled, vm
 from .arguments import Inputs, Interpolation, Parameters, Run, Start, prepare
@@ -25,10 +26,12 @@ from .steps import advance_rk4, at_node
 
 __all__ = ["as_flat", "simulate", "simulate_batch"]
 
-MethodChoice = Literal["auto", "rk4", "adaptive", "exact"]
+MethodChoice = Literal["auto", "rk4", "adaptive", "stiff", "exact"]
 BackendChoice = Literal["auto", "vm", "c"]
 # A matrix exponential of more coupled states costs more than it saves.
 _MOST_COUPLED = 200
+# Time constants of the fastest decaying mode that a run is long, and those for each of its nodes, to call it stiff.
+_STIFF_STEPS, _STIFF_NODE_STEPS = 30_000.0, 100.0
 # Jobs for each worker of another process.
 _JOBS = 2
 
@@ -50,8 +53,10 @@ class Options:
         for name, choices in (("method", MethodChoice), ("backend", BackendChoice)):
             if getattr(self, name) not in get_args(choices):
                 raise ValueError(f"{name}: expected one of {get_args(choices)}, got {getattr(self, name)!r}")
-        if self.method == "exact" and self.backend == "c":
-            raise ValueError("method='exact' runs in the virtual machine: expected backend='vm', got 'c'")
+        if self.method in ("exact", "stiff") and self.backend == "c":
+            raise ValueError(
+                f"method={self.method!r} runs in the virtual machine: expected backend='vm', got 'c'"
+            )
         if self.max_step is not None and not 0.0 < self.max_step < np.inf:
             raise ValueError(
                 f"max_step: expected a positive number of seconds or None, got {self.max_step!r}"
@@ -104,11 +109,13 @@ def simulate(
         named ones. None means the start values of the blocks (0 for python-control's).
     params : mapping, optional
         Parameters by name, as for :meth:`FlatModel.start_parameters`.
-    method : {"auto", "rk4", "adaptive", "exact"}
+    method : {"auto", "rk4", "adaptive", "stiff", "exact"}
         "rk4": classical Runge-Kutta, equal steps between events (times and instants of sampled blocks). "adaptive":
         Dormand-Prince with error control, 8(5,3) in the virtual machine and 5(4) in C; starts anew at instants and at
-        kinks of the inputs. "exact": exponential Runge-Kutta of fourth order, exact for parts of df/dx that are
-        constant. "auto": exact for a diagram linear in its states, else adaptive.
+        kinks of the inputs. "stiff": Rosenbrock with error control, Rodas5P [1]_. "exact": exponential
+        Runge-Kutta of fourth order, exact for parts of df/dx that are constant. "auto": exact for a diagram linear in
+        its states, else adaptive; in the virtual machine it goes over to stiff where the fastest decaying mode,
+        measured on the way, bounds the steps.
     backend : {"auto", "vm", "c"}
         CasADi's virtual machine, or C compiled on the spot (kept for the next run). "auto": C where a compiler is found
         and the run is long enough to pay for compiling.
@@ -142,6 +149,11 @@ def simulate(
         For wrong shapes, unknown names and options, or a diagram that cannot be flattened.
     CompilerError
         For backend="c" without a compiler, or with one that fails.
+
+    References
+    ----------
+    .. [1] G. Steinebach, "Construction of Rosenbrock-Wanner method Rodas5P and numerical benchmarks within the Julia
+       Differential Equations package", BIT Numerical Mathematics 63, 27 (2023).
 
     Examples
     --------
@@ -265,12 +277,23 @@ def _decided(flat: FlatModel, run: Run, options: Options, runs: int) -> Options:
     method, backend = options.method, options.backend
     if method == "auto":
         small = max((len(group) for group in linear_part(flat).groups), default=0) <= _MOST_COUPLED
-        method = "exact" if backend != "c" and has_linear_states(flat) and small else "adaptive"
+        method = "exact" if backend != "c" and has_linear_states(flat) and small else "auto"
     if not flat.states or flat.dt > 0.0:
         method = "rk4"  # nothing to integrate
     if backend == "auto":
-        backend = "c" if method != "exact" and _worth_compiling(flat, run, options, runs) else "vm"
+        interpreted = method in ("exact", "stiff") or (method == "auto" and _starts_stiff(flat, run))
+        backend = "c" if not interpreted and _worth_compiling(flat, run, options, runs) else "vm"
+    if backend == "c" and method == "auto":
+        method = "adaptive"
     return replace(options, method=method, backend=backend)
+
+
+def _starts_stiff(flat: FlatModel, run: Run) -> bool:
+    """Whether stability would bound the explicit steps of a run, if it went on as it starts."""
+    z = np.array([variable.start for variable in flat.held])
+    rate = stiffness(flat, float(run.times[0]), run.start, run.inputs[0], run.parameters, z)
+    nodes = len(run.times) + sum((run.times[-1] - run.times[0]) / task.period for task in flat.tasks)
+    return rate * float(run.times[-1] - run.times[0]) > _STIFF_STEPS + _STIFF_NODE_STEPS * nodes
 
 
 def _worth_compiling(flat: FlatModel, run: Run, options: Options, runs: int) -> bool:
@@ -286,14 +309,14 @@ def _worth_compiling(flat: FlatModel, run: Run, options: Options, runs: int) -> 
 
 
 def _simulate(flat: FlatModel, run: Run, options: Options, progress: bool) -> SimulationResponse:
-    method = cast(Literal["rk4", "adaptive", "exact"], options.method)
+    method: MethodChoice = options.method
+    controlled = method in ("adaptive", "stiff", "auto")
     longest = options.max_step
-    allowed = steps_allowed(flat, run, options.max_steps, method == "adaptive")
-    limits = Limits(allowed, options.time_limit)
-    if longest is None and method != "adaptive" and flat.dt == 0.0:
+    limits = Limits(steps_allowed(flat, run, options.max_steps, controlled), options.time_limit)
+    if longest is None and not controlled and flat.dt == 0.0:
         longest = default_step(flat, run, without_linear=method == "exact")
     if options.backend == "c":
-        assert method != "exact"
+        assert method in ("rk4", "adaptive")
         outcome = compiled.run_compiled(
             flat,
             run,
@@ -306,10 +329,11 @@ def _simulate(flat: FlatModel, run: Run, options: Options, progress: bool) -> Si
         )
     elif flat.dt > 0.0:
         outcome, _ = vm.run_pieces(flat, run, vm.discrete_pieces(flat, run), limits=limits, progress=progress)
-    elif method == "adaptive":
-        outcome = vm.run_adaptive(
+    elif method == "adaptive" or method == "stiff" or method == "auto":
+        outcome, method = vm.run_adaptive(
             flat,
             run,
+            control=method,
             rtol=options.rtol,
             atol=options.atol,
             max_step=longest,
@@ -319,6 +343,7 @@ def _simulate(flat: FlatModel, run: Run, options: Options, progress: bool) -> Si
     else:
         pieces = vm.fixed_pieces(flat, run, method, longest)
         outcome, _ = vm.run_pieces(flat, run, pieces, limits=limits, progress=progress)
+    assert method != "auto"
     return response_of(
         flat, run, outcome, method="discrete" if flat.dt > 0.0 else method,
         backend="c" if options.backend == "c" else "vm", squeeze=options.squeeze,

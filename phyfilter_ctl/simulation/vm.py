@@ -14,12 +14,12 @@ from tqdm import tqdm
 
 from .._sections import FloatArray
 from ..diagram import FlatModel
-from .adaptive import Integrator, StepError
+from .adaptive import Control, Integrator, StepError
 from .arguments import Run
 from .chains import Chain
 from .exponential import advance_exponential, tables
 from .limits import Limits
-from .response import Outcome
+from .response import Method, Outcome
 from .schedule import WINDOW, Nodes, Steps, nodes, steps_between
 from .steps import KEPT, Layout, advance_rk4, at_node, discrete_step, full_step, split_step, start_state
 
@@ -38,8 +38,8 @@ _SAME_LENGTH = 1e-12
 # Steps that show whether something chatters.
 _DIAGNOSIS = 3000
 _STIFF = (
-    "The diagram is stiff or has a singularity there: try method='exact' where its fast parts are linear, larger rtol "
-    "and atol, or method='rk4' with a max_step you choose; max_steps and time_limit allow more"
+    "The diagram is stiff or has a singularity there: try method='stiff', method='exact' where its fast parts are "
+    "linear, larger rtol and atol, or method='rk4' with a max_step you choose; max_steps and time_limit allow more"
 )
 
 
@@ -153,20 +153,21 @@ def run_adaptive(
     flat: FlatModel,
     run: Run,
     *,
+    control: Control,
     rtol: float,
     atol: float,
     max_step: float | None,
     limits: Limits,
     progress: bool,
-) -> Outcome:
-    """Adaptive steps from one discontinuity to the next."""
+) -> tuple[Outcome, Method]:
+    """Steps with error control from one discontinuity to the next, and the method they ended with."""
     layout = Layout(flat)
     n_x, n_s, n_z = layout.sizes
     x = np.full((len(run.times), n_x), np.nan)
     z = np.zeros((len(run.times), n_z))
     until = float(run.times[-1])
     integrator = Integrator(
-        flat, run.parameters, limits, rtol=rtol, atol=atol, max_step=max_step, until=until
+        flat, run.parameters, limits, control=control, rtol=rtol, atol=atol, max_step=max_step, until=until
     )
     chain = Chain(at_node(flat), start_state(flat, run.start), run.parameters)
     failed_at, message = np.inf, ""
@@ -200,7 +201,8 @@ def run_adaptive(
                 break
             bar.update(float(window.times[-1] - bar.n - run.times[0]))
     good = np.asarray(np.isfinite(x).all(axis=1))
-    return Outcome(x, _outputs(flat, run, x, z, good), integrator.steps, message, failed_at)
+    outcome = Outcome(x, _outputs(flat, run, x, z, good), integrator.steps, message, failed_at)
+    return outcome, integrator.pair.method
 
 
 def chattering_from(flat: FlatModel, run: Run, t: float, x: FloatArray) -> str:
