@@ -172,6 +172,7 @@ def filter_part(method: Method, seer: Seer | None = None) -> ct.InterconnectedSy
     inputs["thrust"] += ["prior.thrust", "prior_torque.thrust"]
     inputs["F"] += ["prior.F"]
     outputs = theta | {"f_hat": "force_filter.f_hat", "tau_hat": "torque_filter.f_hat"}
+    outputs |= {"g": "prior.g", "g_tau": "prior_torque.g"}
     return wired(
         systems, wires, inputs={k: v for k, v in inputs.items() if v}, outputs=outputs, name="estimator"
     )
@@ -225,7 +226,7 @@ def build(
         Named "aerial_manipulator". Inputs: the references r_ref, v_ref, a_ref, j_ref, d_ref and d_rate_ref, the share
         of the load that hangs, taken, and white noise of unit variance, each value held for a sample. Outputs: state
         and end effector, the unknown forces and torques, wind, measurements, commands, and where the method has them
-        f_theta, tau_theta, f_hat and tau_hat.
+        f_theta, tau_theta, f_hat, tau_hat and what is known, g and g_tau.
 
     Examples
     --------
@@ -248,7 +249,7 @@ def build(
         wires |= {f"controller.{name}": f"estimator.{name}" for name in ("f_hat", "tau_hat")}
         wires |= {f"estimator.{name}": f"controller.{name}" for name in ("F", "thrust") if name in known}
         wires |= {f"estimator.{name}": f"vehicle.{name}" for name in MEASURED if name in known}
-        outputs |= {name: f"estimator.{name}" for name in ("f_theta", "tau_theta", "f_hat", "tau_hat")}
+        outputs |= {name: f"estimator.{name}" for name in signal_names(estimator.output_labels)}
     else:
         systems.append(nothing("no_estimate"))
         wires |= dict.fromkeys(("controller.f_hat", "controller.tau_hat"), "no_estimate.zero")

@@ -153,7 +153,8 @@ def _filters(method: Method, seer: Seer | None) -> ct.InterconnectedSystem:
 
 def _records(method: Method, seer: Seer | None, seed: int, samples: int | None) -> dict[str, Reference]:
     """What goes into every part and comes out of it on a mission, as the virtual machine flies it."""
-    kept = (*SHOWN, "wind", *MEASURED, "F", "thrust", "joint_ref", "joint_rate_ref", "f_hat", "tau_hat")
+    commands = ("F", "thrust", "joint_ref", "joint_rate_ref")
+    kept = (*SHOWN, "wind", *MEASURED, *commands, "f_hat", "tau_hat", "g", "g_tau")
     flights = fly(method, (seed,), seer, keep=kept, backend="vm")
     signals = _signals(flights)
     count = len(flights.time) if samples is None else samples
