@@ -79,6 +79,7 @@ class _Table(ct.Structure):
         ("update", ct.CFUNCTYPE(ct.c_int, ct.c_void_p, ct.c_double, ct.c_double)),
         ("directional", ct.CFUNCTYPE(ct.c_int, ct.c_void_p, ct.c_double, *[_VECTOR] * 5)),
         ("adjoint", ct.CFUNCTYPE(ct.c_int, ct.c_void_p, ct.c_double, *[_VECTOR] * 5)),
+        ("accepted", ct.CFUNCTYPE(None, ct.c_void_p, ct.c_double)),
     )
 
 

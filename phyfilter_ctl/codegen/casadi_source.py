@@ -8,6 +8,8 @@ from typing import Literal, cast
 
 import casadi as ca
 
+from ..diagram.rootfinding import QUICK
+
 __all__ = ["Real", "casadi_header", "dense"]
 
 Real = Literal["double", "float"]
@@ -47,6 +49,7 @@ _TABLE = re.compile(r"^static const (?:pf|casadi)_real ", re.M)
 _NEWTON = re.compile(
     r"(for \(iter=0; iter<)(\d+)(; \+\+iter\) \{.*?\n  \}\n)(  /\* Get the solution \*/)", re.S
 )
+_FUNCTION = re.compile(r"^/\* (\w+):[^\n]*\*/\nstatic int casadi_f\d+\(.*?^\}$", re.M | re.S)
 # CasADi's C takes the last iterate as the solution whatever it is. Steps at the level of rounding are good enough.
 _NEWTON_THAT_TELLS = (
     "\\1\\2\\3  if (iter>=\\2 && !(casadi_norm_inf(m.n, m.g) <= 1e-8*(1.+casadi_norm_inf(m.n, m.x))))\n"
@@ -131,7 +134,8 @@ def casadi_header(functions: Mapping[str, ca.Function], prefix: str, real: Real 
     text = _HELPER.sub(r"static inline \1 \2", text)
     text = _BODY.sub(r"\1\n  (void)arg; (void)res; (void)iw; (void)w; (void)mem;", text)
     text = _NORM.sub(_NORM_THAT_KEEPS_NAN, text)
-    text, newtons = _NEWTON.subn(_NEWTON_THAT_TELLS, text)
+    newtons = len(_NEWTON.findall(text))
+    text = _FUNCTION.sub(_that_tells, text)
     if newtons != text.count("if (casadi_newton(&m)) break;"):
         raise RuntimeError(
             f"Newton's method in C of CasADi {ca.CasadiMeta.version()} is not as expected; use CasADi 3.8"
@@ -146,6 +150,12 @@ def casadi_header(functions: Mapping[str, ca.Function], prefix: str, real: Real 
             )
         text = _in_float(text)
     return f"{_OPENING}{text}{_CLOSING}"
+
+
+def _that_tells(function: re.Match[str]) -> str:
+    if function.group(1).startswith(QUICK):
+        return function.group()  # what follows looks at its result
+    return _NEWTON.sub(_NEWTON_THAT_TELLS, function.group())
 
 
 def _generate(functions: Mapping[str, ca.Function], prefix: str) -> str:

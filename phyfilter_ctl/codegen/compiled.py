@@ -35,7 +35,7 @@ _MESSAGES = {
     0: "done",
     1: "the states are not finite from t = {t:.9g} s on: the diagram diverges, or the step is too long; shorten "
     "max_step or look at the states before",
-    2: "a Newton iteration in the diagram does not converge at t = {t:.9g} s; check the algebraic loop there",
+    2: "a Newton iteration in the diagram does not converge at t = {t:.9g} s: in an algebraic loop or a block's solver",
     3: "the step became too small at t = {t:.9g} s: a singularity, a jump, or a stiff diagram; relax rtol and atol, or "
     "use method='rk4' with a given max_step",
     4: "the steps allowed were spent at t = {t:.9g} s",

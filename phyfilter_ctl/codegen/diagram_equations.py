@@ -21,6 +21,8 @@ def flat_functions(flat: FlatModel) -> dict[str, ca.Function]:
     arguments = ["t", "x", "u", "p", "z"]
     if flat.states:
         found["dynamics"] = _named(flat.dynamics, arguments, ["dx"])
+    if flat.unknowns is not None:
+        found["unknowns"] = _named(flat.unknowns, arguments, ["found"])
     if flat.outputs:
         found["output"] = _named(flat.output, arguments, ["y"])
     for i, task in enumerate(flat.tasks):

@@ -53,6 +53,7 @@ class Layout:
     substeps: int
     between: bool
     version: int
+    unknowns: int = 0
 
     @property
     def capital(self) -> str:
@@ -151,7 +152,7 @@ typedef struct {{
   int64_t ticks[{room(layout.tasks)}]; /* instants of each sampled block so far */
   pf_real x[{room(layout.states)}], u[{room(layout.inputs)}];
   pf_real p[{room(layout.parameters)}], p_used[{room(layout.parameters)}]; /* as set, and in force */
-  pf_real z[{room(layout.held)}]; /* outputs of the sampled blocks, held */
+  pf_real z[{room(layout.held)}]; /* outputs of the sampled blocks, held; unknowns of algebraic loops */
   pf_real s[{room(layout.law_states)}]; /* states of the sampled blocks */
 {members}}} {name};
 

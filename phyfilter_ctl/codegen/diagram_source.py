@@ -141,6 +141,7 @@ def diagram_model(
         can_fail="casadi_newton(" in equations or bool(parts.sources and len(parts.tasks) > 1), step=base,
         substeps=substeps,
         between=bool(flat.states) or not meets_all, version=_version(prefix, real, parameters),
+        unknowns=sum(loop.held.stop - loop.held.start for loop in flat.loops),
     )  # fmt: skip
     return CModel(
         name=prefix,
@@ -160,6 +161,7 @@ def diagram_model(
         tasks=tuple((task.name, task.period) for task in flat.tasks),
         step=base,
         depends=dependence(flat),
+        remembers=bool(flat.loops),
         description=flat.name,
     )
 

@@ -23,6 +23,7 @@ def _table(layout: Layout) -> str:
         *(f"{layout.capital}_{key}" for key in ("N_X", "N_U", "N_Y", "N_P", "N_S", "N_TASKS")), "0",
         f"{name}_init", "states", "inputs", "parameters", "sampled_states", "apply", "start", "derivatives", "outputs",
         "next_instant", "sample", "NULL", *(product if layout.derivatives else "NULL" for product in products),
+        "accepted" if layout.unknowns else "NULL",
     ]  # fmt: skip
     lines, line = [], "   "
     for entry in entries:
@@ -33,15 +34,34 @@ def _table(layout: Layout) -> str:
     return f"const pf_model {name}_model = {{\n" + "\n".join([*lines, line.rstrip(",")]) + "\n};\n"
 
 
+def _accepted(layout: Layout) -> str:
+    if not layout.unknowns:
+        return ""
+    name = layout.name
+    return f"""
+static void accepted(void *instance, pf_time t) {{
+  {name} *const self = ({name} *)instance;
+  const pf_real now = (pf_real)t;
+  pf_real found[{layout.unknowns}], sum = 0;
+  if ({name}_unknowns(&now, self->x, self->u, self->p_used, self->z, found)) return;
+  for (int i = 0; i < {layout.unknowns}; i++) sum += found[i] - found[i];
+  if (sum == 0) memcpy(self->z + {len(layout.held) - layout.unknowns}, found, sizeof found);
+}}
+"""
+
+
 def _sample(layout: Layout) -> str:
+    begin = "  accepted(instance, t);\n" if layout.unknowns else ""
     if not layout.tasks:
-        return """\
-static int start(void *instance, pf_time t) {
+        return (
+            f"""\
+static int start(void *instance, pf_time t) {{
   (void)instance;
   (void)t;
-  return PF_OK;
-}
-
+{begin}  return PF_OK;
+}}
+"""
+            + """
 static pf_time next_instant(const void *instance) {
   (void)instance;
   return PF_NEVER;
@@ -54,6 +74,7 @@ static int sample(void *instance, pf_time t, const pf_real *x) {
   return PF_OK;
 }
 """
+        )
     name = layout.name
     outputs, updates, commits, variables = [], [], [], []
     for i, task in enumerate(layout.tasks):
@@ -105,7 +126,7 @@ static int start(void *instance, pf_time t) {{
   {name} *const self = ({name} *)instance;
   self->start = t;
   for (int i = 0; i < {len(layout.tasks)}; i++) self->ticks[i] = 0;
-  return sample(self, t, self->x);
+{begin}  return sample(self, t, self->x);
 }}
 """
 
@@ -284,7 +305,7 @@ static void sampled_states(const void *instance, pf_real *s) {{
 void {name}_set_states({name} *self, const pf_real *s) {{
 {set_unread}{write}}}
 
-{_evaluations(layout)}
+{_evaluations(layout)}{_accepted(layout)}
 {_sample(layout)}
 {_parameters(layout)}
 int {name}_reset({name} *self) {{

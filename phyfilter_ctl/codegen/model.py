@@ -34,6 +34,8 @@ class CModel:
         Nominal interval in seconds of a sampled block that updates once per communication step; 0: there is none.
     depends : (n_x + n_y, n_x + n_u) bool array
         Which derivative and output depends on which state and input, now (for FMI's ModelStructure).
+    remembers : bool
+        Algebraic loops start from their solution at the last accepted step, which the model has to be told of.
     formula : str
         Transfer function as text, for comments and documentation; "" where there is none.
     description : str
@@ -52,6 +54,7 @@ class CModel:
     tasks: tuple[tuple[str, float], ...] = ()
     communication: float = 0.0
     depends: NDArray[np.bool_] = field(default_factory=lambda: np.zeros((0, 0), dtype=bool))
+    remembers: bool = False
     formula: str = ""
     description: str = ""
     step: float = 0.0

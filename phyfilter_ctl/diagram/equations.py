@@ -5,11 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
 
 from ..blocks.functions import BlockFunctions, Variable
 from ..blocks.sampled import FilterLaw
 
-__all__ = ["Equations", "Task"]
+__all__ = ["AlgebraicLoop", "Equations", "Task"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,6 +50,25 @@ class Task:
 
 
 @dataclass(frozen=True, eq=False)
+class AlgebraicLoop:
+    """A nonlinear algebraic loop of a diagram.
+
+    Parameters
+    ----------
+    path : str
+        Signals along it, from block to block.
+    held : slice
+        Its unknowns as they were at the last instant, where the search for them begins: a part of z.
+    solutions : (k, n) array
+        Those found at the start values; a run starts from the first.
+    """
+
+    path: str
+    held: slice
+    solutions: NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
 class Equations:
     """Fields of a flat model, as :class:`FlatModel <phyfilter_ctl.diagram.FlatModel>` says."""
 
@@ -60,5 +81,7 @@ class Equations:
     dynamics: ca.Function
     output: ca.Function
     tasks: tuple[Task, ...] = ()
+    loops: tuple[AlgebraicLoop, ...] = ()
+    unknowns: ca.Function | None = None
     dt: float = 0.0
     order: tuple[str, ...] = ()

@@ -9,7 +9,7 @@ from typing import Literal
 import casadi as ca
 import numpy as np
 
-from .loops import Expression, NewtonLoop, affine_solution, nominal_solution
+from .loops import Expression, NewtonLoop, affine_solution, start_solutions
 from .ordering import components, cycle, levels, tear
 from .wiring import Wiring
 
@@ -225,8 +225,10 @@ class _Evaluator:
             solution = affine_solution(matrix, constant, entered, symbols.all, try_out, path)
         else:
             residual = ca.Function("residual", [tau, *at], [result - tau])
-            guess = nominal_solution(residual, self._numbers(entered), path)
-            self.loops.append(NewtonLoop(tau, entered, residual, guess, path))
+            found = start_solutions(residual, self._numbers(entered), path)
+            start = symbols.new(f"start{len(self.loops)}", len(cut))
+            names = tuple(self.wiring.names[node] for node in cut)
+            self.loops.append(NewtonLoop(tau, start, entered, residual, found, names, path))
             solution = tau
         values |= dict(zip(cut, _split(solution), strict=True))
         return self.run(rest, values)
@@ -240,7 +242,7 @@ class _Evaluator:
         for scale in (0.0, 0.1, 1.0, 1.0):
             t, x, u, p, z = symbols.start
             x, u, z = (a + scale * rng.normal(size=a.shape) for a in (x, u, z))
-            value = function(t, x, u, p, z, *(loop.guess for loop in self.loops))
+            value = function(t, x, u, p, z, *(loop.solutions[0] for loop in self.loops))
             places.append([np.asarray(value, dtype=float).reshape(-1), t, x, p])
         return places
 

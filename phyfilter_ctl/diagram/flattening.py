@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import warnings
 from collections.abc import Mapping, Sequence
 from itertools import accumulate, pairwise
 from typing import cast
@@ -12,6 +13,7 @@ import control as ct
 import numpy as np
 
 from ..blocks.functions import BlockFunctions, Variable, dependencies
+from .equations import AlgebraicLoop
 from .evaluation import Evaluation, Symbols, call_block, evaluate
 from .loops import Expression, newton_function
 from .model import FlatModel, Task
@@ -44,6 +46,7 @@ def flatten(
     Returns
     -------
     FlatModel
+        A ``RuntimeWarning`` tells of algebraic loops with several solutions at the start values.
         States, parameters and held outputs are called ``block.name``, with the blocks of diagrams inside as
         ``diagram.block.name``; those of a single block have their bare names.
 
@@ -52,7 +55,8 @@ def flatten(
     TypeError
         For a block that is no python-control system, or frequency response data.
     ValueError
-        For a block that cannot be traced with CasADi, a singular algebraic loop, a loop among sampled blocks, an
+        For a block that cannot be traced with CasADi, an algebraic loop that is singular or has no solution at the
+        start values, a loop among sampled blocks, an
         input that nothing drives or two outputs of one name do, and names that clash; the message names the block.
 
     Notes
@@ -62,8 +66,9 @@ def flatten(
     blocks that read ``k``.
 
     Algebraic loops. Those affine in their signals are solved here, exactly; python-control raises for them. Others are
-    solved by Newton's method at each evaluation, from the solution at the start values; where it finds none, the
-    results are not-a-number. Whether a signal depends on another is seen from the structure, so neither a path that
+    solved at each evaluation, beginning with the solution at the last instant: by Newton's method; where that fails, by
+    closing a bracket (one unknown), or by damped steps and Newton's homotopy. Where no solution is found, the results
+    are not-a-number. Whether a signal depends on another is seen from the structure, so neither a path that
     crosses one block twice counts as a loop, nor does a loop hide that is at rest at zero input.
     ``control.interconnect`` itself refuses a loop of linear blocks only: make the diagram with
     ``control.InterconnectedSystem``, or write one of its blocks with ``control.nlsys``.
@@ -134,6 +139,8 @@ def as_sampled(flat: FlatModel) -> FlatModel:
         dynamics=ca.Function("dynamics", arguments, [ca.SX(0, 1)]),
         output=ca.Function("output", arguments, [z]),
         tasks=(task,),
+        loops=(),
+        unknowns=None,
         dt=0.0,
     )
 
@@ -187,6 +194,8 @@ def _without_held(flat: FlatModel) -> BlockFunctions:
         for name, part in zip("xup", (flat.states, flat.inputs, flat.parameters), strict=True)
     )
     z = kind(0, 1)
+    if flat.unknowns is not None:  # the law keeps them from instant to instant as states
+        return _with_unknowns(flat, flat.unknowns)
     return BlockFunctions(
         states=flat.states,
         inputs=flat.inputs,
@@ -194,6 +203,22 @@ def _without_held(flat: FlatModel) -> BlockFunctions:
         parameters=flat.parameters,
         dynamics=ca.Function("dynamics", [t, x, u, p], [flat.dynamics(t, x, u, p, z)]),
         output=ca.Function("output", [t, x, u, p], [flat.output(t, x, u, p, z)]),
+    )
+
+
+def _with_unknowns(flat: FlatModel, unknowns: ca.Function) -> BlockFunctions:
+    MX = cast(type[ca.SX], ca.MX)
+    t, s = MX.sym("t"), MX.sym("s", len(flat.states) + len(flat.held))
+    u, p = MX.sym("u", len(flat.inputs)), MX.sym("p", len(flat.parameters))
+    x, z = ca.vertsplit(s, [0, len(flat.states), s.shape[0]])
+    after = ca.vertcat(flat.dynamics(t, x, u, p, z), unknowns(t, x, u, p, z))
+    return BlockFunctions(
+        states=flat.states + flat.held,
+        inputs=flat.inputs,
+        outputs=flat.outputs,
+        parameters=flat.parameters,
+        dynamics=ca.Function("dynamics", [t, s, u, p], [after]),
+        output=ca.Function("output", [t, s, u, p], [flat.output(t, x, u, p, z)]),
     )
 
 
@@ -240,6 +265,8 @@ def _assemble(
         held=_parts(held),
     )
     evaluation = evaluate(wiring, symbols)
+    loops, unknowns = _loops(evaluation, len(flat_held))
+    flat_held += unknowns
     build = _Builder(symbols, evaluation)
     derivatives = [
         call_block(wiring, symbols, i, "dynamics", evaluation.values)
@@ -257,6 +284,8 @@ def _assemble(
         dynamics=build.function("dynamics", derivatives),
         output=build.function("output", [evaluation.values[s] for s in wiring.outputs]),
         tasks=tasks,
+        loops=loops,
+        unknowns=build.function("unknowns", [loop.tau for loop in evaluation.loops]) if loops else None,
         dt=dt,
         order=_order(wiring, evaluation, tasks),
     )
@@ -290,6 +319,28 @@ def _expanded(blocks: Sequence[Block]) -> tuple[bool, list[Block]]:
     return scalar, result
 
 
+def _loops(evaluation: Evaluation, held: int) -> tuple[tuple[AlgebraicLoop, ...], tuple[Variable, ...]]:
+    """Nonlinear loops, and their unknowns, which stand in z behind what is held."""
+    loops, unknowns = [], []
+    for loop in evaluation.loops:
+        first = held + len(unknowns)
+        start = loop.solutions[0].tolist()
+        unknowns += [
+            Variable(name, value, "", "of an algebraic loop")
+            for name, value in zip(loop.names, start, strict=True)
+        ]
+        loops.append(AlgebraicLoop(loop.path, slice(first, first + len(start)), loop.solutions))
+        if len(loop.solutions) > 1:
+            others = "; ".join(", ".join(f"{v:.6g}" for v in other) for other in loop.solutions[1:5])
+            warnings.warn(
+                f"algebraic loop {loop.path} has several solutions at the start values: a run starts from "
+                f"{', '.join(loop.names)} = {', '.join(f'{v:.6g}' for v in start)}; also found: {others}",
+                RuntimeWarning,
+                stacklevel=4,
+            )
+    return tuple(loops), tuple(unknowns)
+
+
 class _Builder:
     """Makes functions of (t, x, u, p, z), with the nonlinear loops solved inside."""
 
@@ -297,6 +348,8 @@ class _Builder:
         self._symbols = symbols
         self._loops = evaluation.loops
         self._unknowns = newton_function(evaluation.loops, symbols.all) if evaluation.loops else None
+        held = symbols.z.shape[0]
+        self._borders = [0, *accumulate((loop.tau.shape[0] for loop in self._loops), initial=held)]
 
     def function(self, name: str, parts: Sequence[Expression]) -> ca.Function:
         arguments = self._symbols.all
@@ -305,13 +358,17 @@ class _Builder:
         if kind is ca.SX:
             result = ca.cse(result)
         needed = [loop.tau for loop in self._loops if ca.depends_on(result, loop.tau)] if parts else []
-        if self._unknowns is None or not needed:
+        if self._unknowns is None:
             return ca.Function(name, arguments, [result], list(_ARGUMENTS), ["value"])
         inner = ca.Function(f"{name}_inner", [*arguments, *(loop.tau for loop in self._loops)], [result])
-        outer = [ca.MX.sym(letter, a.shape[0]) for letter, a in zip(_ARGUMENTS, arguments, strict=True)]
-        sizes = [loop.tau.shape[0] for loop in self._loops]
-        unknowns = ca.vertsplit(self._unknowns(*outer), [0, *accumulate(sizes)])
-        return ca.Function(name, outer, [inner(*outer, *unknowns)], list(_ARGUMENTS), ["value"])
+        if needed:
+            kind = cast(type[ca.SX], ca.MX)
+        outer = [kind.sym(letter, a.shape[0]) for letter, a in zip(_ARGUMENTS[:4], arguments, strict=False)]
+        z = kind.sym(_ARGUMENTS[4], self._borders[-1])
+        held, *starts = ca.vertsplit(z, self._borders)
+        borders = [border - self._borders[1] for border in self._borders[1:]]
+        taus = ca.vertsplit(self._unknowns(*outer, held, *starts), borders) if needed else starts
+        return ca.Function(name, [*outer, z], [inner(*outer, held, *taus)], list(_ARGUMENTS), ["value"])
 
 
 def _tasks(wiring: Wiring, symbols: Symbols, evaluation: Evaluation, build: _Builder) -> tuple[Task, ...]:

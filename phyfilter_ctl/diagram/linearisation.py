@@ -80,8 +80,12 @@ def linear_model(flat: Equations, x0: FloatArray, u0: FloatArray, p: FloatArray,
     parts = np.split(s0, np.cumsum(sizes)[:-1]) if equivalents else []
     z = _held(flat, x0, u0, p, t, parts)
     point = (t, x0, u0, p, z)
+    sampled = sum(
+        len(task.law.outputs) for task in flat.tasks
+    )  # starts of algebraic loops, behind, act on nothing
     Ax, Bu, Ez = (_jacobian(flat.dynamics, i, point) for i in (1, 2, 4))
     Cx, Du, Fz = (_jacobian(flat.output, i, point) for i in (1, 2, 4))
+    Ez, Fz = Ez[:, :sampled], Fz[:, :sampled]
     # Equivalents: s' = As s + Bs v, z = Cs s + Ds v, and v = Gx x + Gu u + Gz z.
     rows: list[list[FloatArray]] = [[] for _ in range(7)]
     for task, equivalent, s in zip(flat.tasks, equivalents, parts, strict=True):
@@ -91,18 +95,19 @@ def linear_model(flat: Equations, x0: FloatArray, u0: FloatArray, p: FloatArray,
             rows,
             (
                 *(_jacobian(f, i, inside) for f in (equivalent.dynamics, equivalent.output) for i in (1, 2)),
-                *(_jacobian(task.signals, i, point) for i in (1, 2, 4)),
+                *(_jacobian(task.signals, i, point) for i in (1, 2)),
+                _jacobian(task.signals, 4, point)[:, :sampled],
             ),
             strict=True,
         ):
             row.append(block)
     order = [i for task in flat.tasks for i in range(task.held.start, task.held.stop)]
     As, Bs, Cs, Ds = (_diagonal(blocks) for blocks in rows[:4])
-    widths = (n, len(u0), len(z))
+    widths = (n, len(u0), sampled)
     Gx, Gu, Gz = (np.vstack([np.zeros((0, w)), *blocks]) for blocks, w in zip(rows[4:], widths, strict=True))
     back = np.argsort(order) if order else np.zeros(0, dtype=int)  # from the order of tasks to that of z
     Cs, Ds = Cs[back], Ds[back]
-    solve = np.linalg.inv(np.eye(len(z)) - Ds @ Gz)
+    solve = np.linalg.inv(np.eye(sampled) - Ds @ Gz)
     Zx, Zs, Zu = solve @ Ds @ Gx, solve @ Cs, solve @ Ds @ Gu
     A = np.block([[Ax + Ez @ Zx, Ez @ Zs], [Bs @ (Gx + Gz @ Zx), As + Bs @ Gz @ Zs]])
     B = np.vstack([Bu + Ez @ Zu, Bs @ (Gu + Gz @ Zu)])
@@ -132,7 +137,7 @@ def _held(
     """Outputs of the equivalents at the point, which may see each other."""
     z = np.array([v.start for v in flat.held])
     for _ in range(STEPS if flat.tasks else 0):
-        result, slope = np.empty(len(z)), np.empty((len(z), len(z)))
+        result, slope = z.copy(), np.zeros((len(z), len(z)))
         for task, s in zip(flat.tasks, states, strict=True):
             equivalent = task.continuous
             assert equivalent is not None

@@ -9,20 +9,19 @@ from typing import TypeAlias
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import root
+
+from .rootfinding import TOLERANCE, solver
 
 Expression: TypeAlias = ca.SX
 """Scalar expressions as a rule; the same code runs on MX where a block has no scalar form."""
 
-__all__ = ["Expression", "NewtonLoop", "affine_solution", "newton_function", "nominal_solution"]
+__all__ = ["Expression", "NewtonLoop", "affine_solution", "newton_function", "start_solutions"]
 
 SINGULAR = (
     1e-12  # smallest over largest singular value of 1 - dF/dtau below which the loop has no single solution
 )
-TOLERANCE = 1e-9  # of a solution, relative to it: what Newton's method leaves must be below
-ITERATIONS = 50  # Newton's method needs 4 to 8 where it converges
-
-_LARGEST = 1e300
+# Two solutions found from different starts are one where they differ by less, relative to their size.
+_SAME = 1e-6
 
 _WAYS_OUT = "put a lag, a unit delay or a sampled block into it, or change a gain"
 
@@ -35,20 +34,26 @@ class NewtonLoop:
     ----------
     tau : casadi symbol
         Its unknowns.
+    start : casadi symbol
+        Where the search for them begins: as they were at the last instant.
     entered : casadi expression
         What enters the loop, of (t, x, u, p, z) and of the unknowns of loops before this one.
     residual : casadi.Function
         (tau, entered, t, x, p) -> F(tau) - tau.
-    guess : (n,) array
-        Where Newton's method starts: the solution at the start values.
+    solutions : (k, n) array
+        Those found at the start values; the first is the one that a run starts from.
+    names : tuple of str
+        Signals that the unknowns are.
     path : str
         Signals along the loop.
     """
 
     tau: Expression
+    start: Expression
     entered: Expression
     residual: ca.Function
-    guess: NDArray[np.float64]
+    solutions: NDArray[np.float64]
+    names: tuple[str, ...]
     path: str
 
 
@@ -109,10 +114,10 @@ def _is_singular(matrix: NDArray[np.float64]) -> bool:
     return bool(values[-1] <= SINGULAR * max(1.0, values[0]))
 
 
-def nominal_solution(
+def start_solutions(
     residual: ca.Function, places: Sequence[Sequence[NDArray[np.float64]]], path: str
 ) -> NDArray[np.float64]:
-    """A solution of a nonlinear loop at the first place that has one.
+    """Solutions of a nonlinear loop at the first place that has one, from several starts; 0 first.
 
     Parameters
     ----------
@@ -123,7 +128,7 @@ def nominal_solution(
 
     Returns
     -------
-    (n,) array
+    (k, n) array
 
     Raises
     ------
@@ -131,7 +136,7 @@ def nominal_solution(
         If none is found, or the loop is singular around it.
     """
     n = residual.size1_in(0)
-    derivative = residual.jacobian()
+    derivative, solve = residual.jacobian(), solver(residual, "start", 1.0)
     rng = np.random.default_rng(11)
 
     def slope(tau: NDArray[np.float64], place: Sequence[NDArray[np.float64]]) -> NDArray[np.float64]:
@@ -139,31 +144,33 @@ def nominal_solution(
         first = result[0] if isinstance(result, tuple) else result
         return np.asarray(first, dtype=float)
 
+    def same(
+        tau: NDArray[np.float64], other: NDArray[np.float64], place: Sequence[NDArray[np.float64]]
+    ) -> bool:
+        """A multiple root is met to few digits: what lies between the two is a solution too."""
+        size = 1.0 + float(np.max(np.abs(tau)))
+        middle = np.asarray(residual(0.5 * (tau + other), *place), dtype=float)
+        return bool(np.max(np.abs(tau - other)) <= _SAME * size or np.max(np.abs(middle)) <= TOLERANCE * size)
+
     for place in places:
+        found: list[NDArray[np.float64]] = []
         for start in (np.zeros(n), np.ones(n), *rng.normal(size=(4, n)), *(10.0 * rng.normal(size=(4, n)))):
-
-            def value(
-                tau: NDArray[np.float64], place: Sequence[NDArray[np.float64]] = place
-            ) -> NDArray[np.float64]:
-                return np.asarray(residual(tau, *place), dtype=float).reshape(-1)
-
-            if not np.all(np.isfinite(value(start))):
-                continue
-            with np.errstate(all="ignore"):
-                found = root(value, start, tol=1e-13).x
-            if not np.max(np.abs(value(found))) <= TOLERANCE * (1.0 + np.max(np.abs(found))):
-                continue
-            around = [found, *(found + 0.3 * (1.0 + np.abs(found)) * rng.normal(size=(3, n)))]
-            if all(_is_singular(slope(tau, place)) for tau in around):
-                raise ValueError(
-                    f"algebraic loop {path} is singular: the signals on it have many solutions; {_WAYS_OUT}"
-                )
-            return found
+            tau = np.asarray(solve(start, *place), dtype=float).reshape(-1)
+            if np.all(np.isfinite(tau)) and not any(same(tau, other, place) for other in found):
+                found.append(tau)
+        if not found:
+            continue
+        around = [found[0], *(found[0] + 0.3 * (1.0 + np.abs(found[0])) * rng.normal(size=(3, n)))]
+        if all(_is_singular(slope(tau, place)) for tau in around):
+            raise ValueError(
+                f"algebraic loop {path} is singular: the signals on it have many solutions; {_WAYS_OUT}"
+            )
+        return np.array(found)
     raise ValueError(f"algebraic loop {path}: no solution found at the start values; {_WAYS_OUT}")
 
 
 def newton_function(loops: Sequence[NewtonLoop], symbols: Sequence[Expression]) -> ca.Function:
-    """(t, x, u, p, z) -> the unknowns of all loops, below each other.
+    """(t, x, u, p, z, starts) -> the unknowns of all loops, below each other.
 
     Parameters
     ----------
@@ -177,33 +184,17 @@ def newton_function(loops: Sequence[NewtonLoop], symbols: Sequence[Expression]) 
 
     Notes
     -----
-    Newton's method without damping from the solution at the start values, as CasADi's ``fast_newton``, which C code
-    can be made from. The unknowns are not-a-number where it does not get there, and so is all that depends on them.
+    The unknowns are not-a-number where no solution is found, and so is all that depends on them.
     """
     outer = [ca.MX.sym(name, symbol.shape[0]) for name, symbol in zip("txupz", symbols, strict=True)]
+    starts = [ca.MX.sym(f"start{i}", loop.tau.shape[0]) for i, loop in enumerate(loops)]
     t, x, _, p, _ = outer
     known: list[ca.MX] = []
     for i, loop in enumerate(loops):
         entered = ca.Function(
             f"entered{i}", [*symbols, *(before.tau for before in loops[:i])], [loop.entered]
         )
-        arguments = [entered(*outer, *known), t, x, p]
-        scale = 1.0 + float(np.max(np.abs(loop.guess)))
-        solver = ca.rootfinder(
-            f"loop{i}",
-            "fast_newton",
-            loop.residual,
-            {
-                "error_on_fail": False,
-                "abstol": 1e-13 * scale,
-                "abstolStep": 1e-14 * scale,
-                "max_iter": ITERATIONS,
-            },
-        )
-        tau = solver(loop.guess, *arguments)
-        # Sums, which keep a not-a-number where a maximum may drop it; an infinite one is no solution either.
-        left = ca.sum1(ca.fabs(loop.residual(tau, *arguments)))
-        size = ca.sum1(ca.fabs(tau))
-        solved = ca.logic_and(left <= TOLERANCE * (1.0 + size), size < _LARGEST)
-        known.append(ca.if_else(solved, tau, np.nan * np.ones(len(loop.guess))))
-    return ca.Function("unknowns", outer, [ca.vertcat(*known)])
+        scale = 1.0 + float(np.max(np.abs(loop.solutions[0])))
+        solve = solver(loop.residual, f"loop{i}", scale)
+        known.append(solve(starts[i], entered(*outer, *known), t, x, p))
+    return ca.Function("unknowns", [*outer, *starts], [ca.vertcat(*known)])

@@ -28,13 +28,18 @@ class FlatModel(Equations):
     states, inputs, outputs, parameters : tuple of Variable
         Scalars with their full names: states and parameters ``block.name``, inputs and outputs as the diagram's.
     held : tuple of Variable
-        z: what the sampled blocks put out, held from one of their instants to the next.
+        z: what the sampled blocks put out, held from one of their instants to the next; then the unknowns of nonlinear
+        algebraic loops as they were at the last instant, where the search for them begins.
     dynamics : casadi.Function
         (t, x, u, p, z) -> x'; the next x where dt > 0.
     output : casadi.Function
         (t, x, u, p, z) -> y.
     tasks : tuple of Task
         In the order in which they run at a coinciding instant.
+    loops : tuple of AlgebraicLoop
+        Nonlinear ones; those affine in their signals are solved in the equations.
+    unknowns : casadi.Function, optional
+        (t, x, u, p, z) -> the unknowns of the loops, which are the last entries of z; None without loops.
     dt : float
         0 for a continuous diagram (with or without sampled blocks); else a discrete one, all of whose blocks share
         this sampling interval in seconds.
@@ -47,7 +52,7 @@ class FlatModel(Equations):
     all of them advance their states on inputs that see all outputs. Tasks that are not due keep their outputs.
     Instants that are within 1e-9 of the shorter period of each other coincide.
 
-    Where a nonlinear algebraic loop has no solution, all that depends on it is not-a-number.
+    Where no solution of a nonlinear algebraic loop is found, all that depends on it is not-a-number.
     """
 
     @property

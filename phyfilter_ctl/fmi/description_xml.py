@@ -143,7 +143,12 @@ def _description2(interface: FmuInterface, token: str, files: Sequence[str]) -> 
         "providesDirectionalDerivative": _flag(interface.derivatives),
     }
     if interface.exchange:
-        element = ET.SubElement(root, "ModelExchange", shared, completedIntegratorStepNotNeeded="true")
+        element = ET.SubElement(
+            root,
+            "ModelExchange",
+            shared,
+            completedIntegratorStepNotNeeded=_flag(not interface.model.remembers),
+        )
         _source_files(element, files)
     if interface.simulation:
         element = ET.SubElement(
@@ -224,7 +229,9 @@ def _description3(interface: FmuInterface, token: str) -> ET.Element:
         "providesPerElementDependencies": "true",
     }
     if interface.exchange:
-        ET.SubElement(root, "ModelExchange", shared, needsCompletedIntegratorStep="false")
+        ET.SubElement(
+            root, "ModelExchange", shared, needsCompletedIntegratorStep=_flag(interface.model.remembers)
+        )
     if interface.simulation:
         if interface.fixed_step:
             shared = shared | {"fixedInternalStepSize": _number(interface.fixed_step)}

@@ -16,7 +16,7 @@ from .dormand_prince import dormand_prince
 from .limits import LOOKED_AT, Limits, chattering
 from .pair import Pair, sizes
 from .rosenbrock import rosenbrock
-from .steps import KEPT, compose
+from .steps import KEPT, compose, renewed
 
 __all__ = ["Control", "Integrator", "StepError"]
 
@@ -48,6 +48,11 @@ class StepError(Exception):
         super().__init__(f"{message} at t = {time:.9g} s")
         self.time = time
         self.inside = inside
+
+
+@lru_cache(maxsize=KEPT)
+def _renewed(flat: FlatModel) -> ca.Function:
+    return compose("pf_renewed", sizes(flat), lambda x, q, u, rate, p, z: (renewed(flat, q[0], x, u, p, z),))
 
 
 class _Call:
@@ -111,12 +116,15 @@ class Integrator:
         self._z, self._first = np.zeros(len(flat.held)), np.zeros(n_x)
         self._given = [self._x, self._q, self._u, self._rate, np.array(p, dtype=float), self._z]
         self._slope = _Call(_slope(flat), self._given)
+        self._renewed = _Call(_renewed(flat), self._given) if flat.loops else None
         self._max_step = np.inf if max_step is None else max_step
         self._h, self._accepted = 0.0, 0
         self._slopes, self._counts = np.full((LOOKED_AT, n_x), np.nan), np.zeros(LOOKED_AT, dtype=np.int64)
         self._mark, self._doubts = (0.0, 0), 0
         self._undecided, self._stiff = control == "auto", 0
         self.steps: int = 0
+        # z at the times inside the last interval
+        self.held_inside: FloatArray = np.zeros((0, len(flat.held)))
         self._use(rosenbrock(flat) if control == "stiff" else dormand_prince(flat))
 
     def _use(self, pair: Pair) -> None:
@@ -176,6 +184,7 @@ class Integrator:
         self._x[:], self._z[:] = x, z
         self._rate[:] = (u[1] - u[0]) / (end - t)
         self._move(t, interval[0], u[0])
+        self.held_inside = np.tile(self._z, (len(times), 1))
         self._first[:] = self._slope()[0].ravel()
         if not np.all(np.isfinite(self._first)):
             raise StepError("a derivative is not finite", t, inside[:0])
@@ -217,14 +226,22 @@ class Integrator:
             if self._note(t):
                 raise StepError("the steps left would not do: given up", t, inside[:done])
             self._move(t, interval[0], u[0])
+            self.held_inside[stop:] = self._z
             if self._undecided and self._accepted % _MEASURED_AFTER == 0:
                 self._measure(h)
         return self._x.copy(), inside
 
+    @property
+    def held(self) -> FloatArray:
+        """z as it is now."""
+        return self._z.copy()
+
     def _move(self, t: float, begin: float, u: FloatArray) -> None:
-        """Time and the inputs then."""
+        """Time and the inputs then; algebraic loops start from their solution there."""
         self._q[0] = t
         self._u[:] = u + (t - begin) * self._rate
+        if self._renewed is not None:
+            self._z[:] = self._renewed()[0].ravel()
 
     def _shorter(self, norm: float) -> float:
         safety, least, _ = self.pair.factors

@@ -13,7 +13,7 @@ from ..diagram import FlatModel, as_sampled
 from .arguments import Run
 from .limits import Limits
 from .response import Outcome
-from .steps import KEPT
+from .steps import KEPT, start_state
 from .vm import chattering_from
 
 __all__ = ["compiles", "pays", "run_compiled"]
@@ -73,7 +73,7 @@ def run_compiled(
             run.times,
             run.inputs if flat.inputs else None,
             initial_state=None if discrete else run.start,
-            sampled_state=run.start if discrete else None,
+            sampled_state=start_state(flat, run.start) if discrete else None,
             params={v.name: float(p) for v, p in zip(flat.parameters, run.parameters, strict=True)},
             method=method,
             max_step=max_step,
@@ -85,7 +85,9 @@ def run_compiled(
             time_limit=limits.seconds,
         )
     # A sampled law has advanced its states when a row is filled; a discrete diagram records them before.
-    states = np.vstack([run.start, answer.sampled_states[:-1]]) if discrete else answer.states
+    states = (
+        np.vstack([run.start, answer.sampled_states[:-1, : len(run.start)]]) if discrete else answer.states
+    )
     message = "" if answer.success else answer.message
     if answer.status in _GIVEN_UP and not discrete:
         message += f"; {chattering_from(flat, run, answer.t_reached, answer.last_state) or _WAY_OUT}"

@@ -23,7 +23,7 @@ from scipy.sparse.csgraph import connected_components
 from .._sections import FloatArray
 from ..blocks.functions import dependencies
 from ..diagram import FlatModel
-from .steps import KEPT, SYMBOLS, Layout, Results, compose, cut
+from .steps import KEPT, SYMBOLS, Layout, Results, compose, cut, renewed
 
 __all__ = ["LinearPart", "advance_exponential", "has_linear_states", "linear_part", "tables"]
 
@@ -150,7 +150,7 @@ def _step(flat: FlatModel) -> ca.Function:
     places = [(group, np.arange(_MATRICES * len(group) ** 2).reshape(_MATRICES, -1)) for group in part.groups]
 
     def body(state: ca.SX, data: ca.SX, p: ca.SX, matrices: ca.SX) -> Results:
-        x, rest = cut(state, slice(n_x)), cut(state, slice(n_x, None))
+        x, s = cut(state, slice(n_x)), cut(state, slice(n_x, layout.state - n_z))
         z = cut(state, slice(layout.state - n_z, None))
         t, h = data[0], data[1]
         u = [cut(data, layout.input(stage)) for stage in range(3)]
@@ -190,7 +190,7 @@ def _step(flat: FlatModel) -> ca.Function:
         n4 = nonlinear(t + h, stage4, u[2])
         after = base + times(5, -3.0 * n1 + 2.0 * n2 + 2.0 * n3 - n4, h / 2)
         after += 4.0 * times(6, n1 - n2 - n3 + n4, h / 6)
-        return (ca.vertcat(after, rest),)
+        return (ca.vertcat(after, s, renewed(flat, t + h, after, u[2], p, z)),)
 
     size = len(part.rows) + sum(place.size for _, place in places)
     kinds = SYMBOLS if size <= _DENSE else SYMBOLS[1:]

@@ -13,7 +13,7 @@ from ..blocks.functions import Variable
 from ..diagram import FlatModel
 from .arguments import Run
 
-__all__ = ["Backend", "Method", "Outcome", "SimulationResponse", "response_of"]
+__all__ = ["Backend", "Method", "Outcome", "SimulationResponse", "response_of", "with_outputs_checked"]
 
 Method: TypeAlias = Literal["rk4", "adaptive", "stiff", "exact"]
 Backend: TypeAlias = Literal["vm", "c"]
@@ -55,6 +55,8 @@ class SimulationResponse(ct.TimeResponseData):
         Time in seconds that the run came to before it failed; inf where it succeeded. Later values are NaN.
     squeeze : bool, optional
         As for ``control.input_output_response``.
+    notes : tuple of str
+        What is worth knowing of a run that succeeded.
     """
 
     def __init__(
@@ -72,6 +74,7 @@ class SimulationResponse(ct.TimeResponseData):
         message: str = "",
         failed_at: float = np.inf,
         squeeze: bool | None = None,
+        notes: tuple[str, ...] = (),
     ) -> None:
         super().__init__(
             time, outputs, states=states, inputs=inputs, issiso=len(outputs) == 1 and len(inputs) == 1,
@@ -82,6 +85,21 @@ class SimulationResponse(ct.TimeResponseData):
         self.backend = backend
         self.steps = steps
         self.failed_at = failed_at
+        self.notes = notes
+
+
+def with_outputs_checked(flat: FlatModel, run: Run, outcome: Outcome) -> Outcome:
+    """Where the states are finite and an output is not, the run failed there."""
+    y = outcome.y
+    if outcome.message or np.all(np.isfinite(y)):
+        return outcome
+    row, column = np.argwhere(~np.isfinite(y))[0]
+    at = float(run.times[row])
+    message = (
+        f"output {flat.outputs[column].name} is {y[row, column]} at t = {at:.9g} s, while the states are "
+        "finite; look for a division by 0 or a root of a negative number on the way to it"
+    )
+    return outcome._replace(message=message, failed_at=at)
 
 
 def response_of(
@@ -92,20 +110,15 @@ def response_of(
     method: Method | Literal["discrete"],
     backend: Backend,
     squeeze: bool | None,
+    notes: tuple[str, ...] = (),
 ) -> SimulationResponse:
     """Time-major arrays as a response."""
     x, y, steps, message, failed_at = outcome
-    if not message and not np.all(np.isfinite(y)):
-        row, column = np.argwhere(~np.isfinite(y))[0]
-        failed_at = float(run.times[row])
-        message = (
-            f"output {flat.outputs[column].name} is {y[row, column]} at t = {failed_at:.9g} s, while the states are "
-            "finite; look for a division by 0 or a root of a negative number on the way to it"
-        )
     return SimulationResponse(
         run.times, y.T, states=x.T, inputs=run.inputs.T,
         labels=(_names(flat.outputs), _names(flat.states), _names(flat.inputs)), name=flat.name, method=method,
         backend=backend, steps=steps, message=message, failed_at=failed_at, squeeze=squeeze,
+        notes=notes,
     )  # fmt: skip
 
 

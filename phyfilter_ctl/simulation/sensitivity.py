@@ -17,7 +17,7 @@ from ..diagram import FlatModel
 from ..diagram.naming import override
 from ..results import Result
 from .arguments import Inputs, Interpolation, Parameters, Start, prepare
-from .response import SimulationResponse, response_of
+from .response import SimulationResponse, response_of, with_outputs_checked
 from .simulate import as_flat
 from .steplength import default_step
 from .steps import KEPT, Results, compose, cut, start_state
@@ -115,6 +115,7 @@ def sensitivity(
     n_x, n_y, n_q = len(flat.states), len(flat.outputs), len(seeds)
     outcome, derivatives = run_pieces(flat, run, extended, state=np.concatenate([state, seeds.ravel()]))
     derivatives = derivatives.reshape(len(run.times), n_q, n_x + n_y).transpose(0, 2, 1)
+    outcome = with_outputs_checked(flat, run, outcome)
     response = response_of(
         flat, run, outcome, method="discrete" if flat.dt > 0.0 else "rk4", backend="vm", squeeze=None
     )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -17,10 +18,11 @@ from ..diagram import FlatModel, flatten
 from ..diagram.fixed_step import stiffness
 from ..execution import Executor
 from . import compiled, vm
+from .algebraic import jumps, unsolved
 from .arguments import Inputs, Interpolation, Parameters, Run, Start, prepare
 from .exponential import has_linear_states, linear_part
 from .limits import Limits, steps_allowed
-from .response import SimulationResponse, response_of
+from .response import SimulationResponse, response_of, with_outputs_checked
 from .steplength import default_step
 from .steps import advance_rk4, at_node
 
@@ -141,7 +143,8 @@ def simulate(
     SimulationResponse
         A ``control.TimeResponseData``. At an instant of a sampled block the outputs are those after it has run. A
         run that meets numbers that are not finite, steps that become too small or one of its limits, has ``success``
-        False, NaN from there on and a ``message`` that says what to try.
+        False, NaN from there on and a ``message`` that says what to try. A
+        ``RuntimeWarning`` (and ``notes``) tells where the solution of an algebraic loop jumped to another one.
 
     Raises
     ------
@@ -344,8 +347,15 @@ def _simulate(flat: FlatModel, run: Run, options: Options, progress: bool) -> Si
         pieces = vm.fixed_pieces(flat, run, method, longest)
         outcome, _ = vm.run_pieces(flat, run, pieces, limits=limits, progress=progress)
     assert method != "auto"
+    outcome = with_outputs_checked(flat, run, outcome)
+    notes = jumps(flat, run, outcome.x)
+    for note in notes:
+        warnings.warn(note, RuntimeWarning, stacklevel=3)
+    if outcome.message:
+        without = unsolved(flat, run, outcome.x, outcome.failed_at)
+        outcome = outcome._replace(message=outcome.message + without)
     return response_of(
-        flat, run, outcome, method="discrete" if flat.dt > 0.0 else method,
+        flat, run, outcome, notes=notes, method="discrete" if flat.dt > 0.0 else method,
         backend="c" if options.backend == "c" else "vm", squeeze=options.squeeze,
     )  # fmt: skip
 

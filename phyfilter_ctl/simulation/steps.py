@@ -25,6 +25,7 @@ __all__ = [
     "cut",
     "discrete_step",
     "full_step",
+    "renewed",
     "split_step",
     "start_state",
 ]
@@ -129,6 +130,15 @@ def _split(flat: FlatModel, state: ca.SX) -> tuple[ca.SX, list[ca.SX], ca.SX]:
     return x, ca.vertsplit(s, borders) if flat.tasks else [], z
 
 
+def renewed(flat: FlatModel, t: ca.SX, x: ca.SX, u: ca.SX, p: ca.SX, z: ca.SX) -> ca.SX:
+    """z with the unknowns of algebraic loops as they are now: where the next search for them begins."""
+    if flat.unknowns is None:
+        return z
+    found, first = flat.unknowns(t, x, u, p, z), flat.loops[0].held.start
+    known = ca.sum1(ca.fabs(found)) < np.inf
+    return ca.vertcat(cut(z, slice(first)), ca.if_else(known, found, cut(z, slice(first, None))))
+
+
 @lru_cache(maxsize=KEPT)
 def at_node(flat: FlatModel) -> ca.Function:
     """Run the sampled blocks that are due and record (semantics: Notes of FlatModel)."""
@@ -146,6 +156,7 @@ def at_node(flat: FlatModel) -> ca.Function:
         for i, task in enumerate(flat.tasks):
             v = task.signals(t, x, u, p, z)
             after.append(ca.if_else(due[i], task.law.dynamics(t, s[i], v, cut(p, task.parameters)), s[i]))
+        z = renewed(flat, t, x, u, p, z)
         y = flat.output(t, x, u, p, z)
         return ca.vertcat(x, *after, z), ca.vertcat(x, y)
 
@@ -159,7 +170,7 @@ def advance_rk4(flat: FlatModel) -> ca.Function:
 
     def body(state: ca.SX, data: ca.SX, p: ca.SX) -> Results:
         n_x, _, n_z = layout.sizes
-        x, rest = cut(state, slice(n_x)), cut(state, slice(n_x, None))
+        x, s = cut(state, slice(n_x)), cut(state, slice(n_x, layout.state - n_z))
         z = cut(state, slice(layout.state - n_z, None))
         t, h = data[0], data[1]
         u = [cut(data, layout.input(stage)) for stage in range(3)]
@@ -167,7 +178,8 @@ def advance_rk4(flat: FlatModel) -> ca.Function:
         k2 = flat.dynamics(t + h / 2, x + h / 2 * k1, u[1], p, z)
         k3 = flat.dynamics(t + h / 2, x + h / 2 * k2, u[1], p, z)
         k4 = flat.dynamics(t + h, x + h * k3, u[2], p, z)
-        return (ca.vertcat(x + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4), rest),)
+        after = x + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+        return (ca.vertcat(after, s, renewed(flat, t + h, after, u[2], p, z)),)
 
     return compose("pf_rk4", _sizes(flat), body)
 
@@ -177,9 +189,11 @@ def discrete_step(flat: FlatModel) -> ca.Function:
     """One step of a discrete diagram."""
     layout = Layout(flat)
 
-    def body(x: ca.SX, data: ca.SX, p: ca.SX) -> Results:
-        t, u, z = data[0], cut(data, layout.input(0)), type(x)(0, 1)
-        return flat.dynamics(t, x, u, p, z), ca.vertcat(x, flat.output(t, x, u, p, z))
+    def body(state: ca.SX, data: ca.SX, p: ca.SX) -> Results:
+        x, _, z = _split(flat, state)
+        t, u = data[0], cut(data, layout.input(0))
+        z = renewed(flat, t, x, u, p, z)
+        return ca.vertcat(flat.dynamics(t, x, u, p, z), z), ca.vertcat(x, flat.output(t, x, u, p, z))
 
     return compose("pf_discrete", _sizes(flat), body)
 

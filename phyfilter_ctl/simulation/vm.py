@@ -193,6 +193,7 @@ def run_adaptive(
                         state[:n_x], x[later] = integrator.run(
                             state[:n_x], held, (begin, end), u, run.times[later]
                         )
+                        z[later], state[n_x + n_s :] = integrator.held_inside, integrator.held
                         chain.state = state
             except StepError as error:
                 x[later[: len(error.inside)]] = error.inside

@@ -62,6 +62,9 @@ typedef struct pf_model {
                      pf_real *dx, pf_real *y);
   int (*adjoint)(void *self, pf_time t, const pf_real *seed_dx, const pf_real *seed_y, pf_real *x, pf_real *u,
                  pf_real *p);
+  /* A step of integration was accepted and ends at t, x and u in place: algebraic loops are sought from their solution
+   * there until the next. NULL where the model has none. */
+  void (*accepted)(void *self, pf_time t);
 } pf_model;
 
 #endif

@@ -45,6 +45,10 @@ static int slopes_at(const segment *way, pf_time t, const pf_real *x, pf_real *d
   return way->model->derivatives(way->self, t, x, dx);
 }
 
+static void accept(const segment *way, pf_time t) {
+  if (way->model->accepted) way->model->accepted(way->self, t);
+}
+
 static int rk4_step(const segment *way, pf_real *work, pf_time t, pf_time t_next) {
   const int n = way->model->n_x;
   const pf_time middle = t + 0.5 * (t_next - t);
@@ -93,6 +97,7 @@ static int rk4(const segment *way, pf_real *work, pf_solver *solver, pf_time t_e
     if (!status) status = rk4_step(way, work, *t_reached, next);
     if (status) return status;
     *t_reached = next;
+    accept(way, next);
   }
   return PF_OK;
 }
@@ -197,6 +202,7 @@ static int adaptive(const segment *way, pf_real *work, pf_solver *solver, pf_tim
         k[0][i] = k[STAGES - 1][i];
       }
       *t_reached = next;
+      accept(way, next);
       continue;
     }
     const pf_time root = finite ? twentieth_root(error) : 1.0;
@@ -222,6 +228,7 @@ static int integrate(const segment *way, pf_real *work, pf_solver *solver, pf_ti
   else
     status = rk4(way, work, solver, t_end, t_reached);
   set_inputs(way, *t_reached);
+  if (!status && way->model->n_x == 0) accept(way, *t_reached);
   return status;
 }
 

@@ -181,6 +181,7 @@ fmi2Status fmi2CompletedIntegratorStep(fmi2Component component, fmi2Boolean no_s
   NOT_NULL(event && terminate, "completedIntegratorStep")
   if (!pf_fmi_in(self, PF_FMI_CONTINUOUS, "completedIntegratorStep")) return fmi2Error;
   *event = *terminate = fmi2False;
+  if (self->model->accepted) self->model->accepted(self->self, self->saved->time);
   return fmi2OK;
 }
 

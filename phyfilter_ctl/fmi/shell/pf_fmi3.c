@@ -369,6 +369,7 @@ fmi3Status fmi3CompletedIntegratorStep(fmi3Instance instance, fmi3Boolean no_set
   NOT_NULL(event && terminate, "completedIntegratorStep")
   if (!pf_fmi_in(self, PF_FMI_CONTINUOUS, "completedIntegratorStep")) return fmi3Error;
   *event = *terminate = fmi3False;
+  if (self->model->accepted) self->model->accepted(self->self, self->saved->time);
   return fmi3OK;
 }
 
