@@ -41,7 +41,8 @@ int main(void) {
   if (two_rates_model.start(&self, 0)) return 3;
   for (int k = 1; k < 200; k++) {
     const pf_time end = t + 1e-7 * (pf_time)(k * k % 97) * (pf_time)k;
-    if (two_rates_pf_advance(&two_rates_model, &self, work, &adaptive, t, end, k % 2 ? slope : NULL, &reached)) return 4;
+    const pf_real *const rates = k % 2 ? slope : NULL;
+    if (two_rates_pf_advance(&two_rates_model, &self, work, &adaptive, t, end, rates, &reached)) return 4;
     if (reached < end || end < reached) return 5;
     t = end;
     if (k == 100) memcpy(&saved, &self, sizeof self);
