@@ -29,6 +29,7 @@ PD with and without integral action and disturbance observers fly beside it, all
 _EXAMPLES = """examples:
   phyfilter-ctl run aerial_manipulator
   phyfilter-ctl run aerial_manipulator --quick --json figures.json --picture mission.pdf
+  phyfilter-ctl run aerial_manipulator --mission fast           # the arm turns in hover: the learned model pays
   phyfilter-ctl run aerial_manipulator --place 1.8 0.2 1.0 --payload 0.2
   phyfilter-ctl run aerial_manipulator --study                  # gusts, load transfer, an arm that helps, the planner
   phyfilter-ctl run aerial_manipulator --out fmus_of_the_arm    # FMUs of vehicle, controller and filters as well
@@ -42,6 +43,12 @@ def add_arguments(parser: ArgumentParser) -> None:
     job.add_argument("--tune", action="store_true", help="tune all methods anew and print the result as TOML")
     parser.add_argument("--seeds", type=int, metavar="N", help="number of test missions (default 20)")
     parser.add_argument("--quick", action="store_true", help="four missions, one case: a try-out, in seconds")
+    parser.add_argument(
+        "--mission",
+        choices=("paper", "fast"),
+        default="paper",
+        help="pick and place, or hovering while the arm turns fast, where the learned model pays (default paper)",
+    )
     for name, text in (("pick", "the object"), ("place", "the place")):
         parser.add_argument(
             f"--{name}", type=float, nargs=3, metavar=("X", "Y", "Z"), help=f"where {text} is, m"
@@ -71,7 +78,9 @@ def main(options: Namespace) -> int:
     mission, outputs = _mission(options), Outputs.of(options)
     if options.out is not None:
         _check_out(options)
-    if options.tune:
+    if options.mission == "fast":
+        _turn(options, mission, outputs)
+    elif options.tune:
         _tune(options, outputs)
     elif options.study:
         _study(options, outputs)
@@ -135,6 +144,19 @@ def _compare(options: Namespace, mission: Mission | None, outputs: Outputs) -> N
     if options.out is not None:
         notes.append(_hand_over(options.out, outputs, found, figures))
     outputs.publish("\n".join([report.table(found), "", *notes]), figures, lambda: draw(found))
+
+
+def _turn(options: Namespace, mission: Mission | None, outputs: Outputs) -> None:
+    from . import turning
+
+    if options.study or options.tune or mission is not None or options.out:
+        raise ValueError(
+            "--mission fast: a table of its own; leave out --study, --tune, --pick, --place, --payload and --out"
+        )
+    cases = (turning.RATES[-1],) if options.quick else (*turning.RATES, turning.PLACE)
+    with outputs.progress(turning.steps()) as say, _executor(options) as executor:
+        found = turning.compare(_seeds(options), cases=cases, report=say, executor=executor)
+    outputs.publish(turning.table(found), turning.figures(found))
 
 
 def _hand_over(folder: str, outputs: Outputs, found: Comparison, figures: dict[str, object]) -> str:

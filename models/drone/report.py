@@ -42,11 +42,20 @@ def reductions(comparison: Comparison) -> list[_Reduction]:
     ]
 
 
-def table(comparison: Comparison) -> str:
-    """Errors, gains, reductions and estimates as text."""
-    mission, n = params().mission, len(comparison.seeds)
+def table(comparison: Comparison, circle: Mapping[str, float] | None = None) -> str:
+    """Errors, gains, reductions and estimates as text.
+
+    Parameters
+    ----------
+    comparison : Comparison
+    circle : dict of str to float, optional
+        Parameters of the diagram that make another circle than that of ``params.toml``.
+    """
+    mission, n, given = params().mission, len(comparison.seeds), circle or {}
+    radius = given.get("controller.reference.radius", mission.radius)
+    speed = given.get("controller.reference.speed", mission.speed)
     lines = [
-        f"circle of {mission.radius:g} m at {mission.speed:g} m/s, {n} simulated flights a method, mean |e| in cm: "
+        f"circle of {radius:g} m at {speed:g} m/s, {n} simulated flights a method, mean |e| in cm: "
         "median of the flights [its 95 % interval]",
         "",
         f"{'':<26}{'mass only':>22}{'mass and wind':>22}{'horizontal':>12}{'vertical':>10}",

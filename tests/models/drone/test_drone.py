@@ -258,9 +258,10 @@ def test_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Non
     """Two short flights a method: the table, the JSON with all its keys, the picture and the filter."""
     figures, picture, out = tmp_path / "figures.json", tmp_path / "flights.png", tmp_path / "filter"
     files = ["--json", str(figures), "--picture", str(picture), "--out", str(out)]
-    code = main(["run", "drone", "--quick", "--seeds", "2", "--quiet", *files])
+    code = main(["run", "drone", "--mission", "fast", "--quick", "--seeds", "2", "--quiet", *files])
     text = capsys.readouterr().out
     assert code == 0
+    assert text.startswith("circle of 1.5 m at 3 m/s")
     assert "PhyFilter below, %" in text
     found = json.loads(figures.read_text())
     wanted = {
