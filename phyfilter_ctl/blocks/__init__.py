@@ -5,6 +5,7 @@ from .delay_line import delay_line
 from .filter_law import filter_law
 from .function_block import FunctionBlock, function_block
 from .functions import BlockFunctions, Variable, dependencies
+from .interpreted import Interpreted
 from .learned import learned_block
 from .phyfilter import PhyFilterBlock, phyfilter_block
 from .sampled import FilterLaw, SampledBlock, sampled_block
@@ -15,6 +16,7 @@ __all__ = [
     "BlockFunctions",
     "FilterLaw",
     "FunctionBlock",
+    "Interpreted",
     "PhyFilterBlock",
     "SampledBlock",
     "Variable",

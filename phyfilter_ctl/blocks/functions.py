@@ -8,6 +8,8 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from .interpreted import Interpreted
+
 __all__ = ["BlockFunctions", "Variable", "dependencies"]
 
 
@@ -50,6 +52,8 @@ class BlockFunctions:
         (t, x, u, p) -> x' of a continuous block, the next x of a sampled one; column vectors.
     output : casadi.Function
         (t, x, u, p) -> y.
+    callbacks : tuple of Interpreted
+        What in them runs as Python.
     """
 
     states: tuple[Variable, ...]
@@ -58,6 +62,7 @@ class BlockFunctions:
     parameters: tuple[Variable, ...]
     dynamics: ca.Function
     output: ca.Function
+    callbacks: tuple[Interpreted, ...] = ()
 
     @property
     def feedthrough(self) -> NDArray[np.bool_]:

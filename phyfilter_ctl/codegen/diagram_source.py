@@ -112,6 +112,12 @@ def diagram_model(
         raise ValueError(f"real: expected 'double' or 'float', got {real!r}")
     if isinstance(substeps, bool) or not isinstance(substeps, int) or not 1 <= substeps <= _MOST_SUBSTEPS:
         raise ValueError(f"substeps: expected a whole number from 1 to {_MOST_SUBSTEPS}, got {substeps!r}")
+    if flat.callbacks:
+        callback = flat.callbacks[0]
+        raise ValueError(
+            f"block {callback.block} runs as Python, for which there is no C code: {callback.reason}. Write that line "
+            "with arithmetic and functions of numpy or math on t, x, u and params"
+        )
     flat = as_sampled(flat)
     prefix = model_identifier(flat.name) if name is None else checked_identifier(name)
     functions = flat_functions(flat)

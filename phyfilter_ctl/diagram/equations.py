@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..blocks.functions import BlockFunctions, Variable
+from ..blocks.interpreted import Interpreted
 from ..blocks.sampled import FilterLaw
 
 __all__ = ["AlgebraicLoop", "Equations", "Task"]
@@ -85,3 +86,4 @@ class Equations:
     unknowns: ca.Function | None = None
     dt: float = 0.0
     order: tuple[str, ...] = ()
+    callbacks: tuple[Interpreted, ...] = ()

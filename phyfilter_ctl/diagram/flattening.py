@@ -30,6 +30,7 @@ def flatten(
     *,
     name: str | None = None,
     unconnected: Unconnected = "error",
+    params: Mapping[str, object] | None = None,
 ) -> FlatModel:
     """One model of a python-control system, of any depth.
 
@@ -42,6 +43,9 @@ def flatten(
         Name of the model; None takes the system's.
     unconnected : {"error", "zero"}
         Inputs of blocks that nothing drives: refused, or 0 as in python-control.
+    params : mapping, optional
+        Values of parameters that blocks read and that have none of their own: ``params["umax"]`` of a block made
+        without ``params=``. Those that have one are given to :func:`simulate`.
 
     Returns
     -------
@@ -55,9 +59,9 @@ def flatten(
     TypeError
         For a block that is no python-control system, or frequency response data.
     ValueError
-        For a block that cannot be traced with CasADi, an algebraic loop that is singular or has no solution at the
-        start values, a loop among sampled blocks, an
-        input that nothing drives or two outputs of one name do, and names that clash; the message names the block.
+        For a block whose functions fail wherever they are called or keep something from call to call, an algebraic loop
+        that is singular or has no solution at the start values, a loop among sampled blocks, an input that nothing
+        drives or two outputs of one name do, and names that clash; the message names the block.
 
     Notes
     -----
@@ -95,7 +99,8 @@ def flatten(
         )
     if unconnected not in ("error", "zero"):
         raise ValueError(f'unconnected: expected "error" or "zero", got {unconnected!r}')
-    return _assemble(sys, name or sys.name or "system", {}, unconnected)
+    rules = Rules(unconnected, discrete_functions, params or {})
+    return _assemble(sys, name or sys.name or "system", {}, rules)
 
 
 def as_sampled(flat: FlatModel) -> FlatModel:
@@ -149,7 +154,7 @@ def discrete_functions(
     system: ct.InputOutputSystem,
     path: str,
     given: Mapping[str, object],
-    unconnected: Unconnected,
+    rules: Rules,
 ) -> BlockFunctions:
     """A discrete diagram as the law of one sampled block.
 
@@ -160,7 +165,7 @@ def discrete_functions(
         Name of the block in messages.
     given : mapping
         Parameter values from outside.
-    unconnected : {"error", "zero"}
+    rules : Rules
 
     Returns
     -------
@@ -173,10 +178,11 @@ def discrete_functions(
 
     Examples
     --------
-    >>> discrete_functions(ct.tf([1.0], [1.0, -0.5], 0.1), "lag", {}, "error").dynamics(0, 2.0, 1.0, []).full().item()
+    >>> law = discrete_functions(ct.tf([1.0], [1.0, -0.5], 0.1), "lag", {}, Rules("error"))
+    >>> law.dynamics(0, 2.0, 1.0, []).full().item()
     2.0
     """
-    flat = _assemble(system, path, given, unconnected)
+    flat = _assemble(system, path, given, rules)
     if flat.dt == 0.0:
         raise ValueError(f"block {path}: expected a discrete system with dt > 0, got a continuous one")
     return _without_held(flat)
@@ -203,6 +209,7 @@ def _without_held(flat: FlatModel) -> BlockFunctions:
         parameters=flat.parameters,
         dynamics=ca.Function("dynamics", [t, x, u, p], [flat.dynamics(t, x, u, p, z)]),
         output=ca.Function("output", [t, x, u, p], [flat.output(t, x, u, p, z)]),
+        callbacks=flat.callbacks,
     )
 
 
@@ -226,10 +233,10 @@ def _assemble(
     system: ct.InputOutputSystem,
     name: str,
     given: Mapping[str, object],
-    unconnected: Unconnected,
+    rules: Rules,
 ) -> FlatModel:
     dt = _time_base(system, name)
-    wiring = wire(system, given, Rules(unconnected, discrete_functions))
+    wiring = wire(system, given, rules)
     scalar, wiring.blocks = _expanded(wiring.blocks)
     prefix = isinstance(system, ct.InterconnectedSystem)
     states = [() if b.period else _named(b, b.functions.states, prefix) for b in wiring.blocks]
@@ -288,6 +295,7 @@ def _assemble(
         unknowns=build.function("unknowns", [loop.tau for loop in evaluation.loops]) if loops else None,
         dt=dt,
         order=_order(wiring, evaluation, tasks),
+        callbacks=tuple(callback for block in wiring.blocks for callback in block.functions.callbacks),
     )
 
 

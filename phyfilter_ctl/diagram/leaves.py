@@ -23,7 +23,9 @@ class _HasFunctions(Protocol):
     functions: BlockFunctions
 
 
-def block_functions(system: object, path: str, given: Mapping[str, object]) -> BlockFunctions:
+def block_functions(
+    system: object, path: str, given: Mapping[str, object], missing: Mapping[str, object] | None = None
+) -> BlockFunctions:
     """Equations of one block that is no diagram.
 
     Parameters
@@ -33,6 +35,8 @@ def block_functions(system: object, path: str, given: Mapping[str, object]) -> B
         Name of the block in messages.
     given : mapping
         Parameter values set by the diagrams around it.
+    missing : mapping, optional
+        Values of parameters that it reads and that have none.
 
     Returns
     -------
@@ -43,7 +47,7 @@ def block_functions(system: object, path: str, given: Mapping[str, object]) -> B
     TypeError
         For something that is no time-domain python-control system.
     ValueError
-        For an improper transfer function, or a function that cannot be traced.
+        For an improper transfer function, or functions that fail wherever they are called.
 
     Examples
     --------
@@ -68,7 +72,7 @@ def block_functions(system: object, path: str, given: Mapping[str, object]) -> B
     if isinstance(system, ct.StateSpace):
         return linear_functions(system, path)
     if isinstance(system, ct.NonlinearIOSystem):
-        return trace(system, path, given)
+        return trace(system, path, given, missing)
     raise TypeError(
         f"block {path}: expected a python-control system (StateSpace, TransferFunction, NonlinearIOSystem, "
         f"InterconnectedSystem), got {type(system).__name__}; a delay is ct.pade(T, n) or a sampled block"

@@ -45,6 +45,8 @@ class FlatModel(Equations):
         this sampling interval in seconds.
     order : tuple of str
         Blocks in evaluation order.
+    callbacks : tuple of Interpreted
+        Functions of blocks that run as Python, since they cannot be traced; a model with some has no C code.
 
     Notes
     -----

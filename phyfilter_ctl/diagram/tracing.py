@@ -2,36 +2,82 @@
 
 from __future__ import annotations
 
+import dataclasses
 import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from copy import copy
 
 import casadi as ca
 import control as ct
 import numpy as np
-from numpy.typing import NDArray
 
-from .._sections import FloatArray
 from ..blocks.functions import BlockFunctions, Variable
+from ..blocks.interpreted import Interpreted
+from .branches import UntraceableError, Way, merged, place_of, ways
+from .probing import (
+    MismatchError,
+    Point,
+    Recorder,
+    Reference,
+    compare,
+    filled,
+    has_integers,
+    is_tunable,
+    numbers,
+    probe_points,
+    uncovered,
+)
+from .scalars import Array, Traced, as_array
+from .shim import USES_CASADI, rebound
 
 __all__ = ["trace"]
 
-PROBES = 14
-RELATIVE = 1e-8  # of an entry: the traced function may sum in another order
-ABSOLUTE = 1e-12  # of the largest number around: what cancellation leaves
-
-_WAY_OUT = (
-    "Write the block with phyfilter_ctl.plant; or let it use numpy functions of t, x, u and params and return a list "
-    "or np.array([...]): no math.*, no float(), no array filled in place (dx = np.zeros(n); dx[0] = ...), no branch "
-    "on a signal or parameter (np.where, np.clip, np.maximum do that)"
-)
+# An original that takes longer (an optimisation inside) is called as seldom as possible.
+_SLOW = 0.02
 
 
-class _FailedError(Exception):
-    """One way of tracing did not work; the next may."""
+@dataclasses.dataclass(frozen=True, eq=False)
+class _Part:
+    """The update or the output function of a block."""
+
+    which: str
+    function: Callable[..., object]
+    size: int
+    copy: Callable[..., object]
+    uses_casadi: bool
+    original: Reference
 
 
-def trace(system: ct.NonlinearIOSystem, path: str, given: Mapping[str, object]) -> BlockFunctions:
+@dataclasses.dataclass(frozen=True, eq=False)
+class _Symbols:
+    """What the functions are traced with."""
+
+    t: ca.SX
+    x: ca.SX
+    u: ca.SX
+    parameters: Mapping[str, ca.SX]
+    values: Mapping[str, object]
+
+    @property
+    def all(self) -> list[ca.SX]:
+        p = ca.vertcat(*self.parameters.values()) if self.parameters else ca.SX(0, 1)
+        return [self.t, self.x, self.u, p]
+
+
+class _NewParametersError(UntraceableError):
+    """The function reads parameters that have a default in its text."""
+
+    def __init__(self, noted: Mapping[str, object]) -> None:
+        super().__init__()
+        self.noted = noted
+
+
+def trace(
+    system: ct.NonlinearIOSystem,
+    path: str,
+    given: Mapping[str, object],
+    missing: Mapping[str, object] | None = None,
+) -> BlockFunctions:
     """CasADi functions of a block whose update and output are Python functions of (t, x, u, params).
 
     Parameters
@@ -41,22 +87,31 @@ def trace(system: ct.NonlinearIOSystem, path: str, given: Mapping[str, object]) 
         Name of the block in messages.
     given : mapping
         Parameter values set by the diagrams around the block; they go over its own.
+    missing : mapping, optional
+        Values of parameters that the functions read and that neither the block nor a diagram has.
 
     Returns
     -------
     BlockFunctions
-        Parameters: the block's numbers and arrays of numbers, entry by entry; all else stays what it is.
+        Parameters: the block's numbers and arrays of numbers, entry by entry, and those that the functions read as
+        ``params.get(name, number)``; all else stays what it is. A function that cannot be traced runs as Python:
+        ``callbacks`` has it, with the reason.
 
     Raises
     ------
     ValueError
-        For a function that cannot be traced, or whose trace differs from the original at a probed point.
+        For functions that fail wherever they are called, or keep something from call to call.
 
     Notes
     -----
-    Two routes are tried, x and u as arrays of SX scalars (x @ x, unpacking) and as SX columns (np.clip, np.where),
-    each function by its own. Integers are tried as parameters first; one that the functions need as a number (a loop
-    count, not an exponent) stays a constant.
+    The functions are run on numbers and arrays that carry expressions; ``np``, ``math``, ``float``, ``int``, ``max``,
+    ... in them, and in the functions that they call, stand for functions of such numbers (:mod:`shim`). At an ``if``
+    both sides are traced; an index that is a signal picks from each entry of its table. The trace is compared with
+    the original at random points, of which at least one lies on each side of each condition. Functions that are
+    written with CasADi's own functions are traced on SX columns.
+
+    Integers are tried as parameters first; one that the functions need as a number (a loop count, not an exponent)
+    stays a constant.
 
     Examples
     --------
@@ -72,87 +127,215 @@ def trace(system: ct.NonlinearIOSystem, path: str, given: Mapping[str, object]) 
             "where it is made"
         )
     values = {**system.params, **given}
-    reference = _Reference(system)
-    points = _probe_points(system, values, set())
-    originals = [reference.evaluate(point, path) for point in points]
-    if reference.failure is not None and all(np.isnan(np.concatenate(pair)).all() for pair in originals):
-        raise ValueError(
-            f"block {path}: its functions fail wherever they are called: {reference.failure}"
-        ) from reference.failure
-    if not _same(originals[0], reference.evaluate(points[0], path)):
-        raise ValueError(
-            f"block {path}: two calls at one point gave different results, so it keeps something from call to call "
-            "(a delay, a random number, a memory); make that a state, or a sampled block"
-        )
-    reasons: list[str] = []
-    integers = [name for name, value in values.items() if _has_integers(value)]
-    for constant in [set[str](), *({name} for name in integers), set(integers)]:
-        if constant:
-            points = _probe_points(system, values, constant)
-            originals = [reference.evaluate(point, path) for point in points]
+    known = set(system.params)
+    parts = _parts(system, path, missing or {})
+    for part in parts:  # first, since a run on symbols would be kept too
+        _check_memory(part, probe_points(system, values, set())[0])
+    while True:
         try:
-            return _attempt(system, values, constant, points, originals)
-        except _FailedError as failure:
-            reasons.append(str(failure))
-    raise ValueError(f"block {path}: {reasons[0]}. {_WAY_OUT}")
+            return _attempt(system, path, parts, values, known, missing or {})
+        except _NewParametersError as more:
+            values |= more.noted
+            known |= set(more.noted)
+
+
+def _parts(system: ct.NonlinearIOSystem, path: str, missing: Mapping[str, object]) -> list[_Part]:
+    """The functions that there are; no output function puts out the states."""
+    found = []
+    for which, function, size in (
+        ("update", system.updfcn if system.nstates else None, int(system.nstates or 0)),
+        ("output", system.outfcn, int(system.noutputs or 0)),
+    ):
+        if function is not None and size:
+            reference = Reference(function, size, f"block {path}: its {which}", missing)
+            seen: dict[int, object] = {}
+            twin = rebound(function, seen)
+            found.append(_Part(which, function, size, twin, USES_CASADI in seen, reference))
+    return found
 
 
 def _attempt(
     system: ct.NonlinearIOSystem,
+    path: str,
+    parts: Sequence[_Part],
     values: Mapping[str, object],
-    constant: set[str],
-    points: Sequence[_Point],
-    originals: Sequence[tuple[FloatArray, FloatArray]],
+    known: set[str],
+    missing: Mapping[str, object],
 ) -> BlockFunctions:
-    n, m = int(system.nstates or 0), int(system.ninputs or 0)
-    t, x, u = ca.SX.sym("t"), ca.SX.sym("x", n), ca.SX.sym("u", m)
-    tunable = [name for name, value in values.items() if name not in constant and _is_tunable(value)]
-    symbols = {name: ca.SX.sym(name, int(np.size(_numbers(values[name])))) for name in tunable}
-    p = ca.vertcat(*symbols.values()) if symbols else ca.SX(0, 1)
-    functions = []
-    for which, function, size in (
-        ("update", system.updfcn if n else None, n),
-        ("output", system.outfcn, int(system.noutputs or 0)),
-    ):
-        position = 0 if which == "update" else 1
-        failures = []
-        for columns in (False, True):
+    """Every function with as few integers as constants as it needs, else as a callback."""
+    integers = [name for name, value in values.items() if has_integers(value)]
+    reasons: dict[str, str] = {}
+    choices = [set[str](), *({name} for name in integers), *([set(integers)] if len(integers) > 1 else [])]
+    for constant in choices:
+        points = probe_points(system, values, constant)
+        symbols = _symbols(system, values, constant)
+        functions = {}
+        for part in parts:
             try:
-                identity = function is None
-                result = x[:size] if identity else _call(function, t, x, u, values, symbols, columns, size)
-                traced = ca.Function(which, [t, x, u, p], [ca.densify(result)])
-                _compare(traced, points, [original[position] for original in originals], tunable)
-                functions.append(traced)
+                functions[part.which] = _traced(part, symbols, points, missing)
+            except _NewParametersError:
+                raise
+            except (UntraceableError, MismatchError) as failure:
+                reasons.setdefault(part.which, str(failure))
                 break
-            except _FailedError as failure:
-                failures.append(str(failure))
         else:
-            raise _FailedError(
-                f"its {which} function cannot be traced ({'; '.join(dict.fromkeys(failures))})"
+            return _finished(system, known, symbols, functions, {})
+    # Once more with a callback for what cannot be traced, alone.
+    points, symbols = probe_points(system, values, set()), _symbols(system, values, set())
+    functions, callbacks = {}, {}
+    for part in parts:
+        try:
+            functions[part.which] = _traced(part, symbols, points, missing)
+        except _NewParametersError:
+            raise
+        except (UntraceableError, MismatchError) as failure:
+            callbacks[part.which] = functions[part.which] = _callback(
+                part, symbols, points, path, str(failure)
             )
-    return _finished(system, values, symbols, (t, x, u), functions)
+    return _finished(system, known, symbols, functions, callbacks)
+
+
+def _symbols(system: ct.NonlinearIOSystem, values: Mapping[str, object], constant: set[str]) -> _Symbols:
+    tunable = [name for name, value in values.items() if name not in constant and is_tunable(value)]
+    parameters = {name: ca.SX.sym(name, numbers(values[name]).size) for name in tunable}
+    t, x, u = (
+        ca.SX.sym("t"),
+        ca.SX.sym("x", int(system.nstates or 0)),
+        ca.SX.sym("u", int(system.ninputs or 0)),
+    )
+    return _Symbols(t, x, u, parameters, values)
+
+
+def _traced(
+    part: _Part, symbols: _Symbols, points: Sequence[Point], missing: Mapping[str, object]
+) -> ca.Function:
+    """One function, on traced numbers or else, where it is written with CasADi's functions, on columns."""
+    failures = []
+    tunable = list(symbols.parameters)
+    for columns in (False, True) if part.uses_casadi else (False,):
+        try:
+            found = _ways(part, symbols, columns, missing)
+            more, open_ = uncovered(found, symbols.all, points, symbols.values, tunable)
+            if open_:
+                raise UntraceableError(f"no point was found on both sides of the condition {open_[0]}")
+            result = ca.densify(merged(found, part.size))
+            traced = ca.Function(part.which, symbols.all, [result])
+            probed = [*points, *more]
+            compare(traced, probed, [part.original.evaluate(point) for point in probed], tunable)
+            return traced
+        except _NewParametersError:
+            raise
+        except (UntraceableError, MismatchError) as failure:
+            failures.append(str(failure))
+    raise UntraceableError(failures[0])
+
+
+def _ways(part: _Part, symbols: _Symbols, columns: bool, missing: Mapping[str, object]) -> list[Way]:
+    given = {
+        name: _symbolic(value, symbols.parameters.get(name), columns)
+        for name, value in symbols.values.items()
+    }
+    if columns:
+        function, t, vectors = part.function, symbols.t, [ca.SX(symbols.x), ca.SX(symbols.u)]
+    else:
+        function, t, vectors = part.copy, Traced(symbols.t), [_elements(symbols.x), _elements(symbols.u)]
+
+    def body() -> ca.SX:
+        # Copies for each way: a function may write into what it is given.
+        params = Recorder({name: copy(value) for name, value in given.items()}, missing)
+        try:
+            entries = list(_flattened(function(t, *map(copy, vectors), params)))
+        finally:
+            if params.noted:
+                raise _NewParametersError(params.noted)
+        result = ca.SX(ca.vertcat(*entries)) if entries else ca.SX(0, 1)
+        if result.shape[0] != part.size:
+            raise UntraceableError(f"expected {part.size} entries, got {result.shape[0]}")
+        return result
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # CasADi's note on numpy functions; the probe is what counts
+        try:
+            found = ways(body, ca.vertcat(*symbols.all[:3]))
+        except _NewParametersError:
+            raise
+        except (UntraceableError, RecursionError) as error:
+            raise UntraceableError(_said(error)) from error
+    if all(way.value is None for way in found):
+        error = found[0].error
+        raise UntraceableError(_said(error) if error is not None else "it gives nothing")
+    return found
+
+
+def _said(error: Exception) -> str:
+    """What went wrong and where."""
+    text = str(error).strip().splitlines()
+    what = text[-1].strip().rstrip(".") if text else type(error).__name__
+    place = place_of(error)
+    return f"{place}: {what}" if place else what
+
+
+def _check_memory(part: _Part, point: Point) -> None:
+    first, second = part.original.evaluate(point), part.original.evaluate(point)
+    if not np.array_equal(first, second, equal_nan=True):
+        raise ValueError(
+            f"{part.original.what} function gave different results in two calls at one point, so it keeps something "
+            "from call to call (a delay, a random number, a memory); make that a state, or a sampled block"
+        )
+
+
+def _callback(part: _Part, symbols: _Symbols, points: Sequence[Point], path: str, reason: str) -> Interpreted:
+    """One function as Python."""
+    original = part.original
+    finite = next((p for p in points if np.isfinite(original.evaluate(p)).any()), None)
+    if finite is None:
+        what = (
+            "is not finite at any probed point"
+            if original.failure is None
+            else f"fails wherever it is called: {original.failure}"
+        )
+        raise ValueError(f"{original.what} function {what}") from original.failure
+    quick = original.seconds < _SLOW
+    depends = original.depends(points[:6]) if part.which == "output" and quick else None
+    tunable, values = list(symbols.parameters), symbols.values
+    sizes = (*(symbol.shape[0] for symbol in symbols.all[1:]), part.size)
+    return Interpreted(
+        part.which,
+        lambda t, x, u, p: original.call(t, x, u, filled(values, tunable, p)),
+        sizes,
+        path,
+        f"its {part.which} function cannot be traced ({reason})",
+        depends,
+    )
 
 
 def _finished(
     system: ct.NonlinearIOSystem,
-    values: Mapping[str, object],
-    symbols: Mapping[str, ca.SX],
-    signals: tuple[ca.SX, ca.SX, ca.SX],
-    functions: Sequence[ca.Function],
+    known: set[str],
+    symbols: _Symbols,
+    functions: Mapping[str, ca.Function],
+    callbacks: Mapping[str, Interpreted],
 ) -> BlockFunctions:
     """Drops what the diagrams gave and this block does not read."""
-    p = ca.vertcat(*symbols.values()) if symbols else ca.SX(0, 1)
-    results = [function(*signals, p) for function in functions]
+    t, x, u, p = symbols.all
+    results = [
+        functions["update"](t, x, u, p) if system.nstates else ca.SX(0, 1),
+        functions["output"](t, x, u, p)
+        if "output" in functions
+        else x[: system.noutputs]
+        if system.noutputs
+        else ca.SX(0, 1),
+    ]
     read = {symbol.element_hash() for symbol in ca.symvar(ca.vertcat(*results))}
     kept = [
         name
-        for name, symbol in symbols.items()
-        if name in system.params or any(e.element_hash() in read for e in ca.vertsplit(symbol))
+        for name, symbol in symbols.parameters.items()
+        if name in known or callbacks or any(e.element_hash() in read for e in ca.vertsplit(symbol))
     ]
-    p = ca.vertcat(*(symbols[name] for name in kept)) if kept else ca.SX(0, 1)
+    p = ca.vertcat(*(symbols.parameters[name] for name in kept)) if kept else ca.SX(0, 1)
     variables: list[Variable] = []
     for name in kept:
-        array = np.asarray(_numbers(values[name]), dtype=float)
+        array = np.asarray(numbers(symbols.values[name]), dtype=float)
         for index in np.ndindex(array.shape):
             label = f"{name}[{','.join(map(str, index))}]" if index else name
             variables.append(Variable(label, float(array[index])))
@@ -161,8 +344,9 @@ def _finished(
         inputs=tuple(Variable(label) for label in system.input_labels),
         outputs=tuple(Variable(label) for label in _output_labels(system)),
         parameters=tuple(variables),
-        dynamics=ca.Function("dynamics", [*signals, p], [results[0]]),
-        output=ca.Function("output", [*signals, p], [results[1]]),
+        dynamics=ca.Function("dynamics", [t, x, u, p], [results[0]]),
+        output=ca.Function("output", [t, x, u, p], [results[1]]),
+        callbacks=tuple(callbacks.values()),
     )
 
 
@@ -171,53 +355,34 @@ def _output_labels(system: ct.NonlinearIOSystem) -> list[str]:
     return labels if len(labels) == system.noutputs else [f"y[{i}]" for i in range(system.noutputs or 0)]
 
 
-def _call(
-    function: Callable[..., object],
-    t: ca.SX,
-    x: ca.SX,
-    u: ca.SX,
-    values: Mapping[str, object],
-    symbols: Mapping[str, ca.SX],
-    columns: bool,
-    size: int,
-) -> ca.SX:
-    params = {name: _symbolic(value, symbols.get(name), columns) for name, value in values.items()}
-    arguments = (t, ca.SX(x), ca.SX(u)) if columns else (t, _elements(x), _elements(u))
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # CasADi's note on numpy functions; the probe is what counts
-            entries = list(_flattened(function(*arguments, params)))
-            result = ca.SX(ca.vertcat(*entries)) if entries else ca.SX(0, 1)
-    except Exception as error:
-        text = str(error).strip().splitlines()
-        raise _FailedError(text[-1].strip().rstrip(".") if text else type(error).__name__) from error
-    if result.shape[0] != size:
-        raise _FailedError(f"expected {size} entries, got {result.shape[0]}")
-    return result
-
-
 def _symbolic(value: object, symbol: ca.SX | None, columns: bool) -> object:
     if symbol is None:
-        return value
+        return (
+            as_array(value)
+            if isinstance(value, np.ndarray) and value.dtype.kind == "f" and not columns
+            else value
+        )
     if isinstance(value, list | tuple):
-        return type(value)(ca.vertsplit(symbol))
-    shape: tuple[int, ...] = _numbers(value).shape
+        parts = ca.vertsplit(symbol)
+        return type(value)(parts if columns else [Traced(part) for part in parts])
+    shape: tuple[int, ...] = numbers(value).shape
     if not shape:
-        return symbol
+        return symbol if columns else Traced(symbol)
     if columns and len(shape) <= 2:
         return ca.SX(symbol) if len(shape) == 1 else ca.reshape(symbol, *shape[::-1]).T
     return _elements(symbol).reshape(shape)
 
 
-def _elements(column: ca.SX) -> NDArray[np.object_]:
+def _elements(column: ca.SX) -> Array:
     array = np.empty(column.shape[0], dtype=object)
-    for i in range(column.shape[0]):
-        array[i] = column[i]
-    return array
+    array[:] = [Traced(entry) for entry in ca.vertsplit(column)] if len(array) else []
+    return array.view(Array)
 
 
 def _flattened(value: object) -> Iterable[ca.SX | ca.DM | float]:
-    if isinstance(value, ca.SX | ca.DM):
+    if isinstance(value, Traced):
+        yield value.expression
+    elif isinstance(value, ca.SX | ca.DM):
         yield from (value[i, j] for i in range(value.shape[0]) for j in range(value.shape[1]))
     elif isinstance(value, list | tuple):
         for entry in value:
@@ -227,129 +392,3 @@ def _flattened(value: object) -> Iterable[ca.SX | ca.DM | float]:
             yield from _flattened(entry)
     else:
         yield float(np.asarray(value, dtype=float))
-
-
-@dataclass(frozen=True)
-class _Point:
-    t: float
-    x: FloatArray
-    u: FloatArray
-    values: Mapping[str, object]
-
-
-def _probe_points(
-    system: ct.NonlinearIOSystem, values: Mapping[str, object], constant: set[str]
-) -> list[_Point]:
-    """Small and large, positive and of both signs, the last ones with other parameter values."""
-    rng = np.random.default_rng(20240)
-    n, m = system.nstates or 0, system.ninputs or 0
-    points = []
-    for i in range(PROBES):
-        scale = (1.0, 0.05, 1.0, 30.0, 3.0)[i % 5]
-        draw = (lambda k: rng.uniform(0.1, 1.0, k)) if i % 3 == 1 else (lambda k: rng.normal(size=k))
-        changed = (
-            values
-            if i < PROBES - 5
-            else {k: v if k in constant else _moved(v, rng) for k, v in values.items()}
-        )
-        points.append(_Point(float(rng.uniform(0.0, 3.0)), scale * draw(n), scale * draw(m), changed))
-    return points
-
-
-def _moved(value: object, rng: np.random.Generator) -> object:
-    """Another value of a parameter; integers stay integers."""
-    if not _is_tunable(value):
-        return value
-    if isinstance(value, list | tuple):
-        return type(value)(_moved(entry, rng) for entry in value)
-    if _has_integers(value):
-        return value + 1 if isinstance(value, np.ndarray) else int(_numbers(value)) + 1
-    array = _numbers(value)
-    moved = array * rng.uniform(0.8, 1.2, array.shape) + 0.01 * rng.uniform(0.0, 1.0, array.shape)
-    return float(moved) if moved.ndim == 0 else moved
-
-
-def _has_integers(value: object) -> bool:
-    if isinstance(value, list | tuple):
-        return any(_has_integers(entry) for entry in value)
-    if isinstance(value, np.ndarray):
-        return value.dtype.kind in "iu"
-    return isinstance(value, int | np.integer) and not isinstance(value, bool)
-
-
-def _is_tunable(value: object) -> bool:
-    if isinstance(value, bool | np.bool_):
-        return False
-    if isinstance(value, list | tuple):
-        return len(value) > 0 and all(np.ndim(e) == 0 and _is_tunable(e) for e in value)
-    if isinstance(value, np.ndarray):
-        return value.dtype.kind in "iuf" and value.size > 0
-    return isinstance(value, int | float | np.integer | np.floating)
-
-
-def _numbers(value: object) -> FloatArray:
-    return np.asarray(value, dtype=float)
-
-
-class _Reference:
-    """The original, evaluated by python-control itself."""
-
-    def __init__(self, system: ct.NonlinearIOSystem) -> None:
-        self._system = system
-        self.failure: Exception | None = None
-
-    def evaluate(self, point: _Point, path: str) -> tuple[FloatArray, FloatArray]:
-        """(update, output); not-a-number where a function refuses the point."""
-        system = self._system
-        sizes = (system.nstates or 0, system.noutputs or 0)
-        before = system._current_params
-        results: list[FloatArray] = []
-        try:
-            for evaluate, size in zip((system.dynamics, system.output), sizes, strict=True):
-                # dict(...): a function may write into what it is given
-                arguments = (point.t, point.x.copy(), point.u.copy(), dict(point.values))
-                with warnings.catch_warnings(), np.errstate(all="ignore"):
-                    warnings.simplefilter("ignore")
-                    try:
-                        result = (
-                            np.asarray(evaluate(*arguments), dtype=float).reshape(-1) if size else np.zeros(0)
-                        )
-                    except Exception as error:
-                        self.failure = error
-                        result = np.full(size, np.nan)
-                if len(result) != size:
-                    which = "update" if evaluate == system.dynamics else "output"
-                    raise ValueError(
-                        f"block {path}: its {which} function gives {len(result)} entries, expected {size}"
-                    )
-                results.append(result)
-        finally:
-            system._current_params = before
-        return results[0], results[1]
-
-
-def _compare(
-    traced: ca.Function, points: Sequence[_Point], originals: Sequence[FloatArray], tunable: Sequence[str]
-) -> None:
-    checked = np.zeros(traced.size1_out(0), dtype=bool)
-    for point, original in zip(points, originals, strict=True):
-        parts = [_numbers(point.values[name]).reshape(-1) for name in tunable]
-        p = np.concatenate(parts) if parts else np.zeros(0)
-        value = np.asarray(traced(point.t, point.x, point.u, p), dtype=float).reshape(-1)
-        known = np.isfinite(original)
-        largest = max(
-            [1.0, *(float(np.max(np.abs(a))) for a in (original[known], point.x, point.u) if a.size)]
-        )
-        error = np.abs(value[known] - original[known])
-        if not np.all(error <= RELATIVE * np.abs(original[known]) + ABSOLUTE * largest):
-            raise _FailedError(
-                f"traced with symbols it gives {value.tolist()}, the original {original.tolist()} at x={point.x}, "
-                f"u={point.u}"
-            )
-        checked |= known
-    if not np.all(checked):
-        raise _FailedError(f"entries {np.flatnonzero(~checked).tolist()} are not finite at any probed point")
-
-
-def _same(first: Sequence[FloatArray], second: Sequence[FloatArray]) -> bool:
-    return all(np.array_equal(a, b, equal_nan=True) for a, b in zip(first, second, strict=True))

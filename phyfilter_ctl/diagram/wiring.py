@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from types import MappingProxyType
 from typing import Literal, NamedTuple
 
 import control as ct
@@ -93,13 +94,14 @@ class Rules(NamedTuple):
     unconnected : {"error", "zero"}
         What an input that nothing drives is.
     discrete : callable, optional
-        (diagram, path, parameter values, unconnected) -> law of the sampled block around that diagram.
+        (diagram, path, parameter values, these rules) -> law of the sampled block around that diagram.
+    missing : mapping
+        Values of parameters that blocks read and that have none.
     """
 
     unconnected: Unconnected
-    discrete: (
-        Callable[[ct.InputOutputSystem, str, Mapping[str, object], Unconnected], BlockFunctions] | None
-    ) = None
+    discrete: Callable[[ct.InputOutputSystem, str, Mapping[str, object], Rules], BlockFunctions] | None = None
+    missing: Mapping[str, object] = MappingProxyType({})
 
 
 def wire(system: ct.InputOutputSystem, given: Mapping[str, object], rules: Rules) -> Wiring:
@@ -202,7 +204,7 @@ def _add_block(
         continuous = _continuous(system, functions, path)
     else:
         period, filter_law, continuous = 0.0, None, None
-        functions = block_functions(system, path, given)
+        functions = block_functions(system, path, given, rules.missing)
     inputs = _new(wiring, [f"{path}.{variable.name}" for variable in functions.inputs])
     outputs = _new(wiring, [f"{path}.{variable.name}" for variable in functions.outputs])
     for signal in inputs:
@@ -220,8 +222,8 @@ def _law(sampled: SampledBlock, path: str, given: Mapping[str, object], rules: R
     if isinstance(system, ct.InterconnectedSystem):
         if rules.discrete is None:
             raise ValueError(f"block {path}: a diagram in a sampled block has to be flattened first")
-        return rules.discrete(system, path, given, rules.unconnected)
-    return block_functions(system, path, given)
+        return rules.discrete(system, path, given, rules)
+    return block_functions(system, path, given, rules.missing)
 
 
 def _continuous(sampled: SampledBlock, law: BlockFunctions, path: str) -> BlockFunctions:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import time
+from collections.abc import Callable, Iterable, Mapping
 from typing import Literal, NamedTuple, TypeAlias
 
 import control as ct
@@ -13,7 +14,15 @@ from ..blocks.functions import Variable
 from ..diagram import FlatModel
 from .arguments import Run
 
-__all__ = ["Backend", "Method", "Outcome", "SimulationResponse", "response_of", "with_outputs_checked"]
+__all__ = [
+    "Backend",
+    "Method",
+    "Outcome",
+    "SimulationResponse",
+    "response_of",
+    "shares_of",
+    "with_outputs_checked",
+]
 
 Method: TypeAlias = Literal["rk4", "adaptive", "stiff", "exact"]
 Backend: TypeAlias = Literal["vm", "c"]
@@ -53,6 +62,9 @@ class SimulationResponse(ct.TimeResponseData):
         "" where the run succeeded; else what happened, when, and what to try. ``success`` says which.
     failed_at : float
         Time in seconds that the run came to before it failed; inf where it succeeded. Later values are NaN.
+    callbacks : mapping of str to float, optional
+        Blocks that ran as Python, since their functions cannot be traced, and the share of the run's time that they
+        took, 0 to 1; see :attr:`FlatModel.callbacks` for the reasons.
     squeeze : bool, optional
         As for ``control.input_output_response``.
     notes : tuple of str
@@ -75,6 +87,7 @@ class SimulationResponse(ct.TimeResponseData):
         failed_at: float = np.inf,
         squeeze: bool | None = None,
         notes: tuple[str, ...] = (),
+        callbacks: Mapping[str, float] | None = None,
     ) -> None:
         super().__init__(
             time, outputs, states=states, inputs=inputs, issiso=len(outputs) == 1 and len(inputs) == 1,
@@ -86,6 +99,7 @@ class SimulationResponse(ct.TimeResponseData):
         self.steps = steps
         self.failed_at = failed_at
         self.notes = notes
+        self.callbacks = dict(callbacks or {})
 
 
 def with_outputs_checked(flat: FlatModel, run: Run, outcome: Outcome) -> Outcome:
@@ -111,15 +125,36 @@ def response_of(
     backend: Backend,
     squeeze: bool | None,
     notes: tuple[str, ...] = (),
+    callbacks: Mapping[str, float] | None = None,
 ) -> SimulationResponse:
     """Time-major arrays as a response."""
     x, y, steps, message, failed_at = outcome
+    raised = next((c for c in flat.callbacks if c.failure), None)
+    if message and raised is not None:
+        message = f"block {raised.block}, which runs as Python, raised {raised.failure}; {message}"
     return SimulationResponse(
         run.times, y.T, states=x.T, inputs=run.inputs.T,
         labels=(_names(flat.outputs), _names(flat.states), _names(flat.inputs)), name=flat.name, method=method,
-        backend=backend, steps=steps, message=message, failed_at=failed_at, squeeze=squeeze,
-        notes=notes,
+        backend=backend, steps=steps, message=message, failed_at=failed_at, squeeze=squeeze, notes=notes,
+        callbacks=callbacks,
     )  # fmt: skip
+
+
+def shares_of(flat: FlatModel) -> Callable[[], dict[str, float]]:
+    """Starts the clock of a run; what it returns gives the share of each block that runs as Python."""
+    begin = time.perf_counter()
+    before = [callback.seconds for callback in flat.callbacks]
+    for callback in flat.callbacks:
+        callback.failure = ""
+
+    def shares() -> dict[str, float]:
+        total = max(time.perf_counter() - begin, 1e-9)
+        found: dict[str, float] = {}
+        for callback, spent in zip(flat.callbacks, before, strict=True):
+            found[callback.block] = found.get(callback.block, 0.0) + (callback.seconds - spent) / total
+        return found
+
+    return shares
 
 
 def _names(variables: Iterable[Variable]) -> list[str]:

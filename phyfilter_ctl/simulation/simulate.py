@@ -22,7 +22,7 @@ from .algebraic import jumps, unsolved
 from .arguments import Inputs, Interpolation, Parameters, Run, Start, prepare
 from .exponential import has_linear_states, linear_part
 from .limits import Limits, steps_allowed
-from .response import SimulationResponse, response_of, with_outputs_checked
+from .response import SimulationResponse, response_of, shares_of, with_outputs_checked
 from .steplength import default_step
 from .steps import advance_rk4, at_node
 
@@ -144,7 +144,9 @@ def simulate(
         A ``control.TimeResponseData``. At an instant of a sampled block the outputs are those after it has run. A
         run that meets numbers that are not finite, steps that become too small or one of its limits, has ``success``
         False, NaN from there on and a ``message`` that says what to try. A
-        ``RuntimeWarning`` (and ``notes``) tells where the solution of an algebraic loop jumped to another one.
+        ``RuntimeWarning`` (and ``notes``) tells where the solution of an algebraic loop jumped to another one. Blocks
+        whose functions cannot be traced run as Python, in the virtual machine: ``callbacks`` has their names and
+        shares of the time.
 
     Raises
     ------
@@ -165,7 +167,7 @@ def simulate(
     >>> response.outputs.round(6).tolist()
     [0.0, 0.632121, 0.864665]
     """
-    flat = as_flat(sys)
+    flat = as_flat(sys, params)
     options = Options(method, backend, max_step, rtol, atol, squeeze, max_steps, time_limit)
     run = prepare(flat, timepts, inputs, initial_state, params, interpolation)
     return _simulate(flat, run, _decided(flat, run, options, 1), progress)
@@ -270,9 +272,9 @@ def _simulate_all(runs: Sequence[Run], flat: FlatModel, options: Options) -> lis
     return [_simulate(flat, run, options, False) for run in runs]
 
 
-def as_flat(sys: ct.InputOutputSystem | FlatModel) -> FlatModel:
+def as_flat(sys: ct.InputOutputSystem | FlatModel, params: Parameters | None = None) -> FlatModel:
     """The flat model of a system."""
-    return sys if isinstance(sys, FlatModel) else flatten(sys)
+    return sys if isinstance(sys, FlatModel) else flatten(sys, params=params)
 
 
 def _decided(flat: FlatModel, run: Run, options: Options, runs: int) -> Options:
@@ -314,6 +316,7 @@ def _worth_compiling(flat: FlatModel, run: Run, options: Options, runs: int) -> 
 def _simulate(flat: FlatModel, run: Run, options: Options, progress: bool) -> SimulationResponse:
     method: MethodChoice = options.method
     controlled = method in ("adaptive", "stiff", "auto")
+    shares = shares_of(flat)
     longest = options.max_step
     limits = Limits(steps_allowed(flat, run, options.max_steps, controlled), options.time_limit)
     if longest is None and not controlled and flat.dt == 0.0:
@@ -357,6 +360,7 @@ def _simulate(flat: FlatModel, run: Run, options: Options, progress: bool) -> Si
     return response_of(
         flat, run, outcome, notes=notes, method="discrete" if flat.dt > 0.0 else method,
         backend="c" if options.backend == "c" else "vm", squeeze=options.squeeze,
+        callbacks=shares(),
     )  # fmt: skip
 
 

@@ -1,0 +1,123 @@
+"""Equations that stay a Python function: CasADi calls them back, in the virtual machine alone."""
+
+from __future__ import annotations
+
+import time
+import warnings
+from collections.abc import Callable, Sequence
+from typing import TypeAlias
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from .._sections import FloatArray
+
+__all__ = ["Evaluation", "Interpreted"]
+
+Evaluation: TypeAlias = Callable[[float, FloatArray, FloatArray, FloatArray], object]
+"""(t, x, u, p) -> as many numbers as there are results."""
+
+
+class Interpreted(ca.Callback):
+    """A Python function (t, x, u, p) -> column as a CasADi function.
+
+    Parameters
+    ----------
+    name : str
+        Of the CasADi function.
+    evaluate : callable
+        The function; where it raises, the results are not-a-number.
+    sizes : sequence of int
+        Of x, u, p and the result.
+    block : str
+        Name of the block in messages.
+    reason : str
+        Why it runs as Python, with the line of source.
+    depends : (results, inputs) bool array, optional
+        Which input acts on which result; the function gets not-a-number for an input that acts on none. None: all.
+
+    Attributes
+    ----------
+    seconds : float
+        Spent in the function so far.
+    failure : str
+        Of the first call that raised; "" for none.
+
+    Notes
+    -----
+    Derivatives are finite differences. The function keeps nothing from call to call, and is called at points of the
+    integrator's choosing. Whatever holds the CasADi function must hold this object too.
+
+    Examples
+    --------
+    >>> halved = Interpreted("f", lambda t, x, u, p: [0.5 * x[0]], (1, 0, 0, 1), "half", "no expression")
+    >>> halved(0.0, 3.0, [], []).full().item()
+    1.5
+    """
+
+    def __init__(
+        self,
+        name: str,
+        evaluate: Evaluation,
+        sizes: Sequence[int],
+        block: str,
+        reason: str,
+        depends: NDArray[np.bool_] | None = None,
+    ) -> None:
+        super().__init__()
+        self._evaluate = evaluate
+        self._sizes = (1, *sizes)
+        self._depends = np.ones((sizes[3], sizes[1]), dtype=bool) if depends is None else depends
+        self._unused = ~self._depends.any(axis=0)
+        self.block, self.reason = block, reason
+        self.seconds, self.failure = 0.0, ""
+        self.construct(name, {"enable_fd": True})
+
+    # What CasADi asks.
+
+    def get_n_in(self) -> int:
+        return 4
+
+    def get_n_out(self) -> int:
+        return 1
+
+    def get_sparsity_in(self, i: int) -> ca.Sparsity:
+        return ca.Sparsity.dense(self._sizes[i], 1)
+
+    def get_sparsity_out(self, i: int) -> ca.Sparsity:
+        return ca.Sparsity.dense(self._sizes[4], 1)
+
+    def has_jac_sparsity(self, oind: int, iind: int) -> bool:
+        return iind == 2
+
+    def get_jac_sparsity(self, oind: int, iind: int, symmetric: bool) -> ca.Sparsity:
+        rows, columns = np.nonzero(self._depends)
+        return ca.Sparsity.triplet(self._sizes[4], self._sizes[2], rows.tolist(), columns.tolist())
+
+    def has_eval_buffer(self) -> bool:
+        return True
+
+    def eval_buffer(self, arg: Sequence[memoryview | None], res: Sequence[memoryview | None]) -> int:
+        if res[0] is None:
+            return 0
+        begin = time.perf_counter()
+        # Copies, since the function may write into them; CasADi hands over nothing for zeros.
+        t, x, u, p = (
+            np.zeros(size) if part is None else np.frombuffer(part).copy()
+            for part, size in zip(arg, self._sizes[:4], strict=True)
+        )
+        u[self._unused] = np.nan
+        result = np.frombuffer(res[0])
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")
+                found = np.asarray(self._evaluate(float(t[0]), x, u, p), dtype=float).reshape(-1)
+            if len(found) != len(result):
+                raise ValueError(f"{len(found)} results, expected {len(result)}")
+            result[:] = found
+        except Exception as error:
+            self.failure = self.failure or f"{type(error).__name__}: {error} at t = {t[0]:.9g} s"
+            result[:] = np.nan
+        self.seconds += time.perf_counter() - begin
+        return 0
