@@ -18,7 +18,7 @@ run it          :class:`SampledPhyFilter` (``PhyFilter.sampled``), :func:`stack`
 connect it      :func:`phyfilter_block`, :func:`sampled_block`, :func:`learned_block`, :func:`plant`: python-control
                 systems, wired with ``control.interconnect``
 simulate        :func:`flatten`, :func:`simulate`, :func:`simulate_batch`, :func:`sensitivity`
-hand it over    :func:`export_c`, :func:`export_fmu`, :func:`export_ssp`
+hand it over    :func:`export_c`, :func:`export_target`, :func:`export_fmu`, :func:`export_ssp`
 co-simulate     :func:`import_fmu`, :func:`cosimulate`
 keep it         :func:`save`, :func:`load` (TOML)
 answers         :class:`Result`, :class:`Status`: what every answer has in common

@@ -46,7 +46,7 @@ from .blocks import (
     separation_block,
     wired,
 )
-from .codegen import export_c
+from .codegen import export_c, export_target
 from .design import (
     LearnResult,
     LoopConstraint,
@@ -160,6 +160,7 @@ __all__ = [
     "export_c",
     "export_fmu",
     "export_ssp",
+    "export_target",
     "flatten",
     "frequency_response",
     "function_block",

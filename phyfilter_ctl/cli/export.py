@@ -17,12 +17,13 @@ from ..filter import FilterBank, PhyFilter, SampledPhyFilter
 __all__ = ["add_arguments", "main"]
 
 _DESCRIPTION = """Hand a filter or a model over: an FMU that needs no Python, a system structure package (SSP), or C99
-without heap and library calls. Give one or more of --fmu, --ssp and --c."""
+without heap and library calls. Give one or more of --fmu, --ssp, --c and --target."""
 
 _EPILOG = """examples:
   phyfilter-ctl export filter.toml --fmu filter.fmu --channels 3         FMI 3.0, this machine's platform
   phyfilter-ctl export filter.toml --fmu filter.fmu --fmi 2.0 --platform all
   phyfilter-ctl export filter.toml --c firmware/filter --channels 3 --real float
+  phyfilter-ctl export filter.toml --target zephyr modules/filter --channels 3   or arduino, cmake
   phyfilter-ctl export acceleration --fmu acceleration.fmu               a model of phyfilter-ctl run
   phyfilter-ctl export acceleration --ssp acceleration.ssp"""
 
@@ -38,6 +39,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     targets.add_argument("--fmu", metavar="FILE.fmu", help="a functional mock-up unit")
     targets.add_argument("--ssp", metavar="FILE.ssp", help="a model as FMUs with their wiring")
     targets.add_argument("--c", metavar="DIR", help="C99 sources with a program that checks itself")
+    targets.add_argument(
+        "--target",
+        nargs=2,
+        metavar=("NAME", "DIR"),
+        help="a package that the target's own build takes: arduino (PlatformIO too), cmake, zephyr",
+    )
     targets.add_argument("--json", metavar="FILE", help="what was written; - for standard output")
     filters = parser.add_argument_group("filters")
     filters.add_argument(
@@ -88,8 +95,8 @@ def main(options: argparse.Namespace) -> int:
     ValueError, OSError
         If the options are wrong, a block cannot be exported, or a file cannot be read or written.
     """
-    if not (options.fmu or options.ssp or options.c):
-        raise ValueError("expected one of --fmu FILE, --ssp FILE and --c DIR")
+    if not (options.fmu or options.ssp or options.c or options.target):
+        raise ValueError("expected one of --fmu FILE, --ssp FILE, --c DIR and --target NAME DIR")
     check_target(options.fmu, suffixes=(".fmu",))
     check_target(options.ssp, suffixes=(".ssp",))
     check_target(options.json)
@@ -101,6 +108,8 @@ def main(options: argparse.Namespace) -> int:
         written["ssp"] = str(_ssp(options, system))
     if options.c:
         written["c"] = str(_c(options, system, signals))
+    if options.target:
+        written[options.target[0]] = str(_target(options, system, signals))
     if options.json:
         write_text(options.json, json.dumps(written, indent=2) + "\n")
     if options.json != "-":
@@ -195,10 +204,8 @@ def _ssp(options: argparse.Namespace, system: System) -> Path:
 def _c(options: argparse.Namespace, system: System, signals: filterfile.Signals | None) -> Path:
     from ..codegen import export_c
 
-    if isinstance(system, PhyFilter | FilterBank):
-        raise ValueError("--c: expected a sampled filter; give the sampling interval with --dt")
     return export_c(
-        system,
+        _with_steps("--c", system),
         options.c,
         real=options.real,
         name=options.name,
@@ -208,3 +215,29 @@ def _c(options: argparse.Namespace, system: System, signals: filterfile.Signals 
         tunable=not options.fixed,
         variable=not options.fixed,
     )
+
+
+def _target(options: argparse.Namespace, system: System, signals: filterfile.Signals | None) -> Path:
+    from ..codegen import export_target
+
+    target, folder = options.target
+    if options.fixed:
+        raise ValueError(
+            "--fixed is for --c: a target's package makes up for missing samples by longer steps"
+        )
+    return export_target(
+        _with_steps("--target", system),
+        target,
+        folder,
+        real=options.real,
+        name=options.name,
+        channels=_channels(options, signals),
+        inertia=_inertia(options, signals),
+        signals=signals,
+    )
+
+
+def _with_steps(option: str, system: System) -> ct.InputOutputSystem | SampledPhyFilter:
+    if isinstance(system, PhyFilter | FilterBank):
+        raise ValueError(f"{option}: expected a sampled filter; give the sampling interval with --dt")
+    return system

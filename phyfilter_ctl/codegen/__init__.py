@@ -8,6 +8,7 @@ from .export import export_c
 from .export_diagram import export_diagram
 from .export_filter import export_filter
 from .export_folder import write_folder
+from .export_target import export_target
 from .filter_model import filter_model
 from .filter_source import FilterSource, filter_source
 from .instance import Instance
@@ -29,6 +30,7 @@ __all__ = [
     "export_c",
     "export_diagram",
     "export_filter",
+    "export_target",
     "filter_model",
     "filter_source",
     "find_compiler",

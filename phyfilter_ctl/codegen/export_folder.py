@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 
 from .._output import replacing_folder
 
@@ -51,7 +51,7 @@ def write_folder(folder: str | Path, files: Mapping[str, str]) -> Path:
     folder : str or Path
         Made if it is not there; its parent must be. An earlier export is replaced.
     files : mapping of str to str
-        Plain file name to text.
+        Relative path to text.
 
     Returns
     -------
@@ -65,7 +65,7 @@ def write_folder(folder: str | Path, files: Mapping[str, str]) -> Path:
     FileNotFoundError
         If there is no folder for it to be in.
     ValueError
-        If a file name is not plain.
+        If a path leaves the folder.
 
     Examples
     --------
@@ -76,8 +76,9 @@ def write_folder(folder: str | Path, files: Mapping[str, str]) -> Path:
     """
     target = Path(folder).absolute()
     for name in files:
-        if Path(name).name != name:
-            raise ValueError(f"files: expected plain file names, got {name!r}")
+        path = PurePosixPath(name)
+        if path.is_absolute() or ".." in path.parts or "\\" in name or not path.name:
+            raise ValueError(f"files: expected paths within the folder, got {name!r}")
     if not target.parent.is_dir():
         raise FileNotFoundError(f"{target.parent}: there is no such folder to export into; make it first")
     if target.exists():
@@ -85,6 +86,7 @@ def write_folder(folder: str | Path, files: Mapping[str, str]) -> Path:
     contents = {**files, _LIST: "\n".join([_FIRST_LINE, *sorted(files)]) + "\n"}
     with replacing_folder(target) as fresh:
         for name, text in contents.items():
+            Path(fresh, name).parent.mkdir(parents=True, exist_ok=True)
             Path(fresh, name).write_text(text, encoding="utf-8", newline="\n")
     return target
 
@@ -92,7 +94,7 @@ def write_folder(folder: str | Path, files: Mapping[str, str]) -> Path:
 def _check_ours(target: Path) -> None:
     if not target.is_dir():
         raise FileExistsError(f"{target} is a file; expected a folder to export into")
-    present = {path.name for path in target.iterdir()}
+    present = {path.relative_to(target).as_posix() for path in target.rglob("*") if not path.is_dir()}
     listing = target / _LIST
     ours: set[str] = set()
     if listing.is_file():

@@ -2,39 +2,31 @@
 
 from __future__ import annotations
 
-from .filter_source import FilterSource, runtime_files
+from .export_folder import own_symbols
+from .filter_source import runtime_files
 
 __all__ = ["guard_sources"]
 
 
-def guard_sources(source: FilterSource) -> dict[str, str]:
-    """C files that put a guard around a filter.
+def guard_sources(name: str) -> dict[str, str]:
+    """C files that put a guard around an exported filter.
 
     Parameters
     ----------
-    source : FilterSource
-        Made with ``variable=True``: a missing sample is one longer step.
+    name : str
+        C name of the filter, exported with steps of any length: a missing sample is one longer step.
 
     Returns
     -------
     dict of str to str
-        To be compiled beside ``source.sources``.
-
-    Raises
-    ------
-    ValueError
-        If the filter takes steps of one length only.
+        To be compiled beside the filter's own.
 
     Examples
     --------
-    >>> from phyfilter_ctl import PhyFilter
-    >>> from phyfilter_ctl.codegen.filter_source import filter_source
-    >>> sorted(guard_sources(filter_source(PhyFilter([20.0]).sampled(0.002), 3, name="wing")))
+    >>> sorted(guard_sources("wing"))
     ['pf_guard.h', 'pf_guard_code.h', 'wing_guard.c', 'wing_guard.h']
     """
-    if not source.variable:
-        raise ValueError("source: a guarded filter makes up for missing samples; expected variable=True")
-    name, guard = source.name, f"PF_GENERATED_{source.name.upper()}_GUARD_H"
+    guard = f"PF_GENERATED_{name.upper()}_GUARD_H"
     header = f"""\
 /* {name} behind real signals. pf_guard.h says how it is used. */
 #ifndef {guard}
@@ -61,8 +53,10 @@ extern "C" {{
 #define PF_NAME {name}
 #include "pf_guard_code.h"
 """
-    return {
+    files = {
         f"{name}_guard.h": header,
         f"{name}_guard.c": code,
         **runtime_files(["pf_guard.h", "pf_guard_code.h"]),
     }
+    renamed = own_symbols(runtime_files(["pf_roots.c", "pf_tune.c"]) | files, name)
+    return {file: renamed[file] for file in files}

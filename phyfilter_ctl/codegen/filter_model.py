@@ -147,8 +147,8 @@ def _sampled_model(
         () if communication else ((name, sampled.dt),),
         sampled.dt if communication else 0.0,
         np.zeros((n_f, len(inputs)), dtype=bool),
-        _formula(sampled.filters),
-        f"PhyFilter sampled every {sampled.dt:g} s: estimate f_hat of the unknown part of the dynamics M x' = g + f",
+        formula=_formula(sampled.filters),
+        description=f"PhyFilter sampled every {sampled.dt:g} s: estimate f_hat of the unknown part of the dynamics M x' = g + f",
     )
 
 

@@ -7,6 +7,7 @@ import pytest
 
 from phyfilter_ctl import PhyFilter
 from phyfilter_ctl.codegen.compiler import compile_sources
+from phyfilter_ctl.codegen.export_folder import own_symbols
 from phyfilter_ctl.codegen.filter_guard import guard_sources
 from phyfilter_ctl.codegen.filter_source import filter_source
 
@@ -63,7 +64,11 @@ class Guard:
     def __init__(self, folder, precision, **options):
         self.sampled = FILTER.sampled(H, precision=precision, **options)
         source = filter_source(self.sampled, 2, name="craft")
-        texts = source.sources | guard_sources(source) | {"access.c": "#include <string.h>\n" + ACCESS}
+        texts = (
+            own_symbols(source.sources, "craft")
+            | guard_sources("craft")
+            | {"access.c": "#include <string.h>\n" + ACCESS}
+        )
         self.library = ctypes.CDLL(
             str(compile_sources(texts, folder / "guard.so", flags=[*STRICT, "-fvisibility=default"]))
         )
@@ -193,7 +198,7 @@ def test_tuning_from_another_thread(guard):
     assert guard.count("refused") == 1
     health, after = fly(guard, x[202:], g[202:], np.arange(202, len(x)))
     retuned = PhyFilter.from_poles(faster).sampled(H)
-    state = retuned.start(x[0], g0=g[0])
+    state, expected = retuned.start(x[0], g0=g[0]), np.zeros(2)
     for k in range(1, len(x)):
         state, expected = retuned.step(state, x[k], g[k])
     assert not health.any()

@@ -1,0 +1,165 @@
+"""Exports as a package that the build of a target takes as it is."""
+
+from __future__ import annotations
+
+import re
+import tempfile
+from collections.abc import Iterator, Mapping
+from importlib import resources
+from importlib.resources.abc import Traversable
+from pathlib import Path
+from typing import Literal, get_args
+
+import control as ct
+from numpy.typing import ArrayLike
+
+from ..diagram import FlatModel
+from ..filter import SampledPhyFilter
+from ..filterfile import Signals
+from .export import export_c
+from .export_folder import write_folder
+from .filter_guard import guard_sources
+
+__all__ = ["Target", "export_target"]
+
+Target = Literal["arduino", "cmake", "zephyr"]
+
+_VERSION = "0.1.0"  # of the package that is written; its user counts on from here
+_OF_FILTER = """\
+Every @dt@ s, with time stamps in microseconds:
+
+```c
+static @name@_guard guard;
+if (@name@_guard_init(&guard, &@name@_parameters)) return;  /* pf_filter_message says why */
+uint32_t health = @name@_guard_step(&guard, time_us, x, g, f_theta, NULL, f_hat);
+```
+
+`health` says what was wrong with what came in: `src/pf_guard.h`. f_hat is finite after every step.
+`@name@_guard_send` takes other poles from another thread, `@name@_guard_check` finds flipped bits.
+"""
+_OF_DIAGRAM = """\
+Every `@NAME@_STEP` s:
+
+```c
+static @name@ self;
+if (@name@_init(&self)) return;
+int status = @name@_step(&self, u, y);  /* not 0: the state is as before, see src/pf_model.h */
+```
+"""
+_PLACE = re.compile(r"@(\w+)@")
+
+
+def export_target(
+    system: ct.InputOutputSystem | FlatModel | SampledPhyFilter,
+    target: Target,
+    folder: str | Path,
+    *,
+    real: Literal["double", "float"] | None = None,
+    name: str | None = None,
+    channels: int | None = None,
+    inertia: ArrayLike | Literal["scalar", "diagonal", "full"] | None = None,
+    signals: Signals | None = None,
+) -> Path:
+    """Write a sampled filter or a diagram as a package for a target's own build.
+
+    Parameters
+    ----------
+    system : control.InputOutputSystem, FlatModel or SampledPhyFilter
+    target : {"arduino", "cmake", "zephyr"}
+        Arduino library (PlatformIO takes it too), CMake project with package files, Zephyr module.
+    folder : str or Path
+        Written whole or not at all; files that no export wrote are not touched.
+    real, name, channels, inertia, signals
+        As :func:`export_c`.
+
+    Returns
+    -------
+    Path
+        The folder: sources in ``src``, a filter with its guard against faulty signals, a test against recorded
+        numbers in ``test``, README and licence.
+
+    Raises
+    ------
+    TypeError
+        If the system is of another kind; a continuous filter needs ``sampled(dt)``.
+    ValueError
+        If the target is unknown, or as :func:`export_c`.
+    FileExistsError
+        If the folder holds files that no export wrote.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from phyfilter_ctl import PhyFilter
+    >>> filter_ = PhyFilter([20.0]).sampled(0.002)
+    >>> with tempfile.TemporaryDirectory() as parent:
+    ...     made = export_target(filter_, "cmake", Path(parent, "wing"), channels=3, name="wing")
+    ...     sorted(path.name for path in made.iterdir())
+    ['CMakeLists.txt', 'LICENSE', 'README.md', 'pf_files.txt', 'src', 'test', 'wing.pc.in']
+    """
+    if target not in get_args(Target):
+        raise ValueError(f"target: expected one of {', '.join(get_args(Target))}, got {target!r}")
+    with tempfile.TemporaryDirectory() as parent:
+        written = export_c(
+            system,
+            Path(parent, "code"),
+            real=real, name=name, channels=channels, inertia=inertia, signals=signals,
+        )  # fmt: skip
+        sources = {path.name: path.read_text(encoding="utf-8") for path in written.glob("*.[ch]")}
+    tests = {
+        file: sources.pop(file) for file in sorted(sources) if file == "main.c" or file.endswith("_vectors.h")
+    }
+    # The model's own header has the shortest name beside those of the runtime.
+    model = min((file[:-2] for file in sources if not file.startswith("pf_")), key=len)
+    kind = "filter" if isinstance(system, SampledPhyFilter) else "diagram"
+    if kind == "filter":
+        sources |= guard_sources(model)
+    values = _values(system, model, sorted(file for file in sources if file.endswith(".c")))
+    files = {f"src/{file}": text for file, text in sources.items()}
+    files |= {f"test/{file}": text for file, text in tests.items()}
+    templates = resources.files("phyfilter_ctl.codegen") / "targets"
+    for part in ("common", kind):
+        files |= {
+            _filled(path, values): _filled(text, values) for path, text in _texts(templates / target / part)
+        }
+    files["LICENSE"] = (templates / "LICENSE").read_text(encoding="utf-8")
+    return write_folder(folder, files)
+
+
+def _values(
+    system: ct.InputOutputSystem | FlatModel | SampledPhyFilter, name: str, c_files: list[str]
+) -> dict[str, str]:
+    """What the templates leave open."""
+    values = {
+        "name": name,
+        "NAME": name.upper(),
+        "version": _VERSION,
+        "sources": "\n".join(f"  src/{file}" for file in c_files),
+        "module_sources": "\n".join(f"    ${{CMAKE_CURRENT_LIST_DIR}}/../src/{file}" for file in c_files),
+    }
+    if isinstance(system, SampledPhyFilter):
+        values |= {
+            "header": f"{name}_guard.h",
+            "description": "a sampled PhyFilter that estimates the unknown part of M x' = g + f",
+            "dt": f"{system.dt:g}",
+            "period_us": str(round(1e6 * system.dt)),
+        }
+        return values | {"usage": _filled(_OF_FILTER, values)}
+    values |= {"header": f"{name}.h", "description": "a block diagram, one step at a time"}
+    return values | {"usage": _filled(_OF_DIAGRAM, values)}
+
+
+def _texts(folder: Traversable, above: str = "") -> Iterator[tuple[str, str]]:
+    """Relative path and text of all files in a folder, none where there is no folder."""
+    if not folder.is_dir():
+        return
+    for entry in sorted(folder.iterdir(), key=lambda entry: entry.name):
+        if entry.is_dir():
+            yield from _texts(entry, f"{above}{entry.name}/")
+        else:
+            yield f"{above}{entry.name}", entry.read_text(encoding="utf-8")
+
+
+def _filled(text: str, values: Mapping[str, str]) -> str:
+    """Text with the values for @name@ and the like; other such words are the target's own."""
+    return _PLACE.sub(lambda found: values.get(found[1], found[0]), text)
