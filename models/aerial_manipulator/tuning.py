@@ -172,13 +172,14 @@ def tune(
     for which in _stages(name):
         low, high = getattr(values, which)
         field = "torque_bandwidth" if which == "torque" else "bandwidth"
-        before = start if found is None else found.method
+        before, inside = (start, True) if found is None else (found.method, found.interior)
         found = best(
             [
                 (f"{name}: {which} {value:.3g} rad/s", replace(before, **{field: round(float(value), 3)}))
                 for value in np.geomspace(low, high, values.points)
             ]
         )
+        found = replace(found, interior=found.interior and inside)
     return best([(name, start)]) if found is None else found
 
 

@@ -195,7 +195,8 @@ def _kept(name: MethodName) -> tuple[str, ...]:
     """Signals of the estimate that the method's diagram has."""
     if name in ("baseline", "integral", "known_mass"):
         return ()
-    return _ESTIMATES if name in ("seer", "phyfilter", "phyfilter_type2") else _ESTIMATES[:3]
+    on_seer = ("seer", "phyfilter", "phyfilter_type2", "accelerometer")
+    return _ESTIMATES if name in on_seer else _ESTIMATES[:3]
 
 
 def _estimation(flights: Flights) -> Estimation:

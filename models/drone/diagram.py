@@ -18,11 +18,13 @@ from phyfilter_ctl.blocks import FunctionBlock, SampledBlock, delay_line, signal
 from phyfilter_ctl.controllers import attitude_controller, attitude_gains, known_force, position_controller
 from phyfilter_ctl.learned import Chebyshev
 from phyfilter_ctl.plants import Columns, Plant, Sensor, plant, quadrotor, sensors, wind_field
-from phyfilter_ctl.plants.algebra import Array
+from phyfilter_ctl.plants.algebra import Array, rotate
 from phyfilter_ctl.plants.factory import Results
 
+from .events import with_events
 from .methods import Method, estimator, filter_of, seer_block
 from .params import params
+from .payload import payload_systems
 from .reference import circle
 
 __all__ = ["MEASURED", "NOISES", "build", "controller_part", "filter_part", "steps_of_delay", "vehicle_part"]
@@ -69,9 +71,48 @@ def momentum() -> FunctionBlock:
     )
 
 
+def measured_force() -> FunctionBlock:
+    """What PhyFilter takes where v' is measured: x = 0, and g less M x' in the place of g.
+
+    f_hat = f_theta + s F x - F (g + f_theta) becomes f_theta + F (M x' - g - f_theta): the same F, no difference of x.
+    """
+    vehicle = params().vehicle
+
+    def equations(t: Array, x: Columns, u: Columns, p: Columns) -> tuple[Results, Results]:
+        return {}, {
+            "g": u.g - p.mass * (rotate(u.q, u.a) - p.gravity * np.array([0.0, 0.0, 1.0])),
+            "x": np.zeros(3),
+        }
+
+    return plant(
+        equations,
+        name="measured",
+        states={},
+        inputs={
+            "a": (np.zeros(3), "m/s^2", "measured specific force, body frame"),
+            "q": ([1.0, 0.0, 0.0, 0.0], "", "measured attitude"),
+            "g": (np.zeros(3), "N", "known force"),
+        },
+        outputs={"g": "N", "x": "kg m/s"},
+        params={"mass": (vehicle.mass, "kg"), "gravity": (vehicle.gravity, "m/s^2")},
+    )
+
+
 def nothing(name: str) -> FunctionBlock:
     """No force at all, for what takes one and is given none."""
     return plant(lambda t, x, u, p: ({}, {"zero": np.zeros(3)}), name=name, states={}, outputs={"zero": "N"})
+
+
+def _scaled(factor: float) -> FunctionBlock:
+    """A model that is wrong by a factor."""
+    return plant(
+        lambda t, x, u, p: ({}, {"f_theta": p.factor * u.f}),
+        name="scaled",
+        states={},
+        inputs={"f": (np.zeros(3), "N")},
+        outputs={"f_theta": "N"},
+        params={"factor": (factor, "")},
+    )
 
 
 def acceleration_feature(period: float) -> FunctionBlock:
@@ -129,13 +170,15 @@ def thrust_delay(steps: int, name: str = "delay") -> SampledBlock:
     return delay_line(labels, steps, params().sampling.dt, name=name, start=hover, unit="N")
 
 
-def vehicle_part(*, delayed: bool = True) -> ct.InterconnectedSystem:
+def vehicle_part(*, delayed: bool = True, events: bool = False) -> ct.InterconnectedSystem:
     """What flies: delay of the commands, vehicle, wind and sensors.
 
     Parameters
     ----------
     delayed : bool
         False leaves the delay out: there is no sampled block then.
+    events : bool
+        Whether the vehicle has the parameters of :func:`~.events.with_events`.
     """
     delay = [thrust_delay(steps_of_delay())] if delayed else []
     wires = {
@@ -144,7 +187,7 @@ def vehicle_part(*, delayed: bool = True) -> ct.InterconnectedSystem:
         **({"quadrotor.thrust": "delay.thrust_delayed"} if delayed else {}),
     }
     return wired(
-        [*delay, quadrotor_plant(), wind(), sensors_part()],
+        [*delay, with_events(quadrotor_plant()) if events else quadrotor_plant(), wind(), sensors_part()],
         wires | {f"sensors.{name}": f"quadrotor.{name}" for name in ("r", "v", "q", "omega", "a")},
         inputs={"thrust": "delay.thrust" if delayed else "quadrotor.thrust", "n_wind": "wind.noise"}
         | {name: f"sensors.{name}" for name in NOISES if name != "n_wind"},
@@ -242,7 +285,7 @@ def filter_part(
     )
     systems: list[ct.InputOutputSystem] = [momentum(), known if prior is None else prior]
     wires: dict[str, str] = {}
-    velocity, attitude = ["momentum.v", "prior.v"], ["prior.q"]
+    velocity, attitude, felt = ["momentum.v", "prior.v"], ["prior.q"], None
     outputs = {"g": "prior.g"}
     if method.uses_seer:
         if model is None:
@@ -265,14 +308,26 @@ def filter_part(
         outputs |= {"f_theta": "seer.f_theta"}
     if block is not None:
         systems.append(block)
-        wires |= {"filter.g": "prior.g"}
         outputs |= {"f_hat": "filter.f_hat"}
         if method.name == "indi":
-            attitude.append("filter.q")
+            felt, wires = "filter", wires | {"filter.g": "prior.g"}
+        elif method.name == "accelerometer":
+            systems.append(measured_force())
+            felt = "measured"
+            wires |= {"measured.g": "prior.g", "filter.g": "measured.g", "filter.x": "measured.x"}
         else:
-            wires |= {"filter.x": "momentum.x"}
-        if method.uses_seer:
+            wires |= {"filter.g": "prior.g", "filter.x": "momentum.x"}
+        if method.uses_seer and method.model_scale != 1.0:
+            systems.append(_scaled(method.model_scale))
+            wires |= {"scaled.f": "seer.f_theta", "filter.f_theta": "scaled.f_theta"}
+            outputs |= {"f_theta": "scaled.f_theta"}
+        elif method.uses_seer:
             wires |= {"filter.f_theta": "seer.f_theta"}
+        elif method.payload != "lumped":
+            more, own = payload_systems(method.payload == "told")
+            systems += more
+            wires |= own | {"filter.f_theta": "payload_model.f_theta"}
+            outputs |= {"f_theta": "payload_model.f_theta"}
         elif filter_of(method) is not None:
             systems.append(nothing("no_model"))
             wires |= {"filter.f_theta": "no_model.zero"}
@@ -280,12 +335,12 @@ def filter_part(
         outputs |= {"f_hat": "seer.f_theta"}
     inputs: dict[str, str | list[str]] = {
         "v_m": velocity,
-        "q_m": attitude,
+        "q_m": attitude if felt is None else [*attitude, f"{felt}.q"],
         **({"thrust": "prior.thrust"} if prior is None else {}),
         "F": "prior.F",
     }
-    if method.name == "indi":
-        inputs["a_m"] = "filter.a"
+    if felt is not None:
+        inputs["a_m"] = f"{felt}.a"
     return wired(systems, wires, inputs=inputs, outputs=outputs, name="estimator")
 
 
@@ -295,6 +350,7 @@ def build(
     *,
     prior: FunctionBlock | None = None,
     delay_apart: bool = False,
+    events: bool = False,
 ) -> ct.InterconnectedSystem:
     """The whole closed loop.
 
@@ -308,6 +364,8 @@ def build(
         As for :func:`filter_part`.
     delay_apart : bool
         Whether the delay of the commands is a block of its own, beside the vehicle.
+    events : bool
+        As for :func:`vehicle_part`.
 
     Returns
     -------
@@ -323,7 +381,7 @@ def build(
     ('drone', 18, ['r[0]', 'r[1]', 'r[2]'])
     """
     method = Method("observer", 2.0, 6.0) if method is None else method
-    vehicle, controller = vehicle_part(delayed=not delay_apart), controller_part(method)
+    vehicle, controller = vehicle_part(delayed=not delay_apart, events=events), controller_part(method)
     filter = filter_part(method, model, prior=prior)
     wires = {f"controller.{name}": f"vehicle.{name}" for name in MEASURED if name != "a_m"}
     wires |= {"vehicle.thrust": "controller.thrust"}

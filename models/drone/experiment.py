@@ -15,6 +15,7 @@ from phyfilter_ctl.simulation import BackendChoice, simulate_batch
 from phyfilter_ctl.study import flight_signals, unit_noise
 
 from .diagram import NOISES, build
+from .events import EVENTS
 from .flights import Conditions, timepts
 from .methods import Method
 from .params import params
@@ -76,9 +77,9 @@ class Flights:
 
 
 @lru_cache(maxsize=32)
-def flat_model(method: Method, model: Chebyshev | None) -> FlatModel:
+def flat_model(method: Method, model: Chebyshev | None, events: bool = False) -> FlatModel:
     """The flat model of a method's closed loop, with the gains left open as parameters."""
-    return flatten(build(method, model))
+    return flatten(build(method, model, events=events))
 
 
 def start_state(radius: float | None = None) -> dict[str, ArrayLike]:
@@ -112,7 +113,7 @@ def fly(
     duration : float, optional
         s; None means that of ``params.toml``.
     others : mapping, optional
-        Other parameters of the diagram.
+        Other parameters of the diagram; those of ``EVENTS`` let the payload drop or a motor turn weak.
     backend : {"auto", "vm", "c"}
         As for ``simulate``.
     workers : int, optional
@@ -136,11 +137,13 @@ def fly(
     )
     check_feasible(speed, radius, vehicle.mass + float(conditions.added_mass.max()))
     time = timepts(duration)
-    flat = flat_model(method.structure, model)
+    flat = flat_model(method.structure, model, any(name in given for name in EVENTS))
     settings = {**conditions.parameters(), **method.parameters(), **given}
     if method.name == "known_mass":
         known = vehicle.mass + conditions.added_mass
         settings |= {"controller.position.mass": known, "controller.attitude.mass": known}
+    if method.payload == "told":
+        settings |= {"estimator.told.mass": conditions.added_mass}
     runs = simulate_batch(
         flat,
         time,

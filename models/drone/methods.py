@@ -8,7 +8,10 @@ indi             incremental dynamic inversion on the accelerometer
 l1               L1 adaptive, piecewise-constant law
 phyfilter        PhyFilter of order 1 on SEER-I (the paper's)
 phyfilter_type2  PhyFilter of order 2 and type 2 on SEER-I
+accelerometer    PhyFilter of order 1 on SEER-I with v' measured: the sensors of INDI
 known_mass       the baseline, told the mass
+
+All of them know the nominal mass, and their trim is its weight; the payload's is unknown to all but the last.
 """
 
 from __future__ import annotations
@@ -25,7 +28,17 @@ from phyfilter_ctl.learned import AdaptiveChebyshev, Chebyshev
 
 from .params import params
 
-__all__ = ["METHODS", "NAMES", "Known", "Method", "MethodName", "estimator", "filter_of", "seer_block"]
+__all__ = [
+    "METHODS",
+    "NAMES",
+    "Known",
+    "Method",
+    "MethodName",
+    "Payload",
+    "estimator",
+    "filter_of",
+    "seer_block",
+]
 
 MethodName = Literal[
     "baseline",
@@ -36,9 +49,12 @@ MethodName = Literal[
     "l1",
     "phyfilter",
     "phyfilter_type2",
+    "accelerometer",
     "known_mass",
 ]
 METHODS: tuple[MethodName, ...] = get_args(MethodName)
+_ON_SEER = ("phyfilter", "phyfilter_type2", "accelerometer")
+Payload = Literal["lumped", "separated", "told"]
 Known = Literal["applied", "collective", "commanded"]
 
 NAMES: dict[str, str] = {
@@ -50,6 +66,7 @@ NAMES: dict[str, str] = {
     "l1": "L1 adaptive",
     "phyfilter": "PhyFilter, order 1",
     "phyfilter_type2": "PhyFilter, type 2",
+    "accelerometer": "PhyFilter, accelerometer",
     "known_mass": "PD that knows the mass",
 }
 
@@ -77,10 +94,15 @@ class Method:
         Of the outer loop.
     with_model : bool
         Whether a PhyFilter has SEER-I for its f_theta; else f_theta = 0.
+    model_scale : float
+        Factor on that f_theta: an error of the model.
     coefficients : ((n,) tuple, (n,) tuple), optional
         a and b of a filter in the place of the method's own, for a PhyFilter on SEER-I.
     late : int
         Samples by which the commands reach the rotors later than controller and prior know.
+    payload : {"lumped", "separated", "told"}
+        Of the observer: whether the payload's part of f is its f_theta, with the mass as the separation block finds it
+        in flight, or as it is told.
     """
 
     name: MethodName
@@ -91,8 +113,10 @@ class Method:
     order: int = 1
     damping: float = 0.9
     with_model: bool = True
+    model_scale: float = 1.0
     coefficients: tuple[tuple[float, ...], tuple[float, ...]] | None = None
     late: int = 0
+    payload: Payload = "lumped"
 
     def __post_init__(self) -> None:
         if self.name not in METHODS:
@@ -103,15 +127,19 @@ class Method:
         for name in ("bandwidth", "seer_rate"):
             if not (np.isfinite(getattr(self, name)) and getattr(self, name) >= 0.0):
                 raise ValueError(f"{name}: expected 0 or more, got {getattr(self, name)}")
-        if self.coefficients is not None and self.name not in ("phyfilter", "phyfilter_type2"):
+        if self.coefficients is not None and self.name not in _ON_SEER:
             raise ValueError(f"coefficients: {self.name} has no PhyFilter on SEER-I to replace")
+        if self.payload != "lumped" and self.name != "observer":
+            raise ValueError(
+                f"payload: {self.name} has a model or no filter; expected 'lumped', got {self.payload!r}"
+            )
         if self.late < 0:
             raise ValueError(f"late: expected 0 samples or more, got {self.late}")
 
     @property
     def uses_seer(self) -> bool:
         """Whether SEER-I flies along."""
-        return self.name == "seer" or (self.with_model and self.name in ("phyfilter", "phyfilter_type2"))
+        return self.name == "seer" or (self.with_model and self.name in _ON_SEER)
 
     @property
     def tunable(self) -> bool:
@@ -153,7 +181,7 @@ def filter_of(method: Method) -> PhyFilter | None:
     if method.name == "phyfilter_type2":
         low = PhyFilter.from_poles([-method.bandwidth] * 2)
         return PhyFilter(low.a, b=low.a)  # N = D - s^2: zeros of 1 - F at 0, twice
-    if method.name in ("phyfilter", "observer"):
+    if method.name in ("phyfilter", "observer", "accelerometer"):
         return PhyFilter.from_poles([-method.bandwidth] * method.order)
     return None
 

@@ -122,6 +122,7 @@ class Tuning:
     fastest: float
     step: float
     bandwidths: tuple[float, float]
+    studied: tuple[float, float]
     integral: tuple[float, float]
     points: int
 

@@ -28,6 +28,7 @@ COLOURS: dict[str, str] = {
     "l1": "#8C6D31",
     "phyfilter": "#0072B2",
     "phyfilter_type2": "#56B4E9",
+    "accelerometer": "#1B3A6B",
     "known_mass": "#222222",
 }
 # In the panels over time: the paper's three.
@@ -39,6 +40,7 @@ _LABELS: dict[str, str] = {
     "observer": "observer\n(f_theta = 0)",
     "phyfilter": "PhyFilter,\norder 1",
     "phyfilter_type2": "PhyFilter,\ntype 2",
+    "accelerometer": "PhyFilter,\naccelerom.",
     "known_mass": "PD, told\nthe mass",
 }
 # Every so many samples are drawn.

@@ -100,6 +100,7 @@ def table(comparison: Comparison, circle: Mapping[str, float] | None = None) -> 
     lines += [
         f"{NAMES[name]:<26}{entry.method.position_bandwidth:>11.2f}"
         f"{entry.method.bandwidth if entry.method.tunable else '':>11}{entry.modulus_margin:>8.3f}{entry.jitter:>8.3f}"
+        + ("" if entry.interior else "   edge of the search")
         for name, entry in comparison.methods.items()
     ]
     return "\n".join(lines)
@@ -139,6 +140,7 @@ def figures(comparison: Comparison) -> dict[str, object]:
             "seer_rate": entry.method.seer_rate,
             "modulus_margin": entry.modulus_margin,
             "jitter": entry.jitter,
+            "interior": entry.interior,
         }
         for name, entry in comparison.methods.items()
     }

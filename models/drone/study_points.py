@@ -236,5 +236,5 @@ def _map(methods: Mapping[MethodName, Method], grid: Grid) -> Iterator[Point]:
 
 
 def bandwidths(count: int) -> tuple[float, ...]:
-    """Of filters, rad/s, evenly on a logarithmic scale over the range of the tuning."""
-    return tuple(round(float(w), 3) for w in np.geomspace(*params().tuning.bandwidths, count))
+    """Of filters, rad/s, evenly on a logarithmic scale over the range that is studied."""
+    return tuple(round(float(w), 3) for w in np.geomspace(*params().tuning.studied, count))

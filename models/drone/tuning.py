@@ -7,7 +7,8 @@ among those whose rotor commands jitter no more than allowed. These flights are 
 unknown mass takes hold, so that the speed of an estimate counts. No method sees wind before the test.
 
 In still air SEER-I leaves a filter behind it nothing to do, and errors there would tune it away. What it is for are
-forces that the model does not know; so its bandwidth is found with f_theta = 0, and the outer loop then with SEER-I.
+forces that the model does not know; so its bandwidth is found with f_theta = 0, among those that have margin and quiet
+rotors with SEER-I too, and the outer loop then with SEER-I.
 """
 
 from __future__ import annotations
@@ -53,7 +54,7 @@ _OMEGA = np.geomspace(0.05, 1500.0, 300)
 _SETTLE = 4.0
 # Poles on the unit circle are states that nothing moves (an integral without gain, coefficients without excitation).
 _ROUND_OFF = 1e-7
-_FILTERS = ("phyfilter", "phyfilter_type2")
+_FILTERS = ("phyfilter", "phyfilter_type2", "accelerometer")
 _CHANNELS = ("F[0]", "F[2]")
 
 
@@ -144,13 +145,23 @@ def tune(
     """
     wanted = f"a modulus margin of {params().tuning.modulus_margin} and quiet rotors"
     flown = partial(_tuned, model=model)
+    alone = partial(_tuned_alone, model=model, seer_rate=seer_rate) if name in _FILTERS else flown
     starts = [(f"{name}: {each.bandwidth:.3g}" if each.tunable else name, each) for each in _candidates(name)]
-    best = least_error(name, starts, flown, wanted=wanted, report=report, executor=executor)
+    best = least_error(name, starts, alone, wanted=wanted, report=report, executor=executor)
     if name not in _FILTERS:
         return best
     # Found without a model; now onto SEER-I.
-    onto = replace(best.method, with_model=True, seer_rate=seer_rate)
-    return least_error(name, [(name, onto)], flown, wanted=wanted)
+    onto = _onto(best.method, seer_rate)
+    return replace(least_error(name, [(name, onto)], flown, wanted=wanted), interior=best.interior)
+
+
+def _onto(alone: Method, seer_rate: float) -> Method:
+    return replace(alone, with_model=True, seer_rate=seer_rate)
+
+
+def _tuned_alone(start: Method, model: Chebyshev, seer_rate: float) -> TunedMethod[Method] | None:
+    """Without SEER-I; None too where even the slowest outer loop is not allowed with it."""
+    return _tuned(start, model) if _allowed(_onto(start, seer_rate), model) else None
 
 
 def _tuned(start: Method, model: Chebyshev) -> TunedMethod[Method] | None:
@@ -189,17 +200,20 @@ def _fastest(start: Method, model: Chebyshev) -> Method | None:
     """The method with the fastest outer loop that has the margin and quiet rotors; None where there is none."""
     values = params().tuning
     grid = np.round(np.arange(values.slowest, values.fastest + 1e-9, values.step), 6)
-    one = conditions(params().seeds.tune[:1], "mass")
 
     def allowed(speed: float) -> Method | None:
         method = replace(start, position_bandwidth=speed)
-        if jitter(fly(method, one, model, keep=("thrust",), duration=values.duration)) > values.jitter:
-            return None
-        return (
-            method if all(_margin(method, model, *at) >= values.modulus_margin for at in _points()) else None
-        )
+        return method if _allowed(method, model) else None
 
     return fastest(grid, allowed)
+
+
+def _allowed(method: Method, model: Chebyshev) -> bool:
+    """Whether it has quiet rotors and the margin."""
+    values, one = params().tuning, conditions(params().seeds.tune[:1], "mass")
+    if jitter(fly(method, one, model, keep=("thrust",), duration=values.duration)) > values.jitter:
+        return False
+    return all(_margin(method, model, *at) >= values.modulus_margin for at in _points())
 
 
 def steps(name: MethodName) -> int:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import tomllib
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
@@ -37,12 +37,16 @@ class TunedMethod(Generic[Method]):
         Median over the tuning flights of the mean error, m.
     jitter : float
         Of the commands on these flights, see :func:`command_jitter`.
+    interior : bool
+        Whether candidates on both sides of it were tried, see :func:`least_error`; False where a wider search could
+        find better gains.
     """
 
     method: Method
     modulus_margin: float
     mae: float
     jitter: float
+    interior: bool = True
 
 
 def fastest(speeds: Sequence[float] | np.ndarray, allowed: Callable[[float], T | None]) -> T | None:
@@ -98,7 +102,8 @@ def least_error(
     name : str
         Of the method, for messages.
     candidates : iterable of (str, method)
-        What is said of each, and the method with what is not found here.
+        What is said of each, and the method with what is not found here; in the order of what is searched, so that the
+        first and the last are the edges of the search.
     tuned : function (method) -> TunedMethod or None
         Finds the rest and flies it; None where nothing has what is asked for.
     wanted : str
@@ -107,6 +112,12 @@ def least_error(
         Told of every candidate.
     executor : Executor, optional
         What tunes them; None tunes one after the other, here. The answer is the same.
+
+    Returns
+    -------
+    TunedMethod
+        Not ``interior`` where it is the first or the last of several candidates. A neighbour that has not what is asked
+        for bounds the search as well as one that flies worse.
 
     Raises
     ------
@@ -117,17 +128,19 @@ def least_error(
     --------
     >>> def flown(speed):
     ...     return None if speed > 3.0 else TunedMethod(speed, 0.5, abs(speed - 1.8), 0.0)
-    >>> least_error("pd", [(f"{speed}", speed) for speed in (1.0, 2.0, 4.0)], flown).method
-    2.0
+    >>> found = least_error("pd", [(f"{speed}", speed) for speed in (1.0, 2.0, 4.0)], flown)
+    >>> found.method, found.interior
+    (2.0, True)
     """
     listed = list(candidates)
     answers = (executor or Executor(1)).map(
         tuned, [candidate for _, candidate in listed], names=[text for text, _ in listed], report=report
     )
-    kept = [found for found in answers if found is not None]
+    kept = [(found, k) for k, found in enumerate(answers) if found is not None]
     if not kept:
         raise ValueError(f"{name}: no gains have {wanted}")
-    return min(kept, key=lambda entry: entry.mae)
+    best, k = min(kept, key=lambda entry: entry[0].mae)
+    return replace(best, interior=len(listed) == 1 or 0 < k < len(listed) - 1)
 
 
 def command_jitter(commands: ArrayLike, scale: float) -> float:
@@ -173,11 +186,13 @@ def tuned_text(header: Sequence[str], found: Mapping[Name, TunedMethod[Any]], ga
     modulus_margin = 0.5123
     mae = 0.01235
     jitter = 0.0200
+    interior = true
     """
     lines = [f"# {line}" for line in header]
     for name, entry in found.items():
         lines += ["", f"[{name}]", *(f"{gain} = {getattr(entry.method, gain)}" for gain in gains)]
         lines += [f"{key} = {getattr(entry, key):.{digits}f}" for key, digits in _FIGURES.items()]
+        lines.append(f"interior = {str(entry.interior).lower()}")
     return "\n".join(lines) + "\n"
 
 
@@ -206,15 +221,15 @@ def read_tuned(
     ValueError
         If a method or a number of one is missing.
     """
-    data = tomllib.loads(path.read_text(encoding="utf-8"))
+    data, found = tomllib.loads(path.read_text(encoding="utf-8")), (*_FIGURES, "interior")
     missing = [name for name in methods if name not in data] or [
-        f"{key} of {name}" for name in methods for key in (*gains, *_FIGURES) if key not in data[name]
+        f"{key} of {name}" for name in methods for key in (*gains, *found) if key not in data[name]
     ]
     if missing:
         raise ValueError(f"{path.name}: no entry for {', '.join(missing)}; {command} makes them")
     return {
         name: TunedMethod(
-            make(name, *(data[name][gain] for gain in gains)), *(data[name][key] for key in _FIGURES)
+            make(name, *(data[name][gain] for gain in gains)), *(data[name][key] for key in found)
         )
         for name in methods
     }

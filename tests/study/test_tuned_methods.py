@@ -28,7 +28,7 @@ class Gains:
 
 FOUND = {
     "a": TunedMethod(Gains("a", 1.25), 0.51, 0.012, 0.02),
-    "b": TunedMethod(Gains("b", 2.0), 0.5, 0.1, 0.0),
+    "b": TunedMethod(Gains("b", 2.0), 0.5, 0.1, 0.0, interior=False),
 }
 
 
@@ -75,5 +75,10 @@ def test_least_error_is_that_of_the_candidates_that_have_the_margin() -> None:
     candidates = [(f"a: {w}", Gains("a", w)) for w in errors]
     assert least_error("a", candidates, tuned, report=said.append).method.w == 2.0
     assert said == ["a: 1.0", "a: 2.0", "a: 3.0"]
+    # At 3.0 there is no margin: that bounds the search as a larger error would.
+    assert least_error("a", candidates, tuned).interior
+    assert not least_error("a", candidates[:2], tuned).interior
+    assert not least_error("a", candidates[1:], tuned).interior
+    assert least_error("a", candidates[1:2], tuned).interior  # nothing was searched
     with pytest.raises(ValueError, match=r"a: no gains have a margin of 0\.5"):
         least_error("a", candidates[2:], tuned, wanted="a margin of 0.5")

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import importlib
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
 from scipy.stats import binom
 
 from phyfilter_ctl import flatten, models, simulate
@@ -20,6 +22,7 @@ from tests.cpu_budget import slow_but
 ROOM = f"{models.__name__}.drone"
 comparison = importlib.import_module(f"{ROOM}.comparison")
 diagram = importlib.import_module(f"{ROOM}.diagram")
+events = importlib.import_module(f"{ROOM}.events")
 experiment = importlib.import_module(f"{ROOM}.experiment")
 flights = importlib.import_module(f"{ROOM}.flights")
 methods = importlib.import_module(f"{ROOM}.methods")
@@ -175,6 +178,7 @@ def test_all_methods_are_tuned_within_the_limits() -> None:
     values, entries = params.params().tuning, tuning.tuned()
     assert list(entries) == list(methods.METHODS)
     assert all(entry.modulus_margin >= values.modulus_margin for entry in entries.values())
+    assert all(entry.interior for entry in entries.values())  # no optimum on the edge of what was tried
     assert entries["phyfilter"].method.seer_rate == entries["seer"].method.bandwidth
 
 
@@ -185,6 +189,59 @@ def test_filters_are_what_they_are_called() -> None:
     assert second is not None
     assert (first.order, first.type, second.order, second.type) == (1, 1, 2, 2)
     assert methods.filter_of(methods.Method("indi", 2.0, 6.0)) is None
+
+
+@pytest.mark.slow
+def test_accelerometer_takes_the_same_filter_to_the_measured_residual() -> None:
+    """f_hat is F on m (R a - G e_z) - g, by numpy from what the sensors gave; no model flies along."""
+    method = methods.Method("accelerometer", 1.8, 40.0, with_model=False)
+    found = outputs(method, 3.0, {"vehicle.quadrotor.added_mass": 0.4, "vehicle.sensors.attitude": 0.002})
+    vehicle, dt = params.params().vehicle, params.params().sampling.dt
+    rotation = Rotation.from_quat(found["q_m"], scalar_first=True)
+    residual = vehicle.mass * (rotation.apply(found["a_m"]) - [0.0, 0.0, vehicle.gravity]) - found["g"]
+    kept, expected = np.exp(-40.0 * dt), np.zeros_like(residual)
+    for k in range(1, len(residual)):
+        expected[k] = kept * expected[k - 1] + (1.0 - kept) * 0.5 * (residual[k] + residual[k - 1])
+    np.testing.assert_allclose(found["f_hat"], expected, rtol=0.0, atol=1e-9)
+    assert abs(found["f_hat"][-1, 2] + 0.4 * vehicle.gravity) < 0.3  # on its way to the payload's weight
+
+
+@pytest.mark.slow
+def test_payload_in_the_model_leaves_the_wind() -> None:
+    """f - f_theta is m/(m + dm) f_wind and the weight where the mass is told; at hover a found mass changes nothing."""
+    vehicle, added = params.params().vehicle, 0.9
+    windy = {"vehicle.quadrotor.added_mass": added, "vehicle.wind.mean": [4.0, 1.0, 0.0]}
+    told = replace(OBSERVER, payload="told")
+    found = outputs(told, 6.0, {**windy, "estimator.told.mass": added})
+    left = found["f_mass"] + found["f_wind"] - found["f_theta"] + [0.0, 0.0, added * vehicle.gravity]
+    expected = vehicle.mass / (vehicle.mass + added) * found["f_wind"]
+    # Drag that g knows takes the measured velocity, which has no noise here: the rotors' model is exact.
+    np.testing.assert_allclose(left[50:], expected[50:], rtol=0.0, atol=2e-3)
+    hover = {**windy, "controller.reference.speed": 1e-9}
+    lumped, separated = (
+        outputs(replace(OBSERVER, payload=form), 2.0, hover) for form in ("lumped", "separated")
+    )
+    np.testing.assert_array_equal(separated["f_theta"], 0.0)
+    np.testing.assert_allclose(separated["r"], lumped["r"], rtol=0.0, atol=1e-9)
+    with pytest.raises(ValueError, match="payload: indi has a model or no filter"):
+        methods.Method("indi", 2.0, 6.0, payload="told")
+
+
+def test_events_happen_when_they_are_said_to() -> None:
+    """Before, the vehicle as it is; after, one without the payload, or whose first motor gets less."""
+    plain, eventful = diagram.quadrotor_plant(), events.with_events(diagram.quadrotor_plant())
+    rng = np.random.default_rng(0)
+    state = plain.start_state + 0.1 * rng.standard_normal(len(plain.start_state))
+    u = np.concatenate([rng.uniform(4.0, 8.0, 4), rng.standard_normal(3)])
+    weaker = u * [0.5, *[1.0] * 6]
+    own = {"added_mass": 0.6, "drop_time": 2.0, "weak_time": 3.0, "weak": 0.5}
+    for t, mass, given_ in ((1.0, 0.6, u), (2.5, 0.0, u), (3.5, 0.0, weaker)):
+        expected, found = (
+            law(t, state, inputs, block.parameter_vector(params)).full()
+            for block, inputs, params in ((plain, given_, {"added_mass": mass}), (eventful, u, own))
+            for law in (block.functions.dynamics,)
+        )
+        np.testing.assert_array_equal(found, expected)
 
 
 def test_seer_learned_the_mass_and_not_the_wind() -> None:
@@ -273,6 +330,7 @@ def test_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Non
         "l1",
         "phyfilter",
         "phyfilter_type2",
+        "accelerometer",
         "known_mass",
     }
     for key in ("mae", "mae_horizontal"):
