@@ -9,6 +9,7 @@ from typing import Literal, cast
 import casadi as ca
 
 from ..diagram.rootfinding import QUICK
+from .scalar_source import APART, scalar_entry, signature
 
 __all__ = ["Real", "casadi_header", "dense"]
 
@@ -128,8 +129,10 @@ def casadi_header(functions: Mapping[str, ca.Function], prefix: str, real: Real 
             raise RuntimeError(
                 f"C code of CasADi {ca.CasadiMeta.version()} is not laid out as expected; use CasADi 3.8"
             )
-        entries.append(_entry(name, function, prefix, f"casadi_f{found.group(1)}"))
+        body = f"casadi_f{found.group(1)}"
         text = pattern.sub("\n", text)
+        text, entry = scalar_entry(text, name, function, prefix, body)
+        entries.append(entry or _entry(name, function, prefix, body))
     text = _LANGUAGE.sub("\n", _CONFIGURATION.sub("", text))
     text = _HELPER.sub(r"static inline \1 \2", text)
     text = _BODY.sub(r"\1\n  (void)arg; (void)res; (void)iw; (void)w; (void)mem;", text)
@@ -149,7 +152,7 @@ def casadi_header(functions: Mapping[str, ca.Function], prefix: str, real: Real 
                 "real='double', or break the loop by a state or a sampled block"
             )
         text = _in_float(text)
-    return f"{_OPENING}{text}{_CLOSING}"
+    return f"{_OPENING}{APART if 'PF_APART' in text else ''}{text}{_CLOSING}"
 
 
 def _that_tells(function: re.Match[str]) -> str:
@@ -181,14 +184,11 @@ def _generate(functions: Mapping[str, ca.Function], prefix: str) -> str:
 
 
 def _entry(name: str, function: ca.Function, prefix: str, body: str) -> str:
-    into = [f"const pf_real *{function.name_in(i)}" for i in range(function.n_in())]
-    out = [f"pf_real *{function.name_out(i)}" for i in range(function.n_out())]
-
     def room(count: int) -> int:
         return max(count, 1)
 
     return (
-        f"static int {prefix}_{name}({', '.join([*into, *out])}) {{\n"
+        f"{signature(name, function, prefix)} {{\n"
         f"  const pf_real *arg[{room(function.sz_arg())}] = {{{', '.join(function.name_in())}}};\n"
         f"  pf_real *res[{room(function.sz_res())}] = {{{', '.join(function.name_out())}}};\n"
         f"  pf_real w[{room(function.sz_w())}];\n"

@@ -26,7 +26,8 @@ _FLAGS = ("-std=c99", "-O2", "-ffp-contract=off")
 _SHARED = ("-shared", "-fvisibility=hidden")
 _ERROR_LINES = 12
 _TIMEOUT = 600.0  # s; zig builds its own C library on first use
-_KEPT_LIBRARIES = 256
+# Of the cache; a library of a usual diagram has 30 kB.
+_KEPT_LIBRARIES, _KEPT_BYTES = 256, 100_000_000
 _SUFFIX = {"win32": ".dll", "darwin": ".dylib"}
 
 
@@ -204,7 +205,8 @@ def cached_library(
     -------
     Path
         In the user's cache folder: $PHYFILTER_CTL_CACHE, $XDG_CACHE_HOME/phyfilter_ctl or ~/.cache/phyfilter_ctl
-        (%LOCALAPPDATA% on Windows), or in a private temporary folder where that cannot be written to.
+        (%LOCALAPPDATA% on Windows), or in a private temporary folder where that cannot be written to. It keeps the
+        256 libraries used last, and not more than 100 MB.
 
     Raises
     ------
@@ -229,7 +231,7 @@ def cached_library(
         os.utime(library)
         return library
     compile_sources(sources, library, name=name, compiler=list(found.command), flags=flags)
-    _forget_oldest(folder)
+    forget_oldest(folder)
     return library
 
 
@@ -292,17 +294,20 @@ def _private(folder: Path) -> bool:
     return status.st_uid == os.getuid() and not status.st_mode & 0o022
 
 
-def _forget_oldest(folder: Path) -> None:
+def forget_oldest(folder: Path) -> None:
     libraries = [path for path in folder.iterdir() if path.suffix in {".so", ".dll", ".dylib"}]
-    if len(libraries) <= _KEPT_LIBRARIES:
-        return
-    dated: list[tuple[float, Path]] = []
+    dated: list[tuple[float, int, Path]] = []
     for path in libraries:
         try:
-            dated.append((path.stat().st_mtime, path))
+            status = path.stat()
         except OSError:
             continue  # another process was first
-    for _, path in sorted(dated)[: len(dated) - _KEPT_LIBRARIES]:
+        dated.append((status.st_mtime, status.st_size, path))
+    room = _KEPT_BYTES
+    for place, (_, size, path) in enumerate(sorted(dated, reverse=True)):
+        room -= size
+        if place == 0 or (place < _KEPT_LIBRARIES and room >= 0):
+            continue
         try:
             path.unlink()
         except OSError:

@@ -215,9 +215,10 @@ def chattering_from(flat: FlatModel, run: Run, t: float, x: FloatArray) -> str:
     held = run.interpolation == "hold"
     ahead = run.inputs[row] if held else run.inputs[row + 1]
     here = run.inputs[row] + (t - begin) / (end - begin) * (ahead - run.inputs[row])
+    held = start_state(flat, x)[len(x) :]
     integrator = Integrator(flat, run.parameters, Limits(_DIAGNOSIS), rtol=1e-6, atol=1e-9)
     try:
-        integrator.run(x, np.zeros(0), (t, float(end)), (here, ahead), np.zeros(0))
+        integrator.run(x, held, (t, float(end)), (here, ahead), np.zeros(0))
     except StepError:
         return integrator.chattering
     return ""

@@ -12,7 +12,7 @@ import pytest
 from flat_models import oscillator
 
 from phyfilter_ctl.codegen import CompilerError, compile_model, compile_sources, find_compiler
-from phyfilter_ctl.codegen.compiler import cached_library
+from phyfilter_ctl.codegen.compiler import cached_library, forget_oldest
 
 PROGRAM = {"main.c": '#include "n.h"\nint main(void) { return N; }\n', "n.h": "#define N 7\n"}
 
@@ -167,3 +167,16 @@ def test_a_library_outlives_its_file(tmp_path, monkeypatch):
     compiled.path.unlink()
     run = compiled.simulate([0.0, 1.0], max_step=0.01)
     np.testing.assert_allclose(run.outputs[-1], np.cos(2.0), atol=1e-7)
+
+
+def test_cache_forgets_what_was_used_longest_ago_beyond_its_size(tmp_path, monkeypatch):
+    monkeypatch.setattr("phyfilter_ctl.codegen.compiler._KEPT_BYTES", 250)
+    for age, name in enumerate("abcde"):
+        path = tmp_path / f"{name}.so"
+        path.write_bytes(b"x" * (400 if name == "e" else 100))
+        os.utime(path, (1e9 - age, 1e9 - age))
+    forget_oldest(tmp_path)
+    assert sorted(path.stem for path in tmp_path.iterdir()) == ["a", "b"]
+    monkeypatch.setattr("phyfilter_ctl.codegen.compiler._KEPT_BYTES", 50)
+    forget_oldest(tmp_path)
+    assert [path.stem for path in tmp_path.iterdir()] == ["a"]  # the newest one is in use
