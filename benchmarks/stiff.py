@@ -1,10 +1,10 @@
 """Stiff diagrams beside SciPy's LSODA: time and error over tolerances, and the time for equal errors.
 
 Van der Pol's oscillator (mu = 1000, two of its jumps) and Robertson's reaction (to 1e11 s). Both integrators get the
-equations of the same diagram, LSODA as a Python function as its users write it. The reference is the stiff method at its
-tightest; that it is right, tests/simulation/test_stiff.py shows by published values. Times are the least of some runs,
-the making of functions left out; the ratio at equal error is read off the lines between tolerances in
-log-log scales.
+equations of the same diagram, LSODA as a Python function as its users write it. The reference is the stiff method at
+its tightest; that it is right, tests/simulation/test_stiff.py shows by published values. Times are the least of some
+runs, the making of functions left out; the ratio at equal error is read off the lines between tolerances in log-log
+scales.
 
     python benchmarks/stiff.py [--quick] [--limit 3]
 

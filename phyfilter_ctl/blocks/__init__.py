@@ -4,7 +4,8 @@ from .adaptive import adaptive_block
 from .delay_line import delay_line
 from .filter_law import filter_law
 from .function_block import FunctionBlock, function_block
-from .functions import BlockFunctions, Variable, dependencies
+from .functions import BlockEvent, BlockFunctions, Variable, dependencies
+from .hybrid import Event, HybridBlock, event, hybrid
 from .interpreted import Interpreted
 from .learned import learned_block
 from .phyfilter import PhyFilterBlock, phyfilter_block
@@ -13,9 +14,12 @@ from .separation import separation_block
 from .wiring import signal_names, wired
 
 __all__ = [
+    "BlockEvent",
     "BlockFunctions",
+    "Event",
     "FilterLaw",
     "FunctionBlock",
+    "HybridBlock",
     "Interpreted",
     "PhyFilterBlock",
     "SampledBlock",
@@ -23,8 +27,10 @@ __all__ = [
     "adaptive_block",
     "delay_line",
     "dependencies",
+    "event",
     "filter_law",
     "function_block",
+    "hybrid",
     "learned_block",
     "phyfilter_block",
     "sampled_block",

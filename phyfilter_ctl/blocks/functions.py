@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from .interpreted import Interpreted
 
-__all__ = ["BlockFunctions", "Variable", "dependencies"]
+__all__ = ["BlockEvent", "BlockFunctions", "Variable", "dependencies"]
 
 
 @dataclass(frozen=True)
@@ -41,6 +41,27 @@ class Variable:
 
 
 @dataclass(frozen=True, eq=False)
+class BlockEvent:
+    """An event of a block as CasADi functions.
+
+    Parameters
+    ----------
+    name : str
+    direction : {-1, 0, 1}
+        Of the condition at 0: falling, either way, rising.
+    condition : casadi.Function
+        (t, x, u, p) -> number.
+    reset : casadi.Function, optional
+        (t, x, u, p) -> x after the event; None where it stays.
+    """
+
+    name: str
+    direction: int
+    condition: ca.Function
+    reset: ca.Function | None
+
+
+@dataclass(frozen=True, eq=False)
 class BlockFunctions:
     """Equations of one block.
 
@@ -54,6 +75,7 @@ class BlockFunctions:
         (t, x, u, p) -> y.
     callbacks : tuple of Interpreted
         What in them runs as Python.
+    events : tuple of BlockEvent
     """
 
     states: tuple[Variable, ...]
@@ -63,6 +85,7 @@ class BlockFunctions:
     dynamics: ca.Function
     output: ca.Function
     callbacks: tuple[Interpreted, ...] = ()
+    events: tuple[BlockEvent, ...] = ()
 
     @property
     def feedthrough(self) -> NDArray[np.bool_]:

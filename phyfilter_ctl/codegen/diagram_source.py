@@ -118,6 +118,11 @@ def diagram_model(
             f"block {callback.block} runs as Python, for which there is no C code: {callback.reason}. Write that line "
             "with arithmetic and functions of numpy or math on t, x, u and params"
         )
+    if flat.events:
+        raise ValueError(
+            f"{flat.name}: no C code for the events {', '.join(event.name for event in flat.events)}; simulate runs "
+            "them with backend='vm'"
+        )
     flat = as_sampled(flat)
     prefix = model_identifier(flat.name) if name is None else checked_identifier(name)
     functions = flat_functions(flat)

@@ -12,7 +12,7 @@ from ..blocks.functions import BlockFunctions, Variable
 from ..blocks.interpreted import Interpreted
 from ..blocks.sampled import FilterLaw
 
-__all__ = ["AlgebraicLoop", "Equations", "Task"]
+__all__ = ["AlgebraicLoop", "Equations", "FlatEvent", "Task"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,6 +70,25 @@ class AlgebraicLoop:
 
 
 @dataclass(frozen=True, eq=False)
+class FlatEvent:
+    """An event of a diagram.
+
+    Parameters
+    ----------
+    name : str
+        ``block.event``.
+    direction : {-1, 0, 1}
+        Of its condition at 0: falling, either way, rising.
+    reset : casadi.Function, optional
+        (t, x, u, p, z) -> all x after the event; None where they stay.
+    """
+
+    name: str
+    direction: int
+    reset: ca.Function | None
+
+
+@dataclass(frozen=True, eq=False)
 class Equations:
     """Fields of a flat model, as :class:`FlatModel <phyfilter_ctl.diagram.FlatModel>` says."""
 
@@ -87,3 +106,5 @@ class Equations:
     dt: float = 0.0
     order: tuple[str, ...] = ()
     callbacks: tuple[Interpreted, ...] = ()
+    events: tuple[FlatEvent, ...] = ()
+    conditions: ca.Function | None = None

@@ -116,7 +116,7 @@ def call_block(
     wiring: Wiring,
     symbols: Symbols,
     index: int,
-    which: Literal["dynamics", "output"],
+    which: Literal["dynamics", "output"] | ca.Function,
     values: dict[int, Expression],
 ) -> Expression:
     """One function of one block on the values of its inputs; an input without a value counts as 0.
@@ -127,7 +127,7 @@ def call_block(
     symbols : Symbols
     index : int
         Of the block.
-    which : {"dynamics", "output"}
+    which : {"dynamics", "output"} or casadi.Function
     values : dict
         Expressions of signals.
 
@@ -139,7 +139,7 @@ def call_block(
     zero = type(symbols.t)(0.0)
     inputs = [values.get(signal, zero) for signal in block.inputs]
     u = ca.vertcat(*inputs) if inputs else type(symbols.t)(0, 1)
-    function: ca.Function = getattr(block.functions, which)
+    function: ca.Function = getattr(block.functions, which) if isinstance(which, str) else which
     return function(symbols.t, symbols.x[symbols.states[index]], u, symbols.p[symbols.parameters[index]])
 
 

@@ -13,7 +13,7 @@ import control as ct
 import numpy as np
 
 from ..blocks.functions import BlockFunctions, Variable, dependencies
-from .equations import AlgebraicLoop
+from .equations import AlgebraicLoop, FlatEvent
 from .evaluation import Evaluation, Symbols, call_block, evaluate
 from .loops import Expression, newton_function
 from .model import FlatModel, Task
@@ -281,6 +281,7 @@ def _assemble(
         if not block.period and block.functions.states
     ]
     tasks = _tasks(wiring, symbols, evaluation, build)
+    events, conditions = _events(wiring, symbols, evaluation, build, prefix)
     return FlatModel(
         name=name,
         states=flat_states,
@@ -296,6 +297,8 @@ def _assemble(
         dt=dt,
         order=_order(wiring, evaluation, tasks),
         callbacks=tuple(callback for block in wiring.blocks for callback in block.functions.callbacks),
+        events=events,
+        conditions=conditions,
     )
 
 
@@ -424,6 +427,24 @@ def _tasks(wiring: Wiring, symbols: Symbols, evaluation: Evaluation, build: _Bui
                 "do with each other, make one block of each"
             )
     return tuple(tasks[part[0]] for part in parts)
+
+
+def _events(
+    wiring: Wiring, symbols: Symbols, evaluation: Evaluation, build: _Builder, prefix: bool
+) -> tuple[tuple[FlatEvent, ...], ca.Function | None]:
+    events, conditions = [], []
+    for i, block in enumerate(wiring.blocks):
+        for event in block.functions.events:
+            reset = None
+            if event.reset is not None:
+                own = symbols.states[i]
+                after = call_block(wiring, symbols, i, event.reset, evaluation.values)
+                rows = [symbols.x[: own.start], after, symbols.x[own.stop :]]
+                reset = build.function("reset", [row for row in rows if row.numel()])
+            name = f"{block.path}.{event.name}" if prefix else event.name
+            events.append(FlatEvent(name, event.direction, reset))
+            conditions.append(call_block(wiring, symbols, i, event.condition, evaluation.values))
+    return tuple(events), build.function("conditions", conditions) if events else None
 
 
 def _order(wiring: Wiring, evaluation: Evaluation, tasks: Sequence[Task]) -> tuple[str, ...]:

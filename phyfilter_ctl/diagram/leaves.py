@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import dataclasses
 import re
-from collections.abc import Mapping
-from typing import Protocol, runtime_checkable
+from collections.abc import Mapping, Sequence
+from typing import Protocol, cast, runtime_checkable
 
 import casadi as ca
 import control as ct
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..blocks.functions import BlockFunctions, Variable
+from ..blocks.functions import BlockEvent, BlockFunctions, Variable
+from ..blocks.hybrid import HybridBlock
 from .tracing import trace
 
 __all__ = ["block_functions", "linear_functions", "with_values"]
@@ -59,6 +60,8 @@ def block_functions(
         raise TypeError(
             f"block {path}: frequency response data has no states to run in time; fit a transfer function to it"
         )
+    if isinstance(system, HybridBlock):
+        return _with_events(system, path, given, missing)
     if isinstance(system, ct.InputOutputSystem) and isinstance(system, _HasFunctions):
         return with_values(system.functions, {**getattr(system, "params", {}), **given})
     if isinstance(system, ct.TransferFunction):
@@ -77,6 +80,44 @@ def block_functions(
         f"block {path}: expected a python-control system (StateSpace, TransferFunction, NonlinearIOSystem, "
         f"InterconnectedSystem), got {type(system).__name__}; a delay is ct.pade(T, n) or a sampled block"
     )
+
+
+def _with_events(
+    block: HybridBlock, path: str, given: Mapping[str, object], missing: Mapping[str, object] | None
+) -> BlockFunctions:
+    """Equations and events on one vector of parameters."""
+    functions = block_functions(block.system, path, {**block.params, **given}, missing)
+    traced = [(entry, trace(part, f"{path}.{entry.name}", given, missing)) for entry, part in block.parts()]
+    parameters = {v.name: v for part in (functions, *(part for _, part in traced)) for v in part.parameters}
+    parameters |= {v.name: v for v in functions.parameters}
+    shared = tuple(parameters.values())
+    events = tuple(
+        BlockEvent(
+            name=entry.name,
+            direction=entry.direction,
+            condition=_on(part.output, part.parameters, shared),
+            reset=None if entry.reset is None else _on(part.dynamics, part.parameters, shared),
+        )
+        for entry, part in traced
+    )
+    return dataclasses.replace(
+        functions,
+        parameters=shared,
+        dynamics=_on(functions.dynamics, functions.parameters, shared),
+        output=_on(functions.output, functions.parameters, shared),
+        events=events,
+        callbacks=functions.callbacks + tuple(c for _, part in traced for c in part.callbacks),
+    )
+
+
+def _on(function: ca.Function, own: Sequence[Variable], shared: Sequence[Variable]) -> ca.Function:
+    """The function with the parameters of a longer vector."""
+    kind = ca.SX if function.is_a("SXFunction") else cast(type[ca.SX], ca.MX)
+    t, x, u = (kind.sym(name, function.numel_in(i)) for i, name in enumerate("txu"))
+    p = kind.sym("p", len(shared))
+    names = [variable.name for variable in shared]
+    read = ca.vertcat(*(p[names.index(variable.name)] for variable in own)) if own else kind(0, 1)
+    return ca.Function(function.name(), [t, x, u, p], function.call([t, x, u, read]))
 
 
 def linear_functions(system: ct.StateSpace, path: str) -> BlockFunctions:

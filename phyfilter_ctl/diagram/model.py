@@ -47,6 +47,9 @@ class FlatModel(Equations):
         Blocks in evaluation order.
     callbacks : tuple of Interpreted
         Functions of blocks that run as Python, since they cannot be traced; a model with some has no C code.
+    events : tuple of FlatEvent
+    conditions : casadi.Function, optional
+        (t, x, u, p, z) -> the conditions of the events; None where there are none.
 
     Notes
     -----

@@ -7,12 +7,14 @@ from typing import Literal
 
 import casadi as ca
 import numpy as np
+from numpy.typing import NDArray
 
 from .._sections import FloatArray
 from ..diagram import FlatModel
 from ..diagram.fixed_step import stiffness
-from .chains import bind
+from .chains import Call
 from .dormand_prince import dormand_prince
+from .events import EndlessEventsError, EventWatch
 from .limits import LOOKED_AT, Limits, chattering
 from .pair import Pair, sizes
 from .rosenbrock import rosenbrock
@@ -42,10 +44,13 @@ class StepError(Exception):
         Where, in seconds.
     inside : (k, n_x) array
         States at the times before.
+    advice : str, optional
+        What to try; None leaves it to who knows more. The message then lacks the time.
     """
 
-    def __init__(self, message: str, time: float, inside: FloatArray) -> None:
-        super().__init__(f"{message} at t = {time:.9g} s")
+    def __init__(self, message: str, time: float, inside: FloatArray, advice: str | None = None) -> None:
+        super().__init__(f"{message} at t = {time:.9g} s" if advice is None else message)
+        self.advice = advice
         self.time = time
         self.inside = inside
 
@@ -53,24 +58,6 @@ class StepError(Exception):
 @lru_cache(maxsize=KEPT)
 def _renewed(flat: FlatModel) -> ca.Function:
     return compose("pf_renewed", sizes(flat), lambda x, q, u, rate, p, z: (renewed(flat, q[0], x, u, p, z),))
-
-
-class _Call:
-    """A CasADi function on fixed arrays."""
-
-    def __init__(self, function: ca.Function, arguments: list[FloatArray]) -> None:
-        shapes = [(function.size2_out(i), function.size1_out(i)) for i in range(function.n_out())]
-        self.results: list[FloatArray] = [np.zeros(shape) for shape in shapes]
-        self._arguments = arguments
-        self._buffer, self._trigger = function.buffer()
-        for i, array in enumerate(arguments):
-            bind(self._buffer.set_arg, i, array)
-        for i, array in enumerate(self.results):
-            bind(self._buffer.set_res, i, array)
-
-    def __call__(self) -> list[FloatArray]:
-        self._trigger()
-        return self.results
 
 
 @lru_cache(maxsize=KEPT)
@@ -115,8 +102,8 @@ class Integrator:
         self._u, self._rate = np.zeros(n_u), np.zeros(n_u)
         self._z, self._first = np.zeros(len(flat.held)), np.zeros(n_x)
         self._given = [self._x, self._q, self._u, self._rate, np.array(p, dtype=float), self._z]
-        self._slope = _Call(_slope(flat), self._given)
-        self._renewed = _Call(_renewed(flat), self._given) if flat.loops else None
+        self._slope = Call(_slope(flat), self._given)
+        self._renewed = Call(_renewed(flat), self._given) if flat.loops else None
         self._max_step = np.inf if max_step is None else max_step
         self._h, self._accepted = 0.0, 0
         self._slopes, self._counts = np.full((LOOKED_AT, n_x), np.nan), np.zeros(LOOKED_AT, dtype=np.int64)
@@ -125,14 +112,15 @@ class Integrator:
         self.steps: int = 0
         # z at the times inside the last interval
         self.held_inside: FloatArray = np.zeros((0, len(flat.held)))
+        self.watch: EventWatch | None = EventWatch(flat, self._given) if flat.events else None
         self._use(rosenbrock(flat) if control == "stiff" else dormand_prince(flat))
 
     def _use(self, pair: Pair) -> None:
         self.pair = pair
         self._q[2:] = pair.inside * self._tolerance
-        self._trial = _Call(pair.trial, [*self._given, self._first])
+        self._trial = Call(pair.trial, [*self._given, self._first])
         after, _, stages, _ = self._trial.results
-        self._dense = _Call(pair.dense, [*self._given, after, stages])
+        self._dense = Call(pair.dense, [*self._given, after, stages])
 
     @property
     def chattering(self) -> str:
@@ -185,9 +173,7 @@ class Integrator:
         self._rate[:] = (u[1] - u[0]) / (end - t)
         self._move(t, interval[0], u[0])
         self.held_inside = np.tile(self._z, (len(times), 1))
-        self._first[:] = self._slope()[0].ravel()
-        if not np.all(np.isfinite(self._first)):
-            raise StepError("a derivative is not finite", t, inside[:0])
+        self._settle(None, inside[:0])
         if not self._h:
             self._h = self._first_step(end - t)
         done, rejected = 0, False
@@ -213,20 +199,26 @@ class Integrator:
                     raise StepError(f"the step {what}", t, inside[:done])
                 continue
             later = end if h == left else t + h
+            crossing = None if self.watch is None else self.watch.crossing(h, self._states)
+            if crossing is not None:
+                later = min(t + crossing.part * h, later)
             stop = int(np.searchsorted(times, later, side="right"))
             if stop > done:
-                inside[done:stop] = self._x + self._change((times[done:stop] - t) / h)
+                inside[done:stop] = self._states((times[done:stop] - t) / h)
                 done = stop
             grown = h * (min(1.0, self._longer(norm)) if rejected else self._longer(norm))
             # A step cut short by the end of the interval says nothing against the longer one.
             self._h = grown if h >= wanted * (1 - 1e-9) else max(self._h, grown)
             rejected = False
-            self._x[:], self._first[:] = after[0], slope[0]
+            self._first[:] = slope[0]
+            self._x[:] = after[0] if crossing is None else self._states(np.array([crossing.part]))[0]
             t = later
             if self._note(t):
                 raise StepError("the steps left would not do: given up", t, inside[:done])
             self._move(t, interval[0], u[0])
             self.held_inside[stop:] = self._z
+            if crossing is not None:
+                self._settle(crossing.fired, inside[:done])
             if self._undecided and self._accepted % _MEASURED_AFTER == 0:
                 self._measure(h)
         return self._x.copy(), inside
@@ -236,10 +228,26 @@ class Integrator:
         """z as it is now."""
         return self._z.copy()
 
+    def _settle(self, fired: NDArray[np.bool_] | None, inside: FloatArray) -> None:
+        """Events at the point, and the slope after them."""
+        if self.watch is not None:
+            try:
+                self.watch.settle(fired)
+            except EndlessEventsError as error:
+                raise StepError(str(error), float(self._q[0]), inside, "") from error
+            if fired is not None:
+                self._renew()
+        self._first[:] = self._slope()[0].ravel()
+        if not np.all(np.isfinite(self._first)):
+            raise StepError("a derivative is not finite", float(self._q[0]), inside)
+
     def _move(self, t: float, begin: float, u: FloatArray) -> None:
         """Time and the inputs then; algebraic loops start from their solution there."""
         self._q[0] = t
         self._u[:] = u + (t - begin) * self._rate
+        self._renew()
+
+    def _renew(self) -> None:
         if self._renewed is not None:
             self._z[:] = self._renewed()[0].ravel()
 
@@ -251,9 +259,9 @@ class Integrator:
         safety, _, most = self.pair.factors
         return min(most, safety * norm ** (-1 / self.pair.order)) if norm else most
 
-    def _change(self, part: FloatArray) -> FloatArray:
-        """What x changes to parts (k,) of the step tried last, (k, n_x)."""
-        return self.pair.evaluate(self._dense()[0], part)
+    def _states(self, part: FloatArray) -> FloatArray:
+        """x at parts (k,) of the step tried last, (k, n_x)."""
+        return self._x + self.pair.evaluate(self._dense()[0], part)
 
     def _first_step(self, length: float) -> float:
         """Hairer, Norsett, Wanner I, II.4, without the second evaluation."""

@@ -10,7 +10,7 @@ import numpy as np
 
 from .._sections import FloatArray
 
-__all__ = ["Chain", "bind"]
+__all__ = ["Call", "Chain", "bind"]
 
 BASE = 10
 LEVELS = 4  # 1, 10, 100 and 1000 steps in one call
@@ -102,3 +102,21 @@ def bind(setter: Callable[..., None], index: int, array: FloatArray) -> None:
     """Let a buffered function use an array in place."""
     if array.size:  # an empty argument has no address, and needs none
         setter(index, array.data)
+
+
+class Call:
+    """A CasADi function on fixed arrays."""
+
+    def __init__(self, function: ca.Function, arguments: list[FloatArray]) -> None:
+        shapes = [(function.size2_out(i), function.size1_out(i)) for i in range(function.n_out())]
+        self.results: list[FloatArray] = [np.zeros(shape) for shape in shapes]
+        self._arguments = arguments
+        self._buffer, self._trigger = function.buffer()
+        for i, array in enumerate(arguments):
+            bind(self._buffer.set_arg, i, array)
+        for i, array in enumerate(self.results):
+            bind(self._buffer.set_res, i, array)
+
+    def __call__(self) -> list[FloatArray]:
+        self._trigger()
+        return self.results

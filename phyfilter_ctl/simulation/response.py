@@ -36,6 +36,7 @@ class Outcome(NamedTuple):
     steps: int
     message: str
     failed_at: float
+    events: tuple[tuple[float, str], ...] = ()
 
 
 class SimulationResponse(ct.TimeResponseData):
@@ -62,6 +63,8 @@ class SimulationResponse(ct.TimeResponseData):
         "" where the run succeeded; else what happened, when, and what to try. ``success`` says which.
     failed_at : float
         Time in seconds that the run came to before it failed; inf where it succeeded. Later values are NaN.
+    events : tuple of (float, str)
+        Events that happened: seconds and name, in order.
     callbacks : mapping of str to float, optional
         Blocks that ran as Python, since their functions cannot be traced, and the share of the run's time that they
         took, 0 to 1; see :attr:`FlatModel.callbacks` for the reasons.
@@ -85,6 +88,7 @@ class SimulationResponse(ct.TimeResponseData):
         steps: int = 0,
         message: str = "",
         failed_at: float = np.inf,
+        events: tuple[tuple[float, str], ...] = (),
         squeeze: bool | None = None,
         notes: tuple[str, ...] = (),
         callbacks: Mapping[str, float] | None = None,
@@ -100,6 +104,7 @@ class SimulationResponse(ct.TimeResponseData):
         self.failed_at = failed_at
         self.notes = notes
         self.callbacks = dict(callbacks or {})
+        self.events = events
 
 
 def with_outputs_checked(flat: FlatModel, run: Run, outcome: Outcome) -> Outcome:
@@ -128,7 +133,7 @@ def response_of(
     callbacks: Mapping[str, float] | None = None,
 ) -> SimulationResponse:
     """Time-major arrays as a response."""
-    x, y, steps, message, failed_at = outcome
+    x, y, steps, message, failed_at, events = outcome
     raised = next((c for c in flat.callbacks if c.failure), None)
     if message and raised is not None:
         message = f"block {raised.block}, which runs as Python, raised {raised.failure}; {message}"
@@ -136,7 +141,7 @@ def response_of(
         run.times, y.T, states=x.T, inputs=run.inputs.T,
         labels=(_names(flat.outputs), _names(flat.states), _names(flat.inputs)), name=flat.name, method=method,
         backend=backend, steps=steps, message=message, failed_at=failed_at, squeeze=squeeze, notes=notes,
-        callbacks=callbacks,
+        callbacks=callbacks, events=events,
     )  # fmt: skip
 
 

@@ -17,6 +17,7 @@ from ..diagram import FlatModel
 from ..diagram.naming import override
 from ..results import Result
 from .arguments import Inputs, Interpolation, Parameters, Start, prepare
+from .events import refuse_events
 from .response import SimulationResponse, response_of, with_outputs_checked
 from .simulate import as_flat
 from .steplength import default_step
@@ -95,6 +96,7 @@ def sensitivity(
     (('rate',), 0.367879)
     """
     flat = as_flat(sys)
+    refuse_events(flat, "sensitivity")
     run = prepare(flat, timepts, inputs, initial_state, params, interpolation)
     if max_step is not None and not max_step > 0.0:
         raise ValueError(f"max_step: expected a positive number of seconds or None, got {max_step!r}")

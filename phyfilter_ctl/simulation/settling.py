@@ -17,6 +17,7 @@ from ..diagram import FlatModel
 from ..results import Result
 from .arguments import Run
 from .chains import Chain
+from .events import refuse_events
 from .exponential import has_linear_states
 from .hyperperiod import Instants, instants_of
 from .periodic import Flow, Instant, PeriodicModel
@@ -125,6 +126,7 @@ def settled(
     """
     if not (np.isfinite(settle) and settle >= 0.0):
         raise ValueError(f"settle: expected 0 or more seconds, got {settle}")
+    refuse_events(flat, "the linear model of a sampled diagram")
     instants = instants_of(flat)
     period = instants.period
     # A part of 1e-9 of a period is rounding.

@@ -283,6 +283,13 @@ def _decided(flat: FlatModel, run: Run, options: Options, runs: int) -> Options:
     if method == "auto":
         small = max((len(group) for group in linear_part(flat).groups), default=0) <= _MOST_COUPLED
         method = "exact" if backend != "c" and has_linear_states(flat) and small else "auto"
+    if flat.events:
+        if method in ("rk4", "exact") and options.method != "auto":
+            raise ValueError(
+                f"method={options.method!r} steps over the events of {flat.name}: expected 'auto', 'adaptive' or "
+                "'stiff'"
+            )
+        method = "auto" if method == "exact" else method
     if not flat.states or flat.dt > 0.0:
         method = "rk4"  # nothing to integrate
     if backend == "auto":

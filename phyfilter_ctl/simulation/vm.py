@@ -198,11 +198,14 @@ def run_adaptive(
             except StepError as error:
                 x[later[: len(error.inside)]] = error.inside
                 failed_at = error.time
-                message = f"{error}. {integrator.chattering or _STIFF}"
+                message = (
+                    str(error) if error.advice is not None else f"{error}. {integrator.chattering or _STIFF}"
+                )
                 break
             bar.update(float(window.times[-1] - bar.n - run.times[0]))
     good = np.asarray(np.isfinite(x).all(axis=1))
-    outcome = Outcome(x, _outputs(flat, run, x, z, good), integrator.steps, message, failed_at)
+    happened = () if integrator.watch is None else tuple(integrator.watch.log)
+    outcome = Outcome(x, _outputs(flat, run, x, z, good), integrator.steps, message, failed_at, happened)
     return outcome, integrator.pair.method
 
 

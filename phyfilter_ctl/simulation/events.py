@@ -1,0 +1,265 @@
+"""Events on the way: where a condition passes 0 inside a step, and what happens then.
+
+Every condition has a side, the sign it was last seen with. An event is where the sign changes in its direction; it is
+located to the rounding of time on the polynomial inside the step, by sections of all parts at once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import lru_cache
+from typing import NamedTuple
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from .._sections import FloatArray
+from ..diagram import FlatModel
+from .chains import Call
+from .pair import sizes
+from .steps import KEPT, Results, compose
+
+__all__ = ["Crossing", "EndlessEventsError", "EventWatch", "refuse_events"]
+
+# Parts of a step at which the conditions are looked at: early ones for what returns soon after an event.
+_PARTS = np.array([2.0**-20, 2.0**-10, 2.0**-5, 0.125, 0.25, 0.5, 0.75, 1.0])
+# Parts before the first of them, down to rounding, for what returns sooner still.
+_EARLY = 2.0 ** -np.arange(48.0, 19.0, -4.0)
+_SECTIONS = np.arange(1, len(_PARTS) + 1) / len(_PARTS)
+_AROUND = np.array([-1e-2, -1e-4, -1e-7, 0.0, 1e-7, 1e-4, 1e-2])
+_ROUNDING = 4 * np.finfo(float).eps
+# What is past 0 by rounding returns within that part of the step before and of time.
+_SOON, _SOONER = 1e-9, 1e4 * np.finfo(float).eps
+# Rounds of events at one time, and events in a row without time in between, that are taken for endless.
+_ROUNDS, _IN_A_ROW = 100, 40
+_NO_TIME = 1e-12
+
+
+def refuse_events(flat: FlatModel, what: str) -> None:
+    """Raise where a diagram has events and something would pass them over."""
+    if flat.events:
+        raise ValueError(
+            f"{what} passes over the events of {flat.name} ({', '.join(event.name for event in flat.events)}): "
+            "expected a diagram without, such as the block's equations between events, its attribute system"
+        )
+
+
+class EndlessEventsError(Exception):
+    """Events that follow each other without end."""
+
+
+class _Bracket(NamedTuple):
+    """Parts between which an event lies, and the conditions there; None where they are not known."""
+
+    begin: float
+    end: float
+    before: FloatArray | None
+    after: FloatArray
+
+
+class Crossing(NamedTuple):
+    """The first event in a step: at which part of it, and which conditions passed 0 there."""
+
+    part: float
+    fired: NDArray[np.bool_]
+
+
+@lru_cache(maxsize=KEPT)
+def _sampled(flat: FlatModel) -> ca.Function:
+    """(times (1, k), x (n_x, k), u (n_u, k), p, z) -> conditions (n_e, k)."""
+    assert flat.conditions is not None
+    return flat.conditions.map("pf_conditions", "serial", len(_PARTS), [3, 4], [])
+
+
+@lru_cache(maxsize=KEPT)
+def _rates(flat: FlatModel) -> ca.Function:
+    """Conditions at a point, and how fast they change along the solution."""
+    conditions = flat.conditions
+    assert conditions is not None
+
+    def body(x: ca.SX, q: ca.SX, u: ca.SX, rate: ca.SX, p: ca.SX, z: ca.SX) -> Results:
+        point = [q[0], x, u, p, z]
+        kind = type(x)
+        symbols = [kind.sym(f"i{i}", conditions.size1_in(i)) for i in range(5)]
+        along = [kind.sym(f"d{i}", conditions.size1_in(i)) for i in range(3)]
+        value = conditions(*symbols)
+        change = sum((ca.jtimes(value, symbols[i], along[i]) for i in range(3)), kind.zeros(value.numel()))
+        function = ca.Function("pf_rates", [*symbols, *along], [value, change])
+        results = function.call([*point, kind(1.0), flat.dynamics(*point), rate])
+        return results
+
+    return compose("pf_events", sizes(flat), body)
+
+
+class EventWatch:
+    """Watches the conditions of a run.
+
+    Parameters
+    ----------
+    flat : FlatModel
+        With events.
+    given : list of arrays
+        x, (t, ...), u, rates of u, p, z, as the integrator has them; read in place.
+    """
+
+    def __init__(self, flat: FlatModel, given: list[FloatArray]) -> None:
+        x, _, u, _, p, z = given
+        count = len(_PARTS)
+        self._flat, self._given = flat, given
+        self._times, self._x, self._u = (
+            np.zeros((count, 1)),
+            np.zeros((count, len(x))),
+            np.zeros((count, len(u))),
+        )
+        self._sampled = Call(_sampled(flat), [self._times, self._x, self._u, p, z])
+        self._rates = Call(_rates(flat), given)
+        self._directions = np.array([event.direction for event in flat.events])
+        self._side: NDArray[np.float64] | None = None
+        # Conditions that are 0 but for rounding and were not seen on their side yet.
+        self._returning = np.zeros(len(flat.events), dtype=bool)
+        self._last, self._in_a_row, self._h, self._soon = -np.inf, 0, 0.0, 0.0
+        self.log: list[tuple[float, str]] = []
+
+    # -- inside a step ------------------------------------------------------------------------------------------
+
+    def crossing(self, h: float, states: Callable[[FloatArray], FloatArray]) -> Crossing | None:
+        """The first event in a step of length h, whose states at parts of it are given."""
+        self._h = h
+        side, returning = np.array(self._side), self._returning.copy()
+        found = self._first(_PARTS, self._at(_PARTS, h, states), side, returning)
+        back = returning & (self._directions * side < 0.0)
+        if found is None and back.any() and h > self._soon:
+            # Back and through 0 again, sooner than was looked; or so soon that no time is between.
+            side, returning = np.array(self._side), self._returning.copy()
+            found = self._first(_EARLY, self._at(_EARLY, h, states), side, returning)
+            if found is None:
+                return Crossing(0.0, back)
+        self._side, self._returning = side, returning
+        if found is None:
+            return None
+        end, values = self._located(found, h, states)
+        return Crossing(end, self._fires(values, side, returning))
+
+    def _located(
+        self, found: _Bracket, h: float, states: Callable[[FloatArray], FloatArray]
+    ) -> tuple[float, FloatArray]:
+        """The first part at which an event has happened, to the rounding of time, and the conditions there.
+
+        By sections, every second time around where a straight line between the ends passes 0.
+        """
+        side, returning = self._side, self._returning
+        assert side is not None
+        resolution = _ROUNDING * max(abs(float(self._given[1][0])), h) / h
+        uniform = True
+        while found.end - found.begin > resolution:
+            length = found.end - found.begin
+            i = int(np.argmax(self._fires(found.after, side, returning)))
+            before, after = (0.0, 0.0) if found.before is None else (found.before[i], found.after[i])
+            if uniform or not before * after < 0.0:
+                parts = found.begin + length * _SECTIONS
+            else:
+                near = found.begin + length * before / (before - after) + length * _AROUND
+                parts = np.append(np.clip(near, found.begin, found.end), found.end)
+            parts[-1] = found.end
+            uniform = not uniform
+            narrower = self._first(parts, self._at(parts, h, states), side, returning, found)
+            assert narrower is not None  # the last part is where it was found
+            found = narrower
+        return found.end, found.after
+
+    def _at(self, parts: FloatArray, h: float, states: Callable[[FloatArray], FloatArray]) -> FloatArray:
+        """Conditions at parts of the step, (k, n_e)."""
+        _, q, u, rate, _, _ = self._given
+        self._times[:, 0] = q[0] + h * parts
+        self._x[:] = states(parts)
+        self._u[:] = u + h * parts[:, None] * rate
+        return self._sampled()[0].copy()
+
+    def _past(self, values: FloatArray, side: NDArray[np.float64] | None) -> NDArray[np.bool_]:
+        """Conditions that have left their side."""
+        return np.sign(values) == -np.sign(side) if side is not None else np.zeros(len(values), dtype=bool)
+
+    def _fires(
+        self, values: FloatArray, side: NDArray[np.float64], returning: NDArray[np.bool_]
+    ) -> NDArray[np.bool_]:
+        reached = self._past(values, side) | ((values == 0.0) & (side != 0.0))
+        return reached & ~returning & (self._directions * side <= 0.0)
+
+    def _first(
+        self,
+        parts: FloatArray,
+        values: FloatArray,
+        side: NDArray[np.float64],
+        returning: NDArray[np.bool_],
+        within: _Bracket | None = None,
+    ) -> _Bracket | None:
+        """The parts between which the first event lies; sides are brought to the first of them, or to the end."""
+        begin, before = (0.0, None) if within is None else (within.begin, within.before)
+        for part, now in zip(parts.tolist(), values, strict=True):
+            if self._fires(now, side, returning).any():
+                return _Bracket(begin, part, before, now)
+            returning &= self._past(now, side) | (now == 0.0)
+            seen = (now != 0.0) & ~returning
+            side[seen] = np.sign(now[seen])
+            begin, before = part, now
+        return None
+
+    # -- at a point ---------------------------------------------------------------------------------------------
+
+    def settle(self, fired: NDArray[np.bool_] | None = None) -> None:
+        """Runs the events that happen at the point, and those that they or a jump of inputs set off.
+
+        Raises
+        ------
+        EndlessEventsError
+        """
+        x, q, u, _, p, z = self._given
+        t = float(q[0])
+        fired = np.zeros(len(self._directions), dtype=bool) if fired is None else fired
+        for _ in range(_ROUNDS):
+            for i in np.flatnonzero(fired).tolist():
+                event = self._flat.events[i]
+                self._count(t, event.name)
+                if event.reset is not None:
+                    x[:] = np.asarray(event.reset(t, x, u, p, z), dtype=float).ravel()
+            values, rates = (result.ravel().copy() for result in self._rates())
+            fired = self._arm(t, values, rates, fired)
+            if not fired.any():
+                return
+        raise EndlessEventsError(self._endless(t))
+
+    def _arm(
+        self, t: float, values: FloatArray, rates: FloatArray, fired: NDArray[np.bool_]
+    ) -> NDArray[np.bool_]:
+        """Sides after events; which others have been set off."""
+        if self._side is None:
+            self._side = np.where(values != 0.0, np.sign(values), np.sign(rates))
+            return np.zeros_like(fired)
+        before, seen = self._side, np.sign(values)
+        onward = -before
+        jumped = ~fired & ~self._returning & (seen == onward) & (before != 0.0)
+        # A fired condition is 0 but for rounding unless its reset moved it: then where it is heading counts, and its
+        # sign only once it has got there. Either way through 0, turning round is to pass it again.
+        self._soon = _SOON * self._h + _SOONER * abs(t)
+        near = fired & (np.abs(values) <= np.abs(rates) * self._soon)
+        heading = np.where((rates == 0.0) | (self._directions == 0), onward, np.sign(rates))
+        again = near & (self._directions == 0) & (rates * onward < 0.0)
+        self._side = np.where(near, heading, np.where(fired, seen, np.where(jumped, onward, before)))
+        self._returning = (near & ~again & (seen != heading)) | (self._returning & ~fired)
+        return jumped & (self._directions * before <= 0.0)
+
+    def _count(self, t: float, name: str) -> None:
+        self._in_a_row = self._in_a_row + 1 if t - self._last <= _NO_TIME * max(abs(t), 1.0) else 0
+        self._last = t
+        self.log.append((t, name))
+        if self._in_a_row > _IN_A_ROW:
+            raise EndlessEventsError(self._endless(t))
+
+    def _endless(self, t: float) -> str:
+        names = dict.fromkeys(name for _, name in self.log[-_IN_A_ROW:])
+        return (
+            f"the events {', '.join(names)} follow each other without time in between at t = {t:.9g} s: a sliding "
+            "mode, or ever shorter bounces. Give a switch hysteresis; let a reset bring to rest what is slower than a "
+            "threshold"
+        )

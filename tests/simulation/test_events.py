@@ -1,0 +1,205 @@
+"""Events: when they happen, against closed forms and a piecewise integration; what ends a run; what is refused."""
+
+import control as ct
+import hybrid_models as models
+import numpy as np
+import pytest
+
+import phyfilter_ctl as pf
+
+# Free fall is a polynomial that the integrator takes exactly: rounding of times, and of 60 products of 0.8, is left.
+EXACT = 1e-12
+# Each phase may err by the tolerance of a step over the slope of its condition, and starts from the errors of those
+# before: here some 20 phases, rtol = 1e-10, slopes of 0.4 to 5 in units of the states' size.
+INTEGRATED = 1e-7
+TIGHT = {"rtol": 1e-10, "atol": 1e-12}
+
+
+def close(found, expected, atol):
+    np.testing.assert_allclose(found, expected, rtol=0.0, atol=atol)
+
+
+def times_of(response, name=None):
+    return np.array([time for time, event in response.events if name is None or event == name])
+
+
+def test_bouncing_ball():
+    """t_k = sqrt(2 h/g) (1 + 2 (e + ... + e^k)); between bounces a parabola."""
+    times = np.linspace(0.0, 3.9, 40)
+    answer = pf.simulate(models.bouncing_ball(), times, initial_state=[1.0, 0.0, 1.0], backend="vm")
+    assert answer.success
+    hits = models.bounces(1.0, 60)
+    found = times_of(answer)
+    assert len(found) == np.sum(hits < 3.9)
+    close(found, hits[: len(found)], atol=EXACT)
+    k = np.searchsorted(hits, times)  # bounces before
+    up = np.sqrt(2 * models.GRAVITY) * models.BOUNCE**k
+    since = times - np.where(k > 0, hits[k - 1], -np.sqrt(2 / models.GRAVITY))
+    close(answer.outputs[0], up * since - models.GRAVITY / 2 * since**2, atol=EXACT)
+
+
+@pytest.mark.slow
+def test_ever_shorter_bounces_end_the_run():
+    """They add up to t_0 (1 + 2 e / (1 - e)); no ball falls through the ground."""
+    answer = pf.simulate(models.bouncing_ball(), [0.0, 4.0, 4.2], initial_state=[1.0, 0.0, 1.0], backend="vm")
+    assert not answer.success
+    assert answer.failed_at == pytest.approx(np.sqrt(2 / models.GRAVITY) * 9, abs=1e-9)
+    assert "the events hit follow each other without time in between" in answer.message
+    assert "Give a switch hysteresis" in answer.message
+    assert answer.outputs[0, 1] >= 0.0
+
+
+@pytest.mark.slow
+def test_ball_that_comes_to_rest():
+    answer = pf.simulate(
+        models.bouncing_ball(rest=0.01), [0.0, 4.0, 10.0], initial_state=[1.0, 0.0, 1.0], backend="vm"
+    )
+    assert answer.success
+    assert len(answer.events) == 1 + np.ceil(np.log(0.01 / np.sqrt(2 * models.GRAVITY)) / np.log(0.8) - 1)
+    np.testing.assert_array_equal(answer.outputs[:, 2], 0.0)
+
+
+def test_thermostat():
+    """A block with memory beside the plant it switches, in one diagram."""
+    answer = pf.simulate(models.thermostat(), [0.0, 40.0], initial_state=[20.0, 1.0], backend="vm", **TIGHT)
+    expected = models.thermostat_times(60)
+    found = times_of(answer)
+    assert len(found) == np.sum(expected < 40.0)
+    close(found, expected[: len(found)], atol=INTEGRATED)
+    assert [name for _, name in answer.events[:3]] == ["relay.warm", "relay.cold", "relay.warm"]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("method", ["adaptive", "stiff"])
+def test_stick_slip(method):
+    answer = pf.simulate(
+        models.stick_slip(), [0.0, 20.0], initial_state=[0.0, 0.5, 1.0], method=method, **TIGHT
+    )
+    expected = models.stick_slip_times(60)
+    found = times_of(answer)
+    assert len(found) == np.sum(expected < 20.0)
+    close(found, expected[: len(found)], atol=INTEGRATED)
+
+
+def test_hopper_touches_down_and_lifts_off():
+    answer = pf.simulate(models.hopper(), [0.0, 2.0], initial_state=[1.0, 0.0, 0.0], backend="vm", **TIGHT)
+    expected = models.hopper_times(1.0, 2.0)
+    assert [name for _, name in answer.events[:4]] == ["touchdown", "liftoff"] * 2
+    close(times_of(answer), expected, atol=INTEGRATED)
+
+
+def test_a_relay_in_a_sliding_mode_is_named():
+    plant = ct.nlsys(lambda t, x, u, p: [0.3 - x[1], 0.0], None, inputs=0, outputs=2, states=2, name="drive")
+    relay = pf.hybrid(
+        plant, [pf.event(lambda t, x, u, p: x[0], lambda t, x, u, p: [x[0], -x[1]], name="switch")]
+    )
+    answer = pf.simulate(relay, [0.0, 1.0], initial_state=[-0.1, -1.0])
+    assert not answer.success
+    assert answer.failed_at == pytest.approx(0.1 / 1.3, abs=1e-9)
+    assert "the events switch follow each other" in answer.message
+
+
+def counter(direction):
+    """Counts how often its input passes 0."""
+    memory = ct.nlsys(lambda t, x, u, p: [0.0], None, inputs=1, outputs=1, states=["n"], name="counter")
+    return pf.hybrid(
+        memory, [pf.event(lambda t, x, u, p: u[0], lambda t, x, u, p: [x[0] + 1.0], direction=direction)]
+    )
+
+
+@pytest.mark.parametrize(("direction", "count"), [("rising", 2), ("falling", 3), ("either", 5)])
+@pytest.mark.parametrize("interpolation", ["linear", "hold"])
+def test_directions_and_inputs_that_jump(direction, count, interpolation):
+    u = [1.0, -1.0, 2.0, -3.0, 0.5, -1.0]
+    answer = pf.simulate(
+        counter(direction), np.arange(6.0), u, [0.0], interpolation=interpolation, backend="vm"
+    )
+    # A held input jumps at the times themselves; at the last nothing follows.
+    late = interpolation == "hold" and direction != "rising"
+    assert answer.states[0, -1] == count - late
+    if interpolation == "linear":
+        passed = [0.5, 1 + 1 / 3, 2.4, 3 + 6 / 7, 4 + 1 / 3]
+        chosen = {"rising": passed[1::2], "falling": passed[::2], "either": passed}[direction]
+        close(times_of(answer), chosen, atol=EXACT)
+
+
+def test_an_event_sets_off_another():
+    """The first reset makes the second condition jump through 0; both happen at 1 s, and no later."""
+    chain = ct.nlsys(lambda t, x, u, p: [1.0, 0.0], None, inputs=0, outputs=2, states=2, name="chain")
+    block = pf.hybrid(
+        chain,
+        [
+            pf.event(
+                lambda t, x, u, p: x[1] - 2.0,
+                lambda t, x, u, p: [x[0], x[1] + 5.0],
+                direction="rising",
+                name="b",
+            ),
+            pf.event(
+                lambda t, x, u, p: x[0] - 1.0, lambda t, x, u, p: [x[0], 3.0], direction="rising", name="a"
+            ),
+        ],
+    )
+    answer = pf.simulate(block, [0.0, 3.0])
+    assert [name for _, name in answer.events] == ["a", "b"]
+    close(times_of(answer), [1.0, 1.0], atol=EXACT)
+    assert answer.states[1, -1] == 8.0
+
+
+def test_parameters_reach_conditions_and_resets():
+    flat = pf.flatten(models.bouncing_ball())
+    assert [variable.name for variable in flat.parameters] == ["g", "e"]
+    moon = pf.simulate(
+        flat, [0.0, 3.0], initial_state=[1.0, 0.0, 1.0], params={"g": 1.62, "e": 0.5}, backend="vm"
+    )
+    first = np.sqrt(2 / 1.62)
+    close(times_of(moon), first * np.array([1.0, 2.0, 2.5]), atol=EXACT)
+
+
+def test_beside_a_sampled_block():
+    """The controller acts every 0.1 s, the event when it happens: a tank filled at 1.25 u and emptied at 1."""
+    tank = ct.nlsys(
+        lambda t, x, u, p: [1.25 * u[0]], None, inputs=["u"], outputs=["h"], states=["h"], name="tank"
+    )
+    spill = pf.hybrid(
+        tank, [pf.event(lambda t, x, u, p: x[0] - 1.0, lambda t, x, u, p: [0.0], direction="rising")]
+    )
+    valve = pf.sampled_block(
+        ct.ss([[0.0]], [[0.0]], [[0.0]], [[0.0]], 0.1, inputs=["h"], outputs=["w"], name="valve")
+    )
+    one = ct.summing_junction(["r", "w"], "u", name="sum")
+    system = ct.interconnect([spill, valve, one], inputs=["r"], outputs=["h"], name="plant")
+    answer = pf.simulate(system, [0.0, 2.5], 1.0, backend="vm")
+    close(times_of(answer), [0.8, 1.6, 2.4], atol=EXACT)
+
+
+def test_what_has_no_events_refuses_them():
+    ball = models.bouncing_ball()
+    with pytest.raises(TypeError, match="block 'ball' has events, which python-control cannot run"):
+        ct.input_output_response(ball, [0.0, 1.0], X0=[1.0, 0.0, 1.0])
+    with pytest.raises(ValueError, match="method='rk4' steps over the events"):
+        pf.simulate(ball, [0.0, 1.0], method="rk4")
+    with pytest.raises(ValueError, match=r"sensitivity passes over the events of ball \(hit\)"):
+        pf.sensitivity(ball, [0.0, 1.0], by=["e"])
+
+
+@pytest.mark.parametrize(
+    ("make", "error", "message"),
+    [
+        (lambda: pf.event(3), TypeError, "expected functions"),
+        (lambda: pf.event(abs, direction="up"), ValueError, "direction: expected one of"),
+        (lambda: pf.event(abs, name=""), ValueError, "name: expected"),
+        (
+            lambda: pf.hybrid(ct.tf([1.0], [1.0, 1.0], 0.1), [pf.event(abs)]),
+            ValueError,
+            "expected a continuous block",
+        ),
+        (lambda: pf.hybrid(ct.ss([], [], [], [[1.0]]), [pf.event(abs)]), ValueError, "a block with states"),
+        (lambda: pf.hybrid(ct.tf([1.0], [1.0, 1.0]), []), ValueError, "one event or more"),
+        (lambda: pf.hybrid(ct.tf([1.0], [1.0, 1.0]), [abs]), TypeError, "a list of"),
+        (lambda: pf.hybrid(models.thermostat(), [pf.event(abs)]), TypeError, "one continuous block"),
+    ],
+)
+def test_bad_declarations(make, error, message):
+    with pytest.raises(error, match=message):
+        make()
