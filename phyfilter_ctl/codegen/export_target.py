@@ -19,10 +19,11 @@ from ..filterfile import Signals
 from .export import export_c
 from .export_folder import write_folder
 from .filter_guard import guard_sources
+from .target_px4 import check_px4, px4_values
 
 __all__ = ["Target", "export_target"]
 
-Target = Literal["arduino", "cmake", "zephyr"]
+Target = Literal["arduino", "cmake", "px4", "zephyr"]
 
 _VERSION = "0.1.0"  # of the package that is written; its user counts on from here
 _OF_FILTER = """\
@@ -65,8 +66,9 @@ def export_target(
     Parameters
     ----------
     system : control.InputOutputSystem, FlatModel or SampledPhyFilter
-    target : {"arduino", "cmake", "zephyr"}
-        Arduino library (PlatformIO takes it too), CMake project with package files, Zephyr module.
+    target : {"arduino", "cmake", "px4", "zephyr"}
+        Arduino library (PlatformIO takes it too), CMake project with package files, external module of PX4 (a low-pass
+        filter of three channels, on the velocity per unit of mass, in float), Zephyr module.
     folder : str or Path
         Written whole or not at all; files that no export wrote are not touched.
     real, name, channels, inertia, signals
@@ -76,7 +78,7 @@ def export_target(
     -------
     Path
         The folder: sources in ``src``, a filter with its guard against faulty signals, a test against recorded
-        numbers in ``test``, README and licence.
+        numbers in ``test``, README and licence. A PX4 module has its sources in ``src/modules/<name>``.
 
     Raises
     ------
@@ -99,6 +101,9 @@ def export_target(
     """
     if target not in get_args(Target):
         raise ValueError(f"target: expected one of {', '.join(get_args(Target))}, got {target!r}")
+    if target == "px4":
+        check_px4(system, name or "phyfilter", channels, inertia)
+        real = real or "float"
     with tempfile.TemporaryDirectory() as parent:
         written = export_c(
             system,
@@ -115,7 +120,8 @@ def export_target(
     if kind == "filter":
         sources |= guard_sources(model)
     values = _values(system, model, sorted(file for file in sources if file.endswith(".c")))
-    files = {f"src/{file}": text for file, text in sources.items()}
+    place = f"src/modules/{model}" if target == "px4" else "src"
+    files = {f"{place}/{file}": text for file, text in sources.items()}
     files |= {f"test/{file}": text for file, text in tests.items()}
     templates = resources.files("phyfilter_ctl.codegen") / "targets"
     for part in ("common", kind):
@@ -144,7 +150,7 @@ def _values(
             "dt": f"{system.dt:g}",
             "period_us": str(round(1e6 * system.dt)),
         }
-        return values | {"usage": _filled(_OF_FILTER, values)}
+        return values | px4_values(system, name, c_files) | {"usage": _filled(_OF_FILTER, values)}
     values |= {"header": f"{name}.h", "description": "a block diagram, one step at a time"}
     return values | {"usage": _filled(_OF_DIAGRAM, values)}
 

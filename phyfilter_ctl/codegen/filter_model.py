@@ -148,7 +148,7 @@ def _sampled_model(
         sampled.dt if communication else 0.0,
         np.zeros((n_f, len(inputs)), dtype=bool),
         formula=_formula(sampled.filters),
-        description=f"PhyFilter sampled every {sampled.dt:g} s: estimate f_hat of the unknown part of the dynamics M x' = g + f",
+        description=f"PhyFilter sampled every {sampled.dt:g} s: estimate f_hat of the unknown part of M x' = g + f",
     )
 
 

@@ -1,5 +1,6 @@
 """Packages for targets as their users build them: CMake itself, Zephyr and Arduino with stubs of their headers."""
 
+import re
 import shutil
 import subprocess
 from pathlib import Path
@@ -125,3 +126,127 @@ def test_zephyrs_sample_compiles_and_runs(kind, tmp_path):
     ran(*command, folder / "samples" / "estimate" / "src" / "main.c", "-lm", "-o", tmp_path / "sample")
     out = ran(tmp_path / "sample")
     assert out.splitlines()[0].startswith("0: health 0" if kind == "filter" else "0: status 0")
+
+
+PX4_DRIVER = """\
+#define private public /* to run the work item by hand */
+#include "Wind.hpp"
+#undef private
+
+extern "C" int wind_main(int argc, char *argv[]);
+
+int main() {
+  char name[] = "wind", start[] = "start", status[] = "status";
+  char *starts[] = {name, start}, *asks[] = {name, status};
+  const double h = 0.004, t_max = 20.0;
+  float v[3] = {0, 0, 0};
+  vehicle_attitude_s level{0, {1, 0, 0, 0}};
+  actuator_motors_s motors{};
+  vehicle_local_position_s at{};
+  for (float &control : motors.control) control = NAN;
+  for (int i = 0; i < 4; i++) motors.control[i] = (float)(9.80665 / t_max);
+  stub_publish(stub_actuator_motors, motors);
+  stub_publish(stub_vehicle_attitude, level);
+  stub_publish(stub_vehicle_land_detected, vehicle_land_detected_s{0, false});
+  if (wind_main(2, starts)) return 1;
+  Wind *const module = Wind::_object.load();
+  at.v_xy_valid = at.v_z_valid = true;
+  for (int k = 0; k < 1000; k++) { /* hover in a wind that pushes with (1, 0, -0.5) m/s^2 */
+    v[0] += (float)(1.0 * h);
+    v[2] += (float)(-0.5 * h);
+    if (k == 500) { /* the estimator resets its velocity: no force */
+      v[0] += 3.f;
+      at.delta_vxy[0] = 3.f;
+      at.vxy_reset_counter++;
+    }
+    if (k == 700) {
+      px4::params::WIND_P0R::value = POLE;
+      stub_publish(stub_parameter_update, parameter_update_s{});
+    }
+    if (k != 600 && k != 601) { /* two samples are lost */
+      at.timestamp_sample = 1000000u + (uint64_t)(k * 1e6 * h + 0.5);
+      at.vx = v[0], at.vy = v[1], at.vz = v[2];
+      stub_publish(stub_vehicle_local_position, at);
+      module->Run();
+    }
+    if (k == 499 || k == 500 || k == 602 || k == 700 || k == 999) {
+      const auto &out = stub_wind_estimate.value;
+      std::printf("%d %g %g %g %u %g\\n", k, (double)out.force[0], (double)out.force[1], (double)out.force[2],
+                  (unsigned)out.health, (double)out.feed_forward[0]);
+    }
+  }
+  return wind_main(2, asks) || std::strcmp(stub_debug_vect.value.name, "wind") != 0;
+}
+"""
+PX4_HEADERS = """
+    lib/mathlib/mathlib.h px4_platform_common/module.h px4_platform_common/module_params.h
+    px4_platform_common/px4_work_queue/ScheduledWorkItem.hpp uORB/Publication.hpp uORB/Subscription.hpp
+    uORB/SubscriptionCallback.hpp uORB/SubscriptionInterval.hpp uORB/topics/actuator_motors.h uORB/topics/debug_vect.h
+    uORB/topics/parameter_update.h uORB/topics/wind_estimate.h uORB/topics/vehicle_attitude.h
+    uORB/topics/vehicle_land_detected.h uORB/topics/vehicle_local_position.h
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("pole", "refused"), [(-40.0, 0), (40.0, 1)])
+def test_px4s_module_flies(pole, refused, tmp_path):
+    """Against stubs of PX4's headers: poles from parameters, estimator resets, lost samples, a pole that is refused."""
+    filter_ = PhyFilter.from_poles([-12.0, -20.0 + 10.0j, -20.0 - 10.0j]).sampled(0.004)
+    folder = export_target(filter_, "px4", tmp_path / "px4", name="wind", channels=3)
+    module = folder / "src" / "modules" / "wind"
+    headers = tmp_path / "include"
+    for name in PX4_HEADERS.split():
+        (headers / name).parent.mkdir(parents=True, exist_ok=True)
+        (headers / name).write_text('#include "px4_stub.hpp"\n')
+    found = re.findall(
+        r"^      (\w+):\n.*\n        type: (\w+)\n(?:.*\n)*?        default: (\S+)",
+        (module / "module.yaml").read_text(),
+        re.M,
+    )
+    assert {name for name, *_ in found} == {
+        "WIND_T_MAX",
+        "WIND_T_FAC",
+        "WIND_FF_EN",
+        "WIND_P0R",
+        "WIND_P1R",
+        "WIND_P1I",
+    }
+    kinds = {"float": "float", "boolean": "bool"}
+    (headers / "stub_parameters.hpp").write_text(
+        "".join(
+            f"struct {name} {{ static inline {kinds[kind]} value = {value}; }};\n"
+            for name, kind, value in found
+        )
+    )
+    compiler, objects = find_compiler().command, []
+    flags = ["-O1", "-Wall", "-Wextra", "-Werror", "-Wdouble-promotion", "-Wfloat-equal", "-Wshadow"]
+    for path in module.glob("*.c"):
+        objects.append(tmp_path / f"{path.stem}.o")
+        ran(*compiler, *flags, "-funsafe-math-optimizations", "-c", path, "-o", objects[-1])
+    (tmp_path / "main.cpp").write_text(PX4_DRIVER.replace("POLE", f"{pole}f"))
+    include = ["-I", headers, "-I", STUBS / "px4", "-I", module]
+    for path in (module / "Wind.cpp", tmp_path / "main.cpp"):
+        objects.append(tmp_path / f"{path.stem}_cpp.o")
+        ran(
+            *compiler,
+            "-std=c++17",
+            "-O1",
+            "-Wall",
+            "-Wextra",
+            "-Werror",
+            *include,
+            "-x",
+            "c++",
+            "-c",
+            path,
+            "-o",
+            objects[-1],
+        )
+    ran(*compiler, *objects, "-lstdc++", "-lm", "-o", tmp_path / "module")
+    out = ran(tmp_path / "module")
+    rows = [list(map(float, line.split())) for line in out.splitlines() if line[0].isdigit()]
+    for row in rows:
+        # 2 s of poles at -12 rad/s and float velocities of some m/s over 4 ms.
+        np.testing.assert_allclose(row[1:4], [1.0, 0.0, -0.5], atol=2e-3)
+    assert [row[4] for row in rows] == [0, 0, 1, 0, 0]  # health: two samples were missing
+    assert ("poles kept" in out) == bool(refused)
