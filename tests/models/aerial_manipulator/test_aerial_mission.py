@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,7 +17,9 @@ from phyfilter_ctl import flatten, models, simulate
 from phyfilter_ctl.cli import main
 from phyfilter_ctl.controllers import arm_controller
 from phyfilter_ctl.plants import allocation_matrix, coupling_force, coupling_torque, rotate, rotate_back
+from phyfilter_ctl.study import median_interval
 from tests.cpu_budget import slow_but
+from tests.readme_cells import row_of
 
 ROOM = f"{models.__name__}.aerial_manipulator"
 comparison = importlib.import_module(f"{ROOM}.comparison")
@@ -264,6 +267,13 @@ def test_seeds_are_apart() -> None:
     assert sum(len(group) for group in groups) == len(set.union(*groups))
 
 
+def cell(label: str, method: str) -> list[float]:
+    """Numbers of a cell of the README: median, worst, and how many of 20 were within the tolerance."""
+    return [
+        float(v) for v in re.findall(r"[0-9.]+", row_of("**The aerial manipulator** (`run", label)[method])
+    ]
+
+
 @pytest.mark.parametrize("name", slow_but(("baseline", "observer"), methods.METHODS))
 def test_every_method_is_tuned_and_flies(name: str, request: pytest.FixtureRequest) -> None:
     entry = tuning.tuned()[name]
@@ -273,6 +283,24 @@ def test_every_method_is_tuned_and_flies(name: str, request: pytest.FixtureReque
     flown = experiment.fly(entry.method, (320,), request.getfixturevalue("trained").seer if learned else None)
     assert not flown.message
     assert flown.score().largest.max() < 0.6
+    if name == "baseline":  # whose missions hardly differ: README's cell, to the spread of its twenty
+        median, worst = cell("grasp window", "PD")[:2]
+        assert abs(100.0 * flown.score().grasp[0] - median) <= 2.0 * (worst - median)
+
+
+@pytest.mark.slow
+def test_readme_cells_of_the_observer_hold() -> None:
+    """The 20 missions of the command: within the interval of the median, and as many within the tolerance."""
+    score = experiment.fly(tuning.tuned()["observer"].method, tuple(range(20)), None).score()
+    for label, values, passed in (
+        ("grasp window", score.grasp, score.grasped),
+        ("place window", score.settle, score.placed),
+    ):
+        median, worst, count = cell(label, "observer")
+        interval = median_interval(100.0 * values)
+        assert interval.low - 0.05 <= median <= interval.high + 0.05  # the cell has one digit
+        assert worst == pytest.approx(100.0 * values.max(), rel=0.1)
+        assert abs(passed.sum() - count) <= 1
 
 
 @pytest.mark.slow
