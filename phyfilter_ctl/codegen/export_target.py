@@ -19,12 +19,13 @@ from ..filterfile import Signals
 from .export import export_c
 from .export_folder import write_folder
 from .filter_guard import guard_sources
-from .target_px4 import check_px4, px4_values
+from .target_autopilots import autopilot_values, check_autopilot
 
 __all__ = ["Target", "export_target"]
 
-Target = Literal["arduino", "cmake", "px4", "zephyr"]
+Target = Literal["arduino", "cmake", "crazyflie", "px4", "zephyr"]
 
+_AUTOPILOTS = ("crazyflie", "px4")
 _VERSION = "0.1.0"  # of the package that is written; its user counts on from here
 _OF_FILTER = """\
 Every @dt@ s, with time stamps in microseconds:
@@ -66,9 +67,9 @@ def export_target(
     Parameters
     ----------
     system : control.InputOutputSystem, FlatModel or SampledPhyFilter
-    target : {"arduino", "cmake", "px4", "zephyr"}
-        Arduino library (PlatformIO takes it too), CMake project with package files, external module of PX4 (a low-pass
-        filter of three channels, on the velocity per unit of mass, in float), Zephyr module.
+    target : {"arduino", "cmake", "crazyflie", "px4", "zephyr"}
+        Arduino library (PlatformIO takes it too), CMake project with package files, Zephyr module; app of the Crazyflie
+        and external module of PX4 (a low-pass filter of three channels, on the velocity per unit of mass, in float).
     folder : str or Path
         Written whole or not at all; files that no export wrote are not touched.
     real, name, channels, inertia, signals
@@ -101,9 +102,9 @@ def export_target(
     """
     if target not in get_args(Target):
         raise ValueError(f"target: expected one of {', '.join(get_args(Target))}, got {target!r}")
-    if target == "px4":
-        check_px4(system, name or "phyfilter", channels, inertia)
-        real = real or "float"
+    if target in _AUTOPILOTS:
+        check_autopilot(target, system, name or "phyfilter", channels, inertia)
+        real, channels = real or "float", 3
     with tempfile.TemporaryDirectory() as parent:
         written = export_c(
             system,
@@ -150,7 +151,7 @@ def _values(
             "dt": f"{system.dt:g}",
             "period_us": str(round(1e6 * system.dt)),
         }
-        return values | px4_values(system, name, c_files) | {"usage": _filled(_OF_FILTER, values)}
+        return values | autopilot_values(system, name, c_files) | {"usage": _filled(_OF_FILTER, values)}
     values |= {"header": f"{name}.h", "description": "a block diagram, one step at a time"}
     return values | {"usage": _filled(_OF_DIAGRAM, values)}
 

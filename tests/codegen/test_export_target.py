@@ -250,3 +250,93 @@ def test_px4s_module_flies(pole, refused, tmp_path):
         np.testing.assert_allclose(row[1:4], [1.0, 0.0, -0.5], atol=2e-3)
     assert [row[4] for row in rows] == [0, 0, 1, 0, 0]  # health: two samples were missing
     assert ("poles kept" in out) == bool(refused)
+
+
+CRAZYFLIE_DRIVER = """\
+#include <stdlib.h>
+#include <string.h>
+#include "crazyflie_stub.h"
+
+uint64_t stub_time = 5000000;
+float stub_thrust = 65535.0f * 9.81f / 18.0f;
+extern stub_entry stub_logs[], stub_params[];
+
+static void *at(stub_entry *table, const char *name) {
+  for (; table->name; table++)
+    if (!strcmp(table->name, name)) return table->at;
+  exit(2);
+}
+
+int main(void) {
+  state_t state = {{0, 0, 0}, {0, 0, 0, 1}};
+  control_t control = {0};
+  control.thrust = stub_thrust;
+  setpoint_t setpoint = {0};
+  sensorData_t sensors = {0};
+  const float h = 0.001f, *const fx = at(stub_logs, "fx"), *const fz = at(stub_logs, "fz");
+  controllerOutOfTreeInit();
+  if (!controllerOutOfTreeTest()) return 1;
+  (void)at(stub_params, "p1i");
+  for (uint32_t tick = 1; tick <= 3000; tick++) {
+    stub_time += 1000;
+    state.velocity.x += 1.0f * h;
+    state.velocity.z += (control.thrust / 65535.0f * 18.0f - 9.81f - 0.5f) * h;
+    if (tick == 2500) *(uint8_t *)at(stub_params, "ff") = 1;
+    controllerOutOfTree(&control, &setpoint, &sensors, &state, tick);
+  }
+  printf("%g %g %u %g\\n", (double)*fx, (double)*fz, (unsigned)*(uint32_t *)at(stub_logs, "health"),
+         (double)(control.thrust / stub_thrust));
+  return 0;
+}
+"""
+CRAZYFLIE_HEADERS = "app FreeRTOS task controller controller_pid log param stabilizer_types usec_time debug"
+
+
+@pytest.mark.slow
+def test_the_crazyflies_app_flies(tmp_path):
+    """Against stubs of the firmware's headers, under its warnings."""
+    filter_ = PhyFilter.from_poles([-12.0, -20.0 + 10.0j, -20.0 - 10.0j]).sampled(0.002)
+    folder = export_target(filter_, "crazyflie", tmp_path / "app", name="wind")
+    headers = tmp_path / "include"
+    headers.mkdir()
+    for name in CRAZYFLIE_HEADERS.split():
+        (headers / f"{name}.h").write_text('#include "crazyflie_stub.h"\n')
+    (tmp_path / "main.c").write_text(CRAZYFLIE_DRIVER)
+    built = re.findall(r"obj-y \+= (\w+)\.o", (folder / "src" / "Kbuild").read_text())
+    assert sorted(built) == sorted(path.stem for path in (folder / "src").glob("*.c"))
+    flags = [
+        "-std=gnu11",
+        "-O1",
+        "-Wall",
+        "-Werror",
+        "-Wdouble-promotion",
+        "-I",
+        headers,
+        "-I",
+        STUBS / "crazyflie",
+    ]
+    sources = [*(folder / "src").glob("*.c"), tmp_path / "main.c"]
+    ran(*find_compiler().command, *flags, *sources, "-lm", "-o", tmp_path / "app.out")
+    fx, fz, health, thrust = map(float, ran(tmp_path / "app.out").split())
+    np.testing.assert_allclose([fx, fz], [1.0, -0.5], atol=2e-3)
+    assert health == 0
+    np.testing.assert_allclose(
+        thrust, (9.81 + 0.5) / 9.81, rtol=1e-3
+    )  # the feed-forward carries what pulls down
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"name": "Wind"}, "small letters"),
+        ({"channels": 2}, "3 channels"),
+        ({"inertia": 2.0}, "per unit of mass"),
+        ({"dt": 0.0033}, "divides 1000 Hz"),
+        ({"b": [3.0]}, "low-pass"),
+    ],
+)
+def test_what_an_autopilot_cannot_take_is_refused(change, message, tmp_path):
+    filter_ = PhyFilter([12.0], change.pop("b", None)).sampled(change.pop("dt", 0.002))
+    with pytest.raises(ValueError, match=message):
+        export_target(filter_, "crazyflie", tmp_path / "a", **({"name": "wind"} | change))
+    assert not (tmp_path / "a").exists()

@@ -1,0 +1,113 @@
+"""What modules for autopilots say of a filter on the velocity: its parameters, one or two for each pole."""
+
+from __future__ import annotations
+
+import re
+
+import control as ct
+from numpy.typing import ArrayLike
+
+from ..diagram import FlatModel
+from ..filter import SampledPhyFilter
+
+__all__ = ["autopilot_values", "check_autopilot"]
+
+_AXES = 3
+_PREFIX = 6  # letters of the 16 that the name of a parameter has
+_SHORT = 9  # letters of the name of a debug vector of PX4, or of a group of the Crazyflie's parameters
+_TICKS = 1000  # a second of the Crazyflie's controller
+_NAME = re.compile(r"[a-z][a-z0-9]*(_[a-z][a-z0-9]*)*")
+
+
+def check_autopilot(
+    target: str,
+    system: ct.InputOutputSystem | FlatModel | SampledPhyFilter,
+    name: str,
+    channels: int | None,
+    inertia: ArrayLike | str | None,
+) -> None:
+    """Refuse what a module on the velocity of a vehicle cannot be made from.
+
+    Raises
+    ------
+    ValueError
+        If it is no low-pass filter of three channels with unit inertia, or name or rate are none that the target takes.
+
+    Examples
+    --------
+    >>> from phyfilter_ctl import PhyFilter
+    >>> check_autopilot("px4", PhyFilter([20.0]).sampled(0.004), "wind", 3, None)
+    """
+    if not _NAME.fullmatch(name):
+        raise ValueError(f"name: {target} takes small letters, digits and single underscores, got {name!r}")
+    if not isinstance(system, SampledPhyFilter) or system.E is not None or len(set(system.filters)) > 1:
+        raise ValueError(f"{target}: expected one sampled filter for all axes, without directions E")
+    lowpass = system.filters[0]
+    if lowpass.b[0] != lowpass.a[0] or lowpass.b[1:].any():
+        raise ValueError(
+            f"{target}: expected a low-pass filter, b = (a0, 0, ..., 0): its poles become parameters"
+        )
+    if channels not in (None, _AXES) or (channels is None and len(system.filters) not in (1, _AXES)):
+        raise ValueError(f"{target}: the velocity has {_AXES} channels, got channels={channels}")
+    if inertia is not None:
+        raise ValueError(f"{target}: the module works per unit of mass; leave the inertia out")
+    rate = 1.0 / system.dt
+    if target == "crazyflie" and (abs(rate - round(rate)) > 1e-6 * rate or _TICKS % round(rate)):
+        raise ValueError(f"crazyflie: expected a rate that divides {_TICKS} Hz, got dt = {system.dt:g} s")
+
+
+def autopilot_values(sampled: SampledPhyFilter, name: str, c_files: list[str]) -> dict[str, str]:
+    """What the templates of the modules leave open.
+
+    Examples
+    --------
+    >>> from phyfilter_ctl import PhyFilter
+    >>> values = autopilot_values(PhyFilter([20.0]).sampled(0.004), "wind_speed", ["wind_speed.c"])
+    >>> values["Name"], values["PREFIX"]
+    ('WindSpeed', 'WINDSP')
+    """
+    prefix = name.replace("_", "").upper()[:_PREFIX]
+    poles = [complex(pole) for pole in sampled.filters[0].poles if pole.imag >= 0.0]
+    parts = {
+        f"p{i}{part}": value
+        for i, pole in enumerate(poles)
+        for part, value in (("r", pole.real), ("i", pole.imag))
+        if part == "r" or value != 0.0
+    }
+    return {
+        "Name": "".join(word.capitalize() for word in name.split("_")),
+        "PREFIX": prefix,
+        "short": name[:_SHORT],
+        "rate": str(round(1.0 / sampled.dt)),
+        "px4_sources": "\n".join(f"\t\t{file}" for file in c_files),
+        "px4_poles": "\n".join(
+            f"      {prefix}_{part.upper()}:\n"
+            f'        description: {{short: "Pole {part[1:-1]}, {"real" if part[-1] == "r" else "imaginary"} part"}}\n'
+            f"        type: float\n        unit: rad/s\n        default: {value!r}"
+            for part, value in parts.items()
+        ),
+        "px4_members": "\n".join(
+            f"\t\t(ParamFloat<px4::params::{prefix}_{part.upper()}>) _{part}," for part in parts
+        ),
+        "px4_tune": _tune(poles, "\t", "(double)_{}.get()"),
+        "kbuild": "\n".join(f"obj-y += {file[:-2]}.o" for file in c_files),
+        "crazyflie_poles": "\n".join(f"static float {part} = {value!r}f;" for part, value in parts.items()),
+        "crazyflie_params": "\n".join(f"PARAM_ADD(PARAM_FLOAT, {part}, &{part})" for part in parts),
+        "crazyflie_tune": _tune(poles, "  ", "(double){}"),
+    }
+
+
+def _tune(poles: list[complex], indent: str, read: str) -> str:
+    """Statements that put the poles of the parameters into ``tuning`` and their product into ``a0``."""
+    lines, at = [], 0
+    for i, pole in enumerate(poles):
+        pair = pole.imag != 0.0
+        lines.append(f"const double re{i} = {read.format(f'p{i}r')};")
+        if pair:
+            lines.append(f"const double im{i} = {read.format(f'p{i}i')};")
+        for sign in ("", "-")[: 1 + pair]:
+            lines.append(f"tuning.poles[0][{at}][0] = re{i};")
+            lines += [f"tuning.poles[0][{at}][1] = {sign}im{i};"] if pair else []
+            at += 1
+        lines.append(f"a0 *= {f're{i} * re{i} + im{i} * im{i}' if pair else f'-re{i}'};")
+    return "\n".join(indent + line for line in lines)
