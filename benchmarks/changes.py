@@ -101,7 +101,7 @@ def in_flight(count: int, *, quick: bool) -> None:
     )
     print(f"{'':24} {'in 0.3 s':>8} {'delay, ms':>10} {'0.5 s later':>14} {f'{waits[1] * dt:g} s later':>14}")
     counts, follows = monitor(restart=True), monitor(restart=False)
-    early = 0
+    early = bold = 0
     for k, (name, (event, lost)) in enumerate(list(events.items())[: 1 if quick else None]):
         drawn = payload.windy_payloads(range(20_000 + k * count, 20_000 + (k + 1) * count))
         flown = part("experiment").fly(
@@ -136,15 +136,21 @@ def in_flight(count: int, *, quick: bool) -> None:
                     share = f"{100.0 * np.mean(own <= 0.3):.0f} %"
                     group = f"  of {100 * low:g} to {100 * high:g} %"
                     print(f"{group:24} {share:>8} {1e3 * np.median(own):>10.0f}    {len(own)} flights")
+        if quick or not lost:
+            alarm, _ = seen(monitor(restart=True, gusts=0.5), flown, quick=quick)
+            bold = int(np.sum(alarm[:, :begun].any(axis=1)))
     hours = (1 if quick else len(events)) * count * begun * dt / 3600.0
     print(f"alarms before anything happened: {early} in {hours:.2f} h; accepted: one an hour")
+    print(
+        f"with 0.5 N of gusts declared, which strong winds exceed: in {bold} of {count} flights of {begun * dt:g} s"
+    )
 
 
-def monitor(*, restart: bool) -> pf.FlatModel:
+def monitor(*, restart: bool, gusts: float | None = None) -> pf.FlatModel:
     """The block as a diagram of its own."""
     payload, dt = part("payload"), part("params").params().sampling.dt
     block = pf.separation_block(
-        payload.parts(),
+        payload.parts() if gusts is None else payload.parts(gusts),
         3,
         dt=dt,
         noise=payload.NOISE,

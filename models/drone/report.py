@@ -78,6 +78,8 @@ def table(comparison: Comparison, circle: Mapping[str, float] | None = None) -> 
     lines += [
         "",
         "* least of those that are not told the mass; horizontal and vertical are those of the flights in wind",
+        "all know the nominal mass and carry its weight by feed-forward; what no method but the last is trimmed for is",
+        "the payload",
     ]
     lines += ["", f"{'PhyFilter below, %':<26}{'mass only':>22}{'mass and wind':>22}{'paper':>12}"]
     for entry in reductions(comparison):
