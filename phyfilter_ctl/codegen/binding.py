@@ -62,6 +62,22 @@ int pf_exported_simulate(void *self, pf_real *work, pf_solver *solver, long long
 """
 
 
+class _EventClock(ct.Structure):
+    _fields_ = (
+        *((name, ct.c_double) for name in ("last", "soon", "h")),
+        ("count", ct.c_longlong),
+        *((name, ct.c_int) for name in ("in_a_row", "armed", "latest")),
+    )
+
+
+class _Events(ct.Structure):
+    _fields_ = (
+        ("count", ct.c_int),
+        ("directions", ct.c_void_p),
+        ("clock", ct.CFUNCTYPE(ct.POINTER(_EventClock), ct.c_void_p)),
+    )
+
+
 class _Table(ct.Structure):
     _fields_ = (
         ("name", ct.c_char_p),
@@ -80,6 +96,7 @@ class _Table(ct.Structure):
         ("directional", ct.CFUNCTYPE(ct.c_int, ct.c_void_p, ct.c_double, *[_VECTOR] * 5)),
         ("adjoint", ct.CFUNCTYPE(ct.c_int, ct.c_void_p, ct.c_double, *[_VECTOR] * 5)),
         ("accepted", ct.CFUNCTYPE(None, ct.c_void_p, ct.c_double)),
+        ("events", ct.POINTER(_Events)),
     )
 
 

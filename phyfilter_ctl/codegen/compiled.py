@@ -40,6 +40,8 @@ _MESSAGES = {
     "use method='rk4' with a given max_step",
     4: "the steps allowed were spent at t = {t:.9g} s",
     5: "damaged parameters, or flags of the compiler that give no IEEE arithmetic",
+    6: "events follow each other without time in between at t = {t:.9g} s, last {event}: a sliding mode, or ever "
+    "shorter bounces. Give a switch hysteresis; let a reset bring to rest what is slower than a threshold",
     100: "cancelled at t = {t:.9g} s",
     101: "the time limit was reached at t = {t:.9g} s",
 }
@@ -57,7 +59,7 @@ class CompiledRun(Result):
     sampled_states : (N, n_s) array
         Of the sampled blocks, after those due had run.
     status : int
-        0 done, 1 not finite, 2 no convergence, 3 step too small, 4 too many steps, 5 not usable,
+        0 done, 1 not finite, 2 no convergence, 3 step too small, 4 too many steps, 5 not usable, 6 endless events,
         100 cancelled, 101 time limit.
     message : str
         What happened, and what to try.
@@ -199,12 +201,18 @@ class CompiledModel:
             status = _watched(run, shared, solver, progress, time_limit)
         states, outputs, sampled = (np.asarray(result, dtype=np.float64) for result in results)
         message = _MESSAGES.get(status, "status {status} at t = {t:.9g} s").format(
-            t=reached.value, status=status
+            t=reached.value, status=status, event=self._latest_event(instance)
         )
         return CompiledRun(
             states, outputs, sampled, status, message, reached.value, int(shared.rows),
             np.array(instance.x, dtype=float),
         )  # fmt: skip
+
+    def _latest_event(self, instance: Instance) -> str:
+        table = self.library.table.events
+        if not (table and self.model.events):
+            return ""
+        return self.model.events[table.contents.clock(instance.address).contents.latest]
 
     def _matrix(self, name: str, values: ArrayLike, rows: int | None, columns: int) -> NDArray[np.floating]:
         shape = (columns,) if rows is None else (rows, columns)

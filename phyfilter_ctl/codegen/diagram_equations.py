@@ -25,6 +25,11 @@ def flat_functions(flat: FlatModel) -> dict[str, ca.Function]:
         found["unknowns"] = _named(flat.unknowns, arguments, ["found"])
     if flat.outputs:
         found["output"] = _named(flat.output, arguments, ["y"])
+    if flat.conditions is not None:
+        found["conditions"] = _named(flat.conditions, arguments, ["g"])
+    for i, event in enumerate(flat.events):
+        if event.reset is not None:
+            found[f"event_{i}"] = _named(event.reset, arguments, ["x_next"])
     for i, task in enumerate(flat.tasks):
         if task.law.inputs:
             found[f"signals_{i}"] = _named(task.signals, arguments, ["v"])

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from ..blocks.functions import Variable
+from ..diagram.equations import FlatEvent
 from .casadi_source import Real
 from .identifiers import identifiers
 
@@ -54,6 +55,7 @@ class Layout:
     between: bool
     version: int
     unknowns: int = 0
+    events: tuple[FlatEvent, ...] = ()
 
     @property
     def capital(self) -> str:
@@ -105,6 +107,10 @@ def _enum(layout: Layout, kind: str, variables: tuple[Variable, ...]) -> str:
     return "enum {\n" + "\n".join(lines) + "\n};\n"
 
 
+def _event_members(layout: Layout) -> str:
+    return f"  pf_events events;\n  pf_side sides[{len(layout.events)}];\n" if layout.events else ""
+
+
 def header_text(layout: Layout) -> str:
     """The public header ``<name>.h``."""
     name, capital = layout.name, layout.capital
@@ -154,7 +160,7 @@ typedef struct {{
   pf_real p[{room(layout.parameters)}], p_used[{room(layout.parameters)}]; /* as set, and in force */
   pf_real z[{room(layout.held)}]; /* outputs of the sampled blocks, held; unknowns of algebraic loops */
   pf_real s[{room(layout.law_states)}]; /* states of the sampled blocks */
-{members}}} {name};
+{_event_members(layout)}{members}}} {name};
 
 extern const pf_model {name}_model;
 

@@ -29,7 +29,9 @@ _DEFAULT_STEP = 1e-3
 _MOST_SUBSTEPS = 10**6
 
 
-def runtime_sources(names: tuple[str, ...] = _RUNTIME, real: Real = "double") -> dict[str, str]:
+def runtime_sources(
+    names: tuple[str, ...] = _RUNTIME, real: Real = "double", events: bool = False
+) -> dict[str, str]:
     """Texts of the C files that no model changes.
 
     Parameters
@@ -38,6 +40,8 @@ def runtime_sources(names: tuple[str, ...] = _RUNTIME, real: Real = "double") ->
         Files of codegen/runtime.
     real : {"double", "float"}
         What ``pf_real`` is where the compiler is not told otherwise (-DPF_REAL=...).
+    events : bool
+        With what runs events, pf_events.h.
 
     Examples
     --------
@@ -48,6 +52,8 @@ def runtime_sources(names: tuple[str, ...] = _RUNTIME, real: Real = "double") ->
     texts = {name: (folder / name).read_text(encoding="utf-8") for name in names}
     if real == "float" and "pf_model.h" in texts:
         texts["pf_model.h"] = texts["pf_model.h"].replace("#define PF_REAL double", "#define PF_REAL float")
+    if events and "pf_model.h" in texts:
+        texts["pf_model.h"] = texts["pf_model.h"].replace("#define PF_EVENTS 0", "#define PF_EVENTS 1")
     return texts
 
 
@@ -118,11 +124,6 @@ def diagram_model(
             f"block {callback.block} runs as Python, for which there is no C code: {callback.reason}. Write that line "
             "with arithmetic and functions of numpy or math on t, x, u and params"
         )
-    if flat.events:
-        raise ValueError(
-            f"{flat.name}: no C code for the events {', '.join(event.name for event in flat.events)}; simulate runs "
-            "them with backend='vm'"
-        )
     flat = as_sampled(flat)
     prefix = model_identifier(flat.name) if name is None else checked_identifier(name)
     functions = flat_functions(flat)
@@ -152,7 +153,7 @@ def diagram_model(
         can_fail="casadi_newton(" in equations or bool(parts.sources and len(parts.tasks) > 1), step=base,
         substeps=substeps,
         between=bool(flat.states) or not meets_all, version=_version(prefix, real, parameters),
-        unknowns=sum(loop.held.stop - loop.held.start for loop in flat.loops),
+        unknowns=sum(loop.held.stop - loop.held.start for loop in flat.loops), events=flat.events,
     )  # fmt: skip
     return CModel(
         name=prefix,
@@ -161,7 +162,9 @@ def diagram_model(
             f"{prefix}.c": source_text(layout, f"{prefix}_equations.h"),
             f"{prefix}_equations.h": equations,
             **parts.sources,
-            **runtime_sources(real=real),
+            **runtime_sources(
+                (*_RUNTIME, "pf_events.h") if flat.events else _RUNTIME, real, bool(flat.events)
+            ),
         },
         symbol=f"{prefix}_model",
         states=flat.states,
@@ -171,6 +174,7 @@ def diagram_model(
         sampled_states=sampled_states,
         tasks=tuple((task.name, task.period) for task in flat.tasks),
         step=base,
+        events=tuple(event.name for event in flat.events),
         depends=dependence(flat),
         remembers=bool(flat.loops),
         description=flat.name,

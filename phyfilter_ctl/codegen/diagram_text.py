@@ -23,7 +23,7 @@ def _table(layout: Layout) -> str:
         *(f"{layout.capital}_{key}" for key in ("N_X", "N_U", "N_Y", "N_P", "N_S", "N_TASKS")), "0",
         f"{name}_init", "states", "inputs", "parameters", "sampled_states", "apply", "start", "derivatives", "outputs",
         "next_instant", "sample", "NULL", *(product if layout.derivatives else "NULL" for product in products),
-        "accepted" if layout.unknowns else "NULL",
+        "accepted" if layout.unknowns else "NULL", "&EVENTS" if layout.events else "NULL",
     ]  # fmt: skip
     lines, line = [], "   "
     for entry in entries:
@@ -50,8 +50,52 @@ static void accepted(void *instance, pf_time t) {{
 """
 
 
+def _events(layout: Layout) -> str:
+    if not layout.events:
+        return ""
+    name = layout.name
+    opening = f"  {name} *const self = ({name} *)instance;\n  const pf_real now = (pf_real)t;\n"
+    cases = "".join(
+        f"    case {i}: /* {in_comment(event.name)} */\n"
+        f"      status = {name}_event_{i}(&now, x, self->u, self->p_used, self->z, after);\n      break;\n"
+        for i, event in enumerate(layout.events)
+        if event.reset is not None
+    )
+    directions = ", ".join(str(event.direction) for event in layout.events)
+    return f"""
+static const signed char DIRECTIONS[] = {{{directions}}};
+
+static pf_events *event_clock(void *self) {{ return &(({name} *)self)->events; }}
+static pf_side *event_sides(void *self) {{ return (({name} *)self)->sides; }}
+
+static int conditions(void *instance, pf_time t, const pf_real *x, pf_real *g) {{
+{opening}  return {name}_conditions(&now, x, self->u, self->p_used, self->z, g);
+}}
+
+static int event_reset(void *instance, pf_time t, int event, pf_real *x) {{
+{opening}  pf_real after[{room(layout.states)}];
+  int status = PF_OK;
+  switch (event) {{
+{cases}    default:
+      (void)now;
+      return PF_OK;
+  }}
+  if (!status) memcpy(x, after, sizeof after);
+  return status;
+}}
+
+static const pf_event_table EVENTS = {{
+    {len(layout.events)}, DIRECTIONS, event_clock, event_sides, conditions, event_reset}};
+"""
+
+
 def _sample(layout: Layout) -> str:
     begin = "  accepted(instance, t);\n" if layout.unknowns else ""
+    begin += (
+        "  memset(event_clock(instance), 0, sizeof(pf_events)); /* sides are those of the start */\n"
+        if layout.events
+        else ""
+    )
     if not layout.tasks:
         return (
             f"""\
@@ -214,12 +258,18 @@ const char *{name}_set_parameters({name} *self, const {name}_parameters *paramet
 """
 
 
+def _work(layout: Layout) -> int:
+    """pf_work_reals of the model."""
+    states, events = len(layout.states), len(layout.events)
+    return 8 * states + len(layout.inputs) + 1 + (4 * states + 5 * events if events else 0)
+
+
 def _step(layout: Layout) -> str:
     name, capital = layout.name, layout.capital
     if layout.between:
         going_on = f"""\
   if (!status) {{
-    pf_real work[{8 * len(layout.states) + len(layout.inputs) + 1}];
+    pf_real work[{_work(layout)}];
     pf_solver solver = {{PF_RK4, {capital}_STEP / {layout.substeps}, 0, 0, 0, 0}};
     pf_time reached;
     const pf_time end = (pf_time)(self->steps + 1) * {capital}_STEP;
@@ -305,7 +355,7 @@ static void sampled_states(const void *instance, pf_real *s) {{
 void {name}_set_states({name} *self, const pf_real *s) {{
 {set_unread}{write}}}
 
-{_evaluations(layout)}{_accepted(layout)}
+{_evaluations(layout)}{_accepted(layout)}{_events(layout)}
 {_sample(layout)}
 {_parameters(layout)}
 int {name}_reset({name} *self) {{

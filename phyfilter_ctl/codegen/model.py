@@ -39,6 +39,8 @@ class CModel:
     formula : str
         Transfer function as text, for comments and documentation; "" where there is none.
     description : str
+    events : tuple of str
+        Names of the events.
     step : float
         Seconds between two calls of ``<name>_step`` of a diagram; 0: there is no such function.
     """
@@ -57,4 +59,5 @@ class CModel:
     remembers: bool = False
     formula: str = ""
     description: str = ""
+    events: tuple[str, ...] = ()
     step: float = 0.0

@@ -64,7 +64,7 @@ class SimulationResponse(ct.TimeResponseData):
     failed_at : float
         Time in seconds that the run came to before it failed; inf where it succeeded. Later values are NaN.
     events : tuple of (float, str)
-        Events that happened: seconds and name, in order.
+        Events that happened: seconds and name, in order. C does not record them.
     callbacks : mapping of str to float, optional
         Blocks that ran as Python, since their functions cannot be traced, and the share of the run's time that they
         took, 0 to 1; see :attr:`FlatModel.callbacks` for the reasons.

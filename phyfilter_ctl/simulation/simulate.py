@@ -284,12 +284,13 @@ def _decided(flat: FlatModel, run: Run, options: Options, runs: int) -> Options:
         small = max((len(group) for group in linear_part(flat).groups), default=0) <= _MOST_COUPLED
         method = "exact" if backend != "c" and has_linear_states(flat) and small else "auto"
     if flat.events:
-        if method in ("rk4", "exact") and options.method != "auto":
+        if options.method == "exact" or (options.method == "rk4" and backend != "c"):
             raise ValueError(
                 f"method={options.method!r} steps over the events of {flat.name}: expected 'auto', 'adaptive' or "
-                "'stiff'"
+                "'stiff', or 'rk4' with backend='c'"
             )
         method = "auto" if method == "exact" else method
+        backend = "vm" if backend == "auto" else backend  # which records the events
     if not flat.states or flat.dt > 0.0:
         method = "rk4"  # nothing to integrate
     if backend == "auto":

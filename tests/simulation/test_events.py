@@ -1,12 +1,32 @@
 """Events: when they happen, against closed forms and a piecewise integration; what ends a run; what is refused."""
 
+import subprocess
+
 import control as ct
 import hybrid_models as models
 import numpy as np
 import pytest
 
 import phyfilter_ctl as pf
+from phyfilter_ctl.codegen.compiler import compile_sources
 
+STRICT = ["-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-Werror"]
+MAIN = """
+#include <stdio.h>
+#include "ball.h"
+int main(void) {
+  static ball self;
+  pf_real u[1] = {0}, y[BALL_N_Y];
+  if (ball_init(&self)) return 1;
+  self.x[0] = 1;
+  self.x[2] = 1;
+  for (int k = 0; k < 300; k++) {
+    if (ball_step(&self, u, y)) return 2;
+    printf("%.17g\\n", (double)y[0]);
+  }
+  return 0;
+}
+"""
 # Free fall is a polynomial that the integrator takes exactly: rounding of times, and of 60 products of 0.8, is left.
 EXACT = 1e-12
 # Each phase may err by the tolerance of a step over the slope of its condition, and starts from the errors of those
@@ -171,6 +191,54 @@ def test_beside_a_sampled_block():
     system = ct.interconnect([spill, valve, one], inputs=["r"], outputs=["h"], name="plant")
     answer = pf.simulate(system, [0.0, 2.5], 1.0, backend="vm")
     close(times_of(answer), [0.8, 1.6, 2.4], atol=EXACT)
+
+
+RUNS = {
+    "ball": (models.bouncing_ball, [1.0, 0.0, 1.0], 3.9),
+    "thermostat": (models.thermostat, [20.0, 1.0], 40.0),
+    "stick-slip": (models.stick_slip, [0.0, 0.5, 1.0], 20.0),
+    "hopper": (models.hopper, [1.0, 0.0, 0.0], 2.0),
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", RUNS)
+def test_c_finds_the_same_events(name):
+    """Another integrator, another polynomial and another search: the states agree between all events."""
+    make, start, end = RUNS[name]
+    flat, times = pf.flatten(make()), np.linspace(0.0, end, 200)
+    one, other = (
+        pf.simulate(flat, times, initial_state=start, backend=backend, **TIGHT) for backend in ("vm", "c")
+    )
+    assert other.backend == "c"
+    close(other.states, one.states, INTEGRATED)
+
+
+@pytest.mark.slow
+def test_c_ends_where_bounces_do():
+    answer = pf.simulate(models.bouncing_ball(), [0.0, 4.0, 4.2], initial_state=[1.0, 0.0, 1.0], backend="c")
+    assert not answer.success
+    assert answer.failed_at == pytest.approx(np.sqrt(2 / models.GRAVITY) * 9, abs=1e-9)
+    assert "last hit: a sliding mode, or ever shorter bounces" in answer.message
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("real", ["double", "float"])
+def test_exported_steps_meet_the_events(real, tmp_path):
+    """Runge-Kutta steps of 10 ms, cut short at the bounces: free fall is exact, the bounces are between the steps."""
+    folder = pf.export_c(models.bouncing_ball(), tmp_path / "ball", step=0.01, real=real)
+    sources = {path.name: path.read_text() for path in folder.iterdir() if path.suffix in {".c", ".h"}}
+    sources["main.c"] = MAIN
+    strict = ["-Wconversion", "-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
+    program = compile_sources(sources, tmp_path / "run", kind="program", flags=[*STRICT, *strict])
+    out = subprocess.run([program], check=True, capture_output=True, text=True).stdout
+    heights = np.array([float(line) for line in out.split()])
+    times = 0.01 * np.arange(len(heights))
+    expected = pf.simulate(
+        models.bouncing_ball(), times, initial_state=[1.0, 0.0, 1.0], backend="vm"
+    ).outputs[0]
+    # Numbers of size 5 in 24 bits over 300 steps; in 53 bits the times of twelve bounces.
+    close(heights, expected, 1e-11 if real == "double" else 1e-4)
 
 
 def test_what_has_no_events_refuses_them():

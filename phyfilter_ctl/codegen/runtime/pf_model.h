@@ -22,8 +22,30 @@ enum {
   PF_NO_CONVERGENCE = 2,
   PF_STEP_TOO_SMALL = 3,
   PF_TOO_MANY_STEPS = 4,
-  PF_UNUSABLE = 5
+  PF_UNUSABLE = 5,
+  PF_ENDLESS_EVENTS = 6
 };
+
+#define PF_EVENTS 0 /* 1: the model has events, and pf_run.c what runs them */
+
+typedef struct { /* a condition's side: the sign it was last seen with; waiting: the one it is heading for */
+  signed char side, waiting;
+} pf_side;
+
+typedef struct { /* what a model with events remembers of them, besides the sides; all 0 before a run */
+  pf_time last, soon, h;
+  long long count;
+  int in_a_row, armed, latest;
+} pf_events;
+
+typedef struct {
+  int count;
+  const signed char *directions; /* of each condition at its event: -1 falling, 0 either way, 1 rising */
+  pf_events *(*clock)(void *self);
+  pf_side *(*sides)(void *self);
+  int (*conditions)(void *self, pf_time t, const pf_real *x, pf_real *g);
+  int (*reset)(void *self, pf_time t, int event, pf_real *x); /* x becomes what it is after the event */
+} pf_event_table;
 
 typedef struct pf_model {
   const char *name;
@@ -65,6 +87,7 @@ typedef struct pf_model {
   /* A step of integration was accepted and ends at t, x and u in place: algebraic loops are sought from their solution
    * there until the next. NULL where the model has none. */
   void (*accepted)(void *self, pf_time t);
+  const pf_event_table *events; /* NULL where there are none */
 } pf_model;
 
 #endif

@@ -3,7 +3,7 @@
 
 #include "pf_run.h"
 
-enum { STAGES = 7, RK4_VECTORS = 3, ADAPTIVE_VECTORS = STAGES + 1 };
+enum { STAGES = 7, RK4_VECTORS = 3, ADAPTIVE_VECTORS = STAGES + 1, EVENT_VECTORS = 4, EVENT_MARKS = 5 };
 
 #define TIME_ROUNDING 8.9e-16 /* 4 eps: what k * period may differ from the same instant on another grid */
 #define SAME_STOP 1e-9        /* of the way since the last stop */
@@ -22,7 +22,12 @@ static int all_finite(const pf_real *x, int n) {
 }
 
 size_t pf_work_reals(const pf_model *model) {
-  return (size_t)ADAPTIVE_VECTORS * (size_t)model->n_x + (size_t)model->n_u + 1;
+  const size_t vectors = (size_t)ADAPTIVE_VECTORS * (size_t)model->n_x + (size_t)model->n_u + 1;
+#if PF_EVENTS
+  if (model->events)
+    return vectors + (size_t)EVENT_VECTORS * (size_t)model->n_x + (size_t)EVENT_MARKS * (size_t)model->events->count;
+#endif
+  return vectors;
 }
 
 /* One way from stop to stop. */
@@ -69,10 +74,50 @@ static int rk4_step(const segment *way, pf_real *work, pf_time t, pf_time t_next
   if (!status) status = slopes_at(way, t_next, trial, k);
   if (status) return status;
   for (int i = 0; i < n; i++) trial[i] = x[i] + sixth * (sum[i] + k[i]);
-  if (!all_finite(trial, n)) return PF_NOT_FINITE;
-  for (int i = 0; i < n; i++) x[i] = trial[i];
-  return PF_OK;
+  return all_finite(trial, n) ? PF_OK : PF_NOT_FINITE;
 }
+
+/* Dormand and Prince 1980, RK5(4)7M; the last stage is the first of the next step. */
+static const pf_time NODE[STAGES] = {0.0, 1.0 / 5, 3.0 / 10, 4.0 / 5, 8.0 / 9, 1.0, 1.0};
+static const pf_time STAGE[STAGES][STAGES - 1] = {
+    {0},
+    {1.0 / 5},
+    {3.0 / 40, 9.0 / 40},
+    {44.0 / 45, -56.0 / 15, 32.0 / 9},
+    {19372.0 / 6561, -25360.0 / 2187, 64448.0 / 6561, -212.0 / 729},
+    {9017.0 / 3168, -355.0 / 33, 46732.0 / 5247, 49.0 / 176, -5103.0 / 18656},
+    {35.0 / 384, 0.0, 500.0 / 1113, 125.0 / 192, -2187.0 / 6784, 11.0 / 84}};
+static const pf_time DIFFERENCE[STAGES] = {71.0 / 57600,      0.0,          -71.0 / 16695, 71.0 / 1920,
+                                           -17253.0 / 339200, 22.0 / 525, -1.0 / 40};
+
+/* The stages of a step, on the first of them; the last and the trial are those at its end. */
+static int stages(const segment *way, pf_real *work, pf_time t, pf_time next) {
+  const int n = way->model->n_x;
+  pf_real *const trial = work + STAGES * n;
+  const pf_time h = next - t;
+  int status = PF_OK;
+  for (int s = 1; s < STAGES && !status; s++) {
+    for (int i = 0; i < n; i++) {
+      pf_real sum = 0;
+      for (int j = 0; j < s; j++) sum += (pf_real)STAGE[s][j] * work[j * n + i];
+      trial[i] = way->x[i] + (pf_real)h * sum;
+    }
+    status = slopes_at(way, NODE[s] < 1.0 ? t + NODE[s] * h : next, trial, work + s * n);
+  }
+  return status;
+}
+
+#if PF_EVENTS
+static int attempt(const segment *way, pf_real *work, int method, pf_time t, pf_time next) {
+  return method == PF_RK4 ? rk4_step(way, work, t, next) : stages(way, work, t, next);
+}
+
+static pf_real *trial_of(const pf_model *model, pf_real *work, int method) {
+  return work + (method == PF_RK4 ? 2 : STAGES) * model->n_x;
+}
+
+#include "pf_events.h"
+#endif
 
 static int spend(pf_solver *solver) {
   if (solver->budget < 0) return PF_TOO_MANY_STEPS;
@@ -93,27 +138,21 @@ static int rk4(const segment *way, pf_real *work, pf_solver *solver, pf_time t_e
   }
   for (long i = 1; i <= steps; i++) {
     const pf_time next = i == steps ? t_end : way->begin + length * (pf_time)i / (pf_time)steps;
-    int status = spend(solver);
-    if (!status) status = rk4_step(way, work, *t_reached, next);
-    if (status) return status;
-    *t_reached = next;
-    accept(way, next);
+    while (*t_reached < next) {
+      pf_time end = next;
+      int happened = 0, status = spend(solver);
+      if (!status) status = rk4_step(way, work, *t_reached, end);
+#if PF_EVENTS
+      if (!status && way->model->events) status = cut_by_event(way, work, PF_RK4, *t_reached, &end, &happened);
+#endif
+      if (status) return status;
+      for (int j = 0; j < way->model->n_x && !happened; j++) way->x[j] = work[2 * way->model->n_x + j];
+      *t_reached = end;
+      accept(way, end);
+    }
   }
   return PF_OK;
 }
-
-/* Dormand and Prince 1980, RK5(4)7M; the last stage is the first of the next step. */
-static const pf_time NODE[STAGES] = {0.0, 1.0 / 5, 3.0 / 10, 4.0 / 5, 8.0 / 9, 1.0, 1.0};
-static const pf_time STAGE[STAGES][STAGES - 1] = {
-    {0},
-    {1.0 / 5},
-    {3.0 / 40, 9.0 / 40},
-    {44.0 / 45, -56.0 / 15, 32.0 / 9},
-    {19372.0 / 6561, -25360.0 / 2187, 64448.0 / 6561, -212.0 / 729},
-    {9017.0 / 3168, -355.0 / 33, 46732.0 / 5247, 49.0 / 176, -5103.0 / 18656},
-    {35.0 / 384, 0.0, 500.0 / 1113, 125.0 / 192, -2187.0 / 6784, 11.0 / 84}};
-static const pf_time DIFFERENCE[STAGES] = {71.0 / 57600,      0.0,          -71.0 / 16695, 71.0 / 1920,
-                                           -17253.0 / 339200, 22.0 / 525, -1.0 / 40};
 
 static pf_time square_root(pf_time value) { /* of 1e-2 ... 1e2 */
   pf_time root = 0.5 * (1.0 + value);
@@ -168,17 +207,10 @@ static int adaptive(const segment *way, pf_real *work, pf_solver *solver, pf_tim
     if (solver->step > 0.0 && solver->h > solver->step) solver->h = solver->step;
     /* Never a sliver at the end: what is left is one step, or at least two halves. */
     pf_time h = solver->h >= left * (1.0 - SAME_STOP) ? left : solver->h > 0.5 * left ? 0.5 * left : solver->h;
-    const pf_time next = h == left ? t_end : t + h;
+    pf_time next = h == left ? t_end : t + h;
     h = next - t;
     if (!(h > 0.0)) return PF_STEP_TOO_SMALL;
-    for (int s = 1; s < STAGES && !status; s++) {
-      for (int i = 0; i < n; i++) {
-        pf_real sum = 0;
-        for (int j = 0; j < s; j++) sum += (pf_real)STAGE[s][j] * k[j][i];
-        trial[i] = way->x[i] + (pf_real)h * sum;
-      }
-      status = slopes_at(way, NODE[s] < 1.0 ? t + NODE[s] * h : next, trial, k[s]);
-    }
+    status = stages(way, work, t, next);
     pf_time error = 0.0;
     for (int i = 0; i < n && !status; i++) {
       pf_real sum = 0;
@@ -197,6 +229,21 @@ static int adaptive(const segment *way, pf_real *work, pf_solver *solver, pf_tim
       if (h >= solver->h * (1.0 - SAME_STOP) || h * factor > solver->h) solver->h = h * factor;
       before = root;
       rejected = 0;
+#if PF_EVENTS
+      if (way->model->events) {
+        int happened = 0; /* the last stage is lost where the end of the step was looked at */
+        status = cut_by_event(way, work, PF_ADAPTIVE, t, &next, &happened);
+        if (!status && happened) status = slopes_at(way, next, way->x, trial);
+        if (!status && !happened) status = slopes_at(way, next, trial, k[STAGES - 1]);
+        if (status) return status;
+        if (happened)
+          for (int i = 0; i < n; i++) {
+            k[STAGES - 1][i] = trial[i];
+            trial[i] = way->x[i];
+          }
+        if (!all_finite(k[STAGES - 1], n)) return PF_NOT_FINITE;
+      }
+#endif
       for (int i = 0; i < n; i++) {
         way->x[i] = trial[i];
         k[0][i] = k[STAGES - 1][i];
@@ -256,7 +303,11 @@ static int run(const pf_model *model, void *self, pf_real *work, pf_solver *solv
     const pf_time next = model->n_tasks ? model->next(self) : PF_NEVER;
     const int last = !(next < t_end - tolerance(way.begin, t_end));
     const pf_time stop = last ? t_end : next > way.begin ? next : way.begin;
-    int status = integrate(&way, work, solver, stop, t_reached);
+    int status = PF_OK;
+#if PF_EVENTS
+    if (model->events) status = settle_here(&way, work, solver->method, way.begin);
+#endif
+    if (!status) status = integrate(&way, work, solver, stop, t_reached);
     if (!status && (!last || with_end)) status = pf_catch_up(model, self, way.begin, stop);
     if (status || last) return status;
   }

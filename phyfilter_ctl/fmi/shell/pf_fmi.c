@@ -209,6 +209,7 @@ int pf_fmi_failure(pf_fmi *self, const char *call, int code) {
                     : code == PF_STEP_TOO_SMALL && !self->model->n_x
                         ? "a step of this length is not possible; forward Euler would diverge"
                     : code == PF_TOO_MANY_STEPS ? "the solver took 1e7 steps; the model is stiff or chatters"
+                    : code == PF_ENDLESS_EVENTS ? "events follow each other without time in between"
                     : code == PF_STEP_TOO_SMALL ? "the solver's steps became too short; the model is stiff or diverges"
                                                 : "a number is no longer finite");
 }
