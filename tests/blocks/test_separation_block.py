@@ -7,6 +7,7 @@ import pytest
 
 import phyfilter_ctl as pf
 from phyfilter_ctl.blocks import separation_block
+from phyfilter_ctl.codegen import compile_model
 from phyfilter_ctl.estimation import (
     ColouredForce,
     ModelScale,
@@ -19,6 +20,8 @@ from phyfilter_ctl.estimation import (
 
 # A hundred steps of two forms of the measurement update, covariances of a condition below 1e6.
 AGREE = 1e-9
+# Of a deviation, in single precision.
+SINGLE = 1e-2
 H = 0.02
 N = 120
 
@@ -119,6 +122,39 @@ def test_in_c(case):
     run = pf.simulate(diagram, H * np.arange(N), inputs.T, interpolation="hold", backend="c")
     assert run.backend == "c"
     compare(run.outputs.T, found)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("moving", [3.0, 0.0])
+def test_in_c_of_single_precision(moving):
+    """A minute at 100 Hz on a circle and at hover: off by a small share of what is not known anyway."""
+    rng, n, h = np.random.default_rng(0), 6000, 0.01
+    t = h * np.arange(n)
+    motion = moving * np.stack([np.sin(2.0 * t), np.cos(2.0 * t), 0.5 * np.sin(t)], axis=1)
+    g = 3.5 * motion + np.array([0.0, 0.0, 0.5 * 9.81])
+    gusts = np.cumsum(rng.standard_normal((n, 3)), axis=0) * 0.002
+    x = np.cumsum((g + gusts - [0.0, 0.0, 0.5 * 9.81]) * h / 3.5, axis=0) + 0.01 * rng.standard_normal((n, 3))
+    parts = [Payload(1.0), SteadyForce([5.0, 5.0, 0.25], name="mean"), ColouredForce(0.5, 10.0)]
+    block = separation_block(parts, 3, dt=h, noise=0.03, inertia=3.0)
+    diagram = ct.interconnect(
+        [block], inplist=[f"separation.{label}" for label in block.input_labels], inputs=block.input_labels,
+        outlist=[f"separation.{label}" for label in block.output_labels], outputs=block.output_labels,
+    )  # fmt: skip
+    flat, u = pf.flatten(diagram), np.hstack([x, g, np.zeros_like(x)])
+    double, single = (
+        np.asarray(compile_model(flat, real=real).simulate(t, u, interpolation="hold").outputs)
+        for real in ("double", "float")
+    )
+    p = len(parts) * 3 - 2
+    known = double[:, 3 + 2 * p :] > 0.5
+    agree = known == (single[:, 3 + 2 * p :] > 0.5)
+    assert np.mean(agree) > 0.999  # what is at the edge of known may be said a step apart
+    estimate, sd = (slice(3, 3 + p), slice(3 + p, 3 + 2 * p))
+    off = np.abs(single[:, estimate] - double[:, estimate]) / double[:, sd]
+    assert np.max(off[known & agree]) < SINGLE
+    np.testing.assert_allclose(single[1:, sd], double[1:, sd], rtol=SINGLE)
+    # f_hat rests on all of them, of gusts of 0.5 N.
+    assert np.max(np.abs(single[:, :3] - double[:, :3])) < SINGLE * 0.5
 
 
 def test_what_is_refused():

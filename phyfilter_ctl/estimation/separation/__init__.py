@@ -1,6 +1,7 @@
 """What the residual is made of: payload, wind, drag, a model's scale, each with its uncertainty, or only their sum."""
 
 from .changes import Changes, detect_changes
+from .found import PartEstimate, PartialSum, Separation
 from .identifiability import Combination, Identifiability
 from .parts import (
     AddedInertia,
@@ -12,7 +13,7 @@ from .parts import (
     SensorBias,
     SteadyForce,
 )
-from .separate import PartEstimate, PartialSum, Separation, separate
+from .separate import separate
 
 __all__ = [
     "AddedInertia",

@@ -17,7 +17,7 @@ from .kalman import Forward
 from .structure import Working
 
 if TYPE_CHECKING:
-    from .separate import Separation
+    from .found import Separation
 
 __all__ = ["Changes", "Schedule", "detect_changes", "evidence"]
 

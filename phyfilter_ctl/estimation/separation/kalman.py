@@ -14,7 +14,7 @@ import numpy as np
 from ..._sections import FloatArray
 from .structure import Moments, Samples, Working, moments
 
-__all__ = ["Course", "Forward", "added", "forward", "smoothed", "started", "transition"]
+__all__ = ["Course", "Forward", "Later", "added", "forward", "smoothed", "started", "transition"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,18 +75,31 @@ def added(step: Moments, push: FloatArray, scale: FloatArray) -> FloatArray:
     return Q
 
 
-def started(working: Working, x: FloatArray, R: FloatArray) -> Course:
-    """At the first sample, x (..., n_x): nothing is known of x before it."""
+def started(
+    working: Working,
+    x: FloatArray,
+    R: FloatArray,
+    before: Course | None = None,
+    shared: FloatArray | None = None,
+) -> Course:
+    """At the first sample, x (..., n_x): nothing is known of x before it.
+
+    Of the scalars that are ``shared`` (p,), 1 or 0, with the recording before is known what its last state says.
+    """
     B, n_x = working.structure.measured, working.structure.n_x
-    P = np.zeros((n_x + len(working.sd),) * 2)
-    prior = np.diag(working.sd**2)
-    P[n_x:, n_x:] = prior
-    P[:n_x, :n_x] = B @ prior @ B.T + R
-    P[:n_x, n_x:] = -B @ prior
-    P[n_x:, :n_x] = P[:n_x, n_x:].T
+    n = n_x + len(working.sd)
     c = np.broadcast_to(working.mean, (*x.shape[:-1], len(working.sd)))
-    mean = np.concatenate([x - c @ B.T, c], axis=-1)
-    return Course(mean, np.broadcast_to(P, (*x.shape[:-1], *P.shape)))
+    prior = np.diag(working.sd**2)
+    if before is not None and shared is not None:
+        c = np.where(shared > 0.0, before.mean[..., n_x:], c)
+        both = shared[:, None] * shared
+        prior = np.diag((1.0 - shared) * working.sd**2) + both * before.covariance[..., n_x:, n_x:]
+    P = np.zeros((*x.shape[:-1], n, n))
+    P[..., n_x:, n_x:] = prior
+    P[..., :n_x, :n_x] = B @ prior @ B.T + R
+    P[..., :n_x, n_x:] = -B @ prior
+    P[..., n_x:, :n_x] = np.swapaxes(P[..., :n_x, n_x:], -1, -2)
+    return Course(np.concatenate([x - c @ B.T, c], axis=-1), P)
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,11 +129,16 @@ def _measured(
     return _Step(z + (K @ innovation[..., None])[..., 0], P, F, K, S_inverse, innovation)
 
 
-def forward(working: Working, data: Samples, about: FloatArray | None = None) -> Forward:
-    """The filter; random forces are scaled by the eta that it finds, or by that of means ``about`` (N, ..., n)."""
+def forward(
+    working: Working, data: Samples, about: FloatArray | None = None, first: Course | None = None
+) -> Forward:
+    """The filter; random forces are scaled by the eta that it finds, or by that of means ``about`` (N, ..., n).
+
+    ``first`` is the state at the first sample; None: nothing is known but the priors.
+    """
     structure = working.structure
     n_x, m = structure.n_x, len(data.h)
-    first = started(working, data.x[0], data.R)
+    first = started(working, data.x[0], data.R) if first is None else first
     H = np.hstack([np.eye(n_x), structure.measured])
     lengths, which = np.unique(data.h, return_inverse=True)
     steps = [moments(structure.rate, structure.density, float(h)) for h in lengths]
@@ -150,21 +168,48 @@ def forward(working: Working, data: Samples, about: FloatArray | None = None) ->
     return Forward(course, F, innovation, whitened, S_inverse, gain, likelihood)
 
 
-def smoothed(working: Working, run: Forward) -> Course:
-    """Given all samples."""
+@dataclass(frozen=True, eq=False)
+class Later:
+    """What samples after a state say of it: its mean given them all is mean - P adjoint, and P - P information P.
+
+    Attributes
+    ----------
+    adjoint : (..., n, 1) array
+    information : (..., n, n) array
+    """
+
+    adjoint: FloatArray
+    information: FloatArray
+
+    def through(self, working: Working, shared: FloatArray) -> Later:
+        """Of the last state of the recording before, which has scalars in common with this one."""
+        n_x = working.structure.n_x
+        F = np.zeros_like(self.information)
+        F[..., :n_x, n_x:] = -working.structure.measured * shared
+        F[..., n_x:, n_x:] = np.diag(shared)
+        back = np.swapaxes(F, -1, -2)
+        return Later(back @ self.adjoint, back @ self.information @ F)
+
+
+def smoothed(working: Working, run: Forward, later: Later | None = None) -> tuple[Course, Later]:
+    """Given all samples, and what later recordings say of the last state; and what all say of the first state."""
     means, covariances = run.course.mean.copy(), run.course.covariance.copy()
     H = np.hstack([np.eye(working.structure.n_x), working.structure.measured])
     eye = np.eye(means.shape[-1])
-    adjoint = np.zeros((*means.shape[1:], 1))
-    information = np.zeros(covariances.shape[1:])
-    for k in range(len(run.F) - 1, -1, -1):
-        left = eye - run.gain[k] @ H
-        seen = H.T @ run.S_inverse[k]
-        adjoint = np.swapaxes(left, -1, -2) @ adjoint - seen @ run.innovation[k][..., None]
-        information = np.swapaxes(left, -1, -2) @ information @ left + seen @ H
-        back = np.swapaxes(run.F[k], -1, -2)
-        adjoint, information = back @ adjoint, back @ information @ run.F[k]
+    if later is None:
+        later = Later(np.zeros((*means.shape[1:], 1)), np.zeros(covariances.shape[1:]))
+    adjoint, information = later.adjoint, later.information
+    for k in range(len(run.F), -1, -1):
         P = run.course.covariance[k]
         means[k] -= (P @ adjoint)[..., 0]
         covariances[k] -= P @ information @ P
-    return Course(means, 0.5 * (covariances + np.swapaxes(covariances, -1, -2)))
+        if k == 0:
+            break
+        left = eye - run.gain[k - 1] @ H
+        seen = H.T @ run.S_inverse[k - 1]
+        adjoint = np.swapaxes(left, -1, -2) @ adjoint - seen @ run.innovation[k - 1][..., None]
+        information = np.swapaxes(left, -1, -2) @ information @ left + seen @ H
+        back = np.swapaxes(run.F[k - 1], -1, -2)
+        adjoint, information = back @ adjoint, back @ information @ run.F[k - 1]
+    course = Course(means, 0.5 * (covariances + np.swapaxes(covariances, -1, -2)))
+    return course, Later(adjoint, information)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from typing import cast, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,200 +13,22 @@ from ..._sections import FloatArray
 from ...filter.sampling import Rule
 from ...recording import Recording
 from ...recording.checks import refuse_gaps
-from ...results import Result
 from ..noise import given_noise
 from ..smoothing import smooth_label
 from ..spectrum import NoiseLevel
+from .found import Ends, PartEstimate, Separation
 from .identifiability import Identifiability, identifiability
-from .kalman import Course, Forward, forward, smoothed
-from .parts import Part
+from .kalman import Course, Forward, Later, forward, smoothed, started
+from .parts import AddedInertia, ModelScale, Part, Payload, Regressor
 from .structure import Samples, Structure, Working, samples_of, structure_of
 
-__all__ = ["PartEstimate", "PartialSum", "Separation", "fractions", "separate"]
+__all__ = ["fractions", "separate"]
 
 _WHITE = 4.0  # deviations of the mean square of the innovations beyond which the model is doubted
 _LEAST = 20  # samples
 
 
-@dataclass(frozen=True, eq=False, repr=False)
-class PartialSum(Result):
-    """The force of one part or several together.
-
-    Attributes
-    ----------
-    force : (N, n_x) array
-        At the end of the step up to each sample, as f_hat; NaN where it is not identified.
-    sd : (N, n_x) array
-        Standard deviation.
-    """
-
-    force: FloatArray
-    sd: FloatArray
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class PartEstimate(PartialSum):
-    """One part of the residual; made by :func:`separate`. What the data cannot tell apart is NaN.
-
-    Attributes
-    ----------
-    force, sd : (N, n_x) arrays
-        As for :class:`PartialSum`.
-    labels : tuple of str
-        Of its p scalars: parameters, or the channels of a force.
-    identified : (p,) array
-        Which of them the data tell from the other parts.
-    value, sd_value : (p,) arrays
-        At the end of the recording: of a parameter that is constant the estimate.
-    course, sd_course : (N, p) arrays
-        Over time.
-    only_with : tuple of str
-        Labels of other parts that it is known in a sum with.
-    message : str
-    """
-
-    labels: tuple[str, ...]
-    identified: NDArray[np.bool_]
-    value: FloatArray
-    sd_value: FloatArray
-    course: FloatArray
-    sd_course: FloatArray
-    only_with: tuple[str, ...]
-    message: str
-
-    @property
-    def interval(self) -> FloatArray:
-        """95 % interval (p, 2) of the value."""
-        return self.value[:, None] + 1.96 * self.sd_value[:, None] * np.array([-1.0, 1.0])
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class Separation(Result):
-    """What the residual is made of; made by :func:`separate`.
-
-    Attributes
-    ----------
-    recording : Recording
-    parts : dict of str to PartEstimate
-        By name.
-    f_hat, f_hat_sd : (N, n_x) arrays
-        f_theta and all parts: the estimate of f, whatever can be told apart in it, with its standard deviation.
-    identifiability : Identifiability
-    noise : (n_x,) array
-        Deviation of the noise of M x that was counted on.
-    log_likelihood : float
-        Of the recording under these parts: compare it between bandwidths, deviations and sets of parts.
-    consistency : float
-        Mean square of the innovations in their own units: 1 where the parts describe the data. Above it intervals are
-        too narrow.
-    causal : bool
-        As asked for.
-    notes : tuple of str
-        What to look at before trusting the figures.
-    _ends : object
-        What :meth:`together` and :func:`detect_changes` reckon with.
-    """
-
-    recording: Recording = field(repr=False)
-    parts: Mapping[str, PartEstimate]
-    f_hat: FloatArray
-    f_hat_sd: FloatArray
-    identifiability: Identifiability
-    noise: FloatArray
-    log_likelihood: float
-    consistency: float
-    causal: bool
-    notes: tuple[str, ...]
-    _ends: Ends = field(repr=False)
-
-    _figures = (
-        "parts",
-        "f_hat",
-        "f_hat_sd",
-        "identifiability",
-        "noise",
-        "log_likelihood",
-        "consistency",
-        "notes",
-    )
-
-    def together(self, *names: str) -> PartialSum:
-        """The force of several parts in sum, also of those known only as a sum.
-
-        Parameters
-        ----------
-        names : str
-            Of the parts.
-
-        Raises
-        ------
-        ValueError
-            If one is unknown, or has partners that are missing: the sum is then not known either.
-        """
-        unknown = [name for name in names if name not in self.parts]
-        if unknown or not names:
-            got = ", ".join(unknown) if names else "none"
-            raise ValueError(f"names: expected some of {', '.join(self.parts)}, got {got}")
-        inside = {label for name in names for label in self.parts[name].labels}
-        for name in names:
-            missing = [label for label in self.parts[name].only_with if label not in inside]
-            if missing:
-                raise ValueError(
-                    f"names: {name} is known only in a sum with {', '.join(missing)}; name its part too"
-                )
-        return PartialSum(*self._ends.force([name in names for name in self.parts]))
-
-
-@dataclass(frozen=True, eq=False)
-class Ends:
-    """The model at the end of each step: what forces follow from the scalars.
-
-    Attributes
-    ----------
-    structure : Structure
-    data : Samples
-    c : (N, p) array
-    covariance : (N, p, p) array
-    working : Working
-    run : Forward
-    """
-
-    structure: Structure
-    data: Samples
-    c: FloatArray
-    covariance: FloatArray
-    working: Working
-    run: Forward
-
-    def map(self, inside: Sequence[bool]) -> tuple[FloatArray, FloatArray]:
-        """Force (N, n_x) of the parts inside, and its derivative (N, n_x, p) by all scalars."""
-        structure, data = self.structure, self.data
-        own = np.asarray(inside)[structure.part]
-        L = data.load_end.copy()
-        if (i := structure.theta) is not None:
-            L[:, :, i] = structure.weight
-        force = (L * own @ self.c[..., None])[..., 0]
-        if i is None:
-            return force, L * own
-        into_x = np.linalg.inv(data.M_end + self.c[:, i, None, None] * structure.J)
-        slope = (into_x @ (data.force_end[..., None] + L @ self.c[..., None]))[..., 0]
-        resist, moved = slope @ structure.J, into_x @ L
-        moved[:, :, i] -= (into_x @ resist[..., None])[..., 0]
-        D = L * own
-        if own[i]:
-            theta = self.c[:, i, None]
-            force = force - theta * resist
-            D = D - theta[..., None] * (structure.J @ moved)
-            D[:, :, i] -= resist
-        return force, D
-
-    def force(self, inside: Sequence[bool]) -> tuple[FloatArray, FloatArray]:
-        """And its standard deviation."""
-        force, D = self.map(inside)
-        variance = np.einsum("nip,npq,niq->ni", D, self.covariance, D)
-        return force, np.sqrt(np.maximum(variance, 0.0))
-
-
+@overload
 def separate(
     recording: Recording,
     parts: Sequence[Part],
@@ -215,15 +37,42 @@ def separate(
     causal: bool = False,
     fraction: float | Mapping[str, float] = 0.5,
     g: Rule = "hold",
-) -> Separation:
+    shared: Sequence[str] | None = None,
+) -> Separation: ...
+
+
+@overload
+def separate(
+    recording: Sequence[Recording],
+    parts: Sequence[Part] | Sequence[Sequence[Part]],
+    *,
+    noise: NoiseLevel | ArrayLike | None = None,
+    causal: bool = False,
+    fraction: float | Mapping[str, float] = 0.5,
+    g: Rule = "hold",
+    shared: Sequence[str] | None = None,
+) -> tuple[Separation, ...]: ...
+
+
+def separate(
+    recording: Recording | Sequence[Recording],
+    parts: Sequence[Part] | Sequence[Sequence[Part]],
+    *,
+    noise: NoiseLevel | ArrayLike | None = None,
+    causal: bool = False,
+    fraction: float | Mapping[str, float] = 0.5,
+    g: Rule = "hold",
+    shared: Sequence[str] | None = None,
+) -> Separation | tuple[Separation, ...]:
     """What the residual f - f_theta of M x' = g + f is made of: every part with its uncertainty, or what it hides in.
 
     Parameters
     ----------
-    recording : Recording
+    recording : Recording, or sequence of them
         x, and what is known: g, f_theta, the inertia. Steps may differ.
     parts : sequence of Payload, AddedInertia, Regressor, ModelScale, SteadyForce, ColouredForce, SensorBias
-        What the residual may be made of, with prior deviations: how large each may be.
+        What the residual may be made of, with prior deviations: how large each may be. For several recordings also one
+        such sequence each, which differ in the ``values`` of regressors alone.
     noise : NoiseLevel, float or (n_x,) array, optional
         Deviation of the white noise of M x, as for :func:`estimate`; None takes that of :func:`smooth_label`.
     causal : bool
@@ -233,18 +82,23 @@ def separate(
         all parameters were ten times as wide; by name of the part, where not one for all.
     g : {"hold", "average"}
         Between samples; f_theta and M run straight from one to the next.
+    shared : sequence of str, optional
+        Names of the parts, constant ones, that are the same in all of several recordings; None: payload, added inertia,
+        regressors and scales of models, as far as they do not drift. The others begin anew in each.
 
     Returns
     -------
-    Separation
+    Separation, or tuple of Separation
+        One for each recording. Its estimates rest on all recordings, with ``causal=True`` on those before it;
+        ``log_likelihood`` is that of a recording given those before it, so that their sum is that of all.
 
     Raises
     ------
     TypeError
         If an argument is of another kind.
     ValueError
-        If there are fewer than 20 samples or there are gaps, the parts do not fit the recording, or an option is out of
-        range.
+        If there are fewer than 20 samples or there are gaps, the parts do not fit the recording or, of several, each
+        other, a shared part is not constant, or an option is out of range.
 
     Notes
     -----
@@ -286,34 +140,108 @@ def separate(
     (array([nan]), ('steady',))
     >>> found.together("payload", "steady").force[-1].round(1)
     array([-5.9])
+
+    Two flights with the same payload know it better than one:
+
+    >>> one, two = (separate(logs, parts, noise=0.03, g="average") for logs in (log, [log, log]))
+    >>> (two[0].parts["payload"].sd_value / one.parts["payload"].sd_value).round(2)
+    array([0.71])
     """
-    if not isinstance(recording, Recording):
-        raise TypeError(f"recording: expected a Recording, got {type(recording).__name__}")
-    refuse_gaps(recording.name, recording.missing)
-    if recording.n < _LEAST:
-        raise ValueError(f"recording: expected at least {_LEAST} samples, got {recording.n}")
+    single = isinstance(recording, Recording)
+    logs = [recording] if single else list(cast("Sequence[Recording]", recording))
+    for log in logs:
+        _usable(log)
+    if not logs:
+        raise ValueError("recording: expected at least one, got none")
     if g not in ("hold", "average"):
         raise ValueError(f"g: expected 'hold' or 'average', got {g!r}")
-    structure = structure_of(parts, recording.n_x)
-    level = _noise(recording, noise, g)
+    each = _parts_of_each(logs, parts)
+    structure = structure_of(each[0], logs[0].n_x)
+    common = _common(structure, each[0], shared)
+    for log, own in zip(logs[1:], each[1:], strict=True):
+        _refuse_others(structure, structure_of(own, log.n_x))
     shares = fractions(structure, fraction)
-    data = samples_of(recording, parts, structure, level, g)
-    working = Working.of(structure, data.rho)
-    run, course = _course(working, data, causal=causal)
-    c, P = course.mean[:, recording.n_x :], course.covariance[:, recording.n_x :, recording.n_x :]
-    found, covariance, turned = working.physical(c, P)
-    ends = Ends(structure, data, found, covariance, working, run)
-    elapsed = recording.times - recording.times[0]
+    levels = [_noise(log, noise, g) for log in logs]
+    data = [
+        samples_of(log, own, structure, level, g) for log, own, level in zip(logs, each, levels, strict=True)
+    ]
+    if max(one.rho for one in data) - min(one.rho for one in data) > 1e-9 * data[0].rho:
+        raise ValueError(
+            "recording: expected one inertia in all of them, got several, and a part that adds to it"
+        )
+    working = Working.of(structure, data[0].rho)
+    runs, courses = _courses(working, data, common, causal=causal)
+    found = tuple(
+        _separation(log, own, Ends.of(working, one, run, course), level, shares, causal=causal)
+        for log, own, one, run, course, level in zip(logs, each, data, runs, courses, levels, strict=True)
+    )
+    return found[0] if single else found
+
+
+def _usable(log: Recording) -> None:
+    if not isinstance(log, Recording):
+        raise TypeError(f"recording: expected a Recording or several, got {type(log).__name__}")
+    refuse_gaps(log.name, log.missing)
+    if log.n < _LEAST:
+        raise ValueError(f"recording: expected at least {_LEAST} samples, got {log.n}")
+
+
+def _parts_of_each(
+    logs: Sequence[Recording], parts: Sequence[Part] | Sequence[Sequence[Part]]
+) -> list[Sequence[Part]]:
+    nested = [isinstance(entry, Sequence) and not isinstance(entry, str) for entry in parts]
+    if not any(nested):
+        return [cast("Sequence[Part]", parts)] * len(logs)
+    if not all(nested) or len(parts) != len(logs):
+        raise ValueError(f"parts: expected one sequence for each of {len(logs)} recordings, got {len(parts)}")
+    return list(cast("Sequence[Sequence[Part]]", parts))
+
+
+def _refuse_others(first: Structure, other: Structure) -> None:
+    if first.labels != other.labels or any(
+        not np.array_equal(getattr(first, key), getattr(other, key))
+        for key in ("mean", "sd", "rate", "density", "load", "weight", "J", "measured")
+    ):
+        raise ValueError(
+            "parts: expected those of each recording to differ in the values of regressors alone, "
+            f"got {', '.join(first.labels)} and {', '.join(other.labels)} or other deviations"
+        )
+
+
+def _common(structure: Structure, parts: Sequence[Part], shared: Sequence[str] | None) -> FloatArray:
+    """1 for each scalar that all recordings have in common, else 0."""
+    constant = {
+        structure.names[i] for i in structure.part[(structure.density == 0.0) & (structure.rate == 0.0)]
+    }
+    lasting = (Payload, AddedInertia, Regressor, ModelScale)
+    names = [part.name for part in parts if isinstance(part, lasting) and part.name in constant]
+    if shared is not None:
+        names = [shared] if isinstance(shared, str) else list(shared)
+    if unknown := [name for name in names if name not in structure.names]:
+        raise ValueError(f"shared: expected names of {', '.join(structure.names)}, got {', '.join(unknown)}")
+    if moving := [name for name in names if name not in constant]:
+        raise ValueError(
+            f"shared: expected constant parts, got {', '.join(moving)}; leave out drift or the name"
+        )
+    return np.array([float(structure.names[i] in names) for i in structure.part])
+
+
+def _separation(
+    log: Recording, parts: Sequence[Part], ends: Ends, level: FloatArray, shares: FloatArray, *, causal: bool
+) -> Separation:
+    working, run = ends.working, ends.run
+    P, turned = ends.working_covariance, ends.turned
+    elapsed = log.times - log.times[0]
     asked = slice(-1, None) if causal else slice(None)
-    report, _ = identifiability(working, P[asked], elapsed[asked], found[-1], shares, turned[-1])
-    known = np.broadcast_to(list(report.identified.values()), found.shape)
+    report, _ = identifiability(working, P[asked], elapsed[asked], ends.c[-1], shares, turned[-1])
+    known = np.broadcast_to(list(report.identified.values()), ends.c.shape)
     if causal:
-        known = identifiability(working, P, elapsed, found[-1], shares, turned[-1])[1]
+        known = identifiability(working, P, elapsed, ends.c[-1], shares, turned[-1])[1]
     total, sd = ends.force([True] * len(parts))
-    model = 0.0 if recording.f_theta is None else recording.f_theta
+    model = 0.0 if log.f_theta is None else log.f_theta
     square = float(np.mean(run.whitened**2))
     return Separation(
-        recording,
+        log,
         {part.name: _part(ends, report, known, i) for i, part in enumerate(parts)},
         model + total,
         sd,
@@ -356,14 +284,40 @@ def fractions(structure: Structure, fraction: float | Mapping[str, float]) -> Fl
     return np.array([given.get(structure.names[i], 0.5) for i in structure.part])
 
 
-def _course(working: Working, data: Samples, *, causal: bool) -> tuple[Forward, Course]:
-    """The filter's, or the smoother's; again where random forces are scaled by the inertia that is found."""
-    run = forward(working, data)
+def _courses(
+    working: Working, data: Sequence[Samples], shared: FloatArray, *, causal: bool
+) -> tuple[list[Forward], list[Course]]:
+    """Of the filter, or the smoother; again where random forces are scaled by the inertia that is found."""
+    runs = _filtered(working, data, shared, [None] * len(data))
     if causal:
-        return run, run.course
+        return runs, [run.course for run in runs]
+    courses = _smoothed(working, runs, shared)
     if working.structure.theta is not None:
-        run = forward(working, data, smoothed(working, run).mean)
-    return run, smoothed(working, run)
+        runs = _filtered(working, data, shared, [course.mean for course in courses])
+        courses = _smoothed(working, runs, shared)
+    return runs, courses
+
+
+def _filtered(
+    working: Working, data: Sequence[Samples], shared: FloatArray, about: Sequence[FloatArray | None]
+) -> list[Forward]:
+    runs: list[Forward] = []
+    before: Course | None = None
+    for one, means in zip(data, about, strict=True):
+        run = forward(working, one, means, started(working, one.x[0], one.R, before, shared))
+        before = Course(run.course.mean[-1], run.course.covariance[-1])
+        runs.append(run)
+    return runs
+
+
+def _smoothed(working: Working, runs: Sequence[Forward], shared: FloatArray) -> list[Course]:
+    later: Later | None = None
+    courses: list[Course] = []
+    for run in reversed(runs):
+        course, first = smoothed(working, run, later)
+        courses.append(course)
+        later = first.through(working, shared)
+    return courses[::-1]
 
 
 def _part(ends: Ends, report: Identifiability, known: NDArray[np.bool_], i: int) -> PartEstimate:
