@@ -23,9 +23,9 @@ from .target_autopilots import autopilot_values, check_autopilot
 
 __all__ = ["Target", "export_target"]
 
-Target = Literal["arduino", "cmake", "crazyflie", "px4", "zephyr"]
+Target = Literal["arduino", "cmake", "crazyflie", "px4", "ros2", "zephyr"]
 
-_AUTOPILOTS = ("crazyflie", "px4")
+_AUTOPILOTS = ("crazyflie", "px4", "ros2")
 _VERSION = "0.1.0"  # of the package that is written; its user counts on from here
 _OF_FILTER = """\
 Every @dt@ s, with time stamps in microseconds:
@@ -67,9 +67,10 @@ def export_target(
     Parameters
     ----------
     system : control.InputOutputSystem, FlatModel or SampledPhyFilter
-    target : {"arduino", "cmake", "crazyflie", "px4", "zephyr"}
-        Arduino library (PlatformIO takes it too), CMake project with package files, Zephyr module; app of the Crazyflie
-        and external module of PX4 (a low-pass filter of three channels, on the velocity per unit of mass, in float).
+    target : {"arduino", "cmake", "crazyflie", "px4", "ros2", "zephyr"}
+        Arduino library (PlatformIO takes it too), CMake project with package files, Zephyr module; app of the
+        Crazyflie, external module of PX4 and component of ROS 2 (a low-pass filter of three channels, without inertia;
+        the first two on the velocity per unit of mass and in float).
     folder : str or Path
         Written whole or not at all; files that no export wrote are not touched.
     real, name, channels, inertia, signals
@@ -104,7 +105,7 @@ def export_target(
         raise ValueError(f"target: expected one of {', '.join(get_args(Target))}, got {target!r}")
     if target in _AUTOPILOTS:
         check_autopilot(target, system, name or "phyfilter", channels, inertia)
-        real, channels = real or "float", 3
+        real, channels = real or ("double" if target == "ros2" else "float"), 3
     with tempfile.TemporaryDirectory() as parent:
         written = export_c(
             system,
@@ -148,6 +149,7 @@ def _values(
         values |= {
             "header": f"{name}_guard.h",
             "description": "a sampled PhyFilter that estimates the unknown part of M x' = g + f",
+            "xml_description": "a sampled PhyFilter that estimates the unknown part of M x&apos; = g + f",
             "dt": f"{system.dt:g}",
             "period_us": str(round(1e6 * system.dt)),
         }

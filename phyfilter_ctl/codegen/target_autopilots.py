@@ -79,6 +79,9 @@ def autopilot_values(sampled: SampledPhyFilter, name: str, c_files: list[str]) -
         "PREFIX": prefix,
         "short": name[:_SHORT],
         "rate": str(round(1.0 / sampled.dt)),
+        "order": str(sampled.filters[0].order),
+        "poles_real": ", ".join(repr(complex(pole).real) for pole in sampled.filters[0].poles),
+        "poles_imag": ", ".join(repr(complex(pole).imag) for pole in sampled.filters[0].poles),
         "px4_sources": "\n".join(f"\t\t{file}" for file in c_files),
         "px4_poles": "\n".join(
             f"      {prefix}_{part.upper()}:\n"

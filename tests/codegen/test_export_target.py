@@ -4,6 +4,7 @@ import re
 import shutil
 import subprocess
 from pathlib import Path
+from xml.etree import ElementTree
 
 import control as ct
 import numpy as np
@@ -340,3 +341,95 @@ def test_what_an_autopilot_cannot_take_is_refused(change, message, tmp_path):
     with pytest.raises(ValueError, match=message):
         export_target(filter_, "crazyflie", tmp_path / "a", **({"name": "wind"} | change))
     assert not (tmp_path / "a").exists()
+
+
+ROS2_DRIVER = """\
+#include <cstdio>
+#include "NODE"
+
+using geometry_msgs::msg::Vector3Stamped;
+template <typename T> static T &topic(rclcpp::Node &node, const char *name) {
+  return *static_cast<T *>(node.topics.at(name).get());
+}
+
+int main() {
+  wind_node::Node node{rclcpp::NodeOptions{}};
+  rclcpp::Node &base = node;
+  auto &x = topic<rclcpp::Subscription<Vector3Stamped>>(node, "~/x");
+  auto &out = topic<rclcpp::Publisher<Vector3Stamped>>(node, "~/f_hat");
+  auto &diagnostics = topic<rclcpp::Publisher<diagnostic_msgs::msg::DiagnosticArray>>(node, "/diagnostics");
+  Vector3Stamped at;
+  auto fly = [&](int from, int to) {
+    for (int k = from; k < to; k++) {
+      at.header.stamp = {1 + k / 500, static_cast<uint32_t>(k % 500) * 2000000u};
+      at.vector.x = 1.0 * 0.002 * k, at.vector.z = -0.5 * 0.002 * k;
+      x.callback(at);
+    }
+    node.timer->callback();
+    std::printf("%zu %g %g %g %d\\n", out.sent.size(), out.sent.back().vector.x, out.sent.back().vector.y,
+                out.sent.back().vector.z, diagnostics.sent.back().status[0].level);
+  };
+  fly(0, 1000);
+  auto bad = base.on_set({{"poles_real", {-12.0, 5.0, 5.0}}, {"poles_imag", {0.0, 1.0, -1.0}}});
+  auto few = base.on_set({{"poles_real", {-12.0}}});
+  auto good = base.on_set({{"poles_real", {-40.0, -30.0, -30.0}}, {"poles_imag", {0.0, 5.0, -5.0}}});
+  std::printf("%d %d %d\\n", bad.successful, few.successful, good.successful);
+  fly(1000, 1500);
+  fly(1505, 2000);
+  return 0;
+}
+"""
+ROS2_HEADERS = """
+    diagnostic_msgs/msg/diagnostic_array.hpp geometry_msgs/msg/vector3_stamped.hpp rclcpp/rclcpp.hpp
+    rclcpp_components/register_node_macro.hpp
+"""
+
+
+@pytest.mark.slow
+def test_the_component_of_ros2_runs(tmp_path):
+    """Against a stub of rclcpp: estimate, diagnostics, poles by parameters and those that are refused."""
+    filter_ = PhyFilter.from_poles([-12.0, -20.0 + 10.0j, -20.0 - 10.0j]).sampled(0.002)
+    folder = export_target(filter_, "ros2", tmp_path / "wind", name="wind")
+    ElementTree.fromstring((folder / "package.xml").read_text())
+    headers, objects = tmp_path / "include", []
+    for name in ROS2_HEADERS.split():
+        (headers / name).parent.mkdir(parents=True, exist_ok=True)
+        (headers / name).write_text('#include "ros2_stub.hpp"\n')
+    for path in (folder / "src").glob("*.c"):
+        assert f"src/{path.name}" in (folder / "CMakeLists.txt").read_text()
+        objects.append(tmp_path / f"{path.stem}.o")
+        ran(*find_compiler().command, *STRICT, "-c", path, "-o", objects[-1])
+    (tmp_path / "main.cpp").write_text(ROS2_DRIVER.replace("NODE", str(folder / "src" / "wind_node.cpp")))
+    include = ["-I", headers, "-I", STUBS / "ros2", "-I", folder / "src"]
+    options = [
+        "-std=c++17",
+        *STRICT,
+        *include,
+        "-x",
+        "c++",
+        "-c",
+        tmp_path / "main.cpp",
+        "-o",
+        tmp_path / "main.o",
+    ]
+    ran(*find_compiler().command, *options)
+    ran(*find_compiler().command, tmp_path / "main.o", *objects, "-lstdc++", "-lm", "-o", tmp_path / "node")
+    first, tuned, second, third = (
+        list(map(float, line.split())) for line in ran(tmp_path / "node").splitlines()
+    )
+    assert tuned == [0, 0, 1]
+    for row, samples, level in ((first, 1000, 0), (second, 1500, 0), (third, 1995, 1)):
+        assert (row[0], row[-1]) == (samples, level)  # the third says that samples were missing
+        np.testing.assert_allclose(row[1:4], [1.0, 0.0, -0.5], atol=1e-6)
+
+
+def test_the_page_for_users_runs_as_written(tmp_path, monkeypatch):
+    page = (Path(__file__).parents[2] / "docs" / "targets.md").read_text()
+    monkeypatch.chdir(tmp_path)
+    commands = re.findall(r"^phyfilter-ctl (.+)$", page, re.M)
+    assert len(commands) == 7
+    for command in commands:
+        assert main(command.split()) == 0
+    assert sorted(path.name for path in tmp_path.iterdir() if path.is_dir()) == [
+        f"{target}_wind" for target in ("arduino", "cmake", "crazyflie", "px4", "ros2", "zephyr")
+    ]
