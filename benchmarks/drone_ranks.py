@@ -66,6 +66,10 @@ def table(seeds: Sequence[int], title: str, **options: object) -> None:
                 flush=True,
             )
 
+        if "indi" in errors and "accelerometer" in errors:
+            less = reduction(errors["accelerometer"], errors["indi"]).text(1.0, 1)
+            print(f"on the sensors of INDI, PhyFilter on an accelerometer is below it by {less} %")
+
 
 def wrong_model(seeds: Sequence[int], factors: Sequence[float], seconds: float) -> None:
     """PhyFilter of order 1 with f_theta off by a factor."""

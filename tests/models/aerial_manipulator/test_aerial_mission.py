@@ -279,6 +279,7 @@ def test_every_method_is_tuned_and_flies(name: str, request: pytest.FixtureReque
     entry = tuning.tuned()[name]
     assert entry.modulus_margin >= params.params().tuning.modulus_margin
     assert entry.jitter <= params.params().tuning.jitter
+    assert entry.interior
     learned = name in ("seer", "phyfilter")
     flown = experiment.fly(entry.method, (320,), request.getfixturevalue("trained").seer if learned else None)
     assert not flown.message
@@ -286,6 +287,16 @@ def test_every_method_is_tuned_and_flies(name: str, request: pytest.FixtureReque
     if name == "baseline":  # whose missions hardly differ: README's cell, to the spread of its twenty
         median, worst = cell("grasp window", "PD")[:2]
         assert abs(100.0 * flown.score().grasp[0] - median) <= 2.0 * (worst - median)
+
+
+def test_no_optimum_is_on_the_edge_of_what_was_tried() -> None:
+    values = params.params().tuning
+    for entry in tuning.tuned().values():
+        method = entry.method
+        force = values.integral if method.name == "integral" else values.force
+        assert entry.interior
+        assert not method.bandwidth or force[0] < method.bandwidth < force[1]
+        assert not method.torque_bandwidth or values.torque[0] < method.torque_bandwidth < values.torque[1]
 
 
 @pytest.mark.slow

@@ -178,7 +178,11 @@ def test_all_methods_are_tuned_within_the_limits() -> None:
     values, entries = params.params().tuning, tuning.tuned()
     assert list(entries) == list(methods.METHODS)
     assert all(entry.modulus_margin >= values.modulus_margin for entry in entries.values())
-    assert all(entry.interior for entry in entries.values())  # no optimum on the edge of what was tried
+    for entry in entries.values():  # no optimum on the edge of what was tried
+        low, high = values.integral if entry.method.name == "integral" else values.bandwidths
+        assert entry.interior
+        assert not entry.method.tunable or low < entry.method.bandwidth < high
+        assert values.slowest < entry.method.position_bandwidth < values.fastest
     assert entries["phyfilter"].method.seer_rate == entries["seer"].method.bandwidth
 
 
