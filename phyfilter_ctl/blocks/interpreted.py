@@ -35,7 +35,10 @@ class Interpreted(ca.Callback):
     reason : str
         Why it runs as Python, with the line of source.
     depends : (results, inputs) bool array, optional
-        Which input acts on which result; the function gets not-a-number for an input that acts on none. None: all.
+        Which input acts on which result. None: all.
+    fills : sequence of float
+        What the function gets for inputs that act on no result: it is called once with each, and where the results
+        differ they are not-a-number.
 
     Attributes
     ----------
@@ -64,12 +67,14 @@ class Interpreted(ca.Callback):
         block: str,
         reason: str,
         depends: NDArray[np.bool_] | None = None,
+        fills: Sequence[float] = (np.nan,),
     ) -> None:
         super().__init__()
         self._evaluate = evaluate
         self._sizes = (1, *sizes)
         self._depends = np.ones((sizes[3], sizes[1]), dtype=bool) if depends is None else depends
         self._unused = ~self._depends.any(axis=0)
+        self._fills = tuple(fills) if self._unused.any() else (0.0,)
         self.block, self.reason = block, reason
         self.seconds, self.failure = 0.0, ""
         self.construct(name, {"enable_fd": True})
@@ -102,22 +107,27 @@ class Interpreted(ca.Callback):
         if res[0] is None:
             return 0
         begin = time.perf_counter()
-        # Copies, since the function may write into them; CasADi hands over nothing for zeros.
+        # CasADi hands over nothing for zeros.
         t, x, u, p = (
-            np.zeros(size) if part is None else np.frombuffer(part).copy()
+            np.zeros(size) if part is None else np.frombuffer(part)
             for part, size in zip(arg, self._sizes[:4], strict=True)
         )
-        u[self._unused] = np.nan
         result = np.frombuffer(res[0])
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")
-                found = np.asarray(self._evaluate(float(t[0]), x, u, p), dtype=float).reshape(-1)
-            if len(found) != len(result):
-                raise ValueError(f"{len(found)} results, expected {len(result)}")
-            result[:] = found
+                found = [self._called(float(t[0]), x, u, p, fill) for fill in self._fills]
+            result[:] = np.where(np.equal(found[0], found[-1]), found[0], np.nan)
         except Exception as error:
             self.failure = self.failure or f"{type(error).__name__}: {error} at t = {t[0]:.9g} s"
             result[:] = np.nan
         self.seconds += time.perf_counter() - begin
         return 0
+
+    def _called(self, t: float, x: FloatArray, u: FloatArray, p: FloatArray, fill: float) -> FloatArray:
+        # Copies, since the function may write into them.
+        filled = np.where(self._unused, fill, u)
+        found = np.asarray(self._evaluate(t, x.copy(), filled, p.copy()), dtype=float).reshape(-1)
+        if len(found) != self._sizes[4]:
+            raise ValueError(f"{len(found)} results, expected {self._sizes[4]}")
+        return found

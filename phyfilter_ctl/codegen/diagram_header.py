@@ -129,9 +129,10 @@ def header_text(layout: Layout) -> str:
     tasks = "".join(f" *   {in_comment(task.name)}: every {task.period:.9g} s\n" for task in layout.tasks)
     members = "".join(f"  {task.member}\n" for task in layout.tasks if task.member)
     includes = "".join(dict.fromkeys(task.include for task in layout.tasks if task.include))
+    called = f" Called {name} here." if layout.description != name else ""
     return f"""\
 /* {in_comment(layout.description)}
- *
+ *{called}
  * {len(layout.states)} states, {len(layout.inputs)} inputs, {len(layout.outputs)} outputs; SI units, rad/s.
 {" * Sampled blocks, in the order in which they run:" + chr(10) + tasks if tasks else ""} */
 #ifndef {capital}_H

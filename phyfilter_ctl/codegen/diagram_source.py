@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import zlib
 from dataclasses import replace
 from fractions import Fraction
@@ -155,6 +156,18 @@ def diagram_model(
         between=bool(flat.states) or not meets_all, version=_version(prefix, real, parameters),
         unknowns=sum(loop.held.stop - loop.held.start for loop in flat.loops), events=flat.events,
     )  # fmt: skip
+    words = _words(layout)
+    if prefix in words:
+        other = model_identifier(flat.name, words) if name is None else checked_identifier(name, words)
+        return diagram_model(
+            flat,
+            name=other,
+            real=real,
+            derivatives=derivatives,
+            tunable=tunable,
+            step=step,
+            substeps=substeps,
+        )
     return CModel(
         name=prefix,
         sources={
@@ -179,6 +192,13 @@ def diagram_model(
         remembers=bool(flat.loops),
         description=flat.name,
     )
+
+
+def _words(layout: Layout) -> frozenset[str]:
+    """Names in the model's own files, whatever it is called: none of them can be its type too."""
+    other = replace(layout, name="pf_own")
+    text = re.sub(r'/\*.*?\*/|"[^"]*"', " ", header_text(other) + source_text(other, ""), flags=re.DOTALL)
+    return frozenset(re.findall(r"[A-Za-z_]\w*", text))
 
 
 class _Parts:

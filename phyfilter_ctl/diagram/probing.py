@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import time
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import casadi as ca
 import control as ct
@@ -139,17 +140,43 @@ class Recorder(dict[str, object]):
         self.noted: dict[str, object] = {}
 
     def get(self, key: str, default: object = None, /) -> object:
-        if key not in self and is_tunable(default):
-            if not np.array_equal(np.asarray(self.noted.get(key, default)), np.asarray(default)):
-                raise ValueError(f"params.get({key!r}, ...) has different defaults in different places")
-            self.noted[key] = self._missing.get(key, default)
-        return super().get(key, self.noted.get(key, default))
+        if key in self:
+            return super().get(key, self.noted.get(key))
+        if is_tunable(default):
+            self._note(key, default)
+        return default
+
+    def _note(self, key: str, value: object) -> None:
+        if not np.array_equal(np.asarray(self.noted.get(key, value)), np.asarray(value)):
+            raise ValueError(f"params.get({key!r}, ...) has different defaults in different places")
+        self.noted[key] = value
 
     def __missing__(self, key: str) -> object:
-        if key not in self._missing:
+        if key not in self:
             raise KeyError(key)
-        self.noted[key] = self._missing[key]
         return self.noted[key]
+
+    def __contains__(self, key: object) -> bool:
+        if super().__contains__(key):
+            return True
+        if key in self._missing:
+            self.noted[str(key)] = self._missing[str(key)]
+        return key in self._missing
+
+    # A function that takes all of them may read any.
+
+    def __iter__(self) -> Iterator[str]:
+        self.noted |= {key: value for key, value in self._missing.items() if not dict.__contains__(self, key)}
+        return iter([*super().__iter__(), *self.noted])
+
+    def keys(self) -> Any:
+        return dict.fromkeys(self).keys()
+
+    def items(self) -> Any:
+        return {key: self[key] for key in self}.items()
+
+    def copy(self) -> dict[str, object]:
+        return {key: self[key] for key in self}
 
 
 class Reference:

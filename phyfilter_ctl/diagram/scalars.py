@@ -251,7 +251,7 @@ class Array(np.ndarray):
     def astype(self, dtype: Any, *args: Any, **keywords: Any) -> Any:
         return as_array(np.frompyfunc(lambda value: _as_kind(value, dtype), 1, 1)(plain(self)))
 
-    def round(self, decimals: Any = 0, out: Any = None) -> Any:
+    def round(self, decimals: Any = 0, out: Any = None) -> Any:  # pyright: ignore[reportIncompatibleMethodOverride]
         return as_array(np.frompyfunc(lambda value: round(value, decimals), 1, 1)(plain(self)))
 
     def clip(self, min: Any = None, max: Any = None, *args: Any, **keywords: Any) -> Any:

@@ -15,6 +15,7 @@ from copy import copy
 from typing import Any
 
 import casadi as ca
+import control as ct
 import numpy as np
 
 from .branches import UntraceableError
@@ -207,14 +208,18 @@ def _made(function: Any, *arguments: Any, **keywords: Any) -> Any:
     )
 
 
-class _Module:
-    """A module whose functions take traced numbers."""
+class _Seen:
+    """A module or an object whose functions take traced numbers; what they set on it stays here."""
 
-    def __init__(self, module: Any, seen: dict[int, Any]) -> None:
-        self._module, self._seen = module, seen
+    def __init__(self, original: Any, seen: dict[int, Any]) -> None:
+        self.__dict__ |= {"_shim_original": original, "_shim_seen": seen}
 
     def __getattr__(self, name: str) -> Any:
-        return _counterpart(getattr(self._module, name), self._seen)
+        original, seen = self.__dict__["_shim_original"], self.__dict__["_shim_seen"]
+        value = getattr(original, name)
+        if isinstance(value, types.MethodType) and value.__self__ is original:
+            return types.MethodType(_counterpart(value.__func__, seen), self)
+        return _counterpart(value, seen)
 
 
 class _Kind(type):
@@ -299,12 +304,13 @@ def _counterpart(value: Any, seen: dict[int, Any]) -> Any:
     if home in ("casadi", "phyfilter_ctl"):
         return value
     if isinstance(value, types.ModuleType):
-        return _Module(value, seen)
-    if isinstance(value, list | dict | set):
-        # A function that keeps something there keeps it in a copy, which the original does not see.
-        return seen.setdefault(id(value), copy(value))
+        return _Seen(value, seen)
+    if isinstance(value, list | dict | set | ct.InputOutputSystem):
+        return seen[id(value)] if id(value) in seen else _copied(value, seen)
     if isinstance(value, types.MethodType):
-        return types.MethodType(_counterpart(value.__func__, seen), value.__self__)
+        own = value.__self__
+        own = own if isinstance(own, type | types.ModuleType) else _Seen(own, seen)
+        return types.MethodType(_counterpart(value.__func__, seen), own)
     if isinstance(value, functools.partial):
         return functools.partial(_counterpart(value.func, seen), *value.args, **value.keywords)
     if isinstance(value, np.ufunc):
@@ -321,6 +327,21 @@ def _counterpart(value: Any, seen: dict[int, Any]) -> Any:
     if isinstance(value, types.FunctionType):
         return rebound(value, seen)
     return _BUILTINS.get(value, value) if isinstance(value, types.BuiltinFunctionType) else value
+
+
+def _copied(value: Any, seen: dict[int, Any]) -> Any:
+    """A container or a system of its own: what a function keeps in it, the original does not see."""
+    if isinstance(value, ct.InputOutputSystem):
+        seen[id(value)] = _Seen(value, seen)
+    elif isinstance(value, list):
+        seen[id(value)] = copies = []
+        copies += [_counterpart(entry, seen) for entry in value]
+    elif isinstance(value, dict):
+        seen[id(value)] = entries = {}
+        entries |= {key: _counterpart(entry, seen) for key, entry in value.items()}
+    else:
+        seen[id(value)] = copy(value)
+    return seen[id(value)]
 
 
 class _Ufunc:

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from ..blocks.functions import Variable
 from ..codegen.model import CModel
+from .names import LEGAL, with_legal_names
 
 __all__ = ["FmuExperiment", "FmuInterface", "FmuSolver", "InterfaceVariable", "fmu_interface"]
 
@@ -39,10 +40,6 @@ _ROLES: dict[str, tuple[str, str, str]] = {
     "solver_rtol": ("parameter", "fixed", "exact"),
     "solver_atol": ("parameter", "fixed", "exact"),
 }
-# FMI 2.0.5 and 3.0.2, "structured": identifiers, quoted or plain, with indices, joined by dots.
-_QUOTED = r"'(?:[A-Za-z0-9_!#$%&()*+,\-./:;<>=?@\[\]^{}|~ ]|\\['\"?\\abfnrtv])+'"
-_PART = rf"(?:[A-Za-z_][A-Za-z0-9_]*|{_QUOTED})(?:\[\d+(?:,\d+)*\])?"
-_LEGAL = re.compile(rf"{_PART}(?:\.{_PART})*")
 _INDEXED = re.compile(r"(.*[^\[\]])\[(\d+(?:,\d+)*)\]")
 _DEFAULT_STEP = 1e-3
 _DEFAULT_STOP = 10.0
@@ -291,7 +288,12 @@ def fmu_interface(
     Raises
     ------
     ValueError
-        If a name is not legal in FMI's structured naming convention, or two are equal; the message names it.
+        If a name has no part before or after a dot, or two are equal; the message names it.
+
+    Notes
+    -----
+    A part of a name that FMI's structured naming does not allow stands in single quotes, ``'v 1'``; letters beyond
+    ASCII are spelt out. Where a name differs from the model's, the variable's description begins with the model's.
     """
     if fmi not in ("2.0", "3.0"):
         raise ValueError(f"fmi: expected '2.0' or '3.0', got {fmi!r}")
@@ -300,6 +302,7 @@ def fmu_interface(
         raise ValueError(f"kinds: expected 'cs', 'me' or both, got {tuple(kinds)!r}")
     solver, experiment = solver or FmuSolver(), experiment or FmuExperiment()
     grouped = arrays and fmi == "3.0"
+    model = with_legal_names(model)
     variables = [InterfaceVariable("time", "time", unit="s", description="Independent variable")]
     variables += _variables("input", model.inputs, grouped)
     variables += _variables("output", model.outputs, grouped)
@@ -425,18 +428,12 @@ def _check_names(variables: list[InterfaceVariable]) -> None:
     for variable in variables:
         name = variable.name
         plain = name[4:-1] if variable.kind == "derivative" else name
-        if _LEGAL.fullmatch(plain) is None:
+        if LEGAL.fullmatch(plain) is None:
             raise ValueError(
-                f"{variable.kind} {name!r} is no legal FMI name: expected identifiers with indices such as v[0], "
-                f"joined by dots, or a part in single quotes; rename the signal, e.g. {_legal(plain)!r}"
+                f"{variable.kind} {name!r} is no legal FMI name: expected parts joined by dots; rename the signal"
             )
     double = [name for name, count in Counter(variable.name for variable in variables).items() if count > 1]
     if double:
         raise ValueError(
             f"two variables of the FMU are called {double[0]!r}; rename one of the signals or blocks"
         )
-
-
-def _legal(name: str) -> str:
-    text = re.sub(r"[^0-9A-Za-z_.\[\],]+", "_", name).strip("_.") or "signal"
-    return text if _LEGAL.fullmatch(text) else re.sub(r"[^0-9A-Za-z_]+", "_", f"s_{text}").strip("_")

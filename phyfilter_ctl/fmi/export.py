@@ -17,7 +17,7 @@ from ..blocks.functions import dependencies
 from ..codegen.compiler import CompilerError
 from ..codegen.diagram_source import diagram_model
 from ..codegen.filter_model import filter_model
-from ..codegen.identifiers import checked_identifier, identifier
+from ..codegen.identifiers import checked_identifier
 from ..codegen.model import CModel
 from ..diagram import FlatModel, flatten
 from ..diagram.fixed_step import largest_stable_step, refuse_unstable_step
@@ -206,7 +206,7 @@ def _c_model(
         raise ValueError(
             f"model exchange has no events yet ({names}): expected kinds=('cs',), got {tuple(kinds)!r}"
         )
-    return diagram_model(system, name=name or _own_name(system.name)), ()
+    return diagram_model(system, name=name), ()
 
 
 def _on_time(flat: FlatModel) -> NDArray[np.bool_]:
@@ -217,12 +217,6 @@ def _on_time(flat: FlatModel) -> NDArray[np.bool_]:
     return np.concatenate(
         [dependencies(part, 0)[:, 0] if rows else np.zeros(0, bool) for part, rows in parts]
     )
-
-
-def _own_name(name: str) -> str:
-    # python-control numbers what the user left without a name.
-    plain = identifier(name or "diagram").removeprefix("pf_").strip("_")
-    return plain if plain[:1].isalpha() else f"model_{plain}".rstrip("_")
 
 
 def _channels(

@@ -56,11 +56,9 @@ def prepare(
         raise ValueError(f"interpolation: expected 'linear' or 'hold', got {interpolation!r}")
     times = _times(flat, timepts)
     parameters = flat.start_parameters(params)
-    if not np.all(np.isfinite(parameters)):
-        wrong = [
-            v.name for v, value in zip(flat.parameters, parameters, strict=True) if not np.isfinite(value)
-        ]
-        raise ValueError(f"params: expected finite values, got others for {', '.join(wrong)}")
+    if np.any(np.isnan(parameters)):  # an infinite one is a limit that never acts
+        wrong = [v.name for v, value in zip(flat.parameters, parameters, strict=True) if np.isnan(value)]
+        raise ValueError(f"params: expected numbers, got nan for {', '.join(wrong)}")
     return Run(
         times, _inputs(flat, inputs, len(times)), start_vector(flat, initial_state), parameters, interpolation
     )

@@ -1,10 +1,12 @@
 """C of a flat diagram against CasADi's evaluation of it: values, derivatives, sources, what is refused."""
 
+import re
 import subprocess
 from dataclasses import replace
 from importlib.util import find_spec
 
 import casadi as ca
+import control as ct
 import numpy as np
 import pytest
 from flat_models import STRICT, model, oscillator, pendulum, symbols, two_rates, variables
@@ -260,3 +262,112 @@ def test_a_model_without_inputs_and_parameters():
     ).simulate([0.0, 1.0], max_step=0.01)
     assert run.outputs[1, 0] == pytest.approx(np.exp(-1.0), abs=1e-9)
     assert diagram_model(oscillator()).inputs == ()
+
+
+PEDANTIC = ("-Wall", "-Wextra", "-Wpedantic", "-Werror")
+# What has a meaning in C, in its library, on a file system or in the generated code itself.
+AWKWARD = (
+    *(
+        "s",
+        "x",
+        "u",
+        "y",
+        "t",
+        "p",
+        "z",
+        "dx",
+        "self",
+        "start",
+        "sample",
+        "states",
+        "inputs",
+        "outputs",
+        "parameters",
+    ),
+    *(
+        "apply",
+        "derivatives",
+        "now",
+        "before",
+        "instance",
+        "next_instant",
+        "int",
+        "class",
+        "sin",
+        "y0",
+        "gamma",
+    ),
+    *(
+        "string",
+        "math",
+        "con",
+        "pf",
+        "pf_x",
+        "NULL",
+        "int64_t",
+        "pf_real",
+        "INFINITY",
+        "f",
+        "_",
+        "__",
+        "1a",
+        "a-b",
+    ),
+    *("if", "θ", "über"),
+)
+
+
+def awkward(name, signals=("x", "u", "y")):
+    state, force, parameter = signals
+    update = lambda t, x, u, p: [p[parameter] * (u[0] - x[0])]  # noqa: E731
+    plant = ct.nlsys(
+        update, None, inputs=[force], outputs=["out"], states=[state], params={parameter: 2.0}, name=name
+    )
+    return diagram_model(flatten(plant), derivatives=False)
+
+
+def words(model):
+    """Identifiers in the model's own two files."""
+    text = model.sources[f"{model.name}.c"] + model.sources[f"{model.name}.h"]
+    return set(re.findall(r"\w+", re.sub(r'/\*.*?\*/|"[^"]*"', " ", text, flags=re.DOTALL)))
+
+
+@pytest.mark.parametrize("name", ["x", "start", "self", "int", "con", "pf"])
+def test_no_diagram_is_called_like_its_code(name):
+    model, neutral = awkward(name), words(awkward("neutral"))
+    assert model.name not in neutral
+    assert model.name != name
+    assert f"/* {name}\n" in model.sources[f"{model.name}.h"]
+    with pytest.raises(ValueError, match=f"got {name!r}; try"):
+        diagram_model(flatten(ct.tf([1.0], [1.0, 1.0])), name=name)
+
+
+@pytest.mark.slow
+def test_every_name_compiles(tmp_path):
+    """As system, as signals and as parameter; and every word of the generated code itself."""
+    names = [*AWKWARD, *sorted(words(awkward("neutral")) - {"neutral"})]
+    checked = 0
+    for name in names:
+        model = awkward(name, (name, f"{name}1", name.upper() or name))
+        for file, text in model.sources.items():
+            (tmp_path / file).write_text(text)
+        command = [
+            *find_compiler().command,
+            *PEDANTIC,
+            "-std=c99",
+            "-fsyntax-only",
+            str(tmp_path / f"{model.name}.c"),
+        ]
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
+        assert done.returncode == 0, f"{name}: {done.stderr}"
+        checked += 1
+    assert checked > 60
+
+
+def test_signals_that_differ_in_capitals_or_marks_have_each_an_index():
+    header = awkward("m", ("v", "u", "k")).sources["m.h"]
+    assert "M_X_V = 0" in header
+    names = ["v", "V", "v[0]", "v.0", "v_0", "v_0_2", "é", "e", "θ", "theta", "Θ"]
+    found = identifiers(names)
+    assert len({name.upper() for name in found}) == len(names)
+    assert found[:4] == ("v", "V_2", "v_0", "v_0_2")

@@ -169,11 +169,25 @@ def test_failing_compiler_is_quoted(tmp_path):
 # ---- names, units, structure ----
 
 
-@pytest.mark.parametrize("name", ["v 1", "1v", "a:b", "v[x]", "v[0", "", "a..b", "é"])
+@pytest.mark.parametrize("name", ["", "a..b", "v."])
 def test_illegal_names_are_named(name):
     model = replace(diagram_model(pf.flatten(oscillator()), name="swing"), inputs=(Variable(name),))
     with pytest.raises(ValueError, match="no legal FMI name"):
         fmu_interface(model)
+
+
+def test_names_that_need_it_are_quoted_or_spelt_out():
+    names = ["v 1", "1v", "a:b", "v[x]", "v[0", "it's", "b.v 1[2]", "é", "θ", "e", "theta", "v_1", "b.k"]
+    model = diagram_model(pf.flatten(oscillator()), name="swing")
+    interface = fmu_interface(
+        replace(model, inputs=tuple(Variable(name, 0.0, "", "x") for name in names)), fmi="2.0"
+    )
+    inputs = [(v.name, v.description) for v in interface.variables if v.kind == "input"]
+    assert inputs == [
+        ("'v 1'", "v 1: x"), ("'1v'", "1v: x"), ("'a:b'", "a:b: x"), ("'v[x]'", "v[x]: x"), ("'v[0'", "v[0: x"),
+        ("'it\\'s'", "it's: x"), ("b.'v 1'[2]", "b.v 1[2]: x"), ("e_2", "é: x"), ("theta_2", "θ: x"), ("e", "x"),
+        ("theta", "x"), ("v_1", "x"), ("b.k", "x"),
+    ]  # fmt: skip
 
 
 def test_legal_names_and_clashes():
@@ -346,12 +360,14 @@ def test_options_that_make_no_sense(tmp_path):
     assert not list(tmp_path.iterdir())
 
 
-def test_block_that_cannot_be_traced_is_named(tmp_path):
-    system = ct.nlsys(
-        lambda t, x, u, p: [-x[0] if x[0] > 0 else -2 * x[0]], None, states=["x"], inputs=["u"], outputs=["y"],
-        name="branching",
-    )  # fmt: skip
-    with pytest.raises(ValueError, match="branching"):
+def test_block_that_cannot_be_traced_is_named_with_its_line(tmp_path):
+    def update(t, x, u, params):
+        return [-np.linalg.svd(np.diag(x))[1][0]]
+
+    system = ct.nlsys(update, None, states=["x"], inputs=["u"], outputs=["y"], name="decomposing")
+    with pytest.raises(
+        ValueError, match=r"block decomposing runs as Python.*line \d+, in update: return \[-np.linalg"
+    ):
         export_fmu(system, tmp_path / "a.fmu")
     assert not list(tmp_path.iterdir())
 
