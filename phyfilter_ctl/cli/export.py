@@ -23,7 +23,7 @@ _EPILOG = """examples:
   phyfilter-ctl export filter.toml --fmu filter.fmu --channels 3         FMI 3.0, this machine's platform
   phyfilter-ctl export filter.toml --fmu filter.fmu --fmi 2.0 --platform all
   phyfilter-ctl export filter.toml --c firmware/filter --channels 3 --real float
-  phyfilter-ctl export filter.toml --target zephyr modules/filter --channels 3   or arduino, cmake, crazyflie, px4, ros2
+  phyfilter-ctl export filter.toml --target px4 px4_filter --channels 3
   phyfilter-ctl export acceleration --fmu acceleration.fmu               a model of phyfilter-ctl run
   phyfilter-ctl export acceleration --ssp acceleration.ssp"""
 
@@ -43,7 +43,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--target",
         nargs=2,
         metavar=("NAME", "DIR"),
-        help="a package that the target's own build takes: arduino (PlatformIO too), cmake, crazyflie, px4, ros2, zephyr",
+        help="a package that the target's own build takes: arduino (PlatformIO too), cmake, crazyflie, px4, ros2, "
+        "rust, zephyr",
     )
     targets.add_argument("--json", metavar="FILE", help="what was written; - for standard output")
     filters = parser.add_argument_group("filters")

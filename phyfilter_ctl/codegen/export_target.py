@@ -23,7 +23,7 @@ from .target_autopilots import autopilot_values, check_autopilot
 
 __all__ = ["Target", "export_target"]
 
-Target = Literal["arduino", "cmake", "crazyflie", "px4", "ros2", "zephyr"]
+Target = Literal["arduino", "cmake", "crazyflie", "px4", "ros2", "rust", "zephyr"]
 
 _AUTOPILOTS = ("crazyflie", "px4", "ros2")
 _VERSION = "0.1.0"  # of the package that is written; its user counts on from here
@@ -67,10 +67,10 @@ def export_target(
     Parameters
     ----------
     system : control.InputOutputSystem, FlatModel or SampledPhyFilter
-    target : {"arduino", "cmake", "crazyflie", "px4", "ros2", "zephyr"}
-        Arduino library (PlatformIO takes it too), CMake project with package files, Zephyr module; app of the
-        Crazyflie, external module of PX4 and component of ROS 2 (a low-pass filter of three channels, without inertia;
-        the first two on the velocity per unit of mass and in float).
+    target : {"arduino", "cmake", "crazyflie", "px4", "ros2", "rust", "zephyr"}
+        Arduino library (PlatformIO takes it too), CMake project with package files, Zephyr module; crate for Rust without
+        std (a filter); app of the Crazyflie, external module of PX4 and component of ROS 2 (a low-pass filter of three
+        channels, without inertia; the first two on the velocity per unit of mass and in float).
     folder : str or Path
         Written whole or not at all; files that no export wrote are not touched.
     real, name, channels, inertia, signals
@@ -106,6 +106,10 @@ def export_target(
     if target in _AUTOPILOTS:
         check_autopilot(target, system, name or "phyfilter", channels, inertia)
         real, channels = real or ("double" if target == "ros2" else "float"), 3
+    if target == "rust" and not isinstance(system, SampledPhyFilter):
+        raise ValueError(
+            "rust: expected a sampled filter; a diagram goes into a crate of its own by export_c"
+        )
     with tempfile.TemporaryDirectory() as parent:
         written = export_c(
             system,
@@ -122,6 +126,8 @@ def export_target(
     if kind == "filter":
         sources |= guard_sources(model)
     values = _values(system, model, sorted(file for file in sources if file.endswith(".c")))
+    if kind == "filter":
+        values |= _rust_values(sources[f"{model}.h"], model)
     place = f"src/modules/{model}" if target == "px4" else "src"
     files = {f"{place}/{file}": text for file, text in sources.items()}
     files |= {f"test/{file}": text for file, text in tests.items()}
@@ -151,11 +157,22 @@ def _values(
             "description": "a sampled PhyFilter that estimates the unknown part of M x' = g + f",
             "xml_description": "a sampled PhyFilter that estimates the unknown part of M x&apos; = g + f",
             "dt": f"{system.dt:g}",
+            "rust_dt": repr(float(system.dt)),
+            "rust_files": ", ".join(f'"{file}"' for file in [*c_files, f"{name}_rust.c"]),
             "period_us": str(round(1e6 * system.dt)),
         }
         return values | autopilot_values(system, name, c_files) | {"usage": _filled(_OF_FILTER, values)}
     values |= {"header": f"{name}.h", "description": "a block diagram, one step at a time"}
     return values | {"usage": _filled(_OF_DIAGRAM, values)}
+
+
+def _rust_values(header: str, name: str) -> dict[str, str]:
+    """Types and sizes of the C code, from the options of its header."""
+    options = {key: int(value) for key, value in re.findall(rf"#define {name}_(\w+) (\d+)", header)}
+    n_x = options["N_X"]
+    entries = (0, 1, n_x, n_x * n_x)[options["INERTIA"]] if options["INERTIA_INPUT"] else 0
+    sizes = {"n_x": str(n_x), "n_f": str(options["N_F"]), "n_m": str(entries)}
+    return sizes | {"rust_real": "f32" if options["FLOAT"] else "f64"}
 
 
 def _texts(folder: Traversable, above: str = "") -> Iterator[tuple[str, str]]:

@@ -423,13 +423,25 @@ def test_the_component_of_ros2_runs(tmp_path):
         np.testing.assert_allclose(row[1:4], [1.0, 0.0, -0.5], atol=1e-6)
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize(("real", "inertia"), [("double", None), ("float", "full")])
+def test_the_crate_passes_its_tests(real, inertia, tmp_path):
+    if shutil.which("cargo") is None:
+        pytest.skip("cargo is not installed")
+    folder = export_target(
+        FILTER, "rust", tmp_path / "crate", real=real, name="wind", channels=2, inertia=inertia
+    )
+    out = ran("cargo", "test", "--offline", "--quiet", cwd=folder)
+    assert "1 passed" in out
+
+
 def test_the_page_for_users_runs_as_written(tmp_path, monkeypatch):
     page = (Path(__file__).parents[2] / "docs" / "targets.md").read_text()
     monkeypatch.chdir(tmp_path)
     commands = re.findall(r"^phyfilter-ctl (.+)$", page, re.M)
-    assert len(commands) == 7
+    assert len(commands) == 8
     for command in commands:
         assert main(command.split()) == 0
     assert sorted(path.name for path in tmp_path.iterdir() if path.is_dir()) == [
-        f"{target}_wind" for target in ("arduino", "cmake", "crazyflie", "px4", "ros2", "zephyr")
+        f"{target}_wind" for target in ("arduino", "cmake", "crazyflie", "px4", "ros2", "rust", "zephyr")
     ]
