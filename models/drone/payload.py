@@ -4,7 +4,7 @@
 
 G is gravity, g the known force; a is the acceleration that the forces known give the whole mass: nothing is
 differentiated. The weight -dm G e_z is left to the filter: 1 - F takes out what is constant, and while dm is being
-found nothing jumps.
+found nothing jumps. The block watches the payload: were a drop followed slowly, the model would be wrong for seconds.
 """
 
 from __future__ import annotations
@@ -90,6 +90,7 @@ def payload_systems(told: bool) -> tuple[list[ct.InputOutputSystem], dict[str, s
         noise=NOISE,
         fraction={"payload": _KNOWN * values.vehicle.mass / _MASS},
         g="average",
+        watch="payload",
     )
     nothing = plant(
         lambda t, x, u, p: ({}, {"zero": np.zeros(3)}), name="lumped", states={}, outputs={"zero": "N"}
