@@ -8,6 +8,7 @@ from .functions import BlockEvent, BlockFunctions, Variable, dependencies
 from .hybrid import Event, HybridBlock, event, hybrid
 from .interpreted import Interpreted
 from .learned import learned_block
+from .lookup import lookup_table
 from .phyfilter import PhyFilterBlock, phyfilter_block
 from .sampled import FilterLaw, SampledBlock, sampled_block
 from .separation import separation_block
@@ -32,6 +33,7 @@ __all__ = [
     "function_block",
     "hybrid",
     "learned_block",
+    "lookup_table",
     "phyfilter_block",
     "sampled_block",
     "separation_block",

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from .._sections import FloatArray
 
-__all__ = ["Evaluation", "Interpreted"]
+__all__ = ["Evaluation", "Interpreted", "acting"]
 
 Evaluation: TypeAlias = Callable[[float, FloatArray, FloatArray, FloatArray], object]
 """(t, x, u, p) -> as many numbers as there are results."""
@@ -131,3 +131,31 @@ class Interpreted(ca.Callback):
         if len(found) != self._sizes[4]:
             raise ValueError(f"{len(found)} results, expected {self._sizes[4]}")
         return found
+
+
+def acting(function: Callable[[FloatArray], FloatArray], places: Sequence[FloatArray]) -> NDArray[np.bool_]:
+    """Which entry of the argument changes which entry of the result at some place, (results, arguments).
+
+    Parameters
+    ----------
+    function : callable
+    places : sequence of arrays
+
+    Examples
+    --------
+    >>> acting(lambda u: np.array([u[1] ** 2, 3.0]), [np.zeros(2)]).tolist()
+    [[False, True], [False, False]]
+    """
+    found = []
+    for place in places:
+        before = function(place)
+        for j in range(len(place)):
+            for change in (1e-3, 1.0, -2.7, 40.0):
+                moved = place.copy()
+                moved[j] += change
+                after = function(moved)
+                found.append((j, ~((after == before) | (np.isnan(after) & np.isnan(before)))))
+    result = np.zeros((len(function(places[0])), len(places[0])), dtype=bool)
+    for j, changed in found:
+        result[:, j] |= changed
+    return result

@@ -18,6 +18,7 @@ import casadi as ca
 import control as ct
 import numpy as np
 
+from ..blocks.lookup import interpolated
 from .branches import UntraceableError
 from .scalars import CIRCULAR, OVERRIDES, Array, Traced, applied, as_array, has_traced, plain, ufunc_call
 
@@ -27,16 +28,17 @@ USES_CASADI = -1  # key of what rebound has seen, beside the identities of funct
 _Any: Any = np  # numpy's stubs know no arrays of traced numbers
 
 
+def _expression(value: Any) -> ca.SX:
+    return value.expression if isinstance(value, Traced) else ca.SX(float(value))
+
+
 def _matrix(value: Any) -> ca.SX:
     """Rows and columns as CasADi's matrix; a vector as a column."""
     array = np.atleast_1d(plain(value))
     if array.ndim > 2:
         raise UntraceableError("a stack of matrices cannot be traced")
     rows = array.reshape(len(array), -1)
-    entries = [
-        ca.horzcat(*(e.expression if isinstance(e, Traced) else ca.SX(float(e)) for e in row)) for row in rows
-    ]
-    return ca.vertcat(*entries)
+    return ca.vertcat(*(ca.horzcat(*map(_expression, row)) for row in rows))
 
 
 def _from_matrix(matrix: ca.SX, shape: Sequence[int]) -> Any:
@@ -79,14 +81,11 @@ def _clip(value: Any, low: Any = None, high: Any = None, **bounds: Any) -> Any:
 def _interp(x: Any, xp: Any, fp: Any, left: Any = None, right: Any = None, period: Any = None) -> Any:
     if period is not None or has_traced(xp):
         raise UntraceableError("np.interp with a period, or at places that are signals, cannot be traced")
-    places = np.asarray(plain(xp), dtype=float)
-    values = plain(fp)
+    places, values = np.asarray(plain(xp), dtype=float), [_expression(value) for value in plain(fp)]
 
     def at(place: Any) -> Any:
-        result = values[0]
-        for i, span in enumerate(np.diff(places).tolist()):
-            inside = applied("minimum", applied("maximum", place - places[i], 0.0), span)
-            result = result + (values[i + 1] - values[i]) / span * inside
+        result = interpolated(_expression(place), places, values)
+        result = Traced(result) if not result.is_constant() else float(result)
         result = result if left is None else _chosen(place < places[0], left, result)
         return result if right is None else _chosen(place > places[-1], right, result)
 

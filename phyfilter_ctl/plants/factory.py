@@ -15,6 +15,7 @@ from ..blocks.function_block import FunctionBlock, copied, share, unknown_name
 from ..blocks.functions import BlockFunctions
 from .algebra import Array, Scalar
 from .declaration import Columns, Declaration, Group, check_name, declared, flat, labelled
+from .interpreting import as_python, on_numbers
 
 __all__ = ["Equations", "Plant", "plant"]
 
@@ -24,7 +25,7 @@ Equations: TypeAlias = Callable[[Array, Columns, Columns, Columns], Results | tu
 
 _ADVICE = (
     "write them with arithmetic, numpy's elementwise functions and phyfilter_ctl.plants' norm, where, stack, ...; "
-    "math.sin, float(), an `if` on a state and assignment into np.zeros do not go"
+    "math.sin, float(), an `if` on a state and assignment into np.zeros do not go, but with interpreted=True"
 )
 
 
@@ -123,6 +124,7 @@ def plant(
     params: Mapping[str, Declaration] | None = None,
     name: str | None = None,
     dt: float = 0.0,
+    interpreted: bool = False,
 ) -> Plant:
     """A python-control system from equations that are written once.
 
@@ -142,6 +144,9 @@ def plant(
         Name of the block; None means that of the function.
     dt : float
         0 for a continuous plant, else a sampling interval in seconds.
+    interpreted : bool
+        Leave the equations a Python function: it gets numbers and numpy arrays, may do with them what it likes, and
+        runs as Python wherever the plant runs. Such a plant has no C code, and its derivatives are differences.
 
     Returns
     -------
@@ -174,9 +179,13 @@ def plant(
     groups = [
         declared(kind, given) for kind, given in (("states", states), ("inputs", inputs), ("params", params))
     ]
-    t = ca.SX.sym("t")
+    t: ca.SX = ca.SX.sym("t")
     columns = [ca.SX.sym(kind, len(flat(group))) for kind, group in zip("xup", groups, strict=True)]
-    result = _run(equations, name, t, columns, groups)
+    if interpreted:
+        starts = [np.array([v.start for v in flat(group)], dtype=float) for group in groups]
+        result = on_numbers(equations, groups, 0.0, *starts)
+    else:
+        result = _run(equations, name, t, columns, groups)
     pair = result if isinstance(result, tuple) else (result, None)
     if len(pair) != 2 or not all(isinstance(part, Mapping) or part is None for part in pair):
         raise TypeError(
@@ -194,6 +203,8 @@ def plant(
         ca.Function("dynamics", arguments, [ca.densify(derivatives)]),
         ca.Function("output", arguments, [ca.densify(values)]),
     )
+    if interpreted:
+        functions = as_python(functions, equations, groups, chosen, name, has_outputs=pair[1] is not None)
     return Plant(functions, name, dt)
 
 
