@@ -11,23 +11,18 @@ issues up to two at once, and its memory decides the rest.
 from __future__ import annotations
 
 import argparse
-import shutil
-import subprocess
 import sys
 import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from cortex import BOARDS, INSTRUCTIONS_PER_TICK, build, missing, run, versions
 
 from phyfilter_ctl import PhyFilter, SampledPhyFilter
 from phyfilter_ctl.codegen import FilterSource, filter_source
 
-TARGET = ("arm-none-eabi-gcc", "-mcpu=cortex-m7", "-mfpu=fpv5-d16", "-mfloat-abi=hard", "-mthumb")
-HOST = ("cc",)
-FLAGS = ("-std=c99", "-O2", "-Wall", "-Wextra", "-Wpedantic", "-Werror", "-ffunction-sections")
-BOARD = ("qemu-system-arm", "-M", "mps2-an500", "-nographic", "-semihosting", "-icount", "shift=0", "-kernel")
-NANOSECONDS_PER_TICK = 40  # SysTick runs at 25 MHz; an instruction takes 1 ns
+BOARD = BOARDS["m7"]
 STEPS = 999
 DT = 0.002
 LIMIT = 600  # instructions of a step of 3 channels, order 6, float, low-pass, fixed coefficients
@@ -167,35 +162,22 @@ class Row:
     same: bool
 
 
-def run(command: tuple[str, ...], folder: Path) -> str:
-    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False, timeout=300)
-    if done.returncode:
-        raise SystemExit(f"{' '.join(command[:4])} ... failed:\n{done.stderr[:3000]}")
-    return done.stdout or done.stderr  # qemu writes what the board says to standard error
-
-
 def measure(source: FilterSource, folder: Path) -> Row:
-    for file, text in {
-        **source.sources,
-        "board.c": BOARD_C,
-        "board.ld": BOARD_LD,
-        "main.c": MAIN_C,
-    }.items():
+    for file, text in {**source.sources, "main.c": MAIN_C}.items():
         (folder / file).write_text(text)
-    files = (*(file for file in source.sources if file.endswith(".c")), "main.c")
-    linking = ("-nostartfiles", "-Wl,--gc-sections", "-T", "board.ld", "board.c", "-lc", "-lgcc")
-    run((*TARGET, *FLAGS, *files, *linking, "-o", "board.elf"), folder)
-    run((*HOST, *FLAGS, *files, "-o", "host"), folder)
-    full, empty, crc, memory, parameters = map(int, run((*BOARD, "board.elf"), folder).split())
+    build(BOARD, (*(file for file in source.sources if file.endswith(".c")), "main.c"), folder)
+    full, empty, crc, memory, parameters = map(
+        int, run((*BOARD.emulator(counted=True), "board.elf"), folder).split()
+    )
     host_crc = int(run((str(folder / "host"),), folder).split()[2])
-    run((*TARGET, *FLAGS, "-c", "wing.c", "-o", "wing.o"), folder)
+    run((*BOARD.compiler, "-std=c99", "-O2", "-ffunction-sections", "-c", "wing.c", "-o", "wing.o"), folder)
     symbols = run(("arm-none-eabi-nm", "-S", "wing.o"), folder).splitlines()
     sizes = {parts[3]: int(parts[1], 16) for line in symbols if len(parts := line.split()) == 4}
     # The step and what it calls; the checks of the parameters, start, shift and retuning are not in it.
     code = sum(
         size for name, size in sizes.items() if name.startswith(("wing_step", "wing_take_", "wing_begin_"))
     )
-    return Row((full - empty) * NANOSECONDS_PER_TICK / STEPS, code, memory, parameters, crc == host_crc)
+    return Row((full - empty) * INSTRUCTIONS_PER_TICK / STEPS, code, memory, parameters, crc == host_crc)
 
 
 def filters(orders: tuple[int, ...]) -> list[tuple[str, int, SampledPhyFilter, bool]]:
@@ -218,12 +200,10 @@ def main() -> int:
     )
     parser.add_argument("--quick", action="store_true", help="orders 2 and 6 in float only")
     quick = parser.parse_args().quick
-    for program in (TARGET[0], BOARD[0], *HOST):
-        if shutil.which(program) is None:
-            print(f"skipped: {program} not found")
-            return 0
-    print(run((TARGET[0], "--version"), Path.cwd()).splitlines()[0] + ", " + " ".join(FLAGS[:2]))
-    print(run((BOARD[0], "--version"), Path.cwd()).splitlines()[0] + ", mps2-an500; 3 channels")
+    if (program := missing()) is not None:
+        print(f"skipped: {program} not found")
+        return 0
+    print(f"{versions()}, {BOARD.machine}; 3 channels")
     print(
         f"{'form':<24}{'real':<8}{'order':>5}{'instructions':>14}{'code':>7}{'RAM':>6}{'constants':>11}"
         "  bits as on the host"
