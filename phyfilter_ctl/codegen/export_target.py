@@ -69,8 +69,8 @@ def export_target(
     system : control.InputOutputSystem, FlatModel or SampledPhyFilter
     target : {"arduino", "cmake", "crazyflie", "px4", "ros2", "rust", "zephyr"}
         Arduino library (PlatformIO takes it too), CMake project with package files, Zephyr module; crate for Rust
-        without std (a filter); app of the Crazyflie, external module of PX4 and component of ROS 2 (a low-pass filter of
-        three channels, without inertia; the first two on the velocity per unit of mass and in float).
+        without std (a filter); app of the Crazyflie, external module of PX4 and component of ROS 2 (a low-pass filter
+        of three channels, without inertia; the first two on the velocity per unit of mass and in float).
     folder : str or Path
         Written whole or not at all; files that no export wrote are not touched.
     real, name, channels, inertia, signals
