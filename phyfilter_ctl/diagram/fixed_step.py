@@ -28,6 +28,8 @@ __all__ = [
 
 # Beyond this many states a few eigenvalues are sought instead of all.
 _MANY = 250
+# Beyond this many a norm is taken where it says enough.
+_FEW = 50
 # A real part that is this part of the eigenvalue is rounding: an undamped oscillation is to stay bounded too.
 _UNDAMPED = 1e-9
 # Steps at the bound itself are let pass: the eigenvalue is no better known.
@@ -113,12 +115,20 @@ def largest_stable_step(flat: FlatModel) -> StableStep:
 
 def stiffness(flat: FlatModel, t: float, *at: NDArray[np.float64]) -> float:
     """Rate of the fastest mode that decays more than it oscillates, 1/s; ``at`` is x, u, p, z."""
+    return rates(flat, t, *at)[0]
+
+
+def rates(flat: FlatModel, t: float, *at: NDArray[np.float64], below: float = 0.0) -> tuple[float, float]:
+    """The same, and that of the fastest mode of any kind; a norm that bounds both where it is less than ``below``."""
     matrix = _state_matrix(flat, t, *at)
     if matrix is None:
-        return 0.0
+        return 0.0, 0.0
+    bound = float(abs(matrix).sum(axis=1).max())
+    if bound < below and len(flat.states) > _FEW:
+        return bound, bound
     values = fastest_modes(matrix)[0]
     decaying = values[-values.real >= np.abs(values.imag)]
-    return float(np.abs(decaying).max(initial=0.0))
+    return float(np.abs(decaying).max(initial=0.0)), float(np.abs(values).max(initial=0.0))
 
 
 def _state_matrix(flat: FlatModel, t: float, *at: NDArray[np.float64]) -> csc_array | None:

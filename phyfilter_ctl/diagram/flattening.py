@@ -274,7 +274,7 @@ def _assemble(
     evaluation = evaluate(wiring, symbols)
     loops, unknowns = _loops(evaluation, len(flat_held))
     flat_held += unknowns
-    build = _Builder(symbols, evaluation)
+    build = _Builder(symbols, evaluation, len(wiring.blocks) > 1)
     derivatives = [
         call_block(wiring, symbols, i, "dynamics", evaluation.values)
         for i, block in enumerate(wiring.blocks)
@@ -355,8 +355,9 @@ def _loops(evaluation: Evaluation, held: int) -> tuple[tuple[AlgebraicLoop, ...]
 class _Builder:
     """Makes functions of (t, x, u, p, z), with the nonlinear loops solved inside."""
 
-    def __init__(self, symbols: Symbols, evaluation: Evaluation) -> None:
+    def __init__(self, symbols: Symbols, evaluation: Evaluation, shared: bool) -> None:
         self._symbols = symbols
+        self._shared = shared  # blocks may be called more than once
         self._loops = evaluation.loops
         self._unknowns = newton_function(evaluation.loops, symbols.all) if evaluation.loops else None
         held = symbols.z.shape[0]
@@ -366,7 +367,7 @@ class _Builder:
         arguments = self._symbols.all
         kind = type(self._symbols.t)
         result = ca.densify(ca.vertcat(*parts)) if parts else kind(0, 1)
-        if kind is ca.SX:
+        if kind is ca.SX and self._shared:
             result = ca.cse(result)
         needed = [loop.tau for loop in self._loops if ca.depends_on(result, loop.tau)] if parts else []
         if self._unknowns is None:

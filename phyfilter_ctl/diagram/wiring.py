@@ -13,6 +13,7 @@ import numpy as np
 from ..blocks.continuous import forward_difference
 from ..blocks.functions import BlockFunctions, Variable
 from ..blocks.sampled import FilterLaw, SampledBlock
+from .copies import copy_key
 from .leaves import block_functions, linear_functions, with_values
 
 __all__ = ["Block", "Rules", "Wiring", "input_variables", "output_variables", "wire"]
@@ -64,6 +65,8 @@ class Wiring:
     blocks : list of Block
     inputs, outputs : list of int
         Signals at the border of the diagram.
+    traced : dict
+        Functions of blocks by :func:`copy_key`.
     """
 
     names: list[str] = field(default_factory=list)
@@ -72,6 +75,7 @@ class Wiring:
     blocks: list[Block] = field(default_factory=list)
     inputs: Sequence[int] = ()
     outputs: Sequence[int] = ()
+    traced: dict[tuple[object, ...], BlockFunctions] = field(default_factory=dict)
 
     def dependencies(self) -> list[list[int]]:
         """Signals that each signal needs at the same moment."""
@@ -204,7 +208,12 @@ def _add_block(
         continuous = _continuous(system, functions, path)
     else:
         period, filter_law, continuous = 0.0, None, None
-        functions = block_functions(system, path, given, rules.missing)
+        key = copy_key(system, given)
+        functions = wiring.traced.get(key) if key is not None else None
+        if functions is None:
+            functions = block_functions(system, path, given, rules.missing)
+            if key is not None and not functions.callbacks:
+                wiring.traced[key] = functions
     inputs = _new(wiring, [f"{path}.{variable.name}" for variable in functions.inputs])
     outputs = _new(wiring, [f"{path}.{variable.name}" for variable in functions.outputs])
     for signal in inputs:

@@ -16,11 +16,8 @@ from .response import Outcome
 from .steps import KEPT, start_state
 from .vm import chattering_from
 
-__all__ = ["compiles", "pays", "run_compiled"]
+__all__ = ["compiles", "run_compiled"]
 
-# Measured: the virtual machine takes 1.35 ns an instruction; compiling 0.5 s, and 40 us an instruction.
-_VM_INSTRUCTION = 1.35e-9
-_COMPILE, _COMPILE_INSTRUCTION = 0.5, 40e-6
 # Statuses of a run that was not going to end.
 _GIVEN_UP = (3, 4, 101)
 _WAY_OUT = (
@@ -35,11 +32,6 @@ def compiles(flat: FlatModel) -> bool:
     except (CompilerError, ValueError):
         return False
     return True
-
-
-def pays(steps: float, instructions: int) -> bool:
-    """Whether compiling a step takes less time than running it so often in the virtual machine."""
-    return steps * instructions * _VM_INSTRUCTION > _COMPILE + instructions * _COMPILE_INSTRUCTION
 
 
 @lru_cache(maxsize=KEPT)

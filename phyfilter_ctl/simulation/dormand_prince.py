@@ -25,10 +25,7 @@ _INSIDE = 0.1
 
 
 def _weighted(weights: FloatArray, slopes: Sequence[ca.SX]) -> ca.SX:
-    total = type(slopes[0]).zeros(*slopes[0].shape)
-    for weight, slope in zip(weights.tolist(), slopes, strict=True):
-        total = total + weight * slope if weight else total
-    return total
+    return ca.mtimes(ca.horzcat(*slopes), ca.sparsify(ca.DM(weights)))
 
 
 def _stages(

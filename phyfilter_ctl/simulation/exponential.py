@@ -25,7 +25,7 @@ from ..blocks.functions import dependencies
 from ..diagram import FlatModel
 from .steps import KEPT, SYMBOLS, Layout, Results, compose, cut, renewed
 
-__all__ = ["LinearPart", "advance_exponential", "has_linear_states", "linear_part", "tables"]
+__all__ = ["LinearPart", "advance_exponential", "has_linear_states", "linear_part", "phi_functions", "tables"]
 
 # Matrices with more entries than this are multiplied as a whole: SX would make one instruction of each entry.
 _DENSE = 20_000
@@ -110,7 +110,7 @@ def tables(flat: FlatModel, p: FloatArray, steps: Sequence[float]) -> FloatArray
         pieces = []
         for group in part.groups:
             block = A[group][:, group].toarray()
-            half, whole = _phi(block * (h / 2)), _phi(block * h)
+            half, whole = phi_functions(block * (h / 2)), phi_functions(block * h)
             pieces.append(
                 np.stack([half[0], h / 2 * half[1], h * half[2], whole[0], *(h * phi for phi in whole[1:])])
             )
@@ -118,7 +118,7 @@ def tables(flat: FlatModel, p: FloatArray, steps: Sequence[float]) -> FloatArray
     return np.array(columns).reshape(len(steps), -1)
 
 
-def _phi(Z: FloatArray) -> list[FloatArray]:
+def phi_functions(Z: FloatArray) -> list[FloatArray]:
     """e^Z, phi_1(Z), phi_2(Z), phi_3(Z).
 
     Scaling and doubling, with e^Z - I in place of e^Z: a slow pole beside a fast one survives that many squarings.

@@ -25,7 +25,7 @@ __all__ = [
 ]
 
 Method: TypeAlias = Literal["rk4", "adaptive", "stiff", "exact"]
-Backend: TypeAlias = Literal["vm", "c"]
+Backend: TypeAlias = Literal["vm", "c", "numpy"]
 
 
 class Outcome(NamedTuple):
@@ -55,7 +55,7 @@ class SimulationResponse(ct.TimeResponseData):
         Name of the diagram.
     method : {"rk4", "adaptive", "stiff", "exact", "discrete"}
         How it was integrated; at the end, where "auto" changed it on the way.
-    backend : {"vm", "c"}
+    backend : {"vm", "c", "numpy"}
         What ran it.
     steps : int
         Steps of integration; 0 where they were not counted.
@@ -72,6 +72,8 @@ class SimulationResponse(ct.TimeResponseData):
         As for ``control.input_output_response``.
     notes : tuple of str
         What is worth knowing of a run that succeeded.
+    explanation : str
+        Why this backend was taken.
     """
 
     def __init__(
@@ -91,6 +93,7 @@ class SimulationResponse(ct.TimeResponseData):
         events: tuple[tuple[float, str], ...] = (),
         squeeze: bool | None = None,
         notes: tuple[str, ...] = (),
+        explanation: str = "",
         callbacks: Mapping[str, float] | None = None,
     ) -> None:
         super().__init__(
@@ -103,6 +106,7 @@ class SimulationResponse(ct.TimeResponseData):
         self.steps = steps
         self.failed_at = failed_at
         self.notes = notes
+        self.explanation = explanation
         self.callbacks = dict(callbacks or {})
         self.events = events
 
@@ -130,6 +134,7 @@ def response_of(
     backend: Backend,
     squeeze: bool | None,
     notes: tuple[str, ...] = (),
+    explanation: str = "",
     callbacks: Mapping[str, float] | None = None,
 ) -> SimulationResponse:
     """Time-major arrays as a response."""
@@ -141,7 +146,7 @@ def response_of(
         run.times, y.T, states=x.T, inputs=run.inputs.T,
         labels=(_names(flat.outputs), _names(flat.states), _names(flat.inputs)), name=flat.name, method=method,
         backend=backend, steps=steps, message=message, failed_at=failed_at, squeeze=squeeze, notes=notes,
-        callbacks=callbacks, events=events,
+        explanation=explanation, callbacks=callbacks, events=events,
     )  # fmt: skip
 
 

@@ -15,21 +15,22 @@ from tqdm import tqdm
 
 from .. import _signals
 from ..diagram import FlatModel, flatten
-from ..diagram.fixed_step import stiffness
+from ..diagram.fixed_step import rates
 from ..execution import Executor
 from . import compiled, vm
 from .algebraic import jumps, unsolved
 from .arguments import Inputs, Interpolation, Parameters, Run, Start, prepare
+from .cost import expected_cost
 from .exponential import has_linear_states, linear_part
 from .limits import Limits, steps_allowed
-from .response import SimulationResponse, response_of, shares_of, with_outputs_checked
+from .linear import is_plain, run_linear, suits
+from .response import Backend, SimulationResponse, response_of, shares_of, with_outputs_checked
 from .steplength import default_step
-from .steps import advance_rk4, at_node
 
 __all__ = ["as_flat", "simulate", "simulate_batch"]
 
 MethodChoice = Literal["auto", "rk4", "adaptive", "stiff", "exact"]
-BackendChoice = Literal["auto", "vm", "c"]
+BackendChoice = Literal["auto", "vm", "c", "numpy"]
 # A matrix exponential of more coupled states costs more than it saves.
 _MOST_COUPLED = 200
 # Time constants of the fastest decaying mode that a run is long, and those for each of its nodes, to call it stiff.
@@ -50,6 +51,7 @@ class Options:
     squeeze: bool | None
     max_steps: int | None
     time_limit: float | None
+    explanation: str = ""
 
     def __post_init__(self) -> None:
         for name, choices in (("method", MethodChoice), ("backend", BackendChoice)):
@@ -59,6 +61,8 @@ class Options:
             raise ValueError(
                 f"method={self.method!r} runs in the virtual machine: expected backend='vm', got 'c'"
             )
+        if self.method not in ("auto", "exact") and self.backend == "numpy":
+            raise ValueError(f"backend='numpy' takes method='exact', got {self.method!r}")
         if self.max_step is not None and not 0.0 < self.max_step < np.inf:
             raise ValueError(
                 f"max_step: expected a positive number of seconds or None, got {self.max_step!r}"
@@ -118,9 +122,10 @@ def simulate(
         Runge-Kutta of fourth order, exact for parts of df/dx that are constant. "auto": exact for a diagram linear in
         its states, else adaptive; in the virtual machine it goes over to stiff where the fastest decaying mode,
         measured on the way, bounds the steps.
-    backend : {"auto", "vm", "c"}
-        CasADi's virtual machine, or C compiled on the spot (kept for the next run). "auto": C where a compiler is found
-        and the run is long enough to pay for compiling.
+    backend : {"auto", "vm", "c", "numpy"}
+        CasADi's virtual machine, C compiled on the spot (kept for the next run), or, for affine
+        diagrams without sampled blocks, one product of a matrix by the state for each time. "auto": what is
+        predicted to take least time, C where a compiler is found; ``explanation`` of the response says why.
     max_step : float, optional
         Longest step in seconds. None: for "rk4" and for the nonlinear parts of "exact", 0.2 of the time constant of
         the fastest pole at the start, and never beyond the next event; for "adaptive", no bound.
@@ -242,7 +247,7 @@ def simulate_batch(
     runs = [
         prepare(flat, timepts, u, x0, p, interpolation) for u, x0, p in _batch(inputs, initial_state, params)
     ]
-    decided = _decided(flat, runs[0], options, len(runs))
+    decided = _decided(flat, runs[0], options, len(runs), chosen.size)
     try:
         with tqdm(total=len(runs), disable=not progress, unit="run") as bar:
             answers: list[SimulationResponse] = []
@@ -277,12 +282,12 @@ def as_flat(sys: ct.InputOutputSystem | FlatModel, params: Parameters | None = N
     return sys if isinstance(sys, FlatModel) else flatten(sys, params=params)
 
 
-def _decided(flat: FlatModel, run: Run, options: Options, runs: int) -> Options:
+def _decided(flat: FlatModel, run: Run, options: Options, runs: int, threads: int = 1) -> Options:
     """Options without "auto"."""
-    method, backend = options.method, options.backend
+    method, backend, why = options.method, options.backend, ""
     if method == "auto":
-        small = max((len(group) for group in linear_part(flat).groups), default=0) <= _MOST_COUPLED
-        method = "exact" if backend != "c" and has_linear_states(flat) and small else "auto"
+        exact = backend != "c" and (is_plain(flat, run, options.max_step) or _is_exact(flat))
+        method = "exact" if exact else "auto"
     if flat.events:
         if options.method == "exact" or (options.method == "rk4" and backend != "c"):
             raise ValueError(
@@ -290,35 +295,58 @@ def _decided(flat: FlatModel, run: Run, options: Options, runs: int) -> Options:
                 "'stiff', or 'rk4' with backend='c'"
             )
         method = "auto" if method == "exact" else method
-        backend = "vm" if backend == "auto" else backend  # which records the events
+        if backend == "auto":
+            backend, why = "vm", "vm: it records the events"
     if not flat.states or flat.dt > 0.0:
         method = "rk4"  # nothing to integrate
-    if backend == "auto":
-        interpreted = method in ("exact", "stiff") or (method == "auto" and _starts_stiff(flat, run))
-        backend = "c" if not interpreted and _worth_compiling(flat, run, options, runs) else "vm"
+    if backend == "numpy" and not (method == "exact" and is_plain(flat, run, options.max_step)):
+        raise ValueError(
+            "backend='numpy': expected an affine diagram without sampled blocks and nonlinear algebraic loops, and "
+            "times of few different distances; take backend='auto'"
+        )
+    if backend == "auto" and method == "exact":
+        backend = "numpy" if suits(flat, run, options.max_step, runs) else "vm"
+        why = f"{backend}: the diagram is linear in its states, {len(run.times)} times"
+    elif backend == "auto" and method == "stiff":
+        backend, why = "vm", "vm: stiff"
+    elif backend == "auto":
+        decaying, fastest = _rates(flat, run)
+        cost = expected_cost(
+            flat, run, fastest, fixed=method == "rk4", max_step=options.max_step, runs=runs, threads=threads
+        )
+        if method == "auto" and _starts_stiff(flat, run, decaying):
+            backend, why = "vm", f"vm: stiff, a mode decays at {decaying:.3g} 1/s"
+        else:
+            backend = "c" if cost.c < cost.vm and compiled.compiles(flat) else "vm"
+            why = cost.explained(backend)
     if backend == "c" and method == "auto":
         method = "adaptive"
-    return replace(options, method=method, backend=backend)
+    return replace(options, method=method, backend=backend, explanation=why or f"{backend}: asked for")
 
 
-def _starts_stiff(flat: FlatModel, run: Run) -> bool:
-    """Whether stability would bound the explicit steps of a run, if it went on as it starts."""
+def _is_exact(flat: FlatModel) -> bool:
+    small = max((len(group) for group in linear_part(flat).groups), default=0) <= _MOST_COUPLED
+    return small and has_linear_states(flat)
+
+
+def _rates(flat: FlatModel, run: Run) -> tuple[float, float]:
+    """Of the fastest mode that decays, and of any, where the run starts."""
+    if not flat.states or flat.dt > 0.0:
+        return 0.0, 0.0
     z = np.array([variable.start for variable in flat.held])
-    rate = stiffness(flat, float(run.times[0]), run.start, run.inputs[0], run.parameters, z)
+    start = float(run.times[0])
+    below = _stiff_steps(flat, run) / max(float(run.times[-1]) - start, 1e-300)
+    return rates(flat, start, run.start, run.inputs[0], run.parameters, z, below=below)
+
+
+def _starts_stiff(flat: FlatModel, run: Run, rate: float) -> bool:
+    """Whether stability would bound the explicit steps of a run, if it went on as it starts."""
+    return rate * float(run.times[-1] - run.times[0]) > _stiff_steps(flat, run)
+
+
+def _stiff_steps(flat: FlatModel, run: Run) -> float:
     nodes = len(run.times) + sum((run.times[-1] - run.times[0]) / task.period for task in flat.tasks)
-    return rate * float(run.times[-1] - run.times[0]) > _STIFF_STEPS + _STIFF_NODE_STEPS * nodes
-
-
-def _worth_compiling(flat: FlatModel, run: Run, options: Options, runs: int) -> bool:
-    length = float(run.times[-1] - run.times[0])
-    steps = len(run.times) + sum(length / task.period for task in flat.tasks)
-    if options.max_step is not None:
-        steps = max(steps, length / options.max_step)
-    functions = [at_node(flat)] if flat.dt == 0.0 else [flat.dynamics, flat.output]
-    functions += [advance_rk4(flat)] if flat.dt == 0.0 else []
-    if not all(function.is_a("SXFunction") for function in functions):
-        return False  # instructions of unknown size
-    return compiled.pays(runs * steps, sum(f.n_instructions() for f in functions)) and compiled.compiles(flat)
+    return _STIFF_STEPS + _STIFF_NODE_STEPS * nodes
 
 
 def _simulate(flat: FlatModel, run: Run, options: Options, progress: bool) -> SimulationResponse:
@@ -327,7 +355,7 @@ def _simulate(flat: FlatModel, run: Run, options: Options, progress: bool) -> Si
     shares = shares_of(flat)
     longest = options.max_step
     limits = Limits(steps_allowed(flat, run, options.max_steps, controlled), options.time_limit)
-    if longest is None and not controlled and flat.dt == 0.0:
+    if longest is None and not controlled and flat.dt == 0.0 and options.backend != "numpy":
         longest = default_step(flat, run, without_linear=method == "exact")
     if options.backend == "c":
         assert method in ("rk4", "adaptive")
@@ -354,10 +382,13 @@ def _simulate(flat: FlatModel, run: Run, options: Options, progress: bool) -> Si
             limits=limits,
             progress=progress,
         )
+    elif options.backend == "numpy":
+        outcome = run_linear(flat, run, limits)
     else:
         pieces = vm.fixed_pieces(flat, run, method, longest)
         outcome, _ = vm.run_pieces(flat, run, pieces, limits=limits, progress=progress)
     assert method != "auto"
+    backend: Backend = "vm" if options.backend == "auto" else options.backend
     outcome = with_outputs_checked(flat, run, outcome)
     notes = jumps(flat, run, outcome.x)
     for note in notes:
@@ -367,7 +398,7 @@ def _simulate(flat: FlatModel, run: Run, options: Options, progress: bool) -> Si
         outcome = outcome._replace(message=outcome.message + without)
     return response_of(
         flat, run, outcome, notes=notes, method="discrete" if flat.dt > 0.0 else method,
-        backend="c" if options.backend == "c" else "vm", squeeze=options.squeeze,
+        backend=backend, explanation=options.explanation, squeeze=options.squeeze,
         callbacks=shares(),
     )  # fmt: skip
 

@@ -29,8 +29,10 @@ __all__ = [
     "discrete_pieces",
     "diverged",
     "fixed_pieces",
+    "outputs_at",
     "run_adaptive",
     "run_pieces",
+    "step_lengths",
 ]
 
 # Steps whose lengths agree to this use one set of matrices: the times themselves are no better known.
@@ -62,7 +64,7 @@ def fixed_pieces(
             data = _data(layout, run, window, steps)
             p, capacity = run.parameters, 1
             if method == "exact":
-                lengths, data[:, layout.table] = _lengths(data[:, 1], run.times)
+                lengths, data[:, layout.table] = step_lengths(data[:, 1], run.times)
                 columns = tables(flat, run.parameters, lengths.tolist())
                 capacity = 1 << (len(lengths) - 1).bit_length()
                 columns = np.vstack([columns, np.zeros((capacity - len(columns), columns.shape[1]))])
@@ -169,7 +171,8 @@ def run_adaptive(
     integrator = Integrator(
         flat, run.parameters, limits, control=control, rtol=rtol, atol=atol, max_step=max_step, until=until
     )
-    chain = Chain(at_node(flat), start_state(flat, run.start), run.parameters)
+    state = start_state(flat, run.start)
+    chain = Chain(at_node(flat), state, run.parameters) if flat.tasks else None
     failed_at, message = np.inf, ""
     with _bar(run, progress) as bar:
         for window in nodes(run.times, [task.period for task in flat.tasks]):
@@ -178,9 +181,10 @@ def run_adaptive(
             later = np.zeros(0, dtype=np.intp)
             try:
                 for first, stop in pairwise(breaks):
-                    if flat.tasks:
+                    if chain is not None:
+                        chain.state = state
                         chain.run(data[first : first + 1])
-                    state = chain.state
+                        state = chain.state
                     held = state[n_x + n_s :]
                     begin, end = float(window.times[first]), float(window.times[stop])
                     rows = window.row[first:stop]
@@ -194,7 +198,6 @@ def run_adaptive(
                             state[:n_x], held, (begin, end), u, run.times[later]
                         )
                         z[later], state[n_x + n_s :] = integrator.held_inside, integrator.held
-                        chain.state = state
             except StepError as error:
                 x[later[: len(error.inside)]] = error.inside
                 failed_at = error.time
@@ -205,7 +208,7 @@ def run_adaptive(
             bar.update(float(window.times[-1] - bar.n - run.times[0]))
     good = np.asarray(np.isfinite(x).all(axis=1))
     happened = () if integrator.watch is None else tuple(integrator.watch.log)
-    outcome = Outcome(x, _outputs(flat, run, x, z, good), integrator.steps, message, failed_at, happened)
+    outcome = Outcome(x, outputs_at(flat, run, x, z, good), integrator.steps, message, failed_at, happened)
     return outcome, integrator.pair.method
 
 
@@ -243,7 +246,9 @@ def _breaks(layout: Layout, window: Nodes, data: FloatArray) -> list[int]:
     return [*np.flatnonzero(new).tolist(), len(new)]
 
 
-def _outputs(flat: FlatModel, run: Run, x: FloatArray, z: FloatArray, good: NDArray[np.bool_]) -> FloatArray:
+def outputs_at(
+    flat: FlatModel, run: Run, x: FloatArray, z: FloatArray, good: NDArray[np.bool_]
+) -> FloatArray:
     """Outputs at all times at once; the sampled blocks have run."""
     y = np.full((len(x), len(flat.outputs)), np.nan)
     size = 256
@@ -288,7 +293,7 @@ def _data(layout: Layout, run: Run, window: Nodes, steps: Steps) -> FloatArray:
     return data
 
 
-def _lengths(h: FloatArray, times: FloatArray) -> tuple[FloatArray, NDArray[np.intp]]:
+def step_lengths(h: FloatArray, times: FloatArray) -> tuple[FloatArray, NDArray[np.intp]]:
     """The different step lengths, and which of them each step has."""
     order = np.argsort(h)
     ranked = h[order]

@@ -8,7 +8,9 @@ from phyfilter_ctl import PhyFilter
 from phyfilter_ctl.blocks import sampled_block
 from phyfilter_ctl.codegen import CompilerError, find_compiler
 from phyfilter_ctl.diagram import flatten
-from phyfilter_ctl.simulation import compiled, sensitivity, simulate, simulate_batch
+from phyfilter_ctl.diagram.fixed_step import rates
+from phyfilter_ctl.simulation import compiled, cost, sensitivity, simulate, simulate_batch
+from phyfilter_ctl.simulation.arguments import prepare
 from phyfilter_ctl.study import Executor
 
 TIMES = np.linspace(0.0, 2.0, 101)
@@ -125,12 +127,17 @@ def test_compiled_discrete_diagram():
 def test_compiled_where_it_pays(loop, monkeypatch):
     """Long runs compile, short ones do not, and a batch counts as a whole."""
     find_compiler()  # skipped where there is none
-    assert compiled.pays(1e6, 1000)
-    assert not compiled.pays(1e4, 1000)
-    assert simulate(loop, TIMES, INPUTS, method="rk4").backend == "vm"
-    # 0.1 ms worth of instructions is about one run of 250 steps.
-    monkeypatch.setattr(compiled, "_COMPILE", 3e-4)
-    monkeypatch.setattr(compiled, "_COMPILE_INSTRUCTION", 0.0)
+    short = simulate(loop, TIMES, INPUTS, method="rk4")
+    assert short.backend == "vm"
+    assert "predicted" in short.explanation
+    # As if compiling took as long as three runs, and nothing else took time.
+    for name in ("_COMPILE", "_COMPILE_EACH", "_MAKING", "_MAKING_EACH", "_C_ROW"):
+        monkeypatch.setattr(cost, name, 0.0)
+    run = prepare(loop, TIMES, INPUTS, None, None, "linear")
+    fastest = rates(loop, TIMES[0], run.start, run.inputs[0], run.parameters, np.zeros(len(loop.held)))[1]
+    monkeypatch.setattr(cost, "_operation", lambda: cost._REFERENCE)
+    bare = cost.expected_cost(loop, run, fastest, fixed=True, max_step=None, runs=1, threads=1)
+    monkeypatch.setattr(cost, "_COMPILE", 3.0 * bare.vm / cost._REFERENCE)
     assert simulate(loop, TIMES, INPUTS, method="rk4").backend == "vm"
     many = simulate_batch(loop, TIMES, INPUTS, params={"m": np.linspace(1.0, 2.0, 9)}, method="rk4")
     assert {run.backend for run in many} == {"c"}
@@ -151,8 +158,8 @@ def test_no_c_code_for_it_leaves_the_virtual_machine(loop, monkeypatch):
         raise ValueError("no C code")
 
     monkeypatch.setattr(compiled, "_compiled", refuse)
-    monkeypatch.setattr(compiled, "_COMPILE", 0.0)
-    monkeypatch.setattr(compiled, "_COMPILE_INSTRUCTION", 0.0)
+    monkeypatch.setattr(cost, "_COMPILE", 0.0)
+    monkeypatch.setattr(cost, "_COMPILE_EACH", 0.0)
     assert simulate(loop, TIMES, INPUTS, method="rk4").backend == "vm"
     with pytest.raises(ValueError, match="no C code"):
         simulate(loop, TIMES, INPUTS, method="rk4", backend="c")
