@@ -20,7 +20,7 @@ from .names import LEGAL, with_legal_names
 __all__ = ["FmuExperiment", "FmuInterface", "FmuSolver", "InterfaceVariable", "fmu_interface"]
 
 Kind = Literal[
-    "time", "input", "output", "parameter", "fixed", "state", "derivative", "sampled",
+    "time", "input", "output", "parameter", "fixed", "state", "derivative", "sampled", "condition",
     "solver_step", "solver_rtol", "solver_atol",
 ]  # fmt: skip
 Fmi = Literal["2.0", "3.0"]
@@ -36,6 +36,7 @@ _ROLES: dict[str, tuple[str, str, str]] = {
     "state": ("local", "continuous", "exact"),
     "derivative": ("local", "continuous", "calculated"),
     "sampled": ("local", "discrete", "calculated"),
+    "condition": ("local", "continuous", "calculated"),
     "solver_step": ("parameter", "fixed", "exact"),
     "solver_rtol": ("parameter", "fixed", "exact"),
     "solver_atol": ("parameter", "fixed", "exact"),
@@ -320,6 +321,10 @@ def fmu_interface(
         )  # fmt: skip
     taken = {variable.name for variable in variables}
     variables += _variables("sampled", _beside(model.sampled_states, taken), grouped)
+    variables += [
+        InterfaceVariable(f"condition.{name}", "condition", i, description=f"Passes 0 at the event {name}")
+        for i, name in enumerate(model.events)
+    ]
     if "cs" in chosen and model.states:
         variables += _solver_variables(solver)
     _check_names(variables)

@@ -135,6 +135,8 @@ def _flag(value: bool) -> str:
 
 def _description2(interface: FmuInterface, token: str, files: Sequence[str]) -> ET.Element:
     root = _root(interface, "guid", f"{{{token}}}", "2.0")
+    if interface.exchange and interface.model.events:
+        root.set("numberOfEventIndicators", str(len(interface.model.events)))
     shared = {
         "modelIdentifier": interface.model.name,
         "canNotUseMemoryManagementFunctions": "true",
@@ -147,7 +149,7 @@ def _description2(interface: FmuInterface, token: str, files: Sequence[str]) -> 
             root,
             "ModelExchange",
             shared,
-            completedIntegratorStepNotNeeded=_flag(not interface.model.remembers),
+            completedIntegratorStepNotNeeded=_flag(not (interface.model.remembers or interface.model.events)),
         )
         _source_files(element, files)
     if interface.simulation:
@@ -230,7 +232,10 @@ def _description3(interface: FmuInterface, token: str) -> ET.Element:
     }
     if interface.exchange:
         ET.SubElement(
-            root, "ModelExchange", shared, needsCompletedIntegratorStep=_flag(interface.model.remembers)
+            root,
+            "ModelExchange",
+            shared,
+            needsCompletedIntegratorStep=_flag(interface.model.remembers or bool(interface.model.events)),
         )
     if interface.simulation:
         if interface.fixed_step:
@@ -261,6 +266,8 @@ def _description3(interface: FmuInterface, token: str) -> ET.Element:
         for reference in references:
             unknown = ET.SubElement(structure, name, valueReference=str(reference))
             _dependencies(interface, unknown, reference, name == "InitialUnknown", 0)
+    for reference in interface.of_kind("condition"):
+        ET.SubElement(structure, "EventIndicator", valueReference=str(reference))
     return root
 
 

@@ -136,7 +136,7 @@ def export_fmu(
     chosen = platform_names(platforms)
     if isinstance(system, ct.InputOutputSystem) and not isinstance(system, PhyFilter):
         system = flatten(system)
-    model, filters = _c_model(system, name, channels, inertia, rate, signals, kinds)
+    model, filters = _c_model(system, name, channels, inertia, rate, signals)
     if solver is None and isinstance(system, FlatModel):
         solver = FmuSolver(step=min(1e-3, _OF_STABLE * largest_stable_step(system).seconds))
     elif solver is not None and isinstance(system, FlatModel) and solver.method == "rk4" and "cs" in kinds:
@@ -172,7 +172,6 @@ def _c_model(
     inertia: ArrayLike | Literal["scalar", "diagonal", "full"] | None,
     rate: Literal["communication", "fixed"],
     signals: Signals | None,
-    kinds: Sequence[str],
 ) -> tuple[CModel, tuple[PhyFilter, ...]]:
     """The C sources, and the filters to draw."""
     if isinstance(system, (PhyFilter, SampledPhyFilter)) or (
@@ -200,11 +199,6 @@ def _c_model(
         raise TypeError(
             f"export_fmu: expected a filter or a python-control system, got {type(system).__name__}; wrap equations "
             "with phyfilter_ctl.plant or function_block"
-        )
-    if system.events and "me" in kinds:
-        names = ", ".join(event.name for event in system.events)
-        raise ValueError(
-            f"model exchange has no events yet ({names}): expected kinds=('cs',), got {tuple(kinds)!r}"
         )
     return diagram_model(system, name=name), ()
 

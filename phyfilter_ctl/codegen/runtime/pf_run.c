@@ -313,6 +313,25 @@ static int run(const pf_model *model, void *self, pf_real *work, pf_solver *solv
   }
 }
 
+#if PF_EVENTS
+int pf_events_here(const pf_model *model, void *self, pf_real *work, pf_time t) {
+  const segment way = {model, self, model->x(self), model->u(self), NULL, NULL, t};
+  const look at = look_at(&way, work, PF_RK4, t, 0.0);
+  const int status = model->events->conditions(self, t, way.x, at.g);
+  for (int i = 0; i < model->events->count; i++) at.fired[i] = (pf_real)(!status && fires(&at, at.g, i));
+  return status ? status : settle(&at);
+}
+
+int pf_events_seen(const pf_model *model, void *self, pf_real *work, pf_time t, int *due) {
+  const segment way = {model, self, model->x(self), model->u(self), NULL, NULL, t};
+  const look at = look_at(&way, work, PF_RK4, t, 0.0);
+  const int status = model->events->conditions(self, t, way.x, at.g);
+  *due = !status && first_fired(&at, at.g) >= 0;
+  if (!status && !*due) see(&at, at.g);
+  return status;
+}
+#endif
+
 int pf_advance(const pf_model *model, void *self, pf_real *work, pf_solver *solver, pf_time t, pf_time t_end,
                const pf_real *slope, pf_time *t_reached) {
   return run(model, self, work, solver, t, t_end, slope, t_reached, 1);

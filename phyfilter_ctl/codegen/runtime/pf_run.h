@@ -31,4 +31,13 @@ int pf_approach(const pf_model *model, void *self, pf_real *work, pf_solver *sol
 /* Runs the instants at t, those within rounding of it included; `since` is the time the run came from. */
 int pf_catch_up(const pf_model *model, void *self, pf_time since, pf_time t);
 
+#if PF_EVENTS
+/* For who integrates by himself. At a point that a condition has passed 0 at, and wherever inputs or held signals have
+ * jumped: runs the events, in place. */
+int pf_events_here(const pf_model *model, void *self, pf_real *work, pf_time t);
+
+/* After a step that no event cut short: 1 in *due where one should have. */
+int pf_events_seen(const pf_model *model, void *self, pf_real *work, pf_time t, int *due);
+#endif
+
 #endif

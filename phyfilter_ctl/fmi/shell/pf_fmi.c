@@ -103,7 +103,8 @@ pf_fmi *pf_fmi_new(const char *name, const char *token, int interface, void (*ca
   const size_t saved = aligned(sizeof(pf_fmi_saved)), size = aligned(model->size);
   const size_t slopes = aligned(u * sizeof(pf_real));
   const size_t vector = x + y > x + u + p ? x + y : x + u + p; /* of knowns or unknowns */
-  const size_t reals = pf_work_reals(model) + y + x + (size_t)model->n_s + 2 * vector;
+  const size_t g = model->events ? (size_t)model->events->count : 0;
+  const size_t reals = pf_work_reals(model) + y + x + (size_t)model->n_s + g + 2 * vector;
   const size_t head = aligned(sizeof(pf_fmi));
   const size_t scratch = size + aligned(reals * sizeof(pf_real));
   char *const block = calloc(1, head + saved + size + slopes + scratch + strlen(name) + 1);
@@ -119,7 +120,8 @@ pf_fmi *pf_fmi_new(const char *name, const char *token, int interface, void (*ca
   self->y = self->work + pf_work_reals(model);
   self->dx = self->y + y;
   self->s = self->dx + x;
-  self->seed = self->s + model->n_s;
+  self->g = self->s + model->n_s;
+  self->seed = self->g + g;
   self->result = self->seed + vector;
   self->name = self->spare + scratch;
   memcpy(self->name, name, strlen(name) + 1);
@@ -132,6 +134,7 @@ pf_fmi *pf_fmi_new(const char *name, const char *token, int interface, void (*ca
   self->values[PF_FMI_STATE] = self->x;
   self->values[PF_FMI_DERIVATIVE] = self->dx;
   self->values[PF_FMI_SAMPLED] = self->s;
+  self->values[PF_FMI_CONDITION] = self->g;
   self->values[PF_FMI_SOLVER_STEP] = &self->saved->solver.step;
   self->values[PF_FMI_SOLVER_RTOL] = &self->saved->solver.rtol;
   self->values[PF_FMI_SOLVER_ATOL] = &self->saved->solver.atol;
@@ -221,6 +224,8 @@ static int refresh(pf_fmi *self, uint32_t kind) {
   if (view && kind == PF_FMI_OUTPUT) code = model->outputs(view, self->saved->time, model->x(view), self->y);
   if (view && kind == PF_FMI_DERIVATIVE) code = model->derivatives(view, self->saved->time, model->x(view), self->dx);
   if (view && kind == PF_FMI_SAMPLED) model->s(view, self->s);
+  if (view && kind == PF_FMI_CONDITION)
+    code = model->events->conditions(view, self->saved->time, model->x(view), self->g);
   if (code) return pf_fmi_failure(self, "evaluation", code);
   self->fresh |= 1u << kind;
   return PF_FMI_OK;
@@ -236,7 +241,8 @@ static int wrong_count(pf_fmi *self, const char *call, size_t n_values) {
 }
 
 int pf_fmi_get(pf_fmi *self, const uint32_t *references, size_t n, double *values, size_t n_values) {
-  const uint32_t computed = 1u << PF_FMI_OUTPUT | 1u << PF_FMI_DERIVATIVE | 1u << PF_FMI_SAMPLED;
+  const uint32_t computed = 1u << PF_FMI_OUTPUT | 1u << PF_FMI_DERIVATIVE | 1u << PF_FMI_SAMPLED |
+                            1u << PF_FMI_CONDITION;
   size_t done = 0;
   if ((n && !references) || (n_values && !values)) return pf_fmi_say(self, PF_FMI_ERROR, "get: an argument is NULL");
   for (size_t i = 0; i < n; i++) {

@@ -38,6 +38,7 @@ typedef enum {
   PF_FMI_STATE,
   PF_FMI_DERIVATIVE,
   PF_FMI_SAMPLED,
+  PF_FMI_CONDITION, /* of an event, what event indicators are */
   PF_FMI_SOLVER_STEP,
   PF_FMI_SOLVER_RTOL,
   PF_FMI_SOLVER_ATOL,
@@ -82,7 +83,7 @@ typedef struct pf_fmi {
   pf_fmi_saved *saved;
   char *self, *spare;            /* the model and a copy: of before a step, or for looking ahead */
   size_t saved_size;             /* of saved, model and slopes together */
-  pf_real *u, *x, *slopes, *work, *y, *dx, *s, *seed, *result;
+  pf_real *u, *x, *slopes, *work, *y, *dx, *s, *g, *seed, *result;
   pf_real *values[PF_FMI_KINDS]; /* by kind */
   uint32_t fresh;                /* bit of each kind whose values are up to date */
   uint32_t categories;           /* bit 0: events are logged */
@@ -124,6 +125,8 @@ int pf_fmi_set_time(pf_fmi *self, double t);
 int pf_fmi_set_states(pf_fmi *self, const double *x, size_t n);
 int pf_fmi_get_states(pf_fmi *self, double *x, size_t n);
 int pf_fmi_get_derivatives(pf_fmi *self, double *dx, size_t n);
+int pf_fmi_indicators(pf_fmi *self, double *indicators, size_t n);
+int pf_fmi_completed_step(pf_fmi *self, int *event);
 int pf_fmi_nominals(pf_fmi *self, double *nominals, size_t n);
 
 /* One communication step; *reached and *event also where it ends early. */

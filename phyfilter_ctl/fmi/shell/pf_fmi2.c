@@ -179,10 +179,11 @@ fmi2Status fmi2CompletedIntegratorStep(fmi2Component component, fmi2Boolean no_s
   SELF
   (void)no_set_state;
   NOT_NULL(event && terminate, "completedIntegratorStep")
-  if (!pf_fmi_in(self, PF_FMI_CONTINUOUS, "completedIntegratorStep")) return fmi2Error;
-  *event = *terminate = fmi2False;
-  if (self->model->accepted) self->model->accepted(self->self, self->saved->time);
-  return fmi2OK;
+  int due;
+  const int status = pf_fmi_completed_step(self, &due);
+  *event = due != 0;
+  *terminate = fmi2False;
+  return (fmi2Status)status;
 }
 
 fmi2Status fmi2SetTime(fmi2Component component, fmi2Real time) {
@@ -202,9 +203,7 @@ fmi2Status fmi2GetDerivatives(fmi2Component component, fmi2Real derivatives[], s
 
 fmi2Status fmi2GetEventIndicators(fmi2Component component, fmi2Real indicators[], size_t n) {
   SELF
-  (void)indicators;
-  if (n) return (fmi2Status)pf_fmi_say(self, PF_FMI_ERROR, "getEventIndicators: there are none");
-  return fmi2OK;
+  return (fmi2Status)pf_fmi_indicators(self, indicators, n);
 }
 
 fmi2Status fmi2GetContinuousStates(fmi2Component component, fmi2Real x[], size_t n) {

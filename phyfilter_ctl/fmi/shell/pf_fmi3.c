@@ -367,10 +367,11 @@ fmi3Status fmi3CompletedIntegratorStep(fmi3Instance instance, fmi3Boolean no_set
   SELF
   (void)no_set_state;
   NOT_NULL(event && terminate, "completedIntegratorStep")
-  if (!pf_fmi_in(self, PF_FMI_CONTINUOUS, "completedIntegratorStep")) return fmi3Error;
-  *event = *terminate = fmi3False;
-  if (self->model->accepted) self->model->accepted(self->self, self->saved->time);
-  return fmi3OK;
+  int due;
+  const int status = pf_fmi_completed_step(self, &due);
+  *event = due != 0;
+  *terminate = fmi3False;
+  return (fmi3Status)status;
 }
 
 fmi3Status fmi3SetTime(fmi3Instance instance, fmi3Float64 time) {
@@ -390,9 +391,7 @@ fmi3Status fmi3GetContinuousStateDerivatives(fmi3Instance instance, fmi3Float64 
 
 fmi3Status fmi3GetEventIndicators(fmi3Instance instance, fmi3Float64 indicators[], size_t n) {
   SELF
-  (void)indicators;
-  if (n) return (fmi3Status)pf_fmi_say(self, PF_FMI_ERROR, "getEventIndicators: there are none");
-  return fmi3OK;
+  return (fmi3Status)pf_fmi_indicators(self, indicators, n);
 }
 
 fmi3Status fmi3GetContinuousStates(fmi3Instance instance, fmi3Float64 x[], size_t n) {
@@ -408,7 +407,7 @@ fmi3Status fmi3GetNominalsOfContinuousStates(fmi3Instance instance, fmi3Float64 
 fmi3Status fmi3GetNumberOfEventIndicators(fmi3Instance instance, size_t *n) {
   SELF
   NOT_NULL(n, "getNumberOfEventIndicators")
-  *n = 0;
+  *n = self->model->events ? (size_t)self->model->events->count : 0;
   return fmi3OK;
 }
 

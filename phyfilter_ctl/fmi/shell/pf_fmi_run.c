@@ -100,9 +100,8 @@ int pf_fmi_update_discrete(pf_fmi *self, int *states_changed, int *next_defined,
   if (model->n_tasks && saved->time - saved->last_event > pf_fmu_here.longest_step)
     return pf_fmi_say(self, PF_FMI_ERROR, "updateDiscreteStates: %.9g s after the last event; expected a stop at every "
                       "time event", saved->time - saved->last_event);
-  memcpy(self->work, self->x, states);
+  memcpy(self->dx, self->x, states); /* scratch: to be computed anew */
   const int status = apply_staged(self);
-  *states_changed = memcmp(self->work, self->x, states) != 0;
   memcpy(self->spare, self->self, model->size);
   if (!pf_fmu_here.accept_bad_inputs && (model->n_tasks || exchange) && pf_fmi_bad_input(self) >= 0)
     return pf_fmi_failure(self, "updateDiscreteStates", PF_NOT_FINITE);
@@ -111,11 +110,15 @@ int pf_fmi_update_discrete(pf_fmi *self, int *states_changed, int *next_defined,
     if (!code) saved->last_event = saved->time;
   }
   if (exchange) code = update_due(self);
+#if PF_EVENTS
+  if (!code && model->events) code = pf_events_here(model, self->self, self->work, saved->time);
+#endif
   self->fresh = 0;
   if (code) {
     memcpy(self->self, self->spare, model->size);
     return pf_fmi_failure(self, "updateDiscreteStates", code);
   }
+  *states_changed = memcmp(self->dx, self->x, states) != 0;
   pf_time at = model->n_tasks ? model->next(self->self) : PF_NEVER;
   if (exchange) at = saved->start + (saved->ticks + 1) * pf_fmu_here.communication;
   *next_defined = at < PF_NEVER;
@@ -173,6 +176,35 @@ int pf_fmi_get_derivatives(pf_fmi *self, double *dx, size_t n) {
   if (code || sum != 0) return pf_fmi_failure(self, "getDerivatives", code ? code : PF_NOT_FINITE);
   for (size_t i = 0; i < n; i++) dx[i] = self->dx[i];
   return PF_FMI_OK;
+}
+
+int pf_fmi_indicators(pf_fmi *self, double *indicators, size_t n) {
+  const pf_event_table *const events = self->model->events;
+  const size_t count = events ? (size_t)events->count : 0;
+  if (!pf_fmi_in(self, PF_FMI_INITIALIZATION | PF_FMI_EVENT | PF_FMI_CONTINUOUS, "getEventIndicators"))
+    return PF_FMI_ERROR;
+  if (n != count || (n && !indicators))
+    return pf_fmi_say(self, PF_FMI_ERROR, "getEventIndicators: expected %lu values, got %lu", (unsigned long)count,
+                      (unsigned long)n);
+  char *const view = pf_fmi_view(self);
+  int code = view ? PF_OK : PF_NOT_FINITE;
+  if (!code && n) code = events->conditions(view, self->saved->time, self->model->x(view), self->g);
+  if (code) return pf_fmi_failure(self, "getEventIndicators", code);
+  for (size_t i = 0; i < n; i++) indicators[i] = self->g[i];
+  return PF_FMI_OK;
+}
+
+int pf_fmi_completed_step(pf_fmi *self, int *event) {
+  const pf_model *const model = self->model;
+  int code = PF_OK;
+  *event = 0;
+  if (!pf_fmi_in(self, PF_FMI_CONTINUOUS, "completedIntegratorStep")) return PF_FMI_ERROR;
+  if (model->accepted) model->accepted(self->self, self->saved->time);
+#if PF_EVENTS
+  if (model->events) code = pf_events_seen(model, self->self, self->work, self->saved->time, event);
+#endif
+  self->fresh = 0;
+  return code ? pf_fmi_failure(self, "completedIntegratorStep", code) : PF_FMI_OK;
 }
 
 int pf_fmi_nominals(pf_fmi *self, double *nominals, size_t n) {
