@@ -181,13 +181,15 @@ def merged(found: Sequence[Way], size: int, depth: int = 0) -> ca.SX:
 
 def place_of(error: BaseException) -> str:
     """Line of the user's file at which an error arose, with its text."""
-    own = [
+    frames = [
         frame
         for frame in traceback.extract_tb(error.__traceback__)
         if FilePath(frame.filename).parent != _HERE
         and not {"numpy", "casadi"} & set(FilePath(frame.filename).parts)
     ]
-    if not own:
+    if not frames:
         return ""
+    # What can be changed, rather than the line inside a library that it calls.
+    own = [frame for frame in frames if "site-packages" not in frame.filename] or frames
     text = f": {own[-1].line}" if own[-1].line else ""
     return f"{FilePath(own[-1].filename).name}, line {own[-1].lineno}, in {own[-1].name}{text}"

@@ -119,8 +119,8 @@ def applied(name: str, *operands: Any) -> Any:
         return value.item() if isinstance(value, np.generic) else value
     if name not in _FUNCTIONS:
         raise UntraceableError(f"numpy's {name} has no counterpart in CasADi")
-    expressions = [item.expression if isinstance(item, Traced) else ca.SX(float(item)) for item in operands]
-    result = ca.SX(_FUNCTIONS[name](*expressions))
+    expressions: Any = [item.expression if isinstance(item, Traced) else float(item) for item in operands]
+    result = _FUNCTIONS[name](*expressions)
     margin = expressions[0] - expressions[1] if name in _COMPARISONS else None
     return float(result) if result.is_constant() else Traced(result, margin)
 

@@ -297,6 +297,10 @@ def _callback(part: _Part, symbols: _Symbols, points: Sequence[Point], path: str
             if original.failure is None
             else f"fails wherever it is called: {original.failure}"
         )
+        if isinstance(original.failure, KeyError):
+            what += (
+                "; a parameter without a value gets one by params= where the block is made, or of the call"
+            )
         raise ValueError(f"{original.what} function {what}") from original.failure
     quick = original.seconds < _SLOW
     depends = original.depends(points[:6]) if part.which == "output" and quick else None

@@ -239,7 +239,10 @@ def simulate_batch(
     >>> [float(run.outputs[-1].round(4)) for run in runs]
     [0.6321, 0.8647]
     """
-    flat = as_flat(sys)
+    first = {
+        name: value if np.ndim(value) == 0 else np.asarray(value)[0] for name, value in (params or {}).items()
+    }
+    flat = as_flat(sys, first)
     options = Options(method, backend, max_step, rtol, atol, squeeze, max_steps, time_limit)
     if executor is not None and workers is not None:
         raise ValueError("workers and executor: expected one of them; the executor has workers of its own")

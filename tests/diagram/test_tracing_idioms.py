@@ -281,7 +281,9 @@ def test_parameters_without_a_value():
         name="limit",
     )
     assert pf.simulate(limit, [0.0, 1.0], 3.0, params={"umax": 2.0}).outputs.tolist() == [2.0, 2.0]
-    with pytest.raises(ValueError, match="fails wherever it is called: 'umax'"):
+    runs = pf.simulate_batch(limit, [0.0, 1.0], 3.0, params={"umax": [1.0, 2.5]})
+    assert [run.outputs[-1] for run in runs] == [1.0, 2.5]
+    with pytest.raises(ValueError, match="fails wherever it is called: 'umax'; a parameter without a value"):
         flatten(limit)
 
 

@@ -23,12 +23,12 @@ from statistics import median
 from typing import Any
 
 from tests.peers.python_control import ROOT, fetched
-from tests.peers.shadow import BACKENDS, REPORT
+from tests.peers.shadow import BACKENDS, EACH, REPORT
 
 # Those that simulate nonlinear or interconnected systems.
 SIMULATES = "nlsys|NonlinearIOSystem|interconnect|flatsys|input_output_response|phase_plane|optimal"
 TESTS = "descfcn flatsys interconnect iosys kwargs nlsys optimal statefbk stochsys timeresp trdata phaseplot timeplot"
-QUICK = ("cruise.ipynb", "vehicle.py", "pvtol-lqr-nested.ipynb", "cds112-L2b_gainsched.ipynb")
+QUICK = ("cruise.ipynb", "cds112-L2b_gainsched.ipynb")
 SHADOW = "tests.peers.shadow"
 _LONGEST = 240.0  # s for one example
 
@@ -116,7 +116,7 @@ def main() -> int:
         if source is None:
             return 0
         report = options.report or folder / "report.jsonl"
-        env = environment(source, report, options.backends)
+        env = environment(source, report, options.backends) | ({EACH: "1"} if options.quick else {})
         examples = sorted(p for kind in ("*.py", "*.ipynb") for p in (source / "examples").glob(kind))
         examples = [p for p in examples if re.search(SIMULATES, p.read_text(encoding="utf-8"))]
         if options.quick:

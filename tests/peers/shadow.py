@@ -28,10 +28,11 @@ import phyfilter_ctl as pf
 from phyfilter_ctl.codegen import CompilerError
 
 REPORT, BACKENDS = "PHYFILTER_SHADOW_REPORT", "PHYFILTER_SHADOW_BACKENDS"
+EACH = "PHYFILTER_SHADOW_EACH"
 RTOL, ATOL = 1e-7, 1e-9
 # Both integrate to RTOL a step; over a run errors add up, and a switch is met by either at its own step.
 EQUAL = 1e-4
-_EACH = 3  # calls from one line of a script, such as a sweep
+_EACH = int(os.environ.get(EACH, "3"))  # calls from one line of a script, such as a sweep
 _SLOW = 8.0  # s: what takes python-control longer is not run again at tighter tolerances
 
 _original: Callable[..., Any] = ct.input_output_response
