@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Literal
 
@@ -30,6 +31,7 @@ def export_c(
     variable: bool = True,
     step: float | None = None,
     substeps: int = 1,
+    operating_points: Sequence[Mapping[str, ArrayLike]] = (),
 ) -> Path:
     """Write a sampled filter, a plant or a diagram as C99.
 
@@ -54,6 +56,8 @@ def export_c(
         sampled blocks, 1 ms where there are none.
     substeps : int
         Of a diagram: Runge-Kutta steps in one call. A step at which a stable mode would grow is refused.
+    operating_points : sequence of mapping
+        Of a diagram: states and inputs by name, where that is checked besides the start.
 
     Returns
     -------
@@ -82,8 +86,10 @@ def export_c(
     if isinstance(system, SampledPhyFilter):
         known = system.E.shape[0] if system.E is not None else len(system.filters)
         named = len(signals.channels) if signals is not None and signals.channels else known
-        if step is not None or substeps != 1:
-            raise ValueError("step and substeps are those of a diagram; a filter has its dt")
+        if step is not None or substeps != 1 or operating_points:
+            raise ValueError(
+                "step, substeps and operating_points are those of a diagram; a filter has its dt"
+            )
         return export_filter(
             system,
             folder,
@@ -99,5 +105,12 @@ def export_c(
         raise ValueError("channels, inertia and signals are those of a filter; a diagram brings its own")
     flat = system if isinstance(system, FlatModel) else flatten(system)
     return export_diagram(
-        flat, folder, name=name, real=real or "double", step=step, substeps=substeps, tunable=tunable
+        flat,
+        folder,
+        name=name,
+        real=real or "double",
+        step=step,
+        substeps=substeps,
+        operating_points=operating_points,
+        tunable=tunable,
     )

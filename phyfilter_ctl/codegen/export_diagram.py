@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+
+from numpy.typing import ArrayLike
 
 from ..diagram.fixed_step import refuse_unstable_step
 from ..diagram.model import FlatModel
@@ -57,6 +60,7 @@ def export_diagram(
     real: Real = "double",
     step: float | None = None,
     substeps: int = 1,
+    operating_points: Sequence[Mapping[str, ArrayLike]] = (),
     tunable: bool = True,
 ) -> Path:
     """Writes the C sources of a flat diagram, with an example that runs them.
@@ -74,6 +78,8 @@ def export_diagram(
         Seconds between two calls of ``<name>_step``; default: meets every instant of the sampled blocks.
     substeps : int
         Runge-Kutta steps in one call.
+    operating_points : sequence of mapping
+        States and inputs by name: where the stability of the steps is checked besides the start.
     tunable : bool
         Whether coefficients of sampled PhyFilters can be set while running; without it the code is smaller.
 
@@ -90,7 +96,7 @@ def export_diagram(
         If there is no folder for it to be in.
     ValueError
         As :func:`diagram_model`, and for a step at which the integration of a stable mode is unstable; the message says
-        the longest that is stable at the start values.
+        the longest that is stable.
 
     Examples
     --------
@@ -107,8 +113,9 @@ def export_diagram(
     )
     if model.states:
         refuse_unstable_step(
-            flat, model.step / substeps, "give substeps={substeps}, or a step of at most {step}", substeps
-        )
+            flat, model.step / substeps, "give substeps={substeps}, or a step of at most {step}", substeps,
+            operating_points,
+        )  # fmt: skip
     return write_folder(folder, own_symbols(model.sources, model.name) | {"main.c": _example(model)})
 
 

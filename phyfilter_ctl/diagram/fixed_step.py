@@ -6,16 +6,18 @@ Ordinary Differential Equations II", IV.2.
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from scipy.sparse import csc_array
 from scipy.sparse.linalg import ArpackError, eigs
 
 from .model import FlatModel
+from .naming import override
 
 __all__ = [
     "StableStep",
@@ -78,16 +80,23 @@ def fastest_modes(matrix: csc_array) -> tuple[NDArray[np.complex128], NDArray[np
     return np.asarray(values, dtype=complex), np.asarray(vectors, dtype=complex)
 
 
-def largest_stable_step(flat: FlatModel) -> StableStep:
-    """Longest step of RK4 under which every decaying mode of the diagram, linearised at its start, decays.
+def largest_stable_step(flat: FlatModel, point: Mapping[str, ArrayLike] | None = None) -> StableStep:
+    """Longest step of RK4 under which every decaying mode of the diagram, linearised at a point, decays.
 
     Parameters
     ----------
     flat : FlatModel
+    point : mapping, optional
+        States and inputs that are not at their start values, by name.
 
     Returns
     -------
     StableStep
+
+    Raises
+    ------
+    ValueError
+        For names that are unknown or ambiguous.
 
     Examples
     --------
@@ -97,10 +106,14 @@ def largest_stable_step(flat: FlatModel) -> StableStep:
     2.785294
     """
     free = StableStep(np.inf, 0j, "")
+    given = dict(point or {})
+    inputs = {variable.name for variable in flat.inputs}
+    u = override(flat.inputs, {name: given.pop(name) for name in list(given) if name in inputs})
+    x = override(flat.states, given)
     if not flat.states or flat.dt > 0.0:
         return free
     z = np.array([variable.start for variable in flat.held])
-    matrix = _state_matrix(flat, 0.0, flat.start_state(), flat.start_inputs(), flat.start_parameters(), z)
+    matrix = _state_matrix(flat, 0.0, x, u, flat.start_parameters(), z)
     if matrix is None:
         return free
     eigenvalues, vectors = fastest_modes(matrix)
@@ -138,7 +151,13 @@ def _state_matrix(flat: FlatModel, t: float, *at: NDArray[np.float64]) -> csc_ar
     return matrix if matrix.nnz and np.all(np.isfinite(matrix.data)) else None
 
 
-def refuse_unstable_step(flat: FlatModel, step: float, way_out: str, substeps: int = 1) -> None:
+def refuse_unstable_step(
+    flat: FlatModel,
+    step: float,
+    way_out: str,
+    substeps: int = 1,
+    points: Sequence[Mapping[str, ArrayLike]] = (),
+) -> None:
     """Raise where RK4 with this step turns a stable diagram unstable.
 
     Parameters
@@ -150,22 +169,33 @@ def refuse_unstable_step(flat: FlatModel, step: float, way_out: str, substeps: i
         What to do, for the message; ``{step}`` and ``{substeps}`` are filled in.
     substeps : int
         Of such steps in one call.
+    points : sequence of mapping
+        Where it is checked besides the start: states and inputs by name.
 
     Raises
     ------
     ValueError
-        If a mode that decays at the start values grows under RK4 with this step.
+        If a mode that decays there grows under RK4 with this step; for names that are unknown or ambiguous.
     """
-    bound = largest_stable_step(flat)
+    found = [(largest_stable_step(flat, point), f"at {dict(point)}") for point in points]
+    bound, where = min(
+        [(largest_stable_step(flat), "at its start"), *found], key=lambda entry: entry[0].seconds
+    )
     if step > bound.seconds * (1.0 + _ROUNDING):
         advice = way_out.format(
-            step=f"{bound.seconds:.3g}", substeps=int(np.ceil(step * substeps / bound.seconds))
+            step=_rounded_down(bound.seconds), substeps=int(np.ceil(step * substeps / bound.seconds))
         )
         raise ValueError(
-            f"step: {flat.name} has the eigenvalue {bound.eigenvalue:.4g} 1/s (mostly state {bound.state}) at its "
-            f"start, a mode that grows without bound under Runge-Kutta steps of {step:.6g} s: at most "
-            f"{bound.seconds:.3g} s; {advice}"
+            f"step: {flat.name} has the eigenvalue {bound.eigenvalue:.4g} 1/s (mostly state {bound.state}) "
+            f"{where}, a mode that grows without bound under Runge-Kutta steps of {step:.6g} s: at most "
+            f"{_rounded_down(bound.seconds)} s; {advice}"
         )
+
+
+def _rounded_down(seconds: float) -> str:
+    """Three digits that are no longer than the step."""
+    unit = 10.0 ** (np.floor(np.log10(seconds)) - 2)
+    return f"{np.floor(seconds / unit) * unit:.3g}"
 
 
 def _boundary(eigenvalue: complex) -> float:

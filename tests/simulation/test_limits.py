@@ -96,7 +96,7 @@ def test_largest_stable_step(matrix, bound):
 
 def test_export_refuses_a_step_that_diverges(tmp_path):
     lag = ct.tf([1.0], [0.34e-3, 1.0], name="lag")
-    with pytest.raises(ValueError, match=r"eigenvalue -2941.*at most 0.000947 s; give substeps=2"):
+    with pytest.raises(ValueError, match=r"eigenvalue -2941.*at most 0.000946 s; give substeps=2"):
         pf.export_c(lag, tmp_path / "lag")
     assert not (tmp_path / "lag").exists()
     folder = pf.export_c(lag, tmp_path / "lag", substeps=2)
@@ -105,11 +105,23 @@ def test_export_refuses_a_step_that_diverges(tmp_path):
     assert "#define LAG_STEP 0.0009 " in (folder / "lag.h").read_text()
     with pytest.raises(ValueError, match="substeps: expected a whole number"):
         pf.export_c(lag, tmp_path / "lag", substeps=0)
-    with pytest.raises(ValueError, match="step and substeps are those of a diagram"):
+    with pytest.raises(ValueError, match="step, substeps and operating_points are those of a diagram"):
         pf.export_c(pf.PhyFilter([20.0]).sampled(0.002), tmp_path / "filter", channels=1, substeps=2)
+
+
+def test_export_checks_other_operating_points(tmp_path):
+    """x' = -u x: nothing decays at the start, where u is 0."""
+    lag = ct.nlsys(
+        lambda t, x, u, p: [-u[0] * x[0]], None, inputs=["rate"], outputs=1, states=["x"], name="lag"
+    )
+    pf.export_c(lag, tmp_path / "lag")
+    with pytest.raises(ValueError, match=r"at {'rate': 5000.0}, a mode.*at most 0.000557 s; give substeps=2"):
+        pf.export_c(lag, tmp_path / "lag", operating_points=[{"x": 1.0}, {"rate": 5000.0}])
+    with pytest.raises(ValueError, match="speed"):
+        pf.export_c(lag, tmp_path / "lag", operating_points=[{"speed": 1.0}])
 
 
 def test_fmu_refuses_it_too(tmp_path):
     lag = ct.tf([1.0], [0.34e-3, 1.0], name="lag")
-    with pytest.raises(ValueError, match=r"FmuSolver\(step=0.000947\)"):
+    with pytest.raises(ValueError, match=r"FmuSolver\(step=0.000946\)"):
         pf.export_fmu(lag, tmp_path / "lag.fmu", platforms=(), solver=pf.fmi.FmuSolver(step=1e-3))
