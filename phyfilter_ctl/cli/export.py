@@ -43,8 +43,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--target",
         nargs=2,
         metavar=("NAME", "DIR"),
-        help="a package that the target's own build takes: arduino (PlatformIO too), cmake, crazyflie, px4, ros2, "
-        "rust, zephyr",
+        help="a package that the target's own build takes: arduino (PlatformIO too), ardupilot, cmake, crazyflie, "
+        "px4, ros2, rust, zephyr",
     )
     targets.add_argument("--json", metavar="FILE", help="what was written; - for standard output")
     filters = parser.add_argument_group("filters")

@@ -23,9 +23,10 @@ from .target_autopilots import autopilot_values, check_autopilot
 
 __all__ = ["Target", "export_target"]
 
-Target = Literal["arduino", "cmake", "crazyflie", "px4", "ros2", "rust", "zephyr"]
+Target = Literal["arduino", "ardupilot", "cmake", "crazyflie", "px4", "ros2", "rust", "zephyr"]
 
-_AUTOPILOTS = ("crazyflie", "px4", "ros2")
+_AUTOPILOTS = ("ardupilot", "crazyflie", "px4", "ros2")
+_PLACES = {"ardupilot": "libraries/AC_CustomControl/{}", "px4": "src/modules/{}"}  # else src
 _VERSION = "0.1.0"  # of the package that is written; its user counts on from here
 _OF_FILTER = """\
 Every @dt@ s, with time stamps in microseconds:
@@ -67,10 +68,11 @@ def export_target(
     Parameters
     ----------
     system : control.InputOutputSystem, FlatModel or SampledPhyFilter
-    target : {"arduino", "cmake", "crazyflie", "px4", "ros2", "rust", "zephyr"}
+    target : {"arduino", "ardupilot", "cmake", "crazyflie", "px4", "ros2", "rust", "zephyr"}
         Arduino library (PlatformIO takes it too), CMake project with package files, Zephyr module; crate for Rust
-        without std (a filter); app of the Crazyflie, external module of PX4 and component of ROS 2 (a low-pass filter
-        of three channels, without inertia; the first two on the velocity per unit of mass and in float).
+        without std (a filter); app of the Crazyflie, external module of PX4, backend of ArduPilot's custom controller
+        and component of ROS 2 (a low-pass filter of three channels, without inertia; the first two on the velocity per
+        unit of mass, the third on the body rates, in float).
     folder : str or Path
         Written whole or not at all; files that no export wrote are not touched.
     real, name, channels, inertia, signals
@@ -80,7 +82,7 @@ def export_target(
     -------
     Path
         The folder: sources in ``src``, a filter with its guard against faulty signals, a test against recorded
-        numbers in ``test``, README and licence. A PX4 module has its sources in ``src/modules/<name>``.
+        numbers in ``test``, README and licence. PX4 and ArduPilot have their own places for sources.
 
     Raises
     ------
@@ -128,7 +130,7 @@ def export_target(
     values = _values(system, model, sorted(file for file in sources if file.endswith(".c")))
     if kind == "filter":
         values |= _rust_values(sources[f"{model}.h"], model)
-    place = f"src/modules/{model}" if target == "px4" else "src"
+    place = _PLACES.get(target, "src").format(model)
     files = {f"{place}/{file}": text for file, text in sources.items()}
     files |= {f"test/{file}": text for file, text in tests.items()}
     templates = resources.files("phyfilter_ctl.codegen") / "targets"

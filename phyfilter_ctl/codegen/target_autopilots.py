@@ -15,6 +15,7 @@ __all__ = ["autopilot_values", "check_autopilot"]
 _AXES = 3
 _PREFIX = 6  # letters of the 16 that the name of a parameter has
 _SHORT = 9  # letters of the name of a debug vector of PX4, or of a group of the Crazyflie's parameters
+_LOG = 4  # letters of a message in ArduPilot's log
 _TICKS = 1000  # a second of the Crazyflie's controller
 _NAME = re.compile(r"[a-z][a-z0-9]*(_[a-z][a-z0-9]*)*")
 
@@ -74,11 +75,24 @@ def autopilot_values(sampled: SampledPhyFilter, name: str, c_files: list[str]) -
         for part, value in (("r", pole.real), ("i", pole.imag))
         if part == "r" or value != 0.0
     }
+    camel = "".join(word.capitalize() for word in name.split("_"))
     return {
-        "Name": "".join(word.capitalize() for word in name.split("_")),
+        "Name": camel,
         "PREFIX": prefix,
         "short": name[:_SHORT],
         "rate": str(round(1.0 / sampled.dt)),
+        "log": name.replace("_", "").upper()[:_LOG],
+        "ardupilot_count": str(len(parts)),
+        "ardupilot_members": "\n".join(f"    AP_Float _{part};" for part in parts),
+        "ardupilot_poles": ", ".join(f"_{part}.get()" for part in parts),
+        "ardupilot_info": "\n\n".join(
+            f"    // @Param: {part.upper()}\n"
+            f"    // @DisplayName: Pole {part[1:-1]}, {'real' if part[-1] == 'r' else 'imaginary'} part\n"
+            f"    // @Units: rad/s\n"
+            f'    AP_GROUPINFO("{part.upper()}", {5 + i}, AC_CustomControl_{camel}, _{part}, {value!r}f),\n'
+            for i, (part, value) in enumerate(parts.items())
+        ),
+        "ardupilot_tune": _tune(poles, "    ", "(double)_{}.get()"),
         "order": str(sampled.filters[0].order),
         "poles_real": ", ".join(repr(complex(pole).real) for pole in sampled.filters[0].poles),
         "poles_imag": ", ".join(repr(complex(pole).imag) for pole in sampled.filters[0].poles),

@@ -343,6 +343,80 @@ def test_what_an_autopilot_cannot_take_is_refused(change, message, tmp_path):
     assert not (tmp_path / "a").exists()
 
 
+ARDUPILOT_DRIVER = """\
+#define private public /* parameters by hand */
+#include "AC_CustomControl_Wind.h"
+#undef private
+
+int main() {
+  AC_CustomControl frontend;
+  AP_AHRS_View view, *ahrs = &view;
+  AC_AttitudeControl attitude, *control = &attitude;
+  AP_MotorsMulticopter all, *motors = &all;
+  AC_CustomControl_Wind backend(frontend, ahrs, control, motors, 0.0025f);
+  const float push[3] = {3.0f, 0.0f, -2.0f}, b[3] = {100.0f, 100.0f, 20.0f}, h = 0.0025f;
+  float rate[3] = {0, 0, 0};
+  Vector3f out;
+  backend._share.value = 1.0f;
+  for (int k = 0; k < 4000; k++) { /* rate damping by the main controller, and a steady push on roll and yaw */
+    AP_HAL::stub_time += 2500;
+    if (k == 2000) backend._p0r.value = POLE;
+    view.gyro = Vector3f(rate[0], rate[1], rate[2]);
+    all.out = Vector3f(-0.1f * rate[0], -0.1f * rate[1], -0.2f * rate[2]);
+    out = backend.update();
+    const float used[3] = {out.x, out.y, out.z};
+    for (int i = 0; i < 3; i++) rate[i] += h * (b[i] * used[i] + push[i]);
+    if (k == 1999 || k == 3999)
+      std::printf("%d %g %g %g %g %u\\n", k, (double)(b[0] * out.x), (double)(b[2] * out.z), (double)rate[0],
+                  (double)rate[2], (unsigned)backend._guard.health);
+  }
+  all.spool = AP_Motors::SpoolState::GROUND_IDLE;
+  all.out = Vector3f();
+  AP_HAL::stub_time += 2500;
+  out = backend.update();
+  std::printf("%d %g %g 0 0 %u\\n", 4000, (double)out.x, (double)out.z, AP::stub_logger.lines);
+  return 0;
+}
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("pole", "refused"), [(-30.0, False), (1.0, True)])
+def test_ardupilots_backend_takes_the_place_of_the_integrators(pole, refused, tmp_path):
+    """Against stubs of ArduPilot's headers, under its flags: a steady push leaves no rate behind."""
+    filter_ = PhyFilter.from_poles([-12.0, -20.0 + 10.0j, -20.0 - 10.0j]).sampled(0.0025)
+    folder = export_target(filter_, "ardupilot", tmp_path / "ardupilot", name="wind")
+    library = folder / "libraries" / "AC_CustomControl"
+    headers, objects = tmp_path / "include", []
+    for name in (
+        "AC_CustomControl_Backend.h",
+        "AP_HAL/AP_HAL.h",
+        "AP_Logger/AP_Logger.h",
+        "GCS_MAVLink/GCS.h",
+    ):
+        (headers / name).parent.mkdir(parents=True, exist_ok=True)
+        (headers / name).write_text('#include "ardupilot_stub.h"\n')
+    (tmp_path / "main.cpp").write_text(ARDUPILOT_DRIVER.replace("POLE", f"{pole}f"))
+    for path in (library / "wind").glob("*.c"):
+        objects.append(tmp_path / f"{path.stem}.o")
+        ran(*find_compiler().command, *STRICT, "-fsingle-precision-constant", "-c", path, "-o", objects[-1])
+    include = ["-I", headers, "-I", STUBS / "ardupilot", "-I", library]
+    for path in (library / "AC_CustomControl_Wind.cpp", tmp_path / "main.cpp"):
+        objects.append(tmp_path / f"{path.stem}_cpp.o")
+        options = ["-std=gnu++17", *STRICT, "-fsingle-precision-constant", *include, "-x", "c++"]
+        ran(*find_compiler().command, *options, "-c", path, "-o", objects[-1])
+    ran(*find_compiler().command, *objects, "-lstdc++", "-lm", "-o", tmp_path / "backend")
+    out = ran(tmp_path / "backend")
+    rows = [list(map(float, line.split())) for line in out.splitlines() if line[0].isdigit()]
+    for row in rows[:2]:
+        # 5 s of poles from -12 rad/s on, behind a main controller of 10 and 4 rad/s; rates in float.
+        np.testing.assert_allclose(row[1:], [-3.0, 2.0, 0.0, 0.0, 0.0], atol=2e-3)
+    np.testing.assert_array_equal(
+        rows[2], [4000, 0, 0, 0, 0, 4001]
+    )  # on the ground it adds nothing, and logs
+    assert ("poles kept" in out) == refused
+
+
 ROS2_DRIVER = """\
 #include <cstdio>
 #include "NODE"
@@ -439,9 +513,10 @@ def test_the_page_for_users_runs_as_written(tmp_path, monkeypatch):
     page = (Path(__file__).parents[2] / "docs" / "targets.md").read_text()
     monkeypatch.chdir(tmp_path)
     commands = re.findall(r"^phyfilter-ctl (.+)$", page, re.M)
-    assert len(commands) == 8
+    assert len(commands) == 9
     for command in commands:
         assert main(command.split()) == 0
     assert sorted(path.name for path in tmp_path.iterdir() if path.is_dir()) == [
-        f"{target}_wind" for target in ("arduino", "cmake", "crazyflie", "px4", "ros2", "rust", "zephyr")
+        f"{target}_wind"
+        for target in ("arduino", "ardupilot", "cmake", "crazyflie", "px4", "ros2", "rust", "zephyr")
     ]
