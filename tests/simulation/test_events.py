@@ -101,6 +101,7 @@ def test_stick_slip(method):
     close(found, expected[: len(found)], atol=INTEGRATED)
 
 
+@pytest.mark.slow
 def test_hopper_touches_down_and_lifts_off():
     answer = pf.simulate(models.hopper(), [0.0, 2.0], initial_state=[1.0, 0.0, 0.0], backend="vm", **TIGHT)
     expected = models.hopper_times(1.0, 2.0)

@@ -32,7 +32,7 @@ def run(backend, **limits):
 
 def test_a_sliding_mode_ends_and_names_what_chatters():
     """v reaches 0 at 0.5 / 0.7 s and stays: x' = -sign(x) + 0.3 jumps between -0.7 and 1.3."""
-    answer = run("vm", max_steps=3000)
+    answer = run("vm", max_steps=1500)
     assert not answer.success
     assert answer.failed_at == pytest.approx(0.5 / 0.7, abs=1e-4)
     assert re.search(
@@ -121,6 +121,7 @@ def test_export_checks_other_operating_points(tmp_path):
         pf.export_c(lag, tmp_path / "lag", operating_points=[{"speed": 1.0}])
 
 
+@pytest.mark.slow
 def test_fmu_refuses_it_too(tmp_path):
     lag = ct.tf([1.0], [0.34e-3, 1.0], name="lag")
     with pytest.raises(ValueError, match=r"FmuSolver\(step=0.000946\)"):

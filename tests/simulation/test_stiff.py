@@ -71,6 +71,7 @@ def test_robertson():
     assert answer.states[:, 1].sum() == pytest.approx(1.0, abs=1e-12)  # mass
 
 
+@pytest.mark.slow
 def test_van_der_pol_between_its_steps():
     """Values inside the steps keep the tolerance too; SciPy's LSODA is the reference."""
     times = np.linspace(0.0, 1200.0, 25)
