@@ -127,7 +127,7 @@ class Interpreted(ca.Callback):
     def _called(self, t: float, x: FloatArray, u: FloatArray, p: FloatArray, fill: float) -> FloatArray:
         # Copies, since the function may write into them.
         filled = np.where(self._unused, fill, u)
-        found = np.asarray(self._evaluate(t, x.copy(), filled, p.copy()), dtype=float).reshape(-1)
+        found = np.array(self._evaluate(t, x.copy(), filled, p.copy()), dtype=float).reshape(-1)
         if len(found) != self._sizes[4]:
             raise ValueError(f"{len(found)} results, expected {self._sizes[4]}")
         return found

@@ -205,7 +205,8 @@ class Reference:
     def call(self, t: float, x: FloatArray, u: FloatArray, values: Mapping[str, object]) -> FloatArray:
         """The entries; raises what the function raises."""
         params = Recorder(values, self._missing)
-        result = np.asarray(self._function(t, x, u, params), dtype=float).reshape(-1)
+        # A copy: the function may hand out one buffer again and again.
+        result = np.array(self._function(t, x, u, params), dtype=float).reshape(-1)
         if len(result) != self._size:
             raise ValueError(f"{self.what} function gives {len(result)} entries, expected {self._size}")
         return result

@@ -248,6 +248,20 @@ def test_originals_and_modules_are_left_alone():
     assert all(isinstance(value, float) for value in kept)
 
 
+def test_function_with_a_buffer_of_its_own_runs_as_python():
+    """It hands out the same array each time: nothing kept, but nothing to trace either."""
+    buffer = np.zeros(2)
+
+    def update(t, x, u, params):
+        buffer[:] = np.sin(x) + u
+        return buffer
+
+    flat = flatten(block(update))
+    assert "in update: buffer[:] = np.sin(x) + u" in flat.callbacks[0].reason
+    value = flat.dynamics(0.0, [0.3, 0.4], [1.0, 2.0], [], []).full().ravel()
+    np.testing.assert_allclose(value, [np.sin(0.3) + 1.0, np.sin(0.4) + 2.0])
+
+
 @pytest.mark.slow
 def test_defaults_in_the_text_are_parameters():
     def update(t, x, u, params):
