@@ -239,17 +239,13 @@ def simulate_batch(
     >>> [float(run.outputs[-1].round(4)) for run in runs]
     [0.6321, 0.8647]
     """
-    first = {
-        name: value if np.ndim(value) == 0 else np.asarray(value)[0] for name, value in (params or {}).items()
-    }
-    flat = as_flat(sys, first)
+    arguments = _batch(inputs, initial_state, params)
+    flat = as_flat(sys, arguments[0][2])
     options = Options(method, backend, max_step, rtol, atol, squeeze, max_steps, time_limit)
     if executor is not None and workers is not None:
         raise ValueError("workers and executor: expected one of them; the executor has workers of its own")
     chosen = Executor(workers, kind="threads") if executor is None else executor
-    runs = [
-        prepare(flat, timepts, u, x0, p, interpolation) for u, x0, p in _batch(inputs, initial_state, params)
-    ]
+    runs = [prepare(flat, timepts, u, x0, p, interpolation) for u, x0, p in arguments]
     decided = _decided(flat, runs[0], options, len(runs), chosen.size)
     try:
         with tqdm(total=len(runs), disable=not progress, unit="run") as bar:
