@@ -23,9 +23,9 @@ __all__ = [
     "StableStep",
     "fastest_modes",
     "largest_stable_step",
+    "rates",
     "refuse_unstable_step",
     "state_jacobian",
-    "stiffness",
 ]
 
 # Beyond this many states a few eigenvalues are sought instead of all.
@@ -126,13 +126,11 @@ def largest_stable_step(flat: FlatModel, point: Mapping[str, ArrayLike] | None =
     return shortest
 
 
-def stiffness(flat: FlatModel, t: float, *at: NDArray[np.float64]) -> float:
-    """Rate of the fastest mode that decays more than it oscillates, 1/s; ``at`` is x, u, p, z."""
-    return rates(flat, t, *at)[0]
-
-
 def rates(flat: FlatModel, t: float, *at: NDArray[np.float64], below: float = 0.0) -> tuple[float, float]:
-    """The same, and that of the fastest mode of any kind; a norm that bounds both where it is less than ``below``."""
+    """Of the fastest mode that decays more than it oscillates, and of the fastest of any kind, 1/s.
+
+    ``at`` is x, u, p, z. Where a norm that bounds both is less than ``below``, it stands for them.
+    """
     matrix = _state_matrix(flat, t, *at)
     if matrix is None:
         return 0.0, 0.0

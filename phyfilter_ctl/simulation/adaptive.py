@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from .._sections import FloatArray
 from ..diagram import FlatModel
-from ..diagram.fixed_step import stiffness
+from ..diagram.fixed_step import rates
 from .chains import Call
 from .dormand_prince import dormand_prince
 from .events import EndlessEventsError, EventWatch
@@ -146,7 +146,7 @@ class Integrator:
     def _measure(self, h: float) -> None:
         """Goes over to the stiff method where stability bounds the explicit steps."""
         x, q, u, _, p, z = self._given
-        stiff = h * stiffness(self._flat, float(q[0]), x, u, p, z) > _STIFF
+        stiff = h * rates(self._flat, float(q[0]), x, u, p, z, below=_STIFF / h)[0] > _STIFF
         self._stiff = self._stiff + 1 if stiff else 0
         if self._stiff == 2:
             self._undecided = False

@@ -16,13 +16,16 @@ import numpy as np
 from ..diagram import FlatModel
 from .arguments import Run
 from .chains import bind
+from .steps import has_common_parts
 
 __all__ = ["Cost", "expected_cost", "operations"]
 
-# All in scalar operations of the virtual machine, of which an idle core of 2024 does one in 1.35 ns.
-_REFERENCE = 1.35e-9
-# The functions of a step with error control, at all and for each operation of the diagram; those of a fixed step.
-_MAKING, _MAKING_EACH, _FIXED_MAKING = 11e6, 250e3, 0.25
+# All in scalar operations of the virtual machine, of which the machine on which they were measured did one in 1.35 ns;
+# one of the probe, each of which waits for the one before, in 4 ns.
+_REFERENCE, _PROBED = 1.35e-9, 4.0e-9
+# The functions of a step with error control, at all and for each operation of the diagram, with the search for common
+# parts and without; those of a fixed step.
+_MAKING, _MAKING_EACH, _MAKING_APART, _FIXED_MAKING = 11e6, 250e3, 30e3, 0.25
 # Evaluations of a step of order 8, and its handling in Python.
 _STAGES, _OVERHEAD = 15.0, 12e3
 _COMPILE, _COMPILE_EACH = 0.22e9, 75e3
@@ -58,7 +61,7 @@ class Cost(NamedTuple):
 
 @lru_cache(maxsize=1)
 def _operation() -> float:
-    """Seconds of a scalar operation here."""
+    """Seconds of a scalar operation here: the measured one times what the probe takes more or less."""
     x = ca.SX.sym("x", 8)
     value = x
     for k in range(_PROBE // 16):
@@ -75,7 +78,7 @@ def _operation() -> float:
         for _ in range(_CALLS):
             trigger()
         times.append((thread_time() - begin) / _CALLS)
-    return min(times) / function.n_instructions()
+    return _REFERENCE * min(times) / function.n_instructions() / _PROBED
 
 
 def operations(flat: FlatModel) -> float:
@@ -121,13 +124,13 @@ def expected_cost(
     made = _FIXED_MAKING if fixed else 1.0
     once = steps * (_FIXED_STAGES * each if fixed else _STAGES * each + _OVERHEAD)
     share = max(runs / min(threads, runs), 1.0)
-    vm = made * (_MAKING + _MAKING_EACH * each) + share * (once + rows * each)
+    making = _MAKING_EACH if has_common_parts(flat) else _MAKING_APART
+    vm = made * (_MAKING + making * each) + share * (once + rows * each)
     c = _COMPILE + _COMPILE_EACH * each
     stages = _FIXED_STAGES if fixed else _C_STAGES
     c += share * (_C_OPERATION * each * (stages * steps + rows) + rows * _C_ROW)
-    second = _operation()
-    # Compilers and Python are as fast as the machine, not as CasADi.
-    return Cost(vm * second, c * max(second, 0.5 * _REFERENCE), steps)
+    unit = _operation()
+    return Cost(vm * unit, c * unit, steps)
 
 
 def _kinks(run: Run) -> int:

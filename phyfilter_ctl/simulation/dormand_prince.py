@@ -15,7 +15,7 @@ from scipy.integrate import DOP853
 from .._sections import FloatArray
 from ..diagram import FlatModel
 from .pair import Pair, Stage, sizes
-from .steps import KEPT, Results, compose
+from .steps import KEPT, Results, compose, has_common_parts
 
 __all__ = ["dormand_prince"]
 
@@ -55,7 +55,7 @@ def _trial(flat: FlatModel) -> ca.Function:
         error = q[1] * ca.if_else(bound > 0.0, fifth / ca.sqrt(bound), bound)
         return after, error, ca.horzcat(*slopes), slopes[-1]
 
-    return compose("pf_dop853", [*sizes(flat), len(flat.states)], body)
+    return compose("pf_dop853", [*sizes(flat), len(flat.states)], body, share=has_common_parts(flat))
 
 
 @lru_cache(maxsize=KEPT)
@@ -72,7 +72,9 @@ def _interpolant(flat: FlatModel) -> ca.Function:
         first = [change, h * slopes[0] - change, 2 * change - h * (slopes[_STAGES] + slopes[0])]
         return (ca.horzcat(*first, *(h * _weighted(row, slopes) for row in DOP853.D)),)
 
-    return compose("pf_dop853_dense", [*sizes(flat), n_x, n_x * (_STAGES + 1)], body)
+    return compose(
+        "pf_dop853_dense", [*sizes(flat), n_x, n_x * (_STAGES + 1)], body, share=has_common_parts(flat)
+    )
 
 
 def _inside(coefficients: FloatArray, part: FloatArray) -> FloatArray:

@@ -15,6 +15,7 @@ import casadi as ca
 import numpy as np
 
 from .._sections import FloatArray
+from ..blocks.functions import dependencies
 from ..diagram import FlatModel
 
 __all__ = [
@@ -25,6 +26,7 @@ __all__ = [
     "cut",
     "discrete_step",
     "full_step",
+    "has_common_parts",
     "renewed",
     "split_step",
     "start_state",
@@ -35,6 +37,12 @@ Results: TypeAlias = Sequence[ca.SX]
 SYMBOLS: tuple[type[ca.SX], ...] = (ca.SX, cast(type[ca.SX], ca.MX))
 # Functions of as many flat models are kept ready for the next run.
 KEPT = 64
+
+
+@lru_cache(maxsize=KEPT)
+def has_common_parts(flat: FlatModel) -> bool:
+    """Whether evaluations at different states may have parts in common: of time, parameters or held outputs alone."""
+    return bool(flat.parameters or flat.held or dependencies(flat.dynamics, 0).any())
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,8 +104,12 @@ def compose(
     sizes: Sequence[int],
     body: Callable[..., Results],
     kinds: Sequence[type[ca.SX]] = SYMBOLS,
+    share: bool = True,
 ) -> ca.Function:
-    """A function with dense arguments and results, in SX where everything inside allows it: that runs fastest."""
+    """A function with dense arguments and results, in SX where everything inside allows it: that runs fastest.
+
+    ``share``: evaluations of a diagram inside share what they have in common, which takes a while to find.
+    """
     failure: Exception | None = None
     for kind in kinds:
         arguments = [kind.sym(f"i{i}", size) for i, size in enumerate(sizes)]
@@ -106,7 +118,7 @@ def compose(
         except (RuntimeError, NotImplementedError) as error:
             failure = error
             continue
-        if kind is ca.SX:  # stages at one time share what depends on time alone
+        if kind is ca.SX and share:
             results = ca.cse(results)
         return ca.Function(name, arguments, results)
     raise RuntimeError(f"{name}: neither SX nor MX can express the diagram: {failure}")

@@ -131,7 +131,7 @@ def test_compiled_where_it_pays(loop, monkeypatch):
     assert short.backend == "vm"
     assert "predicted" in short.explanation
     # As if compiling took as long as three runs, and nothing else took time.
-    for name in ("_COMPILE", "_COMPILE_EACH", "_MAKING", "_MAKING_EACH", "_C_ROW"):
+    for name in ("_COMPILE", "_COMPILE_EACH", "_MAKING", "_MAKING_EACH", "_MAKING_APART", "_C_ROW"):
         monkeypatch.setattr(cost, name, 0.0)
     run = prepare(loop, TIMES, INPUTS, None, None, "linear")
     fastest = rates(loop, TIMES[0], run.start, run.inputs[0], run.parameters, np.zeros(len(loop.held)))[1]
