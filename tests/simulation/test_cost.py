@@ -48,8 +48,8 @@ def test_runs_of_many_states_take_c():
     """Of 600 pendulums, each against SciPy: to make the functions of a step takes the virtual machine longer."""
     n = 600
     sys = ct.nlsys(
-        lambda t, x, u, params: np.concatenate([x[n:], u[0] - params["g"] * np.sin(x[:n])]), lambda t, x, u, params: x[:1],
-        inputs=1, outputs=1, states=2 * n, params={"g": 9.8}, name="pendulums",
+        lambda t, x, u, params: np.concatenate([x[n:], u[0] - params["g"] * np.sin(x[:n])]),
+        lambda t, x, u, params: x[:1], inputs=1, outputs=1, states=2 * n, params={"g": 9.8}, name="pendulums",
     )  # fmt: skip
     flat = flatten(sys)
     t = np.linspace(0.0, 20.0, 11)
