@@ -25,7 +25,15 @@ from ..blocks.functions import dependencies
 from ..diagram import FlatModel
 from .steps import KEPT, SYMBOLS, Layout, Results, compose, cut, renewed
 
-__all__ = ["LinearPart", "advance_exponential", "has_linear_states", "linear_part", "phi_functions", "tables"]
+__all__ = [
+    "LinearPart",
+    "advance_exponential",
+    "has_linear_states",
+    "is_driven_by_lines",
+    "linear_part",
+    "phi_functions",
+    "tables",
+]
 
 # Matrices with more entries than this are multiplied as a whole: SX would make one instruction of each entry.
 _DENSE = 20_000
@@ -85,8 +93,20 @@ def linear_part(flat: FlatModel) -> LinearPart:
 
 
 def has_linear_states(flat: FlatModel) -> bool:
-    """Whether df/dx is constant: then the method is exact."""
+    """Whether df/dx is constant: then the method is exact for what straight lines drive."""
     return linear_part(flat).complete
+
+
+@lru_cache(maxsize=KEPT)
+def is_driven_by_lines(flat: FlatModel) -> bool:
+    """Whether time and inputs, which are straight lines between the times, act on the derivatives as such."""
+    sizes = [flat.dynamics.size1_in(i) for i in range(5)]
+    dynamics = compose("dynamics", sizes, lambda t, x, u, p, z: (flat.dynamics(t, x, u, p, z),))
+    kind = SYMBOLS[0 if dynamics.is_a("SXFunction") else 1]
+    t, x, u, p, z = (kind.sym(name, size) for name, size in zip("txupz", sizes, strict=True))
+    jacobian = ca.jacobian(dynamics(t, x, u, p, z), ca.vertcat(t, u))
+    function = ca.Function("jacobian", [t, x, u, p, z], [jacobian.nz[:]])
+    return not any(dependencies(function, argument).any() for argument in (0, 1, 2))
 
 
 # e^{A h/2}, phi_1(A h/2), phi_2(A h/2), e^{A h}, phi_1, phi_2, phi_3 of A h; all but the exponentials times h.

@@ -21,7 +21,7 @@ from . import compiled, vm
 from .algebraic import jumps, unsolved
 from .arguments import Inputs, Interpolation, Parameters, Run, Start, prepare
 from .cost import expected_cost
-from .exponential import has_linear_states, linear_part
+from .exponential import has_linear_states, is_driven_by_lines, linear_part
 from .limits import Limits, steps_allowed
 from .linear import is_plain, run_linear, suits
 from .response import Backend, SimulationResponse, response_of, shares_of, with_outputs_checked
@@ -120,8 +120,8 @@ def simulate(
         Dormand-Prince with error control, 8(5,3) in the virtual machine and 5(4) in C; starts anew at instants and at
         kinks of the inputs. "stiff": Rosenbrock with error control, Rodas5P [1]_. "exact": exponential
         Runge-Kutta of fourth order, exact for parts of df/dx that are constant. "auto": exact for a diagram linear in
-        its states, else adaptive; in the virtual machine it goes over to stiff where the fastest decaying mode,
-        measured on the way, bounds the steps.
+        its states that straight lines drive, else adaptive; in the virtual machine it goes over to stiff where the
+        fastest decaying mode, measured on the way, bounds the steps.
     backend : {"auto", "vm", "c", "numpy"}
         CasADi's virtual machine, C compiled on the spot (kept for the next run), or, for affine
         diagrams without sampled blocks, one product of a matrix by the state for each time. "auto": what is
@@ -325,7 +325,7 @@ def _decided(flat: FlatModel, run: Run, options: Options, runs: int, threads: in
 
 def _is_exact(flat: FlatModel) -> bool:
     small = max((len(group) for group in linear_part(flat).groups), default=0) <= _MOST_COUPLED
-    return small and has_linear_states(flat)
+    return small and has_linear_states(flat) and is_driven_by_lines(flat)
 
 
 def _rates(flat: FlatModel, run: Run) -> tuple[float, float]:

@@ -220,3 +220,21 @@ def test_variable_steps_of_the_exact_method_share_functions():
     w = np.sqrt(8.0)
     exact = 1.0 - np.exp(-t) * (np.cos(w * t) + np.sin(w * t) / w)
     np.testing.assert_allclose(response.outputs, exact, atol=ROUNDING)
+
+
+@pytest.mark.parametrize(
+    ("drive", "end"),
+    [
+        # x(1) = int_0^1 e^(s - 1) drive(s) ds; the input is u = 2 s.
+        (lambda t, u: np.clip(u, -1.0, 1.0), 1.0 - 2.0 * (np.exp(-0.5) - np.exp(-1.0))),
+        (lambda t, u: np.sin(40.0 * t), (np.sin(40.0) - 40.0 * np.cos(40.0) + 40.0 * np.exp(-1.0)) / 1601.0),
+    ],
+    ids=["saturated", "oscillating"],
+)
+def test_linear_states_behind_a_nonlinear_drive_are_integrated_to_tolerance(drive, end):
+    """Between two times the drive is no straight line, though the states are linear."""
+    lag = ct.nlsys(
+        lambda t, x, u, params: [drive(t, u[0]) - x[0]], None, inputs=1, outputs=1, states=1, name="lag"
+    )
+    response = simulate(lag, [0.0, 1.0], [0.0, 2.0])
+    assert response.outputs[-1] == pytest.approx(end, abs=1e-7)
