@@ -222,7 +222,7 @@ def compilers(sizes: Sequence[int]) -> None:
 
 
 def batch(runs: int) -> None:
-    flat = pf.flatten(pendulum())
+    flat = pf.flatten(oscillator())
     t = np.linspace(0.0, 500.0, 201)
     starts = np.random.default_rng(0).normal(size=(runs, 2))
     pf.simulate_batch(flat, t, 0.0, starts[:2], backend="c")
@@ -233,8 +233,8 @@ def batch(runs: int) -> None:
         for workers in (1, 2)
     }  # fmt: skip
     print(
-        f"batch of {runs} pendulums, 500 s each, in C, wall clock (a busy machine shows nothing): two threads "
-        f"{times[1] / times[2]:.2f} times as fast as one\n"
+        f"batch of {runs} van der Pol oscillators, 500 s each, in C, wall clock (on a busy machine it says little): "
+        f"two threads {times[1] / times[2]:.2f} times as fast as one\n"
     )
 
 
