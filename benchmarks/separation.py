@@ -1,6 +1,6 @@
-"""Payload and wind told apart: drone flights whose parts are known, and recorded flights in a wind tunnel.
+"""Payload and wind told apart in drone flights whose parts are known.
 
-    python benchmarks/separation.py [--flights 100] [--quick] [--folder DIR]
+    python benchmarks/separation.py [--flights 100] [--quick]
 
 The drone of models/drone flies its circle with 5 to 60 % of unknown mass, from rest at the start, in a mean wind of 0
 to 8 m/s from any side with 15 % turbulence. Of each estimator: error of the mass over the whole mass after 2 s and
@@ -12,8 +12,6 @@ known to 2 % of the nominal mass, one standard deviation. The gusts' deviation i
 least squares: recursive, on what a filter of 20 rad/s leaves of the measured residual, with mass and mean wind.
 extended Kalman filter: the same states and noise, linearised about its estimates.
 SEER-I: trained on masses up to 30 % in still air; its own decomposition, f_theta as the mass part.
-
---folder: the CSV of recorded wind-tunnel flights (see models/drone/replay.py): mass and steady wind of each.
 """
 
 from __future__ import annotations
@@ -22,7 +20,6 @@ import argparse
 import importlib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 from time import perf_counter
 from typing import Any
 
@@ -34,7 +31,7 @@ from tqdm import tqdm
 import phyfilter_ctl as pf
 from phyfilter_ctl import models
 from phyfilter_ctl.codegen import compile_model
-from phyfilter_ctl.estimation import ColouredForce, Part, Payload, Regressor, SteadyForce
+from phyfilter_ctl.estimation import ColouredForce, Part, Payload, SteadyForce
 from phyfilter_ctl.estimation.separation.identifiability import with_weak_priors
 from phyfilter_ctl.estimation.separation.kalman import Forward, added, forward, started
 from phyfilter_ctl.estimation.separation.structure import Samples, Working, moments, samples_of, structure_of
@@ -359,71 +356,13 @@ def single(duration: float) -> None:
     )
 
 
-def tunnel(folder: Path) -> None:
-    """Recorded flights: no label of the parts exists, so what is shown is whether mass and winds agree."""
-    rows, masses = [], []
-    for path in sorted(folder.glob("*.csv")):
-        flight = drone("replay_recordings").read(path, thrust_delay=0.06)
-        log = pf.Recording(flight.log.times, flight.v, g=flight.g)
-        found = pf.separate(
-            log,
-            [
-                Payload(0.2, name="mass"),
-                SteadyForce([5.0, 5.0, 0.5], name="wind"),
-                Regressor(-flight.v, sd=0.5, name="drag"),
-                ColouredForce(1.0, 3.0, name="gusts"),
-            ],
-        )
-        mass, wind = found.parts["mass"], found.parts["wind"]
-        masses.append((mass.value[0], mass.sd_value[0]))
-        rows.append(
-            [
-                path.stem.removeprefix("custom_figure8_"),
-                f"{100 * mass.value[0]:.1f} +- {196 * mass.sd_value[0]:.1f}",
-                *(
-                    f"{value:.2f} +- {1.96 * sd:.2f}"
-                    for value, sd in zip(wind.value[:2], wind.sd_value[:2], strict=True)
-                ),
-                f"{wind.value[2]:.2f}" if wind.identified[2] else "not told apart",
-                f"{found.parts['drag'].value[0]:.2f}",
-                f"{found.consistency:.2f}",
-            ]
-        )
-    print(
-        table(
-            [
-                "flight",
-                "mass beyond thrust/hover, %",
-                "wind x, m/s^2",
-                "y",
-                "z",
-                "drag, 1/s",
-                "consistency",
-            ],
-            rows,
-        )
-    )
-    value, sd = np.array(masses).T
-    pooled = np.sum(value / sd**2) / np.sum(1.0 / sd**2)
-    apart = np.sum(((value - pooled) / sd) ** 2)
-    print(
-        f"one mass for all: {100 * pooled:.1f} %, chi-square {apart:.0f} of {len(value) - 1} degrees of freedom"
-    )
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--flights", type=int, default=100)
     parser.add_argument("--quick", action="store_true", help="4 flights of 3 s, without SEER-I")
-    parser.add_argument("--folder", type=Path, help="recorded wind-tunnel flights, CSV")
     options = parser.parse_args()
-    if options.folder is not None:
-        if not any(options.folder.glob("*.csv")):
-            raise SystemExit(f"--folder: no CSV in {options.folder}; not evaluated")
-        tunnel(options.folder)
-        return
     study(4 if options.quick else options.flights, 3.0 if options.quick else LATE, quick=options.quick)
     if not options.quick:
         cost()

@@ -1,7 +1,8 @@
 """python-control diagrams as one model, and their margins at any signal."""
 
+from .discrete import as_sampled
 from .equations import AlgebraicLoop, FlatEvent
-from .flattening import as_sampled, flatten
+from .flattening import flatten
 from .model import FlatModel, Task
 from .opening import SignalMargin, open_loop
 

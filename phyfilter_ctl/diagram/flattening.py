@@ -13,6 +13,7 @@ import control as ct
 import numpy as np
 
 from ..blocks.functions import BlockFunctions, Variable, dependencies
+from .discrete import law_of
 from .equations import AlgebraicLoop, FlatEvent
 from .evaluation import Evaluation, Symbols, call_block, evaluate
 from .loops import Expression, newton_function
@@ -20,7 +21,7 @@ from .model import FlatModel, Task
 from .ordering import components, cycle
 from .wiring import Block, Rules, Unconnected, Wiring, input_variables, output_variables, wire
 
-__all__ = ["as_sampled", "discrete_functions", "flatten"]
+__all__ = ["discrete_functions", "flatten"]
 
 _ARGUMENTS = ("t", "x", "u", "p", "z")
 
@@ -103,53 +104,6 @@ def flatten(
     return _assemble(sys, name or sys.name or "system", {}, rules)
 
 
-def as_sampled(flat: FlatModel) -> FlatModel:
-    """A purely discrete model as one task of a model without continuous states.
-
-    Parameters
-    ----------
-    flat : FlatModel
-
-    Returns
-    -------
-    FlatModel
-        With dt = 0, one task of period ``flat.dt`` and the task's held outputs as outputs; a continuous model is
-        returned as it is.
-
-    Examples
-    --------
-    >>> flat = as_sampled(flatten(ct.tf([1.0], [1.0, -0.5], 0.1, name="lag")))
-    >>> flat.dt, len(flat.states), flat.tasks[0].period, [s.name for s in flat.tasks[0].law.states]
-    (0.0, 0, 0.1, ['x[0]'])
-    """
-    if flat.dt == 0.0:
-        return flat
-    law = _without_held(flat)
-    t, x = ca.SX.sym("t"), ca.SX(0, 1)
-    u, p = ca.SX.sym("u", len(flat.inputs)), ca.SX.sym("p", len(flat.parameters))
-    z = ca.SX.sym("z", len(flat.outputs))
-    arguments = [t, x, u, p, z]
-    task = Task(
-        name=flat.name,
-        period=flat.dt,
-        law=law,
-        signals=ca.Function("signals", arguments, [u]),
-        held=slice(0, len(flat.outputs)),
-        parameters=slice(0, len(flat.parameters)),
-    )
-    return dataclasses.replace(
-        flat,
-        states=(),
-        held=flat.outputs,
-        dynamics=ca.Function("dynamics", arguments, [ca.SX(0, 1)]),
-        output=ca.Function("output", arguments, [z]),
-        tasks=(task,),
-        loops=(),
-        unknowns=None,
-        dt=0.0,
-    )
-
-
 def discrete_functions(
     system: ct.InputOutputSystem,
     path: str,
@@ -185,48 +139,7 @@ def discrete_functions(
     flat = _assemble(system, path, given, rules)
     if flat.dt == 0.0:
         raise ValueError(f"block {path}: expected a discrete system with dt > 0, got a continuous one")
-    return _without_held(flat)
-
-
-def _without_held(flat: FlatModel) -> BlockFunctions:
-    kind = (
-        ca.SX
-        if flat.dynamics.is_a("SXFunction") and flat.output.is_a("SXFunction")
-        else cast(type[ca.SX], ca.MX)
-    )
-    t = kind.sym("t")
-    x, u, p = (
-        kind.sym(name, len(part))
-        for name, part in zip("xup", (flat.states, flat.inputs, flat.parameters), strict=True)
-    )
-    z = kind(0, 1)
-    if flat.unknowns is not None:  # the law keeps them from instant to instant as states
-        return _with_unknowns(flat, flat.unknowns)
-    return BlockFunctions(
-        states=flat.states,
-        inputs=flat.inputs,
-        outputs=flat.outputs,
-        parameters=flat.parameters,
-        dynamics=ca.Function("dynamics", [t, x, u, p], [flat.dynamics(t, x, u, p, z)]),
-        output=ca.Function("output", [t, x, u, p], [flat.output(t, x, u, p, z)]),
-        callbacks=flat.callbacks,
-    )
-
-
-def _with_unknowns(flat: FlatModel, unknowns: ca.Function) -> BlockFunctions:
-    MX = cast(type[ca.SX], ca.MX)
-    t, s = MX.sym("t"), MX.sym("s", len(flat.states) + len(flat.held))
-    u, p = MX.sym("u", len(flat.inputs)), MX.sym("p", len(flat.parameters))
-    x, z = ca.vertsplit(s, [0, len(flat.states), s.shape[0]])
-    after = ca.vertcat(flat.dynamics(t, x, u, p, z), unknowns(t, x, u, p, z))
-    return BlockFunctions(
-        states=flat.states + flat.held,
-        inputs=flat.inputs,
-        outputs=flat.outputs,
-        parameters=flat.parameters,
-        dynamics=ca.Function("dynamics", [t, s, u, p], [after]),
-        output=ca.Function("output", [t, s, u, p], [flat.output(t, x, u, p, z)]),
-    )
+    return law_of(flat)
 
 
 def _assemble(

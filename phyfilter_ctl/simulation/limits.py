@@ -46,7 +46,7 @@ class Limits:
     seconds: float | None = None
 
     def __post_init__(self) -> None:
-        self.left = self.steps
+        self.left: int = self.steps
         self._deadline = np.inf if self.seconds is None else monotonic() + self.seconds
 
     def spend(self, steps: int) -> str:

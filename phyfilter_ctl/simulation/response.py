@@ -107,7 +107,7 @@ class SimulationResponse(ct.TimeResponseData):
         self.failed_at = failed_at
         self.notes = notes
         self.explanation = explanation
-        self.callbacks = dict(callbacks or {})
+        self.callbacks: dict[str, float] = dict(callbacks or {})
         self.events = events
 
 
