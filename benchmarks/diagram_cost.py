@@ -19,6 +19,7 @@ import time
 from collections.abc import Callable, Sequence
 from importlib.util import find_spec
 from pathlib import Path
+from typing import Any
 
 import control as ct
 import numpy as np
@@ -27,7 +28,7 @@ from scipy.integrate import solve_ivp
 import phyfilter_ctl as pf
 from phyfilter_ctl.codegen import compile_model
 
-TIGHT = {"rtol": 1e-8, "atol": 1e-10}
+TIGHT: dict[str, Any] = {"rtol": 1e-8, "atol": 1e-10}
 # RK4 of the same pendulum as a control engineer would write it by hand.
 BY_HAND = r"""
 #include <math.h>
@@ -138,7 +139,7 @@ def one_shot(quick: bool) -> None:
     ratios = []
     for name, make, end in cases:
         t = np.linspace(0.0, end, 50 if quick else 500)
-        u = np.sin(t)
+        u: Any = np.sin(t)  # python-control says float, and means arrays too
         systems = iter([make() for _ in range(12)])
         own = least(lambda t=t, u=u, s=systems: ct.input_output_response(next(s), t, u))
         tight = least(
@@ -174,7 +175,7 @@ def linear(sizes: Sequence[int]) -> None:
     print("dense linear systems, 1,001 times: over control.forced_response")
     rng = np.random.default_rng(0)
     t = np.linspace(0.0, 10.0, 1001)
-    u = np.sin(t)
+    u: Any = np.sin(t)
     for n in sizes:
         A = rng.normal(size=(n, n)) / np.sqrt(n) - 1.5 * np.eye(n)
         sys = ct.ss(A, rng.normal(size=(n, 1)), rng.normal(size=(1, n)), 0.0)

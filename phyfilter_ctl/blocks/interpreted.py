@@ -75,35 +75,43 @@ class Interpreted(ca.Callback):
         self._depends = np.ones((sizes[3], sizes[1]), dtype=bool) if depends is None else depends
         self._unused = ~self._depends.any(axis=0)
         self._fills = tuple(fills) if self._unused.any() else (0.0,)
-        self.block, self.reason = block, reason
-        self.seconds, self.failure = 0.0, ""
+        self.block: str = block
+        self.reason: str = reason
+        self.seconds: float = 0.0
+        self.failure: str = ""
         self.construct(name, {"enable_fd": True})
 
-    # What CasADi asks.
-
     def get_n_in(self) -> int:
+        """CasADi asks: t, x, u and p."""
         return 4
 
     def get_n_out(self) -> int:
+        """CasADi asks: one vector."""
         return 1
 
     def get_sparsity_in(self, i: int) -> ca.Sparsity:
+        """CasADi asks: dense columns."""
         return ca.Sparsity.dense(self._sizes[i], 1)
 
     def get_sparsity_out(self, i: int) -> ca.Sparsity:
+        """CasADi asks: a dense column."""
         return ca.Sparsity.dense(self._sizes[4], 1)
 
     def has_jac_sparsity(self, oind: int, iind: int) -> bool:
+        """CasADi asks: known for u."""
         return iind == 2
 
     def get_jac_sparsity(self, oind: int, iind: int, symmetric: bool) -> ca.Sparsity:
+        """CasADi asks: which input changes which entry."""
         rows, columns = np.nonzero(self._depends)
         return ca.Sparsity.triplet(self._sizes[4], self._sizes[2], rows.tolist(), columns.tolist())
 
     def has_eval_buffer(self) -> bool:
+        """CasADi asks: values are handed over in place."""
         return True
 
     def eval_buffer(self, arg: Sequence[memoryview | None], res: Sequence[memoryview | None]) -> int:
+        """CasADi asks: evaluates the function; not-a-number, and a failure noted, where it raises."""
         if res[0] is None:
             return 0
         begin = time.perf_counter()

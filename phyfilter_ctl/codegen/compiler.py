@@ -295,6 +295,7 @@ def _private(folder: Path) -> bool:
 
 
 def forget_oldest(folder: Path) -> None:
+    """Removes the libraries that were used longest ago, down to the limits of number and size."""
     libraries = [path for path in folder.iterdir() if path.suffix in {".so", ".dll", ".dylib"}]
     dated: list[tuple[float, int, Path]] = []
     for path in libraries:

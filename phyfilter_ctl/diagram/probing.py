@@ -44,6 +44,8 @@ class MismatchError(Exception):
 
 @dataclass(frozen=True)
 class Point:
+    """Where a traced function is compared with its original."""
+
     t: float
     x: FloatArray
     u: FloatArray
@@ -83,6 +85,7 @@ def _moved(value: object, rng: np.random.Generator) -> object:
 
 
 def has_integers(value: object) -> bool:
+    """Whether a value is, or holds, an integer."""
     if isinstance(value, list | tuple):
         return any(has_integers(entry) for entry in value)
     if isinstance(value, np.ndarray):
@@ -91,6 +94,7 @@ def has_integers(value: object) -> bool:
 
 
 def is_tunable(value: object) -> bool:
+    """Whether a value is made of numbers that may become a parameter."""
     if isinstance(value, bool | np.bool_):
         return False
     if isinstance(value, list | tuple):
@@ -101,6 +105,7 @@ def is_tunable(value: object) -> bool:
 
 
 def numbers(value: object) -> FloatArray:
+    """A value as an array of floats."""
     return np.asarray(value, dtype=float)
 
 
@@ -141,6 +146,7 @@ class Recorder(dict[str, object]):
         self.noted: dict[str, object] = {}
 
     def get(self, key: str, default: object = None, /) -> object:
+        """As of a dict; a default of numbers is noted as a parameter."""
         if key in self:
             return super().get(key, self.noted.get(key))
         if is_tunable(default):
@@ -171,12 +177,15 @@ class Recorder(dict[str, object]):
         return iter([*super().__iter__(), *self.noted])
 
     def keys(self) -> Any:
+        """Of all, those that were not given included."""
         return dict.fromkeys(self).keys()
 
     def items(self) -> Any:
+        """Of all, those that were not given included."""
         return {key: self[key] for key in self}.items()
 
     def copy(self) -> dict[str, object]:
+        """A plain dict of all."""
         return {key: self[key] for key in self}
 
 
@@ -198,9 +207,10 @@ class Reference:
     def __init__(
         self, function: Callable[..., object], size: int, what: str, missing: Mapping[str, object]
     ) -> None:
-        self._function, self._size, self.what, self._missing = function, size, what, missing
+        self._function, self._size, self._missing = function, size, missing
+        self.what: str = what
         self.failure: Exception | None = None
-        self.seconds = 0.0
+        self.seconds: float = 0.0
 
     def call(self, t: float, x: FloatArray, u: FloatArray, values: Mapping[str, object]) -> FloatArray:
         """The entries; raises what the function raises."""
@@ -233,6 +243,7 @@ class Reference:
 def compare(
     traced: ca.Function, points: Sequence[Point], originals: Sequence[FloatArray], tunable: Sequence[str]
 ) -> None:
+    """Raises MismatchError where the traced function differs from its original at a point."""
     count = len(points)
     x, u = np.array([point.x for point in points]), np.array([point.u for point in points])
     parts = [[numbers(point.values[name]).reshape(-1) for name in tunable] for point in points]

@@ -9,7 +9,7 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Callable, Sequence
-from typing import Any, TypeAlias, cast
+from typing import Any, ClassVar, TypeAlias, cast
 
 import casadi as ca
 import numpy as np
@@ -152,13 +152,14 @@ class Traced:
     """
 
     __slots__ = ("expression", "margin")
-    __hash__ = None  # pyright: ignore[reportAssignmentType]
+    __hash__: ClassVar[None] = None  # pyright: ignore[reportIncompatibleMethodOverride]
     shape: tuple[int, ...] = ()
-    ndim, size = 0, 1
+    ndim: int = 0
+    size: int = 1
 
     def __init__(self, expression: ca.SX, margin: ca.SX | None = None) -> None:
-        self.expression = expression
-        self.margin = margin
+        self.expression: ca.SX = expression
+        self.margin: ca.SX | None = margin
 
     def __bool__(self) -> bool:
         return current().decide(self.expression, self.margin)
@@ -169,7 +170,10 @@ class Traced:
     def __float__(self) -> float:
         raise UntraceableError("a signal or parameter is turned into a plain number here")
 
-    __int__ = __complex__ = __float__
+    __int__ = __float__
+
+    def __complex__(self) -> complex:
+        return float(self)
 
     def __array_ufunc__(self, ufunc: np.ufunc, method: str, *inputs: Any, **keywords: Any) -> Any:
         return ufunc_call(ufunc, method, inputs, keywords)
@@ -196,15 +200,18 @@ class Traced:
         return 0.0
 
     def item(self) -> Traced:
+        """Itself: it is a number."""
         return self
 
     def copy(self) -> Traced:
+        """Itself: it does not change."""
         return self
 
     def __deepcopy__(self, memo: object) -> Traced:
         return self
 
     def astype(self, kind: Any) -> Any:
+        """As a number of another kind: int and bool are traced."""
         return _as_kind(self, kind)
 
 
@@ -249,12 +256,15 @@ class Array(np.ndarray):
         return super().__array_function__(func, types, args, kwargs)
 
     def astype(self, dtype: Any, *args: Any, **keywords: Any) -> Any:
+        """Entries as numbers of another kind."""
         return as_array(np.frompyfunc(lambda value: _as_kind(value, dtype), 1, 1)(plain(self)))
 
     def round(self, decimals: Any = 0, out: Any = None) -> Any:  # pyright: ignore[reportIncompatibleMethodOverride]
+        """Entries rounded."""
         return as_array(np.frompyfunc(lambda value: round(value, decimals), 1, 1)(plain(self)))
 
     def clip(self, min: Any = None, max: Any = None, *args: Any, **keywords: Any) -> Any:
+        """Entries within bounds."""
         return OVERRIDES[np.clip](self, min, max)
 
 

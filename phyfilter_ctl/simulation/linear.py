@@ -38,7 +38,7 @@ _SPARSE = 0.1  # of all entries: below, products leave out the others
 _CHUNK = 4096
 _KEPT_MATRICES = 16
 
-Matrix: TypeAlias = FloatArray | csr_array
+_Matrix: TypeAlias = FloatArray | csr_array
 
 
 class _Affine(NamedTuple):
@@ -125,7 +125,7 @@ def run_linear(flat: FlatModel, run: Run, limits: Limits) -> Outcome:
 
 
 def _push(
-    x: FloatArray, given: FloatArray, steps: list[tuple[Matrix, FloatArray, FloatArray]], index: NDArray[np.intp],
+    x: FloatArray, given: FloatArray, steps: list[tuple[_Matrix, FloatArray, FloatArray]], index: NDArray[np.intp],
     rows: NDArray[np.intp], held: bool,
 ) -> None:  # fmt: skip
     """x[k + 1] = h phi_1 n + h phi_2 (n+ - n) for all rows k."""
@@ -137,7 +137,7 @@ def _push(
         x[here + 1] = given[here] @ value.T + (after - given[here]) @ change.T
 
 
-def _advance(x: FloatArray, powers: list[Matrix], index: NDArray[np.intp], rows: NDArray[np.intp]) -> None:
+def _advance(x: FloatArray, powers: list[_Matrix], index: NDArray[np.intp], rows: NDArray[np.intp]) -> None:
     """x[k + 1] = E x[k] + x[k + 1] for all rows k."""
     for k, part in zip(rows.tolist(), index[rows].tolist(), strict=True):
         x[k + 1] += powers[part] @ x[k]
@@ -164,15 +164,16 @@ def _matrices(flat: FlatModel, parameters: bytes) -> _Affine:
 
 
 @lru_cache(maxsize=_KEPT_MATRICES)
-def _step(flat: FlatModel, parameters: bytes, h: float) -> tuple[Matrix, FloatArray, FloatArray]:
+def _step(flat: FlatModel, parameters: bytes, h: float) -> tuple[_Matrix, FloatArray, FloatArray]:
     """e^{A h}, and h phi_1 B and h phi_2 B."""
     A, B, _, _ = _matrices(flat, parameters)
     power, value, change = np.zeros_like(A), np.zeros_like(B), np.zeros_like(B)
     _, label = connected_components(csr_array(A), directed=False)
     order = np.argsort(label, kind="stable")
     entries = 0
-    for group in np.split(order, np.flatnonzero(np.diff(label[order])) + 1):
-        place = np.ix_(group, group)
+    groups: list[NDArray[np.intp]] = np.split(order, np.flatnonzero(np.diff(label[order])) + 1)
+    for group in groups:
+        place = (group[:, None], group)
         power[place], first, second, _ = phi_functions(A[place] * h)
         value[group], change[group] = h * first @ B[group], h * second @ B[group]
         entries += len(group) ** 2
