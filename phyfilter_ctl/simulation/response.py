@@ -67,7 +67,7 @@ class SimulationResponse(ct.TimeResponseData):
         Events that happened: seconds and name, in order. C does not record them.
     callbacks : mapping of str to float, optional
         Blocks that ran as Python, since their functions cannot be traced, and the share of the run's time that they
-        took, 0 to 1; see :attr:`FlatModel.callbacks` for the reasons.
+        took, 0 to 1; see ``FlatModel.callbacks`` for the reasons.
     squeeze : bool, optional
         As for ``control.input_output_response``.
     notes : tuple of str

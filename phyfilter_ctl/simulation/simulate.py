@@ -118,9 +118,9 @@ def simulate(
     method : {"auto", "rk4", "adaptive", "stiff", "exact"}
         "rk4": classical Runge-Kutta, equal steps between events (times and instants of sampled blocks). "adaptive":
         Dormand-Prince with error control, 8(5,3) in the virtual machine and 5(4) in C; starts anew at instants and at
-        kinks of the inputs. "stiff": Rosenbrock with error control, Rodas5P [1]_. "exact": exponential
-        Runge-Kutta of fourth order, exact for parts of df/dx that are constant. "auto": exact for a diagram linear in
-        its states that straight lines drive, else adaptive; in the virtual machine it goes over to stiff where the
+        kinks of the inputs. "stiff": Rosenbrock with error control, Rodas5P (G. Steinebach, BIT 63, 27, 2023).
+        "exact": exponential Runge-Kutta of fourth order, exact for parts of df/dx that are constant. "auto": exact for
+        a diagram linear in its states that straight lines drive, else adaptive; in the virtual machine it goes over to stiff where the
         fastest decaying mode, measured on the way, bounds the steps.
     backend : {"auto", "vm", "c", "numpy"}
         CasADi's virtual machine, C compiled on the spot (kept for the next run), or, for affine
@@ -159,11 +159,6 @@ def simulate(
         For wrong shapes, unknown names and options, or a diagram that cannot be flattened.
     CompilerError
         For backend="c" without a compiler, or with one that fails.
-
-    References
-    ----------
-    .. [1] G. Steinebach, "Construction of Rosenbrock-Wanner method Rodas5P and numerical benchmarks within the Julia
-       Differential Equations package", BIT Numerical Mathematics 63, 27 (2023).
 
     Examples
     --------
