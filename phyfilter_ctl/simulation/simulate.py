@@ -120,8 +120,8 @@ def simulate(
         Dormand-Prince with error control, 8(5,3) in the virtual machine and 5(4) in C; starts anew at instants and at
         kinks of the inputs. "stiff": Rosenbrock with error control, Rodas5P (G. Steinebach, BIT 63, 27, 2023).
         "exact": exponential Runge-Kutta of fourth order, exact for parts of df/dx that are constant. "auto": exact for
-        a diagram linear in its states that straight lines drive, else adaptive; in the virtual machine it goes over to stiff where the
-        fastest decaying mode, measured on the way, bounds the steps.
+        a diagram linear in its states that straight lines drive, else adaptive; in the virtual machine it goes over to
+        stiff where the fastest decaying mode, measured on the way, bounds the steps.
     backend : {"auto", "vm", "c", "numpy"}
         CasADi's virtual machine, C compiled on the spot (kept for the next run), or, for affine
         diagrams without sampled blocks, one product of a matrix by the state for each time. "auto": what is
