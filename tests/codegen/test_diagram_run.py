@@ -1,18 +1,22 @@
 """Compiled runs: integration against closed forms, sampled blocks against a loop by hand, failures, threads."""
 
+import math
 import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from fractions import Fraction
 from itertools import pairwise
 
 import casadi as ca
+import control as ct
 import numpy as np
 import pytest
 from flat_models import STRICT, by_hand, integrator, law, model, oscillator, symbols, two_rates
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+import phyfilter_ctl as pf
 from phyfilter_ctl import PhyFilter
 from phyfilter_ctl.blocks.sampled import FilterLaw, sampled_block
 from phyfilter_ctl.codegen import compile_model
@@ -372,3 +376,22 @@ def test_progress_is_reported_and_the_run_can_be_stopped(swing):
 def test_bad_arguments_are_named(ramp, arguments, message):
     with pytest.raises(ValueError, match=message):
         ramp.simulate(**({"timepts": [0.0, 1.0]} | arguments))
+
+
+@pytest.mark.slow
+def test_a_day_of_four_rates_without_a_common_period_misses_no_instant():
+    """Counters: after 24 h each has counted the instants before it, in rational numbers."""
+    periods, day = [0.1 * math.sqrt(2.0), 0.1 * math.e, 0.1 * math.pi, 0.31], 86400.0
+    names = [f"count{i}" for i in range(len(periods))]
+    counters = [
+        pf.sampled_block(
+            ct.ss([[1.0]], [[1.0]], [[1.0]], [[0.0]], period, inputs=["u"], outputs=["n"]), name=name
+        )
+        for name, period in zip(names, periods, strict=True)
+    ]
+    clocks = ct.interconnect(
+        counters, connections=False, inplist=[[f"{name}.u" for name in names]], inputs=["one"],
+        outlist=[f"{name}.n" for name in names], outputs=names, name="clocks",
+    )  # fmt: skip
+    counted = pf.simulate(clocks, [0.0, 0.5 * day, day], 1.0, backend="c").outputs[:, -1]
+    assert counted.tolist() == [Fraction(day) // Fraction(period) for period in periods]
