@@ -381,7 +381,7 @@ def _continuous_runner(filter: PhyFilter | FilterBank, n_x: int, recipe: Recipe)
 
 def _diagram_runner(system: ct.InputOutputSystem) -> tuple[list[str], Runner]:
     def run(times: FloatArray, u: FloatArray) -> tuple[list[str], FloatArray]:
-        # The virtual machine on every machine: "auto" depends on what is fastest there, the last digits with it.
+        # The virtual machine everywhere: "auto" may take C where there is a compiler, with other last digits.
         response = simulate(
             system, times, u.T, interpolation="hold", backend="vm", rtol=1e-11, atol=1e-13, squeeze=False
         )
