@@ -119,7 +119,7 @@ def test_recipes_are_built_and_checked(tmp_path, capsys):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["export", "acceleration"], "--fmu FILE, --ssp FILE and --c DIR"),
+        (["export", "acceleration"], "--fmu FILE, --ssp FILE, --c DIR and --target NAME DIR"),
         (["export", "nothing.toml", "--fmu", "a.fmu"], "neither a filter file nor a model"),
         (["export", "acceleration", "--fmu", "a.zip"], "ends in .fmu"),
         (["export", "acceleration", "--fmu", "a.fmu", "--channels", "3"], "is a model"),

@@ -90,19 +90,19 @@ class Interpreted(ca.Callback):
         return 1
 
     def get_sparsity_in(self, i: int) -> ca.Sparsity:
-        """CasADi asks: dense columns."""
+        """CasADi asks: argument `i` is a dense column."""
         return ca.Sparsity.dense(self._sizes[i], 1)
 
     def get_sparsity_out(self, i: int) -> ca.Sparsity:
-        """CasADi asks: a dense column."""
+        """CasADi asks: result `i` is a dense column."""
         return ca.Sparsity.dense(self._sizes[4], 1)
 
     def has_jac_sparsity(self, oind: int, iind: int) -> bool:
-        """CasADi asks: known for u."""
+        """CasADi asks: that of result `oind` by argument `iind` is known for u."""
         return iind == 2
 
     def get_jac_sparsity(self, oind: int, iind: int, symmetric: bool) -> ca.Sparsity:
-        """CasADi asks: which input changes which entry."""
+        """CasADi asks: which input changes which entry of `oind` by `iind`; `symmetric` or not."""
         rows, columns = np.nonzero(self._depends)
         return ca.Sparsity.triplet(self._sizes[4], self._sizes[2], rows.tolist(), columns.tolist())
 
@@ -111,7 +111,7 @@ class Interpreted(ca.Callback):
         return True
 
     def eval_buffer(self, arg: Sequence[memoryview | None], res: Sequence[memoryview | None]) -> int:
-        """CasADi asks: evaluates the function; not-a-number, and a failure noted, where it raises."""
+        """CasADi asks: `res` from `arg`; not-a-number, and a failure noted, where the function raises."""
         if res[0] is None:
             return 0
         begin = time.perf_counter()
