@@ -18,7 +18,6 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
-import control as ct
 import numpy as np
 from numpy.typing import NDArray
 from separation import BANDWIDTH, NOISE, NOMINAL, WEIGHT, side_by_side
@@ -147,7 +146,7 @@ def in_flight(count: int, *, quick: bool) -> None:
 
 
 def monitor(*, restart: bool, gusts: float | None = None) -> pf.FlatModel:
-    """The block as a diagram of its own."""
+    """The block alone."""
     payload, dt = part("payload"), part("params").params().sampling.dt
     block = pf.separation_block(
         payload.parts() if gusts is None else payload.parts(gusts),
@@ -159,14 +158,7 @@ def monitor(*, restart: bool, gusts: float | None = None) -> pf.FlatModel:
         restart=restart,
         name="block",
     )
-    diagram = ct.interconnect(
-        [block],
-        inplist=[f"block.{label}" for label in block.input_labels],
-        inputs=block.input_labels,
-        outlist=[f"block.{label}" for label in block.output_labels],
-        outputs=block.output_labels,
-    )
-    return pf.flatten(diagram)
+    return pf.flatten(block)
 
 
 def seen(flat: pf.FlatModel, flown: Any, *, quick: bool) -> tuple[Array, Array]:

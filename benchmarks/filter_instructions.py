@@ -27,53 +27,9 @@ STEPS = 999
 DT = 0.002
 LIMIT = 600  # instructions of a step of 3 channels, order 6, float, low-pass, fixed coefficients
 
-# SysTick counts down 24 bits.
-BOARD_C = """\
-/* A Cortex-M7 without an operating system: vectors, floating point on, output through the debugger. */
-#include <stdint.h>
-
-int main(void);
-void put_text(const char *text);
-void reset(void);
-extern unsigned char bss_begin[], bss_end[];
-
-static void call_host(unsigned operation, const void *argument) {
-  register unsigned r0 __asm__("r0") = operation;
-  register const void *r1 __asm__("r1") = argument;
-  __asm__ volatile("bkpt 0xab" : "+r"(r0) : "r"(r1) : "memory");
-}
-
-void put_text(const char *text) { call_host(4, text); }
-
-void reset(void) {
-  *(volatile uint32_t *)0xE000ED88 |= 0xFu << 20; /* CPACR: floating point */
-  __asm__ volatile("dsb\\n isb");
-  for (unsigned char *p = bss_begin; p < bss_end; p++) *p = 0;
-  *(volatile uint32_t *)0xE000E014 = 0xFFFFFF; /* SysTick: reload, clear, processor clock and on */
-  *(volatile uint32_t *)0xE000E018 = 0;
-  *(volatile uint32_t *)0xE000E010 = 5;
-  main();
-  call_host(0x18, (const void *)0x20026);
-  for (;;) {}
-}
-
-__attribute__((section(".vectors"), used)) static const struct {
-  uint32_t stack;
-  void (*begin[15])(void);
-} vectors = {0x20200000, {reset}};
-"""
-
-BOARD_LD = """\
-ENTRY(reset)
-SECTIONS {
-  .text 0x0 : { KEEP(*(.vectors)) *(.text*) *(.rodata*) *(.ARM.*) }
-  .data 0x20000000 : { *(.data*) }
-  .bss : { bss_begin = .; *(.bss*) *(COMMON) bss_end = .; }
-}
-"""
-
 MAIN_C = """\
 #include "wing.h"
+#include "console.h"
 #include "pf_crc.h"
 
 #define STEPS 999
@@ -83,16 +39,6 @@ static wing filter;
 static wing_real x[STEPS + 1][wing_N_X], g[STEPS + 1][wing_N_X], f_theta[STEPS + 1][wing_N_F];
 static wing_real f_hat[STEPS + 1][wing_N_F];
 static uint32_t seed = 1;
-void put_text(const char *text);
-
-#ifdef __arm__
-#define TICKS (*(volatile uint32_t *)0xE000E018)
-#else
-#include <stdio.h>
-#define TICKS 0u
-void put_text(const char *text) { fputs(text, stdout); }
-#endif
-
 static step_of nothing;
 __attribute__((noinline)) static int nothing(wing *self, const wing_real *a, const wing_real *b, const wing_real *c,
                                              const wing_real *d, wing_real *e) {
@@ -104,15 +50,6 @@ __attribute__((noinline)) static int nothing(wing *self, const wing_real *a, con
 static wing_real noise(void) {
   seed = seed * 1664525u + 1013904223u;
   return (wing_real)(int32_t)(seed >> 8) * (wing_real)(1.0 / 8388608.0) - (wing_real)1;
-}
-
-static void put_number(uint32_t value) {
-  char text[12], *p = text + sizeof text - 1;
-  *p = 0;
-  do *--p = (char)('0' + value % 10);
-  while (value /= 10);
-  put_text(p);
-  put_text(" ");
 }
 
 static uint32_t ticks_of(step_of *volatile step) {

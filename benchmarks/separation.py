@@ -23,7 +23,6 @@ from dataclasses import dataclass, replace
 from time import perf_counter
 from typing import Any
 
-import control as ct
 import numpy as np
 from numpy.typing import NDArray
 from tqdm import tqdm
@@ -308,18 +307,6 @@ def study(count: int, duration: float, *, quick: bool) -> None:
     coverage(flights, gusts)
 
 
-def flat(block: pf.SampledBlock) -> pf.FlatModel:
-    """A diagram of nothing else."""
-    diagram = ct.interconnect(
-        [block],
-        inplist=[f"block.{label}" for label in block.input_labels],
-        inputs=block.input_labels,
-        outlist=[f"block.{label}" for label in block.output_labels],
-        outputs=block.output_labels,
-    )
-    return pf.flatten(diagram)
-
-
 def cost(steps: int = 100_000) -> None:
     """Time of a step in C, by the runs of two diagrams of one block."""
     rng, dt = np.random.default_rng(0), 0.002
@@ -328,7 +315,7 @@ def cost(steps: int = 100_000) -> None:
         "payload, mean wind, gusts": pf.separation_block(parts(0.5), 3, dt=dt, noise=NOISE, name="block"),
     }
     for name, block in blocks.items():
-        inputs, model = rng.standard_normal((len(block.input_labels), steps)), flat(block)
+        inputs, model = rng.standard_normal((len(block.input_labels), steps)), pf.flatten(block)
         spent = []
         for _ in range(4):  # the first compiles
             begun = perf_counter()
@@ -343,7 +330,7 @@ def single(duration: float) -> None:
     """What single precision costs in C, over a long flight."""
     log = flown(1, duration, compiled=True).logs[0]
     block = pf.separation_block(parts(0.5), 3, dt=log.dt, noise=NOISE, name="block")
-    model, inputs = flat(block), np.hstack([log.x, np.asarray(log.g), np.zeros_like(log.x)])
+    model, inputs = pf.flatten(block), np.hstack([log.x, np.asarray(log.g), np.zeros_like(log.x)])
     double, float_ = (
         np.asarray(compile_model(model, real=real).simulate(log.times, inputs, interpolation="hold").outputs)
         for real in ("double", "float")

@@ -62,7 +62,7 @@ def run(command: tuple[str, ...], folder: Path, timeout: float = 300.0) -> str:
 
 def build(board: Board, files: tuple[str, ...], folder: Path) -> None:
     """board.elf and host, from files of the folder."""
-    for name in ("board.c", "board.ld"):
+    for name in ("board.c", "board.ld", "console.h"):
         shutil.copy(_HERE / name, folder)
     linking = ("-nostartfiles", "-Wl,--gc-sections", "-T", "board.ld", "board.c", "-lc", "-lgcc")
     run((*board.compiler, *FLAGS, *files, *linking, "-o", "board.elf"), folder)

@@ -6,6 +6,7 @@
  * and bytes of stack. -DSTEPS: of them. */
 #include "pf_ieee.h"
 
+#include "console.h"
 #include "pf_crc.h"
 #include "wing_guard.h"
 
@@ -19,16 +20,6 @@
 
 enum { NAN_X, INF_G, STUCK, SPIKE, AHEAD, BACK, MISSING, RETUNE, DAMAGED, STATE_BIT, COEFFICIENT_BIT, KINDS };
 enum { NOMINAL, LONGER, RESTARTED, TUNED, CHECKED, TIMED };
-
-void put_text(const char *text);
-#ifdef __arm__
-unsigned stack_used(void);
-#define TICKS (*(volatile uint32_t *)0xE000E018)
-#else
-#include <stdio.h>
-#define TICKS 0u
-void put_text(const char *text) { fputs(text, stdout); }
-#endif
 
 static wing_guard guard, twin;
 static uint32_t seed = 12345, most[TIMED];
@@ -44,15 +35,6 @@ static wing_real noise(void) { return (wing_real)((int32_t)bits() - 8388608) * (
 static wing_real not_a_number(void) {
   volatile wing_real zero = 0;
   return zero / zero;
-}
-
-static void put_number(uint32_t value) {
-  char text[12], *p = text + sizeof text - 1;
-  *p = 0;
-  do *--p = (char)('0' + value % 10);
-  while (value /= 10);
-  put_text(p);
-  put_text(" ");
 }
 
 static int send(wing_guard *to, const double (*poles)[2], int damage) {

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal, NoReturn, TypeAlias
 
@@ -208,8 +208,8 @@ def hybrid(system: ct.InputOutputSystem, events: Sequence[Event], *, name: str |
     return HybridBlock(system, tuple(events), name)
 
 
-def _unchanged(t: float, x: ArrayLike, u: ArrayLike, params: Mapping[str, Any]) -> object:
-    return list(x)  # type: ignore[arg-type]  # an array
+def _unchanged(t: float, x: Iterable[float], u: object, params: Mapping[str, Any]) -> object:
+    return list(x)
 
 
 def _params(system: ct.InputOutputSystem) -> dict[str, Any]:

@@ -62,16 +62,23 @@ class LinearPart:
     complete: bool
 
 
-@lru_cache(maxsize=KEPT)
-def linear_part(flat: FlatModel) -> LinearPart:
-    """The constant entries of df/dx, from its structure."""
+def _jacobian(flat: FlatModel, by: str) -> tuple[list[ca.SX], ca.Sparsity, ca.Function]:
+    """Symbols t, x, u, p, z, and the nonzero entries of the derivatives' Jacobian by some of them, as a function."""
     sizes = [flat.dynamics.size1_in(i) for i in range(5)]
     dynamics = compose("dynamics", sizes, lambda t, x, u, p, z: (flat.dynamics(t, x, u, p, z),))
     kind = SYMBOLS[0 if dynamics.is_a("SXFunction") else 1]
-    t, x, u, p, z = (kind.sym(name, size) for name, size in zip("txupz", sizes, strict=True))
-    jacobian = ca.jacobian(dynamics(t, x, u, p, z), x)
-    rows, columns = (np.array(part, dtype=np.intp) for part in jacobian.sparsity().get_triplet())
-    function = ca.Function("jacobian", [t, x, u, p, z], [jacobian.nz[:]])
+    symbols = [kind.sym(name, size) for name, size in zip("txupz", sizes, strict=True)]
+    jacobian = ca.jacobian(
+        dynamics.call(symbols)[0], ca.vertcat(*(symbols["txupz".index(name)] for name in by))
+    )
+    return symbols, jacobian.sparsity(), ca.Function("jacobian", symbols, [jacobian.nz[:]])
+
+
+@lru_cache(maxsize=KEPT)
+def linear_part(flat: FlatModel) -> LinearPart:
+    """The constant entries of df/dx, from its structure."""
+    (t, x, u, p, z), sparsity, function = _jacobian(flat, "x")
+    rows, columns = (np.array(part, dtype=np.intp) for part in sparsity.get_triplet())
     varying = np.zeros(len(rows), dtype=bool)
     for argument in (0, 1, 2, 4):
         varying |= dependencies(function, argument).any(axis=1)
@@ -100,12 +107,7 @@ def has_linear_states(flat: FlatModel) -> bool:
 @lru_cache(maxsize=KEPT)
 def is_driven_by_lines(flat: FlatModel) -> bool:
     """Whether time and inputs, which are straight lines between the times, act on the derivatives as such."""
-    sizes = [flat.dynamics.size1_in(i) for i in range(5)]
-    dynamics = compose("dynamics", sizes, lambda t, x, u, p, z: (flat.dynamics(t, x, u, p, z),))
-    kind = SYMBOLS[0 if dynamics.is_a("SXFunction") else 1]
-    t, x, u, p, z = (kind.sym(name, size) for name, size in zip("txupz", sizes, strict=True))
-    jacobian = ca.jacobian(dynamics(t, x, u, p, z), ca.vertcat(t, u))
-    function = ca.Function("jacobian", [t, x, u, p, z], [jacobian.nz[:]])
+    _, _, function = _jacobian(flat, "tu")
     return not any(dependencies(function, argument).any() for argument in (0, 1, 2))
 
 

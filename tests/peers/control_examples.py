@@ -22,7 +22,7 @@ from pathlib import Path
 from statistics import median
 from typing import Any
 
-from tests.peers.python_control import ROOT, fetched
+from tests.peers.python_control import ROOT, fetched, pytest_with
 from tests.peers.shadow import BACKENDS, EACH, REPORT
 
 # Those that simulate nonlinear or interconnected systems.
@@ -134,17 +134,7 @@ def main() -> int:
             for file in files:
                 command = [sys.executable, "-m", SHADOW, str(file)]
                 if title == "tests":
-                    command = [
-                        sys.executable,
-                        "-m",
-                        "pytest",
-                        "-q",
-                        "-p",
-                        "no:cacheprovider",
-                        "-p",
-                        SHADOW,
-                        str(file),
-                    ]
+                    command = pytest_with(SHADOW, str(file))
                 run(command, source, env, file.name)
             entries = [json.loads(line) for line in report.read_text(encoding="utf-8").splitlines()]
             bad += table(f"control {version('control')}, {title}", entries, options.backends.split())

@@ -86,6 +86,12 @@ def fetched(folder: Path) -> Path | None:
     return folder / archive.name.removesuffix(".tar.gz")
 
 
+def pytest_with(plugin: str, *files: str) -> list[str]:
+    """The command that runs test files with a module of ours beside them."""
+    options = ["-q", "-p", "no:cacheprovider", "-p", plugin]
+    return [sys.executable, "-m", "pytest", *options, *files]
+
+
 def started(source: Path, put_in: bool) -> subprocess.Popen[str]:
     """A run of the tests."""
     environment = os.environ | {
@@ -95,17 +101,7 @@ def started(source: Path, put_in: bool) -> subprocess.Popen[str]:
         "OPENBLAS_NUM_THREADS": "1",
     } | ({PUT_IN: "1"} if put_in else {})  # fmt: skip
     files = [f"control/tests/{name}_test.py" for name in FILES.split()]
-    command = [
-        sys.executable,
-        "-m",
-        "pytest",
-        "-q",
-        "-p",
-        "no:cacheprovider",
-        "-p",
-        "tests.peers.put_in",
-        *files,
-    ]
+    command = pytest_with("tests.peers.put_in", *files)
     with open(source / f"{put_in}.txt", "w") as log:
         return subprocess.Popen(command, cwd=source, env=environment, stdout=log, stderr=log, text=True)
 
