@@ -166,22 +166,17 @@ def _attempt(
 ) -> BlockFunctions:
     """Every function with as few integers as constants as it needs, else as a callback."""
     integers = [name for name, value in values.items() if has_integers(value)]
-    reasons: dict[str, str] = {}
     choices = [set[str](), *({name} for name in integers), *([set(integers)] if len(integers) > 1 else [])]
     for constant in choices:
         points = probe_points(system, values, constant)
         symbols = _symbols(system, values, constant)
-        functions = {}
-        for part in parts:
-            try:
-                functions[part.which] = _traced(part, symbols, points, missing)
-            except _NewParametersError:
-                raise
-            except (UntraceableError, MismatchError) as failure:
-                reasons.setdefault(part.which, str(failure))
-                break
-        else:
-            return _finished(system, known, symbols, functions, {})
+        try:
+            functions = {part.which: _traced(part, symbols, points, missing) for part in parts}
+        except _NewParametersError:
+            raise
+        except (UntraceableError, MismatchError):
+            continue
+        return _finished(system, known, symbols, functions, {})
     # Once more with a callback for what cannot be traced, alone.
     points, symbols = probe_points(system, values, set()), _symbols(system, values, set())
     functions, callbacks = {}, {}
