@@ -111,7 +111,7 @@ def interpolated(
     values: Sequence[ca.SX],
     extrapolation: Literal["hold", "linear"] = "hold",
 ) -> ca.SX:
-    """Straight lines through points, as a sum of ramps: no comparison, and no entry is read outside the table.
+    """Straight lines through points, as a sum of ramps: no search, and no entry is read outside the table.
 
     Parameters
     ----------
@@ -134,7 +134,9 @@ def interpolated(
         if extrapolation == "hold" or i < last:
             inside = ca.fmin(inside, span)
         result = result + (values[i + 1] - values[i]) / span * inside
-    return result
+    # C's fmax and fmin pass over what is not a number.
+    known = ca.logic_or(place <= float(points[0]), place > float(points[0]))
+    return ca.if_else(known, result, place)
 
 
 def _grid(i: int, axis: ArrayLike, count: int) -> FloatArray:

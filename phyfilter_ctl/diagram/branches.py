@@ -60,12 +60,14 @@ class Path:
     decisions: list[Decision] = field(default_factory=list)
     _picked: tuple[tuple[tuple[bool, ...], int], int] | None = None
 
-    def decide(self, condition: ca.SX, margin: ca.SX | None = None, picks: bool = False) -> bool:
+    def decide(self, condition: ca.SX, margin: ca.SX | None = None) -> bool:
         """The answer to a condition on this way; the one given before where it is asked again."""
         if condition.is_constant():
             return bool(float(condition) != 0)
         self._picked = None
-        key = str(condition)
+        return self._answer(_key(condition), condition, condition if margin is None else margin, False)
+
+    def _answer(self, key: str, condition: ca.SX, margin: ca.SX, picks: bool) -> bool:
         for decision in self.decisions:
             if decision.key == key:
                 return decision.taken
@@ -73,7 +75,7 @@ class Path:
         if place >= MOST_CONDITIONS:
             raise UntraceableError("a loop runs until a signal says so")
         taken = self.prefix[place] if place < len(self.prefix) else True
-        self.decisions.append(Decision(condition, condition if margin is None else margin, key, taken, picks))
+        self.decisions.append(Decision(condition, margin, key, taken, picks))
         return taken
 
     def index(self, expression: ca.SX) -> int:
@@ -82,7 +84,8 @@ class Path:
             return int(float(expression))
         if not ca.depends_on(expression, self.signals):
             raise UntraceableError("a parameter counts or picks")
-        taken = tuple(decision.taken for decision in self.decisions)
+        self._picked = None
+        taken, key = tuple(decision.taken for decision in self.decisions), _key(expression)
         for sign in (1, -1):
             # The entry that ended the table is asked for each time, so that equal answers mean equal questions.
             end = self.ended.get((taken, sign), MOST_ENTRIES + 1)
@@ -91,9 +94,10 @@ class Path:
                     break
                 if number >= MOST_ENTRIES:
                     raise UntraceableError("a signal picks a number of which there are too many")
-                if self.decide(expression == sign * number, expression - sign * number, True):
+                entry = sign * number
+                if self._answer(f"{key} is {entry}", expression == entry, expression - entry, True):
                     self._picked = (taken, sign), number
-                    return sign * number
+                    return entry
         raise IndexError("beyond both ends of the table")
 
     def ends(self) -> None:
@@ -101,6 +105,13 @@ class Path:
         if self._picked is not None:
             key, number = self._picked
             self.ended[key] = min(self.ended.get(key, number), number)
+
+
+def _key(expression: ca.SX) -> str:
+    """The same for equal expressions of the same symbols; printed, numbers would lose digits and symbols be names."""
+    text = ca.StringSerializer()
+    text.pack(expression)
+    return f"{text.encode()}{[symbol.element_hash() for symbol in ca.symvar(expression)]}"
 
 
 _current: ContextVar[Path] = ContextVar("path")

@@ -55,7 +55,7 @@ class Point:
 def probe_points(
     system: ct.NonlinearIOSystem, values: Mapping[str, object], constant: set[str]
 ) -> list[Point]:
-    """Small and large, positive and of both signs, the last ones with other parameter values."""
+    """Small and large, positive and of both signs, some with other parameter values; at last all zeros."""
     rng = np.random.default_rng(20240)
     n, m = system.nstates or 0, system.ninputs or 0
     points = []
@@ -68,7 +68,7 @@ def probe_points(
             else {k: v if k in constant else _moved(v, rng) for k, v in values.items()}
         )
         points.append(Point(float(rng.uniform(0.0, 3.0)), scale * draw(n), scale * draw(m), changed))
-    return points
+    return [*points, Point(0.0, np.zeros(n), np.zeros(m), values)]
 
 
 def _moved(value: object, rng: np.random.Generator) -> object:
@@ -222,7 +222,7 @@ class Reference:
         return result
 
     def evaluate(self, point: Point) -> FloatArray:
-        """The entries; not-a-number where the function refuses the point."""
+        """The entries; all infinite where the function refuses the point, since not-a-number is an answer."""
         begin = time.perf_counter()
         with warnings.catch_warnings(), np.errstate(all="ignore"):
             warnings.simplefilter("ignore")
@@ -230,7 +230,7 @@ class Reference:
                 return self.call(point.t, point.x.copy(), point.u.copy(), point.values)
             except Exception as error:
                 self.failure = self.failure or error
-                return np.full(self._size, np.nan)
+                return np.full(self._size, np.inf)
             finally:
                 self.seconds = max(self.seconds, time.perf_counter() - begin)
 
@@ -253,10 +253,12 @@ def compare(
     expected = np.array(originals)
     known = np.isfinite(expected)
     largest = np.ones(count)
-    for part in (np.where(known, expected, 0.0), x, u):
-        largest = np.maximum(largest, np.abs(part).max(axis=1, initial=0.0))
-    allowed = RELATIVE * np.abs(expected) + ABSOLUTE * largest[:, None]
-    wrong = (known & ~(np.abs(values - expected) <= allowed)).any(axis=1)
+    for part in (expected, x, u):
+        largest = np.maximum(largest, np.abs(np.where(np.isfinite(part), part, 0.0)).max(axis=1, initial=0.0))
+    allowed = RELATIVE * np.abs(np.where(known, expected, 0.0)) + ABSOLUTE * largest[:, None]
+    with np.errstate(invalid="ignore"):
+        far = ~(np.abs(values - expected) <= allowed)
+    wrong = ((known & far) | (np.isnan(expected) & np.isfinite(values))).any(axis=1)
     if wrong.any():
         k = int(np.argmax(wrong))
         raise MismatchError(
@@ -294,6 +296,10 @@ def uncovered(
     n, m = len(points[0].x), len(points[0].u)
     cuts = np.cumsum([1, n, m])
     pool = _pool(points, tunable, 1 + n + m)
+    # Each signal in turn not a number, and infinite, for what asks for that.
+    odd = np.tile(pool[0], (3 * cuts[-1], 1))
+    for part, value in zip(np.split(odd[:, : cuts[-1]], 3), (np.nan, np.inf, -np.inf), strict=True):
+        np.fill_diagonal(part, value)
 
     def split(rows: FloatArray) -> list[FloatArray]:
         return np.split(rows, cuts, axis=-1)
@@ -306,23 +312,27 @@ def uncovered(
             [truth[:, index[d.key]] == d.taken for d in way.decisions], initial=True
         ) & np.ones(len(truth), dtype=bool)
 
-    truth = truths(pool)
+    truth, odd_truth = truths(pool), truths(odd)
     more, reached = list[FloatArray](), set[tuple[str, bool]]()
     for way in found:
         where = np.flatnonzero(matches(way, truth))
-        if not len(where):
-            row = _towards(way, pool, truth, index, conditions, slopes, split)
-            if row is None or not matches(way, truths(row[None]))[0]:
+        row = pool[where[0]] if len(where) else _towards(way, pool, truth, index, conditions, slopes, split)
+        if row is None or not matches(way, truths(row[None]))[0]:
+            where = np.flatnonzero(matches(way, odd_truth))
+            if not len(where):
                 continue
-        else:
-            row = pool[where[0]]
+            row = odd[where[0]]
         more.append(row)
         reached |= {(d.key, d.taken) for d in way.decisions}
     extra = []
     for row in more:
         t, x, u, p = split(row)
         extra.append(Point(float(t[0]), x, u, filled(values, tunable, p)))
-    return extra, [key for key, taken in sides if (key, taken) not in reached and not known[key].picks]
+    return extra, [
+        str(known[key].condition)
+        for key, taken in sides
+        if (key, taken) not in reached and not known[key].picks
+    ]
 
 
 def _pool(points: Sequence[Point], tunable: Sequence[str], signals: int) -> FloatArray:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import functools
 import math
+import operator
 from collections.abc import Callable, Sequence
 from typing import Any, ClassVar, TypeAlias, cast
 
@@ -43,6 +44,23 @@ def _trunc(a: ca.SX) -> ca.SX:
     return ca.if_else(a < 0, ca.ceil(a), ca.floor(a))
 
 
+def _extreme(past: Callable[..., Any], reaches: Callable[..., Any]) -> Callable[..., ca.SX]:
+    """The greater or less of two numbers: not-a-number where one of them is, which C's fmax and fmin pass over."""
+
+    def chosen(a: Any, b: Any) -> ca.SX:
+        if not isinstance(a, ca.SX):
+            a, b = b, a
+        if not isinstance(b, ca.SX) and not math.isnan(b):
+            return ca.if_else(past(b, a), b, a)
+        return ca.if_else(past(b, a), b, ca.if_else(reaches(a, b), a, a + b))
+
+    return chosen
+
+
+def _is_nan(a: ca.SX) -> ca.SX:
+    return ca.logic_not(ca.logic_or(a <= 0, a > 0))  # CasADi takes a == a for granted
+
+
 def _unchanged(a: ca.SX) -> ca.SX:
     return a
 
@@ -64,11 +82,11 @@ _FUNCTIONS: dict[str, Callable[..., ca.SX]] = {
     "float_power": ca.power,
     "floor_divide": lambda a, b: ca.floor(a / b),
     "remainder": lambda a, b: a - b * ca.floor(a / b),
-    "maximum": ca.fmax,
-    "minimum": ca.fmin,
+    "maximum": _extreme(operator.gt, operator.ge),
+    "minimum": _extreme(operator.lt, operator.le),
     "hypot": lambda a, b: ca.sqrt(a * a + b * b),
     "copysign": ca.copysign,
-    "heaviside": lambda a, b: ca.if_else(a == 0, b, a > 0),
+    "heaviside": lambda a, b: ca.if_else(a == 0, b, (ca.sign(a) + 1) / 2),
     "less": lambda a, b: a < b,
     "less_equal": lambda a, b: a <= b,
     "greater": lambda a, b: a > b,
@@ -98,9 +116,9 @@ _FUNCTIONS: dict[str, Callable[..., ca.SX]] = {
     "deg2rad": lambda a: a * (math.pi / 180.0),
     "rint": _rint,
     "trunc": _trunc,
-    "isfinite": lambda a: ca.SX(1),
-    "isnan": lambda a: ca.SX(0),
-    "isinf": lambda a: ca.SX(0),
+    "isfinite": lambda a: ca.fabs(a) < math.inf,
+    "isnan": _is_nan,
+    "isinf": lambda a: ca.fabs(a) == math.inf,
 }  # fmt: skip
 _COMPARISONS = {"less", "less_equal", "greater", "greater_equal", "equal", "not_equal"}
 _NAMES = {"mod": "remainder", "true_divide": "divide", "pow": "power", "abs": "absolute"}

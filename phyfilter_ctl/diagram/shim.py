@@ -78,6 +78,13 @@ def _clip(value: Any, low: Any = None, high: Any = None, **bounds: Any) -> Any:
     return value if high is None else ufunc_call(np.minimum, "__call__", (value, high), {})
 
 
+def _nan_to_num(x: Any, copy: bool = True, nan: Any = 0.0, posinf: Any = None, neginf: Any = None) -> Any:
+    largest = float(np.finfo(float).max)
+    x = _where(_called(np.isnan, x), nan, x)
+    x = _where(_called(np.equal, x, math.inf), largest if posinf is None else posinf, x)
+    return _where(_called(np.equal, x, -math.inf), -largest if neginf is None else neginf, x)
+
+
 def _interp(x: Any, xp: Any, fp: Any, left: Any = None, right: Any = None, period: Any = None) -> Any:
     if period is not None or has_traced(xp):
         raise UntraceableError("np.interp with a period, or at places that are signals, cannot be traced")
@@ -134,7 +141,7 @@ OVERRIDES |= {
     np.clip: _clip,
     np.interp: _interp,
     np.round: lambda a, decimals=0: a.round(decimals) if isinstance(a, Array) else round(a, decimals),
-    np.nan_to_num: lambda x, **_: x,
+    np.nan_to_num: _nan_to_num,
     np.einsum: _sum_of_products,
     np.linalg.norm: _norm,
     np.linalg.solve: _solve,

@@ -205,11 +205,83 @@ def test_idiom(idiom):
     )
 
 
+GUARDED = {
+    "np.nan_to_num": lambda t, x, u, p: [np.nan_to_num(np.sin(u[0]) / u[0], nan=1.0), np.nan_to_num(1.0 / u[1])],
+    "np.nan_to_num of an array": lambda t, x, u, p: np.nan_to_num(u / x, nan=3.0, posinf=4.0, neginf=-4.0),
+    "np.isnan, np.isfinite": lambda t, x, u, p: [
+        np.where(np.isnan(u[0] / x[0]), 2.0, u[0] / x[0]), np.where(np.isfinite(u[1] / x[1]), x[1], -1.0)
+    ],
+    "if math.isnan, math.isinf": lambda t, x, u, p: [
+        7.0 if math.isnan(u[0]) else u[0], 1.0 if math.isinf(u[1]) else 0.0
+    ],
+    "np.clip, max, min": lambda t, x, u, p: [np.clip(u[0], -1.0, 1.0), np.maximum(np.minimum(u[0], x[1]), x[0])],
+    "np.maximum, np.minimum": lambda t, x, u, p: [
+        np.maximum(x[1], u[1]) + np.minimum(3.0, u[0]), np.heaviside(u[1], 0.5)
+    ],
+    "np.fmax, np.fmin": lambda t, x, u, p: [np.fmax(u[0], -1.0), np.fmin(x[1], u[1])],
+    "np.interp": lambda t, x, u, p: [np.interp(u[0], *TABLE), np.interp(u[1], *TABLE)],
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("guard", GUARDED)
+def test_not_a_number_goes_where_numpy_lets_it_go(guard):
+    function = GUARDED[guard]
+    flat = flatten(block(function))
+    assert not flat.callbacks
+    odd = (0.0, -0.0, 0.5, np.nan, np.inf, -np.inf)
+    with np.errstate(all="ignore"):
+        for u in np.array(np.meshgrid(odd, odd)).reshape(2, -1).T:
+            for x in ([0.3, 0.4], [0.0, 2.0]):
+                expected = np.array(function(0.0, np.array(x), u.copy(), {}), dtype=float).ravel()
+                traced = flat.dynamics(0.0, x, u, [], []).full().ravel()
+                np.testing.assert_allclose(traced, expected, rtol=1e-14)
+
+
+def test_lookup_table_at_no_number():
+    held = pf.lookup_table(TABLE[0], TABLE[1])
+    assert held.output(0.0, [], [-np.inf]) == TABLE[1][0]
+    assert held.output(0.0, [], [np.inf]) == TABLE[1][-1]
+    assert np.isnan(held.output(0.0, [], [np.nan]))
+    plane = pf.lookup_table([[0.0, 1.0], [0.0, 1.0]], [[0.0, 0.0], [1.0, 1.0]])
+    assert np.isnan(plane.output(0.0, [], [np.nan, 0.5]))
+    assert np.isnan(plane.output(0.0, [], [0.5, np.nan]))
+
+
+@pytest.mark.slow
+def test_guards_stand_in_compiled_code():
+    guard = ct.nlsys(
+        None,
+        lambda t, x, u, p: [np.nan_to_num(np.sin(u[0]) / u[0], nan=1.0), np.clip(u[0], -1.0, 1.0), np.isfinite(u[0])],
+        inputs=1, outputs=3, name="guard",
+    )  # fmt: skip
+    u = [0.0, 0.5, 2.0]
+    runs = [pf.simulate(guard, [0.0, 1.0, 2.0], u, backend=backend) for backend in ("vm", "c")]
+    for run in runs:
+        np.testing.assert_allclose(run.outputs[0], [1.0, *np.sin(u[1:]) / u[1:]], rtol=1e-15)
+        np.testing.assert_array_equal(run.outputs[2], 1.0)
+    lost = pf.codegen.compile_model(flatten(guard)).simulate([0.0], [[np.nan]])
+    np.testing.assert_array_equal(lost.outputs[0], [1.0, np.nan, 0.0])
+
+
 @pytest.mark.parametrize("edge", [-1.0, 0.0, 1.0])
 def test_branch_at_its_edge(edge):
     """The side is the original's where the condition changes, not only beside it."""
     flat = flatten(block(lambda t, x, u, p: [1.0 if x[0] > edge else -1.0, 1.0 if x[0] >= edge else -1.0]))
     assert flat.dynamics(0.0, [edge, 0.0], [0.0, 0.0], [], []).full().ravel().tolist() == [-1.0, 1.0]
+
+
+def test_branches_that_differ_in_their_last_digits():
+    """Printed to six digits both conditions are one."""
+    pressed = lambda t, x, u, p: [1.0 if u[0] > 101325.1 else 0.0, 1.0 if u[0] > 101325.4 else 0.0]  # noqa: E731
+    timed = lambda t, x, u, p: [1.0 if t > 1000.001 else 0.0, 1.0 if t > 1000.004 else 0.0]  # noqa: E731
+    for function, points in (
+        (pressed, [(0.0, 101325.0), (0.0, 101325.2), (0.0, 101326.0)]),
+        (timed, [(1000.0, 0.0), (1000.002, 0.0), (1000.01, 0.0)]),
+    ):
+        flat = flatten(block(function))
+        assert not flat.callbacks
+        sides = [flat.dynamics(t, [0, 0], [u, 0], [], []).full().ravel().tolist() for t, u in points]
+        assert sides == [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0]]
 
 
 def test_table_ends_where_the_list_ends():
