@@ -16,12 +16,13 @@ from .._output import check_target, write_figure, write_text
 
 if TYPE_CHECKING:
     from .._sections import FloatArray
-    from ..fmi import CosimulationResponse
+    from ..fmi import CosimulationResponse, Isolation
 
 __all__ = ["add_arguments", "main"]
 
 _DESCRIPTION = (
-    "FMUs of any tool, FMI 2.0 and 3.0. check and run load the FMU's code into this process: trust it first."
+    "FMUs of any tool, FMI 2.0 and 3.0. check and run load the FMU's code, into a process of its own: it may crash or "
+    "hang there, but does what it likes to your files. Trust it first."
 )
 
 _EPILOG = """examples:
@@ -70,6 +71,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     run.add_argument("--out", metavar="FILE.csv", help="outputs over time; - for standard output")
     run.add_argument("--picture", metavar="FILE", help="outputs as png, pdf or svg")
+    for job in (check, run):
+        job.add_argument(
+            "--in-process",
+            action="store_true",
+            help="run the FMU in this process: quicker, and it may take it along",
+        )
+        job.add_argument(
+            "--call-limit", type=float, default=60.0, metavar="S", help="longest call in s (default: 60)"
+        )
+        job.add_argument("--time-limit", type=float, metavar="S", help="longest run in s")
     recipes = jobs.add_parser("recipes", help="build and check the FMU of every recipe in a folder")
     recipes.add_argument("folder", metavar="DIR")
     recipes.add_argument("--json", action="store_true", help="as JSON")
@@ -100,10 +111,20 @@ def _check(options: argparse.Namespace) -> int:
     from ..fmi import check
 
     report = check(
-        options.file, reference=options.reference, inputs_at=options.inputs_at, run=not options.no_run
+        options.file,
+        reference=options.reference,
+        inputs_at=options.inputs_at,
+        run=not options.no_run,
+        isolated=_isolated(options),
     )
     print(report.as_json() if options.json else report)
     return int(not report.ok)
+
+
+def _isolated(options: argparse.Namespace) -> bool | Isolation:
+    from ..fmi import Isolation
+
+    return not options.in_process and Isolation(options.call_limit, options.time_limit)
 
 
 def _recipes(options: argparse.Namespace) -> int:
@@ -125,7 +146,7 @@ def _recipes(options: argparse.Namespace) -> int:
 
 
 def _run(options: argparse.Namespace) -> int:
-    from ..fmi import FmuError, describe
+    from ..fmi import CosimulationResponse, FmuError, describe
     from ..fmi.messages import complaints
 
     check_target(options.out)
@@ -139,29 +160,38 @@ def _run(options: argparse.Namespace) -> int:
             f"expected --stop after {start:g} s and --step within the run, got {stop:g} and {step:g}"
         )
     times = start + step * np.arange(round((stop - start) / step) + 1, dtype=np.float64)
+    failed = 0
     try:
         response = _response(options, times)
     except FmuError as error:
         print(f"phyfilter-ctl: error: {error}", file=sys.stderr)
-        return 1
+        if not isinstance(error.results, CosimulationResponse) or np.all(np.isnan(error.results.outputs)):
+            return 1
+        failed, response = 1, error.results
     for message in complaints(response.messages["fmu"]):
         print(f"phyfilter-ctl: the FMU says: {message}", file=sys.stderr)
     labels = [label.removeprefix("fmu.") for label in response.output_labels or []]
+    outputs = np.atleast_2d(response.outputs)
+    reached = (
+        int(np.max(np.flatnonzero(~np.all(np.isnan(outputs), axis=0)), initial=-1)) + 1
+        if labels
+        else len(times)
+    )
     if options.out is not None:
-        write_text(options.out, _table(labels, response))
+        write_text(options.out, _table(labels, times[:reached], outputs))
     if options.picture is not None:
         import matplotlib
 
         matplotlib.use("Agg")
         write_figure(options.picture, response.plot().figure)
     if options.out != "-":
-        print(f"{found.name}: {len(times)} points, {start:g} to {times[-1]:g} s")
-        for label, values in zip(labels, np.atleast_2d(response.outputs), strict=True):
+        print(f"{found.name}: {reached} points, {start:g} to {times[reached - 1]:g} s")
+        for label, values in zip(labels, outputs[:, :reached], strict=True):
             print(
                 f"  {label:24} {values[0]:12.6g} -> {values[-1]:12.6g}   "
                 f"within {values.min():.6g} .. {values.max():.6g}"
             )
-    return 0
+    return failed
 
 
 def _response(options: argparse.Namespace, times: FloatArray) -> CosimulationResponse:
@@ -175,6 +205,7 @@ def _response(options: argparse.Namespace, times: FloatArray) -> CosimulationRes
         inputs={f"fmu.{name}": values for name, values in inputs.items()},
         parameters={f"fmu.{name}": value for name, value in map(_setting, options.set)},
         progress=options.out != "-",
+        isolated=_isolated(options),
     )
 
 
@@ -195,13 +226,11 @@ def _setting(text: str) -> tuple[str, float | str]:
         return name, value
 
 
-def _table(labels: list[str], response: CosimulationResponse) -> str:
+def _table(labels: list[str], times: FloatArray, outputs: FloatArray) -> str:
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(["time", *labels])
-    outputs = np.atleast_2d(response.outputs)
     writer.writerows(
-        [repr(float(t)), *(repr(float(v)) for v in row)]
-        for t, row in zip(response.time, outputs.T, strict=True)
+        [repr(float(t)), *(repr(float(v)) for v in row)] for t, row in zip(times, outputs.T, strict=False)
     )
     return text.getvalue()

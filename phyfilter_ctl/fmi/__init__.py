@@ -6,6 +6,7 @@ from .cosimulation import CosimulationResponse, cosimulate
 from .cosimulation_wiring import Wire
 from .description import FmuExperiment, FmuSolver
 from .export import export_fmu
+from .foreign import Isolation
 from .handover import HandOver, hand_over
 from .importing import import_fmu
 from .importing_blocks import FmuBlock, FmuModel
@@ -36,6 +37,7 @@ __all__ = [
     "FmuUnit",
     "FmuVariable",
     "HandOver",
+    "Isolation",
     "Reference",
     "UnpackedFmu",
     "Wire",

@@ -16,6 +16,7 @@ from fmpy.validation import validate_fmu
 
 from .._sections import FloatArray
 from .archive import ArchiveLimits, extracted
+from .foreign import Isolation
 from .inspect import FmuDescription, Kind, describe, native_platform
 from .instance import FmuError, FmuInstance
 from .messages import complaints
@@ -132,8 +133,9 @@ def check(
     atol: float = 1e-6,
     run: bool = True,
     limits: ArchiveLimits | None = None,
+    isolated: bool | Isolation = False,
 ) -> CheckReport:
-    """Check an FMU. **With** ``run`` **its code is run in this process.**
+    """Check an FMU. **With** ``run`` **its code is run**, in this process or with ``isolated`` in one of its own.
 
     Validated are: the archive; the description against its schema, names, units, start values and the completeness of
     its structure; then, for each kind it offers, that it starts and runs, that the state can be taken and put back bit
@@ -153,6 +155,8 @@ def check(
         Whether to load and run the FMU.
     limits : ArchiveLimits, optional
         What the archive may hold at most.
+    isolated : bool or Isolation
+        Whether the FMU runs in a process of its own, and within which limits of time; then a crash is a finding too.
 
     Returns
     -------
@@ -182,7 +186,7 @@ def check(
             checker.note(f"not run: no binary for {native_platform()}; it has binaries for {has}")
             return checker.report()
     with checker.stage("unpack"):
-        fmu = UnpackedFmu(path, limits=limits)
+        fmu = UnpackedFmu(path, limits=limits, isolated=isolated)
         try:
             for kind in description.kinds:
                 _dynamic(checker, fmu, kind)

@@ -18,7 +18,9 @@ from .cosimulation_part import Part, step_problem
 from .cosimulation_parts import make_part
 from .cosimulation_run import Outside, Run, Signal, StepControl, step_count
 from .cosimulation_wiring import Connection, Wire, Wiring, parameters_by_part, wire_up
+from .foreign import Isolation
 from .inspect import Scalar
+from .instance import FmuError
 from .ssp_cut import CutDiagram
 from .ssp_read import opened_ssp
 
@@ -92,6 +94,7 @@ def cosimulate(
     units: Literal["raise", "warn", "ignore"] = "raise",
     progress: bool = False,
     limits: ArchiveLimits | None = None,
+    isolated: bool | Isolation = False,
 ) -> CosimulationResponse:
     """Run FMUs and python-control systems wired together.
 
@@ -101,7 +104,8 @@ def cosimulate(
     * Jacobi: the inputs at t_k, for all parts alike.
     * Gauss-Seidel: part after part, in order; a part sees the outputs at t_{k+1} of the parts before it.
 
-    Both are of first order in the communication step. **The FMUs' code is run in this process.**
+    Both are of first order in the communication step. **The FMUs' code is run**: in this process, or with ``isolated``
+    in processes of their own.
 
     Parameters
     ----------
@@ -137,6 +141,9 @@ def cosimulate(
     progress : bool
         Show a progress bar.
     limits : ArchiveLimits, optional
+    isolated : bool or Isolation
+        Whether each FMU file runs in a process of its own, and within which limits of time. Blocks from
+        :func:`import_fmu` run as they were imported.
 
     Returns
     -------
@@ -150,7 +157,8 @@ def cosimulate(
         If a name is unknown, an input is driven twice, units differ, a part cannot make the steps or cannot go back
         for step control.
     FmuError
-        If an FMU fails: its name, the call, the time and what it logged. All instances are freed.
+        If an FMU fails, or crashes or hangs in its own process: its name, the call, the time and what it logged. All
+        instances are freed. Its ``results`` are the response up to the last result before, then NaN.
 
     Notes
     -----
@@ -201,7 +209,7 @@ def cosimulate(
         elif isinstance(parts, CutDiagram):
             outside = {label: [Wire(sink, "") for sink in sinks] for label, sinks in parts.inputs.items()}
             parts, wires, names = parts.parts, [*parts.wires, *wires], parts.outputs
-        members = _members(stack, parts, parameters or {}, initial_state or {}, limits)
+        members = _members(stack, parts, parameters or {}, initial_state or {}, limits, isolated)
         wiring = wire_up(members, wires, units=units)
         run = Run(
             members,
@@ -212,7 +220,12 @@ def cosimulate(
         )
         control = StepControl(tolerance, absolute_tolerance or tolerance) if tolerance is not None else None
         _check_steps(members, times, step, control)
-        return _response(run, times, run.over(times, step, control, progress))
+        try:
+            run.over(times, step, control, progress)
+        except FmuError as error:
+            error.results = _response(run, times, str(error))
+            raise
+        return _response(run, times, run.message)
 
 
 def _members(
@@ -221,6 +234,7 @@ def _members(
     parameters: Mapping[str, Scalar],
     initial_state: Mapping[str, ArrayLike],
     limits: ArchiveLimits | None,
+    isolated: bool | Isolation,
 ) -> list[Part]:
     if not parts:
         raise ValueError("parts: expected at least one")
@@ -230,7 +244,14 @@ def _members(
     values = parameters_by_part(list(parts), parameters)
     members: list[Part] = []
     for name, thing in parts.items():
-        part = make_part(name, thing, values[name], initial_state=initial_state.get(name), limits=limits)
+        part = make_part(
+            name,
+            thing,
+            values[name],
+            initial_state=initial_state.get(name),
+            limits=limits,
+            isolated=isolated,
+        )
         stack.callback(part.close)
         members.append(part)
     return members
@@ -286,16 +307,15 @@ def _chosen(wiring: Wiring, outputs: Sequence[str] | None, names: Mapping[str, s
     return {label: wiring.source(names.get(label, label)) for label in outputs}
 
 
-def _response(run: Run, times: FloatArray, result: tuple[FloatArray, FloatArray]) -> CosimulationResponse:
-    outputs, inputs = result
+def _response(run: Run, times: FloatArray, message: str) -> CosimulationResponse:
     return CosimulationResponse(
         times,
-        outputs.T,
-        inputs.T if run.outside.labels else None,
+        run.rows.T,
+        np.array([run.outside.at(float(t)) for t in times]).T if run.outside.labels else None,
         output_labels=list(run.chosen),
         input_labels=run.outside.labels,
         steps=run.steps,
         rejected=run.rejected,
         messages={part.name: part.messages() for part in run.parts},
-        message=run.message,
+        message=message,
     )

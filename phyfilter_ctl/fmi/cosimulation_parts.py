@@ -18,6 +18,7 @@ from ..blocks import SampledBlock
 from ..blocks.functions import BlockFunctions
 from .archive import ArchiveLimits
 from .cosimulation_part import Part
+from .foreign import Isolation
 from .importing import import_fmu
 from .importing_steps import FmuSteps
 from .inspect import FmuDescription, FmuUnit, Scalar
@@ -320,6 +321,7 @@ def make_part(
     *,
     initial_state: ArrayLike | None = None,
     limits: ArchiveLimits | None = None,
+    isolated: bool | Isolation = False,
 ) -> Part:
     """A participant from what the user gave.
 
@@ -333,6 +335,8 @@ def make_part(
     initial_state : array_like, optional
         Of a python-control system.
     limits : ArchiveLimits, optional
+    isolated : bool or Isolation
+        Of an FMU file: whether it runs in a process of its own.
 
     Raises
     ------
@@ -340,11 +344,11 @@ def make_part(
         If it is none of these.
     """
     if isinstance(thing, str | Path):
-        fmu = UnpackedFmu(thing, limits=limits)
+        fmu = UnpackedFmu(thing, limits=limits, isolated=isolated)
         if "cs" in fmu.description.kinds:
             return _fmu_part(name, fmu, True, values)
         fmu.close()
-        thing = import_fmu(thing, kind="me", name=name, parameters=values, limits=limits)
+        thing = import_fmu(thing, kind="me", name=name, parameters=values, limits=limits, isolated=isolated)
         values = {}
     if isinstance(thing, FmuSteps):
         return _fmu_part(name, thing.source, False, thing.values | dict(values))

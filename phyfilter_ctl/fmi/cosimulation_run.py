@@ -100,6 +100,11 @@ class Run:
         Parts in the order of Gauss-Seidel; None for Jacobi.
     chosen : dict of str to int
         Name and place of the outputs wanted.
+
+    Attributes
+    ----------
+    rows : (N, len(chosen)) array
+        Results; NaN from where the run could not go on.
     """
 
     parts: Sequence[Part]
@@ -109,14 +114,15 @@ class Run:
     chosen: Mapping[str, int]
     u: FloatArray = field(init=False)
     y: FloatArray = field(init=False)
+    rows: FloatArray = field(init=False)
     steps: int = 0
     rejected: int = 0
     message: str = ""
 
     def over(
         self, times: FloatArray, step: float | None, control: StepControl | None, progress: bool
-    ) -> tuple[FloatArray, FloatArray]:
-        """Outputs and outside inputs at all times; NaN from where the run cannot go on.
+    ) -> None:
+        """Fill ``rows``.
 
         Parameters
         ----------
@@ -125,10 +131,10 @@ class Run:
         control : StepControl, optional
         progress : bool
         """
+        self.rows = np.full((len(times), len(self.chosen)), np.nan)
         self._initialise(times)
-        rows = np.empty((len(times), len(self.chosen)))
         places = list(self.chosen.values())
-        rows[0] = self.y[places]
+        self.rows[0] = self.y[places]
         if control is not None:
             control.step = step or float(np.min(np.diff(times)))
         with tqdm(total=len(times) - 1, disable=not progress, desc="co-simulation") as bar:
@@ -140,11 +146,9 @@ class Run:
                         self._controlled(t, end, control, float(times[-1] - times[0]))
                 except _StepTooSmallError as error:
                     self.message = str(error)
-                    rows[k:] = np.nan
                     break
-                rows[k] = self.y[places]
+                self.rows[k] = self.y[places]
                 bar.update()
-        return rows, np.array([self.outside.at(float(t)) for t in times])
 
     def _initialise(self, times: FloatArray) -> None:
         start, stop = float(times[0]), float(times[-1])

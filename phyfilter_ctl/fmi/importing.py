@@ -10,6 +10,7 @@ from typing import Literal
 import numpy as np
 
 from .archive import ArchiveLimits
+from .foreign import Isolation
 from .importing_blocks import FmuModel
 from .importing_steps import FmuSteps
 from .inspect import FmuDescription, Kind, Scalar
@@ -29,11 +30,13 @@ def import_fmu(
     tolerance: float | None = None,
     events: Literal["raise", "ignore"] = "raise",
     limits: ArchiveLimits | None = None,
+    isolated: bool | Isolation = False,
 ) -> FmuModel | FmuSteps:
     """Import an FMU (FMI 2.0 or 3.0) as a python-control system.
 
-    **The FMU's code is run in this process, with all it may do.** Import files you trust only; :func:`describe` reads
-    any file without running it.
+    **The FMU's code is run, with all it may do**: in this process, or with ``isolated`` in one of its own, which it may
+    crash or hang without harm to this one. Import files you trust only; :func:`describe` reads any file without running
+    it.
 
     Parameters
     ----------
@@ -55,6 +58,8 @@ def import_fmu(
         What to do with a model-exchange FMU that has events, which python-control's simulation does not handle.
     limits : ArchiveLimits, optional
         What the archive may hold at most.
+    isolated : bool or Isolation
+        Whether the FMU runs in a process of its own, and within which limits of time.
 
     Returns
     -------
@@ -79,7 +84,7 @@ def import_fmu(
         raise ValueError(f'kind: expected "me" or "cs", got {kind!r}')
     if events not in ("raise", "ignore"):
         raise ValueError(f'events: expected "raise" or "ignore", got {events!r}')
-    fmu = UnpackedFmu(path, limits=limits)
+    fmu = UnpackedFmu(path, limits=limits, isolated=isolated)
     description = fmu.description
     try:
         if kind is None:

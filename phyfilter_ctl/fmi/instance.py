@@ -3,28 +3,27 @@
 from __future__ import annotations
 
 import ctypes
-import os
+import warnings
 import weakref
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
-from pathlib import Path
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from typing import Any, TypeVar
 
-import fmpy
+import control as ct
 import numpy as np
-from fmpy import fmi2, fmi3
 from fmpy.fmi1 import FMICallException
 
 from .._sections import FloatArray
-from .inspect import FmuDescription, FmuKind, Kind, Scalar, native_platform
-from .messages import MessageLog, claim_messages, fmi2_callbacks, status_word
+from .binding import BindingError, bind
+from .foreign import ForeignFmu, ForeignProcessError
+from .inspect import FmuDescription, FmuKind, Kind, Scalar
+from .messages import MessageLog, claim_messages, status_word
 from .signals import Signals, is_numeric
 from .unpacked import UnpackedFmu
 
 __all__ = ["FmuError", "FmuInstance"]
 
 T = TypeVar("T")
-_FMI2_FOLDERS = {"x86_64-linux": "linux64", "x86_64-windows": "win64", "x86_64-darwin": "darwin64"}
 _FLOAT32 = 2.0**-23  # two roundings of a number on its way through a single
 
 
@@ -36,10 +35,18 @@ class FmuError(RuntimeError):
     instance, call : str
         Name of the instance, FMI function.
     status : str
-        "discard", "error", "fatal", or "refused" where the importer itself stopped.
+        "discard", "error", "fatal"; "refused" where the importer itself stopped; "crashed" or "time limit" where its
+        process ended (isolated FMUs).
     detail : str
         What the FMU logged, or what to do.
+
+    Attributes
+    ----------
+    results : CosimulationResponse or None
+        Of :func:`cosimulate`: what there was before.
     """
+
+    results: ct.TimeResponseData | None = None
 
     def __init__(self, instance: str, call: str, status: str, detail: str = "") -> None:
         super().__init__(f"FMU {instance!r}: {call}: {status}{f': {detail}' if detail else ''}")
@@ -54,7 +61,7 @@ class FmuInstance:
     Parameters
     ----------
     fmu : UnpackedFmu
-        Its code is loaded and run in this process.
+        Its code is loaded and run in this process, or in one of its own where ``fmu.isolation`` says so.
     kind : {"me", "cs"}
     name : str
         Instance name, for the FMU's log and for messages.
@@ -62,9 +69,14 @@ class FmuInstance:
     Raises
     ------
     ValueError
-        If the FMU is not of this kind; if it needs the tool that made it.
+        If the FMU is not of this kind.
     FmuError
         If the binary cannot be loaded or refuses to make an instance.
+
+    Warns
+    -----
+    UserWarning
+        If the FMU says that it needs the tool that made it.
     """
 
     def __init__(self, fmu: UnpackedFmu, kind: Kind, name: str) -> None:
@@ -80,9 +92,7 @@ class FmuInstance:
         self._broken = ""
         self._initialised = False
         self._given: dict[str, Scalar] = {}
-        self._callbacks: fmi2.fmi2CallbackFunctions | None = None
-        self._fmu: Any = self._load()
-        self._instantiate()
+        self._fmu: Any = self._bound()
         self._free = weakref.finalize(self, _release, self._fmu, self._snapshots, self.description.fmi)
 
     @property
@@ -366,50 +376,41 @@ class FmuInstance:
                 f"{self.description.path}: expected an FMU for {words[self.kind]}; it is for {has}"
             )
         if kinds[self.kind].needs_tool:
-            raise ValueError(
-                f"{self.description.path}: needs the tool that made it ({self.description.tool}) to run"
+            tool = self.description.tool or "not named"
+            warnings.warn(
+                f"{self.description.path}: says that it needs the tool that made it ({tool}) on this machine; trying",
+                stacklevel=4,
             )
         return kinds[self.kind]
 
-    def _load(self) -> object:
-        two = self.description.fmi == "2.0"
-        classes = (fmi2.FMU2Model, fmi2.FMU2Slave) if two else (fmi3.FMU3Model, fmi3.FMU3Slave)
-        options: dict[str, Any] = {
-            "guid": self.description.token,
-            "modelIdentifier": self.ability.identifier,
-            "unzipDirectory": str(self.source.folder),
-            "instanceName": self.name,
+    def _bound(self) -> Any:
+        what: dict[str, Any] = {
+            "fmi": self.description.fmi,
+            "kind": self.kind,
+            "folder": str(self.source.folder),
+            "identifier": self.ability.identifier,
+            "token": self.description.token,
+            "name": self.name,
         }
-        if two:
-            options["libraryPath"] = str(_fmi2_library(self.source.folder, self.ability.identifier))
-        with _same_folder():
-            try:
-                return classes[self.kind == "cs"](**options)
-            except (
-                Exception
-            ) as error:  # fmpy raises bare exceptions, ctypes AttributeError for a missing function
-                raise FmuError(self.name, "load the binary", "refused", str(error)) from error
-
-    def _instantiate(self) -> None:
+        isolation = self.source.isolation
         try:
-            if self.description.fmi == "2.0":
-                self._callbacks = fmi2_callbacks(self._log)
-                self._fmu.instantiate(callbacks=self._callbacks)
-            else:
-                log = self._log
-                self._fmu.instantiate(
-                    logMessage=lambda _, status, category, text: log.add(status, category, text)
-                )
-        except Exception as error:  # fmpy raises a bare exception where the FMU returns NULL
-            self._fmu.freeLibrary()
-            raise FmuError(self.name, "Instantiate", "error", self._log.latest() or str(error)) from error
+            return bind(self._log, **what) if isolation is None else ForeignFmu(self._log, isolation, **what)
+        except BindingError as error:
+            status = "refused" if error.call == "load the binary" else "error"
+            raise FmuError(self.name, error.call, status, str(error)) from error
+        except ForeignProcessError as error:
+            raise FmuError(self.name, "Instantiate", error.status, self._last_words(str(error))) from error
+
+    def _last_words(self, detail: str) -> str:
+        logged = self._log.latest()
+        return f"{detail}; {logged}" if logged else detail
 
     def _call(self, name: str, function: Callable[..., T], *arguments: object) -> T:
         if self._broken:
             raise FmuError(
                 self.name, name, "refused", f"the instance has ended ({self._broken}); make a new one"
             )
-        if self._callbacks is not None:
+        if self.description.fmi == "2.0" and self.source.isolation is None:
             claim_messages()
         try:
             return function(*arguments)
@@ -421,10 +422,11 @@ class FmuInstance:
             if status == "fatal":
                 self._broken = "a fatal error"
             where = f"at t = {self.time:g}"
-            logged = self._log.latest()
-            raise FmuError(
-                self.name, error.function, status, f"{where}; {logged}" if logged else where
-            ) from error
+            raise FmuError(self.name, error.function, status, self._last_words(where)) from error
+        except ForeignProcessError as error:
+            self._broken, self._initialised = str(error), False
+            detail = self._last_words(f"at t = {self.time:g} {error}")
+            raise FmuError(self.name, name, error.status, detail) from error
 
     def _check_parameters(self) -> None:
         """An FMU may refuse a parameter with a warning, which fmpy lets pass, and run on with another value."""
@@ -451,13 +453,6 @@ class FmuInstance:
             self.forget(state)
 
 
-def _fmi2_library(folder: Path, identifier: str) -> Path:
-    here = native_platform()
-    names = [name for name in (here, _FMI2_FOLDERS.get(here)) if name]
-    found = [folder / "binaries" / name / (identifier + fmpy.sharedLibraryExtension) for name in names]
-    return next((path for path in found if path.is_file()), found[-1])
-
-
 def _release(fmu: Any, snapshots: list[Any], fmi: str) -> None:
     """Free what an instance holds, whatever happened before."""
     for state in snapshots:
@@ -466,13 +461,3 @@ def _release(fmu: Any, snapshots: list[Any], fmi: str) -> None:
     snapshots.clear()
     with suppress(Exception):
         fmu.freeInstance()
-
-
-@contextmanager
-def _same_folder() -> Iterator[None]:
-    """fmpy changes the working folder while it loads, and stays there when that fails."""
-    before = os.getcwd()
-    try:
-        yield
-    finally:
-        os.chdir(before)

@@ -8,6 +8,7 @@ import weakref
 from pathlib import Path
 
 from .archive import ArchiveLimits, unpack
+from .foreign import Isolation
 from .inspect import FmuDescription, describe, native_platform
 
 __all__ = ["UnpackedFmu"]
@@ -20,11 +21,14 @@ class UnpackedFmu:
     ----------
     path : str or Path
     limits : ArchiveLimits, optional
+    isolated : bool or Isolation
+        Whether its instances run in processes of their own, and within which limits of time.
 
     Attributes
     ----------
     description : FmuDescription
     folder : Path
+    isolation : Isolation or None
 
     Raises
     ------
@@ -32,11 +36,16 @@ class UnpackedFmu:
         As for :func:`describe`; if the FMU has no binary for this platform (those it has are named).
     """
 
-    def __init__(self, path: str | Path, *, limits: ArchiveLimits | None = None) -> None:
+    def __init__(
+        self, path: str | Path, *, limits: ArchiveLimits | None = None, isolated: bool | Isolation = False
+    ) -> None:
+        self.isolation: Isolation | None = (
+            isolated if isinstance(isolated, Isolation) else Isolation() if isolated else None
+        )
         self.description: FmuDescription = describe(path, limits=limits)
         here = native_platform()
         if here not in self.description.platforms:
-            has = ", ".join(self.description.platforms) or "none"
+            has = ", ".join(map(_with_width, self.description.platforms)) or "none"
             remedy = (
                 "; its C sources are inside: build them with fmpy.build.build_platform_binary"
                 if self.description.sources
@@ -55,3 +64,7 @@ class UnpackedFmu:
     def close(self) -> None:
         """Remove the folder."""
         self._remove()
+
+
+def _with_width(platform: str) -> str:
+    return f"{platform} (32-bit)" if platform.startswith("x86-") else platform

@@ -2,6 +2,8 @@
  * m x'' = -k x - d x' + c (place - x). Written apart from the library, as a peer it must get on with. */
 #ifndef OSCILLATOR_H
 #define OSCILLATOR_H
+#include <math.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -12,6 +14,13 @@
  * (announces a time event), WARNS (takes a damping below 0 for 0, and calls a spring above 5 N/m stiff). */
 #ifndef FAIL_AT
 #define FAIL_AT 1e300 /* doStep answers Error from this time on */
+#endif
+/* From this time on doStep does MISCHIEF to its process: SEGFAULT, ABORT, EXIT, HANG; or NOT_A_NUMBER to its state. */
+#ifndef MISCHIEF_AT
+#define MISCHIEF_AT 1e300
+#endif
+#ifndef MISCHIEF
+#define MISCHIEF SEGFAULT
 #endif
 #ifndef DISCARD_ABOVE
 #define DISCARD_ABOVE 1e300 /* doStep discards longer steps */
@@ -46,6 +55,22 @@ static void rates(const Model *m, double *dx, double *dv) {
   for (int i = 0; i < N; i++) {
     dx[i] = m->v[i];
     dv[i] = (force(m, i) - m->stiffness * m->x[i] - m->damping * m->v[i]) / m->mass;
+  }
+}
+
+enum { SEGFAULT, ABORT, EXIT, HANG, NOT_A_NUMBER };
+
+static void mischief(Model *m, double end) {
+  static int *volatile nowhere;
+  if (end <= MISCHIEF_AT) return;
+  puts("mischief on standard output");
+  fflush(stdout);
+  switch (MISCHIEF) {
+  case SEGFAULT: *nowhere = 1; break;
+  case ABORT: abort();
+  case EXIT: exit(3);
+  case HANG: for (volatile int i = 0;; i = !i) {}
+  default: m->x[0] = NAN; break;
   }
 }
 

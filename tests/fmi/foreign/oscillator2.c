@@ -229,6 +229,7 @@ fmi2Status fmi2DoStep(fmi2Component c, fmi2Real t, fmi2Real h, fmi2Boolean final
     return fmi2Error;
   }
   if (h > DISCARD_ABOVE) return fmi2Discard;
+  mischief(&self->m, t + h);
   advance(&self->m, h);
   self->m.count++;
   return fmi2OK;

@@ -192,6 +192,7 @@ EXPORT fmi3Status fmi3DoStep(fmi3Instance c, fmi3Float64 t, fmi3Float64 h, fmi3B
     return fmi3Error;
   }
   if (h > DISCARD_ABOVE) return fmi3Discard;
+  mischief(&self->m, t + h);
   advance(&self->m, h);
   self->m.count++;
   *reached = t + h;
