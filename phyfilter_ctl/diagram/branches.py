@@ -15,7 +15,17 @@ from pathlib import Path as FilePath
 
 import casadi as ca
 
-__all__ = ["Decision", "Path", "UntraceableError", "Way", "current", "merged", "place_of", "ways"]
+__all__ = [
+    "Decision",
+    "DefaultsError",
+    "Path",
+    "UntraceableError",
+    "Way",
+    "current",
+    "merged",
+    "place_of",
+    "ways",
+]
 
 # Ways through one function, and conditions on one; entries of a table that a signal picks.
 MOST_WAYS, MOST_CONDITIONS = 256, 80
@@ -25,6 +35,10 @@ _HERE = FilePath(__file__).parent
 
 class UntraceableError(Exception):
     """Something in a function has no CasADi expression."""
+
+
+class DefaultsError(ValueError):
+    """The functions of a block read one parameter with different defaults."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -163,7 +177,7 @@ def ways(body: Callable[[], ca.SX], signals: ca.SX) -> list[Way]:
         token = _current.set(path)
         try:
             found.append(Way(path.decisions, body(), None))
-        except (UntraceableError, RecursionError):
+        except (UntraceableError, DefaultsError, RecursionError):
             raise
         except Exception as error:
             if isinstance(error, IndexError):

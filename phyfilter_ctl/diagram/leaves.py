@@ -14,6 +14,8 @@ from numpy.typing import ArrayLike
 
 from ..blocks.functions import BlockEvent, BlockFunctions, Variable
 from ..blocks.hybrid import HybridBlock
+from .branches import DefaultsError
+from .probing import different_defaults
 from .tracing import trace
 
 __all__ = ["block_functions", "linear_functions", "with_values"]
@@ -88,8 +90,13 @@ def _with_events(
     """Equations and events on one vector of parameters."""
     functions = block_functions(block.system, path, {**block.params, **given}, missing)
     traced = [(entry, trace(part, f"{path}.{entry.name}", given, missing)) for entry, part in block.parts()]
-    parameters = {v.name: v for part in (functions, *(part for _, part in traced)) for v in part.parameters}
-    parameters |= {v.name: v for v in functions.parameters}
+    parameters = {variable.name: variable for variable in functions.parameters}
+    for variable in (variable for _, part in traced for variable in part.parameters):
+        before = parameters.setdefault(variable.name, variable)
+        if before.start != variable.start:
+            raise DefaultsError(
+                f"block {path}: {different_defaults(variable.name, before.start, variable.start)}"
+            )
     shared = tuple(parameters.values())
     events = tuple(
         BlockEvent(

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from .._sections import FloatArray
 from ..blocks.interpreted import acting
-from .branches import Way
+from .branches import DefaultsError, Way
 
 __all__ = [
     "MismatchError",
@@ -23,6 +23,7 @@ __all__ = [
     "Recorder",
     "Reference",
     "compare",
+    "different_defaults",
     "filled",
     "has_integers",
     "is_tunable",
@@ -138,25 +139,33 @@ class Recorder(dict[str, object]):
     values : mapping
     missing : mapping
         Values of names that a function may ask for without a default.
+    defaults : mapping
+        Those noted before, of this function and of others of its block.
+
+    Raises
+    ------
+    DefaultsError
+        When a function gives one name another default than before.
     """
 
-    def __init__(self, values: Mapping[str, object], missing: Mapping[str, object]) -> None:
+    def __init__(
+        self, values: Mapping[str, object], missing: Mapping[str, object], defaults: Mapping[str, object]
+    ) -> None:
         super().__init__(values)
-        self._missing = missing
+        self._missing, self._defaults = missing, defaults
         self.noted: dict[str, object] = {}
 
     def get(self, key: str, default: object = None, /) -> object:
         """As of a dict; a default of numbers is noted as a parameter."""
+        if key in self._missing or not is_tunable(default):
+            return super().get(key, self.noted.get(key)) if key in self else default
+        before = self._defaults.get(key, self.noted.get(key, default))
+        if not np.array_equal(np.asarray(before), np.asarray(default)):
+            raise DefaultsError(different_defaults(key, before, default))
         if key in self:
-            return super().get(key, self.noted.get(key))
-        if is_tunable(default):
-            self._note(key, default)
+            return super().get(key)
+        self.noted[key] = default
         return default
-
-    def _note(self, key: str, value: object) -> None:
-        if not np.array_equal(np.asarray(self.noted.get(key, value)), np.asarray(value)):
-            raise ValueError(f"params.get({key!r}, ...) has different defaults in different places")
-        self.noted[key] = value
 
     def __missing__(self, key: str) -> object:
         if key not in self:
@@ -189,6 +198,14 @@ class Recorder(dict[str, object]):
         return {key: self[key] for key in self}
 
 
+def different_defaults(name: str, one: object, other: object) -> str:
+    """What to say of a parameter that is read with two defaults."""
+    return (
+        f"params.get({name!r}, ...) has the default {one} in one place and {other} in another: one name is one "
+        "parameter; give it one default, or a value by params= where the block is made"
+    )
+
+
 class Reference:
     """One function of the original: the update, or the output.
 
@@ -200,23 +217,31 @@ class Reference:
         How many entries.
     what : str
         Block and function, for messages.
-    missing : mapping
-        Values of parameters that have none.
+    missing, defaults : mapping
+        Values of parameters that have none, and those that functions of the block have in their text.
     """
 
     def __init__(
-        self, function: Callable[..., object], size: int, what: str, missing: Mapping[str, object]
+        self,
+        function: Callable[..., object],
+        size: int,
+        what: str,
+        missing: Mapping[str, object],
+        defaults: Mapping[str, object],
     ) -> None:
-        self._function, self._size, self._missing = function, size, missing
+        self._function, self._size, self._missing, self._defaults = function, size, missing, defaults
         self.what: str = what
         self.failure: Exception | None = None
         self.seconds: float = 0.0
 
+    def params(self, values: Mapping[str, object]) -> Recorder:
+        """What the function gets."""
+        return Recorder(values, self._missing, self._defaults)
+
     def call(self, t: float, x: FloatArray, u: FloatArray, values: Mapping[str, object]) -> FloatArray:
         """The entries; raises what the function raises."""
-        params = Recorder(values, self._missing)
         # A copy: the function may hand out one buffer again and again.
-        result = np.array(self._function(t, x, u, params), dtype=float).reshape(-1)
+        result = np.array(self._function(t, x, u, self.params(values)), dtype=float).reshape(-1)
         if len(result) != self._size:
             raise ValueError(f"{self.what} function gives {len(result)} entries, expected {self._size}")
         return result
@@ -228,6 +253,8 @@ class Reference:
             warnings.simplefilter("ignore")
             try:
                 return self.call(point.t, point.x.copy(), point.u.copy(), point.values)
+            except DefaultsError:
+                raise
             except Exception as error:
                 self.failure = self.failure or error
                 return np.full(self._size, np.inf)

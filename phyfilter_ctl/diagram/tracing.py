@@ -13,11 +13,10 @@ import numpy as np
 
 from ..blocks.functions import BlockFunctions, Variable
 from ..blocks.interpreted import Interpreted
-from .branches import UntraceableError, Way, merged, place_of, ways
+from .branches import DefaultsError, UntraceableError, Way, merged, place_of, ways
 from .probing import (
     MismatchError,
     Point,
-    Recorder,
     Reference,
     compare,
     filled,
@@ -36,6 +35,8 @@ __all__ = ["trace"]
 _SLOW = 0.02
 # Of one point, so that a counter shows that acts at every so manieth call only.
 _CALLS = 12
+# Part by which an optimisation inside may differ when it starts from its last solution.
+_WARM = 1e-4
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -102,7 +103,8 @@ def trace(
     Raises
     ------
     ValueError
-        For functions that fail wherever they are called, or keep something from call to call.
+        For functions that fail wherever they are called, keep something from call to call, or read one parameter with
+        different defaults.
 
     Notes
     -----
@@ -130,18 +132,25 @@ def trace(
         )
     values = {**system.params, **given}
     known = set(system.params)
-    parts = _parts(system, path, missing or {})
-    for part in parts:  # first, since a run on symbols would be kept too
-        _check_memory(part, probe_points(system, values, set())[0])
-    while True:
-        try:
-            return _attempt(system, path, parts, values, known, missing or {})
-        except _NewParametersError as more:
-            values |= more.noted
-            known |= set(more.noted)
+    missing, defaults = missing or {}, dict[str, object]()
+    parts = _parts(system, path, missing, defaults)
+    try:
+        for part in parts:  # first, since a run on symbols would be kept too
+            _check_memory(part, probe_points(system, values, set()))
+        while True:
+            try:
+                return _attempt(system, path, parts, values, known)
+            except _NewParametersError as more:
+                values |= more.noted
+                known |= set(more.noted)
+                defaults |= {name: value for name, value in more.noted.items() if name not in missing}
+    except DefaultsError as error:
+        raise DefaultsError(f"block {path}: {error}") from None
 
 
-def _parts(system: ct.NonlinearIOSystem, path: str, missing: Mapping[str, object]) -> list[_Part]:
+def _parts(
+    system: ct.NonlinearIOSystem, path: str, missing: Mapping[str, object], defaults: Mapping[str, object]
+) -> list[_Part]:
     """The functions that there are; no output function puts out the states."""
     found = []
     for which, function, size in (
@@ -149,7 +158,7 @@ def _parts(system: ct.NonlinearIOSystem, path: str, missing: Mapping[str, object
         ("output", system.outfcn, int(system.noutputs or 0)),
     ):
         if function is not None and size:
-            reference = Reference(function, size, f"block {path}: its {which}", missing)
+            reference = Reference(function, size, f"block {path}: its {which}", missing, defaults)
             seen: dict[int, object] = {}
             twin = rebound(function, seen)
             found.append(_Part(which, function, size, twin, USES_CASADI in seen, reference))
@@ -162,34 +171,34 @@ def _attempt(
     parts: Sequence[_Part],
     values: Mapping[str, object],
     known: set[str],
-    missing: Mapping[str, object],
 ) -> BlockFunctions:
     """Every function with as few integers as constants as it needs, else as a callback."""
     integers = [name for name, value in values.items() if has_integers(value)]
     choices = [set[str](), *({name} for name in integers), *([set(integers)] if len(integers) > 1 else [])]
+    tried = []
     for constant in choices:
-        points = probe_points(system, values, constant)
-        symbols = _symbols(system, values, constant)
-        try:
-            functions = {part.which: _traced(part, symbols, points, missing) for part in parts}
-        except _NewParametersError:
-            raise
-        except (UntraceableError, MismatchError):
-            continue
-        return _finished(system, known, symbols, functions, {})
-    # Once more with a callback for what cannot be traced, alone.
-    points, symbols = probe_points(system, values, set()), _symbols(system, values, set())
-    functions, callbacks = {}, {}
-    for part in parts:
-        try:
-            functions[part.which] = _traced(part, symbols, points, missing)
-        except _NewParametersError:
-            raise
-        except (UntraceableError, MismatchError) as failure:
-            callbacks[part.which] = functions[part.which] = _callback(
-                part, symbols, points, path, str(failure)
-            )
-    return _finished(system, known, symbols, functions, callbacks)
+        points, symbols = probe_points(system, values, constant), _symbols(system, values, constant)
+        functions, failures = dict[str, ca.Function](), dict[str, str]()
+        for part in parts:
+            try:
+                functions[part.which] = _traced(part, symbols, points)
+            except _NewParametersError:
+                raise
+            except (UntraceableError, MismatchError) as failure:
+                failures[part.which] = str(failure)
+                if constant:
+                    break
+        if not failures:
+            return _finished(system, known, symbols, functions, {})
+        tried.append((points, symbols, functions, failures))
+    # With no constants, and a callback for what cannot be traced, alone.
+    points, symbols, functions, failures = tried[0]
+    callbacks = {
+        part.which: _callback(part, symbols, points, path, failures[part.which])
+        for part in parts
+        if part.which in failures
+    }
+    return _finished(system, known, symbols, {**functions, **callbacks}, callbacks)
 
 
 def _symbols(system: ct.NonlinearIOSystem, values: Mapping[str, object], constant: set[str]) -> _Symbols:
@@ -203,15 +212,13 @@ def _symbols(system: ct.NonlinearIOSystem, values: Mapping[str, object], constan
     return _Symbols(t, x, u, parameters, values)
 
 
-def _traced(
-    part: _Part, symbols: _Symbols, points: Sequence[Point], missing: Mapping[str, object]
-) -> ca.Function:
+def _traced(part: _Part, symbols: _Symbols, points: Sequence[Point]) -> ca.Function:
     """One function, on traced numbers or else, where it is written with CasADi's functions, on columns."""
     failures = []
     tunable = list(symbols.parameters)
     for columns in (False, True) if part.uses_casadi else (False,):
         try:
-            found = _ways(part, symbols, columns, missing)
+            found = _ways(part, symbols, columns)
             more, open_ = uncovered(found, symbols.all, points, symbols.values, tunable)
             if open_:
                 raise UntraceableError(f"no point was found on both sides of the condition {open_[0]}")
@@ -227,7 +234,7 @@ def _traced(
     raise UntraceableError(failures[0])
 
 
-def _ways(part: _Part, symbols: _Symbols, columns: bool, missing: Mapping[str, object]) -> list[Way]:
+def _ways(part: _Part, symbols: _Symbols, columns: bool) -> list[Way]:
     given = {
         name: _symbolic(value, symbols.parameters.get(name), columns)
         for name, value in symbols.values.items()
@@ -239,9 +246,12 @@ def _ways(part: _Part, symbols: _Symbols, columns: bool, missing: Mapping[str, o
 
     def body() -> ca.SX:
         # Copies for each way: a function may write into what it is given.
-        params = Recorder({name: copy(value) for name, value in given.items()}, missing)
+        params = part.original.params({name: copy(value) for name, value in given.items()})
         try:
             entries = list(_flattened(function(t, *map(copy, vectors), params)))
+        except DefaultsError:
+            params.noted.clear()
+            raise
         finally:
             if params.noted:
                 raise _NewParametersError(params.noted)
@@ -261,6 +271,11 @@ def _ways(part: _Part, symbols: _Symbols, columns: bool, missing: Mapping[str, o
     if all(way.value is None for way in found):
         error = found[0].error
         raise UntraceableError(_said(error) if error is not None else "it gives nothing")
+    own = {symbol.element_hash() for symbol in ca.symvar(ca.vertcat(*symbols.all))}
+    asked = [decision.condition for way in found for decision in way.decisions]
+    results = [way.value for way in found if way.value is not None]
+    if any(symbol.element_hash() not in own for symbol in ca.symvar(ca.vertcat(*asked, *results))):
+        raise UntraceableError("it keeps a signal from an earlier call")
     return found
 
 
@@ -272,10 +287,16 @@ def _said(error: Exception) -> str:
     return f"{place}: {what}" if place else what
 
 
-def _check_memory(part: _Part, point: Point) -> None:
-    first = part.original.evaluate(point)
+def _check_memory(part: _Part, points: Sequence[Point]) -> None:
+    here, *others = points
+    evaluate = part.original.evaluate
+    first = evaluate(here)
     calls = _CALLS if part.original.seconds < _SLOW else 1
-    if not all(np.array_equal(first, part.original.evaluate(point), equal_nan=True) for _ in range(calls)):
+    same = all(np.array_equal(first, evaluate(here), equal_nan=True) for _ in range(calls))
+    for point in others[:calls]:
+        evaluate(point)
+    near = _WARM * np.abs(first[np.isfinite(first)]).max(initial=0.0)
+    if not same or not np.allclose(first, evaluate(here), rtol=0.0, atol=near, equal_nan=True):
         raise ValueError(
             f"{part.original.what} function gave different results in calls at one point, so it keeps something "
             "from call to call (a delay, a random number, a memory); make that a state, or a sampled block"

@@ -357,6 +357,120 @@ def test_defaults_in_the_text_are_parameters():
         pf.simulate(plant, times, 1.0, params={"mass": 2.0})
 
 
+def read_twice(t, x, u, params):
+    return [params.get("k", 1.0) * u[0] - params.get("k", 2.0) * x[0]]
+
+
+def read_on_two_sides(t, x, u, params):
+    return [params.get("k", 1.0) if x[0] > 0.0 else params.get("k", 2.0)]
+
+
+def read_once(t, x, u, params):
+    return [params.get("k", 1.0) * u[0]]
+
+
+def other_default(t, x, u, params):
+    return [params.get("k", 2.0) * x[0]]
+
+
+def with_condition(condition, reset=None):
+    plant = ct.nlsys(read_once, None, inputs=1, outputs=1, states=1, name="plant")
+    return pf.hybrid(plant, [pf.event(condition, reset)])
+
+
+@pytest.mark.parametrize(
+    "make",
+    [
+        lambda: ct.nlsys(read_twice, None, inputs=1, outputs=1, states=1, name="plant"),
+        lambda: ct.nlsys(read_on_two_sides, None, inputs=1, outputs=1, states=1, name="plant"),
+        lambda: ct.nlsys(read_once, other_default, inputs=1, outputs=1, states=1, name="plant"),
+        lambda: with_condition(lambda t, x, u, p: other_default(t, x, u, p)[0]),
+        lambda: with_condition(lambda t, x, u, p: x[0] - 1.0, other_default),
+        lambda: ct.nlsys(
+            lambda t, x, u, p: [iterated(t, x, u, p)[0] + other_default(t, x, u, p)[0]],
+            read_once, inputs=1, outputs=1, states=1, name="plant",
+        ),
+    ],
+    ids=["in one line", "on two sides of an if", "in two functions", "in a condition", "in a reset", "in a callback"],
+)  # fmt: skip
+def test_different_defaults_are_refused(make):
+    """python-control takes each where it stands; as a parameter, k is one number."""
+    with pytest.raises(
+        ValueError,
+        match=r"block plant: params.get\('k', ...\) has the default 1.0 in one place and 2.0 in another",
+    ):
+        flatten(make())
+    plant = ct.nlsys(read_once, other_default, inputs=1, outputs=1, states=1, params={"k": 3.0}, name="plant")
+    assert [v.start for v in flatten(plant).parameters] == [3.0]
+    bare = ct.nlsys(read_once, other_default, inputs=1, outputs=1, states=1, name="plant")
+    assert pf.simulate(bare, [0.0, 1.0], 0.0, [2.0], params={"k": 3.0}).outputs.tolist() == [6.0, 6.0]
+
+
+class Peak:
+    highest = -1e9
+
+    def update(self, t, x, u, params):
+        self.highest = max(self.highest, u[0])
+        return [self.highest, 0.0]
+
+
+def peak_in_a_dictionary():
+    kept = {"highest": -1e9}
+
+    def update(t, x, u, params):
+        kept["highest"] = max(kept["highest"], u[0])
+        return [kept["highest"], 0.0]
+
+    return update
+
+
+def peak_in_a_closure():
+    highest = -1e9
+
+    def update(t, x, u, params):
+        nonlocal highest
+        highest = max(highest, float(u[0]))
+        return [highest, 0.0]
+
+    return update
+
+
+@pytest.mark.parametrize("make", [lambda: Peak().update, peak_in_a_dictionary, peak_in_a_closure])
+def test_memory_that_changes_with_the_signals_is_refused(make):
+    with pytest.raises(
+        ValueError, match=r"block block: its update function gave different results.*make that a state"
+    ):
+        flatten(block(make()))
+
+
+def test_signal_of_an_earlier_trace_is_not_traced():
+    kept = {}
+    first = ct.nlsys(
+        None,
+        lambda t, x, u, p: [p["n"] * kept.setdefault("first", u[0])],
+        inputs=1,
+        outputs=1,
+        params={"n": 3},
+        name="first",
+    )
+    flat = flatten(first)
+    assert [callback.block for callback in flat.callbacks] == ["first"]
+    assert flat.output(0.0, [], [2.0], [3], []) == 3 * kept["first"]
+
+
+def test_what_a_function_notes_for_itself_is_no_memory():
+    noted = {}
+
+    def update(t, x, u, params):
+        if "last" in noted:
+            noted["again"] = noted["last"]
+        noted["last"] = u[0]
+        return [noted["last"], x[0]]
+
+    flat = flatten(block(update))
+    assert flat.dynamics(0.0, [3.0, 0.0], [2.0, 0.0], [], []).full().ravel().tolist() == [2.0, 3.0]
+
+
 def test_parameters_without_a_value():
     """python-control hands ``params`` of a call to all blocks; a block need not have a value of its own."""
     limit = ct.nlsys(
