@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..filter import SampledPhyFilter
 from ..filterfile import Signals
 from .casadi_source import Real
-from .export_folder import own_symbols, write_folder
+from .export_folder import own_order, own_symbols, write_folder
 from .filter_source import FilterSource, InertiaInput, braces, filter_source
 
 __all__ = ["export_filter"]
@@ -140,7 +140,7 @@ def export_filter(
         signals=signals,
     )
     vectors = {f"{name}_vectors.h": _vectors(source, inertia), "main.c": _main(source)}
-    return write_folder(folder, own_symbols(source.sources, name) | vectors)
+    return write_folder(folder, own_symbols(own_order(source.sources), name) | vectors)
 
 
 def _main(source: FilterSource) -> str:

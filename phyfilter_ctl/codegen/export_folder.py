@@ -8,11 +8,12 @@ from pathlib import Path, PurePosixPath
 
 from .._output import replacing_folder
 
-__all__ = ["own_symbols", "write_folder"]
+__all__ = ["own_order", "own_symbols", "write_folder"]
 
 _LIST = "pf_files.txt"
 _FIRST_LINE = "Written by phyfilter_ctl; the next export to this folder replaces these files:"
 
+_ORDER = re.compile(r"^#define (?!PF_MAX)\w+_ORDER (\d+)$", re.M)
 _FUNCTION = re.compile(r"^(?!static\b|typedef\b)[a-z][\w ]*[ *](pf_\w+)\(", re.M)
 
 
@@ -41,6 +42,30 @@ def own_symbols(sources: Mapping[str, str], name: str) -> dict[str, str]:
         return dict(sources)
     calls = re.compile(rf"\b({'|'.join(found)})\b(?!\.)")  # pf_roots, but not the file pf_roots.c
     return {file: calls.sub(rf"{name}_\1", text) for file, text in sources.items()}
+
+
+def own_order(sources: Mapping[str, str]) -> dict[str, str]:
+    """The same C with matrices on the stack as large as the highest order of its filters, and not the highest of all.
+
+    Parameters
+    ----------
+    sources : mapping of str to str
+        File name to text.
+
+    Returns
+    -------
+    dict of str to str
+
+    Examples
+    --------
+    >>> own_order({"a.h": "#define a_ORDER 3", "pf_hurwitz.h": "#define PF_MAX_ORDER 12"})["pf_hurwitz.h"]
+    '#define PF_MAX_ORDER 3'
+    """
+    orders = [int(order) for text in sources.values() for order in _ORDER.findall(text)]
+    if not orders or "pf_hurwitz.h" not in sources:
+        return dict(sources)
+    sized = re.sub(r"(?<=#define PF_MAX_ORDER )\d+", str(max(orders)), sources["pf_hurwitz.h"])
+    return {**sources, "pf_hurwitz.h": sized}
 
 
 def write_folder(folder: str | Path, files: Mapping[str, str]) -> Path:

@@ -1,11 +1,13 @@
-"""Filters behind real signals, in C: every fault is said, bounded, and forgotten as fast as the filter settles."""
+"""Filters behind real signals, in C: faults that the guard can see are said, bounded, and forgotten as fast as the
+filter settles."""
 
 import ctypes
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from phyfilter_ctl import PhyFilter
+from phyfilter_ctl import PhyFilter, SampledPhyFilter
 from phyfilter_ctl.codegen.compiler import compile_sources
 from phyfilter_ctl.codegen.export_folder import own_symbols
 from phyfilter_ctl.codegen.filter_guard import guard_sources
@@ -16,58 +18,23 @@ H = 0.002
 FILTER = PhyFilter.from_poles([-30.0, -20.0 + 15.0j, -20.0 - 15.0j])
 SETTLING = int(0.8 / H)  # 16 time constants of the slowest poles: a fault has faded to 1e-7 of itself
 STRICT = ["-Wall", "-Wextra", "-Wpedantic", "-Wshadow", "-Wconversion", "-Wdouble-promotion", "-Werror"]
-MISSED, NOT_FINITE, TIME, LIMIT, REFUSED, STATE, REPAIRED = (1 << i for i in range(7))
-# What the tests look at, by name; and a tuning of the caller's choice.
-ACCESS = """\
-#include "craft_guard.h"
-static craft_guard self, other;
-int begin(void);
-uint32_t step(uint64_t time, const craft_real *x, const craft_real *g, const craft_real *f_theta, craft_real *f_hat);
-int send(const double *poles, const double *b, int damage);
-void flip(int in_state, int byte, int bit);
-int size(int in_state);
-void bound(double value);
-uint32_t count(int which);
-void check(void);
-int begin(void) { (void)other; return craft_guard_init(&self, &craft_parameters); }
-uint32_t step(uint64_t time, const craft_real *x, const craft_real *g, const craft_real *f_theta, craft_real *f_hat) {
-  return craft_guard_step(&self, time, x, g, f_theta, NULL, f_hat);
-}
-int send(const double *poles, const double *b, int damage) {
-  craft_tuning tuning = {0};
-  memcpy(tuning.poles, poles, sizeof tuning.poles);
-  memcpy(tuning.b, b, sizeof tuning.b);
-  craft_guard_seal(&tuning);
-  if (damage == 1) tuning.b[0][0] += 1.0;
-  if (damage == 2) tuning.version++;
-  const int code = craft_guard_send(&self, &tuning);
-  if (!code && damage == 3) self.tunings[(self.sent - 1u) & 1u].b[0][0] += 1.0; /* on its way */
-  return code;
-}
-static unsigned char *place(int in_state) {
-  return in_state ? (unsigned char *)self.filter.w : (unsigned char *)self.filter.dA;
-}
-int size(int in_state) { return (int)(in_state ? sizeof self.filter.w : sizeof self.filter.dA); }
-void flip(int in_state, int byte, int bit) { place(in_state)[byte] ^= (unsigned char)(1u << bit); }
-void bound(double value) { for (int i = 0; i < craft_N_F; i++) self.plausible[i] = (craft_real)value; }
-uint32_t count(int which) {
-  const uint32_t counts[] = {self.missed, self.bad, self.jumps, self.refused, self.implausible};
-  return counts[which];
-}
-void check(void) { craft_guard_check(&self); }
-"""
+MISSED, NOT_FINITE, TIME, LIMIT, REFUSED, STATE, REPAIRED, DAMAGED = (1 << i for i in range(8))
+ACCESS = (Path(__file__).parents[1] / "c" / "guard_access.c").read_text()
+DA, STATES, DA_OTHER, ORDER, A, B, POLES, A_HOME, POLES_HOME, RATE, DT, PARAMETERS, OPTIONAL = range(13)
 
 
 class Guard:
     """One guarded filter of two channels in C, and the same filter in Python."""
 
-    def __init__(self, folder, precision, **options):
-        self.sampled = FILTER.sampled(H, precision=precision, **options)
-        source = filter_source(self.sampled, 2, name="craft")
+    def __init__(self, folder, precision, *, inertia=None, E=None, places="AT(C)", filter_=FILTER, **options):
+        self.sampled = filter_.sampled(H, precision=precision, **options)
+        if E is not None:
+            self.sampled = SampledPhyFilter(self.sampled.filters, self.sampled.sampling, E=E)
+        source = filter_source(self.sampled, 2, name="craft", inertia=inertia)
         texts = (
             own_symbols(source.sources, "craft")
             | guard_sources("craft")
-            | {"access.c": "#include <string.h>\n" + ACCESS}
+            | {"access.c": ACCESS.replace("PLACES_OF_OPTIONS", places)}
         )
         self.library = ctypes.CDLL(
             str(compile_sources(texts, folder / "guard.so", flags=[*STRICT, "-fvisibility=default"]))
@@ -77,11 +44,13 @@ class Guard:
         self.faded = 1e-5 + (2e-3 if precision == "float32" else 0.0)
         assert self.library.begin() == 0
 
-    def step(self, time, x, g=0.0, f_theta=0.0):
+    def step(self, time, x, g=0.0, f_theta=0.0, *, inertia=None, in_place=False):
         """Health and f_hat of one sample; time in steps."""
         values = [np.broadcast_to(value, 2).astype(self.dtype) for value in (x, g, f_theta)]
-        f_hat = np.full(2, np.nan, self.dtype)
-        pointers = [value.ctypes.data_as(ctypes.c_void_p) for value in (*values, f_hat)]
+        f_hat = values[2] if in_place else np.full(2, np.nan, self.dtype)
+        values += [f_hat] if inertia is None else [f_hat, np.array(inertia, self.dtype)]
+        pointers = [value.ctypes.data_as(ctypes.c_void_p) for value in values]
+        pointers += [None] if inertia is None else []
         microseconds = ctypes.c_uint64(round(time * H * 1e6) + 1_000_000)
         return self.library.step(microseconds, *pointers), f_hat
 
@@ -213,7 +182,7 @@ def test_bits_that_flip_in_the_coefficients_are_found_and_put_back(guard):
     for _ in range(6):
         guard.library.begin()
         fly(guard, x[:200], g[:200])
-        guard.library.flip(0, int(rng.integers(guard.library.size(0))), int(rng.integers(8)))
+        guard.library.flip(DA, int(rng.integers(guard.library.size(DA))), int(rng.integers(8)))
         guard.library.check()
         health, value = guard.step(200, x[200], g[200])
         assert health == REPAIRED
@@ -232,7 +201,7 @@ def test_bits_that_flip_in_the_state_are_bounded_and_forgotten(guard):
         guard.library.begin()
         guard.library.bound(ctypes.c_double(bound))
         fly(guard, x[:200], g[:200])
-        guard.library.flip(1, int(rng.integers(guard.library.size(1))), int(rng.integers(8)))
+        guard.library.flip(STATES, int(rng.integers(guard.library.size(STATES))), int(rng.integers(8)))
         health, after = fly(guard, x[200:], g[200:], np.arange(200, len(x)))
         assert np.abs(after).max() <= bound
         assert set(health) <= {0, STATE}
@@ -247,3 +216,132 @@ def test_a_limit_that_binds_is_said(tmp_path):
     health, f_hat = fly(limited, x, g)
     assert ((health == LIMIT) == (np.abs(f_hat).max(axis=1) >= 1.5)).all()
     assert (health == LIMIT).any()
+
+
+def test_f_hat_in_the_memory_of_f_theta(guard):
+    x, g = flight(300)
+    x = x + 0.5 * H * np.arange(300)[:, None]  # f_theta explains this part
+    apart = [guard.step(k, x[k] if k != 250 else np.nan, g[k], 0.5) for k in range(300)]
+    guard.library.begin()
+    in_place = [guard.step(k, x[k] if k != 250 else np.nan, g[k], 0.5, in_place=True) for k in range(300)]
+    assert [health for health, _ in in_place] == [health for health, _ in apart]
+    np.testing.assert_array_equal([f_hat for _, f_hat in in_place], [f_hat for _, f_hat in apart])
+
+
+def test_the_limit_holds_whatever_comes_in(tmp_path):
+    limited = Guard(tmp_path, "float64", limit=1.5)
+    x, g = flight(600)
+    health, f_hat = fly(limited, x, g)
+    at_limit = next(int(k) for k in np.flatnonzero(health == LIMIT) if f_hat[k, 0] == 1.5)
+    for bad, expected in (("x", NOT_FINITE), ("time", TIME), ("state", STATE)):
+        limited.library.begin()
+        fly(limited, x[: at_limit + 1], g[: at_limit + 1])
+        limited.library.bound(ctypes.c_double(1e-3 if bad == "state" else 0.0))
+        time, sample = at_limit + (0 if bad == "time" else 1), x[at_limit + 1]
+        # f_theta alone is beyond the limit, and so is f_theta with the correction.
+        said, value = limited.step(
+            time, sample * (np.nan if bad == "x" else 1.0), g[at_limit + 1], f_theta=2.0
+        )
+        assert said == expected | LIMIT
+        np.testing.assert_array_equal(value, 1.5)
+
+
+def test_an_inertia_that_is_not_given_again_survives_a_restart(tmp_path):
+    heavy = Guard(tmp_path, "float64", inertia="scalar", nonfinite="hold")
+    x, g = flight(300 + SETTLING)
+    M = 2.0  # M x' = g + f: the velocities of half the force
+    state, expected = heavy.sampled.start(x[0] / M, g0=g[0], inertia0=M), np.zeros(2)
+    for k in range(1, 300 + SETTLING):
+        state, expected = heavy.sampled.step(state, x[k] / M, g[k], inertia=M)
+    for fault in ("time", "coefficients", "state", "inertia"):
+        heavy.library.begin()
+        x_heavy, offset = x / M, 0
+        for k in range(300 + SETTLING):
+            if k == 150:
+                offset = -100 if fault == "time" else 0
+                heavy.library.bound(ctypes.c_double(1e-3 if fault == "state" else 0.0))
+                if fault == "coefficients":
+                    heavy.library.flip(DA, 3, 4)
+                    heavy.library.check()
+            given = [M] if k == 0 else [np.nan] if (fault, k) == ("inertia", 150) else None
+            health, f_hat = heavy.step(k + offset, x_heavy[k], g[k], inertia=given)
+            if k == 150:
+                assert (
+                    health
+                    == {"time": TIME, "coefficients": REPAIRED, "state": STATE, "inertia": NOT_FINITE}[fault]
+                )
+                heavy.library.bound(ctypes.c_double(0.0))
+        assert heavy.count("bad") == (fault == "inertia")
+        np.testing.assert_allclose(f_hat, expected, atol=heavy.faded)
+
+
+def test_a_flip_in_any_number_that_stays_is_found(tmp_path):
+    every = Guard(
+        tmp_path, "float32", inertia=[1.0, 2.0], E=np.eye(2), delay=0.004, limit=20.0, g_limit=(-50.0, 50.0),
+        places="AT(C), AT(equilibrium), AT(limit), AT(g_low), AT(g_high), AT(E_left), AT(inertia), AT(delay)",
+    )  # fmt: skip
+    x, g = flight(40)
+    _, whole = fly(every, x, g)
+    rng = np.random.default_rng(4)
+    kept = [which for which in range(OPTIONAL + 8) if which not in (STATES, DA_OTHER, PARAMETERS)]
+    assert every.library.size(OPTIONAL + 7) > 0 == every.library.size(OPTIONAL + 8)
+    for which in kept:
+        every.library.begin()
+        fly(every, x[:30], g[:30])
+        every.library.flip(which, int(rng.integers(every.library.size(which))), int(rng.integers(8)))
+        every.library.check()
+        health, value = every.step(30, x[30], g[30])
+        assert health == REPAIRED, which
+        np.testing.assert_allclose(value, whole[30], atol=0.3)
+    # The transition of another length is under no CRC: a check makes the next longer step compute it anew.
+    late = []
+    for damage in (False, True):
+        every.library.begin()
+        fly(every, x[:30], g[:30])
+        every.step(32, x[32], g[32])
+        if damage:
+            every.library.flip(DA_OTHER, 3, 6)
+        every.library.check()
+        health, value = every.step(34, x[34], g[34])
+        assert health == MISSED
+        late.append(value)
+    np.testing.assert_array_equal(*late)
+
+
+def test_parameters_that_are_damaged_too_stop_the_filter(guard):
+    x, g = flight(200)
+    fly(guard, x[:100], g[:100])
+    guard.library.flip(ORDER, 0, 1)
+    assert (
+        guard.send([-60.0, -40.0 + 10.0j, -40.0 - 10.0j]) == 0
+    )  # the other thread does not look at the filter
+    guard.library.flip(PARAMETERS, 5, 5)
+    guard.library.check()
+    for k in (100, 101):
+        health, value = guard.step(k, x[k], g[k], f_theta=0.25)
+        assert health & ~REFUSED == DAMAGED  # the poles that were sent have no filter to go to
+        np.testing.assert_array_equal(value, 0.25)
+    guard.library.flip(PARAMETERS, 5, 5)  # as if read rightly again
+    guard.library.check()
+    assert guard.step(102, x[102], g[102])[0] == REPAIRED
+    assert guard.step(103, x[103], g[103])[0] == 0
+
+
+def test_a_guard_that_was_never_started_says_so(guard):
+    guard.library.forget()
+    guard.library.check()
+    health, value = guard.step(0, 1.0, 2.0, f_theta=0.25)
+    assert health == DAMAGED
+    np.testing.assert_array_equal(value, 0.25)
+    assert guard.send([-60.0, -40.0, -20.0]) == 7  # PF_FILTER_INVALID
+
+
+def test_forward_euler_says_that_a_sample_came_late(tmp_path):
+    euler = Guard(tmp_path, "float64", filter_=PhyFilter.from_poles([-300.0, -280.0, -260.0]), method="euler")
+    x, g = flight(200)
+    fly(euler, x[:100], g[:100])
+    health, value = euler.step(103, x[103], g[103])  # 8 ms: |1 - 300 * 0.008| > 1
+    assert health == MISSED
+    assert euler.count("missed") == 3
+    assert np.isfinite(value).all()
+    assert euler.step(104, x[104], g[104])[0] == 0

@@ -5,9 +5,9 @@ static void PF_P(exchange_)(PF_NAME *self, const double *a, const double *b, dou
   double equilibrium[2][PF_BANKS][PF_N], C[2][PF_BANKS][PF_N]; /* before and after, as rounded for the recursion */
   for (int i = 0; i < PF_BANKS; i++) {
     const int n = (int)self->order[i];
-    double dA[PF_N * PF_N], A[PF_N * PF_N], rest[PF_N], output[PF_N];
+    double dA[PF_N * PF_N], rest[PF_N], output[PF_N];
+    pf_chain(n, &poles[i][0][0], dA, rest); /* the matrix is not needed: stacks are small */
     pf_transition(n, &poles[i][0][0], PF_P(METHOD), self->dt, dA);
-    pf_chain(n, &poles[i][0][0], A, rest);
     pf_chain_output(n, &poles[i][0][0], &a[i * PF_N], &b[i * PF_N], output);
     for (int j = 0; j < n; j++) {
       equilibrium[0][i][j] = (double)self->equilibrium[i][j];

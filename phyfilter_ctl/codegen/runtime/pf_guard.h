@@ -3,10 +3,13 @@
  * Time stamps are integers in microseconds. A sample that is late or missing makes one longer step; time that stands
  * still, runs back or jumps starts the filter again at rest on its last estimate; samples that are not finite leave the
  * correction f_hat - f_theta where it is. Parameters come from another thread, by double buffer with version and
- * CRC-32, pass Routh's test, and take over without a jump. Bits that flip are found: in the coefficients by their
- * CRC-32 (wing_guard_check, at any slow rate), in the states by a bound on the correction that the caller sets.
+ * CRC-32, must have all poles in the open left half plane, and take over without a jump. Bits that flip are found: in
+ * the coefficients by their CRC-32 (wing_guard_check, at any slow rate), in the states by a bound on the correction that
+ * the caller sets. What no number shows stays unsaid: a sensor that sticks, drifts or spikes within the bound.
  *
- * For PF_NAME wing: wing_guard and the functions below. f_hat is finite after every step, whatever came in.
+ * A step within 5 % of the nominal one counts as nominal. Limits are those of the parameters: others, by wing_set_limit,
+ * count as damage. For PF_NAME wing: wing_guard and the functions below. f_hat is finite and within its limit after
+ * every step, whatever came in.
  */
 #ifndef PF_GUARD_COMMON
 #define PF_GUARD_COMMON
@@ -19,7 +22,8 @@ enum { /* health of the last step, flags */
   PF_HEALTH_LIMIT = 8,      /* f_hat is at its limit */
   PF_HEALTH_REFUSED = 16,   /* new parameters were damaged, of another version or not stable: the old ones stay */
   PF_HEALTH_STATE = 32,     /* the correction, before its limit, is not plausible: started again from f_theta */
-  PF_HEALTH_REPAIRED = 64   /* wing_guard_check found damaged coefficients and put them back */
+  PF_HEALTH_REPAIRED = 64,  /* wing_guard_check found damaged coefficients and put them back */
+  PF_HEALTH_DAMAGED = 128   /* the parameters to put back are damaged too, or init has refused: f_hat = f_theta */
 };
 
 #endif
@@ -48,7 +52,7 @@ typedef struct {
 /* 0 or why the filter refuses its parameters (pf_filter_message). `longest` is 20 nominal steps until it is set. */
 int PF_P(guard_init)(PF_P(guard) *self, const PF_P(params) *params);
 
-/* One sample taken at `time` (us). Returns the health; f_hat is always written. */
+/* One sample taken at `time` (us). Returns the health; f_hat is always written, and may be the memory of f_theta. */
 uint32_t PF_P(guard_step)(PF_P(guard) *self, uint64_t time, const PF_P(real) *x, const PF_P(real) *g,
                           const PF_P(real) *f_theta, const PF_P(real) *inertia, PF_P(real) *f_hat);
 
@@ -61,7 +65,8 @@ int PF_P(guard_send)(PF_P(guard) *self, const PF_P(tuning) *tuning);
 #endif
 
 /* Compares the coefficients in the filter with their CRC-32 and puts them back where bits have flipped; the step after
- * says so. From the thread of the step. */
+ * says so. Where the parameters are damaged as well, the filter stops, and every step says that. From the thread of the
+ * step. */
 void PF_P(guard_check)(PF_P(guard) *self);
 
 #undef PF_NAME

@@ -1,4 +1,4 @@
-/* Routh's test. */
+/* Whether a polynomial is Hurwitz. */
 #ifndef PF_HURWITZ_H
 #define PF_HURWITZ_H
 
@@ -6,9 +6,10 @@
 #define PF_MAX_ORDER 12
 #endif
 
-/* Whether all roots of s^n + a[n-1] s^(n-1) + ... + a[0] are in the open left half plane. */
+/* Whether all roots of s^n + a[n-1] s^(n-1) + ... + a[0] are in the open left half plane: the first column of Routh's
+ * array is positive. */
 static inline int pf_hurwitz(int n, const double *a) {
-  double c[PF_MAX_ORDER + 1] = {0}; /* descending; one row of the table after the other in place */
+  double c[PF_MAX_ORDER + 1] = {0}; /* descending; one row of the array after the other in place */
   if (n < 1 || n > PF_MAX_ORDER) return 0;
   c[0] = 1.0;
   for (int i = 0; i < n; i++) c[i + 1] = a[n - 1 - i];

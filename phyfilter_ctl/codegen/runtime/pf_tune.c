@@ -60,7 +60,7 @@ static void denominator(int n, int first, const double *poles, double unit, doub
 }
 
 void pf_chain_output(int n, const double *poles, const double *a, const double *b, double *C) {
-  double columns[PF_MAX_ORDER * PF_MAX_ORDER], A[PF_MAX_ORDER * PF_MAX_ORDER], equilibrium[PF_MAX_ORDER];
+  double columns[PF_MAX_ORDER * PF_MAX_ORDER], equilibrium[PF_MAX_ORDER];
   double later[PF_MAX_ORDER + 1], right[PF_MAX_ORDER], gain = 1.0, power = 1.0, rest = 0.0, unit;
   int lowpass = b[0] == a[0];
   for (int i = 1; i < n; i++) lowpass &= b[i] == 0.0;
@@ -102,7 +102,7 @@ void pf_chain_output(int n, const double *poles, const double *a, const double *
     for (int j = 0; j < i; j++) sum -= columns[row * n + j] * C[j];
     C[i] = sum / columns[row * n + i];
   }
-  pf_chain(n, poles, A, equilibrium);
+  pf_chain(n, poles, columns, equilibrium); /* the matrix is not needed */
   for (int i = 0; i < n; i++) rest += C[i] * equilibrium[i];
   C[n - 1] += b[0] / a[0] - rest; /* F(0) to the last digit */
 }
@@ -121,17 +121,18 @@ static void copy(int count, const double *from, double *to) {
   for (int i = 0; i < count; i++) to[i] = from[i];
 }
 
-static void exponential(int n, const double *scaled, double *X) {
-  double A[PF_MAX_ORDER * PF_MAX_ORDER], next[PF_MAX_ORDER * PF_MAX_ORDER], norm = 0.0, factor = 1.0;
+/* X = exp(A) - I; A is used up. */
+static void exponential(int n, double *A, double *X) {
+  double next[PF_MAX_ORDER * PF_MAX_ORDER], norm = 0.0, factor = 1.0;
   int squarings = 0;
   for (int i = 0; i < n; i++) {
     double row = 0.0;
-    for (int j = 0; j < n; j++) row += pf_absolute_(scaled[i * n + j]);
+    for (int j = 0; j < n; j++) row += pf_absolute_(A[i * n + j]);
     if (row > norm) norm = row;
   }
   for (; norm > 0.5 && squarings < 2000; norm *= 0.5, factor *= 0.5) squarings++;
   for (int i = 0; i < n * n; i++) {
-    A[i] = scaled[i] * factor;
+    A[i] *= factor;
     X[i] = A[i] / TERMS;
   }
   for (int j = TERMS - 1; j >= 1; j--) {

@@ -23,6 +23,7 @@ pub mod health {
     pub const REFUSED: u32 = 16;
     pub const STATE: u32 = 32;
     pub const REPAIRED: u32 = 64;
+    pub const DAMAGED: u32 = 128;
 }
 
 extern "C" {
