@@ -14,9 +14,9 @@ from numpy.typing import ArrayLike
 from .. import _signals
 from .._sections import FloatArray
 from .archive import ArchiveLimits
-from .cosimulation_part import Part, step_problem
+from .cosimulation_part import Part, step_counts, step_problem
 from .cosimulation_parts import make_part
-from .cosimulation_run import Outside, Run, Signal, StepControl, step_count
+from .cosimulation_run import Outside, Run, Signal, StepControl
 from .cosimulation_wiring import Connection, Wire, Wiring, parameters_by_part, wire_up
 from .foreign import Isolation
 from .inspect import Scalar
@@ -92,6 +92,7 @@ def cosimulate(
     tolerance: float | None = None,
     absolute_tolerance: float | None = None,
     units: Literal["raise", "warn", "ignore"] = "raise",
+    threads: int = 1,
     progress: bool = False,
     limits: ArchiveLimits | None = None,
     isolated: bool | Isolation = False,
@@ -138,6 +139,8 @@ def cosimulate(
         state. ``absolute_tolerance`` is ``tolerance`` by default.
     units : {"raise", "warn", "ignore"}
         Where a wire joins different units.
+    threads : int
+        For the steps of Jacobi, where all parts are FMUs: worth it for FMUs whose steps take 10 us and more.
     progress : bool
         Show a progress bar.
     limits : ArchiveLimits, optional
@@ -162,6 +165,9 @@ def cosimulate(
 
     Notes
     -----
+    Where all parts are FMUs and there is a C compiler, the steps are made by a loop in C (compiled once per user) that
+    gives the same results.
+
     Outputs on a loop of direct feedthrough are handed on once per communication step around the loop; an FMU that
     does not say which inputs its outputs depend on counts as if they depended on all.
 
@@ -190,6 +196,8 @@ def cosimulate(
     times = _checked_times(timepts, step)
     if scheme not in ("jacobi", "gauss-seidel"):
         raise ValueError(f'scheme: expected "jacobi" or "gauss-seidel", got {scheme!r}')
+    if threads < 1:
+        raise ValueError(f"threads: expected at least 1, got {threads}")
     for name, value in (("tolerance", tolerance), ("absolute_tolerance", absolute_tolerance)):
         if value is not None and not 0.0 < value < np.inf:
             raise ValueError(f"{name}: expected a number > 0, got {value}")
@@ -217,6 +225,7 @@ def cosimulate(
             Outside(wiring, inputs or {}, outside, times),
             _sequence(members, scheme, order),
             _chosen(wiring, outputs, names),
+            threads,
         )
         control = StepControl(tolerance, absolute_tolerance or tolerance) if tolerance is not None else None
         _check_steps(members, times, step, control)
@@ -271,7 +280,7 @@ def _check_steps(
 ) -> None:
     if control is None:
         spans = np.diff(times)
-        steps = spans / [step_count(float(span), step) for span in spans]
+        steps = spans / step_counts(spans, step)
         problems = [problem for part in parts if (problem := step_problem(part, steps))]
     else:
         stuck = [part.name for part in parts if not part.can_go_back]
@@ -311,7 +320,7 @@ def _response(run: Run, times: FloatArray, message: str) -> CosimulationResponse
     return CosimulationResponse(
         times,
         run.rows.T,
-        np.array([run.outside.at(float(t)) for t in times]).T if run.outside.labels else None,
+        run.outside.over(times).T if run.outside.labels else None,
         output_labels=list(run.chosen),
         input_labels=run.outside.labels,
         steps=run.steps,

@@ -10,7 +10,10 @@ from numpy.typing import NDArray
 from .._sections import FloatArray
 from .inspect import FmuUnit
 
-__all__ = ["Part", "step_problem"]
+__all__ = ["SMALLEST", "Part", "step_counts", "step_problem", "too_small"]
+
+# Communication steps below this part of the span cannot be told from rounding of the time.
+SMALLEST = 1e-12
 
 # Communication steps that differ by less are rounding of one step.
 _SAME_STEP = 1e-6
@@ -109,3 +112,32 @@ def step_problem(part: Part, steps: FloatArray) -> str:
                 f"{np.max(steps):g} s"
             )
     return ""
+
+
+def step_counts(spans: FloatArray, step: float | None) -> NDArray[np.intp]:
+    """Equal communication steps between results.
+
+    Parameters
+    ----------
+    spans : (k,) array
+        Seconds between results.
+    step : float, optional
+        Longest.
+    """
+    if step is None:
+        return np.ones(len(spans), np.intp)
+    return np.maximum(1, np.ceil(spans / step * (1.0 - 1e-9))).astype(np.intp)
+
+
+def too_small(t: float, smallest: float) -> str:
+    """What to say where step control comes to an end.
+
+    Parameters
+    ----------
+    t, smallest : float
+        Time and smallest step in seconds.
+    """
+    return (
+        f"the communication step fell below {smallest:g} s at t = {t:g}: loosen the tolerance, or look for a jump in a "
+        "signal there"
+    )

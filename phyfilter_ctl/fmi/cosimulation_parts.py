@@ -23,6 +23,7 @@ from .importing import import_fmu
 from .importing_steps import FmuSteps
 from .inspect import FmuDescription, FmuUnit, Scalar
 from .instance import FmuInstance
+from .signals import Signals
 from .unpacked import UnpackedFmu
 
 __all__ = ["FmuPart", "SystemPart", "make_part"]
@@ -49,10 +50,10 @@ class FmuPart(Part):
         self.name = name
         self._fmu, self._owned, self._values = fmu, owned, dict(values)
         self.instance: FmuInstance = FmuInstance(fmu, "cs", name)
-        self._in = self.instance.signals("input")
-        self._out = self.instance.signals("output")
-        self.inputs: tuple[str, ...] = self._in.labels
-        self.outputs: tuple[str, ...] = self._out.labels
+        self.input_signals: Signals = self.instance.signals("input")
+        self.output_signals: Signals = self.instance.signals("output")
+        self.inputs: tuple[str, ...] = self.input_signals.labels
+        self.outputs: tuple[str, ...] = self.output_signals.labels
         description = fmu.description
         starts = {
             label: float(value)
@@ -66,7 +67,9 @@ class FmuPart(Part):
         self.can_go_back: bool = self.instance.ability.state
         self.variable_step: bool = self.instance.ability.variable_step
         self.interval: float | None = self.instance.ability.fixed_step
-        self._units = dict(zip(self.inputs + self.outputs, self._in.units + self._out.units, strict=True))
+        self._units = dict(
+            zip(self.inputs + self.outputs, self.input_signals.units + self.output_signals.units, strict=True)
+        )
 
     def unit(self, label: str) -> tuple[str, FmuUnit | None]:
         """Unit of an input or output, and its meaning: as the FMU defines it, else as its name says."""
@@ -83,11 +86,11 @@ class FmuPart(Part):
 
     def put(self, u: FloatArray) -> None:
         """Set all inputs."""
-        self._in.write(self.instance, u)
+        self.input_signals.write(self.instance, u)
 
     def get(self) -> FloatArray:
         """Read all outputs."""
-        return self._out.read(self.instance)
+        return self.output_signals.read(self.instance)
 
     def advance(self, t: float, h: float, *, final: bool) -> None:
         """One step of the FMU."""

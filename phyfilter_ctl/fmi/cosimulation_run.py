@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,17 +13,16 @@ from tqdm import tqdm
 
 from .. import _signals
 from .._sections import FloatArray
-from .cosimulation_part import Part
+from .cosimulation_part import SMALLEST, Part, step_counts, too_small
 from .cosimulation_wiring import Wire, Wiring
 from .instance import FmuError
+from .master import FastMaster
 
-__all__ = ["Outside", "Run", "Signal", "StepControl", "step_count"]
+__all__ = ["Outside", "Run", "Signal", "StepControl"]
 
 Signal = float | ArrayLike | Callable[[float], float]
 # Step control: safety, and how much a step may change; the usual values for a method of order one.
 _SAFETY, _SHRINK, _GROW = 0.9, 0.2, 4.0
-# Communication steps below this part of the span cannot be told from rounding of the time.
-_SMALLEST = 1e-12
 
 
 class _StepTooSmallError(Exception):
@@ -65,6 +65,7 @@ class Outside:
         times: FloatArray,
     ) -> None:
         self.labels: tuple[str, ...] = tuple(inputs)
+        self.has_functions: bool = any(callable(value) for value in inputs.values())
         self._signals = [_signal(name, value, times) for name, value in inputs.items()]
         self.matrix: FloatArray = np.zeros((len(wiring.sinks), len(inputs)))
         self.offset: FloatArray = np.zeros(len(wiring.sinks))
@@ -84,7 +85,17 @@ class Outside:
         ----------
         t : float
         """
-        return np.array([signal(t) for signal in self._signals], dtype=float)
+        return self.over(np.array([t]))[0]
+
+    def over(self, times: FloatArray) -> FloatArray:
+        """Values at times, (N, signals).
+
+        Parameters
+        ----------
+        times : (N,) array
+        """
+        columns = [signal(times) for signal in self._signals]
+        return np.column_stack(columns) if columns else np.zeros((len(times), 0))
 
 
 @dataclass
@@ -100,11 +111,15 @@ class Run:
         Parts in the order of Gauss-Seidel; None for Jacobi.
     chosen : dict of str to int
         Name and place of the outputs wanted.
+    threads : int
+        For the steps of Jacobi, where all parts are FMUs.
 
     Attributes
     ----------
     rows : (N, len(chosen)) array
         Results; NaN from where the run could not go on.
+    in_c : bool
+        Of the class: False keeps every run in Python.
     """
 
     parts: Sequence[Part]
@@ -112,6 +127,8 @@ class Run:
     outside: Outside
     sequence: Sequence[int] | None
     chosen: Mapping[str, int]
+    threads: int = 1
+    in_c: ClassVar[bool] = True
     u: FloatArray = field(init=False)
     y: FloatArray = field(init=False)
     rows: FloatArray = field(init=False)
@@ -137,7 +154,13 @@ class Run:
         self.rows[0] = self.y[places]
         if control is not None:
             control.step = step or float(np.min(np.diff(times)))
+        fast = (
+            FastMaster.of(self, controlled=control is not None, threads=self.threads) if self.in_c else None
+        )
         with tqdm(total=len(times) - 1, disable=not progress, desc="co-simulation") as bar:
+            if fast is not None:
+                fast.over(times, step, control, self.rows, bar)
+                return
             for k, (t, end) in enumerate(pairwise(times.tolist()), start=1):
                 try:
                     if control is None:
@@ -149,6 +172,12 @@ class Run:
                     break
                 self.rows[k] = self.y[places]
                 bar.update()
+
+    @property
+    def passes(self) -> int:
+        """How often signals are handed on at one instant: what comes from outside has yet to reach the outputs that it
+        passes through to."""
+        return self.wiring.passes + bool(np.any(self.outside.driven))
 
     def _initialise(self, times: FloatArray) -> None:
         start, stop = float(times[0]), float(times[-1])
@@ -176,8 +205,7 @@ class Run:
     def _settle(self, t: float, *, fresh: bool = False) -> None:
         """Hand signals on at one instant."""
         self.y = self._get()
-        # What comes from outside has yet to reach the outputs that it passes through to.
-        for _ in range(self.wiring.passes + bool(np.any(self.outside.driven))):
+        for _ in range(self.passes):
             u = self._wired(self.y, t)
             if not fresh and np.array_equal(u, self.u, equal_nan=True):
                 return
@@ -201,14 +229,14 @@ class Run:
         self._settle(end)
 
     def _equal_steps(self, t: float, end: float, step: float | None) -> None:
-        points = np.linspace(t, end, step_count(end - t, step) + 1)
+        points = np.linspace(t, end, int(step_counts(np.array([end - t]), step)[0]) + 1)
         for a, b in pairwise(points.tolist()):
             self._advance(a, b)
             self.steps += 1
 
     def _controlled(self, t: float, end: float, control: StepControl, span: float) -> None:
         while t < end:
-            target = end if t + control.step > end - _SMALLEST * span else t + control.step
+            target = end if t + control.step > end - SMALLEST * span else t + control.step
             state = [part.save() for part in self.parts], self.u.copy(), self.y.copy()
             error = self._twice(t, target, state, control)
             accepted = error <= 1.0
@@ -225,11 +253,8 @@ class Run:
                 self.steps += 1
             else:
                 self.rejected += 1
-                if control.step < _SMALLEST * span:
-                    raise _StepTooSmallError(
-                        f"the communication step fell below {_SMALLEST * span:g} s at t = {t:g}: loosen the tolerance, "
-                        "or look for a jump in a signal there"
-                    )
+                if control.step < SMALLEST * span:
+                    raise _StepTooSmallError(too_small(t, SMALLEST * span))
 
     def _twice(
         self, t: float, end: float, state: tuple[list[object], FloatArray, FloatArray], control: StepControl
@@ -256,21 +281,10 @@ class Run:
         self.u, self.y = state[1].copy(), state[2].copy()
 
 
-def step_count(span: float, step: float | None) -> int:
-    """Equal communication steps between two results.
-
-    Parameters
-    ----------
-    span : float
-    step : float, optional
-        Longest.
-    """
-    return 1 if step is None else max(1, int(np.ceil(span / step * (1.0 - 1e-9))))
-
-
-def _signal(name: str, value: Signal, times: FloatArray) -> Callable[[float], float]:
+def _signal(name: str, value: Signal, times: FloatArray) -> Callable[[FloatArray], FloatArray]:
+    """A function of an array of times."""
     if callable(value):
-        return value
+        return lambda ts: np.array([value(t) for t in ts.tolist()], dtype=float)
     array = _signals.real(f"inputs: {name!r}", value)
     if array.shape not in ((), times.shape) or not np.all(np.isfinite(array)):
         raise ValueError(
@@ -278,5 +292,5 @@ def _signal(name: str, value: Signal, times: FloatArray) -> Callable[[float], fl
             f"got shape {array.shape}"
         )
     if array.ndim == 0:
-        return lambda t: float(array)
-    return lambda t: float(np.interp(t, times, array))
+        return lambda ts: np.full(len(ts), float(array))
+    return lambda ts: np.interp(ts, times, array)

@@ -105,6 +105,21 @@ class FmuInstance:
         """Whether the state can be taken and put back."""
         return self.ability.state
 
+    @property
+    def component(self) -> int:
+        """The instance's address, for calls past this class."""
+        component = self._fmu.component
+        return int(getattr(component, "value", component))
+
+    def function_address(self, name: str) -> int:
+        """Where a function of the FMU is, for calls past this class.
+
+        Parameters
+        ----------
+        name : str
+        """
+        return ctypes.cast(getattr(self._fmu.dll, name), ctypes.c_void_p).value or 0
+
     # -- life -------------------------------------------------------------------------------------------------
 
     def initialise(
@@ -249,9 +264,7 @@ class FmuInstance:
         if answer is not None:  # FMI 3.0: event, terminate, early return, last successful time
             _, terminate, early, reached = answer
             if terminate:
-                raise FmuError(
-                    self.name, "fmi3DoStep", "refused", f"the FMU asks to end the run at t = {reached:g}"
-                )
+                raise self.ended(reached)
             if early and reached < t + h * (1 - 1e-9):
                 raise FmuError(
                     self.name, "fmi3DoStep", "discard", f"returned early, at t = {reached:g} of {t + h:g}"
@@ -415,18 +428,35 @@ class FmuInstance:
         try:
             return function(*arguments)
         except FMICallException as error:
-            status = status_word(error.status)
-            self._initialised = (
-                self._initialised and status == "discard"
-            )  # after an error: reset or free, no more
-            if status == "fatal":
-                self._broken = "a fatal error"
-            where = f"at t = {self.time:g}"
-            raise FmuError(self.name, error.function, status, self._last_words(where)) from error
+            raise self.failure(error.function, error.status, self.time) from error
         except ForeignProcessError as error:
             self._broken, self._initialised = str(error), False
             detail = self._last_words(f"at t = {self.time:g} {error}")
             raise FmuError(self.name, name, error.status, detail) from error
+
+    def failure(self, function: str, status: int, t: float) -> FmuError:
+        """What to raise where a function answered with a status beyond a warning; only freeing is left after an error.
+
+        Parameters
+        ----------
+        function : str
+        status : int
+        t : float
+        """
+        word = status_word(status)
+        self._initialised = self._initialised and word == "discard"
+        if word == "fatal":
+            self._broken = "a fatal error"
+        return FmuError(self.name, function, word, self._last_words(f"at t = {t:g}"))
+
+    def ended(self, t: float) -> FmuError:
+        """What to raise where the FMU asks to end the run.
+
+        Parameters
+        ----------
+        t : float
+        """
+        return FmuError(self.name, "fmi3DoStep", "refused", f"the FMU asks to end the run at t = {t:g}")
 
     def _check_parameters(self) -> None:
         """An FMU may refuse a parameter with a warning, which fmpy lets pass, and run on with another value."""

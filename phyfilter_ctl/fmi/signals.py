@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import ctypes
 from collections.abc import Sequence
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .._sections import FloatArray
 from .inspect import FmuVariable
@@ -29,6 +30,18 @@ _FMI3_TYPES: dict[str, tuple[str, type]] = {
     for s in ("", "U")
     for n in (8, 16, 32, 64)
 }
+
+
+class Group(NamedTuple):
+    """Variables of one type: the functions that read and set them, and where their values are."""
+
+    get: str
+    set: str
+    references: ctypes.Array[ctypes.c_uint]
+    counts: tuple[int, ...]
+    values: ctypes.Array[Any]
+    view: NDArray[Any]
+    places: NDArray[np.intp]
 
 
 class Callee(Protocol):
@@ -78,15 +91,15 @@ class Signals:
             chosen.setdefault(key, []).append(variable)
             places.setdefault(key, []).extend(range(start, start + count))
             start += count
-        self._groups = []
+        self.groups: list[Group] = []
         c_types: dict[str, Any] = dict(types.values())
         for key, entries in chosen.items():
             references = (ctypes.c_uint * len(entries))(*(entry.reference for entry in entries))
             values = (c_types[key] * len(places[key]))()
             counts = (len(entries),) if fmi == "2.0" else (len(entries), len(places[key]))
             view = np.ctypeslib.as_array(values)
-            self._groups.append(
-                (
+            self.groups.append(
+                Group(
                     f"{prefix}Get{key}",
                     f"{prefix}Set{key}",
                     references,
@@ -108,7 +121,7 @@ class Signals:
         instance : FmuInstance
         """
         result = np.empty(len(self.labels))
-        for get, _, references, counts, values, view, places in self._groups:
+        for get, _, references, counts, values, view, places in self.groups:
             instance.call_raw(get, references, counts[0], values, *counts[1:])
             result[places] = view
         return result
@@ -121,6 +134,6 @@ class Signals:
         instance : FmuInstance
         vector : (len(self),) array
         """
-        for _, put, references, counts, values, view, places in self._groups:
+        for _, put, references, counts, values, view, places in self.groups:
             view[:] = vector[places]
             instance.call_raw(put, references, counts[0], values, *counts[1:])

@@ -180,7 +180,9 @@ def test_a_32_bit_binary_is_called_so(build, tmp_path):
         for name in source.namelist():
             head = b"\x7fELF\x01\x01\x01" + bytes(9) + b"\x03\x00\x03\x00\x01" + bytes(60)
             target.writestr(name, head if name.startswith("binaries") else source.read(name))
-    with pytest.raises(FmuError, match=r"oscillator2\.so is a 32-bit binary, and this Python is a 64-bit one"):
+    with pytest.raises(
+        FmuError, match=r"oscillator2\.so is a 32-bit binary, and this Python is a 64-bit one"
+    ):
         import_fmu(path)
     with pytest.raises(ValueError, match=r"it has binaries for x86-windows \(32-bit\)"):
         import_fmu(build(platform="win32"))
