@@ -17,7 +17,14 @@ from ..blocks.functions import Variable
 from ..codegen.model import CModel
 from .names import LEGAL, with_legal_names
 
-__all__ = ["FmuExperiment", "FmuInterface", "FmuSolver", "InterfaceVariable", "fmu_interface"]
+__all__ = [
+    "FIRST_REFERENCE",
+    "FmuExperiment",
+    "FmuInterface",
+    "FmuSolver",
+    "InterfaceVariable",
+    "fmu_interface",
+]
 
 Kind = Literal[
     "time", "input", "output", "parameter", "fixed", "state", "derivative", "sampled", "condition",
@@ -25,6 +32,9 @@ Kind = Literal[
 ]  # fmt: skip
 Fmi = Literal["2.0", "3.0"]
 Method = Literal["rk4", "adaptive"]
+
+# Value reference of the first variable: some importers take 0 for none.
+FIRST_REFERENCE = 1
 
 # Kind: causality, variability, initial.
 _ROLES: dict[str, tuple[str, str, str]] = {
@@ -122,7 +132,7 @@ class FmuExperiment:
 
 @dataclass(frozen=True)
 class InterfaceVariable:
-    """A variable of an FMU; its value reference is its place in :attr:`FmuInterface.variables`.
+    """A variable of an FMU; its value reference counts from 1 in :attr:`FmuInterface.variables`.
 
     Parameters
     ----------
@@ -137,7 +147,7 @@ class InterfaceVariable:
         Flat, row by row.
     unit, description : str
     derivative_of : int, optional
-        Value reference of the state.
+        Place of the state.
     """
 
     name: str
@@ -181,7 +191,7 @@ class FmuInterface:
     exchange, simulation : bool
         Model exchange; co-simulation.
     variables : tuple of InterfaceVariable
-        By value reference.
+        In the order of the value references.
     solver : FmuSolver
     experiment : FmuExperiment
     author, description : str
@@ -213,7 +223,7 @@ class FmuInterface:
     why: str = ""
 
     def of_kind(self, *kinds: Kind) -> tuple[int, ...]:
-        """Value references of the variables of some kinds.
+        """Places of the variables of some kinds.
 
         Parameters
         ----------
@@ -221,14 +231,14 @@ class FmuInterface:
         """
         return tuple(i for i, variable in enumerate(self.variables) if variable.kind in kinds)
 
-    def dependencies(self, reference: int) -> tuple[int, ...]:
-        """Value references of what an output or derivative depends on: states, inputs, time.
+    def dependencies(self, place: int) -> tuple[int, ...]:
+        """Places of what an output or derivative depends on: states, inputs, time.
 
         Parameters
         ----------
-        reference : int
+        place : int
         """
-        variable = self.variables[reference]
+        variable = self.variables[place]
         n_x = len(self.model.states)
         first = variable.first + (n_x if variable.kind == "output" else 0)
         row = np.any(self.depends[first : first + variable.count], axis=0).tolist()

@@ -10,7 +10,7 @@ from importlib.metadata import PackageNotFoundError, version
 from math import isinf, isnan
 
 from .._units import UnitDefinition, unit_definition
-from .description import FmuInterface, InterfaceVariable
+from .description import FIRST_REFERENCE, FmuInterface, InterfaceVariable
 
 __all__ = ["build_description", "log_categories", "model_description", "terminals_and_icons"]
 
@@ -157,13 +157,13 @@ def _description2(interface: FmuInterface, token: str, files: Sequence[str]) -> 
             root,
             "CoSimulation",
             shared,
-            canHandleVariableCommunicationStepSize="true",
+            canHandleVariableCommunicationStepSize=_flag(not interface.fixed_step),
             canInterpolateInputs="true",
         )
         _source_files(element, files)
     _common(interface, root)
     variables = ET.SubElement(root, "ModelVariables")
-    for reference, variable in enumerate(interface.variables):
+    for reference, variable in enumerate(interface.variables, FIRST_REFERENCE):
         element = ET.SubElement(
             variables, "ScalarVariable", name=variable.name, valueReference=str(reference)
         )
@@ -171,18 +171,18 @@ def _description2(interface: FmuInterface, token: str, files: Sequence[str]) -> 
         real = ET.SubElement(element, "Real")
         _numeric(real, variable)
         if variable.derivative_of is not None:
-            real.set("derivative", str(variable.derivative_of + 1))
+            real.set("derivative", str(variable.derivative_of + 1))  # an index
     structure = ET.SubElement(root, "ModelStructure")
-    for name, references in (
+    for name, places in (
         ("Outputs", interface.of_kind("output")),
         ("Derivatives", interface.of_kind("derivative")),
         ("InitialUnknowns", interface.of_kind("output", "derivative")),
     ):
-        if references:
+        if places:
             group = ET.SubElement(structure, name)
-            for reference in references:
-                unknown = ET.SubElement(group, "Unknown", index=str(reference + 1))
-                _dependencies(interface, unknown, reference, name == "InitialUnknowns", 1)
+            for place in places:
+                unknown = ET.SubElement(group, "Unknown", index=str(place + 1))
+                _dependencies(interface, unknown, place, name == "InitialUnknowns", 1)
     return root
 
 
@@ -204,12 +204,12 @@ def _roles(element: ET.Element, variable: InterfaceVariable) -> None:
 
 
 def _dependencies(
-    interface: FmuInterface, unknown: ET.Element, reference: int, at_start: bool, offset: int
+    interface: FmuInterface, unknown: ET.Element, place: int, at_start: bool, offset: int
 ) -> None:
     """Without the attribute an unknown depends on all knowns, which is so at the start of sampled blocks."""
     if at_start and interface.sampled:
         return
-    found = list(interface.dependencies(reference))
+    found = list(interface.dependencies(place))
     if at_start:
         found += interface.of_kind("parameter", "fixed")
     found.sort()
@@ -247,27 +247,27 @@ def _description3(interface: FmuInterface, token: str) -> ET.Element:
         )  # fmt: skip
     _common(interface, root)
     variables = ET.SubElement(root, "ModelVariables")
-    for reference, variable in enumerate(interface.variables):
+    for reference, variable in enumerate(interface.variables, FIRST_REFERENCE):
         element = ET.SubElement(variables, "Float64", name=variable.name, valueReference=str(reference))
         _roles(element, variable)
         if interface.simulation and variable.kind in {"input", "output"} and interface.model.states:
             element.set("intermediateUpdate", "true")
         _numeric(element, variable)
         if variable.derivative_of is not None:
-            element.set("derivative", str(variable.derivative_of))
+            element.set("derivative", str(variable.derivative_of + FIRST_REFERENCE))
         for length in variable.shape:
             ET.SubElement(element, "Dimension", start=str(length))
     structure = ET.SubElement(root, "ModelStructure")
-    for name, references in (
+    for name, places in (
         ("Output", interface.of_kind("output")),
         ("ContinuousStateDerivative", interface.of_kind("derivative")),
         ("InitialUnknown", interface.of_kind("output", "derivative")),
     ):
-        for reference in references:
-            unknown = ET.SubElement(structure, name, valueReference=str(reference))
-            _dependencies(interface, unknown, reference, name == "InitialUnknown", 0)
-    for reference in interface.of_kind("condition"):
-        ET.SubElement(structure, "EventIndicator", valueReference=str(reference))
+        for place in places:
+            unknown = ET.SubElement(structure, name, valueReference=str(place + FIRST_REFERENCE))
+            _dependencies(interface, unknown, place, name == "InitialUnknown", FIRST_REFERENCE)
+    for place in interface.of_kind("condition"):
+        ET.SubElement(structure, "EventIndicator", valueReference=str(place + FIRST_REFERENCE))
     return root
 
 

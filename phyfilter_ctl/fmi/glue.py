@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from ..codegen.diagram_source import runtime_sources
-from .description import FmuInterface
+from .description import FIRST_REFERENCE, FmuInterface
 
 __all__ = ["SHELL", "fmi_headers", "fmu_sources", "glue_source"]
 
@@ -74,8 +74,8 @@ def glue_source(interface: FmuInterface, token: str, *, accept_bad_inputs: bool 
     model = interface.model
     variables = "\n".join(
         f"    {{PF_FMI_{variable.kind.upper()}, {variable.first}, {variable.count}}}, "
-        f"/* {i}: {_in_comment(variable.name)} */"
-        for i, variable in enumerate(interface.variables)
+        f"/* {reference}: {_in_comment(variable.name)} */"
+        for reference, variable in enumerate(interface.variables, FIRST_REFERENCE)
     )
     reason = f"\n    .why = {interface.why}," if interface.why else ""
     declared = f"const char *{interface.why}(void);\n" if interface.why else ""
@@ -95,6 +95,7 @@ def glue_source(interface: FmuInterface, token: str, *, accept_bad_inputs: bool 
 extern const pf_model {model.symbol};
 {declared}
 static const pf_fmi_variable VARIABLES[] = {{
+    {{PF_FMI_KINDS, 0, 0}}, /* 0: no variable */
 {variables}
 }};
 

@@ -407,7 +407,8 @@ def test_wrong_references_counts_and_modes(fmi):
         assert refused(set_, [refs["place"]], [1.0]) == ERROR  # an output
         assert refused(set_, [refs["pull"]], [1.0]) == ERROR
         assert refused(set_, [refs["der(speed)"]], [1.0]) == ERROR
-        assert refused(set_, [0], [1.0]) == ERROR  # time
+        assert refused(set_, [refs["time"]], [1.0]) == ERROR
+        assert refused(get, [0]) == ERROR  # none
         assert refused(fmu.fmu.doStep, 0.0, 0.1) == ERROR
         assert refused(fmu.fmu.terminate) == ERROR
         assert refused(fmu.fmu.exitInitializationMode) == ERROR

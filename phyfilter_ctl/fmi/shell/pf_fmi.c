@@ -246,7 +246,7 @@ int pf_fmi_get(pf_fmi *self, const uint32_t *references, size_t n, double *value
   size_t done = 0;
   if ((n && !references) || (n_values && !values)) return pf_fmi_say(self, PF_FMI_ERROR, "get: an argument is NULL");
   for (size_t i = 0; i < n; i++) {
-    if (references[i] >= pf_fmu_here.n_variables) return wrong(self, "get", references[i], "does not exist");
+    if (!pf_fmi_exists(references[i])) return wrong(self, "get", references[i], "does not exist");
     const pf_fmi_variable variable = pf_fmu_here.variables[references[i]];
     const uint32_t bit = 1u << variable.kind;
     if (variable.count > n_values - done) return wrong_count(self, "get", n_values);
@@ -263,7 +263,7 @@ int pf_fmi_get(pf_fmi *self, const uint32_t *references, size_t n, double *value
 static int may_set(pf_fmi *self, const uint32_t *references, size_t n, size_t n_values) {
   size_t total = 0;
   for (size_t i = 0; i < n; i++) {
-    if (references[i] >= pf_fmu_here.n_variables) return wrong(self, "set", references[i], "does not exist");
+    if (!pf_fmi_exists(references[i])) return wrong(self, "set", references[i], "does not exist");
     const pf_fmi_variable variable = pf_fmu_here.variables[references[i]];
     if (!(SETTABLE[variable.kind] & self->saved->mode)) return wrong(self, "set", references[i], "cannot be set now");
     total += variable.count;
@@ -290,7 +290,7 @@ int pf_fmi_set_slopes(pf_fmi *self, const uint32_t *references, size_t n, const 
   if (n && (!references || !orders || !values)) return pf_fmi_say(self, PF_FMI_ERROR, "slopes: an argument is NULL");
   for (size_t i = 0; i < n; i++) {
     const uint32_t reference = references[i];
-    if (reference >= pf_fmu_here.n_variables || pf_fmu_here.variables[reference].kind != PF_FMI_INPUT)
+    if (!pf_fmi_exists(reference) || pf_fmu_here.variables[reference].kind != PF_FMI_INPUT)
       return wrong(self, "slopes", reference, "is no input");
     if (orders[i] != 1) return wrong(self, "slopes", reference, "has derivatives of order 1 only");
     if (values[i] - values[i] != 0) return wrong(self, "slopes", reference, "cannot have a slope that is not finite");

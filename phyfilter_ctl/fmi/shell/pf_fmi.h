@@ -45,7 +45,7 @@ typedef enum {
   PF_FMI_KINDS
 } pf_fmi_kind;
 
-typedef struct { /* the variable with value reference i is entry i */
+typedef struct { /* the variable with value reference i is entry i; there is none with reference 0 */
   uint32_t kind, first, count;
 } pf_fmi_variable;
 
@@ -65,6 +65,8 @@ typedef struct { /* generated for each FMU */
 } pf_fmu;
 
 extern const pf_fmu pf_fmu_here;
+
+static inline int pf_fmi_exists(uint32_t reference) { return reference - 1U < pf_fmu_here.n_variables; }
 
 typedef struct { /* of the mutable data, what the model does not hold itself; no pointers */
   uint32_t mode, interface, stop_defined, event_mode, early_return;

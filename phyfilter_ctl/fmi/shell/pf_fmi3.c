@@ -50,7 +50,7 @@ fmi3Instance fmi3InstantiateCoSimulation(fmi3String name, fmi3String token, fmi3
   if (!self) return NULL;
   (void)pf_fmi_log_categories(self, logging_on, 0, NULL);
   for (size_t i = 0; i < n_required; i++)
-    if (!required || required[i] >= pf_fmu_here.n_variables) {
+    if (!required || !pf_fmi_exists(required[i])) {
       pf_fmi_say(self, PF_FMI_ERROR, "instantiation refused: a required intermediate variable does not exist");
       pf_fmi_delete(self);
       return NULL;

@@ -20,7 +20,7 @@ typedef int place(const pf_fmi *self, pf_fmi_variable variable, size_t *at);
 static int check(pf_fmi *self, const uint32_t *references, size_t n, size_t n_values, place *where, const char *role) {
   size_t total = 0, at;
   for (size_t i = 0; i < n; i++) {
-    if (references[i] >= pf_fmu_here.n_variables || !where(self, pf_fmu_here.variables[references[i]], &at))
+    if (!pf_fmi_exists(references[i]) || !where(self, pf_fmu_here.variables[references[i]], &at))
       return pf_fmi_say(self, PF_FMI_ERROR, "derivatives: value reference %lu cannot be %s",
                         (unsigned long)references[i], role);
     total += pf_fmu_here.variables[references[i]].count;
@@ -98,7 +98,7 @@ int pf_fmi_adjoint(pf_fmi *self, const uint32_t *unknowns, size_t n_unknowns, co
 /* ---- dependencies ---- */
 
 static int rows_of(pf_fmi *self, uint32_t reference, size_t *first, size_t *count) {
-  if (reference >= pf_fmu_here.n_variables || !unknown_at(self, pf_fmu_here.variables[reference], first)) {
+  if (!pf_fmi_exists(reference) || !unknown_at(self, pf_fmu_here.variables[reference], first)) {
     pf_fmi_say(self, PF_FMI_ERROR, "dependencies: value reference %lu is neither output nor derivative",
                (unsigned long)reference);
     return 0;
@@ -128,7 +128,7 @@ int pf_fmi_dependency(pf_fmi *self, uint32_t reference, size_t *dependent_elemen
       const size_t column = pf_fmu_here.columns[k];
       const uint32_t kind = column < x ? PF_FMI_STATE : PF_FMI_INPUT;
       const size_t element = column < x ? column : column - x;
-      for (uint32_t i = 0; i < pf_fmu_here.n_variables; i++) {
+      for (uint32_t i = 1; i <= pf_fmu_here.n_variables; i++) {
         const pf_fmi_variable variable = pf_fmu_here.variables[i];
         if (variable.kind != kind || element < variable.first || element >= variable.first + variable.count) continue;
         independents[done] = i;
