@@ -9,6 +9,7 @@ from typing import Literal, cast
 import casadi as ca
 
 from ..diagram.rootfinding import QUICK
+from .exact_time import TIME, plain_double
 from .scalar_source import APART, scalar_entry, signature
 
 __all__ = ["Real", "casadi_header", "dense"]
@@ -100,12 +101,12 @@ def casadi_header(functions: Mapping[str, ca.Function], prefix: str, real: Real 
     Parameters
     ----------
     functions : mapping of str to casadi.Function
-        By C name; all results are made dense. Each becomes a function that gives PF_OK or PF_NO_CONVERGENCE (of a
-        Newton iteration inside).
+        By C name; all results are made dense. An argument called t is time, ``const pf_time *``. Each becomes a
+        function that gives PF_OK or PF_NO_CONVERGENCE (of a Newton iteration inside).
     prefix : str
         Of all symbols.
     real : {"double", "float"}
-        In float, constants and functions of <math.h> are float too.
+        In float, constants and functions of <math.h> are float too, but for what time enters in a scalar function.
 
     Raises
     ------
@@ -131,8 +132,8 @@ def casadi_header(functions: Mapping[str, ca.Function], prefix: str, real: Real 
             )
         body = f"casadi_f{found.group(1)}"
         text = pattern.sub("\n", text)
-        text, entry = scalar_entry(text, name, function, prefix, body)
-        entries.append(entry or _entry(name, function, prefix, body))
+        text, entry = scalar_entry(text, name, function, prefix, body, real == "float")
+        entries.append(entry or _entry(name, function, prefix, body, real))
     text = _LANGUAGE.sub("\n", _CONFIGURATION.sub("", text))
     text = _HELPER.sub(r"static inline \1 \2", text)
     text = _BODY.sub(r"\1\n  (void)arg; (void)res; (void)iw; (void)w; (void)mem;", text)
@@ -183,13 +184,17 @@ def _generate(functions: Mapping[str, ca.Function], prefix: str) -> str:
     return text
 
 
-def _entry(name: str, function: ca.Function, prefix: str, body: str) -> str:
+def _entry(name: str, function: ca.Function, prefix: str, body: str, real: Real) -> str:
     def room(count: int) -> int:
         return max(count, 1)
 
+    arguments, now = function.name_in(), ""
+    if real == "float" and TIME in arguments:
+        now = f"  const pf_real now = {TIME} ? (pf_real)*{TIME} : 0;\n"
+        arguments = ["&now" if argument == TIME else argument for argument in arguments]
     return (
-        f"{signature(name, function, prefix)} {{\n"
-        f"  const pf_real *arg[{room(function.sz_arg())}] = {{{', '.join(function.name_in())}}};\n"
+        f"{signature(name, function, prefix)} {{\n{now}"
+        f"  const pf_real *arg[{room(function.sz_arg())}] = {{{', '.join(arguments)}}};\n"
         f"  pf_real *res[{room(function.sz_res())}] = {{{', '.join(function.name_out())}}};\n"
         f"  pf_real w[{room(function.sz_w())}];\n"
         f"  int iw[{room(function.sz_iw())}];\n"
@@ -205,4 +210,4 @@ def _in_float(text: str) -> str:
             return "INFINITY"
         return "0.f" if value < _FLOAT_MIN else found.group(1) + "f"
 
-    return _LIBM.sub(r"\1f(", _LITERAL.sub(literal, text))
+    return plain_double(_LIBM.sub(r"\1f(", _LITERAL.sub(literal, text)))

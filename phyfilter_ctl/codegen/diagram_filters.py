@@ -9,7 +9,7 @@ from ..blocks.sampled import FilterLaw
 from ..diagram.model import Task
 from ..filter import SampledPhyFilter
 from .casadi_source import Real
-from .diagram_header import TaskText, in_comment, in_string
+from .diagram_header import TaskText, checked, in_comment, in_string
 from .filter_source import FilterSource, filter_source
 
 __all__ = ["FilterTask", "filter_task"]
@@ -91,26 +91,19 @@ def filter_task(
         for j in range(source.orders[i if len(source.orders) > 1 else 0])
     ]
     parameters = _parameters(task, source) if tunable else ()
-    inertia = f"in{number} + {2 * n_x + n_f}" if source.inertia_entries else "NULL"
+    given = f"v{number}" if source.real == real else f"in{number}"
+    inertia = f"{given} + {2 * n_x + n_f}" if source.inertia_entries else "NULL"
     n_v = len(task.law.inputs)
-    output = f"""\
-    if (!status) {{
-      {name}_real out[{n_f}];
-      for (int i = 0; i < {n_v}; i++) in{number}[i] = ({name}_real)v{number}[i];
-      const int code =
-          {name}_output(&self->{member}, in{number}, in{number} + {n_x}, in{number} + {2 * n_x}, {inertia}, out);
-      if (code)
-        status = code == PF_FILTER_NOT_FINITE ? PF_NOT_FINITE : PF_UNUSABLE;
-      else
-        for (int i = 0; i < {n_f}; i++) self->z[{z} + i] = (pf_real)out[i];
-    }}
-"""
-    remember = f"""\
-    if (!status) {{
-      for (int i = {n_x}; i < {2 * n_x}; i++) in{number}[i] = ({name}_real)v{number}[i];
-      {name}_remember(&self->{member}, in{number} + {n_x});
-    }}
-"""
+    signals = f"{given}, {given} + {n_x}, {given} + {2 * n_x}, {inertia}"
+    call = f"filter_status({name}_output(&self->{member}, {signals}, "
+    if source.real == real:
+        output, copy, declarations = checked(f"{call}self->z + {z}))"), "", ""
+    else:
+        copy = f"    for (int i = 0; i < {n_v}; i++) in{number}[i] = ({name}_real)v{number}[i];\n"
+        declarations = f"  {name}_real in{number}[{n_v}], out{number}[{n_f}];\n"
+        output = copy + checked(f"{call}out{number}))")
+        output += f"    for (int i = 0; i < {n_f}; i++) self->z[{z} + i] = (pf_real)out{number}[i];\n"
+    remember = f"{copy}    {name}_remember(&self->{member}, {given} + {n_x});\n"
     text = TaskText(
         name=task.name,
         period=task.period,
@@ -119,13 +112,19 @@ def filter_task(
         output=output,
         update=remember if sampled.sampling.g == "hold" else "",
         commit="",
-        declarations=f"  {name}_real in{number}[{n_v}];\n",
+        declarations=declarations,
         member=f"{name} {member}; /* {in_comment(task.name)} */",
         init=f"  refused |= {name}_init(&self->{member}, &{name}_parameters);\n",
         states=_copies(source, member),
         check=_check(task, source, member, number, parameter) if parameters else "",
         put_in_force=f"  self->{member} = trial{number};\n" if parameters else "",
         include=f'#include "{name}.h"\n',
+        undo=(
+            f"{name}_real {member}[offsetof({name}, rate) / sizeof({name}_real)];",
+            member,
+            f"&self->{member}",
+        ),
+        can_fail=True,
     )
     return FilterTask(source, text, tuple(states), parameters)
 

@@ -10,12 +10,12 @@ from ..diagram.equations import FlatEvent
 from .casadi_source import Real
 from .identifiers import identifiers
 
-__all__ = ["Layout", "TaskText", "header_text", "in_comment", "in_string", "number", "room"]
+__all__ = ["Layout", "TaskText", "checked", "header_text", "in_comment", "in_string", "number", "room"]
 
 
 @dataclass(frozen=True)
 class TaskText:
-    """What one sampled block adds to the C text; statements see self, now, x, due, status and its own v<i>."""
+    """What one sampled block adds to the C text; statements see self, now, x, u, status and its own v<i>."""
 
     name: str
     period: float
@@ -31,6 +31,8 @@ class TaskText:
     check: str = ""
     put_in_force: str = ""
     include: str = ""
+    undo: tuple[str, str, str] | None = None  # array that keeps what it changes: declaration, name, place
+    can_fail: bool = False
 
 
 @dataclass(frozen=True)
@@ -54,6 +56,9 @@ class Layout:
     substeps: int
     between: bool
     version: int
+    grid: tuple[int, ...] | None = None  # steps in each period; None: instants fall between them
+    newton: bool = False
+    timed: frozenset[str] = frozenset()  # equations that read time
     unknowns: int = 0
     events: tuple[FlatEvent, ...] = ()
 
@@ -75,6 +80,11 @@ def number(value: float, real: Real) -> str:
     if value in (float("inf"), float("-inf")):
         return "INFINITY" if value > 0 else "-INFINITY"
     return repr(float(value)) + ("f" if real == "float" else "")
+
+
+def checked(call: str) -> str:
+    """A call whose failure ends the function that it stands in."""
+    return f"    status = {call};\n    if (status) return status;\n"
 
 
 def room(entries: Sequence[object]) -> int:

@@ -9,13 +9,13 @@ from fractions import Fraction
 from importlib import resources
 from math import gcd, lcm
 
-from ..blocks.functions import Variable
+from ..blocks.functions import Variable, dependencies
 from ..diagram import as_sampled
 from ..diagram.model import FlatModel
 from .casadi_source import Real, casadi_header
 from .diagram_equations import dependence, directional_functions, flat_functions, law_functions, settled_tasks
 from .diagram_filters import FilterTask, filter_task
-from .diagram_header import Layout, TaskText, header_text
+from .diagram_header import Layout, TaskText, checked, header_text
 from .diagram_text import source_text
 from .identifiers import checked_identifier, identifiers, model_identifier
 from .model import CModel
@@ -77,7 +77,8 @@ def diagram_model(
     name : str, optional
         C identifier, prefix of all symbols; made from the diagram's name if not given.
     real : {"double", "float"}
-        Numbers of the C code; time is double in any case.
+        Numbers of the C code. Time is double in any case, and so is what an equation computes from it until it no
+        longer grows with it; a block without a scalar form (a table, say) gets time as float there.
     derivatives : bool
         With directional and adjoint products.
     tunable : bool
@@ -102,7 +103,8 @@ def diagram_model(
 
     Notes
     -----
-    Instants are counted in integers and happen at start + k * period.
+    Instants are counted in integers and happen at start + k * period; ``<name>_step`` computes a time only where an
+    equation reads it.
 
     Examples
     --------
@@ -144,16 +146,17 @@ def diagram_model(
             )  # fmt: skip
     products = directional_functions(flat) if derivatives else {}
     equations = casadi_header(functions | products, prefix, real)
-    base, meets_all = _base_step(flat, step)
+    base, grid = _base_step(flat, step)
+    newton = "casadi_newton(" in equations
     sampled_states = tuple(parts.law_states + parts.filter_states)
     parameters = tuple(parts.parameters)
     layout = Layout(
         name=prefix, real=real, description=flat.name or prefix, states=flat.states, inputs=flat.inputs,
         outputs=flat.outputs, parameters=parameters, held=flat.held, sampled_states=sampled_states,
         law_states=tuple(parts.law_states), tasks=tuple(parts.tasks), derivatives=bool(products),
-        can_fail="casadi_newton(" in equations or bool(parts.sources and len(parts.tasks) > 1), step=base,
-        substeps=substeps,
-        between=bool(flat.states) or not meets_all, version=_version(prefix, real, parameters),
+        can_fail=newton or bool(parts.sources and len(parts.tasks) > 1), newton=newton, step=base, substeps=substeps,
+        grid=grid, timed=frozenset(name for name, f in functions.items() if dependencies(f, 0).any()),
+        between=bool(flat.states) or grid is None, version=_version(prefix, real, parameters),
         unknowns=sum(loop.held.stop - loop.held.start for loop in flat.loops), events=flat.events,
     )  # fmt: skip
     words = _words(layout)
@@ -225,13 +228,11 @@ class _Parts:
 def _law_text(flat: FlatModel, i: int, prefix: str, offset: int, settled: bool) -> TaskText:
     """A sampled block that runs its law: output into its part of z, update through a copy of its states."""
     task = flat.tasks[i]
-    call = f"(&now, self->s + {offset}, v{i}, self->p_used + {task.parameters.start or 0}"
+    signals = f"v{i}" if task.law.inputs else "NULL"
+    call = f"(now, self->s + {offset}, {signals}, self->p_used + {task.parameters.start or 0}"
     states = len(task.law.states)
-    guard = "    if (!status) " if task.law.inputs else "    "
-    output = f"{guard}status = {prefix}_law_output_{i}{call}, self->z + {task.held.start or 0});\n"
-    update = ("    if (!status) " if task.law.inputs and not settled else "    ") + (
-        f"status = {prefix}_law_update_{i}{call}, next{i});\n"
-    )
+    output = checked(f"{prefix}_law_output_{i}{call}, self->z + {task.held.start or 0})")
+    update = checked(f"{prefix}_law_update_{i}{call}, next{i})")
     return TaskText(
         name=task.name,
         period=task.period,
@@ -250,26 +251,29 @@ def _in_block(block: str, variable: Variable) -> Variable:
     return replace(variable, name=f"{block}.{variable.name}")
 
 
-def _base_step(flat: FlatModel, step: float | None) -> tuple[float, bool]:
-    """Seconds of one call of ``<name>_step``, and whether every instant falls on a call."""
+def _base_step(flat: FlatModel, step: float | None) -> tuple[float, tuple[int, ...] | None]:
+    """Seconds of one call of ``<name>_step``, and calls in each period; None where instants fall between calls."""
     if step is not None and not 0.0 < step < float("inf"):
         raise ValueError(f"step: expected a positive number of seconds, got {step!r}")
     periods = [Fraction(task.period).limit_denominator(_LONGEST_FRACTION) for task in flat.tasks]
     if not periods:
-        return (_DEFAULT_STEP if step is None else float(step)), True
+        return (_DEFAULT_STEP if step is None else float(step)), ()
     if step is None:
         denominator = lcm(*(period.denominator for period in periods))
         common = Fraction(gcd(*(int(period * denominator) for period in periods)), denominator)
         shortest = min(task.period for task in flat.tasks)
         if common < _FINEST_STEP * shortest:
-            return shortest, False
+            return shortest, None
         # The period itself where it is the divisor: not a digit lost to the fraction.
         step = next(
-            (task.period for task in flat.tasks if Fraction(common) == periods[flat.tasks.index(task)]), None
+            (task.period for task in flat.tasks if Fraction(common) == periods[flat.tasks.index(task)]),
+            float(common),
         )
-        return (float(common) if step is None else step), True
-    fraction = Fraction(step).limit_denominator(_LONGEST_FRACTION)
-    return float(step), fraction > 0 and all((period / fraction).denominator == 1 for period in periods)
+    else:
+        common = Fraction(step).limit_denominator(_LONGEST_FRACTION)
+    if not common or any((period / common).denominator != 1 for period in periods):
+        return float(step), None
+    return float(step), tuple(int(period / common) for period in periods)
 
 
 def _version(name: str, real: Real, parameters: tuple[Variable, ...]) -> int:

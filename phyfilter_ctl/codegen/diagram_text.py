@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from ..blocks.functions import Variable
 from .casadi_source import Real
-from .diagram_header import Layout, in_comment, in_string, number, room
+from .diagram_header import Layout, checked, in_comment, in_string, number, room
+from .diagram_step import step_text
 
 __all__ = ["source_text"]
 
@@ -41,9 +42,8 @@ def _accepted(layout: Layout) -> str:
     return f"""
 static void accepted(void *instance, pf_time t) {{
   {name} *const self = ({name} *)instance;
-  const pf_real now = (pf_real)t;
   pf_real found[{layout.unknowns}], sum = 0;
-  if ({name}_unknowns(&now, self->x, self->u, self->p_used, self->z, found)) return;
+  if ({name}_unknowns(&t, self->x, self->u, self->p_used, self->z, found)) return;
   for (int i = 0; i < {layout.unknowns}; i++) sum += found[i] - found[i];
   if (sum == 0) memcpy(self->z + {len(layout.held) - layout.unknowns}, found, sizeof found);
 }}
@@ -54,10 +54,10 @@ def _events(layout: Layout) -> str:
     if not layout.events:
         return ""
     name = layout.name
-    opening = f"  {name} *const self = ({name} *)instance;\n  const pf_real now = (pf_real)t;\n"
+    opening = f"  {name} *const self = ({name} *)instance;\n"
     cases = "".join(
         f"    case {i}: /* {in_comment(event.name)} */\n"
-        f"      status = {name}_event_{i}(&now, x, self->u, self->p_used, self->z, after);\n      break;\n"
+        f"      status = {name}_event_{i}(&t, x, self->u, self->p_used, self->z, after);\n      break;\n"
         for i, event in enumerate(layout.events)
         if event.reset is not None
     )
@@ -69,7 +69,7 @@ static pf_events *event_clock(void *self) {{ return &(({name} *)self)->events; }
 static pf_side *event_sides(void *self) {{ return (({name} *)self)->sides; }}
 
 static int conditions(void *instance, pf_time t, const pf_real *x, pf_real *g) {{
-{opening}  return {name}_conditions(&now, x, self->u, self->p_used, self->z, g);
+{opening}  return {name}_conditions(&t, x, self->u, self->p_used, self->z, g);
 }}
 
 static int event_reset(void *instance, pf_time t, int event, pf_real *x) {{
@@ -77,7 +77,7 @@ static int event_reset(void *instance, pf_time t, int event, pf_real *x) {{
   int status = PF_OK;
   switch (event) {{
 {cases}    default:
-      (void)now;
+      (void)t;
       return PF_OK;
   }}
   if (!status) memcpy(x, after, sizeof after);
@@ -119,58 +119,76 @@ static int sample(void *instance, pf_time t, const pf_real *x) {
 }
 """
         )
-    name = layout.name
-    outputs, updates, commits, variables = [], [], [], []
-    for i, task in enumerate(layout.tasks):
-        signals = (
-            f"    status = {name}_signals_{i}(&now, x, self->u, self->p_used, self->z, v{i});\n"
-            if task.n_v
-            else ""
-        )
-        variables.append(f"  pf_real v{i}[{max(task.n_v, 1)}];\n{task.declarations}")
-        body = signals + task.output
-        outputs.append(
-            f"  if (due[{i}] && !status) {{ /* {in_comment(task.name)} */\n{body}  }}\n" if body else ""
-        )
-        if task.update:
-            body = ("" if task.settled else signals) + task.update
-            updates.append(f"  if (due[{i}] && !status) {{ /* {in_comment(task.name)} */\n{body}  }}\n")
-        if task.commit:
-            commits.append(f"  if (due[{i}]) {{\n{task.commit}  }}\n")
+    name, count = layout.name, len(layout.tasks)
     save = f"  const {name} before = *self;\n" if layout.can_fail else ""
     restore = "*self = before;\n    " if layout.can_fail else ""
     periods = ", ".join(number(task.period, "double") for task in layout.tasks)
-    unread = "".join(f"  (void)v{i};\n" for i, task in enumerate(layout.tasks) if not task.n_v)
     return f"""\
 #include "pf_ieee.h" /* a table follows */
 static const pf_time PERIODS[] = {{{periods}}}; /* s */
 
 static pf_time next_instant(const void *instance) {{
   const {name} *const self = (const {name} *)instance;
-  const int first = pf_earliest(self->start, self->ticks, PERIODS, {len(layout.tasks)});
+  const int first = pf_earliest(self->start, self->ticks, PERIODS, {count});
   return pf_instant(self->start, self->ticks, PERIODS, first);
 }}
 
-/* All that are due put out first, each on what those before it put out; then all take over what they have seen. */
+{_take(layout)}
 static int sample(void *instance, pf_time t, const pf_real *x) {{
   {name} *const self = ({name} *)instance;
-  const pf_real now = (pf_real)next_instant(self);
-  int due[{len(layout.tasks)}], status = PF_OK;
-{"".join(variables)}{unread}  (void)x;
-  (void)now;
-  if (!pf_due(self->start, self->ticks, PERIODS, {len(layout.tasks)}, t, due)) return PF_OK;
-{save}{"".join(outputs)}{"".join(updates)}  if (status) {{
+  const pf_time now = next_instant(self);
+  int due[{count}], status;
+  if (!pf_due(self->start, self->ticks, PERIODS, {count}, t, due)) return PF_OK;
+{save}  status = take(self, due, &now, x, self->u);
+  if (status) {{
     {restore}return status;
   }}
-{"".join(commits)}  for (int i = 0; i < {len(layout.tasks)}; i++) self->ticks[i] += due[i];
+  for (int i = 0; i < {count}; i++) self->ticks[i] += due[i];
   return PF_OK;
 }}
 
 static int start(void *instance, pf_time t) {{
   {name} *const self = ({name} *)instance;
   self->start = t;
-  for (int i = 0; i < {len(layout.tasks)}; i++) self->ticks[i] = 0;
+  for (int i = 0; i < {count}; i++) self->ticks[i] = 0;
 {begin}  return sample(self, t, self->x);
+}}
+"""
+
+
+_FILTER_STATUS = """\
+static int filter_status(int code) {
+  if (!code) return PF_OK;
+  return code == PF_FILTER_NOT_FINITE ? PF_NOT_FINITE : PF_UNUSABLE;
+}
+
+"""
+
+
+def _take(layout: Layout) -> str:
+    """All that are due put out first, each on what those before it put out; then all take over what they have seen."""
+    name = layout.name
+    outputs, updates, commits, variables = [], [], [], []
+    for i, task in enumerate(layout.tasks):
+        signals = checked(f"{name}_signals_{i}(now, x, u, self->p_used, self->z, v{i})") if task.n_v else ""
+        variables.append(f"  const int due{i} = due[{i}];\n")
+        variables.append((f"  pf_real v{i}[{task.n_v}];\n" if task.n_v else "") + task.declarations)
+        opening = f"  if (due{i}) {{ /* {in_comment(task.name)} */\n"
+        outputs.append(f"{opening}{signals}{task.output}  }}\n" if signals or task.output else "")
+        if task.update:
+            updates.append(f"{opening}{'' if task.settled else signals}{task.update}  }}\n")
+        if task.commit:
+            commits.append(f"  if (due{i}) {{\n{task.commit}  }}\n")
+    status = _FILTER_STATUS if any(task.can_fail for task in layout.tasks) else ""
+    checks = any("status" in part for part in outputs + updates)
+    return f"""\
+{status}/* All that are due put out first, each on what those before it put out; then all take over what they have seen.
+ * What has changed by then stays where one fails. */
+static int take({name} *self, const int *due, const pf_time *now, const pf_real *x, const pf_real *u) {{
+{"  int status;" + chr(10) if checks else ""}{"".join(variables)}  (void)now;
+  (void)x;
+  (void)u;
+{"".join(outputs)}{"".join(updates)}{"".join(commits)}  return PF_OK;
 }}
 """
 
@@ -183,18 +201,16 @@ def _evaluations(layout: Layout) -> str:
             body = f"  (void)instance;\n  (void)t;\n  (void)x;\n  (void){result};\n  return PF_OK;\n"
         else:
             body = (
-                f"  const {name} *const self = (const {name} *)instance;\n  const pf_real now = (pf_real)t;\n"
-                f"  return {name}_{equation}(&now, x, self->u, self->p_used, self->z, {result});\n"
+                f"  const {name} *const self = (const {name} *)instance;\n"
+                f"  return {name}_{equation}(&t, x, self->u, self->p_used, self->z, {result});\n"
             )
         return f"static int {function}(void *instance, pf_time t, const pf_real *x, pf_real *{result}) {{\n{body}}}\n"
 
     text = evaluation("derivatives", "dynamics", "dx", bool(layout.states))
     text += "\n" + evaluation("outputs", "output", "y", bool(layout.outputs))
     if layout.derivatives:
-        point = "&now, self->x, self->u, self->p_used, self->z"
-        opening = (
-            f"  const {name} *const self = (const {name} *)instance;\n  const pf_real now = (pf_real)t;\n"
-        )
+        point = "&t, self->x, self->u, self->p_used, self->z"
+        opening = f"  const {name} *const self = (const {name} *)instance;\n"
         text += f"""
 static int directional(void *instance, pf_time t, const pf_real *seed_x, const pf_real *seed_u, const pf_real *seed_p,
                        pf_real *dx, pf_real *y) {{
@@ -254,51 +270,6 @@ const char *{name}_set_parameters({name} *self, const {name}_parameters *paramet
   if (parameters->crc != pf_crc32(parameters->p, sizeof parameters->p)) return "parameters damaged: CRC-32 differs";
   memcpy(self->p, parameters->p, sizeof self->p);
   return apply(self);
-}}
-"""
-
-
-def _work(layout: Layout) -> int:
-    """pf_work_reals of the model."""
-    states, events = len(layout.states), len(layout.events)
-    return 8 * states + len(layout.inputs) + 1 + (4 * states + 5 * events if events else 0)
-
-
-def _step(layout: Layout) -> str:
-    name, capital = layout.name, layout.capital
-    if layout.between:
-        going_on = f"""\
-  if (!status) {{
-    pf_real work[{_work(layout)}];
-    pf_solver solver = {{PF_RK4, {capital}_STEP / {layout.substeps}, 0, 0, 0, 0}};
-    pf_time reached;
-    const pf_time end = (pf_time)(self->steps + 1) * {capital}_STEP;
-    status = pf_approach(&{name}_model, self, work, &solver, t, end, NULL, &reached);
-  }}
-"""
-        catch_up = f"status = pf_catch_up(&{name}_model, self, t - {capital}_STEP, t);"
-    else:
-        going_on = ""
-        catch_up = f"""\
-for (const pf_time limit = t + PF_COINCIDENT * {capital}_STEP; !status && next_instant(self) <= limit;)
-      status = sample(self, limit, self->x);"""
-    return f"""\
-int {name}_step({name} *self, const pf_real *u, pf_real *y) {{
-  const pf_time t = (pf_time)self->steps * {capital}_STEP;
-  const {name} before = *self;
-  int status = PF_OK;
-  for (int i = 0; i < {capital}_N_U; i++) self->u[i] = u[i];
-  if (self->steps == 0)
-    status = start(self, 0);
-  else
-    {catch_up}
-  if (!status) status = outputs(self, t, self->x, y);
-{going_on}  if (status) {{
-    *self = before;
-    return status;
-  }}
-  self->steps++;
-  return PF_OK;
 }}
 """
 
@@ -368,4 +339,4 @@ int {name}_reset({name} *self) {{
 }}
 
 {_table(layout)}
-{_step(layout)}"""
+{step_text(layout)}"""

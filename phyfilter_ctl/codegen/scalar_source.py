@@ -11,6 +11,8 @@ from collections.abc import Sequence
 
 import casadi as ca
 
+from .exact_time import TIME, with_exact_time
+
 __all__ = ["APART", "scalar_entry", "signature"]
 
 APART = """\
@@ -23,8 +25,8 @@ APART = """\
 """
 _READ = re.compile(r"arg\[(\d+)\]\? arg\[\1\]\[(\d+)\] : 0")
 _WRITTEN = re.compile(r"if \(res\[(\d+)\]!=0\) res\[\1\]\[(\d+)\]=")
-_LOCAL = re.compile(r"\ba\d+\b")
-_ASSIGNED = re.compile(r"\s*(a\d+)\s*=(?!=)")
+_LOCAL = re.compile(r"\b[ad]\d+\b")
+_ASSIGNED = re.compile(r"\s*([ad]\d+)\s*=(?!=)")
 # Statements of one piece: half as many or twice as many take gcc as long.
 _PIECE = 500
 
@@ -34,12 +36,19 @@ def signature(name: str, function: ca.Function, prefix: str) -> str:
     return f"static int {prefix}_{name}({', '.join(_parameters(function))})"
 
 
+def kind(argument: str) -> str:
+    """C type of an argument: time is double whatever the others are."""
+    return "pf_time" if argument == TIME else "pf_real"
+
+
 def _parameters(function: ca.Function) -> list[str]:
-    into = [f"const pf_real *{function.name_in(i)}" for i in range(function.n_in())]
+    into = [f"const {kind(function.name_in(i))} *{function.name_in(i)}" for i in range(function.n_in())]
     return into + [f"pf_real *{function.name_out(i)}" for i in range(function.n_out())]
 
 
-def scalar_entry(text: str, name: str, function: ca.Function, prefix: str, body: str) -> tuple[str, str]:
+def scalar_entry(
+    text: str, name: str, function: ca.Function, prefix: str, body: str, single: bool = False
+) -> tuple[str, str]:
     """CasADi's text without the body of a scalar function, and that as a function of its arguments; "" if it is none.
 
     Parameters
@@ -53,6 +62,8 @@ def scalar_entry(text: str, name: str, function: ca.Function, prefix: str, body:
         Of all symbols.
     body : str
         CasADi's name of the body.
+    single : bool
+        Whether the numbers will be float: then what time enters is computed in double.
 
     Returns
     -------
@@ -72,6 +83,8 @@ def scalar_entry(text: str, name: str, function: ca.Function, prefix: str, body:
     statements = [line for line in inside.splitlines() if not line.startswith("  casadi_real ")]
     if statements.pop() != "  return 0;" or not all(line.endswith(";") for line in statements):
         return text, ""
+    if single:
+        statements = with_exact_time(statements)
     pieces = [statements[i : i + _PIECE] for i in range(0, len(statements), _PIECE)]
     before, lines = (
         _in_pieces(pieces, f"{prefix}_{name}", function) if len(pieces) > 1 else ("", _whole(statements))
@@ -92,8 +105,11 @@ def _locals(statements: Sequence[str]) -> set[str]:
 
 
 def _declared(variables: set[str]) -> list[str]:
-    names = sorted(variables)
-    return [f"  pf_real {', '.join(names[i : i + 12])};" for i in range(0, len(names), 12)]
+    lines = []
+    for letter, real in (("a", "pf_real"), ("d", "pf_time")):
+        names = sorted(name for name in variables if name.startswith(letter))
+        lines += [f"  {real} {', '.join(names[i : i + 12])};" for i in range(0, len(names), 12)]
+    return lines
 
 
 def _in_pieces(pieces: Sequence[Sequence[str]], name: str, function: ca.Function) -> tuple[str, list[str]]:
@@ -105,7 +121,9 @@ def _in_pieces(pieces: Sequence[Sequence[str]], name: str, function: ca.Function
         handed.append(give & later)
         later = need | (later - give)
     place = {local: i for i, local in enumerate(sorted(set().union(*handed)))}
-    parameters = [*_parameters(function), "pf_real *kept"]
+    exact = any(local.startswith("d") for local in place)
+    real = "pf_time" if exact else "pf_real"
+    parameters = [*_parameters(function), f"{real} *kept"]
     arguments = ", ".join(p.rsplit("*", 1)[1] for p in parameters)
     functions = []
     for i, (piece, need, give) in enumerate(zip(pieces, needs, reversed(handed), strict=True)):
@@ -113,14 +131,20 @@ def _in_pieces(pieces: Sequence[Sequence[str]], name: str, function: ca.Function
             f"PF_APART static void {name}_{i}({', '.join(parameters)}) {{",
             *(f"  (void){p.rsplit('*', 1)[1]};" for p in parameters),
             *_declared(_locals(piece)),
-            *(f"  {local}=kept[{place[local]}];" for local in sorted(need)),
+            *(
+                f"  {local}={'(pf_real)' if exact and local[0] == 'a' else ''}kept[{place[local]}];"
+                for local in sorted(need)
+            ),
             *piece,
-            *(f"  kept[{place[local]}]={local};" for local in sorted(give)),
+            *(
+                f"  kept[{place[local]}]={'(pf_time)' if exact and local[0] == 'a' else ''}{local};"
+                for local in sorted(give)
+            ),
             "}\n",
         ]
         functions.append("\n".join(lines))
     calls = [f"  {name}_{i}({arguments});" for i in range(len(pieces))]
-    return "\n".join(functions) + "\n", [f"  pf_real kept[{max(len(place), 1)}];", *calls]
+    return "\n".join(functions) + "\n", [f"  {real} kept[{max(len(place), 1)}];", *calls]
 
 
 def _traffic(statements: Sequence[str]) -> tuple[set[str], set[str]]:

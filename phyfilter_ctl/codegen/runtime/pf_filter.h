@@ -151,7 +151,7 @@ typedef struct {
 } PF_P(interval);
 #endif
 
-typedef struct {
+typedef struct { /* what moves; from `rate` on what only init, retune and the limits set */
   PF_P(real) w[PF_P(N_F)][PF_P(ORDER)]; /* states of the sections, in the unit of f */
 #if PF_P(FLOAT)
   PF_P(real) carry[PF_P(N_F)][PF_P(ORDER)]; /* what rounding took from them */
@@ -162,6 +162,20 @@ typedef struct {
 #endif
 #if PF_P(INERTIA)
   PF_P(real) inertia[PF_ENTRIES];
+#endif
+  int32_t started, held, has_g, has_inertia;
+#if PF_WIDE
+  PF_P(real) dA_other[PF_P(FILTERS)][PF_P(ORDER)][PF_P(ORDER)]; /* of the last step of another length, dt_other */
+  double dt_other;
+#endif
+#if PF_P(HOLD_BAD) || PF_P(PAST)
+  double gap; /* seconds from the last accepted sample to the last one */
+  double sum_g[PF_P(N_X)], sum_f_theta[PF_P(N_F)]; /* integrals since the last accepted sample, `delay` late */
+  PF_P(real) inertia_then[PF_ENTRIES]; /* inertia at their beginning */
+#endif
+#if PF_P(PAST)
+  int32_t count;
+  PF_P(interval) past[PF_P(PAST)]; /* oldest first */
 #endif
   PF_P(real) rate; /* 1 / dt */
   PF_P(real) dA[PF_P(FILTERS)][PF_P(ORDER)][PF_P(ORDER)];
@@ -175,11 +189,6 @@ typedef struct {
 #if PF_P(G_LIMIT)
   PF_P(real) g_low[PF_P(N_X)], g_high[PF_P(N_X)];
 #endif
-  int32_t started, held, has_g, has_inertia;
-#if PF_WIDE
-  PF_P(real) dA_other[PF_P(FILTERS)][PF_P(ORDER)][PF_P(ORDER)]; /* of the last step of another length, dt_other */
-  double dt_other;
-#endif
   double dt;
 #if PF_WIDE || PF_P(TUNABLE)
   int32_t order[PF_P(FILTERS)];
@@ -189,15 +198,8 @@ typedef struct {
   double a[PF_P(FILTERS)][PF_P(ORDER)], b[PF_P(FILTERS)][PF_P(ORDER)]; /* in force */
   double a_home[PF_P(FILTERS)][PF_P(ORDER)], poles_home[PF_P(FILTERS)][PF_P(ORDER)][2]; /* as exported: exact poles */
 #endif
-#if PF_P(HOLD_BAD) || PF_P(PAST)
-  double gap; /* seconds from the last accepted sample to the last one */
-  double sum_g[PF_P(N_X)], sum_f_theta[PF_P(N_F)]; /* integrals since the last accepted sample, `delay` late */
-  PF_P(real) inertia_then[PF_ENTRIES]; /* inertia at their beginning */
-#endif
 #if PF_P(PAST)
   double delay;
-  int32_t count;
-  PF_P(interval) past[PF_P(PAST)]; /* oldest first */
 #endif
 } PF_NAME;
 

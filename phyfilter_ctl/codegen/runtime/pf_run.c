@@ -15,12 +15,6 @@ static pf_time tolerance(pf_time since, pf_time t) {
   return SAME_STOP * magnitude(t - since) + TIME_ROUNDING * magnitude(t);
 }
 
-static int all_finite(const pf_real *x, int n) {
-  pf_real sum = 0;
-  for (int i = 0; i < n; i++) sum += x[i] - x[i];
-  return sum == 0;
-}
-
 size_t pf_work_reals(const pf_model *model) {
   const size_t vectors = (size_t)ADAPTIVE_VECTORS * (size_t)model->n_x + (size_t)model->n_u + 1;
 #if PF_EVENTS
@@ -45,7 +39,8 @@ static void set_inputs(const segment *way, pf_time t) {
   for (int i = 0; i < way->model->n_u; i++) way->u[i] = way->u_begin[i] + elapsed * way->slope[i];
 }
 
-static int slopes_at(const segment *way, pf_time t, const pf_real *x, pf_real *dx) {
+static int slopes_at(const void *of, pf_time t, const pf_real *x, pf_real *dx) {
+  const segment *const way = (const segment *)of;
   set_inputs(way, t);
   return way->model->derivatives(way->self, t, x, dx);
 }
@@ -56,25 +51,7 @@ static void accept(const segment *way, pf_time t) {
 
 static int rk4_step(const segment *way, pf_real *work, pf_time t, pf_time t_next) {
   const int n = way->model->n_x;
-  const pf_time middle = t + 0.5 * (t_next - t);
-  const pf_real h = (pf_real)(t_next - t), half = h / 2, sixth = h / 6;
-  pf_real *const x = way->x, *const k = work, *const sum = work + n, *const trial = work + 2 * n;
-  int status = slopes_at(way, t, x, sum);
-  for (int i = 0; i < n; i++) trial[i] = x[i] + half * sum[i];
-  if (!status) status = slopes_at(way, middle, trial, k);
-  for (int i = 0; i < n; i++) {
-    sum[i] += 2 * k[i];
-    trial[i] = x[i] + half * k[i];
-  }
-  if (!status) status = slopes_at(way, middle, trial, k);
-  for (int i = 0; i < n; i++) {
-    sum[i] += 2 * k[i];
-    trial[i] = x[i] + h * k[i];
-  }
-  if (!status) status = slopes_at(way, t_next, trial, k);
-  if (status) return status;
-  for (int i = 0; i < n; i++) trial[i] = x[i] + sixth * (sum[i] + k[i]);
-  return all_finite(trial, n) ? PF_OK : PF_NOT_FINITE;
+  return pf_rk4_(slopes_at, way, n, t, t_next, (pf_real)(t_next - t), way->x, work, work + n, work + 2 * n);
 }
 
 /* Dormand and Prince 1980, RK5(4)7M; the last stage is the first of the next step. */
@@ -198,7 +175,7 @@ static int adaptive(const segment *way, pf_real *work, pf_solver *solver, pf_tim
   pf_time before = 1.0; /* 20th root of the last accepted error */
   int status = slopes_at(way, *t_reached, way->x, k[0]);
   if (status) return status;
-  if (!all_finite(k[0], n)) return PF_NOT_FINITE;
+  if (!pf_all_finite_(k[0], n)) return PF_NOT_FINITE;
   if (!(solver->h > 0.0)) solver->h = first_step(solver, way->x, k[0], n, t_end - *t_reached);
   int rejected = 0;
   for (long steps = 0; *t_reached < t_end; steps++) {
@@ -218,7 +195,7 @@ static int adaptive(const segment *way, pf_real *work, pf_solver *solver, pf_tim
       const pf_time part = magnitude(h * (pf_time)sum) / weight(solver, way->x[i], trial[i]);
       if (!(part <= error)) error = part;
     }
-    const int finite = !status && error - error == 0.0 && all_finite(trial, n) && all_finite(k[STAGES - 1], n);
+    const int finite = !status && error - error == 0.0 && pf_all_finite_(trial, n) && pf_all_finite_(k[STAGES - 1], n);
     if (finite && error <= 1.0) {
       const pf_time root = twentieth_root(error);
       pf_time factor = 0.9 * before / (root * root * root); /* PI control: e^(-3/20) e_before^(1/20) */
@@ -241,7 +218,7 @@ static int adaptive(const segment *way, pf_real *work, pf_solver *solver, pf_tim
             k[STAGES - 1][i] = trial[i];
             trial[i] = way->x[i];
           }
-        if (!all_finite(k[STAGES - 1], n)) return PF_NOT_FINITE;
+        if (!pf_all_finite_(k[STAGES - 1], n)) return PF_NOT_FINITE;
       }
 #endif
       for (int i = 0; i < n; i++) {

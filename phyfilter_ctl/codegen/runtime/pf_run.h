@@ -3,6 +3,10 @@
 #define PF_RUN_H
 #include "pf_model.h"
 
+#ifdef __cplusplus
+extern "C" {
+#endif
+
 enum { PF_RK4 = 0, PF_ADAPTIVE = 1 }; /* classical Runge-Kutta; Dormand-Prince 5(4) */
 
 typedef struct {
@@ -40,4 +44,44 @@ int pf_events_here(const pf_model *model, void *self, pf_real *work, pf_time t);
 int pf_events_seen(const pf_model *model, void *self, pf_real *work, pf_time t, int *due);
 #endif
 
+#if defined(__GNUC__) /* few states in a generated step: straight code, without a call or a loop */
+#define PF_STRAIGHT static inline __attribute__((always_inline))
+#else
+#define PF_STRAIGHT static inline
+#endif
+
+PF_STRAIGHT int pf_all_finite_(const pf_real *x, int n) {
+  pf_real sum = 0;
+  for (int i = 0; i < n; i++) sum += x[i] - x[i];
+  return sum == 0;
+}
+
+typedef int pf_slope(const void *of, pf_time t, const pf_real *x, pf_real *dx);
+
+/* A step of classical Runge-Kutta of length h: x is left as it is, `next` becomes what it is at the end. */
+PF_STRAIGHT int pf_rk4_(pf_slope *slope, const void *of, int n, pf_time t, pf_time t_next, pf_real h, const pf_real *x,
+                        pf_real *k, pf_real *sum, pf_real *next) {
+  const pf_time middle = t + 0.5 * (t_next - t);
+  const pf_real half = h / 2, sixth = h / 6;
+  int status = slope(of, t, x, sum);
+  for (int i = 0; i < n; i++) next[i] = x[i] + half * sum[i];
+  if (!status) status = slope(of, middle, next, k);
+  for (int i = 0; i < n; i++) {
+    sum[i] += 2 * k[i];
+    next[i] = x[i] + half * k[i];
+  }
+  if (!status) status = slope(of, middle, next, k);
+  for (int i = 0; i < n; i++) {
+    sum[i] += 2 * k[i];
+    next[i] = x[i] + h * k[i];
+  }
+  if (!status) status = slope(of, t_next, next, k);
+  if (status) return status;
+  for (int i = 0; i < n; i++) next[i] = x[i] + sixth * (sum[i] + k[i]);
+  return pf_all_finite_(next, n) ? PF_OK : PF_NOT_FINITE;
+}
+
+#ifdef __cplusplus
+}
+#endif
 #endif
