@@ -4,7 +4,7 @@ from .adaptive import adaptive_block
 from .delay_line import delay_line
 from .filter_law import filter_law
 from .function_block import FunctionBlock, function_block
-from .functions import BlockEvent, BlockFunctions, Variable, dependencies
+from .functions import BlockEvent, BlockFunctions, Memory, Variable, dependencies
 from .hybrid import Event, HybridBlock, event, hybrid
 from .interpreted import Interpreted
 from .learned import learned_block
@@ -22,6 +22,7 @@ __all__ = [
     "FunctionBlock",
     "HybridBlock",
     "Interpreted",
+    "Memory",
     "PhyFilterBlock",
     "SampledBlock",
     "Variable",

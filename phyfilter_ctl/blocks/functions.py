@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
+from typing import Protocol
 
 import casadi as ca
 import numpy as np
@@ -10,7 +12,7 @@ from numpy.typing import NDArray
 
 from .interpreted import Interpreted
 
-__all__ = ["BlockEvent", "BlockFunctions", "Variable", "dependencies"]
+__all__ = ["BlockEvent", "BlockFunctions", "Memory", "Variable", "dependencies"]
 
 
 @dataclass(frozen=True)
@@ -40,6 +42,28 @@ class Variable:
     description: str = ""
 
 
+class Memory(Protocol):
+    """What a block keeps from event to event beside its states, such as the discrete states of an imported FMU."""
+
+    @property
+    def next_event(self) -> float:
+        """Seconds at which the next event is due; inf where none is."""
+        ...
+
+    @property
+    def ended(self) -> str:
+        """Why the block asked to end the run; "" while it did not."""
+        ...
+
+    def restart(self, t: float) -> None:
+        """A run begins at t; the event that follows is its start."""
+        ...
+
+    def running(self) -> AbstractContextManager[object]:
+        """One run at a time has the block."""
+        ...
+
+
 @dataclass(frozen=True, eq=False)
 class BlockEvent:
     """An event of a block as CasADi functions.
@@ -50,15 +74,21 @@ class BlockEvent:
     direction : {-1, 0, 1}
         Of the condition at 0: falling, either way, rising.
     condition : casadi.Function
-        (t, x, u, p) -> number.
+        (t, x, u, p) -> number; several, or none, of an event with a memory.
     reset : casadi.Function, optional
-        (t, x, u, p) -> x after the event; None where it stays.
+        (t, x, u, p) -> x after the event; None where it stays. With a memory: x, and 1 where the run is to end, else 0.
+    memory : Memory, optional
+        What the reset changes beside x; the event then happens at its next event too.
+    completed : casadi.Function, optional
+        (t, x, u, p) -> 1 where the event is to happen after this step of integration, 2 where the run is to end.
     """
 
     name: str
     direction: int
     condition: ca.Function
     reset: ca.Function | None
+    memory: Memory | None = None
+    completed: ca.Function | None = None
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,6 +18,8 @@ __all__ = ["Evaluation", "Interpreted", "acting"]
 Evaluation: TypeAlias = Callable[[float, FloatArray, FloatArray, FloatArray], object]
 """(t, x, u, p) -> as many numbers as there are results."""
 
+_REMEDY = "Write that line with arithmetic and functions of numpy or math on t, x, u and params"
+
 
 class Interpreted(ca.Callback):
     """A Python function (t, x, u, p) -> column as a CasADi function.
@@ -39,6 +41,8 @@ class Interpreted(ca.Callback):
     fills : sequence of float
         What the function gets for inputs that act on no result: it is called once with each, and where the results
         differ they are not-a-number.
+    remedy : str
+        What to do where C code is wanted.
 
     Attributes
     ----------
@@ -68,6 +72,7 @@ class Interpreted(ca.Callback):
         reason: str,
         depends: NDArray[np.bool_] | None = None,
         fills: Sequence[float] = (np.nan,),
+        remedy: str = _REMEDY,
     ) -> None:
         super().__init__()
         self._evaluate = evaluate
@@ -77,6 +82,7 @@ class Interpreted(ca.Callback):
         self._fills = tuple(fills) if self._unused.any() else (0.0,)
         self.block: str = block
         self.reason: str = reason
+        self.remedy: str = remedy
         self.seconds: float = 0.0
         self.failure: str = ""
         self.construct(name, {"enable_fd": True})

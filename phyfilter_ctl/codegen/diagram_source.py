@@ -124,8 +124,7 @@ def diagram_model(
     if flat.callbacks:
         callback = flat.callbacks[0]
         raise ValueError(
-            f"block {callback.block} runs as Python, for which there is no C code: {callback.reason}. Write that line "
-            "with arithmetic and functions of numpy or math on t, x, u and params"
+            f"block {callback.block} runs as Python, for which there is no C code: {callback.reason}. {callback.remedy}"
         )
     flat = as_sampled(flat)
     prefix = model_identifier(flat.name) if name is None else checked_identifier(name)

@@ -8,7 +8,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from ..blocks.functions import BlockFunctions, Variable
+from ..blocks.functions import BlockFunctions, Memory, Variable
 from ..blocks.interpreted import Interpreted
 from ..blocks.sampled import FilterLaw
 
@@ -80,12 +80,21 @@ class FlatEvent:
     direction : {-1, 0, 1}
         Of its condition at 0: falling, either way, rising.
     reset : casadi.Function, optional
-        (t, x, u, p, z) -> all x after the event; None where they stay.
+        (t, x, u, p, z) -> all x after the event; None where they stay. With a memory then 1 where the run is to end.
+    rows : int
+        Conditions of its own.
+    memory : Memory, optional
+        What the event changes beside x.
+    completed : casadi.Function, optional
+        (t, x, u, p, z) -> 1 where it is to happen after a step of integration, 2 where the run is to end.
     """
 
     name: str
     direction: int
     reset: ca.Function | None
+    rows: int = 1
+    memory: Memory | None = None
+    completed: ca.Function | None = None
 
 
 @dataclass(frozen=True, eq=False)

@@ -353,10 +353,15 @@ def _events(
             if event.reset is not None:
                 own = symbols.states[i]
                 after = call_block(wiring, symbols, i, event.reset, evaluation.values)
-                rows = [symbols.x[: own.start], after, symbols.x[own.stop :]]
+                count = own.stop - own.start
+                rows = [symbols.x[: own.start], after[:count], symbols.x[own.stop :], after[count:]]
                 reset = build.function("reset", [row for row in rows if row.numel()])
+            completed = event.completed and build.function(
+                "completed", [call_block(wiring, symbols, i, event.completed, evaluation.values)]
+            )
             name = f"{block.path}.{event.name}" if prefix else event.name
-            events.append(FlatEvent(name, event.direction, reset))
+            size = event.condition.size1_out(0)
+            events.append(FlatEvent(name, event.direction, reset, size, event.memory, completed))
             conditions.append(call_block(wiring, symbols, i, event.condition, evaluation.values))
     return tuple(events), build.function("conditions", conditions) if events else None
 

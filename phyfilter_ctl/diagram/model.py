@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .. import _signals
-from ..blocks.functions import Variable, dependencies
+from ..blocks.functions import Memory, Variable, dependencies
 from .equations import Equations, Task
 from .linearisation import is_linear, linear_model
 from .naming import override, table
@@ -64,6 +64,11 @@ class FlatModel(Equations):
     def feedthrough(self) -> NDArray[np.bool_]:
         """Which input acts on which output without delay, (outputs, inputs)."""
         return dependencies(self.output, 2)
+
+    @property
+    def memories(self) -> tuple[Memory, ...]:
+        """Of blocks that keep something from event to event beside their states, such as imported FMUs."""
+        return tuple(event.memory for event in self.events if event.memory is not None)
 
     @property
     def is_linear(self) -> bool:

@@ -55,7 +55,8 @@ def import_fmu(
     tolerance : float, optional
         Relative, of the FMU's own solver.
     events : {"raise", "ignore"}
-        What to do with a model-exchange FMU that has events, which python-control's simulation does not handle.
+        What python-control's own simulation, which handles none, is to do where a model-exchange FMU has events.
+        :func:`simulate` runs them in any diagram.
     limits : ArchiveLimits, optional
         What the archive may hold at most.
     isolated : bool or Isolation
@@ -78,6 +79,7 @@ def import_fmu(
     Examples
     --------
     >>> block = import_fmu("drone.fmu", kind="me")                                  # doctest: +SKIP
+    >>> simulate(ct.interconnect([block, controller]), timepts, inputs)             # doctest: +SKIP
     >>> ct.input_output_response(block, timepts, inputs, block.start_state)       # doctest: +SKIP
     """
     if kind not in (None, "me", "cs"):

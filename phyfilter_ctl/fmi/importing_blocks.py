@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from typing import Literal
@@ -10,6 +11,8 @@ import control as ct
 import numpy as np
 
 from .._sections import FloatArray
+from ..blocks.functions import BlockFunctions
+from .importing_functions import model_functions
 from .inspect import FmuDescription, Kind, Scalar
 from .instance import FmuError, FmuInstance
 from .signals import Signals
@@ -127,14 +130,23 @@ class FmuBlock(ct.NonlinearIOSystem, ABC):
     def _now(self, t: float, x: FloatArray, u: FloatArray, params: Mapping[str, float]) -> FloatArray:
         """Outputs."""
 
-    def _restart(self, time: float, params: Mapping[str, float]) -> None:
+    def _restart(
+        self,
+        time: float,
+        params: Mapping[str, float],
+        starts: Mapping[str, float] | None = None,
+        inputs: FloatArray | None = None,
+    ) -> None:
         """Initialise anew: the one way to change a fixed parameter."""
         # python-control passes the parameters of all blocks to each of them.
         values = {key: params.get(key, value) for key, value in self.params.items()}
         if self._running:
             self._running = False
             self.instance.reset()
-        self.instance.initialise(time, tolerance=self._tolerance, values=self._fixed | values)
+        given = self._fixed | values | dict(starts or {})
+        self.instance.initialise(time, tolerance=self._tolerance, values=given)
+        if inputs is not None and len(self._inputs):
+            self._inputs.write(self.instance, inputs)
         self.instance.begin()
         self._in_force = values
         self._running = True
@@ -158,10 +170,14 @@ class FmuModel(FmuBlock):
     start_state : (n,) array
         Start values of its states, for ``initial_state`` of python-control's simulations.
 
+    start_inputs : (m,) array
+        Start values of its inputs.
+
     Notes
     -----
-    python-control's simulations evaluate x' = f(t, x, u) at times of their choice and know no events. Where the FMU
-    announces a time event, evaluation beyond it raises unless ``events="ignore"``.
+    :func:`simulate` runs it in any diagram, with its events. python-control's simulations evaluate x' = f(t, x, u) at
+    times of their choice and know no events: with event indicators evaluation raises, and beyond a time event that
+    the FMU announces, unless ``events="ignore"``.
     """
 
     def __init__(
@@ -174,13 +190,6 @@ class FmuModel(FmuBlock):
         tolerance: float | None = None,
         events: Literal["raise", "ignore"] = "raise",
     ) -> None:
-        description = fmu.description
-        if description.event_indicators and events == "raise":
-            raise ValueError(
-                f"{description.path}: has {description.event_indicators} event indicators; python-control's simulation "
-                'handles no events. Import it with kind="cs" if it has co-simulation, or with events="ignore" where '
-                "no event is reached"
-            )
         super().__init__(
             fmu,
             "me",
@@ -189,12 +198,108 @@ class FmuModel(FmuBlock):
             start_time=start_time,
             tolerance=tolerance,
             dt=0.0,
-            states=description.state_labels,
+            states=fmu.description.state_labels,
         )
         self._events: Literal["raise", "ignore"] = events
         self._restart(start_time, self.params)
         self.start_state: FloatArray = self.instance.states()
         self.start_state.flags.writeable = False
+        starts = {
+            label: float(value)
+            for entry in self.description.of("input")
+            for label, value in zip(entry.labels, entry.starts, strict=False)
+            if not isinstance(value, str)
+        }
+        self.start_inputs: FloatArray = np.array([starts.get(label, 0.0) for label in self._inputs.labels])
+        self._begins, self._latest = start_time, self.start_inputs
+        self._start_values = {entry.name for entry in self.description.variables if entry.start}
+        self.lock: threading.RLock = threading.RLock()
+
+    @property
+    def functions(self) -> BlockFunctions:
+        """Equations and events as functions that CasADi calls back; new ones each time, on this one instance."""
+        return model_functions(self)
+
+    @property
+    def labels(self) -> tuple[tuple[str, ...], tuple[str, ...]]:
+        """The FMU's own names of the inputs and the outputs."""
+        return self._inputs.labels, self._outputs.labels
+
+    def rewind(self, t: float | None) -> None:
+        """It starts anew where it is used next.
+
+        Parameters
+        ----------
+        t : float, optional
+            Seconds; its own start time by default.
+        """
+        self._begins = self._start_time if t is None else t
+        self.instance.next_event = None
+        if self._running:
+            self._running = False
+            self.instance.reset()
+
+    def start_at(self, x: FloatArray, u: FloatArray, params: Mapping[str, float]) -> FloatArray:
+        """Initialise with these inputs, from x where that is not the FMU's own start; returns where it starts.
+
+        Parameters
+        ----------
+        x : (n,) array
+        u : (m,) array
+        params : mapping
+        """
+        own = np.array_equal(x, self.start_state)
+        labels = self.description.state_labels
+        owners = {label: entry.name for entry in self.description.variables for label in entry.labels}
+        given = {} if own else dict(zip(labels, x.tolist(), strict=True))
+        starts = {label: value for label, value in given.items() if owners[label] in self._start_values}
+        self._restart(self._begins, params, starts, u)
+        if not own:
+            self.instance.set_point(self._begins, x)
+        return self.instance.states() if own else x
+
+    def move(self, t: float, x: FloatArray, u: FloatArray, params: Mapping[str, float]) -> None:
+        """Set parameters, time, states and inputs; inputs that are not-a-number stay as they are.
+
+        Parameters
+        ----------
+        t : float
+        x : (n,) array
+        u : (m,) array
+        params : mapping
+        """
+        if not self._running or self._changed(params):
+            self._restart(self._begins, params)
+        self.instance.set_point(t, x)
+        if len(u):
+            self._latest = np.where(np.isnan(u), self._latest, u)
+            self._inputs.write(self.instance, self._latest)
+
+    def rates_at(self, t: float, x: FloatArray, u: FloatArray, params: Mapping[str, float]) -> FloatArray:
+        """State derivatives between events.
+
+        Parameters
+        ----------
+        t : float
+        x : (n,) array
+        u : (m,) array
+        params : mapping
+        """
+        self.move(t, x, u, params)
+        return self.instance.derivatives(t, x)
+
+    def outputs_at(self, t: float, x: FloatArray, u: FloatArray, params: Mapping[str, float]) -> FloatArray:
+        """Outputs between events.
+
+        Parameters
+        ----------
+        t : float
+        x : (n,) array
+        u : (m,) array
+        params : mapping
+        """
+        self.move(t, x, u, params)
+        return self._outputs.read(self.instance)
 
     def __deepcopy__(self, memo: dict[int, object]) -> FmuModel:
         return FmuModel(
@@ -212,6 +317,13 @@ class FmuModel(FmuBlock):
         return Signals(inputs, description.fmi), self.instance.signals("output")
 
     def _place(self, t: float, u: FloatArray, params: Mapping[str, float]) -> None:
+        count = self.description.event_indicators
+        if count and self._events == "raise":
+            raise ValueError(
+                f"{self.description.path}: has {count} event indicators; python-control's simulation handles no "
+                'events. Use phyfilter_ctl.simulate, which does, or import it with kind="cs" if it has co-simulation, '
+                'or with events="ignore" where no event is reached'
+            )
         if not self._running or self._changed(params):
             self._restart(self._start_time, params)
         event = self.instance.next_event
@@ -221,7 +333,7 @@ class FmuModel(FmuBlock):
                 "evaluate",
                 "refused",
                 f"it has a time event at t = {event:g}, before t = {t:g}, and python-control's simulation handles no "
-                'events: import it with kind="cs" and use cosimulate, or import with events="ignore"',
+                'events: use phyfilter_ctl.simulate, which does, or import with events="ignore"',
             )
         self._inputs.write(self.instance, np.asarray(u, dtype=float).reshape(-1))
 

@@ -136,6 +136,8 @@ class FmuKind:
         It only runs beside the tool that made it.
     once_per_process : bool
         It has global data: two instances would share it.
+    completed_step : bool
+        Model exchange only: it is to be told of each completed step of integration.
     """
 
     identifier: str
@@ -147,6 +149,7 @@ class FmuKind:
     fixed_step: float | None = None
     needs_tool: bool = False
     once_per_process: bool = False
+    completed_step: bool = True
 
 
 @dataclass(frozen=True)
@@ -436,6 +439,8 @@ def _kind(element: etree._Element) -> FmuKind:
         fixed_step=_number(fixed),
         needs_tool=flag("needsExecutionTool"),
         once_per_process=flag("canBeInstantiatedOnlyOncePerProcess"),
+        completed_step=not flag("completedIntegratorStepNotNeeded")
+        and element.get("needsCompletedIntegratorStep") not in ("false", "0"),
     )
 
 

@@ -161,9 +161,8 @@ class FmuInstance:
         self._call("ExitInitializationMode", self._fmu.exitInitializationMode)
         self._initialised = True
         self._check_parameters()
-        if self.kind == "me":
-            self._iterate_events()
-            self._call("EnterContinuousTimeMode", self._fmu.enterContinuousTimeMode)
+        if self.kind == "me" and self._iterate_events():
+            raise FmuError(self.name, "UpdateDiscreteStates", "refused", "the FMU asks to end the run")
 
     def reset(self) -> None:
         """Back to the state of a fresh instance."""
@@ -306,7 +305,7 @@ class FmuInstance:
 
     def states(self) -> FloatArray:
         """Continuous states now."""
-        return self._vector(self._fmu.getContinuousStates, "GetContinuousStates")
+        return self._vector(self._fmu.getContinuousStates, "GetContinuousStates", self.description.states)
 
     def derivatives(self, t: float, x: FloatArray) -> FloatArray:
         """State derivatives at a time and a state, on the inputs set.
@@ -319,7 +318,7 @@ class FmuInstance:
         self.set_point(t, x)
         fmi3_name = self.description.fmi == "3.0"
         function = self._fmu.getContinuousStateDerivatives if fmi3_name else self._fmu.getDerivatives
-        return self._vector(function, "GetDerivatives")
+        return self._vector(function, "GetDerivatives", self.description.states)
 
     def directional(
         self, unknowns: Sequence[int], knowns: Sequence[int], seed: FloatArray, count: int
@@ -355,28 +354,49 @@ class FmuInstance:
             values = (ctypes.c_double * len(x))(*x)
             self._call("SetContinuousStates", self._fmu.setContinuousStates, values, len(x))
 
-    def _vector(self, function: Callable[..., object], name: str) -> FloatArray:
-        count = self.description.states
+    def _vector(self, function: Callable[..., object], name: str, count: int) -> FloatArray:
         if count == 0:
             return np.zeros(0)
         values = (ctypes.c_double * count)()
         self._call(name, function, values, count)
         return np.ctypeslib.as_array(values).copy()
 
-    def _iterate_events(self) -> None:
+    def run_events(self) -> bool:
+        """Event mode at the time, states and inputs set, and back; whether the FMU asks to end the run.
+
+        Raises
+        ------
+        FmuError
+            If a call fails, or the discrete states do not settle.
+        """
+        self._call("EnterEventMode", self._fmu.enterEventMode)
+        return self._iterate_events()
+
+    def complete_step(self) -> tuple[bool, bool]:
+        """A step of integration ends at the point set: whether the FMU wants event mode, and to end the run."""
+        return self._call("CompletedIntegratorStep", self._fmu.completedIntegratorStep)
+
+    def indicators(self) -> FloatArray:
+        """Event indicators at the point set."""
+        return self._vector(
+            self._fmu.getEventIndicators, "GetEventIndicators", self.description.event_indicators
+        )
+
+    def _iterate_events(self) -> bool:
+        """From event mode to continuous time, unless the FMU asks to end the run."""
         update = getattr(
             self._fmu, "newDiscreteStates" if self.description.fmi == "2.0" else "updateDiscreteStates"
         )
         for _ in range(100):
             again, terminate, _, _, timed, event = self._call("UpdateDiscreteStates", update)
             if terminate:
-                raise FmuError(self.name, "UpdateDiscreteStates", "refused", "the FMU asks to end the run")
+                return True
             self.next_event = event if timed else None
             if not again:
-                return
-        raise FmuError(
-            self.name, "UpdateDiscreteStates", "refused", "discrete states do not settle in 100 updates"
-        )
+                self._call("EnterContinuousTimeMode", self._fmu.enterContinuousTimeMode)
+                return False
+        where = f"discrete states do not settle in 100 updates at t = {self.time:g}"
+        raise FmuError(self.name, "UpdateDiscreteStates", "refused", where)
 
     # -- inside -----------------------------------------------------------------------------------------------
 

@@ -14,7 +14,7 @@ from ..diagram import FlatModel
 from ..diagram.fixed_step import rates
 from .chains import Call
 from .dormand_prince import dormand_prince
-from .events import EndlessEventsError, EventWatch
+from .events import EndlessEventsError, EventWatch, RunEndedError
 from .limits import LOOKED_AT, Limits, chattering
 from .pair import Pair, sizes
 from .rosenbrock import rosenbrock
@@ -113,6 +113,8 @@ class Integrator:
         # z at the times inside the last interval
         self.held_inside: FloatArray = np.zeros((0, len(flat.held)))
         self.watch: EventWatch | None = EventWatch(flat, self._given) if flat.events else None
+        # Blocks that keep something beside x have outputs of their own time only: y at the times inside.
+        self.outputs_inside: FloatArray | None = np.zeros((0, len(flat.outputs))) if flat.memories else None
         self._use(rosenbrock(flat) if control == "stiff" else dormand_prince(flat))
 
     def _use(self, pair: Pair) -> None:
@@ -173,12 +175,17 @@ class Integrator:
         self._rate[:] = (u[1] - u[0]) / (end - t)
         self._move(t, interval[0], u[0])
         self.held_inside = np.tile(self._z, (len(times), 1))
+        remembers = self.outputs_inside is not None
+        if remembers:
+            self.outputs_inside = np.full((len(times), len(self._flat.outputs)), np.nan)
         self._settle(None, inside[:0])
+        done = self._note_outputs(t, inside, times, 0)
         if not self._h:
             self._h = self._first_step(end - t)
-        done, rejected = 0, False
+        rejected = False
         while t < end:
-            left = end - t
+            known = end if self.watch is None else min(end, self.watch.next_event)
+            left = known - t
             wanted = min(self._h, self._max_step)
             h = left if wanted >= left * (1 - 1e-9) else left / 2 if wanted > left / 2 else wanted
             refusal = self._limits.spend(1)
@@ -198,13 +205,16 @@ class Integrator:
                     )
                     raise StepError(f"the step {what}", t, inside[:done])
                 continue
-            later = end if h == left else t + h
+            later = known if h == left else t + h
             crossing = None if self.watch is None else self.watch.crossing(h, self._states)
             if crossing is not None:
                 later = min(t + crossing.part * h, later)
-            stop = int(np.searchsorted(times, later, side="right"))
+            stop = int(np.searchsorted(times, later, side="left" if remembers else "right"))
             if stop > done:
                 inside[done:stop] = self._states((times[done:stop] - t) / h)
+                for row in range(done, stop) if remembers else ():
+                    at = self._u + (times[row] - t) * self._rate
+                    self.outputs_inside[row] = self.output(times[row], inside[row], self._z, at)
                 done = stop
             grown = h * (min(1.0, self._longer(norm)) if rejected else self._longer(norm))
             # A step cut short by the end of the interval says nothing against the longer one.
@@ -217,11 +227,45 @@ class Integrator:
                 raise StepError("the steps left would not do: given up", t, inside[:done])
             self._move(t, interval[0], u[0])
             self.held_inside[stop:] = self._z
-            if crossing is not None:
-                self._settle(crossing.fired, inside[:done])
-            if self._undecided and self._accepted % _MEASURED_AFTER == 0:
+            due = self._asked(inside[:done]) or (self.watch is not None and later == self.watch.next_event)
+            if crossing is not None or due:
+                self._settle(None if crossing is None else crossing.fired, inside[:done])
+            done = self._note_outputs(t, inside, times, done)
+            if self._undecided and len(self._x) and self._accepted % _MEASURED_AFTER == 0:
                 self._measure(h)
         return self._x.copy(), inside
+
+    def begin(self, x: FloatArray, z: FloatArray, t: float, u: FloatArray) -> FloatArray:
+        """Starts blocks that keep something beside their states; returns x where they start."""
+        if self.watch is not None and self._flat.memories:
+            self._x[:], self._z[:], self._u[:], self._q[0] = x, z, u, t
+            try:
+                self.watch.begin()
+            except RunEndedError as error:
+                raise StepError(str(error), t, np.zeros((0, len(x))), "") from error
+        return self._x.copy() if self._flat.memories else x
+
+    def output(self, t: float, x: FloatArray, z: FloatArray, u: FloatArray) -> FloatArray:
+        """y at a point, with what blocks keep now."""
+        value = self._flat.output(t, x, u, self._given[4], z)
+        return np.asarray(value, dtype=float).ravel()
+
+    def _note_outputs(self, t: float, inside: FloatArray, times: FloatArray, done: int) -> int:
+        """Takes down x and y at times that have just been reached, after the events there."""
+        if self.outputs_inside is None:
+            return done
+        stop = int(np.searchsorted(times, t, side="right"))
+        for row in range(done, stop):
+            inside[row] = self._x
+            self.outputs_inside[row] = self.output(t, self._x, self._z, self._u)
+        return max(done, stop)
+
+    def _asked(self, inside: FloatArray) -> bool:
+        """Whether a block wants an event after the step that was just made."""
+        try:
+            return self.watch is not None and self.watch.completed()
+        except RunEndedError as error:
+            raise StepError(str(error), float(self._q[0]), inside, "") from error
 
     @property
     def held(self) -> FloatArray:
@@ -233,7 +277,7 @@ class Integrator:
         if self.watch is not None:
             try:
                 self.watch.settle(fired)
-            except EndlessEventsError as error:
+            except (EndlessEventsError, RunEndedError) as error:
                 raise StepError(str(error), float(self._q[0]), inside, "") from error
             if fired is not None:
                 self._renew()
@@ -265,6 +309,8 @@ class Integrator:
 
     def _first_step(self, length: float) -> float:
         """Hairer, Norsett, Wanner I, II.4, without the second evaluation."""
+        if not len(self._x):  # nothing but events
+            return length
         scale = self._q[3] + self._q[2] * np.abs(self._x)
         size, speed = np.sqrt(np.mean((self._x / scale) ** 2)), np.sqrt(np.mean((self._first / scale) ** 2))
         h = 0.01 * size / speed if size > 1e-5 and speed > 1e-5 else 1e-6

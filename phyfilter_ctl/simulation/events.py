@@ -1,7 +1,8 @@
 """Events on the way: where a condition passes 0 inside a step, and what happens then.
 
 Every condition has a side, the sign it was last seen with. An event is where the sign changes in its direction; it is
-located to the rounding of time on the polynomial inside the step, by sections of all parts at once.
+located to the rounding of time on the polynomial inside the step, by sections of all parts at once. An event with a
+memory happens at its own times too, and takes new sides for all its conditions from where it left the block.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from .chains import Call
 from .pair import sizes
 from .steps import KEPT, Results, compose
 
-__all__ = ["Crossing", "EndlessEventsError", "EventWatch", "refuse_events"]
+__all__ = ["Crossing", "EndlessEventsError", "EventWatch", "RunEndedError", "refuse_events"]
 
 # Parts of a step at which the conditions are looked at: early ones for what returns soon after an event.
 _PARTS = np.array([2.0**-20, 2.0**-10, 2.0**-5, 0.125, 0.25, 0.5, 0.75, 1.0])
@@ -47,6 +48,10 @@ def refuse_events(flat: FlatModel, what: str) -> None:
 
 class EndlessEventsError(Exception):
     """Events that follow each other without end."""
+
+
+class RunEndedError(Exception):
+    """A block asked to end the run."""
 
 
 class _Bracket(NamedTuple):
@@ -77,10 +82,13 @@ def _rates(flat: FlatModel) -> ca.Function:
     """Conditions at a point, and how fast they change along the solution."""
     conditions = flat.conditions
     assert conditions is not None
+    moving = any(event.memory is None for event in flat.events)
 
     def body(x: ca.SX, q: ca.SX, u: ca.SX, rate: ca.SX, p: ca.SX, z: ca.SX) -> Results:
         point = [q[0], x, u, p, z]
         kind = type(x)
+        if not moving:
+            return conditions(*point), kind.zeros(conditions.size1_out(0))
         symbols = [kind.sym(f"i{i}", conditions.size1_in(i)) for i in range(5)]
         along = [kind.sym(f"d{i}", conditions.size1_in(i)) for i in range(3)]
         value = conditions(*symbols)
@@ -90,6 +98,10 @@ def _rates(flat: FlatModel) -> ca.Function:
         return results
 
     return compose("pf_events", sizes(flat), body)
+
+
+def _at_point(flat: FlatModel, function: ca.Function) -> ca.Function:
+    return compose("pf_completed", sizes(flat), lambda x, q, u, rate, p, z: (function(q[0], x, u, p, z),))
 
 
 class EventWatch:
@@ -114,12 +126,33 @@ class EventWatch:
         )
         self._sampled = Call(_sampled(flat), [self._times, self._x, self._u, p, z])
         self._rates = Call(_rates(flat), given)
-        self._directions = np.array([event.direction for event in flat.events])
+        self._directions = np.array([event.direction for event in flat.events for _ in range(event.rows)])
+        self._owner = np.repeat(np.arange(len(flat.events)), [event.rows for event in flat.events])
+        self._remembers = np.array([flat.events[i].memory is not None for i in self._owner], dtype=bool)
+        self._completed = [
+            (i, Call(_at_point(flat, event.completed), given))
+            for i, event in enumerate(flat.events)
+            if event.completed is not None
+        ]
+        self._asked: set[int] = set()
         self._side: NDArray[np.float64] | None = None
         # Conditions that are 0 but for rounding and were not seen on their side yet.
-        self._returning = np.zeros(len(flat.events), dtype=bool)
+        self._returning = np.zeros(len(self._owner), dtype=bool)
         self._last, self._in_a_row, self._h, self._soon = -np.inf, 0, 0.0, 0.0
         self.log: list[tuple[float, str]] = []
+
+    @property
+    def next_event(self) -> float:
+        """Time of the next event that is known beforehand; inf for none."""
+        return min((memory.next_event for memory in self._flat.memories), default=np.inf)
+
+    def begin(self) -> None:
+        """Start what keeps something from event to event, and bring x to where it starts."""
+        for memory in self._flat.memories:
+            memory.restart(float(self._given[1][0]))
+        for i, event in enumerate(self._flat.events):
+            if event.memory is not None:
+                self._happen(i)
 
     # -- inside a step ------------------------------------------------------------------------------------------
 
@@ -212,22 +245,57 @@ class EventWatch:
 
         Raises
         ------
-        EndlessEventsError
+        EndlessEventsError, RunEndedError
         """
-        x, q, u, _, p, z = self._given
-        t = float(q[0])
+        t = float(self._given[1][0])
         fired = np.zeros(len(self._directions), dtype=bool) if fired is None else fired
         for _ in range(_ROUNDS):
-            for i in np.flatnonzero(fired).tolist():
-                event = self._flat.events[i]
-                self._count(t, event.name)
-                if event.reset is not None:
-                    x[:] = np.asarray(event.reset(t, x, u, p, z), dtype=float).ravel()
+            happening = sorted({*self._owner[fired].tolist(), *self._due(t)})
+            for i in happening:
+                self._count(t, self._flat.events[i].name)
+                self._happen(i)
             values, rates = (result.ravel().copy() for result in self._rates())
-            fired = self._arm(t, values, rates, fired)
-            if not fired.any():
+            fired = self._arm(t, values, rates, fired | (np.isin(self._owner, happening) & self._remembers))
+            if not fired.any() and not self._due(t):
                 return
         raise EndlessEventsError(self._endless(t))
+
+    def completed(self) -> bool:
+        """Tells the blocks that want to know of a step of integration; whether one of them wants an event now.
+
+        Raises
+        ------
+        RunEndedError
+        """
+        for i, call in self._completed:
+            answer = float(call()[0].item())
+            if answer:
+                self._asked.add(i)
+            self._check_end(i, answer == 2.0)
+        return bool(self._asked)
+
+    def _due(self, t: float) -> set[int]:
+        soon = t + _ROUNDING * abs(t)
+        timed = {
+            i
+            for i, event in enumerate(self._flat.events)
+            if event.memory is not None and event.memory.next_event <= soon
+        }
+        return timed | self._asked
+
+    def _happen(self, i: int) -> None:
+        x, q, u, _, p, z = self._given
+        event = self._flat.events[i]
+        self._asked.discard(i)
+        if event.reset is not None:
+            after = np.asarray(event.reset(q[0], x, u, p, z), dtype=float).ravel()
+            x[:] = after[: len(x)]
+            self._check_end(i, event.memory is not None and after[-1] == 1.0)
+
+    def _check_end(self, i: int, end: bool) -> None:
+        memory = self._flat.events[i].memory
+        if end and memory is not None:
+            raise RunEndedError(memory.ended)
 
     def _arm(
         self, t: float, values: FloatArray, rates: FloatArray, fired: NDArray[np.bool_]
@@ -242,7 +310,7 @@ class EventWatch:
         # A fired condition is 0 but for rounding unless its reset moved it: then where it is heading counts, and its
         # sign only once it has got there. Either way through 0, turning round is to pass it again.
         self._soon = _SOON * self._h + _SOONER * abs(t)
-        near = fired & (np.abs(values) <= np.abs(rates) * self._soon)
+        near = fired & ~self._remembers & (np.abs(values) <= np.abs(rates) * self._soon)
         heading = np.where((rates == 0.0) | (self._directions == 0), onward, np.sign(rates))
         again = near & (self._directions == 0) & (rates * onward < 0.0)
         self._side = np.where(near, heading, np.where(fired, seen, np.where(jumped, onward, before)))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Literal, get_args
@@ -291,7 +292,7 @@ def _decided(flat: FlatModel, run: Run, options: Options, runs: int, threads: in
         method = "auto" if method == "exact" else method
         if backend == "auto":
             backend, why = "vm", "vm: it records the events"
-    if not flat.states or flat.dt > 0.0:
+    if (not flat.states and not flat.memories) or flat.dt > 0.0:
         method = "rk4"  # nothing to integrate
     if backend == "numpy" and not (method == "exact" and is_plain(flat, run, options.max_step)):
         raise ValueError(
@@ -344,6 +345,13 @@ def _stiff_steps(flat: FlatModel, run: Run) -> float:
 
 
 def _simulate(flat: FlatModel, run: Run, options: Options, progress: bool) -> SimulationResponse:
+    with ExitStack() as stack:
+        for memory in flat.memories:
+            stack.enter_context(memory.running())
+        return _run(flat, run, options, progress)
+
+
+def _run(flat: FlatModel, run: Run, options: Options, progress: bool) -> SimulationResponse:
     method: MethodChoice = options.method
     controlled = method in ("adaptive", "stiff", "auto")
     shares = shares_of(flat)
@@ -386,7 +394,7 @@ def _simulate(flat: FlatModel, run: Run, options: Options, progress: bool) -> Si
     outcome = with_outputs_checked(flat, run, outcome)
     notes = jumps(flat, run, outcome.x)
     for note in notes:
-        warnings.warn(note, RuntimeWarning, stacklevel=3)
+        warnings.warn(note, RuntimeWarning, stacklevel=4)
     if outcome.message:
         without = unsolved(flat, run, outcome.x, outcome.failed_at)
         outcome = outcome._replace(message=outcome.message + without)

@@ -167,6 +167,7 @@ def run_adaptive(
     n_x, n_s, n_z = layout.sizes
     x = np.full((len(run.times), n_x), np.nan)
     z = np.zeros((len(run.times), n_z))
+    y = np.full((len(run.times), len(flat.outputs)), np.nan) if flat.memories else None
     until = float(run.times[-1])
     integrator = Integrator(
         flat, run.parameters, limits, control=control, rtol=rtol, atol=atol, max_step=max_step, until=until
@@ -175,6 +176,13 @@ def run_adaptive(
     chain = Chain(at_node(flat), state, run.parameters) if flat.tasks else None
     failed_at, message = np.inf, ""
     with _bar(run, progress) as bar:
+        try:
+            state[:n_x] = integrator.begin(
+                state[:n_x], state[n_x + n_s :], float(run.times[0]), run.inputs[0]
+            )
+        except StepError as error:
+            assert y is not None
+            return Outcome(x, y, 0, str(error), error.time), integrator.pair.method
         for window in nodes(run.times, [task.period for task in flat.tasks]):
             data = _data(layout, run, window, next(steps_between(window, None, size=len(window.due) + 1)))
             breaks = _breaks(layout, window, data)
@@ -190,16 +198,22 @@ def run_adaptive(
                     rows = window.row[first:stop]
                     rows = rows[rows >= 0]
                     z[rows] = held
-                    later = rows[run.times[rows] > begin]
+                    later = rows[run.times[rows] > begin] if y is None or end == begin else rows
                     x[rows[: len(rows) - len(later)]] = state[:n_x]
-                    if n_x and end > begin:
-                        u = data[first, layout.input(0)], data[stop - 1, layout.input(2)]
+                    u = data[first, layout.input(0)], data[stop - 1, layout.input(2)]
+                    if y is not None and end == begin:
+                        y[rows] = integrator.output(begin, state[:n_x], held, u[0])
+                    if (n_x or y is not None) and end > begin:
                         state[:n_x], x[later] = integrator.run(
                             state[:n_x], held, (begin, end), u, run.times[later]
                         )
                         z[later], state[n_x + n_s :] = integrator.held_inside, integrator.held
+                        if y is not None:
+                            y[later] = integrator.outputs_inside
             except StepError as error:
                 x[later[: len(error.inside)]] = error.inside
+                if y is not None and integrator.outputs_inside is not None:
+                    y[later[: len(error.inside)]] = integrator.outputs_inside[: len(error.inside)]
                 failed_at = error.time
                 message = (
                     str(error) if error.advice is not None else f"{error}. {integrator.chattering or _STIFF}"
@@ -208,7 +222,8 @@ def run_adaptive(
             bar.update(float(window.times[-1] - bar.n - run.times[0]))
     good = np.asarray(np.isfinite(x).all(axis=1))
     happened = () if integrator.watch is None else tuple(integrator.watch.log)
-    outcome = Outcome(x, outputs_at(flat, run, x, z, good), integrator.steps, message, failed_at, happened)
+    found = outputs_at(flat, run, x, z, good) if y is None else y
+    outcome = Outcome(x, found, integrator.steps, message, failed_at, happened)
     return outcome, integrator.pair.method
 
 

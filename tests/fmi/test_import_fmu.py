@@ -196,7 +196,7 @@ def test_copies_do_not_touch_each_other(build):
 
 def test_events(build):
     with pytest.raises(ValueError, match="has 1 event indicators"):
-        import_fmu(build(indicators=1), kind="me")
+        import_fmu(build(indicators=1), kind="me").dynamics(0.0, [1.0, 0.0], [0.0])
     assert import_fmu(build(indicators=1)).dt == 0.01, "co-simulation handles its events itself"
     import_fmu(build(indicators=1), kind="me", events="ignore")
     timed = import_fmu(build(defines=("EVENT_AT=0.5",)), kind="me")
