@@ -54,7 +54,8 @@ def braces(values: list[complex]) -> str:
     return "{" + ", ".join(f"{{{value.real!r}, {value.imag!r}}}" for value in values) + "}"
 
 
-def prepare(board: Board, order: int, real: str, steps: int, folder: Path) -> None:
+def write(order: int, real: str, steps: int, folder: Path, **more: str) -> Path:
+    """The package and day.c, which is told how many steps, which poles, and what else it lets one define."""
     filter_ = PhyFilter.from_poles(poles(order, 12.0)).sampled(PERIOD)
     precision = "float" if real == "float" else "double"
     package = export_target(filter_, "cmake", folder / "package", real=precision, channels=3, name="wing")
@@ -62,10 +63,15 @@ def prepare(board: Board, order: int, real: str, steps: int, folder: Path) -> No
     work.mkdir()
     day = (Path(__file__).parent / "cortex" / "day.c").read_text()
     given = {"STEPS": f"{steps}u", "POLES": braces(poles(order, 12.0)), "TUNING": braces(poles(order, 25.0))}
-    defines = "".join(f"#define {name} {value}\n" for name, value in given.items())
+    defines = "".join(f"#define {name} {value}\n" for name, value in (given | more).items())
     (work / "day.c").write_text(defines + day)
     for path in (package / "src").iterdir():
         (work / path.name).write_text(path.read_text())
+    return work
+
+
+def prepare(board: Board, order: int, real: str, steps: int, folder: Path) -> None:
+    work = write(order, real, steps, folder)
     build(board, (*(path.name for path in sorted(work.glob("*.c")) if path.name != "day.c"), "day.c"), work)
 
 

@@ -7,11 +7,26 @@ import subprocess
 from dataclasses import dataclass
 from pathlib import Path
 
-__all__ = ["BOARDS", "FLAGS", "HOST", "INSTRUCTIONS_PER_TICK", "Board", "build", "missing", "run", "versions"]
+__all__ = [
+    "BOARDS",
+    "FLAGS",
+    "HOST",
+    "INSTRUCTIONS_PER_TICK",
+    "Board",
+    "board_files",
+    "build",
+    "missing",
+    "run",
+    "versions",
+]
 
 HOST = ("cc",)
 FLAGS = ("-std=c99", "-O2", "-Wall", "-Wextra", "-Wpedantic", "-Werror", "-ffunction-sections")
 INSTRUCTIONS_PER_TICK = 40  # SysTick runs at 25 MHz; with -icount shift=0 an instruction takes 1 ns
+_LINKING = ("-nostartfiles", "-Wl,--gc-sections", "-T", "board.ld", "board.c", "-lc", "-lgcc")
+# What a core without double precision adds doubles with: libgcc's sums are not always the nearest, see the file.
+DOUBLE_ADD = "double_add.c"
+_SUMS = (DOUBLE_ADD, "-Wl,--wrap=__aeabi_dadd,--wrap=__aeabi_dsub")
 _COMPILER, _EMULATOR = "arm-none-eabi-gcc", "qemu-system-arm"
 _HERE = Path(__file__).parent
 
@@ -23,6 +38,11 @@ class Board:
     name: str
     machine: str
     flags: tuple[str, ...]
+
+    @property
+    def linking(self) -> tuple[str, ...]:
+        """Arguments after the files of a program."""
+        return _LINKING if "fpv5-d16" in self.flags[1] else (*_SUMS, *_LINKING)
 
     @property
     def compiler(self) -> tuple[str, ...]:
@@ -60,10 +80,14 @@ def run(command: tuple[str, ...], folder: Path, timeout: float = 300.0) -> str:
     return done.stdout or done.stderr  # qemu writes what the board says to standard error
 
 
-def build(board: Board, files: tuple[str, ...], folder: Path) -> None:
-    """board.elf and host, from files of the folder."""
-    for name in ("board.c", "board.ld", "console.h"):
+def board_files(folder: Path) -> None:
+    """What a program for the boards includes and is linked with, into the folder."""
+    for name in ("board.c", "board.ld", "console.h", DOUBLE_ADD):
         shutil.copy(_HERE / name, folder)
-    linking = ("-nostartfiles", "-Wl,--gc-sections", "-T", "board.ld", "board.c", "-lc", "-lgcc")
-    run((*board.compiler, *FLAGS, *files, *linking, "-o", "board.elf"), folder)
+
+
+def build(board: Board, files: tuple[str, ...], folder: Path, flags: tuple[str, ...] = FLAGS) -> None:
+    """board.elf and host, from files of the folder."""
+    board_files(folder)
+    run((*board.compiler, *flags, *files, *board.linking, "-o", "board.elf"), folder)
     run((*HOST, *FLAGS, *files, "-o", "host"), folder)

@@ -14,8 +14,10 @@
 #define STEPS 43200000u
 #endif
 #define HOUR 1800000u   /* steps */
+#ifndef EVERY
 #define EVERY 10000u    /* steps between faults */
 #define SETTLED 3000u   /* steps after one: 6 s, 60 time constants of the slowest poles */
+#endif
 #define PERIOD_US 2000u
 
 enum { NAN_X, INF_G, STUCK, SPIKE, AHEAD, BACK, MISSING, RETUNE, DAMAGED, STATE_BIT, COEFFICIENT_BIT, KINDS };

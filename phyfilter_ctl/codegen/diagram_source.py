@@ -242,7 +242,7 @@ def _law_text(flat: FlatModel, i: int, prefix: str, offset: int, settled: bool) 
         commit=f"    for (int i = 0; i < {states}; i++) self->s[{offset} + i] = next{i}[i];\n"
         if states
         else "",
-        declarations=f"  pf_real next{i}[{states}];\n" if states else "",
+        declarations=f"  pf_real next{i}[{states}] = {{0}};\n" if states else "",
     )
 
 

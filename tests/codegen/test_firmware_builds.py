@@ -27,8 +27,7 @@ PROJECTS = {
 CORTEX = ["-mcpu=cortex-m4", "-mthumb", "-mfloat-abi=hard", "-mfpu=fpv4-sp-d16"]
 
 
-@pytest.fixture(scope="module", params=["double", "float"])
-def folder(request, tmp_path_factory) -> Path:
+def height_loop() -> ct.InputOutputSystem:
     """A drone's height: plant with drag, PI law at 50 Hz, filter at 500 Hz."""
     drag = pf.plant(
         lambda t, x, u, p: {"v": (u.thrust - p.drag * x.v * (x.v**2 + 1.0) ** 0.5) / p.mass},
@@ -39,7 +38,7 @@ def folder(request, tmp_path_factory) -> Path:
         [1.0], [[0.02, -0.02]], [3.0], [[4.0, -4.0]], dt=0.02, inputs=["goal", "v"], outputs=["u"], name="law"
     )
     observer = pf.PhyFilter.from_poles([-9.0, -6.0 + 6.0j, -6.0 - 6.0j]).sampled(0.002)
-    loop = ct.interconnect(
+    return ct.interconnect(
         [drag, pf.sampled_block(law, name="law"), pf.sampled_block(observer, channels=1, name="observer")],
         connections=[
             ["plant.thrust", "law.u"], ["law.v", "plant.v"], ["observer.x[0]", "plant.v"],
@@ -48,7 +47,11 @@ def folder(request, tmp_path_factory) -> Path:
         inplist=["law.goal", "observer.f_theta[0]"], inputs=["goal", "f_theta"],
         outlist=["plant.v", "observer.f_hat[0]"], outputs=["v", "f_hat"], name="loop",
     )  # fmt: skip
-    return pf.export_c(loop, tmp_path_factory.mktemp(request.param) / "code", real=request.param)
+
+
+@pytest.fixture(scope="module", params=["double", "float"])
+def folder(request, tmp_path_factory) -> Path:
+    return pf.export_c(height_loop(), tmp_path_factory.mktemp(request.param) / "code", real=request.param)
 
 
 def built(folder: Path, program: Path, flags: list[str]) -> str:
