@@ -15,7 +15,7 @@ __all__ = ["autopilot_values", "check_autopilot"]
 _AXES = 3
 _PREFIX = 6  # letters of the 16 that the name of a parameter has
 _SHORT = 9  # letters of the name of a debug vector of PX4, or of a group of the Crazyflie's parameters
-_LOG = 4  # letters of a message in ArduPilot's log
+_LOG = 4  # letters of a message in ArduPilot's log, whose own names (RATE, ...) do not begin with PF
 _TICKS = 1000  # a second of the Crazyflie's controller
 _NAME = re.compile(r"[a-z][a-z0-9]*(_[a-z][a-z0-9]*)*")
 
@@ -41,14 +41,17 @@ def check_autopilot(
     """
     if not _NAME.fullmatch(name):
         raise ValueError(f"name: {target} takes small letters, digits and single underscores, got {name!r}")
-    if not isinstance(system, SampledPhyFilter) or system.E is not None or len(set(system.filters)) > 1:
-        raise ValueError(f"{target}: expected one sampled filter for all axes, without directions E")
+    if not isinstance(system, SampledPhyFilter) or system.E is not None or len(system.filters) > 1:
+        raise ValueError(
+            f"{target}: expected one sampled filter that all axes share, without directions E: its poles become "
+            "parameters"
+        )
     lowpass = system.filters[0]
     if lowpass.b[0] != lowpass.a[0] or lowpass.b[1:].any():
         raise ValueError(
             f"{target}: expected a low-pass filter, b = (a0, 0, ..., 0): its poles become parameters"
         )
-    if channels not in (None, _AXES) or (channels is None and len(system.filters) not in (1, _AXES)):
+    if channels not in (None, _AXES):
         raise ValueError(f"{target}: the velocity has {_AXES} channels, got channels={channels}")
     if inertia is not None:
         raise ValueError(f"{target}: the module works per unit of mass; leave the inertia out")
@@ -81,7 +84,7 @@ def autopilot_values(sampled: SampledPhyFilter, name: str, c_files: list[str]) -
         "PREFIX": prefix,
         "short": name[:_SHORT],
         "rate": str(round(1.0 / sampled.dt)),
-        "log": name.replace("_", "").upper()[:_LOG],
+        "log": f"PF{prefix}"[:_LOG],
         "ardupilot_count": str(len(parts)),
         "ardupilot_members": "\n".join(f"    AP_Float _{part};" for part in parts),
         "ardupilot_poles": ", ".join(f"_{part}.get()" for part in parts),

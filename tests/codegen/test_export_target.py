@@ -4,15 +4,17 @@ import re
 import shutil
 import subprocess
 from pathlib import Path
+from typing import get_args
 from xml.etree import ElementTree
 
 import control as ct
 import numpy as np
 import pytest
 
-from phyfilter_ctl import PhyFilter, export_target, save
+from phyfilter_ctl import PhyFilter, SampledPhyFilter, export_target, save
 from phyfilter_ctl.cli import main
 from phyfilter_ctl.codegen import find_compiler
+from phyfilter_ctl.codegen.export_target import Target
 
 FILTER = PhyFilter.from_poles([-20.0, -30.0 + 10.0j, -30.0 - 10.0j]).sampled(0.002)
 STUBS = Path(__file__).parents[1] / "c" / "stubs"
@@ -45,12 +47,13 @@ def ran(*command, cwd=None):
 
 
 def test_nothing_is_left_open_in_a_template(kind, tmp_path):
-    for target in ("arduino", "cmake", "zephyr"):
+    everything = get_args(Target) if kind == "filter" else ("arduino", "cmake", "zephyr")
+    for target in everything:
         folder = make(kind, target, tmp_path)
         for path in folder.rglob("*"):
             assert "@" not in path.name
-            if path.is_file() and path.suffix != ".in":
-                assert not [word for word in ("@name@", "@NAME@", "@usage@") if word in path.read_text()]
+            if path.is_file() and path.suffix != ".in":  # CMake fills those
+                assert not re.findall(r"@\w+@", path.read_text()), path
 
 
 def test_the_command_writes_it(tmp_path, capsys):
@@ -127,58 +130,31 @@ def test_zephyrs_sample_compiles_and_runs(kind, tmp_path):
     ran(*command, folder / "samples" / "estimate" / "src" / "main.c", "-lm", "-o", tmp_path / "sample")
     out = ran(tmp_path / "sample")
     assert out.splitlines()[0].startswith("0: health 0" if kind == "filter" else "0: status 0")
+    period = 0.002 if kind == "filter" else 0.001  # no whole number of ticks, and no drift
+    assert out.splitlines()[-1] == f"{round(3000 * period * 32768)} ticks"
 
 
-PX4_DRIVER = """\
-#define private public /* to run the work item by hand */
-#include "Wind.hpp"
-#undef private
+# A body that is rolled, pitched and turned: its z axis in the frame it flies in, by angles instead of the quaternion.
+ROLL, PITCH, YAW = 0.3, -0.2, 0.7
 
-extern "C" int wind_main(int argc, char *argv[]);
 
-int main() {
-  char name[] = "wind", start[] = "start", status[] = "status";
-  char *starts[] = {name, start}, *asks[] = {name, status};
-  const double h = 0.004, t_max = 20.0;
-  float v[3] = {0, 0, 0};
-  vehicle_attitude_s level{0, {1, 0, 0, 0}};
-  actuator_motors_s motors{};
-  vehicle_local_position_s at{};
-  for (float &control : motors.control) control = NAN;
-  for (int i = 0; i < 4; i++) motors.control[i] = (float)(9.80665 / t_max);
-  stub_publish(stub_actuator_motors, motors);
-  stub_publish(stub_vehicle_attitude, level);
-  stub_publish(stub_vehicle_land_detected, vehicle_land_detected_s{0, false});
-  if (wind_main(2, starts)) return 1;
-  Wind *const module = Wind::_object.load();
-  at.v_xy_valid = at.v_z_valid = true;
-  for (int k = 0; k < 1000; k++) { /* hover in a wind that pushes with (1, 0, -0.5) m/s^2 */
-    v[0] += (float)(1.0 * h);
-    v[2] += (float)(-0.5 * h);
-    if (k == 500) { /* the estimator resets its velocity: no force */
-      v[0] += 3.f;
-      at.delta_vxy[0] = 3.f;
-      at.vxy_reset_counter++;
-    }
-    if (k == 700) {
-      px4::params::WIND_P0R::value = POLE;
-      stub_publish(stub_parameter_update, parameter_update_s{});
-    }
-    if (k != 600 && k != 601) { /* two samples are lost */
-      at.timestamp_sample = 1000000u + (uint64_t)(k * 1e6 * h + 0.5);
-      at.vx = v[0], at.vy = v[1], at.vz = v[2];
-      stub_publish(stub_vehicle_local_position, at);
-      module->Run();
-    }
-    if (k == 499 || k == 500 || k == 602 || k == 700 || k == 999) {
-      const auto &out = stub_wind_estimate.value;
-      std::printf("%d %g %g %g %u %g\\n", k, (double)out.force[0], (double)out.force[1], (double)out.force[2],
-                  (unsigned)out.health, (double)out.feed_forward[0]);
-    }
-  }
-  return wind_main(2, asks) || std::strcmp(stub_debug_vect.value.name, "wind") != 0;
-}
-"""
+def tilted(file, order="wxyz"):
+    (cr, cp, cy), (sr, sp, sy) = np.cos([ROLL, PITCH, YAW]), np.sin([ROLL, PITCH, YAW])
+    body_z = cr * sp * cy + sr * sy, cr * sp * sy - sr * cy, cr * cp
+    (cr, cp, cy), (sr, sp, sy) = (f(np.divide([ROLL, PITCH, YAW], 2)) for f in (np.cos, np.sin))
+    q = {
+        "w": cr * cp * cy + sr * sp * sy, "x": sr * cp * cy - cr * sp * sy,
+        "y": cr * sp * cy + sr * cp * sy, "z": cr * cp * sy - sr * sp * cy,
+    }  # fmt: skip
+    attitude = ", ".join(f"{q[letter]:.9g}f" for letter in order)
+    return (
+        (STUBS / file)
+        .read_text()
+        .replace("ATTITUDE", f"{{{attitude}}}")
+        .replace("BODY_Z", f"{{{', '.join(map(repr, map(float, body_z)))}}}")
+    )
+
+
 PX4_HEADERS = """
     lib/mathlib/mathlib.h px4_platform_common/module.h px4_platform_common/module_params.h
     px4_platform_common/px4_work_queue/ScheduledWorkItem.hpp uORB/Publication.hpp uORB/Subscription.hpp
@@ -204,14 +180,7 @@ def test_px4s_module_flies(pole, refused, tmp_path):
         (module / "module.yaml").read_text(),
         re.M,
     )
-    assert {name for name, *_ in found} == {
-        "WIND_T_MAX",
-        "WIND_T_FAC",
-        "WIND_FF_EN",
-        "WIND_P0R",
-        "WIND_P1R",
-        "WIND_P1I",
-    }
+    assert {name for name, *_ in found} == {"WIND_T_MAX", "WIND_FF_EN", "WIND_P0R", "WIND_P1R", "WIND_P1I"}
     kinds = {"float": "float", "boolean": "bool"}
     (headers / "stub_parameters.hpp").write_text(
         "".join(
@@ -224,7 +193,7 @@ def test_px4s_module_flies(pole, refused, tmp_path):
     for path in module.glob("*.c"):
         objects.append(tmp_path / f"{path.stem}.o")
         ran(*compiler, *flags, "-funsafe-math-optimizations", "-c", path, "-o", objects[-1])
-    (tmp_path / "main.cpp").write_text(PX4_DRIVER.replace("POLE", f"{pole}f"))
+    (tmp_path / "main.cpp").write_text(tilted("px4/fly.cpp").replace("POLE", f"{pole}f"))
     include = ["-I", headers, "-I", STUBS / "px4", "-I", module]
     for path in (module / "Wind.cpp", tmp_path / "main.cpp"):
         objects.append(tmp_path / f"{path.stem}_cpp.o")
@@ -246,50 +215,15 @@ def test_px4s_module_flies(pole, refused, tmp_path):
     ran(*compiler, *objects, "-lstdc++", "-lm", "-o", tmp_path / "module")
     out = ran(tmp_path / "module")
     rows = [list(map(float, line.split())) for line in out.splitlines() if line[0].isdigit()]
-    for row in rows:
-        # 2 s of poles at -12 rad/s and float velocities of some m/s over 4 ms.
+    for row in rows[:-1]:
+        # 2 s of poles at -12 rad/s; velocities up to 30 m/s in float, over 4 ms: 2 um/s / 4 ms.
         np.testing.assert_allclose(row[1:4], [1.0, 0.0, -0.5], atol=2e-3)
-    assert [row[4] for row in rows] == [0, 0, 1, 0, 0]  # health: two samples were missing
+        assert row[5] == -row[1]  # the feed-forward
+    assert rows[-1] == [1000, 0, 0, 0, 0, 0]  # landed: nothing is left of it
+    assert [row[4] for row in rows] == [0, 0, 1, 0, 0, 0]  # health: two samples were missing
     assert ("poles kept" in out) == bool(refused)
 
 
-CRAZYFLIE_DRIVER = """\
-#include <stdlib.h>
-#include <string.h>
-#include "crazyflie_stub.h"
-
-uint64_t stub_time = 5000000;
-float stub_thrust = 65535.0f * 9.81f / 18.0f;
-extern stub_entry stub_logs[], stub_params[];
-
-static void *at(stub_entry *table, const char *name) {
-  for (; table->name; table++)
-    if (!strcmp(table->name, name)) return table->at;
-  exit(2);
-}
-
-int main(void) {
-  state_t state = {{0, 0, 0}, {0, 0, 0, 1}};
-  control_t control = {0};
-  control.thrust = stub_thrust;
-  setpoint_t setpoint = {0};
-  sensorData_t sensors = {0};
-  const float h = 0.001f, *const fx = at(stub_logs, "fx"), *const fz = at(stub_logs, "fz");
-  controllerOutOfTreeInit();
-  if (!controllerOutOfTreeTest()) return 1;
-  (void)at(stub_params, "p1i");
-  for (uint32_t tick = 1; tick <= 3000; tick++) {
-    stub_time += 1000;
-    state.velocity.x += 1.0f * h;
-    state.velocity.z += (control.thrust / 65535.0f * 18.0f - 9.81f - 0.5f) * h;
-    if (tick == 2500) *(uint8_t *)at(stub_params, "ff") = 1;
-    controllerOutOfTree(&control, &setpoint, &sensors, &state, tick);
-  }
-  printf("%g %g %u %g\\n", (double)*fx, (double)*fz, (unsigned)*(uint32_t *)at(stub_logs, "health"),
-         (double)(control.thrust / stub_thrust));
-  return 0;
-}
-"""
 CRAZYFLIE_HEADERS = "app FreeRTOS task controller controller_pid log param stabilizer_types usec_time debug"
 
 
@@ -302,7 +236,7 @@ def test_the_crazyflies_app_flies(tmp_path):
     headers.mkdir()
     for name in CRAZYFLIE_HEADERS.split():
         (headers / f"{name}.h").write_text('#include "crazyflie_stub.h"\n')
-    (tmp_path / "main.c").write_text(CRAZYFLIE_DRIVER)
+    (tmp_path / "main.c").write_text(tilted("crazyflie/fly.c", "xyzw"))
     built = re.findall(r"obj-y \+= (\w+)\.o", (folder / "src" / "Kbuild").read_text())
     assert sorted(built) == sorted(path.stem for path in (folder / "src").glob("*.c"))
     flags = [
@@ -318,7 +252,9 @@ def test_the_crazyflies_app_flies(tmp_path):
     ]
     sources = [*(folder / "src").glob("*.c"), tmp_path / "main.c"]
     ran(*find_compiler().command, *flags, *sources, "-lm", "-o", tmp_path / "app.out")
-    fx, fz, health, thrust = map(float, ran(tmp_path / "app.out").split())
+    flown, landed = (list(map(float, line.split())) for line in ran(tmp_path / "app.out").splitlines())
+    fx, fz, health, thrust = flown
+    assert landed == [0, 0, 0, 0]
     np.testing.assert_allclose([fx, fz], [1.0, -0.5], atol=2e-3)
     assert health == 0
     np.testing.assert_allclose(
@@ -334,50 +270,15 @@ def test_the_crazyflies_app_flies(tmp_path):
         ({"inertia": 2.0}, "per unit of mass"),
         ({"dt": 0.0033}, "divides 1000 Hz"),
         ({"b": [3.0]}, "low-pass"),
+        ({"filters": 3}, "one sampled filter"),
     ],
 )
 def test_what_an_autopilot_cannot_take_is_refused(change, message, tmp_path):
     filter_ = PhyFilter([12.0], change.pop("b", None)).sampled(change.pop("dt", 0.002))
+    filter_ = SampledPhyFilter(filter_.filters * change.pop("filters", 1), filter_.sampling)
     with pytest.raises(ValueError, match=message):
         export_target(filter_, "crazyflie", tmp_path / "a", **({"name": "wind"} | change))
     assert not (tmp_path / "a").exists()
-
-
-ARDUPILOT_DRIVER = """\
-#define private public /* parameters by hand */
-#include "AC_CustomControl_Wind.h"
-#undef private
-
-int main() {
-  AC_CustomControl frontend;
-  AP_AHRS_View view, *ahrs = &view;
-  AC_AttitudeControl attitude, *control = &attitude;
-  AP_MotorsMulticopter all, *motors = &all;
-  AC_CustomControl_Wind backend(frontend, ahrs, control, motors, 0.0025f);
-  const float push[3] = {3.0f, 0.0f, -2.0f}, b[3] = {100.0f, 100.0f, 20.0f}, h = 0.0025f;
-  float rate[3] = {0, 0, 0};
-  Vector3f out;
-  backend._share.value = 1.0f;
-  for (int k = 0; k < 4000; k++) { /* rate damping by the main controller, and a steady push on roll and yaw */
-    AP_HAL::stub_time += 2500;
-    if (k == 2000) backend._p0r.value = POLE;
-    view.gyro = Vector3f(rate[0], rate[1], rate[2]);
-    all.out = Vector3f(-0.1f * rate[0], -0.1f * rate[1], -0.2f * rate[2]);
-    out = backend.update();
-    const float used[3] = {out.x, out.y, out.z};
-    for (int i = 0; i < 3; i++) rate[i] += h * (b[i] * used[i] + push[i]);
-    if (k == 1999 || k == 3999)
-      std::printf("%d %g %g %g %g %u\\n", k, (double)(b[0] * out.x), (double)(b[2] * out.z), (double)rate[0],
-                  (double)rate[2], (unsigned)backend._guard.health);
-  }
-  all.spool = AP_Motors::SpoolState::GROUND_IDLE;
-  all.out = Vector3f();
-  AP_HAL::stub_time += 2500;
-  out = backend.update();
-  std::printf("%d %g %g 0 0 %u\\n", 4000, (double)out.x, (double)out.z, AP::stub_logger.lines);
-  return 0;
-}
-"""
 
 
 @pytest.mark.slow
@@ -396,7 +297,7 @@ def test_ardupilots_backend_takes_the_place_of_the_integrators(pole, refused, tm
     ):
         (headers / name).parent.mkdir(parents=True, exist_ok=True)
         (headers / name).write_text('#include "ardupilot_stub.h"\n')
-    (tmp_path / "main.cpp").write_text(ARDUPILOT_DRIVER.replace("POLE", f"{pole}f"))
+    (tmp_path / "main.cpp").write_text((STUBS / "ardupilot/fly.cpp").read_text().replace("POLE", f"{pole}f"))
     for path in (library / "wind").glob("*.c"):
         objects.append(tmp_path / f"{path.stem}.o")
         ran(*find_compiler().command, *STRICT, "-fsingle-precision-constant", "-c", path, "-o", objects[-1])
@@ -414,49 +315,20 @@ def test_ardupilots_backend_takes_the_place_of_the_integrators(pole, refused, tm
     np.testing.assert_array_equal(
         rows[2], [4000, 0, 0, 0, 0, 4001]
     )  # on the ground it adds nothing, and logs
+    assert rows[3][0] < 0.05  # of pushes of 3 rad/s^2, while a feed-forward of 10 rad/s^2 goes to and fro
     assert ("poles kept" in out) == refused
 
 
-ROS2_DRIVER = """\
-#include <cstdio>
-#include "NODE"
-
-using geometry_msgs::msg::Vector3Stamped;
-template <typename T> static T &topic(rclcpp::Node &node, const char *name) {
-  return *static_cast<T *>(node.topics.at(name).get());
-}
-
-int main() {
-  wind_node::Node node{rclcpp::NodeOptions{}};
-  rclcpp::Node &base = node;
-  auto &x = topic<rclcpp::Subscription<Vector3Stamped>>(node, "~/x");
-  auto &out = topic<rclcpp::Publisher<Vector3Stamped>>(node, "~/f_hat");
-  auto &diagnostics = topic<rclcpp::Publisher<diagnostic_msgs::msg::DiagnosticArray>>(node, "/diagnostics");
-  Vector3Stamped at;
-  auto fly = [&](int from, int to) {
-    for (int k = from; k < to; k++) {
-      at.header.stamp = {1 + k / 500, static_cast<uint32_t>(k % 500) * 2000000u};
-      at.vector.x = 1.0 * 0.002 * k, at.vector.z = -0.5 * 0.002 * k;
-      x.callback(at);
-    }
-    node.timer->callback();
-    std::printf("%zu %g %g %g %d\\n", out.sent.size(), out.sent.back().vector.x, out.sent.back().vector.y,
-                out.sent.back().vector.z, diagnostics.sent.back().status[0].level);
-  };
-  fly(0, 1000);
-  auto bad = base.on_set({{"poles_real", {-12.0, 5.0, 5.0}}, {"poles_imag", {0.0, 1.0, -1.0}}});
-  auto few = base.on_set({{"poles_real", {-12.0}}});
-  auto good = base.on_set({{"poles_real", {-40.0, -30.0, -30.0}}, {"poles_imag", {0.0, 5.0, -5.0}}});
-  std::printf("%d %d %d\\n", bad.successful, few.successful, good.successful);
-  fly(1000, 1500);
-  fly(1505, 2000);
-  return 0;
-}
-"""
 ROS2_HEADERS = """
     diagnostic_msgs/msg/diagnostic_array.hpp geometry_msgs/msg/vector3_stamped.hpp rclcpp/rclcpp.hpp
     rclcpp_components/register_node_macro.hpp
 """
+
+
+def fast_after(time):
+    """Step response of the poles that are set."""
+    a = np.poly([-40.0, -30.0 + 5.0j, -30.0 - 5.0j]).real
+    return float(ct.step_response(ct.tf([a[-1]], a), [0.0, time]).outputs[-1])
 
 
 @pytest.mark.slow
@@ -473,7 +345,9 @@ def test_the_component_of_ros2_runs(tmp_path):
         assert f"src/{path.name}" in (folder / "CMakeLists.txt").read_text()
         objects.append(tmp_path / f"{path.stem}.o")
         ran(*find_compiler().command, *STRICT, "-c", path, "-o", objects[-1])
-    (tmp_path / "main.cpp").write_text(ROS2_DRIVER.replace("NODE", str(folder / "src" / "wind_node.cpp")))
+    (tmp_path / "main.cpp").write_text(
+        (STUBS / "ros2/run.cpp").read_text().replace("NODE", str(folder / "src" / "wind_node.cpp"))
+    )
     include = ["-I", headers, "-I", STUBS / "ros2", "-I", folder / "src"]
     options = [
         "-std=c++17",
@@ -488,9 +362,12 @@ def test_the_component_of_ros2_runs(tmp_path):
     ]
     ran(*find_compiler().command, *options)
     ran(*find_compiler().command, tmp_path / "main.o", *objects, "-lstdc++", "-lm", "-o", tmp_path / "node")
-    first, tuned, second, third = (
+    first, tuned, second, third, launched, set_, bounded = (
         list(map(float, line.split())) for line in ran(tmp_path / "node").splitlines()
     )
+    assert launched == set_  # poles of a launch file are those that are set
+    assert launched[0] == pytest.approx(fast_after(0.038), abs=0.03)
+    assert bounded == [1]  # so is the bound: the estimate goes beyond it
     assert tuned == [0, 0, 1]
     for row, samples, level in ((first, 1000, 0), (second, 1500, 0), (third, 1995, 1)):
         assert (row[0], row[-1]) == (samples, level)  # the third says that samples were missing
@@ -520,3 +397,54 @@ def test_the_page_for_users_runs_as_written(tmp_path, monkeypatch):
         f"{target}_wind"
         for target in ("arduino", "ardupilot", "cmake", "crazyflie", "px4", "ros2", "rust", "zephyr")
     ]
+
+
+@pytest.mark.slow
+def test_px4s_build_finds_module_and_message(tmp_path):
+    """As PX4's own CMakeLists.txt looks for them in EXTERNAL_MODULES_LOCATION."""
+    if shutil.which("cmake") is None:
+        pytest.skip("cmake is not installed")
+    folder = export_target(FILTER, "px4", tmp_path / "px4", name="wind")
+    (tmp_path / "CMakeLists.txt").write_text(f"""\
+cmake_minimum_required(VERSION 3.13)
+project(px4 NONE)
+function(px4_add_module)
+  cmake_parse_arguments(given "EXTERNAL" "MODULE;MAIN;MODULE_CONFIG" "SRCS;DEPENDS" ${{ARGN}})
+  foreach(file ${{given_SRCS}} ${{given_MODULE_CONFIG}})
+    if(NOT EXISTS ${{CMAKE_CURRENT_SOURCE_DIR}}/${{file}})
+      message(FATAL_ERROR "${{file}} is missing")
+    endif()
+  endforeach()
+  message(STATUS "module ${{given_MODULE}} ${{given_EXTERNAL}}")
+endfunction()
+add_subdirectory({folder}/src external_modules_src)
+foreach(module ${{config_module_list_external}})
+  add_subdirectory({folder}/src/${{module}} external_modules/${{module}})
+endforeach()
+add_subdirectory({folder}/msg external_msg)
+foreach(message ${{config_msg_list_external}})
+  file(STRINGS {folder}/msg/${{message}} lines)
+  message(STATUS "message ${{message}}")
+endforeach()
+""")
+    out = ran("cmake", "-S", tmp_path, "-B", tmp_path / "build")
+    assert "module modules__wind TRUE" in out
+    assert "message WindEstimate.msg" in out
+
+
+def test_a_double_of_32_bits_is_refused_when_compiling(tmp_path):
+    """AVR: here a float.h that says what avr-gcc's says."""
+    folder = make("filter", "arduino", tmp_path, real="float")
+    (tmp_path / "float.h").write_text(
+        "#include_next <float.h>\n#undef DBL_MANT_DIG\n#define DBL_MANT_DIG 24\n"
+    )
+    command = [
+        *find_compiler().command,
+        "-fsyntax-only",
+        "-I",
+        str(tmp_path),
+        str(folder / "src" / "swing.c"),
+    ]
+    answer = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert answer.returncode != 0
+    assert "a double of 64 bits" in answer.stderr

@@ -8,6 +8,9 @@
 #ifndef PF_IEEE_H
 #include <float.h>
 /* -ffast-math also links code that flushes small numbers to zero: that cannot be taken back here. */
+#if DBL_MANT_DIG != 53
+#error "the filter needs a double of 64 bits: AVR's has 32"
+#endif
 #if defined(__FAST_MATH__) || (defined(FLT_EVAL_METHOD) && FLT_EVAL_METHOD == 2)
 #error "the filter needs IEEE arithmetic: build without -ffast-math, and on 32-bit x86 with -msse2 -mfpmath=sse"
 #endif

@@ -12,6 +12,7 @@ struct Vector3f {
   Vector3f() = default;
   Vector3f(float a, float b, float c) : x(a), y(b), z(c) {}
   void zero() { x = y = z = 0; }
+  Vector3f operator+(const Vector3f &other) const { return Vector3f(x + other.x, y + other.y, z + other.z); }
 };
 static inline float constrain_float(float value, float low, float high) { return value < low ? low : value > high ? high : value; }
 
@@ -30,17 +31,32 @@ struct AP_Param {
 
 namespace AP_HAL { inline uint64_t stub_time = 1000000; inline uint64_t micros64() { return stub_time; } }
 namespace AP {
-struct Logger { unsigned lines{0}; void Write(const char *, const char *, const char *, ...) { lines++; } };
+struct Logger {
+  unsigned lines{0};
+  double last[3]{0, 0, 0};
+  void Write(const char *, const char *, const char *, ...); /* the format must be QfffI */
+};
+inline void Logger::Write(const char *, const char *, const char *format, ...) {
+  va_list arguments;
+  va_start(arguments, format);
+  (void)va_arg(arguments, uint64_t);
+  for (double &value : last) value = va_arg(arguments, double);
+  va_end(arguments);
+  lines++;
+}
 inline Logger stub_logger;
 inline Logger &logger() { return stub_logger; }
 }
 struct AP_Motors { enum class SpoolState { SHUT_DOWN, GROUND_IDLE, SPOOLING_UP, THROTTLE_UNLIMITED, SPOOLING_DOWN }; };
 struct AP_MotorsMulticopter : AP_Motors {
-  Vector3f out;
+  Vector3f out, feed_forward;
   SpoolState spool{SpoolState::THROTTLE_UNLIMITED};
   float get_roll() const { return out.x; }
   float get_pitch() const { return out.y; }
   float get_yaw() const { return out.z; }
+  float get_roll_ff() const { return feed_forward.x; }
+  float get_pitch_ff() const { return feed_forward.y; }
+  float get_yaw_ff() const { return feed_forward.z; }
   SpoolState get_spool_state() const { return spool; }
 };
 struct AP_AHRS_View { Vector3f gyro; Vector3f get_gyro_latest() const { return gyro; } };

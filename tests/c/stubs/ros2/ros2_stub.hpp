@@ -28,7 +28,7 @@ struct DiagnosticArray { builtin::Header header; std::vector<DiagnosticStatus> s
 namespace rcl_interfaces::msg { struct SetParametersResult { bool successful{false}; std::string reason; }; }
 
 namespace rclcpp {
-struct NodeOptions {};
+struct NodeOptions { std::map<std::string, std::vector<double>> overrides; };
 struct SensorDataQoS { SensorDataQoS() = default; };
 struct QoS { QoS(SensorDataQoS) {} QoS(int) {} };
 struct Time {
@@ -60,10 +60,14 @@ struct Node {
   std::map<std::string, std::shared_ptr<void>> topics;
   std::shared_ptr<TimerBase> timer;
   std::function<rcl_interfaces::msg::SetParametersResult(const std::vector<Parameter> &)> on_set;
-  Node(const std::string &, const NodeOptions &) {}
+  std::map<std::string, std::vector<double>> overrides;
+  Node(const std::string &, const NodeOptions &options) : overrides(options.overrides) {}
   virtual ~Node() = default;
-  void declare_parameter(const std::string &name, const std::vector<double> &values) { parameters[name] = {name, values}; }
-  void declare_parameter(const std::string &name, double value) { parameters[name] = {name, {value}}; }
+  std::vector<double> declare_parameter(const std::string &name, const std::vector<double> &values) {
+    parameters[name] = {name, overrides.count(name) ? overrides.at(name) : values};
+    return parameters[name].values;
+  }
+  double declare_parameter(const std::string &name, double value) { return declare_parameter(name, std::vector<double>{value})[0]; }
   Parameter get_parameter(const std::string &name) const { return parameters.at(name); }
   template <typename F> node_interfaces::OnSetParametersCallbackHandle::SharedPtr add_on_set_parameters_callback(F f) { on_set = f; return nullptr; }
   template <typename T> typename Publisher<T>::SharedPtr create_publisher(const std::string &name, QoS) {

@@ -73,6 +73,7 @@ bool controllerOutOfTreeTest(void) { return usable && controllerPidTest(); }
 void controllerOutOfTree(control_t *control, const setpoint_t *setpoint, const sensorData_t *sensors,
                          const state_t *state, const uint32_t tick) {
   static float thrust; /* commanded since the last step */
+  static uint32_t steps;
   if (usable && RATE_DO_EXECUTE(RATE_HZ, tick)) {
     const @name@_real x[3] = {state->velocity.x, state->velocity.y, state->velocity.z};
     const @name@_real f_theta[3] = {0, 0, 0}; /* a learned model goes here */
@@ -81,13 +82,16 @@ void controllerOutOfTree(control_t *control, const setpoint_t *setpoint, const s
     if (thrust > 0.0f) {
       health = @name@_guard_step(&guard, usecTimestamp(), x, g, f_theta, NULL, out);
       for (int i = 0; i < 3; i++) f_hat[i] = (float)out[i];
-    } else { /* on the ground its force is not one to learn */
+      if (++steps % RATE_HZ == 0u) @name@_guard_check(&guard);
+    } else { /* on the ground its force is not one to learn, nor the last one to apply */
       @name@_reset(&guard.filter);
       guard.running = 0u;
+      health = PF_HEALTH_OK;
+      for (int i = 0; i < 3; i++) f_hat[i] = 0.0f;
     }
   }
   controllerPid(control, setpoint, sensors, state, tick);
-  if (feed_forward) control->thrust -= f_hat[2] / t_max * FULL_THRUST;
+  if (feed_forward && control->thrust > 0.0f) control->thrust -= f_hat[2] / t_max * FULL_THRUST;
   if (control->thrust < 0.0f) control->thrust = 0.0f;
   if (control->thrust > FULL_THRUST) control->thrust = FULL_THRUST;
   thrust = control->thrust;

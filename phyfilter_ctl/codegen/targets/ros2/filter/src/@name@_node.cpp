@@ -1,7 +1,9 @@
 // Estimates the unknown part f of M x' = g + f, three channels, from ~/x and ~/g; publishes ~/f_hat and diagnostics.
 #include <functional>
 #include <memory>
+#include <stdexcept>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include <diagnostic_msgs/msg/diagnostic_array.hpp>
@@ -25,9 +27,16 @@ public:
     if (code) {
       throw std::runtime_error(pf_filter_message(code));
     }
-    declare_parameter("poles_real", std::vector<double>{@poles_real@});
-    declare_parameter("poles_imag", std::vector<double>{@poles_imag@});
-    declare_parameter("plausible", 0.0);  // bound on the correction, in the unit of f; 0: none
+    // What is declared may come back otherwise: from a launch file, or from YAML.
+    const std::vector<double> real{@poles_real@}, imaginary{@poles_imag@};
+    const auto real_now = declare_parameter("poles_real", real);
+    const auto imaginary_now = declare_parameter("poles_imag", imaginary);
+    bound(declare_parameter("plausible", 0.0));  // on the correction, in the unit of f; 0: none
+    if (real_now != real || imaginary_now != imaginary) {
+      if (const int refused = tune(real_now, imaginary_now)) {
+        throw std::invalid_argument(reason(refused));
+      }
+    }
     on_set_ = add_on_set_parameters_callback(std::bind(&Node::on_set, this, std::placeholders::_1));
     const auto sensor = rclcpp::SensorDataQoS();
     f_hat_pub_ = create_publisher<Vector3Stamped>("~/f_hat", sensor);
@@ -44,25 +53,37 @@ private:
     rcl_interfaces::msg::SetParametersResult result;
     std::vector<double> real = get_parameter("poles_real").as_double_array();
     std::vector<double> imaginary = get_parameter("poles_imag").as_double_array();
+    double plausible = get_parameter("plausible").as_double();
     bool tuned = false;
-    result.successful = true;
     for (const auto & parameter : parameters) {
       if (parameter.get_name() == "poles_real") {
         real = parameter.as_double_array(), tuned = true;
       } else if (parameter.get_name() == "poles_imag") {
         imaginary = parameter.as_double_array(), tuned = true;
       } else if (parameter.get_name() == "plausible") {
-        for (auto & bound : guard_.plausible) {
-          bound = static_cast<@name@_real>(parameter.as_double());
-        }
+        plausible = parameter.as_double();
       }
     }
     const int code = tuned ? tune(real, imaginary) : PF_FILTER_OK;
+    result.successful = code == PF_FILTER_OK;
     if (code) {
-      result.successful = false;
-      result.reason = code == PF_FILTER_INVALID ? "expected @order@ poles, once per sample" : pf_filter_message(code);
+      result.reason = reason(code);
+    } else {
+      bound(plausible);
     }
     return result;
+  }
+
+  static std::string reason(int code)
+  {
+    return code == PF_FILTER_INVALID ? "expected @order@ poles, once per sample" : pf_filter_message(code);
+  }
+
+  void bound(double plausible)
+  {
+    for (auto & entry : guard_.plausible) {
+      entry = cast(plausible);
+    }
   }
 
   int tune(const std::vector<double> & real, const std::vector<double> & imaginary)

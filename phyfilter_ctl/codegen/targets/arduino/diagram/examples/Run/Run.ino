@@ -12,8 +12,9 @@ void setup() {
 
 void loop() {
   pf_real u[@NAME@_N_U + 1] = {0}, y[@NAME@_N_Y + 1];  // u: your inputs
-  if (micros() - last < (uint32_t)(1e6 * @NAME@_STEP)) return;
-  last += (uint32_t)(1e6 * @NAME@_STEP);
+  const uint32_t period = (uint32_t)(1e6 * @NAME@_STEP + 0.5);  // us
+  if (micros() - last < period) return;
+  last += period;
   const int status = @name@_step(&self, u, y);
   for (int i = 0; i < @NAME@_N_Y; i++) {
     Serial.print((float)y[i], 6);

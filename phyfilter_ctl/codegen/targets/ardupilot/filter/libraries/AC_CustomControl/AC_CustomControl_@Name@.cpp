@@ -107,7 +107,8 @@ Vector3f AC_CustomControl_@Name@::update(void)
             *axes[i] = constrain_float(*axes[i] - _share.get() * (float)f_hat[i] / authority[i], -1.0f, 1.0f);
         }
     }
-    _applied = out;
+    // The frontend replaces roll, pitch and yaw of the motors; the main controller's feed-forward is added to them.
+    _applied = out + Vector3f(_motors->get_roll_ff(), _motors->get_pitch_ff(), _motors->get_yaw_ff());
     return out;
 }
 

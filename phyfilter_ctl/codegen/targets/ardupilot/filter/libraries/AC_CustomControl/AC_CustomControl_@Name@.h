@@ -26,7 +26,7 @@ private:
 @ardupilot_members@
 
     @name@_guard _guard;
-    Vector3f _applied;         // output since the last step
+    Vector3f _applied;         // output since the last step, with the main controller's feed-forward
     float _poles_in_force[@ardupilot_count@];
     uint32_t _steps;
     bool _usable;

@@ -1,4 +1,5 @@
-/* The acceleration that thrust and gravity do not explain, from velocity, attitude and motor controls (NED, m/s^2). */
+/* The acceleration that thrust and gravity do not explain, from velocity, attitude and motor controls (NED, m/s^2). The
+ * controls are normalised thrusts, of motors that all push along the body's -z. */
 #include "@Name@.hpp"
 
 #include <cstring>
@@ -46,16 +47,13 @@ bool @Name@::known_acceleration(float g[3])
 	}
 
 	float thrust = 0.f;
-	int count = 0;
 
 	for (const float control : motors.control) {
-		if (PX4_ISFINITE(control)) {
-			thrust += (1.f - _t_fac.get()) * control + _t_fac.get() * control * control;
-			count++;
+		if (PX4_ISFINITE(control)) { /* else the motor is stopped, or there is none */
+			thrust += _t_max.get() * control;
 		}
 	}
 
-	thrust *= count > 0 ? _t_max.get() / (float)count : 0.f;
 	const float w = attitude.q[0], x = attitude.q[1], y = attitude.q[2], z = attitude.q[3];
 	g[0] = -thrust * 2.f * (x * z + w * y);
 	g[1] = -thrust * 2.f * (y * z - w * x);
@@ -111,8 +109,10 @@ void @Name@::Run()
 
 	undo_resets(position);
 
-	if (_landed_sub.copy(&landed) && landed.landed) { /* the ground's force is not one to learn */
+	if (_landed_sub.copy(&landed) && landed.landed) { /* the ground's force is not one to learn, nor the last one to apply */
+		const float none[3] = {};
 		_flying = false;
+		publish(position, none, PF_HEALTH_OK);
 		return;
 	}
 
@@ -126,17 +126,18 @@ void @Name@::Run()
 	const @name@_real known[3] = {g[0], g[1], g[2]};
 	const @name@_real f_theta[3] = {}; /* a learned model goes here */
 	@name@_real f_hat[3];
-	@name@_guard_step(&_guard, position.timestamp_sample, x, known, f_theta, nullptr, f_hat);
+	const uint32_t health =
+		@name@_guard_step(&_guard, position.timestamp_sample, x, known, f_theta, nullptr, f_hat);
 
 	if (++_steps % 500 == 0) {
 		@name@_guard_check(&_guard);
 	}
 
 	const float out[3] = {(float)f_hat[0], (float)f_hat[1], (float)f_hat[2]};
-	publish(position, out);
+	publish(position, out, health);
 }
 
-void @Name@::publish(const vehicle_local_position_s &position, const float f_hat[3])
+void @Name@::publish(const vehicle_local_position_s &position, const float f_hat[3], uint32_t health)
 {
 	debug_vect_s debug{};
 	@name@_estimate_s estimate{};
@@ -152,7 +153,7 @@ void @Name@::publish(const vehicle_local_position_s &position, const float f_hat
 		estimate.feed_forward[i] = _ff_en.get() ? -f_hat[i] : 0.f;
 	}
 
-	estimate.health = _guard.health;
+	estimate.health = health;
 	estimate.missed = _guard.missed;
 	estimate.bad = _guard.bad;
 	estimate.jumps = _guard.jumps;

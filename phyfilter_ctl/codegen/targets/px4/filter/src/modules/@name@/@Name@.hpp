@@ -36,7 +36,7 @@ private:
 	void tune();
 	bool known_acceleration(float g[3]);
 	void undo_resets(const vehicle_local_position_s &position);
-	void publish(const vehicle_local_position_s &position, const float f_hat[3]);
+	void publish(const vehicle_local_position_s &position, const float f_hat[3], uint32_t health);
 
 	uORB::SubscriptionCallbackWorkItem _position_sub{this, ORB_ID(vehicle_local_position)};
 	uORB::Subscription _attitude_sub{ORB_ID(vehicle_attitude)};
@@ -56,7 +56,6 @@ private:
 	DEFINE_PARAMETERS(
 @px4_members@
 		(ParamFloat<px4::params::@PREFIX@_T_MAX>) _t_max,
-		(ParamFloat<px4::params::@PREFIX@_T_FAC>) _t_fac,
 		(ParamBool<px4::params::@PREFIX@_FF_EN>) _ff_en
 	)
 };

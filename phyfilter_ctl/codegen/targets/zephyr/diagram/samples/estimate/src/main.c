@@ -9,7 +9,7 @@ static @name@ self;
 int main(void)
 {
 	pf_real u[@NAME@_N_U + 1] = {0}, y[@NAME@_N_Y + 1];
-	int64_t next = k_uptime_ticks();
+	const int64_t start = k_uptime_ticks();
 
 	if (@name@_init(&self)) {
 		printk("@name@: refused, see pf_ieee.h\n");
@@ -24,7 +24,7 @@ int main(void)
 		if (status || k % 1000 == 0) {
 			printk("%u: status %d, y[0] = %d milli\n", k, status, (int)(1000 * y[0]));
 		}
-		next += k_us_to_ticks_near64((uint64_t)(1e6 * @NAME@_STEP));
-		k_sleep(K_TIMEOUT_ABS_TICKS(next));
+		/* From the start on: a step that is no whole number of ticks does not drift. */
+		k_sleep(K_TIMEOUT_ABS_TICKS(start + (int64_t)k_us_to_ticks_near64((uint64_t)(1e6 * @NAME@_STEP * (k + 1.0) + 0.5))));
 	}
 }

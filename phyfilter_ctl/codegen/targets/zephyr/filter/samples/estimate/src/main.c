@@ -17,7 +17,7 @@ static void measure(@name@_real *x, @name@_real *g)
 int main(void)
 {
 	@name@_real x[@name@_N_X], g[@name@_N_X], f_theta[@name@_N_F] = {0}, f_hat[@name@_N_F];
-	int64_t next = k_uptime_ticks();
+	const int64_t start = k_uptime_ticks();
 	const int code = @name@_guard_init(&guard, &@name@_parameters);
 
 	if (code) {
@@ -35,7 +35,7 @@ int main(void)
 		if (k % 500 == 499) {
 			@name@_guard_check(&guard);
 		}
-		next += k_us_to_ticks_near64(@period_us@);
-		k_sleep(K_TIMEOUT_ABS_TICKS(next));
+		/* From the start on: a period that is no whole number of ticks does not drift. */
+		k_sleep(K_TIMEOUT_ABS_TICKS(start + (int64_t)k_us_to_ticks_near64(@period_us@ * (k + UINT64_C(1)))));
 	}
 }
