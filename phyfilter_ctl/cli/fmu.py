@@ -168,6 +168,9 @@ def _run(options: argparse.Namespace) -> int:
         if not isinstance(error.results, CosimulationResponse) or np.all(np.isnan(error.results.outputs)):
             return 1
         failed, response = 1, error.results
+    if not failed and not response.success:
+        print(f"phyfilter-ctl: error: {response.message}", file=sys.stderr)
+        failed = 1
     for message in complaints(response.messages["fmu"]):
         print(f"phyfilter-ctl: the FMU says: {message}", file=sys.stderr)
     labels = [label.removeprefix("fmu.") for label in response.output_labels or []]

@@ -39,12 +39,15 @@ class ArchiveLimits:
         Unpacked over packed size of one file, where it is over 1 MiB.
     xml : int
         Bytes of one XML document.
+    scalars : int
+        Variables of an FMU, arrays by their elements.
     """
 
     entries: int = 10_000
     size: int = 2 << 30
     ratio: float = 200.0
     xml: int = 64 << 20
+    scalars: int = 1_000_000
 
 
 def archive_entries(path: str | Path, limits: ArchiveLimits | None = None) -> tuple[zipfile.ZipInfo, ...]:

@@ -152,7 +152,8 @@ def cosimulate(
     -------
     CosimulationResponse
         A ``control.TimeResponseData``: ``outputs`` and ``inputs`` by full name. Where step control comes to steps
-        below 1e-12 of the span, ``success`` is False, ``message`` says what to try, and later outputs are NaN.
+        below 1e-12 of the span, or an output that is wanted or handed on becomes NaN or infinite, ``success`` is False,
+        ``message`` says which, when and what to try, and later outputs are NaN.
 
     Raises
     ------

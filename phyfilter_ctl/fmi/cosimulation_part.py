@@ -10,13 +10,17 @@ from numpy.typing import NDArray
 from .._sections import FloatArray
 from .inspect import FmuUnit
 
-__all__ = ["SMALLEST", "Part", "step_counts", "step_problem", "too_small"]
+__all__ = ["SMALLEST", "Part", "StuckError", "step_counts", "step_problem", "too_small"]
 
 # Communication steps below this part of the span cannot be told from rounding of the time.
 SMALLEST = 1e-12
 
 # Communication steps that differ by less are rounding of one step.
 _SAME_STEP = 1e-6
+
+
+class StuckError(Exception):
+    """The run cannot go on, and says what to try."""
 
 
 class Part(Protocol):
@@ -69,7 +73,7 @@ class Part(Protocol):
         ...
 
     def advance(self, t: float, h: float, *, final: bool) -> None:
-        """Step from t to t + h; ``final`` where no earlier state will be restored."""
+        """Step from t to t + h; ``final`` where no state of a time before t will be restored."""
         ...
 
     def save(self) -> object:

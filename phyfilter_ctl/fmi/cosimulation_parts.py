@@ -17,12 +17,12 @@ from .._units import unit_definition
 from ..blocks import SampledBlock
 from ..blocks.functions import BlockFunctions
 from .archive import ArchiveLimits
-from .cosimulation_part import Part
+from .cosimulation_part import Part, StuckError
 from .foreign import Isolation
 from .importing import import_fmu
 from .importing_steps import FmuSteps
 from .inspect import FmuDescription, FmuUnit, Scalar
-from .instance import FmuInstance
+from .instance import FmuError, FmuInstance
 from .signals import Signals
 from .unpacked import UnpackedFmu
 
@@ -58,7 +58,9 @@ class FmuPart(Part):
         starts = {
             label: float(value)
             for entry in description.of("input")
-            for label, value in zip(entry.labels, entry.starts, strict=False)
+            for label, value in zip(
+                entry.labels, entry.starts or entry.items[:1] * len(entry.labels), strict=False
+            )
             if not isinstance(value, str)
         }
         starts |= {key: float(value) for key, value in values.items() if key in starts}
@@ -86,7 +88,17 @@ class FmuPart(Part):
 
     def put(self, u: FloatArray) -> None:
         """Set all inputs."""
-        self.input_signals.write(self.instance, u)
+        try:
+            self.input_signals.write(self.instance, u)
+        except ValueError as error:
+            detail = f"{error}, at t = {self.instance.time:g}"
+            raise FmuError(self.name, "set inputs", "refused", detail) from error
+
+    @property
+    def in_reach_of_c(self) -> bool:
+        """Whether the loop in C can call the instance: in this process, and without items of enumerations to check."""
+        checked = any(entry.items for entry in self._fmu.description.of("input"))
+        return self.instance.source.isolation is None and not checked
 
     def get(self) -> FloatArray:
         """Read all outputs."""
@@ -260,7 +272,7 @@ class SystemPart(Part):
             rate, (t, t + h), self._x, method="DOP853", rtol=_RTOL, atol=_ATOL, t_eval=[t + h]
         )
         if not solution.success:
-            raise RuntimeError(f"{self.name}: no solution from t = {t:g} to {t + h:g}: {solution.message}")
+            raise StuckError(f"{self.name}: no solution from t = {t:g} to {t + h:g}: {solution.message}")
         return solution.y[:, -1]
 
     def _probed(self) -> NDArray[np.bool_]:

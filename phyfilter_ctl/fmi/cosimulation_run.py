@@ -13,7 +13,7 @@ from tqdm import tqdm
 
 from .. import _signals
 from .._sections import FloatArray
-from .cosimulation_part import SMALLEST, Part, step_counts, too_small
+from .cosimulation_part import SMALLEST, Part, StuckError, step_counts, too_small
 from .cosimulation_wiring import Wire, Wiring
 from .instance import FmuError
 from .master import FastMaster
@@ -23,10 +23,6 @@ __all__ = ["Outside", "Run", "Signal", "StepControl"]
 Signal = float | ArrayLike | Callable[[float], float]
 # Step control: safety, and how much a step may change; the usual values for a method of order one.
 _SAFETY, _SHRINK, _GROW = 0.9, 0.2, 4.0
-
-
-class _StepTooSmallError(Exception):
-    """Step control came to an end."""
 
 
 @dataclass
@@ -118,6 +114,8 @@ class Run:
     ----------
     rows : (N, len(chosen)) array
         Results; NaN from where the run could not go on.
+    watched : (outputs,) bool array
+        Outputs that must be numbers: those that are wanted or handed on.
     in_c : bool
         Of the class: False keeps every run in Python.
     """
@@ -132,9 +130,11 @@ class Run:
     u: FloatArray = field(init=False)
     y: FloatArray = field(init=False)
     rows: FloatArray = field(init=False)
+    watched: NDArray[np.bool_] = field(init=False)
     steps: int = 0
     rejected: int = 0
     message: str = ""
+    _wrong: StuckError | None = None
 
     def over(
         self, times: FloatArray, step: float | None, control: StepControl | None, progress: bool
@@ -152,26 +152,44 @@ class Run:
         self._initialise(times)
         places = list(self.chosen.values())
         self.rows[0] = self.y[places]
+        self.watched = np.isin(np.arange(len(self.y)), places) | np.any(self.wiring.weights != 0.0, axis=0)
         if control is not None:
             control.step = step or float(np.min(np.diff(times)))
         fast = (
             FastMaster.of(self, controlled=control is not None, threads=self.threads) if self.in_c else None
         )
         with tqdm(total=len(times) - 1, disable=not progress, desc="co-simulation") as bar:
-            if fast is not None:
-                fast.over(times, step, control, self.rows, bar)
-                return
-            for k, (t, end) in enumerate(pairwise(times.tolist()), start=1):
-                try:
+            try:
+                self.refuse_nonfinite(float(times[0]))
+                if fast is not None:
+                    fast.over(times, step, control, self.rows, bar)
+                    return
+                for k, (t, end) in enumerate(pairwise(times.tolist()), start=1):
                     if control is None:
                         self._equal_steps(t, end, step)
                     else:
                         self._controlled(t, end, control, float(times[-1] - times[0]))
-                except _StepTooSmallError as error:
-                    self.message = str(error)
-                    break
-                self.rows[k] = self.y[places]
-                bar.update()
+                    self.rows[k] = self.y[places]
+                    self.refuse_nonfinite(end)
+                    bar.update()
+            except StuckError as error:
+                self.message = str(error)
+
+    def refuse_nonfinite(self, t: float) -> None:
+        """Raise where an output that is wanted or handed on is NaN or infinite.
+
+        Parameters
+        ----------
+        t : float
+        """
+        bad = np.flatnonzero(~np.isfinite(self.y) & self.watched)
+        if len(bad):
+            names = [f"{self.wiring.sources[j]} is {self.y[j]:g}" for j in bad]
+            shown = ", ".join(names[:3]) + f" and {len(names) - 3} more" * (len(names) > 3)
+            raise StuckError(
+                f"{shown} at t = {t:g}: look at inputs and parameters there, or try shorter steps; outputs= leaves out "
+                "one that has no value yet"
+            )
 
     @property
     def passes(self) -> int:
@@ -233,6 +251,8 @@ class Run:
         for a, b in pairwise(points.tolist()):
             self._advance(a, b)
             self.steps += 1
+            if b < end:
+                self.refuse_nonfinite(b)
 
     def _controlled(self, t: float, end: float, control: StepControl, span: float) -> None:
         while t < end:
@@ -254,20 +274,25 @@ class Run:
             else:
                 self.rejected += 1
                 if control.step < SMALLEST * span:
-                    raise _StepTooSmallError(too_small(t, SMALLEST * span))
+                    raise self._wrong or StuckError(too_small(t, SMALLEST * span))
 
     def _twice(
         self, t: float, end: float, state: tuple[list[object], FloatArray, FloatArray], control: StepControl
     ) -> float:
         """One step, then two halves from the same state; the error over what is allowed. A discarded step is wrong
-        beyond measure."""
+        beyond measure, and one to something that is no number."""
         middle = t + 0.5 * (end - t)
+        self._wrong = None
         try:
-            self._advance(t, end, final=False)
+            self._advance(t, end)
             coarse = self.y.copy()
             self._back(state)
-            self._advance(t, middle, final=False)
-            self._advance(middle, end, final=False)
+            self._advance(t, middle)
+            self._advance(middle, end, final=False)  # t, which comes before, may be gone back to
+            self.refuse_nonfinite(end)
+        except StuckError as error:
+            self._wrong = error
+            return np.inf
         except FmuError as error:
             if error.status == "discard":
                 return np.inf

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -118,7 +118,8 @@ class FmuSteps(FmuBlock):
         if not self._running:
             self._begin(self._start_time, {})
         self._inputs.write(self.instance, u)
-        self._advance(self._start_time + self._k * self._h, u)
+        self._forget(lambda k: True)  # a run by hand goes forward only
+        self._advance(self._start_time + self._k * self._h, u, going_back=False)
         return self._outputs.read(self.instance)
 
     def _now(self, t: float, x: FloatArray, u: FloatArray, params: Mapping[str, float]) -> FloatArray:
@@ -134,18 +135,20 @@ class FmuSteps(FmuBlock):
         ):
             self._go_to(t, x, params)
             self._inputs.write(self.instance, u)
-            self._advance(t, u)
+            self._advance(t, u, going_back=self.instance.state_is_usable)
         return np.array([self._k], dtype=float)
 
-    def _advance(self, t: float, u: FloatArray) -> None:
-        going_back = self.instance.state_is_usable
+    def _advance(self, t: float, u: FloatArray, *, going_back: bool) -> None:
         if going_back and self._k not in self._saved:
             self._saved[self._k] = self.instance.save()
-            for old in [k for k in self._saved if k <= self._k - _KEPT_STATES]:
-                self.instance.forget(self._saved.pop(old))
+            self._forget(lambda k: k <= self._k - _KEPT_STATES)
         self.instance.do_step(t, self._h, final=not going_back)
         self._last = (self._k, u.tobytes())
         self._k += 1
+
+    def _forget(self, which: Callable[[int], bool]) -> None:
+        for key in [key for key in self._saved if which(key)]:
+            self.instance.forget(self._saved.pop(key))
 
     def _count(self, x: FloatArray) -> int:
         value = float(np.asarray(x, dtype=float).reshape(-1)[0])
@@ -183,8 +186,7 @@ class FmuSteps(FmuBlock):
                 f"it stands at step {self._k} and was asked for step {k}; {why}. Runs go forward, from state 0",
             )
         self.instance.restore(self._saved[k])
-        for later in [key for key in self._saved if key > k]:
-            self.instance.forget(self._saved.pop(later))
+        self._forget(lambda key: key > k)
         self._k = k
         self._last = (-1, b"")
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import math
 import re
 import tempfile
 import zipfile
@@ -71,6 +72,8 @@ class FmuVariable:
     minimum, maximum, nominal : float or None
     derivative_of : str
         Name of the state that this is the derivative of, or "".
+    items : tuple of int
+        Values that an enumeration may take; empty where they are not given.
     """
 
     name: str
@@ -88,6 +91,7 @@ class FmuVariable:
     nominal: float | None = None
     derivative_of: str = ""
     description: str = ""
+    items: tuple[int, ...] = ()
 
     @property
     def labels(self) -> tuple[str, ...]:
@@ -289,6 +293,7 @@ def describe(path: str | Path, *, limits: ArchiveLimits | None = None) -> FmuDes
             target.parent.mkdir(exist_ok=True)
             target.write_bytes(data)
         model = _read(Path(folder), str(path))
+    _refuse_size(path, model, limits)
     return _described(path, roots["modelDescription.xml"], model, entries)
 
 
@@ -409,7 +414,22 @@ def _variable(entry: ModelVariable) -> FmuVariable:
         maximum=_number(attribute("max")),
         nominal=_number(attribute("nominal")),
         description=entry.description or "",
+        items=tuple(int(item.value or 0) for item in declared.items) if declared else (),
     )
+
+
+def _refuse_size(path: Path, model: ModelDescription, limits: ArchiveLimits | None) -> None:
+    """Dimensions cost a few bytes to write and all memory to unfold."""
+    most = (limits or ArchiveLimits()).scalars
+    scalars = 0
+    for entry in model.modelVariables:
+        scalars += math.prod(entry.shape or ())
+        if any(size < 0 for size in entry.shape or ()) or scalars > most:
+            sizes = " x ".join(map(str, entry.shape or ()))
+            raise ValueError(
+                f"{path}: {entry.name}: dimensions {sizes}; expected sizes of at least 0 and at most {most} scalars in "
+                "all variables together; refused"
+            )
 
 
 def _start(kind: str, text: str | None) -> tuple[Scalar, ...]:

@@ -16,7 +16,7 @@ from fmpy.fmi1 import FMICallException
 from .._sections import FloatArray
 from .binding import BindingError, bind
 from .foreign import ForeignFmu, ForeignProcessError
-from .inspect import FmuDescription, FmuKind, Kind, Scalar
+from .inspect import FmuDescription, FmuKind, FmuVariable, Kind, Scalar
 from .messages import MessageLog, claim_messages, status_word
 from .signals import Signals, is_numeric
 from .unpacked import UnpackedFmu
@@ -204,7 +204,7 @@ class FmuInstance:
         Raises
         ------
         ValueError
-            If there is no such variable.
+            If there is no such variable, or a value does not fit its type. Nothing is set then.
         """
         by_label = {
             label: entry for entry in self.description.variables for label in (entry.name, *entry.labels)
@@ -214,6 +214,9 @@ class FmuInstance:
             if label not in by_label:
                 raise ValueError(f"FMU {self.name!r}: there is no variable {label!r}")
             wanted.setdefault(by_label[label].name, {})[label] = value
+        entries: list[FmuVariable] = []
+        numbers: list[float] = []
+        texts: list[tuple[FmuVariable, str]] = []
         for name, given in wanted.items():
             entry = by_label[name]
             if entry.causality == "structuralParameter":
@@ -221,14 +224,17 @@ class FmuInstance:
                     f"FMU {self.name!r}: {name} is a structural parameter, which cannot be changed here"
                 )
             if entry.type == "String":
-                self._call(f"set {name}", self._fmu.setString, [entry.reference], [str(given[name])])
+                texts.append((entry, str(given[name])))
                 continue
             whole = dict(zip(entry.labels, entry.starts or (0.0,) * len(entry.labels), strict=True))
             if name in given:
                 whole = dict.fromkeys(whole, given[name])
             whole |= {label: value for label, value in given.items() if label in whole}
-            numbers = np.array([float(value) for value in whole.values()])
-            Signals([entry], self.description.fmi).write(self, numbers)
+            entries.append(entry)
+            numbers += [_as_number(label, entry, value) for label, value in whole.items()]
+        Signals(entries, self.description.fmi).write(self, np.array(numbers))
+        for entry, text in texts:
+            self._call(f"set {entry.name}", self._fmu.setString, [entry.reference], [text])
 
     def call_raw(self, function: str, *arguments: object) -> None:
         """An FMI function by its name, the instance first.
@@ -251,7 +257,7 @@ class FmuInstance:
         t, h : float
             Seconds.
         final : bool
-            False where the state before t may be put back.
+            False where a state of a time before t may be put back; the one at t always may.
 
         Raises
         ------
@@ -501,6 +507,20 @@ class FmuInstance:
     def _drop_snapshots(self) -> None:
         for state in list(self._snapshots):
             self.forget(state)
+
+
+def _as_number(label: str, entry: FmuVariable, value: Scalar) -> float:
+    """As a double, which carries all values to the FMU."""
+    words = {"true": 1.0, "false": 0.0} if entry.type == "Boolean" else {}
+    try:
+        number = words[value] if isinstance(value, str) and value in words else float(value)
+    except ValueError as error:
+        raise ValueError(f"{label} ({entry.type}): expected a number, got {value!r}") from error
+    if isinstance(value, int) and number != value:
+        raise ValueError(
+            f"{label} ({entry.type}): {value} has more digits than a double carries, got it as {number:.17g}"
+        )
+    return number
 
 
 def _release(fmu: Any, snapshots: list[Any], fmi: str) -> None:

@@ -15,9 +15,9 @@ from scipy.sparse import csr_array
 from .._sections import FloatArray
 from ..codegen import CompilerError
 from ..codegen.compiler import cached_library
-from .cosimulation_part import SMALLEST, step_counts, too_small
+from .cosimulation_part import SMALLEST, StuckError, step_counts, too_small
 from .cosimulation_parts import FmuPart
-from .instance import FmuError, FmuInstance
+from .instance import FmuInstance
 from .messages import claim_messages
 from .signals import Group
 
@@ -50,7 +50,7 @@ _MASTER = np.dtype(
     [(name, np.int64) for name in ("n_parts", "parts", "sequence", "n_u", "n_y")]
     + [("wires", _WIRES), ("outside", _WIRES)]
     + [(name, np.int64) for name in ("n_outside", "n_table", "place", "table_t", "table", "now", "passes")]
-    + [(name, np.int64) for name in ("u", "y", "v", "saved_u", "saved_y", "coarse")]
+    + [(name, np.int64) for name in ("u", "y", "v", "saved_u", "saved_y", "coarse", "watched")]
     + [(name, np.float64) for name in ("rtol", "atol", "step", "smallest")]
     + [(name, np.int64) for name in ("steps", "rejected", "threads", "pool")]
     + [(name, np.int64) for name in ("failed_part", "failed_call", "failed_place", "failed_status")]
@@ -108,6 +108,7 @@ class FastMaster:
     def __init__(self, run: Run, library: ct.CDLL, threads: int) -> None:
         self._run, self._library = run, library
         self._kept: list[NDArray[np.generic]] = []  # what the structures point to
+        self._vectors: dict[str, FloatArray] = {}
         self._parts: list[FmuPart] = [part for part in run.parts if isinstance(part, FmuPart)]
         wiring, outside = run.wiring, run.outside
         self._record = np.zeros(1, _MASTER)
@@ -127,7 +128,9 @@ class FastMaster:
         master["passes"] = run.passes
         master["u"], master["y"] = self._address(run.u), self._address(run.y)
         for name, like in (("v", run.u), ("saved_u", run.u), ("saved_y", run.y), ("coarse", run.y)):
-            master[name] = self._address(np.zeros_like(like))
+            self._vectors[name] = np.zeros_like(like)
+            master[name] = self._address(self._vectors[name])
+        master["watched"] = self._address(run.watched.astype(np.uint8))
         master["threads"] = min(threads, len(self._parts))
         self._chosen = np.array(list(run.chosen.values()), np.int64)
 
@@ -142,7 +145,7 @@ class FastMaster:
             Whether steps go by the error, at times that are not known before.
         threads : int
         """
-        here = all(isinstance(part, FmuPart) and part.instance.source.isolation is None for part in run.parts)
+        here = all(isinstance(part, FmuPart) and part.in_reach_of_c for part in run.parts)
         if not here or (controlled and run.outside.has_functions):
             return None
         library = _library()
@@ -170,6 +173,8 @@ class FastMaster:
         ------
         FmuError
             If an FMU fails.
+        StuckError
+            If the run cannot go on.
         """
         master = self._record[0]
         if control is not None:
@@ -214,16 +219,14 @@ class FastMaster:
         if code == _TERMINATED:
             raise part.instance.ended(t)
         if code == _OUT_OF_RANGE:
-            label, value = run.wiring.sinks[place], float(run.wiring.weights[place] @ run.y)
-            raise FmuError(
-                part.name, "set", "refused", f"{label} = {value:g} is no value of its type, at t = {t:g}"
-            )
+            part.instance.time = t
+            part.put(
+                self._vectors["v"][run.wiring.input_slices[int(master["failed_part"])]]
+            )  # raises, with words
         if code == _NOT_FINITE:
-            run.message = (
-                f"{run.wiring.sources[place]} is {run.y[place]:g} at t = {t:g}: no results from there on"
-            )
-        else:
-            run.message = too_small(t, float(master["smallest"]))
+            run.y[:] = self._vectors["coarse"]
+            run.refuse_nonfinite(t)
+        raise StuckError(too_small(t, float(master["smallest"])))
 
     def _drive(self, times: FloatArray) -> None:
         """What comes from outside at these times."""

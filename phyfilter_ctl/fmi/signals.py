@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import math
 from collections.abc import Sequence
 from typing import Any, NamedTuple, Protocol
 
@@ -13,6 +14,8 @@ from .._sections import FloatArray
 from .inspect import FmuVariable
 
 __all__ = ["Signals", "is_numeric"]
+
+AnyArray = NDArray[Any]
 
 _FMI2_TYPES = {
     "Float64": ("Real", ctypes.c_double),
@@ -81,6 +84,9 @@ class Signals:
         types = _FMI2_TYPES if fmi == "2.0" else _FMI3_TYPES
         prefix = f"fmi{fmi[0]}"
         places: dict[str, list[int]] = {}
+        self._variables: tuple[FmuVariable, ...] = tuple(
+            variable for variable in variables for _ in variable.labels
+        )
         chosen: dict[str, list[FmuVariable]] = {}
         start = 0
         for variable in variables:
@@ -133,7 +139,41 @@ class Signals:
         ----------
         instance : FmuInstance
         vector : (len(self),) array
+
+        Raises
+        ------
+        ValueError
+            If a value does not fit the type of its variable: nothing is set then.
         """
-        for _, put, references, counts, values, view, places in self.groups:
-            view[:] = vector[places]
+        fitting = [self._fitting(vector[group.places], group) for group in self.groups]
+        for (_, put, references, counts, values, view, _), numbers in zip(self.groups, fitting, strict=True):
+            view[:] = numbers
             instance.call_raw(put, references, counts[0], values, *counts[1:])
+
+    def _fitting(self, values: FloatArray, group: Group) -> FloatArray:
+        """The values, if the type at the FMU's side can hold all of them."""
+        if group.view.dtype == np.float64:
+            return values
+        for value, place in zip(values.tolist(), group.places.tolist(), strict=True):
+            variable = self._variables[place]
+            if problem := _misfit(variable, value, group.view.dtype):
+                raise ValueError(f"{self.labels[place]} ({variable.type}): {problem}, got {value!r}")
+        return values
+
+
+def _misfit(variable: FmuVariable, value: float, kind: np.dtype[Any]) -> str:
+    """What was expected of a value; "" where it fits."""
+    if kind == np.float32:
+        limit = float(np.finfo(np.float32).max)
+        return f"expected at most {limit:g}" if math.isfinite(value) and abs(value) > limit else ""
+    if variable.type == "Boolean":
+        return "" if value in (0.0, 1.0) else "expected 0 or 1"
+    if not math.isfinite(value) or value != math.floor(value):
+        return "expected an integer"
+    if variable.items:
+        return (
+            "" if int(value) in variable.items else f"expected one of {', '.join(map(str, variable.items))}"
+        )
+    limits = np.iinfo(kind)
+    fits = int(limits.min) <= int(value) <= int(limits.max)
+    return "" if fits else f"expected {limits.min} to {limits.max}"

@@ -20,6 +20,18 @@ UNITS = """
     <Unit name="kg"><BaseUnit kg="1"/></Unit>
   </UnitDefinitions>"""
 
+# Inputs of other types than floating point, FMI 3.0.
+TYPES = """
+  <TypeDefinitions><EnumerationType name="Mode"><Item name="low" value="-1"/><Item name="high" value="2"/>
+  </EnumerationType></TypeDefinitions>"""
+NUMBERS = """
+    <Int8 name="tiny" valueReference="13" causality="input" start="0"/>
+    <UInt8 name="positive" valueReference="14" causality="input" start="0"/>
+    <Boolean name="flag" valueReference="16" causality="input" start="false"/>
+    <Int32 name="started" valueReference="12" causality="parameter" variability="fixed" start="0"/>"""
+MODES = """
+    <Enumeration name="mode" valueReference="15" causality="input" declaredType="Mode" start="-1"/>"""
+
 FMI2 = """<?xml version="1.0" encoding="UTF-8"?>
 <fmiModelDescription fmiVersion="2.0" modelName="Oscillator" guid="{guid}" generationTool="by hand"
     description="Mass between two springs" numberOfEventIndicators="{indicators}">
@@ -77,7 +89,7 @@ FMI3 = """<?xml version="1.0" encoding="UTF-8"?>
     <Float64 name="k" valueReference="8" causality="parameter" variability="tunable" start="8.0"/>
     <Float64 name="d" valueReference="9" causality="parameter" variability="tunable" start="0.4"/>
     <Float64 name="c" valueReference="10" causality="parameter" variability="tunable" start="3.0"/>
-    <Int32 name="steps" valueReference="12" causality="local" variability="discrete"/>
+    <Int32 name="steps" valueReference="12" causality="local" variability="discrete"/>{numbers}
   </ModelVariables>
   <ModelStructure>
     <Output valueReference="2" dependencies=""/>
@@ -103,6 +115,8 @@ def description(
     guid="oscillator",
     unit="m",
     declared=True,
+    numbers=False,
+    modes=False,
 ):
     """modelDescription.xml of the oscillator."""
     name, keep = ("oscillator2", "FMUstate") if fmi == "2.0" else ("oscillator3", "FMUState")
@@ -115,7 +129,8 @@ def description(
     force = '<Unknown index="7" dependencies="2 3"/>' if declared else '<Unknown index="7" dependencies="3"/>'
     return (FMI2 if fmi == "2.0" else FMI3).format(
         kinds="".join(tags[kind] for kind in kinds.split()),
-        units=UNITS,
+        units=UNITS + TYPES * modes,
+        numbers=NUMBERS * numbers + MODES * modes,
         indicators=indicators,
         guid=guid,
         unit=unit,

@@ -161,6 +161,7 @@ def test_threads_load_without_a_change_of_folder(build):
     assert seen == {before}
 
 
+@pytest.mark.slow
 def test_a_tool_coupled_fmu_runs_with_a_warning(build, tmp_path):
     path = tmp_path / "coupled.fmu"
     with zipfile.ZipFile(build()) as source, zipfile.ZipFile(path, "w") as target:

@@ -1,6 +1,7 @@
 /* The master's inner loop: communication steps of co-simulation FMUs of FMI 2.0 and 3.0, Jacobi or Gauss-Seidel, over
  * given points or by step doubling. It does what cosimulation_run.py does, call for call, except that a part whose
  * inputs have not changed is not told them again. master.py fills the structures and reads what failed. */
+#include <float.h>
 #include <math.h>
 #include <stdbool.h>
 #include <stdint.h>
@@ -63,6 +64,7 @@ typedef struct {
   double *now;                   /* (n_outside) */
   int64_t passes;
   double *u, *y, *v, *saved_u, *saved_y, *coarse;
+  const uint8_t *watched; /* outputs that must be numbers */
   double rtol, atol, step, smallest;
   int64_t steps, rejected, threads;
   void *pool;
@@ -122,7 +124,13 @@ static int64_t pack(const Group *group, const double *from)
 {
   switch (group->type) {
   case FLOAT64: for (int64_t k = 0; k < group->n; k++) ((double *)group->values)[k] = from[group->places[k]]; break;
-  case FLOAT32: for (int64_t k = 0; k < group->n; k++) ((float *)group->values)[k] = (float)from[group->places[k]]; break;
+  case FLOAT32:
+    for (int64_t k = 0; k < group->n; k++) {
+      const double value = from[group->places[k]];
+      if (isfinite(value) && fabs(value) > FLT_MAX) return k;
+      ((float *)group->values)[k] = (float)value;
+    }
+    break;
   case INT8: WRITE(int8_t, -128.0, 128.0) break;
   case UINT8: WRITE(uint8_t, 0.0, 256.0) break;
   case INT16: WRITE(int16_t, -32768.0, 32768.0) break;
@@ -145,11 +153,6 @@ static int64_t get(Master *m, int64_t p, double t)
     const int status = call(group->get, part, group);
     if (status > STATUS_WARNING) return failed(m, p, CALL_GET, g, status, t);
     unpack(group, m->y);
-    for (int64_t k = 0; k < group->n; k++)
-      if (!isfinite(m->y[group->places[k]])) {
-        failed(m, p, CALL_GET, group->places[k], 0, t);
-        return NOT_FINITE;
-      }
   }
   return FINE;
 }
@@ -396,18 +399,32 @@ static int64_t back(Master *m, double t)
   return FINE;
 }
 
+/* What is no number is left in `coarse`, for the message. */
+static int64_t finite(Master *m, double t)
+{
+  for (int64_t j = 0; j < m->n_y; j++)
+    if (m->watched[j] && !isfinite(m->y[j])) {
+      memcpy(m->coarse, m->y, (size_t)m->n_y * sizeof(double));
+      m->failed_time = t;
+      return NOT_FINITE;
+    }
+  return FINE;
+}
+
 /* One step, then two halves from the same state; the error over what is allowed. */
-static int64_t twice(Master *m, double t, double end, double *error)
+static int64_t twice(Master *m, double t, double end, double *error, bool *wrong)
 {
   const double middle = t + 0.5 * (end - t);
-  int64_t code = advance(m, t, end, false);
+  int64_t code = advance(m, t, end, true);
   if (!code) {
     memcpy(m->coarse, m->y, (size_t)m->n_y * sizeof(double));
     code = back(m, t);
   }
-  if (!code) code = advance(m, t, middle, false);
-  if (!code) code = advance(m, middle, end, false);
-  *error = INFINITY; /* a discarded step is wrong beyond measure */
+  if (!code) code = advance(m, t, middle, true);
+  if (!code) code = advance(m, middle, end, false); /* t, which comes before, may be gone back to */
+  *error = INFINITY; /* a discarded step is wrong beyond measure, and one to what is no number */
+  *wrong = !code && finite(m, end);
+  if (*wrong) return FINE;
   if (code == CALL_FAILED && m->failed_call == CALL_STEP && m->failed_status == STATUS_DISCARD) return FINE;
   if (code) return code;
   *error = 0.0;
@@ -424,8 +441,9 @@ static int64_t controlled(Master *m, double t, double end)
   while (t < end) {
     const double target = t + m->step > end - m->smallest ? end : t + m->step;
     double error = 0.0;
+    bool wrong = false;
     int64_t code = save(m, t);
-    if (!code) code = twice(m, t, target, &error);
+    if (!code) code = twice(m, t, target, &error, &wrong);
     const bool accepted = error <= 1.0;
     if (!code && !accepted) code = back(m, t);
     for (int64_t p = 0; p < m->n_parts; p++)
@@ -443,6 +461,7 @@ static int64_t controlled(Master *m, double t, double end)
     } else {
       m->rejected++;
       if (m->step < m->smallest) {
+        if (wrong) return NOT_FINITE;
         m->failed_time = t;
         return STEP_TOO_SMALL;
       }
@@ -462,8 +481,10 @@ PF_API int64_t pf_master_run(Master *m, const double *points, int64_t n, const u
   for (int64_t k = 0; k < n && !code; k++) {
     if (m->step > 0.0) code = controlled(m, points[k], points[k + 1]);
     else if (!(code = advance(m, points[k], points[k + 1], true))) m->steps++;
-    if (code || !keep[k]) continue;
-    for (int64_t j = 0; j < n_chosen; j++) *rows++ = m->y[chosen[j]];
+    if (code) break;
+    if (keep[k])
+      for (int64_t j = 0; j < n_chosen; j++) *rows++ = m->y[chosen[j]];
+    code = finite(m, points[k + 1]);
   }
 #ifndef _WIN32
   if (m->pool) end_pool(m->pool);

@@ -26,11 +26,11 @@
 #define DISCARD_ABOVE 1e300 /* doStep discards longer steps */
 #endif
 
-enum { TIME, PLACE, X, V, DX, DV, FORCE, MASS, STIFFNESS, DAMPING, COUPLING, LABEL, COUNT, VARIABLES };
+enum { TIME, PLACE, X, V, DX, DV, FORCE, MASS, STIFFNESS, DAMPING, COUPLING, LABEL, COUNT, TINY, POSITIVE, MODE, FLAG, VARIABLES };
 
 typedef struct {
   double time, place[N], x[N], v[N], mass, stiffness, damping, coupling;
-  int count;
+  int count, tiny, positive, mode, flag;
   int stepping; /* for one that keeps count of what it was asked */
 } Model;
 
@@ -63,7 +63,7 @@ enum { SEGFAULT, ABORT, EXIT, HANG, NOT_A_NUMBER };
 static void mischief(Model *m, double end) {
   static int *volatile nowhere;
   if (end <= MISCHIEF_AT) return;
-  puts("mischief on standard output");
+  if (MISCHIEF != NOT_A_NUMBER) puts("mischief on standard output");
   fflush(stdout);
   switch (MISCHIEF) {
   case SEGFAULT: *nowhere = 1; break;
