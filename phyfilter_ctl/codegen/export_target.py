@@ -71,8 +71,8 @@ def export_target(
     target : {"arduino", "ardupilot", "cmake", "crazyflie", "px4", "ros2", "rust", "zephyr"}
         Arduino library (PlatformIO takes it too), CMake project with package files, Zephyr module; crate for Rust
         without std (a filter); app of the Crazyflie, external module of PX4, backend of ArduPilot's custom controller
-        and component of ROS 2 (one low-pass filter that three channels share, without inertia; the first two on the velocity per
-        unit of mass, the third on the body rates, in float).
+        and component of ROS 2 (one low-pass filter that three channels share, without inertia; the first two on the
+        velocity per unit of mass, the third on the body rates, in float).
     folder : str or Path
         Written whole or not at all; files that no export wrote are not touched.
     real, name, channels, inertia, signals

@@ -41,7 +41,7 @@ def check_autopilot(
     """
     if not _NAME.fullmatch(name):
         raise ValueError(f"name: {target} takes small letters, digits and single underscores, got {name!r}")
-    if not isinstance(system, SampledPhyFilter) or system.E is not None or len(system.filters) > 1:
+    if not isinstance(system, SampledPhyFilter) or system.E is not None or len(system.filters) != 1:
         raise ValueError(
             f"{target}: expected one sampled filter that all axes share, without directions E: its poles become "
             "parameters"
