@@ -148,15 +148,16 @@ def _compare(options: Namespace, mission: Mission | None, outputs: Outputs) -> N
 
 def _turn(options: Namespace, mission: Mission | None, outputs: Outputs) -> None:
     from . import turning
+    from .picture import draw_turning
 
     if options.study or options.tune or mission is not None or options.out:
         raise ValueError(
             "--mission fast: a table of its own; leave out --study, --tune, --pick, --place, --payload and --out"
         )
-    cases = (turning.RATES[-1],) if options.quick else (*turning.RATES, turning.PLACE)
-    with outputs.progress(turning.steps()) as say, _executor(options) as executor:
+    cases = turning.RATES[-1:] if options.quick else turning.CASES
+    with outputs.progress(turning.steps(cases)) as say, _executor(options) as executor:
         found = turning.compare(_seeds(options), cases=cases, report=say, executor=executor)
-    outputs.publish(turning.table(found), turning.figures(found))
+    outputs.publish(turning.table(found), turning.figures(found), lambda: draw_turning(found))
 
 
 def _hand_over(folder: str, outputs: Outputs, found: Comparison, figures: dict[str, object]) -> str:

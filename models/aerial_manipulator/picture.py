@@ -13,8 +13,9 @@ from phyfilter_ctl.plots import dress
 from .comparison import Comparison
 from .methods import NAMES, MethodName
 from .params import params
+from .turning import PLACE, Turning
 
-__all__ = ["COLOURS", "draw"]
+__all__ = ["COLOURS", "draw", "draw_turning"]
 
 FloatArray = NDArray[np.float64]
 
@@ -63,6 +64,36 @@ def draw(comparison: Comparison) -> Figure:
         f"Pick and place of {mission.payload:g} kg in a jet of {params().wind.jet_speed:g} m/s: "
         f"{len(comparison.seeds)} simulated missions a method, one of them shown",
         fontsize="medium",
+    )
+    return figure
+
+
+def draw_turning(found: Turning) -> Figure:
+    """Draw the errors of all methods over the arm's rate.
+
+    Parameters
+    ----------
+    found : Turning
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+    """
+    cases = list(dict.fromkeys(case for case, _ in found.scores))
+    figure = Figure(figsize=(7.0, 4.0), layout="constrained")
+    axes = figure.add_subplot()
+    for k, (name, colour) in enumerate(COLOURS.items()):
+        errors = [found.scores.interval(case, name, "mean") for case in cases]
+        middle = 100.0 * np.array([v.median for v in errors])
+        spread = np.abs(100.0 * np.array([[v.low, v.high] for v in errors]).T - middle)
+        x = np.arange(len(cases)) + 0.08 * (k - 2)
+        axes.errorbar(x, middle, spread, fmt="o", ms=4, lw=0.8, capsize=2, color=colour, label=NAMES[name])
+    axes.set_xticks(range(len(cases)), [case if case == PLACE else f"{case} rad/s" for case in cases])
+    axes.set(ylabel="Mean |e| of the end effector [cm]", ylim=(0.0, None), xlim=(-0.5, len(cases) - 0.5))
+    axes.legend(fontsize="x-small", frameon=False)
+    dress(
+        axes,
+        f"Hover in a jet of {params().wind.jet_speed:g} m/s while the arm turns: {len(found.seeds)} flights a method",
     )
     return figure
 

@@ -19,7 +19,7 @@ from .seer import Seer
 from .training import circling, train
 from .tuning import tuned
 
-__all__ = ["PLACE", "RATES", "Turning", "compare", "figures", "steps", "table"]
+__all__ = ["CASES", "PLACE", "RATES", "Turning", "compare", "figures", "steps", "table"]
 
 FloatArray = NDArray[np.float64]
 
@@ -57,15 +57,19 @@ class Turning:
         return self.scores.reduction(case, over, of="phyfilter", figure="mean")
 
 
-def steps() -> int:
+CASES = (*RATES, PLACE)
+"""What is flown."""
+
+
+def steps(cases: Sequence[str] = CASES) -> int:
     """Number of reports of :func:`compare`."""
-    return len(METHODS) * (len(RATES) + 1)
+    return len(METHODS) * len(cases)
 
 
 def compare(
     seeds: Sequence[int],
     *,
-    cases: Sequence[str] = (*RATES, PLACE),
+    cases: Sequence[str] = CASES,
     backend: Backend = "auto",
     report: Report = silent,
     executor: Executor | None = None,
@@ -108,9 +112,10 @@ def table(found: Turning) -> str:
     """
     cases = list(dict.fromkeys(case for case, _ in found.scores))
     heads = [case if case == PLACE else f"{case} rad/s" for case in cases]
+    beside = f" (last column: {PLACE})" if PLACE in cases else ""
     lines = [
-        f"hover in a jet of {params().wind.jet_speed:g} m/s while the arm turns, {len(found.seeds)} flights a method; "
-        "mean |e| of the end effector in cm, median of the flights [its 95 % interval]",
+        f"hover in a jet of {params().wind.jet_speed:g} m/s while the arm turns{beside}, {len(found.seeds)} flights a "
+        "method; mean |e| of the end effector in cm, median of the flights [its 95 % interval]",
         "",
         f"{'':<25}" + "".join(f"{head:>22}" for head in heads),
     ]

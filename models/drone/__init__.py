@@ -133,7 +133,7 @@ def main(options: Namespace) -> int:
 
 def _check(options: Namespace) -> None:
     from .params import params
-    from .reference import check_feasible
+    from .reference import check_feasible, flown
 
     if options.seeds is not None and options.seeds < 1:
         raise ValueError(f"--seeds: expected 1 or more, got {options.seeds}")
@@ -143,16 +143,25 @@ def _check(options: Namespace) -> None:
         raise ValueError("--checkpoint: only --study is kept; add --study")
     if (options.replay_train or options.thrust_delay) and not options.replay:
         raise ValueError("--replay-train and --thrust-delay belong to --replay; add --replay FILES")
-    mission, vehicle = params().mission, params().vehicle
+    job = next((name for name in ("study", "tune", "replay", "cosimulate") if getattr(options, name)), None)
+    given = {
+        "mission": options.mission != "paper",
+        "speed": options.speed is not None,
+        "radius": options.radius is not None,
+        "payload": options.payload is not None,
+    }
+    changed = [f"--{name}" for name, one in given.items() if one]
+    if job and changed:
+        raise ValueError(
+            f"--{job}: {', '.join(changed)} would change the comparison only; leave one of the two out"
+        )
     if options.payload and not 0.0 <= options.payload[0] <= options.payload[1]:
         raise ValueError(
             f"--payload: expected 0 <= LOW <= HIGH, got {options.payload[0]:g} and {options.payload[1]:g} kg"
         )
-    check_feasible(
-        _circle(options).get("controller.reference.speed", mission.speed),
-        mission.radius if options.radius is None else options.radius,
-        vehicle.mass + (options.payload[1] if options.payload else params().mass.high),
-    )
+    mission = flown(_circle(options))
+    heaviest = params().vehicle.mass + (options.payload[1] if options.payload else params().mass.high)
+    check_feasible(mission.speed, mission.radius, heaviest)
 
 
 def _seeds(options: Namespace) -> range:
@@ -183,9 +192,7 @@ def _compare(options: Namespace, outputs: Outputs) -> None:
         figures["realtime_factor"] = factor
         notes = [f"whole closed loop: {factor:.0f} times real time on one core"]
         notes.append(_hand_over(options, found, figures, say))
-    outputs.publish(
-        "\n".join([report.table(found, _circle(options)), "", *notes]), figures, lambda: draw(found)
-    )
+    outputs.publish("\n".join([report.table(found), "", *notes]), figures, lambda: draw(found))
 
 
 def _circle(options: Namespace) -> dict[str, float]:

@@ -14,10 +14,11 @@ from phyfilter_ctl.learned import Chebyshev
 from phyfilter_ctl.simulation import BackendChoice
 from phyfilter_ctl.study import Executor, Interval, Report, Scores, TunedMethod, score_methods, silent
 
+from . import reference
 from .experiment import Flights, Score, fly
 from .flights import Scenario, conditions
 from .methods import METHODS, Method, MethodName
-from .params import params
+from .params import Mission, params
 from .training import Training, train
 from .tuning import tuned
 
@@ -73,6 +74,8 @@ class Comparison:
         One windy flight of every method, with all signals: that of the seed with PhyFilter's median error.
     still : dict of str to Flights
         The same seed without wind.
+    mission : Mission
+        With the circle that was flown.
     """
 
     seeds: tuple[int, ...]
@@ -82,6 +85,7 @@ class Comparison:
     estimation: Mapping[tuple[Scenario, MethodName], Estimation]
     shown: Mapping[MethodName, Flights]
     still: Mapping[MethodName, Flights]
+    mission: Mission
 
     def mae(self, scenario: Scenario, part: str = "total") -> dict[MethodName, Interval]:
         """Mean errors in m, median over the seeds; ``part`` is total, horizontal or vertical."""
@@ -162,7 +166,8 @@ def compare(
         }
 
     chosen: dict[MethodName, TunedMethod[Method]] = {name: entries[name] for name in methods}
-    return Comparison(seeds, chosen, training, scores, estimation, showing("wind"), showing("mass"))
+    shown, still = showing("wind"), showing("mass")
+    return Comparison(seeds, chosen, training, scores, estimation, shown, still, reference.flown(others))
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,7 @@ from .events import EVENTS
 from .flights import Conditions, timepts
 from .methods import Method
 from .params import params
-from .reference import check_feasible
+from .reference import check_feasible, flown
 
 __all__ = ["Flights", "Score", "flat_model", "fly", "start_state"]
 
@@ -130,12 +130,8 @@ def fly(
         Before anything flies, if the rotors cannot hold the circle.
     """
     given = dict(others or {})
-    mission, vehicle = params().mission, params().vehicle
-    speed, radius = (
-        float(np.max(np.asarray(given.get(f"controller.reference.{name}", default), dtype=float)))
-        for name, default in (("speed", mission.speed), ("radius", mission.radius))
-    )
-    check_feasible(speed, radius, vehicle.mass + float(conditions.added_mass.max()))
+    mission, vehicle = flown(given), params().vehicle
+    check_feasible(mission.speed, mission.radius, vehicle.mass + float(conditions.added_mass.max()))
     time = timepts(duration)
     flat = flat_model(method.structure, model, any(name in given for name in EVENTS))
     settings = {**conditions.parameters(), **method.parameters(), **given}
@@ -148,7 +144,7 @@ def fly(
         flat,
         time,
         unit_noise(conditions.seeds, 3 * len(NOISES), len(time)),
-        start_state(radius),
+        start_state(mission.radius),
         params=settings,
         method="rk4",
         max_step=params().sampling.max_step,

@@ -79,7 +79,7 @@ def draw(comparison: Comparison) -> Figure:
         bottom.subplots(1, len(estimators), sharey=True, squeeze=False)[0], estimators, "fgh", strict=False
     ):
         _estimate(axes, comparison.shown[name], name, letter)
-    mission = params().mission
+    mission = comparison.mission
     figure.suptitle(
         f"A circle of {mission.radius:g} m at {mission.speed:g} m/s with an unknown mass, in the wind of a fan: "
         f"{len(comparison.seeds)} simulated flights a method",
@@ -89,8 +89,8 @@ def draw(comparison: Comparison) -> Figure:
 
 
 def _circle(axes: Axes, comparison: Comparison, names: list[MethodName]) -> None:
-    wind, mission = params().wind, params().mission
-    edge = 1.7 * mission.radius
+    wind = params().wind
+    edge = 1.7 * comparison.mission.radius
     axes.axhspan(
         wind.jet_offset - wind.jet_width, wind.jet_offset + wind.jet_width, color="#56B4E9", alpha=0.15, lw=0
     )

@@ -7,14 +7,18 @@ so that jerk is continuous and the flight begins at rest on the circle.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import replace
+
 import casadi as ca
 import numpy as np
+from numpy.typing import ArrayLike
 
 from phyfilter_ctl.blocks import BlockFunctions, FunctionBlock, Variable
 
 from .params import Mission, Vehicle, params
 
-__all__ = ["check_feasible", "circle"]
+__all__ = ["check_feasible", "circle", "flown"]
 
 _AXES = range(3)
 
@@ -71,6 +75,28 @@ def circle(mission: Mission | None = None) -> FunctionBlock:
         ca.Function("output", [t, x, u, p], [ca.vertcat(*[value for value, _ in outputs.values()])]),
     )
     return FunctionBlock(functions, "reference", None)
+
+
+def flown(others: Mapping[str, ArrayLike] | None = None) -> Mission:
+    """The mission of ``params.toml`` on the circle that is flown.
+
+    Parameters
+    ----------
+    others : mapping, optional
+        Parameters of the diagram; of several radii and speeds the largest count.
+
+    Examples
+    --------
+    >>> found = flown({"controller.reference.speed": 3.0})
+    >>> found.radius, found.speed
+    (1.5, 3.0)
+    """
+    given, mission = others or {}, params().mission
+
+    def largest(name: str, default: float) -> float:
+        return float(np.max(np.asarray(given.get(f"controller.reference.{name}", default), dtype=float)))
+
+    return replace(mission, radius=largest("radius", mission.radius), speed=largest("speed", mission.speed))
 
 
 # Of the rotors' thrust: what is left for attitude control and wind.

@@ -42,21 +42,18 @@ def reductions(comparison: Comparison) -> list[_Reduction]:
     ]
 
 
-def table(comparison: Comparison, circle: Mapping[str, float] | None = None) -> str:
+def table(comparison: Comparison) -> str:
     """Errors, gains, reductions and estimates as text.
 
     Parameters
     ----------
     comparison : Comparison
-    circle : dict of str to float, optional
-        Parameters of the diagram that make another circle than that of ``params.toml``.
     """
-    mission, n, given = params().mission, len(comparison.seeds), circle or {}
-    radius = given.get("controller.reference.radius", mission.radius)
-    speed = given.get("controller.reference.speed", mission.speed)
+    mission = comparison.mission
+    of_paper = _PAPER if mission == params().mission else {}
     lines = [
-        f"circle of {radius:g} m at {speed:g} m/s, {n} simulated flights a method, mean |e| in cm: "
-        "median of the flights [its 95 % interval]",
+        f"circle of {mission.radius:g} m at {mission.speed:g} m/s, {len(comparison.seeds)} simulated flights a method, "
+        "mean |e| in cm: median of the flights [its 95 % interval]",
         "",
         f"{'':<26}{'mass only':>22}{'mass and wind':>22}{'horizontal':>12}{'vertical':>10}",
     ]
@@ -81,12 +78,13 @@ def table(comparison: Comparison, circle: Mapping[str, float] | None = None) -> 
         "all know the nominal mass and carry its weight by feed-forward; what no method but the last is trimmed for is",
         "the payload",
     ]
-    lines += ["", f"{'PhyFilter below, %':<26}{'mass only':>22}{'mass and wind':>22}{'paper':>12}"]
+    head = f"{'PhyFilter below, %':<26}{'mass only':>22}{'mass and wind':>22}"
+    lines += ["", head + (f"{'paper':>12}" if of_paper else "")]
     for entry in reductions(comparison):
         over = entry["over"]
-        paper = f"{_PAPER[over]:.2f}" if over in _PAPER else ""
+        paper = f"{of_paper[over]:>12.2f}" if over in of_paper else ""
         still, windy = (f"{value.text(1.0, 1)}  " for value in (entry["mass"], entry["wind"]))
-        lines.append(f"{NAMES[over]:<26}{still:>22}{windy:>22}{paper:>12}")
+        lines.append(f"{NAMES[over]:<26}{still:>22}{windy:>22}{paper}")
     lines += ["", f"{'RMSE of the force, N':<26}{'whole':>8}{'mass part':>11}{'wind part':>11}   in the wind"]
     for (kind, name), found in comparison.estimation.items():
         if kind == "wind":
@@ -113,9 +111,10 @@ def _median(values: np.ndarray | None) -> str:
 
 
 def figures(comparison: Comparison) -> dict[str, object]:
-    """The content of the JSON file: medians over the test flights, m, N and per cent."""
+    """The content of the JSON file: medians over the test flights, m, m/s, N and per cent."""
     found: dict[str, object] = {
         "seeds": list(comparison.seeds),
+        "circle": {"radius": comparison.mission.radius, "speed": comparison.mission.speed},
         "mae": {kind: _medians(comparison.mae(kind)) for kind in SCENARIOS},
         "mae_horizontal": {kind: _medians(comparison.mae(kind, "horizontal")) for kind in SCENARIOS},
         "mae_vertical": {kind: _medians(comparison.mae(kind, "vertical")) for kind in SCENARIOS},

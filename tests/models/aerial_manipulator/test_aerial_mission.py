@@ -435,10 +435,13 @@ def test_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Non
 
 
 @pytest.mark.slow
-def test_while_the_arm_turns_the_model_pays(capsys: pytest.CaptureFixture[str]) -> None:
+def test_while_the_arm_turns_the_model_pays(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Beyond the rates it was trained on; 20 flights say 17.2 % [17.0, 17.3] below the observer."""
+    picture = tmp_path / "turning.png"
     arguments = ["--mission", "fast", "--quick", "--seeds", "2", "--quiet", "--json", "-"]
-    assert main(["run", "aerial_manipulator", *arguments]) == 0
+    assert main(["run", "aerial_manipulator", *arguments, "--picture", str(picture)]) == 0
+    assert picture.stat().st_size > 20_000
     found = json.loads(capsys.readouterr().out)
     assert found["reduction_pct"]["6.5"]["observer"]["median"] == pytest.approx(17.2, abs=0.5)
     assert found["mean_error_cm"]["6.5"]["phyfilter"] == pytest.approx(1.41, abs=0.03)
+    assert importlib.import_module(f"{ROOM}.turning").steps(("6.5",)) == len(methods.METHODS)

@@ -281,6 +281,14 @@ def test_comparison_is_the_same_by_any_number_of_workers() -> None:
         (["--checkpoint", "kept.jsonl"], "add --study"),
         (["--thrust-delay", "0.1"], "belong to --replay"),
         (["--replay", "no-such-file.csv"], "no-such-file.csv"),
+        *(
+            (
+                ["--mission", "fast", f"--{job}", *files],
+                f"--{job}: --mission would change the comparison only",
+            )
+            for job, files in (("study", []), ("tune", []), ("replay", ["a.csv"]), ("cosimulate", []))
+        ),
+        (["--tune", "--speed", "1", "--payload", "0.1", "0.2"], "--tune: --speed, --payload"),
         (["--picture", "flight.xyz"], "flight.xyz"),
     ],
 )
@@ -324,7 +332,9 @@ def test_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Non
     assert code == 0
     assert text.startswith("circle of 1.5 m at 3 m/s")
     assert "PhyFilter below, %" in text
+    assert "paper" not in text  # whose figures are of 2 m/s
     found = json.loads(figures.read_text())
+    assert found["circle"] == {"radius": 1.5, "speed": 3.0}
     wanted = {
         "baseline",
         "integral",
