@@ -151,13 +151,12 @@ def arm(rate: float, wind: float, seeds: Sequence[int], seconds: float) -> Cell:
     methods.insert(1, replace(methods[0], name="observer"))
     goals = training.circling((rate, rate), seconds)
     others = {"vehicle.wind.jet_speed": wind * known.wind.jet_speed, "vehicle.load.mass": 0.0}
-    forces = ("f_coupling", "f_payload", "f_wind", "tau_coupling", "tau_payload")
     errors: list[list[Array]] = [[], [], []]
     parts: list[list[Estimated]] = [[], []]
     counted = goals.time >= 0.3 * seconds
     for k in range(0, len(seeds), CHUNK):
         for i, method in enumerate(methods):
-            more = ("v_m", "omega_m", "g", "g_tau", "f_hat", "tau_hat", *forces) if i < 2 and k == 0 else ()
+            more = (*experiment.ESTIMATED, "f_hat", "tau_hat") if i < 2 and k == 0 else ()
             flown = experiment.fly(
                 method,
                 seeds[k : k + CHUNK],
@@ -186,7 +185,7 @@ def arm(rate: float, wind: float, seeds: Sequence[int], seconds: float) -> Cell:
 
 def horizontal(signals: dict[str, Array], method: Any) -> list[Estimated]:
     """Force and torque of the arm, by their answers in x and y: a torque tilts the thrust, which carries the weight."""
-    vehicle, features = part("aerial_manipulator", "vehicle"), part("aerial_manipulator", "features")
+    vehicle = part("aerial_manipulator", "vehicle")
     mass, inertia = vehicle.nominal_mass(), vehicle.nominal_inertia()
     gravity = part("aerial_manipulator", "params").params().vehicle.gravity
     kp, kd = (method.gains[name][0] for name in ("kp", "kd"))
@@ -194,12 +193,11 @@ def horizontal(signals: dict[str, Array], method: Any) -> list[Estimated]:
     tilted = ct.TransferFunction([gravity], [1.0, method.attitude.kw[0], method.attitude.kR[0]])
     # About y and -x.
     level = inertia[[1, 0]] * np.array([1.0, -1.0])
-    force = signals["f_coupling"] + signals["f_payload"] + signals["f_wind"]
-    torque = signals["tau_coupling"] + signals["tau_payload"] - features.trim_torque()
-    momenta = mass * signals["v_m"], inertia * signals["omega_m"]
-    thetas = signals.get("f_theta"), signals.get("tau_theta")
-    linear = Estimated(momenta[0], signals["g"], force, signals["f_hat"], thetas[0], moved)
-    angular = Estimated(momenta[1], signals["g_tau"], torque, signals["tau_hat"], thetas[1], moved * tilted)
+    force, torque = part("aerial_manipulator", "experiment").unknown(signals)
+    linear = Estimated(force.x, force.g, force.f, signals["f_hat"], signals.get("f_theta"), moved)
+    angular = Estimated(
+        torque.x, torque.g, torque.f, signals["tau_hat"], signals.get("tau_theta"), moved * tilted
+    )
     return [linear.taken([0, 1], np.array([mass, mass])), angular.taken([1, 0], level)]
 
 

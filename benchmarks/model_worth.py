@@ -108,27 +108,21 @@ def drone(*, quick: bool) -> dict[str, Case]:
 def arm(*, quick: bool) -> dict[str, Case]:
     training, known = part("aerial_manipulator", "training"), part("aerial_manipulator", "params").params()
     method = part("aerial_manipulator", "tuning").tuned()["phyfilter"].method
-    vehicle, trim = (
-        part("aerial_manipulator", "vehicle"),
-        part("aerial_manipulator", "features").trim_torque(),
-    )
+    experiment = part("aerial_manipulator", "experiment")
     seer, found, dt = training.train().seer, {}, known.sampling.dt
-    forces = ("f_coupling", "f_payload", "f_wind", "tau_coupling", "tau_payload")
     for rate in (1.5, 5.0):
-        flown = part("aerial_manipulator", "experiment").fly(
+        flown = experiment.fly(
             method,
             range(5000, 5000 + FLIGHTS),
             seer,
             goals=training.circling((rate, rate), 20.0),
-            keep=("v_m", "omega_m", "g", "g_tau", "f_theta", "tau_theta", *forces),
+            keep=(*experiment.ESTIMATED, "f_theta", "tau_theta"),
             others={"vehicle.load.mass": 0.0},
         )
         got = {name: values[:, round(6.0 / dt) :] for name, values in flown.signals.items()}
-        force = got["f_coupling"] + got["f_payload"] + got["f_wind"]
-        torque = got["tau_coupling"] + got["tau_payload"] - trim
-        x, spin = vehicle.nominal_mass() * got["v_m"], vehicle.nominal_inertia() * got["omega_m"]
-        linear = recordings(x, got["g"], force, got["f_theta"], dt)
-        angular = recordings(spin, got["g_tau"], torque, got["tau_theta"], dt)
+        force, torque = experiment.unknown(got)
+        linear = recordings(force.x, force.g, force.f, got["f_theta"], dt)
+        angular = recordings(torque.x, torque.g, torque.f, got["tau_theta"], dt)
         found[f"force, {rate:g} rad/s"] = Case(linear, method.force_filter())
         found[f"torque, {rate:g} rad/s"] = Case(angular, method.torque_filter())
     return found

@@ -263,10 +263,12 @@ def tuned(world: World, make: Make, bandwidths: Array, seconds: float) -> tuple[
     if k == 0 or not np.isfinite(coarse[k]):
         return float(bandwidths[k]), "edge"
     finer = bandwidths[k] * (bandwidths[1] / bandwidths[0]) ** np.array(FINER)
+    finer = finer[finer <= bandwidths[-1]]
     tried, found = np.concatenate([[bandwidths[k]], finer]), [coarse[k], *costs(finer)]
+    best = int(np.argmin(found))
     if k == len(bandwidths) - 1:
-        return float(bandwidths[k]), "rate"
-    return float(tried[np.argmin(found)]), "" if np.isfinite(coarse[k + 1]) else "noise"
+        return float(tried[best]), "" if best else "rate"
+    return float(tried[best]), "" if np.isfinite(coarse[k + 1]) else "noise"
 
 
 def main() -> int:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,16 +15,73 @@ from phyfilter_ctl.simulation import simulate_batch
 from phyfilter_ctl.study import flight_signals
 
 from .diagram import build
+from .features import trim_torque
 from .flights import check_seeds, noise
 from .methods import Method
 from .mission import Reference, reference
 from .params import Mission, params
 from .seer import Seer
+from .vehicle import nominal_inertia, nominal_mass
 
-__all__ = ["Backend", "Flights", "Score", "flat_model", "fly", "start_state"]
+__all__ = [
+    "ESTIMATED",
+    "Backend",
+    "Flights",
+    "Score",
+    "Unknown",
+    "flat_model",
+    "fly",
+    "start_state",
+    "unknown",
+]
 
 FloatArray = NDArray[np.float64]
 Backend = Literal["auto", "vm", "c"]
+
+
+ESTIMATED = (
+    "v_m",
+    "omega_m",
+    "g",
+    "g_tau",
+    "f_coupling",
+    "f_payload",
+    "f_wind",
+    "tau_coupling",
+    "tau_payload",
+)
+"""Signals that :func:`unknown` takes."""
+
+
+class Unknown(NamedTuple):
+    """What a filter of force or torque is to find, (B, N, 3), and what it finds it from.
+
+    Attributes
+    ----------
+    x : array
+        Momentum of the nominal mass or inertia as measured, kg m/s or N m s.
+    g, f : array
+        Known and unknown force or torque, N or N m; torque beyond what the trim carries.
+    """
+
+    x: FloatArray
+    g: FloatArray
+    f: FloatArray
+
+
+def unknown(signals: Mapping[str, FloatArray]) -> tuple[Unknown, Unknown]:
+    """Force and torque of flights that kept ``ESTIMATED``.
+
+    Parameters
+    ----------
+    signals : mapping of str to (B, N, 3) array
+    """
+    force = signals["f_coupling"] + signals["f_payload"] + signals["f_wind"]
+    torque = signals["tau_coupling"] + signals["tau_payload"] - trim_torque()
+    return (
+        Unknown(nominal_mass() * signals["v_m"], signals["g"], force),
+        Unknown(nominal_inertia() * signals["omega_m"], signals["g_tau"], torque),
+    )
 
 
 @dataclass(frozen=True, eq=False)

@@ -24,7 +24,7 @@ from phyfilter_ctl.plants.factory import Results
 from .events import with_events
 from .methods import Method, estimator, filter_of, seer_block
 from .params import params
-from .payload import payload_systems
+from .payload import nothing, payload_systems
 from .reference import circle
 
 __all__ = ["MEASURED", "NOISES", "build", "controller_part", "filter_part", "steps_of_delay", "vehicle_part"]
@@ -96,11 +96,6 @@ def measured_force() -> FunctionBlock:
         outputs={"g": "N", "x": "kg m/s"},
         params={"mass": (vehicle.mass, "kg"), "gravity": (vehicle.gravity, "m/s^2")},
     )
-
-
-def nothing(name: str) -> FunctionBlock:
-    """No force at all, for what takes one and is given none."""
-    return plant(lambda t, x, u, p: ({}, {"zero": np.zeros(3)}), name=name, states={}, outputs={"zero": "N"})
 
 
 def _scaled(factor: float) -> FunctionBlock:

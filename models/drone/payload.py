@@ -23,7 +23,7 @@ from phyfilter_ctl.plants.factory import Results
 from .flights import Conditions
 from .params import params
 
-__all__ = ["NOISE", "parts", "payload_systems", "windy_payloads"]
+__all__ = ["NOISE", "nothing", "parts", "payload_systems", "windy_payloads"]
 
 NOISE = params().vehicle.mass * params().sensors.velocity
 """Deviation of the noise of m v, N s."""
@@ -64,6 +64,11 @@ def parts(gusts: float = _GUSTS) -> list[Part]:
     ]
 
 
+def nothing(name: str) -> FunctionBlock:
+    """No force at all, for what takes one and is given none."""
+    return plant(lambda t, x, u, p: ({}, {"zero": np.zeros(3)}), name=name, states={}, outputs={"zero": "N"})
+
+
 def payload_systems(told: bool) -> tuple[list[ct.InputOutputSystem], dict[str, str]]:
     """Blocks and wires between ``momentum.x``, ``prior.g`` and ``payload_model.f_theta``.
 
@@ -92,10 +97,7 @@ def payload_systems(told: bool) -> tuple[list[ct.InputOutputSystem], dict[str, s
         g="average",
         watch="payload",
     )
-    nothing = plant(
-        lambda t, x, u, p: ({}, {"zero": np.zeros(3)}), name="lumped", states={}, outputs={"zero": "N"}
-    )
-    return [separation, nothing, _model()], wires | {
+    return [separation, nothing("lumped"), _model()], wires | {
         "separation.x": "momentum.x",
         "separation.g": "prior.g",
         "separation.f_theta": "lumped.zero",

@@ -44,6 +44,7 @@ def compare(outputs, changes, part):
     assert wanted.max() > changes.threshold
     np.testing.assert_allclose(outputs["statistic"][whole], wanted, rtol=0.0, atol=AGREE * wanted.max())
     at = np.flatnonzero(outputs["alarm"][whole])
+    assert 0 < len(at) == np.sum(changes.alarms < H * (N - ages[-1]))
     np.testing.assert_array_equal(H * at, changes.alarms[: len(at)])
     np.testing.assert_allclose(H * at - outputs["age"][at], changes.onsets[: len(at)], rtol=0.0, atol=AGREE)
     jumps = np.stack([row for label, row in outputs.items() if label.startswith(f"jump_{part}")], axis=1)
