@@ -16,7 +16,7 @@ from .cosimulation_wiring import Wire
 from .export import export_fmu
 from .inspect import FmuDescription, FmuUnit, FmuVariable, Scalar, describe
 from .ssp_cut import cut_diagram
-from .ssp_read import NAMESPACES
+from .ssp_read import NAMESPACES, SIGNALS
 
 __all__ = ["export_ssp", "write_ssp"]
 
@@ -36,7 +36,7 @@ def export_ssp(
     name: str | None = None,
     parameters: Mapping[str, Scalar] | None = None,
     stop_time: float | None = None,
-    system_connectors: bool = True,
+    system_connectors: bool = False,
 ) -> Path:
     """Export a diagram as a system structure package: one co-simulation FMU per part, and their wiring.
 
@@ -59,8 +59,9 @@ def export_ssp(
     stop_time : float, optional
         Default experiment, from 0.
     system_connectors : bool
-        Whether inputs and outputs of the diagram become connectors of the package. Importers disagree: some need
-        them, some cannot connect through them.
+        Whether inputs and outputs of the diagram become connectors of the package, as FMPy needs them to drive inputs.
+        ecos, libcosim and OMSimulator open no package whose connections go through them; without, the names of the
+        diagram's inputs and outputs stand in an annotation, which :func:`cosimulate` reads.
 
     Returns
     -------
@@ -84,16 +85,19 @@ def export_ssp(
         fmus = {}
         for part, piece in cut.parts.items():
             fmus[part] = Path(folder, f"{part}.fmu")
-            export_fmu(piece, fmus[part], fmi=fmi, kinds=("cs",), platforms=platforms, name=part)
+            export_fmu(
+                piece, fmus[part], fmi=fmi, kinds=("cs",), platforms=platforms, name=part, arrays=False
+            )
         return write_ssp(
             target,
             fmus,
             cut.wires,
             name=name or system.name or "system",
-            inputs=cut.inputs if system_connectors else {},
-            outputs=cut.outputs if system_connectors else {},
+            inputs=cut.inputs,
+            outputs=cut.outputs,
             parameters=parameters,
             stop_time=stop_time,
+            system_connectors=system_connectors,
         )
 
 
@@ -108,6 +112,7 @@ def write_ssp(
     parameters: Mapping[str, Scalar] | None = None,
     start_time: float = 0.0,
     stop_time: float | None = None,
+    system_connectors: bool = True,
 ) -> Path:
     """Write a system structure package around FMUs, ours or others'.
 
@@ -129,6 +134,8 @@ def write_ssp(
         Values by ``component.parameter``.
     start_time, stop_time : float
         Default experiment, in seconds; left out without ``stop_time``.
+    system_connectors : bool
+        False writes inputs and outputs of the whole as an annotation, see :func:`export_ssp`.
 
     Returns
     -------
@@ -152,7 +159,11 @@ def write_ssp(
             f"{target}: {twice[0]!r} is driven twice; an SSP connection joins one output and one input"
         )
     values = _values(descriptions, parameters or {})
-    ssd = _structure(descriptions, fmus, wires, variables, inputs or {}, outputs or {}, name)
+    ends_of_whole = inputs or {}, outputs or {}
+    shown = ends_of_whole if system_connectors else ({}, {})
+    ssd = _structure(descriptions, fmus, wires, variables, *shown, name)
+    if not system_connectors:
+        _annotation(ssd[0], *ends_of_whole)
     if stop_time is not None:
         etree.SubElement(
             ssd,
@@ -209,6 +220,19 @@ def _structure(
             _connection(connections, source, sink, wire, list(fmus))
     _units(root, f"{_SSD}Units", descriptions, {entry.unit for entry in variables.values()})
     return root
+
+
+def _annotation(
+    system: etree._Element, inputs: Mapping[str, Sequence[str]], outputs: Mapping[str, str]
+) -> None:
+    """Names of the whole's inputs and outputs, for those who know this annotation; others pass it over."""
+    holder = etree.SubElement(system, f"{_SSD}Annotations")
+    annotation = etree.SubElement(holder, f"{_SSC}Annotation", type=SIGNALS)
+    signals = etree.SubElement(annotation, f"{{{SIGNALS}}}Signals")
+    pairs = [("Input", label, sink) for label, sinks in inputs.items() for sink in sinks]
+    pairs += [("Output", label, source) for label, source in outputs.items()]
+    for tag, label, place in pairs:
+        etree.SubElement(signals, f"{{{SIGNALS}}}{tag}", name=label, signal=place)
 
 
 def _connectors(element: etree._Element, entries: Sequence[tuple[str, str, FmuVariable]]) -> None:

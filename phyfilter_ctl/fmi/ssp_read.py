@@ -24,6 +24,8 @@ NAMESPACES = {
     "ssv": "http://ssp-standard.org/SSP1/SystemStructureParameterValues",
     "ssm": "http://ssp-standard.org/SSP1/SystemStructureParameterMapping",
 }
+# Annotation of a system: names for components' inputs and outputs, where it has no connectors of its own.
+SIGNALS = "urn:phyfilter-ctl:signals"
 _FMU_TYPES = (None, "application/x-fmu-sharedlibrary")
 _NUMBERS = {"Real": float, "Integer": int, "Enumeration": str, "String": str}
 
@@ -215,8 +217,21 @@ class _Reader:
         }
         # Values for names that no FMU has are ignored, as SSP wants it.
         parameters = {key: value for key, value in self.parameters.items() if key in known}
+        self._named(system, inputs, outputs)
         frozen = {label: tuple(found) for label, found in inputs.items()}
         return SspSystem(name, self.parts, tuple(wires), frozen, outputs, parameters, start, stop)
+
+    def _named(self, system: etree._Element, inputs: dict[str, list[Wire]], outputs: dict[str, str]) -> None:
+        """Add the inputs and outputs that an annotation names."""
+        signals = f"ssd:Annotations/ssc:Annotation[@type='{SIGNALS}']/*/*"
+        for entry in system.iterfind(signals, NAMESPACES):
+            label, signal = str(entry.get("name")), str(entry.get("signal"))
+            if tuple(signal.rsplit(".", 1)) not in self.kinds:
+                raise ValueError(f"{self.path}: {label!r} stands for {signal!r}; there is no such connector")
+            if etree.QName(entry).localname == "Input":
+                inputs.setdefault(label, []).append(Wire(signal, ""))
+            else:
+                outputs[label] = signal
 
     def _outputs(self) -> dict[str, str]:
         result: dict[str, str] = {}

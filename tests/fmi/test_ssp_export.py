@@ -3,6 +3,7 @@
 import control as ct
 import numpy as np
 import pytest
+import test_export_importers as importers
 from fmpy.ssp.simulation import simulate_ssp
 
 from phyfilter_ctl import PhyFilter
@@ -80,11 +81,14 @@ def packages(tmp_path_factory):
     together = {"plant": ["plant"], "control": ["pd", "filter"]}
     return {
         "three": export_ssp(diagram(), folder / "three.ssp", split=PARTS, stop_time=1.0),
+        "connected": export_ssp(
+            diagram(), folder / "connected.ssp", split=PARTS, stop_time=1.0, system_connectors=True
+        ),
         "two": export_ssp(diagram(), folder / "two.ssp", split=together, fmi="3.0"),
     }
 
 
-@pytest.mark.parametrize("name", ["three", "two"])
+@pytest.mark.parametrize("name", ["three", "two", "connected"])
 @pytest.mark.parametrize("scheme", ["jacobi", "gauss-seidel"])
 def test_converges_to_the_diagram(packages, monolith, name, scheme):
     errors = []
@@ -100,7 +104,7 @@ def test_fmpy_runs_it_too(packages, monolith):
     errors = []
     held = {"ref": lambda t: 1.0, "w": lambda t: 0.7, "f_theta": lambda t: 0.0}
     for step in (0.005, 0.0025):
-        rows = simulate_ssp(str(packages["three"]), stop_time=1.0, step_size=step, input=held)
+        rows = simulate_ssp(str(packages["connected"]), stop_time=1.0, step_size=step, input=held)
         at = [int(np.argmin(np.abs(rows["time"] + step - t))) for t in T[1:]]
         errors.append(max(np.max(np.abs(rows[n][at] - monolith[i, 1:])) for i, n in enumerate(("q", "v"))))
     assert abs(errors[0] / errors[1] - 2.0) < ORDER_ONE
@@ -133,3 +137,12 @@ def test_rollback_of_our_own_fmus(packages, monolith):
 def test_sampled_blocks_do_not_run_in_python_control():
     with pytest.raises(TypeError, match=r"'filter' is a sampled block, .* export the part with export_fmu"):
         cosimulate(cut_diagram(diagram(), PARTS), timepts=T)
+
+
+@pytest.mark.parametrize("importer", ["cosim", "ecos"])
+def test_other_hosts_run_it_to_rounding(packages, importer):
+    steps, h = 100, 0.005
+    inputs = {"controller.ref": [1.0] * steps, "plant.w": [0.7] * steps}
+    found = importers.run(importer, packages["three"], h, inputs, ["plant.q", "plant.v", "filter.f_hat[0]"])
+    ours = cosimulate(packages["three"], timepts=h * np.arange(steps + 1), inputs=INPUTS)
+    np.testing.assert_allclose(found, np.asarray(ours.outputs)[:, 1:].T, rtol=0, atol=importers.ROUNDING)
