@@ -1,6 +1,15 @@
 """Analysis: what a filter does to signals."""
 
-from .bounds import BoundResult, Certificate, Implementation, QuadraticProof, Together, ultimate_bound
+from .bounds import (
+    BoundResult,
+    Certificate,
+    FixedPoint,
+    Implementation,
+    QuadraticProof,
+    Together,
+    fixed_point,
+    ultimate_bound,
+)
 from .budget import ErrorBudget, error_budget
 from .frequency import FilterResponse, FilterResponseList, Peak, frequency_response
 from .margins import (
@@ -38,6 +47,7 @@ __all__ = [
     "ErrorBudget",
     "FilterResponse",
     "FilterResponseList",
+    "FixedPoint",
     "Implementation",
     "InertiaCertificate",
     "InertiaMotion",
@@ -61,6 +71,7 @@ __all__ = [
     "disk_margin",
     "error_budget",
     "error_variance",
+    "fixed_point",
     "frequency_response",
     "gauss_markov",
     "largest_bandwidth",

@@ -85,7 +85,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     fmu.add_argument("--name", help="model identifier, a C identifier")
     c = parser.add_argument_group("C")
     c.add_argument("--fixed", action="store_true", help="coefficients and step fixed: least code and memory")
-    c.add_argument("--real", choices=("double", "float"), help="numbers (default: as the filter computes)")
+    c.add_argument(
+        "--real",
+        choices=("double", "float", "q31"),
+        help="numbers (default: as the filter computes); q31: 32-bit integers, needs --ranges",
+    )
+    c.add_argument(
+        "--ranges",
+        nargs="+",
+        metavar="SIGNAL=D",
+        help="q31: largest |x|, |g| and |f_theta|, such as x=10 g=20 f_theta=20",
+    )
 
 
 def main(options: argparse.Namespace) -> int:
@@ -209,6 +219,7 @@ def _c(options: argparse.Namespace, system: System, signals: filterfile.Signals 
         _with_steps("--c", system),
         options.c,
         real=options.real,
+        ranges=_ranges(options),
         name=options.name,
         channels=_channels(options, signals),
         inertia=_inertia(options, signals),
@@ -231,11 +242,25 @@ def _target(options: argparse.Namespace, system: System, signals: filterfile.Sig
         target,
         folder,
         real=options.real,
+        ranges=_ranges(options),
         name=options.name,
         channels=_channels(options, signals),
         inertia=_inertia(options, signals),
         signals=signals,
     )
+
+
+def _ranges(options: argparse.Namespace) -> dict[str, float] | None:
+    if options.ranges is None:
+        return None
+    found: dict[str, float] = {}
+    for entry in options.ranges:
+        name, _, value = entry.partition("=")
+        try:
+            found[name] = float(value)
+        except ValueError:
+            raise ValueError(f"--ranges: expected SIGNAL=D such as x=10, got {entry!r}") from None
+    return found
 
 
 def _with_steps(option: str, system: System) -> ct.InputOutputSystem | SampledPhyFilter:

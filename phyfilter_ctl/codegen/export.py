@@ -22,7 +22,8 @@ def export_c(
     system: ct.InputOutputSystem | FlatModel | SampledPhyFilter,
     folder: str | Path,
     *,
-    real: Literal["double", "float"] | None = None,
+    real: Literal["double", "float", "q31"] | None = None,
+    ranges: Mapping[str, float] | None = None,
     name: str | None = None,
     channels: int | None = None,
     inertia: ArrayLike | Literal["scalar", "diagonal", "full"] | None = None,
@@ -40,8 +41,12 @@ def export_c(
     system : control.InputOutputSystem, FlatModel or SampledPhyFilter
     folder : str or Path
         Written whole or not at all; files that no export wrote are not touched.
-    real : {"double", "float"}, optional
-        Numbers of the C code; by default double, for a filter those it computes in.
+    real : {"double", "float", "q31"}, optional
+        Numbers of the C code; by default double, for a filter those it computes in. "q31", of a filter: 32-bit integers
+        for cores without floating point, coefficients and step fixed.
+    ranges : mapping of str to float, optional
+        Of "q31": largest |x|, |g| and |f_theta| in their units. Beyond them inputs saturate; within them nothing
+        overflows, and the error has the bound that :func:`fixed_point` tells.
     name : str, optional
         Prefix of all symbols, a C identifier.
     channels, inertia, signals
@@ -95,6 +100,7 @@ def export_c(
             folder,
             named if channels is None else channels,
             real=real,
+            ranges=ranges,
             inertia=inertia,
             name=name or "phyfilter",
             variable=variable,
@@ -103,6 +109,10 @@ def export_c(
         )
     if channels is not None or inertia is not None or signals is not None:
         raise ValueError("channels, inertia and signals are those of a filter; a diagram brings its own")
+    if real == "q31" or ranges is not None:
+        raise ValueError(
+            "real='q31' and ranges are those of a filter; a diagram is exported as float or double"
+        )
     flat = system if isinstance(system, FlatModel) else flatten(system)
     return export_diagram(
         flat,

@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..analysis import fixed_point
 from ..filter import SampledPhyFilter
 from ..filterfile import Signals
-from .casadi_source import Real
 from .export_folder import own_order, own_symbols, write_folder
 from .filter_source import FilterSource, InertiaInput, braces, filter_source
+from .fixed_source import fixed_source
 
 __all__ = ["export_filter"]
 
@@ -79,7 +82,8 @@ def export_filter(
     folder: str | Path,
     channels: int,
     *,
-    real: Real | None = None,
+    real: Literal["double", "float", "q31"] | None = None,
+    ranges: Mapping[str, float] | None = None,
     inertia: ArrayLike | InertiaInput | None = None,
     name: str = "phyfilter",
     variable: bool = True,
@@ -96,8 +100,11 @@ def export_filter(
         As :func:`write_folder`.
     channels : int
         Number n_x of channels of x.
-    real : {"double", "float"}, optional
-        Numbers of the C code; by default those of ``sampled.sampling.precision``.
+    real : {"double", "float", "q31"}, optional
+        Numbers of the C code; by default those of ``sampled.sampling.precision``. "q31": 32-bit integers, with fixed
+        coefficients and step.
+    ranges : mapping of str to float, optional
+        Of "q31": largest |x|, |g| and |f_theta|, as :func:`fixed_point`.
     inertia, name, variable, tunable, past
         As :func:`filter_source`. For the smallest and fastest code, ``variable=False, tunable=False``.
     signals : Signals, optional
@@ -115,7 +122,7 @@ def export_filter(
     FileNotFoundError
         If there is no folder for it to be in.
     ValueError
-        As :func:`filter_source`.
+        As :func:`filter_source` and :func:`fixed_point`.
 
     Examples
     --------
@@ -126,6 +133,13 @@ def export_filter(
     ...     sorted(path.name for path in written.iterdir() if path.name.startswith(("wing", "main")))
     ['main.c', 'wing.c', 'wing.h', 'wing_vectors.h']
     """
+    if (real == "q31") != (ranges is not None):
+        raise ValueError(
+            "ranges: expected with real='q31', and only there: the largest |x|, |g| and |f_theta|, such as "
+            "ranges={'x': 10.0, 'g': 20.0, 'f_theta': 20.0}"
+        )
+    if ranges is not None:
+        return write_folder(folder, _fixed(sampled, channels, ranges, inertia, name, signals))
     if real is not None:
         precision = "float32" if real == "float" else "float64"
         sampled = replace(sampled, sampling=replace(sampled.sampling, precision=precision))
@@ -141,6 +155,22 @@ def export_filter(
     )
     vectors = {f"{name}_vectors.h": _vectors(source, inertia), "main.c": _main(source)}
     return write_folder(folder, own_symbols(own_order(source.sources), name) | vectors)
+
+
+def _fixed(
+    sampled: SampledPhyFilter,
+    channels: int,
+    ranges: Mapping[str, float],
+    inertia: ArrayLike | InertiaInput | None,
+    name: str,
+    signals: Signals | None,
+) -> dict[str, str]:
+    unknown = set(ranges) - {"x", "g", "f_theta"}
+    if unknown or "x" not in ranges:
+        raise ValueError(f"ranges: expected x, and g and f_theta where they are not 0, got {sorted(ranges)}")
+    if inertia is not None:
+        raise ValueError("q31 has no inertia: expected None; give M x as x, or export float or double")
+    return fixed_source(fixed_point(sampled, **ranges), channels, name=name, signals=signals)
 
 
 def _main(source: FilterSource) -> str:

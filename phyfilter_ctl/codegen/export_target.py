@@ -40,6 +40,15 @@ uint32_t health = @name@_guard_step(&guard, time_us, x, g, f_theta, NULL, f_hat)
 `health` says what was wrong with what came in: `src/pf_guard.h`. f_hat is finite after every step.
 `@name@_guard_send` takes other poles from another thread, `@name@_guard_check` finds flipped bits.
 """
+_OF_INTEGERS = """\
+Every @dt@ s, on integers (`@name@_X_FRACTION` and so on are their fractional bits):
+
+```c
+static @name@ filter;
+if (@name@_init(&filter, &@name@_parameters)) return;
+int flags = @name@_step(&filter, x, g, f_theta, f_hat);  /* what saturated: see src/pf_q31.h */
+```
+"""
 _OF_DIAGRAM = """\
 Every `@NAME@_STEP` s:
 
@@ -57,7 +66,8 @@ def export_target(
     target: Target,
     folder: str | Path,
     *,
-    real: Literal["double", "float"] | None = None,
+    real: Literal["double", "float", "q31"] | None = None,
+    ranges: Mapping[str, float] | None = None,
     name: str | None = None,
     channels: int | None = None,
     inertia: ArrayLike | Literal["scalar", "diagonal", "full"] | None = None,
@@ -75,8 +85,8 @@ def export_target(
         velocity per unit of mass, the third on the body rates, in float).
     folder : str or Path
         Written whole or not at all; files that no export wrote are not touched.
-    real, name, channels, inertia, signals
-        As :func:`export_c`.
+    real, ranges, name, channels, inertia, signals
+        As :func:`export_c`. "q31" is for cmake and arduino, without the guard.
 
     Returns
     -------
@@ -105,6 +115,8 @@ def export_target(
     """
     if target not in get_args(Target):
         raise ValueError(f"target: expected one of {', '.join(get_args(Target))}, got {target!r}")
+    if real == "q31" and target not in ("arduino", "cmake"):
+        raise ValueError(f"{target}: expected real='double' or 'float'; q31 is for arduino and cmake")
     if target in _AUTOPILOTS:
         check_autopilot(target, system, name or "phyfilter", channels, inertia)
         real, channels = real or ("double" if target == "ros2" else "float"), 3
@@ -116,7 +128,7 @@ def export_target(
         written = export_c(
             system,
             Path(parent, "code"),
-            real=real, name=name, channels=channels, inertia=inertia, signals=signals,
+            real=real, ranges=ranges, name=name, channels=channels, inertia=inertia, signals=signals,
         )  # fmt: skip
         sources = {path.name: path.read_text(encoding="utf-8") for path in written.glob("*.[ch]")}
     tests = {
@@ -124,12 +136,14 @@ def export_target(
     }
     # The model's own header has the shortest name beside those of the runtime.
     model = min((file[:-2] for file in sources if not file.startswith("pf_")), key=len)
-    kind = "filter" if isinstance(system, SampledPhyFilter) else "diagram"
+    kind = "q31" if real == "q31" else "filter" if isinstance(system, SampledPhyFilter) else "diagram"
     if kind == "filter":
         sources |= guard_sources(model)
     values = _values(system, model, sorted(file for file in sources if file.endswith(".c")))
     if kind == "filter":
         values |= _rust_values(sources[f"{model}.h"], model)
+    if kind == "q31":
+        values |= {"header": f"{model}.h", "usage": _filled(_OF_INTEGERS, values)}
     place = _PLACES.get(target, "src").format(model)
     files = {f"{place}/{file}": text for file, text in sources.items()}
     files |= {f"test/{file}": text for file, text in tests.items()}

@@ -20,7 +20,7 @@ from ..filter import SampledPhyFilter
 from ..filterfile import Signals
 from .identifiers import checked_identifier
 
-__all__ = ["FilterSource", "filter_source", "runtime_files"]
+__all__ = ["FilterSource", "describe", "filter_source", "runtime_files", "wrapped"]
 
 InertiaInput = Literal["scalar", "diagonal", "full"]
 
@@ -281,7 +281,7 @@ class _Numbers:
         lines.append(f"  .order = {{{', '.join(f'{order}u' for order in self.orders)}}},")
         for name, (kind, values) in self.members.items():
             single = kind == "real" and self.real == "float"
-            lines += _wrapped(f"  .{name} = {braces(values, single)},")
+            lines += wrapped(f"  .{name} = {braces(values, single)},")
         return "\n".join(lines)
 
 
@@ -320,11 +320,12 @@ def _literal(value: float, single: bool) -> str:
     return f"{text}f" if single else text
 
 
-def _wrapped(line: str, width: int = 110) -> list[str]:
+def wrapped(line: str, width: int = 110) -> list[str]:
+    """A line of numbers as several."""
     if len(line) <= width:
         return [line]
     cut = line.rfind(", ", 0, width) + 1
-    return [line[:cut], *_wrapped("      " + line[cut + 1 :], width)]
+    return [line[:cut], *wrapped("      " + line[cut + 1 :], width)]
 
 
 # -- text -----------------------------------------------------------------------------------------------------------
@@ -336,7 +337,7 @@ def _header(name: str, sampled: SampledPhyFilter, options: dict[str, int], signa
     return f"""\
 /* {name}: a sampled PhyFilter. pf_filter.h says how it is used.
  *
-{_describe(sampled, options["N_X"], options["N_F"], signals)}
+{describe(sampled, options["N_X"], options["N_F"], signals)}
  */
 #ifndef {guard}
 #define {guard}
@@ -357,8 +358,10 @@ extern const {name}_params {name}_parameters;
 """
 
 
-def _describe(sampled: SampledPhyFilter, n_x: int, n_f: int, signals: Signals) -> str:
-    """Formula, signals, units and options as lines of a C comment."""
+def describe(
+    sampled: SampledPhyFilter, n_x: int, n_f: int, signals: Signals, numbers: str | None = None
+) -> str:
+    """Formula, signals, units and options as lines of a C comment; ``numbers`` in words, where not the filter's."""
     shared = len(sampled.filters) == 1
     lines = [
         f"F{'' if shared else i}(s) = {entry.formula()}" + ("" if shared else f"   for f_hat[{i}]")
@@ -378,7 +381,7 @@ def _describe(sampled: SampledPhyFilter, n_x: int, n_f: int, signals: Signals) -
     lines += [
         "",
         f"dt = {sampling.dt:g} s, method {sampling.method}, g {sampling.g}, f_theta {sampling.f_theta}, "
-        f"{sampling.precision}, a sample that is not finite: {sampling.nonfinite}",
+        f"{numbers or f'{sampling.precision}, a sample that is not finite: {sampling.nonfinite}'}",
     ]
     if sampling.delay:
         lines.append(f"delay of the measurement x: {sampling.delay:g} s")

@@ -390,12 +390,12 @@ def test_the_page_for_users_runs_as_written(tmp_path, monkeypatch):
     page = (Path(__file__).parents[2] / "docs" / "targets.md").read_text()
     monkeypatch.chdir(tmp_path)
     commands = re.findall(r"^phyfilter-ctl (.+)$", page, re.M)
-    assert len(commands) == 9
+    assert len(commands) == 10
     for command in commands:
         assert main(command.split()) == 0
     assert sorted(path.name for path in tmp_path.iterdir() if path.is_dir()) == [
         f"{target}_wind"
-        for target in ("arduino", "ardupilot", "cmake", "crazyflie", "px4", "ros2", "rust", "zephyr")
+        for target in ("arduino", "ardupilot", "cmake", "crazyflie", "m0", "px4", "ros2", "rust", "zephyr")
     ]
 
 

@@ -43,8 +43,8 @@ def rounding_error(
     product = AXES * np.sqrt(AXES)
     of_input = u * ((5.0 + product) * slope + 2.0 * G + (slope + G) + 2.0 * T + (slope + G + T))
     U = slope + G + T + of_input
-    states, to_output = kernels.state_gains()
-    w = states * U
+    gains = kernels.state_gains()
+    w = gains.of_u * U
     distance = w + equilibrium * U
     into = u * (2.0 * w + 3.0 * equilibrium * U)  # product, subtraction, carry
     change = dA @ distance
@@ -52,4 +52,4 @@ def rounding_error(
     local = (n + 1) * u * change + dA @ into + u * change + (2.0 * u * u if compensated else u) * w
     size = float(C @ w)
     output = u * float(C @ w) + (n + 1) * u * size + u * (size + 2.0 * T)
-    return _SECOND_ORDER * (of_x * M * u * X + of_u * of_input + float(to_output @ local) + output)
+    return _SECOND_ORDER * (of_x * M * u * X + of_u * of_input + float(gains.to_output @ local) + output)

@@ -12,6 +12,7 @@ import warnings
 from dataclasses import dataclass
 from functools import cached_property
 from math import comb
+from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import LinAlgWarning, solve_discrete_lyapunov
@@ -21,7 +22,7 @@ from ...filter import SampledPhyFilter
 from .kernels import Certificate
 from .walk import ROUNDOFF
 
-__all__ = ["SampledKernels"]
+__all__ = ["SampledKernels", "StateGains"]
 
 _GAP = 1e-8
 _MOST_SAMPLES = 4_000_000
@@ -31,6 +32,23 @@ _DEADBEAT = 1e-2
 _OPERATIONS = 8
 # What stands for zero beside the terms it is a sum of.
 _ROUNDING = 1e-9
+
+
+class StateGains(NamedTuple):
+    """Sums of the magnitudes of impulse responses, for each of n states.
+
+    Attributes
+    ----------
+    of_u, of_x : (n,) arrays
+        Largest |w_j| for |u| <= 1, and for samples |x| <= 1 (of M x).
+    to_output, changes : (n,) arrays
+        To the estimate: from an error added to w_j at every step, and from the differences of one from step to step.
+    """
+
+    of_u: FloatArray
+    of_x: FloatArray
+    to_output: FloatArray
+    changes: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,16 +179,32 @@ class SampledKernels:
         dA, _, C = self.sampled.transition
         return _size(C @ dA, self._series[1])
 
-    def state_gains(self) -> tuple[FloatArray, FloatArray]:
-        """Largest |w_j| for |u| <= 1, and from an error added to w_j at every step to the estimate; (n,) each."""
-        (X, P, rest), (dA, _, C) = self._series, self.sampled.transition
-        M, n = np.eye(len(dA)) + dA, len(C)
-        into = np.abs(np.diff(X, axis=0)).sum(axis=0)
-        into += np.array([_size(row, P) for row in np.eye(n)]) * 2.0 * rest
-        rows = _powers(M.T, C, len(X))
+    def state_gains(self) -> StateGains:
+        """From inputs to the states, and from errors of the states to the estimate."""
+        (X, P, rest), (_, _, C) = self._series, self.sampled.transition
+        sizes = np.array([_size(row, P) for row in np.eye(len(C))])
+        impulse = -np.diff(X, axis=0)
+        changes = np.abs(np.diff(impulse, axis=0, prepend=0.0 * X[:1])).sum(axis=0) + np.abs(impulse[-1])
+        rows, beyond = self._onward(C)
+        return StateGains(
+            of_u=np.abs(impulse).sum(axis=0) + 2.0 * rest * sizes,
+            of_x=(changes + 4.0 * rest * sizes) / self.sampled.dt,
+            to_output=np.abs(rows).sum(axis=0) + beyond,
+            changes=np.abs(np.diff(rows, axis=0, prepend=0.0 * rows[:1])).sum(axis=0) + 2.0 * beyond,
+        )
+
+    def between_states(self) -> FloatArray:
+        """From an error added to w_k at every step to w_j, (n, n)."""
+        rows = [self._onward(row) for row in np.eye(self.sampled.order)]
+        return np.stack([np.abs(found).sum(axis=0) + beyond for found, beyond in rows])
+
+    def _onward(self, row: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """row M^i (m, n), and a bound of the sum of the rest from the last one on."""
+        (X, P, _), dA = self._series, self.sampled.transition[0]
+        M = np.eye(len(dA)) + dA
         slow = np.sqrt(max(float(np.abs(np.linalg.eigvals(M)).max()), _DEADBEAT))
-        out = np.abs(rows).sum(axis=0) + _size(rows[-1], P) * np.sqrt(np.diag(P)) / (1.0 - slow)
-        return np.asarray(into, dtype=float), np.asarray(out, dtype=float)
+        rows = _powers(M.T, row, len(X))
+        return rows, _size(rows[-1], P) * np.sqrt(np.diag(P)) / (1.0 - slow)
 
     def noise(self) -> Certificate:
         """From noise of M x at the samples to the estimate."""

@@ -8,6 +8,7 @@ struct {
   void begin(long) {}
   void print(const char *text) { printf("%s", text); }
   void print(char letter) { printf("%c", letter); }
+  void print(long number) { printf("%ld", number); }
   void print(float number, int) { printf("%g", (double)number); }
   void println(const char *text) { printf("%s\n", text); }
   void println(unsigned long number) { printf("%lu\n", number); }
