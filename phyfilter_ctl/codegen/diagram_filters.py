@@ -81,7 +81,13 @@ def filter_task(
             sampled.filters, replace(sampled.sampling, precision="float32"), E=sampled.E
         )
     source = filter_source(
-        sampled, law.channels, name=name, inertia=law.inertia, variable=False, tunable=tunable
+        sampled,
+        law.channels,
+        name=name,
+        inertia=law.inertia,
+        variable=False,
+        tunable=tunable,
+        fixed=not tunable,
     )
     n_x, n_f, z = law.channels, source.n_f, task.held.start or 0
     member = f"filter_{number}"
@@ -95,6 +101,7 @@ def filter_task(
     inertia = f"{given} + {2 * n_x + n_f}" if source.inertia_entries else "NULL"
     n_v = len(task.law.inputs)
     signals = f"{given}, {given} + {n_x}, {given} + {2 * n_x}, {inertia}"
+    moving = f"sizeof({name})" if source.fixed else f"offsetof({name}, rate)"
     call = f"filter_status({name}_output(&self->{member}, {signals}, "
     if source.real == real:
         output, copy, declarations = checked(f"{call}self->z + {z}))"), "", ""
@@ -120,7 +127,7 @@ def filter_task(
         put_in_force=f"  self->{member} = trial{number};\n" if parameters else "",
         include=f'#include "{name}.h"\n',
         undo=(
-            f"{name}_real {member}[offsetof({name}, rate) / sizeof({name}_real)];",
+            f"{name}_real {member}[{moving} / sizeof({name}_real)];",
             member,
             f"&self->{member}",
         ),

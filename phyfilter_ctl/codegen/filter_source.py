@@ -53,6 +53,8 @@ class FilterSource:
         Numbers in the inertia that is given at every step; 0 where none is.
     variable, tunable : bool
         Whether steps of other lengths, and other coefficients, are possible while running.
+    fixed : bool
+        Whether the numbers stay where they are constant, and the state has none of them.
     """
 
     name: str
@@ -64,6 +66,7 @@ class FilterSource:
     inertia_entries: int
     variable: bool
     tunable: bool
+    fixed: bool = False
 
     @property
     def real(self) -> Literal["float", "double"]:
@@ -84,6 +87,7 @@ def filter_source(
     inertia: ArrayLike | InertiaInput | None = None,
     variable: bool = True,
     tunable: bool = True,
+    fixed: bool = False,
     past: int | None = None,
     signals: Signals | None = None,
 ) -> FilterSource:
@@ -103,6 +107,9 @@ def filter_source(
         Whether steps of other lengths than dt must be possible.
     tunable : bool
         Whether a and b (and the poles) may be set while running. Without it, less memory and fewer instructions.
+    fixed : bool
+        Whether the numbers may stay in ``<name>_parameters``, whose only filter it is then, limits fixed: least memory.
+        Of no effect where something else needs them: ``variable``, ``tunable``, a delay, ``nonfinite="hold"``.
     past : int, optional
         Intervals kept for a delay; by default as many as nominal steps need. More keep every detail where steps are
         shorter than dt.
@@ -141,6 +148,7 @@ def filter_source(
             f"past: {past} intervals for a delay of {sampled.sampling.delay:g} s: expected at least {needed}"
         )
     numbers = _Numbers.of(sampled, channels, constant, variable=variable, tunable=tunable)
+    fixed = fixed and not (variable or tunable or needed or sampled.sampling.nonfinite == "hold")
     options = {
         "N_X": channels,
         "N_F": n_f,
@@ -161,6 +169,7 @@ def filter_source(
         "LOWPASS": int(numbers.lowpass),
         "VARIABLE": int(variable),
         "TUNABLE": int(tunable),
+        "CONSTANT": int(fixed),
     }
     runtime = ["pf_crc.h", "pf_filter.h", "pf_filter_code.h", "pf_hurwitz.h", "pf_ieee.h"]
     if needed or sampled.sampling.nonfinite == "hold":
@@ -176,7 +185,7 @@ def filter_source(
     }
     entries = 0 if constant is not None else (0, 1, channels, channels**2)[kind]
     orders = tuple(entry.order for entry in sampled.filters)
-    return FilterSource(name, sources, sampled, channels, n_f, orders, entries, variable, tunable)
+    return FilterSource(name, sources, sampled, channels, n_f, orders, entries, variable, tunable, fixed)
 
 
 def runtime_files(names: Iterable[str]) -> dict[str, str]:
@@ -333,6 +342,10 @@ def wrapped(line: str, width: int = 110) -> list[str]:
 
 def _header(name: str, sampled: SampledPhyFilter, options: dict[str, int], signals: Signals) -> str:
     defines = "\n".join(f"#define {name}_{option} {value}" for option, value in options.items())
+    if options["CONSTANT"]:
+        single = bool(options["FLOAT"])
+        rate = kept(np.asarray(1.0 / sampled.dt), "float" if single else "double")
+        defines += f"\n#define {name}_RATE {_literal(float(rate), single)}"
     guard = f"PF_GENERATED_{name.upper()}_H"
     return f"""\
 /* {name}: a sampled PhyFilter. pf_filter.h says how it is used.

@@ -7,11 +7,13 @@ import casadi as ca
 import control as ct
 import numpy as np
 import pytest
+from filter_harness import CFilter, compile_filters
 from flat_models import STRICT, law, model, symbols, two_rates
 
 import phyfilter_ctl as pf
 from phyfilter_ctl.blocks.functions import Variable
 from phyfilter_ctl.codegen import compile_model, compile_sources, diagram_model
+from phyfilter_ctl.codegen.filter_source import filter_source
 from phyfilter_ctl.diagram import flatten
 from phyfilter_ctl.diagram.model import Task
 
@@ -147,6 +149,56 @@ def servo(order=6):
         inplist=["pi.goal", "observer.f_theta[0]"], inputs=["goal", "f_theta"],
         outlist=["plant.q", "observer.f_hat[0]"], outputs=["q", "f_hat"], name="loop",
     )  # fmt: skip
+
+
+def test_constant_numbers_are_no_state():
+    """What cannot be tuned stays in the constant parameters; a filter of other parameters cannot be one of these."""
+    options = {"name": "wing", "variable": False, "fixed": True}
+    sampled = pf.PhyFilter.from_poles([-20.0] * 3).sampled(0.002)
+    assert filter_source(sampled, 1, tunable=False, **options).fixed
+    assert not filter_source(sampled, 1, tunable=True, **options).fixed
+    late = pf.PhyFilter([20.0]).sampled(0.002, delay=0.001)
+    assert not filter_source(late, 1, tunable=False, **options).fixed
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("precision", ["float32", "float64"])
+@pytest.mark.parametrize(
+    ("options", "inertia"),
+    [
+        ({"g": "average", "f_theta": "hold"}, 1.3),
+        ({"limit": 0.8, "g_limit": (-0.4, 0.6)}, [1.1, 0.7]),
+        ({"E": [[1.0], [2.0]]}, "full"),
+    ],
+)
+def test_a_filter_of_constant_numbers_has_the_same_bits(precision, options, inertia, tmp_path):
+    sampled = pf.PhyFilter([800.0, 60.0, 30.0], [700.0, 20.0, 3.0]).sampled(
+        0.002, precision=precision, **options
+    )
+    sources = [
+        filter_source(
+            sampled, 2, name=f"wing_{fixed}", inertia=inertia, variable=False, tunable=False, fixed=fixed
+        )
+        for fixed in (False, True)
+    ]
+    library = compile_filters(sources, tmp_path)
+    rng = np.random.default_rng(3)
+    results, sizes = [], []
+    samples = [
+        [rng.normal(size=n) for n in (2, 2, sources[0].n_f)] + [np.eye(2) + 0.1 * rng.normal(size=(2, 2))]
+        for _ in range(50)
+    ]
+    for source in sources:
+        own = CFilter(library, source)
+        answers = [own.step(x, g, f, M if inertia == "full" else None) for x, g, f, M in samples]
+        assert not any(code for code, _ in answers)
+        results.append([f_hat for _, f_hat in answers])
+        sizes.append(own.size)
+    np.testing.assert_array_equal(results[0], results[1])
+    assert np.abs(results[0]).max() > 0.1
+    assert sizes[1] < sizes[0] - 9 * own.dtype.itemsize  # dA alone
+    other = np.zeros(1000, np.uint8)
+    assert own.call("init", other) != 0
 
 
 @pytest.mark.slow

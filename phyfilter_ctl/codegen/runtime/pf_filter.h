@@ -21,6 +21,8 @@
  *   #define wing_LOWPASS 0          1: C = (0, ..., 0, 1), never tuned
  *   #define wing_VARIABLE 1         steps of other lengths
  *   #define wing_TUNABLE 1          a and b while running
+ *   #define wing_CONSTANT 0         1: the numbers stay in wing_parameters, for no others; then with wing_RATE, 1 / dt;
+ *                                   none of VARIABLE, TUNABLE, HOLD_BAD, PAST
  *   #define PF_NAME wing
  *   #include "pf_filter.h"
  *
@@ -160,10 +162,10 @@ typedef struct { /* what moves; from `rate` on what only init, retune and the li
 #if !PF_P(G_AVERAGE)
   PF_P(real) g_held[PF_P(N_X)]; /* remembered: acts until the next sample */
 #endif
-#if PF_P(INERTIA)
+#if PF_P(INERTIA_INPUT) || (PF_P(INERTIA) && !PF_P(CONSTANT))
   PF_P(real) inertia[PF_ENTRIES];
 #endif
-  int32_t started, held, has_g, has_inertia;
+  int8_t started, held, has_g, has_inertia;
 #if PF_WIDE
   PF_P(real) dA_other[PF_P(FILTERS)][PF_P(ORDER)][PF_P(ORDER)]; /* of the last step of another length, dt_other */
   double dt_other;
@@ -177,6 +179,9 @@ typedef struct { /* what moves; from `rate` on what only init, retune and the li
   int32_t count;
   PF_P(interval) past[PF_P(PAST)]; /* oldest first */
 #endif
+#if PF_P(CONSTANT)
+  int32_t ready; /* init has found the parameters as they were exported */
+#else
   PF_P(real) rate; /* 1 / dt */
   PF_P(real) dA[PF_P(FILTERS)][PF_P(ORDER)][PF_P(ORDER)];
   PF_P(real) equilibrium[PF_P(FILTERS)][PF_P(ORDER)], C[PF_P(FILTERS)][PF_P(ORDER)];
@@ -190,6 +195,7 @@ typedef struct { /* what moves; from `rate` on what only init, retune and the li
   PF_P(real) g_low[PF_P(N_X)], g_high[PF_P(N_X)];
 #endif
   double dt;
+#endif
 #if PF_WIDE || PF_P(TUNABLE)
   int32_t order[PF_P(FILTERS)];
   double poles[PF_P(FILTERS)][PF_P(ORDER)][2];
@@ -219,10 +225,10 @@ int PF_P(output_after)(PF_NAME *self, const PF_P(real) *x, const PF_P(real) *g, 
 #endif
 void PF_P(remember)(PF_NAME *self, const PF_P(real) *g);
 int PF_P(shift_x)(PF_NAME *self, const PF_P(real) *dx);
-#if PF_P(LIMIT)
+#if PF_P(LIMIT) && !PF_P(CONSTANT)
 int PF_P(set_limit)(PF_NAME *self, const PF_P(real) *limit);
 #endif
-#if PF_P(G_LIMIT)
+#if PF_P(G_LIMIT) && !PF_P(CONSTANT)
 int PF_P(set_g_limit)(PF_NAME *self, const PF_P(real) *low, const PF_P(real) *high);
 #endif
 #if PF_P(TUNABLE)

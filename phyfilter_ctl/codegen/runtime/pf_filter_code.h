@@ -44,6 +44,18 @@
 #define PF_ALIGNED (PF_P(HOLD_BAD) || PF_P(PAST))
 #define PF_T PF_P(real)
 #define PF_BANK(i) (PF_BANKS == 1 ? 0 : (i))
+/* PF_K(self)->...: the numbers in force */
+#if PF_P(CONSTANT)
+#define PF_K(self) (&PF_P(parameters))
+#define PF_NOMINAL_RATE(self) PF_P(RATE)
+#define PF_READY(self) ((self)->ready)
+#define PF_NOMINAL_STEP(self) 0.0 /* nobody looks */
+#else
+#define PF_K(self) (self)
+#define PF_NOMINAL_RATE(self) ((self)->rate)
+#define PF_READY(self) ((self)->dt > 0.0)
+#define PF_NOMINAL_STEP(self) ((self)->dt)
+#endif
 #if PF_WIDE || PF_P(TUNABLE)
 #include "pf_tune.h"
 #endif
@@ -109,6 +121,10 @@ int PF_P(init)(PF_NAME *self, const PF_P(params) *params) {
     if (params->order[i] < 1u || params->order[i] > (uint32_t)PF_N) return PF_FILTER_INVALID;
     if (!pf_hurwitz((int)params->order[i], params->a[i])) return PF_FILTER_NOT_HURWITZ;
   }
+#if PF_P(CONSTANT)
+  if (params != &PF_P(parameters)) return PF_FILTER_INVALID;
+  self->ready = 1;
+#else
 #if PF_P(LIMIT)
   if (PF_P(set_limit)(self, params->limit) != PF_FILTER_OK) return PF_FILTER_INVALID;
 #endif
@@ -125,6 +141,7 @@ int PF_P(init)(PF_NAME *self, const PF_P(params) *params) {
 #endif
 #if PF_P(INERTIA) && !PF_P(INERTIA_INPUT)
   memcpy(self->inertia, params->inertia, sizeof self->inertia);
+#endif
 #endif
 #if PF_WIDE || PF_P(TUNABLE)
   for (int i = 0; i < PF_BANKS; i++) self->order[i] = (int32_t)params->order[i];
@@ -143,7 +160,7 @@ int PF_P(init)(PF_NAME *self, const PF_P(params) *params) {
   return PF_FILTER_OK;
 }
 
-#if PF_P(LIMIT)
+#if PF_P(LIMIT) && !PF_P(CONSTANT)
 int PF_P(set_limit)(PF_NAME *self, const PF_T *limit) {
   for (int i = 0; i < PF_N_F; i++)
     if (!(limit[i] > (PF_T)0)) return PF_FILTER_INVALID;
@@ -152,7 +169,7 @@ int PF_P(set_limit)(PF_NAME *self, const PF_T *limit) {
 }
 #endif
 
-#if PF_P(G_LIMIT)
+#if PF_P(G_LIMIT) && !PF_P(CONSTANT)
 int PF_P(set_g_limit)(PF_NAME *self, const PF_T *low, const PF_T *high) {
   for (int i = 0; i < PF_N_X; i++)
     if (!(low[i] < high[i])) return PF_FILTER_INVALID;
@@ -160,11 +177,15 @@ int PF_P(set_g_limit)(PF_NAME *self, const PF_T *low, const PF_T *high) {
   PF_P(copy_)(high, self->g_high, PF_N_X);
   return PF_FILTER_OK;
 }
+#endif
 
+#if PF_P(G_LIMIT)
 /* What acts of g; a number that is not finite stays one. */
 static inline void PF_P(acting_)(const PF_NAME *self, const PF_T *g, PF_T *acting) {
+  (void)self;
   PF_UNROLL for (int i = 0; i < PF_N_X; i++) {
-    const PF_T within = g[i] < self->g_low[i] ? self->g_low[i] : (g[i] > self->g_high[i] ? self->g_high[i] : g[i]);
+    const PF_T low = PF_K(self)->g_low[i], high = PF_K(self)->g_high[i];
+    const PF_T within = g[i] < low ? low : (g[i] > high ? high : g[i]);
     acting[i] = g[i] - g[i] == (PF_T)0 ? within : g[i];
   }
 }
@@ -172,12 +193,12 @@ static inline void PF_P(acting_)(const PF_NAME *self, const PF_T *g, PF_T *actin
 
 static inline PF_T PF_P(limited_)(const PF_NAME *self, int i, PF_T f_hat) {
 #if PF_P(LIMIT)
-  if (f_hat > self->limit[i]) return self->limit[i];
-  if (f_hat < -self->limit[i]) return -self->limit[i];
-#else
+  const PF_T limit = PF_K(self)->limit[i];
+  if (f_hat > limit) return limit;
+  if (f_hat < -limit) return -limit;
+#endif
   (void)self;
   (void)i;
-#endif
   return f_hat;
 }
 
@@ -227,7 +248,7 @@ int PF_P(start)(PF_NAME *self, const PF_T *x0, const PF_T *f_hat0, const PF_T *f
   PF_T w[PF_N_F][PF_N], f_theta[PF_N_F];
   int away = 0;
   memset(w, 0, sizeof w);
-  if (!(self->dt > 0.0)) return PF_FILTER_INVALID;
+  if (!PF_READY(self)) return PF_FILTER_INVALID;
   for (int i = 0; i < PF_N_F; i++) f_theta[i] = f_theta0 ? f_theta0[i] : (PF_T)0;
   if (!PF_P(finite_)(x0, PF_N_X) || !PF_P(finite_)(f_theta, PF_N_F)) return PF_FILTER_NOT_FINITE;
   if (g0 && !PF_P(finite_)(g0, PF_N_X)) return PF_FILTER_NOT_FINITE;
@@ -237,7 +258,8 @@ int PF_P(start)(PF_NAME *self, const PF_T *x0, const PF_T *f_hat0, const PF_T *f
 #endif
   for (int i = 0; f_hat0 && i < PF_N_F; i++) away |= f_hat0[i] - f_theta[i] != (PF_T)0;
   for (int i = 0; away && i < PF_N_F; i++)
-    if (!PF_P(rest_)(self->equilibrium[PF_BANK(i)], self->C[PF_BANK(i)], f_hat0[i] - f_theta[i], w[i]))
+    if (!PF_P(rest_)(PF_K(self)->equilibrium[PF_BANK(i)], PF_K(self)->C[PF_BANK(i)], f_hat0[i] - f_theta[i],
+                     w[i]))
       return PF_FILTER_NO_REST;
   PF_P(reset)(self);
   memcpy(self->w, w, sizeof w);
@@ -309,8 +331,8 @@ static inline void PF_P(residual_)(const PF_NAME *self, const PF_T *x, const PF_
   }
   PF_UNROLL for (int i = 0; i < PF_N_F; i++) {
 #if PF_P(DIRECTION)
-    u[i] = self->E_left[i][0] * of_x[0];
-    PF_UNROLL for (int j = 1; j < PF_N_X; j++) u[i] += self->E_left[i][j] * of_x[j];
+    u[i] = PF_K(self)->E_left[i][0] * of_x[0];
+    PF_UNROLL for (int j = 1; j < PF_N_X; j++) u[i] += PF_K(self)->E_left[i][j] * of_x[j];
 #else
     u[i] = of_x[i];
 #endif
@@ -331,13 +353,14 @@ static inline void PF_P(residual_)(const PF_NAME *self, const PF_T *x, const PF_
 
 /* Advances the sections of all channels, side by side: a coefficient is loaded once for all of them. dA is block lower
  * triangular, above the diagonal only pairs have entries. */
-static inline void PF_P(advance_)(PF_NAME *self, PF_T (*dA)[PF_N][PF_N], const PF_T *u, const PF_T *f_theta,
+static inline void PF_P(advance_)(PF_NAME *self, const PF_T (*dA)[PF_N][PF_N], const PF_T *u, const PF_T *f_theta,
                                   PF_T *f_hat) {
   PF_T distance[PF_N_F][PF_N], change[PF_N_F], y[PF_N_F];
   PF_UNROLL for (int j = 0; j < PF_N; j++) {
     PF_UNROLL for (int i = 0; i < PF_N_F; i++) {
       /* The equilibrium of a real section is 1. */
-      distance[i][j] = self->w[i][j] - (PF_P(PAIRS) >> j & 1 ? u[i] * self->equilibrium[PF_BANK(i)][j] : u[i]);
+      const PF_T rest = PF_P(PAIRS) >> j & 1 ? u[i] * PF_K(self)->equilibrium[PF_BANK(i)][j] : u[i];
+      distance[i][j] = self->w[i][j] - rest;
 #if PF_P(FLOAT)
       distance[i][j] += self->carry[i][j];
 #endif
@@ -367,7 +390,7 @@ static inline void PF_P(advance_)(PF_NAME *self, PF_T (*dA)[PF_N][PF_N], const P
 #if PF_P(LOWPASS)
       y[i] = total;
 #else
-      y[i] = j == 0 ? total * self->C[PF_BANK(i)][0] : y[i] + total * self->C[PF_BANK(i)][j];
+      y[i] = j == 0 ? total * PF_K(self)->C[PF_BANK(i)][0] : y[i] + total * PF_K(self)->C[PF_BANK(i)][j];
 #endif
     }
   }
@@ -401,7 +424,7 @@ PF_RARE int PF_P(all_finite_)(const PF_T *x, const PF_T *g, const PF_T *f_theta,
 /* The first sample by itself: at rest, f_hat = f_theta. */
 PF_RARE int PF_P(begin_)(PF_NAME *self, const PF_T *x, const PF_T *g, const PF_T *f_theta, const PF_T *inertia,
                          PF_T *f_hat) {
-  if (!(self->dt > 0.0)) return PF_FILTER_INVALID; /* init has refused, or was not called */
+  if (!PF_READY(self)) return PF_FILTER_INVALID; /* init has refused, or was not called */
 #if PF_P(HOLD_BAD)
   PF_T last[PF_N_F]; /* good f_theta so far */
   for (int i = 0; i < PF_N_F; i++) last[i] = PF_P(finite_)(&f_theta[i], 1) ? f_theta[i] : self->f_theta[i];
@@ -421,7 +444,8 @@ PF_RARE int PF_P(begin_)(PF_NAME *self, const PF_T *x, const PF_T *g, const PF_T
 PF_INLINE int PF_P(take_)(PF_NAME *self, const PF_T *x_now, const PF_T *g, const PF_T *f_theta_now,
                           const PF_T *inertia, int nominal, double h, PF_T *f_hat) {
   /* Read once: the compiler must expect f_hat, or self, in the same memory. */
-  PF_T u[PF_N_F], x[PF_N_X], f_theta[PF_N_F], (*dA)[PF_N][PF_N] = self->dA, watch;
+  PF_T u[PF_N_F], x[PF_N_X], f_theta[PF_N_F], watch;
+  const PF_T(*dA)[PF_N][PF_N] = (const PF_T(*)[PF_N][PF_N])PF_K(self)->dA;
   PF_P(copy_)(x_now, x, PF_N_X);
   PF_P(copy_)(f_theta_now, f_theta, PF_N_F);
 #if PF_P(G_LIMIT)
@@ -433,15 +457,15 @@ PF_INLINE int PF_P(take_)(PF_NAME *self, const PF_T *x_now, const PF_T *g, const
   const int inertia_given = inertia != NULL;
   if (!inertia_given) inertia = self->inertia;
 #elif PF_P(INERTIA)
-  inertia = self->inertia;
+  inertia = PF_K(self)->inertia;
 #elif PF_ALIGNED
   const PF_T unity = (PF_T)1;
   inertia = &unity;
 #endif
 #if PF_WIDE
-  const PF_T rate = nominal ? self->rate : (PF_T)(1.0 / h);
+  const PF_T rate = nominal ? PF_NOMINAL_RATE(self) : (PF_T)(1.0 / h);
 #else
-  const PF_T rate = self->rate;
+  const PF_T rate = PF_NOMINAL_RATE(self);
 #endif
   PF_P(residual_)(self, x, g, f_theta, inertia, rate, u);
   /* One number shows whether all are finite; where a finite sample overflows it the slow look decides. */
@@ -469,7 +493,7 @@ PF_INLINE int PF_P(take_)(PF_NAME *self, const PF_T *x_now, const PF_T *g, const
 #if PF_WIDE
   if (!nominal && h != self->dt) {
     PF_P(prepare_)(self, h);
-    dA = self->dA_other;
+    dA = (const PF_T(*)[PF_N][PF_N])self->dA_other;
   }
 #else
   (void)nominal;
@@ -497,7 +521,7 @@ PF_INLINE int PF_P(take_)(PF_NAME *self, const PF_T *x_now, const PF_T *g, const
 
 int PF_P(step)(PF_NAME *self, const PF_T *x, const PF_T *g, const PF_T *f_theta, const PF_T *inertia, PF_T *f_hat) {
   if (!self->started) return PF_P(begin_)(self, x, g, f_theta, inertia, f_hat);
-  return PF_P(take_)(self, x, g, f_theta, inertia, 1, self->dt, f_hat);
+  return PF_P(take_)(self, x, g, f_theta, inertia, 1, PF_NOMINAL_STEP(self), f_hat);
 }
 
 int PF_P(output)(PF_NAME *self, const PF_T *x, const PF_T *g, const PF_T *f_theta, const PF_T *inertia, PF_T *f_hat) {
@@ -548,6 +572,10 @@ int PF_P(shift_x)(PF_NAME *self, const PF_T *dx) {
 #include "pf_filter_retune.h"
 #endif
 
+#undef PF_K
+#undef PF_NOMINAL_RATE
+#undef PF_NOMINAL_STEP
+#undef PF_READY
 #undef PF_INLINE
 #undef PF_RARE
 #undef PF_UNROLL
