@@ -23,16 +23,22 @@ from .steps import KEPT, Results, compose
 
 __all__ = ["Crossing", "EndlessEventsError", "EventWatch", "RunEndedError", "refuse_events"]
 
-# Parts of a step at which the conditions are looked at: early ones for what returns soon after an event.
-_PARTS = np.array([2.0**-20, 2.0**-10, 2.0**-5, 0.125, 0.25, 0.5, 0.75, 1.0])
+# Parts of a step at which the conditions are looked at: early ones for what returns soon after an event, uneven ones
+# for what repeats itself.
+_PARTS = np.array([2.0**-20, 2.0**-10, 2.0**-5, 0.123, 0.197, 0.271, 0.397, 0.521, 0.643, 0.759, 0.883, 1.0])
+# The polynomial through the conditions at some must meet others to that part of their range, and not come nearer to 0
+# between them than that other part; else both halves are looked at, down to the 1024th part of the step. Below that
+# part of the largest value ever seen, changes are rounding.
+_NODES, _CHECKED = [0, 3, 5, 7, 9, 11], [2, 4, 6, 8, 10]
+_RESOLVED, _CLEAR, _FINEST, _NOISE = 0.05, 0.02, 10, 1e-9
 # Parts before the first of them, down to rounding, for what returns sooner still.
-_EARLY = 2.0 ** -np.arange(48.0, 19.0, -4.0)
+_EARLY = 2.0 ** -np.linspace(48.0, 20.0, len(_PARTS))
 _SECTIONS = np.arange(1, len(_PARTS) + 1) / len(_PARTS)
-_AROUND = np.array([-1e-2, -1e-4, -1e-7, 0.0, 1e-7, 1e-4, 1e-2])
+_AROUND = np.array([-1e-2, -1e-3, -1e-4, -1e-6, -1e-8, 0.0, 1e-8, 1e-6, 1e-4, 1e-3, 1e-2])
 _ROUNDING = 4 * np.finfo(float).eps
 # What is past 0 by rounding returns within that part of the step before and of time.
 _SOON, _SOONER = 1e-9, 1e4 * np.finfo(float).eps
-# Rounds of events at one time, and events in a row without time in between, that are taken for endless.
+# Rounds of events at one time, and repetitions of one without time in between, that are taken for endless.
 _ROUNDS, _IN_A_ROW = 100, 40
 _NO_TIME = 1e-12
 
@@ -68,6 +74,19 @@ class Crossing(NamedTuple):
 
     part: float
     fired: NDArray[np.bool_]
+
+
+def _interpolation(at: FloatArray) -> FloatArray:
+    """Values at parts of the step from those at the nodes, (len(at), len(nodes))."""
+    nodes = _PARTS[_NODES]
+    return np.asarray(np.linalg.solve(np.vander(nodes).T, np.vander(at, len(nodes)).T).T, dtype=float)
+
+
+_MET = _interpolation(_PARTS[_CHECKED])
+_ENDS = 2.0 ** -np.arange(
+    5.0, 20.0
+)  # a condition may turn round soon after a step's begin and before its end
+_BETWEEN = _interpolation(np.concatenate([_ENDS, np.linspace(0.02, 0.98, 25), 1.0 - _ENDS]))
 
 
 @lru_cache(maxsize=KEPT)
@@ -138,7 +157,9 @@ class EventWatch:
         self._side: NDArray[np.float64] | None = None
         # Conditions that are 0 but for rounding and were not seen on their side yet.
         self._returning = np.zeros(len(self._owner), dtype=bool)
-        self._last, self._in_a_row, self._h, self._soon = -np.inf, 0, 0.0, 0.0
+        self._largest = np.zeros(len(self._owner))
+        self._recent: dict[str, tuple[float, int]] = {}
+        self._h, self._soon = 0.0, 0.0
         self.log: list[tuple[float, str]] = []
 
     @property
@@ -160,7 +181,7 @@ class EventWatch:
         """The first event in a step of length h, whose states at parts of it are given."""
         self._h = h
         side, returning = np.array(self._side), self._returning.copy()
-        found = self._first(_PARTS, self._at(_PARTS, h, states), side, returning)
+        found = self._search(0.0, 1.0, h, states, side, returning)
         back = returning & (self._directions * side < 0.0)
         if found is None and back.any() and h > self._soon:
             # Back and through 0 again, sooner than was looked; or so soon that no time is between.
@@ -173,6 +194,41 @@ class EventWatch:
             return None
         end, values = self._located(found, h, states)
         return Crossing(end, self._fires(values, side, returning))
+
+    def _search(
+        self,
+        begin: float,
+        end: float,
+        h: float,
+        states: Callable[[FloatArray], FloatArray],
+        side: NDArray[np.float64],
+        returning: NDArray[np.bool_],
+        finer: int = _FINEST,
+    ) -> _Bracket | None:
+        """The parts between which the first event of a stretch lies, halved until nothing can hide in it."""
+        parts = begin + (end - begin) * _PARTS
+        values = self._at(parts, h, states)
+        if finer and not self._is_resolved(values):
+            middle = (begin + end) / 2
+            return self._search(begin, middle, h, states, side, returning, finer - 1) or self._search(
+                middle, end, h, states, side, returning, finer - 1
+            )
+        return self._first(parts, values, side, returning, _Bracket(begin, end, None, values[-1]))
+
+    def _is_resolved(self, values: FloatArray) -> bool:
+        """Whether the values at the parts tell where the conditions pass 0."""
+        self._largest = np.maximum(self._largest, np.abs(values).max(axis=0))
+        inwards = values * np.where(values[-1] < 0.0, -1.0, 1.0)
+        least, spread = inwards.min(axis=0), np.ptp(values, axis=0)
+        near = (spread > _NOISE * self._largest) & (least <= spread)
+        if not near.any():
+            return True
+        inwards, least, spread = inwards[:, near], least[near], spread[near]
+        off = np.abs(_MET @ inwards[_NODES] - inwards[_CHECKED]).max(axis=0)
+        lowest = np.minimum((_BETWEEN @ inwards[_NODES]).min(axis=0), least)
+        ends = np.minimum(inwards[0], inwards[-1])
+        hidden = (least > 0.0) & (lowest < np.minimum(ends, _CLEAR * spread))
+        return not ((off > _RESOLVED * spread) | hidden).any()
 
     def _located(
         self, found: _Bracket, h: float, states: Callable[[FloatArray], FloatArray]
@@ -228,6 +284,8 @@ class EventWatch:
         within: _Bracket | None = None,
     ) -> _Bracket | None:
         """The parts between which the first event lies; sides are brought to the first of them, or to the end."""
+        if not returning.any() and (values * side > 0.0).all():
+            return None
         begin, before = (0.0, None) if within is None else (within.begin, within.before)
         for part, now in zip(parts.tolist(), values, strict=True):
             if self._fires(now, side, returning).any():
@@ -318,10 +376,11 @@ class EventWatch:
         return jumped & (self._directions * before <= 0.0)
 
     def _count(self, t: float, name: str) -> None:
-        self._in_a_row = self._in_a_row + 1 if t - self._last <= _NO_TIME * max(abs(t), 1.0) else 0
-        self._last = t
+        last, in_a_row = self._recent.get(name, (-np.inf, 0))
+        in_a_row = in_a_row + 1 if t - last <= _NO_TIME * max(abs(t), 1.0) else 0
+        self._recent[name] = t, in_a_row
         self.log.append((t, name))
-        if self._in_a_row > _IN_A_ROW:
+        if in_a_row > _IN_A_ROW:
             raise EndlessEventsError(self._endless(t))
 
     def _endless(self, t: float) -> str:

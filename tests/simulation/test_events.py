@@ -153,6 +153,61 @@ def test_directions_and_inputs_that_jump(direction, count, interpolation):
         close(times_of(answer), chosen, atol=EXACT)
 
 
+def clock(frequency):
+    """Nothing moves but time, so steps are as long as the run lets them be."""
+    memory = ct.nlsys(lambda t, x, u, p: [0.0], None, inputs=0, outputs=1, states=["n"], name="clock")
+    tick = pf.event(
+        lambda t, x, u, p: np.sin(2 * np.pi * frequency * t + 0.1),
+        lambda t, x, u, p: [x[0] + 1.0],
+        direction="rising",
+    )
+    return pf.hybrid(memory, [tick])
+
+
+@pytest.mark.parametrize("frequency", [1.0, pytest.param(7.3, marks=pytest.mark.slow)])
+def test_no_event_of_a_clock_is_lost_in_a_long_step(frequency):
+    answer = pf.simulate(clock(frequency), [0.0, 20.0], backend="vm")
+    close(times_of(answer), (np.arange(1.0, 20.0 * frequency + 0.01) - 0.05 / np.pi) / frequency, atol=1e-13)
+
+
+@pytest.mark.slow
+def test_max_step_keeps_the_ticks_in_compiled_code():
+    """C looks at eight parts of a step, whatever the conditions do between them."""
+    answer = pf.simulate(clock(1.0), [0.0, 100.0], max_step=0.1, backend="c")
+    assert answer.states[0, -1] == 100.0
+
+
+@pytest.mark.parametrize("beyond", [1e-2, 1e-4, 1e-6, 1e-7])
+def test_a_height_just_reached_is_passed_twice(beyond):
+    """A throw whose top is above a height for a small part of a step."""
+    thrown = ct.nlsys(lambda t, x, u, p: [x[1], -2.0], None, inputs=0, outputs=2, states=2, name="throw")
+    over = pf.hybrid(thrown, [pf.event(lambda t, x, u, p: x[0] - (1.0 - beyond))])
+    answer = pf.simulate(over, [0.0, 2.0], initial_state=[0.0, 2.0], backend="vm")
+    close(times_of(answer), 1.0 + np.sqrt(beyond) * np.array([-1.0, 1.0]), atol=1e-9)
+
+
+@pytest.mark.slow
+def test_many_different_events_at_one_time():
+    """Fifty equal balls hit the ground together: no event follows itself."""
+    count = 50
+    balls = [
+        pf.hybrid(
+            ct.nlsys(
+                lambda t, x, u, p: [x[1], u[0] - models.GRAVITY], None, inputs=1, outputs=2, states=2, name=f"b{i}"
+            ),
+            [pf.event(lambda t, x, u, p: x[0], lambda t, x, u, p: [0.0, -0.8 * x[1]], direction="falling")],
+        )
+        for i in range(count)
+    ]  # fmt: skip
+    together = ct.InterconnectedSystem(
+        balls, inplist=[[(i, 0) for i in range(count)]], outlist=[(i, 0) for i in range(count)],
+        inputs="w", outputs=[f"z{i}" for i in range(count)], name="balls",
+    )  # fmt: skip
+    answer = pf.simulate(together, [0.0, 0.6], 0.0, [1.0, 0.0] * count, backend="vm")
+    assert answer.success
+    assert len({name for _, name in answer.events}) == len(answer.events) == count
+
+
 def test_an_event_sets_off_another():
     """The first reset makes the second condition jump through 0; both happen at 1 s, and no later."""
     chain = ct.nlsys(lambda t, x, u, p: [1.0, 0.0], None, inputs=0, outputs=2, states=2, name="chain")
