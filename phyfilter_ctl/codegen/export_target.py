@@ -18,7 +18,7 @@ from ..filter import SampledPhyFilter
 from ..filterfile import Signals
 from .export import export_c
 from .export_folder import write_folder
-from .filter_guard import guard_sources
+from .filter_guard import guard_sources, guard_stack
 from .target_autopilots import autopilot_values, check_autopilot
 
 __all__ = ["Target", "export_target"]
@@ -38,7 +38,8 @@ uint32_t health = @name@_guard_step(&guard, time_us, x, g, f_theta, NULL, f_hat)
 ```
 
 `health` says what was wrong with what came in: `src/pf_guard.h`. f_hat is finite after every step.
-`@name@_guard_send` takes other poles from another thread, `@name@_guard_check` finds flipped bits.
+`@name@_guard_send` takes other poles from another thread, `@name@_guard_check` finds flipped bits. No call takes more
+than @stack@ bytes of stack on a Cortex-M (gcc -Os, -O2, -O3).
 """
 _OF_INTEGERS = """\
 Every @dt@ s, on integers (`@name@_X_FRACTION` and so on are their fractional bits):
@@ -137,11 +138,16 @@ def export_target(
     # The model's own header has the shortest name beside those of the runtime.
     model = min((file[:-2] for file in sources if not file.startswith("pf_")), key=len)
     kind = "q31" if real == "q31" else "filter" if isinstance(system, SampledPhyFilter) else "diagram"
+    own: dict[str, str] = {}
     if kind == "filter":
-        sources |= guard_sources(model)
-    values = _values(system, model, sorted(file for file in sources if file.endswith(".c")))
-    if kind == "filter":
-        values |= _rust_values(sources[f"{model}.h"], model)
+        sizes = _sizes(sources[f"{model}.h"], model)
+        stack = guard_stack(
+            sizes["ORDER"], filters=sizes["FILTERS"], channels=sizes["N_X"], inertia=sizes["N_M"]
+        )
+        sources |= guard_sources(model, stack)
+        own = {key.lower(): str(sizes[key]) for key in ("N_X", "N_F", "N_M")}
+        own |= {"stack": f"{stack:,}", "rust_real": "f32" if sizes["FLOAT"] else "f64"}
+    values = _values(system, model, sorted(file for file in sources if file.endswith(".c")), own)
     if kind == "q31":
         values |= {"header": f"{model}.h", "usage": _filled(_OF_INTEGERS, values)}
     place = _PLACES.get(target, "src").format(model)
@@ -157,10 +163,13 @@ def export_target(
 
 
 def _values(
-    system: ct.InputOutputSystem | FlatModel | SampledPhyFilter, name: str, c_files: list[str]
+    system: ct.InputOutputSystem | FlatModel | SampledPhyFilter,
+    name: str,
+    c_files: list[str],
+    own: dict[str, str],
 ) -> dict[str, str]:
     """What the templates leave open."""
-    values = {
+    values = own | {
         "name": name,
         "NAME": name.upper(),
         "version": _VERSION,
@@ -182,13 +191,12 @@ def _values(
     return values | {"usage": _filled(_OF_DIAGRAM, values)}
 
 
-def _rust_values(header: str, name: str) -> dict[str, str]:
-    """Types and sizes of the C code, from the options of its header."""
+def _sizes(header: str, name: str) -> dict[str, int]:
+    """Options of a filter's header, and N_M, the entries of an inertia that is given at every step."""
     options = {key: int(value) for key, value in re.findall(rf"#define {name}_(\w+) (\d+)", header)}
     n_x = options["N_X"]
     entries = (0, 1, n_x, n_x * n_x)[options["INERTIA"]] if options["INERTIA_INPUT"] else 0
-    sizes = {"n_x": str(n_x), "n_f": str(options["N_F"]), "n_m": str(entries)}
-    return sizes | {"rust_real": "f32" if options["FLOAT"] else "f64"}
+    return options | {"N_M": entries}
 
 
 def _texts(folder: Traversable, above: str = "") -> Iterator[tuple[str, str]]:

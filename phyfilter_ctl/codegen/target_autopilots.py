@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike
 
 from ..diagram import FlatModel
 from ..filter import SampledPhyFilter
+from .filter_guard import guard_stack
 
 __all__ = ["autopilot_values", "check_autopilot"]
 
@@ -17,6 +18,9 @@ _PREFIX = 6  # letters of the 16 that the name of a parameter has
 _SHORT = 9  # letters of the name of a debug vector of PX4, or of a group of the Crazyflie's parameters
 _LOG = 4  # letters of a message in ArduPilot's log, whose own names (RATE, ...) do not begin with PF
 _TICKS = 1000  # a second of the Crazyflie's controller
+# Bytes of stack of what runs it: PX4's work queue nav_and_controllers, the Crazyflie's stabilizer (450 words); and
+# those that the module itself and its callers take.
+_STACKS, _CALLERS = {"px4": 2240, "crazyflie": 1800}, 400
 _NAME = re.compile(r"[a-z][a-z0-9]*(_[a-z][a-z0-9]*)*")
 
 
@@ -32,7 +36,8 @@ def check_autopilot(
     Raises
     ------
     ValueError
-        If it is no low-pass filter of three channels with unit inertia, or name or rate are none that the target takes.
+        If it is no low-pass filter of three channels with unit inertia, or name, rate or order are none that the target
+        takes.
 
     Examples
     --------
@@ -55,6 +60,12 @@ def check_autopilot(
         raise ValueError(f"{target}: the velocity has {_AXES} channels, got channels={channels}")
     if inertia is not None:
         raise ValueError(f"{target}: the module works per unit of mass; leave the inertia out")
+    stack, room = guard_stack(system.order), _STACKS.get(target)
+    if room is not None and stack > room - _CALLERS:
+        raise ValueError(
+            f"{target}: order {system.order} takes up to {stack:,} bytes of stack where {room:,} are for all; "
+            "lower the order"
+        )
     rate = 1.0 / system.dt
     if target == "crazyflie" and (abs(rate - round(rate)) > 1e-6 * rate or _TICKS % round(rate)):
         raise ValueError(f"crazyflie: expected a rate that divides {_TICKS} Hz, got dt = {system.dt:g} s")

@@ -271,10 +271,12 @@ def test_the_crazyflies_app_flies(tmp_path):
         ({"dt": 0.0033}, "divides 1000 Hz"),
         ({"b": [3.0]}, "low-pass"),
         ({"filters": 3}, "one sampled filter"),
+        ({"order": 4}, "1,644 bytes of stack where 1,800"),
     ],
 )
 def test_what_an_autopilot_cannot_take_is_refused(change, message, tmp_path):
-    filter_ = PhyFilter([12.0], change.pop("b", None)).sampled(change.pop("dt", 0.002))
+    a = np.poly([-12.0] * change.pop("order", 1))[:0:-1]
+    filter_ = PhyFilter(a, change.pop("b", None)).sampled(change.pop("dt", 0.002))
     filter_ = SampledPhyFilter(filter_.filters * change.pop("filters", 1), filter_.sampling)
     with pytest.raises(ValueError, match=message):
         export_target(filter_, "crazyflie", tmp_path / "a", **({"name": "wind"} | change))

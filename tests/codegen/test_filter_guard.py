@@ -33,7 +33,7 @@ class Guard:
         source = filter_source(self.sampled, 2, name="craft", inertia=inertia)
         texts = (
             own_symbols(source.sources, "craft")
-            | guard_sources("craft")
+            | guard_sources("craft", 0)
             | {"access.c": ACCESS.replace("PLACES_OF_OPTIONS", places)}
         )
         self.library = ctypes.CDLL(
