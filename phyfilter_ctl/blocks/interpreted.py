@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 import time
 import warnings
 from collections.abc import Callable, Sequence
@@ -19,6 +20,13 @@ Evaluation: TypeAlias = Callable[[float, FloatArray, FloatArray, FloatArray], ob
 """(t, x, u, p) -> as many numbers as there are results."""
 
 _REMEDY = "Write that line with arithmetic and functions of numpy or math on t, x, u and params"
+
+
+class _Noted(threading.local):
+    """What a run has to tell: runs of a batch are threads."""
+
+    seconds: float = 0.0
+    failure: str = ""
 
 
 class Interpreted(ca.Callback):
@@ -47,9 +55,9 @@ class Interpreted(ca.Callback):
     Attributes
     ----------
     seconds : float
-        Spent in the function so far.
+        Spent in the function so far, by this thread.
     failure : str
-        Of the first call that raised; "" for none.
+        Of the first call of this thread that raised; "" for none.
 
     Notes
     -----
@@ -83,9 +91,26 @@ class Interpreted(ca.Callback):
         self.block: str = block
         self.reason: str = reason
         self.remedy: str = remedy
-        self.seconds: float = 0.0
-        self.failure: str = ""
+        self._noted = _Noted()
         self.construct(name, {"enable_fd": True})
+
+    @property
+    def seconds(self) -> float:
+        """Spent in the function so far, by this thread."""
+        return self._noted.seconds
+
+    @seconds.setter
+    def seconds(self, value: float) -> None:
+        self._noted.seconds = value
+
+    @property
+    def failure(self) -> str:
+        """Of the first call of this thread that raised; "" for none."""
+        return self._noted.failure
+
+    @failure.setter
+    def failure(self, value: str) -> None:
+        self._noted.failure = value
 
     def get_n_in(self) -> int:
         """CasADi asks: t, x, u and p."""

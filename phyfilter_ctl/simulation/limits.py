@@ -49,6 +49,12 @@ class Limits:
         self.left: int = self.steps
         self._deadline = np.inf if self.seconds is None else monotonic() + self.seconds
 
+    def grant(self, steps: int) -> tuple[int, str]:
+        """How many of these steps may be taken, and why not all of them; "" where they may."""
+        left = max(self.left, 0)
+        refusal = self.spend(steps)
+        return (steps if not refusal else min(left, steps) if self.left < 0 else 0), refusal
+
     def spend(self, steps: int) -> str:
         """Why these steps may not be taken; "" where they may."""
         self.left -= steps

@@ -28,8 +28,8 @@ __all__ = ["is_affine", "is_plain", "run_linear", "suits"]
 
 # Of different lengths of steps: each has matrices of its own.
 _MOST_LENGTHS = 8
-# A matrix exponential of more coupled states costs more than it saves.
-_MOST_COUPLED = 1000
+# A matrix exponential of more states costs more than it saves.
+_MOST_STATES = 1000
 # Measured, in seconds: a step of the loop and an entry of its matrix; an operation in the virtual machine, whose
 # functions have to be made first, and whose matrices are seven.
 _STEP, _ENTRY = 1.3e-6, 0.15e-9
@@ -70,7 +70,7 @@ def is_plain(flat: FlatModel, run: Run, max_step: float | None) -> bool:
     if max_step is not None or not is_affine(flat):
         return False
     lengths = np.unique(np.round(np.diff(run.times) / max(float(np.ptp(run.times)), 1e-300), 12))
-    return len(lengths) <= _MOST_LENGTHS and len(flat.states) <= _MOST_COUPLED
+    return len(lengths) <= _MOST_LENGTHS and len(flat.states) <= _MOST_STATES
 
 
 def suits(flat: FlatModel, run: Run, max_step: float | None, runs: int = 1) -> bool:
@@ -106,11 +106,12 @@ def run_linear(flat: FlatModel, run: Run, limits: Limits) -> Outcome:
     failed_at, message = np.inf, ""
     for start in range(0, len(times) - 1, _CHUNK):
         rows = np.arange(start, min(start + _CHUNK, len(times) - 1))
-        message = limits.spend(len(rows))
-        if message:
-            failed_at = float(times[start])
-            x[start + 1 :] = np.nan
-            break
+        granted, refusal = limits.grant(len(rows))
+        rows = rows[:granted]
+        if refusal:
+            failed_at = float(times[start + granted])
+            x[start + granted + 1 :] = np.nan
+            message = f"{refusal} at t = {failed_at:.9g} s: fewer times need fewer, max_steps and time_limit allow more"
         _push(x, given, steps, index, rows, run.interpolation == "hold")
         with np.errstate(over="ignore", invalid="ignore"):
             _advance(x, [power for power, _, _ in steps], index, rows)
@@ -119,6 +120,7 @@ def run_linear(flat: FlatModel, run: Run, limits: Limits) -> Outcome:
             failed_at = float(times[bad[0]])
             x[bad[0] :] = np.nan
             message = diverged(flat, x, failed_at)
+        if message:
             break
     y = x @ model.C.T + given @ model.D.T
     return Outcome(x, y, len(times) - 1, message, failed_at)

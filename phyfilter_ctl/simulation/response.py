@@ -62,7 +62,8 @@ class SimulationResponse(ct.TimeResponseData):
     message : str
         "" where the run succeeded; else what happened, when, and what to try. ``success`` says which.
     failed_at : float
-        Time in seconds that the run came to before it failed; inf where it succeeded. Later values are NaN.
+        Time in seconds that the run came to before it failed; inf where it succeeded. Later values are NaN, those of
+        the states only where it failed by a state.
     events : tuple of (float, str)
         Events that happened: seconds and name, in order. C does not record them.
     callbacks : mapping of str to float, optional
@@ -112,7 +113,7 @@ class SimulationResponse(ct.TimeResponseData):
 
 
 def with_outputs_checked(flat: FlatModel, run: Run, outcome: Outcome) -> Outcome:
-    """Where the states are finite and an output is not, the run failed there."""
+    """Where the states are finite and an output is not, the run failed there; later outputs are not-a-number."""
     y = outcome.y
     if outcome.message or np.all(np.isfinite(y)):
         return outcome
@@ -122,7 +123,8 @@ def with_outputs_checked(flat: FlatModel, run: Run, outcome: Outcome) -> Outcome
         f"output {flat.outputs[column].name} is {y[row, column]} at t = {at:.9g} s, while the states are "
         "finite; look for a division by 0 or a root of a negative number on the way to it"
     )
-    return outcome._replace(message=message, failed_at=at)
+    y = np.where(np.arange(len(y))[:, None] <= row, y, np.nan)
+    return outcome._replace(y=y, message=message, failed_at=at)
 
 
 def response_of(

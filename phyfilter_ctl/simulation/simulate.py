@@ -32,8 +32,8 @@ __all__ = ["as_flat", "simulate", "simulate_batch"]
 
 MethodChoice = Literal["auto", "rk4", "adaptive", "stiff", "exact"]
 BackendChoice = Literal["auto", "vm", "c", "numpy"]
-# A matrix exponential of more coupled states costs more than it saves.
-_MOST_COUPLED = 200
+# The exponential method with more coupled states costs more in the virtual machine than it saves.
+_LARGEST_GROUP = 200
 # Time constants of the fastest decaying mode that a run is long, and those for each of its nodes, to call it stiff.
 _STIFF_STEPS, _STIFF_NODE_STEPS = 30_000.0, 100.0
 # Jobs for each worker of another process.
@@ -225,7 +225,8 @@ def simulate_batch(
     Raises
     ------
     ValueError
-        As for :func:`simulate`, and where nothing tells B, or several things contradict each other.
+        As for :func:`simulate`, and where nothing tells B, or several things contradict each other; for blocks that run
+        as Python with an executor of other processes.
 
     Examples
     --------
@@ -241,6 +242,11 @@ def simulate_batch(
     if executor is not None and workers is not None:
         raise ValueError("workers and executor: expected one of them; the executor has workers of its own")
     chosen = Executor(workers, kind="threads") if executor is None else executor
+    if flat.callbacks and not chosen.shares_memory:
+        raise ValueError(
+            f"executor: block {flat.callbacks[0].block} runs as Python ({flat.callbacks[0].reason}), which other "
+            "processes cannot be given; workers= runs a batch in threads of this one"
+        )
     runs = [prepare(flat, timepts, u, x0, p, interpolation) for u, x0, p in arguments]
     decided = _decided(flat, runs[0], options, len(runs), chosen.size)
     try:
@@ -320,7 +326,7 @@ def _decided(flat: FlatModel, run: Run, options: Options, runs: int, threads: in
 
 
 def _is_exact(flat: FlatModel) -> bool:
-    small = max((len(group) for group in linear_part(flat).groups), default=0) <= _MOST_COUPLED
+    small = max((len(group) for group in linear_part(flat).groups), default=0) <= _LARGEST_GROUP
     return small and has_linear_states(flat) and is_driven_by_lines(flat)
 
 

@@ -108,15 +108,17 @@ def run_pieces(
     count, message, failed_at = 0, "", np.inf
     with _bar(run, progress) as bar:
         for step, p, data, rows in pieces:
-            refusal = limits.spend(len(data)) if limits is not None else ""
+            granted, refusal = limits.grant(len(data)) if limits is not None else (len(data), "")
             if refusal:
-                failed_at = float(data[0, 0])
+                failed_at = float(data[granted, 0])
                 record = np.full((len(run.times), n_x + n_y), np.nan) if record is None else record
                 message = (
                     f"{refusal} at t = {failed_at:.9g} s: a longer max_step or method='adaptive' needs fewer, "
                     "max_steps and time_limit allow more"
                 )
-                break
+                if not granted:
+                    break
+                data, rows = data[:granted], rows[:granted]
             if chain is None or chain.step is not step:
                 chain = Chain(step, state if chain is None else chain.state, p)
             chain.p = p
@@ -132,6 +134,7 @@ def run_pieces(
                 failed_at = float(times[0]) if len(times) else float(data[-1, 0] + data[-1, 1])
                 record[run.times >= failed_at] = np.nan
                 message = diverged(flat, record[:, :n_x], failed_at)
+            if message:
                 break
             bar.update(float(data[-1, 0] - bar.n - run.times[0]))
     assert record is not None  # a run has at least one time

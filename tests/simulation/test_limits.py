@@ -73,6 +73,28 @@ def test_step_budget_of_fixed_steps():
     assert enough.outputs[-1] == pytest.approx(3**-0.5, abs=1e-12)
 
 
+@pytest.mark.parametrize("method", ["rk4", "exact", "numpy"])
+def test_what_the_steps_allowed_reach_is_returned(method):
+    """Half a second of one: x = exp(-t) there."""
+    lag = pf.flatten(ct.ss([[-1.0]], [[1.0]], [[1.0]], [[0.0]], name="lag"))
+    times = np.linspace(0.0, 1.0, 1001)
+    if method == "numpy":
+        answer = pf.simulate(lag, times, 0.0, [1.0], backend="numpy", max_steps=500)
+    else:
+        answer = pf.simulate(
+            lag, times, 0.0, [1.0], method=method, backend="vm", max_step=1e-3, max_steps=500
+        )
+    assert not answer.success
+    assert answer.failed_at == pytest.approx(0.5, abs=1e-12)
+    assert re.search(
+        r"the 500 steps allowed \(max_steps\) are spent at t = 0.5 s: .*max_steps .*allow more",
+        answer.message,
+    )
+    reached = 501 if method == "numpy" else 500  # there a step takes down where it begins
+    np.testing.assert_allclose(answer.outputs[:reached], np.exp(-times[:reached]), atol=1e-12)
+    assert np.isnan(answer.outputs[reached:]).all()
+
+
 @pytest.mark.parametrize("wrong", [{"max_steps": 0}, {"max_steps": 2.5}, {"time_limit": 0.0}])
 def test_limits_are_checked(wrong):
     with pytest.raises(ValueError, match=next(iter(wrong))):

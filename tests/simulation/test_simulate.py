@@ -175,6 +175,8 @@ def test_outputs_that_are_not_finite_are_named():
     assert not response.success
     assert "output root is nan at t = 1 s" in response.message
     assert np.isfinite(response.states).all()
+    assert np.isfinite(response.outputs[0, :11]).all()
+    assert np.isnan(response.outputs[:, 11:]).all()
 
 
 def test_wrong_options_are_refused():

@@ -41,6 +41,34 @@ def loop():
     ))  # fmt: skip
 
 
+def stopping(t, x, u, params):
+    if np.linalg.eigvals(np.diag(x)).real[0] > params["stop"]:
+        raise ValueError(f"stop at {params['stop']}")
+    return [1.0]
+
+
+def stopped():
+    return ct.nlsys(stopping, None, inputs=0, outputs=1, states=1, params={"stop": 1.0}, name="stopped")
+
+
+def test_each_run_of_a_batch_tells_of_its_own_failure():
+    runs = simulate_batch(stopped(), [0.0, 5.0], params={"stop": [1.0, 2.0, 3.0, 100.0]}, workers=4)
+    for run, stop in zip(runs[:3], (1.0, 2.0, 3.0), strict=True):
+        assert f"raised ValueError: stop at {stop}" in str(run.message)
+        assert 0.0 < run.callbacks["stopped"] <= 1.0
+    assert runs[3].success
+
+
+def test_python_blocks_stay_in_their_process():
+    with (
+        Executor(workers=2) as executor,
+        pytest.raises(
+            ValueError, match=r"executor: block stopped runs as Python \(.*eigvals.*workers= runs a batch"
+        ),
+    ):
+        simulate_batch(stopped(), [0.0, 1.0], params={"stop": [1.0, 2.0]}, executor=executor)
+
+
 INPUTS = [np.sign(np.sin(5.0 * TIMES)), 0.4, 0.0]
 
 
