@@ -1,4 +1,4 @@
-"""Runs an FMU or a package in a foreign importer, in a process of its own: a crash is a failed test, not the end of all.
+"""Runs an FMU or a package in a foreign importer, in a process of its own: a crash fails one test, not all.
 
     run_importer.py IMPORTER FILE STEP  < {"inputs": {name: [values]}, "outputs": [names]}  > [[values], ...]
 
