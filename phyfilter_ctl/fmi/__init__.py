@@ -11,13 +11,14 @@ from .handover import HandOver, hand_over
 from .importing import import_fmu
 from .importing_blocks import FmuBlock, FmuModel
 from .importing_steps import FmuSteps
-from .inspect import FmuDescription, FmuKind, FmuUnit, FmuVariable, describe
+from .inspect import FmuDescription, FmuKind, FmuVariable, describe
 from .instance import FmuError
 from .late_wires import late_wires
 from .mujoco import export_mujoco_fmu
 from .replay import Reference, read_reference, replay, replay_in_fmpy, write_reference
 from .ssp import export_ssp, write_ssp
 from .ssp_cut import CutDiagram, cut_diagram
+from .units import FmuUnit
 from .unpacked import UnpackedFmu
 
 __all__ = [

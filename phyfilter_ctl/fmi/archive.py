@@ -8,7 +8,7 @@ import tempfile
 import zipfile
 import zlib
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from xml.parsers import expat
@@ -126,7 +126,8 @@ def unpack(path: str | Path, folder: Path, limits: ArchiveLimits | None = None) 
                     left -= len(piece)
                     file.write(piece)
     for document in _descriptions(folder):
-        parse_xml(document.read_bytes(), f"{path}: {document.relative_to(folder).as_posix()}", limits)
+        with suppress(NotWellFormedError):  # whoever reads it will say so
+            parse_xml(document.read_bytes(), f"{path}: {document.relative_to(folder).as_posix()}", limits)
 
 
 @contextmanager
@@ -188,7 +189,11 @@ def parse_xml(data: bytes, name: str, limits: ArchiveLimits | None = None) -> et
         LookupError,
         ValueError,
     ) as error:  # the last two: encodings
-        raise ValueError(f"{name}: not a well-formed XML document: {error}") from error
+        raise NotWellFormedError(f"{name}: not a well-formed XML document: {error}") from error
+
+
+class NotWellFormedError(ValueError):
+    """An XML document that cannot be parsed."""
 
 
 class _FoundDoctypeError(Exception):

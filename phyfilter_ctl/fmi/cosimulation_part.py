@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._sections import FloatArray
-from .inspect import FmuUnit
+from .units import FmuUnit
 
 __all__ = ["SMALLEST", "Part", "StuckError", "step_counts", "step_problem", "too_small"]
 

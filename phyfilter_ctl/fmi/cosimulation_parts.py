@@ -13,7 +13,6 @@ from scipy.linalg import expm
 
 from .. import _signals
 from .._sections import FloatArray
-from .._units import unit_definition
 from ..blocks import SampledBlock
 from ..blocks.functions import BlockFunctions
 from .archive import ArchiveLimits
@@ -21,9 +20,10 @@ from .cosimulation_part import Part, StuckError
 from .foreign import Isolation
 from .importing import import_fmu
 from .importing_steps import FmuSteps
-from .inspect import FmuDescription, FmuUnit, Scalar
+from .inspect import FmuDescription, Scalar
 from .instance import FmuError, FmuInstance
 from .signals import Signals
+from .units import FmuUnit, understood_unit
 from .unpacked import UnpackedFmu
 
 __all__ = ["FmuPart", "SystemPart", "make_part"]
@@ -76,7 +76,7 @@ class FmuPart(Part):
     def unit(self, label: str) -> tuple[str, FmuUnit | None]:
         """Unit of an input or output, and its meaning: as the FMU defines it, else as its name says."""
         name = self._units[label]
-        return name, self._fmu.description.units.get(name) or _understood(name)
+        return name, self._fmu.description.units.get(name) or understood_unit(name)
 
     def initialise(self, start_time: float, stop_time: float) -> None:
         """Enter the initialisation with the parameters and start values."""
@@ -200,7 +200,7 @@ class SystemPart(Part):
         else:
             units = getattr(self._system, "units", {})
         name = str(units.get(label, ""))
-        return name, _understood(name)
+        return name, understood_unit(name)
 
     def initialise(self, start_time: float, stop_time: float) -> None:
         """Set the clock; the states are there."""
@@ -317,12 +317,6 @@ def _parameters(system: ct.NonlinearIOSystem, leaves: Sequence[ct.InputOutputSys
             names |= {name.partition("[")[0] for name in names}
             known |= names | {f"{block.name}.{name}" for name in names}
     return known
-
-
-def _understood(unit: str) -> FmuUnit | None:
-    """What a unit's name says, where its file or system does not define it."""
-    found = unit_definition(unit)
-    return None if found.exponents is None else FmuUnit(found.exponents, found.factor)
 
 
 def _vector(value: ArrayLike) -> FloatArray:

@@ -13,7 +13,7 @@ import numpy as np
 
 from .._sections import FloatArray
 from .cosimulation_part import Part
-from .inspect import FmuUnit
+from .units import FmuUnit
 
 __all__ = ["Connection", "Wire", "Wiring", "wire_up"]
 

@@ -20,8 +20,9 @@ import lxml.etree as etree
 from fmpy.model_description import ModelDescription, ModelVariable, ValidationError, read_model_description
 
 from .archive import ArchiveLimits, archive_entries, parse_xml, read_entry
+from .units import FmuUnit
 
-__all__ = ["FmuDescription", "FmuKind", "FmuUnit", "FmuVariable", "describe", "native_platform"]
+__all__ = ["FmuDescription", "FmuKind", "FmuVariable", "describe", "native_platform"]
 
 _VERSIONS = {"2.0": "2.0", "3.0": "3.0"}
 # FMI 2.0 folder names of what FMI 3.0 calls architecture-system.
@@ -37,22 +38,6 @@ _BASE_UNITS = ("kg", "m", "s", "A", "K", "mol", "cd", "rad")
 Scalar = float | int | bool | str
 Kind = Literal["me", "cs"]
 _KINDS: dict[Kind, str] = {"me": "ModelExchange", "cs": "CoSimulation"}
-
-
-@dataclass(frozen=True)
-class FmuUnit:
-    """A unit in SI base units: value in SI = factor * value + offset.
-
-    Parameters
-    ----------
-    exponents : dict of str to int
-        Of kg, m, s, A, K, mol, cd, rad; only those that are not zero.
-    factor, offset : float
-    """
-
-    exponents: Mapping[str, int]
-    factor: float = 1.0
-    offset: float = 0.0
 
 
 @dataclass(frozen=True)

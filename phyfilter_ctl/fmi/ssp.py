@@ -14,9 +14,11 @@ from fmpy.ssp.ssd import validate_tree
 from .archive_write import write_archive
 from .cosimulation_wiring import Wire
 from .export import export_fmu
-from .inspect import FmuDescription, FmuUnit, FmuVariable, Scalar, describe
+from .inspect import FmuDescription, FmuVariable, Scalar, describe
 from .ssp_cut import cut_diagram
-from .ssp_read import NAMESPACES, SIGNALS
+from .ssp_read import SIGNALS
+from .ssp_values import NAMESPACES
+from .units import FmuUnit
 
 __all__ = ["export_ssp", "write_ssp"]
 

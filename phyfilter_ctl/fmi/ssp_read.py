@@ -1,4 +1,4 @@
-"""System structure packages (SSP 1.0) read: components, wires, parameters."""
+"""System structure packages (SSP 1.0 and 2.0) read: components, wires, parameters."""
 
 from __future__ import annotations
 
@@ -10,24 +10,22 @@ from pathlib import Path
 from urllib.parse import unquote, urlsplit
 
 import lxml.etree as etree
-from fmpy.ssp.ssd import validate_tree
 
-from .archive import ArchiveLimits, extracted, parse_xml
+from .archive import ArchiveLimits, extracted, parse_xml, unpack
 from .cosimulation_wiring import Wire
-from .inspect import FmuDescription, FmuUnit, Scalar, describe
+from .inspect import FmuDescription, Scalar, describe
+from .ssp_values import NAMESPACES, SspValue, parameter_values, transformation, unit_definitions, validate
+from .units import AS_IS, FmuUnit, Linear, conversion, understood_unit
 
-__all__ = ["SspSystem", "opened_ssp"]
+__all__ = ["SIGNALS", "SspSystem", "opened_ssp"]
 
-NAMESPACES = {
-    "ssd": "http://ssp-standard.org/SSP1/SystemStructureDescription",
-    "ssc": "http://ssp-standard.org/SSP1/SystemStructureCommon",
-    "ssv": "http://ssp-standard.org/SSP1/SystemStructureParameterValues",
-    "ssm": "http://ssp-standard.org/SSP1/SystemStructureParameterMapping",
-}
 # Annotation of a system: names for components' inputs and outputs, where it has no connectors of its own.
 SIGNALS = "urn:phyfilter-ctl:signals"
 _FMU_TYPES = (None, "application/x-fmu-sharedlibrary")
-_NUMBERS = {"Real": float, "Integer": int, "Enumeration": str, "String": str}
+_DEFINITION, _PACKAGE = "application/x-ssp-definition", "application/x-ssp-package"
+_VALUES = ("parameter", "structuralParameter", "constant")  # connectors that hand on values, not signals
+
+Node = tuple[str, str]  # element path, connector
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,63 +74,132 @@ def opened_ssp(path: str | Path, *, limits: ArchiveLimits | None = None) -> Iter
     """
     path = Path(path)
     with extracted(path, limits) as folder:
-        document = folder / "SystemStructure.ssd"
-        if not document.is_file():
-            raise ValueError(f"{path}: no SystemStructure.ssd inside: not a system structure package")
-        root = parse_xml(document.read_bytes(), f"{path}: SystemStructure.ssd", limits)
-        _validate(path, root)
         reader = _Reader(path, folder, limits)
-        system = root.find("ssd:System", NAMESPACES)
-        assert system is not None  # the schema says so
+        root, system = reader.document(folder / "SystemStructure.ssd")
         reader.system("", system)
         experiment = root.find("ssd:DefaultExperiment", NAMESPACES)
         yield reader.result(root.get("name", path.stem), system, experiment)
 
 
+@dataclass(frozen=True)
+class _Connection:
+    """What drives a connector."""
+
+    source: Node
+    then: Linear
+    convert: bool
+
+
 @dataclass
 class _Reader:
-    """What is found on the way down through inner systems. Nodes are (element path, connector)."""
+    """What is found on the way down through inner systems."""
 
     path: Path
     folder: Path
     limits: ArchiveLimits | None
     parts: dict[str, Path] = field(default_factory=dict)
     descriptions: dict[str, FmuDescription] = field(default_factory=dict)
-    kinds: dict[tuple[str, str], str] = field(default_factory=dict)
-    drivers: dict[tuple[str, str], tuple[tuple[str, str], float, float, bool]] = field(default_factory=dict)
-    parameters: dict[str, Scalar] = field(default_factory=dict)
+    kinds: dict[Node, str] = field(default_factory=dict)
+    units: dict[Node, FmuUnit] = field(default_factory=dict)
+    drivers: dict[Node, _Connection] = field(default_factory=dict)
+    values: dict[str, SspValue] = field(default_factory=dict)
+    dictionaries: dict[str, str] = field(default_factory=dict)  # reference -> the dictionary's own place
+    defined: dict[str, FmuUnit] = field(default_factory=dict)  # units of the documents open now
+
+    def document(self, file: Path) -> tuple[etree._Element, etree._Element]:
+        """Root and system of an .ssd file.
+
+        Parameters
+        ----------
+        file : Path
+        """
+        if not file.is_file():
+            raise ValueError(f"{self.path}: no {file.name} inside: not a system structure package")
+        root = parse_xml(file.read_bytes(), f"{self.path}: {file.name}", self.limits)
+        validate(self.path, root)
+        system = root.find("ssd:System", NAMESPACES)
+        if system is None:
+            raise ValueError(f"{self.path}: {file.name}: no System inside")
+        self.defined = {**self.defined, **unit_definitions(root)}
+        return root, system
 
     def system(self, prefix: str, element: etree._Element) -> None:
+        """A system and all inside it.
+
+        Parameters
+        ----------
+        prefix : str
+            Its path; "" for the whole.
+        element : lxml element
+        """
         self._connectors(prefix, element)
+        for entry in element.iterfind("ssd:SignalDictionaries/ssd:SignalDictionary", NAMESPACES):
+            self.dictionaries[f"{prefix}:{entry.get('name')}"] = f"{prefix}:{entry.get('name')}"
         for child in element.findall("ssd:Elements/*", NAMESPACES):
             tag = etree.QName(child).localname
-            name = f"{prefix}.{child.get('name')}" if prefix else str(child.get("name"))
+            name = _joined(prefix, self._attribute(child, "name"))
             if tag == "System":
                 self.system(name, child)
             elif tag == "Component":
                 self._component(name, child)
             else:
-                raise ValueError(
-                    f"{self.path}: {name}: a {tag} is not supported; expected components and systems"
-                )
+                self._reference(prefix, name, child)
         for connection in element.findall("ssd:Connections/ssd:Connection", NAMESPACES):
             self._connection(prefix, connection)
         # Bindings of an outer system come later and win, as SSP wants it.
         self._bindings(prefix, element)
 
+    def _attribute(self, element: etree._Element, name: str) -> str:
+        value = element.get(name)
+        if value is None:
+            raise ValueError(
+                f"{self.path}: a {etree.QName(element).localname} without the attribute {name!r}"
+            )
+        return value
+
     def _connectors(self, name: str, element: etree._Element) -> None:
         for connector in element.findall("ssd:Connectors/ssd:Connector", NAMESPACES):
-            self.kinds[name, str(connector.get("name"))] = str(connector.get("kind"))
+            node = name, self._attribute(connector, "name")
+            self.kinds[node] = self._attribute(connector, "kind")
+            unit = next((child.get("unit") for child in connector if child.get("unit")), None)
+            if unit is not None:
+                known = self.defined.get(unit) or understood_unit(unit)
+                self.units |= {node: known} if known is not None else {}
 
     def _component(self, name: str, element: etree._Element) -> None:
-        if element.get("type") not in _FMU_TYPES:
-            raise ValueError(
-                f"{self.path}: {name}: component of type {element.get('type')!r}; expected an FMU"
-            )
-        self.parts[name] = self._file(str(element.get("source")), name)
-        self.descriptions[name] = describe(self.parts[name], limits=self.limits)
+        kind = element.get("type")
+        if kind not in (*_FMU_TYPES, _DEFINITION, _PACKAGE):
+            raise ValueError(f"{self.path}: {name}: component of type {kind!r}; expected an FMU or a system")
+        file = self._file(self._attribute(element, "source"), name)
+        if kind in _FMU_TYPES:
+            self.parts[name] = file
+            self.descriptions[name] = describe(file, limits=self.limits)
+        else:
+            self._inner(name, file, packed=kind == _PACKAGE)
         self._connectors(name, element)
         self._bindings(name, element)
+
+    def _inner(self, name: str, file: Path, *, packed: bool) -> None:
+        """A system in a file of its own."""
+        outer = self.folder, self.defined
+        if packed:
+            self.folder = file.with_name(f"{file.name}.unpacked")
+            self.folder.mkdir()
+            unpack(file, self.folder, self.limits)
+            file = self.folder / "SystemStructure.ssd"
+        _, system = self.document(file)
+        self.system(name, system)
+        self.folder, self.defined = outer
+
+    def _reference(self, prefix: str, name: str, element: etree._Element) -> None:
+        """A reference to a signal dictionary, which the systems around it declare."""
+        wanted, at = self._attribute(element, "dictionary"), prefix
+        while f"{at}:{wanted}" not in self.dictionaries and at:
+            at = at.rpartition(".")[0]
+        if f"{at}:{wanted}" not in self.dictionaries:
+            raise ValueError(f"{self.path}: {name}: there is no signal dictionary {wanted!r}")
+        self.dictionaries[name] = f"{at}:{wanted}"
+        self._connectors(name, element)
 
     def _file(self, source: str, name: str) -> Path:
         parts = urlsplit(source)
@@ -143,55 +210,97 @@ class _Reader:
         return target
 
     def _connection(self, prefix: str, element: etree._Element) -> None:
-        ends = []
+        nodes: list[Node] = []
+        gives: list[bool | None] = []  # None: an entry of a dictionary, which does both
         for side in ("start", "end"):
             inner = element.get(f"{side}Element")
-            owner = prefix if inner is None else (f"{prefix}.{inner}" if prefix else inner)
-            node = owner, str(element.get(f"{side}Connector"))
+            owner = prefix if inner is None else _joined(prefix, inner)
+            node = owner, self._attribute(element, f"{side}Connector")
             if node not in self.kinds:
                 raise ValueError(
-                    f"{self.path}: a connection names {'.'.join(node)!r}; there is no such connector"
+                    f"{self.path}: a connection names {_shown(node)!r}; there is no such connector"
                 )
-            # Seen from this system, its own inputs are sources and its own outputs are sinks.
-            gives = self.kinds[node] == ("input" if inner is None else "output")
-            takes = self.kinds[node] == ("output" if inner is None else "input")
-            if not gives and not takes:
-                raise ValueError(
-                    f"{self.path}: {'.'.join(node)!r}: connections of kind {self.kinds[node]!r} are not supported; "
-                    "expected input and output"
-                )
-            ends.append((node, gives))
-        if ends[0][1] == ends[1][1]:
-            both = "sources" if ends[0][1] else "sinks"
-            raise ValueError(
-                f"{self.path}: {'.'.join(ends[0][0])!r} and {'.'.join(ends[1][0])!r} are both {both}"
-            )
-        source, sink = (ends[0][0], ends[1][0]) if ends[0][1] else (ends[1][0], ends[0][0])
+            if inner is not None and owner in self.dictionaries:
+                gives.append(None)
+                node = self.dictionaries[owner], node[1]
+            else:
+                gives.append(self._gives(node, inside=inner is None))
+            nodes.append(node)
+        if gives[0] is None:
+            gives[0] = not gives[1]
+        if gives[0] == gives[1]:
+            both = "sources" if gives[0] else "sinks"
+            raise ValueError(f"{self.path}: {_shown(nodes[0])!r} and {_shown(nodes[1])!r} are both {both}")
+        source, sink = nodes if gives[0] else nodes[::-1]
         if sink in self.drivers:
-            raise ValueError(f"{self.path}: {'.'.join(sink)!r} is driven twice")
-        gain, offset = _linear(element, f"{self.path}: {'.'.join(sink)}")
+            raise ValueError(f"{self.path}: {_shown(sink)!r} is driven twice")
         convert = element.get("suppressUnitConversion") not in ("true", "1")
-        self.drivers[sink] = source, gain, offset, convert
+        then = transformation(element, f"{self.path}: {_shown(sink)}")
+        self.drivers[sink] = _Connection(source, then, convert)
 
-    def _traced(self, node: tuple[str, str]) -> Wire | None:
-        """Wire from where a signal is made to a node; None where nothing drives it."""
-        gain, offset, convert, at = 1.0, 0.0, True, node
-        seen = {node}
+    def _gives(self, node: Node, *, inside: bool) -> bool:
+        """Whether a connector is a source; seen from inside, a system's own inputs are, and its outputs are sinks."""
+        kind = self.kinds[node]
+        if kind in _VALUES:
+            return inside
+        if kind not in ("input", "output"):
+            raise ValueError(
+                f"{self.path}: {_shown(node)!r}: connections of kind {kind!r} are not supported; expected input, "
+                "output or parameter"
+            )
+        return kind == ("input" if inside else "output")
+
+    def _unit(self, node: Node) -> FmuUnit | None:
+        return self.units.get(node) or self._own_unit(node)
+
+    def _own_unit(self, node: Node) -> FmuUnit | None:
+        """Unit of the FMU's variable behind a connector."""
+        entry = self.descriptions.get(node[0])
+        for variable in entry.variables if entry is not None else ():
+            if entry is not None and (node[1] == variable.name or node[1] in variable.labels):
+                return entry.units.get(variable.unit) or understood_unit(variable.unit)
+        return None
+
+    def _traced(self, node: Node) -> tuple[Node, Linear, bool]:
+        """Where a signal is made, what happens to it until it is the variable behind a node, and whether the units at
+        the ends are still to be compared: where nothing was converted, or could not be."""
+        chain: list[tuple[Node, _Connection]] = []
+        at = node
         while at in self.drivers:
-            at, factor, shift, converts = self.drivers[at]
-            gain, offset = gain * factor, gain * shift + offset
-            convert = convert and converts
-            if at in seen:
-                raise ValueError(f"{self.path}: {'.'.join(at)!r} drives itself")
-            seen.add(at)
-        if at == node:
-            return None
-        if at[0] not in self.parts and at[0] != "":
-            return None  # an inner system's input that nothing drives
-        # An input connector of the whole gets a leading dot, which no component's output has.
-        return Wire(".".join(node), ".".join(at), gain, offset, convert)
+            chain.append((at, self.drivers[at]))
+            at = self.drivers[at].source
+            if any(at == seen for seen, _ in chain):
+                raise ValueError(f"{self.path}: {_shown(at)!r} drives itself")
+        total, compare = AS_IS, all(wire.convert for _, wire in chain)
+        unit, changes = self._own_unit(at), list[Linear | None]()
+        stages = [(self._unit(at), AS_IS, True)]
+        stages += [(self._unit(sink), wire.then, wire.convert) for sink, wire in reversed(chain)]
+        stages.append((self._own_unit(node), AS_IS, True))
+        for target, then, convert in stages:
+            change = conversion(unit, target) if convert else AS_IS
+            changes.append(change)
+            total = then.after((change or AS_IS).after(total))
+            unit = target or unit
+        return at, total, compare and (None in changes or all(change == AS_IS for change in changes))
+
+    def _wire(self, node: Node) -> Wire | None:
+        """Wire from where a signal is made to a node; None where nothing drives it."""
+        at, total, compare = self._traced(node)
+        if at == node or (at[0] not in self.parts and at[0] != ""):
+            return None  # an inner system's input, or a dictionary's entry, that nothing drives
+        # An input connector of the whole gets a leading dot, which no component's output has. Where units measure
+        # different things the wire is left to `wire_up`, which says so.
+        return Wire(".".join(node), ".".join(at), *total, convert=compare)
 
     def result(self, name: str, system: etree._Element, experiment: etree._Element | None) -> SspSystem:
+        """The whole package.
+
+        Parameters
+        ----------
+        name : str
+        system : lxml element
+        experiment : lxml element or None
+        """
         wires: list[Wire] = []
         inputs: dict[str, list[Wire]] = {
             label: [] for (owner, label), kind in self.kinds.items() if not owner and kind == "input"
@@ -199,27 +308,41 @@ class _Reader:
         for (owner, label), kind in self.kinds.items():
             if owner not in self.parts or kind != "input":
                 continue
-            wire = self._traced((owner, label))
+            wire = self._wire((owner, label))
             if wire is not None and wire.source.startswith("."):
                 inputs[wire.source[1:]].append(dataclasses.replace(wire, source=""))
             elif wire is not None:
-                wires.append(self._converted(wire))
+                wires.append(wire)
         outputs = self._outputs()
-        times = {
-            key: None if experiment is None else experiment.get(key) for key in ("startTime", "stopTime")
-        }
-        start, stop = (None if text is None else float(text) for text in times.values())
-        known = {
-            f"{part}.{label}"
-            for part, entry in self.descriptions.items()
-            for variable in entry.variables
-            for label in (variable.name, *variable.labels)
-        }
-        # Values for names that no FMU has are ignored, as SSP wants it.
-        parameters = {key: value for key, value in self.parameters.items() if key in known}
+        times = (None if experiment is None else experiment.get(key) for key in ("startTime", "stopTime"))
+        start, stop = (None if text is None else float(text) for text in times)
         self._named(system, inputs, outputs)
         frozen = {label: tuple(found) for label, found in inputs.items()}
-        return SspSystem(name, self.parts, tuple(wires), frozen, outputs, parameters, start, stop)
+        return SspSystem(name, self.parts, tuple(wires), frozen, outputs, self._parameters(), start, stop)
+
+    def _parameters(self) -> dict[str, Scalar]:
+        """Values of the FMUs' variables; those for names that no FMU has are ignored, as SSP wants it."""
+        result: dict[str, Scalar] = {}
+        for part, entry in self.descriptions.items():
+            for variable in entry.variables:
+                for label in dict.fromkeys((variable.name, *variable.labels)):
+                    key = f"{part}.{label}"
+                    if key in self.values:
+                        result[key] = self.values[key].of(
+                            self._own_unit((part, label)), f"{self.path}: {key}"
+                        )
+        for node, kind in self.kinds.items():
+            if node[0] not in self.parts or kind not in _VALUES:
+                continue
+            source, total, _ = self._traced(node)
+            found = self.values.get(".".join(source).removeprefix("."))
+            if source == node or found is None:
+                continue
+            value = found.of(self._unit(source), f"{self.path}: {_shown(source)}")
+            result[".".join(node)] = (
+                value if total == AS_IS or isinstance(value, str) else total(float(value))
+            )
+        return result
 
     def _named(self, system: etree._Element, inputs: dict[str, list[Wire]], outputs: dict[str, str]) -> None:
         """Add the inputs and outputs that an annotation names."""
@@ -235,51 +358,35 @@ class _Reader:
 
     def _outputs(self) -> dict[str, str]:
         result: dict[str, str] = {}
-        for owner, label in [node for node, kind in self.kinds.items() if not node[0] and kind == "output"]:
-            wire = self._traced((owner, label))
+        for node in [node for node, kind in self.kinds.items() if not node[0] and kind == "output"]:
+            wire = self._wire(node)
             if wire is None:
                 continue
             if wire.source.startswith(".") or (wire.gain, wire.offset) != (1.0, 0.0):
                 raise ValueError(
-                    f"{self.path}: output {label!r}: expected a component's output as it is, without gain"
+                    f"{self.path}: output {node[1]!r}: expected a component's output as it is, without gain or another "
+                    "unit"
                 )
-            result[label] = wire.source
+            result[node[1]] = wire.source
         return result
-
-    def _converted(self, wire: Wire) -> Wire:
-        """SSP has the importer convert units of one dimension."""
-        if not wire.convert:
-            return wire
-        sink, source = self._unit(wire.sink), self._unit(wire.source)
-        if sink is None or source is None or sink == source or sink.exponents != source.exponents:
-            return wire
-        gain = wire.gain * source.factor / sink.factor
-        offset = (wire.offset * source.factor + source.offset - sink.offset) / sink.factor
-        return dataclasses.replace(wire, gain=gain, offset=offset, convert=False)
-
-    def _unit(self, label: str) -> FmuUnit | None:
-        for part, entry in self.descriptions.items():
-            for variable in entry.variables:
-                if label.startswith(f"{part}.") and label.removeprefix(f"{part}.") in variable.labels:
-                    return entry.units.get(variable.unit)
-        return None
 
     # -- parameters -------------------------------------------------------------------------------------------
 
     def _bindings(self, owner: str, element: etree._Element) -> None:
         for binding in element.findall("ssd:ParameterBindings/ssd:ParameterBinding", NAMESPACES):
-            values = self._values(owner, binding)
+            root = self._document(owner, binding, "ssd:ParameterValues/ssv:ParameterSet")
+            values = {} if root is None else parameter_values(root, self.defined)
             mapping = self._mapping(owner, binding)
             if mapping is not None:
                 values = {
-                    target: float(values[source]) * gain + offset
-                    if (gain, offset) != (1.0, 0.0)
-                    else values[source]
-                    for target, (source, gain, offset) in mapping.items()
+                    target: dataclasses.replace(
+                        values[source], then=then, unit=values[source].unit if convert else None
+                    )
+                    for target, (source, then, convert) in mapping.items()
                     if source in values
                 }
             prefix = f"{owner}." if owner else ""
-            self.parameters |= {
+            self.values |= {
                 f"{prefix}{binding.get('prefix', '')}{key}": value for key, value in values.items()
             }
 
@@ -290,50 +397,25 @@ class _Reader:
         file = self._file(source, owner or "the system")
         return parse_xml(file.read_bytes(), f"{self.path}: {source}", self.limits)
 
-    def _values(self, owner: str, binding: etree._Element) -> dict[str, Scalar]:
-        root = self._document(owner, binding, "ssd:ParameterValues/ssv:ParameterSet")
-        result: dict[str, Scalar] = {}
-        for parameter in [] if root is None else root.findall("ssv:Parameters/ssv:Parameter", NAMESPACES):
-            value = next((child for child in parameter if isinstance(child.tag, str)), None)
-            if value is None:
-                continue
-            kind, text = etree.QName(value).localname, value.get("value", "")
-            if kind == "Boolean":
-                result[str(parameter.get("name"))] = text in ("true", "1")
-            elif kind in _NUMBERS:
-                result[str(parameter.get("name"))] = _NUMBERS[kind](text)
-        return result
-
-    def _mapping(self, owner: str, binding: etree._Element) -> dict[str, tuple[str, float, float]] | None:
+    def _mapping(self, owner: str, binding: etree._Element) -> dict[str, tuple[str, Linear, bool]] | None:
         holder = binding.find("ssd:ParameterMapping", NAMESPACES)
         if holder is None:
             return None
         root = self._document(owner, holder, "ssm:ParameterMapping")
         entries = [] if root is None else root.findall("ssm:MappingEntry", NAMESPACES)
         return {
-            str(entry.get("target")): (str(entry.get("source")), *_linear(entry, f"{self.path}: {owner}"))
+            self._attribute(entry, "target"): (
+                self._attribute(entry, "source"),
+                transformation(entry, f"{self.path}: {owner}"),
+                entry.get("suppressUnitConversion") not in ("true", "1"),
+            )
             for entry in entries
         }
 
 
-def _linear(element: etree._Element, where: str) -> tuple[float, float]:
-    for child in element:
-        if not isinstance(child.tag, str):
-            continue
-        tag = etree.QName(child).localname
-        if tag == "LinearTransformation":
-            return float(child.get("factor", "1")), float(child.get("offset", "0"))
-        if tag.endswith("Transformation"):
-            raise ValueError(f"{where}: a {tag} is not supported; expected a LinearTransformation")
-    return 1.0, 0.0
+def _joined(prefix: str, name: str) -> str:
+    return f"{prefix}.{name}" if prefix else name
 
 
-def _validate(path: Path, root: etree._Element) -> None:
-    version = root.get("version", "")
-    schema = (
-        "SystemStructureDescription.xsd" if version.startswith("1.0") else "SystemStructureDescription11.xsd"
-    )
-    try:
-        validate_tree(root, schema)
-    except Exception as error:  # fmpy raises a bare exception with the schema's messages
-        raise ValueError(f"{path}: SystemStructure.ssd is not valid: {error}") from error
+def _shown(node: Node) -> str:
+    return ".".join(node)

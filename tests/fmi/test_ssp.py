@@ -339,3 +339,107 @@ def test_the_schema_is_the_standards(tmp_path, fmu):
         unit.get("name") for unit in root.iter("{http://ssp-standard.org/SSP1/SystemStructureCommon}Unit")
     ]
     assert units == ["m"]
+
+
+SECOND = """<?xml version="1.0" encoding="UTF-8"?>
+<ssd:SystemStructureDescription xmlns:ssd="http://ssp-standard.org/SSP1/SystemStructureDescription"
+  xmlns:ssc="http://ssp-standard.org/SSP1/SystemStructureCommon"
+  xmlns:ssv="http://ssp-standard.org/SSP1/SystemStructureParameterValues" version="{version}" name="second">
+  <ssd:System name="second">
+    <ssd:Connectors><ssd:Connector name="where" kind="input"><ssc:Float64 unit="mm"/></ssd:Connector>
+      <ssd:Connector name="stiffness" kind="parameter"><ssc:Float64 unit="N/mm"/></ssd:Connector></ssd:Connectors>
+    <ssd:ParameterBindings><ssd:ParameterBinding><ssd:ParameterValues><ssv:ParameterSet version="2.0" name="p">
+      <ssv:Parameters><ssv:Parameter name="stiffness"><ssv:Float64 value="0.005" unit="N/mm"/></ssv:Parameter>
+      <ssv:Parameter name="a.m"><ssv:Float64 value="2500" unit="g"/></ssv:Parameter>
+      <ssv:Parameter name="c.x"><ssv:Float64><ssv:Value value="3"/><ssv:Value value="4"/></ssv:Float64>
+        <ssc:Dimension size="2"/></ssv:Parameter></ssv:Parameters>
+      <ssv:Units><ssc:Unit name="g"><ssc:BaseUnit kg="1" factor="0.001"/></ssc:Unit></ssv:Units>
+    </ssv:ParameterSet></ssd:ParameterValues></ssd:ParameterBinding></ssd:ParameterBindings>
+    <ssd:Elements>
+      <ssd:Component name="a" source="resources/m.fmu"><ssd:Connectors>
+        <ssd:Connector name="place" kind="input"/><ssd:Connector name="k" kind="parameter"/>
+        <ssd:Connector name="x" kind="output"><ssc:Float64 unit="cm"/></ssd:Connector></ssd:Connectors>
+      </ssd:Component>
+      <ssd:Component name="c" source="resources/two.fmu"><ssd:Connectors>
+        <ssd:Connector name="place[0]" kind="input"/><ssd:Connector name="place[1]" kind="input"/></ssd:Connectors>
+      </ssd:Component>
+      <ssd:Component name="inner" type="application/x-ssp-definition" source="inner.ssd"/>
+      <ssd:SignalDictionaryReference name="bus" dictionary="signals"><ssd:Connectors>
+        <ssd:Connector name="x" kind="inout"/></ssd:Connectors></ssd:SignalDictionaryReference>
+      <ssd:SignalDictionaryReference name="again" dictionary="signals"><ssd:Connectors>
+        <ssd:Connector name="x" kind="inout"/></ssd:Connectors></ssd:SignalDictionaryReference>
+    </ssd:Elements>
+    <ssd:Connections>
+      <ssd:Connection startConnector="where" endElement="a" endConnector="place"/>
+      <ssd:Connection startConnector="stiffness" endElement="a" endConnector="k"/>
+      <ssd:Connection startElement="a" startConnector="x" endElement="bus" endConnector="x">
+        <ssc:LinearTransformation factor="2" offset="1"/></ssd:Connection>
+      <ssd:Connection startElement="again" startConnector="x" endElement="c" endConnector="place[1]"/>
+      <ssd:Connection startElement="again" startConnector="x" endElement="inner" endConnector="u"/>
+    </ssd:Connections>
+    <ssd:SignalDictionaries><ssd:SignalDictionary name="signals"/></ssd:SignalDictionaries>
+  </ssd:System>
+</ssd:SystemStructureDescription>"""
+INNER = """<ssd:SystemStructureDescription xmlns:ssd="http://ssp-standard.org/SSP1/SystemStructureDescription"
+  version="2.0" name="inner"><ssd:System name="any">
+    <ssd:Connectors><ssd:Connector name="u" kind="input"/></ssd:Connectors>
+    <ssd:Elements><ssd:Component name="b" source="resources/m.fmu"><ssd:Connectors>
+      <ssd:Connector name="place" kind="input"/></ssd:Connectors></ssd:Component></ssd:Elements>
+    <ssd:Connections><ssd:Connection startConnector="u" endElement="b" endConnector="place"/></ssd:Connections>
+</ssd:System></ssd:SystemStructureDescription>"""
+
+
+@pytest.fixture(scope="module")
+def second(fmu, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("second")
+    two = oscillator(folder, "3.0", name="two")
+
+    def write(name="second.ssp", version="2.0", text=SECOND):
+        with zipfile.ZipFile(folder / name, "w") as archive:
+            archive.writestr("SystemStructure.ssd", text.replace("{version}", version))
+            archive.writestr("inner.ssd", INNER)
+            archive.writestr("stray.ssd", "<not well formed")
+            archive.write(fmu, "resources/m.fmu")
+            archive.write(two, "resources/two.fmu")
+        return folder / name
+
+    return write
+
+
+def test_version_2(second):
+    """Types of FMI 3, units at connectors, parameter connectors, arrays, a signal dictionary, a system in a file of
+    its own; a stray file that is no XML harms nobody."""
+    with opened_ssp(second()) as found:
+        assert list(found.parts) == ["a", "c", "inner.b"]
+        wires = {wire.sink: wire for wire in found.wires}
+        # x in m, shown in cm; 2 x + 1 in the unit of the dictionary's entry, which has none: cm; then back into m.
+        for sink in ("c.place[1]", "inner.b.place"):
+            assert wires[sink].source == "a.x"
+            assert (wires[sink].gain, wires[sink].offset) == (pytest.approx(2.0), pytest.approx(0.01))
+        (where,) = found.inputs["where"]
+        assert (where.sink, where.gain) == ("a.place", pytest.approx(1e-3))
+        assert found.parameters == {
+            "a.k": pytest.approx(5.0),
+            "a.m": pytest.approx(2.5),
+            "c.x[0]": 3.0,
+            "c.x[1]": 4.0,
+        }
+    run = cosimulate(second(), timepts=T, step=0.1, inputs={"where": 300.0}, outputs=["a.x"])
+    assert run.success
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ('version="{version}"', 'version="3.0"', r"of version '3.0'; expected 1.0 or 2.0"),
+        ('<ssd:Component name="a"', "<ssd:Component", "a Component without the attribute 'name'"),
+        ('dictionary="signals"', 'dictionary="none"', "bus: there is no signal dictionary 'none'"),
+        ('unit="g"', 'unit="s"', "a.m: the unit of the value and that of the parameter measure different things"),
+        ('kind="parameter"/>', 'kind="calculatedParameter"/>', "'calculatedParameter' are not supported"),
+        ('source="inner.ssd"', 'source="stray.ssd"', "stray.ssd: not a well-formed XML document"),
+    ],
+)  # fmt: skip
+def test_what_is_refused_in_version_2(second, old, new, message):
+    assert old in SECOND
+    with pytest.raises(ValueError, match=message):
+        cosimulate(second("wrong.ssp", text=SECOND.replace(old, new)), timepts=T)
