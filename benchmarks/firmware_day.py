@@ -96,9 +96,8 @@ def main() -> int:
         for order in options.orders:
             for real in options.real:
                 failures += day(BOARDS[core], order, real, options.steps)
-    print(
-        "\n".join(failures) if failures else "every f_hat is the host's, every fault was said and forgotten"
-    )
+    good = "every f_hat is the host's, what the guard can see was said, every fault was forgotten"
+    print("\n".join(failures) if failures else good)
     return int(bool(failures))
 
 

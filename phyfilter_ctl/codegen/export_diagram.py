@@ -11,7 +11,7 @@ from ..diagram.fixed_step import refuse_unstable_step
 from ..diagram.model import FlatModel
 from .casadi_source import Real
 from .diagram_source import diagram_model
-from .export_folder import own_symbols, write_folder
+from .export_folder import own_order, own_symbols, write_folder
 from .model import CModel
 
 __all__ = ["export_diagram"]
@@ -116,7 +116,9 @@ def export_diagram(
             flat, model.step / substeps, "give substeps={substeps}, or a step of at most {step}", substeps,
             operating_points,
         )  # fmt: skip
-    return write_folder(folder, own_symbols(model.sources, model.name) | {"main.c": _example(model)})
+    return write_folder(
+        folder, own_symbols(own_order(model.sources), model.name) | {"main.c": _example(model)}
+    )
 
 
 def _example(model: CModel) -> str:
