@@ -12,6 +12,7 @@ __all__ = [
     "FLAGS",
     "HOST",
     "INSTRUCTIONS_PER_TICK",
+    "SMALL",
     "Board",
     "board_files",
     "build",
@@ -42,7 +43,7 @@ class Board:
     @property
     def linking(self) -> tuple[str, ...]:
         """Arguments after the files of a program."""
-        return _LINKING if "fpv5-d16" in self.flags[1] else (*_SUMS, *_LINKING)
+        return _LINKING if self.flags[1] in ("-mfpu=fpv5-d16", "-mfloat-abi=soft") else (*_SUMS, *_LINKING)
 
     @property
     def compiler(self) -> tuple[str, ...]:
@@ -58,6 +59,13 @@ BOARDS = {
     "m7": Board("Cortex-M7", "mps2-an500", ("-mcpu=cortex-m7", "-mfpu=fpv5-d16", "-mfloat-abi=hard")),
     "m4f": Board("Cortex-M4F", "mps2-an386", ("-mcpu=cortex-m4", "-mfpu=fpv4-sp-d16", "-mfloat-abi=hard")),
 }
+
+# No floating point; 16 kB of memory. An instruction of a Cortex-M0+ is one of a Cortex-M0.
+SMALL = Board(
+    "Cortex-M0+",
+    "microbit",
+    ("-mcpu=cortex-m0plus", "-mfloat-abi=soft", "-DSTACK_TOP=0x20004000u", "-DSTACK_BYTES=0x1800u"),
+)
 
 
 def missing() -> str | None:

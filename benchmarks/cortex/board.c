@@ -15,8 +15,10 @@ static void call_host(unsigned operation, const void *argument) {
 
 void put_text(const char *text) { call_host(4, text); }
 
+#ifndef STACK_TOP
 #define STACK_TOP 0x20200000u
 #define STACK_BYTES 0x8000u
+#endif
 #define PAINT 0xA5A5A5A5u
 
 unsigned stack_used(void) { /* bytes, at most since reset */

@@ -78,7 +78,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="NAME=D",
         help="what a sampled filter meets as it runs, bounds by derivative where there is one: g.1=48 (|g'|), "
         "f_theta.1, inertia.1 (|M_hat'|), x.2 (|x''|), jitter and delay_error in s, x_step, g_step; x.0, g.0 and "
-        "f_theta.0 for the rounding, f for a limit of f_hat",
+        "f_theta.0 for the rounding, or rounding as fixed point has it, f for a limit of f_hat",
     )
     data.add_argument(
         "--log", nargs="+", default=[], metavar="CSV", help="estimate slope and noise from flights"

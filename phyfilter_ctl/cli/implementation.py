@@ -22,7 +22,7 @@ def read_implementation(entries: list[str]) -> Implementation | None:
     from ..analysis import Implementation
 
     signals: dict[str, dict[int, float]] = {"g": {}, "f_theta": {}, "x": {}, "inertia": {}}
-    others = {"jitter": 0.0, "delay_error": 0.0, "x_step": 0.0, "g_step": 0.0, "f": math.nan}
+    others = {"jitter": 0.0, "delay_error": 0.0, "x_step": 0.0, "g_step": 0.0, "rounding": 0.0, "f": math.nan}
     for entry in entries:
         name, _, value = entry.partition("=")
         name, dot, order = name.partition(".")
@@ -49,4 +49,5 @@ def read_implementation(entries: list[str]) -> Implementation | None:
         delay_error=others["delay_error"],
         x_step=others["x_step"],
         g_step=others["g_step"],
+        rounding=others["rounding"],
     )

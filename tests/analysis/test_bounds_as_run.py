@@ -173,6 +173,26 @@ def test_a_limit_never_adds_to_the_error_where_f_is_within_it():
     )
 
 
+def test_fixed_point_adds_its_rounding_and_its_converter():
+    """In 32 bits over a range of a kilometre a second, so that both show."""
+    sampled = pf.PhyFilter([20.0]).sampled(0.01)
+    fixed = pf.fixed_point(sampled, x=1000.0)
+    bit = 2.0 ** -fixed.fraction["x"]
+    found = ultimate_bound(
+        sampled, residual={1: 1e-4}, implementation=Implementation(x_step=bit, rounding=fixed.error_bound)
+    )
+    quantised = 2.0 * -np.expm1(-0.2) / 0.01 * 0.5 * bit  # noise of half a bit through 2 (1 - a) / h
+    assert found.implementation == pytest.approx(
+        {"quantisation": quantised, "rounding": fixed.error_bound}, rel=1e-6
+    )
+    assert "rounding that moves f_hat" in found.covered[-1]
+    t = 0.01 * np.arange(1000.0)
+    gamma, x = 5e-5 * np.sin(2.0 * t), -2.5e-5 * np.cos(2.0 * t) + 900.0
+    f_hat = fixed.reals("f_hat", fixed.run(fixed.integers("x", x[:, None]))[0])[:, 0]
+    error = np.abs(gamma - f_hat)[200:].max()
+    assert ultimate_bound(sampled, residual={1: 1e-4}).bound < error <= found.bound
+
+
 def test_what_is_covered_and_what_is_assumed_is_said():
     f = pf.PhyFilter([20.0])
     ideal = ultimate_bound(f.sampled(0.01), residual={1: 1.0})
@@ -218,6 +238,7 @@ def test_what_is_covered_and_what_is_assumed_is_said():
         (lambda: Implementation(g={1: -1.0}), ">= 0"),
         (lambda: Implementation(jitter=float("nan")), "jitter"),
         (lambda: Implementation(g=3.0), "by order"),
+        (lambda: Implementation(x={0: 1.0}, rounding=1e-6), "without x"),
         (lambda: run_with(jitter=1e-3), "rate="),
         (lambda: run_with(g={2: 1.0}), "taken as held"),
         (lambda: run_with(rate=1.0, inertia={2: 1.0}), "M_hat'"),

@@ -53,6 +53,9 @@ class Implementation:
         How far in s the delay of x may be off the one that the filter knows, constant.
     x_step, g_step : float
         Steps of quantisation; of n axes of step q in the 2-norm: sqrt(n) q.
+    rounding : float
+        How far rounding may move f_hat in another arithmetic than the filter's, so without ``x[0]``: in fixed point
+        ``FixedPoint.error_bound``; of n axes in the 2-norm sqrt(n) times as much.
 
     Raises
     ------
@@ -79,6 +82,7 @@ class Implementation:
     delay_error: float = 0.0
     x_step: float = 0.0
     g_step: float = 0.0
+    rounding: float = 0.0
 
     def __post_init__(self) -> None:
         orders = {"g": (0, 1, 2), "f_theta": (0, 1, 2), "x": (0, 2), "inertia": (1, 2)}
@@ -93,10 +97,12 @@ class Implementation:
                     advice = "; |x'| is `rate`" if name == "x" else ""
                     raise ValueError(f"{name}: expected derivatives of order {allowed}, got {k!r}{advice}")
                 number(f"{name}[{k}]", value, least=0.0)
-        for name in ("jitter", "delay_error", "x_step", "g_step"):
+        for name in ("jitter", "delay_error", "x_step", "g_step", "rounding"):
             number(name, getattr(self, name), least=0.0)
         if self.f is not None:
             number("f", self.f, least=0.0)
+        if self.rounding and 0 in self.x:
+            raise ValueError("rounding: expected without x[0], from which that of float or double is found")
 
 
 @dataclass(frozen=True, eq=False)
@@ -201,7 +207,7 @@ class Run:
     def _rounding(self, of_u: float, of_x: float) -> float:
         b = self.bounds
         if 0 not in b.x:
-            return 0.0
+            return b.rounding
         if self.sampled.sampling.delay:
             raise ValueError("x[0]: the bound of the rounding is for filters without delay; leave it out")
         sizes = (b.x[0], self.rate, b.g.get(0, 0.0), b.f_theta.get(0, 0.0), self.inertia)
@@ -228,6 +234,7 @@ class Run:
         said += [f"a delay of x off by up to {b.delay_error:g} s"] if b.delay_error else []
         said += [f"x in steps of {b.x_step:g}"] if b.x_step else []
         said += [f"g in steps of {b.g_step:g}"] if b.g_step else []
+        said += [f"rounding that moves f_hat by up to {b.rounding:g}"] if b.rounding else []
         if 0 in b.x:
             sizes = [f"|x| up to {b.x[0]:g}"] + [
                 f"|{name}| up to {getattr(b, name).get(0, 0.0):g}" for name in ("g", "f_theta")
@@ -257,7 +264,11 @@ class Run:
         late = f"{sampling.delay:g} s late" if sampling.delay else "without delay"
         said += [] if b.delay_error else [f"x is measured {late}"]
         said += [] if b.x_step else ["what x is rounded to counts as its noise"]
-        said += [] if 0 in b.x else [f"rounding of the recursion ({sampling.precision}) is left out"]
+        said += (
+            []
+            if 0 in b.x or b.rounding
+            else [f"rounding of the recursion ({sampling.precision}) is left out"]
+        )
         if sampling.limit is not None and b.f is None:
             said.append("f_hat stays within its limit, or |f| does")
         return tuple(said)

@@ -13,12 +13,29 @@
 #define PF_GUARD 30
 #define PF_MOST (PF_TWO_TO(31 + PF_GUARD) - 2 * PF_TWO_TO(PF_GUARD)) /* of a state */
 
+/* The product in 64 bits. A core without an instruction for it would multiply 64 by 64 bits. */
+#if defined(__ARM_ARCH_6M__) || defined(__ARM_ARCH_8M_BASE__)
+__attribute__((noinline)) static int64_t PF_P(times_)(int32_t a, int32_t b) {
+  const int32_t a_low = a & 0xFFFF, b_low = b & 0xFFFF, a_high = a >> 16, b_high = b >> 16;
+  const uint32_t low = (uint32_t)a_low * (uint32_t)b_low;
+  const int32_t first = a_high * b_low + (int32_t)(low >> 16), second = a_low * b_high + (first & 0xFFFF);
+  const uint32_t high = (uint32_t)(a_high * b_high + (first >> 16) + (second >> 16));
+  return (int64_t)((uint64_t)high << 32 | (uint32_t)second << 16 | (low & 0xFFFFu));
+}
+#else
+static inline int64_t PF_P(times_)(int32_t a, int32_t b) { return (int64_t)a * b; }
+#endif
+
 static inline int64_t PF_P(nearest_)(int64_t value, int bits) { return (value + PF_TWO_TO(bits - 1)) >> bits; }
 
-static inline int32_t PF_P(within_)(int64_t value, int32_t most, int flag, int *flags) {
-  if (value >= -(int64_t)most && value <= most) return (int32_t)value;
+static inline int32_t PF_P(within_)(int32_t value, int32_t most, int flag, int *flags) {
+  if (value >= -most && value <= most) return value;
   *flags |= flag;
   return value < 0 ? -most : most;
+}
+
+static inline int32_t PF_P(word_)(int64_t value) {
+  return value > INT32_MAX ? INT32_MAX : value < -INT32_MAX ? -INT32_MAX : (int32_t)value;
 }
 
 int PF_P(init)(PF_NAME *self, const PF_P(params) *params) {
@@ -41,7 +58,7 @@ int PF_P(shift_x)(PF_NAME *self, const int32_t *dx) {
   int flags = 0;
   if (!self->params) return PF_Q31_NOT_READY;
   for (int i = 0; i < PF_P(N); i++)
-    self->x[i] = PF_P(within_)((int64_t)self->x[i] + dx[i], self->params->x, PF_Q31_X, &flags);
+    self->x[i] = PF_P(within_)(PF_P(word_)((int64_t)self->x[i] + dx[i]), self->params->x, PF_Q31_X, &flags);
   return flags;
 }
 
@@ -50,15 +67,15 @@ static inline int32_t PF_P(change_)(PF_NAME *self, int i, int32_t x, int32_t g, 
   const PF_P(params) *const p = self->params;
   int64_t v = (int64_t)(x - self->x[i]) * PF_TWO_TO(PF_P(SHIFT_X)) + self->rest[i];
 #if PF_P(G_AVERAGE)
-  v -= (int64_t)p->of_g * (g + self->g[i]);
+  v -= PF_P(times_)(p->of_g, g + self->g[i]);
 #else
-  v -= (int64_t)p->of_g * g;
+  v -= PF_P(times_)(p->of_g, g);
 #endif
 #if PF_P(F_THETA_AVERAGE)
-  v -= (int64_t)p->of_f_theta * (f_theta + self->f_theta[i]);
+  v -= PF_P(times_)(p->of_f_theta, f_theta + self->f_theta[i]);
 #else
   (void)f_theta;
-  v -= (int64_t)p->of_f_theta * self->f_theta[i];
+  v -= PF_P(times_)(p->of_f_theta, self->f_theta[i]);
 #endif
   self->rest[i] = (int32_t)(v & (PF_TWO_TO(PF_GUARD) - 1));
   return (int32_t)(v >> PF_GUARD);
@@ -73,12 +90,12 @@ static inline int64_t PF_P(advance_)(PF_NAME *self, int i, int32_t v, int *flags
   PF_UNROLL for (int j = 0; j < PF_N; j++) {
     /* Block lower triangular: above the diagonal only pairs have entries. */
     const int last = j + 1 < PF_N && (PF_P(PAIRS) >> j & 1) ? j + 1 : j;
-    int64_t change = (int64_t)p->dA[j][0] * w[0];
+    int64_t change = PF_P(times_)(p->dA[j][0], w[0]);
     PF_UNROLL for (int k = 1; k < PF_N; k++) {
       if (k > last) break;
-      change += (int64_t)p->dA[j][k] * w[k];
+      change += PF_P(times_)(p->dA[j][k], w[k]);
     }
-    int64_t state = self->w[i][j] + (change >> PF_P(SHIFT_DA)) - ((int64_t)p->b[j] * v >> PF_P(SHIFT_B));
+    int64_t state = self->w[i][j] + (change >> PF_P(SHIFT_DA)) - (PF_P(times_)(p->b[j], v) >> PF_P(SHIFT_B));
     if (state > PF_MOST || state < -PF_MOST) {
       state = state < 0 ? -PF_MOST : PF_MOST;
       *flags |= PF_Q31_STATE;
@@ -87,7 +104,7 @@ static inline int64_t PF_P(advance_)(PF_NAME *self, int i, int32_t v, int *flags
 #if PF_P(LOWPASS)
     if (j == PF_N - 1) y = PF_P(nearest_)(state, PF_GUARD) * PF_TWO_TO(PF_P(SHIFT_W));
 #else
-    y += (int64_t)p->C[j] * (int32_t)PF_P(nearest_)(state, PF_GUARD);
+    y += PF_P(times_)(p->C[j], (int32_t)PF_P(nearest_)(state, PF_GUARD));
 #endif
   }
   return y;
@@ -108,7 +125,7 @@ int PF_P(step)(PF_NAME *self, const int32_t *x, const int32_t *g, const int32_t 
     self->g[i] = g_i;
 #endif
     self->f_theta[i] = f_theta_i;
-    f_hat[i] = PF_P(within_)(PF_P(nearest_)(y, PF_P(SHIFT_C)), p->f_hat[i], PF_Q31_LIMIT, &flags);
+    f_hat[i] = PF_P(within_)(PF_P(word_)(PF_P(nearest_)(y, PF_P(SHIFT_C))), p->f_hat[i], PF_Q31_LIMIT, &flags);
   }
   self->started = 1;
   return flags;
