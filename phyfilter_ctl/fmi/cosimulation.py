@@ -152,13 +152,14 @@ def cosimulate(
     -------
     CosimulationResponse
         A ``control.TimeResponseData``: ``outputs`` and ``inputs`` by full name. Where step control comes to steps
-        below 1e-12 of the span, or an output that is wanted or handed on becomes NaN or infinite, ``success`` is False,
-        ``message`` says which, when and what to try, and later outputs are NaN.
+        below 1e-12 of the span, an algebraic loop loses its solution, or an output that is wanted or handed on becomes
+        NaN or infinite, ``success`` is False, ``message`` says which, when and what to try, and later outputs are NaN.
 
     Raises
     ------
     ValueError
-        If a name is unknown, an input is driven twice, units differ, a part cannot make the steps or cannot go back
+        If a name is unknown, an input is driven twice, units differ, an algebraic loop has no solution at the start, a
+        part cannot make the steps or cannot go back
         for step control.
     FmuError
         If an FMU fails, or crashes or hangs in its own process: its name, the call, the time and what it logged. All
@@ -169,7 +170,8 @@ def cosimulate(
     Where all parts are FMUs and there is a C compiler, the steps are made by a loop in C (compiled once per user) that
     gives the same results.
 
-    Outputs on a loop of direct feedthrough are handed on once per communication step around the loop; an FMU that
+    Loops of direct feedthrough are solved at each communication point by Newton's method, on directional derivatives
+    where the FMUs have them and on differences otherwise, to a residual of 1e-10 of the largest signal. An FMU that
     does not say which inputs its outputs depend on counts as if they depended on all.
 
     References

@@ -10,10 +10,21 @@ from numpy.typing import NDArray
 from .._sections import FloatArray
 from .units import FmuUnit
 
-__all__ = ["SMALLEST", "Part", "StuckError", "step_counts", "step_problem", "too_small"]
+__all__ = [
+    "SETTLED",
+    "SMALLEST",
+    "Part",
+    "StuckError",
+    "step_counts",
+    "step_problem",
+    "too_small",
+    "unsettled",
+]
 
 # Communication steps below this part of the span cannot be told from rounding of the time.
 SMALLEST = 1e-12
+# Signals that move by less, as a part of the largest one, rest.
+SETTLED = 1e-6
 
 # Communication steps that differ by less are rounding of one step.
 _SAME_STEP = 1e-6
@@ -54,6 +65,14 @@ class Part(Protocol):
 
     def unit(self, label: str) -> tuple[str, FmuUnit | None]:
         """Unit of an input or output, and what it means, where that is known."""
+        ...
+
+    def type(self, label: str) -> str:
+        """Type of an input or output as in FmuVariable; "" where it may be any number."""
+        ...
+
+    def slopes(self, columns: NDArray[np.intp]) -> FloatArray | None:
+        """Derivatives of all outputs by these inputs, (outputs, columns), where the part knows them."""
         ...
 
     def initialise(self, start_time: float, stop_time: float) -> None:
@@ -144,4 +163,17 @@ def too_small(t: float, smallest: float) -> str:
     return (
         f"the communication step fell below {smallest:g} s at t = {t:g}: loosen the tolerance, or look for a jump in a "
         "signal there"
+    )
+
+
+def unsettled(t: float) -> str:
+    """What to say where signals do not come to rest at one instant.
+
+    Parameters
+    ----------
+    t : float
+    """
+    return (
+        f"signals do not come to rest at t = {t:g}: an output moves with an input that its FMU's description leaves "
+        "out, or with each reading; fmu check finds which"
     )

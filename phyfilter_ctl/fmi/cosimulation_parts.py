@@ -69,6 +69,12 @@ class FmuPart(Part):
         self.can_go_back: bool = self.instance.ability.state
         self.variable_step: bool = self.instance.ability.variable_step
         self.interval: float | None = self.instance.ability.fixed_step
+        self._variables = {
+            label: entry
+            for entry in description.variables
+            if entry.causality in ("input", "output")
+            for label in entry.labels
+        }
         self._units = dict(
             zip(self.inputs + self.outputs, self.input_signals.units + self.output_signals.units, strict=True)
         )
@@ -77,6 +83,32 @@ class FmuPart(Part):
         """Unit of an input or output, and its meaning: as the FMU defines it, else as its name says."""
         name = self._units[label]
         return name, self._fmu.description.units.get(name) or understood_unit(name)
+
+    def type(self, label: str) -> str:
+        """Type of an input or output."""
+        return self._variables[label].type
+
+    def slopes(self, columns: NDArray[np.intp]) -> FloatArray | None:
+        """By directional derivatives, where the FMU has them and all are numbers of double precision."""
+        entries = {
+            self._variables[label].name: self._variables[label] for label in self.inputs + self.outputs
+        }
+        if not self.instance.ability.directional_derivatives or any(
+            entry.type != "Float64" for entry in entries.values()
+        ):
+            return None
+        owners = [self._variables[self.inputs[j]] for j in columns]
+        seeds = [
+            np.array([label == self.inputs[j] for label in entry.labels], float)
+            for j, entry in zip(columns, owners, strict=True)
+        ]
+        unknowns = self.output_signals.references
+        return np.column_stack(
+            [
+                self.instance.directional(unknowns, [entry.reference], seed, len(self.outputs))
+                for entry, seed in zip(owners, seeds, strict=True)
+            ]
+        )
 
     def initialise(self, start_time: float, stop_time: float) -> None:
         """Enter the initialisation with the parameters and start values."""
@@ -201,6 +233,14 @@ class SystemPart(Part):
             units = getattr(self._system, "units", {})
         name = str(units.get(label, ""))
         return name, understood_unit(name)
+
+    def type(self, label: str) -> str:
+        """Any number."""
+        return ""
+
+    def slopes(self, columns: NDArray[np.intp]) -> FloatArray | None:
+        """Known of a linear system."""
+        return np.asarray(self._system.D)[:, columns] if isinstance(self._system, ct.StateSpace) else None
 
     def initialise(self, start_time: float, stop_time: float) -> None:
         """Set the clock; the states are there."""

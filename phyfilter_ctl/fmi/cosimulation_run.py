@@ -13,14 +13,17 @@ from tqdm import tqdm
 
 from .. import _signals
 from .._sections import FloatArray
-from .cosimulation_part import SMALLEST, Part, StuckError, step_counts, too_small
-from .cosimulation_wiring import Wire, Wiring
+from .cosimulation_loops import Loop, find_loops
+from .cosimulation_part import SETTLED, SMALLEST, Part, StuckError, step_counts, too_small, unsettled
+from .cosimulation_wiring import Wire, Wiring, block_feedthrough
 from .instance import FmuError
 from .master import FastMaster
 
 __all__ = ["Outside", "Run", "Signal", "StepControl"]
 
 Signal = float | ArrayLike | Callable[[float], float]
+# Forward differences around a loop, of an input's size: rounding and truncation are about alike.
+_DIFFERENCE = 1e-7
 # Step control: safety, and how much a step may change; the usual values for a method of order one.
 _SAFETY, _SHRINK, _GROW = 0.9, 0.2, 4.0
 
@@ -116,6 +119,8 @@ class Run:
         Results; NaN from where the run could not go on.
     watched : (outputs,) bool array
         Outputs that must be numbers: those that are wanted or handed on.
+    loops : tuple of Loop
+        Of direct feedthrough.
     in_c : bool
         Of the class: False keeps every run in Python.
     """
@@ -135,6 +140,14 @@ class Run:
     rejected: int = 0
     message: str = ""
     _wrong: StuckError | None = None
+
+    def __post_init__(self) -> None:
+        self._close_loops(self.wiring.through)
+
+    def _close_loops(self, through: NDArray[np.bool_]) -> None:
+        self.loops: tuple[Loop, ...] = find_loops(self.parts, self.wiring, through)
+        self._on_loops = np.concatenate([np.zeros(0, np.intp), *(loop.inputs for loop in self.loops)])
+        self._believed = through is self.wiring.through
 
     def over(
         self, times: FloatArray, step: float | None, control: StepControl | None, progress: bool
@@ -202,10 +215,13 @@ class Run:
         for part in self.parts:
             part.initialise(start, stop)
         self.u = np.concatenate([np.zeros(0), *(part.start for part in self.parts)])
-        self._settle(start, fresh=True)
-        for part in self.parts:
-            part.begin()
-        self._settle(start, fresh=True)
+        try:
+            self._settle(start, fresh=True)
+            for part in self.parts:
+                part.begin()
+            self._settle(start, fresh=True)
+        except StuckError as error:
+            raise ValueError(str(error)) from error
 
     def _wired(self, y: FloatArray, t: float) -> FloatArray:
         u = np.where(self.wiring.driven, self.wiring.weights @ y + self.wiring.offset, self.u)
@@ -223,13 +239,72 @@ class Run:
     def _settle(self, t: float, *, fresh: bool = False) -> None:
         """Hand signals on at one instant."""
         self.y = self._get()
-        for _ in range(self.passes):
+        for loop in self.loops:
+            self._hand_on(t, len(self.y) + 1, fresh)
+            fresh = False
+            self._solve(loop, t)
+        if self._hand_on(t, len(self.y) + 1 if self.loops else self.passes, fresh):
+            return
+        if not self._believed:
+            raise StuckError(unsettled(t))
+        # An output depends on an input that its FMU's description leaves out: from now on all are taken to.
+        self._close_loops(block_feedthrough([np.ones_like(part.feedthrough) for part in self.parts]))
+        self._settle(t, fresh=True)
+
+    def _hand_on(self, t: float, passes: int, fresh: bool) -> bool:
+        """Along direct feedthrough, inputs on loops left as they are; whether the signals rest then."""
+        held = self._on_loops
+        while True:
             u = self._wired(self.y, t)
-            if not fresh and np.array_equal(u, self.u, equal_nan=True):
-                return
+            u[held] = self.u[held]
+            if not fresh and (not passes or np.array_equal(u, self.u, equal_nan=True)):
+                break
             self._put(u)
             self.y = self._get()
-            fresh = False
+            fresh, passes = False, passes - 1
+        allowed = SETTLED * np.max(np.abs(u), initial=0.0, where=np.isfinite(u))
+        return bool(np.all((np.abs(u - self.u) <= allowed) | ~np.isfinite(u) | (u == self.u)))
+
+    def _solve(self, loop: Loop, t: float) -> None:
+        places = [
+            (self.parts[p], self.wiring.input_slices[p], self.wiring.output_slices[p]) for p in loop.parts
+        ]
+
+        def residual(v: FloatArray) -> FloatArray:
+            self.u[loop.inputs] = v
+            for part, inputs, outputs in places:
+                part.put(self.u[inputs])
+                self.y[outputs] = part.get()
+            return self._wired(self.y, t)[loop.inputs] - v
+
+        def slope() -> FloatArray:
+            result = np.zeros((len(self.y), len(loop.inputs)))
+            for part, inputs, outputs in places:
+                mine = (loop.inputs >= inputs.start) & (loop.inputs < inputs.stop)
+                columns = loop.inputs[mine] - inputs.start
+                known = part.slopes(columns)
+                result[outputs, mine] = (
+                    known if known is not None else self._differences(part, inputs, columns, loop)
+                )
+            return self.wiring.weights[loop.inputs] @ result
+
+        v = self.u[loop.inputs].copy()
+        loop.solve(v, self._wired(self.y, t)[loop.inputs] - v, residual, slope, t)
+
+    def _differences(self, part: Part, inputs: slice, columns: NDArray[np.intp], loop: Loop) -> FloatArray:
+        """Forward differences of a part's outputs by some of its inputs, which stay as they are."""
+        u, real = self.u[inputs], dict(zip(loop.inputs.tolist(), loop.real.tolist(), strict=True))
+        before = part.get()
+        result = np.zeros((len(before), len(columns)))
+        for k, j in enumerate(columns.tolist()):
+            if real[inputs.start + j]:
+                moved = u.copy()
+                moved[j] += _DIFFERENCE * max(abs(u[j]), loop.scale)
+                part.put(moved)
+                result[:, k] = (part.get() - before) / (moved[j] - u[j])
+        part.put(u)
+        part.get()
+        return result
 
     def _advance(self, t: float, end: float, *, final: bool = True) -> None:
         h = end - t

@@ -10,12 +10,13 @@ from itertools import accumulate, pairwise
 from typing import Literal
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from .._sections import FloatArray
 from .cosimulation_part import Part
 from .units import FmuUnit
 
-__all__ = ["Connection", "Wire", "Wiring", "wire_up"]
+__all__ = ["Connection", "Wire", "Wiring", "block_feedthrough", "wire_up"]
 
 Connection = Sequence[str]
 
@@ -50,6 +51,8 @@ class Wiring:
     weights : (n_u, n_y) array
     offset : (n_u,) array
     driven : (n_u,) bool array
+    through : (n_y, n_u) bool array
+        Which input acts on which output without delay.
     input_slices, output_slices : tuple of slice
         Of each part.
     passes : int
@@ -61,6 +64,7 @@ class Wiring:
     weights: FloatArray
     offset: FloatArray
     driven: np.ndarray
+    through: np.ndarray
     input_slices: tuple[slice, ...]
     output_slices: tuple[slice, ...]
     passes: int
@@ -119,15 +123,17 @@ def wire_up(
             _compare_units(parts, wire, strict=units == "raise")
     driven = np.zeros(len(sinks), dtype=bool)
     driven[[_place(wire.sink, sinks, "input") for wire in wires]] = True
+    through = block_feedthrough([part.feedthrough for part in parts])
     return Wiring(
         sinks,
         sources,
         weights,
         offset,
         driven,
+        through,
         _slices([len(part.inputs) for part in parts]),
         _slices([len(part.outputs) for part in parts]),
-        _passes(parts, weights),
+        _passes(through, weights),
     )
 
 
@@ -219,19 +225,21 @@ def _difference(a: tuple[str, FmuUnit | None], b: tuple[str, FmuUnit | None]) ->
     return ""
 
 
-def _passes(parts: Sequence[Part], weights: FloatArray) -> int:
-    """Length of the longest chain of direct feedthrough between outputs, plus one.
+def block_feedthrough(blocks: Sequence[np.ndarray]) -> np.ndarray:
+    """Feedthrough of all parts together.
 
-    Outputs on a loop of direct feedthrough, which many FMUs declare for lack of knowledge, count once: around such
-    a loop signals travel once per communication step.
+    Parameters
+    ----------
+    blocks : sequence of (outputs, inputs) bool array
+        Of each part.
     """
-    n_u, n_y = weights.shape
-    through = np.zeros((n_y, n_u), dtype=bool)
-    row = column = 0
-    for part in parts:
-        rows, columns = part.feedthrough.shape
-        through[row : row + rows, column : column + columns] = part.feedthrough
-        row, column = row + rows, column + columns
+    shape = tuple(sum(block.shape[axis] for block in blocks) for axis in (0, 1))
+    return np.asarray(block_diag(*blocks), dtype=bool).reshape(shape)
+
+
+def _passes(through: np.ndarray, weights: FloatArray) -> int:
+    """Length of the longest chain of direct feedthrough between outputs, plus one; loops apart, see Loop."""
+    n_y = len(through)
     after = (
         through @ (weights != 0.0).astype(int)
     ) > 0  # after[b, a]: output b sees output a at the same instant

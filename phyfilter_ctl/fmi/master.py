@@ -15,7 +15,7 @@ from scipy.sparse import csr_array
 from .._sections import FloatArray
 from ..codegen import CompilerError
 from ..codegen.compiler import cached_library
-from .cosimulation_part import SMALLEST, StuckError, step_counts, too_small
+from .cosimulation_part import SMALLEST, StuckError, step_counts, too_small, unsettled
 from .cosimulation_parts import FmuPart
 from .instance import FmuInstance
 from .messages import claim_messages
@@ -66,7 +66,9 @@ _NAMES = {
     "fmi2GetBoolean": "fmi2Boolean",
     "fmi3GetBoolean": "fmi3Boolean",
 }
-_FINE, _CALL_FAILED, _OUT_OF_RANGE, _STEP_TOO_SMALL, _TERMINATED, _NOT_FINITE, _NO_THREADS = range(7)
+_FINE, _CALL_FAILED, _OUT_OF_RANGE, _STEP_TOO_SMALL, _TERMINATED, _NOT_FINITE, _NO_THREADS, _UNSETTLED = (
+    range(8)
+)
 _STEP = 2  # calls: get, set, step, save, restore
 _CHUNK = 0.05  # s of running between looks at the keyboard
 
@@ -136,7 +138,8 @@ class FastMaster:
 
     @classmethod
     def of(cls, run: Run, *, controlled: bool, threads: int) -> FastMaster | None:
-        """The C loop of a run, where all its parts are FMUs of this process and there is a C compiler.
+        """The C loop of a run, where all its parts are FMUs of this process, no signals depend on themselves, and there
+        is a C compiler.
 
         Parameters
         ----------
@@ -146,7 +149,7 @@ class FastMaster:
         threads : int
         """
         here = all(isinstance(part, FmuPart) and part.in_reach_of_c for part in run.parts)
-        if not here or (controlled and run.outside.has_functions):
+        if not here or run.loops or (controlled and run.outside.has_functions):
             return None
         library = _library()
         return None if library is None else cls(run, library, threads)
@@ -226,6 +229,8 @@ class FastMaster:
         if code == _NOT_FINITE:
             run.y[:] = self._vectors["coarse"]
             run.refuse_nonfinite(t)
+        if code == _UNSETTLED:
+            raise StuckError(unsettled(t))
         raise StuckError(too_small(t, float(master["smallest"])))
 
     def _drive(self, times: FloatArray) -> None:

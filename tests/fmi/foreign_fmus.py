@@ -117,16 +117,19 @@ def description(
     declared=True,
     numbers=False,
     modes=False,
+    derivatives=False,
 ):
-    """modelDescription.xml of the oscillator."""
+    """modelDescription.xml of the oscillator; `declared` None says nothing of what force depends on, False a lie."""
     name, keep = ("oscillator2", "FMUstate") if fmi == "2.0" else ("oscillator3", "FMUState")
     yes = {True: "true", False: "false"}
     tags = {
         "me": f'<ModelExchange modelIdentifier="{name}" canGetAndSet{keep}="{yes[state]}"/>',
         "cs": f'<CoSimulation modelIdentifier="{name}" canGetAndSet{keep}="{yes[state]}" '
-        f'canHandleVariableCommunicationStepSize="{yes[variable_step]}"/>',
+        f'canHandleVariableCommunicationStepSize="{yes[variable_step]}" '
+        f'providesDirectionalDerivative{"" if fmi == "2.0" else "s"}="{yes[derivatives]}"/>',
     }
-    force = '<Unknown index="7" dependencies="2 3"/>' if declared else '<Unknown index="7" dependencies="3"/>'
+    said = {True: ' dependencies="2 3"', False: ' dependencies="3"', None: ""}
+    force = f'<Unknown index="7"{said[declared]}/>'
     return (FMI2 if fmi == "2.0" else FMI3).format(
         kinds="".join(tags[kind] for kind in kinds.split()),
         units=UNITS + TYPES * modes,

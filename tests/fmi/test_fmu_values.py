@@ -101,6 +101,7 @@ def test_edges_of_types(fmi, kind, value, message):
     assert taken.calls[0][1] == [1]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("modes", [False, True])
 def test_integers_on_the_way_through_a_run(build, modes):
     """A signal that does not fit ends the run by name, with the results so far; in the loop in C and in Python."""
@@ -116,6 +117,7 @@ def test_integers_on_the_way_through_a_run(build, modes):
         block.step([0.0, 0.0, 0.0, -1.0, 0.0, *[-1.0] * modes])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("in_c", [True, False])
 @pytest.mark.parametrize("tolerance", [None, 1e-3])
 def test_an_output_that_is_no_number_is_no_success(build, tolerance, in_c, monkeypatch):

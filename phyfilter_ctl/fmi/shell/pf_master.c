@@ -20,7 +20,7 @@
 #endif
 
 enum { FLOAT64, FLOAT32, INT8, UINT8, INT16, UINT16, INT32, UINT32, INT64, UINT64, BOOLEAN2, BOOLEAN3 };
-enum { FINE, CALL_FAILED, OUT_OF_RANGE, STEP_TOO_SMALL, TERMINATED, NOT_FINITE, NO_THREADS };
+enum { FINE, CALL_FAILED, OUT_OF_RANGE, STEP_TOO_SMALL, TERMINATED, NOT_FINITE, NO_THREADS, UNSETTLED };
 enum { CALL_GET, CALL_SET, CALL_STEP, CALL_SAVE, CALL_RESTORE };
 enum { STATUS_WARNING = 1, STATUS_DISCARD = 2 };
 
@@ -207,6 +207,20 @@ static void wired(Master *m, double t, int64_t begin, int64_t end)
                                      : m->u[i];
 }
 
+/* Whether another pass would move nothing. */
+static int64_t rests(Master *m, double t)
+{
+  double largest = 0.0, moved = 0.0;
+  wired(m, t, 0, m->n_u);
+  for (int64_t i = 0; i < m->n_u; i++) {
+    if (!isfinite(m->v[i])) continue;
+    largest = fmax(largest, fabs(m->v[i]));
+    moved = fmax(moved, fabs(m->v[i] - m->u[i]));
+  }
+  m->failed_time = t;
+  return moved <= 1e-6 * largest ? FINE : UNSETTLED;
+}
+
 /* Signals handed on at one instant, until they rest or feedthrough has reached the last output. */
 static int64_t settle(Master *m, double t)
 {
@@ -220,11 +234,11 @@ static int64_t settle(Master *m, double t)
       if ((code = put(m, p, t))) return code;
       changed |= m->parts[p].changed;
     }
-    if (!changed) break;
+    if (!changed) return FINE;
     for (int64_t p = 0; p < m->n_parts; p++)
       if (m->parts[p].changed && m->parts[p].feedthrough && (code = get(m, p, t))) return code;
   }
-  return FINE;
+  return rests(m, t);
 }
 
 /* -- steps ------------------------------------------------------------------------------------------------------ */

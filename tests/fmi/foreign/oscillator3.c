@@ -117,6 +117,16 @@ ONE(UInt8, POSITIVE, positive)
 ONE(Int64, MODE, mode)
 ONE(Boolean, FLAG, flag)
 
+/* Of outputs by place: force alone moves with it. */
+EXPORT fmi3Status fmi3GetDirectionalDerivative(fmi3Instance c, const fmi3ValueReference unknown[], size_t n,
+                                               const fmi3ValueReference known[], size_t n_known,
+                                               const fmi3Float64 seed[], size_t n_seed, fmi3Float64 value[],
+                                               size_t room) {
+  if (n_known != 1 || known[0] != PLACE || n_seed != N || room != n * N) return fmi3Error;
+  for (size_t i = 0; i < room; i++) value[i] = unknown[i / N] == FORCE ? MODEL(c)->coupling * seed[i % N] : 0.0;
+  return fmi3OK;
+}
+
 EXPORT fmi3Status fmi3GetFMUState(fmi3Instance c, fmi3FMUState *state) {
   if (!*state) *state = malloc(sizeof(Model));
   memcpy(*state, MODEL(c), sizeof(Model));
@@ -225,7 +235,7 @@ REFUSE(fmi3SetUInt32) REFUSE(fmi3SetUInt64)
 REFUSE(fmi3SetString) REFUSE(fmi3SetBinary) REFUSE(fmi3SetClock)
 REFUSE(fmi3GetNumberOfVariableDependencies) REFUSE(fmi3GetVariableDependencies)
 REFUSE(fmi3SerializedFMUStateSize) REFUSE(fmi3SerializeFMUState) REFUSE(fmi3DeserializeFMUState)
-REFUSE(fmi3GetDirectionalDerivative) REFUSE(fmi3GetAdjointDerivative)
+REFUSE(fmi3GetAdjointDerivative)
 REFUSE(fmi3EnterConfigurationMode) REFUSE(fmi3ExitConfigurationMode)
 REFUSE(fmi3GetIntervalDecimal) REFUSE(fmi3GetIntervalFraction) REFUSE(fmi3GetShiftDecimal)
 REFUSE(fmi3GetShiftFraction) REFUSE(fmi3SetIntervalDecimal) REFUSE(fmi3SetIntervalFraction)
