@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import math
 import shutil
 import stat
 import tempfile
 import zipfile
 import zlib
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,7 +16,15 @@ from xml.parsers import expat
 
 import lxml.etree as etree
 
-__all__ = ["ArchiveLimits", "archive_entries", "extracted", "parse_xml", "read_entry", "unpack"]
+__all__ = [
+    "ArchiveLimits",
+    "archive_entries",
+    "extracted",
+    "parse_xml",
+    "read_entry",
+    "refuse_sizes",
+    "unpack",
+]
 
 _CHUNK = 1 << 16
 # Archives of this project and of the common tools are stored or deflated; FMI and SSP allow nothing else.
@@ -194,6 +203,33 @@ def parse_xml(data: bytes, name: str, limits: ArchiveLimits | None = None) -> et
 
 class NotWellFormedError(ValueError):
     """An XML document that cannot be parsed."""
+
+
+def refuse_sizes(
+    path: Path, shapes: Iterable[tuple[str, tuple[int, ...]]], limits: ArchiveLimits | None
+) -> None:
+    """Dimensions cost a few bytes to write and all memory to unfold.
+
+    Parameters
+    ----------
+    path : Path
+    shapes : iterable of (str, tuple of int)
+        Name and dimensions of each variable.
+    limits : ArchiveLimits, optional
+
+    Raises
+    ------
+    ValueError
+        If a size is negative, or the variables have more scalars together than the limit.
+    """
+    most, scalars = (limits or ArchiveLimits()).scalars, 0
+    for name, shape in shapes:
+        scalars += math.prod(shape)
+        if min(shape, default=0) < 0 or scalars > most:
+            raise ValueError(
+                f"{path}: {name}: dimensions {' x '.join(map(str, shape))}; expected sizes of at least 0 and at most "
+                f"{most} scalars in all variables together; refused"
+            )
 
 
 class _FoundDoctypeError(Exception):

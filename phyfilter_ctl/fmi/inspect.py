@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import json
-import math
 import re
 import tempfile
 import zipfile
@@ -19,7 +18,7 @@ import fmpy
 import lxml.etree as etree
 from fmpy.model_description import ModelDescription, ModelVariable, ValidationError, read_model_description
 
-from .archive import ArchiveLimits, archive_entries, parse_xml, read_entry
+from .archive import ArchiveLimits, archive_entries, parse_xml, read_entry, refuse_sizes
 from .units import FmuUnit
 
 __all__ = ["FmuDescription", "FmuKind", "FmuVariable", "describe", "native_platform"]
@@ -278,7 +277,7 @@ def describe(path: str | Path, *, limits: ArchiveLimits | None = None) -> FmuDes
             target.parent.mkdir(exist_ok=True)
             target.write_bytes(data)
         model = _read(Path(folder), str(path))
-    _refuse_size(path, model, limits)
+    refuse_sizes(path, [(entry.name or "", entry.shape or ()) for entry in model.modelVariables], limits)
     return _described(path, roots["modelDescription.xml"], model, entries)
 
 
@@ -401,20 +400,6 @@ def _variable(entry: ModelVariable) -> FmuVariable:
         description=entry.description or "",
         items=tuple(int(item.value or 0) for item in declared.items) if declared else (),
     )
-
-
-def _refuse_size(path: Path, model: ModelDescription, limits: ArchiveLimits | None) -> None:
-    """Dimensions cost a few bytes to write and all memory to unfold."""
-    most = (limits or ArchiveLimits()).scalars
-    scalars = 0
-    for entry in model.modelVariables:
-        scalars += math.prod(entry.shape or ())
-        if any(size < 0 for size in entry.shape or ()) or scalars > most:
-            sizes = " x ".join(map(str, entry.shape or ()))
-            raise ValueError(
-                f"{path}: {entry.name}: dimensions {sizes}; expected sizes of at least 0 and at most {most} scalars in "
-                "all variables together; refused"
-            )
 
 
 def _start(kind: str, text: str | None) -> tuple[Scalar, ...]:
