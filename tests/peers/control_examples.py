@@ -2,8 +2,8 @@
 
 Fetches the source of the installed version from PyPI into a temporary folder, runs its examples, notebooks and tests,
 simulates every nonlinear or interconnected system that they simulate a second time, in the virtual machine and in C,
-and prints how many answers are equal, refused, wrong or crashed, and what it costs. Fails where one is wrong or has
-crashed.
+and prints how many answers are equal, refused, wrong, failed (a status where python-control has an answer) or crashed,
+and what it costs. Fails where one is wrong, has failed or crashed.
 """
 
 from __future__ import annotations
@@ -55,11 +55,12 @@ def run(command: list[str], folder: Path, env: dict[str, str], name: str) -> Non
 
 
 def table(title: str, entries: list[dict[str, Any]], backends: list[str]) -> int:
-    """Prints the counts and the ratios of time; returns how many are wrong or crashed."""
+    """Prints the counts and the ratios of time; returns how many are wrong, have failed or crashed."""
     bad = 0
     print(f"\n{title}: {len(entries)} systems")
     print(
-        f"{'':4} {'equal':>7} {'refused':>8} {'wrong':>6} {'crashed':>8}   time over python-control's, median"
+        f"{'':4} {'equal':>7} {'refused':>8} {'wrong':>6} {'failed':>7} {'crashed':>8}   "
+        "time over python-control's, median"
     )
     for backend in backends:
         answers = [(entry, entry[backend]) for entry in entries if backend in entry]
@@ -70,9 +71,10 @@ def table(title: str, entries: list[dict[str, Any]], backends: list[str]) -> int
         }
         text = ", ".join(f"{key} {median(values):.3g}" for key, values in ratios.items() if values)
         print(
-            f"{backend:4} {counts['equal']:7} {counts['refused']:8} {counts['wrong']:6} {counts['crashed']:8}   {text}"
+            f"{backend:4} {counts['equal']:7} {counts['refused']:8} {counts['wrong']:6} {counts['failed']:7} "
+            f"{counts['crashed']:8}   {text}"
         )
-        bad += counts["wrong"] + counts["crashed"]
+        bad += counts["wrong"] + counts["failed"] + counts["crashed"]
         interpreted = sum(bool(answer.get("callbacks")) for _, answer in answers)
         if interpreted:
             print(f"       of the equal ones {interpreted} with a block that runs as Python")
@@ -102,7 +104,7 @@ def _short(why: str) -> str:
 
 
 def main() -> int:
-    """Run all and print the tables; 1 if an answer is wrong or crashed."""
+    """Run all and print the tables; 1 if an answer is wrong, has failed or crashed."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("--quick", action="store_true", help="some examples, no tests")
     parser.add_argument("--only", help="examples whose name matches this, no tests")
