@@ -37,7 +37,7 @@ if (@name@_guard_init(&guard, &@name@_parameters)) return;  /* pf_filter_message
 uint32_t health = @name@_guard_step(&guard, time_us, x, g, f_theta, NULL, f_hat);
 ```
 
-`health` says what was wrong with what came in: `src/pf_guard.h`. f_hat is finite after every step.
+`health` says what was wrong with what came in: `pf_guard.h`. f_hat is finite and within its limit after every step.
 `@name@_guard_send` takes other poles from another thread, `@name@_guard_check` finds flipped bits. No call takes more
 than @stack@ bytes of stack on a Cortex-M (gcc -Os, -O2, -O3).
 """

@@ -13,7 +13,7 @@ typedef struct { int unused; } setpoint_t, sensorData_t;
 extern uint64_t stub_time;
 extern float stub_thrust;
 static inline uint64_t usecTimestamp(void) { return stub_time; }
-static inline void vTaskDelay(uint32_t ticks) { (void)ticks; }
+void vTaskDelay(uint32_t ticks);
 #define M2T(milliseconds) (milliseconds)
 #define RATE_DO_EXECUTE(rate, tick) ((tick) % (1000 / (rate)) == 0)
 #define DEBUG_PRINT(...) printf(__VA_ARGS__)
