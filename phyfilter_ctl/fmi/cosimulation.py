@@ -91,7 +91,7 @@ def cosimulate(
     initial_state: Mapping[str, ArrayLike] | None = None,
     tolerance: float | None = None,
     absolute_tolerance: float | None = None,
-    units: Literal["raise", "warn", "ignore"] = "raise",
+    units: Literal["raise", "convert", "warn", "ignore"] = "raise",
     threads: int = 1,
     progress: bool = False,
     limits: ArchiveLimits | None = None,
@@ -137,8 +137,9 @@ def cosimulate(
         Step control: each step is made once and again as two halves, the difference of all outputs is kept below
         ``absolute_tolerance + tolerance * |y|``, and the finer result is kept. All parts must be able to put back their
         state. ``absolute_tolerance`` is ``tolerance`` by default.
-    units : {"raise", "warn", "ignore"}
-        Where a wire joins different units.
+    units : {"raise", "convert", "warn", "ignore"}
+        Where a wire joins different units; those of one dimension can be converted, by the factors and offsets that the
+        FMUs define or their names say. Packages convert as SSP has it.
     threads : int
         For the steps of Jacobi, where all parts are FMUs: worth it for FMUs whose steps take 10 us and more.
     progress : bool

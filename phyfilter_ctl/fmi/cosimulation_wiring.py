@@ -14,16 +14,18 @@ from scipy.linalg import block_diag
 
 from .._sections import FloatArray
 from .cosimulation_part import Part
-from .units import FmuUnit
+from .units import AS_IS, FmuUnit, Linear, conversion
 
 __all__ = ["Connection", "Wire", "Wiring", "block_feedthrough", "wire_up"]
 
 Connection = Sequence[str]
+# A signal drives what has its rank or a higher one; ranges of integers are checked in the run.
+_RANKS = {"Boolean": 0, "Enumeration": 1, "Int64": 2, "Float32": 3, "Float64": 3}
 
 
 @dataclass(frozen=True)
 class Wire:
-    """One output that drives one input: input += gain * output + offset.
+    """One output that drives one input: input += gain * output + offset, in the input's unit.
 
     Parameters
     ----------
@@ -31,7 +33,7 @@ class Wire:
         ``part.signal``.
     gain, offset : float
     convert : bool
-        False where units are not to be compared (SSP's suppressUnitConversion).
+        False where units are neither compared nor converted (SSP's suppressUnitConversion).
     """
 
     sink: str
@@ -92,7 +94,7 @@ def wire_up(
     parts: Sequence[Part],
     connections: Sequence[Connection | Wire],
     *,
-    units: Literal["raise", "warn", "ignore"] = "raise",
+    units: Literal["raise", "convert", "warn", "ignore"] = "raise",
 ) -> Wiring:
     """Resolve and check connections.
 
@@ -102,25 +104,33 @@ def wire_up(
     connections : sequence
         ``(input, output, output, ...)`` as in python-control (outputs are summed, "-part.y" is subtracted), or
         :class:`Wire`.
-    units : {"raise", "warn", "ignore"}
+    units : {"raise", "convert", "warn", "ignore"}
         Where the units at the ends of a wire differ.
 
     Raises
     ------
     ValueError
-        If a name is unknown, an input is driven twice, or units differ.
+        If a name is unknown, an input is driven twice, units differ, or an input cannot take what the output may be.
     """
     sinks = tuple(f"{part.name}.{label}" for part in parts for label in part.inputs)
     sources = tuple(f"{part.name}.{label}" for part in parts for label in part.outputs)
     weights, offset = np.zeros((len(sinks), len(sources))), np.zeros(len(sinks))
     wires = [wire for entry in connections for wire in _wires(entry, sinks, sources)]
     _refuse_double(connections, sinks)
+    signals = {
+        f"{part.name}.{label}": (part, label) for part in parts for label in (*part.inputs, *part.outputs)
+    }
     for wire in wires:
         i, j = _place(wire.sink, sinks, "input"), _place(wire.source, sources, "output")
-        weights[i, j] += wire.gain
-        offset[i] += wire.offset
+        ends = signals[wire.sink], signals[wire.source]
+        _refuse_type(wire, *(part.type(label) for part, label in ends))
+        change = AS_IS
         if units != "ignore" and wire.convert:
-            _compare_units(parts, wire, strict=units == "raise")
+            sink, source = (part.unit(label) for part, label in ends)
+            change = _converted(wire, sink, source, units)
+        total = Linear(wire.gain, wire.offset).after(change)
+        weights[i, j] += total.gain
+        offset[i] += total.offset
     driven = np.zeros(len(sinks), dtype=bool)
     driven[[_place(wire.sink, sinks, "input") for wire in wires]] = True
     through = block_feedthrough([part.feedthrough for part in parts])
@@ -190,39 +200,41 @@ def _refuse_double(connections: Sequence[Connection | Wire], sinks: tuple[str, .
         seen.update(targets)
 
 
-def _compare_units(parts: Sequence[Part], wire: Wire, *, strict: bool) -> None:
-    a, b = _unit_of(parts, wire.sink), _unit_of(parts, wire.source)
-    problem = _difference(a, b)
-    if not problem:
-        return
+def _converted(
+    wire: Wire,
+    sink: tuple[str, FmuUnit | None],
+    source: tuple[str, FmuUnit | None],
+    units: Literal["raise", "convert", "warn"],
+) -> Linear:
+    """From the source's unit to the sink's; where they may only be compared, as it is."""
+    change = conversion(source[1], sink[1]) if sink[0] != source[0] else AS_IS
+    if change == AS_IS or (change is not None and units == "convert"):
+        return change or AS_IS
+    problem = "they measure different things"
+    remedy = 'pass units="ignore"'
+    if change is not None:
+        problem = f"they differ by a factor of {change.gain:g}" + f" and by {change.offset:g}" * bool(
+            change.offset
+        )
+        remedy = 'pass units="convert"'
     message = (
-        f"{wire.sink!r} is in {a[0]} and {wire.source!r} in {b[0]}: {problem}. Put a gain between them, or pass "
-        'units="ignore"'
+        f"{wire.sink!r} is in {sink[0]} and {wire.source!r} in {source[0]}: {problem}. Put a gain between them, or "
+        f"{remedy}"
     )
-    if strict:
+    if units != "warn":
         raise ValueError(message)
     warnings.warn(message, stacklevel=4)
+    return AS_IS
 
 
-def _unit_of(parts: Sequence[Part], label: str) -> tuple[str, FmuUnit | None]:
-    for part in parts:
-        signal = label.removeprefix(f"{part.name}.")
-        if signal != label and signal in (*part.inputs, *part.outputs):
-            return part.unit(signal)
-    return "", None
-
-
-def _difference(a: tuple[str, FmuUnit | None], b: tuple[str, FmuUnit | None]) -> str:
-    """What differs between two units; "" where nothing does or one of them is not known."""
-    if a[0] == b[0] or a[1] is None or b[1] is None:
-        return ""
-    # An angle is a number: rad/s may drive 1/s.
-    first, second = ({key: n for key, n in unit.exponents.items() if key != "rad"} for unit in (a[1], b[1]))
-    if first != second:
-        return "they measure different things"
-    if a[1].factor != b[1].factor or a[1].offset != b[1].offset:
-        return f"they differ by a factor of {b[1].factor / a[1].factor:g}"
-    return ""
+def _refuse_type(wire: Wire, sink: str, source: str) -> None:
+    """As in SSP: what may be any number drives numbers alone; integers and truth values drive what holds them all."""
+    ranks = [_RANKS.get(kind, _RANKS["Int64"]) for kind in (sink, source)]
+    if sink and source and (ranks[0] < ranks[1] or (sink == "Enumeration" and source != sink)):
+        raise ValueError(
+            f"{wire.sink!r} is {sink} and {wire.source!r} {source}, which it cannot take; put a block between them "
+            "that says how the one becomes the other"
+        )
 
 
 def block_feedthrough(blocks: Sequence[np.ndarray]) -> np.ndarray:

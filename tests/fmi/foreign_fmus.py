@@ -18,6 +18,7 @@ UNITS = """
     <Unit name="N"><BaseUnit kg="1" m="1" s="-2"/></Unit>
     <Unit name="N/m"><BaseUnit kg="1" s="-2"/></Unit>
     <Unit name="kg"><BaseUnit kg="1"/></Unit>
+    <Unit name="thou"><BaseUnit m="1" factor="2.54e-5" offset="-0.5"/></Unit>
   </UnitDefinitions>"""
 
 # Inputs of other types than floating point, FMI 3.0.

@@ -12,6 +12,8 @@ from scipy.linalg import expm
 
 from phyfilter_ctl.cli import main
 from phyfilter_ctl.fmi import FmuError, Wire, cosimulate, import_fmu
+from phyfilter_ctl.fmi.cosimulation_parts import SystemPart
+from phyfilter_ctl.fmi.cosimulation_wiring import wire_up
 
 M, K, D, C = 2.0, 8.0, 0.4, 3.0
 T = np.linspace(0.0, 2.0, 21)
@@ -247,6 +249,53 @@ def test_units(build):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         cosimulate({"a": metres, "b": newtons}, [("b.place", "a.x")], timepts=T, units="ignore")
+
+
+def test_units_of_one_dimension_are_converted(build):
+    """x in m drives a place in thousandths of an inch from half a metre on: m = 2.54e-5 thou - 0.5."""
+    parts = {"a": build(), "b": build(unit="thou")}
+    given = {"timepts": T, "outputs": ["a.x", "b.x", "b.force"]}
+    with pytest.raises(ValueError, match=r"differ by a factor of 39370.1 and by 19685. .* units=\"convert\""):
+        cosimulate(parts, [("b.place", "a.x")], **given)
+    found = cosimulate(parts, [Wire("b.place", "a.x", gain=2.0, offset=7.0)], units="convert", **given)
+    place = 2.0 * (found.outputs[0] + 0.5) / 2.54e-5 + 7.0
+    assert np.allclose(found.outputs[2], C * (place - found.outputs[1]), rtol=1e-12)
+    with pytest.raises(ValueError, match="measure different things"):
+        cosimulate({"a": build(), "b": build(unit="N")}, [("b.place", "a.x")], timepts=T, units="convert")
+
+
+@pytest.mark.parametrize(
+    ("sink", "sources"),
+    [
+        ("Float64", "Float64 Float32 Int8 UInt64 Enumeration Boolean"),
+        ("Float32", "Float64 Float32 Int8 UInt64 Enumeration Boolean"),
+        ("Int8", "Int8 UInt64 Enumeration Boolean"),
+        ("Enumeration", "Enumeration"),
+        ("Boolean", "Boolean"),
+    ],
+)
+def test_types_on_a_wire(sink, sources):
+    """What an input of a type takes; a block of python-control, whose signals have none, gives and takes all."""
+    for source in ("Float64", "Float32", "Int8", "UInt64", "Enumeration", "Boolean", ""):
+        typed = [Static("a", sink), Static("b", source)]
+        if source in sources.split() or not source:
+            wire_up(typed, [("a.u", "b.y")])
+        else:
+            with pytest.raises(
+                ValueError, match=rf"'a.u' is {sink} and 'b.y' {source}, which it cannot take"
+            ):
+                wire_up(typed, [("a.u", "b.y")])
+
+
+class Static(SystemPart):
+    """A gain of one whose signals have a type."""
+
+    def __init__(self, name, kind):
+        super().__init__(name, ct.ss([], [], [], [[1.0]], inputs="u", outputs="y"), params={})
+        self.kind = kind
+
+    def type(self, label):
+        return self.kind
 
 
 @pytest.mark.parametrize(
