@@ -64,7 +64,8 @@ def own_order(sources: Mapping[str, str]) -> dict[str, str]:
     orders = [int(order) for text in sources.values() for order in _ORDER.findall(text)]
     if not orders or "pf_hurwitz.h" not in sources:
         return dict(sources)
-    sized = re.sub(r"(?<=#define PF_MAX_ORDER )\d+", str(max(orders)), sources["pf_hurwitz.h"])
+    # Not below 2: compilers warn of what is done with pairs of poles where there is room for one pole.
+    sized = re.sub(r"(?<=#define PF_MAX_ORDER )\d+", str(max(2, *orders)), sources["pf_hurwitz.h"])
     return {**sources, "pf_hurwitz.h": sized}
 
 

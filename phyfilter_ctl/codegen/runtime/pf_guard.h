@@ -8,8 +8,8 @@
  * the caller sets. What no number shows stays unsaid: a sensor that sticks, drifts or spikes within the bound.
  *
  * A step within 5 % of the nominal one counts as nominal. Limits are those of the parameters: others, by wing_set_limit,
- * count as damage. For PF_NAME wing: wing_guard and the functions below. f_hat is finite and within its limit after
- * every step, whatever came in.
+ * count as damage. For PF_NAME wing: wing_guard and the functions below. f_hat is finite after every step, whatever
+ * came in, and within its limit for as long as the filter is not stopped (PF_HEALTH_DAMAGED).
  */
 #ifndef PF_GUARD_COMMON
 #define PF_GUARD_COMMON

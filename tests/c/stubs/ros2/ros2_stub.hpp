@@ -18,7 +18,7 @@ struct Vector3Stamped { builtin::Header header; Vector3 vector; };
 namespace diagnostic_msgs::msg {
 struct KeyValue { std::string key, value; };
 struct DiagnosticStatus {
-  static constexpr unsigned char OK = 0, WARN = 1;
+  static constexpr unsigned char OK = 0, WARN = 1, ERROR = 2;
   unsigned char level{0};
   std::string name, message;
   std::vector<KeyValue> values;

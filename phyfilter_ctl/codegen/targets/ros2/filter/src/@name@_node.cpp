@@ -132,7 +132,9 @@ private:
     DiagnosticStatus status;
     array.header.stamp = now();
     status.name = "@name@";
-    status.level = health_ ? DiagnosticStatus::WARN : DiagnosticStatus::OK;
+    status.level = health_ & PF_HEALTH_DAMAGED ? DiagnosticStatus::ERROR
+                   : health_                   ? DiagnosticStatus::WARN
+                                               : DiagnosticStatus::OK;
     status.message = health_ ? "flags of pf_guard.h: " + std::to_string(health_) : "ok";
     const std::pair<const char *, uint32_t> counts[] = {
       {"missed", guard_.missed}, {"not finite", guard_.bad}, {"time jumps", guard_.jumps},
