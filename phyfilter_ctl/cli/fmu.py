@@ -8,18 +8,23 @@ import io
 import json
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from .._output import check_target, write_figure, write_text
 
 if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    import control as ct
+
     from .._sections import FloatArray
     from ..fmi import CosimulationResponse, Isolation
 
 __all__ = ["add_arguments", "main"]
 
+_ENDED = "to end the run at"
 _DESCRIPTION = (
     "FMUs of any tool, FMI 2.0 and 3.0. check and run load the FMU's code, into a process of its own: it may crash or "
     "hang there, but does what it likes to your files. Trust it first."
@@ -57,7 +62,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     run.add_argument("file", metavar="FILE.fmu")
     run.add_argument("--stop", type=float, metavar="S", help="last time in s (default: the FMU's, or 1)")
     run.add_argument(
-        "--step", type=float, metavar="S", help="communication step in s (default: the FMU's, or stop/500)"
+        "--step",
+        type=float,
+        metavar="S",
+        help="communication step in s (default: the FMU's, or 1/500 of the run)",
     )
     run.add_argument(
         "--set",
@@ -68,6 +76,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     run.add_argument(
         "--input", metavar="FILE.csv", help="inputs over time, first column time, names in the first row"
+    )
+    run.add_argument(
+        "--record",
+        nargs="+",
+        metavar="PATTERN",
+        help="variables to put out, of any causality (* and ? stand for other characters; default: the outputs)",
+    )
+    run.add_argument(
+        "--kind",
+        choices=("cs", "me"),
+        help="co-simulation, or model exchange, integrated here with its events (default: cs where it has it)",
     )
     run.add_argument("--out", metavar="FILE.csv", help="outputs over time; - for standard output")
     run.add_argument("--picture", metavar="FILE", help="outputs as png, pdf or svg")
@@ -145,6 +164,16 @@ def _recipes(options: argparse.Namespace) -> int:
     return int(not all(report.ok for entries in reports.values() for report in entries))
 
 
+class _Result(NamedTuple):
+    """What a run gave, whichever way it was made."""
+
+    labels: list[str]
+    outputs: FloatArray
+    log: Sequence[str]
+    message: str
+    plot: Callable[[], ct.ControlPlot]
+
+
 def _run(options: argparse.Namespace) -> int:
     from ..fmi import CosimulationResponse, FmuError, describe
     from ..fmi.messages import complaints
@@ -152,44 +181,41 @@ def _run(options: argparse.Namespace) -> int:
     check_target(options.out)
     check_target(options.picture, suffixes=(".png", ".pdf", ".svg"))
     found = describe(options.file)
-    stop = options.stop if options.stop is not None else found.stop_time or 1.0
+    exchange = options.kind == "me" or (options.kind is None and "cs" not in found.kinds)
     start = found.start_time or 0.0
-    step = options.step if options.step is not None else found.step or (stop - start) / 500.0
+    stop = next((s for s in (options.stop, found.stop_time) if s is not None), start + 1.0)
+    step = options.step or (found.step if exchange else found.communication_step) or (stop - start) / 500.0
     if not (stop > start and 0.0 < step <= stop - start):
         raise ValueError(
             f"expected --stop after {start:g} s and --step within the run, got {stop:g} and {step:g}"
         )
     times = start + step * np.arange(round((stop - start) / step) + 1, dtype=np.float64)
-    failed = 0
     try:
-        response = _response(options, times)
+        result = (_exchanged if exchange else _cosimulated)(options, times)
     except FmuError as error:
-        print(f"phyfilter-ctl: error: {error}", file=sys.stderr)
         if not isinstance(error.results, CosimulationResponse) or np.all(np.isnan(error.results.outputs)):
+            print(f"phyfilter-ctl: error: {error}", file=sys.stderr)
             return 1
-        failed, response = 1, error.results
-    if not failed and not response.success:
-        print(f"phyfilter-ctl: error: {response.message}", file=sys.stderr)
-        failed = 1
-    for message in complaints(response.messages["fmu"]):
+        result = _of_cosimulation(error.results)
+    # An FMU that ends its own run did what it was made for.
+    failed = int(bool(result.message) and _ENDED not in result.message)
+    if result.message:
+        print(f"phyfilter-ctl: {'error' if failed else 'note'}: {result.message}", file=sys.stderr)
+    for message in complaints(result.log):
         print(f"phyfilter-ctl: the FMU says: {message}", file=sys.stderr)
-    labels = [label.removeprefix("fmu.") for label in response.output_labels or []]
-    outputs = np.atleast_2d(response.outputs)
-    reached = (
-        int(np.max(np.flatnonzero(~np.all(np.isnan(outputs), axis=0)), initial=-1)) + 1
-        if labels
-        else len(times)
-    )
+    outputs = result.outputs
+    known = np.flatnonzero(~np.all(np.isnan(outputs), axis=0))
+    reached = int(np.max(known, initial=-1)) + 1 if result.labels else len(times)
     if options.out is not None:
-        write_text(options.out, _table(labels, times[:reached], outputs))
+        write_text(options.out, _table(result.labels, times[:reached], outputs))
     if options.picture is not None:
         import matplotlib
 
         matplotlib.use("Agg")
-        write_figure(options.picture, response.plot().figure)
+        write_figure(options.picture, result.plot().figure)
     if options.out != "-":
-        print(f"{found.name}: {reached} points, {start:g} to {times[reached - 1]:g} s")
-        for label, values in zip(labels, outputs[:, :reached], strict=True):
+        print(f"{found.name}: {reached} points, {start:g} to {times[max(reached, 1) - 1]:g} s")
+        for label, values in zip(result.labels, outputs[:, :reached] if reached else (), strict=False):
             print(
                 f"  {label:24} {values[0]:12.6g} -> {values[-1]:12.6g}   "
                 f"within {values.min():.6g} .. {values.max():.6g}"
@@ -197,19 +223,62 @@ def _run(options: argparse.Namespace) -> int:
     return failed
 
 
-def _response(options: argparse.Namespace, times: FloatArray) -> CosimulationResponse:
-    from ..fmi import cosimulate
+def _cosimulated(options: argparse.Namespace, times: FloatArray) -> _Result:
+    from ..fmi import cosimulate, import_fmu
 
     inputs = {} if options.input is None else _inputs(options.input, times)
-    return cosimulate(
-        {"fmu": options.file},
+    isolated = _isolated(options)
+    whole = options.file
+    if options.record is not None:
+        step = float(times[1] - times[0])
+        whole = import_fmu(whole, kind="cs", step=step, outputs=options.record, isolated=isolated)
+    response = cosimulate(
+        {"fmu": whole},
         [],
         timepts=times,
         inputs={f"fmu.{name}": values for name, values in inputs.items()},
         parameters={f"fmu.{name}": value for name, value in map(_setting, options.set)},
         progress=options.out != "-",
+        isolated=isolated,
+    )
+    return _of_cosimulation(response)
+
+
+def _of_cosimulation(response: CosimulationResponse) -> _Result:
+    labels = [label.removeprefix("fmu.") for label in response.output_labels or []]
+    outputs = np.asarray(response.outputs).reshape(len(labels), -1)
+    return _Result(labels, outputs, response.messages["fmu"], response.message or "", response.plot)
+
+
+def _exchanged(options: argparse.Namespace, times: FloatArray) -> _Result:
+    from ..fmi import FmuModel, import_fmu
+    from ..simulation import simulate
+
+    settings = dict(map(_setting, options.set))
+    block = import_fmu(
+        options.file,
+        kind="me",
+        parameters=settings,
+        start_time=float(times[0]),
+        outputs=options.record,
         isolated=_isolated(options),
     )
+    assert isinstance(block, FmuModel)
+    names, labels = block.labels
+    given = {} if options.input is None else _inputs(options.input, times)
+    if strange := sorted(set(given) - set(names)):
+        raise ValueError(
+            f"{options.input}: {strange[0]!r} is no continuous input; there are {', '.join(names) or 'none'}"
+        )
+    inputs = [
+        given.get(name, np.full(len(times), start))
+        for name, start in zip(names, block.start_inputs, strict=True)
+    ]
+    response = simulate(
+        block, times, np.array(inputs) if inputs else None, squeeze=False, progress=options.out != "-"
+    )
+    outputs = np.asarray(response.outputs).reshape(len(labels), -1)
+    return _Result(list(labels), outputs, block.messages, response.message or "", response.plot)
 
 
 def _inputs(path: str, times: FloatArray) -> dict[str, FloatArray]:

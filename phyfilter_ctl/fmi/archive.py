@@ -266,7 +266,9 @@ def _checked(path: Path, archive: zipfile.ZipFile, limits: ArchiveLimits) -> tup
         if problem:
             raise ValueError(f"{path}: entry {entry.orig_filename!r} {problem}; refused")
         key = entry.filename.rstrip("/").casefold()
-        if key in seen:
+        if key in seen and not (
+            entry.is_dir() and seen[key] == entry.filename
+        ):  # a folder named again does no harm
             raise ValueError(
                 f"{path}: two entries of one name, {seen[key]!r} and {entry.filename!r}; refused"
             )

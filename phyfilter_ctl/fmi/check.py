@@ -273,9 +273,8 @@ def _start(description: FmuDescription) -> float:
 
 
 def _step(description: FmuDescription) -> float:
-    fixed = next((kind.fixed_step for kind in description.kinds.values() if kind.fixed_step), None)
     span = (description.stop_time or 1.0) - _start(description)
-    return description.step or fixed or span / _RUN_STEPS
+    return description.communication_step or span / _RUN_STEPS
 
 
 def _finite(checker: _Checker, outputs: Signals, instance: FmuInstance, when: str) -> None:

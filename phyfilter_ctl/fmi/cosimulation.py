@@ -236,7 +236,10 @@ def cosimulate(
         try:
             run.over(times, step, control, progress)
         except FmuError as error:
-            error.results = _response(run, times, str(error))
+            so_far = _response(run, times, str(error))
+            if error.status == "ended":
+                return so_far
+            error.results = so_far
             raise
         return _response(run, times, run.message)
 

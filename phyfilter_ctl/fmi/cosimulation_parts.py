@@ -22,7 +22,7 @@ from .importing import import_fmu
 from .importing_steps import FmuSteps
 from .inspect import FmuDescription, Scalar
 from .instance import FmuError, FmuInstance
-from .signals import Signals
+from .signals import Signals, recorded
 from .units import FmuUnit, understood_unit
 from .unpacked import UnpackedFmu
 
@@ -44,14 +44,24 @@ class FmuPart(Part):
         Whether to remove its files at the end.
     values : dict
         Parameters and start values.
+    outputs : sequence of str, optional
+        Names or patterns of what it puts out; None for the FMU's outputs.
     """
 
-    def __init__(self, name: str, fmu: UnpackedFmu, *, owned: bool, values: Mapping[str, Scalar]) -> None:
+    def __init__(
+        self,
+        name: str,
+        fmu: UnpackedFmu,
+        *,
+        owned: bool,
+        values: Mapping[str, Scalar],
+        outputs: Sequence[str] | None = None,
+    ) -> None:
         self.name = name
         self._fmu, self._owned, self._values = fmu, owned, dict(values)
         self.instance: FmuInstance = FmuInstance(fmu, "cs", name)
         self.input_signals: Signals = self.instance.signals("input")
-        self.output_signals: Signals = self.instance.signals("output")
+        self.output_signals: Signals = Signals(recorded(fmu.description, outputs), fmu.description.fmi)
         self.inputs: tuple[str, ...] = self.input_signals.labels
         self.outputs: tuple[str, ...] = self.output_signals.labels
         description = fmu.description
@@ -400,7 +410,7 @@ def make_part(
         thing = import_fmu(thing, kind="me", name=name, parameters=values, limits=limits, isolated=isolated)
         values = {}
     if isinstance(thing, FmuSteps):
-        return _fmu_part(name, thing.source, False, thing.values | dict(values))
+        return _fmu_part(name, thing.source, False, thing.values | dict(values), thing.patterns)
     if isinstance(thing, ct.InputOutputSystem):
         numbers = {key: float(value) for key, value in values.items()}
         return SystemPart(name, thing, params=numbers, initial_state=initial_state)
@@ -409,9 +419,15 @@ def make_part(
     )
 
 
-def _fmu_part(name: str, fmu: UnpackedFmu, owned: bool, values: Mapping[str, Scalar]) -> FmuPart:
+def _fmu_part(
+    name: str,
+    fmu: UnpackedFmu,
+    owned: bool,
+    values: Mapping[str, Scalar],
+    outputs: Sequence[str] | None = None,
+) -> FmuPart:
     try:
-        return FmuPart(name, fmu, owned=owned, values=values)
+        return FmuPart(name, fmu, owned=owned, values=values, outputs=outputs)
     except BaseException:
         if owned:
             fmu.close()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Literal
 
@@ -29,6 +29,7 @@ def import_fmu(
     start_time: float = 0.0,
     tolerance: float | None = None,
     events: Literal["raise", "ignore"] = "raise",
+    outputs: Sequence[str] | None = None,
     limits: ArchiveLimits | None = None,
     isolated: bool | Isolation = False,
 ) -> FmuModel | FmuSteps:
@@ -47,7 +48,8 @@ def import_fmu(
     name : str, optional
         Of the block; the model's name by default.
     step : float, optional
-        Communication step in seconds of a co-simulation FMU; its default experiment's by default.
+        Communication step in seconds of a co-simulation FMU; by default that of its default experiment, or its fixed
+        internal step.
     parameters : dict of str to number or text, optional
         Values of parameters and start values; elements of arrays as ``a[0]``.
     start_time : float
@@ -57,6 +59,9 @@ def import_fmu(
     events : {"raise", "ignore"}
         What python-control's own simulation, which handles none, is to do where a model-exchange FMU has events.
         :func:`simulate` runs them in any diagram.
+    outputs : sequence of str, optional
+        Variables that the block is to put out, of any causality: names, in which * and ? stand for other characters.
+        None: the FMU's outputs.
     limits : ArchiveLimits, optional
         What the archive may hold at most.
     isolated : bool or Isolation
@@ -104,14 +109,19 @@ def import_fmu(
                 start_time=start_time,
                 tolerance=tolerance,
                 events=events,
+                outputs=outputs,
             )
-        dt = step or description.step
+        dt = step or description.communication_step
         if dt is None or not 0.0 < dt < np.inf:
-            raise ValueError(
-                f"{path}: step: expected seconds > 0, got {dt}; the FMU's default experiment names none"
-            )
+            raise ValueError(f"{path}: step: expected seconds > 0, got {dt}; the FMU names none")
         return FmuSteps(
-            fmu, name=label, step=dt, parameters=parameters, start_time=start_time, tolerance=tolerance
+            fmu,
+            name=label,
+            step=dt,
+            parameters=parameters,
+            start_time=start_time,
+            tolerance=tolerance,
+            outputs=outputs,
         )
     except BaseException:
         fmu.close()

@@ -15,7 +15,7 @@ from ..blocks.functions import BlockFunctions
 from .importing_functions import model_functions
 from .inspect import FmuDescription, Kind, Scalar
 from .instance import FmuError, FmuInstance
-from .signals import Signals
+from .signals import Signals, recorded
 from .unpacked import UnpackedFmu
 
 __all__ = ["FmuBlock", "FmuModel", "ct_names"]
@@ -41,6 +41,8 @@ class FmuBlock(ct.NonlinearIOSystem, ABC):
         0, or the communication step in seconds.
     states : sequence of str
         Names.
+    outputs : sequence of str, optional
+        Names or patterns of the variables that it puts out; None for the FMU's outputs.
 
     Attributes
     ----------
@@ -66,7 +68,9 @@ class FmuBlock(ct.NonlinearIOSystem, ABC):
         tolerance: float | None,
         dt: float,
         states: Sequence[str],
+        outputs: Sequence[str] | None = None,
     ) -> None:
+        self._patterns = outputs
         self._fmu = fmu
         self._fixed = dict(parameters)
         self._start_time = start_time
@@ -120,7 +124,15 @@ class FmuBlock(ct.NonlinearIOSystem, ABC):
         self.instance.close()
 
     def _signals(self) -> tuple[Signals, Signals]:
-        return self.instance.signals("input"), self.instance.signals("output")
+        return self.instance.signals("input"), self._recorded()
+
+    def _recorded(self) -> Signals:
+        return Signals(recorded(self.description, self._patterns), self.description.fmi)
+
+    @property
+    def patterns(self) -> Sequence[str] | None:
+        """Names or patterns of what it puts out; None for the FMU's outputs."""
+        return self._patterns
 
     @abstractmethod
     def _next(self, t: float, x: FloatArray, u: FloatArray, params: Mapping[str, float]) -> FloatArray:
@@ -162,7 +174,7 @@ class FmuModel(FmuBlock):
     Parameters
     ----------
     fmu : UnpackedFmu
-    name, parameters, start_time, tolerance, events
+    name, parameters, start_time, tolerance, events, outputs
         As for :func:`import_fmu`.
 
     Attributes
@@ -189,6 +201,7 @@ class FmuModel(FmuBlock):
         start_time: float = 0.0,
         tolerance: float | None = None,
         events: Literal["raise", "ignore"] = "raise",
+        outputs: Sequence[str] | None = None,
     ) -> None:
         super().__init__(
             fmu,
@@ -199,6 +212,7 @@ class FmuModel(FmuBlock):
             tolerance=tolerance,
             dt=0.0,
             states=fmu.description.state_labels,
+            outputs=outputs,
         )
         self._events: Literal["raise", "ignore"] = events
         self._restart(start_time, self.params)
@@ -309,12 +323,13 @@ class FmuModel(FmuBlock):
             start_time=self._start_time,
             tolerance=self._tolerance,
             events=self._events,
+            outputs=self._patterns,
         )
 
     def _signals(self) -> tuple[Signals, Signals]:
         description = self.description
         inputs = [entry for entry in description.of("input") if entry.variability == "continuous"]
-        return Signals(inputs, description.fmi), self.instance.signals("output")
+        return Signals(inputs, description.fmi), self._recorded()
 
     def _place(self, t: float, u: FloatArray, params: Mapping[str, float]) -> None:
         count = self.description.event_indicators

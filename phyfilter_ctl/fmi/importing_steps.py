@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -31,7 +31,7 @@ class FmuSteps(FmuBlock):
     Parameters
     ----------
     fmu : UnpackedFmu
-    name, step, parameters, start_time, tolerance
+    name, step, parameters, start_time, tolerance, outputs
         As for :func:`import_fmu`.
 
     Notes
@@ -52,6 +52,7 @@ class FmuSteps(FmuBlock):
         parameters: Mapping[str, Scalar] | None = None,
         start_time: float = 0.0,
         tolerance: float | None = None,
+        outputs: Sequence[str] | None = None,
     ) -> None:
         super().__init__(
             fmu,
@@ -62,6 +63,7 @@ class FmuSteps(FmuBlock):
             tolerance=tolerance,
             dt=step,
             states=["step"],
+            outputs=outputs,
         )
         self._h = step
         self._k = 0
@@ -76,6 +78,7 @@ class FmuSteps(FmuBlock):
             parameters=self.values,
             start_time=self._start_time,
             tolerance=self._tolerance,
+            outputs=self.patterns,
         )
 
     @property

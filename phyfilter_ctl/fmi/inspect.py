@@ -205,6 +205,15 @@ class FmuDescription:
         derivatives = (by_name[name] for name in self.dependencies if by_name[name].derivative_of)
         return tuple(label for entry in derivatives for label in by_name[entry.derivative_of].labels)
 
+    @property
+    def communication_step(self) -> float | None:
+        """Seconds that suit its co-simulation: the default experiment's, in multiples of a fixed internal step."""
+        kind = self.kinds.get("cs")
+        fixed = kind.fixed_step if kind else None
+        if not fixed:
+            return self.step
+        return fixed * max(1, round((self.step or fixed) / fixed))
+
     def as_json(self) -> str:
         """All of it as JSON."""
         return json.dumps(dataclasses.asdict(self), indent=2, ensure_ascii=False)

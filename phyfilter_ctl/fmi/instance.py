@@ -24,6 +24,7 @@ from .unpacked import UnpackedFmu
 __all__ = ["FmuError", "FmuInstance"]
 
 T = TypeVar("T")
+_LAST_TIME, _TERMINATED = 2, 3  # of fmi2StatusKind
 _FLOAT32 = 2.0**-23  # two roundings of a number on its way through a single
 
 
@@ -162,7 +163,7 @@ class FmuInstance:
         self._initialised = True
         self._check_parameters()
         if self.kind == "me" and self._iterate_events():
-            raise FmuError(self.name, "UpdateDiscreteStates", "refused", "the FMU asks to end the run")
+            raise FmuError(self.name, "UpdateDiscreteStates", "ended", "the FMU asks to end the run")
 
     def reset(self) -> None:
         """Back to the state of a fresh instance."""
@@ -264,17 +265,20 @@ class FmuInstance:
         FmuError
             With status "discard" where a smaller step may help.
         """
-        self.time = t
-        answer = self._call(f"fmi{self.description.fmi[0]}DoStep", self._fmu.doStep, t, h, final)
-        if answer is not None:  # FMI 3.0: event, terminate, early return, last successful time
-            _, terminate, early, reached = answer
-            if terminate:
-                raise self.ended(reached)
-            if early and reached < t + h * (1 - 1e-9):
-                raise FmuError(
-                    self.name, "fmi3DoStep", "discard", f"returned early, at t = {reached:g} of {t + h:g}"
-                )
-        self.time = t + h
+        end = t + h
+        early = True
+        while early:  # an FMU that returns early, at an event, goes on from there
+            self.time = t
+            answer = self._call(f"fmi{self.description.fmi[0]}DoStep", self._fmu.doStep, t, end - t, final)
+            early = False
+            if answer is not None:  # FMI 3.0: event, terminate, early return, last successful time
+                _, terminate, early, reached = answer
+                if terminate:
+                    raise self.ended(reached)
+                if early and not reached > t:
+                    raise FmuError(self.name, "fmi3DoStep", "discard", f"returned early, at t = {reached:g}")
+                t, early = reached, early and reached < end
+        self.time = end
 
     def save(self) -> object:
         """The whole state, to be given back to :meth:`restore` or :meth:`forget`."""
@@ -473,7 +477,19 @@ class FmuInstance:
         self._initialised = self._initialised and word == "discard"
         if word == "fatal":
             self._broken = "a fatal error"
+        if word == "discard" and function == "fmi2DoStep" and (end := self._asked_end()) is not None:
+            return self.ended(end)
         return FmuError(self.name, function, word, self._last_words(f"at t = {t:g}"))
+
+    def _asked_end(self) -> float | None:
+        """FMI 2.0: where the run is to end, if that is why a step was discarded."""
+        with suppress(FMICallException):
+            return (
+                float(self._fmu.getRealStatus(_LAST_TIME))
+                if self._fmu.getBooleanStatus(_TERMINATED)
+                else None
+            )
+        return None
 
     def ended(self, t: float) -> FmuError:
         """What to raise where the FMU asks to end the run.
@@ -482,7 +498,8 @@ class FmuInstance:
         ----------
         t : float
         """
-        return FmuError(self.name, "fmi3DoStep", "refused", f"the FMU asks to end the run at t = {t:g}")
+        function = f"fmi{self.description.fmi[0]}DoStep"
+        return FmuError(self.name, function, "ended", f"the FMU asks to end the run at t = {t:g}")
 
     def _check_parameters(self) -> None:
         """An FMU may refuse a parameter with a warning, which fmpy lets pass, and run on with another value."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import math
+import re
 from collections.abc import Sequence
 from typing import Any, NamedTuple, Protocol
 
@@ -11,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._sections import FloatArray
-from .inspect import FmuVariable
+from .inspect import FmuDescription, FmuVariable
 
-__all__ = ["Signals", "is_numeric"]
+__all__ = ["Signals", "is_numeric", "recorded"]
 
 AnyArray = NDArray[Any]
 
@@ -53,6 +54,41 @@ class Callee(Protocol):
     def call_raw(self, function: str, *arguments: object) -> None:
         """Call a function of the FMU and check its status."""
         ...
+
+
+def recorded(description: FmuDescription, patterns: Sequence[str] | None) -> list[FmuVariable]:
+    """Numeric variables to be put out: the outputs, or those of any causality whose names match.
+
+    Parameters
+    ----------
+    description : FmuDescription
+    patterns : sequence of str, optional
+        Names, in which * stands for any characters and ? for one.
+
+    Returns
+    -------
+    list of FmuVariable
+        As the description has them.
+
+    Raises
+    ------
+    ValueError
+        If a pattern matches none.
+    """
+    numeric = [entry for entry in description.variables if is_numeric(entry, description.fmi)]
+    if patterns is None:
+        return [entry for entry in numeric if entry.causality == "output"]
+    if isinstance(patterns, str):
+        raise ValueError(f"outputs: expected a list of names or patterns, got the text {patterns!r}")
+    found: dict[str, FmuVariable] = {}
+    for pattern in patterns:
+        # Only * and ? are patterns: brackets are part of many a name.
+        rule = re.compile(re.escape(pattern).replace(r"\*", ".*").replace(r"\?", "."))
+        matching = {entry.name: entry for entry in numeric if rule.fullmatch(entry.name)}
+        if not matching:
+            raise ValueError(f"outputs: no numeric variable of {description.path} matches {pattern!r}")
+        found |= matching
+    return [entry for entry in numeric if entry.name in found]
 
 
 def is_numeric(variable: FmuVariable, fmi: str) -> bool:

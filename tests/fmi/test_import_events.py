@@ -27,7 +27,7 @@ def bounced(t, start=1.0, push=0.0):
     return h, rate
 
 
-@pytest.fixture(scope="module", params=["2.0", "3.0"])
+@pytest.fixture(scope="module", params=["2.0", pytest.param("3.0", marks=pytest.mark.slow)])
 def path(request, tmp_path_factory):
     return ball(tmp_path_factory.mktemp("ball"), request.param)
 
@@ -55,6 +55,7 @@ def test_every_kind_of_event(path):
     assert softer.outputs[0, 10] == pytest.approx(1.0 - 2.5 * times[10] ** 2, abs=EXACT)
 
 
+@pytest.mark.slow
 def test_in_a_diagram(path):
     """A push by another block, and what follows the ball, as without the FMU."""
     block = import_fmu(path, name="ball")

@@ -22,6 +22,12 @@
 #ifndef MISCHIEF
 #define MISCHIEF SEGFAULT
 #endif
+#ifndef ENDS_AT
+#define ENDS_AT 1e300 /* a step past this time ends there, and the run with it */
+#endif
+#ifndef RETURNS_AT
+#define RETURNS_AT 1e300 /* a step past this time returns early, there (FMI 3.0) */
+#endif
 #ifndef DISCARD_ABOVE
 #define DISCARD_ABOVE 1e300 /* doStep discards longer steps */
 #endif

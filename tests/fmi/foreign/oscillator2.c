@@ -229,6 +229,10 @@ fmi2Status fmi2DoStep(fmi2Component c, fmi2Real t, fmi2Real h, fmi2Boolean final
     return fmi2Error;
   }
   if (h > DISCARD_ABOVE) return fmi2Discard;
+  if (t + h > ENDS_AT + 1e-9) {
+    advance(&self->m, ENDS_AT - t);
+    return fmi2Discard;
+  }
   mischief(&self->m, t + h);
   advance(&self->m, h);
   self->m.count++;
@@ -246,7 +250,15 @@ fmi2Status fmi2CancelStep(fmi2Component c) {
     return fmi2Discard;                                                       \
   }
 STATUS(fmi2GetStatus, fmi2Status)
-STATUS(fmi2GetRealStatus, fmi2Real)
 STATUS(fmi2GetIntegerStatus, fmi2Integer)
-STATUS(fmi2GetBooleanStatus, fmi2Boolean)
 STATUS(fmi2GetStringStatus, fmi2String)
+
+fmi2Status fmi2GetBooleanStatus(fmi2Component c, const fmi2StatusKind kind, fmi2Boolean *value) {
+  *value = kind == fmi2Terminated && MODEL(c)->time >= ENDS_AT;
+  return fmi2OK;
+}
+
+fmi2Status fmi2GetRealStatus(fmi2Component c, const fmi2StatusKind kind, fmi2Real *value) {
+  *value = MODEL(c)->time;
+  return kind == fmi2LastSuccessfulTime ? fmi2OK : fmi2Discard;
+}

@@ -219,6 +219,13 @@ EXPORT fmi3Status fmi3DoStep(fmi3Instance c, fmi3Float64 t, fmi3Float64 h, fmi3B
     return fmi3Error;
   }
   if (h > DISCARD_ABOVE) return fmi3Discard;
+  *end = t + h > ENDS_AT + 1e-9;
+  *early = !*end && t < RETURNS_AT && t + h > RETURNS_AT;
+  if (*end || *early) {
+    *reached = *end ? ENDS_AT : RETURNS_AT;
+    advance(&self->m, *reached - t);
+    return fmi3OK;
+  }
   mischief(&self->m, t + h);
   advance(&self->m, h);
   self->m.count++;
