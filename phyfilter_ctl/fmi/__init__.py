@@ -9,7 +9,8 @@ from .export import export_fmu
 from .foreign import Isolation
 from .handover import HandOver, hand_over
 from .importing import import_fmu
-from .importing_blocks import FmuBlock, FmuModel
+from .importing_blocks import FmuBlock
+from .importing_model import FmuModel
 from .importing_steps import FmuSteps
 from .inspect import FmuDescription, FmuKind, FmuVariable, describe
 from .instance import FmuError

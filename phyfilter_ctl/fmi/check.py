@@ -17,9 +17,10 @@ from fmpy.validation import validate_fmu
 from .._sections import FloatArray
 from .archive import ArchiveLimits, extracted
 from .foreign import Isolation
-from .inspect import FmuDescription, Kind, describe, native_platform
+from .inspect import FmuDescription, Kind, describe
 from .instance import FmuError, FmuInstance
 from .messages import complaints
+from .platforms import native_platform
 from .replay import Reference, read_reference, replay
 from .signals import Signals
 from .unpacked import UnpackedFmu

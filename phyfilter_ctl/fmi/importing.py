@@ -11,7 +11,7 @@ import numpy as np
 
 from .archive import ArchiveLimits
 from .foreign import Isolation
-from .importing_blocks import FmuModel
+from .importing_model import FmuModel
 from .importing_steps import FmuSteps
 from .inspect import FmuDescription, Kind, Scalar
 from .unpacked import UnpackedFmu

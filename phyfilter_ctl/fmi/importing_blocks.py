@@ -1,24 +1,19 @@
-"""FMUs as python-control systems: what they share, and model exchange."""
+"""FMUs as python-control systems: what model exchange and co-simulation share."""
 
 from __future__ import annotations
 
-import threading
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from typing import Literal
 
 import control as ct
-import numpy as np
 
 from .._sections import FloatArray
-from ..blocks.functions import BlockFunctions
-from .importing_functions import model_functions
 from .inspect import FmuDescription, Kind, Scalar
-from .instance import FmuError, FmuInstance
+from .instance import FmuInstance
 from .signals import Signals, recorded
 from .unpacked import UnpackedFmu
 
-__all__ = ["FmuBlock", "FmuModel", "ct_names"]
+__all__ = ["FmuBlock", "ct_names"]
 
 _NUMERIC = ("Float64", "Float32", "Int", "UInt", "Enumeration", "Boolean")
 
@@ -166,200 +161,6 @@ class FmuBlock(ct.NonlinearIOSystem, ABC):
     def _changed(self, params: Mapping[str, float]) -> dict[str, float]:
         wanted = {key: params.get(key, value) for key, value in self.params.items()}
         return {key: value for key, value in wanted.items() if value != self._in_force.get(key)}
-
-
-class FmuModel(FmuBlock):
-    """A model-exchange FMU as a continuous system; made by :func:`import_fmu`.
-
-    Parameters
-    ----------
-    fmu : UnpackedFmu
-    name, parameters, start_time, tolerance, events, outputs
-        As for :func:`import_fmu`.
-
-    Attributes
-    ----------
-    start_state : (n,) array
-        Start values of its states, for ``initial_state`` of python-control's simulations.
-
-    start_inputs : (m,) array
-        Start values of its inputs.
-
-    Notes
-    -----
-    :func:`simulate` runs it in any diagram, with its events. python-control's simulations evaluate x' = f(t, x, u) at
-    times of their choice and know no events: with event indicators evaluation raises, and beyond a time event that
-    the FMU announces, unless ``events="ignore"``.
-    """
-
-    def __init__(
-        self,
-        fmu: UnpackedFmu,
-        *,
-        name: str,
-        parameters: Mapping[str, Scalar] | None = None,
-        start_time: float = 0.0,
-        tolerance: float | None = None,
-        events: Literal["raise", "ignore"] = "raise",
-        outputs: Sequence[str] | None = None,
-    ) -> None:
-        super().__init__(
-            fmu,
-            "me",
-            name=name,
-            parameters=parameters or {},
-            start_time=start_time,
-            tolerance=tolerance,
-            dt=0.0,
-            states=fmu.description.state_labels,
-            outputs=outputs,
-        )
-        self._events: Literal["raise", "ignore"] = events
-        self._restart(start_time, self.params)
-        self.start_state: FloatArray = self.instance.states()
-        self.start_state.flags.writeable = False
-        starts = {
-            label: float(value)
-            for entry in self.description.of("input")
-            for label, value in zip(entry.labels, entry.starts, strict=False)
-            if not isinstance(value, str)
-        }
-        self.start_inputs: FloatArray = np.array([starts.get(label, 0.0) for label in self._inputs.labels])
-        self._begins, self._latest = start_time, self.start_inputs
-        self._start_values = {entry.name for entry in self.description.variables if entry.start}
-        self.lock: threading.RLock = threading.RLock()
-
-    @property
-    def functions(self) -> BlockFunctions:
-        """Equations and events as functions that CasADi calls back; new ones each time, on this one instance."""
-        return model_functions(self)
-
-    @property
-    def labels(self) -> tuple[tuple[str, ...], tuple[str, ...]]:
-        """The FMU's own names of the inputs and the outputs."""
-        return self._inputs.labels, self._outputs.labels
-
-    def rewind(self, t: float | None) -> None:
-        """It starts anew where it is used next.
-
-        Parameters
-        ----------
-        t : float, optional
-            Seconds; its own start time by default.
-        """
-        self._begins = self._start_time if t is None else t
-        self.instance.next_event = None
-        if self._running:
-            self._running = False
-            self.instance.reset()
-
-    def start_at(self, x: FloatArray, u: FloatArray, params: Mapping[str, float]) -> FloatArray:
-        """Initialise with these inputs, from x where that is not the FMU's own start; returns where it starts.
-
-        Parameters
-        ----------
-        x : (n,) array
-        u : (m,) array
-        params : mapping
-        """
-        own = np.array_equal(x, self.start_state)
-        labels = self.description.state_labels
-        owners = {label: entry.name for entry in self.description.variables for label in entry.labels}
-        given = {} if own else dict(zip(labels, x.tolist(), strict=True))
-        starts = {label: value for label, value in given.items() if owners[label] in self._start_values}
-        self._restart(self._begins, params, starts, u)
-        if not own:
-            self.instance.set_point(self._begins, x)
-        return self.instance.states() if own else x
-
-    def move(self, t: float, x: FloatArray, u: FloatArray, params: Mapping[str, float]) -> None:
-        """Set parameters, time, states and inputs; inputs that are not-a-number stay as they are.
-
-        Parameters
-        ----------
-        t : float
-        x : (n,) array
-        u : (m,) array
-        params : mapping
-        """
-        if not self._running or self._changed(params):
-            self._restart(self._begins, params)
-        self.instance.set_point(t, x)
-        if len(u):
-            self._latest = np.where(np.isnan(u), self._latest, u)
-            self._inputs.write(self.instance, self._latest)
-
-    def rates_at(self, t: float, x: FloatArray, u: FloatArray, params: Mapping[str, float]) -> FloatArray:
-        """State derivatives between events.
-
-        Parameters
-        ----------
-        t : float
-        x : (n,) array
-        u : (m,) array
-        params : mapping
-        """
-        self.move(t, x, u, params)
-        return self.instance.derivatives(t, x)
-
-    def outputs_at(self, t: float, x: FloatArray, u: FloatArray, params: Mapping[str, float]) -> FloatArray:
-        """Outputs between events.
-
-        Parameters
-        ----------
-        t : float
-        x : (n,) array
-        u : (m,) array
-        params : mapping
-        """
-        self.move(t, x, u, params)
-        return self._outputs.read(self.instance)
-
-    def __deepcopy__(self, memo: dict[int, object]) -> FmuModel:
-        return FmuModel(
-            self._fmu,
-            name=self.name or "fmu",
-            parameters=self.values,
-            start_time=self._start_time,
-            tolerance=self._tolerance,
-            events=self._events,
-            outputs=self._patterns,
-        )
-
-    def _signals(self) -> tuple[Signals, Signals]:
-        description = self.description
-        inputs = [entry for entry in description.of("input") if entry.variability == "continuous"]
-        return Signals(inputs, description.fmi), self._recorded()
-
-    def _place(self, t: float, u: FloatArray, params: Mapping[str, float]) -> None:
-        count = self.description.event_indicators
-        if count and self._events == "raise":
-            raise ValueError(
-                f"{self.description.path}: has {count} event indicators; python-control's simulation handles no "
-                'events. Use phyfilter_ctl.simulate, which does, or import it with kind="cs" if it has co-simulation, '
-                'or with events="ignore" where no event is reached'
-            )
-        if not self._running or self._changed(params):
-            self._restart(self._start_time, params)
-        event = self.instance.next_event
-        if event is not None and t >= event and self._events == "raise":
-            raise FmuError(
-                self.instance.name,
-                "evaluate",
-                "refused",
-                f"it has a time event at t = {event:g}, before t = {t:g}, and python-control's simulation handles no "
-                'events: use phyfilter_ctl.simulate, which does, or import with events="ignore"',
-            )
-        self._inputs.write(self.instance, np.asarray(u, dtype=float).reshape(-1))
-
-    def _next(self, t: float, x: FloatArray, u: FloatArray, params: Mapping[str, float]) -> FloatArray:
-        self._place(t, u, params)
-        return self.instance.derivatives(t, np.asarray(x, dtype=float))
-
-    def _now(self, t: float, x: FloatArray, u: FloatArray, params: Mapping[str, float]) -> FloatArray:
-        self._place(t, u, params)
-        self.instance.set_point(t, np.asarray(x, dtype=float))
-        return self._outputs.read(self.instance)
 
 
 def ct_names(labels: Sequence[str]) -> list[str]:

@@ -19,20 +19,12 @@ import lxml.etree as etree
 from fmpy.model_description import ModelDescription, ModelVariable, ValidationError, read_model_description
 
 from .archive import ArchiveLimits, archive_entries, parse_xml, read_entry, refuse_sizes
+from .platforms import platforms_among
 from .units import FmuUnit
 
-__all__ = ["FmuDescription", "FmuKind", "FmuVariable", "describe", "native_platform"]
+__all__ = ["FmuDescription", "FmuKind", "FmuVariable", "describe"]
 
 _VERSIONS = {"2.0": "2.0", "3.0": "3.0"}
-# FMI 2.0 folder names of what FMI 3.0 calls architecture-system.
-_FMI2_FOLDERS = {
-    "linux64": "x86_64-linux",
-    "linux32": "x86-linux",
-    "win64": "x86_64-windows",
-    "win32": "x86-windows",
-    "darwin64": "x86_64-darwin",
-}
-_SUFFIXES = (".so", ".dll", ".dylib")
 _BASE_UNITS = ("kg", "m", "s", "A", "K", "mol", "cd", "rad")
 Scalar = float | int | bool | str
 Kind = Literal["me", "cs"]
@@ -246,11 +238,6 @@ class FmuDescription:
         return "\n".join(lines)
 
 
-def native_platform() -> str:
-    """Name of this machine's platform, as ``x86_64-linux``."""
-    return fmpy.platform_tuple
-
-
 def describe(path: str | Path, *, limits: ArchiveLimits | None = None) -> FmuDescription:
     """Read an FMU's description. Nothing of the FMU is run.
 
@@ -348,7 +335,7 @@ def _described(
         name=model.modelName or path.stem,
         fmi=_version(path, root),
         kinds=kinds,
-        platforms=_platforms(names),
+        platforms=platforms_among(names),
         sources=any(re.fullmatch(r"sources/.+\.(c|cc|cpp)", name) for name in names),
         variables=_with_derivatives(model, variables),
         units={unit.name: _unit(unit) for unit in model.unitDefinitions if unit.name and unit.baseUnit},
@@ -447,15 +434,6 @@ def _unit(unit: object) -> FmuUnit:
     base = getattr(unit, "baseUnit", None)
     exponents = {name: int(getattr(base, name)) for name in _BASE_UNITS if getattr(base, name, 0)}
     return FmuUnit(exponents, float(getattr(base, "factor", 1.0)), float(getattr(base, "offset", 0.0)))
-
-
-def _platforms(names: list[str]) -> tuple[str, ...]:
-    found = {
-        _FMI2_FOLDERS.get(match.group(1), match.group(1))
-        for name in names
-        if name.endswith(_SUFFIXES) and (match := re.fullmatch(r"binaries/([^/]+)/[^/]+", name))
-    }
-    return tuple(sorted(found))
 
 
 def _number(text: str | float | None) -> float | None:

@@ -9,7 +9,8 @@ from pathlib import Path
 
 from .archive import ArchiveLimits, unpack
 from .foreign import Isolation
-from .inspect import FmuDescription, describe, native_platform
+from .inspect import FmuDescription, describe
+from .platforms import native_platform
 
 __all__ = ["UnpackedFmu"]
 

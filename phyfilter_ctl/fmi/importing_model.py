@@ -1,0 +1,393 @@
+"""Model-exchange FMUs as python-control systems, and as functions that CasADi calls back in any diagram."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from typing import Literal, cast
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from .._sections import FloatArray
+from ..blocks.functions import BlockEvent, BlockFunctions, Variable
+from ..blocks.interpreted import Interpreted
+from .importing_blocks import FmuBlock
+from .inspect import FmuDescription, Scalar
+from .instance import FmuError
+from .signals import Signals
+from .unpacked import UnpackedFmu
+
+__all__ = ["FmuModel"]
+
+# What the integrator's arithmetic may leave between a time and the event that it was to meet.
+_ROUNDING = 1e-12
+_REMEDY = (
+    "Its binary cannot be merged into other code: hand over the rest as an FMU of its own and both as a package "
+    "(cut_diagram, write_ssp), or run the diagram with simulate"
+)
+
+
+class FmuModel(FmuBlock):
+    """A model-exchange FMU as a continuous system; made by :func:`import_fmu`.
+
+    Parameters
+    ----------
+    fmu : UnpackedFmu
+    name, parameters, start_time, tolerance, events, outputs
+        As for :func:`import_fmu`.
+
+    Attributes
+    ----------
+    start_state : (n,) array
+        Start values of its states, for ``initial_state`` of python-control's simulations.
+
+    start_inputs : (m,) array
+        Start values of its inputs.
+
+    Notes
+    -----
+    :func:`simulate` runs it in any diagram, with its events. python-control's simulations evaluate x' = f(t, x, u) at
+    times of their choice and know no events: with event indicators evaluation raises, and beyond a time event that
+    the FMU announces, unless ``events="ignore"``.
+    """
+
+    def __init__(
+        self,
+        fmu: UnpackedFmu,
+        *,
+        name: str,
+        parameters: Mapping[str, Scalar] | None = None,
+        start_time: float = 0.0,
+        tolerance: float | None = None,
+        events: Literal["raise", "ignore"] = "raise",
+        outputs: Sequence[str] | None = None,
+    ) -> None:
+        super().__init__(
+            fmu,
+            "me",
+            name=name,
+            parameters=parameters or {},
+            start_time=start_time,
+            tolerance=tolerance,
+            dt=0.0,
+            states=fmu.description.state_labels,
+            outputs=outputs,
+        )
+        self._events: Literal["raise", "ignore"] = events
+        self._restart(start_time, self.params)
+        self.start_state: FloatArray = self.instance.states()
+        self.start_state.flags.writeable = False
+        starts = {
+            label: float(value)
+            for entry in self.description.of("input")
+            for label, value in zip(entry.labels, entry.starts, strict=False)
+            if not isinstance(value, str)
+        }
+        self.start_inputs: FloatArray = np.array([starts.get(label, 0.0) for label in self._inputs.labels])
+        self._begins, self._latest = start_time, self.start_inputs
+        self._start_values = {entry.name for entry in self.description.variables if entry.start}
+        self.lock: threading.RLock = threading.RLock()
+
+    @property
+    def functions(self) -> BlockFunctions:
+        """Equations and events as functions that CasADi calls back; new ones each time, on this one instance."""
+        return _functions(self)
+
+    @property
+    def labels(self) -> tuple[tuple[str, ...], tuple[str, ...]]:
+        """The FMU's own names of the inputs and the outputs."""
+        return self._inputs.labels, self._outputs.labels
+
+    def rewind(self, t: float | None) -> None:
+        """It starts anew where it is used next.
+
+        Parameters
+        ----------
+        t : float, optional
+            Seconds; its own start time by default.
+        """
+        self._begins = self._start_time if t is None else t
+        self.instance.next_event = None
+        if self._running:
+            self._running = False
+            self.instance.reset()
+
+    def start_at(self, x: FloatArray, u: FloatArray, params: Mapping[str, float]) -> FloatArray:
+        """Initialise with these inputs, from x where that is not the FMU's own start; returns where it starts.
+
+        Parameters
+        ----------
+        x : (n,) array
+        u : (m,) array
+        params : mapping
+        """
+        own = np.array_equal(x, self.start_state)
+        labels = self.description.state_labels
+        owners = {label: entry.name for entry in self.description.variables for label in entry.labels}
+        given = {} if own else dict(zip(labels, x.tolist(), strict=True))
+        starts = {label: value for label, value in given.items() if owners[label] in self._start_values}
+        self._restart(self._begins, params, starts, u)
+        if not own:
+            self.instance.set_point(self._begins, x)
+        return self.instance.states() if own else x
+
+    def move(self, t: float, x: FloatArray, u: FloatArray, params: Mapping[str, float]) -> None:
+        """Set parameters, time, states and inputs; inputs that are not-a-number stay as they are.
+
+        Parameters
+        ----------
+        t : float
+        x : (n,) array
+        u : (m,) array
+        params : mapping
+        """
+        if not self._running or self._changed(params):
+            self._restart(self._begins, params)
+        self.instance.set_point(t, x)
+        if len(u):
+            self._latest = np.where(np.isnan(u), self._latest, u)
+            self._inputs.write(self.instance, self._latest)
+
+    def rates_at(self, t: float, x: FloatArray, u: FloatArray, params: Mapping[str, float]) -> FloatArray:
+        """State derivatives between events.
+
+        Parameters
+        ----------
+        t : float
+        x : (n,) array
+        u : (m,) array
+        params : mapping
+        """
+        self.move(t, x, u, params)
+        return self.instance.derivatives(t, x)
+
+    def outputs_at(self, t: float, x: FloatArray, u: FloatArray, params: Mapping[str, float]) -> FloatArray:
+        """Outputs between events.
+
+        Parameters
+        ----------
+        t : float
+        x : (n,) array
+        u : (m,) array
+        params : mapping
+        """
+        self.move(t, x, u, params)
+        return self._outputs.read(self.instance)
+
+    def __deepcopy__(self, memo: dict[int, object]) -> FmuModel:
+        return FmuModel(
+            self._fmu,
+            name=self.name or "fmu",
+            parameters=self.values,
+            start_time=self._start_time,
+            tolerance=self._tolerance,
+            events=self._events,
+            outputs=self._patterns,
+        )
+
+    def _signals(self) -> tuple[Signals, Signals]:
+        description = self.description
+        inputs = [entry for entry in description.of("input") if entry.variability == "continuous"]
+        return Signals(inputs, description.fmi), self._recorded()
+
+    def _place(self, t: float, u: FloatArray, params: Mapping[str, float]) -> None:
+        count = self.description.event_indicators
+        if count and self._events == "raise":
+            raise ValueError(
+                f"{self.description.path}: has {count} event indicators; python-control's simulation handles no "
+                'events. Use phyfilter_ctl.simulate, which does, or import it with kind="cs" if it has co-simulation, '
+                'or with events="ignore" where no event is reached'
+            )
+        if not self._running or self._changed(params):
+            self._restart(self._start_time, params)
+        event = self.instance.next_event
+        if event is not None and t >= event and self._events == "raise":
+            raise FmuError(
+                self.instance.name,
+                "evaluate",
+                "refused",
+                f"it has a time event at t = {event:g}, before t = {t:g}, and python-control's simulation handles no "
+                'events: use phyfilter_ctl.simulate, which does, or import with events="ignore"',
+            )
+        self._inputs.write(self.instance, np.asarray(u, dtype=float).reshape(-1))
+
+    def _next(self, t: float, x: FloatArray, u: FloatArray, params: Mapping[str, float]) -> FloatArray:
+        self._place(t, u, params)
+        return self.instance.derivatives(t, np.asarray(x, dtype=float))
+
+    def _now(self, t: float, x: FloatArray, u: FloatArray, params: Mapping[str, float]) -> FloatArray:
+        self._place(t, u, params)
+        self.instance.set_point(t, np.asarray(x, dtype=float))
+        return self._outputs.read(self.instance)
+
+
+class _FmuMemory:
+    """The discrete states of an FMU: what happens to them in a run.
+
+    Parameters
+    ----------
+    block : FmuModel
+    """
+
+    def __init__(self, block: FmuModel) -> None:
+        self._block = block
+        self._fresh = False
+        self._ended = ""
+
+    @property
+    def ended(self) -> str:
+        """What to say where the FMU asked to end the run."""
+        return self._ended
+
+    @property
+    def next_event(self) -> float:
+        """Time of the next event, inf for none."""
+        event = self._block.instance.next_event
+        return np.inf if event is None else event
+
+    def restart(self, t: float) -> None:
+        """The event that follows initialises the FMU at this time."""
+        self._block.rewind(t)
+        self._fresh, self._ended = True, ""
+
+    @contextmanager
+    def running(self) -> Iterator[None]:
+        """Keeps others from the FMU; afterwards it starts anew where it is used."""
+        with self._block.lock:
+            try:
+                yield
+            finally:
+                self._block.rewind(None)
+
+    def happen(self, t: float, x: FloatArray, u: FloatArray, params: Mapping[str, float]) -> FloatArray:
+        """Event mode at a point, or the start of the run: x after it, and 1 where the run is to end."""
+        block = self._block
+        if self._fresh:
+            self._fresh = False
+            return np.append(block.start_at(x, u, params), 0.0)
+        event = self.next_event
+        block.move(event if abs(event - t) <= _ROUNDING * max(abs(t), 1.0) else t, x, u, params)
+        return self._answer(block.instance.run_events(), t)
+
+    def condition(self, t: float, x: FloatArray, u: FloatArray, params: Mapping[str, float]) -> FloatArray:
+        """Event indicators; 0 counts as below 0, as FMI has it."""
+        self._block.move(t, x, u, params)
+        values = self._block.instance.indicators()
+        return np.where(values > 0.0, values, np.minimum(values, -np.finfo(float).tiny))
+
+    def completed(self, t: float, x: FloatArray, u: FloatArray, params: Mapping[str, float]) -> FloatArray:
+        """1 where the FMU wants an event after this step, 2 where the run is to end."""
+        self._block.move(t, x, u, params)
+        event, end = self._block.instance.complete_step()
+        self._say(end, t)
+        return np.array([2.0 if end else float(event)])
+
+    def _answer(self, end: bool, t: float) -> FloatArray:
+        self._say(end, t)
+        # An FMU that asks to end the run answers no more.
+        x = np.zeros(self._block.nstates or 0) if end else self._block.instance.states()
+        return np.append(x, float(end))
+
+    def _say(self, end: bool, t: float) -> None:
+        if end:
+            self._ended = f"block {self._block.name}: the FMU asked to end the run at t = {t:.9g} s"
+
+
+def _functions(block: FmuModel) -> BlockFunctions:
+    """Equations and events of an imported model-exchange FMU.
+
+    Parameters
+    ----------
+    block : FmuModel
+
+    Returns
+    -------
+    BlockFunctions
+        Callbacks into the FMU, which stay in force as long as they are held. They move one and the same instance.
+    """
+    memory = _FmuMemory(block)
+    name = block.name or "fmu"
+    parameters = [
+        Variable(key, float(value), block.units.get(key, "")) for key, value in block.params.items()
+    ]
+    keys = [variable.name for variable in parameters]
+    sizes = (len(block.state_labels), len(block.input_labels), len(keys))
+    reason = f"it is the imported FMU {block.description.path}"
+
+    def callback(
+        which: str,
+        evaluate: Callable[[float, FloatArray, FloatArray, Mapping[str, float]], FloatArray],
+        size: int,
+        depends: NDArray[np.bool_] | None = None,
+    ) -> ca.Function:
+        if not size:
+            symbols = [ca.SX.sym(letter, count) for letter, count in zip("txup", (1, *sizes), strict=True)]
+            return ca.Function(which, symbols, [ca.SX(0, 1)])
+        function = Interpreted(
+            which,
+            lambda t, x, u, p: evaluate(t, x, u, dict(zip(keys, p.tolist(), strict=True))),
+            (*sizes, size),
+            name,
+            reason,
+            depends,
+            remedy=_REMEDY,
+        )
+        callbacks.append(function)
+        return cast(ca.Function, function)
+
+    callbacks: list[Interpreted] = []
+    description = block.description
+    through = _feedthrough(description, *block.labels)
+    wants_steps = description.kinds["me"].completed_step
+    event = BlockEvent(
+        "event",
+        0,
+        callback("condition", memory.condition, description.event_indicators),
+        callback("event", memory.happen, sizes[0] + 1),
+        memory,
+        callback("completed", memory.completed, 1) if wants_steps else None,
+    )
+    return BlockFunctions(
+        states=_variables(block, block.state_labels, block.start_state),
+        inputs=_variables(block, block.input_labels, block.start_inputs),
+        outputs=_variables(block, block.output_labels, np.zeros(block.noutputs or 0)),
+        parameters=tuple(parameters),
+        dynamics=callback("update", block.rates_at, sizes[0]),
+        output=callback("output", block.outputs_at, block.noutputs or 0, through),
+        callbacks=tuple(callbacks),
+        events=(event,),
+    )
+
+
+def _variables(block: FmuModel, labels: Sequence[str], starts: FloatArray) -> tuple[Variable, ...]:
+    return tuple(
+        Variable(label, float(start), block.units.get(label, ""))
+        for label, start in zip(labels, starts, strict=True)
+    )
+
+
+def _feedthrough(
+    description: FmuDescription, inputs: Sequence[str], outputs: Sequence[str]
+) -> NDArray[np.bool_]:
+    """Which input acts on which output, from the model structure; where nothing is said FMI means every input.
+
+    Parameters
+    ----------
+    description : FmuDescription
+    inputs, outputs : sequence of str
+        Labels.
+
+    Returns
+    -------
+    (outputs, inputs) bool array
+    """
+    owner = {label: entry.name for entry in description.variables for label in entry.labels}
+    result = np.ones((len(outputs), len(inputs)), dtype=bool)
+    for i, output in enumerate(outputs):
+        known = description.dependencies.get(owner[output])
+        if known is not None:
+            result[i] = [owner[label] in known for label in inputs]
+    return result
