@@ -14,9 +14,10 @@ from numpy.typing import ArrayLike
 from .. import _signals
 from .._sections import FloatArray
 from .archive import ArchiveLimits
-from .cosimulation_part import Part, step_counts, step_problem
+from .cosimulation_outside import Outside, Signal
+from .cosimulation_part import Part, StepControl, step_counts, step_problem
 from .cosimulation_parts import make_part
-from .cosimulation_run import Outside, Run, Signal, StepControl
+from .cosimulation_run import Run
 from .cosimulation_wiring import Connection, Wire, Wiring, parameters_by_part, wire_up
 from .foreign import Isolation
 from .inspect import Scalar

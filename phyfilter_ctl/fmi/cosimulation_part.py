@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
@@ -14,6 +15,7 @@ __all__ = [
     "SETTLED",
     "SMALLEST",
     "Part",
+    "StepControl",
     "StuckError",
     "step_counts",
     "step_problem",
@@ -32,6 +34,21 @@ _SAME_STEP = 1e-6
 
 class StuckError(Exception):
     """The run cannot go on, and says what to try."""
+
+
+@dataclass
+class StepControl:
+    """Tolerances, and the step to try next.
+
+    Parameters
+    ----------
+    rtol, atol : float
+    step : float
+    """
+
+    rtol: float
+    atol: float
+    step: float = 0.0
 
 
 class Part(Protocol):

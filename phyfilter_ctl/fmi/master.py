@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import ctypes as ct
 import time
+from collections.abc import Mapping, Sequence
 from functools import cache
 from importlib import resources
-from typing import TYPE_CHECKING, NoReturn
+from typing import TYPE_CHECKING, NoReturn, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,16 +16,17 @@ from scipy.sparse import csr_array
 from .._sections import FloatArray
 from ..codegen import CompilerError
 from ..codegen.compiler import cached_library
-from .cosimulation_part import SMALLEST, StuckError, step_counts, too_small, unsettled
+from .cosimulation_loops import Loop
+from .cosimulation_outside import Outside
+from .cosimulation_part import SMALLEST, Part, StepControl, StuckError, step_counts, too_small, unsettled
 from .cosimulation_parts import FmuPart
+from .cosimulation_wiring import Wiring
 from .instance import FmuInstance
 from .messages import claim_messages
 from .signals import Group
 
 if TYPE_CHECKING:
     from tqdm import tqdm
-
-    from .cosimulation_run import Run, StepControl
 
 __all__ = ["FastMaster"]
 
@@ -95,19 +97,44 @@ def _library() -> ct.CDLL | None:
     return library
 
 
+class Course(Protocol):
+    """What the loop needs to know of a run."""
+
+    parts: Sequence[Part]
+    wiring: Wiring
+    outside: Outside
+    sequence: Sequence[int] | None
+    chosen: Mapping[str, int]
+    loops: tuple[Loop, ...]
+    u: FloatArray
+    y: FloatArray
+    watched: NDArray[np.bool_]
+    steps: int
+    rejected: int
+
+    @property
+    def passes(self) -> int:
+        """How often signals are handed on at one instant."""
+        ...
+
+    def refuse_nonfinite(self, t: float) -> None:
+        """Raise where an output has no value."""
+        ...
+
+
 class FastMaster:
     """A run's inner loop in C.
 
     Parameters
     ----------
-    run : Run
+    run : Course
         Initialised; its inputs and outputs are those of the C loop from now on.
     library : ctypes.CDLL
     threads : int
         For the steps of Jacobi.
     """
 
-    def __init__(self, run: Run, library: ct.CDLL, threads: int) -> None:
+    def __init__(self, run: Course, library: ct.CDLL, threads: int) -> None:
         self._run, self._library = run, library
         self._kept: list[NDArray[np.generic]] = []  # what the structures point to
         self._vectors: dict[str, FloatArray] = {}
@@ -137,13 +164,13 @@ class FastMaster:
         self._chosen = np.array(list(run.chosen.values()), np.int64)
 
     @classmethod
-    def of(cls, run: Run, *, controlled: bool, threads: int) -> FastMaster | None:
+    def of(cls, run: Course, *, controlled: bool, threads: int) -> FastMaster | None:
         """The C loop of a run, where all its parts are FMUs of this process, no signals depend on themselves, and there
         is a C compiler.
 
         Parameters
         ----------
-        run : Run
+        run : Course
         controlled : bool
             Whether steps go by the error, at times that are not known before.
         threads : int
