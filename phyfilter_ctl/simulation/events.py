@@ -217,6 +217,7 @@ class EventWatch:
 
     def _is_resolved(self, values: FloatArray) -> bool:
         """Whether the values at the parts tell where the conditions pass 0."""
+        values = np.where(np.isfinite(values).all(axis=0), values, 0.0)  # of the others nothing is known
         self._largest = np.maximum(self._largest, np.abs(values).max(axis=0))
         inwards = values * np.where(values[-1] < 0.0, -1.0, 1.0)
         least, spread = inwards.min(axis=0), np.ptp(values, axis=0)

@@ -186,6 +186,13 @@ def test_a_height_just_reached_is_passed_twice(beyond):
     close(times_of(answer), 1.0 + np.sqrt(beyond) * np.array([-1.0, 1.0]), atol=1e-9)
 
 
+def test_a_condition_without_a_value_for_a_while():
+    """ln(t - 1) is no number before 1 s; it passes 0 at 2 s."""
+    memory = ct.nlsys(lambda t, x, u, p: [0.0], None, inputs=0, outputs=1, states=["n"], name="late")
+    late = pf.hybrid(memory, [pf.event(lambda t, x, u, p: np.log(t - 1.0), lambda t, x, u, p: [x[0] + 1.0])])
+    close(times_of(pf.simulate(late, np.linspace(0.0, 4.0, 9), backend="vm")), [2.0], atol=EXACT)
+
+
 @pytest.mark.slow
 def test_many_different_events_at_one_time():
     """Fifty equal balls hit the ground together: no event follows itself."""
