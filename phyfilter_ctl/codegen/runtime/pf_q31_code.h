@@ -19,8 +19,9 @@ __attribute__((noinline)) static int64_t PF_P(times_)(int32_t a, int32_t b) {
   const int32_t a_low = a & 0xFFFF, b_low = b & 0xFFFF, a_high = a >> 16, b_high = b >> 16;
   const uint32_t low = (uint32_t)a_low * (uint32_t)b_low;
   const int32_t first = a_high * b_low + (int32_t)(low >> 16), second = a_low * b_high + (first & 0xFFFF);
-  const uint32_t high = (uint32_t)(a_high * b_high + (first >> 16) + (second >> 16));
-  return (int64_t)((uint64_t)high << 32 | (uint32_t)second << 16 | (low & 0xFFFFu));
+  const int32_t high = a_high * b_high + (first >> 16) + (second >> 16);
+  const uint64_t product = (uint64_t)(uint32_t)high << 32 | (uint32_t)second << 16 | (low & 0xFFFFu);
+  return (int64_t)product;
 }
 #else
 static inline int64_t PF_P(times_)(int32_t a, int32_t b) { return (int64_t)a * b; }
@@ -119,7 +120,7 @@ int PF_P(step)(PF_NAME *self, const int32_t *x, const int32_t *g, const int32_t 
     const int32_t g_i = PF_P(within_)(g[i], p->g, PF_Q31_G, &flags);
     const int32_t f_theta_i = PF_P(within_)(f_theta[i], p->f_theta, PF_Q31_F_THETA, &flags);
     int64_t y = f_theta_i * PF_TWO_TO(PF_P(SHIFT_F_THETA));
-    if (self->started) y += PF_P(advance_)(self, i, PF_P(change_)(self, i, x_i, g_i, f_theta_i), &flags);
+    if (self->started != 0) y += PF_P(advance_)(self, i, PF_P(change_)(self, i, x_i, g_i, f_theta_i), &flags);
     self->x[i] = x_i;
 #if PF_P(G_AVERAGE)
     self->g[i] = g_i;
