@@ -63,27 +63,14 @@ class _Loader(_FMU):
         self.callbacks = None
 
 
-class FMU2Model(fmi2.FMU2Model, _Loader):
-    """FMI 2.0, model exchange."""
-
-
-class FMU2Slave(fmi2.FMU2Slave, _Loader):
-    """FMI 2.0, co-simulation."""
-
-
-class FMU3Model(fmi3.FMU3Model, _Loader):
-    """FMI 3.0, model exchange."""
-
-
-class FMU3Slave(fmi3.FMU3Slave, _Loader):
-    """FMI 3.0, co-simulation."""
-
-
 _CLASSES: dict[tuple[str, str], Any] = {
-    ("2.0", "me"): FMU2Model,
-    ("2.0", "cs"): FMU2Slave,
-    ("3.0", "me"): FMU3Model,
-    ("3.0", "cs"): FMU3Slave,
+    (fmi, kind): type(base.__name__, (base, _Loader), {})
+    for fmi, kind, base in (
+        ("2.0", "me", fmi2.FMU2Model),
+        ("2.0", "cs", fmi2.FMU2Slave),
+        ("3.0", "me", fmi3.FMU3Model),
+        ("3.0", "cs", fmi3.FMU3Slave),
+    )
 }
 
 
