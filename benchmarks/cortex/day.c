@@ -34,9 +34,9 @@ static uint32_t bits(void) {
 
 static wing_real noise(void) { return (wing_real)((int32_t)bits() - 8388608) * (wing_real)(1.0 / 8388608.0); }
 
-static wing_real not_a_number(void) {
+static wing_real over_zero(wing_real v) {
   volatile wing_real zero = 0;
-  return zero / zero;
+  return v / zero;
 }
 
 static int send(wing_guard *to, const double (*poles)[2], int damage) {
@@ -86,8 +86,8 @@ int main(void) {
     memcpy(seen, x, sizeof seen);
     memcpy(known, g, sizeof known);
     if (k - begin < length) {
-      if (kind == NAN_X) seen[0] = not_a_number();
-      if (kind == INF_G) known[wing_N_X - 1] = not_a_number();
+      if (kind == NAN_X) seen[0] = over_zero(0); /* not a number */
+      if (kind == INF_G) known[wing_N_X - 1] = over_zero(1); /* infinite */
       if (kind == STUCK) memcpy(seen, stuck, sizeof seen);
       if (kind == SPIKE && k == begin) seen[0] += (wing_real)5;
     }
