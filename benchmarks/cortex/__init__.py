@@ -9,6 +9,7 @@ from pathlib import Path
 
 __all__ = [
     "BOARDS",
+    "DOUBLE_ADD",
     "FLAGS",
     "HOST",
     "INSTRUCTIONS_PER_TICK",

@@ -4,6 +4,7 @@
 int main(void);
 void put_text(const char *text);
 unsigned stack_used(void);
+unsigned stack_of(void (*call)(void));
 void reset(void);
 extern unsigned char bss_begin[], bss_end[];
 
@@ -25,6 +26,16 @@ unsigned stack_used(void) { /* bytes, at most since reset */
   const uint32_t *p = (const uint32_t *)(STACK_TOP - STACK_BYTES);
   while (p < (const uint32_t *)STACK_TOP && *p == PAINT) p++;
   return STACK_TOP - (uint32_t)p;
+}
+
+unsigned stack_of(void (*call)(void)) { /* bytes, at most during the call */
+  const uint32_t *p = (const uint32_t *)(STACK_TOP - STACK_BYTES);
+  uint32_t here;
+  __asm__ volatile("mov %0, sp" : "=r"(here));
+  for (volatile uint32_t *q = (uint32_t *)(STACK_TOP - STACK_BYTES); q < (uint32_t *)here; q++) *q = PAINT;
+  call();
+  while (p < (const uint32_t *)here && *p == PAINT) p++;
+  return here - (uint32_t)p;
 }
 
 void reset(void) {

@@ -5,10 +5,12 @@ void put_text(const char *text);
 
 #ifdef __arm__
 unsigned stack_used(void);
+unsigned stack_of(void (*call)(void));
 #define TICKS (*(volatile uint32_t *)0xE000E018)
 #else
 #include <stdio.h>
 #define TICKS 0u
+static inline unsigned stack_of(void (*call)(void)) { return call(), 0; }
 void put_text(const char *text) { fputs(text, stdout); }
 #endif
 

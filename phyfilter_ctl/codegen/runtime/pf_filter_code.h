@@ -359,7 +359,8 @@ static inline void PF_P(advance_)(PF_NAME *self, const PF_T (*dA)[PF_N][PF_N], c
   PF_UNROLL for (int j = 0; j < PF_N; j++) {
     PF_UNROLL for (int i = 0; i < PF_N_F; i++) {
       /* The equilibrium of a real section is 1. */
-      const PF_T rest = PF_P(PAIRS) >> j & 1 ? u[i] * PF_K(self)->equilibrium[PF_BANK(i)][j] : u[i];
+      const PF_T scale = PF_K(self)->equilibrium[PF_BANK(i)][j];
+      const PF_T rest = ((unsigned)PF_P(PAIRS) >> (unsigned)j & 1u) != 0u ? u[i] * scale : u[i];
       distance[i][j] = self->w[i][j] - rest;
 #if PF_P(FLOAT)
       distance[i][j] += self->carry[i][j];
@@ -367,7 +368,7 @@ static inline void PF_P(advance_)(PF_NAME *self, const PF_T (*dA)[PF_N][PF_N], c
     }
   }
   PF_UNROLL for (int j = 0; j < PF_N; j++) {
-    const int last = j + 1 < PF_N && (PF_P(PAIRS) >> j & 1) ? j + 1 : j;
+    const int last = j + 1 < PF_N && ((unsigned)PF_P(PAIRS) >> (unsigned)j & 1u) != 0u ? j + 1 : j;
     PF_UNROLL for (int i = 0; i < PF_N_F; i++) change[i] = dA[PF_BANK(i)][j][0] * distance[i][0];
     PF_UNROLL for (int k = 1; k < PF_N; k++) {
       if (k > last) break;

@@ -90,7 +90,7 @@ static inline int64_t PF_P(advance_)(PF_NAME *self, int i, int32_t v, int *flags
   PF_UNROLL for (int j = 0; j < PF_N; j++) w[j] = (int32_t)PF_P(nearest_)(self->w[i][j], PF_GUARD);
   PF_UNROLL for (int j = 0; j < PF_N; j++) {
     /* Block lower triangular: above the diagonal only pairs have entries. */
-    const int last = j + 1 < PF_N && (PF_P(PAIRS) >> j & 1) ? j + 1 : j;
+    const int last = j + 1 < PF_N && ((unsigned)PF_P(PAIRS) >> (unsigned)j & 1u) != 0u ? j + 1 : j;
     int64_t change = PF_P(times_)(p->dA[j][0], w[0]);
     PF_UNROLL for (int k = 1; k < PF_N; k++) {
       if (k > last) break;
