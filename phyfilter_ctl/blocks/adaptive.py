@@ -113,11 +113,11 @@ def adaptive_block(
 
 
 def _parameters(law: AdaptiveChebyshev) -> tuple[Variable, ...]:
-    composite = (Variable("memory", law.memory, "s", "time constant of the composite law"),)
+    composite = (Variable("memory", law.memory, "s", "time constant of the composite law", 0.0),)
     return (
-        Variable("rate", law.rate, "1/s", "speed of the adaptation"),
-        Variable("bandwidth", law.bandwidth, "rad/s", "feedback of the state prediction"),
-        Variable("leakage", law.leakage, "1/s", "pull towards the prior"),
+        Variable("rate", law.rate, "1/s", "speed of the adaptation", 0.0),
+        Variable("bandwidth", law.bandwidth, "rad/s", "feedback of the state prediction", 0.0),
+        Variable("leakage", law.leakage, "1/s", "pull towards the prior", 0.0),
         *(composite if law.memory > 0.0 else ()),
     )
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
+from math import inf
 from typing import Protocol
 
 import casadi as ca
@@ -29,6 +30,8 @@ class Variable:
         SI unit such as "m/s" or "rad/s"; "" where none is known.
     description : str
         One line.
+    minimum, maximum : float
+        Between which it is meant to be; infinite where nobody said.
 
     Examples
     --------
@@ -40,6 +43,8 @@ class Variable:
     start: float = 0.0
     unit: str = ""
     description: str = ""
+    minimum: float = -inf
+    maximum: float = inf
 
 
 class Memory(Protocol):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from math import inf
 
 from ..blocks.functions import Variable
 from ..blocks.sampled import FilterLaw
@@ -10,7 +11,7 @@ from ..diagram.model import Task
 from ..filter import SampledPhyFilter
 from .casadi_source import Real
 from .diagram_header import TaskText, checked, in_comment, in_string
-from .filter_source import FilterSource, filter_source
+from .filter_source import LEAST, FilterSource, filter_source
 
 __all__ = ["FilterTask", "filter_task"]
 
@@ -144,10 +145,12 @@ def _parameters(task: Task, source: FilterSource) -> tuple[Variable, ...]:
             values = entry.a if letter == "a" else entry.b
             for j in range(entry.order):
                 name = f"{task.name}.{letter}[{_index(source, i, j)}]"
-                found.append(Variable(name, float(values[j]), _unit(entry.order - j), text))
+                found.append(
+                    Variable(name, float(values[j]), _unit(entry.order - j), text, LEAST.get(letter, -inf))
+                )
     about = {"limit": "bound on |f_hat|", "g_low": "least that acts of g", "g_high": "most that acts of g"}
     found += [
-        Variable(f"{task.name}.{name}[{i}]", float(end), description=about[name])
+        Variable(f"{task.name}.{name}[{i}]", float(end), "", about[name], LEAST.get(name, -inf))
         for name, ends in source.limits.items()
         for i, end in enumerate(ends)
     ]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from math import inf
 from typing import Literal
 
 import numpy as np
@@ -12,7 +13,7 @@ from .._sections import FloatArray
 from ..blocks.functions import Variable
 from ..filter import PhyFilter, SampledPhyFilter
 from ..filterfile import Signals
-from .filter_source import InertiaInput, braces, filter_source, inertia_kind, runtime_files
+from .filter_source import LEAST, InertiaInput, braces, filter_source, inertia_kind, runtime_files
 from .identifiers import checked_identifier
 from .model import CModel
 
@@ -130,7 +131,7 @@ def _sampled_model(
             "g_high": (signals.unit_g, "most that acts of g", signals),
         }
         parameters += tuple(
-            Variable(f"{name}[{i}]", float(end), unit, f"{text}{_of(whose, i)}")
+            Variable(f"{name}[{i}]", float(end), unit, f"{text}{_of(whose, i)}", LEAST.get(name, -inf))
             for name, ends in source.limits.items()
             for unit, text, whose in (about[name],)
             for i, end in enumerate(ends)
@@ -314,7 +315,9 @@ def _coefficients(filters: tuple[PhyFilter, ...]) -> tuple[Variable, ...]:
                 index = f"{j}" if len(filters) == 1 else f"{i},{j}"
                 power = entry.order - j
                 unit = "rad/s" if power == 1 else f"(rad/s)^{power}"
-                found.append(Variable(f"{letter}[{index}]", float(value), unit, text))
+                found.append(
+                    Variable(f"{letter}[{index}]", float(value), unit, text, LEAST.get(letter, -inf))
+                )
     return tuple(found)
 
 

@@ -20,7 +20,10 @@ from ..filter import SampledPhyFilter
 from ..filterfile import Signals
 from .identifiers import checked_identifier
 
-__all__ = ["FilterSource", "describe", "filter_source", "runtime_files", "wrapped"]
+__all__ = ["LEAST", "FilterSource", "describe", "filter_source", "runtime_files", "wrapped"]
+
+# Of parameters: a Hurwitz D has positive coefficients, a limit of 0 would be no filter.
+LEAST = {"a": 0.0, "limit": 0.0}
 
 InertiaInput = Literal["scalar", "diagonal", "full"]
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 from typing import Literal, NamedTuple
 
@@ -373,7 +373,8 @@ def input_variables(wiring: Wiring, labels: Sequence[str]) -> tuple[Variable, ..
             reached = uses[0][0]
             alone = alone and len(wiring.sums[reached]) == 1
         found = targets.get(reached, Variable(label))
-        variables.append(Variable(label, found.start if alone else 0.0, found.unit, found.description))
+        found = found if alone else Variable(label, 0.0, found.unit, found.description)
+        variables.append(replace(found, name=label))
     return tuple(variables)
 
 
@@ -400,5 +401,5 @@ def output_variables(wiring: Wiring, labels: Sequence[str]) -> tuple[Variable, .
             signal = wiring.sums[signal][0][0]
         block, i = wiring.producers.get(signal, (-1, 0))
         found = wiring.blocks[block].functions.outputs[i] if block >= 0 else Variable(label)
-        variables.append(Variable(label, 0.0, found.unit, found.description))
+        variables.append(replace(found, name=label, start=0.0))
     return tuple(variables)

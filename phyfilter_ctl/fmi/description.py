@@ -5,9 +5,9 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import product
-from math import prod
+from math import inf, prod
 from typing import Literal
 
 import numpy as np
@@ -148,6 +148,8 @@ class InterfaceVariable:
     unit, description : str
     derivative_of : int, optional
         Place of the state.
+    minimum, maximum : float
+        As declared; infinite where nobody did.
     """
 
     name: str
@@ -158,6 +160,8 @@ class InterfaceVariable:
     unit: str = ""
     description: str = ""
     derivative_of: int | None = None
+    minimum: float = -inf
+    maximum: float = inf
 
     @property
     def count(self) -> int:
@@ -368,15 +372,24 @@ def _solver_variables(solver: FmuSolver) -> list[InterfaceVariable]:
     )
     variables = [
         InterfaceVariable(
-            "solver.step", "solver_step", start=(solver.step or 0.0,), unit="s", description=texts[0]
+            "solver.step",
+            "solver_step",
+            start=(solver.step or 0.0,),
+            unit="s",
+            description=texts[0],
+            minimum=0.0,
         )
     ]
     if solver.method == "adaptive":
         variables.append(
-            InterfaceVariable("solver.rtol", "solver_rtol", start=(solver.rtol,), description=texts[1])
+            InterfaceVariable(
+                "solver.rtol", "solver_rtol", start=(solver.rtol,), description=texts[1], minimum=0.0
+            )
         )
         variables.append(
-            InterfaceVariable("solver.atol", "solver_atol", start=(solver.atol,), description=texts[2])
+            InterfaceVariable(
+                "solver.atol", "solver_atol", start=(solver.atol,), description=texts[2], minimum=0.0
+            )
         )
     return variables
 
@@ -388,7 +401,7 @@ def _beside(vector: tuple[Variable, ...], taken: set[str]) -> tuple[Variable, ..
     def named(variable: Variable) -> Variable:
         clash = variable.name in taken or _base(variable.name) in bases
         name = f"state.{variable.name}" if clash else variable.name
-        return Variable(name, variable.start, variable.unit, variable.description)
+        return replace(variable, name=name)
 
     return tuple(named(variable) for variable in vector)
 
@@ -413,7 +426,10 @@ def _variables(kind: Kind, vector: tuple[Variable, ...], grouped: bool) -> list[
             base, shape = vector[i].name, ()
         part = vector[i : i + prod(shape)]
         start = tuple(float(variable.start) for variable in part) if started else None
-        result.append(InterfaceVariable(base, kind, i, shape, start, part[0].unit, part[0].description))
+        # One pair of bounds for the whole array: what all of its entries keep.
+        least, most = min(v.minimum for v in part), max(v.maximum for v in part)
+        about = part[0].unit, part[0].description
+        result.append(InterfaceVariable(base, kind, i, shape, start, *about, minimum=least, maximum=most))
         i += len(part)
     return result
 

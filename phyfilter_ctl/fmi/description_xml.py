@@ -122,6 +122,9 @@ def _numeric(element: ET.Element, variable: InterfaceVariable) -> None:
         element.set("unit", variable.unit)
         if variable.unit == "rad":
             element.set("displayUnit", "deg")
+    for name, bound in (("min", variable.minimum), ("max", variable.maximum)):
+        if not isinf(bound):
+            element.set(name, _number(bound))
     if variable.start is not None:
         element.set("start", " ".join(_number(value) for value in variable.start))
 

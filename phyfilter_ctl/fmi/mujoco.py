@@ -285,8 +285,14 @@ class _Facts:
             count = int(compiled.actuator_ctrlnum[k])
             base = f"ctrl.{_label(actuator.name, 'actuator', k)}"
             text = f"Control of actuator {actuator.name or k}"
+            # A control that rests outside its range is left open: a start is 0 here.
+            ends = np.ravel(actuator.ctrlrange).tolist()
+            ranged = count == 1 and np.all(actuator.ctrllimited) and ends[0] <= 0.0 <= ends[1]
+            bounds = ends if ranged else (-np.inf, np.inf)
             for i in range(count):
-                yield Variable(base if count == 1 else f"{base}[{i}]", 0.0, self._control_unit(k), text)
+                yield Variable(
+                    base if count == 1 else f"{base}[{i}]", 0.0, self._control_unit(k), text, *bounds
+                )
 
     def _control_unit(self, k: int) -> str:
         """Of torque and force motors and of servos on joints; "" where it depends on more."""

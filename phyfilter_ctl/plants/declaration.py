@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import keyword
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import TypeAlias
 
 import casadi as ca
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from .. import _signals
 from ..blocks.function_block import unknown_name
@@ -18,8 +19,15 @@ from .algebra import Array
 
 __all__ = ["Columns", "Declaration", "Group", "declared", "labelled"]
 
-Declaration: TypeAlias = ArrayLike | tuple[ArrayLike, str] | tuple[ArrayLike, str, str]
-"""Start value or default; with its unit; with its unit and a description. An array declares a vector or a matrix."""
+Bounds: TypeAlias = tuple[float, float]
+Declaration: TypeAlias = (
+    ArrayLike | tuple[ArrayLike, str] | tuple[ArrayLike, str, str] | tuple[ArrayLike, str, str, Bounds]
+)
+"""Start value or default; with its unit; with its unit and a description; with the pair (minimum, maximum) too, which
+exports hand on. An array declares a vector or a matrix."""
+_EXPECTED = (
+    "start, (start, unit), (start, unit, description) or (start, unit, description, (minimum, maximum))"
+)
 
 
 @dataclass(frozen=True)
@@ -80,27 +88,23 @@ def declared(kind: str, declarations: Mapping[str, Declaration] | None) -> list[
     Raises
     ------
     ValueError
-        For a name that is no identifier, or a start that is not finite or has more than two dimensions.
+        For a name that is no identifier, a start that is not finite, has more than two dimensions or lies outside its
+        bounds, and bounds that are none.
     TypeError
         For something that is no mapping, a start that is no number, or a unit that is no text.
     """
     if declarations is None:
         return []
     if not isinstance(declarations, Mapping):
-        raise TypeError(
-            f"{kind}: expected a dict of name -> start, (start, unit) or (start, unit, description), got "
-            f"{type(declarations).__name__}"
-        )
+        raise TypeError(f"{kind}: expected a dict of name -> {_EXPECTED}, got {type(declarations).__name__}")
     groups = []
     for name, entry in declarations.items():
         check_name(kind, name)
         worded = isinstance(entry, tuple) and len(entry) > 1 and isinstance(entry[1], str)
         start, *rest = [*entry] if isinstance(entry, tuple) and worded else [entry]
-        texts = [text for text in rest if isinstance(text, str)]
-        if len(rest) > 2 or len(texts) < len(rest):
-            raise TypeError(
-                f"{kind}: {name}: expected start, (start, unit) or (start, unit, description), got {entry!r}"
-            )
+        texts = [text for text in rest[:2] if isinstance(text, str)]
+        if len(rest) > 3 or len(texts) < len(rest[:2]):
+            raise TypeError(f"{kind}: {name}: expected {_EXPECTED}, got {entry!r}")
         try:
             values = _signals.real(f"{kind}: {name}", start)
         except (TypeError, ValueError) as error:
@@ -112,8 +116,21 @@ def declared(kind: str, declarations: Mapping[str, Declaration] | None) -> list[
             raise ValueError(
                 f"{kind}: {name}: expected finite values in at most two dimensions, got {start!r}"
             )
-        groups.append(labelled(name, values, *texts))
+        bounds = _bounds(f"{kind}: {name}", rest[2], values) if len(rest) > 2 else (-np.inf, np.inf)
+        groups.append(labelled(name, values, *texts, bounds=bounds))
     return groups
+
+
+def _bounds(what: str, pair: object, values: NDArray[np.float64]) -> Bounds:
+    """The pair as numbers, all values between them."""
+    ends = np.array([np.nan])
+    with suppress(TypeError, ValueError):
+        ends = np.asarray(pair, dtype=float)
+    if ends.shape != (2,) or not ends[0] < ends[1]:
+        raise ValueError(f"{what}: expected bounds (minimum, maximum), minimum < maximum, got {pair!r}")
+    if not ((ends[0] <= values) & (values <= ends[1])).all():
+        raise ValueError(f"{what}: starts at {values.tolist()}, outside its bounds {pair!r}")
+    return float(ends[0]), float(ends[1])
 
 
 def check_name(kind: str, name: object) -> None:
@@ -130,7 +147,14 @@ def check_name(kind: str, name: object) -> None:
         )
 
 
-def labelled(name: str, values: ArrayLike, unit: str = "", description: str = "") -> Group:
+def labelled(
+    name: str,
+    values: ArrayLike,
+    unit: str = "",
+    description: str = "",
+    *,
+    bounds: Bounds = (-np.inf, np.inf),
+) -> Group:
     """A group with the labels name, name[i] or name[i,j].
 
     Parameters
@@ -139,10 +163,18 @@ def labelled(name: str, values: ArrayLike, unit: str = "", description: str = ""
     values : number, (n,) or (n, m) array
         Starts.
     unit, description : str
+    bounds : (float, float)
+        Of every entry.
     """
     array = np.asarray(values, dtype=float)
     variables = [
-        Variable(name + (f"[{','.join(map(str, index))}]" if index else ""), float(value), unit, description)
+        Variable(
+            name + (f"[{','.join(map(str, index))}]" if index else ""),
+            float(value),
+            unit,
+            description,
+            *bounds,
+        )
         for index, value in np.ndenumerate(array)
     ]
     return Group(name, array.shape, tuple(variables))

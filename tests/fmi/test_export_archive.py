@@ -253,6 +253,50 @@ def test_units_that_are_not_understood_are_kept(text):
     assert unit_definition(text).exponents is None
 
 
+@pytest.mark.slow
+def test_bounds_are_those_declared_and_no_others(tmp_path):
+    tank = pf.plant(
+        lambda t, x, u, p: {"level": u.flow - p.drain * x.level},
+        states={"level": (1.0, "m", "height", (0.0, 4.0))},
+        inputs={"flow": (0.5, "m/s", "inflow", (-1.0, 2.5))},
+        params={"drain": (0.2, "1/s", "outlet", (0.0, float("inf")))},
+    )
+    wired = ct.interconnect([tank], inplist=["flow"], inputs=["in"], outlist=["level"], outputs=["out"])
+    sampled = FILTER.sampled(PERIOD, limit=[2.0, 3.0], g_limit=(-1.0, 1.0))
+    observed = pf.sampled_block(sampled, channels=2, name="observer")
+    expected = [
+        (
+            tank,
+            {
+                "state.level": (0.0, 4.0),
+                "level": (None, None),
+                "flow": (-1.0, 2.5),
+                "drain": (0.0, None),
+                "solver.step": (0.0, None),
+            },
+        ),
+        (wired, {"in": (-1.0, 2.5)}),
+        (sampled, {"a": (0.0, None), "limit": (0.0, None), "f_hat": (None, None), "g_low": (None, None)}),
+        (observed, {"observer.a": (0.0, None), "observer.limit": (0.0, None), "observer.b": (None, None)}),
+    ]
+    for fmi in VERSIONS:
+        for system, bounds in expected:
+            more = {"channels": 2} if system is sampled else {}
+            path = export_fmu(system, tmp_path / "a.fmu", fmi=fmi, platforms=(), **more)
+            assert validate_fmu(str(path)) == []
+            variables = fmpy.read_model_description(str(path)).modelVariables
+            found = {v.name.partition("[")[0]: (v.min, v.max) for v in variables}
+            for name, (least, most) in bounds.items():
+                assert found[name] == tuple(None if end is None else str(end) for end in (least, most))
+            assert all(v.nominal is None for v in variables)
+
+
+@pytest.mark.parametrize("bounds", [(2.0, 3.0), (1.0, 1.0), (0.0,), "ab", (0.0, float("nan"))])
+def test_bounds_that_are_none_are_refused(bounds):
+    with pytest.raises(ValueError, match=r"params: k: .*bounds"):
+        pf.plant(lambda t, x, u, p: {"v": p.k}, states={"v": 0.0}, params={"k": (1.0, "m", "gain", bounds)})
+
+
 def test_unit_of_every_variable_is_defined():
     for fmi in VERSIONS:
         description = fmpy.read_model_description(str(exported("oscillator", fmi)))
