@@ -103,7 +103,8 @@ def declared(kind: str, declarations: Mapping[str, Declaration] | None) -> list[
         worded = isinstance(entry, tuple) and len(entry) > 1 and isinstance(entry[1], str)
         start, *rest = [*entry] if isinstance(entry, tuple) and worded else [entry]
         texts = [text for text in rest[:2] if isinstance(text, str)]
-        if len(rest) > 3 or len(texts) < len(rest[:2]):
+        paired = len(rest) < 3 or isinstance(rest[2], tuple | list)
+        if len(rest) > 3 or len(texts) < len(rest[:2]) or not paired:
             raise TypeError(f"{kind}: {name}: expected {_EXPECTED}, got {entry!r}")
         try:
             values = _signals.real(f"{kind}: {name}", start)

@@ -291,7 +291,7 @@ def test_bounds_are_those_declared_and_no_others(tmp_path):
             assert all(v.nominal is None for v in variables)
 
 
-@pytest.mark.parametrize("bounds", [(2.0, 3.0), (1.0, 1.0), (0.0,), "ab", (0.0, float("nan"))])
+@pytest.mark.parametrize("bounds", [(2.0, 3.0), (1.0, 1.0), (0.0,), ("a", "b"), (0.0, float("nan"))])
 def test_bounds_that_are_none_are_refused(bounds):
     with pytest.raises(ValueError, match=r"params: k: .*bounds"):
         pf.plant(lambda t, x, u, p: {"v": p.k}, states={"v": 0.0}, params={"k": (1.0, "m", "gain", bounds)})
