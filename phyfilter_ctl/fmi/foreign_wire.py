@@ -12,7 +12,7 @@ import os
 import struct
 from typing import Any
 
-__all__ = ["COMPONENT", "decoded", "encoded", "receive", "send"]
+__all__ = ["COMPONENT", "Component", "decoded", "encoded", "receive", "send"]
 
 _HEAD = struct.Struct("<II")
 _LARGEST = 1 << 30
@@ -25,11 +25,11 @@ _TYPES: dict[str, Any] = {
 }
 
 
-class _Component:
+class Component:
     """Stands for the instance's own pointer, which means nothing outside its process."""
 
 
-COMPONENT = _Component()
+COMPONENT = Component()
 
 
 def send(descriptor: int, message: object, arrays: bytes = b"") -> None:
