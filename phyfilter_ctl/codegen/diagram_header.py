@@ -32,7 +32,9 @@ class TaskText:
     put_in_force: str = ""
     include: str = ""
     undo: tuple[str, str, str] | None = None  # array that keeps what it changes: declaration, name, place
+    moving: str = ""  # bytes of that, as C
     can_fail: bool = False
+    stack: int = 0  # bytes that what it calls takes
 
 
 @dataclass(frozen=True)
@@ -59,6 +61,7 @@ class Layout:
     grid: tuple[int, ...] | None = None  # steps in each period; None: instants fall between them
     newton: bool = False
     timed: frozenset[str] = frozenset()  # equations that read time
+    equation_locals: int = 0  # numbers that the largest of them holds at once
     unknowns: int = 0
     events: tuple[FlatEvent, ...] = ()
 
@@ -121,8 +124,8 @@ def _event_members(layout: Layout) -> str:
     return f"  pf_events events;\n  pf_side sides[{len(layout.events)}];\n" if layout.events else ""
 
 
-def header_text(layout: Layout) -> str:
-    """The public header ``<name>.h``."""
+def header_text(layout: Layout, stack: str) -> str:
+    """The public header ``<name>.h``; ``stack`` is the C expression of the bytes that a step takes."""
     name, capital = layout.name, layout.capital
     sizes = {
         "N_X": layout.states, "N_U": layout.inputs, "N_Y": layout.outputs, "N_P": layout.parameters,
@@ -176,6 +179,10 @@ typedef struct {{
 extern const pf_model {name}_model;
 
 #define {capital}_STEP {number(layout.step, "double")} /* s, between two calls of {name}_step */
+
+/* Bytes of stack that {name}_step takes at most, on a core of 32 bits and optimised (-O1 to -O3, -Os). Functions of
+ * <math.h> come on top. */
+#define {capital}_STACK_BYTES ({stack})
 
 int {name}_init(void *self); /* start values; t = 0. Not PF_OK: do not run it, see pf_ieee.h */
 int {name}_reset({name} *self); /* the same, parameters kept */

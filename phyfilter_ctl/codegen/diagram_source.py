@@ -16,6 +16,7 @@ from .casadi_source import Real, casadi_header
 from .diagram_equations import dependence, directional_functions, flat_functions, law_functions, settled_tasks
 from .diagram_filters import FilterTask, filter_task
 from .diagram_header import Layout, TaskText, checked, header_text
+from .diagram_step import held_numbers, stack_bytes
 from .diagram_text import source_text
 from .identifiers import checked_identifier, identifiers, model_identifier
 from .model import CModel
@@ -156,6 +157,7 @@ def diagram_model(
         can_fail=newton or bool(parts.sources and len(parts.tasks) > 1), newton=newton, step=base, substeps=substeps,
         grid=grid, timed=frozenset(name for name, f in functions.items() if dependencies(f, 0).any()),
         between=bool(flat.states) or grid is None, version=_version(prefix, real, parameters),
+        equation_locals=held_numbers(equations),
         unknowns=sum(loop.held.stop - loop.held.start for loop in flat.loops), events=flat.events,
     )  # fmt: skip
     words = _words(layout)
@@ -173,7 +175,7 @@ def diagram_model(
     return CModel(
         name=prefix,
         sources={
-            f"{prefix}.h": header_text(layout),
+            f"{prefix}.h": header_text(layout, stack_bytes(layout)),
             f"{prefix}.c": source_text(layout, f"{prefix}_equations.h"),
             f"{prefix}_equations.h": equations,
             **parts.sources,
@@ -199,7 +201,9 @@ def diagram_model(
 def _words(layout: Layout) -> frozenset[str]:
     """Names in the model's own files, whatever it is called: none of them can be its type too."""
     other = replace(layout, name="pf_own")
-    text = re.sub(r'/\*.*?\*/|"[^"]*"', " ", header_text(other) + source_text(other, ""), flags=re.DOTALL)
+    text = re.sub(
+        r'/\*.*?\*/|"[^"]*"', " ", header_text(other, "0") + source_text(other, ""), flags=re.DOTALL
+    )
     return frozenset(re.findall(r"[A-Za-z_]\w*", text))
 
 

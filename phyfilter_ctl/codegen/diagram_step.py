@@ -2,9 +2,73 @@
 
 from __future__ import annotations
 
+import re
+
 from .diagram_header import Layout, number
 
-__all__ = ["step_text"]
+__all__ = ["held_numbers", "stack_bytes", "step_text"]
+
+_SIZES = {"float": 4, "double": 8}
+# Measured with gcc 12 on a Cortex-M4F: return addresses and registers of the step and of what runs the blocks; of the
+# double arithmetic of a library; of pf_run.c, and of what finds events; and of a Newton iteration.
+_FRAMES, _SOFT_DOUBLE, _RUN, _FIND_EVENTS, _NEWTON = 128, 64, 560, 640, 256
+_DECLARED = re.compile(r"^  (?:const )?(?:pf_real|pf_time|casadi_real|int) ([^;={(]+)[;=]", re.M)
+_LENGTH = re.compile(r"\[(\d+)\]")
+
+
+def held_numbers(equations: str) -> int:
+    """Numbers that the functions of a text hold at once: of the largest, or of all where they call each other.
+
+    Parameters
+    ----------
+    equations : str
+        As of :func:`phyfilter_ctl.codegen.casadi_source.casadi_header`.
+
+    Returns
+    -------
+    int
+
+    Examples
+    --------
+    >>> held_numbers("static int f(void) {\\n  pf_real a0, w[3];\\n}\\nint g(void) {\\n  pf_real a0;\\n}\\n")
+    4
+    """
+    counts = [0]
+    for function in equations.split("\n}\n"):
+        entries = [entry for found in _DECLARED.findall(function) for entry in found.split(",")]
+        lengths = [_LENGTH.search(entry) for entry in entries]
+        counts.append(sum(int(length.group(1)) if length else 1 for length in lengths))
+    return sum(counts) if "casadi_f" in equations else max(counts)
+
+
+def stack_bytes(layout: Layout) -> str:
+    """C expression of the bytes of stack that a step takes at most on a core of 32 bits.
+
+    Parameters
+    ----------
+    layout : Layout
+
+    Returns
+    -------
+    str
+    """
+    n_x = len(layout.states)
+    kept: list[str]
+    reals = sum(task.n_v for task in layout.tasks) + len(layout.law_states) + 2 * layout.equation_locals
+    total = _FRAMES + max((task.stack for task in layout.tasks), default=0) + 4 * len(layout.tasks)
+    total += _SOFT_DOUBLE if layout.real == "double" or layout.timed else 0
+    total += _NEWTON if layout.newton else 0
+    if _on_grid(layout):
+        reals += (4 if layout.substeps > 1 else 3) * n_x
+        kept = []
+        if _undoes(layout):
+            reals += len(layout.held) + len(layout.law_states)
+            kept = [task.moving for task in layout.tasks if task.moving]
+    else:
+        reals += _work(layout)
+        total += _RUN + (_FIND_EVENTS if layout.events else 0)
+        kept = [f"{2 if layout.can_fail else 1} * sizeof({layout.name})"]
+    return " + ".join([str(total + _SIZES[layout.real] * reals), *kept])
 
 
 def step_text(layout: Layout) -> str:
@@ -24,14 +88,20 @@ def step_text(layout: Layout) -> str:
     time is computed where an equation reads it, and no more is kept than what a failure after its change would have to
     undo. Elsewhere pf_run.c goes from call to call, and a copy of the state is kept.
     """
-    plain = layout.grid is not None and not (layout.newton or layout.events or layout.unknowns)
-    return _on_ticks(layout) if plain else _on_time(layout)
+    return _on_ticks(layout) if _on_grid(layout) else _on_time(layout)
+
+
+def _on_grid(layout: Layout) -> bool:
+    return layout.grid is not None and not (layout.newton or layout.events or layout.unknowns)
+
+
+def _undoes(layout: Layout) -> bool:
+    return bool(layout.tasks) and (bool(layout.states) or layout.can_fail)
 
 
 def _on_ticks(layout: Layout) -> str:
     name, n_x, dynamic = layout.name, len(layout.states), bool(layout.states)
-    undo = bool(layout.tasks) and (dynamic or layout.can_fail)
-    saved = _saved(layout) if undo else []
+    saved = _saved(layout) if _undoes(layout) else []
     keep = "".join(
         f"  {declaration}\n  memcpy({local}, {place}, sizeof {local});\n"
         for declaration, local, place in saved
