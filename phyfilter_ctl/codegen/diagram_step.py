@@ -13,6 +13,7 @@ _SIZES = {"float": 4, "double": 8}
 # double arithmetic of a library; of pf_run.c, and of what finds events; and of a Newton iteration.
 _FRAMES, _SOFT_DOUBLE, _RUN, _FIND_EVENTS, _NEWTON = 128, 64, 560, 640, 256
 _DECLARED = re.compile(r"^  (?:const )?(?:pf_real|pf_time|casadi_real|int) ([^;={(]+)[;=]", re.M)
+_NESTED = re.compile(r"^static int casadi_f\d+\(", re.M)
 _LENGTH = re.compile(r"\[(\d+)\]")
 
 
@@ -38,7 +39,7 @@ def held_numbers(equations: str) -> int:
         entries = [entry for found in _DECLARED.findall(function) for entry in found.split(",")]
         lengths = [_LENGTH.search(entry) for entry in entries]
         counts.append(sum(int(length.group(1)) if length else 1 for length in lengths))
-    return sum(counts) if "casadi_f" in equations else max(counts)
+    return sum(counts) if _NESTED.search(equations) else max(counts)
 
 
 def stack_bytes(layout: Layout) -> str:

@@ -183,22 +183,19 @@ def test_a_filter_of_constant_numbers_has_the_same_bits(precision, options, iner
     ]
     library = compile_filters(sources, tmp_path)
     rng = np.random.default_rng(3)
-    results, sizes = [], []
+    results, filters = [], [CFilter(library, source) for source in sources]
     samples = [
         [rng.normal(size=n) for n in (2, 2, sources[0].n_f)] + [np.eye(2) + 0.1 * rng.normal(size=(2, 2))]
         for _ in range(50)
     ]
-    for source in sources:
-        own = CFilter(library, source)
+    for own in filters:
         answers = [own.step(x, g, f, M if inertia == "full" else None) for x, g, f, M in samples]
         assert not any(code for code, _ in answers)
         results.append([f_hat for _, f_hat in answers])
-        sizes.append(own.size)
     np.testing.assert_array_equal(results[0], results[1])
     assert np.abs(results[0]).max() > 0.1
-    assert sizes[1] < sizes[0] - 9 * own.dtype.itemsize  # dA alone
-    other = np.zeros(1000, np.uint8)
-    assert own.call("init", other) != 0
+    assert filters[1].size < filters[0].size - 9 * filters[1].dtype.itemsize  # dA alone
+    assert filters[1].call("init", np.zeros(1000, np.uint8)) != 0
 
 
 @pytest.mark.slow

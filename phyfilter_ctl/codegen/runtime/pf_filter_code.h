@@ -359,9 +359,9 @@ static inline void PF_P(advance_)(PF_NAME *self, const PF_T (*dA)[PF_N][PF_N], c
   PF_UNROLL for (int j = 0; j < PF_N; j++) {
     PF_UNROLL for (int i = 0; i < PF_N_F; i++) {
       /* The equilibrium of a real section is 1. */
-      const PF_T scale = PF_K(self)->equilibrium[PF_BANK(i)][j];
-      const PF_T rest = ((unsigned)PF_P(PAIRS) >> (unsigned)j & 1u) != 0u ? u[i] * scale : u[i];
-      distance[i][j] = self->w[i][j] - rest;
+      distance[i][j] = self->w[i][j] - (((unsigned)PF_P(PAIRS) >> (unsigned)j & 1u) != 0u
+                                            ? u[i] * PF_K(self)->equilibrium[PF_BANK(i)][j]
+                                            : u[i]);
 #if PF_P(FLOAT)
       distance[i][j] += self->carry[i][j];
 #endif
