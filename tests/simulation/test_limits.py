@@ -122,7 +122,7 @@ def test_export_refuses_a_step_that_diverges(tmp_path):
         pf.export_c(lag, tmp_path / "lag")
     assert not (tmp_path / "lag").exists()
     folder = pf.export_c(lag, tmp_path / "lag", substeps=2)
-    assert "{PF_RK4, LAG_STEP / 2," in (folder / "lag.c").read_text()
+    assert "2 steps of Runge-Kutta later" in (folder / "lag.c").read_text()
     folder = pf.export_c(lag, tmp_path / "lag", step=9e-4)
     assert "#define LAG_STEP 0.0009 " in (folder / "lag.h").read_text()
     with pytest.raises(ValueError, match="substeps: expected a whole number"):
