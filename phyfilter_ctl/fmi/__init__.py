@@ -1,7 +1,8 @@
 """FMUs (FMI 2.0 and 3.0) and system structure packages: written, read, checked, run together."""
 
 from .archive import ArchiveLimits
-from .check import CheckReport, Finding, check
+from .check import check
+from .check_report import CheckReport, Finding
 from .cosimulation import CosimulationResponse, cosimulate
 from .cosimulation_wiring import Wire
 from .description import FmuExperiment, FmuSolver

@@ -2,127 +2,40 @@
 
 from __future__ import annotations
 
-import dataclasses
-import json
 import math
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
 
 import numpy as np
 from fmpy.validation import validate_fmu
 
-from .._sections import FloatArray
 from .archive import ArchiveLimits, extracted
+from .check_probes import dependencies, derivatives, round_trip
+from .check_report import Checker, CheckReport, Rule
 from .foreign import Isolation
 from .inspect import FmuDescription, Kind, describe
-from .instance import FmuError, FmuInstance
+from .instance import FmuInstance
 from .messages import complaints
 from .platforms import native_platform
 from .replay import Reference, read_reference, replay
 from .signals import Signals
 from .unpacked import UnpackedFmu
 
-__all__ = ["CheckReport", "Finding", "check"]
+__all__ = ["check"]
 
 _RUN_STEPS = 100
-_PROBES = 4
 _WORDS: dict[Kind, str] = {"me": "model exchange", "cs": "co-simulation"}
-# Central differences with a step of 1e-5 of a value of order one: truncation about 1e-10, rounding about 1e-11.
-_DIFFERENCE, _DERIVATIVES_AGREE = 1e-5, 1e-6
 _FLOATS = ("Float64", "Float32")
-
-
-@dataclass(frozen=True)
-class Finding:
-    """Something that a check came upon.
-
-    Parameters
-    ----------
-    level : {"error", "note"}
-        Errors break a promise or a rule of FMI; notes are worth knowing.
-    stage : str
-    message : str
-    """
-
-    level: Literal["error", "note"]
-    stage: str
-    message: str
-
-
-@dataclass(frozen=True)
-class CheckReport:
-    """Result of :func:`check`.
-
-    Parameters
-    ----------
-    path : str
-    stages : tuple of str
-        Checks that were made, in order.
-    findings : tuple of Finding
-    figures : dict of str to float
-        What was measured, such as the largest deviation from the reference.
-    """
-
-    path: str
-    stages: tuple[str, ...] = ()
-    findings: tuple[Finding, ...] = ()
-    figures: dict[str, float] = field(default_factory=dict)
-
-    @property
-    def ok(self) -> bool:
-        """Whether no error was found."""
-        return not self.errors
-
-    @property
-    def errors(self) -> tuple[Finding, ...]:
-        """Findings that are errors."""
-        return tuple(entry for entry in self.findings if entry.level == "error")
-
-    def as_json(self) -> str:
-        """All of it as JSON."""
-        # JSON has no infinity: a run that diverged says so in words.
-        figures = {key: value if math.isfinite(value) else str(value) for key, value in self.figures.items()}
-        return json.dumps(dataclasses.asdict(self) | {"ok": self.ok, "figures": figures}, indent=2)
-
-    def __str__(self) -> str:
-        verdict = "ok" if self.ok else f"{len(self.errors)} error{'s' * (len(self.errors) > 1)}"
-        lines = [f"{self.path}: {verdict}"]
-        for stage in self.stages:
-            found = [entry for entry in self.findings if entry.stage == stage]
-            state = "failed" if any(entry.level == "error" for entry in found) else "ok"
-            lines.append(f"  {stage:<22} {state}")
-            lines += [f"    {entry.level}: {entry.message}" for entry in found]
-        lines += [f"  {key}: {value:.3g}" for key, value in self.figures.items()]
-        return "\n".join(lines)
-
-
-class _Checker:
-    def __init__(self, path: Path, limits: ArchiveLimits | None) -> None:
-        self.path, self.limits = path, limits
-        self.stages: list[str] = []
-        self.findings: list[Finding] = []
-        self.figures: dict[str, float] = {}
-
-    @contextmanager
-    def stage(self, name: str) -> Iterator[None]:
-        """A stage that fails ends, and the others go on."""
-        self.stages.append(name)
-        try:
-            yield
-        except (ValueError, OSError, FmuError) as error:
-            self.error(str(error))
-
-    def error(self, message: str) -> None:
-        self.findings.append(Finding("error", self.stages[-1], message))
-
-    def note(self, message: str) -> None:
-        self.findings.append(Finding("note", self.stages[-1], message))
-
-    def report(self) -> CheckReport:
-        return CheckReport(str(self.path), tuple(self.stages), tuple(self.findings), self.figures)
+# What FMPy says, and the paragraph that it is about.
+_SUBJECTS: dict[str, Rule] = {
+    "variable name": "names",
+    " unit ": "units",
+    "Unknown": "structure",
+    "ModelStructure": "structure",
+    "dependencies": "structure",
+}
 
 
 def check(
@@ -172,19 +85,20 @@ def check(
     if inputs_at not in ("start", "end"):
         raise ValueError(f'inputs_at: expected "start" or "end", got {inputs_at!r}')
     recorded = None if reference is None else read_reference(reference)
-    checker = _Checker(Path(path), limits)
+    checker = Checker(Path(path), limits)
     description = None
-    with checker.stage("archive and schema"):
+    with checker.stage("archive and schema", "schema"):
         description = describe(path, limits=limits)
     if description is None:
         return checker.report()
+    checker.fmi = description.fmi
     _static(checker, description)
     if not run:
         return checker.report()
     with checker.stage("binary"):
         if native_platform() not in description.platforms:
             has = ", ".join(description.platforms) or "none"
-            checker.note(f"not run: no binary for {native_platform()}; it has binaries for {has}")
+            checker.hint(f"not run: no binary for {native_platform()}; it has binaries for {has}")
             return checker.report()
     with checker.stage("unpack"):
         fmu = UnpackedFmu(path, limits=limits, isolated=isolated)
@@ -198,28 +112,37 @@ def check(
     return checker.report()
 
 
-def _static(checker: _Checker, description: FmuDescription) -> None:
+def _static(checker: Checker, description: FmuDescription) -> None:
     with checker.stage("structure and names"), extracted(checker.path, checker.limits) as folder:
-        for problem in validate_fmu(str(folder)):
-            checker.error(problem)
-        if not description.kinds:
-            checker.error("is for neither model exchange nor co-simulation")
-    with checker.stage("units"):
+        problems = validate_fmu(str(folder))
+        for problem in problems:
+            checker.error(problem, _rule(problem))
+        if not description.kinds and description.fmi == "3.0":  # the schema wants one of three
+            checker.hint("for scheduled execution only: not run")
+        elif not description.kinds:
+            checker.error("is for neither model exchange nor co-simulation", "schema")
+    with checker.stage("units", "units"):
         for entry in description.variables:
-            if entry.unit and entry.unit not in description.units:
+            if not entry.unit or entry.unit in description.units:
+                continue
+            if any(f'The unit "{entry.unit}" of variable "{entry.name}"' in problem for problem in problems):
                 checker.error(f"{entry.name}: unit {entry.unit!r} is not defined by base units")
+            else:  # which FMI leaves open
+                checker.hint(
+                    f"{entry.name}: unit {entry.unit!r} has no base units, so it cannot be converted"
+                )
         bare = [
             entry.name
             for entry in description.variables
             if entry.causality in ("input", "output") and entry.type in _FLOATS and not entry.unit
         ]
         if bare:
-            checker.note(f"no unit: {', '.join(bare)}")
-    with checker.stage("start values"):
+            checker.hint(f"no unit: {', '.join(bare)}")
+    with checker.stage("start values", "variables"):
         labels = {label for entry in description.variables if entry.start for label in entry.labels}
         for label in description.state_labels:
             if label not in labels:
-                checker.note(
+                checker.hint(
                     f"state {label} has no start value: it cannot be set or read before initialisation"
                 )
         for entry in description.variables:
@@ -231,31 +154,38 @@ def _static(checker: _Checker, description: FmuDescription) -> None:
                 checker.error(f"{entry.name}: start value is not finite")
 
 
-def _dynamic(checker: _Checker, fmu: UnpackedFmu, kind: Kind) -> None:
+def _dynamic(checker: Checker, fmu: UnpackedFmu, kind: Kind) -> None:
     description = fmu.description
     word = _WORDS[kind]
-    with checker.stage(f"{word}: run"), _started(fmu, kind) as instance:
+    with checker.stage(f"{word}: run", "step" if kind == "cs" else None), _started(fmu, kind) as instance:
         outputs = instance.signals("output")
         _finite(checker, outputs, instance, "after initialisation")
         if kind == "cs":
             h = _step(description)
-            for k in range(_RUN_STEPS):
+            count = _steps(description, h)
+            for k in range(count):
                 instance.do_step(_start(description) + k * h, h)
-            _finite(checker, outputs, instance, f"after {_RUN_STEPS} steps of {h:g} s")
+            _finite(checker, outputs, instance, f"after {count} steps of {h:g} s")
         elif description.states:
             rate = instance.derivatives(_start(description), instance.states())
             if not np.all(np.isfinite(rate)):
                 checker.error(f"state derivatives are not finite at the start: {rate.tolist()}")
         for message in complaints(instance.messages):
-            checker.note(f"the FMU says: {message}")
+            checker.warning(f"the FMU says: {message}")
     if fmu.description.kinds[kind].state and kind == "cs":
-        with checker.stage(f"{word}: state"), _started(fmu, kind) as instance:
-            _round_trip(checker, instance)
-    with checker.stage(f"{word}: dependencies"), _started(fmu, kind) as instance:
-        _dependencies(checker, instance)
+        with checker.stage(f"{word}: state", "state"), _started(fmu, kind) as instance:
+            round_trip(checker, instance, _start(description), _step(description))
+    with (
+        checker.stage(f"{word}: dependencies", "dependencies", probing=True),
+        _started(fmu, kind) as instance,
+    ):
+        dependencies(checker, instance)
     if fmu.description.kinds[kind].directional_derivatives and kind == "me":
-        with checker.stage(f"{word}: derivatives"), _started(fmu, kind) as instance:
-            _derivatives(checker, instance)
+        with (
+            checker.stage(f"{word}: derivatives", "derivatives", probing=True),
+            _started(fmu, kind) as instance,
+        ):
+            derivatives(checker, instance, _start(description))
 
 
 @contextmanager
@@ -278,108 +208,30 @@ def _step(description: FmuDescription) -> float:
     return description.communication_step or span / _RUN_STEPS
 
 
-def _finite(checker: _Checker, outputs: Signals, instance: FmuInstance, when: str) -> None:
+def _steps(description: FmuDescription, h: float) -> int:
+    """As many as fit into the default experiment, up to a limit: beyond it an FMU need not run."""
+    if description.stop_time is None:
+        return _RUN_STEPS
+    return max(1, min(_RUN_STEPS, int((description.stop_time - _start(description)) / h + 1e-6)))
+
+
+def _rule(problem: str) -> Rule:
+    """What a problem that FMPy names is about."""
+    for word, rule in _SUBJECTS.items():
+        if word in problem:
+            return rule
+    return "variables"
+
+
+def _finite(checker: Checker, outputs: Signals, instance: FmuInstance, when: str) -> None:
     values = outputs.read(instance)
     wrong = [label for label, value in zip(outputs.labels, values, strict=True) if not np.isfinite(value)]
     if wrong:
         checker.error(f"not finite {when}: {', '.join(wrong)}")
 
 
-def _round_trip(checker: _Checker, instance: FmuInstance) -> None:
-    outputs, inputs = instance.signals("output"), instance.signals("input")
-    h, t0 = _step(instance.description), _start(instance.description)
-    rng = np.random.default_rng(0)
-    drive = 0.1 * rng.standard_normal((20, len(inputs)))
-
-    def run(first: int, last: int) -> FloatArray:
-        rows = []
-        for k in range(first, last):
-            inputs.write(instance, drive[k])
-            instance.do_step(t0 + k * h, h, final=False)
-            rows.append(outputs.read(instance))
-        return np.array(rows)
-
-    run(0, 10)
-    state = instance.save()
-    before = run(10, 20)
-    instance.restore(state)
-    after = run(10, 20)
-    instance.forget(state)
-    if not np.array_equal(before, after, equal_nan=True):
-        worst = outputs.labels[int(np.argmax(np.max(np.abs(before - after), axis=0)))]
-        checker.error(
-            f"after the state was put back the rest of the run differs by {np.max(np.abs(before - after)):.3g} (in "
-            f"{worst}); expected the same bits"
-        )
-
-
-def _dependencies(checker: _Checker, instance: FmuInstance) -> None:
-    """Move one input at a time and see which outputs move, against what the model structure says."""
-    description = instance.description
-    entries = [entry for entry in description.of("input") if entry.type in _FLOATS]
-    inputs, outputs = Signals(entries, description.fmi), instance.signals("output")
-    owners = [entry.name for entry in entries for _ in entry.labels]
-    results = [entry.name for entry in description.of("output") for _ in entry.labels]
-    start = inputs.read(instance)
-    rng = np.random.default_rng(0)
-    seen: set[tuple[str, str]] = set()
-    for _ in range(_PROBES):
-        base = start + rng.standard_normal(len(start))
-        inputs.write(instance, base)
-        before = outputs.read(instance)
-        for j, owner in enumerate(owners):
-            inputs.write(instance, base + np.eye(len(base))[j])
-            moved = outputs.read(instance) != before
-            seen |= {(result, owner) for result, m in zip(results, moved, strict=True) if m}
-        inputs.write(instance, base)
-    for result in dict.fromkeys(results):
-        known = description.dependencies.get(result)
-        for owner in dict.fromkeys(owners):
-            if known is not None and (result, owner) in seen and owner not in known:
-                checker.error(f"{result} depends on {owner}, which its dependencies leave out")
-            elif known is not None and owner in known and (result, owner) not in seen:
-                checker.note(f"{result} is said to depend on {owner}; it did not move with it at once")
-
-
-def _derivatives(checker: _Checker, instance: FmuInstance) -> None:
-    """Directional derivatives along a random direction against central differences."""
-    description = instance.description
-    by_name = {entry.name: entry for entry in description.variables}
-    rates = [by_name[name] for name in description.dependencies if by_name[name].derivative_of]
-    states = [by_name[entry.derivative_of] for entry in rates]
-    inputs = [entry for entry in description.of("input") if entry.type == "Float64"]
-    unknowns = Signals(
-        [*rates, *(e for e in description.of("output") if e.type == "Float64")], description.fmi
-    )
-    input_signals = Signals(inputs, description.fmi)
-    n, t = description.states, _start(description)
-    rng = np.random.default_rng(1)
-    x, u = instance.states(), input_signals.read(instance)
-    x = x + 0.1 * rng.standard_normal(n)
-    u = u + 0.1 * rng.standard_normal(len(u))
-    seed = rng.standard_normal(n + len(u))
-
-    def at(scale: float) -> FloatArray:
-        instance.set_point(t, x + scale * seed[:n])
-        input_signals.write(instance, u + scale * seed[n:])
-        return unknowns.read(instance)
-
-    difference = (at(_DIFFERENCE) - at(-_DIFFERENCE)) / (2 * _DIFFERENCE)
-    at(0.0)
-    found = instance.directional(
-        [*unknowns.references], [e.reference for e in [*states, *inputs]], seed, len(unknowns)
-    )
-    scale = 1.0 + np.abs(difference)
-    worst = int(np.argmax(np.abs(found - difference) / scale)) if len(scale) else 0
-    if len(scale) and np.abs(found - difference)[worst] > _DERIVATIVES_AGREE * scale[worst]:
-        checker.error(
-            f"directional derivative of {unknowns.labels[worst]}: {found[worst]:.6g}; differences give "
-            f"{difference[worst]:.6g}"
-        )
-
-
 def _replayed(
-    checker: _Checker,
+    checker: Checker,
     fmu: UnpackedFmu,
     reference: Reference,
     inputs_at: Literal["start", "end"],

@@ -6,6 +6,7 @@ import zipfile
 import control as ct
 import numpy as np
 import pytest
+from foreign_ball import ball
 from foreign_fmus import description, oscillator
 
 from phyfilter_ctl.fmi import check
@@ -91,7 +92,7 @@ def test_files_that_are_no_fmu(tmp_path):
 def test_another_platform_is_not_passed_silently(folder):
     report = check(oscillator(folder, name="windows", platform="win64"))
     assert report.ok
-    assert [entry.level for entry in report.findings] == ["note"]
+    assert [entry.level for entry in report.findings] == ["hint"]
     assert "not run: no binary for" in report.findings[0].message
 
 
@@ -149,3 +150,58 @@ def test_records_that_are_none(tmp_path, text, message):
         read_reference(tmp_path / "a.csv")
     with pytest.raises(ValueError, match='expected "start" or "end"'):
         check(path, inputs_at="middle")  # type: ignore[arg-type]  # the error is the point
+
+
+def rewritten(path, *changes, name="other"):
+    """The FMU with another text in its description."""
+    target = path.with_name(f"{name}.fmu")
+    with zipfile.ZipFile(path) as before, zipfile.ZipFile(target, "w") as after:
+        for entry in before.namelist():
+            data = before.read(entry)
+            for old, new in changes if entry == "modelDescription.xml" else ():
+                assert old in data.decode()
+                data = data.decode().replace(old, new).encode()
+            after.writestr(entry, data)
+    return target
+
+
+def test_what_the_standard_allows_is_no_error(folder):
+    """Units without base units, an FMU that ends its own run, scheduled execution alone; each is a hint."""
+    ends = check(oscillator(folder, name="ends", defines=("ENDS_AT=0.5",)))
+    scheduled = rewritten(
+        oscillator(folder, "3.0", kinds="cs"),
+        ('<CoSimulation modelIdentifier="oscillator3"', '<ScheduledExecution modelIdentifier="oscillator3"'),
+        (' canHandleVariableCommunicationStepSize="true"', ""),
+    )
+    baseless = rewritten(
+        oscillator(folder, unit="yard"),
+        ("<UnitDefinitions>", '<UnitDefinitions><Unit name="yard"/>'),
+        name="yard",
+    )
+    reports = [ends, check(scheduled), check(baseless, run=False)]
+    words = [
+        "the FMU asks to end the run at t = 0.5",
+        "scheduled execution only",
+        "unit 'yard' has no base units",
+    ]
+    for report, text in zip(reports, words, strict=True):
+        assert report.ok, str(report)
+        assert any(entry.level == "hint" and text in entry.message for entry in report.findings), str(report)
+
+
+@pytest.mark.slow
+def test_values_that_an_fmu_takes(folder):
+    """Enumerations are not set to 0; what FMI forbids outside event mode is not done: the ball answers it by Error."""
+    for options in ({"numbers": True, "modes": True}, {"kinds": "me", "numbers": True, "modes": True}):
+        report = check(oscillator(folder, "3.0", name="typed", **options))
+        # Two names of one reference are an error of this FMU, which is there for what happens when it runs.
+        assert {entry.stage for entry in report.errors} == {"structure and names"}, str(report)
+    for fmi in ("2.0", "3.0"):
+        report = check(ball(folder, fmi))
+        assert report.ok, str(report)
+
+
+def test_errors_have_a_paragraph(folder):
+    report = check(oscillator(folder, name="broken", unit="yard"), run=False)
+    assert {entry.rule for entry in report.errors} == {"FMI 2.0, 2.2.2"}
+    assert "(FMI 2.0, 2.2.2)" in str(report)
