@@ -83,6 +83,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="SSP: blocks of each part (default: each a part)",
     )
     fmu.add_argument("--name", help="model identifier, a C identifier")
+    fmu.add_argument(
+        "--clocks",
+        action="store_true",
+        help="FMI 3: a periodic clock for each sampled block, which the importer ticks in event mode (filters: --rate "
+        "fixed)",
+    )
     c = parser.add_argument_group("C")
     c.add_argument("--fixed", action="store_true", help="coefficients and step fixed: least code and memory")
     c.add_argument(
@@ -184,6 +190,7 @@ def _fmu(options: argparse.Namespace, system: System, signals: filterfile.Signal
         inertia=_inertia(options, signals),
         rate=options.rate,
         signals=signals,
+        clocks=options.clocks,
     )
 
 

@@ -6,6 +6,7 @@ import re
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from fractions import Fraction
 from itertools import product
 from math import inf, prod
 from typing import Literal
@@ -15,7 +16,7 @@ from numpy.typing import NDArray
 
 from ..blocks.functions import Variable
 from ..codegen.model import CModel
-from .names import LEGAL, with_legal_names
+from .names import LEGAL, legal_name, with_legal_names
 
 __all__ = [
     "FIRST_REFERENCE",
@@ -23,12 +24,13 @@ __all__ = [
     "FmuInterface",
     "FmuSolver",
     "InterfaceVariable",
+    "as_fraction",
     "fmu_interface",
 ]
 
 Kind = Literal[
     "time", "input", "output", "parameter", "fixed", "state", "derivative", "sampled", "condition",
-    "solver_step", "solver_rtol", "solver_atol",
+    "solver_step", "solver_rtol", "solver_atol", "clock",
 ]  # fmt: skip
 Fmi = Literal["2.0", "3.0"]
 Method = Literal["rk4", "adaptive"]
@@ -50,10 +52,12 @@ _ROLES: dict[str, tuple[str, str, str]] = {
     "solver_step": ("parameter", "fixed", "exact"),
     "solver_rtol": ("parameter", "fixed", "exact"),
     "solver_atol": ("parameter", "fixed", "exact"),
+    "clock": ("input", "discrete", ""),
 }
 _INDEXED = re.compile(r"(.*[^\[\]])\[(\d+(?:,\d+)*)\]")
 _DEFAULT_STEP = 1e-3
 _DEFAULT_STOP = 10.0
+_FINEST = 10**9  # denominator of an interval that counts as a fraction
 
 
 @dataclass(frozen=True)
@@ -150,6 +154,8 @@ class InterfaceVariable:
         Place of the state.
     minimum, maximum : float
         As declared; infinite where nobody did.
+    clock : int, optional
+        Place of the clock at whose ticks alone it changes.
     """
 
     name: str
@@ -162,6 +168,7 @@ class InterfaceVariable:
     derivative_of: int | None = None
     minimum: float = -inf
     maximum: float = inf
+    clock: int | None = None
 
     @property
     def count(self) -> int:
@@ -275,6 +282,7 @@ def fmu_interface(
     tunable: bool = True,
     fixed_step: float = 0.0,
     why: str = "",
+    clocks: bool = False,
 ) -> FmuInterface:
     """The variables and structure of an FMU.
 
@@ -299,11 +307,14 @@ def fmu_interface(
         Communication steps are multiples of this, in seconds; 0: they may have any length.
     why : str
         C function that says why the model refused the last call.
+    clocks : bool
+        FMI 3: each sampled block with instants of its own gets a clock that the importer ticks.
 
     Raises
     ------
     ValueError
-        If a name has no part before or after a dot, or two are equal; the message names it.
+        If a name has no part before or after a dot, or two are equal; the message names it. If there are to be clocks
+        and nothing that they could tick.
 
     Notes
     -----
@@ -317,6 +328,14 @@ def fmu_interface(
         raise ValueError(f"kinds: expected 'cs', 'me' or both, got {tuple(kinds)!r}")
     solver, experiment = solver or FmuSolver(), experiment or FmuExperiment()
     grouped = arrays and fmi == "3.0"
+    if clocks and (fmi != "3.0" or not model.tasks):
+        missing = (
+            "FMI 3.0"
+            if fmi != "3.0"
+            else "a sampled block with instants of its own (of a filter: rate='fixed')"
+        )
+        raise ValueError(f"clocks=True needs {missing}")
+    owners = _owners(model) if clocks else ()
     model = with_legal_names(model)
     variables = [InterfaceVariable("time", "time", unit="s", description="Independent variable")]
     variables += _variables("input", model.inputs, grouped)
@@ -334,7 +353,7 @@ def fmu_interface(
             )
         )  # fmt: skip
     taken = {variable.name for variable in variables}
-    variables += _variables("sampled", _beside(model.sampled_states, taken), grouped)
+    variables += _sampled(model, owners, _beside(model.sampled_states, taken), grouped, len(variables))
     variables += [
         InterfaceVariable(f"condition.{name}", "condition", i, description=f"Passes 0 at the event {name}")
         for i, name in enumerate(model.events)
@@ -362,6 +381,53 @@ def fmu_interface(
         fixed_step=fixed_step,
         why=why,
     )
+
+
+def as_fraction(seconds: float) -> tuple[int, int]:
+    """Counter and resolution that are the same number of seconds; (0, 0) where there is no such fraction.
+
+    Parameters
+    ----------
+    seconds : float
+
+    Examples
+    --------
+    >>> as_fraction(0.005), as_fraction(2.0**-0.5)
+    ((1, 200), (0, 0))
+    """
+    fraction = Fraction(seconds).limit_denominator(_FINEST)
+    return fraction.as_integer_ratio() if float(fraction) == seconds else (0, 0)
+
+
+def _owners(model: CModel) -> tuple[int | None, ...]:
+    """Task of each sampled state; that of the longest name where blocks are called like parts of others."""
+    if len(model.tasks) == 1:
+        return (0,) * len(model.sampled_states)
+    ordered = sorted(range(len(model.tasks)), key=lambda i: -len(model.tasks[i][0]))
+    return tuple(
+        next((i for i in ordered if state.name.startswith(f"{model.tasks[i][0]}.")), None)
+        for state in model.sampled_states
+    )
+
+
+def _sampled(
+    model: CModel, owners: tuple[int | None, ...], states: tuple[Variable, ...], grouped: bool, first: int
+) -> list[InterfaceVariable]:
+    """States of the sampled blocks, and before them the clocks, if there are to be some."""
+    variables = _variables("sampled", states, grouped)
+    if not owners:
+        return variables
+    clocks = [
+        InterfaceVariable(
+            f"clock.{legal_name(name)}", "clock", i, description=f"Ticks {name} every {period!r} s"
+        )
+        for i, (name, period) in enumerate(model.tasks)
+    ]
+    places = [owners[variable.first] for variable in variables]
+    return clocks + [
+        variable if owner is None else replace(variable, clock=first + owner)
+        for variable, owner in zip(variables, places, strict=True)
+    ]
 
 
 def _solver_variables(solver: FmuSolver) -> list[InterfaceVariable]:

@@ -10,7 +10,7 @@ from importlib.metadata import PackageNotFoundError, version
 from math import isinf, isnan
 
 from .._units import UnitDefinition, unit_definition
-from .description import FIRST_REFERENCE, FmuInterface, InterfaceVariable
+from .description import FIRST_REFERENCE, FmuInterface, InterfaceVariable, as_fraction
 
 __all__ = ["build_description", "log_categories", "model_description", "terminals_and_icons"]
 
@@ -251,8 +251,13 @@ def _description3(interface: FmuInterface, token: str) -> ET.Element:
     _common(interface, root)
     variables = ET.SubElement(root, "ModelVariables")
     for reference, variable in enumerate(interface.variables, FIRST_REFERENCE):
-        element = ET.SubElement(variables, "Float64", name=variable.name, valueReference=str(reference))
+        kind = "Clock" if variable.kind == "clock" else "Float64"
+        element = ET.SubElement(variables, kind, name=variable.name, valueReference=str(reference))
         _roles(element, variable)
+        if variable.clock is not None:
+            element.set("clocks", str(variable.clock + FIRST_REFERENCE))
+        if variable.kind == "clock":
+            _interval(element, interface.model.tasks[variable.first][1])
         if interface.simulation and variable.kind in {"input", "output"} and interface.model.states:
             element.set("intermediateUpdate", "true")
         _numeric(element, variable)
@@ -272,6 +277,19 @@ def _description3(interface: FmuInterface, token: str) -> ET.Element:
     for place in interface.of_kind("condition"):
         ET.SubElement(structure, "EventIndicator", valueReference=str(place + FIRST_REFERENCE))
     return root
+
+
+def _interval(clock: ET.Element, period: float) -> None:
+    """The first sample belongs to initialization, the first tick comes a period later."""
+    clock.set("intervalVariability", "constant")
+    clock.set("intervalDecimal", _number(period))
+    clock.set("shiftDecimal", _number(period))
+    counter, resolution = as_fraction(period)
+    if resolution:
+        clock.set("supportsFraction", "true")
+        clock.set("resolution", str(resolution))
+        clock.set("intervalCounter", str(counter))
+        clock.set("shiftCounter", str(counter))
 
 
 def build_description(interface: FmuInterface, files: Sequence[str]) -> str:

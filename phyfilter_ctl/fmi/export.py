@@ -56,6 +56,7 @@ def export_fmu(
     author: str = "",
     description: str = "",
     compiler: str | Path | Sequence[str] | None = None,
+    clocks: bool = False,
 ) -> Path:
     """Write a filter, a plant or a diagram as an FMU that needs nothing but itself to run.
 
@@ -93,6 +94,10 @@ def export_fmu(
         For the model description.
     compiler : str, Path or sequence of str, optional
         For "native"; by default $CC, cc, gcc, clang or ziglang's.
+    clocks : bool
+        FMI 3: each sampled block with instants of its own gets a periodic clock, which the importer ticks in event mode
+        (``fmi3SetClock``) from one period after the start on; the first sample belongs to initialization. To an
+        importer that sets none the instants stay time events.
 
     Returns
     -------
@@ -145,7 +150,7 @@ def export_fmu(
         )
     interface = fmu_interface(
         model, fmi=fmi, kinds=kinds, solver=_solver(solver, filters if model.states else ()), experiment=experiment,
-        arrays=arrays, author=author, description=description,
+        arrays=arrays, author=author, description=description, clocks=clocks,
         on_time=_on_time(system) if isinstance(system, FlatModel) else None,
     )  # fmt: skip
     tolerant = isinstance(system, SampledPhyFilter) and system.sampling.nonfinite == "hold"

@@ -9,11 +9,11 @@ from pathlib import Path
 import numpy as np
 
 from ..codegen.diagram_source import runtime_sources
-from .description import FIRST_REFERENCE, FmuInterface
+from .description import FIRST_REFERENCE, FmuInterface, as_fraction
 
 __all__ = ["SHELL", "fmi_headers", "fmu_sources", "glue_source"]
 
-SHELL = ("pf_fmi.h", "pf_fmi.c", "pf_fmi_run.c", "pf_fmi_state.c", "pf_fmi_derivative.c")
+SHELL = ("pf_fmi.h", "pf_fmi.c", "pf_fmi_run.c", "pf_fmi_state.c", "pf_fmi_derivative.c", "pf_fmi_clock.c")
 _FRONT = {"2.0": "pf_fmi2.c", "3.0": "pf_fmi3.c"}
 _HEADERS = {
     "2.0": ("fmi2Functions.h", "fmi2FunctionTypes.h", "fmi2TypesPlatform.h"),
@@ -79,6 +79,14 @@ def glue_source(interface: FmuInterface, token: str, *, accept_bad_inputs: bool 
     )
     reason = f"\n    .why = {interface.why}," if interface.why else ""
     declared = f"const char *{interface.why}(void);\n" if interface.why else ""
+    ticked = [interface.variables[i] for i in interface.of_kind("clock")]
+    clocks = "".join(
+        f"    {{{_quoted(clock.name)}, {period!r}, {counter}u, {resolution}u}},\n"
+        for clock, (_, period) in zip(ticked, model.tasks, strict=bool(ticked))
+        for counter, resolution in (as_fraction(period),)
+    )
+    table = f"static const pf_fmi_clock CLOCKS[] = {{\n{clocks}}};\n\n" if ticked else ""
+    reason += "\n    .clocks = CLOCKS," if ticked else ""
     names = ", ".join(_quoted(variable.name) for variable in model.inputs) or "0"
     counts = np.concatenate([[0], np.cumsum(interface.depends.sum(axis=1))])
     columns = [int(column) for column in np.nonzero(interface.depends)[1]] or [0]
@@ -99,7 +107,7 @@ static const pf_fmi_variable VARIABLES[] = {{
 {variables}
 }};
 
-static const char *const INPUTS[] = {{{names}}};
+{table}static const char *const INPUTS[] = {{{names}}};
 
 /* Rows: derivatives, outputs. Columns: states, inputs. */
 static const uint32_t ROWS[] = {{{_list(counts.tolist())}}};

@@ -9,7 +9,7 @@ from ..blocks.functions import Variable
 from ..codegen.identifiers import identifier
 from ..codegen.model import CModel
 
-__all__ = ["LEGAL", "with_legal_names"]
+__all__ = ["LEGAL", "legal_name", "with_legal_names"]
 
 # FMI 2.0.5 and 3.0.2, "structured": identifiers, quoted or plain, with indices, joined by dots.
 _QUOTED = r"'(?:[A-Za-z0-9_!#$%&()*+,\-./:;<>=?@\[\]^{}|~ ]|\\['\"?\\abfnrtv])+'"
@@ -34,11 +34,11 @@ def with_legal_names(model: CModel) -> CModel:
     kept = {name for name in names if LEGAL.fullmatch(name)}
     legal: dict[str, str] = {}
     for name in names:
-        plain = name if name in kept else _legal(name)
+        plain = name if name in kept else legal_name(name)
         number = 1
         while name not in kept and plain in kept:
             number += 1
-            plain = _legal(f"{name}_{number}")
+            plain = legal_name(f"{name}_{number}")
         kept.add(plain)
         legal[name] = plain
     if all(name == plain for name, plain in legal.items()):
@@ -54,8 +54,13 @@ def _renamed(variable: Variable, name: str) -> Variable:
     return replace(variable, name=name, description=f"{variable.name}: {variable.description}".rstrip(": "))
 
 
-def _legal(name: str) -> str:
-    """Each part of a name that needs it in quotes; letters beyond ASCII spelt out."""
+def legal_name(name: str) -> str:
+    """Each part of a name that needs it in quotes; letters beyond ASCII spelt out.
+
+    Parameters
+    ----------
+    name : str
+    """
     return ".".join(_legal_part(part) for part in name.split("."))
 
 

@@ -102,20 +102,22 @@ pf_fmi *pf_fmi_new(const char *name, const char *token, int interface, void (*ca
     return complain(name, callback, environment, log, "the FMU was exported without this interface type");
   const size_t saved = aligned(sizeof(pf_fmi_saved)), size = aligned(model->size);
   const size_t slopes = aligned(u * sizeof(pf_real));
+  const size_t clocks = pf_fmu_here.clocks ? aligned((size_t)model->n_tasks) : 0;
   const size_t vector = x + y > x + u + p ? x + y : x + u + p; /* of knowns or unknowns */
   const size_t g = model->events ? (size_t)model->events->count : 0;
   const size_t reals = pf_work_reals(model) + y + x + (size_t)model->n_s + g + 2 * vector;
   const size_t head = aligned(sizeof(pf_fmi));
   const size_t scratch = size + aligned(reals * sizeof(pf_real));
-  char *const block = calloc(1, head + saved + size + slopes + scratch + strlen(name) + 1);
+  char *const block = calloc(1, head + saved + size + slopes + clocks + scratch + strlen(name) + 1);
   if (!block) return complain(name, callback, environment, log, "out of memory");
   pf_fmi *const self = (pf_fmi *)(void *)block;
   self->model = model;
   self->saved = (pf_fmi_saved *)(void *)(block + head);
   self->self = block + head + saved;
   self->slopes = (pf_real *)(void *)(self->self + size);
-  self->saved_size = saved + size + slopes;
-  self->spare = (char *)(void *)self->slopes + slopes;
+  self->saved_size = saved + size + slopes + clocks;
+  self->active = (unsigned char *)(void *)self->slopes + slopes;
+  self->spare = (char *)(void *)self->slopes + slopes + clocks;
   self->work = (pf_real *)(void *)(self->spare + size);
   self->y = self->work + pf_work_reals(model);
   self->dx = self->y + y;
@@ -177,14 +179,18 @@ static const uint32_t SETTABLE[PF_FMI_KINDS] = {
     [PF_FMI_SOLVER_ATOL] = PF_FMI_BEFORE};
 
 /* The model whose results are to be shown: before the run a copy that has taken its first samples, so that outputs are
- * right in Initialization Mode too. */
+ * right in Initialization Mode too; while clocks tick one that has taken theirs. */
 char *pf_fmi_view(pf_fmi *self) {
   const pf_model *const model = self->model;
-  if (!(self->saved->mode & PF_FMI_BEFORE)) return self->self;
+  const pf_fmi_saved *const saved = self->saved;
+  const int before = (saved->mode & PF_FMI_BEFORE) != 0;
+  if (!before && !pf_fmi_ticking(self)) return self->self;
   if (!(self->fresh & LOOKED_AHEAD)) {
     memcpy(self->spare, self->self, model->size);
-    if (self->saved->staged) (void)model->apply(self->spare);
-    if (model->start(self->spare, self->saved->time)) return NULL;
+    if (saved->staged) (void)model->apply(self->spare);
+    if (before ? model->start(self->spare, saved->time)
+               : pf_catch_up(model, self->spare, saved->last_event, saved->time))
+      return NULL;
     self->fresh |= LOOKED_AHEAD;
   }
   return self->spare;
@@ -249,6 +255,7 @@ int pf_fmi_get(pf_fmi *self, const uint32_t *references, size_t n, double *value
     if (!pf_fmi_exists(references[i])) return wrong(self, "get", references[i], "does not exist");
     const pf_fmi_variable variable = pf_fmu_here.variables[references[i]];
     const uint32_t bit = 1u << variable.kind;
+    if (variable.kind == PF_FMI_CLOCK) return wrong(self, "get", references[i], "is a clock");
     if (variable.count > n_values - done) return wrong_count(self, "get", n_values);
     if ((bit & computed) && !(self->fresh & bit)) {
       const int status = refresh(self, variable.kind);

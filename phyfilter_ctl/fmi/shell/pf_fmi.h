@@ -39,6 +39,7 @@ typedef enum {
   PF_FMI_DERIVATIVE,
   PF_FMI_SAMPLED,
   PF_FMI_CONDITION, /* of an event, what event indicators are */
+  PF_FMI_CLOCK,
   PF_FMI_SOLVER_STEP,
   PF_FMI_SOLVER_RTOL,
   PF_FMI_SOLVER_ATOL,
@@ -48,6 +49,12 @@ typedef enum {
 typedef struct { /* the variable with value reference i is entry i; there is none with reference 0 */
   uint32_t kind, first, count;
 } pf_fmi_variable;
+
+typedef struct { /* of a sampled block: what the importer ticks it with */
+  const char *name;
+  pf_time period;
+  uint64_t counter, resolution; /* period = counter / resolution; 0: no such fraction is the same number */
+} pf_fmi_clock;
 
 typedef struct { /* generated for each FMU */
   const pf_model *model;
@@ -61,6 +68,7 @@ typedef struct { /* generated for each FMU */
   pf_time longest_step;               /* of a communication step: more would never end */
   int accept_bad_inputs;              /* inputs that are not finite are the model's affair */
   const uint32_t *rows, *columns;     /* dependencies of (x', y) on (x, u), compressed rows */
+  const pf_fmi_clock *clocks;         /* of the model's tasks; NULL: they follow time events */
   const char *(*why)(void);           /* why the model refused the last call of this thread; NULL: codes say it all */
 } pf_fmu;
 
@@ -72,6 +80,7 @@ typedef struct { /* of the mutable data, what the model does not hold itself; no
   uint32_t mode, interface, stop_defined, event_mode, early_return;
   uint32_t staged; /* parameters were set that are not in force yet */
   uint32_t sloped; /* input slopes were set for the next step */
+  uint32_t ticked; /* clocks have been set: sampled blocks wait for them */
   pf_time time, start, stop;
   pf_time last_event; /* where the last instants ran */
   pf_time ticks;      /* model exchange with pf_model.update: updates so far */
@@ -84,8 +93,9 @@ typedef struct pf_fmi {
   const pf_model *model;
   pf_fmi_saved *saved;
   char *self, *spare;            /* the model and a copy: of before a step, or for looking ahead */
-  size_t saved_size;             /* of saved, model and slopes together */
+  size_t saved_size;             /* of saved, model, slopes and active together */
   pf_real *u, *x, *slopes, *work, *y, *dx, *s, *g, *seed, *result;
+  unsigned char *active;         /* clocks that tick in this event */
   pf_real *values[PF_FMI_KINDS]; /* by kind */
   uint32_t fresh;                /* bit of each kind whose values are up to date */
   uint32_t categories;           /* bit 0: events are logged */
@@ -118,6 +128,14 @@ int pf_fmi_failure(pf_fmi *self, const char *call, int code);
 int pf_fmi_get(pf_fmi *self, const uint32_t *references, size_t n, double *values, size_t n_values);
 int pf_fmi_set(pf_fmi *self, const uint32_t *references, size_t n, const double *values, size_t n_values);
 int pf_fmi_set_slopes(pf_fmi *self, const uint32_t *references, size_t n, const int *orders, const double *values);
+
+/* NULL where it is none, which is logged. */
+const pf_fmi_clock *pf_fmi_clock_of(pf_fmi *self, uint32_t reference, const char *call);
+int pf_fmi_get_clocks(pf_fmi *self, const uint32_t *references, size_t n, _Bool *values);
+int pf_fmi_set_clocks(pf_fmi *self, const uint32_t *references, size_t n, const _Bool *values);
+int pf_fmi_ticking(const pf_fmi *self);     /* whether one is active */
+int pf_fmi_check_ticks(pf_fmi *self);       /* an error where one was forgotten */
+void pf_fmi_end_ticks(pf_fmi *self);
 
 int pf_fmi_enter_initialization(pf_fmi *self, int tolerance_defined, double tolerance, double start, int stop_defined,
                                 double stop);

@@ -207,54 +207,85 @@ fmi3Status fmi3SetBinary(fmi3Instance instance, const fmi3ValueReference refs[],
 }
 
 fmi3Status fmi3GetClock(fmi3Instance instance, const fmi3ValueReference refs[], size_t n, fmi3Clock values[]) {
-  (void)refs;
-  (void)values;
-  return no_variables(instance, n, "Clock");
+  SELF
+  return (fmi3Status)pf_fmi_get_clocks(self, refs, n, values);
 }
 
 fmi3Status fmi3SetClock(fmi3Instance instance, const fmi3ValueReference refs[], size_t n, const fmi3Clock values[]) {
-  (void)refs;
-  (void)values;
-  return no_variables(instance, n, "Clock");
+  SELF
+  return (fmi3Status)pf_fmi_set_clocks(self, refs, n, values);
+}
+
+/* Of intervals and shifts alike: the first tick is one interval after the start. */
+static fmi3Status in_seconds(fmi3Instance instance, const fmi3ValueReference refs[], size_t n, fmi3Float64 seconds[],
+                             const char *call) {
+  SELF
+  if (n && (!refs || !seconds)) return (fmi3Status)pf_fmi_say(self, PF_FMI_ERROR, "%s: an argument is NULL", call);
+  for (size_t i = 0; i < n; i++) {
+    const pf_fmi_clock *const clock = pf_fmi_clock_of(self, refs[i], call);
+    if (!clock) return fmi3Error;
+    seconds[i] = clock->period;
+  }
+  return fmi3OK;
+}
+
+static fmi3Status as_fraction(fmi3Instance instance, const fmi3ValueReference refs[], size_t n, fmi3UInt64 counters[],
+                              fmi3UInt64 resolutions[], const char *call) {
+  SELF
+  if (n && (!refs || !counters || !resolutions))
+    return (fmi3Status)pf_fmi_say(self, PF_FMI_ERROR, "%s: an argument is NULL", call);
+  for (size_t i = 0; i < n; i++) {
+    const pf_fmi_clock *const clock = pf_fmi_clock_of(self, refs[i], call);
+    if (!clock) return fmi3Error;
+    if (!clock->resolution)
+      return (fmi3Status)pf_fmi_say(self, PF_FMI_ERROR, "%s: '%.80s' has no fraction", call, clock->name);
+    counters[i] = clock->counter;
+    resolutions[i] = clock->resolution;
+  }
+  return fmi3OK;
+}
+
+static fmi3Status qualified(fmi3Instance instance, fmi3Status status, size_t n, fmi3IntervalQualifier qualifiers[]) {
+  SELF
+  NOT_NULL(qualifiers || !n, "getInterval")
+  const int before = (self->saved->mode & PF_FMI_BEFORE) != 0;
+  for (size_t i = 0; i < n && status == fmi3OK; i++)
+    qualifiers[i] = before ? fmi3IntervalChanged : fmi3IntervalUnchanged;
+  return status;
 }
 
 fmi3Status fmi3GetIntervalDecimal(fmi3Instance instance, const fmi3ValueReference refs[], size_t n,
                                   fmi3Float64 intervals[], fmi3IntervalQualifier qualifiers[]) {
-  (void)refs;
-  (void)intervals;
-  (void)qualifiers;
-  return no_variables(instance, n, "Clock");
+  return qualified(instance, in_seconds(instance, refs, n, intervals, "getIntervalDecimal"), n, qualifiers);
 }
 
 fmi3Status fmi3GetIntervalFraction(fmi3Instance instance, const fmi3ValueReference refs[], size_t n,
                                    fmi3UInt64 counters[], fmi3UInt64 resolutions[],
                                    fmi3IntervalQualifier qualifiers[]) {
-  (void)refs;
-  (void)counters;
-  (void)resolutions;
-  (void)qualifiers;
-  return no_variables(instance, n, "Clock");
+  const fmi3Status status = as_fraction(instance, refs, n, counters, resolutions, "getIntervalFraction");
+  return qualified(instance, status, n, qualifiers);
 }
 
 fmi3Status fmi3GetShiftDecimal(fmi3Instance instance, const fmi3ValueReference refs[], size_t n, fmi3Float64 shifts[]) {
-  (void)refs;
-  (void)shifts;
-  return no_variables(instance, n, "Clock");
+  return in_seconds(instance, refs, n, shifts, "getShiftDecimal");
 }
 
 fmi3Status fmi3GetShiftFraction(fmi3Instance instance, const fmi3ValueReference refs[], size_t n, fmi3UInt64 counters[],
                                 fmi3UInt64 resolutions[]) {
-  (void)refs;
-  (void)counters;
-  (void)resolutions;
-  return no_variables(instance, n, "Clock");
+  return as_fraction(instance, refs, n, counters, resolutions, "getShiftFraction");
+}
+
+static fmi3Status constant(fmi3Instance instance, size_t n) {
+  SELF
+  if (n) return (fmi3Status)pf_fmi_say(self, PF_FMI_ERROR, "intervals and shifts of clocks are constant here");
+  return fmi3OK;
 }
 
 fmi3Status fmi3SetIntervalDecimal(fmi3Instance instance, const fmi3ValueReference refs[], size_t n,
                                   const fmi3Float64 intervals[]) {
   (void)refs;
   (void)intervals;
-  return no_variables(instance, n, "Clock");
+  return constant(instance, n);
 }
 
 fmi3Status fmi3SetIntervalFraction(fmi3Instance instance, const fmi3ValueReference refs[], size_t n,
@@ -262,14 +293,14 @@ fmi3Status fmi3SetIntervalFraction(fmi3Instance instance, const fmi3ValueReferen
   (void)refs;
   (void)counters;
   (void)resolutions;
-  return no_variables(instance, n, "Clock");
+  return constant(instance, n);
 }
 
 fmi3Status fmi3SetShiftDecimal(fmi3Instance instance, const fmi3ValueReference refs[], size_t n,
                                const fmi3Float64 shifts[]) {
   (void)refs;
   (void)shifts;
-  return no_variables(instance, n, "Clock");
+  return constant(instance, n);
 }
 
 fmi3Status fmi3SetShiftFraction(fmi3Instance instance, const fmi3ValueReference refs[], size_t n,
@@ -277,7 +308,7 @@ fmi3Status fmi3SetShiftFraction(fmi3Instance instance, const fmi3ValueReference 
   (void)refs;
   (void)counters;
   (void)resolutions;
-  return no_variables(instance, n, "Clock");
+  return constant(instance, n);
 }
 
 fmi3Status fmi3GetNumberOfVariableDependencies(fmi3Instance instance, fmi3ValueReference reference, size_t *n) {

@@ -100,12 +100,13 @@ int pf_fmi_update_discrete(pf_fmi *self, int *states_changed, int *next_defined,
   if (model->n_tasks && saved->time - saved->last_event > pf_fmu_here.longest_step)
     return pf_fmi_say(self, PF_FMI_ERROR, "updateDiscreteStates: %.9g s after the last event; expected a stop at every "
                       "time event", saved->time - saved->last_event);
+  if (saved->ticked && pf_fmi_check_ticks(self)) return PF_FMI_ERROR;
   memcpy(self->dx, self->x, states); /* scratch: to be computed anew */
   const int status = apply_staged(self);
   memcpy(self->spare, self->self, model->size);
   if (!pf_fmu_here.accept_bad_inputs && (model->n_tasks || exchange) && pf_fmi_bad_input(self) >= 0)
     return pf_fmi_failure(self, "updateDiscreteStates", PF_NOT_FINITE);
-  if (model->n_tasks) {
+  if (model->n_tasks && (!saved->ticked || pf_fmi_ticking(self))) {
     code = pf_catch_up(model, self->self, saved->last_event, saved->time);
     if (!code) saved->last_event = saved->time;
   }
@@ -119,7 +120,8 @@ int pf_fmi_update_discrete(pf_fmi *self, int *states_changed, int *next_defined,
     return pf_fmi_failure(self, "updateDiscreteStates", code);
   }
   *states_changed = memcmp(self->dx, self->x, states) != 0;
-  pf_time at = model->n_tasks ? model->next(self->self) : PF_NEVER;
+  pf_fmi_end_ticks(self);
+  pf_time at = model->n_tasks && !saved->ticked ? model->next(self->self) : PF_NEVER;
   if (exchange) at = saved->start + (saved->ticks + 1) * pf_fmu_here.communication;
   *next_defined = at < PF_NEVER;
   *next = *next_defined ? at : 0;
