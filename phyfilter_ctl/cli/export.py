@@ -82,6 +82,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="PART=BLOCK,BLOCK",
         help="SSP: blocks of each part (default: each a part)",
     )
+    fmu.add_argument(
+        "--record",
+        nargs="+",
+        default=[],
+        metavar="BLOCK.SIGNAL",
+        help="FMU of a model: signals inside as local variables, such as 'plant.*'",
+    )
     fmu.add_argument("--name", help="model identifier, a C identifier")
     fmu.add_argument(
         "--clocks",
@@ -191,6 +198,7 @@ def _fmu(options: argparse.Namespace, system: System, signals: filterfile.Signal
         rate=options.rate,
         signals=signals,
         clocks=options.clocks,
+        record=options.record,
     )
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import re
 import warnings
 from collections.abc import Mapping, Sequence
 from itertools import accumulate, pairwise
@@ -32,6 +33,7 @@ def flatten(
     name: str | None = None,
     unconnected: Unconnected = "error",
     params: Mapping[str, object] | None = None,
+    record: Sequence[str] = (),
 ) -> FlatModel:
     """One model of a python-control system, of any depth.
 
@@ -47,6 +49,9 @@ def flatten(
     params : mapping, optional
         Values of parameters that blocks read and that have none of their own: ``params["umax"]`` of a block made
         without ``params=``. Those that have one are given to :func:`simulate`.
+    record : sequence of str
+        Inputs and outputs of blocks, ``block.signal``, that become outputs of the model behind the system's own;
+        ``*`` stands for any text and ``?`` for a character.
 
     Returns
     -------
@@ -101,7 +106,9 @@ def flatten(
     if unconnected not in ("error", "zero"):
         raise ValueError(f'unconnected: expected "error" or "zero", got {unconnected!r}')
     rules = Rules(unconnected, discrete_functions, params or {})
-    return _assemble(sys, name or sys.name or "system", {}, rules)
+    if isinstance(record, str):
+        raise TypeError(f"record: expected a sequence of names and patterns, got the text {record!r}")
+    return _assemble(sys, name or sys.name or "system", {}, rules, record)
 
 
 def discrete_functions(
@@ -147,9 +154,11 @@ def _assemble(
     name: str,
     given: Mapping[str, object],
     rules: Rules,
+    record: Sequence[str] = (),
 ) -> FlatModel:
     dt = _time_base(system, name)
     wiring = wire(system, given, rules)
+    labels = [*_labels(system, len(wiring.outputs)), *_recorded(wiring, record)]
     scalar, wiring.blocks = _expanded(wiring.blocks)
     prefix = isinstance(system, ct.InterconnectedSystem)
     states = [() if b.period else _named(b, b.functions.states, prefix) for b in wiring.blocks]
@@ -162,7 +171,7 @@ def _assemble(
             "sampled blocks too, which makes the diagram a continuous one of several rates"
         )
     inputs = input_variables(wiring, system.input_labels)
-    outputs = output_variables(wiring, _labels(system, len(wiring.outputs)))
+    outputs = output_variables(wiring, labels)
     flat_states, flat_parameters, flat_held = _joined(states), _joined(parameters), _joined(held)
     for what, variables in zip(
         ("states", "inputs", "outputs", "parameters", "held outputs"),
@@ -213,6 +222,27 @@ def _assemble(
         events=events,
         conditions=conditions,
     )
+
+
+def _recorded(wiring: Wiring, patterns: Sequence[str]) -> list[str]:
+    """Makes outputs of the signals of blocks that match; their names. An output goes before an input of its name."""
+    signals = {wiring.names[s]: s for block in wiring.blocks for s in (*block.inputs, *block.outputs)}
+    chosen: dict[str, int] = {}
+    for pattern in patterns:
+        found = {name: s for name, s in signals.items() if name == pattern or _matches(name, pattern)}
+        if not found:
+            raise ValueError(
+                f"record: no signal of a block matches {pattern!r}; signals are {', '.join(signals)}"
+            )
+        chosen |= found
+    wiring.outputs = [*wiring.outputs, *chosen.values()]
+    return list(chosen)
+
+
+def _matches(name: str, pattern: str) -> bool:
+    """Without the character sets of shells: brackets belong to names."""
+    expression = re.escape(pattern).replace(r"\*", ".*").replace(r"\?", ".")
+    return re.fullmatch(expression, name) is not None
 
 
 def _time_base(system: ct.InputOutputSystem, name: str) -> float:

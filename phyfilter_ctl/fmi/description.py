@@ -6,7 +6,6 @@ import re
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from fractions import Fraction
 from itertools import product
 from math import inf, prod
 from typing import Literal
@@ -16,6 +15,7 @@ from numpy.typing import NDArray
 
 from ..blocks.functions import Variable
 from ..codegen.model import CModel
+from .clocks import owners_of
 from .names import LEGAL, legal_name, with_legal_names
 
 __all__ = [
@@ -24,13 +24,12 @@ __all__ = [
     "FmuInterface",
     "FmuSolver",
     "InterfaceVariable",
-    "as_fraction",
     "fmu_interface",
 ]
 
 Kind = Literal[
     "time", "input", "output", "parameter", "fixed", "state", "derivative", "sampled", "condition",
-    "solver_step", "solver_rtol", "solver_atol", "clock",
+    "solver_step", "solver_rtol", "solver_atol", "clock", "local",
 ]  # fmt: skip
 Fmi = Literal["2.0", "3.0"]
 Method = Literal["rk4", "adaptive"]
@@ -53,11 +52,11 @@ _ROLES: dict[str, tuple[str, str, str]] = {
     "solver_rtol": ("parameter", "fixed", "exact"),
     "solver_atol": ("parameter", "fixed", "exact"),
     "clock": ("input", "discrete", ""),
+    "local": ("local", "continuous", "calculated"),
 }
 _INDEXED = re.compile(r"(.*[^\[\]])\[(\d+(?:,\d+)*)\]")
 _DEFAULT_STEP = 1e-3
 _DEFAULT_STOP = 10.0
-_FINEST = 10**9  # denominator of an interval that counts as a fraction
 
 
 @dataclass(frozen=True)
@@ -251,7 +250,7 @@ class FmuInterface:
         """
         variable = self.variables[place]
         n_x = len(self.model.states)
-        first = variable.first + (n_x if variable.kind == "output" else 0)
+        first = variable.first + (0 if variable.kind == "derivative" else n_x)
         row = np.any(self.depends[first : first + variable.count], axis=0).tolist()
         found = list(self.of_kind("time")) if self.on_time[first : first + variable.count].any() else []
         for i in self.of_kind("input", "state"):
@@ -283,6 +282,7 @@ def fmu_interface(
     fixed_step: float = 0.0,
     why: str = "",
     clocks: bool = False,
+    recorded: int = 0,
 ) -> FmuInterface:
     """The variables and structure of an FMU.
 
@@ -309,6 +309,8 @@ def fmu_interface(
         C function that says why the model refused the last call.
     clocks : bool
         FMI 3: each sampled block with instants of its own gets a clock that the importer ticks.
+    recorded : int
+        So many of the model's outputs, the last, are signals to be read only, local variables.
 
     Raises
     ------
@@ -335,11 +337,15 @@ def fmu_interface(
             else "a sampled block with instants of its own (of a filter: rate='fixed')"
         )
         raise ValueError(f"clocks=True needs {missing}")
-    owners = _owners(model) if clocks else ()
+    owners = owners_of(model) if clocks else ()
     model = with_legal_names(model)
     variables = [InterfaceVariable("time", "time", unit="s", description="Independent variable")]
     variables += _variables("input", model.inputs, grouped)
-    variables += _variables("output", model.outputs, grouped)
+    inner = len(model.outputs) - recorded
+    variables += [
+        variable if variable.first < inner else replace(variable, kind="local")
+        for variable in _variables("output", model.outputs, grouped)
+    ]
     variables += _variables("parameter" if tunable else "fixed", model.parameters, grouped)
     taken = {variable.name for variable in variables}
     states = _variables("state", _beside(model.states, taken), grouped)
@@ -380,33 +386,6 @@ def fmu_interface(
         derivatives=derivatives,
         fixed_step=fixed_step,
         why=why,
-    )
-
-
-def as_fraction(seconds: float) -> tuple[int, int]:
-    """Counter and resolution that are the same number of seconds; (0, 0) where there is no such fraction.
-
-    Parameters
-    ----------
-    seconds : float
-
-    Examples
-    --------
-    >>> as_fraction(0.005), as_fraction(2.0**-0.5)
-    ((1, 200), (0, 0))
-    """
-    fraction = Fraction(seconds).limit_denominator(_FINEST)
-    return fraction.as_integer_ratio() if float(fraction) == seconds else (0, 0)
-
-
-def _owners(model: CModel) -> tuple[int | None, ...]:
-    """Task of each sampled state; that of the longest name where blocks are called like parts of others."""
-    if len(model.tasks) == 1:
-        return (0,) * len(model.sampled_states)
-    ordered = sorted(range(len(model.tasks)), key=lambda i: -len(model.tasks[i][0]))
-    return tuple(
-        next((i for i in ordered if state.name.startswith(f"{model.tasks[i][0]}.")), None)
-        for state in model.sampled_states
     )
 
 

@@ -10,7 +10,8 @@ from importlib.metadata import PackageNotFoundError, version
 from math import isinf, isnan
 
 from .._units import UnitDefinition, unit_definition
-from .description import FIRST_REFERENCE, FmuInterface, InterfaceVariable, as_fraction
+from .clocks import as_fraction
+from .description import FIRST_REFERENCE, FmuInterface, InterfaceVariable
 
 __all__ = ["build_description", "log_categories", "model_description", "terminals_and_icons"]
 
@@ -281,6 +282,7 @@ def _description3(interface: FmuInterface, token: str) -> ET.Element:
 
 def _interval(clock: ET.Element, period: float) -> None:
     """The first sample belongs to initialization, the first tick comes a period later."""
+    clock.set("canBeDeactivated", "true")
     clock.set("intervalVariability", "constant")
     clock.set("intervalDecimal", _number(period))
     clock.set("shiftDecimal", _number(period))

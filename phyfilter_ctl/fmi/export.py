@@ -57,6 +57,7 @@ def export_fmu(
     description: str = "",
     compiler: str | Path | Sequence[str] | None = None,
     clocks: bool = False,
+    record: Sequence[str] = (),
 ) -> Path:
     """Write a filter, a plant or a diagram as an FMU that needs nothing but itself to run.
 
@@ -98,6 +99,10 @@ def export_fmu(
         FMI 3: each sampled block with instants of its own gets a periodic clock, which the importer ticks in event mode
         (``fmi3SetClock``) from one period after the start on; the first sample belongs to initialization. To an
         importer that sets none the instants stay time events.
+    record : sequence of str
+        Of a diagram: signals inside that importers can read as local variables, ``block.signal``; patterns such as
+        ``plant.*`` as of :func:`phyfilter_ctl.diagram.flatten`. They are evaluated with the outputs. A state of the
+        same name becomes ``state.<name>``.
 
     Returns
     -------
@@ -138,9 +143,12 @@ def export_fmu(
     ...     export_fmu(PhyFilter([400.0, 40.0]).sampled(0.002), Path(folder, "wing.fmu"), channels=3).name
     'wing.fmu'
     """
-    chosen = platform_names(platforms)
+    chosen, recorded = platform_names(platforms), 0
     if isinstance(system, ct.InputOutputSystem) and not isinstance(system, PhyFilter):
-        system = flatten(system)
+        external, system = system.noutputs, flatten(system, record=record)
+        recorded = len(system.outputs) - int(external or 0)
+    elif record:
+        raise ValueError("record belongs to diagrams and blocks of python-control, whose signals have names")
     model, filters = _c_model(system, name, channels, inertia, rate, signals)
     if solver is None and isinstance(system, FlatModel):
         solver = FmuSolver(step=min(1e-3, _OF_STABLE * largest_stable_step(system).seconds))
@@ -151,6 +159,7 @@ def export_fmu(
     interface = fmu_interface(
         model, fmi=fmi, kinds=kinds, solver=_solver(solver, filters if model.states else ()), experiment=experiment,
         arrays=arrays, author=author, description=description, clocks=clocks,
+        recorded=recorded,
         on_time=_on_time(system) if isinstance(system, FlatModel) else None,
     )  # fmt: skip
     tolerant = isinstance(system, SampledPhyFilter) and system.sampling.nonfinite == "hold"

@@ -9,7 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from ..codegen.diagram_source import runtime_sources
-from .description import FIRST_REFERENCE, FmuInterface, as_fraction
+from .clocks import as_fraction
+from .description import FIRST_REFERENCE, FmuInterface
 
 __all__ = ["SHELL", "fmi_headers", "fmu_sources", "glue_source"]
 
@@ -20,6 +21,7 @@ _HEADERS = {
     "3.0": ("fmi3Functions.h", "fmi3FunctionTypes.h", "fmi3PlatformTypes.h"),
 }
 _RUNTIME = ("pf_ieee.h", "pf_model.h", "pf_run.h", "pf_run.c")
+_VECTORS = {"local": "output"}  # where signals lie that a kind of their own describes
 # Steps of the solver, or instants, within one communication step: more is a mistake in the importer's units.
 _MOST_STEPS = 1e7
 
@@ -73,7 +75,7 @@ def glue_source(interface: FmuInterface, token: str, *, accept_bad_inputs: bool 
     """
     model = interface.model
     variables = "\n".join(
-        f"    {{PF_FMI_{variable.kind.upper()}, {variable.first}, {variable.count}}}, "
+        f"    {{PF_FMI_{_VECTORS.get(variable.kind, variable.kind).upper()}, {variable.first}, {variable.count}}}, "
         f"/* {reference}: {_in_comment(variable.name)} */"
         for reference, variable in enumerate(interface.variables, FIRST_REFERENCE)
     )

@@ -2,7 +2,8 @@
 
 import numpy as np
 import pytest
-from exported_fmus import PERIOD, Instance, quick_compiler
+from exported_fmus import PERIOD, Instance, closed_loop, described, exported, quick_compiler
+from fmpy.validation import validate_fmu
 
 import phyfilter_ctl as pf
 from phyfilter_ctl.fmi.export import export_fmu
@@ -82,3 +83,40 @@ def test_options_are_those_of_python(case, tmp_path):
             found.append(fmu.get("f_hat"))
     tolerance = AGREE if sampled.sampling.precision == "float64" else 50 * AGREE_FLOAT32
     np.testing.assert_allclose(found, expected, rtol=0, atol=tolerance * np.abs(expected).max())
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("fmi", ["2.0", "3.0"])
+def test_recorded_signals_are_those_of_the_simulation(fmi):
+    """Outputs and inputs of blocks as local variables, in both kinds; what was there before stays as it was."""
+    inside = ("plant.thrust", "law.u", "observer.f_hat[0]", "observer.x[0]")
+    path = exported("loop", fmi, record=("plant.thrust", "law.?", "observer.*[0]"), clocks=fmi == "3.0")
+    bare = {v.name for v in described(exported("loop", fmi)).modelVariables}
+    found = {v.name: v for v in described(path).modelVariables}
+    assert {found[name].causality for name in inside} == {"local"}
+    more = {n for n in found if not n.startswith("clock.")} - bare
+    own = {f"observer.{signal}[0]" for signal in ("x", "g", "f_theta", "f_hat")}
+    assert more == {"law.u", "law.s", "law.v", "plant.thrust"} | own
+    assert bare <= set(found)
+    assert validate_fmu(str(path)) == []
+    times = np.arange(41) * 0.005
+    flat = pf.diagram.flatten(closed_loop(), record=inside)
+    assert [v.name for v in flat.outputs] == ["s", "v", "f_hat", *inside]
+    expected = pf.simulate(flat, times, np.tile([[1.0], [0.1]], len(times)), method="rk4", max_step=1e-3)
+    with Instance(path) as fmu:
+        fmu.start(goal=1.0, f_theta=0.1)
+        rows = [fmu.get("s", "v", "f_hat", *inside)]
+        for _ in times[1:]:
+            fmu.step(0.005)
+            rows.append(fmu.get("s", "v", "f_hat", *inside))
+    scale = np.abs(expected.outputs).max(axis=1)
+    np.testing.assert_allclose(np.array(rows) / scale, expected.outputs.T / scale, rtol=0, atol=AGREE)
+
+
+def test_records_that_there_cannot_be(tmp_path):
+    with pytest.raises(ValueError, match=r"no signal of a block matches 'plant\.z'.*plant\.thrust"):
+        pf.diagram.flatten(closed_loop(), record=["plant.*", "plant.z"])
+    with pytest.raises(TypeError, match="the text 'plant'"):
+        pf.diagram.flatten(closed_loop(), record="plant")
+    with pytest.raises(ValueError, match="record belongs to diagrams"):
+        export_fmu(GENERAL, tmp_path / "a.fmu", record=["f_hat"])
