@@ -8,7 +8,7 @@ from ..codegen.model import CModel
 
 __all__ = ["as_fraction", "owners_of"]
 
-_FINEST = 10**9  # denominator of an interval that counts as a fraction
+_FINEST = 10**7  # denominator of an interval in seconds that counts as a fraction
 
 
 def as_fraction(seconds: float) -> tuple[int, int]:
