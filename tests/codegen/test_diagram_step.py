@@ -95,7 +95,9 @@ def timed():
 
 
 @pytest.mark.slow
-def test_time_is_true_after_a_day_in_float(tmp_path):
+@pytest.mark.parametrize("piece", [3, 500])
+def test_time_is_true_after_a_day_in_float(piece, monkeypatch, tmp_path):
+    monkeypatch.setattr("phyfilter_ctl.codegen.scalar_source._PIECE", piece)
     flat = timed()
     answer = program(
         diagram_model(flat, real="float", derivatives=False).sources, LATE, tmp_path, "-Wconversion"
