@@ -4,7 +4,8 @@
 
 FMUs of a sampled first-order lag (FMI 2.0, period 2 ms), one alone and ten in a ring, no results but the last; the
 start of each host is not counted. Beside the master in C: the same in Python (what a machine without a C compiler
-runs), FMPy's simulate_fmu (one FMU), and ecos where it is installed (PyPI ecospy).
+runs), in Python with the FMU in a process of its own (isolated=True), FMPy's simulate_fmu (one FMU), and ecos where it
+is installed (PyPI ecospy).
 Promises: all give the same outputs; the master in C takes less than 1 us a step of an FMU.
 """
 
@@ -41,7 +42,7 @@ def wires(count: int) -> list[tuple[str, str]]:
     )
 
 
-def ours(path: Path, count: int, steps: int) -> Answer:
+def ours(path: Path, count: int, steps: int, *, isolated: bool = False) -> Answer:
     began = time.perf_counter()
     response = cosimulate(
         {f"part{k}": path for k in range(count)},
@@ -50,6 +51,7 @@ def ours(path: Path, count: int, steps: int) -> Answer:
         step=STEP,
         inputs={} if count > 1 else {"part0.u": 1.0},
         outputs=[f"part{count - 1}.y"],
+        isolated=isolated,
     )
     return time.perf_counter() - began, float(response.outputs[0, -1])
 
@@ -60,6 +62,10 @@ def in_python(path: Path, count: int, steps: int) -> Answer:
         return ours(path, count, steps)
     finally:
         Run.in_c = loop
+
+
+def in_its_own_process(path: Path, count: int, steps: int) -> Answer:
+    return ours(path, count, steps, isolated=True)
 
 
 def with_fmpy(path: Path, count: int, steps: int) -> Answer:
@@ -109,6 +115,7 @@ def main() -> int:
         ("master in C", ours, 200_000),
         ("master in Python", in_python, 4_000),
         ("FMPy", with_fmpy, 20_000),
+        ("process of its own", in_its_own_process, 4_000),
     ]
     if find_spec("ecospy") is None:
         print("skipped: ecos, which is not installed (pip install ecospy)")
@@ -119,10 +126,10 @@ def main() -> int:
     right = True
     with tempfile.TemporaryDirectory() as folder:
         path = export_fmu(lag, Path(folder, "lag.fmu"), fmi="2.0", name="lag")
-        answers = [host(path, 1, 400)[1] for _, host, _ in hosts[:3]]
+        answers = [host(path, 1, 400)[1] for _, host, _ in hosts[:4]]
         right = max(abs(answer - (1.0 - 0.98**400)) for answer in answers) < AGREES
         for name, host, steps in tqdm(hosts, disable=None):
-            counts = (1,) if name == "FMPy" else (1, 10)
+            counts = (1,) if name in ("FMPy", "process of its own") else (1, 10)
             rows[name] = {f"{n} FMU": microseconds(host, path, n, int(scale * steps), runs) for n in counts}
     print(f"{'us a step of one FMU':20} {'alone':>8} {'ten in a ring':>14}")
     for name, row in rows.items():

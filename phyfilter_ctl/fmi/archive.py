@@ -29,6 +29,9 @@ __all__ = [
 _CHUNK = 1 << 16
 # Archives of this project and of the common tools are stored or deflated; FMI and SSP allow nothing else.
 _METHODS = {zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED}
+# Of a file and of a path with the folder around it, on the common systems.
+_LONGEST, _LONGEST_PATH = 255, 3000
+_LONGEST_NAME = 2000  # of a variable
 # Below this, a high compression ratio says nothing (empty tables compress well) and harms nobody.
 _SMALL = 1 << 20
 _DAMAGE = (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError, OSError, ValueError)
@@ -208,7 +211,7 @@ class NotWellFormedError(ValueError):
 def refuse_sizes(
     path: Path, shapes: Iterable[tuple[str, tuple[int, ...]]], limits: ArchiveLimits | None
 ) -> None:
-    """Dimensions cost a few bytes to write and all memory to unfold.
+    """Dimensions cost a few bytes to write and all memory to unfold, a long name minutes to parse.
 
     Parameters
     ----------
@@ -220,10 +223,16 @@ def refuse_sizes(
     Raises
     ------
     ValueError
-        If a size is negative, or the variables have more scalars together than the limit.
+        If a size is negative, the variables have more scalars together than the limit, or a name has over 2000
+        characters.
     """
     most, scalars = (limits or ArchiveLimits()).scalars, 0
     for name, shape in shapes:
+        if len(name) > _LONGEST_NAME:
+            raise ValueError(
+                f"{path}: a variable's name has {len(name)} characters ({name[:40]}...), expected at most "
+                f"{_LONGEST_NAME}; refused"
+            )
         scalars += math.prod(shape)
         if min(shape, default=0) < 0 or scalars > most:
             raise ValueError(
@@ -300,6 +309,11 @@ def _unsafe_name(entry: zipfile.ZipInfo) -> str:
         return "leads out of its folder"
     if "" in parts or "." in parts:
         return "has an empty part in its path"
+    if (
+        any(len(part.encode("utf-8", "surrogatepass")) > _LONGEST for part in parts)
+        or len(name) > _LONGEST_PATH
+    ):
+        return f"has a name longer than {_LONGEST} bytes, or a path longer than {_LONGEST_PATH}, which no disk takes"
     if any(part.endswith((".", " ")) for part in parts):
         return "has a name that ends in a dot or a space, which some systems drop"
     return ""

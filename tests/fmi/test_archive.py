@@ -47,6 +47,7 @@ def link(name, target):
         ("./outside.txt", "empty part"),
         ("resources/outside.txt.", "ends in a dot"),
         ("resources/a\nb", "control character"),
+        ("resources/" + "a" * 256, "longer than 255 bytes"),
     ],
 )
 def test_names_that_lead_elsewhere(tmp_path, name, message):

@@ -4,10 +4,10 @@ import tracemalloc
 
 import numpy as np
 import pytest
-from foreign_fmus import oscillator
+from foreign_fmus import description, oscillator
 
 from phyfilter_ctl.cli import main
-from phyfilter_ctl.fmi import ArchiveLimits, FmuError, check, cosimulate, describe, import_fmu
+from phyfilter_ctl.fmi import FmuError, check, cosimulate, describe, import_fmu
 from phyfilter_ctl.fmi.archive_write import write_archive
 from phyfilter_ctl.fmi.cosimulation_run import Run
 from phyfilter_ctl.fmi.inspect import FmuVariable
@@ -181,4 +181,7 @@ def test_dimensions_that_would_fill_memory(tmp_path):
         assert peak < 50e6
         assert "at most 1000000 scalars" in str(check(path, run=False))
         path.unlink()
-    assert ArchiveLimits(scalars=10).scalars == 10
+    named = description("3.0").replace('name="m"', f'name="{"m" * 2001}"')
+    write_archive(path, {"modelDescription.xml": named.encode()})
+    with pytest.raises(ValueError, match="name has 2001 characters"):
+        describe(path)
