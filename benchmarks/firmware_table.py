@@ -30,9 +30,11 @@ from firmware_day import PERIOD, poles
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from phyfilter_ctl import PhyFilter, SampledPhyFilter, export_c, export_target
+from phyfilter_ctl.codegen.filter_guard import guard_costs
 from tests.codegen.test_firmware_builds import PROJECTS
 
 MHZ = 216.0  # STM32F765
+HEADROOM = 1.05  # of other versions of gcc, over what headers state
 SCHEDULE = "snnnnblnngnnjnnunnnc"  # see cortex/steps.c
 PLAIN = "snnnnnnnn"
 # Objects of the test itself and of the board: not part of what a product has to store.
@@ -182,6 +184,16 @@ def show(title: str, row: Row) -> None:
     )
 
 
+def beyond(title: str, row: Row, stated: tuple[int, int, int] | None) -> list[str]:
+    """Steps that take more than the header of a package says."""
+    found = (row.most("n"), row.most("lg"), row.most("u"))
+    return [
+        f"{title}: {count:,} instructions, stated {most:,}"
+        for count, most in zip(found, stated or (), strict=False)
+        if count > HEADROOM * most
+    ]
+
+
 def rivals(order: int, board: Board, parent: Path, cmsis: Path | None) -> list[tuple[str, Row, str]]:
     """The filter alone and the others: image and error in float."""
     found = []
@@ -271,6 +283,8 @@ def tables(orders: list[int], boards: list[str], cmsis: Path | None, quick: bool
             title = f"{BOARDS[core].name}, {order}, {real}{more}"
             show(title, row)
             failures += [] if row.same else [f"{title}: other bits than on the host"]
+            if core == "m4f" and not more:
+                failures += beyond(title, row, guard_costs(order, real))
             if core == "m7" and not more:
                 on_m7.append((f"order {order}, {real}", row))
         print(

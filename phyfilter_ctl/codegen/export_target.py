@@ -18,7 +18,7 @@ from ..filter import SampledPhyFilter
 from ..filterfile import Signals
 from .export import export_c
 from .export_folder import write_folder
-from .filter_guard import guard_sources, guard_stack
+from .filter_guard import guard_costs, guard_sources, guard_stack
 from .target_autopilots import autopilot_values, check_autopilot
 
 __all__ = ["Target", "export_target"]
@@ -144,7 +144,9 @@ def export_target(
         stack = guard_stack(
             sizes["ORDER"], filters=sizes["FILTERS"], channels=sizes["N_X"], inertia=sizes["N_M"]
         )
-        sources |= guard_sources(model, stack)
+        shared = sizes["FILTERS"] == 1 and sizes["N_X"] == sizes["N_F"] == 3 and not sizes["N_M"]
+        costs = guard_costs(sizes["ORDER"], "float" if sizes["FLOAT"] else "double") if shared else None
+        sources |= guard_sources(model, stack, costs)
         own = {key.lower(): str(sizes[key]) for key in ("N_X", "N_F", "N_M")}
         own |= {"stack": f"{stack:,}", "rust_real": "f32" if sizes["FLOAT"] else "f64"}
     values = _values(system, model, sorted(file for file in sources if file.endswith(".c")), own)
