@@ -234,7 +234,7 @@ def binaries(base: bytes, seeds: range, broken: list[str]) -> tuple[Counter[str]
                 for info in source.infolist():
                     data = source.read(info)
                     if info.filename.startswith("binaries") and not info.is_dir():
-                        for _ in range(20):
+                        for _ in range(chance.choice((1, 3, 20))):
                             data = changed_bytes(data, chance)
                     target.writestr(info, data)
             began = time.perf_counter()

@@ -9,8 +9,10 @@ import zipfile
 
 import numpy as np
 import pytest
+from foreign_ball import ball
 from foreign_fmus import oscillator
 
+from phyfilter_ctl import simulate
 from phyfilter_ctl.cli import main
 from phyfilter_ctl.fmi import CosimulationResponse, FmuError, Isolation, check, cosimulate, import_fmu
 
@@ -94,6 +96,15 @@ def test_same_bits_as_in_this_process(build, fmi):
 
     here, there = run(False), run(True)
     assert all(np.array_equal(a, b) for a, b in zip(here, there, strict=True))
+
+
+@pytest.mark.slow
+def test_events_on_either_side_of_the_border(tmp_path):
+    """A bouncing ball in model exchange: indicators, event mode and steps of the integrator, call by call."""
+    path = ball(tmp_path, "3.0")
+    runs = [simulate(import_fmu(path, kind="me", isolated=isolated), T) for isolated in (False, True)]
+    assert all(run.success for run in runs)
+    assert np.array_equal(runs[0].outputs, runs[1].outputs)
 
 
 @pytest.mark.slow
