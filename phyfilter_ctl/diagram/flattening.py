@@ -231,9 +231,10 @@ def _recorded(wiring: Wiring, patterns: Sequence[str]) -> list[str]:
     for pattern in patterns:
         found = {name: s for name, s in signals.items() if name == pattern or _matches(name, pattern)}
         if not found:
-            raise ValueError(
-                f"record: no signal of a block matches {pattern!r}; signals are {', '.join(signals)}"
-            )
+            block = pattern.rpartition(".")[0]
+            near = [name for name in signals if name.rpartition(".")[0] == block]
+            known = ", ".join(near or [f"{part.path}.*" for part in wiring.blocks])
+            raise ValueError(f"record: no signal of a block matches {pattern!r}; there are {known}")
         chosen |= found
     wiring.outputs = [*wiring.outputs, *chosen.values()]
     return list(chosen)

@@ -192,6 +192,14 @@ def test_ticks_that_are_none_are_refused_and_change_nothing():
         fmu.free(saved)
     with Instance(path, "me") as fmu:
         fmu.start(goal=1.0)
+        fmu.fmu.setTime(0.005)
+        fmu.fmu.enterEventMode()
+        fmu.fmu.setClock([observer], [True])
+        fmu.fmu.setTime(1e9)  # a tick is of its instant: nothing is caught up with
+        assert fmu.fmu.getClock([observer]) == [False]
+        assert refused(fmu.fmu.setClock, [observer], [True]) == ERROR
+    with Instance(path, "me") as fmu:
+        fmu.start(goal=1.0)
         fmu.fmu.enterEventMode()
         fmu.fmu.setClock([observer], [False])
         fmu.update()

@@ -22,7 +22,7 @@ from tests.cpu_budget import slow_but
 HERE = Path(__file__).parent / "fuzz"
 SANITIZERS = ("-fsanitize=address,undefined", "-fno-sanitize-recover=all", "-g", "-O1", "-std=gnu99")
 SEQUENCES = 3_000
-CASES = slow_but([("sampled", "3.0")], product(SYSTEMS, ("2.0", "3.0")))
+CASES = slow_but([("sampled", "3.0")], [*product(SYSTEMS, ("2.0", "3.0")), ("clocks", "3.0")])
 
 
 @cache
@@ -38,14 +38,14 @@ def sanitizers_work():
 
 @cache
 def fuzzer(name, fmi):
-    system, options = SYSTEMS[name]()
+    system, options = SYSTEMS["loop" if name == "clocks" else name]()
     if isinstance(system, ct.InputOutputSystem) and not isinstance(system, pf.PhyFilter):
         system = pf.flatten(system)
     model, _ = _c_model(
         system, "fuzzed", options.get("channels"), None, options.get("rate", "communication"), None
     )
     # Long steps are legal; few pieces keep them short.
-    interface = fmu_interface(model, fmi=fmi, solver=FmuSolver("rk4", 0.005))
+    interface = fmu_interface(model, fmi=fmi, solver=FmuSolver("rk4", 0.005), clocks=name == "clocks")
     sources = {**fmi_headers(fmi), **fmu_sources(interface, "fuzz"), "fuzz.h": (HERE / "fuzz.h").read_text()}
     file = f"fuzz{fmi[0]}.c"
     sources[file] = (HERE / file).read_text()

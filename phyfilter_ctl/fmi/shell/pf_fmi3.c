@@ -101,6 +101,8 @@ fmi3Status fmi3ExitInitializationMode(fmi3Instance instance) {
 static fmi3Status enter(fmi3Instance instance, uint32_t from, uint32_t mode, const char *call) {
   SELF
   if (!pf_fmi_in(self, from, call)) return fmi3Error;
+  if (pf_fmi_ticking(self)) self->fresh = 0;
+  pf_fmi_end_ticks(self);
   self->saved->mode = mode;
   return fmi3OK;
 }

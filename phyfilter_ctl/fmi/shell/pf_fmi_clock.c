@@ -18,11 +18,11 @@ static pf_time nearest_tick(const pf_fmi *self, uint32_t clock, pf_time t) {
   return self->saved->start + (k < 1 ? 1 : k) * period;
 }
 
-/* Whether a clock ticks now and has not yet. */
+/* Whether a clock ticks now and has not yet, and none has been left out before. */
 static int is_due(const pf_fmi *self, uint32_t clock) {
   const pf_time t = self->saved->time, slack = SAME_INSTANT * pf_fmu_here.clocks[clock].period;
   const pf_time room = slack + TIME_ROUNDING * magnitude(t);
-  return magnitude(t - nearest_tick(self, clock, t)) <= room && self->model->next(self->self) <= t + room;
+  return magnitude(t - nearest_tick(self, clock, t)) <= room && magnitude(self->model->next(self->self) - t) <= room;
 }
 
 const pf_fmi_clock *pf_fmi_clock_of(pf_fmi *self, uint32_t reference, const char *call) {

@@ -135,6 +135,7 @@ int pf_fmi_set_time(pf_fmi *self, double t) {
   const uint32_t modes = self->saved->interface == PF_FMI_MODEL_EXCHANGE ? PF_FMI_EVENT | PF_FMI_CONTINUOUS : 0;
   if (!pf_fmi_in(self, modes, "setTime")) return PF_FMI_ERROR;
   if (!is_finite(t)) return pf_fmi_say(self, PF_FMI_ERROR, "setTime: %g is no time", t);
+  pf_fmi_end_ticks(self); /* they were of another instant */
   self->saved->time = t;
   self->fresh = 0;
   return PF_FMI_OK;

@@ -42,6 +42,8 @@ static fmi3Instance make(void) {
                                      NULL, log, update);
 }
 
+static fmi3Status any_tick(fmi3Instance it);
+
 static fmi3Status forward(fmi3Instance it) { /* the next step of a sensible run */
   fmi3Boolean a, b, c, d, e;
   fmi3Float64 t = 0;
@@ -52,6 +54,7 @@ static fmi3Status forward(fmi3Instance it) { /* the next step of a sensible run 
       return fmi3EnterInitializationMode(it, chance(20), 1e-6, chance(80) ? 0.0 : uniform(), 0, 0);
     case PF_FMI_INITIALIZATION: return fmi3ExitInitializationMode(it);
     case PF_FMI_EVENT:
+      if (pf_fmu_here.clocks && chance(40)) return any_tick(it);
       if (chance(50)) return fmi3UpdateDiscreteStates(it, &a, &b, &c, &d, &e, &t);
       return exchange ? fmi3EnterContinuousTimeMode(it) : fmi3EnterStepMode(it);
     case PF_FMI_CONTINUOUS:
@@ -82,6 +85,31 @@ static fmi3Status state_call(fmi3Instance it, uint32_t who) {
   }
 }
 
+static fmi3Status clock_call(fmi3Instance it, const uint32_t *refs, size_t n) {
+  fmi3Clock clocks[ROOM];
+  fmi3Float64 seconds[ROOM];
+  fmi3UInt64 counters[ROOM], resolutions[ROOM];
+  fmi3IntervalQualifier qualifiers[ROOM];
+  fmi3Clock *const set = chance(95) ? clocks : NULL;
+  for (size_t i = 0; i < ROOM; i++) clocks[i] = chance(80);
+  switch (below(6)) {
+    case 0: return fmi3GetClock(it, refs, n, set);
+    case 1: return fmi3GetIntervalDecimal(it, refs, n, chance(95) ? seconds : NULL, qualifiers);
+    case 2: return fmi3GetIntervalFraction(it, refs, n, counters, resolutions, chance(95) ? qualifiers : NULL);
+    case 3: return fmi3GetShiftDecimal(it, refs, n, seconds);
+    case 4: return fmi3GetShiftFraction(it, refs, n, counters, chance(95) ? resolutions : NULL);
+    default: return fmi3SetClock(it, refs, n, set);
+  }
+}
+
+static fmi3Status any_tick(fmi3Instance it) { /* clocks of a sensible run, which may not be due */
+  static const fmi3Clock active = fmi3True;
+  fmi3Status status = fmi3OK;
+  for (uint32_t i = 1; i <= pf_fmu_here.n_variables && status == fmi3OK; i++)
+    if (pf_fmu_here.variables[i].kind == PF_FMI_CLOCK && chance(80)) status = fmi3SetClock(it, &i, 1, &active);
+  return status;
+}
+
 static fmi3Status any_call(fmi3Instance it, uint32_t who) {
   size_t n_values, count = 0;
   const size_t n = arguments(&n_values);
@@ -98,7 +126,7 @@ static fmi3Status any_call(fmi3Instance it, uint32_t who) {
   fmi3DependencyKind kinds[ROOM];
   const fmi3String categories[] = {chance(50) ? "logEvents" : "nonsense", chance(50) ? "logStatusError" : NULL};
   double t = number();
-  switch (below(31)) {
+  switch (below(32)) {
     case 0: case 1: case 2: return fmi3GetFloat64(it, refs, n, values, n_values);
     case 3: case 4: case 5: return fmi3SetFloat64(it, refs, n, values, n_values);
     case 6: return fmi3EnterInitializationMode(it, chance(50), number(), number(), chance(50), number());
@@ -126,6 +154,7 @@ static fmi3Status any_call(fmi3Instance it, uint32_t who) {
     case 25: return fmi3CompletedIntegratorStep(it, 0, flag, flags + 1);
     case 26: return fmi3GetInt32(it, refs, n, NULL, n_values);
     case 27: return fmi3GetOutputDerivatives(it, refs, n, NULL, values, n_values);
+    case 28: return clock_call(it, refs, n);
     default: return state_call(it, who);
   }
 }
