@@ -237,7 +237,9 @@ def rivals(order: int, board: Board, parent: Path, cmsis: Path | None) -> list[t
 
 def drift(folder: Path, filter_: SampledPhyFilter, include: tuple[str, ...]) -> str:
     """Largest error of f_hat over 400 s, beside the exported filter in double."""
-    truth = export_c(filter_, folder / "truth", real="double", channels=3, name="truth")
+    truth = export_c(
+        filter_, folder / "truth", real="double", channels=3, name="truth", tunable=False, variable=False
+    )
     (truth / "main.c").unlink()
     (folder / "drift.c").write_text(DRIFT_C)
     files = [
