@@ -159,7 +159,8 @@ def by_fmpy(path: Path, kind: str, names: list[str], table: np.ndarray) -> str:
 
 def deviation(names: list[str], table: np.ndarray, others: list[str], other: np.ndarray) -> str:
     """Of the columns both have, at the times both have; at an event what holds after it."""
-    common = [name for name in names[1:] if name in others[1:]]
+    numbers = np.flatnonzero(np.all(np.isfinite(other), axis=0)).tolist()
+    common = [name for name in names[1:] if name in others[1:] and others.index(name) in numbers]
     rows = [np.flatnonzero(np.abs(other[:, 0] - t) < 1e-9 * max(1.0, abs(t))) for t in table[:, 0]]
     both = [(i, int(found[-1])) for i, found in enumerate(rows) if len(found)]
     if not common or not both:
@@ -173,7 +174,15 @@ def deviation(names: list[str], table: np.ndarray, others: list[str], other: np.
 def read(path: Path) -> tuple[list[str], np.ndarray]:
     with path.open(newline="", encoding="utf-8-sig") as file:
         header, *rows = (row for row in csv.reader(file) if row)
-    return [name.strip() for name in header], np.array(rows, dtype=float)
+    return [name.strip() for name in header], np.array([[_number(cell) for cell in row] for row in rows])
+
+
+def _number(cell: str) -> float:
+    """Records hold texts, bytes and whole arrays in a cell too: those are not compared."""
+    try:
+        return float(cell)
+    except ValueError:
+        return np.nan
 
 
 def written(folder: Path) -> Path:

@@ -112,8 +112,8 @@ def cosimulate(
     Parameters
     ----------
     parts : dict of str to str, Path or control.InputOutputSystem; or an SSP file; or CutDiagram
-        FMU files (co-simulation; one with model exchange only is integrated here), blocks from :func:`import_fmu`
-        (each run makes a new instance), or python-control systems. An SSP file, or a diagram cut by
+        FMU files (co-simulation; one with model exchange only is integrated here, with its events), blocks from
+        :func:`import_fmu` (each run makes a new instance), or python-control systems. An SSP file, or a diagram cut by
         :func:`cut_diagram`, brings its own connections and parameters, and names for inputs and outputs.
     connections : sequence of tuple of str
         ``(input, output, ...)`` as in ``ct.interconnect``: ``("plant.f[0]", "controller.u[0]")``; several outputs are

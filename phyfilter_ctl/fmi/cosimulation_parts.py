@@ -16,9 +16,11 @@ from .._sections import FloatArray
 from ..blocks import SampledBlock
 from ..blocks.functions import BlockFunctions
 from .archive import ArchiveLimits
+from .cosimulation_model import ModelPart
 from .cosimulation_part import Part, StuckError
 from .foreign import Isolation
 from .importing import import_fmu
+from .importing_model import FmuModel
 from .importing_steps import FmuSteps
 from .inspect import FmuDescription, Scalar
 from .instance import FmuError, FmuInstance
@@ -402,6 +404,7 @@ def make_part(
     TypeError
         If it is none of these.
     """
+    owned = isinstance(thing, str | Path)
     if isinstance(thing, str | Path):
         fmu = UnpackedFmu(thing, limits=limits, isolated=isolated)
         if "cs" in fmu.description.kinds:
@@ -411,6 +414,8 @@ def make_part(
         values = {}
     if isinstance(thing, FmuSteps):
         return _fmu_part(name, thing.source, False, thing.values | dict(values), thing.patterns)
+    if isinstance(thing, FmuModel) and thing.has_events and not values:
+        return ModelPart(name, thing, owned=owned)
     if isinstance(thing, ct.InputOutputSystem):
         numbers = {key: float(value) for key, value in values.items()}
         return SystemPart(name, thing, params=numbers, initial_state=initial_state)

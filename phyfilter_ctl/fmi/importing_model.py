@@ -92,6 +92,11 @@ class FmuModel(FmuBlock):
         self.lock: threading.RLock = threading.RLock()
 
     @property
+    def has_events(self) -> bool:
+        """Whether it announces any: by indicators, or a time."""
+        return self.description.event_indicators > 0 or self.instance.next_event is not None
+
+    @property
     def functions(self) -> BlockFunctions:
         """Equations and events as functions that CasADi calls back; new ones each time, on this one instance."""
         return _functions(self)

@@ -7,7 +7,7 @@ import pytest
 from foreign_ball import ball
 
 import phyfilter_ctl as pf
-from phyfilter_ctl.fmi import import_fmu
+from phyfilter_ctl.fmi import cosimulate, import_fmu
 
 G, E = 9.81, 0.7
 # Parabolas are integrated exactly, and their zeros found to the rounding of time; a bounce divides by its speed.
@@ -116,3 +116,19 @@ def test_in_a_process_of_its_own(path):
     )
     assert np.array_equal(here.outputs, there.outputs)
     assert here.events == there.events
+
+
+@pytest.mark.slow
+def test_in_a_co_simulation(path):
+    """On held inputs, with its events between communication points, and its end."""
+    times = np.linspace(0.0, 2.0, 41)
+    response = cosimulate({"ball": path}, [], timepts=times, inputs={"ball.push": 2.0})
+    expected = pf.simulate(import_fmu(path), times, 2.0).outputs
+    assert response.success
+    # Integrated anew from each point to the next: parabolas all the same, but completed steps of other lengths.
+    assert np.max(np.abs(np.asarray(response.outputs - expected)[:3])) < EXACT
+    ended = cosimulate({"ball": path}, [], timepts=times, parameters={"ball.last": 3})
+    assert "asked to end the run at t = 0.75 s" in ended.message
+    assert np.isfinite(ended.outputs[:, :15]).all()
+    with pytest.raises(ValueError, match="ball cannot put back a state"):
+        cosimulate({"ball": path}, [], timepts=times, tolerance=1e-3)

@@ -1,0 +1,120 @@
+"""Model-exchange FMUs with events as participants of a co-simulation."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .._sections import FloatArray
+from ..diagram import flatten
+from ..simulation.adaptive import Integrator, StepError
+from ..simulation.limits import Limits
+from .cosimulation_part import Part
+from .importing_model import FmuModel
+from .instance import FmuError
+from .units import FmuUnit, understood_unit
+
+__all__ = ["ModelPart"]
+
+# To count as exact beside communication errors of 1e-3 ... 1e-6.
+_RTOL, _ATOL, _MOST_STEPS = 1e-9, 1e-11, 10**8
+
+
+class ModelPart(Part):
+    """A model-exchange FMU with events, integrated here; inputs are held over a communication step.
+
+    Parameters
+    ----------
+    name : str
+    block : FmuModel
+    owned : bool
+        Whether to free it at the end.
+    """
+
+    def __init__(self, name: str, block: FmuModel, *, owned: bool) -> None:
+        self.name = name
+        self._block, self._owned = block, owned
+        self._flat = flatten(block)
+        self.inputs: tuple[str, ...] = tuple(block.input_labels)
+        self.outputs: tuple[str, ...] = tuple(block.output_labels)
+        self.start: FloatArray = block.start_inputs
+        self.feedthrough: NDArray[np.bool_] = self._flat.feedthrough
+        # An event cannot be taken back.
+        self.can_go_back = False
+        self.variable_step = True
+        self.interval: float | None = None
+        self._t, self._x, self._u = 0.0, self._flat.start_state(), self.start
+        self._integrator = self._begun(np.inf)
+
+    def unit(self, label: str) -> tuple[str, FmuUnit | None]:
+        """Unit of an input or output, where the FMU gives one, and its meaning."""
+        name = self._block.units.get(label, "")
+        return name, self._block.description.units.get(name) or understood_unit(name)
+
+    def type(self, label: str) -> str:
+        """Any number: a block of python-control."""
+        return ""
+
+    def slopes(self, columns: NDArray[np.intp]) -> FloatArray | None:
+        """Not known."""
+        return None
+
+    def initialise(self, start_time: float, stop_time: float) -> None:
+        """Initialise the FMU."""
+        self._integrator = self._begun(stop_time)
+        self._t = start_time
+        try:
+            self._x = self._integrator.begin(self._flat.start_state(), np.zeros(0), start_time, self._u)
+        except StepError as error:
+            raise self._stopped(error) from error
+
+    def begin(self) -> None:
+        """Nothing to do: it has begun."""
+
+    def put(self, u: FloatArray) -> None:
+        """Hold these inputs from now on."""
+        self._u = u.copy()
+
+    def get(self) -> FloatArray:
+        """Outputs at the present time, state and inputs."""
+        return self._integrator.output(self._t, self._x, np.zeros(0), self._u)
+
+    def advance(self, t: float, h: float, *, final: bool) -> None:
+        """Integrate over h seconds, with the events on the way."""
+        try:
+            self._x, _ = self._integrator.run(
+                self._x, np.zeros(0), (t, t + h), (self._u, self._u), np.zeros(0)
+            )
+        except StepError as error:
+            raise self._stopped(error) from error
+        self._t = t + h
+
+    def save(self) -> object:
+        """Refused: see ``can_go_back``."""
+        raise FmuError(self.name, "save", "refused", "events of a model-exchange FMU cannot be taken back")
+
+    def restore(self, state: object) -> None:
+        """Refused: see ``can_go_back``."""
+        raise FmuError(self.name, "restore", "refused", "events of a model-exchange FMU cannot be taken back")
+
+    def forget(self, state: object) -> None:
+        """Nothing to free."""
+
+    def messages(self) -> tuple[str, ...]:
+        """What the FMU logged so far."""
+        return self._block.messages
+
+    def close(self) -> None:
+        """Free the FMU where it is its own."""
+        if self._owned:
+            self._block.close()
+
+    def _begun(self, until: float) -> Integrator:
+        p = self._flat.start_parameters()
+        return Integrator(self._flat, p, Limits(_MOST_STEPS), rtol=_RTOL, atol=_ATOL, until=until)
+
+    def _stopped(self, error: StepError) -> FmuError:
+        ended = any(memory.ended for memory in self._flat.memories)
+        raised = next((callback.failure for callback in self._flat.callbacks if callback.failure), "")
+        detail = f"{raised}; {error}" if raised else str(error)
+        return FmuError(self.name, "integrate", "ended" if ended else "error", detail)
