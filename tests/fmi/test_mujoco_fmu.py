@@ -350,3 +350,16 @@ def test_description_of_a_model_without_inputs(tmp_path: Path) -> None:
     np.testing.assert_allclose(
         result["qpos.joint0.position"][:, 2], -9.81 * H**2 * k * (k + 1) / 2, atol=1e-12
     )
+
+
+@pytest.mark.slow
+def test_control_ranges_are_bounds(tmp_path: Path) -> None:
+    """Of controls that rest within them; what has no range has no bounds."""
+    motors = '<motor name="a" joint="j" ctrlrange="-2 3"/><motor name="b" joint="j"/>'
+    motors += '<motor name="c" joint="j" ctrlrange="1 3"/>'
+    body = '<worldbody><body><joint name="j"/><geom size=".1"/></body></worldbody>'
+    model = f"<mujoco>{body}<actuator>{motors}</actuator></mujoco>"
+    path = export_mujoco_fmu(model, tmp_path / "arm.fmu", compiler=QUICK)
+    found = {v.name: (v.min, v.max) for v in fmpy.read_model_description(str(path)).modelVariables}
+    expected = {"ctrl.a": ("-2.0", "3.0"), "ctrl.b": (None, None), "ctrl.c": (None, None)}
+    assert {name: found[name] for name in expected} == expected
