@@ -35,7 +35,8 @@ def table(path):
     return rows[0], np.array(rows[1:], dtype=float)
 
 
-@pytest.mark.parametrize("fmi", ["2.0", pytest.param("3.0", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("fmi", ["2.0", "3.0"])
 def test_an_fmu_that_ends_the_run_is_no_failure(build, fmi, tmp_path, capsys):
     path = build(fmi, defines=("ENDS_AT=0.5",))
     whole = cosimulate({"mass": build(fmi)}, [], timepts=T)

@@ -82,6 +82,7 @@ def test_in_a_diagram(path):
         ct.input_output_response(diagram, times, 1.5)
 
 
+@pytest.mark.slow
 def test_the_fmu_ends_the_run(path):
     response = pf.simulate(import_fmu(path, name="ball", parameters={"last": 3}), np.linspace(0.0, 1.0, 11))
     assert not response.success
