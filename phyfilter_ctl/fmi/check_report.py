@@ -114,7 +114,8 @@ class Checker:
     """
 
     def __init__(self, path: Path, limits: ArchiveLimits | None) -> None:
-        self.path, self.limits = path, limits
+        self.path: Path = path
+        self.limits: ArchiveLimits | None = limits
         self.fmi: str = ""
         self.stages: list[str] = []
         self.findings: list[Finding] = []
