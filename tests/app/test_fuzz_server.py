@@ -134,6 +134,7 @@ async def post(app, body: bytes) -> tuple[int, bytes]:
     return sent[0]["status"], b"".join(message.get("body", b"") for message in sent[1:])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("chunk", slow_but((0,), range(CHUNKS)))
 def test_no_message_crashes(chunk, tmp_path, caplog):
     fuzz, session = Fuzzer(chunk), Session()

@@ -187,6 +187,7 @@ def test_every_symbol_has_the_prefix(real, tmp_path):
     assert not needed & {"malloc", "calloc", "realloc", "free", "printf"}
 
 
+@pytest.mark.slow
 def test_another_compiler_gives_the_same_numbers():
     if find_spec("ziglang") is None:
         pytest.skip("ziglang is not installed")

@@ -128,6 +128,7 @@ def test_coefficients_are_set_together_or_not_at_all():
         np.testing.assert_allclose(ours.outputs(0.0), expected, atol=AGREE * 50)
 
 
+@pytest.mark.slow
 def test_what_is_not_finite_is_refused_or_held():
     x, g, f_theta = signals()
     for nonfinite in ("raise", "hold"):
@@ -151,6 +152,7 @@ def test_what_is_not_finite_is_refused_or_held():
 # -- continuous -------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["shared", "each"])
 def test_continuous_is_the_block(kind, continuous):
     """Derivatives, outputs and both derivative products against the block's matrices, counted from x(0)."""
@@ -200,6 +202,7 @@ def adjoint(ours, seed_dx, seed_y):
     return np.concatenate([x, u])
 
 
+@pytest.mark.slow
 def test_continuous_runs_as_python_control_does():
     """0.3 s with x(0) far from 0: a bumpless start, then the same response."""
     compiled = compile_model(filter_model(GENERAL, 1), flags=STRICT)

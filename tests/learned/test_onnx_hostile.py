@@ -124,6 +124,7 @@ def opened(data: bytes) -> OnnxNetwork | str:
         return str(error)
 
 
+@pytest.mark.slow
 @given(mutated())
 def test_mutated_files_are_read_or_refused(data: bytes) -> None:
     found = opened(data)

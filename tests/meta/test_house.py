@@ -62,6 +62,7 @@ def test_files_stay_readable():
     assert not long
 
 
+@pytest.mark.slow
 def test_pickle_is_not_used():
     """Pickle runs what it reads; only a test that such a file is refused may write one."""
     code = [path for path in files() if path.suffix == ".py" and "tests" not in path.parts]
