@@ -57,5 +57,5 @@ def write_archive(path: str | Path, entries: Mapping[str, bytes | str]) -> Path:
             info.create_system = _UNIX
             info.external_attr = (_PROGRAM if name.startswith("binaries/") else _FILE) << 16
             info.compress_type = zipfile.ZIP_DEFLATED
-            archive.writestr(info, data)
+            archive.writestr(info, data, compresslevel=9)
     return target

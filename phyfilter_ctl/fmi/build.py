@@ -181,5 +181,6 @@ def _flags(target: Platform, name: str, zig: bool) -> tuple[str, ...]:
         "-s",
         "-Wl,--gc-sections",
         "-ffunction-sections",
-        *(() if zig else ("-Wl,--build-id=none",)),
+        "-fno-asynchronous-unwind-tables",  # nothing here throws
+        *(() if zig else ("-Wl,--build-id=none", "-fno-align-functions", "-fno-align-jumps")),
     )

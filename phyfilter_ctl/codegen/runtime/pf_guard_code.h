@@ -261,7 +261,7 @@ void PF_P(guard_check)(PF_P(guard) *self) {
   filter->dt_other = 0.0;    /* dA_other is computed anew */
   if (PF_P(guard_crc_)(filter) == self->crc) return;
 #if PF_P(INERTIA_INPUT)
-  const int32_t has_inertia = filter->has_inertia;
+  const int8_t has_inertia = filter->has_inertia;
   PF_P(real) inertia[PF_GUARD_ENTRIES];
   memcpy(inertia, filter->inertia, sizeof inertia);
 #endif
