@@ -90,7 +90,7 @@ static uint32_t pointer(void) {
   return sp;
 }
 
-static uint32_t stack_of(function *volatile called) {
+static uint32_t deepest(function *volatile called) {
   volatile uint32_t room[UNPAINTED / 4];
   room[0] = 0;
   for (uint32_t *p = (uint32_t *)(STACK_TOP - STACK_BYTES); p < (uint32_t *)(pointer() - 32u); p++) *p = 0xA5A5A5A5u;
@@ -98,7 +98,7 @@ static uint32_t stack_of(function *volatile called) {
   return stack_used() - (STACK_TOP - pointer()) + room[0];
 }
 #else
-static uint32_t stack_of(function *volatile called) {
+static uint32_t deepest(function *volatile called) {
   called();
   return 0;
 }
@@ -108,7 +108,7 @@ int main(void) {
 #ifndef EMPTY
   if (wing_init(&filter, &wing_parameters)) return 1;
 #endif
-  const uint32_t empty = ticks(nothing), full = ticks(once), longest = most, stack = stack_of(once);
+  const uint32_t empty = ticks(nothing), full = ticks(once), longest = most, stack = deepest(once);
   put_number(full - empty);
   put_number(longest - empty / STEPS);
   put_number(stack);
