@@ -22,6 +22,8 @@ from phyfilter_ctl.blocks.sampled import FilterLaw, sampled_block
 from phyfilter_ctl.codegen import compile_model
 from phyfilter_ctl.diagram.model import Task
 
+pytestmark = pytest.mark.slow  # the default suite has other tests of the same code
+
 # A few hundred steps of some ten operations each on numbers of size 10, in another order of summation.
 ROUNDING = 1e-12
 # Rounding of states and inputs to float, some hundred steps.

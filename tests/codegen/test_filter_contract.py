@@ -11,6 +11,8 @@ from filter_harness import CFilter, compile_filters
 from phyfilter_ctl import PhyFilter, SampledPhyFilter, place_poles, stack
 from phyfilter_ctl.codegen.filter_source import filter_source
 
+pytestmark = pytest.mark.slow  # the default suite has other tests of the same code
+
 H = 0.002
 N = 160
 # The two sum the same few dozen terms in another order (Python through BLAS): last places of the largest f_hat, which

@@ -30,6 +30,8 @@ from phyfilter_ctl.fmi.description_xml import model_description
 from phyfilter_ctl.fmi.export import export_fmu
 from phyfilter_ctl.fmi.glue import glue_source
 
+pytestmark = pytest.mark.slow  # the default suite has other tests of the same code
+
 VERSIONS = ("2.0", "3.0")
 # Tests that compile: FMI 3.0 stands for both, CI runs both.
 BUILT = [pytest.param("2.0", marks=pytest.mark.slow), "3.0"]

@@ -21,6 +21,8 @@ from phyfilter_ctl.study import median_interval
 from tests.cpu_budget import slow_but
 from tests.readme_cells import row_of
 
+pytestmark = pytest.mark.slow  # the default suite has other tests of the same code
+
 ROOM = f"{models.__name__}.aerial_manipulator"
 comparison = importlib.import_module(f"{ROOM}.comparison")
 diagram = importlib.import_module(f"{ROOM}.diagram")
