@@ -22,7 +22,7 @@ from .foreign import Isolation
 from .importing import import_fmu
 from .importing_model import FmuModel
 from .importing_steps import FmuSteps
-from .inspect import FmuDescription, Scalar
+from .inspect import Scalar
 from .instance import FmuError, FmuInstance
 from .signals import Signals, recorded
 from .units import FmuUnit, understood_unit
@@ -77,7 +77,7 @@ class FmuPart(Part):
         }
         starts |= {key: float(value) for key, value in values.items() if key in starts}
         self.start: FloatArray = np.array([starts.get(label, 0.0) for label in self.inputs])
-        self.feedthrough: NDArray[np.bool_] = _declared(description, self.inputs, self.outputs)
+        self.feedthrough: NDArray[np.bool_] = description.feedthrough(self.inputs, self.outputs)
         self.can_go_back: bool = self.instance.ability.state
         self.variable_step: bool = self.instance.ability.variable_step
         self.interval: float | None = self.instance.ability.fixed_step
@@ -437,16 +437,3 @@ def _fmu_part(
         if owned:
             fmu.close()
         raise
-
-
-def _declared(
-    description: FmuDescription, inputs: tuple[str, ...], outputs: tuple[str, ...]
-) -> NDArray[np.bool_]:
-    """Feedthrough from the model structure; where nothing is said FMI means every input."""
-    owner = {label: entry.name for entry in description.variables for label in entry.labels}
-    result = np.ones((len(outputs), len(inputs)), dtype=bool)
-    for i, output in enumerate(outputs):
-        known = description.dependencies.get(owner[output])
-        if known is not None:
-            result[i] = [owner[label] in known for label in inputs]
-    return result

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import signal
 import subprocess
 import sys
@@ -139,10 +140,10 @@ class ForeignFmu:
         self._waiting, self._arrays = [], b""
         answer, back = self._exchange(calls, data)
         found, _ = decoded(answer["results"], back)
-        changeable = [value for value in arguments if hasattr(value, "_length_")]
+        changeable = [value for value in arguments if isinstance(value, ctypes.Array)]
         results = found[: len(found) - len(changeable)]
         for old, new in zip(changeable, found[len(results) :], strict=True):
-            old[:] = new  # type: ignore[index]
+            old[:] = new
         return tuple(results) if answer["several"] else results[0]
 
     def _exchange(self, message: object, arrays: bytes = b"") -> tuple[dict[str, Any], bytes]:

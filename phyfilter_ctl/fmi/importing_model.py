@@ -15,7 +15,7 @@ from .._sections import FloatArray
 from ..blocks.functions import BlockEvent, BlockFunctions, Variable
 from ..blocks.interpreted import Interpreted
 from .importing_blocks import FmuBlock
-from .inspect import FmuDescription, Scalar
+from .inspect import Scalar
 from .instance import FmuError
 from .signals import Signals
 from .unpacked import UnpackedFmu
@@ -345,7 +345,7 @@ def _functions(block: FmuModel) -> BlockFunctions:
 
     callbacks: list[Interpreted] = []
     description = block.description
-    through = _feedthrough(description, *block.labels)
+    through = description.feedthrough(*block.labels)
     wants_steps = description.kinds["me"].completed_step
     event = BlockEvent(
         "event",
@@ -372,27 +372,3 @@ def _variables(block: FmuModel, labels: Sequence[str], starts: FloatArray) -> tu
         Variable(label, float(start), block.units.get(label, ""))
         for label, start in zip(labels, starts, strict=True)
     )
-
-
-def _feedthrough(
-    description: FmuDescription, inputs: Sequence[str], outputs: Sequence[str]
-) -> NDArray[np.bool_]:
-    """Which input acts on which output, from the model structure; where nothing is said FMI means every input.
-
-    Parameters
-    ----------
-    description : FmuDescription
-    inputs, outputs : sequence of str
-        Labels.
-
-    Returns
-    -------
-    (outputs, inputs) bool array
-    """
-    owner = {label: entry.name for entry in description.variables for label in entry.labels}
-    result = np.ones((len(outputs), len(inputs)), dtype=bool)
-    for i, output in enumerate(outputs):
-        known = description.dependencies.get(owner[output])
-        if known is not None:
-            result[i] = [owner[label] in known for label in inputs]
-    return result

@@ -7,7 +7,7 @@ import json
 import re
 import tempfile
 import zipfile
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
 from itertools import product
@@ -16,7 +16,9 @@ from typing import Literal
 
 import fmpy
 import lxml.etree as etree
+import numpy as np
 from fmpy.model_description import ModelDescription, ModelVariable, ValidationError, read_model_description
+from numpy.typing import NDArray
 
 from .archive import ArchiveLimits, archive_entries, parse_xml, read_entry, refuse_sizes
 from .platforms import platforms_among
@@ -189,6 +191,26 @@ class FmuDescription:
             "input", "output", "parameter", "local", ...
         """
         return tuple(variable for variable in self.variables if variable.causality == causality)
+
+    def feedthrough(self, inputs: Sequence[str], outputs: Sequence[str]) -> NDArray[np.bool_]:
+        """Which input acts on which output, by the model structure; where nothing is said FMI means every input.
+
+        Parameters
+        ----------
+        inputs, outputs : sequence of str
+            Labels.
+
+        Returns
+        -------
+        (outputs, inputs) bool array
+        """
+        owner = {label: entry.name for entry in self.variables for label in entry.labels}
+        found = np.ones((len(outputs), len(inputs)), dtype=bool)
+        for i, output in enumerate(outputs):
+            known = self.dependencies.get(owner[output])
+            if known is not None:
+                found[i] = [owner[label] in known for label in inputs]
+        return found
 
     @property
     def state_labels(self) -> tuple[str, ...]:

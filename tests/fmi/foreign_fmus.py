@@ -142,33 +142,21 @@ def description(
     )
 
 
+def compiled(source, target, *flags):
+    """Shared library of a C file of this folder."""
+    if shutil.which("gcc") is None:
+        pytest.skip("gcc is not installed: foreign FMUs cannot be built")
+    strict = ["-std=c99", "-Wall", "-Wextra", "-Werror", "-O1", "-shared", "-fPIC", f"-I{HEADERS}"]
+    subprocess.run(["gcc", *strict, *flags, str(HERE / source), "-o", str(target)], check=True)
+    return target
+
+
 def binary(folder, fmi="2.0", defines=()):
     """Shared library of the oscillator."""
     target = folder / f"oscillator{fmi[0]}-{'-'.join(defines)}{fmpy.sharedLibraryExtension}"
-    if shutil.which("gcc") is None:
-        pytest.skip("gcc is not installed: foreign FMUs cannot be built")
-    if not target.exists():
-        size = ["-DN=2"] if fmi == "3.0" else []
-        command = [
-            "gcc",
-            "-std=c99",
-            "-Wall",
-            "-Wextra",
-            "-Werror",
-            "-O1",
-            "-shared",
-            "-fPIC",
-            f"-I{HEADERS}",
-            *size,
-        ]
-        command += [
-            *(f"-D{define}" for define in defines),
-            str(HERE / f"oscillator{fmi[0]}.c"),
-            "-o",
-            str(target),
-        ]
-        subprocess.run(command, check=True)
-    return target
+    size = ["-DN=2"] if fmi == "3.0" else []
+    flags = [*size, *(f"-D{define}" for define in defines)]
+    return target if target.exists() else compiled(f"oscillator{fmi[0]}.c", target, *flags)
 
 
 def oscillator(folder, fmi="2.0", *, defines=(), name="oscillator", platform=None, **options):

@@ -7,7 +7,6 @@ import warnings
 import control as ct
 import numpy as np
 import pytest
-from foreign_fmus import oscillator
 from scipy.linalg import expm
 
 from phyfilter_ctl.cli import main
@@ -37,20 +36,6 @@ def system(name):
     A = [[0.0, 1.0], [-(K + C) / M, -D / M]]
     C_, D_ = [[1.0, 0.0], [0.0, 1.0], [-C, 0.0]], [[0.0], [0.0], [C]]
     return ct.ss(A, [[0.0], [C / M]], C_, D_, inputs=["place"], outputs=["x", "v", "force"], name=name)
-
-
-@pytest.fixture(scope="module")
-def build(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("foreign")
-    made = {}
-
-    def get(fmi="2.0", **options):
-        key = repr((fmi, options))
-        if key not in made:
-            made[key] = oscillator(folder, fmi, name=f"oscillator_{len(made)}", **options)
-        return made[key]
-
-    return get
 
 
 def run(parts, **options):

@@ -3,7 +3,6 @@
 import control as ct
 import numpy as np
 import pytest
-from foreign_fmus import oscillator
 
 from phyfilter_ctl.fmi import cosimulate
 from phyfilter_ctl.fmi.cosimulation_parts import FmuPart, make_part
@@ -20,20 +19,6 @@ def static(gain, name, inputs="e", outputs="u"):
 
 def function(f, name):
     return ct.nlsys(None, lambda t, x, u, params: np.atleast_1d(f(u)), inputs="e", outputs="u", name=name)
-
-
-@pytest.fixture(scope="module")
-def build(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("foreign")
-    made = {}
-
-    def get(fmi="2.0", **options):
-        key = repr((fmi, options))
-        if key not in made:
-            made[key] = oscillator(folder, fmi, name=f"oscillator_{len(made)}", **options)
-        return made[key]
-
-    return get
 
 
 @pytest.mark.parametrize("scheme", ["jacobi", "gauss-seidel"])

@@ -6,27 +6,12 @@ import dataclasses
 import numpy as np
 import pytest
 from foreign_ball import ball
-from foreign_fmus import oscillator
 
 import phyfilter_ctl as pf
 from phyfilter_ctl.cli import main
 from phyfilter_ctl.fmi import cosimulate, describe, import_fmu
 
 T = np.linspace(0.0, 1.0, 11)
-
-
-@pytest.fixture(scope="module")
-def build(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("foreign")
-    made = {}
-
-    def get(fmi="2.0", **options):
-        key = repr((fmi, options))
-        if key not in made:
-            made[key] = oscillator(folder, fmi, name=f"oscillator_{len(made)}", **options)
-        return made[key]
-
-    return get
 
 
 def table(path):

@@ -10,7 +10,6 @@ import zipfile
 import numpy as np
 import pytest
 from foreign_ball import ball
-from foreign_fmus import oscillator
 
 from phyfilter_ctl import simulate
 from phyfilter_ctl.cli import main
@@ -19,20 +18,6 @@ from phyfilter_ctl.fmi import CosimulationResponse, FmuError, Isolation, check, 
 T = np.linspace(0.0, 1.0, 11)
 ENDINGS = {"SEGFAULT": r"SIGSEGV", "ABORT": r"SIGABRT", "EXIT": r"exit\(3\)"}
 posix = pytest.mark.skipif(os.name == "nt", reason="ends of processes are named by signals")
-
-
-@pytest.fixture(scope="module")
-def build(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("foreign")
-    made = {}
-
-    def get(fmi="2.0", **options):
-        key = repr((fmi, options))
-        if key not in made:
-            made[key] = oscillator(folder, fmi, name=f"oscillator_{len(made)}", **options)
-        return made[key]
-
-    return get
 
 
 def evil(build, what, fmi="2.0"):

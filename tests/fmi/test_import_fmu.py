@@ -10,7 +10,6 @@ import control as ct
 import fmpy
 import numpy as np
 import pytest
-from foreign_fmus import oscillator
 
 from phyfilter_ctl.fmi import FmuError, import_fmu
 from phyfilter_ctl.fmi.instance import FmuInstance
@@ -29,20 +28,6 @@ def model(k=K, c=C):
     """The oscillator in state space: place -> x, v, force."""
     A = [[0.0, 1.0], [-(k + c) / M, -D / M]]
     return ct.ss(A, [[0.0], [c / M]], [[1.0, 0.0], [0.0, 1.0], [-c, 0.0]], [[0.0], [0.0], [c]])
-
-
-@pytest.fixture(scope="module")
-def build(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("foreign")
-    made = {}
-
-    def get(fmi="2.0", **options):
-        key = repr((fmi, options))
-        if key not in made:
-            made[key] = oscillator(folder, fmi, name=f"oscillator_{len(made)}", **options)
-        return made[key]
-
-    return get
 
 
 def simulated(block, U, state, **options):
