@@ -36,7 +36,6 @@ MAIN_C = """\
 #include "console.h"
 
 #define STEPS (ROWS * TIMES)
-#define UNPAINTED 0x100u /* on top of the board's stack */
 typedef void function(void);
 
 __attribute__((noinline)) static void nothing(void) { __asm__ volatile(""); }
@@ -83,32 +82,11 @@ static uint32_t ticks(function *volatile called) {
   return sum;
 }
 
-#ifdef __arm__
-static uint32_t pointer(void) {
-  uint32_t sp;
-  __asm__ volatile("mov %0, sp" : "=r"(sp));
-  return sp;
-}
-
-static uint32_t deepest(function *volatile called) {
-  volatile uint32_t room[UNPAINTED / 4];
-  room[0] = 0;
-  for (uint32_t *p = (uint32_t *)(STACK_TOP - STACK_BYTES); p < (uint32_t *)(pointer() - 32u); p++) *p = 0xA5A5A5A5u;
-  called();
-  return stack_used() - (STACK_TOP - pointer()) + room[0];
-}
-#else
-static uint32_t deepest(function *volatile called) {
-  called();
-  return 0;
-}
-#endif
-
 int main(void) {
 #ifndef EMPTY
   if (wing_init(&filter, &wing_parameters)) return 1;
 #endif
-  const uint32_t empty = ticks(nothing), full = ticks(once), longest = most, stack = deepest(once);
+  const uint32_t empty = ticks(nothing), full = ticks(once), longest = most, stack = stack_of(once);
   put_number(full - empty);
   put_number(longest - empty / STEPS);
   put_number(stack);
