@@ -72,7 +72,8 @@ _FINE, _CALL_FAILED, _OUT_OF_RANGE, _STEP_TOO_SMALL, _TERMINATED, _NOT_FINITE, _
     range(8)
 )
 _STEP = 2  # calls: get, set, step, save, restore
-_CHUNK = 0.05  # s of running between looks at the keyboard
+_CHUNK = 0.05  # s of running between two updates of the progress bar
+_PIECE = 20_000  # steps of a call
 
 
 @cache
@@ -219,10 +220,7 @@ class FastMaster:
             self._drive(times if control else points)
             filled = np.full((count, rows.shape[1]), np.nan)
             began = time.perf_counter()
-            code = self._library.pf_master_run(
-                self._record.ctypes.data, points.ctypes.data, len(keep), keep.ctypes.data, self._chosen.ctypes.data,
-                len(self._chosen), filled.ctypes.data,
-            )  # fmt: skip
+            code = self._call(points, keep, filled)
             took = time.perf_counter() - began
             rows[done + 1 : done + 1 + count] = filled
             progress.update(count)
@@ -231,6 +229,20 @@ class FastMaster:
         self._run.steps, self._run.rejected = int(master["steps"]), int(master["rejected"])
         if code != _FINE:
             self._failed(code)
+
+    def _call(self, points: FloatArray, keep: NDArray[np.uint8], filled: FloatArray) -> int:
+        """Steps from point to point, in pieces: between them Python sees a key that is pressed."""
+        row = 0
+        for first in range(0, len(keep), _PIECE):
+            part = keep[first : first + _PIECE]
+            code = self._library.pf_master_run(
+                self._record.ctypes.data, points[first:].ctypes.data, len(part), part.ctypes.data,
+                self._chosen.ctypes.data, len(self._chosen), filled[row:].ctypes.data,
+            )  # fmt: skip
+            row += int(np.count_nonzero(part))
+            if code != _FINE:
+                return int(code)
+        return _FINE
 
     def _failed(self, code: int) -> None:
         master, run = self._record[0], self._run

@@ -90,3 +90,10 @@ def test_without_a_compiler(parts, monkeypatch):
 def test_threads_are_checked(parts):
     with pytest.raises(ValueError, match="threads: expected at least 1, got 0"):
         cosimulate({"a": parts["a"]}, timepts=T, threads=0)
+
+
+def test_long_intervals_are_run_in_pieces(parts, both, monkeypatch):
+    monkeypatch.setattr("phyfilter_ctl.fmi.master._PIECE", 7)
+    compiled, plain = both(parts, RING, step=0.007)
+    assert np.array_equal(compiled.outputs, plain.outputs)
+    assert compiled.steps == plain.steps
