@@ -37,8 +37,9 @@ def test_readme_commands_are_the_ones_that_ci_runs():
         assert command in script, f"{command!r} is in the README but not in .ci/run"
 
 
-def test_readme_names_files_that_exist():
-    text = (ROOT / "README.md").read_text()
+@pytest.mark.parametrize("page", ["README.md", "docs/results.md", "docs/reproduce.md"])
+def test_named_files_exist(page):
+    text = (ROOT / page).read_text()
     named = set(re.findall(r"\b((?:benchmarks|notebooks|models|tests|docs|phyfilter_ctl)/[\w./-]+\w)", text))
     missing = [name for name in named if not (ROOT / name).exists()]
     assert not missing

@@ -19,7 +19,7 @@ from phyfilter_ctl.controllers import arm_controller
 from phyfilter_ctl.plants import allocation_matrix, coupling_force, coupling_torque, rotate, rotate_back
 from phyfilter_ctl.study import median_interval
 from tests.cpu_budget import slow_but
-from tests.readme_cells import row_of
+from tests.result_cells import row_of
 
 pytestmark = pytest.mark.slow  # the default suite has other tests of the same code
 
@@ -270,7 +270,7 @@ def test_seeds_are_apart() -> None:
 
 
 def cell(label: str, method: str) -> list[float]:
-    """Numbers of a cell of the README: median, worst, and how many of 20 were within the tolerance."""
+    """Numbers of a cell of the results: median, worst, and how many of 20 were within the tolerance."""
     return [
         float(v) for v in re.findall(r"[0-9.]+", row_of("**The aerial manipulator** (`run", label)[method])
     ]
@@ -286,7 +286,7 @@ def test_every_method_is_tuned_and_flies(name: str, request: pytest.FixtureReque
     flown = experiment.fly(entry.method, (320,), request.getfixturevalue("trained").seer if learned else None)
     assert not flown.message
     assert flown.score().largest.max() < 0.6
-    if name == "baseline":  # whose missions hardly differ: README's cell, to the spread of its twenty
+    if name == "baseline":  # whose missions hardly differ: the results' cell, to the spread of its twenty
         median, worst = cell("grasp window", "PD")[:2]
         assert abs(100.0 * flown.score().grasp[0] - median) <= 2.0 * (worst - median)
 
@@ -302,7 +302,7 @@ def test_no_optimum_is_on_the_edge_of_what_was_tried() -> None:
 
 
 @pytest.mark.slow
-def test_readme_cells_of_the_observer_hold() -> None:
+def test_result_cells_of_the_observer_hold() -> None:
     """The 20 missions of the command: within the interval of the median, and as many within the tolerance."""
     score = experiment.fly(tuning.tuned()["observer"].method, tuple(range(20)), None).score()
     for label, values, passed in (

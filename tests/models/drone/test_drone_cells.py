@@ -1,4 +1,4 @@
-"""README's cells of the drone, flown again: within the 95 % intervals of what is found."""
+"""The cells of the results of the drone, flown again: within the 95 % intervals of what is found."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import pytest
 
 from phyfilter_ctl import models
 from phyfilter_ctl.study import median_interval
-from tests.readme_cells import row_of
+from tests.result_cells import row_of
 
 ROOM = f"{models.__name__}.drone"
 comparison, experiment, flights, methods, tuning = (

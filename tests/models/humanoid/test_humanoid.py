@@ -26,7 +26,7 @@ trial = importlib.import_module(f"{ROOM}.trial")
 
 # N: least squares stop at a cost that leaves this on the base.
 BALANCED = 0.05
-# N, of 20: the twin's feet push back otherwise than the robot's, see the README.
+# N, of 20: the twin's feet push back otherwise than the robot's, see the model's page.
 ESTIMATED = 1.0
 
 
