@@ -14,6 +14,7 @@ import shutil
 import sys
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
+from contextvars import ContextVar
 from pathlib import Path
 from typing import IO, TYPE_CHECKING
 
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
 __all__ = [
     "check_folder",
     "check_target",
+    "noted_writes",
     "replacing",
     "replacing_folder",
     "write_figure",
@@ -37,6 +39,23 @@ __all__ = [
 
 _MARK_BYTES = 6
 _MARK = re.compile(rf"[0-9a-f]{{{2 * _MARK_BYTES}}}\.tmp")
+# Targets written in this context, as their caller named them; None where nobody asked.
+_noted: ContextVar[list[Path] | None] = ContextVar("_noted", default=None)
+
+
+@contextmanager
+def noted_writes() -> Iterator[list[Path]]:
+    """Files and folders that are put into place within the block, in order, for a caller who says so to the user."""
+    token = _noted.set(paths := [])
+    try:
+        yield paths
+    finally:
+        _noted.reset(token)
+
+
+def _note(path: str | os.PathLike[str]) -> None:
+    if (paths := _noted.get()) is not None and Path(path) not in paths:
+        paths.append(Path(path))
 
 
 def check_target(path: str | None, *, suffixes: Sequence[str] = ()) -> None:
@@ -154,6 +173,7 @@ def replacing(path: str | os.PathLike[str], *, follow_links: bool = True) -> Ite
             if sys.platform == "win32":
                 file.close()  # an open file cannot be moved there
             os.replace(part, target)
+        _note(path)
     finally:
         part.unlink(missing_ok=True)
 
@@ -185,6 +205,7 @@ def replacing_folder(path: str | os.PathLike[str]) -> Iterator[Path]:
         if target.exists():
             os.replace(target, part / "old")
         os.replace(new, target)
+        _note(path)
     finally:
         _remove_folder(part, target)
         if descriptor is not None:

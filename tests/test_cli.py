@@ -290,3 +290,61 @@ def test_a_failed_write_leaves_the_old_file(tmp_path):
     write_text(str(path), "new")
     assert path.read_bytes() == b"new"
     assert [entry.name for entry in tmp_path.iterdir()] == ["picture.png"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "meant"),
+    [
+        (["desgin"], "design"),
+        (["run", "dron"], "drone"),
+        (["design", "--family", "buterworth"], "butterworth"),
+        (["design", "--picutre", "none"], "--picture"),
+    ],
+)
+def test_what_was_meant_is_said(capsys, arguments, meant):
+    with pytest.raises(SystemExit, match="2"):
+        main(arguments)
+    said = capsys.readouterr().err
+    assert f"did you mean {meant}?" in said
+    assert said.count("\n") == 1
+
+
+def test_nothing_is_meant_by_noise(capsys):
+    with pytest.raises(SystemExit, match="2"):
+        main(["xqzw"])
+    assert "did you mean" not in capsys.readouterr().err
+
+
+def test_it_says_what_it_wrote(capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert (
+        main(["design", "--poles", "-20,-20", "--picture", "none", "--out", "filter.toml", "--json", "-"])
+        == 0
+    )
+    shown = capsys.readouterr()
+    assert shown.err == "wrote filter.toml\n"
+    json.loads(shown.out)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["filter.toml"]
+
+
+def test_every_model_says_what_it_is(capsys):
+    with pytest.raises(SystemExit, match="0"):
+        main(["run", "--help"])
+    shown = " ".join(capsys.readouterr().out.split())
+    for name in models.available():
+        assert models.summary(name) in shown
+    with pytest.raises(ValueError, match="no model named 'dron'"):
+        models.summary("dron")
+
+
+@pytest.mark.slow
+def test_bash_completes_models_and_options(capsys, tmp_path):
+    pytest.importorskip("shtab", reason="shtab is not installed: nothing completes the command")
+    assert main(["completion", "bash"]) == 0
+    script = tmp_path / "completion.bash"
+    script.write_text(capsys.readouterr().out)
+    ask = 'source "$1"; COMP_WORDS=($2); COMP_CWORD=$((${#COMP_WORDS[@]} - 1)); _shtab_phyfilter_ctl; '
+    ask += 'echo "${COMPREPLY[@]}"'
+    for words, answer in (("phyfilter-ctl run dr", "drone"), ("phyfilter-ctl design --fam", "--family")):
+        said = subprocess.run(["bash", "-c", ask, "bash", str(script), words], capture_output=True, text=True)
+        assert said.stdout.split() == [answer]

@@ -51,7 +51,7 @@ def test_known_filter_comes_back_through_the_file(tmp_path, monkeypatch, capsys)
     assert main(["learn", "log.csv", *options]) == 0
     shown = capsys.readouterr()
     assert "order 2, low-pass" in shown.out
-    assert shown.err == ""
+    assert shown.err == "wrote filter.toml\n"
     found = filterfile.load("filter.toml")
     np.testing.assert_allclose(found.filter.a, TRUTH.a, rtol=EXACT)
     assert (found.dt, found.sampling.method, found.sampling.g) == (DT, "exact", "hold")
@@ -187,7 +187,7 @@ def test_what_is_wrong_with_a_label_is_printed_and_in_the_figures(logs, capsys):
     assert main(["learn", "holds_g.csv", *arguments]) == 0
     shown = capsys.readouterr()
     assert "note: the label of px differs from M x' - g by g" in shown.out
-    assert shown.err == ""
+    assert shown.err == "wrote figures.json\n"
     assert len(json.loads(Path("figures.json").read_text())["notes"]) == 2
     assert main(["learn", "one.csv", *arguments, "--g", "none"]) == 0
     assert "note: no g: M x' is taken as f" in capsys.readouterr().out

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import argparse
+import difflib
 import os
 import re
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from importlib import import_module
+from pathlib import Path
 from typing import NoReturn
 
 from .. import __version__, models
+from .._output import noted_writes
 
 __all__ = ["main"]
 
@@ -28,7 +31,10 @@ _EPILOG = """examples:
   phyfilter-ctl export filter.toml --fmu filter.fmu --c firmware --channels 3
                                                                hand it over: FMU, SSP, C
   phyfilter-ctl fmu check model.fmu                            describe, check, run FMUs of any tool
-  phyfilter-ctl COMMAND --help                                 all options of a command, with examples"""
+  phyfilter-ctl COMMAND --help                                 all options of a command, with examples
+
+exit status: 0 done; 1 an FMU is wrong, or its run failed (fmu check, fmu run); 2 an argument or an input is wrong;
+130 stopped by Ctrl+C; 141 nobody reads the output any more"""
 
 # Modules of this room, and what their commands are for; one of two words is in a module such as log_resample.
 _COMMANDS = {
@@ -42,6 +48,7 @@ _COMMANDS = {
     "export": "hand a filter or a model over: FMU, SSP, C",
     "fmu": "describe, check and run FMUs of any tool",
     "app": "design interactively, on a page in the browser",
+    "completion": "lines for a shell that complete this command",
 }
 
 _RUN_EPILOG = """examples:
@@ -61,10 +68,23 @@ class _NobodyReadsError(Exception):
 
 
 class _Parser(argparse.ArgumentParser):
-    """Says what is wrong in one line."""
+    """Says what is wrong in one line, and what was meant where something is spelled alike."""
 
     def error(self, message: str) -> NoReturn:
+        if found := re.search(r"(?:invalid choice|unrecognized arguments): '?(-*[\w.-]+)", message):
+            near = difflib.get_close_matches(found[1], self._words(found[1].startswith("-")), 1)
+            message += f"; did you mean {near[0]}?" if near else ""
         self.exit(2, f"{self.prog}: error: {message} (see {self.prog} --help)\n")
+
+    def _words(self, options: bool) -> list[str]:
+        """Options of this parser and of those below it, or the values that it chooses between."""
+        words: list[str] = []
+        for action in self._actions:
+            words += action.option_strings if options else map(str, action.choices or ())
+            if options and isinstance(action, argparse._SubParsersAction):
+                for parser in action.choices.values():
+                    words += parser._words(options)
+        return words
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -93,9 +113,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     if (words := " ".join(arguments[:2])) in _COMMANDS:
         arguments[:2] = [words]
     try:
-        with _flushed_output():
+        with _flushed_output(), noted_writes() as written:
             options = _parser(arguments).parse_args(arguments)
-            return int(options.job(options))
+            status = int(options.job(options))
+            if not (getattr(options, "quiet", False) or options.job.__module__.endswith(".export")):
+                _tell(written)
+            return status
     except _NobodyReadsError:
         return _SIGPIPE
     except (ValueError, TypeError, OSError) as error:
@@ -122,7 +145,21 @@ def _flushed_output() -> Iterator[None]:
             raise
 
 
-def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
+def _tell(written: Sequence[Path]) -> None:
+    """Say on standard error what was written and is still there; what was made on the way is not."""
+    here = Path.cwd()
+    names = [
+        f"{path.relative_to(here) if path.is_relative_to(here) else path}{os.sep if path.is_dir() else ''}"
+        for path in written
+        if path.exists()
+    ]
+    if names:
+        sys.stdout.flush()
+        print(f"wrote {', '.join(names)}", file=sys.stderr)
+
+
+def _parser(arguments: Sequence[str] | None) -> argparse.ArgumentParser:
+    """The parser with what these arguments need; None: with all that is one word, as a shell completes it."""
     parser = _Parser(
         prog="phyfilter-ctl",
         description="Repair a learned model of robot dynamics with a designed filter of its residual.",
@@ -133,15 +170,17 @@ def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
     commands = parser.add_subparsers(title="commands", metavar="COMMAND", required=True, parser_class=_Parser)
     _add_run(commands, arguments)
     for name, text in _COMMANDS.items():
+        if arguments is None and " " in name:
+            continue
         command = commands.add_parser(name, help=text)
-        if name in arguments[:1]:  # only the one asked for is imported
+        if arguments is None or name in arguments[:1]:  # only the one asked for is imported
             module = import_module(f".{name.replace(' ', '_')}", __name__)
             module.add_arguments(command)
             command.set_defaults(job=module.main)
     return parser
 
 
-def _add_run(commands: argparse._SubParsersAction[_Parser], arguments: Sequence[str]) -> None:
+def _add_run(commands: argparse._SubParsersAction[_Parser], arguments: Sequence[str] | None) -> None:
     run = commands.add_parser(
         "run",
         help="run one of the models",
@@ -151,8 +190,8 @@ def _add_run(commands: argparse._SubParsersAction[_Parser], arguments: Sequence[
     )
     names = run.add_subparsers(title="models", metavar="MODEL", required=True, parser_class=_Parser)
     for name in models.available():
-        parser = names.add_parser(name)
-        if name in arguments[1:2]:  # only the one asked for is imported
+        parser = names.add_parser(name, help=models.summary(name))
+        if arguments is None or name in arguments[1:2]:
             model = models.load(name)
             model.add_arguments(parser)
             parser.set_defaults(job=model.main)

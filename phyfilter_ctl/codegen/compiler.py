@@ -16,7 +16,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Literal
 
-from .._output import replacing
+from .._output import noted_writes, replacing
 
 __all__ = ["Compiler", "CompilerError", "cached_library", "compile_sources", "find_compiler"]
 
@@ -230,7 +230,8 @@ def cached_library(
     if library.exists():
         os.utime(library)
         return library
-    compile_sources(sources, library, name=name, compiler=list(found.command), flags=flags)
+    with noted_writes():  # the cache is nobody's output
+        compile_sources(sources, library, name=name, compiler=list(found.command), flags=flags)
     forget_oldest(folder)
     return library
 

@@ -6,6 +6,7 @@ carries them here. In a checkout this package therefore looks beside itself as w
 
 from __future__ import annotations
 
+import ast
 import importlib
 import pkgutil
 from argparse import ArgumentParser, Namespace
@@ -15,7 +16,7 @@ from typing import TYPE_CHECKING, Protocol, cast
 if TYPE_CHECKING:
     import control as ct
 
-__all__ = ["Model", "available", "load"]
+__all__ = ["Model", "available", "load", "summary"]
 
 _CHECKOUT = Path(__file__).resolve().parents[2]
 if (_CHECKOUT / "pyproject.toml").is_file() and (_CHECKOUT / "models").is_dir():
@@ -49,6 +50,36 @@ def available() -> tuple[str, ...]:
     return tuple(sorted({module.name for module in pkgutil.iter_modules(__path__) if module.ispkg}))
 
 
+def summary(name: str) -> str:
+    """The first line of what a model folder says of itself; nothing is imported.
+
+    Parameters
+    ----------
+    name : str
+        One of :func:`available`.
+
+    Raises
+    ------
+    ValueError
+        If there is no such model.
+
+    Examples
+    --------
+    >>> summary("drone")
+    'The drone: a circle at 2 m/s with an unknown mass, in a wind that nothing was trained on.'
+    """
+    folders = (Path(folder, _known(name)) for folder in __path__)
+    source = next(file for folder in folders if (file := folder / "__init__.py").is_file())
+    said = ast.get_docstring(ast.parse(source.read_text(encoding="utf-8"))) or ""
+    return said.split("\n", 1)[0]
+
+
+def _known(name: str) -> str:
+    if name not in available():
+        raise ValueError(f"no model named {name!r}; expected one of {', '.join(available())}")
+    return name
+
+
 def load(name: str) -> Model:
     """Import one model folder.
 
@@ -67,6 +98,4 @@ def load(name: str) -> Model:
     >>> load("acceleration").build().name
     'acceleration'
     """
-    if name not in available():
-        raise ValueError(f"no model named {name!r}; expected one of {', '.join(available())}")
-    return cast(Model, importlib.import_module(f"{__name__}.{name}"))
+    return cast(Model, importlib.import_module(f"{__name__}.{_known(name)}"))
