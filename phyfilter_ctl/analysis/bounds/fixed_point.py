@@ -123,8 +123,15 @@ class FixedPoint:
         name : {"x", "g", "f_theta", "f_hat"}
         values : array_like
             In the unit of the signal.
+
+        Raises
+        ------
+        ValueError
+            For not-a-number, for which there is no integer.
         """
         scaled = np.rint(np.asarray(values, dtype=float) * 2.0 ** self.fraction[name])
+        if np.isnan(scaled).any():
+            raise ValueError(f"{name}: expected numbers, got nan; leave such samples out, integers have none")
         return np.clip(scaled, -float(_WORD), float(_WORD)).astype(np.int64)
 
     def reals(self, name: str, values: ArrayLike) -> FloatArray:
@@ -156,7 +163,7 @@ class FixedPoint:
         Raises
         ------
         TypeError, ValueError
-            For signals that are not of integers, or not of one shape (N, n_x).
+            For signals that are not of integers in 32 bits, or not of one shape (N, n_x) with at least one row.
         """
         record = {
             name: _integral(name, np.zeros_like(x) if given is None else given)
@@ -380,6 +387,10 @@ def _integral(name: str, values: ArrayLike) -> Integers:
     if array.ndim != 2 or array.dtype.kind not in "iu":
         raise TypeError(
             f"{name}: expected integers (N, n_x), got {array.dtype} {array.shape}; integers({name!r}, ...) makes them"
+        )
+    if not array.size or array.min() < -_WORD - 1 or array.max() > _WORD:
+        raise ValueError(
+            f"{name}: expected at least one sample of 32 bits, got shape {array.shape}; integers({name!r}, ...) saturates"
         )
     return array.astype(np.int64)
 
