@@ -28,6 +28,7 @@ _EXAMPLES = """examples:
   phyfilter-ctl run quadruped
   phyfilter-ctl run quadruped --quick --json figures.json --picture quadruped.pdf
   phyfilter-ctl run quadruped --payload 0 0.3 0.5 --terrain stairs --difficulty 0.5
+  phyfilter-ctl run quadruped --contact estimated                  # forces on the feet in the filters' g
   phyfilter-ctl run quadruped --animation walk.gif --terrain stairs
   phyfilter-ctl run quadruped --choose                             # the improved filter, from walks kept apart for it
   phyfilter-ctl run quadruped --stance                             # the joint loop of the standing robot, linear
@@ -58,6 +59,11 @@ def add_arguments(parser: ArgumentParser) -> None:
         "--methods", nargs="+", metavar="NAME", help="rows of the table (unknown names: the list is printed)"
     )
     parser.add_argument("--policy", nargs="+", metavar="FILE", help="judge these policies instead")
+    parser.add_argument(
+        "--contact",
+        choices=("omitted", "known", "estimated"),
+        help="forces on the feet in the g of the filters (default: none): the simulator's, or what a robot can know",
+    )
     job = parser.add_mutually_exclusive_group()
     job.add_argument(
         "--choose", action="store_true", help="compare variants of the filter on validation walks"
@@ -101,6 +107,11 @@ def main(options: Namespace) -> int:
 
     if options.threads < 1:
         raise ValueError(f"--threads: expected 1 or more, got {options.threads}")
+    alone = next((name for name in ("choose", "stance", "cosimulate") if getattr(options, name)), None)
+    if options.contact and alone:
+        raise ValueError(f"--contact: --{alone} has filters of its own; leave one of the two out")
+    if options.contact and options.train and not options.filter:
+        raise ValueError("--contact: nobody is told of it without a filter; add --filter")
     outputs = Outputs.of(options)
     check_target(options.out, suffixes=(".json",))
     check_target(options.checkpoint, suffixes=(".npz",))
@@ -118,7 +129,7 @@ def main(options: Namespace) -> int:
 def _filter(options: Namespace) -> FilterChoice | None:
     from .loop import paper_filter
 
-    return paper_filter() if options.filter else None
+    return paper_filter(options.contact or "omitted") if options.filter else None
 
 
 def _plan(options: Namespace) -> Plan:
@@ -145,6 +156,7 @@ def _plan(options: Namespace) -> Plan:
         difficulties=tuple(options.difficulty or ((0.4,) if quick else test.difficulties)),
         duration=test.duration,
         terrains=kinds[:1] if quick and options.terrain is None else kinds,
+        contact=options.contact,
     )
 
 
@@ -173,13 +185,14 @@ def _own(options: Namespace) -> dict[str, Method]:
 def _animate(options: Namespace, outputs: Outputs) -> None:
     from .animation import animate
     from .evaluation import Case, Group, walk
-    from .methods import METHODS
+    from .methods import METHODS, told
     from .params import params
     from .terrain import Terrain
 
     plan = _plan(options)
     terrain = Terrain(plan.terrains[0], plan.difficulties[0]) if options.terrain and plan.terrains else None
     method = next(iter(_own(options).values()), METHODS[SHOWN])
+    method = method if plan.contact is None else told(method, plan.contact)
     payload = max(options.payload or (0.0,)) * params().robot.mass
     speed = max(options.speed or (1.0,))
     policies = method.policies(plan.seeds[:1])

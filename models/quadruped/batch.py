@@ -202,10 +202,20 @@ class Batch:
         return self._touch
 
     @property
+    def contact(self) -> FloatArray:
+        """Generalised forces of the contacts over the step before, J' F_c, (E, 18) N and N m."""
+        return self._pool.bind("qfrc_constraint")
+
+    @property
+    def up(self) -> FloatArray:
+        """The vertical in the trunks' frames, (E, 3)."""
+        w, x, y, z = self._qpos[:, 3:7].T
+        return np.stack([2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)], axis=1)
+
+    @property
     def lean(self) -> tuple[FloatArray, FloatArray]:
         """Tilt of the trunks (sine) and largest of roll and pitch rates (rad/s), (E,) each."""
-        w, x, y, z = self._qpos[:, 3:7].T
-        tilt = 2.0 * np.hypot(x * z - w * y, y * z + w * x)
+        tilt = np.hypot(*self.up[:, :2].T)
         return tilt, np.abs(self._qvel[:, 3:5]).max(axis=1)
 
     @property
@@ -216,13 +226,13 @@ class Batch:
         R = np.empty((self.size, 3, 3))
         R[:, 0, 0], R[:, 0, 1], R[:, 0, 2] = 1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)
         R[:, 1, 0], R[:, 1, 1], R[:, 1, 2] = 2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)
-        R[:, 2, 0], R[:, 2, 1], R[:, 2, 2] = 2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)
+        R[:, 2] = up = self.up
         velocity = np.matmul(self._qvel[:, None, :3], R)[:, 0]
         return Motion(
             self._qpos[:, :3].copy(),
             velocity,
             self._qvel[:, 3:6].copy(),
-            R[:, 2].copy(),
+            up,
             np.arctan2(R[:, 1, 0], R[:, 0, 0]),
             self.q.copy(),
             self.qd.copy(),

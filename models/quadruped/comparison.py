@@ -9,13 +9,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from phyfilter_ctl.plants.legged import Contact
 from phyfilter_ctl.study import Report, silent
 
 from .batch import Batch
 from .evaluation import Case, Group, Outcome, Trace, phases, walk
 from .gait import trot
 from .loop import JointLoop, paper_filter
-from .methods import METHODS, Method
+from .methods import METHODS, Method, told
 from .params import params
 from .terrain import KINDS, Kind, Terrain
 
@@ -53,6 +54,8 @@ class Plan:
     duration : float
         Of a walk, s.
     terrains : tuple of str
+    contact : {"omitted", "known", "estimated"}, optional
+        What all filters are told of the forces on the feet; None: what each was chosen with.
 
     Raises
     ------
@@ -68,6 +71,7 @@ class Plan:
     difficulties: tuple[float, ...]
     duration: float
     terrains: tuple[Kind, ...] = TERRAINS
+    contact: Contact | None = None
 
     def __post_init__(self) -> None:
         unknown = [name for name in self.methods if name not in METHODS]
@@ -201,6 +205,8 @@ def compare(
     report("steps per second")
     speed = throughput(threads=threads)
     methods = {name: METHODS[name] for name in plan.methods} | dict(own or {})
+    if plan.contact is not None:
+        methods = {name: told(method, plan.contact) for name, method in methods.items()}
     scores = score(methods, plan, report=report, threads=threads)
     curves: dict[str, list[list[float]]] = {}
     for method in methods.values():

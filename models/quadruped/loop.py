@@ -2,23 +2,25 @@
 
     tau = Kp (q_d - f_hat/Kp - q) - Kd q',   cut at the motors' limits;   M q'' = -d q' + tau + f,   f_hat = F(s) f
 
-M is constant and diagonal, contact is left out of g unless asked for: f_hat then carries the load of the legs.
+M is constant and diagonal. g is tau - d q', and J' F_c where the filter is told of the forces on the feet, as in the
+paper; left out, f_hat carries the load of the legs.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
 from phyfilter_ctl.controllers.joint_torque import AntiWindup, Gate, JointFilterState, JointTorqueFilter
 from phyfilter_ctl.filter import PhyFilter
-from phyfilter_ctl.plants.legged import JointQuantities, JointSpacePrior
+from phyfilter_ctl.plants.legged import Contact, JointQuantities, JointSpacePrior
 
 from .batch import Batch
+from .contact import carried
 from .gait import sent
 from .params import params
 from .robot import joint_inertia
@@ -53,11 +55,13 @@ class FilterChoice:
     fade : (float, float)
         Seconds in which the gate "tilt" takes f_hat from the motors when it closes, and gives it back when it opens;
         (0, 0): it acts on the estimate alone.
+    contact : {"omitted", "known", "estimated"}
+        J' F_c in g: none, the simulator's, or what the robot can know of it (``contact.carried``).
 
     Raises
     ------
     ValueError
-        For times that are not both positive, or a fade without that gate.
+        For times that are not both positive, a fade without that gate, or an unknown contact.
     """
 
     a: tuple[float, ...]
@@ -69,8 +73,12 @@ class FilterChoice:
     leak: float = 0.0
     gain: float = 1.0
     fade: tuple[float, float] = (0.0, 0.0)
+    contact: Contact = "omitted"
 
     def __post_init__(self) -> None:
+        if self.contact not in get_args(Contact):
+            expected = ", ".join(get_args(Contact))
+            raise ValueError(f"contact: expected one of {expected}, got {self.contact!r}")
         if self.fade != (0.0, 0.0) and (self.gate != "tilt" or not min(self.fade) > 0.0):
             raise ValueError(
                 f"fade: expected two positive times and the gate 'tilt', got {self.fade}, {self.gate!r}"
@@ -96,8 +104,13 @@ class FilterChoice:
             raise ValueError(f"record of a filter: {error}") from None
 
 
-def paper_filter() -> FilterChoice:
+def paper_filter(contact: Contact = "omitted") -> FilterChoice:
     """Order 1 with the paper's a0.
+
+    Parameters
+    ----------
+    contact : {"omitted", "known", "estimated"}
+        The paper's g has it.
 
     Examples
     --------
@@ -105,7 +118,7 @@ def paper_filter() -> FilterChoice:
     (1.0,)
     """
     numbers = params().filter
-    return FilterChoice((numbers.a0,), limit=numbers.limit)
+    return FilterChoice((numbers.a0,), limit=numbers.limit, contact=contact)
 
 
 def make_filter(choice: FilterChoice) -> JointTorqueFilter:
@@ -119,12 +132,14 @@ def make_filter(choice: FilterChoice) -> JointTorqueFilter:
     prior = JointSpacePrior(
         inertia="constant",
         bias="damping",
-        contact="omitted",
+        contact=choice.contact,
         constant_inertia=joint_inertia(),
         damping=p.robot.damping,
     )
+    # The forces on the feet are those of the step that ends.
+    g: Literal["average", "hold"] = "average" if choice.contact == "omitted" else "hold"
     return JointTorqueFilter(
-        PhyFilter(choice.a, choice.b).sampled(p.control.dt, g="average", limit=choice.limit),
+        PhyFilter(choice.a, choice.b).sampled(p.control.dt, g=g, limit=choice.limit),
         prior,
         anti_windup=choice.anti_windup,
         gate=choice.gate_action,
@@ -225,11 +240,20 @@ class JointLoop:
         if self.filter is None or self._state is None or self.choice is None:
             return
         gate = self._gate()
-        self._state, f_hat = self.filter.step(self._state, qd, JointQuantities(qd), self.torque, gate=gate)
+        self._state, f_hat = self.filter.step(self._state, qd, self._known(qd), self.torque, gate=gate)
         if gate is not None and self.choice.fade[0] > 0.0:
             time = np.where(gate < self.share, *self.choice.fade)
             self.share = self.share - np.expm1(-params().control.dt / time) * (gate - self.share)
         self.f_hat = f_hat * (self.choice.gain * self.share)
+
+    def _known(self, qd: FloatArray) -> JointQuantities:
+        contact = "omitted" if self.choice is None else self.choice.contact
+        if contact == "known":
+            return JointQuantities(qd, contact_torque=self.batch.contact[self.rows])
+        if contact == "estimated":
+            q, up = self.batch.q[self.rows], self.batch.up[self.rows]
+            return JointQuantities(qd, contact_estimate=carried(q, up, self.torque))
+        return JointQuantities(qd)
 
     def _gate(self) -> FloatArray | None:
         if self.choice is None or self.choice.gate == "none":

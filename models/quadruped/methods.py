@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+
+from phyfilter_ctl.plants.legged import Contact
 
 from .loop import FilterChoice, paper_filter
 from .policy import Policy, shipped
 
-__all__ = ["GATED", "IMPROVED", "METHODS", "SEEDS", "USUAL", "Method", "of_policies"]
+__all__ = ["GATED", "IMPROVED", "METHODS", "SEEDS", "USUAL", "Method", "of_policies", "told"]
 
 SEEDS = (0, 1, 2)
 # Of the policies that were trained with commands of up to 3 m/s.
@@ -71,6 +73,24 @@ METHODS: dict[str, Method] = {
 }
 # What is compared unless something else is asked for.
 USUAL = ("base", "observer", "filter", "off", "improved", "basewide", "wide")
+
+
+def told(method: Method, contact: Contact) -> Method:
+    """The same, its filter told something else of the forces on the feet; without a filter as it is.
+
+    Parameters
+    ----------
+    method : Method
+    contact : {"omitted", "known", "estimated"}
+
+    Examples
+    --------
+    >>> told(METHODS["filter"], "known").choice.contact, told(METHODS["base"], "known").choice
+    ('known', None)
+    """
+    return (
+        method if method.choice is None else replace(method, choice=replace(method.choice, contact=contact))
+    )
 
 
 def of_policies(policies: Sequence[Policy]) -> dict[str, Method]:

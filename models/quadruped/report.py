@@ -25,12 +25,14 @@ def table(found: Comparison) -> str:
     """
     plan, scores = found.plan, found.scores
     walks = len(plan.seeds) * plan.phases
+    contact = "" if plan.contact is None else f"; filters with the contact force in g: {plan.contact}"
     lines = [
         f"quadruped of {params().robot.mass} kg, trained on flat ground with payloads of {_range('payload')} kg and "
         f"{_range('velocity')} m/s;",
-        f"{len(plan.seeds)} policies x {plan.phases} phases of the gait = {walks} walks a column, those to 3 m/s fewer",
+        f"{len(plan.seeds)} policies x {plan.phases} phases of the gait = {walks} walks a column, those to 3 m/s fewer"
+        + contact,
         "",
-        "velocity error |mean v - command|, m/s (falls, %)",
+        "velocity error |mean v - command|, m/s [policy with the least, with the largest] (falls, %)",
         _row("", [f"{100 * part:.0f} %" for part in plan.payloads], "payload, 1 m/s"),
     ]
     for name, score in scores.items():
@@ -47,7 +49,7 @@ def table(found: Comparison) -> str:
         ),
     ]
     for name, score in scores.items():
-        cells = [*(f"{value:.2f}" for value in score.strength.mean(axis=(1, 2))), f"{score.push.mean():.2f}"]
+        cells = [_over_policies(values) for values in (*score.strength, score.push)]
         lines.append(_row(found.methods[name].label, cells))
     if plan.terrains:
         lines += [
@@ -61,9 +63,14 @@ def table(found: Comparison) -> str:
         for name, score in scores.items():
             cells = [_list(score.terrain[kind].mean(axis=(1, 2))) for kind in plan.terrains]
             lines.append(_row(found.methods[name].label, cells, width=18))
-        # A stumble is chaotic: each walk is a draw of its own, and sqrt(p (1 - p)/n) is at most this.
+        lines += ["", _row("", list(plan.terrains), "the same, mean of the difficulties, of the policies")]
+        for name, score in scores.items():
+            cells = [_over_policies(score.terrain[kind].mean(axis=0)) for kind in plan.terrains]
+            lines.append(_row(found.methods[name].label, cells))
+        # sqrt(p (1 - p)/n) is at most this, were each walk a draw of its own.
         lines.append(
-            f"standard deviation of such a part of {walks} walks by chance: up to {0.5 / walks**0.5:.2f}"
+            f"standard deviation of such a part of {walks} walks by chance: up to {0.5 / walks**0.5:.2f}, more where "
+            "walks are alike"
         )
     lines += ["", *_verdict(found)]
     speed = found.throughput
@@ -84,56 +91,73 @@ def _list(values: tuple[float, ...] | FloatArray) -> str:
     return "/".join(f"{value:.2f}".lstrip("0") if value < 1.0 else f"{value:.1f}" for value in values)
 
 
-def _row(label: str, cells: list[str], note: str = "", width: int = 12) -> str:
+def _row(label: str, cells: list[str], note: str = "", width: int = 22) -> str:
     text = f"{label:<28}" + "".join(f"{cell:>{width}}" for cell in cells)
     return f"{text}   {note}" if note else text
 
 
 def _cells(errors: FloatArray, fallen: FloatArray) -> list[str]:
     return [
-        f"{error:.2f}" + (f" ({100 * part:.0f})" if part else "")
-        for error, part in zip(errors.mean(axis=(1, 2)), fallen, strict=True)
+        _over_policies(values) + (f" ({100 * part:.0f})" if part else "")
+        for values, part in zip(errors, fallen, strict=True)
     ]
 
 
-def columns(score: Scores, found: Comparison) -> dict[str, float]:
-    """One number a column; terrains and push count as failures, so that less is better everywhere.
+def _over_policies(values: FloatArray) -> str:
+    """Of (policies, phases): the mean, and between which policies it lies."""
+    each = values.mean(axis=1)
+    if len(each) < 2:
+        return f"{each.mean():.2f}"
+    low, high = (f"{value:.2f}" for value in (each.min(), each.max()))
+    return f"{each.mean():.2f} [{low}, {high}]"
+
+
+def columns(score: Scores, found: Comparison) -> dict[str, FloatArray]:
+    """One number a column and policy; terrains and push count as failures, so that less is better everywhere.
 
     Parameters
     ----------
     score : Scores
     found : Comparison
+
+    Returns
+    -------
+    dict of str to (policies,) array
     """
     plan = found.plan
     result = {
-        f"payload {100 * part:.0f} %": float(value.mean())
+        f"payload {100 * part:.0f} %": value.mean(axis=1)
         for part, value in zip(plan.payloads, score.payload, strict=True)
     }
     result |= {
-        f"{speed:g} m/s": float(value.mean()) for speed, value in zip(plan.speeds, score.speed, strict=True)
+        f"{speed:g} m/s": value.mean(axis=1) for speed, value in zip(plan.speeds, score.speed, strict=True)
     }
     result |= {
-        "weak motors": float(score.strength[0].mean()),
-        "weak motors, loaded": float(score.strength[1].mean()),
-        "push": 1.0 - float(score.push.mean()),
+        "weak motors": score.strength[0].mean(axis=1),
+        "weak motors, loaded": score.strength[1].mean(axis=1),
+        "push": 1.0 - score.push.mean(axis=1),
     }
-    return result | {kind: 1.0 - float(values.mean()) for kind, values in score.terrain.items()}
+    return result | {kind: 1.0 - values.mean(axis=(0, 2)) for kind, values in score.terrain.items()}
 
 
 def _verdict(found: Comparison) -> list[str]:
     """Against the first method, column by column, and against the paper's figure."""
     first = next(iter(found.scores))
     base = columns(found.scores[first], found)
-    lines = []
+    lines = [
+        f"against {found.methods[first].label}: columns where every policy is better, or worse, than every one of it"
+    ]
     for name, score in found.scores.items():
         if name == first:
             continue
         mine = columns(score, found)
-        better = [key for key in base if mine[key] < base[key] - _EQUAL]
-        worse = [key for key in base if mine[key] > base[key] + _EQUAL]
+        better = [key for key in base if mine[key].max() < base[key].min() - _EQUAL]
+        worse = [key for key in base if mine[key].min() > base[key].max() + _EQUAL]
         lines.append(
-            f"{found.methods[name].label}: better than the first row in {len(better)} of {len(base)} columns, "
-            f"worse in {len(worse)}" + (f": {', '.join(worse)}" if worse else "")
+            f"{found.methods[name].label}: better in {len(better)} of {len(base)}"
+            + (f" ({', '.join(better)})" if better else "")
+            + f", worse in {len(worse)}"
+            + (f" ({', '.join(worse)})" if worse else "")
         )
     if max(found.plan.payloads) >= 0.6:
         for name in ("filter", "improved"):
@@ -166,7 +190,8 @@ def figures(found: Comparison) -> dict[str, object]:
         "speeds": list(plan.speeds),
         "difficulties": list(plan.difficulties),
         "methods": {name: _figures(score) for name, score in found.scores.items()},
-        "columns": {name: columns(score, found) for name, score in found.scores.items()},
+        "contact": plan.contact,
+        "columns": {name: _listed(score, found) for name, score in found.scores.items()},
         "training_reward": found.curves,
         "steps_per_second": {
             "robots": found.throughput.robots,
@@ -177,18 +202,23 @@ def figures(found: Comparison) -> dict[str, object]:
     }
 
 
+def _listed(score: Scores, found: Comparison) -> dict[str, list[float]]:
+    return {key: values.tolist() for key, values in columns(score, found).items()}
+
+
 def _figures(score: Scores) -> dict[str, object]:
     return {
         "payload_error": score.payload.mean(axis=(1, 2)).tolist(),
-        "payload_error_by_policy": score.payload.mean(axis=2).tolist(),
         "payload_fallen": score.payload_fallen.tolist(),
         "speed_error": score.speed.mean(axis=(1, 2)).tolist(),
-        "speed_error_by_policy": score.speed.mean(axis=2).tolist(),
         "speed_fallen": score.speed_fallen.tolist(),
         "weak_motors_error": score.strength.mean(axis=(1, 2)).tolist(),
         "push_survival": float(score.push.mean()),
         "terrain_success": {
             kind: values.mean(axis=(1, 2)).tolist() for kind, values in score.terrain.items()
+        },
+        "terrain_success_by_policy": {
+            kind: values.mean(axis=2).tolist() for kind, values in score.terrain.items()
         },
         "mean_abs_f_hat": score.estimate.tolist(),
     }

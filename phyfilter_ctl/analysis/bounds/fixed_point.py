@@ -390,7 +390,8 @@ def _integral(name: str, values: ArrayLike) -> Integers:
         )
     if not array.size or array.min() < -_WORD - 1 or array.max() > _WORD:
         raise ValueError(
-            f"{name}: expected at least one sample of 32 bits, got shape {array.shape}; integers({name!r}, ...) saturates"
+            f"{name}: expected one sample of 32 bits or more, got {array.dtype} {array.shape}; integers({name!r}, ...) "
+            "saturates"
         )
     return array.astype(np.int64)
 

@@ -5,12 +5,13 @@ fills the quantities from MuJoCo, and ``renderer`` draws a robot off screen. Onl
 a MuJoCo model.
 """
 
-from .prior import JointQuantities, JointSpacePrior, balanced_contact
+from .prior import Contact, JointQuantities, JointSpacePrior, balanced_contact
 from .rendering import Camera, Draw, renderer
 from .simulator import quantities
 
 __all__ = [
     "Camera",
+    "Contact",
     "Draw",
     "JointQuantities",
     "JointSpacePrior",

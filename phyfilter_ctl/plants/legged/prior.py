@@ -25,7 +25,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ... import _signals
 
-__all__ = ["JointQuantities", "JointSpacePrior", "balanced_contact"]
+__all__ = ["Contact", "JointQuantities", "JointSpacePrior", "balanced_contact"]
 
 FloatArray = NDArray[np.float64]
 Inertia = Literal["full", "diagonal", "constant"]
