@@ -210,6 +210,27 @@ def test_inputs_beyond_their_ranges_saturate_and_are_said():
     assert np.abs(fixed.reals("f_hat", f_hat)).max() <= 3.0
 
 
+@pytest.mark.parametrize(
+    ("options", "ranges"),
+    [
+        ({}, {"x": 1e-3}),
+        ({"limit": 5.0}, {"x": 1.0, "g": 6000.0, "f_theta": 2000.0}),
+        ({"limit": 1e-3}, {"x": 1.0, "f_theta": 500.0}),
+    ],
+)
+def test_sums_fit_where_f_theta_is_nothing_or_far_beyond_the_limit(options, ranges):
+    """A filter of hardly any gain, whose coefficients leave the most bits to the sum."""
+    filter_ = PhyFilter([400.0, 40.0], [0.04, 0.004])
+    fixed = fixed_point(filter_.sampled(0.01, **options), **ranges)
+    most = fixed.most("f_theta")
+    largest = (most << fixed.shifts["f_theta"]) + int(np.abs(fixed.C).sum()) * (2**31 - 1)
+    assert fixed.shifts["f_theta"] <= 62
+    assert largest + (1 << (fixed.shifts["C"] - 1)) < 2**63
+    ends = np.array([[most], [-most]])
+    f_hat = fixed.reals("f_hat", fixed.run(0 * ends, f_theta=ends)[0])
+    assert np.array_equal(np.sign(f_hat), np.sign(ends))
+
+
 @pytest.mark.slow
 def test_the_command_writes_a_program_that_checks_itself(tmp_path, quick_compiler):
     save(tmp_path / "filter.toml", SECOND)

@@ -40,6 +40,8 @@ _WORD = 2**31 - 1
 _SIGNAL = 29
 # f_theta needs no finer steps than so many bits below those of f_hat.
 _BELOW = 16
+# Bits by which f_theta may be shifted up: it fills 30, the sum with C w 63.
+_UP = 32
 # Sums and logarithms are in double precision, certificates are closed to 1e-8.
 _COMPUTED = 1.0 + 1e-6
 # Room for the errors of the states themselves, checked afterwards.
@@ -281,7 +283,8 @@ def _scaled(sampled: SampledPhyFilter, ranges: Mapping[str, float], room: float)
     if sampling.limit is not None:
         f_hat = min(f_hat, float(np.max(sampling.limit)))
     fraction["f_hat"] = _room_for(f_hat * (1.0 + 2.0**-16))
-    fraction["f_theta"] = min(fraction["f_theta"], fraction["f_hat"] + _BELOW)
+    finest = fraction["f_hat"] + _BELOW
+    fraction["f_theta"] = min(fraction["f_theta"], finest) if ranges["f_theta"] else fraction["f_hat"]
 
     largest = (X * gains.of_x + G * gains.of_u) * (1.0 + room)
     states = np.array([_room_for(size) for size in largest])
@@ -300,19 +303,20 @@ def _scaled(sampled: SampledPhyFilter, ranges: Mapping[str, float], room: float)
         "b": b * 2.0 ** (states - fraction["v"] + GUARD),
         "C": C * 2.0 ** (fraction["f_hat"] - states),
     }
-    lowest = max(1, fraction["f_theta"] - fraction["f_hat"])
+    coarser = fraction["f_hat"] - fraction["f_theta"]  # f_theta, where a limit makes f_hat so much smaller
+    lowest = max(1, -coarser)
     shifts = {
         "x": up,
         "dA": _shift(mantissas["dA"], 2.0**31),
         "b": _shift(mantissas["b"][:, None], 2.0**61 / (v * 2.0 ** fraction["v"] + 2.0)),
-        "C": _shift(mantissas["C"][None], 2.0**31),
+        "C": min(_shift(mantissas["C"][None], 2.0**31), _UP - coarser),
     }
     if min(up, shifts["dA"], shifts["b"], shifts["C"] - lowest) < 0:
         raise ValueError(
             f"fixed point: 32 bits do not hold this filter at h = {h:g} s with these ranges; take a shorter step, "
-            "ranges nearer to what the signals do, or a numerator of less gain"
+            "ranges nearer to what the signals do, a limit nearer to f_theta, or a numerator of less gain"
         )
-    shifts["f_theta"] = shifts["C"] + fraction["f_hat"] - fraction["f_theta"]
+    shifts["f_theta"] = shifts["C"] + coarser
     rounded = {
         name: np.rint(values * 2.0 ** shifts[name]).astype(np.int64) for name, values in mantissas.items()
     }

@@ -64,7 +64,8 @@ int PF_P(guard_init)(PF_P(guard) *self, const PF_P(params) *params) {
   const int code = PF_P(init)(&self->filter, params);
   if (code) return code;
   self->params = params;
-  self->longest = (uint32_t)(PF_LONGEST * 1e6 * params->dt + 0.5);
+  const double longest = PF_LONGEST * 1e6 * params->dt + 0.5;
+  self->longest = longest < 4294967295.0 ? (uint32_t)longest : UINT32_MAX; /* more than an hour is no fault */
   self->crc = PF_P(guard_crc_)(&self->filter);
   return PF_FILTER_OK;
 }
