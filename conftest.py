@@ -18,8 +18,6 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import hypothesis
 import pytest
 
-from phyfilter_ctl.codegen import CompilerError, find_compiler
-
 pytest_plugins = ["tests.cpu_budget"]
 
 # How long an example takes to draw says how busy the machine is.
@@ -33,14 +31,17 @@ hypothesis.settings.load_profile(os.environ.get("PHYFILTER_HYPOTHESIS_PROFILE", 
 gc.set_threshold(100_000, 20, 100)
 
 
-@pytest.fixture(scope="module")
-def quick_compiler() -> Iterator[None]:
+@pytest.fixture(scope="session", autouse=True)
+def quick_compiler(request: pytest.FixtureRequest) -> Iterator[None]:
     """The default one without optimisation, which takes a third of the time; $CC from outside stays.
 
-    Contraction is off in any case, so that the numbers are the same.
+    Contraction is off in any case, so that the numbers are the same. Depth (``-m slow``) is compiled as users do.
     """
+    from phyfilter_ctl.codegen import find_compiler  # the controller of the workers gets by without
+
     with pytest.MonkeyPatch.context() as patch:
-        if "CC" not in os.environ and not _why_not() and len(command := find_compiler().command) == 1:
+        quick = request.config.getoption("markexpr") == "not slow" and "CC" not in os.environ
+        if quick and not _why_not() and len(command := find_compiler().command) == 1:
             patch.setenv("CC", f"""sh -c 'exec {command[0]} "$@" -O0' {command[0]}""")
         yield
 
@@ -48,6 +49,8 @@ def quick_compiler() -> Iterator[None]:
 @cache
 def _why_not() -> str:
     """Why nothing can be compiled here; "" where it can."""
+    from phyfilter_ctl.codegen import CompilerError, find_compiler
+
     try:
         find_compiler()
     except CompilerError as error:
@@ -57,6 +60,8 @@ def _why_not() -> str:
 
 def _caused_by_it(error: BaseException | None) -> bool:
     """Whether an error, or what it came from, is that there is no compiler."""
+    from phyfilter_ctl.codegen import CompilerError
+
     # pytest collects the failures of a doctest in `failures`.
     causes = [error, *getattr(error, "failures", ())]
     seen: set[int] = set()

@@ -12,8 +12,6 @@ import pytest
 import phyfilter_ctl as pf
 from phyfilter_ctl.cli import main
 
-pytestmark = pytest.mark.usefixtures("quick_compiler")
-
 COMPILER = shutil.which("gcc") or shutil.which("cc")
 needs_compiler = pytest.mark.skipif(COMPILER is None, reason="no C compiler on this machine")
 

@@ -19,8 +19,6 @@ from phyfilter_ctl.app.designs import read_design
 from phyfilter_ctl.codegen import CompilerError, find_compiler
 from phyfilter_ctl.fmi import check, describe
 
-pytestmark = pytest.mark.usefixtures("quick_compiler")
-
 TYPE_2 = message_of([-20.0, -15 + 8j, -15 - 8j], numerator={"kind": "type", "type": 2})
 SECRETS = message_of([-20.0, -30.0], numerator={"kind": "b", "b": [600.0, 12.0]}, dt=0.01, method="tustin")
 

@@ -2,6 +2,7 @@
 
 import ctypes as ct
 import os
+import shlex
 import subprocess
 from pathlib import Path
 
@@ -83,7 +84,7 @@ def exported(request, tmp_path_factory):
 def test_the_build_line_in_the_example_works_as_written(exported):
     folder, _ = exported
     line = next(line for line in (folder / "main.c").read_text().splitlines() if "Build all files" in line)
-    command = line.split(":", 1)[1].strip().replace("cc ", " ".join(find_compiler().command) + " ", 1)
+    command = line.split(":", 1)[1].strip().replace("cc ", shlex.join(find_compiler().command) + " ", 1)
     subprocess.run(f"{command} {' '.join(STRICT)}", shell=True, cwd=folder, check=True)
     run = subprocess.run(["./two_rates"], cwd=folder, check=True, capture_output=True, text=True)
     (folder / "two_rates").unlink()

@@ -232,7 +232,7 @@ def test_sums_fit_where_f_theta_is_nothing_or_far_beyond_the_limit(options, rang
 
 
 @pytest.mark.slow
-def test_the_command_writes_a_program_that_checks_itself(tmp_path, quick_compiler):
+def test_the_command_writes_a_program_that_checks_itself(tmp_path):
     save(tmp_path / "filter.toml", SECOND)
     words = f"export {tmp_path}/filter.toml --c {tmp_path}/out --channels 2 --name wing --real q31"
     assert main(words.split()) != 0

@@ -1,14 +1,9 @@
-"""FMUs of the tests are compiled quickly; CI compiles them as users do as well."""
+"""An FMU written by hand for the tests of this folder."""
 
 from __future__ import annotations
 
 import pytest
 from foreign_fmus import oscillator
-
-
-@pytest.fixture(scope="module", autouse=True)
-def _compiled_quickly(quick_compiler: None) -> None:
-    """For every file of this folder."""
 
 
 @pytest.fixture(scope="module")

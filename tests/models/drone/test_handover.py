@@ -13,8 +13,6 @@ from phyfilter_ctl.codegen import CompilerError, find_compiler
 from phyfilter_ctl.fmi import check
 from phyfilter_ctl.learned import Chebyshev
 
-pytestmark = pytest.mark.usefixtures("quick_compiler")
-
 ROOM = f"{models.__name__}.drone"
 cosimulation = importlib.import_module(f"{ROOM}.cosimulation")
 diagram = importlib.import_module(f"{ROOM}.diagram")
