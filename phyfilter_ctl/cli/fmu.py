@@ -8,6 +8,7 @@ import io
 import json
 import sys
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -15,7 +16,7 @@ import numpy as np
 from .._output import check_target, write_figure, write_text
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Mapping, Sequence
 
     import control as ct
 
@@ -70,6 +71,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     run.add_argument(
         "--set",
         nargs="+",
+        action="extend",
         default=[],
         metavar="NAME=VALUE",
         help="parameters and start values; one that the FMU refuses ends the run",
@@ -80,6 +82,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     run.add_argument(
         "--record",
         nargs="+",
+        action="extend",
         metavar="PATTERN",
         help="variables to put out, of any causality (* and ? stand for other characters; default: the outputs)",
     )
@@ -172,6 +175,7 @@ class _Result(NamedTuple):
     log: Sequence[str]
     message: str
     plot: Callable[[], ct.ControlPlot]
+    texts: Mapping[str, Sequence[str]] = MappingProxyType({})
 
 
 def _run(options: argparse.Namespace) -> int:
@@ -207,7 +211,7 @@ def _run(options: argparse.Namespace) -> int:
     known = np.flatnonzero(~np.all(np.isnan(outputs), axis=0))
     reached = int(np.max(known, initial=-1)) + 1 if result.labels else len(times)
     if options.out is not None:
-        write_text(options.out, _table(result.labels, times[:reached], outputs))
+        write_text(options.out, _table(result, times[:reached]))
     if options.picture is not None:
         import matplotlib
 
@@ -220,6 +224,8 @@ def _run(options: argparse.Namespace) -> int:
                 f"  {label:24} {values[0]:12.6g} -> {values[-1]:12.6g}   "
                 f"within {values.min():.6g} .. {values.max():.6g}"
             )
+        for label, texts in result.texts.items():
+            print(f"  {label:24} {texts[0]!r} -> {texts[-1]!r}" if texts else f"  {label}")
     return failed
 
 
@@ -228,16 +234,20 @@ def _cosimulated(options: argparse.Namespace, times: FloatArray) -> _Result:
 
     inputs = {} if options.input is None else _inputs(options.input, times)
     isolated = _isolated(options)
+    settings = dict(map(_setting, options.set))
     whole = options.file
     if options.record is not None:
         step = float(times[1] - times[0])
-        whole = import_fmu(whole, kind="cs", step=step, outputs=options.record, isolated=isolated)
+        whole = import_fmu(
+            whole, kind="cs", step=step, parameters=settings, outputs=options.record, isolated=isolated
+        )
+        settings = {}
     response = cosimulate(
         {"fmu": whole},
         [],
         timepts=times,
         inputs={f"fmu.{name}": values for name, values in inputs.items()},
-        parameters={f"fmu.{name}": value for name, value in map(_setting, options.set)},
+        parameters={f"fmu.{name}": value for name, value in settings.items()},
         progress=options.out != "-",
         isolated=isolated,
     )
@@ -246,8 +256,14 @@ def _cosimulated(options: argparse.Namespace, times: FloatArray) -> _Result:
 
 def _of_cosimulation(response: CosimulationResponse) -> _Result:
     labels = [label.removeprefix("fmu.") for label in response.output_labels or []]
-    outputs = np.asarray(response.outputs).reshape(len(labels), -1)
-    return _Result(labels, outputs, response.messages["fmu"], response.message or "", response.plot)
+    outputs = np.asarray(response.outputs).reshape(len(labels), len(response.time))
+    texts = {
+        label.removeprefix("fmu."): [
+            value.hex() if isinstance(value, bytes) else str(value) for value in values
+        ]
+        for label, values in response.texts.items()
+    }
+    return _Result(labels, outputs, response.messages["fmu"], response.message or "", response.plot, texts)
 
 
 def _exchanged(options: argparse.Namespace, times: FloatArray) -> _Result:
@@ -288,21 +304,17 @@ def _inputs(path: str, times: FloatArray) -> dict[str, FloatArray]:
     return {name: np.interp(times, table[:, 0], table[:, i]) for i, name in enumerate(names) if i}
 
 
-def _setting(text: str) -> tuple[str, float | str]:
+def _setting(text: str) -> tuple[str, str]:
     name, separator, value = text.partition("=")
     if not name or not separator:
         raise ValueError(f"--set: expected NAME=VALUE, got {text!r}")
-    try:
-        return name, float(value)
-    except ValueError:
-        return name, value
+    return name, value  # a number or a text: what the variable is says which
 
 
-def _table(labels: list[str], times: FloatArray, outputs: FloatArray) -> str:
+def _table(result: _Result, times: FloatArray) -> str:
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(["time", *labels])
-    writer.writerows(
-        [repr(float(t)), *(repr(float(v)) for v in row)] for t, row in zip(times, outputs.T, strict=False)
-    )
+    writer.writerow(["time", *result.labels, *result.texts])
+    rows = zip(times, result.outputs.T, *result.texts.values(), strict=False)
+    writer.writerows([repr(float(t)), *(repr(float(v)) for v in row), *texts] for t, row, *texts in rows)
     return text.getvalue()

@@ -36,6 +36,9 @@ class BindingError(RuntimeError):
         self.call = call
 
 
+_Bytes = ctypes.POINTER(ctypes.c_uint8)
+
+
 class _Loader(_FMU):
     """Stands between FMPy's FMI classes and their base, whose loader changes the working folder of all threads.
 
@@ -61,6 +64,52 @@ class _Loader(_FMU):
         self._loadFunctions()
         self.component = ctypes.c_void_p()
         self.callbacks = None
+
+    def getOpaque(self, kind: str, references: list[int], count: int) -> list[str]:  # as FMPy names its own
+        """Elements of String variables as they are, of Binary variables as hexadecimal digits: both can travel."""
+        places, fmu = (ctypes.c_uint * len(references))(*references), self._functions_of_fmi
+        if kind == "Binary":
+            bytes_, sizes = (_Bytes * count)(), (ctypes.c_size_t * count)()
+            fmu.fmi3GetBinary(self.component, places, len(references), sizes, bytes_, count)
+            return [
+                ctypes.string_at(pointer, size).hex() if size else ""
+                for pointer, size in zip(bytes_, sizes, strict=True)
+            ]
+        texts = (ctypes.c_char_p * count)()
+        if self._two:
+            fmu.fmi2GetString(self.component, places, len(references), texts)
+        else:
+            fmu.fmi3GetString(self.component, places, len(references), texts, count)
+        return [(text or b"").decode("utf-8", "replace") for text in texts]
+
+    def setOpaque(self, kind: str, references: list[int], words: list[str]) -> None:
+        """As :meth:`getOpaque` has them."""
+        places, fmu, count = (
+            (ctypes.c_uint * len(references))(*references),
+            self._functions_of_fmi,
+            len(words),
+        )
+        if kind == "Binary":
+            data = [bytes.fromhex(word) for word in words]
+            buffers = [(ctypes.c_uint8 * max(len(each), 1)).from_buffer_copy(each or b"\0") for each in data]
+            bytes_ = (_Bytes * count)(*(ctypes.cast(buffer, _Bytes) for buffer in buffers))
+            sizes = (ctypes.c_size_t * count)(*map(len, data))
+            fmu.fmi3SetBinary(self.component, places, len(references), sizes, bytes_, count)
+            return
+        texts = (ctypes.c_char_p * count)(*(word.encode("utf-8") for word in words))
+        if self._two:
+            fmu.fmi2SetString(self.component, places, len(references), texts)
+        else:
+            fmu.fmi3SetString(self.component, places, len(references), texts, count)
+
+    @property
+    def _two(self) -> bool:
+        return isinstance(self, fmi2._FMU2)
+
+    @property
+    def _functions_of_fmi(self) -> Any:
+        """This object, of whose functions the type checker knows nothing: FMPy's class comes in front of this one."""
+        return self
 
 
 _CLASSES: dict[tuple[str, str], Any] = {

@@ -9,7 +9,7 @@ from typing import Literal
 
 import control as ct
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from .. import _signals
 from .._sections import FloatArray
@@ -18,7 +18,8 @@ from .cosimulation_outside import Outside, Signal
 from .cosimulation_part import Part, StepControl, step_counts, step_problem
 from .cosimulation_parts import make_part
 from .cosimulation_run import Run
-from .cosimulation_wiring import Connection, Wire, Wiring, parameters_by_part, wire_up
+from .cosimulation_texts import TextExchange, text_wires
+from .cosimulation_wiring import Connection, Wire, parameters_by_part, wire_up
 from .foreign import Isolation
 from .inspect import Scalar
 from .instance import FmuError
@@ -45,6 +46,8 @@ class CosimulationResponse(ct.TimeResponseData):
         What each part logged.
     message : str
         "" where the run succeeded, else what happened and what to try; ``success`` says which.
+    texts : dict of str to (k,) array of objects
+        Of outputs that are String (str) or Binary (bytes): their values at the first k times, all N where it succeeded.
     """
 
     def __init__(
@@ -59,6 +62,7 @@ class CosimulationResponse(ct.TimeResponseData):
         rejected: int = 0,
         messages: Mapping[str, tuple[str, ...]] | None = None,
         message: str = "",
+        texts: Mapping[str, NDArray[np.object_]] | None = None,
     ) -> None:
         super().__init__(
             time,
@@ -76,6 +80,7 @@ class CosimulationResponse(ct.TimeResponseData):
         self.steps: int = steps
         self.rejected: int = rejected
         self.messages: dict[str, tuple[str, ...]] = dict(messages or {})
+        self.texts: dict[str, NDArray[np.object_]] = dict(texts or {})
 
 
 def cosimulate(
@@ -117,7 +122,8 @@ def cosimulate(
         :func:`cut_diagram`, brings its own connections and parameters, and names for inputs and outputs.
     connections : sequence of tuple of str
         ``(input, output, ...)`` as in ``ct.interconnect``: ``("plant.f[0]", "controller.u[0]")``; several outputs are
-        summed, ``"-part.y"`` is subtracted, ``"plant.f"`` stands for all its elements.
+        summed, ``"-part.y"`` is subtracted, ``"plant.f"`` stands for all its elements. String and Binary outputs go to
+        inputs of their own type as they are.
     timepts : (N,) array_like
         Times in seconds, increasing, at which results are wanted; communication points all of them.
     step : float, optional
@@ -126,12 +132,12 @@ def cosimulate(
         What drives inputs from outside, by ``part.input``: constant, at ``timepts`` (linear in between), or a function
         of time. An input that nothing drives keeps its start value.
     outputs : sequence of str, optional
-        ``part.output``; all of them by default.
+        ``part.output``; all of them by default. String and Binary ones are recorded in ``texts`` of the response.
     scheme : {"jacobi", "gauss-seidel"}
     order : sequence of str, optional
         Parts in the order of Gauss-Seidel; as given by default.
-    parameters : dict of str to number or text, optional
-        Parameters and start values by ``part.name``.
+    parameters : dict of str to number, text or bytes, optional
+        Parameters and start values by ``part.name``. Structural parameters of FMU files are set before all else.
     initial_state : dict of str to (n,) array_like, optional
         Of python-control systems, by part; by default the start values that its blocks know of, else zero.
     tolerance, absolute_tolerance : float, optional
@@ -170,7 +176,7 @@ def cosimulate(
     Notes
     -----
     Where all parts are FMUs and there is a C compiler, the steps are made by a loop in C (compiled once per user) that
-    gives the same results.
+    gives the same results; not where texts or bytes are handed on or recorded.
 
     Loops of direct feedthrough are solved at each communication point by Newton's method, on directional derivatives
     where the FMUs have them and on differences otherwise, to a residual of 1e-10 of the largest signal. An FMU that
@@ -223,13 +229,18 @@ def cosimulate(
             outside = {label: [Wire(sink, "") for sink in sinks] for label, sinks in parts.inputs.items()}
             parts, wires, names = parts.parts, [*parts.wires, *wires], parts.outputs
         members = _members(stack, parts, parameters or {}, initial_state or {}, limits, isolated)
-        wiring = wire_up(members, wires, units=units)
+        handed, numbers = text_wires(members, wires)
+        wiring = wire_up(members, numbers, units=units)
+        wanted = _wanted(members, outputs, names)
+        texts = TextExchange(members, handed, wanted)
+        _refuse_texts(members, inputs or {})
         run = Run(
             members,
             wiring,
             Outside(wiring, inputs or {}, outside, times),
             _sequence(members, scheme, order),
-            _chosen(wiring, outputs, names),
+            {name: wiring.source(label) for name, label in wanted.items() if name not in texts.rows},
+            texts,
             threads,
         )
         control = StepControl(tolerance, absolute_tolerance or tolerance) if tolerance is not None else None
@@ -317,11 +328,22 @@ def _sequence(parts: Sequence[Part], scheme: str, order: Sequence[str] | None) -
     return [names.index(name) for name in order or names]
 
 
-def _chosen(wiring: Wiring, outputs: Sequence[str] | None, names: Mapping[str, str]) -> dict[str, int]:
-    if outputs is None:
-        everything = {label: j for j, label in enumerate(wiring.sources)}
-        return {name: wiring.source(label) for name, label in names.items()} or everything
-    return {label: wiring.source(names.get(label, label)) for label in outputs}
+def _wanted(parts: Sequence[Part], outputs: Sequence[str] | None, names: Mapping[str, str]) -> dict[str, str]:
+    """Outputs to be recorded: ``part.output`` by the name that it gets."""
+    if outputs is not None:
+        return {label: names.get(label, label) for label in outputs}
+    labels = (f"{part.name}.{label}" for part in parts for label in (*part.outputs, *part.text_outputs))
+    return dict(names) or {label: label for label in labels}
+
+
+def _refuse_texts(parts: Sequence[Part], inputs: Mapping[str, Signal]) -> None:
+    for part in parts:
+        for label, kind in part.text_inputs.items():
+            if (name := f"{part.name}.{label}") in inputs:
+                raise ValueError(
+                    f"inputs: {name!r} is {kind}, no signal of numbers: give it a constant value under parameters, or "
+                    "drive it by a part"
+                )
 
 
 def _response(run: Run, times: FloatArray, message: str) -> CosimulationResponse:
@@ -335,4 +357,5 @@ def _response(run: Run, times: FloatArray, message: str) -> CosimulationResponse
         rejected=run.rejected,
         messages={part.name: part.messages() for part in run.parts},
         message=message,
+        texts=run.texts.rows,
     )

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import Protocol
 
 import numpy as np
@@ -10,6 +12,7 @@ from numpy.typing import NDArray
 
 from .._sections import FloatArray
 from .units import FmuUnit
+from .values import Opaque
 
 __all__ = [
     "SETTLED",
@@ -69,6 +72,8 @@ class Part(Protocol):
         Whether communication steps may differ.
     interval : float or None
         Seconds that steps must be multiples of.
+    text_inputs, text_outputs : dict of str to str
+        String and Binary variables: label and type.
     """
 
     name: str
@@ -79,6 +84,8 @@ class Part(Protocol):
     can_go_back: bool
     variable_step: bool
     interval: float | None
+    text_inputs: Mapping[str, str] = MappingProxyType({})
+    text_outputs: Mapping[str, str] = MappingProxyType({})
 
     def unit(self, label: str) -> tuple[str, FmuUnit | None]:
         """Unit of an input or output, and what it means, where that is known."""
@@ -107,6 +114,14 @@ class Part(Protocol):
     def get(self) -> FloatArray:
         """All outputs."""
         ...
+
+    def get_text(self, label: str) -> Opaque:
+        """A String or Binary output."""
+        raise KeyError(label)
+
+    def put_text(self, label: str, value: Opaque) -> None:
+        """Set a String or Binary input."""
+        raise KeyError(label)
 
     def advance(self, t: float, h: float, *, final: bool) -> None:
         """Step from t to t + h; ``final`` where no state of a time before t will be restored."""

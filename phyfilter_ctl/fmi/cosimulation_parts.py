@@ -27,6 +27,7 @@ from .instance import FmuError, FmuInstance
 from .signals import Signals, recorded
 from .units import FmuUnit, understood_unit
 from .unpacked import UnpackedFmu
+from .values import Opaque, by_element, numbers_among, opaque
 
 __all__ = ["FmuPart", "SystemPart", "make_part"]
 
@@ -60,7 +61,8 @@ class FmuPart(Part):
         outputs: Sequence[str] | None = None,
     ) -> None:
         self.name = name
-        self._fmu, self._owned, self._values = fmu, owned, dict(values)
+        values = by_element(fmu.description, values)
+        self._fmu, self._owned, self._values = fmu, owned, values
         self.instance: FmuInstance = FmuInstance(fmu, "cs", name)
         self.input_signals: Signals = self.instance.signals("input")
         self.output_signals: Signals = Signals(recorded(fmu.description, outputs), fmu.description.fmi)
@@ -73,9 +75,13 @@ class FmuPart(Part):
             for label, value in zip(
                 entry.labels, entry.starts or entry.items[:1] * len(entry.labels), strict=False
             )
-            if not isinstance(value, str)
+            if not isinstance(value, str | bytes)
         }
-        starts |= {key: float(value) for key, value in values.items() if key in starts}
+        # The FMU alone knows how arrays start that have another size than by default.
+        resized = [entry for entry in description.of("input") if 1 < len(entry.start) != len(entry.labels)]
+        unsaid = {label for entry in resized for label in entry.labels} - values.keys()
+        self._unsaid: NDArray[np.bool_] = np.array([label in unsaid for label in self.inputs], bool)
+        starts |= numbers_among(description, values)
         self.start: FloatArray = np.array([starts.get(label, 0.0) for label in self.inputs])
         self.feedthrough: NDArray[np.bool_] = description.feedthrough(self.inputs, self.outputs)
         self.can_go_back: bool = self.instance.ability.state
@@ -87,6 +93,10 @@ class FmuPart(Part):
             if entry.causality in ("input", "output")
             for label in entry.labels
         }
+        self._texts_in = opaque(description.of("input"))
+        self._texts_out = opaque(recorded(description, outputs, numeric=False))
+        self.text_inputs: Mapping[str, str] = {label: entry.type for label, entry in self._texts_in.items()}
+        self.text_outputs: Mapping[str, str] = {label: entry.type for label, entry in self._texts_out.items()}
         self._units = dict(
             zip(self.inputs + self.outputs, self.input_signals.units + self.output_signals.units, strict=True)
         )
@@ -125,6 +135,8 @@ class FmuPart(Part):
     def initialise(self, start_time: float, stop_time: float) -> None:
         """Enter the initialisation with the parameters and start values."""
         self.instance.initialise(start_time, stop_time=stop_time, values=self._values)
+        if self._unsaid.any():
+            self.start = np.where(self._unsaid, self.input_signals.read(self.instance), self.start)
 
     def begin(self) -> None:
         """Leave the initialisation."""
@@ -143,6 +155,18 @@ class FmuPart(Part):
         """Whether the loop in C can call the instance: in this process, and without items of enumerations to check."""
         checked = any(entry.items for entry in self._fmu.description.of("input"))
         return self.instance.source.isolation is None and not checked
+
+    def get_text(self, label: str) -> Opaque:
+        """Read a String or Binary output."""
+        entry = self._texts_out[label]
+        return self.instance.get_opaque(entry)[entry.labels.index(label)]
+
+    def put_text(self, label: str, value: Opaque) -> None:
+        """Set a String or Binary input."""
+        entry = self._texts_in[label]
+        values = list(self.instance.get_opaque(entry)) if entry.shape else [value]
+        values[entry.labels.index(label)] = value
+        self.instance.set_opaque(entry, values)
 
     def get(self) -> FloatArray:
         """Read all outputs."""
@@ -406,9 +430,10 @@ def make_part(
     """
     owned = isinstance(thing, str | Path)
     if isinstance(thing, str | Path):
-        fmu = UnpackedFmu(thing, limits=limits, isolated=isolated)
+        fmu = UnpackedFmu(thing, limits=limits, isolated=isolated, structure=values)
         if "cs" in fmu.description.kinds:
-            return _fmu_part(name, fmu, True, values)
+            rest = {key: value for key, value in values.items() if key not in fmu.structure}
+            return _fmu_part(name, fmu, True, rest)
         fmu.close()
         thing = import_fmu(thing, kind="me", name=name, parameters=values, limits=limits, isolated=isolated)
         values = {}

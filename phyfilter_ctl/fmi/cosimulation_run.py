@@ -24,6 +24,7 @@ from .cosimulation_part import (
     too_small,
     unsettled,
 )
+from .cosimulation_texts import TextExchange
 from .cosimulation_wiring import Wiring, block_feedthrough
 from .instance import FmuError
 from .master import FastMaster
@@ -49,6 +50,7 @@ class Run:
         Parts in the order of Gauss-Seidel; None for Jacobi.
     chosen : dict of str to int
         Name and place of the outputs wanted.
+    texts : TextExchange
     threads : int
         For the steps of Jacobi, where all parts are FMUs.
 
@@ -69,6 +71,7 @@ class Run:
     outside: Outside
     sequence: Sequence[int] | None
     chosen: Mapping[str, int]
+    texts: TextExchange
     threads: int = 1
     in_c: ClassVar[bool] = True
     u: FloatArray = field(init=False)
@@ -104,12 +107,13 @@ class Run:
         self._initialise(times)
         places = list(self.chosen.values())
         self.rows[0] = self.y[places]
+        self.texts.record()
         self.watched = np.isin(np.arange(len(self.y)), places) | np.any(self.wiring.weights != 0.0, axis=0)
         if control is not None:
             control.step = step or float(np.min(np.diff(times)))
-        fast = (
-            FastMaster.of(self, controlled=control is not None, threads=self.threads) if self.in_c else None
-        )
+        fast = None
+        if self.in_c and not self.texts.there:
+            fast = FastMaster.of(self, controlled=control is not None, threads=self.threads)
         with tqdm(total=len(times) - 1, disable=not progress, desc="co-simulation") as bar:
             try:
                 self.refuse_nonfinite(float(times[0]))
@@ -122,6 +126,7 @@ class Run:
                     else:
                         self._controlled(t, end, control, float(times[-1] - times[0]))
                     self.rows[k] = self.y[places]
+                    self.texts.record()
                     self.refuse_nonfinite(end)
                     bar.update()
             except StuckError as error:
@@ -177,6 +182,10 @@ class Run:
 
     def _settle(self, t: float, *, fresh: bool = False) -> None:
         """Hand signals on at one instant."""
+        for _ in self.texts.until_rest(t):
+            self._settle_numbers(t, fresh=fresh)
+
+    def _settle_numbers(self, t: float, *, fresh: bool) -> None:
         self.y = self._get()
         for loop in self.loops:
             self._hand_on(t, len(self.y) + 1, fresh)
@@ -188,7 +197,7 @@ class Run:
             raise StuckError(unsettled(t))
         # An output depends on an input that its FMU's description leaves out: from now on all are taken to.
         self._close_loops(block_feedthrough([np.ones_like(part.feedthrough) for part in self.parts]))
-        self._settle(t, fresh=True)
+        self._settle_numbers(t, fresh=True)
 
     def _hand_on(self, t: float, passes: int, fresh: bool) -> bool:
         """Along direct feedthrough, inputs on loops left as they are; whether the signals rest then."""
@@ -256,6 +265,7 @@ class Run:
                 u = self._wired(self.y, t)
                 self.u[place] = u[place]
                 self.parts[i].put(u[place])
+                self.texts.hand_on(self.parts[i])
                 self.parts[i].advance(t, h, final=final)
                 self.y[self.wiring.output_slices[i]] = self.parts[i].get()
         self._settle(end)
@@ -317,4 +327,5 @@ class Run:
     def _back(self, state: tuple[list[object], FloatArray, FloatArray]) -> None:
         for part, saved in zip(self.parts, state[0], strict=True):
             part.restore(saved)
+        self.texts.forget()
         self.u, self.y = state[1].copy(), state[2].copy()

@@ -14,6 +14,7 @@ from scipy.linalg import block_diag
 
 from .._sections import FloatArray
 from .cosimulation_part import Part
+from .inspect import Scalar
 from .units import AS_IS, FmuUnit, Linear, conversion
 
 __all__ = ["Connection", "Wire", "Wiring", "block_feedthrough", "wire_up"]
@@ -264,9 +265,7 @@ def _passes(through: np.ndarray, weights: FloatArray) -> int:
     return longest + bool(waiting)
 
 
-def parameters_by_part(
-    names: Sequence[str], values: Mapping[str, float | int | bool | str]
-) -> dict[str, dict[str, float | int | bool | str]]:
+def parameters_by_part(names: Sequence[str], values: Mapping[str, Scalar]) -> dict[str, dict[str, Scalar]]:
     """Split ``part.parameter`` keys; where names nest, the longest part name wins.
 
     Parameters
@@ -280,7 +279,7 @@ def parameters_by_part(
     ValueError
         If a key starts with no part's name.
     """
-    result: dict[str, dict[str, float | int | bool | str]] = {name: {} for name in names}
+    result: dict[str, dict[str, Scalar]] = {name: {} for name in names}
     for key, value in values.items():
         owners = [name for name in names if key.startswith(f"{name}.")]
         if not owners:

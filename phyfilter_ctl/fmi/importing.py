@@ -50,8 +50,9 @@ def import_fmu(
     step : float, optional
         Communication step in seconds of a co-simulation FMU; by default that of its default experiment, or its fixed
         internal step.
-    parameters : dict of str to number or text, optional
-        Values of parameters and start values; elements of arrays as ``a[0]``.
+    parameters : dict of str to number, text or bytes, optional
+        Values of parameters and start values; elements of arrays as ``a[0]``. Structural parameters are set before all
+        else, and arrays have the lengths that follow.
     start_time : float
         Seconds.
     tolerance : float, optional
@@ -61,7 +62,8 @@ def import_fmu(
         :func:`simulate` runs them in any diagram.
     outputs : sequence of str, optional
         Variables that the block is to put out, of any causality: names, in which * and ? stand for other characters.
-        None: the FMU's outputs.
+        None: the FMU's outputs. String and Binary variables cannot be signals of python-control: of a co-simulation FMU
+        :func:`cosimulate` records them.
     limits : ArchiveLimits, optional
         What the archive may hold at most.
     isolated : bool or Isolation
@@ -91,7 +93,7 @@ def import_fmu(
         raise ValueError(f'kind: expected "me" or "cs", got {kind!r}')
     if events not in ("raise", "ignore"):
         raise ValueError(f'events: expected "raise" or "ignore", got {events!r}')
-    fmu = UnpackedFmu(path, limits=limits, isolated=isolated)
+    fmu = UnpackedFmu(path, limits=limits, isolated=isolated, structure=parameters)
     description = fmu.description
     try:
         if kind is None:
@@ -101,6 +103,7 @@ def import_fmu(
             kind = "me" if continuous else "cs"
         label = name or re.sub(r"\W", "_", description.name)
         _known(description, parameters or {})
+        parameters = {key: value for key, value in (parameters or {}).items() if key not in fmu.structure}
         if kind == "me":
             return FmuModel(
                 fmu,

@@ -12,6 +12,7 @@ from .inspect import FmuDescription, Kind, Scalar
 from .instance import FmuInstance
 from .signals import Signals, recorded
 from .unpacked import UnpackedFmu
+from .values import by_element, numbers_among
 
 __all__ = ["FmuBlock", "ct_names"]
 
@@ -67,13 +68,16 @@ class FmuBlock(ct.NonlinearIOSystem, ABC):
     ) -> None:
         self._patterns = outputs
         self._fmu = fmu
-        self._fixed = dict(parameters)
+        self._fixed = by_element(fmu.description, parameters)
         self._start_time = start_time
         self._tolerance = tolerance
         self.instance: FmuInstance = FmuInstance(fmu, kind, name)
         self._inputs, self._outputs = self._signals()
         numbers = _parameters(self.description, kind)
-        numbers |= {key: float(value) for key, value in parameters.items() if key in numbers}
+        given = numbers_among(fmu.description, self._fixed)
+        numbers |= {key: value for key, value in given.items() if key in numbers}
+        # Integers of 64 bits have more digits than python-control's parameters.
+        self._exact = {key: (value, self._fixed[key]) for key, value in given.items()}
         inputs, outputs = ct_names(self._inputs.labels), ct_names(self._outputs.labels)
         super().__init__(
             self._next,
@@ -107,7 +111,7 @@ class FmuBlock(ct.NonlinearIOSystem, ABC):
     @property
     def values(self) -> dict[str, Scalar]:
         """Parameters and start values that it was imported with."""
-        return self._fixed | self.params
+        return self._fixed | self._in_full(self.params)
 
     @property
     def messages(self) -> tuple[str, ...]:
@@ -150,13 +154,18 @@ class FmuBlock(ct.NonlinearIOSystem, ABC):
         if self._running:
             self._running = False
             self.instance.reset()
-        given = self._fixed | values | dict(starts or {})
+        given = self._fixed | self._in_full(values) | dict(starts or {})
         self.instance.initialise(time, tolerance=self._tolerance, values=given)
         if inputs is not None and len(self._inputs):
             self._inputs.write(self.instance, inputs)
         self.instance.begin()
         self._in_force = values
         self._running = True
+
+    def _in_full(self, values: Mapping[str, float]) -> dict[str, Scalar]:
+        """Parameters with all the digits that they were given."""
+        exact = {key: given for key, (number, given) in self._exact.items() if values.get(key) == number}
+        return {**values, **exact}
 
     def _changed(self, params: Mapping[str, float]) -> dict[str, float]:
         wanted = {key: params.get(key, value) for key, value in self.params.items()}
@@ -193,5 +202,6 @@ def _parameters(description: FmuDescription, kind: Kind) -> dict[str, float]:
         label: float(start)
         for entry in entries
         if entry.type.startswith(_NUMERIC)
+        if len(entry.starts) == len(entry.labels)  # not so of arrays with another size than by default
         for label, start in zip(entry.labels, entry.starts, strict=True)
     }

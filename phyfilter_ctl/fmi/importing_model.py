@@ -17,7 +17,7 @@ from ..blocks.interpreted import Interpreted
 from .importing_blocks import FmuBlock
 from .inspect import Scalar
 from .instance import FmuError
-from .signals import Signals
+from .signals import Signals, recorded
 from .unpacked import UnpackedFmu
 
 __all__ = ["FmuModel"]
@@ -84,9 +84,10 @@ class FmuModel(FmuBlock):
             label: float(value)
             for entry in self.description.of("input")
             for label, value in zip(entry.labels, entry.starts, strict=False)
-            if not isinstance(value, str)
+            if len(entry.starts) == len(entry.labels) and not isinstance(value, str | bytes)
         }
-        self.start_inputs: FloatArray = np.array([starts.get(label, 0.0) for label in self._inputs.labels])
+        present = zip(self._inputs.labels, self._inputs.read(self.instance).tolist(), strict=True)
+        self.start_inputs: FloatArray = np.array([starts.get(label, value) for label, value in present])
         self._begins, self._latest = start_time, self.start_inputs
         self._start_values = {entry.name for entry in self.description.variables if entry.start}
         self.lock: threading.RLock = threading.RLock()
@@ -196,6 +197,12 @@ class FmuModel(FmuBlock):
     def _signals(self) -> tuple[Signals, Signals]:
         description = self.description
         inputs = [entry for entry in description.of("input") if entry.variability == "continuous"]
+        for entry in recorded(description, self._patterns, numeric=False):
+            if entry.name in (self._patterns or ()):
+                raise ValueError(
+                    f"outputs: {entry.name} is {entry.type}, which no signal of python-control can be; "
+                    "cosimulate records it where the FMU has co-simulation"
+                )
         return Signals(inputs, description.fmi), self._recorded()
 
     def _place(self, t: float, u: FloatArray, params: Mapping[str, float]) -> None:

@@ -28,7 +28,7 @@ __all__ = ["FmuDescription", "FmuKind", "FmuVariable", "describe"]
 
 _VERSIONS = {"2.0": "2.0", "3.0": "3.0"}
 _BASE_UNITS = ("kg", "m", "s", "A", "K", "mol", "cd", "rad")
-Scalar = float | int | bool | str
+Scalar = float | int | bool | str | bytes
 Kind = Literal["me", "cs"]
 _KINDS: dict[Kind, str] = {"me": "ModelExchange", "cs": "CoSimulation"}
 
@@ -46,12 +46,14 @@ class FmuVariable:
     shape : tuple of int
         () for a scalar.
     start : tuple
-        Start values, flat; one value may stand for a whole array; empty where there is none.
+        Start values, flat; one value may stand for a whole array; empty where there is none. Of Binary: bytes.
     minimum, maximum, nominal : float or None
     derivative_of : str
         Name of the state that this is the derivative of, or "".
     items : tuple of int
         Values that an enumeration may take; empty where they are not given.
+    dimensions : tuple of str
+        By axis the structural parameter that is its length; "" where the length is fixed.
     """
 
     name: str
@@ -70,6 +72,7 @@ class FmuVariable:
     derivative_of: str = ""
     description: str = ""
     items: tuple[int, ...] = ()
+    dimensions: tuple[str, ...] = ()
 
     @property
     def labels(self) -> tuple[str, ...]:
@@ -152,6 +155,8 @@ class FmuDescription:
     units : dict of str to FmuUnit
     states, event_indicators : int
         Number of continuous states and of event indicators.
+    indicators : tuple of str
+        FMI 3: the variables that are event indicators.
     dependencies : dict of str to tuple of str or None
         For each output and state derivative: the variables it is said to depend on; None where nothing is said.
     start_time, stop_time, step, tolerance : float or None
@@ -170,6 +175,7 @@ class FmuDescription:
     units: Mapping[str, FmuUnit] = field(default_factory=dict)
     states: int = 0
     event_indicators: int = 0
+    indicators: tuple[str, ...] = ()
     dependencies: Mapping[str, tuple[str, ...] | None] = field(default_factory=dict)
     start_time: float | None = None
     stop_time: float | None = None
@@ -230,7 +236,7 @@ class FmuDescription:
 
     def as_json(self) -> str:
         """All of it as JSON."""
-        return json.dumps(dataclasses.asdict(self), indent=2, ensure_ascii=False)
+        return json.dumps(dataclasses.asdict(self), indent=2, ensure_ascii=False, default=bytes.hex)
 
     def __str__(self) -> str:
         kinds = ", ".join(f"{name} ({_abilities(kind)})" for name, kind in self.kinds.items())
@@ -346,7 +352,10 @@ def _described(
     path: Path, root: etree._Element, model: ModelDescription, entries: tuple[zipfile.ZipInfo, ...]
 ) -> FmuDescription:
     names = [entry.filename for entry in entries]
-    variables = tuple(_variable(entry) for entry in model.modelVariables if entry.type is not None)
+    elements = {element.get("name"): element for element in root.iterfind("ModelVariables/*")}
+    variables = tuple(
+        _variable(entry, elements[entry.name]) for entry in model.modelVariables if entry.type is not None
+    )
     kinds: dict[Kind, FmuKind] = {}
     for kind, tag in _KINDS.items():
         if (element := root.find(tag)) is not None:
@@ -363,6 +372,7 @@ def _described(
         units={unit.name: _unit(unit) for unit in model.unitDefinitions if unit.name and unit.baseUnit},
         states=model.numberOfContinuousStates,
         event_indicators=model.numberOfEventIndicators,
+        indicators=tuple(entry.variable.name for entry in model.eventIndicators if entry.variable),
         dependencies={
             entry.variable.name: None
             if entry.dependencies is None
@@ -392,15 +402,17 @@ def _with_derivatives(model: ModelDescription, variables: tuple[FmuVariable, ...
     return tuple(dataclasses.replace(entry, derivative_of=states.get(entry.name, "")) for entry in variables)
 
 
-def _variable(entry: ModelVariable) -> FmuVariable:
+def _variable(entry: ModelVariable, element: etree._Element) -> FmuVariable:
+    """A variable; from its element what fmpy leaves out: bounds of UInt, start values of texts but the first."""
     declared = entry.declaredType
     kind = {"Real": "Float64", "Integer": "Int32"}.get(entry.type, entry.type)
 
     def attribute(name: str) -> str | None:
         """Of the variable, else of the type it is declared with."""
-        own = getattr(entry, name)
+        own = element.get(name) or getattr(entry, name)
         return own if own is not None or declared is None else getattr(declared, name)
 
+    texts = [start.get("value", "") for start in element.findall("Start")]
     return FmuVariable(
         name=entry.name,
         reference=entry.valueReference,
@@ -411,23 +423,26 @@ def _variable(entry: ModelVariable) -> FmuVariable:
         unit=attribute("unit") or "",
         display_unit=attribute("displayUnit") or "",
         shape=tuple(entry.shape or ()),
-        start=_start(kind, entry.start),
+        start=_start(kind, texts or entry.start),
         minimum=_number(attribute("min")),
         maximum=_number(attribute("max")),
         nominal=_number(attribute("nominal")),
         description=entry.description or "",
         items=tuple(int(item.value or 0) for item in declared.items) if declared else (),
+        dimensions=tuple(axis.variable.name if axis.variable else "" for axis in entry.dimensions),
     )
 
 
-def _start(kind: str, text: str | None) -> tuple[Scalar, ...]:
+def _start(kind: str, text: str | Sequence[str] | None) -> tuple[Scalar, ...]:
     if text is None:
         return ()
     if kind in ("String", "Binary"):
-        return (text,)
+        words = (text,) if isinstance(text, str) else text
+        return tuple(bytes.fromhex(word) if kind == "Binary" else word for word in words)
+    words = text.split() if isinstance(text, str) else text
     if kind == "Boolean":
-        return tuple(word in ("true", "1") for word in text.split())
-    return tuple(float(word) if kind.startswith("Float") else int(word) for word in text.split())
+        return tuple(word in ("true", "1") for word in words)
+    return tuple(float(word) if kind.startswith("Float") else int(word) for word in words)
 
 
 def _kind(element: etree._Element) -> FmuKind:
@@ -485,9 +500,15 @@ def _experiment(description: FmuDescription) -> str:
     return ", ".join(f"{word} {value:g}" for word, value in words.items() if value is not None) or "not said"
 
 
+def _shown(value: Scalar) -> str:
+    return (
+        f"{value:g}" if isinstance(value, float) else value.hex() if isinstance(value, bytes) else str(value)
+    )
+
+
 def _variable_line(entry: FmuVariable) -> str:
     size = "x".join(map(str, entry.shape))
-    start = ", ".join(f"{value:g}" if isinstance(value, float) else str(value) for value in entry.start)
+    start = ", ".join(map(_shown, entry.start))
     parts = [
         f"{entry.name}{f' ({size})' if size else ''}",
         f"[{entry.unit}]" if entry.unit else "",

@@ -20,12 +20,12 @@ from .inspect import FmuDescription, FmuKind, FmuVariable, Kind, Scalar
 from .messages import MessageLog, claim_messages, status_word
 from .signals import Signals, is_numeric
 from .unpacked import UnpackedFmu
+from .values import Opaque, refused_parameters, set_values
 
 __all__ = ["FmuError", "FmuInstance"]
 
 T = TypeVar("T")
 _LAST_TIME, _TERMINATED = 2, 3  # of fmi2StatusKind
-_FLOAT32 = 2.0**-23  # two roundings of a number on its way through a single
 
 
 class FmuError(RuntimeError):
@@ -142,6 +142,7 @@ class FmuInstance:
             By variable, or by element for an array (``a[0]``).
         """
         self.time = start_time
+        self._configure()
         self._given = dict(values or {})
         self.set_values(self._given)
         if self.description.fmi == "2.0":
@@ -199,43 +200,38 @@ class FmuInstance:
 
         Parameters
         ----------
-        values : dict of str to number or text
-            By variable (one value fills an array), or by element of an array.
+        values : dict of str to number, text or bytes
+            By variable (one value fills an array), or by element of an array; the other elements stay as they are.
 
         Raises
         ------
         ValueError
-            If there is no such variable, or a value does not fit its type. Nothing is set then.
+            If there is no such variable, or a value does not fit its type or range. Nothing is set then.
         """
-        by_label = {
-            label: entry for entry in self.description.variables for label in (entry.name, *entry.labels)
-        }
-        wanted: dict[str, dict[str, Scalar]] = {}
-        for label, value in values.items():
-            if label not in by_label:
-                raise ValueError(f"FMU {self.name!r}: there is no variable {label!r}")
-            wanted.setdefault(by_label[label].name, {})[label] = value
-        entries: list[FmuVariable] = []
-        numbers: list[float] = []
-        texts: list[tuple[FmuVariable, str]] = []
-        for name, given in wanted.items():
-            entry = by_label[name]
-            if entry.causality == "structuralParameter":
-                raise ValueError(
-                    f"FMU {self.name!r}: {name} is a structural parameter, which cannot be changed here"
-                )
-            if entry.type == "String":
-                texts.append((entry, str(given[name])))
-                continue
-            whole = dict(zip(entry.labels, entry.starts or (0.0,) * len(entry.labels), strict=True))
-            if name in given:
-                whole = dict.fromkeys(whole, given[name])
-            whole |= {label: value for label, value in given.items() if label in whole}
-            entries.append(entry)
-            numbers += [_as_number(label, entry, value) for label, value in whole.items()]
-        Signals(entries, self.description.fmi).write(self, np.array(numbers))
-        for entry, text in texts:
-            self._call(f"set {entry.name}", self._fmu.setString, [entry.reference], [text])
+        set_values(self, values, running=self._initialised)
+
+    def get_opaque(self, variable: FmuVariable) -> tuple[Opaque, ...]:
+        """Elements of a String or Binary variable now.
+
+        Parameters
+        ----------
+        variable : FmuVariable
+        """
+        arguments = (variable.type, [variable.reference], len(variable.labels))
+        found: list[str] = self._call(f"Get{variable.type}", self._fmu.getOpaque, *arguments)
+        return tuple(found) if variable.type == "String" else tuple(map(bytes.fromhex, found))
+
+    def set_opaque(self, variable: FmuVariable, values: Sequence[Opaque]) -> None:
+        """Set all elements of a String or Binary variable.
+
+        Parameters
+        ----------
+        variable : FmuVariable
+        values : sequence of str or bytes
+        """
+        words = [value.hex() if isinstance(value, bytes) else value for value in values]
+        arguments = (variable.type, [variable.reference], words)
+        self._call(f"Set{variable.type}", self._fmu.setOpaque, *arguments)
 
     def call_raw(self, function: str, *arguments: object) -> None:
         """An FMI function by its name, the instance first.
@@ -410,6 +406,16 @@ class FmuInstance:
 
     # -- inside -----------------------------------------------------------------------------------------------
 
+    def _configure(self) -> None:
+        """Set the structural parameters."""
+        structure = self.source.structure
+        if not structure:
+            return
+        entries = [entry for entry in self.description.of("structuralParameter") if entry.name in structure]
+        self._call("fmi3EnterConfigurationMode", self._fmu.enterConfigurationMode)
+        Signals(entries, "3.0").write(self, np.array([entry.start[0] for entry in entries], dtype=object))
+        self._call("fmi3ExitConfigurationMode", self._fmu.exitConfigurationMode)
+
     def _ability(self) -> FmuKind:
         kinds = self.description.kinds
         if self.kind not in kinds:
@@ -503,41 +509,13 @@ class FmuInstance:
 
     def _check_parameters(self) -> None:
         """An FMU may refuse a parameter with a warning, which fmpy lets pass, and run on with another value."""
-        given, fmi = self._given, self.description.fmi
-        entries = [
-            entry
-            for entry in self.description.of("parameter")
-            if is_numeric(entry, fmi) and not given.keys().isdisjoint((entry.name, *entry.labels))
-        ]
-        signals = Signals(entries, fmi)
-        owners = [entry.name for entry in entries for _ in entry.labels]
-        refused = []
-        for label, owner, found in zip(signals.labels, owners, signals.read(self), strict=True):
-            key = label if label in given else owner
-            wanted = float(given[key]) if key in given else found
-            if not np.isclose(found, wanted, rtol=_FLOAT32, atol=0.0, equal_nan=True):
-                refused.append(f"{label} is {found:g}, not {wanted:g}")
-        if refused:
+        if refused := refused_parameters(self, self._given):
             detail = "; ".join(refused) + (f": {logged}" if (logged := self._log.latest()) else "")
             raise FmuError(self.name, "set parameters", "refused", detail)
 
     def _drop_snapshots(self) -> None:
         for state in list(self._snapshots):
             self.forget(state)
-
-
-def _as_number(label: str, entry: FmuVariable, value: Scalar) -> float:
-    """As a double, which carries all values to the FMU."""
-    words = {"true": 1.0, "false": 0.0} if entry.type == "Boolean" else {}
-    try:
-        number = words[value] if isinstance(value, str) and value in words else float(value)
-    except ValueError as error:
-        raise ValueError(f"{label} ({entry.type}): expected a number, got {value!r}") from error
-    if isinstance(value, int) and number != value:
-        raise ValueError(
-            f"{label} ({entry.type}): {value} has more digits than a double carries, got it as {number:.17g}"
-        )
-    return number
 
 
 def _release(fmu: Any, snapshots: list[Any], fmi: str) -> None:

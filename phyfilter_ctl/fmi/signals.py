@@ -14,7 +14,9 @@ from numpy.typing import NDArray
 from .._sections import FloatArray
 from .inspect import FmuDescription, FmuVariable
 
-__all__ = ["Signals", "is_numeric", "recorded"]
+__all__ = ["OPAQUE", "Signals", "is_numeric", "recorded"]
+
+OPAQUE = ("String", "Binary")  # types that no number stands for
 
 AnyArray = NDArray[Any]
 
@@ -56,14 +58,18 @@ class Callee(Protocol):
         ...
 
 
-def recorded(description: FmuDescription, patterns: Sequence[str] | None) -> list[FmuVariable]:
-    """Numeric variables to be put out: the outputs, or those of any causality whose names match.
+def recorded(
+    description: FmuDescription, patterns: Sequence[str] | None, *, numeric: bool = True
+) -> list[FmuVariable]:
+    """Variables to be put out: the outputs, or those of any causality whose names match.
 
     Parameters
     ----------
     description : FmuDescription
     patterns : sequence of str, optional
         Names, in which * stands for any characters and ? for one.
+    numeric : bool
+        Numbers, which alone are signals; or else String and Binary variables. A pattern may match those only.
 
     Returns
     -------
@@ -75,20 +81,25 @@ def recorded(description: FmuDescription, patterns: Sequence[str] | None) -> lis
     ValueError
         If a pattern matches none.
     """
-    numeric = [entry for entry in description.variables if is_numeric(entry, description.fmi)]
+    fmi = description.fmi
+    numbers = [entry for entry in description.variables if is_numeric(entry, fmi)]
+    others = [entry for entry in description.variables if entry.type in OPAQUE]
+    possible = numbers if numeric else others
     if patterns is None:
-        return [entry for entry in numeric if entry.causality == "output"]
+        return [entry for entry in possible if entry.causality == "output"]
     if isinstance(patterns, str):
         raise ValueError(f"outputs: expected a list of names or patterns, got the text {patterns!r}")
-    found: dict[str, FmuVariable] = {}
+    found: set[str] = set()
     for pattern in patterns:
         # Only * and ? are patterns: brackets are part of many a name.
         rule = re.compile(re.escape(pattern).replace(r"\*", ".*").replace(r"\?", "."))
-        matching = {entry.name: entry for entry in numeric if rule.fullmatch(entry.name)}
+        matching = {entry.name for entry in (*numbers, *others) if rule.fullmatch(entry.name)}
         if not matching:
-            raise ValueError(f"outputs: no numeric variable of {description.path} matches {pattern!r}")
+            raise ValueError(
+                f"outputs: no numeric variable of {description.path} matches {pattern!r}, nor a String or Binary one"
+            )
         found |= matching
-    return [entry for entry in numeric if entry.name in found]
+    return [entry for entry in possible if entry.name in found]
 
 
 def is_numeric(variable: FmuVariable, fmi: str) -> bool:
@@ -168,13 +179,14 @@ class Signals:
             result[places] = view
         return result
 
-    def write(self, instance: Callee, vector: FloatArray) -> None:
+    def write(self, instance: Callee, vector: FloatArray | NDArray[np.object_]) -> None:
         """Set all of them.
 
         Parameters
         ----------
         instance : FmuInstance
         vector : (len(self),) array
+            Of objects where integers may have more digits than a double.
 
         Raises
         ------
@@ -186,7 +198,7 @@ class Signals:
             view[:] = numbers
             instance.call_raw(put, references, counts[0], values, *counts[1:])
 
-    def _fitting(self, values: FloatArray, group: Group) -> FloatArray:
+    def _fitting(self, values: AnyArray, group: Group) -> AnyArray:
         """The values, if the type at the FMU's side can hold all of them."""
         if group.view.dtype == np.float64:
             return values
@@ -197,14 +209,14 @@ class Signals:
         return values
 
 
-def _misfit(variable: FmuVariable, value: float, kind: np.dtype[Any]) -> str:
+def _misfit(variable: FmuVariable, value: float | int, kind: np.dtype[Any]) -> str:
     """What was expected of a value; "" where it fits."""
     if kind == np.float32:
         limit = float(np.finfo(np.float32).max)
         return f"expected at most {limit:g}" if math.isfinite(value) and abs(value) > limit else ""
     if variable.type == "Boolean":
         return "" if value in (0.0, 1.0) else "expected 0 or 1"
-    if not math.isfinite(value) or value != math.floor(value):
+    if isinstance(value, float) and (not math.isfinite(value) or value != math.floor(value)):
         return "expected an integer"
     if variable.items:
         return (

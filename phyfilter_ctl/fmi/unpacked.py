@@ -5,12 +5,14 @@ from __future__ import annotations
 import shutil
 import tempfile
 import weakref
+from collections.abc import Mapping
 from pathlib import Path
 
 from .archive import ArchiveLimits, unpack
 from .foreign import Isolation
-from .inspect import FmuDescription, describe
+from .inspect import FmuDescription, Scalar, describe
 from .platforms import native_platform
+from .structure import resized, structure_among
 
 __all__ = ["UnpackedFmu"]
 
@@ -24,10 +26,15 @@ class UnpackedFmu:
     limits : ArchiveLimits, optional
     isolated : bool or Isolation
         Whether its instances run in processes of their own, and within which limits of time.
+    structure : dict of str to int, optional
+        Structural parameters that differ from the FMU's; other values may be among them, and are left alone.
 
     Attributes
     ----------
     description : FmuDescription
+        With the arrays as long as the structural parameters make them.
+    structure : dict of str to int
+        Those that were given.
     folder : Path
     isolation : Isolation or None
 
@@ -38,12 +45,20 @@ class UnpackedFmu:
     """
 
     def __init__(
-        self, path: str | Path, *, limits: ArchiveLimits | None = None, isolated: bool | Isolation = False
+        self,
+        path: str | Path,
+        *,
+        limits: ArchiveLimits | None = None,
+        isolated: bool | Isolation = False,
+        structure: Mapping[str, Scalar] | None = None,
     ) -> None:
         self.isolation: Isolation | None = (
             isolated if isinstance(isolated, Isolation) else Isolation() if isolated else None
         )
         self.description: FmuDescription = describe(path, limits=limits)
+        self.structure: dict[str, Scalar] = structure_among(self.description, structure or {})
+        if self.structure:
+            self.description = resized(self.description, self.structure, limits=limits)
         here = native_platform()
         if here not in self.description.platforms:
             has = ", ".join(map(_with_width, self.description.platforms)) or "none"

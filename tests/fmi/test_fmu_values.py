@@ -55,7 +55,9 @@ def test_values_that_do_not_fit_change_nothing(build):
     assert sorted(there.read(instance)) == sorted(expected)
     assert instance.signals("input").read(instance)[:2].tolist() == [0.0, 0.5]
     with pytest.raises(ValueError, match="more digits than a double carries"):
-        instance.set_values({"mode": 2**53 + 1})
+        instance.set_values({"place[0]": 2**53 + 1})
+    with pytest.raises(ValueError, match=f"expected one of -1, 2, got {2**53 + 1}$"):
+        instance.set_values({"mode": 2**53 + 1})  # integers keep all digits
     instance.close()
 
 
