@@ -44,6 +44,8 @@ class CosimulationResponse(ct.TimeResponseData):
         Communication steps made, and those that step control took back.
     messages : dict of str to tuple of str
         What each part logged.
+    master : str
+        What made the steps: "C" or "Python", and for which parts C had to call Python, or why there was no C.
     message : str
         "" where the run succeeded, else what happened and what to try; ``success`` says which.
     texts : dict of str to (k,) array of objects
@@ -61,6 +63,7 @@ class CosimulationResponse(ct.TimeResponseData):
         steps: int = 0,
         rejected: int = 0,
         messages: Mapping[str, tuple[str, ...]] | None = None,
+        master: str = "",
         message: str = "",
         texts: Mapping[str, NDArray[np.object_]] | None = None,
     ) -> None:
@@ -81,6 +84,7 @@ class CosimulationResponse(ct.TimeResponseData):
         self.rejected: int = rejected
         self.messages: dict[str, tuple[str, ...]] = dict(messages or {})
         self.texts: dict[str, NDArray[np.object_]] = dict(texts or {})
+        self.master: str = master
 
 
 def cosimulate(
@@ -93,6 +97,7 @@ def cosimulate(
     outputs: Sequence[str] | None = None,
     scheme: Literal["jacobi", "gauss-seidel"] = "jacobi",
     order: Sequence[str] | None = None,
+    hold: Literal["zero", "first"] = "zero",
     parameters: Mapping[str, Scalar] | None = None,
     initial_state: Mapping[str, ArrayLike] | None = None,
     tolerance: float | None = None,
@@ -111,8 +116,10 @@ def cosimulate(
     * Jacobi: the inputs at t_k, for all parts alike.
     * Gauss-Seidel: part after part, in order; a part sees the outputs at t_{k+1} of the parts before it.
 
-    Both are of first order in the communication step. **The FMUs' code is run**: in this process, or with ``isolated``
-    in processes of their own.
+    Both are of first order in the communication step, and of second order with ``hold="first"``, where inputs follow
+    lines over a step: through the last two outputs (extrapolated), through both ends of the step where these are known
+    (from outside, and from parts before in Gauss-Seidel). **The FMUs' code is run**: in this process, or with
+    ``isolated`` in processes of their own.
 
     Parameters
     ----------
@@ -136,6 +143,10 @@ def cosimulate(
     scheme : {"jacobi", "gauss-seidel"}
     order : sequence of str, optional
         Parts in the order of Gauss-Seidel; as given by default.
+    hold : {"zero", "first"}
+        Whether continuous inputs are held over a step or follow lines. An FMU of FMI 2.0 that can interpolate inputs is
+        given slopes (fmi2SetRealInputDerivatives); every other part is given the line's value in the middle of the step
+        (FMI 3.0 has no call for slopes), which has the same integral. Discrete inputs and discrete systems hold.
     parameters : dict of str to number, text or bytes, optional
         Parameters and start values by ``part.name``. Structural parameters of FMU files are set before all else.
     initial_state : dict of str to (n,) array_like, optional
@@ -148,7 +159,8 @@ def cosimulate(
         Where a wire joins different units; those of one dimension can be converted, by the factors and offsets that the
         FMUs define or their names say. Packages convert as SSP has it.
     threads : int
-        For the steps of Jacobi, where all parts are FMUs: worth it for FMUs whose steps take 10 us and more.
+        For the steps of FMUs with Jacobi in C, except on Windows: worth it for FMUs whose steps take 10 us and more.
+        The results do not depend on it.
     progress : bool
         Show a progress bar.
     limits : ArchiveLimits, optional
@@ -175,8 +187,10 @@ def cosimulate(
 
     Notes
     -----
-    Where all parts are FMUs and there is a C compiler, the steps are made by a loop in C (compiled once per user) that
-    gives the same results; not where texts or bytes are handed on or recorded.
+    Where there is a C compiler the steps are made by a loop in C (compiled once per user) with the same results to
+    rounding. It runs FMUs of this process and linear systems itself and calls Python for all other parts;
+    ``response.master`` says which. Algebraic loops it solves with the slopes that Python found before, and asks again
+    where these no longer do. Where texts or bytes are handed on or recorded, Python makes the steps.
 
     Loops of direct feedthrough are solved at each communication point by Newton's method, on directional derivatives
     where the FMUs have them and on differences otherwise, to a residual of 1e-10 of the largest signal. An FMU that
@@ -205,8 +219,12 @@ def cosimulate(
     True
     """
     times = _checked_times(timepts, step)
-    if scheme not in ("jacobi", "gauss-seidel"):
-        raise ValueError(f'scheme: expected "jacobi" or "gauss-seidel", got {scheme!r}')
+    for name, value, known in (
+        ("scheme", scheme, ("jacobi", "gauss-seidel")),
+        ("hold", hold, ("zero", "first")),
+    ):
+        if value not in known:
+            raise ValueError(f'{name}: expected "{known[0]}" or "{known[1]}", got {value!r}')
     if threads < 1:
         raise ValueError(f"threads: expected at least 1, got {threads}")
     for name, value in (("tolerance", tolerance), ("absolute_tolerance", absolute_tolerance)):
@@ -242,6 +260,7 @@ def cosimulate(
             {name: wiring.source(label) for name, label in wanted.items() if name not in texts.rows},
             texts,
             threads,
+            first=hold == "first",
         )
         control = StepControl(tolerance, absolute_tolerance or tolerance) if tolerance is not None else None
         _check_steps(members, times, step, control)
@@ -355,6 +374,7 @@ def _response(run: Run, times: FloatArray, message: str) -> CosimulationResponse
         input_labels=run.outside.labels,
         steps=run.steps,
         rejected=run.rejected,
+        master=run.master,
         messages={part.name: part.messages() for part in run.parts},
         message=message,
         texts=run.texts.rows,

@@ -87,6 +87,25 @@ class Part(Protocol):
     text_inputs: Mapping[str, str] = MappingProxyType({})
     text_outputs: Mapping[str, str] = MappingProxyType({})
 
+    @property
+    def in_python(self) -> str:
+        """Why the loop in C calls the part through Python; "" where it runs the part itself."""
+        return "with equations in Python"
+
+    @property
+    def moving(self) -> NDArray[np.bool_]:
+        """Which inputs may change within a communication step: (inputs,) bool array."""
+        return np.ones(len(self.inputs), dtype=bool)
+
+    @property
+    def interpolates(self) -> bool:
+        """Whether :meth:`incline` works."""
+        return False
+
+    def incline(self, slopes: FloatArray) -> None:
+        """Let the inputs follow lines over the next step, from the values put, with these slopes in 1/s."""
+        raise RuntimeError(f"{self.name}: takes no slopes")
+
     def unit(self, label: str) -> tuple[str, FmuUnit | None]:
         """Unit of an input or output, and what it means, where that is known."""
         ...

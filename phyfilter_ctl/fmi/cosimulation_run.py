@@ -33,8 +33,23 @@ __all__ = ["Run"]
 
 # Forward differences around a loop, of an input's size: rounding and truncation are about alike.
 _DIFFERENCE = 1e-7
-# Step control: safety, and how much a step may change; the usual values for a method of order one.
+# Step control: safety, and how much a step may change; the usual values.
 _SAFETY, _SHRINK, _GROW = 0.9, 0.2, 4.0
+
+_State = tuple[list[object], FloatArray, FloatArray, FloatArray]
+
+
+@dataclass
+class _Lines:
+    """That inputs follow over a step: all outputs and inputs at its begin, slopes from outside and of all inputs."""
+
+    y: FloatArray
+    level: FloatArray
+    outside: FloatArray
+    slope: FloatArray = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.slope = np.zeros_like(self.level)
 
 
 @dataclass
@@ -52,7 +67,9 @@ class Run:
         Name and place of the outputs wanted.
     texts : TextExchange
     threads : int
-        For the steps of Jacobi, where all parts are FMUs.
+        For the steps of Jacobi in C.
+    first : bool
+        Whether continuous inputs follow lines over a step, instead of being held.
 
     Attributes
     ----------
@@ -62,6 +79,10 @@ class Run:
         Outputs that must be numbers: those that are wanted or handed on.
     loops : tuple of Loop
         Of direct feedthrough.
+    moves : (inputs,) bool array
+        Inputs that do follow lines.
+    master : str
+        "C" or "Python", and what it could not do or why.
     in_c : bool
         Of the class: False keeps every run in Python.
     """
@@ -73,6 +94,7 @@ class Run:
     chosen: Mapping[str, int]
     texts: TextExchange
     threads: int = 1
+    first: bool = False
     in_c: ClassVar[bool] = True
     u: FloatArray = field(init=False)
     y: FloatArray = field(init=False)
@@ -81,10 +103,13 @@ class Run:
     steps: int = 0
     rejected: int = 0
     message: str = ""
+    master: str = "Python"
     _wrong: StuckError | None = None
 
     def __post_init__(self) -> None:
         self._close_loops(self.wiring.through)
+        continuous = np.concatenate([np.zeros(0, bool), *(part.moving for part in self.parts)])
+        self.moves: NDArray[np.bool_] = self.first & continuous & (self.wiring.driven | self.outside.driven)
 
     def _close_loops(self, through: NDArray[np.bool_]) -> None:
         self.loops: tuple[Loop, ...] = find_loops(self.parts, self.wiring, through)
@@ -111,9 +136,8 @@ class Run:
         self.watched = np.isin(np.arange(len(self.y)), places) | np.any(self.wiring.weights != 0.0, axis=0)
         if control is not None:
             control.step = step or float(np.min(np.diff(times)))
-        fast = None
-        if self.in_c and not self.texts.there:
-            fast = FastMaster.of(self, controlled=control is not None, threads=self.threads)
+        self._slope = np.zeros_like(self.y)
+        fast = FastMaster.of(self, controlled=control is not None) if self.in_c else None
         with tqdm(total=len(times) - 1, disable=not progress, desc="co-simulation") as bar:
             try:
                 self.refuse_nonfinite(float(times[0]))
@@ -160,10 +184,10 @@ class Run:
             part.initialise(start, stop)
         self.u = np.concatenate([np.zeros(0), *(part.start for part in self.parts)])
         try:
-            self._settle(start, fresh=True)
+            self.settle(start, fresh=True)
             for part in self.parts:
                 part.begin()
-            self._settle(start, fresh=True)
+            self.settle(start, fresh=True)
         except StuckError as error:
             raise ValueError(str(error)) from error
 
@@ -180,8 +204,15 @@ class Run:
     def _get(self) -> FloatArray:
         return np.concatenate([np.zeros(0), *(part.get() for part in self.parts)])
 
-    def _settle(self, t: float, *, fresh: bool = False) -> None:
-        """Hand signals on at one instant."""
+    def settle(self, t: float, *, fresh: bool = False) -> None:
+        """Hand signals on at one instant.
+
+        Parameters
+        ----------
+        t : float
+        fresh : bool
+            Whether parts are to be told their inputs also where these have not changed.
+        """
         for _ in self.texts.until_rest(t):
             self._settle_numbers(t, fresh=fresh)
 
@@ -190,7 +221,7 @@ class Run:
         for loop in self.loops:
             self._hand_on(t, len(self.y) + 1, fresh)
             fresh = False
-            self._solve(loop, t)
+            self.solve(loop, t)
         if self._hand_on(t, len(self.y) + 1 if self.loops else self.passes, fresh):
             return
         if not self._believed:
@@ -213,7 +244,14 @@ class Run:
         allowed = SETTLED * np.max(np.abs(u), initial=0.0, where=np.isfinite(u))
         return bool(np.all((np.abs(u - self.u) <= allowed) | ~np.isfinite(u) | (u == self.u)))
 
-    def _solve(self, loop: Loop, t: float) -> None:
+    def solve(self, loop: Loop, t: float) -> None:
+        """Solve an algebraic loop, in place.
+
+        Parameters
+        ----------
+        loop : Loop
+        t : float
+        """
         places = [
             (self.parts[p], self.wiring.input_slices[p], self.wiring.output_slices[p]) for p in loop.parts
         ]
@@ -256,19 +294,53 @@ class Run:
 
     def _advance(self, t: float, end: float, *, final: bool = True) -> None:
         h = end - t
+        lines = self._lines(t, end) if self.first else None
         if self.sequence is None:
+            for i in range(len(self.parts)) if lines is not None else ():
+                self._give(i, self.u, lines, h)
             for part in self.parts:
                 part.advance(t, h, final=final)
         else:
             for i in self.sequence:
-                place = self.wiring.input_slices[i]
-                u = self._wired(self.y, t)
-                self.u[place] = u[place]
-                self.parts[i].put(u[place])
+                self._give(i, self._wired(self.y, t), lines, h)
                 self.texts.hand_on(self.parts[i])
                 self.parts[i].advance(t, h, final=final)
-                self.y[self.wiring.output_slices[i]] = self.parts[i].get()
-        self._settle(end)
+                if lines is not None:
+                    self._arrive(i, lines, h)
+                place = self.wiring.output_slices[i]
+                self.y[place] = self.parts[i].get()
+                if lines is not None:
+                    self._slope[place] = (self.y[place] - lines.y[place]) / h
+        self.settle(end, fresh=self.first)
+        if lines is not None:
+            self._slope = (self.y - lines.y) / h
+
+    def _lines(self, t: float, end: float) -> _Lines:
+        outside = self.outside
+        rate = (outside.at(end) - outside.at(t)) / (end - t)
+        return _Lines(self.y.copy(), self._wired(self.y, t), outside.matrix @ rate)
+
+    def _give(self, i: int, u: FloatArray, lines: _Lines | None, h: float) -> None:
+        """What a part is to hold over a step, or to follow: where it takes no slopes, the line's value in the middle
+        of the step, whose integral is the line's."""
+        part, place = self.parts[i], self.wiring.input_slices[i]
+        told = u[place]
+        if lines is not None:
+            slope = np.where(self.outside.driven, lines.outside, self.wiring.weights @ self._slope)
+            lines.slope[place] = np.where(self.moves[place], slope[place], 0.0)
+            middle = 0.0 if part.interpolates else 0.5 * h
+            told = np.where(self.moves[place], lines.level[place] + middle * lines.slope[place], told)
+        self.u[place] = told
+        part.put(told)
+        if lines is not None and part.interpolates:
+            part.incline(lines.slope[place])
+
+    def _arrive(self, i: int, lines: _Lines, h: float) -> None:
+        """After a step: the end of the line, where outputs show it."""
+        part, place = self.parts[i], self.wiring.input_slices[i]
+        if np.any(part.feedthrough):
+            self.u[place] += (1.0 if part.interpolates else 0.5) * h * lines.slope[place]
+            part.put(self.u[place])
 
     def _equal_steps(self, t: float, end: float, step: float | None) -> None:
         points = np.linspace(t, end, int(step_counts(np.array([end - t]), step)[0]) + 1)
@@ -281,14 +353,15 @@ class Run:
     def _controlled(self, t: float, end: float, control: StepControl, span: float) -> None:
         while t < end:
             target = end if t + control.step > end - SMALLEST * span else t + control.step
-            state = [part.save() for part in self.parts], self.u.copy(), self.y.copy()
+            state = [part.save() for part in self.parts], self.u.copy(), self.y.copy(), self._slope.copy()
             error = self._twice(t, target, state, control)
             accepted = error <= 1.0
             if not accepted:
                 self._back(state)
             for part, saved in zip(self.parts, state[0], strict=True):
                 part.forget(saved)
-            change = _SAFETY / np.sqrt(error) if error > 0.0 else _GROW
+            root = np.cbrt(error) if self.first else np.sqrt(error)
+            change = _SAFETY / root if error > 0.0 else _GROW
             proposal = (target - t) * float(np.clip(change, _SHRINK, _GROW))
             # A step cut short to land on a result is no reason for small steps after it.
             control.step = max(control.step, proposal) if accepted and target == end else proposal
@@ -300,9 +373,7 @@ class Run:
                 if control.step < SMALLEST * span:
                     raise self._wrong or StuckError(too_small(t, SMALLEST * span))
 
-    def _twice(
-        self, t: float, end: float, state: tuple[list[object], FloatArray, FloatArray], control: StepControl
-    ) -> float:
+    def _twice(self, t: float, end: float, state: _State, control: StepControl) -> float:
         """One step, then two halves from the same state; the error over what is allowed. A discarded step is wrong
         beyond measure, and one to something that is no number."""
         middle = t + 0.5 * (end - t)
@@ -324,8 +395,8 @@ class Run:
         error = np.abs(self.y - coarse) / (control.atol + control.rtol * np.abs(self.y))
         return float(np.max(np.where(np.isfinite(error), error, np.inf), initial=0.0))
 
-    def _back(self, state: tuple[list[object], FloatArray, FloatArray]) -> None:
+    def _back(self, state: _State) -> None:
         for part, saved in zip(self.parts, state[0], strict=True):
             part.restore(saved)
         self.texts.forget()
-        self.u, self.y = state[1].copy(), state[2].copy()
+        self.u, self.y, self._slope = state[1].copy(), state[2].copy(), state[3].copy()

@@ -115,6 +115,8 @@ class FmuKind:
     directional_derivatives, adjoint_derivatives : bool
     variable_step : bool
         Co-simulation only: communication steps may differ.
+    interpolates : bool
+        Co-simulation of FMI 2.0 only: inputs may have slopes.
     fixed_step : float or None
         Communication steps must be multiples of this.
     needs_tool : bool
@@ -131,6 +133,7 @@ class FmuKind:
     directional_derivatives: bool = False
     adjoint_derivatives: bool = False
     variable_step: bool = True
+    interpolates: bool = False
     fixed_step: float | None = None
     needs_tool: bool = False
     once_per_process: bool = False
@@ -459,6 +462,7 @@ def _kind(element: etree._Element) -> FmuKind:
         directional_derivatives=flag("providesDirectionalDerivative", "providesDirectionalDerivatives"),
         adjoint_derivatives=flag("providesAdjointDerivatives"),
         variable_step=flag("canHandleVariableCommunicationStepSize"),
+        interpolates=flag("canInterpolateInputs"),
         fixed_step=_number(fixed),
         needs_tool=flag("needsExecutionTool"),
         once_per_process=flag("canBeInstantiatedOnlyOncePerProcess"),

@@ -273,7 +273,7 @@ class FmuInstance:
                     raise self.ended(reached)
                 if early and not reached > t:
                     raise FmuError(self.name, "fmi3DoStep", "discard", f"returned early, at t = {reached:g}")
-                t, early = reached, early and reached < end
+                t, early = reached, early and reached < end - 1e-9 * h
         self.time = end
 
     def save(self) -> object:

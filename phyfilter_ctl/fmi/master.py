@@ -1,77 +1,50 @@
-"""The master's inner loop in C: what `Run` does step by step in Python, for FMUs of this process."""
+"""The master's inner loop in C: what `Run` does step by step in Python."""
 
 from __future__ import annotations
 
 import ctypes as ct
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import cache
 from importlib import resources
 from typing import TYPE_CHECKING, NoReturn, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csr_array
 
 from .._sections import FloatArray
 from ..codegen import CompilerError
 from ..codegen.compiler import cached_library
 from .cosimulation_loops import Loop
 from .cosimulation_outside import Outside
-from .cosimulation_part import SMALLEST, Part, StepControl, StuckError, step_counts, too_small, unsettled
+from .cosimulation_part import SMALLEST, Part, StepControl, StuckError, step_counts, too_small
 from .cosimulation_parts import FmuPart
+from .cosimulation_system import SystemPart
+from .cosimulation_texts import TextExchange
 from .cosimulation_wiring import Wiring
-from .instance import FmuInstance
+from .instance import FmuError
+from .master_records import MASTER, Records, calls_of
 from .messages import claim_messages
-from .signals import Group
 
 if TYPE_CHECKING:
     from tqdm import tqdm
 
 __all__ = ["FastMaster"]
 
-# The structures of pf_master.c, all of whose members have 8 bytes.
-_WIRES = np.dtype([(name, np.int64) for name in ("row", "column", "weight", "offset", "driven")])
-_GROUP = np.dtype(
-    [
-        (name, np.int64)
-        for name in ("type", "get", "set", "references", "n_references", "n", "values", "places")
-    ]
-)
-_PART = np.dtype(
-    [
-        (name, np.int64)
-        for name in (
-            "instance", "fmi", "step", "save", "restore", "forget", "inputs", "outputs", "n_inputs", "n_outputs",
-            "u_begin", "u_end", "feedthrough", "changed", "state", "status", "terminated",
-        )
-    ]
-    + [("reached", np.float64)]
-)  # fmt: skip
-_MASTER = np.dtype(
-    [(name, np.int64) for name in ("n_parts", "parts", "sequence", "n_u", "n_y")]
-    + [("wires", _WIRES), ("outside", _WIRES)]
-    + [(name, np.int64) for name in ("n_outside", "n_table", "place", "table_t", "table", "now", "passes")]
-    + [(name, np.int64) for name in ("u", "y", "v", "saved_u", "saved_y", "coarse", "watched")]
-    + [(name, np.float64) for name in ("rtol", "atol", "step", "smallest")]
-    + [(name, np.int64) for name in ("steps", "rejected", "threads", "pool")]
-    + [(name, np.int64) for name in ("failed_part", "failed_call", "failed_place", "failed_status")]
-    + [("failed_time", np.float64)]
-)
-_TYPES = (
-    "Float64", "Float32", "Int8", "UInt8", "Int16", "UInt16", "Int32", "UInt32", "Int64", "UInt64", "fmi2Boolean",
-    "fmi3Boolean",
-)  # fmt: skip
-_NAMES = {
-    "fmi2GetReal": "Float64",
-    "fmi2GetInteger": "Int32",
-    "fmi2GetBoolean": "fmi2Boolean",
-    "fmi3GetBoolean": "fmi3Boolean",
-}
-_FINE, _CALL_FAILED, _OUT_OF_RANGE, _STEP_TOO_SMALL, _TERMINATED, _NOT_FINITE, _NO_THREADS, _UNSETTLED = (
-    range(8)
-)
-_STEP = 2  # calls: get, set, step, save, restore
+(
+    _FINE,
+    _CALL_FAILED,
+    _OUT_OF_RANGE,
+    _STEP_TOO_SMALL,
+    _TERMINATED,
+    _NOT_FINITE,
+    _NO_THREADS,
+    _STUCK,
+    _RAISED,
+) = range(9)
+_STEP, _SLOPES = 2, 5  # calls: get, set, step, save, restore, slopes
+_CALLBACK = ct.CFUNCTYPE(ct.c_int64, ct.c_int64, ct.c_int64, ct.c_double, ct.c_double)
+_FILES = ("pf_master.h", "pf_master.c", "pf_master_values.c")
 _CHUNK = 0.05  # s of running between two updates of the progress bar
 _PIECE = 20_000  # steps of a call
 
@@ -81,9 +54,10 @@ def _library() -> ct.CDLL | None:
     """The compiled loop; None where there is no C compiler, or pointers have not 8 bytes."""
     if ct.sizeof(ct.c_void_p) != 8:
         return None
-    text = (resources.files("phyfilter_ctl.fmi") / "shell" / "pf_master.c").read_text(encoding="utf-8")
+    shell = resources.files("phyfilter_ctl.fmi") / "shell"
+    texts = {name: (shell / name).read_text(encoding="utf-8") for name in _FILES}
     try:
-        library = ct.CDLL(str(cached_library({"pf_master.c": text}, name="the master", flags=["-pthread"])))
+        library = ct.CDLL(str(cached_library(texts, name="the master", flags=["-pthread"])))
     except (CompilerError, OSError):
         return None
     library.pf_master_run.argtypes = [
@@ -106,16 +80,29 @@ class Course(Protocol):
     outside: Outside
     sequence: Sequence[int] | None
     chosen: Mapping[str, int]
+    texts: TextExchange
+    threads: int
+    first: bool
     loops: tuple[Loop, ...]
+    moves: NDArray[np.bool_]
     u: FloatArray
     y: FloatArray
     watched: NDArray[np.bool_]
     steps: int
     rejected: int
+    master: str
 
     @property
     def passes(self) -> int:
         """How often signals are handed on at one instant."""
+        ...
+
+    def settle(self, t: float, *, fresh: bool = False) -> None:
+        """Hand signals on at one instant."""
+        ...
+
+    def solve(self, loop: Loop, t: float) -> None:
+        """Solve an algebraic loop, in place."""
         ...
 
     def refuse_nonfinite(self, t: float) -> None:
@@ -124,63 +111,80 @@ class Course(Protocol):
 
 
 class FastMaster:
-    """A run's inner loop in C.
+    """A run's inner loop in C; what it cannot do itself it asks Python for.
 
     Parameters
     ----------
     run : Course
         Initialised; its inputs and outputs are those of the C loop from now on.
     library : ctypes.CDLL
-    threads : int
-        For the steps of Jacobi.
+    asked : bool
+        Whether Python is asked what comes from outside, at times that are not known before.
     """
 
-    def __init__(self, run: Course, library: ct.CDLL, threads: int) -> None:
+    def __init__(self, run: Course, library: ct.CDLL, *, asked: bool) -> None:
         self._run, self._library = run, library
-        self._kept: list[NDArray[np.generic]] = []  # what the structures point to
+        self._records = Records()
         self._vectors: dict[str, FloatArray] = {}
-        self._parts: list[FmuPart] = [part for part in run.parts if isinstance(part, FmuPart)]
         wiring, outside = run.wiring, run.outside
-        self._record = np.zeros(1, _MASTER)
-        master = self._record[0]
+        self._parts = self._records.parts(run.parts, wiring.input_slices, wiring.output_slices)
+        self._loops = self._records.loops(run.loops)
+        self._record = np.zeros(1, MASTER)
+        master, address = self._record[0], self._records.address
         master["n_parts"], master["n_u"], master["n_y"] = len(self._parts), len(run.u), len(run.y)
-        records = np.zeros(len(self._parts), _PART)
-        places = zip(wiring.input_slices, wiring.output_slices, strict=True)
-        for record, part, (inputs, outputs) in zip(records, self._parts, places, strict=True):
-            self._describe(record, part, inputs, outputs)
-        master["parts"] = self._address(records)
+        master["parts"], master["loops"] = address(self._parts), address(self._loops)
         if run.sequence is not None:
-            master["sequence"] = self._address(np.array(run.sequence, np.int64))
-        master["wires"] = self._wires(wiring.weights, wiring.offset, wiring.driven)
-        master["outside"] = self._wires(outside.matrix, outside.offset, outside.driven)
-        master["n_outside"] = len(outside.labels)
-        master["now"] = self._address(np.zeros(len(outside.labels)))
-        master["passes"] = run.passes
-        master["u"], master["y"] = self._address(run.u), self._address(run.y)
-        for name, like in (("v", run.u), ("saved_u", run.u), ("saved_y", run.y), ("coarse", run.y)):
-            self._vectors[name] = np.zeros_like(like)
-            master[name] = self._address(self._vectors[name])
-        master["watched"] = self._address(run.watched.astype(np.uint8))
-        master["threads"] = min(threads, len(self._parts))
+            master["sequence"] = address(np.array(run.sequence, np.int64))
+        master["wires"] = self._records.wires(wiring.weights, wiring.offset, wiring.driven)
+        master["outside"] = self._records.wires(outside.matrix, outside.offset, outside.driven)
+        master["n_outside"], master["functions"] = len(outside.labels), asked
+        self._now = np.zeros(len(outside.labels))
+        master["now"] = address(self._now)
+        master["passes"], master["n_loops"] = run.passes, len(run.loops)
+        held = np.zeros(len(run.u), np.uint8)
+        for loop in run.loops:
+            held[loop.inputs] = 1
+        master["held"], master["moves"] = address(held), address(run.moves.astype(np.uint8))
+        master["watched"], master["first"] = address(run.watched.astype(np.uint8)), run.first
+        master["u"], master["y"] = address(run.u), address(run.y)
+        for like, names in (
+            (run.u, ("v", "saved_u", "u_slope")),
+            (run.y, ("saved_y", "coarse", "y_begin", "y_slope", "saved_slope")),
+            (self._now, ("base", "rate")),
+        ):
+            for name in names:
+                self._vectors[name] = np.zeros_like(like)
+                master[name] = address(self._vectors[name])
+        master["threads"] = min(run.threads, len(self._parts))
         self._chosen = np.array(list(run.chosen.values()), np.int64)
+        self._states: list[object] = [None] * len(self._parts)
+        self._raised: BaseException | None = None
+        self._tasks: tuple[Callable[[int, float, float], None], ...] = (
+            self._put, self._get, self._step, self._step_back, self._save, self._restore, self._forget,
+            self._transition, self._outside, self._solve, self._settle,
+        )  # fmt: skip
+        self._callback = _CALLBACK(self._answer)
+        master["python"] = ct.cast(self._callback, ct.c_void_p).value
 
     @classmethod
-    def of(cls, run: Course, *, controlled: bool, threads: int) -> FastMaster | None:
-        """The C loop of a run, where all its parts are FMUs of this process, no signals depend on themselves, and there
-        is a C compiler.
+    def of(cls, run: Course, *, controlled: bool) -> FastMaster | None:
+        """The C loop of a run, where it can run one of its parts without Python and there is a C compiler; and in
+        ``run.master`` what it cannot do, or why there is none.
 
         Parameters
         ----------
         run : Course
         controlled : bool
             Whether steps go by the error, at times that are not known before.
-        threads : int
         """
-        here = all(isinstance(part, FmuPart) and part.in_reach_of_c for part in run.parts)
-        if not here or run.loops or (controlled and run.outside.has_functions):
+        slow = [f"{part.name} ({part.in_python})" for part in run.parts if part.in_python]
+        library = _library() if len(slow) < len(run.parts) and not run.texts.there else None
+        if library is None:
+            why = "texts or bytes" if run.texts.there else "no C compiler for 64 bits"
+            run.master = f"Python: {'no part that C runs' if len(slow) == len(run.parts) else why}"
             return None
-        library = _library()
-        return None if library is None else cls(run, library, threads)
+        run.master = "C" + f", calling Python for {', '.join(slow)}" * bool(slow)
+        return cls(run, library, asked=controlled and run.outside.has_functions)
 
     def over(
         self,
@@ -227,6 +231,12 @@ class FastMaster:
             done += count
             count = max(1, min(2 * count, int(count * _CHUNK / max(took, 1e-9))))
         self._run.steps, self._run.rejected = int(master["steps"]), int(master["rejected"])
+        if master["settled_in_python"]:
+            self._run.master += (
+                ", and to hand on signals: an output depends on an input that its FMU leaves out"
+            )
+        elif master["loops_in_python"]:
+            self._run.master += f", and {master['loops_in_python']} times to solve an algebraic loop anew"
         if code != _FINE:
             self._failed(code)
 
@@ -247,30 +257,86 @@ class FastMaster:
     def _failed(self, code: int) -> None:
         master, run = self._record[0], self._run
         place, t = int(master["failed_place"]), float(master["failed_time"])
-        part = self._parts[int(master["failed_part"])]
-        if code == _CALL_FAILED:
-            call = int(master["failed_call"])
-            if call < _STEP:
-                group = (part.output_signals, part.input_signals)[call].groups[place]
-                function = (group.get, group.set)[call]
-            else:
-                function = _calls(part)[call - _STEP]
-            raise part.instance.failure(function, int(master["failed_status"]), t)
+        part = run.parts[int(master["failed_part"])]
+        if code in (_STUCK, _RAISED) or (code == _CALL_FAILED and part.in_python):
+            assert self._raised is not None
+            raise self._raised
         if code == _NO_THREADS:
             raise MemoryError("no memory for threads; expected threads=1")
-        if code == _TERMINATED:
-            raise part.instance.ended(t)
-        if code == _OUT_OF_RANGE:
-            part.instance.time = t
-            part.put(
-                self._vectors["v"][run.wiring.input_slices[int(master["failed_part"])]]
-            )  # raises, with words
         if code == _NOT_FINITE:
             run.y[:] = self._vectors["coarse"]
             run.refuse_nonfinite(t)
-        if code == _UNSETTLED:
-            raise StuckError(unsettled(t))
+        if isinstance(part, FmuPart) and code in (_CALL_FAILED, _TERMINATED, _OUT_OF_RANGE):
+            if code == _CALL_FAILED:
+                function = _function(part, int(master["failed_call"]), place)
+                raise part.instance.failure(function, int(master["failed_status"]), t)
+            if code == _TERMINATED:
+                raise part.instance.ended(t)
+            part.instance.time = t
+            inputs = run.wiring.input_slices[int(master["failed_part"])]
+            part.put(self._vectors["v"][inputs])  # raises, with words
         raise StuckError(too_small(t, float(master["smallest"])))
+
+    # -- what C asks for; all act on the run's own u and y ------------------------------------------------------
+
+    def _answer(self, what: int, which: int, t: float, end: float) -> int:
+        try:
+            self._tasks[what](which, t, end)
+        except BaseException as error:  # none may pass through C; raised again behind it
+            self._raised = error
+            if isinstance(error, StuckError):
+                return _STUCK
+            stepping = self._tasks[what] in (self._step, self._step_back)
+            discarded = stepping and isinstance(error, FmuError) and error.status == "discard"
+            return _CALL_FAILED if discarded else _RAISED
+        return _FINE
+
+    def _put(self, p: int, t: float, end: float) -> None:
+        self._run.parts[p].put(self._run.u[self._run.wiring.input_slices[p]])
+
+    def _get(self, p: int, t: float, end: float) -> None:
+        self._run.y[self._run.wiring.output_slices[p]] = self._run.parts[p].get()
+
+    def _step(self, p: int, t: float, end: float) -> None:
+        self._run.parts[p].advance(t, end - t, final=True)
+
+    def _step_back(self, p: int, t: float, end: float) -> None:
+        self._run.parts[p].advance(t, end - t, final=False)
+
+    def _save(self, p: int, t: float, end: float) -> None:
+        self._states[p] = self._run.parts[p].save()
+
+    def _restore(self, p: int, t: float, end: float) -> None:
+        self._run.parts[p].restore(self._states[p])
+
+    def _forget(self, p: int, t: float, end: float) -> None:
+        state, self._states[p] = self._states[p], None
+        if state is not None:
+            self._run.parts[p].forget(state)
+
+    def _transition(self, p: int, t: float, end: float) -> None:
+        part = self._run.parts[p]
+        assert isinstance(part, SystemPart)
+        self._records.transitions[p][self._parts[p]["slot"]] = part.transition(end - t)
+
+    def _outside(self, _: int, t: float, end: float) -> None:
+        self._now[:] = self._run.outside.at(t)
+
+    def _solve(self, k: int, t: float, end: float) -> None:
+        loop, entry = self._run.loops[k], self._loops[k]
+        loop.scale = float(entry["scale"])
+        self._run.solve(loop, t)
+        entry["scale"] = loop.scale
+        self._records.inverses[k][:] = np.linalg.inv(np.eye(len(loop.inputs)) - loop.slope)
+        entry["ready"] = 1
+
+    def _settle(self, _: int, t: float, end: float) -> None:
+        run, u, y = self._run, self._run.u, self._run.y
+        try:
+            run.settle(t, fresh=True)
+        finally:
+            u[:], y[:] = run.u, run.y
+            run.u, run.y = u, y
 
     def _drive(self, times: FloatArray) -> None:
         """What comes from outside at these times."""
@@ -280,51 +346,13 @@ class FastMaster:
             master["n_table"], master["place"] = len(times), 0
             master["table_t"], master["table"] = (values.ctypes.data for values in self._driven)
 
-    def _describe(self, entry: np.void, part: FmuPart, inputs: slice, outputs: slice) -> None:
-        """Fill the structure of a part."""
-        instance = part.instance
-        entry["instance"], entry["fmi"] = instance.component, int(instance.description.fmi[0])
-        for name, field in zip(_calls(part), ("step", "save", "restore", "forget"), strict=False):
-            entry[field] = instance.function_address(name)
-        sides = (("inputs", part.input_signals, inputs), ("outputs", part.output_signals, outputs))
-        for field, signals, place in sides:
-            groups = np.zeros(len(signals.groups), _GROUP)
-            for record, group in zip(groups, signals.groups, strict=True):
-                self._describe_group(record, instance, group, place.start)
-            entry[field], entry[f"n_{field}"] = self._address(groups), len(groups)
-        entry["u_begin"], entry["u_end"] = inputs.start, inputs.stop
-        entry["feedthrough"] = bool(np.any(part.feedthrough))
 
-    def _describe_group(self, record: np.void, instance: FmuInstance, group: Group, start: int) -> None:
-        record["type"] = _TYPES.index(_NAMES.get(group.get, group.get.removeprefix("fmi3Get")))
-        record["get"], record["set"] = map(instance.function_address, (group.get, group.set))
-        record["references"] = self._address(np.array(group.references, np.uint32))
-        record["n_references"], record["n"] = len(group.references), len(group.places)
-        record["values"] = self._address(group.view)
-        record["places"] = self._address(group.places.astype(np.int64) + start)
-
-    def _wires(self, weights: FloatArray, offset: FloatArray, driven: NDArray[np.bool_]) -> np.void:
-        sparse = csr_array(weights)
-        record = np.zeros(1, _WIRES)[0]
-        record["row"] = self._address(sparse.indptr.astype(np.int64))
-        record["column"] = self._address(sparse.indices.astype(np.int64))
-        record["weight"], record["offset"] = self._address(sparse.data), self._address(offset)
-        record["driven"] = self._address(driven.astype(np.uint8))
-        return record
-
-    def _address(self, values: NDArray[np.generic]) -> int:
-        values = np.ascontiguousarray(values)
-        self._kept.append(values)
-        return values.ctypes.data
-
-
-def _calls(part: FmuPart) -> tuple[str, ...]:
-    """Functions of a step and of the state, in the order of the C code."""
-    prefix, state = f"fmi{part.instance.description.fmi[0]}", "FMUState"
-    if prefix == "fmi2":
-        state = "FMUstate"
-    verbs = ("Get", "Set", "Free") if part.can_go_back else ()
-    return (f"{prefix}DoStep", *(f"{prefix}{verb}{state}" for verb in verbs))
+def _function(part: FmuPart, call: int, place: int) -> str:
+    """Name of an FMI function, by the numbers of the C code."""
+    if call < _STEP:
+        group = (part.output_signals, part.input_signals)[call].groups[place]
+        return (group.get, group.set)[call]
+    return "fmi2SetRealInputDerivatives" if call == _SLOPES else calls_of(part)[call - _STEP]
 
 
 def _points(ends: FloatArray, step: float | None) -> tuple[FloatArray, NDArray[np.uint8]]:

@@ -119,6 +119,7 @@ def description(
     numbers=False,
     modes=False,
     derivatives=False,
+    interpolates=False,
 ):
     """modelDescription.xml of the oscillator; `declared` None says nothing of what force depends on, False a lie."""
     name, keep = ("oscillator2", "FMUstate") if fmi == "2.0" else ("oscillator3", "FMUState")
@@ -127,7 +128,8 @@ def description(
         "me": f'<ModelExchange modelIdentifier="{name}" canGetAndSet{keep}="{yes[state]}"/>',
         "cs": f'<CoSimulation modelIdentifier="{name}" canGetAndSet{keep}="{yes[state]}" '
         f'canHandleVariableCommunicationStepSize="{yes[variable_step]}" '
-        f'providesDirectionalDerivative{"" if fmi == "2.0" else "s"}="{yes[derivatives]}"/>',
+        + 'canInterpolateInputs="true" ' * interpolates
+        + f'providesDirectionalDerivative{"" if fmi == "2.0" else "s"}="{yes[derivatives]}"/>',
     }
     said = {True: ' dependencies="2 3"', False: ' dependencies="3"', None: ""}
     force = f'<Unknown index="7"{said[declared]}/>'

@@ -1,10 +1,9 @@
-/* The master's inner loop: communication steps of co-simulation FMUs of FMI 2.0 and 3.0, Jacobi or Gauss-Seidel, over
- * given points or by step doubling. It does what cosimulation_run.py does, call for call, except that a part whose
- * inputs have not changed is not told them again. master.py fills the structures and reads what failed. */
-#include <float.h>
+/* The master's inner loop: communication steps, Jacobi or Gauss-Seidel, over given points or by step doubling. FMUs of
+ * FMI 2.0 and 3.0 and linear systems are run here, other parts by calls into Python. It does what cosimulation_run.py
+ * does, call for call, except that a part whose inputs have not changed is not told them again. */
+#include "pf_master.h"
+
 #include <math.h>
-#include <stdbool.h>
-#include <stdint.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -19,246 +18,70 @@
 #define PF_API __attribute__((visibility("default")))
 #endif
 
-enum { FLOAT64, FLOAT32, INT8, UINT8, INT16, UINT16, INT32, UINT32, INT64, UINT64, BOOLEAN2, BOOLEAN3 };
-enum { FINE, CALL_FAILED, OUT_OF_RANGE, STEP_TOO_SMALL, TERMINATED, NOT_FINITE, NO_THREADS, UNSETTLED };
-enum { CALL_GET, CALL_SET, CALL_STEP, CALL_SAVE, CALL_RESTORE };
-enum { STATUS_WARNING = 1, STATUS_DISCARD = 2 };
-
-typedef void (*Function)(void);
-
-typedef struct {                /* variables of one type */
-  int64_t type;
-  Function get, set;
-  const uint32_t *references;
-  int64_t n_references, n;
-  void *values;
-  const int64_t *places;      /* in u or y */
-} Group;
-
-typedef struct {
-  void *instance;
-  int64_t fmi;
-  Function step, save, restore, forget;
-  Group *inputs, *outputs;
-  int64_t n_inputs, n_outputs, u_begin, u_end;
-  int64_t feedthrough, changed;
-  void *state;
-  int64_t status, terminated;
-  double reached;
-} Part;
-
-typedef struct {                /* rows of a sparse matrix, and what is added */
-  const int64_t *row, *column;
-  const double *weight, *offset;
-  const uint8_t *driven;
-} Wires;
-
-typedef struct {
-  int64_t n_parts;
-  Part *parts;
-  const int64_t *sequence;    /* NULL: Jacobi */
-  int64_t n_u, n_y;
-  Wires wires, outside;
-  int64_t n_outside, n_table, place;
-  const double *table_t, *table; /* what comes from outside, linear in between */
-  double *now;                   /* (n_outside) */
-  int64_t passes;
-  double *u, *y, *v, *saved_u, *saved_y, *coarse;
-  const uint8_t *watched; /* outputs that must be numbers */
-  double rtol, atol, step, smallest;
-  int64_t steps, rejected, threads;
-  void *pool;
-  int64_t failed_part, failed_call, failed_place, failed_status; /* place: of the group, or in y */
-  double failed_time;
-} Master;
-
-static int64_t failed(Master *m, int64_t part, int64_t call, int64_t place, int64_t status, double t)
-{
-  m->failed_part = part;
-  m->failed_call = call;
-  m->failed_place = place;
-  m->failed_status = status;
-  m->failed_time = t;
-  return CALL_FAILED;
-}
-
-/* -- values ----------------------------------------------------------------------------------------------------- */
-
-static int call(Function f, const Part *part, const Group *group)
-{
-  typedef int (*Two)(void *, const uint32_t *, size_t, void *);
-  typedef int (*Three)(void *, const uint32_t *, size_t, void *, size_t);
-  return part->fmi == 2
-    ? ((Two)f)(part->instance, group->references, (size_t)group->n_references, group->values)
-    : ((Three)f)(part->instance, group->references, (size_t)group->n_references, group->values, (size_t)group->n);
-}
-
-#define READ(TYPE) for (int64_t k = 0; k < group->n; k++) to[group->places[k]] = (double)((const TYPE *)group->values)[k]
-
-static void unpack(const Group *group, double *to)
-{
-  switch (group->type) {
-  case FLOAT64: READ(double); break;
-  case FLOAT32: READ(float); break;
-  case INT8: READ(int8_t); break;
-  case UINT8: READ(uint8_t); break;
-  case INT16: READ(int16_t); break;
-  case UINT16: READ(uint16_t); break;
-  case INT32: case BOOLEAN2: READ(int32_t); break;
-  case UINT32: READ(uint32_t); break;
-  case INT64: READ(int64_t); break;
-  case UINT64: READ(uint64_t); break;
-  default: READ(bool); break;
-  }
-}
-
-/* 2^63 and 2^64 are no values of the type, what is below them is. */
-#define WRITE(TYPE, LOW, BEYOND) \
-  for (int64_t k = 0; k < group->n; k++) { \
-    const double value = from[group->places[k]]; \
-    if (!(value >= (LOW) && value < (BEYOND) && value == floor(value))) return k; \
-    ((TYPE *)group->values)[k] = (TYPE)value; \
-  }
-
-static int64_t pack(const Group *group, const double *from)
-{
-  switch (group->type) {
-  case FLOAT64: for (int64_t k = 0; k < group->n; k++) ((double *)group->values)[k] = from[group->places[k]]; break;
-  case FLOAT32:
-    for (int64_t k = 0; k < group->n; k++) {
-      const double value = from[group->places[k]];
-      if (isfinite(value) && fabs(value) > FLT_MAX) return k;
-      ((float *)group->values)[k] = (float)value;
-    }
-    break;
-  case INT8: WRITE(int8_t, -128.0, 128.0) break;
-  case UINT8: WRITE(uint8_t, 0.0, 256.0) break;
-  case INT16: WRITE(int16_t, -32768.0, 32768.0) break;
-  case UINT16: WRITE(uint16_t, 0.0, 65536.0) break;
-  case INT32: WRITE(int32_t, -2147483648.0, 2147483648.0) break;
-  case UINT32: WRITE(uint32_t, 0.0, 4294967296.0) break;
-  case INT64: WRITE(int64_t, -9223372036854775808.0, 9223372036854775808.0) break;
-  case UINT64: WRITE(uint64_t, 0.0, 18446744073709551616.0) break;
-  case BOOLEAN2: WRITE(int32_t, 0.0, 2.0) break;
-  default: WRITE(bool, 0.0, 2.0) break;
-  }
-  return -1;
-}
-
-static int64_t get(Master *m, int64_t p, double t)
-{
-  Part *part = &m->parts[p];
-  for (int64_t g = 0; g < part->n_outputs; g++) {
-    const Group *group = &part->outputs[g];
-    const int status = call(group->get, part, group);
-    if (status > STATUS_WARNING) return failed(m, p, CALL_GET, g, status, t);
-    unpack(group, m->y);
-  }
-  return FINE;
-}
-
-static int64_t put(Master *m, int64_t p, double t)
-{
-  Part *part = &m->parts[p];
-  const size_t bytes = (size_t)(part->u_end - part->u_begin) * sizeof(double);
-  part->changed = memcmp(m->u + part->u_begin, m->v + part->u_begin, bytes) != 0;
-  if (!part->changed) return FINE;
-  memcpy(m->u + part->u_begin, m->v + part->u_begin, bytes);
-  for (int64_t g = 0; g < part->n_inputs; g++) {
-    const Group *group = &part->inputs[g];
-    const int64_t wrong = pack(group, m->u);
-    if (wrong >= 0) {
-      failed(m, p, CALL_SET, group->places[wrong], 0, t);
-      return OUT_OF_RANGE;
-    }
-    const int status = call(group->set, part, group);
-    if (status > STATUS_WARNING) return failed(m, p, CALL_SET, g, status, t);
-  }
-  return FINE;
-}
-
-/* -- wires ------------------------------------------------------------------------------------------------------ */
-
-static double along(const Wires *wires, int64_t i, const double *from)
-{
-  double sum = 0.0;
-  for (int64_t k = wires->row[i]; k < wires->row[i + 1]; k++) sum += wires->weight[k] * from[wires->column[k]];
-  return sum + wires->offset[i];
-}
-
-static void from_outside(Master *m, double t)
-{
-  const int64_t n = m->n_outside, last = m->n_table - 1;
-  if (n == 0) return;
-  while (m->place < last - 1 && t >= m->table_t[m->place + 1]) m->place++;
-  while (m->place > 0 && t < m->table_t[m->place]) m->place--;
-  const double *a = m->table + m->place * n, *b = a + n;
-  const double start = m->table_t[m->place], end = m->table_t[m->place + 1];
-  for (int64_t j = 0; j < n; j++)
-    m->now[j] = t <= start ? a[j] : t >= end ? b[j] : (b[j] - a[j]) / (end - start) * (t - start) + a[j];
-}
-
-static void wired(Master *m, double t, int64_t begin, int64_t end)
-{
-  from_outside(m, t);
-  for (int64_t i = begin; i < end; i++)
-    m->v[i] = m->outside.driven[i] ? along(&m->outside, i, m->now)
-        : m->wires.driven[i] ? along(&m->wires, i, m->y)
-                                     : m->u[i];
-}
-
-/* Whether another pass would move nothing. */
-static int64_t rests(Master *m, double t)
-{
-  double largest = 0.0, moved = 0.0;
-  wired(m, t, 0, m->n_u);
-  for (int64_t i = 0; i < m->n_u; i++) {
-    if (!isfinite(m->v[i])) continue;
-    largest = fmax(largest, fabs(m->v[i]));
-    moved = fmax(moved, fabs(m->v[i] - m->u[i]));
-  }
-  m->failed_time = t;
-  return moved <= 1e-6 * largest ? FINE : UNSETTLED;
-}
-
-/* Signals handed on at one instant, until they rest or feedthrough has reached the last output. */
-static int64_t settle(Master *m, double t)
-{
-  int64_t code;
-  for (int64_t p = 0; p < m->n_parts; p++)
-    if ((code = get(m, p, t))) return code;
-  for (int64_t pass = 0; pass < m->passes; pass++) {
-    int64_t changed = 0;
-    wired(m, t, 0, m->n_u);
-    for (int64_t p = 0; p < m->n_parts; p++) {
-      if ((code = put(m, p, t))) return code;
-      changed |= m->parts[p].changed;
-    }
-    if (!changed) return FINE;
-    for (int64_t p = 0; p < m->n_parts; p++)
-      if (m->parts[p].changed && m->parts[p].feedthrough && (code = get(m, p, t))) return code;
-  }
-  return rests(m, t);
-}
-
 /* -- steps ------------------------------------------------------------------------------------------------------ */
 
-static void do_step(Part *part, double t, double end, bool final)
+static void step_linear(Master *m, int64_t p, double t, double end)
+{
+  Part *part = &m->parts[p];
+  const int64_t n = part->n_x, n_u = part->u_end - part->u_begin, width = n + n_u;
+  const double *u = m->u + part->u_begin;
+  int64_t slot = 0;
+  if (n == 0) return;
+  while (slot < SPANS && part->spans[slot] != end - t) slot++;
+  if (slot == SPANS) {
+    slot = part->slot;
+    if ((part->code = m->python(PY_TRANSITION, p, t, end))) return;
+    part->spans[slot] = end - t;
+    part->slot = (slot + 1) % SPANS;
+  }
+  const double *row = part->transitions + slot * n * width;
+  for (int64_t i = 0; i < n; i++, row += width) {
+    double sum = 0.0;
+    for (int64_t k = 0; k < n; k++) sum += row[k] * part->x[k];
+    for (int64_t k = 0; k < n_u; k++) sum += row[n + k] * u[k];
+    part->work[i] = sum;
+  }
+  memcpy(part->x, part->work, (size_t)n * sizeof(double));
+}
+
+/* FMI 2.0: whether a step was discarded because the FMU asks to end the run. */
+static bool asks_to_end(const Part *part)
+{
+  typedef int (*Ask)(void *, int, int *);
+  const int terminated = 3; /* of fmi2StatusKind */
+  int answer = 0;
+  return part->ended && ((Ask)part->ended)(part->instance, terminated, &answer) <= STATUS_WARNING && answer;
+}
+
+static void do_step(Master *m, int64_t p, double t, double end, bool final)
 {
   typedef int (*Two)(void *, double, double, int);
   typedef int (*Three)(void *, double, double, bool, bool *, bool *, bool *, double *);
+  Part *part = &m->parts[p];
   const double rest = 1e-9 * (end - t);
   double before = t;
   part->terminated = 0;
-  if (part->fmi == 2) {
-    part->status = ((Two)part->step)(part->instance, t, end - t, final);
+  part->status = 0;
+  part->code = FINE;
+  switch (part->kind) {
+  case LINEAR: step_linear(m, p, t, end); return;
+  case IN_PYTHON:
+    part->code = m->python(final ? PY_STEP : PY_STEP_BACK, p, t, end);
+    if (part->code != CALL_FAILED) return;
+    part->code = FINE;
+    part->status = STATUS_DISCARD;
     return;
+  case FMI2:
+    part->status = ((Two)part->step)(part->instance, t, end - t, final);
+    part->terminated = part->status == STATUS_DISCARD && asks_to_end(part);
+    return;
+  default: break;
   }
   do { /* an FMU that returns early, at an event, goes on from there */
     bool event = false, terminate = false, early = false;
     part->reached = end;
     part->status = ((Three)part->step)(part->instance, before, end - before, final, &event, &terminate, &early,
-                                           &part->reached);
+                                       &part->reached);
     if (part->status > STATUS_WARNING || !(early || terminate)) return;
     part->terminated = terminate;
     if (part->reached <= before) part->status = terminate ? 0 : STATUS_DISCARD;
@@ -270,9 +93,10 @@ static void do_step(Part *part, double t, double end, bool final)
 static int64_t stepped(Master *m, int64_t p, double t)
 {
   const Part *part = &m->parts[p];
-  if (part->status > STATUS_WARNING) return failed(m, p, CALL_STEP, 0, part->status, t);
+  if (part->code) return part->code;
+  if (part->status > STATUS_WARNING) return pf_master_failed(m, p, CALL_STEP, 0, part->status, t);
   if (part->terminated) {
-    failed(m, p, CALL_STEP, 0, 0, part->reached);
+    pf_master_failed(m, p, CALL_STEP, 0, 0, part->reached);
     return TERMINATED;
   }
   return FINE;
@@ -291,8 +115,11 @@ struct Pool {
 
 static void share(Pool *pool, int64_t number)
 {
-  for (int64_t p = number; p < pool->master->n_parts; p += pool->count + 1)
-    do_step(&pool->master->parts[p], pool->t, pool->end, pool->final);
+  Master *m = pool->master;
+  for (int64_t p = 0, fmu = 0; p < m->n_parts; p++) { /* what may call Python is the caller's */
+    const bool mine = m->parts[p].kind < FMI2 ? number == 0 : fmu++ % (pool->count + 1) == number;
+    if (mine) do_step(m, p, pool->t, pool->end, pool->final);
+  }
 }
 
 static void await(const int64_t *value, int64_t least)
@@ -360,30 +187,90 @@ static void step_all(Master *m, double t, double end, bool final)
 }
 #endif
 
+/* Before a step: where the lines begin that inputs follow. */
+static int64_t begin_lines(Master *m, double t, double end)
+{
+  int64_t code = pf_master_outside(m, t);
+  if (m->n_outside) {
+    memcpy(m->base, m->now, (size_t)m->n_outside * sizeof(double));
+    if (!code) code = pf_master_outside(m, end);
+    for (int64_t j = 0; j < m->n_outside; j++) m->rate[j] = (m->now[j] - m->base[j]) / (end - t);
+  }
+  memcpy(m->y_begin, m->y, (size_t)m->n_y * sizeof(double));
+  return code;
+}
+
+static void slopes_of(Master *m, int64_t begin, int64_t end, double h)
+{
+  for (int64_t j = begin; j < end; j++) m->y_slope[j] = (m->y[j] - m->y_begin[j]) / h;
+}
+
+/* A part's inputs for a step, and how they move. */
+static int64_t give(Master *m, int64_t p, double t, double end)
+{
+  typedef int (*Slopes)(void *, const uint32_t *, size_t, const int *, const double *);
+  Part *part = &m->parts[p];
+  int64_t code = pf_master_aim(m, p, t, end);
+  if (!code) code = pf_master_put(m, p, t);
+  if (code || !part->slopes) return code;
+  const Group *group = part->sloped;
+  double *values = group->values;
+  for (int64_t k = 0; k < group->n; k++) {
+    values[k] = m->u_slope[group->places[k]];
+    part->stale |= values[k] != 0.0;
+  }
+  const int status = ((Slopes)part->slopes)(part->instance, group->references, (size_t)group->n, part->orders, values);
+  return status > STATUS_WARNING ? pf_master_failed(m, p, CALL_SLOPES, 0, status, t) : FINE;
+}
+
+/* After a step: the end of the line, where outputs show it. */
+static int64_t arrive(Master *m, int64_t p, double t, double end)
+{
+  const Part *part = &m->parts[p];
+  const double left = (part->slopes ? 1.0 : 0.5) * (end - t);
+  if (!part->feedthrough) return FINE;
+  for (int64_t i = part->u_begin; i < part->u_end; i++) m->v[i] = m->u[i] + (m->moves[i] ? left * m->u_slope[i] : 0.0);
+  return pf_master_put(m, p, end);
+}
+
+static int64_t in_turn(Master *m, int64_t p, double t, double end, bool final)
+{
+  Part *part = &m->parts[p];
+  int64_t code;
+  if (m->first) code = give(m, p, t, end);
+  else if (!(code = pf_master_wired(m, t, part->u_begin, part->u_end))) code = pf_master_put(m, p, t);
+  if (code) return code;
+  do_step(m, p, t, end, final);
+  if ((code = stepped(m, p, t)) || (m->first && (code = arrive(m, p, t, end)))) return code;
+  if ((code = pf_master_get(m, p, end))) return code;
+  if (m->first) slopes_of(m, part->y_begin, part->y_end, end - t);
+  return FINE;
+}
+
 static int64_t advance(Master *m, double t, double end, bool final)
 {
   int64_t code;
+  if (m->first && (code = begin_lines(m, t, end))) return code;
   if (m->sequence) {
-    for (int64_t k = 0; k < m->n_parts; k++) {
-      const int64_t p = m->sequence[k];
-      wired(m, t, m->parts[p].u_begin, m->parts[p].u_end);
-      if ((code = put(m, p, t))) return code;
-      do_step(&m->parts[p], t, end, final);
-      if ((code = stepped(m, p, t)) || (code = get(m, p, end))) return code;
-    }
-    return settle(m, end);
-  }
+    for (int64_t k = 0; k < m->n_parts; k++)
+      if ((code = in_turn(m, m->sequence[k], t, end, final))) return code;
+  } else {
+    for (int64_t p = 0; m->first && p < m->n_parts; p++)
+      if ((code = give(m, p, t, end))) return code;
 #ifndef _WIN32
-  if (m->pool) step_all(m, t, end, final);
-  else
+    if (m->pool) step_all(m, t, end, final);
+    else
 #endif
-  for (int64_t p = 0; p < m->n_parts; p++) {
-    do_step(&m->parts[p], t, end, final);
-    if ((code = stepped(m, p, t))) return code;
+    for (int64_t p = 0; p < m->n_parts; p++) {
+      do_step(m, p, t, end, final);
+      if ((code = stepped(m, p, t))) return code;
+    }
+    for (int64_t p = 0; p < m->n_parts; p++)
+      if ((code = stepped(m, p, t))) return code;
   }
-  for (int64_t p = 0; p < m->n_parts; p++)
-    if ((code = stepped(m, p, t))) return code;
-  return settle(m, end);
+  if ((code = pf_master_settle(m, end))) return code;
+  if (m->first) slopes_of(m, 0, m->n_y, end - t);
+  return FINE;
 }
 
 /* -- step control ----------------------------------------------------------------------------------------------- */
@@ -392,25 +279,54 @@ typedef int (*OfState)(void *, void **);
 
 static int64_t save(Master *m, double t)
 {
+  int64_t code;
   for (int64_t p = 0; p < m->n_parts; p++) {
-    const int status = ((OfState)m->parts[p].save)(m->parts[p].instance, &m->parts[p].state);
-    if (status > STATUS_WARNING) return failed(m, p, CALL_SAVE, 0, status, t);
+    Part *part = &m->parts[p];
+    if (part->kind == LINEAR) memcpy(part->saved_x, part->x, (size_t)part->n_x * sizeof(double));
+    else if (part->kind == IN_PYTHON) {
+      if ((code = m->python(PY_SAVE, p, t, t))) return code;
+    } else {
+      const int status = ((OfState)part->save)(part->instance, &part->state);
+      if (status > STATUS_WARNING) return pf_master_failed(m, p, CALL_SAVE, 0, status, t);
+    }
   }
   memcpy(m->saved_u, m->u, (size_t)m->n_u * sizeof(double));
   memcpy(m->saved_y, m->y, (size_t)m->n_y * sizeof(double));
+  memcpy(m->saved_slope, m->y_slope, (size_t)m->n_y * sizeof(double));
   return FINE;
 }
 
 static int64_t back(Master *m, double t)
 {
   typedef int (*Restore)(void *, void *);
+  int64_t code;
   for (int64_t p = 0; p < m->n_parts; p++) {
-    const int status = ((Restore)m->parts[p].restore)(m->parts[p].instance, m->parts[p].state);
-    if (status > STATUS_WARNING) return failed(m, p, CALL_RESTORE, 0, status, t);
+    Part *part = &m->parts[p];
+    part->stale = 0;
+    if (part->kind == LINEAR) memcpy(part->x, part->saved_x, (size_t)part->n_x * sizeof(double));
+    else if (part->kind == IN_PYTHON) {
+      if ((code = m->python(PY_RESTORE, p, t, t))) return code;
+    } else {
+      const int status = ((Restore)part->restore)(part->instance, part->state);
+      if (status > STATUS_WARNING) return pf_master_failed(m, p, CALL_RESTORE, 0, status, t);
+    }
   }
   memcpy(m->u, m->saved_u, (size_t)m->n_u * sizeof(double));
   memcpy(m->y, m->saved_y, (size_t)m->n_y * sizeof(double));
+  memcpy(m->y_slope, m->saved_slope, (size_t)m->n_y * sizeof(double));
   return FINE;
+}
+
+static void forget(Master *m, int64_t code)
+{
+  if (code == CALL_FAILED && m->failed_status == STATUS_FATAL) return; /* after it no function may be called */
+  for (int64_t p = 0; p < m->n_parts; p++) {
+    Part *part = &m->parts[p];
+    if (part->kind == IN_PYTHON) m->python(PY_FORGET, p, 0.0, 0.0);
+    if (!part->state) continue;
+    ((OfState)part->forget)(part->instance, &part->state);
+    part->state = NULL;
+  }
 }
 
 /* What is no number is left in `coarse`, for the message. */
@@ -425,8 +341,9 @@ static int64_t finite(Master *m, double t)
   return FINE;
 }
 
-/* One step, then two halves from the same state; the error over what is allowed. */
-static int64_t twice(Master *m, double t, double end, double *error, bool *wrong)
+/* One step, then two halves from the same state; the error over what is allowed. A discarded step is wrong beyond
+ * measure, and one without a solution or to what is no number: `wrong` says which. */
+static int64_t twice(Master *m, double t, double end, double *error, int64_t *wrong)
 {
   const double middle = t + 0.5 * (end - t);
   int64_t code = advance(m, t, end, true);
@@ -436,10 +353,12 @@ static int64_t twice(Master *m, double t, double end, double *error, bool *wrong
   }
   if (!code) code = advance(m, t, middle, true);
   if (!code) code = advance(m, middle, end, false); /* t, which comes before, may be gone back to */
-  *error = INFINITY; /* a discarded step is wrong beyond measure, and one to what is no number */
-  *wrong = !code && finite(m, end);
-  if (*wrong) return FINE;
-  if (code == CALL_FAILED && m->failed_call == CALL_STEP && m->failed_status == STATUS_DISCARD) return FINE;
+  if (!code) code = finite(m, end);
+  *error = INFINITY;
+  *wrong = code == NOT_FINITE || code == STUCK ? code : FINE;
+  const bool discarded = code == CALL_FAILED && m->failed_call == CALL_STEP && m->failed_status == STATUS_DISCARD
+    && !m->parts[m->failed_part].terminated;
+  if (*wrong || discarded) return FINE;
   if (code) return code;
   *error = 0.0;
   for (int64_t j = 0; j < m->n_y; j++) {
@@ -451,22 +370,18 @@ static int64_t twice(Master *m, double t, double end, double *error, bool *wrong
 
 static int64_t controlled(Master *m, double t, double end)
 {
-  const double safety = 0.9, shrink = 0.2, grow = 4.0; /* usual for a method of order one */
+  const double safety = 0.9, shrink = 0.2, grow = 4.0; /* usual */
   while (t < end) {
     const double target = t + m->step > end - m->smallest ? end : t + m->step;
     double error = 0.0;
-    bool wrong = false;
+    int64_t wrong = FINE;
     int64_t code = save(m, t);
     if (!code) code = twice(m, t, target, &error, &wrong);
     const bool accepted = error <= 1.0;
     if (!code && !accepted) code = back(m, t);
-    for (int64_t p = 0; p < m->n_parts; p++)
-      if (m->parts[p].state) {
-        ((OfState)m->parts[p].forget)(m->parts[p].instance, &m->parts[p].state);
-        m->parts[p].state = NULL;
-      }
+    forget(m, code);
     if (code) return code;
-    const double change = error > 0.0 ? safety / sqrt(error) : grow;
+    const double change = error > 0.0 ? safety / (m->first ? cbrt(error) : sqrt(error)) : grow;
     const double proposal = (target - t) * fmin(fmax(change, shrink), grow);
     m->step = accepted && target == end ? fmax(m->step, proposal) : proposal;
     if (accepted) {
@@ -475,7 +390,7 @@ static int64_t controlled(Master *m, double t, double end)
     } else {
       m->rejected++;
       if (m->step < m->smallest) {
-        if (wrong) return NOT_FINITE;
+        if (wrong) return wrong;
         m->failed_time = t;
         return STEP_TOO_SMALL;
       }

@@ -35,7 +35,7 @@
 enum { TIME, PLACE, X, V, DX, DV, FORCE, MASS, STIFFNESS, DAMPING, COUPLING, LABEL, COUNT, TINY, POSITIVE, MODE, FLAG, VARIABLES };
 
 typedef struct {
-  double time, place[N], x[N], v[N], mass, stiffness, damping, coupling;
+  double time, place[N], slope[N], x[N], v[N], mass, stiffness, damping, coupling;
   int count, tiny, positive, mode, flag;
   int stepping; /* for one that keeps count of what it was asked */
 } Model;
@@ -94,6 +94,7 @@ static void advance(Model *m, double h) {
       for (int i = 0; i < N; i++) {
         stage.x[i] = m->x[i] + node[k] * part * dx[i];
         stage.v[i] = m->v[i] + node[k] * part * dv[i];
+        stage.place[i] = m->place[i] + node[k] * part * m->slope[i];
       }
       rates(&stage, dx, dv);
       for (int i = 0; i < N; i++) {
@@ -103,7 +104,9 @@ static void advance(Model *m, double h) {
     }
     memcpy(m->x, x, sizeof x);
     memcpy(m->v, v, sizeof v);
+    for (int i = 0; i < N; i++) m->place[i] += part * m->slope[i];
   }
+  memset(m->slope, 0, sizeof m->slope); /* told for one step */
   m->time += h;
 }
 

@@ -209,8 +209,9 @@ fmi2Status fmi2GetNominalsOfContinuousStates(fmi2Component c, fmi2Real x[], size
 
 fmi2Status fmi2SetRealInputDerivatives(fmi2Component c, const fmi2ValueReference vr[], size_t n,
                                        const fmi2Integer order[], const fmi2Real value[]) {
-  (void)c, (void)vr, (void)n, (void)order, (void)value;
-  return fmi2Error;
+  if (n != 1 || vr[0] != PLACE || order[0] != 1) return fmi2Error;
+  MODEL(c)->slope[0] = value[0];
+  return fmi2OK;
 }
 
 fmi2Status fmi2GetRealOutputDerivatives(fmi2Component c, const fmi2ValueReference vr[], size_t n,
