@@ -34,6 +34,7 @@ _EXAMPLES = """examples:
   phyfilter-ctl run quadruped --stance                             # the joint loop of the standing robot, linear
   phyfilter-ctl run quadruped --cosimulate                         # robot and joint loop as FMUs (needs a C compiler)
   phyfilter-ctl run quadruped --train --seed 7 --filter --out filter-7.json
+  phyfilter-ctl run quadruped --train --robot go1 --velocity 3 --full --checkpoint go1.npz
   phyfilter-ctl run quadruped --train --measure                    # steps per second, with learning
   phyfilter-ctl run quadruped --policy filter-7.json               # judge a policy of one's own"""
 
@@ -77,7 +78,13 @@ def add_arguments(parser: ArgumentParser) -> None:
     job.add_argument("--train", action="store_true", help="train a policy instead")
     training = parser.add_argument_group("training")
     training.add_argument("--seed", type=int, default=0, metavar="N", help="of training (default 0)")
+    training.add_argument(
+        "--robot", default="lite3-primitives", metavar="NAME", help="lite3-primitives (default) or go1"
+    )
     training.add_argument("--filter", action="store_true", help="with the paper's filter in the loop")
+    training.add_argument(
+        "--full", action="store_true", help="full domain randomisation: loads, weak motors, pushes"
+    )
     training.add_argument(
         "--velocity", type=float, default=1.0, metavar="V", help="largest command (default 1 m/s)"
     )
@@ -238,7 +245,12 @@ def _train(options: Namespace, outputs: Outputs) -> None:
     from .policy import save
 
     wanted = training.Training(
-        options.seed, _filter(options), iterations=options.iterations, velocity=options.velocity
+        options.seed,
+        _filter(options),
+        iterations=options.iterations,
+        velocity=options.velocity,
+        robot=options.robot,
+        full=options.full,
     )
     if options.measure:
         found = training.measure(wanted, threads=options.threads)

@@ -8,11 +8,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from phyfilter_ctl.plants.legged import LeggedRobot
 from phyfilter_ctl.plants.legged.simulator import simulator
 
 from .gait import neutral
-from .params import params
-from .robot import LEGS, compile_model
+from .params import Params, params
+from .robot import legged
 from .terrain import Terrain
 
 if TYPE_CHECKING:
@@ -67,14 +68,25 @@ class Batch:
         None: flat.
     threads : int
         Of MuJoCo's pool.
+    parameters : Params, optional
+        The robot; None: that of ``params.toml``.
 
     Raises
     ------
     ImportError
         Without the extra ``mujoco``.
+    ValueError
+        For a robot whose trunk has its principal axes of inertia across the axes of its body.
     """
 
-    def __init__(self, size: int, *, terrain: Terrain | None = None, threads: int = 2) -> None:
+    def __init__(
+        self,
+        size: int,
+        *,
+        terrain: Terrain | None = None,
+        threads: int = 2,
+        parameters: Params | None = None,
+    ) -> None:
         if size < 1:
             raise ValueError(f"size: expected at least one robot, got {size}")
         simulator("the quadruped")
@@ -82,17 +94,21 @@ class Batch:
 
         self.terrain: Terrain = Terrain() if terrain is None else terrain
         self.size = size
-        self.model: MjModel = compile_model(terrain=self.terrain)
+        self.parameters: Params = params() if parameters is None else parameters
+        self.robot: LeggedRobot = legged(self.parameters, terrain=self.terrain)
+        self.model: MjModel = self.robot.model
         self._pool = Pool(self.model, nsim=size, nthread=threads)
         self._qpos, self._qvel = self._pool.bind("qpos"), self._pool.bind("qvel")
         self._ctrl, self._push = self._pool.bind("ctrl"), self._pool.bind("xfrc_applied")
         self._touch, self._warm = self._pool.bind("sensordata"), self._pool.bind("qacc_warmstart")
-        self._trunk = self.model.body("trunk").id
-        self._feet = [self.model.geom(f"{leg}_foot").id for leg in LEGS]
+        self._trunk, self._feet = self.robot.base, self.robot.geoms
+        self._q, self._qd = _columns(self.robot.qpos), _columns(self.robot.dof)
+        self._motors, self._sensors = _columns(self.robot.motors), _columns(self.robot.touch)
+        self._axes = _principal_axes(self.model.body_iquat[self._trunk])
         self._friction = self._pool.expand("geom_friction")
         self._mass, self._inertia = self._pool.expand("body_mass"), self._pool.expand("body_inertia")
         self._ipos = self._pool.expand("body_ipos")
-        self.set_friction(np.full(size, params().robot.friction))
+        self.set_friction(np.full(size, self.parameters.robot.friction))
         self.reset(np.arange(size))
 
     def set_payload(self, payload: ArrayLike) -> None:
@@ -113,8 +129,9 @@ class Batch:
         own = np.array([b**2 + c**2, a**2 + c**2, a**2 + b**2]) / 12.0
         apart = (left * box / total * _PAYLOAD_HEIGHT**2)[:, None] * np.array([1.0, 1.0, 0.0])
         self._mass[:, trunk] = total
+        added = own[self._axes] * box[:, None], apart[:, self._axes]
         self._inertia[:, trunk] = (
-            self.model.body_inertia[trunk] * (left / mass)[:, None] + own * box[:, None] + apart
+            self.model.body_inertia[trunk] * (left / mass)[:, None] + added[0] + added[1]
         )
         self._ipos[:, trunk] = self.model.body_ipos[trunk] + shift[:, None] * np.array([0.0, 0.0, 1.0])
         self._pool.set_const()
@@ -156,7 +173,7 @@ class Batch:
         """
         if not len(which):
             return
-        p = params()
+        p = self.parameters
         where = np.zeros((len(which), 3)) if place is None else np.asarray(place, dtype=float)
         self._pool.reset(which, stage=0)
         qpos = np.zeros((len(which), self.model.nq))
@@ -164,7 +181,7 @@ class Batch:
         ground = self.terrain.height(where[:, 0], where[:, 1])
         qpos[:, 2] = ground + p.gait.height + p.robot.foot_radius
         qpos[:, 3], qpos[:, 6] = np.cos(0.5 * where[:, 2]), np.sin(0.5 * where[:, 2])
-        qpos[:, 7:] = neutral() if joints is None else joints
+        qpos[:, self._q] = neutral(parameters=p) if joints is None else joints
         self._qpos[which] = qpos
         self._qvel[which] = 0.0
 
@@ -178,18 +195,18 @@ class Batch:
         count : int
             Number of steps.
         """
-        self._ctrl[:] = torque
+        self._ctrl[:, self._motors] = torque
         self._pool.step(nstep=count)
 
     @property
     def q(self) -> FloatArray:
-        """Joint angles, (E, 12); a view."""
-        return self._qpos[:, 7:]
+        """Joint angles, (E, 12); a view where the model has them in this order."""
+        return self._qpos[:, self._q]
 
     @property
     def qd(self) -> FloatArray:
-        """Joint velocities, (E, 12); a view."""
-        return self._qvel[:, 6:]
+        """Joint velocities, (E, 12); a view where the model has them in this order."""
+        return self._qvel[:, self._qd]
 
     @property
     def qpos(self) -> FloatArray:
@@ -199,12 +216,21 @@ class Batch:
     @property
     def load(self) -> FloatArray:
         """Normal force of each foot at the step before, (E, 4) N."""
-        return self._touch
+        return self._touch[:, self._sensors]
+
+    @property
+    def feet(self) -> FloatArray:
+        """Centres of the feet at the step before, (E, 4, 3) m."""
+        return self._pool.bind("geom_xpos")[:, self._feet]
 
     @property
     def contact(self) -> FloatArray:
-        """Generalised forces of the contacts over the step before, J' F_c, (E, 18) N and N m."""
-        return self._pool.bind("qfrc_constraint")
+        """Generalised forces of the contacts over the step before, J' F_c, (E, 18) N and N m.
+
+        MuJoCo's constraint forces: stops and dry friction of the joints are among them, where a robot has any.
+        """
+        rows = np.concatenate([np.arange(6), self.robot.dof])
+        return self._pool.bind("qfrc_constraint")[:, _columns(rows)]
 
     @property
     def up(self) -> FloatArray:
@@ -245,7 +271,7 @@ class Batch:
         ----------
         motion : Motion
         """
-        fall = params().fall
+        fall = self.parameters.fall
         above = motion.position[:, 2] - self.terrain.height(motion.position[:, 0], motion.position[:, 1])
         return (motion.up[:, 2] < fall.upright) | (above < fall.height) | ~np.isfinite(above)
 
@@ -262,3 +288,27 @@ class Batch:
             Of :meth:`state`.
         """
         self._qpos[:], self._qvel[:], self._warm[:] = state["qpos"], state["qvel"], state["warm"]
+
+
+def _columns(index: NDArray[np.int64]) -> slice | NDArray[np.int64]:
+    """As a slice where the columns follow one another: a view, not a copy."""
+    first = int(index[0])
+    return slice(first, first + len(index)) if np.array_equal(index, first + np.arange(len(index))) else index
+
+
+# Sine of the largest angle between a principal axis and an axis of the trunk that is taken for none.
+_ASKEW = 0.05
+
+
+def _principal_axes(quaternion: FloatArray) -> NDArray[np.int64]:
+    """Which axis of the trunk each of its principal axes of inertia is."""
+    R = np.zeros(9)
+    simulator("the quadruped").mju_quat2Mat(R, quaternion)
+    along = np.abs(R.reshape(3, 3))
+    axes = along.argmax(axis=0)
+    if len(set(axes.tolist())) < 3 or np.min(along[axes, np.arange(3)]) < np.sqrt(1.0 - _ASKEW**2):
+        raise ValueError(
+            "the trunk's principal axes of inertia lie across its own axes: a payload cannot be put on it; turn the "
+            "trunk's frame in the file"
+        )
+    return axes

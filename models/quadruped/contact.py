@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from phyfilter_ctl.plants.legged import balanced_contact
 
-from .params import params
+from .params import Params, params
 from .robot import GRAVITY, SIDE, hips
 
 __all__ = ["carried", "leg_kinematics"]
@@ -25,13 +25,14 @@ FloatArray = NDArray[np.float64]
 _STANDS = 0.15
 
 
-def leg_kinematics(q: FloatArray) -> tuple[FloatArray, FloatArray]:
+def leg_kinematics(q: FloatArray, *, parameters: Params | None = None) -> tuple[FloatArray, FloatArray]:
     """Where the legs are, and how the joints move the feet.
 
     Parameters
     ----------
     q : (E, 12) array
         Joint angles, rad.
+    parameters : Params, optional
 
     Returns
     -------
@@ -40,7 +41,7 @@ def leg_kinematics(q: FloatArray) -> tuple[FloatArray, FloatArray]:
     jacobian : (E, 4, 3, 3) array
         Of each foot by abduction, hip and knee of its leg, m/rad.
     """
-    robot = params().robot
+    robot = (params() if parameters is None else parameters).robot
     roll, hip, knee = np.moveaxis(q.reshape(-1, 4, 3), -1, 0)
     c, s, none = np.cos(roll), np.sin(roll), np.zeros_like(roll)
     out = robot.abduction * SIDE + none
@@ -59,7 +60,9 @@ def leg_kinematics(q: FloatArray) -> tuple[FloatArray, FloatArray]:
     return points + hips(robot), jacobian
 
 
-def carried(q: FloatArray, up: FloatArray, torque: FloatArray) -> FloatArray:
+def carried(
+    q: FloatArray, up: FloatArray, torque: FloatArray, *, parameters: Params | None = None
+) -> FloatArray:
     """J' F_c of the least forces that carry the robot, without payload, on the feet that the motors press down.
 
     Parameters
@@ -70,14 +73,15 @@ def carried(q: FloatArray, up: FloatArray, torque: FloatArray) -> FloatArray:
         The vertical in the trunks' frames.
     torque : (E, 12) array
         Of the motors, N m.
+    parameters : Params, optional
 
     Returns
     -------
     (E, 18) array
         Base rows, in the trunk's frame, first; N and N m.
     """
-    robot = params().robot
-    (hip, knee, foot), jacobian = leg_kinematics(q)
+    robot = (params() if parameters is None else parameters).robot
+    (hip, knee, foot), jacobian = leg_kinematics(q, parameters=parameters)
     force = -np.linalg.solve(np.swapaxes(jacobian, -1, -2), torque.reshape(-1, 4, 3, 1))[..., 0]
     standing = np.matmul(force, up[..., None])[..., 0] > _STANDS * robot.mass * GRAVITY
 

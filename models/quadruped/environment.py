@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 from .batch import Batch, Motion
 from .gait import following, trot
 from .loop import FilterChoice, JointLoop
-from .params import params
-from .policy import ACTIONS, observe
+from .params import Params, params
+from .policy import ACTIONS, blurred, observe
 
 __all__ = ["PRIVILEGED", "Step", "Walk"]
 
@@ -63,6 +63,10 @@ class Walk:
     velocity : float
         Largest commanded forward speed, m/s; sideways speed and turn rate are the table's.
     threads : int
+    parameters : Params, optional
+        The robot; None: that of ``params.toml``.
+    full : bool
+        Full randomisation: heavier payloads, weak motors and pushes besides.
     """
 
     def __init__(
@@ -73,22 +77,28 @@ class Walk:
         seed: int,
         velocity: float | None = None,
         threads: int = 2,
+        parameters: Params | None = None,
+        full: bool = False,
     ) -> None:
         self.size = size
+        self.parameters: Params = params() if parameters is None else parameters
         self.rng: np.random.Generator = np.random.default_rng(seed)
-        self.batch: Batch = Batch(size, threads=threads)
-        self.loop: JointLoop = JointLoop(self.batch, choice)
-        self._forward = params().randomisation.velocity[1] if velocity is None else velocity
-        training, control = params().training, params().control
+        self.batch: Batch = Batch(size, threads=threads, parameters=self.parameters)
+        self.loop: JointLoop = JointLoop(self.batch, choice, rng=self.rng)
+        self._full = full
+        training, control = self.parameters.training, self.parameters.control
+        self._forward = self.parameters.randomisation.velocity[1] if velocity is None else velocity
         self._step_time = control.dt * control.decimation
         self._episode = round(training.episode / self._step_time)
         self._resample = round(training.resample / self._step_time)
+        self._push_steps = round(self.parameters.push.duration / self._step_time)
         self.phase: FloatArray = np.zeros(size)
         self.command: FloatArray = np.zeros((size, 3))
         self.action: FloatArray = np.zeros((size, ACTIONS))
         self.age: NDArray[np.int64] = np.zeros(size, dtype=np.int64)
         self.payload: FloatArray = np.zeros(size)
         self.friction: FloatArray = np.zeros(size)
+        self.force: FloatArray = np.zeros((size, 3))
         self._restart(np.arange(size))
         # Episodes end at different times.
         self.age = self.rng.integers(0, self._episode, size)
@@ -96,9 +106,11 @@ class Walk:
     def _restart(self, which: NDArray[np.intp]) -> None:
         if not len(which):
             return
-        table, rng, k = params().randomisation, self.rng, len(which)
-        nominal = params().control
-        self.payload[which] = rng.uniform(*table.payload, k)
+        table, rng, k = self.parameters.randomisation, self.rng, len(which)
+        nominal = self.parameters.control
+        self.payload[which] = rng.uniform(*(table.full_payload if self._full else table.payload), k)
+        if self._full:
+            self.loop.strength[which, 0] = rng.uniform(*table.full_strength, k)
         self.friction[which] = rng.uniform(*table.friction, k)
         self.loop.kp[which, 0] = nominal.kp * rng.uniform(*table.gain, k)
         self.loop.kd[which, 0] = nominal.kd * rng.uniform(*table.gain, k)
@@ -107,7 +119,7 @@ class Walk:
         self.age[which] = 0
         self._new_commands(which)
         self._physical()
-        joints = trot(self.phase[which], np.zeros((k, 3)))
+        joints = trot(self.phase[which], np.zeros((k, 3)), parameters=self.parameters)
         self.batch.reset(which, joints=joints)
         chosen = np.zeros(self.size, dtype=bool)
         chosen[which] = True
@@ -118,7 +130,7 @@ class Walk:
         self.batch.set_friction(self.friction)
 
     def _new_commands(self, which: NDArray[np.intp]) -> None:
-        low, high = params().randomisation.velocity
+        low, high = self.parameters.randomisation.velocity
         k = len(which)
         self.command[which, 0] = self.rng.uniform(-self._forward, self._forward, k)
         self.command[which, 1:] = self.rng.uniform(low, high, (k, 2))
@@ -131,13 +143,9 @@ class Walk:
         return self._observe(self.batch.motion)
 
     def _observe(self, motion: Motion) -> tuple[FloatArray, FloatArray]:
-        table, rng = params().randomisation, self.rng
-        seen = observe(motion, self.phase, self.command, self.action)
-        seen[:, :3] += table.noise_angle * rng.uniform(-1.0, 1.0, (self.size, 3))
-        seen[:, 3:6] += 0.25 * table.noise_rate * rng.uniform(-1.0, 1.0, (self.size, 3))
-        seen[:, 9:21] += table.noise_angle * rng.uniform(-1.0, 1.0, (self.size, 12))
-        seen[:, 21:33] += 0.05 * table.noise_rate * rng.uniform(-1.0, 1.0, (self.size, 12))
-        nominal = params().control
+        p, nominal = self.parameters, self.parameters.control
+        seen = observe(motion, self.phase, self.command, self.action, parameters=p)
+        seen = blurred(seen, self.rng, parameters=p)
         privileged = np.column_stack(
             [
                 motion.velocity,
@@ -157,12 +165,14 @@ class Walk:
         ----------
         action : (E, 12) array
         """
-        p = params()
+        p = self.parameters
         action = np.clip(action, -p.control.action_limit, p.control.action_limit)
         change = np.square(action - self.action).sum(axis=1)
         self.action = action
-        self.phase = following(self.phase, self.command)
-        self.loop.advance(trot(self.phase, self.command) + p.control.action_scale * action)
+        self.phase = following(self.phase, self.command, parameters=p)
+        if self._full:
+            self._pushes()
+        self.loop.advance(trot(self.phase, self.command, parameters=p) + p.control.action_scale * action)
         self.age += 1
         motion = self.batch.motion
         fallen = self.batch.fallen(motion)
@@ -176,8 +186,18 @@ class Walk:
         seen, privileged = self._observe(motion)
         return Step(seen, privileged, reward, done, timeout)
 
+    def _pushes(self) -> None:
+        """A push begins with every new command, in any direction."""
+        since = self.age % self._resample
+        begins = np.flatnonzero((since == 0) & (self.age > 0))
+        angle = self.rng.uniform(0.0, 2.0 * np.pi, len(begins))
+        size = self.rng.uniform(0.0, self.parameters.randomisation.full_push, len(begins))
+        self.force[begins, :2] = size[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+        self.force[(since >= self._push_steps) | (self.age == 0)] = 0.0
+        self.batch.push(self.force)
+
     def _reward(self, motion: Motion, change: FloatArray, fallen: NDArray[np.bool_]) -> FloatArray:
-        p, weights = params(), params().reward
+        p, weights = self.parameters, self.parameters.reward
         off = np.square(motion.velocity[:, :2] - self.command[:, :2]).sum(axis=1)
         turn = np.square(motion.rate[:, 2] - self.command[:, 2])
         height = motion.position[:, 2] - (p.gait.height + p.robot.foot_radius)
@@ -201,7 +221,7 @@ class Walk:
         found: dict[str, NDArray[np.generic]] = {
             name: np.array(getattr(self, name)) for name in ("phase", "command", "action", "age", "payload")
         }
-        found["friction"] = self.friction.copy()
+        found |= {"friction": self.friction.copy(), "force": self.force.copy()}
         found["rng"] = np.frombuffer(json.dumps(self.rng.bit_generator.state).encode(), dtype=np.uint8)
         found |= {f"batch_{name}": value for name, value in self.batch.state().items()}
         found |= {f"loop_{name}": value for name, value in self.loop.state().items()}
@@ -222,7 +242,7 @@ class Walk:
         """
         if len(state["phase"]) != self.size:
             raise ValueError(f"a state of {len(state['phase'])} environments, expected {self.size}")
-        for name in ("phase", "command", "action", "age", "payload", "friction"):
+        for name in ("phase", "command", "action", "age", "payload", "friction", "force"):
             setattr(self, name, np.array(state[name]))
         self.rng.bit_generator.state = json.loads(state["rng"].tobytes().decode())
         self._physical()

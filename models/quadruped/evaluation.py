@@ -9,6 +9,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,14 +17,24 @@ from numpy.typing import NDArray
 from .batch import Batch
 from .gait import following, sent, trot
 from .loop import FilterChoice, JointLoop, advance
-from .params import params
-from .policy import ACTIONS, Policy, observe
+from .params import Params, params
+from .policy import ACTIONS, Policy, blurred, observe
 from .robot import check_payload
 from .terrain import Terrain
 
 __all__ = ["Case", "Group", "Outcome", "Trace", "phases", "recorded", "walk"]
 
 FloatArray = NDArray[np.float64]
+
+Side = Literal["sides", "left", "right", "front", "back"]
+# Where a push drives the robot: x, y.
+_TOWARDS = {
+    "sides": (0.0, 1.0),
+    "left": (0.0, -1.0),
+    "right": (0.0, 1.0),
+    "front": (-1.0, 0.0),
+    "back": (1.0, 0.0),
+}
 
 # The command is reached in this time, s; the heading is held by a turn rate per rad, 1/s, up to so much, rad/s.
 _RAMP = 1.0
@@ -46,27 +57,44 @@ class Case:
     strength : float
         Part of the commanded torque that the motors give.
     push : float
-        Lateral force, N.
+        Force on the trunk, N.
+    push_from : {"sides", "left", "right", "front", "back"}
+        "sides": half of the robots from the left, half from the right.
+    disabled : str
+        Joint whose motor gives nothing; "": none.
+    robot : str
+        Of ``params.ROBOTS``.
 
     Raises
     ------
     ValueError
-        For a payload that the legs cannot carry, a speed beyond the gait's, or another strength than (0, 1].
+        For a payload that the legs cannot carry, a speed beyond the gait's, another strength than (0, 1], or an unknown
+        side, joint or robot.
     """
 
     payload: float = 0.0
     speed: float = 1.0
     strength: float = 1.0
     push: float = 0.0
+    push_from: Side = "sides"
+    disabled: str = ""
+    robot: str = "lite3-primitives"
 
     def __post_init__(self) -> None:
         if not 0.0 < self.strength <= 1.0:
             raise ValueError(f"strength: expected more than 0 and at most 1, got {self.strength}")
-        check_payload(self.payload, strength=self.strength)
-        if not abs(self.speed) <= params().gait.speed_high:
-            raise ValueError(f"speed: expected up to {params().gait.speed_high} m/s, got {self.speed}")
         if not np.isfinite(self.push):
             raise ValueError(f"push: expected a force in N, got {self.push}")
+        if self.push_from not in get_args(Side):
+            raise ValueError(
+                f"push_from: expected one of {', '.join(get_args(Side))}, got {self.push_from!r}"
+            )
+        p = params(self.robot)
+        check_payload(self.payload, strength=self.strength, parameters=p)
+        if not abs(self.speed) <= p.gait.speed_high:
+            raise ValueError(f"speed: expected up to {p.gait.speed_high} m/s, got {self.speed}")
+        if self.disabled and self.disabled not in p.robot.joints:
+            raise ValueError(f"disabled: expected one of {', '.join(p.robot.joints)}, got {self.disabled!r}")
 
 
 @dataclass(frozen=True)
@@ -198,12 +226,12 @@ def walk(
     Raises
     ------
     ValueError
-        Without groups or cases.
+        Without groups or cases, or if they are of several robots.
     """
     if not groups or not cases:
         raise ValueError("walk: expected at least one group of policies and one case")
     crowd = _Crowd(groups, cases, phases() if starts is None else starts, terrain, threads)
-    p = params()
+    p = crowd.parameters
     step = p.control.dt * p.control.decimation
     count = round((p.test.duration if duration is None else duration) / step)
     skipped = min(round(p.test.left_out / step), count // 2)
@@ -255,7 +283,7 @@ def recorded(
         (N, 12) each, rad/s and N m; a row's torque acts from that row to the next one.
     """
     crowd = _Crowd([group], cases, starts, None, threads)
-    step = params().control.dt * params().control.decimation
+    step = crowd.parameters.control.dt * crowd.parameters.control.decimation
     qd, torques = [crowd.batch.qd.copy()], []
 
     def watch(torque: FloatArray) -> None:
@@ -279,6 +307,12 @@ class _Crowd:
         terrain: Terrain | None,
         threads: int,
     ) -> None:
+        robots = {policy.robot for group in groups for policy in group.policies} | {
+            case.robot for case in cases
+        }
+        if len(robots) > 1:
+            raise ValueError(f"policies and cases of one robot at a time, got {', '.join(sorted(robots))}")
+        self.parameters: Params = params(next(iter(robots)))
         self.shapes = [(len(cases), len(group.policies), len(start)) for group in groups]
         ends = np.cumsum([0, *(int(np.prod(shape)) for shape in self.shapes)])
         self.rows = [slice(int(a), int(b)) for a, b in itertools.pairwise(ends)]
@@ -296,22 +330,27 @@ class _Crowd:
             np.array([getattr(entry, name) for entry in cases])[case] for name in ("speed", "push")
         )
         # Half of them is pushed to the left.
-        self._push = self._push * np.where(index[2] % 2 == 1, -1.0, 1.0)
-        self.batch = Batch(self.size, terrain=terrain, threads=threads)
+        sides = np.array([entry.push_from == "sides" for entry in cases])[case]
+        self._push = self._push * np.where(sides & (index[2] % 2 == 1), -1.0, 1.0)
+        self._towards = np.array([_TOWARDS[entry.push_from] for entry in cases])[case]
+        self.batch = Batch(self.size, terrain=terrain, threads=threads, parameters=self.parameters)
         self.batch.set_payload(np.array([entry.payload for entry in cases])[case])
         # Every robot of a group starts at another place of the lane.
         each = np.array([max(1, len(group.policies) * len(start) - 1) for group in groups])[member]
         place = np.zeros((self.size, 3))
         place[:, 1] = _ASIDE * (2.0 * (index[1] * len(start) + index[2]) / each - 1.0)
-        joints = sent(trot(self.phase, np.zeros((self.size, 3))))
+        p = self.parameters
+        joints = sent(trot(self.phase, np.zeros((self.size, 3)), parameters=p), parameters=p)
         self.batch.reset(np.arange(self.size), joints=joints, place=place)
         self.loops = [
             JointLoop(self.batch, group.choice, rows=rows)
             for group, rows in zip(groups, self.rows, strict=True)
         ]
-        strength = np.array([entry.strength for entry in cases])[case]
+        names = np.array(p.robot.joints)
+        strength = np.array([np.where(names == entry.disabled, 0.0, entry.strength) for entry in cases])[case]
         for loop in self.loops:
-            loop.strength[:, 0] = strength[loop.rows]
+            loop.strength = strength[loop.rows]
+        self._rng = np.random.default_rng(0)
         self.action = np.zeros((self.size, ACTIONS))
         self.fallen = np.zeros(self.size, dtype=bool)
         self.distance = np.zeros(self.size)
@@ -319,19 +358,22 @@ class _Crowd:
 
     def step(self, time: float, watch: Callable[[FloatArray], None] | None = None) -> None:
         """One step of the policies."""
-        p, motion = params(), self.motion
+        p, motion = self.parameters, self.motion
         command = np.zeros((self.size, 3))
         command[:, 0] = self.speed * min(1.0, time / _RAMP)
         command[:, 2] = np.clip(-_HEADING * motion.yaw, -_TURN, _TURN)
-        seen = observe(motion, self.phase, command, self.action)
+        seen = observe(motion, self.phase, command, self.action, parameters=p)
+        if p.control.observed_noise > 0.0:
+            clean = seen.copy()
+            seen = clean + p.control.observed_noise * (blurred(seen, self._rng, parameters=p) - clean)
         for policy, mine in self._brains:
             self.action[mine] = policy(seen[mine])
-        self.phase = following(self.phase, command)
+        self.phase = following(self.phase, command, parameters=p)
         pushed = _PUSH_AT <= time < _PUSH_AT + p.push.duration
         force = np.zeros((self.size, 3))
-        force[:, 1] = self._push if pushed else 0.0
+        force[:, :2] = self._push[:, None] * self._towards if pushed else 0.0
         self.batch.push(force)
-        target = trot(self.phase, command) + p.control.action_scale * self.action
+        target = trot(self.phase, command, parameters=p) + p.control.action_scale * self.action
         advance(self.batch, self.loops, target, watch=watch)
         self.motion = self.batch.motion
         self.fallen |= self.batch.fallen(self.motion)

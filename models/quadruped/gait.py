@@ -50,17 +50,18 @@ def frequency(command: ArrayLike, *, parameters: Params | None = None) -> FloatA
     return np.interp(speed, [gait.speed_low, gait.speed_high], [gait.frequency, gait.frequency_high])
 
 
-def following(phase: ArrayLike, command: ArrayLike) -> FloatArray:
+def following(phase: ArrayLike, command: ArrayLike, *, parameters: Params | None = None) -> FloatArray:
     """Phase of the gait one step of the policy later, rad.
 
     Parameters
     ----------
     phase : (...) array
     command : (..., 3) array
+    parameters : Params, optional
     """
-    control = params().control
-    step = control.dt * control.decimation
-    return np.mod(np.asarray(phase) + 2.0 * np.pi * frequency(command) * step, 2.0 * np.pi)
+    p = params() if parameters is None else parameters
+    turned = 2.0 * np.pi * frequency(command, parameters=p) * (p.control.dt * p.control.decimation)
+    return np.mod(np.asarray(phase) + turned, 2.0 * np.pi)
 
 
 def _phases(phase: ArrayLike) -> FloatArray:
@@ -155,7 +156,7 @@ def trot(phase: ArrayLike, command: ArrayLike, *, parameters: Params | None = No
     return inverse_kinematics(feet(phase, command, parameters=parameters), parameters=parameters)
 
 
-def sent(angles: ArrayLike) -> FloatArray:
+def sent(angles: ArrayLike, *, parameters: Params | None = None) -> FloatArray:
     """Targets as the drives get them: whole steps of ``resolution``.
 
     Kernels of linear algebra and of sines round differently from processor to processor, and a walk that stumbles makes
@@ -165,13 +166,14 @@ def sent(angles: ArrayLike) -> FloatArray:
     ----------
     angles : (..., 12) array
         In rad.
+    parameters : Params, optional
 
     Examples
     --------
     >>> bool(sent(0.7) == sent(0.7 + 1e-15))
     True
     """
-    step = params().control.resolution
+    step = (params() if parameters is None else parameters).control.resolution
     return step * np.rint(np.asarray(angles, dtype=float) / step)
 
 

@@ -22,7 +22,7 @@ from phyfilter_ctl.plants.legged import Contact, JointQuantities, JointSpacePrio
 from .batch import Batch
 from .contact import carried
 from .gait import sent
-from .params import params
+from .params import Params, params
 from .robot import joint_inertia
 
 __all__ = ["FilterChoice", "JointLoop", "advance", "make_filter", "paper_filter"]
@@ -121,19 +121,20 @@ def paper_filter(contact: Contact = "omitted") -> FilterChoice:
     return FilterChoice((numbers.a0,), limit=numbers.limit, contact=contact)
 
 
-def make_filter(choice: FilterChoice) -> JointTorqueFilter:
+def make_filter(choice: FilterChoice, *, parameters: Params | None = None) -> JointTorqueFilter:
     """The filter of twelve joints.
 
     Parameters
     ----------
     choice : FilterChoice
+    parameters : Params, optional
     """
-    p = params()
+    p = params() if parameters is None else parameters
     prior = JointSpacePrior(
         inertia="constant",
         bias="damping",
         contact=choice.contact,
-        constant_inertia=joint_inertia(),
+        constant_inertia=joint_inertia(p),
         damping=p.robot.damping,
     )
     # The forces on the feet are those of the step that ends.
@@ -152,7 +153,7 @@ def make_filter(choice: FilterChoice) -> JointTorqueFilter:
 _CARRIES = 5.0
 _CALM_RATE, _CALM_TILT = 1.5, 0.15
 # Arrays that the next step depends on, besides the filter's state.
-_KEPT = ("kp", "kd", "strength", "torque", "f_hat", "share")
+_KEPT = ("kp", "kd", "strength", "torque", "f_hat", "share", "under_way")
 
 
 class JointLoop:
@@ -165,16 +166,25 @@ class JointLoop:
         None: PD alone.
     rows : slice
         Which robots; all by default.
+    rng : numpy.random.Generator, optional
+        Of the encoders' noise; None: one of its own.
     """
 
     def __init__(
-        self, batch: Batch, choice: FilterChoice | None = None, *, rows: slice = slice(None)
+        self,
+        batch: Batch,
+        choice: FilterChoice | None = None,
+        *,
+        rows: slice = slice(None),
+        rng: np.random.Generator | None = None,
     ) -> None:
-        p = params()
+        p = batch.parameters
+        self._control = p.control
+        self._rng = np.random.default_rng(0) if rng is None else rng
         self.batch: Batch = batch
         self.choice: FilterChoice | None = choice
         self.rows: slice = rows
-        self.filter: JointTorqueFilter | None = None if choice is None else make_filter(choice)
+        self.filter: JointTorqueFilter | None = None if choice is None else make_filter(choice, parameters=p)
         size = len(range(*rows.indices(batch.size)))
         self.kp: FloatArray = np.full((size, 1), p.control.kp)
         self.kd: FloatArray = np.full((size, 1), p.control.kd)
@@ -182,6 +192,9 @@ class JointLoop:
         # What the correction of the target is made with: the gain as it is known.
         self.nominal: float = p.control.kp
         self._limits = np.tile(p.robot.torque_limits, 4)
+        self._fastest = np.tile(p.robot.speed_limits, 4)
+        # Targets on their way to the drives, the oldest first; nan: none was sent yet.
+        self.under_way: FloatArray = np.full((p.control.delay, size, 12), np.nan)
         self.torque: FloatArray = np.zeros((size, 12))
         self.f_hat: FloatArray = np.zeros((size, 12))
         # Part of f_hat that the gate leaves to the motors.
@@ -199,6 +212,7 @@ class JointLoop:
         self.torque[which] = 0.0
         self.f_hat[which] = 0.0
         self.share[which] = 1.0
+        self.under_way[:, which] = np.nan
         if self.filter is None:
             return
         qd = self.batch.qd[self.rows]
@@ -214,7 +228,7 @@ class JointLoop:
         target : (E, 12) array
             Joint angles.
         """
-        for _ in range(params().control.decimation):
+        for _ in range(self._control.decimation):
             self.batch.step(self.update(target))
 
     def update(self, target: FloatArray) -> FloatArray:
@@ -230,11 +244,37 @@ class JointLoop:
         (E, 12) array
             In N m; ``torque`` is what they are told.
         """
-        q, qd = self.batch.q[self.rows], self.batch.qd[self.rows]
+        q, qd = self._measured()
         self._estimate(qd)
-        wanted = sent(target - self.f_hat / self.nominal)
-        self.torque = np.clip(self.kp * (wanted - q) - self.kd * qd, -self._limits, self._limits)
+        wanted = self._delayed(sent(target - self.f_hat / self.nominal, parameters=self.batch.parameters))
+        low, high = self._available()
+        self.torque = np.clip(self.kp * (wanted - q) - self.kd * qd, low, high)
         return self.strength * self.torque
+
+    def _measured(self) -> tuple[FloatArray, FloatArray]:
+        q, qd = self.batch.q[self.rows], self.batch.qd[self.rows]
+        if self._control.noise_angle > 0.0:
+            q = q + self._control.noise_angle * self._rng.standard_normal(q.shape)
+        if self._control.noise_rate > 0.0:
+            qd = qd + self._control.noise_rate * self._rng.standard_normal(qd.shape)
+        return q, qd
+
+    def _delayed(self, wanted: FloatArray) -> FloatArray:
+        """The target that the drives have by now; the first one after a restart is there at once."""
+        if not len(self.under_way):
+            return wanted
+        self.under_way = np.where(np.isnan(self.under_way), wanted, self.under_way)
+        arrived = self.under_way[0]
+        self.under_way = np.concatenate([self.under_way[1:], wanted[None]])
+        return arrived
+
+    def _available(self) -> tuple[FloatArray, FloatArray]:
+        """Smallest and largest torque of the motors at their speed: a straight line to the no-load speed."""
+        if not len(self._fastest):
+            return -self._limits, self._limits
+        part = self.batch.qd[self.rows] / self._fastest
+        low = -self._limits * np.clip(1.0 + part, 0.0, 1.0)
+        return low, self._limits * np.clip(1.0 - part, 0.0, 1.0)
 
     def _estimate(self, qd: FloatArray) -> None:
         if self.filter is None or self._state is None or self.choice is None:
@@ -243,7 +283,7 @@ class JointLoop:
         self._state, f_hat = self.filter.step(self._state, qd, self._known(qd), self.torque, gate=gate)
         if gate is not None and self.choice.fade[0] > 0.0:
             time = np.where(gate < self.share, *self.choice.fade)
-            self.share = self.share - np.expm1(-params().control.dt / time) * (gate - self.share)
+            self.share = self.share - np.expm1(-self._control.dt / time) * (gate - self.share)
         self.f_hat = f_hat * (self.choice.gain * self.share)
 
     def _known(self, qd: FloatArray) -> JointQuantities:
@@ -252,7 +292,9 @@ class JointLoop:
             return JointQuantities(qd, contact_torque=self.batch.contact[self.rows])
         if contact == "estimated":
             q, up = self.batch.q[self.rows], self.batch.up[self.rows]
-            return JointQuantities(qd, contact_estimate=carried(q, up, self.torque))
+            return JointQuantities(
+                qd, contact_estimate=carried(q, up, self.torque, parameters=self.batch.parameters)
+            )
         return JointQuantities(qd)
 
     def _gate(self) -> FloatArray | None:
@@ -312,7 +354,7 @@ def advance(
     watch : function of the torques (E, 12), optional
         Called after every step of the simulator.
     """
-    for _ in range(params().control.decimation):
+    for _ in range(batch.parameters.control.decimation):
         torque = np.concatenate([loop.update(target[loop.rows]) for loop in loops])
         batch.step(torque)
         if watch is not None:

@@ -1,14 +1,18 @@
-"""The numbers of ``params.toml``, read once."""
+"""The numbers of ``params.toml``, and of the robots that differ from it, read once."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
-from phyfilter_ctl.study import parameter_file
+from phyfilter_ctl.study import read_parameters
 
-__all__ = ["Params", "Robot", "params"]
+__all__ = ["ROBOTS", "Params", "Robot", "params"]
+
+FOLDER = Path(__file__).parent
+# The robots by name, each with the file that says where it differs from the first.
+ROBOTS = {"lite3-primitives": None, "go1": FOLDER / "go1" / "params.toml"}
 
 Two = tuple[float, float]
 Three = tuple[float, float, float]
@@ -37,6 +41,11 @@ class Robot:
     damping: float
     armature: float
     friction: float
+    file: str
+    joints: tuple[str, ...]
+    feet: tuple[str, ...]
+    inertia: tuple[float, ...]
+    speed_limits: tuple[float, ...]
 
     @property
     def leg_mass(self) -> float:
@@ -60,6 +69,10 @@ class Control:
     action_scale: float
     resolution: float
     action_limit: float
+    delay: int
+    noise_angle: float
+    noise_rate: float
+    observed_noise: float
 
 
 @dataclass(frozen=True)
@@ -112,6 +125,9 @@ class Randomisation:
     friction: Two
     noise_angle: float
     noise_rate: float
+    full_payload: Two
+    full_strength: Two
+    full_push: float
 
 
 @dataclass(frozen=True)
@@ -176,5 +192,26 @@ class Params:
     test: Judged
 
 
-params: Callable[[], Params] = parameter_file(Path(__file__).with_name("params.toml"), Params)
-"""The numbers of ``params.toml``."""
+@cache
+def params(robot: str = "lite3-primitives") -> Params:
+    """The numbers of a robot.
+
+    Parameters
+    ----------
+    robot : str
+        Of ``ROBOTS``; what its own file leaves out is that of ``params.toml``.
+
+    Raises
+    ------
+    ValueError
+        For another robot.
+
+    Examples
+    --------
+    >>> params("go1").robot.torque_limits
+    (23.7, 23.7, 35.55)
+    """
+    if robot not in ROBOTS:
+        raise ValueError(f"expected one of the robots {', '.join(ROBOTS)}, got {robot!r}")
+    usual, own = FOLDER / "params.toml", ROBOTS[robot]
+    return read_parameters(usual, Params) if own is None else read_parameters(own, Params, defaults=usual)

@@ -20,9 +20,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from .batch import Motion
 from .gait import neutral
-from .params import params
+from .params import ROBOTS, Params, params
 
-__all__ = ["ACTIONS", "OBSERVATIONS", "Policy", "load", "observe", "save", "shipped"]
+__all__ = ["ACTIONS", "OBSERVATIONS", "Policy", "blurred", "load", "observe", "save", "shipped"]
 
 FloatArray = NDArray[np.float64]
 
@@ -33,7 +33,14 @@ FOLDER = Path(__file__).with_name("policies")
 _DIGITS = 6
 
 
-def observe(motion: Motion, phase: ArrayLike, command: ArrayLike, action: ArrayLike) -> FloatArray:
+def observe(
+    motion: Motion,
+    phase: ArrayLike,
+    command: ArrayLike,
+    action: ArrayLike,
+    *,
+    parameters: Params | None = None,
+) -> FloatArray:
     """What a policy sees.
 
     Parameters
@@ -44,6 +51,7 @@ def observe(motion: Motion, phase: ArrayLike, command: ArrayLike, action: ArrayL
     command : (E, 3) array
     action : (E, 12) array
         The last one.
+    parameters : Params, optional
 
     Returns
     -------
@@ -54,13 +62,31 @@ def observe(motion: Motion, phase: ArrayLike, command: ArrayLike, action: ArrayL
         motion.up,
         0.25 * motion.rate,
         np.asarray(command, dtype=float),
-        motion.q - neutral(),
+        motion.q - neutral(parameters=parameters),
         0.05 * motion.qd,
         np.asarray(action, dtype=float),
         np.sin(angle),
         np.cos(angle),
     )
     return np.concatenate(parts, axis=1)
+
+
+def blurred(seen: FloatArray, rng: np.random.Generator, *, parameters: Params | None = None) -> FloatArray:
+    """Observations with the sensors' noise, uniform.
+
+    Parameters
+    ----------
+    seen : (E, 47) array
+        Is changed.
+    rng : numpy.random.Generator
+    parameters : Params, optional
+    """
+    table, size = (params() if parameters is None else parameters).randomisation, len(seen)
+    seen[:, :3] += table.noise_angle * rng.uniform(-1.0, 1.0, (size, 3))
+    seen[:, 3:6] += 0.25 * table.noise_rate * rng.uniform(-1.0, 1.0, (size, 3))
+    seen[:, 9:21] += table.noise_angle * rng.uniform(-1.0, 1.0, (size, 12))
+    seen[:, 21:33] += 0.05 * table.noise_rate * rng.uniform(-1.0, 1.0, (size, 12))
+    return seen
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,7 +132,7 @@ class Policy:
             x = x @ weights.T + bias
             x = np.where(x > 0.0, x, np.expm1(np.minimum(x, 0.0)))
         weights, bias = self.layers[-1]
-        limit = params().control.action_limit
+        limit = params(self.robot).control.action_limit
         return np.clip(x @ weights.T + bias, -limit, limit)
 
 
@@ -162,9 +188,10 @@ def load(path: Path) -> Policy:
         raise ValueError(f'{path}: expected a file with "format": "{FORMAT}"')
     if data.get("version") != VERSION:
         raise ValueError(f"{path}: version {data.get('version')}, this one reads {VERSION}")
-    robot = params().robot.name
-    if data.get("robot") != robot:
-        raise ValueError(f"{path}: a policy of the robot {data.get('robot')!r}, expected {robot!r}")
+    robot = data.get("robot")
+    if robot not in ROBOTS:
+        known = " or ".join(map(repr, ROBOTS))
+        raise ValueError(f"{path}: a policy of the robot {robot!r}, expected {known}")
     if data.get("activation") != "elu":
         raise ValueError(f"{path}: activation {data.get('activation')!r}, expected 'elu'")
     try:

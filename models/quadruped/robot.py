@@ -11,9 +11,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from phyfilter_ctl.plants.legged import LeggedRobot, load_robot
 from phyfilter_ctl.plants.legged.simulator import simulator
 
-from .params import Params, Robot, params
+from .params import FOLDER, Params, Robot, params
 
 if TYPE_CHECKING:
     from mujoco._structs import MjModel  # the public name is not seen by type checkers
@@ -28,6 +29,7 @@ __all__ = [
     "hips",
     "joint_inertia",
     "largest_payload",
+    "legged",
     "mjcf",
 ]
 
@@ -69,7 +71,6 @@ def mjcf(parameters: Params | None = None, *, terrain: Terrain | None = None) ->
     """
     p = params() if parameters is None else parameters
     robot = p.robot
-    assets, ground = ("", _PLANE) if terrain is None else terrain.xml()
     legs = "".join(_leg(robot, k) for k in range(4))
     motors = "".join(
         f'<motor name="{leg}_{joint}" joint="{leg}_{joint}" ctrllimited="true" ctrlrange="{-limit} {limit}"/>\n'
@@ -79,32 +80,37 @@ def mjcf(parameters: Params | None = None, *, terrain: Terrain | None = None) ->
     touch = "".join(f'<touch name="{leg}_touch" site="{leg}_foot"/>\n' for leg in LEGS)
     length, width, height = (0.5 * side for side in robot.trunk)
     z = p.gait.height + robot.foot_radius
-    return f"""<mujoco model="{robot.name}">
+    default = f"""<default>
+<geom contype="0" conaffinity="1" rgba=".25 .28 .33 1"/>
+<joint damping="{robot.damping}" armature="{robot.armature}"/>
+</default>
+"""
+    trunk = f"""<body name="trunk" pos="0 0 {z}">
+<freejoint name="base"/>
+<geom name="trunk" type="box" size="{length} {width} {height}" mass="{robot.trunk_mass}" rgba=".9 .9 .92 1"/>
+{legs}</body>
+"""
+    rest = f"<actuator>\n{motors}</actuator>\n<sensor>\n{touch}</sensor>\n"
+    return _scene(p, terrain, default=default, robot=trunk, rest=rest)
+
+
+def _scene(p: Params, terrain: Terrain | None, *, default: str = "", robot: str = "", rest: str = "") -> str:
+    """MJCF of the ground, and of what stands on it."""
+    assets, ground = ("", _PLANE) if terrain is None else terrain.xml()
+    return f"""<mujoco model="{p.robot.name}">
 <compiler angle="radian" autolimits="true"/>
 <option timestep="{p.control.dt}" integrator="implicitfast" gravity="0 0 {-GRAVITY}" iterations="10"
  ls_iterations="20"/>
 <visual><global offwidth="960" offheight="540"/><headlight ambient=".45 .45 .45" diffuse=".5 .5 .5"/></visual>
-<default>
-<geom contype="0" conaffinity="1" rgba=".25 .28 .33 1"/>
-<joint damping="{robot.damping}" armature="{robot.armature}"/>
-</default>
-<asset>
+{default}<asset>
 <texture name="sky" type="skybox" builtin="gradient" rgb1="1 1 1" rgb2=".8 .87 .95" width="64" height="64"/>
 <texture name="grid" type="2d" builtin="checker" rgb1=".86 .87 .89" rgb2=".78 .8 .83" width="128" height="128"/>
 <material name="ground" texture="grid" texrepeat="2 2" texuniform="true"/>
 {assets}</asset>
 <worldbody>
 <light pos="0 0 4" dir="0 0 -1" directional="true" castshadow="true"/>
-{ground}<body name="trunk" pos="0 0 {z}">
-<freejoint name="base"/>
-<geom name="trunk" type="box" size="{length} {width} {height}" mass="{robot.trunk_mass}" rgba=".9 .9 .92 1"/>
-{legs}</body>
-</worldbody>
-<actuator>
-{motors}</actuator>
-<sensor>
-{touch}</sensor>
-</mujoco>
+{ground}{robot}</worldbody>
+{rest}</mujoco>
 """
 
 
@@ -140,7 +146,7 @@ def _leg(robot: Robot, k: int) -> str:
 
 
 def compile_model(*, terrain: Terrain | None = None) -> MjModel:
-    """The model in MuJoCo.
+    """The model of primitives in MuJoCo.
 
     Parameters
     ----------
@@ -152,14 +158,49 @@ def compile_model(*, terrain: Terrain | None = None) -> MjModel:
     ImportError
         Without the extra ``mujoco``.
     """
-    found: MjModel = simulator("the quadruped").MjModel.from_xml_string(mjcf(terrain=terrain))
-    return found
+    return legged(terrain=terrain).model
+
+
+def legged(parameters: Params | None = None, *, terrain: Terrain | None = None) -> LeggedRobot:
+    """The robot in MuJoCo: the one of primitives, or one from a file.
+
+    Parameters
+    ----------
+    parameters : Params, optional
+        None: those of ``params.toml``.
+    terrain : Terrain, optional
+        None: a plane.
+
+    Raises
+    ------
+    ImportError
+        Without the extra ``mujoco``.
+    """
+    p = params() if parameters is None else parameters
+    robot, limits = p.robot, np.tile(p.robot.torque_limits, 4)
+    if robot.file:
+        return load_robot(
+            FOLDER / robot.file,
+            joints=robot.joints,
+            feet=robot.feet,
+            torque_limits=limits,
+            ground=_scene(p, terrain),
+        )
+    model: MjModel = simulator("the quadruped").MjModel.from_xml_string(mjcf(p, terrain=terrain))
+    return LeggedRobot.of(
+        model,
+        base="trunk",
+        joints=robot.joints,
+        feet=robot.feet,
+        torque_limits=limits,
+        touch=[f"{leg}_touch" for leg in LEGS],
+    )
 
 
 def joint_inertia(parameters: Params | None = None) -> FloatArray:
     """Diagonal of the joints' inertia in the neutral stance, trunk held, (12,) kg m^2: the filter's constant M.
 
-    Links as rods and points about each axis, rotors added. Closed form, so that the filter needs no simulator.
+    Links as rods and points about each axis, rotors added; or the table's. The filter needs no simulator.
 
     Parameters
     ----------
@@ -167,6 +208,8 @@ def joint_inertia(parameters: Params | None = None) -> FloatArray:
     """
     p = params() if parameters is None else parameters
     robot, height = p.robot, p.gait.height
+    if robot.inertia:
+        return np.tile(robot.inertia, 4)
     L1, L2 = robot.thigh, robot.shank
     knee_angle = np.arccos((height**2 - L1**2 - L2**2) / (2.0 * L1 * L2))
     lean = np.arctan2(L2 * np.sin(knee_angle), L1 + L2 * np.cos(knee_angle))
@@ -220,7 +263,7 @@ def largest_payload(strength: float = 1.0, *, parameters: Params | None = None) 
     return float(carried[joint] - robot.mass), joint
 
 
-def check_payload(payload: float, *, strength: float = 1.0) -> None:
+def check_payload(payload: float, *, strength: float = 1.0, parameters: Params | None = None) -> None:
     """Refuse a payload that the legs cannot carry.
 
     Parameters
@@ -229,14 +272,15 @@ def check_payload(payload: float, *, strength: float = 1.0) -> None:
         In kg; negative for a robot that is lighter than it thinks.
     strength : float
         Part of the torque that the motors give.
+    parameters : Params, optional
 
     Raises
     ------
     ValueError
         With the joint that gives way.
     """
-    robot = params().robot
-    largest, joint = largest_payload(strength)
+    robot = (params() if parameters is None else parameters).robot
+    largest, joint = largest_payload(strength, parameters=parameters)
     if not np.isfinite(payload) or payload <= -robot.trunk_mass:
         raise ValueError(
             f"payload: expected more than {-robot.trunk_mass:.2f} kg, the trunk, got {payload} kg"

@@ -25,13 +25,13 @@ from phyfilter_ctl._output import replacing
 
 from .environment import PRIVILEGED, Step, Walk
 from .loop import FilterChoice
-from .params import params
+from .params import Params, params
 from .policy import ACTIONS, OBSERVATIONS, Policy
 
 __all__ = ["Trainer", "Training", "curve_text", "measure", "throughput_text", "train"]
 
 FloatArray = NDArray[np.float64]
-_FORMAT = "phyfilter-ctl training 1"
+_FORMAT = "phyfilter-ctl training 2"
 # A point of the reward curve in the record: mean of so many iterations.
 _CURVE = 10
 
@@ -50,11 +50,15 @@ class Training:
     environments : int, optional
     velocity : float
         Largest commanded forward speed, m/s.
+    robot : str
+        Of ``params.ROBOTS``.
+    full : bool
+        Full domain randomisation.
 
     Raises
     ------
     ValueError
-        For counts below 1 or a speed that is not positive.
+        For counts below 1, a speed that is not positive or another robot.
     """
 
     seed: int
@@ -62,6 +66,8 @@ class Training:
     iterations: int | None = None
     environments: int | None = None
     velocity: float = 1.0
+    robot: str = "lite3-primitives"
+    full: bool = False
 
     def __post_init__(self) -> None:
         for name in ("iterations", "environments"):
@@ -70,10 +76,9 @@ class Training:
                 raise ValueError(f"{name}: expected 1 or more, got {value}")
         if self.seed < 0:
             raise ValueError(f"seed: expected 0 or more, got {self.seed}")
-        if not 0.0 < self.velocity <= params().gait.speed_high:
-            raise ValueError(
-                f"velocity: expected a speed up to {params().gait.speed_high} m/s, got {self.velocity}"
-            )
+        fastest = params(self.robot).gait.speed_high
+        if not 0.0 < self.velocity <= fastest:
+            raise ValueError(f"velocity: expected a speed up to {fastest} m/s, got {self.velocity}")
 
 
 def _torch() -> Any:
@@ -106,12 +111,19 @@ class Trainer:
         self._t = _torch()
         self._t.set_num_threads(1)
         self._t.manual_seed(training.seed)
-        p = params().training
+        self.parameters: Params = params(training.robot)
+        p = self.parameters.training
         self.training = training
         self.iterations: int = p.iterations if training.iterations is None else training.iterations
         size = p.environments if training.environments is None else training.environments
         self.walk: Walk = Walk(
-            size, training.choice, seed=training.seed, velocity=training.velocity, threads=threads
+            size,
+            training.choice,
+            seed=training.seed,
+            velocity=training.velocity,
+            threads=threads,
+            parameters=self.parameters,
+            full=training.full,
         )
         self._last = self.walk.observations()
         self._algorithm = self._make(size)
@@ -126,7 +138,7 @@ class Trainer:
     @property
     def steps(self) -> int:
         """Steps of the policy in all environments so far."""
-        return self.done * params().training.horizon * self.walk.size
+        return self.done * self.parameters.training.horizon * self.walk.size
 
     def _tensors(self, seen: FloatArray, privileged: FloatArray) -> Any:
         as_tensor, number = self._t.as_tensor, self._t.float32
@@ -134,7 +146,7 @@ class Trainer:
         return import_module("tensordict").TensorDict(parts, batch_size=[len(seen)])
 
     def _make(self, size: int) -> Any:
-        p = params().training
+        p = self.parameters.training
         network = {"class_name": "MLPModel", "activation": "elu", "obs_normalization": True}
         noise = {"class_name": "GaussianDistribution", "init_std": p.deviation}
         settings: dict[str, Any] = {
@@ -179,7 +191,7 @@ class Trainer:
         total = 0.0
         with t.inference_mode():
             now = self._tensors(*self._last)
-            for _ in range(params().training.horizon):
+            for _ in range(self.parameters.training.horizon):
                 found = self.walk.step(algorithm.act(now).double().numpy())
                 self._last = (found.observations, found.privileged)
                 now = self._tensors(*self._last)
@@ -187,7 +199,7 @@ class Trainer:
                 total += float(found.reward.mean())
             algorithm.compute_returns(now)
         algorithm.update()
-        self.rewards.append(total / params().training.horizon)
+        self.rewards.append(total / self.parameters.training.horizon)
         self.seconds += time.perf_counter() - begin
         return self.rewards[-1]
 
@@ -212,7 +224,7 @@ class Trainer:
         ]
         weights, bias = layers[0]
         layers[0] = (weights * scale, bias - weights @ (scale * mean))
-        return Policy(tuple(layers), params().robot.name, self.record())
+        return Policy(tuple(layers), self.training.robot, self.record())
 
     def record(self) -> dict[str, Any]:
         """How it was trained."""
@@ -221,6 +233,7 @@ class Trainer:
             "seed": self.training.seed,
             "filter": None if self.training.choice is None else asdict(self.training.choice),
             "velocity": self.training.velocity,
+            "full_randomisation": self.training.full,
             "environments": self.walk.size,
             "iterations": self.done,
             "steps": self.steps,
@@ -420,7 +433,7 @@ def measure(training: Training, *, iterations: int = 12, threads: int = 2) -> di
         trainer.iterate()
     total = time.perf_counter() - begin
     update()
-    steps = params().training.horizon * trainer.walk.size
+    steps = trainer.parameters.training.horizon * trainer.walk.size
     begin, action = time.perf_counter(), np.zeros((trainer.walk.size, ACTIONS))
     for _ in range(100):
         trainer.walk.step(action)

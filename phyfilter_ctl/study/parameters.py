@@ -33,7 +33,7 @@ def parameter_file(path: str | Path, kind: type[T]) -> Callable[[], T]:
     return cache(lambda: read_parameters(path, kind))
 
 
-def read_parameters(path: str | Path, kind: type[T]) -> T:
+def read_parameters(path: str | Path, kind: type[T], *, defaults: str | Path | None = None) -> T:
     """Read the numbers of a system.
 
     Parameters
@@ -43,6 +43,8 @@ def read_parameters(path: str | Path, kind: type[T]) -> T:
         ``name = { value = .., unit = "..", reason = ".." }``.
     kind : type
         A frozen dataclass whose fields are frozen dataclasses, one for each table.
+    defaults : str or Path, optional
+        A complete file; ``path`` then has only what differs.
 
     Returns
     -------
@@ -69,13 +71,27 @@ def read_parameters(path: str | Path, kind: type[T]) -> T:
     Cart(body=Body(mass=1.5))
     """
     path = Path(path)
-    try:
-        data = tomllib.loads(path.read_text(encoding="utf-8"))
-    except ValueError as error:
-        raise ValueError(f"{path.name}: no TOML file: {error}") from error
+    data = _toml(path)
     tables = get_type_hints(kind)
+    if defaults is not None:
+        usual = _toml(Path(defaults))
+        unknown = [
+            f"{table}.{key}" for table in data for key in data[table] if key not in usual.get(table, {})
+        ]
+        if unknown:
+            raise ValueError(
+                f"{path.name}: unknown {', '.join(unknown)}; {Path(defaults).name} has no such entries"
+            )
+        data = {table: entries | data.get(table, {}) for table, entries in usual.items()}
     _expect_keys(path.name, "tables", tables, data)
     return kind(**{name: _table(f"{path.name}: [{name}]", data[name], tables[name]) for name in tables})
+
+
+def _toml(path: Path) -> dict[str, Any]:
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except ValueError as error:
+        raise ValueError(f"{path.name}: no TOML file: {error}") from error
 
 
 def _table(where: str, table: Mapping[str, Mapping[str, Any]], kind: type[T]) -> T:
