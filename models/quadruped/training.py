@@ -12,7 +12,7 @@ import io
 import json
 import time
 import zipfile
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from importlib import import_module
 from pathlib import Path
@@ -392,12 +392,12 @@ def train(
         except (ValueError, zipfile.BadZipFile) as error:
             raise ValueError(f"{checkpoint}: no checkpoint of a training: {error}") from None
         trainer.restore(found)
-    for k in _iterations(trainer):
+    while trainer.done < trainer.iterations:
         if report is not None:
             latest = f"{trainer.rewards[-1] / _step_time():.3f}" if trainer.rewards else "-"
-            report(f"iteration {k + 1}/{trainer.iterations}, reward per second {latest}")
+            report(f"iteration {trainer.done + 1}/{trainer.iterations}, reward per second {latest}")
         trainer.iterate()
-        if checkpoint is not None and ((k + 1) % every == 0 or k + 1 == trainer.iterations):
+        if checkpoint is not None and (trainer.done % every == 0 or trainer.done == trainer.iterations):
             _write(checkpoint, trainer)
     return trainer.policy()
 
@@ -476,11 +476,6 @@ def curve_text(rewards: Sequence[float], points: int = 10) -> str:
     """
     every = max(1, len(rewards) // points)
     return " ".join(f"{value / _step_time():.2f}" for value in rewards[::every])
-
-
-def _iterations(trainer: Trainer) -> Iterator[int]:
-    while trainer.done < trainer.iterations:
-        yield trainer.done
 
 
 def _write(path: Path, trainer: Trainer) -> None:
