@@ -2,8 +2,9 @@
 
     python benchmarks/hostile_fmus.py [--quick] [--archives N] [--binaries N] [--seed S] [--json FILE]
 
-Archives: real ones of FMI 2.0 and 3.0 with bytes of the archive or of the description changed, cut off, or given
-hostile values, names, sizes, links, bombs and document types. Each is described, checked without running it, unpacked.
+Archives: real ones of FMI 2.0 and 3.0 and of SSP with bytes of the archive or of the description changed, cut off, or
+given hostile values, names, sizes, links, bombs and document types; their sources and binaries are cut short. Each FMU
+is described and checked without running it, each package read, all of them unpacked, in a folder in memory.
 Binaries: a real one with bytes changed, imported and stepped in a process of its own.
 Promises: every archive is taken or refused by ValueError, within 5 s and 1 GiB, and no file appears outside its folder;
 every binary runs or ends in FmuError, within its limit. Needs a POSIX system (limits of memory and time).
@@ -17,6 +18,7 @@ import json
 import random
 import re
 import resource
+import shutil
 import signal
 import stat
 import sys
@@ -33,12 +35,16 @@ from pathlib import Path
 import control as ct
 from tqdm import tqdm
 
-from phyfilter_ctl.fmi import FmuError, Isolation, check, describe, export_fmu, import_fmu
+from phyfilter_ctl.fmi import FmuError, Isolation, check, describe, export_fmu, import_fmu, write_ssp
 from phyfilter_ctl.fmi.archive import unpack
+from phyfilter_ctl.fmi.cosimulation_wiring import Wire
+from phyfilter_ctl.fmi.ssp_read import opened_ssp
 
 MOST_SECONDS, MOST_BYTES = 5.0, 1 << 30
 LIMIT = Isolation(call_limit=2.0, run_limit=4.0)
 CHUNK = 50
+SHORT = 64
+MEMORY = "/dev/shm" if Path("/dev/shm").is_dir() else None
 VALUES = [
     *(
         "",
@@ -78,6 +84,7 @@ DOCTYPES = [
     '<!DOCTYPE x [<!ENTITY a "ha"><!ENTITY b "&a;&a;&a;&a;&a;&a;&a;&a;">]>',
     '<!DOCTYPE x SYSTEM "file:///etc/passwd">',
 ]
+DESCRIPTIONS = ("modelDescription.xml", "SystemStructure.ssd")
 Entries = list[tuple[zipfile.ZipInfo, bytes]]
 
 
@@ -150,8 +157,7 @@ def hostile(seed: int, bases: list[bytes]) -> bytes:
     else:
         change = changed_text if way == 3 else changed_bytes
         entries = [
-            (info, change(data, chance) if info.filename == "modelDescription.xml" else data)
-            for info, data in entries
+            (info, change(data, chance) if info.filename in DESCRIPTIONS else data) for info, data in entries
         ]
     target = io.BytesIO()
     with zipfile.ZipFile(target, "w", zipfile.ZIP_DEFLATED) as archive:
@@ -160,12 +166,46 @@ def hostile(seed: int, bases: list[bytes]) -> bytes:
     return target.getvalue()
 
 
+def short(data: bytes) -> bytes:
+    """The archive with little in the files that nobody reads here."""
+    target = io.BytesIO()
+    with (
+        zipfile.ZipFile(io.BytesIO(data)) as source,
+        zipfile.ZipFile(target, "w", zipfile.ZIP_DEFLATED) as archive,
+    ):
+        for info in source.infolist():
+            content = source.read(info)
+            if info.filename.endswith(".fmu"):
+                content = short(content)
+            elif not info.filename.endswith((".xml", ".ssd", ".ssv", ".ssm", ".ssb")):
+                content = content[:SHORT]
+            archive.writestr(info, content)
+    return target.getvalue()
+
+
 def opened(path: Path, folder: Path) -> str:
-    """What comes of an archive: "taken", or what refused it."""
+    """What comes of an archive: "taken", or "refused", of one of which nothing is left behind."""
     try:
-        str(describe(path))
-        str(check(path, run=False))
         unpack(path, folder)
+    except ValueError:
+        shutil.rmtree(folder)
+        folder.mkdir()
+    try:
+        with zipfile.ZipFile(path) as archive:
+            package = "SystemStructure.ssd" in archive.namelist()
+    except Exception:  # the standard library may well stumble here
+        package = False
+    try:
+        if package:
+            with opened_ssp(path) as system:
+                str(system)
+        else:
+            report = check(path, run=False)
+            str(report)
+            if not report.errors or len(report.stages) > 1:
+                str(describe(path))
+            else:
+                return "refused"
     except ValueError:
         return "refused"
     return "taken"
@@ -179,7 +219,7 @@ def tried(bases: list[bytes], seeds: list[int]) -> tuple[Counter[str], list[str]
     broken: list[str] = []
     longest = 0.0
     for seed in seeds:
-        with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as sandbox:
+        with tempfile.TemporaryDirectory(dir=MEMORY, ignore_cleanup_errors=True) as sandbox:
             tempfile.tempdir = sandbox
             inside, path = Path(sandbox, "inside"), Path(sandbox, "hostile.fmu")
             inside.mkdir()
@@ -265,14 +305,17 @@ def main() -> int:
     counts = (50, 1) if options.quick else (options.archives, options.binaries)
     lag = ct.ss([[-1.0]], [[1.0]], [[1.0]], [[0.0]], inputs="u", outputs="y", name="lag")
     with tempfile.TemporaryDirectory() as folder:
-        bases = [
-            export_fmu(lag, Path(folder, f"lag{fmi}.fmu"), fmi=fmi, name="lag").read_bytes()
-            for fmi in ("2.0", "3.0")
+        paths = [
+            export_fmu(lag, Path(folder, f"lag{fmi}.fmu"), fmi=fmi, name="lag") for fmi in ("2.0", "3.0")
         ]
+        whole = paths[1].read_bytes()
+        wires = [Wire("second.u", "first.y")]
+        paths.append(write_ssp(Path(folder, "lags.ssp"), {"first": paths[0], "second": paths[1]}, wires))
+        bases = [short(path.read_bytes()) for path in paths]
     broken: list[str] = []
     table = {
         "archives": archives(bases, range(options.seed, options.seed + counts[0]), broken),
-        "binaries": binaries(bases[1], range(options.seed, options.seed + counts[1]), broken),
+        "binaries": binaries(whole, range(options.seed, options.seed + counts[1]), broken),
     }
     for name, (outcomes, longest) in table.items():
         words = ", ".join(f"{count} {word}" for word, count in sorted(outcomes.items()))

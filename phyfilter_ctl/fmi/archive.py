@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
+import re
 import shutil
 import stat
 import tempfile
 import zipfile
 import zlib
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,6 +22,7 @@ __all__ = [
     "archive_entries",
     "extracted",
     "parse_xml",
+    "read_entries",
     "read_entry",
     "refuse_sizes",
     "unpack",
@@ -99,13 +101,36 @@ def read_entry(path: str | Path, name: str, limits: ArchiveLimits | None = None)
     ValueError
         As for :func:`archive_entries`; if there is no such entry; if it is damaged.
     """
+    _, found = read_entries(path, [name], limits)
+    if name not in found:
+        raise ValueError(f"{path}: expected an entry {name!r}; there is none")
+    return found[name]
+
+
+def read_entries(
+    path: str | Path, names: Sequence[str], limits: ArchiveLimits | None = None
+) -> tuple[tuple[zipfile.ZipInfo, ...], dict[str, bytes]]:
+    """Directory of an archive, and those of some files that it has.
+
+    Parameters
+    ----------
+    path : str or Path
+    names : sequence of str
+    limits : ArchiveLimits, optional
+
+    Raises
+    ------
+    ValueError
+        As for :func:`archive_entries`; if a file is damaged.
+    """
     limits = limits or ArchiveLimits()
     path = Path(path)
     with _opened(path) as archive:
-        entries = {entry.filename: entry for entry in _checked(path, archive, limits)}
-        if name not in entries:
-            raise ValueError(f"{path}: expected an entry {name!r}; there is none")
-        return b"".join(_pieces(path, archive, entries[name], limits, limits.size))
+        entries = _checked(path, archive, limits)
+        wanted = [entry for entry in entries if entry.filename in names]
+        return entries, {
+            entry.filename: b"".join(_pieces(path, archive, entry, limits, limits.size)) for entry in wanted
+        }
 
 
 def unpack(path: str | Path, folder: Path, limits: ArchiveLimits | None = None) -> None:
@@ -265,7 +290,8 @@ def _opened(path: Path) -> Iterator[zipfile.ZipFile]:
 
 
 def _checked(path: Path, archive: zipfile.ZipFile, limits: ArchiveLimits) -> tuple[zipfile.ZipInfo, ...]:
-    entries = archive.infolist()
+    # Some tools list the folder itself.
+    entries = [entry for entry in archive.infolist() if entry.orig_filename != "./"]
     if len(entries) > limits.entries:
         raise ValueError(f"{path}: {len(entries)} entries, expected at most {limits.entries}")
     seen: dict[str, str] = {}
@@ -296,7 +322,7 @@ def _checked(path: Path, archive: zipfile.ZipFile, limits: ArchiveLimits) -> tup
 
 def _unsafe_name(entry: zipfile.ZipInfo) -> str:
     name = entry.orig_filename  # zipfile cuts `filename` at a NUL
-    if any(ord(character) < 32 or ord(character) == 127 for character in name):
+    if re.search(r"[\x00-\x1f\x7f]", name):
         return "has a control character in its name"
     if "\\" in name:
         return "has a backslash in its name"

@@ -9,15 +9,18 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
-from fmpy.validation import validate_fmu
+from fmpy.model_description import ValidationError, read_model_description
+from fmpy.validation import validate_model_description
 
-from .archive import ArchiveLimits, extracted
+from .archive import ArchiveLimits, extracted, parse_xml
 from .check_probes import dependencies, derivatives, round_trip
 from .check_report import Checker, CheckReport, Rule
+from .documents import schema_problems
 from .foreign import Isolation
 from .inspect import FmuDescription, Kind, describe
 from .instance import FmuInstance
 from .messages import complaints
+from .names import is_structured
 from .platforms import native_platform
 from .replay import Reference, read_reference, replay
 from .signals import Signals
@@ -30,7 +33,6 @@ _WORDS: dict[Kind, str] = {"me": "model exchange", "cs": "co-simulation"}
 _FLOATS = ("Float64", "Float32")
 # What FMPy says, and the paragraph that it is about.
 _SUBJECTS: dict[str, Rule] = {
-    "variable name": "names",
     " unit ": "units",
     "Unknown": "structure",
     "ModelStructure": "structure",
@@ -114,9 +116,14 @@ def check(
 
 def _static(checker: Checker, description: FmuDescription) -> None:
     with checker.stage("structure and names"), extracted(checker.path, checker.limits) as folder:
-        problems = validate_fmu(str(folder))
+        problems = _problems(folder)
         for problem in problems:
             checker.error(problem, _rule(problem))
+        for line, name in _odd_names(folder):
+            checker.error(
+                f"the name {name!r} (line {line}) breaks the structured convention, which this FMU claims",
+                "names",
+            )
         if not description.kinds and description.fmi == "3.0":  # the schema wants one of three
             checker.hint("for scheduled execution only: not run")
         elif not description.kinds:
@@ -152,6 +159,32 @@ def _static(checker: Checker, description: FmuDescription) -> None:
                 )
             elif entry.type in _FLOATS and not all(math.isfinite(float(value)) for value in entry.start):
                 checker.error(f"{entry.name}: start value is not finite")
+
+
+def _problems(folder: Path) -> list[str]:
+    """What FMPy finds wrong with the description of an unpacked FMU, beyond its schema."""
+    problems: list[str] = []
+    build = folder / "sources" / "buildDescription.xml"
+    try:
+        model = read_model_description(str(folder), validate=False)
+        if build.is_file() and model.fmiVersion != "2.0":
+            root = parse_xml(build.read_bytes(), build.name)
+            problems += [f"{build.name}, {text}" for text in schema_problems(root, "fmi3BuildDescription")]
+        return problems + validate_model_description(model, validate_model_structure=True)
+    except ValidationError as error:
+        return problems + error.problems
+    except Exception as error:  # what it stumbles over
+        return [*problems, str(error)]
+
+
+def _odd_names(folder: Path) -> list[tuple[int, str]]:
+    """Lines and names against the convention; FMPy's own search takes minutes for a thousand names."""
+    document = folder / "modelDescription.xml"
+    root = parse_xml(document.read_bytes(), document.name)
+    if root.get("variableNamingConvention") != "structured":
+        return []
+    found = root.iterfind("ModelVariables/*[@name]")
+    return [(e.sourceline or 0, name) for e in found if not is_structured(name := e.get("name", ""))]
 
 
 def _dynamic(checker: Checker, fmu: UnpackedFmu, kind: Kind) -> None:

@@ -9,24 +9,22 @@ import tempfile
 import zipfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cache
 from itertools import product
 from pathlib import Path
 from typing import Literal
 
-import fmpy
 import lxml.etree as etree
 import numpy as np
-from fmpy.model_description import ModelDescription, ModelVariable, ValidationError, read_model_description
+from fmpy.model_description import ModelDescription, ModelVariable
 from numpy.typing import NDArray
 
-from .archive import ArchiveLimits, archive_entries, parse_xml, read_entry, refuse_sizes
+from .archive import ArchiveLimits, parse_xml, read_entries, refuse_sizes
+from .documents import complete_initial, fmi_version, read_description, validate_description
 from .platforms import platforms_among
 from .units import FmuUnit
 
 __all__ = ["FmuDescription", "FmuKind", "FmuVariable", "describe"]
 
-_VERSIONS = {"2.0": "2.0", "3.0": "3.0"}
 _BASE_UNITS = ("kg", "m", "s", "A", "K", "mol", "cd", "rad")
 Scalar = float | int | bool | str | bytes
 Kind = Literal["me", "cs"]
@@ -287,68 +285,22 @@ def describe(path: str | Path, *, limits: ArchiveLimits | None = None) -> FmuDes
         that its schema does not allow (with the lines concerned).
     """
     path = Path(path)
-    entries = archive_entries(path, limits)
-    names = {entry.filename for entry in entries}
-    if "modelDescription.xml" not in names:
+    entries, documents = read_entries(path, ["modelDescription.xml", "sources/buildDescription.xml"], limits)
+    if "modelDescription.xml" not in documents:
         raise ValueError(f"{path}: no modelDescription.xml inside: not an FMU")
-    documents = {
-        name: read_entry(path, name, limits)
-        for name in ("modelDescription.xml", "sources/buildDescription.xml")
-        if name in names
-    }
     roots = {name: parse_xml(data, f"{path}: {name}", limits) for name, data in documents.items()}
-    _validate(path, roots["modelDescription.xml"])
+    root = roots["modelDescription.xml"]
+    validate_description(path, root)
+    if complete_initial(root):
+        documents["modelDescription.xml"] = etree.tostring(root)
     with tempfile.TemporaryDirectory(prefix="phyfilter-") as folder:
         for name, data in documents.items():
             target = Path(folder, *name.split("/"))
             target.parent.mkdir(exist_ok=True)
             target.write_bytes(data)
-        model = _read(Path(folder), str(path))
+        model = read_description(Path(folder), str(path))
     refuse_sizes(path, [(entry.name or "", entry.shape or ()) for entry in model.modelVariables], limits)
-    return _described(path, roots["modelDescription.xml"], model, entries)
-
-
-@cache
-def _schema(version: str) -> etree.XMLSchema:
-    """FMI's schema, as fmpy ships it."""
-    folder = Path(fmpy.__file__).parent / "schema" / f"fmi{version[0]}"
-    return etree.XMLSchema(file=str(folder / f"fmi{version[0]}ModelDescription.xsd"))
-
-
-def _validate(path: Path, root: etree._Element) -> None:
-    schema = _schema(_version(path, root))
-    if not schema.validate(root):
-        problems = "\n".join(f"  line {entry.line}: {entry.message}" for entry in schema.error_log)
-        raise ValueError(f"{path}: modelDescription.xml is not valid:\n{problems}")
-
-
-def _read(folder: Path, name: str) -> ModelDescription:
-    """fmpy's description of an unpacked FMU; its errors as ValueError.
-
-    Beyond the schema nothing is validated here: FMUs with undefined units or odd names are many, and run. `check`
-    reports them.
-    """
-    try:
-        return read_model_description(str(folder), validate=False)
-    except ValidationError as error:
-        raise ValueError(f"{name}: modelDescription.xml is not valid: {'; '.join(error.problems)}") from error
-    except (
-        Exception
-    ) as error:  # fmpy raises what its parser stumbles over: KeyError, IndexError, bare Exception
-        raise ValueError(f"{name}: modelDescription.xml cannot be read: {error!r}") from error
-
-
-def _version(path: Path, root: etree._Element) -> str:
-    if root.tag != "fmiModelDescription":
-        raise ValueError(
-            f"{path}: modelDescription.xml starts with <{root.tag}>, expected <fmiModelDescription>"
-        )
-    found = root.get("fmiVersion") or "none"
-    # FMI 3.0 minor and beta versions read as 3.0; FMI 1.0 has another interface altogether.
-    version = _VERSIONS.get(found) or ("3.0" if re.fullmatch(r"3\.0(\.\d+|-.*)?", found) else "")
-    if not version:
-        raise ValueError(f"{path}: FMI version {found!r}; expected 2.0 or 3.0")
-    return version
+    return _described(path, root, model, entries)
 
 
 def _described(
@@ -367,7 +319,7 @@ def _described(
     return FmuDescription(
         path=str(path),
         name=model.modelName or path.stem,
-        fmi=_version(path, root),
+        fmi=fmi_version(path, root),
         kinds=kinds,
         platforms=platforms_among(names),
         sources=any(re.fullmatch(r"sources/.+\.(c|cc|cpp)", name) for name in names),
@@ -402,7 +354,10 @@ def _with_derivatives(model: ModelDescription, variables: tuple[FmuVariable, ...
         for entry in model.modelVariables
         if isinstance(entry.derivative, ModelVariable)
     }
-    return tuple(dataclasses.replace(entry, derivative_of=states.get(entry.name, "")) for entry in variables)
+    return tuple(
+        dataclasses.replace(entry, derivative_of=states[entry.name]) if entry.name in states else entry
+        for entry in variables
+    )
 
 
 def _variable(entry: ModelVariable, element: etree._Element) -> FmuVariable:

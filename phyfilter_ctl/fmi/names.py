@@ -9,12 +9,28 @@ from ..blocks.functions import Variable
 from ..codegen.identifiers import identifier
 from ..codegen.model import CModel
 
-__all__ = ["LEGAL", "legal_name", "with_legal_names"]
+__all__ = ["LEGAL", "is_structured", "legal_name", "with_legal_names"]
 
 # FMI 2.0.5 and 3.0.2, "structured": identifiers, quoted or plain, with indices, joined by dots.
 _QUOTED = r"'(?:[A-Za-z0-9_!#$%&()*+,\-./:;<>=?@\[\]^{}|~ ]|\\['\"?\\abfnrtv])+'"
-_PART = rf"(?:[A-Za-z_][A-Za-z0-9_]*|{_QUOTED})(?:\[\d+(?:,\d+)*\])?"
+_PART = rf"(?:[A-Za-z_][A-Za-z0-9_]*|{_QUOTED})(?:\[[0-9]+(?:,[0-9]+)*\])?"
 LEGAL = re.compile(rf"{_PART}(?:\.{_PART})*")
+_DERIVATIVE = re.compile(rf"der\({LEGAL.pattern}(?:,[0-9]+)?\)")
+
+
+def is_structured(name: str) -> bool:
+    """Whether the structured convention allows a name.
+
+    Parameters
+    ----------
+    name : str
+
+    Examples
+    --------
+    >>> is_structured("der(arm.'joint 1'[2],2)"), is_structured("der(der(x))")
+    (True, False)
+    """
+    return bool(LEGAL.fullmatch(name) or _DERIVATIVE.fullmatch(name))
 
 
 def with_legal_names(model: CModel) -> CModel:

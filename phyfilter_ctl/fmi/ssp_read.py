@@ -7,14 +7,14 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from urllib.parse import unquote, urlsplit
 
 import lxml.etree as etree
 
-from .archive import ArchiveLimits, extracted, parse_xml, unpack
+from .archive import ArchiveLimits, extracted
 from .cosimulation_wiring import Wire
 from .inspect import FmuDescription, Scalar, describe
-from .ssp_values import NAMESPACES, SspValue, parameter_values, transformation, unit_definitions, validate
+from .ssp_files import SspFiles
+from .ssp_values import NAMESPACES, SspValue, parameter_values, transformation, unit_definitions
 from .units import AS_IS, FmuUnit, Linear, conversion, understood_unit
 
 __all__ = ["SIGNALS", "SspSystem", "opened_ssp"]
@@ -24,6 +24,8 @@ SIGNALS = "urn:phyfilter-ctl:signals"
 _FMU_TYPES = (None, "application/x-fmu-sharedlibrary")
 _DEFINITION, _PACKAGE = "application/x-ssp-definition", "application/x-ssp-package"
 _VALUES = ("parameter", "structuralParameter", "constant")  # connectors that hand on values, not signals
+
+_DEEPEST = 16
 
 Node = tuple[str, str]  # element path, connector
 
@@ -74,7 +76,8 @@ def opened_ssp(path: str | Path, *, limits: ArchiveLimits | None = None) -> Iter
     """
     path = Path(path)
     with extracted(path, limits) as folder:
-        reader = _Reader(path, folder, limits)
+        files = SspFiles(path, folder, limits)
+        reader = _Reader(path, files, limits)
         root, system = reader.document(folder / "SystemStructure.ssd")
         reader.system("", system)
         experiment = root.find("ssd:DefaultExperiment", NAMESPACES)
@@ -95,7 +98,7 @@ class _Reader:
     """What is found on the way down through inner systems."""
 
     path: Path
-    folder: Path
+    files: SspFiles
     limits: ArchiveLimits | None
     parts: dict[str, Path] = field(default_factory=dict)
     descriptions: dict[str, FmuDescription] = field(default_factory=dict)
@@ -105,18 +108,16 @@ class _Reader:
     values: dict[str, SspValue] = field(default_factory=dict)
     dictionaries: dict[str, str] = field(default_factory=dict)  # reference -> the dictionary's own place
     defined: dict[str, FmuUnit] = field(default_factory=dict)  # units of the documents open now
+    depth: int = 0
 
     def document(self, file: Path) -> tuple[etree._Element, etree._Element]:
-        """Root and system of an .ssd file.
+        """Root and system of an .ssd file; its units are known from here on.
 
         Parameters
         ----------
         file : Path
         """
-        if not file.is_file():
-            raise ValueError(f"{self.path}: no {file.name} inside: not a system structure package")
-        root = parse_xml(file.read_bytes(), f"{self.path}: {file.name}", self.limits)
-        validate(self.path, root)
+        root = self.files.structure(file)
         system = root.find("ssd:System", NAMESPACES)
         if system is None:
             raise ValueError(f"{self.path}: {file.name}: no System inside")
@@ -136,6 +137,7 @@ class _Reader:
         for entry in element.iterfind("ssd:SignalDictionaries/ssd:SignalDictionary", NAMESPACES):
             self.dictionaries[f"{prefix}:{entry.get('name')}"] = f"{prefix}:{entry.get('name')}"
         for child in element.findall("ssd:Elements/*", NAMESPACES):
+            self.files.meet(1)
             tag = etree.QName(child).localname
             name = _joined(prefix, self._attribute(child, "name"))
             if tag == "System":
@@ -170,10 +172,11 @@ class _Reader:
         kind = element.get("type")
         if kind not in (*_FMU_TYPES, _DEFINITION, _PACKAGE):
             raise ValueError(f"{self.path}: {name}: component of type {kind!r}; expected an FMU or a system")
-        file = self._file(self._attribute(element, "source"), name)
+        file = self.files.within(self._attribute(element, "source"), name)
         if kind in _FMU_TYPES:
+            same = next((other for other, known in self.parts.items() if known == file), name)
             self.parts[name] = file
-            self.descriptions[name] = describe(file, limits=self.limits)
+            self.descriptions[name] = self.descriptions.get(same) or describe(file, limits=self.limits)
         else:
             self._inner(name, file, packed=kind == _PACKAGE)
         self._connectors(name, element)
@@ -181,15 +184,16 @@ class _Reader:
 
     def _inner(self, name: str, file: Path, *, packed: bool) -> None:
         """A system in a file of its own."""
-        outer = self.folder, self.defined
-        if packed:
-            self.folder = file.with_name(f"{file.name}.unpacked")
-            self.folder.mkdir()
-            unpack(file, self.folder, self.limits)
-            file = self.folder / "SystemStructure.ssd"
-        _, system = self.document(file)
+        outer = self.files.folder, self.defined
+        self.depth += 1
+        if self.depth > _DEEPEST:
+            raise ValueError(
+                f"{self.path}: {name}: more than {_DEEPEST} packages or definitions within each other"
+            )
+        _, system = self.document(self.files.enter(file) if packed else file)
         self.system(name, system)
-        self.folder, self.defined = outer
+        self.files.folder, self.defined = outer
+        self.depth -= 1
 
     def _reference(self, prefix: str, name: str, element: etree._Element) -> None:
         """A reference to a signal dictionary, which the systems around it declare."""
@@ -200,14 +204,6 @@ class _Reader:
             raise ValueError(f"{self.path}: {name}: there is no signal dictionary {wanted!r}")
         self.dictionaries[name] = f"{at}:{wanted}"
         self._connectors(name, element)
-
-    def _file(self, source: str, name: str) -> Path:
-        parts = urlsplit(source)
-        target = (self.folder / unquote(parts.path)).resolve()
-        outside = parts.scheme or parts.netloc or not target.is_relative_to(self.folder.resolve())
-        if outside or not target.is_file():
-            raise ValueError(f"{self.path}: {name}: expected a file inside the package, got {source!r}")
-        return target
 
     def _connection(self, prefix: str, element: etree._Element) -> None:
         nodes: list[Node] = []
@@ -375,6 +371,7 @@ class _Reader:
     def _bindings(self, owner: str, element: etree._Element) -> None:
         for binding in element.findall("ssd:ParameterBindings/ssd:ParameterBinding", NAMESPACES):
             root = self._document(owner, binding, "ssd:ParameterValues/ssv:ParameterSet")
+            self.files.meet(1 if root is None else len(root.findall(".//ssv:Parameter", NAMESPACES)))
             values = {} if root is None else parameter_values(root, self.defined)
             mapping = self._mapping(owner, binding)
             if mapping is not None:
@@ -394,8 +391,7 @@ class _Reader:
         source = binding.get("source")
         if source is None:
             return binding.find(inside, NAMESPACES)
-        file = self._file(source, owner or "the system")
-        return parse_xml(file.read_bytes(), f"{self.path}: {source}", self.limits)
+        return self.files.parsed(self.files.within(source, owner or "the system"))
 
     def _mapping(self, owner: str, binding: etree._Element) -> dict[str, tuple[str, Linear, bool]] | None:
         holder = binding.find("ssd:ParameterMapping", NAMESPACES)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import product
@@ -118,6 +119,11 @@ def parameter_values(root: etree._Element, units: Mapping[str, FmuUnit]) -> dict
         ``ssv:ParameterSet``.
     units : dict
         Definitions beside those of the set.
+
+    Raises
+    ------
+    ValueError
+        If a value is none, or there are not as many as the dimensions say.
     """
     known = {**units, **unit_definitions(root)}
     found: dict[str, SspValue] = {}
@@ -129,6 +135,8 @@ def parameter_values(root: etree._Element, units: Mapping[str, FmuUnit]) -> dict
         texts = [str(value.get("value")) for value in entry.iterfind("ssv:Value", NAMESPACES)]
         sizes = [int(size.get("size", "0")) for size in parameter.iterfind("ssc:Dimension", NAMESPACES)]
         labels = [label]
+        if math.prod(sizes) != len(texts or labels):  # before so many names are made
+            raise ValueError(f"parameter {label!r}: {len(texts)} values for dimensions {sizes}")
         if sizes:
             labels = [f"{label}[{','.join(map(str, at))}]" for at in product(*map(range, sizes))]
         name = entry.get("unit", "")

@@ -11,7 +11,7 @@ from foreign_fmus import description
 from hypothesis import given
 from hypothesis import strategies as st
 
-from phyfilter_ctl.fmi import ArchiveLimits, describe
+from phyfilter_ctl.fmi import ArchiveLimits, check, describe
 from phyfilter_ctl.fmi.archive import archive_entries, extracted, parse_xml, read_entry, unpack
 from phyfilter_ctl.fmi.archive_write import write_archive
 
@@ -265,6 +265,25 @@ def test_other_versions(tmp_path, version):
     path = archive(tmp_path / "x.fmu", ("modelDescription.xml", text))
     with pytest.raises(ValueError, match=r"FMI version .*; expected 2.0 or 3.0"):
         describe(path)
+
+
+def test_what_other_tools_write(tmp_path):
+    """The folder itself as an entry; a constant parameter, which FMI forbids and FMPy cannot read."""
+    text = description()
+    assert text.count('causality="parameter" variability="fixed"') == 1
+    constant = text.replace(
+        'causality="parameter" variability="fixed"', 'causality="parameter" variability="constant"'
+    )
+    path = archive(tmp_path / "x.fmu", ("./", ""), ("modelDescription.xml", constant))
+    found = describe(path)
+    assert found.entries == 1
+    (mass,) = [entry for entry in found.variables if entry.name == "m"]
+    assert (mass.variability, mass.initial, mass.start) == ("constant", "exact", (2.0,))
+    with extracted(path) as folder:
+        assert [entry.name for entry in folder.iterdir()] == ["modelDescription.xml"]
+    (error,) = check(path, run=False).errors
+    assert 'illegal combination of causality="parameter"' in error.message
+    assert error.rule == "FMI 2.0, 2.2.7"
 
 
 def test_not_an_fmu(tmp_path):

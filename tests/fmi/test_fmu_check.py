@@ -6,10 +6,13 @@ import zipfile
 import control as ct
 import numpy as np
 import pytest
+from fmpy.model_description import ModelDescription, ModelVariable
+from fmpy.validation import _validate_variable_names
 from foreign_ball import ball
 from foreign_fmus import description, oscillator
 
 from phyfilter_ctl.fmi import check
+from phyfilter_ctl.fmi.names import is_structured
 from phyfilter_ctl.fmi.replay import Reference, read_reference, write_reference
 
 T = np.linspace(0.0, 1.0, 51)
@@ -199,6 +202,47 @@ def test_values_that_an_fmu_takes(folder):
     for fmi in ("2.0", "3.0"):
         report = check(ball(folder, fmi))
         assert report.ok, str(report)
+
+
+NAMES = [
+    *("x", "_x1.y", "a[1,20].b[3]", "der(x)", "der(a.b[2],3)", "'a b'.c", r"'it\'s'", "'[]'[4]", "a.'\\n'"),
+    *(
+        "",
+        "1x",
+        "x.",
+        ".x",
+        "x..y",
+        "x[]",
+        "x[a]",
+        "x[1][2]",
+        "x[1,]",
+        "der(x",
+        "der(der(x))",
+        "der()",
+        "der(x,)",
+    ),
+    *("x y", "''", "'a", "'a'b", "x[\u0663]", "\u00e9", "der(x,y)", "xder(y)", "x\n"),
+]
+
+
+@pytest.mark.slow
+def test_names_of_the_structured_convention():
+    """As FMPy's grammar has them, which takes any letter after a backslash; FMI's takes some."""
+    assert not is_structured(r"'\z'")
+    for name in NAMES:
+        variable = ModelVariable(name=name, valueReference=1, type="Real")
+        model = ModelDescription(variableNamingConvention="structured", modelVariables=[variable])
+        assert is_structured(name) == (not _validate_variable_names(model)), name
+
+
+def test_a_name_against_the_convention(folder):
+    structured = (
+        ('guid="', 'variableNamingConvention="structured" guid="'),
+        ('name="steps"', 'name="der(der(x))"'),
+    )
+    (error,) = check(rewritten(oscillator(folder), *structured, name="odd"), run=False).errors
+    assert "'der(der(x))'" in error.message
+    assert error.rule == "FMI 2.0, 2.2.9"
 
 
 def test_errors_have_a_paragraph(folder):

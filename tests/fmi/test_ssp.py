@@ -10,8 +10,9 @@ from fmpy.ssp.simulation import simulate_ssp
 from fmpy.ssp.ssd import read_ssd, read_ssv
 from foreign_fmus import description, oscillator
 
-from phyfilter_ctl.fmi import Wire, cosimulate, cut_diagram, write_ssp
+from phyfilter_ctl.fmi import ArchiveLimits, Wire, cosimulate, cut_diagram, write_ssp
 from phyfilter_ctl.fmi.ssp_read import opened_ssp
+from phyfilter_ctl.fmi.ssp_values import NAMESPACES, parameter_values
 
 T = np.linspace(0.0, 2.0, 21)
 U = np.array([np.ones_like(T), np.sin(T)])
@@ -319,6 +320,62 @@ def test_packages_that_are_refused(tmp_path, fmu, options, message):
     path = foreign(tmp_path / "x.ssp", fmu, **options)
     with pytest.raises(ValueError, match=message):
         cosimulate(path, timepts=T)
+
+
+def around(path, entries, sources, kind="application/x-ssp-package"):
+    """A package with components c0, c1, ... of these sources, which hold systems."""
+    head = SSD[: SSD.index("<ssd:System ")]
+    components = "".join(
+        f'<ssd:Component name="c{i}" type="{kind}" source="{s}"/>' for i, s in enumerate(sources)
+    )
+    with zipfile.ZipFile(path, "w") as archive:
+        for name, data in entries.items():
+            archive.writestr(name, data)
+        archive.writestr(
+            "SystemStructure.ssd",
+            f'{head}<ssd:System name="s"><ssd:Elements>{components}</ssd:Elements></ssd:System>'
+            "</ssd:SystemStructureDescription>",
+        )
+    return path
+
+
+def test_a_package_used_twice(tmp_path, fmu):
+    inner = foreign(tmp_path / "inner.ssp", fmu)
+    path = around(tmp_path / "x.ssp", {"inner.ssp": inner.read_bytes()}, ["inner.ssp", "inner.ssp"])
+    with opened_ssp(path) as found:
+        assert list(found.parts) == ["c0.a", "c0.inner.b", "c1.a", "c1.inner.b"]
+        assert {wire.sink for wire in found.wires} == {"c0.inner.b.place", "c1.inner.b.place"}
+
+
+def test_packages_without_end(tmp_path, fmu):
+    """A definition inside itself; a few that each use the next one ten times; names by the million."""
+    kind = "application/x-ssp-definition"
+    circle = around(tmp_path / "a.ssp", {}, ["SystemStructure.ssd"], kind)
+    with (
+        pytest.raises(ValueError, match="more than 16 packages or definitions within each other"),
+        opened_ssp(circle),
+    ):
+        pass
+    text = (
+        zipfile.ZipFile(around(tmp_path / "b.ssp", {}, ["NEXT"] * 10, kind))
+        .read("SystemStructure.ssd")
+        .decode()
+    )
+    levels = {f"{k}.ssd": text.replace("NEXT", f"{k + 1}.ssd") for k in range(9)} | {
+        "9.ssd": text[: text.index("<ssd:Elements>")] + text[text.index("</ssd:System>") :]
+    }
+    tree = around(tmp_path / "c.ssp", levels, ["0.ssd"], kind)
+    few = ArchiveLimits(scalars=100)
+    with (
+        pytest.raises(ValueError, match="more than 100 elements and parameter values"),
+        opened_ssp(tree, limits=few),
+    ):
+        pass
+    text = SSD.replace(
+        '<ssv:Real value="5.0"/>', '<ssv:Real value="5.0"/><ssc:Dimension size="999999999"/>', 1
+    )
+    with pytest.raises(ValueError, match=r"parameter 'k': 0 values for dimensions \[999999999\]"):
+        parameter_values(etree.fromstring(text.encode()).find(".//ssv:ParameterSet", NAMESPACES), {})
 
 
 def test_no_package(tmp_path, fmu):
