@@ -309,7 +309,9 @@ def _described(
     names = [entry.filename for entry in entries]
     elements = {element.get("name"): element for element in root.iterfind("ModelVariables/*")}
     variables = tuple(
-        _variable(entry, elements[entry.name]) for entry in model.modelVariables if entry.type is not None
+        _variable(entry, elements[(entry.alias or entry).name])
+        for entry in model.modelVariables
+        if entry.type is not None
     )
     kinds: dict[Kind, FmuKind] = {}
     for kind, tag in _KINDS.items():

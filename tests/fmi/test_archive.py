@@ -286,6 +286,22 @@ def test_what_other_tools_write(tmp_path):
     assert error.rule == "FMI 2.0, 2.2.7"
 
 
+def test_other_names_of_a_variable(tmp_path):
+    text = description("3.0").replace(
+        'unit="m">\n      <Dimension start="2"/>',
+        'unit="m"><Dimension start="2"/><Alias name="where" displayUnit="mm"/>',
+    )
+    path = archive(tmp_path / "x.fmu", ("modelDescription.xml", text))
+    x, where = (entry for entry in describe(path).variables if entry.name in ("x", "where"))
+    assert (where.reference, where.start, where.unit, where.display_unit) == (
+        x.reference,
+        (1.0, 2.0),
+        "m",
+        "mm",
+    )
+    assert check(path, run=False).ok
+
+
 def test_not_an_fmu(tmp_path):
     with pytest.raises(ValueError, match=r"no modelDescription\.xml inside: not an FMU"):
         describe(archive(tmp_path / "x.fmu", ("readme.txt", "")))
