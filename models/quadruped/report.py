@@ -91,7 +91,7 @@ def _list(values: tuple[float, ...] | FloatArray) -> str:
     return "/".join(f"{value:.2f}".lstrip("0") if value < 1.0 else f"{value:.1f}" for value in values)
 
 
-def _row(label: str, cells: list[str], note: str = "", width: int = 22) -> str:
+def _row(label: str, cells: list[str], note: str = "", width: int = 25) -> str:
     text = f"{label:<28}" + "".join(f"{cell:>{width}}" for cell in cells)
     return f"{text}   {note}" if note else text
 
