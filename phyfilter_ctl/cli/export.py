@@ -96,6 +96,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="FMI 3: a periodic clock for each sampled block, which the importer ticks in event mode (filters: --rate "
         "fixed)",
     )
+    fmu.add_argument("--scalars", action="store_true", help="FMI 3: no arrays, for importers that know none")
+    fmu.add_argument(
+        "--max-channels",
+        type=int,
+        metavar="N",
+        help="FMI 3, filters: importers choose up to N channels by the structural parameter channels",
+    )
     c = parser.add_argument_group("C")
     c.add_argument("--fixed", action="store_true", help="coefficients and step fixed: least code and memory")
     c.add_argument(
@@ -194,9 +201,11 @@ def _fmu(options: argparse.Namespace, system: System, signals: filterfile.Signal
         platforms=_platforms(options),
         name=options.name,
         channels=_channels(options, signals),
+        max_channels=options.max_channels,
         inertia=_inertia(options, signals),
         rate=options.rate,
         signals=signals,
+        arrays=not options.scalars,
         clocks=options.clocks,
         record=options.record,
     )

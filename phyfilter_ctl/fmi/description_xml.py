@@ -119,15 +119,16 @@ def _common(interface: FmuInterface, root: ET.Element) -> None:
 
 
 def _numeric(element: ET.Element, variable: InterfaceVariable) -> None:
+    shown = (lambda value: str(int(value))) if variable.kind == "structure" else _number
     if variable.unit:
         element.set("unit", variable.unit)
         if variable.unit == "rad":
             element.set("displayUnit", "deg")
     for name, bound in (("min", variable.minimum), ("max", variable.maximum)):
         if not isinf(bound):
-            element.set(name, _number(bound))
+            element.set(name, shown(bound))
     if variable.start is not None:
-        element.set("start", " ".join(_number(value) for value in variable.start))
+        element.set("start", " ".join(map(shown, variable.start)))
 
 
 def _flag(value: bool) -> str:
@@ -252,7 +253,7 @@ def _description3(interface: FmuInterface, token: str) -> ET.Element:
     _common(interface, root)
     variables = ET.SubElement(root, "ModelVariables")
     for reference, variable in enumerate(interface.variables, FIRST_REFERENCE):
-        kind = "Clock" if variable.kind == "clock" else "Float64"
+        kind = {"clock": "Clock", "structure": "UInt64"}.get(variable.kind, "Float64")
         element = ET.SubElement(variables, kind, name=variable.name, valueReference=str(reference))
         _roles(element, variable)
         if variable.clock is not None:
@@ -264,8 +265,12 @@ def _description3(interface: FmuInterface, token: str) -> ET.Element:
         _numeric(element, variable)
         if variable.derivative_of is not None:
             element.set("derivative", str(variable.derivative_of + FIRST_REFERENCE))
-        for length in variable.shape:
-            ET.SubElement(element, "Dimension", start=str(length))
+        for axis, length in enumerate(variable.shape):
+            dimension = ET.SubElement(element, "Dimension")
+            if axis == 0 and variable.length is not None:
+                dimension.set("valueReference", str(variable.length + FIRST_REFERENCE))
+            else:
+                dimension.set("start", str(length))
     structure = ET.SubElement(root, "ModelStructure")
     for name, places in (
         ("Output", interface.of_kind("output")),

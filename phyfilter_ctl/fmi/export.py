@@ -25,6 +25,7 @@ from ..filter import PhyFilter, SampledPhyFilter
 from ..filterfile import Signals
 from .archive_write import write_archive
 from .build import build_binaries, platform_names
+from .channels import room_for, with_channels
 from .description import Fmi, FmuExperiment, FmuInterface, FmuSolver, fmu_interface
 from .description_xml import build_description, model_description, terminals_and_icons
 from .documentation import documentation_page, icon_png, icon_svg, terminal_png
@@ -47,6 +48,7 @@ def export_fmu(
     platforms: Sequence[str] | Literal["all"] = ("native",),
     name: str | None = None,
     channels: int | None = None,
+    max_channels: int | None = None,
     inertia: ArrayLike | Literal["scalar", "diagonal", "full"] | None = None,
     rate: Literal["communication", "fixed"] = "communication",
     signals: Signals | None = None,
@@ -78,6 +80,10 @@ def export_fmu(
         Model identifier, a C identifier. By default the diagram's name or "phyfilter".
     channels : int, optional
         Of a filter: number n_x of channels of x. By default those that E, the limit or ``signals`` tell, else 1.
+    max_channels : int, optional
+        Of a filter, FMI 3: importers choose the number of channels up to this one, by the structural parameter
+        ``channels`` in Configuration Mode; arrays have its length. The memory and the time of a step are those of
+        ``max_channels``.
     inertia : float, (n_x,) or (n_x, n_x) array, {"scalar", "diagonal", "full"} or None
         Of a filter: constant inertia; or, where it is sampled, the kind that is an input; or None for I.
     rate : {"communication", "fixed"}
@@ -149,7 +155,12 @@ def export_fmu(
         recorded = len(system.outputs) - int(external or 0)
     elif record:
         raise ValueError("record belongs to diagrams and blocks of python-control, whose signals have names")
-    model, filters = _c_model(system, name, channels, inertia, rate, signals)
+    room = channels
+    if max_channels is not None:
+        room, channels = room_for(
+            system, channels, max_channels, inertia, signals, grouped=arrays and fmi == "3.0"
+        )
+    model, filters = _c_model(system, name, room, inertia, rate, signals)
     if solver is None and isinstance(system, FlatModel):
         solver = FmuSolver(step=min(1e-3, _OF_STABLE * largest_stable_step(system).seconds))
     elif solver is not None and isinstance(system, FlatModel) and solver.method == "rk4" and "cs" in kinds:
@@ -162,6 +173,8 @@ def export_fmu(
         recorded=recorded,
         on_time=_on_time(system) if isinstance(system, FlatModel) else None,
     )  # fmt: skip
+    if max_channels is not None:
+        interface = with_channels(interface, channels or 1)
     tolerant = isinstance(system, SampledPhyFilter) and system.sampling.nonfinite == "hold"
     token, sources = sealed(interface, accept_bad_inputs=tolerant)
     binaries: dict[str, bytes] = {}

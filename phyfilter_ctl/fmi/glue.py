@@ -75,7 +75,8 @@ def glue_source(interface: FmuInterface, token: str, *, accept_bad_inputs: bool 
     """
     model = interface.model
     variables = "\n".join(
-        f"    {{PF_FMI_{_VECTORS.get(variable.kind, variable.kind).upper()}, {variable.first}, {variable.count}}}, "
+        f"    {{PF_FMI_{_VECTORS.get(variable.kind, variable.kind).upper()}, {variable.first}, {variable.count}, "
+        f"{variable.count // variable.shape[0] if variable.length else 0}}}, "
         f"/* {reference}: {_in_comment(variable.name)} */"
         for reference, variable in enumerate(interface.variables, FIRST_REFERENCE)
     )
@@ -93,6 +94,7 @@ def glue_source(interface: FmuInterface, token: str, *, accept_bad_inputs: bool 
     counts = np.concatenate([[0], np.cumsum(interface.depends.sum(axis=1))])
     columns = [int(column) for column in np.nonzero(interface.depends)[1]] or [0]
     solver, kinds = interface.solver, []
+    channels = [interface.variables[i].start for i in interface.of_kind("structure")]
     if interface.exchange:
         kinds.append("PF_FMI_MODEL_EXCHANGE")
     if interface.simulation:
@@ -105,7 +107,7 @@ def glue_source(interface: FmuInterface, token: str, *, accept_bad_inputs: bool 
 extern const pf_model {model.symbol};
 {declared}
 static const pf_fmi_variable VARIABLES[] = {{
-    {{PF_FMI_KINDS, 0, 0}}, /* 0: no variable */
+    {{PF_FMI_KINDS, 0, 0, 0}}, /* 0: no variable */
 {variables}
 }};
 
@@ -121,6 +123,8 @@ const pf_fmu pf_fmu_here = {{
     .kinds = {" | ".join(kinds)},
     .variables = VARIABLES,
     .n_variables = {len(interface.variables)},
+    .channels = {int(channels[0][0]) if channels and channels[0] else 0},
+    .most_channels = {interface.most_channels},
     .inputs = INPUTS,
     .solver = {{{method}, {solver.step!r}, {solver.rtol!r}, {solver.atol!r}, 0.0, 0}},
     .communication = {float(model.communication)!r},

@@ -67,6 +67,7 @@ static const char *mode_name(uint32_t mode) {
     case PF_FMI_CONTINUOUS: return "Continuous-Time Mode";
     case PF_FMI_STEP: return "Step Mode";
     case PF_FMI_INTERMEDIATE: return "Intermediate Update Mode";
+    case PF_FMI_CONFIGURATION: return "Configuration Mode";
     default: return "Terminated";
   }
 }
@@ -157,6 +158,7 @@ void pf_fmi_reset(pf_fmi *self) {
   self->saved->event_mode = event_mode;
   self->saved->early_return = early_return;
   self->saved->solver = pf_fmu_here.solver;
+  self->saved->channels = pf_fmu_here.channels;
   (void)self->model->init(self->self); /* start says it again */
   self->fresh = 0;
 }
@@ -168,6 +170,15 @@ void pf_fmi_delete(pf_fmi *self) {
 }
 
 /* ---- variables ---- */
+
+uint32_t pf_fmi_count(const pf_fmi *self, pf_fmi_variable variable) {
+  return variable.each ? variable.each * self->saved->channels : variable.count;
+}
+
+size_t pf_fmi_n_x(const pf_fmi *self) {
+  const size_t all = (size_t)self->model->n_x;
+  return pf_fmu_here.channels ? all / pf_fmu_here.most_channels * self->saved->channels : all;
+}
 
 static const uint32_t SETTABLE[PF_FMI_KINDS] = {
     [PF_FMI_INPUT] = PF_FMI_BEFORE | PF_FMI_RUNNING | PF_FMI_INTERMEDIATE,
@@ -255,14 +266,16 @@ int pf_fmi_get(pf_fmi *self, const uint32_t *references, size_t n, double *value
     if (!pf_fmi_exists(references[i])) return wrong(self, "get", references[i], "does not exist");
     const pf_fmi_variable variable = pf_fmu_here.variables[references[i]];
     const uint32_t bit = 1u << variable.kind;
+    const uint32_t count = pf_fmi_count(self, variable);
     if (variable.kind == PF_FMI_CLOCK) return wrong(self, "get", references[i], "is a clock");
-    if (variable.count > n_values - done) return wrong_count(self, "get", n_values);
+    if (variable.kind == PF_FMI_STRUCTURE) return wrong(self, "get", references[i], "is of type UInt64");
+    if (count > n_values - done) return wrong_count(self, "get", n_values);
     if ((bit & computed) && !(self->fresh & bit)) {
       const int status = refresh(self, variable.kind);
       if (status) return status;
     }
     const pf_real *const from = self->values[variable.kind] + variable.first;
-    for (uint32_t k = 0; k < variable.count; k++) values[done++] = from[k];
+    for (uint32_t k = 0; k < count; k++) values[done++] = from[k];
   }
   return done == n_values ? PF_FMI_OK : wrong_count(self, "get", n_values);
 }
@@ -273,7 +286,7 @@ static int may_set(pf_fmi *self, const uint32_t *references, size_t n, size_t n_
     if (!pf_fmi_exists(references[i])) return wrong(self, "set", references[i], "does not exist");
     const pf_fmi_variable variable = pf_fmu_here.variables[references[i]];
     if (!(SETTABLE[variable.kind] & self->saved->mode)) return wrong(self, "set", references[i], "cannot be set now");
-    total += variable.count;
+    total += pf_fmi_count(self, variable);
   }
   return total == n_values ? PF_FMI_OK : wrong_count(self, "set", n_values);
 }
@@ -285,10 +298,41 @@ int pf_fmi_set(pf_fmi *self, const uint32_t *references, size_t n, const double 
   for (size_t i = 0; i < n; i++) {
     const pf_fmi_variable variable = pf_fmu_here.variables[references[i]];
     pf_real *const to = self->values[variable.kind] + variable.first;
-    for (uint32_t k = 0; k < variable.count; k++) to[k] = values[k];
-    values += variable.count;
+    const uint32_t count = pf_fmi_count(self, variable);
+    for (uint32_t k = 0; k < count; k++) to[k] = values[k];
+    values += count;
     if (variable.kind == PF_FMI_PARAMETER || variable.kind == PF_FMI_FIXED) self->saved->staged = 1;
   }
+  self->fresh = 0;
+  return PF_FMI_OK;
+}
+
+static int sizes(pf_fmi *self, const char *call, const uint32_t *references, size_t n, const void *values,
+                 size_t n_values) {
+  if ((n && !references) || (n_values && !values)) return pf_fmi_say(self, PF_FMI_ERROR, "%s: an argument is NULL", call);
+  for (size_t i = 0; i < n; i++) {
+    if (!pf_fmi_exists(references[i])) return wrong(self, call, references[i], "does not exist");
+    if (pf_fmu_here.variables[references[i]].kind != PF_FMI_STRUCTURE)
+      return wrong(self, call, references[i], "is not of type UInt64");
+  }
+  return n == n_values ? PF_FMI_OK : wrong_count(self, call, n_values);
+}
+
+int pf_fmi_get_sizes(pf_fmi *self, const uint32_t *references, size_t n, uint64_t *values, size_t n_values) {
+  const int status = sizes(self, "get", references, n, values, n_values);
+  for (size_t i = 0; i < n && status == PF_FMI_OK; i++) values[i] = self->saved->channels;
+  return status;
+}
+
+int pf_fmi_set_sizes(pf_fmi *self, const uint32_t *references, size_t n, const uint64_t *values, size_t n_values) {
+  const int status = sizes(self, "set", references, n, values, n_values);
+  if (status || !n) return status;
+  if (!pf_fmi_in(self, PF_FMI_CONFIGURATION, "set of the number of channels")) return PF_FMI_ERROR;
+  for (size_t i = 0; i < n; i++)
+    if (values[i] < 1 || values[i] > pf_fmu_here.most_channels)
+      return pf_fmi_say(self, PF_FMI_ERROR, "set: %llu channels; expected 1 to %lu", (unsigned long long)values[i],
+                        (unsigned long)pf_fmu_here.most_channels);
+  self->saved->channels = (uint32_t)values[n - 1];
   self->fresh = 0;
   return PF_FMI_OK;
 }

@@ -23,7 +23,8 @@ enum { /* modes, one bit each so that sets of them are masks */
   PF_FMI_CONTINUOUS = 8,
   PF_FMI_STEP = 16,
   PF_FMI_INTERMEDIATE = 32,
-  PF_FMI_TERMINATED = 64
+  PF_FMI_TERMINATED = 64,
+  PF_FMI_CONFIGURATION = 128
 };
 #define PF_FMI_BEFORE (PF_FMI_INSTANTIATED | PF_FMI_INITIALIZATION)
 #define PF_FMI_RUNNING (PF_FMI_EVENT | PF_FMI_CONTINUOUS | PF_FMI_STEP)
@@ -43,11 +44,13 @@ typedef enum {
   PF_FMI_SOLVER_STEP,
   PF_FMI_SOLVER_RTOL,
   PF_FMI_SOLVER_ATOL,
+  PF_FMI_STRUCTURE, /* the number of channels */
   PF_FMI_KINDS
 } pf_fmi_kind;
 
 typedef struct { /* the variable with value reference i is entry i; there is none with reference 0 */
   uint32_t kind, first, count;
+  uint32_t each; /* scalars of each channel; 0: there are `count`, however many channels there are */
 } pf_fmi_variable;
 
 typedef struct { /* of a sampled block: what the importer ticks it with */
@@ -62,6 +65,7 @@ typedef struct { /* generated for each FMU */
   int kinds;                          /* PF_FMI_MODEL_EXCHANGE | PF_FMI_CO_SIMULATION */
   const pf_fmi_variable *variables;
   uint32_t n_variables;
+  uint32_t channels, most_channels;   /* at first and at most: the model has room for these; 0: their number is fixed */
   const char *const *inputs;          /* names, for messages */
   pf_solver solver;
   pf_time communication;              /* nominal interval of pf_model.update; 0: there is none */
@@ -81,6 +85,7 @@ typedef struct { /* of the mutable data, what the model does not hold itself; no
   uint32_t staged; /* parameters were set that are not in force yet */
   uint32_t sloped; /* input slopes were set for the next step */
   uint32_t ticked; /* clocks have been set: sampled blocks wait for them */
+  uint32_t channels; /* in use; the others rest at zero */
   pf_time time, start, stop;
   pf_time last_event; /* where the last instants ran */
   pf_time ticks;      /* model exchange with pf_model.update: updates so far */
@@ -120,6 +125,10 @@ int pf_fmi_log_categories(pf_fmi *self, int on, size_t n, const char *const *cat
 /* 1 where the instance is in one of the modes; else logs. */
 int pf_fmi_in(pf_fmi *self, uint32_t modes, const char *call);
 
+/* Scalars of a variable, and continuous states, of the channels in use. */
+uint32_t pf_fmi_count(const pf_fmi *self, pf_fmi_variable variable);
+size_t pf_fmi_n_x(const pf_fmi *self);
+
 /* For the parts of the shell. */
 char *pf_fmi_view(pf_fmi *self);
 int pf_fmi_bad_input(const pf_fmi *self);
@@ -127,6 +136,8 @@ int pf_fmi_failure(pf_fmi *self, const char *call, int code);
 
 int pf_fmi_get(pf_fmi *self, const uint32_t *references, size_t n, double *values, size_t n_values);
 int pf_fmi_set(pf_fmi *self, const uint32_t *references, size_t n, const double *values, size_t n_values);
+int pf_fmi_get_sizes(pf_fmi *self, const uint32_t *references, size_t n, uint64_t *values, size_t n_values);
+int pf_fmi_set_sizes(pf_fmi *self, const uint32_t *references, size_t n, const uint64_t *values, size_t n_values);
 int pf_fmi_set_slopes(pf_fmi *self, const uint32_t *references, size_t n, const int *orders, const double *values);
 
 /* NULL where it is none, which is logged. */

@@ -127,12 +127,14 @@ fmi3Status fmi3EnterStepMode(fmi3Instance instance) {
 
 fmi3Status fmi3EnterConfigurationMode(fmi3Instance instance) {
   SELF
-  REFUSED("enterConfigurationMode");
+  if (!pf_fmu_here.channels) REFUSED("enterConfigurationMode");
+  return enter(instance, PF_FMI_INSTANTIATED, PF_FMI_CONFIGURATION, "enterConfigurationMode");
 }
 
 fmi3Status fmi3ExitConfigurationMode(fmi3Instance instance) {
   SELF
-  REFUSED("exitConfigurationMode");
+  if (!pf_fmu_here.channels) REFUSED("exitConfigurationMode");
+  return enter(instance, PF_FMI_CONFIGURATION, PF_FMI_INSTANTIATED, "exitConfigurationMode");
 }
 
 fmi3Status fmi3Terminate(fmi3Instance instance) {
@@ -141,7 +143,8 @@ fmi3Status fmi3Terminate(fmi3Instance instance) {
 
 fmi3Status fmi3Reset(fmi3Instance instance) {
   SELF
-  if (!pf_fmi_in(self, PF_FMI_ANY & ~(uint32_t)PF_FMI_INTERMEDIATE, "reset")) return fmi3Error;
+  const uint32_t modes = (PF_FMI_ANY & ~(uint32_t)PF_FMI_INTERMEDIATE) | PF_FMI_CONFIGURATION;
+  if (!pf_fmi_in(self, modes, "reset")) return fmi3Error;
   pf_fmi_reset(self);
   return fmi3OK;
 }
@@ -188,9 +191,20 @@ NO_VARIABLES(UInt16)
 NO_VARIABLES(Int32)
 NO_VARIABLES(UInt32)
 NO_VARIABLES(Int64)
-NO_VARIABLES(UInt64)
 NO_VARIABLES(Boolean)
 NO_VARIABLES(String)
+
+fmi3Status fmi3GetUInt64(fmi3Instance instance, const fmi3ValueReference refs[], size_t n, fmi3UInt64 values[],
+                         size_t n_values) {
+  SELF
+  return (fmi3Status)pf_fmi_get_sizes(self, refs, n, values, n_values);
+}
+
+fmi3Status fmi3SetUInt64(fmi3Instance instance, const fmi3ValueReference refs[], size_t n, const fmi3UInt64 values[],
+                         size_t n_values) {
+  SELF
+  return (fmi3Status)pf_fmi_set_sizes(self, refs, n, values, n_values);
+}
 
 fmi3Status fmi3GetBinary(fmi3Instance instance, const fmi3ValueReference refs[], size_t n, size_t sizes[],
                          fmi3Binary values[], size_t n_values) {
@@ -447,7 +461,7 @@ fmi3Status fmi3GetNumberOfEventIndicators(fmi3Instance instance, size_t *n) {
 fmi3Status fmi3GetNumberOfContinuousStates(fmi3Instance instance, size_t *n) {
   SELF
   NOT_NULL(n, "getNumberOfContinuousStates")
-  *n = (size_t)self->model->n_x;
+  *n = pf_fmi_n_x(self);
   return fmi3OK;
 }
 

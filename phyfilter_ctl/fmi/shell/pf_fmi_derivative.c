@@ -23,7 +23,7 @@ static int check(pf_fmi *self, const uint32_t *references, size_t n, size_t n_va
     if (!pf_fmi_exists(references[i]) || !where(self, pf_fmu_here.variables[references[i]], &at))
       return pf_fmi_say(self, PF_FMI_ERROR, "derivatives: value reference %lu cannot be %s",
                         (unsigned long)references[i], role);
-    total += pf_fmu_here.variables[references[i]].count;
+    total += pf_fmi_count(self, pf_fmu_here.variables[references[i]]);
   }
   if (total == n_values) return PF_FMI_OK;
   return pf_fmi_say(self, PF_FMI_ERROR, "derivatives: expected %lu values for %s, got %lu", (unsigned long)total, role,
@@ -35,7 +35,8 @@ static void scatter(const pf_fmi *self, const uint32_t *references, size_t n, co
     const pf_fmi_variable variable = pf_fmu_here.variables[references[i]];
     size_t at;
     (void)where(self, variable, &at);
-    for (uint32_t k = 0; k < variable.count; k++) self->seed[at + k] += *values++;
+    const uint32_t count = pf_fmi_count(self, variable);
+    for (uint32_t k = 0; k < count; k++) self->seed[at + k] += *values++;
   }
 }
 
@@ -44,7 +45,8 @@ static void gather(const pf_fmi *self, const uint32_t *references, size_t n, dou
     const pf_fmi_variable variable = pf_fmu_here.variables[references[i]];
     size_t at;
     (void)where(self, variable, &at);
-    for (uint32_t k = 0; k < variable.count; k++) *values++ = self->result[at + k];
+    const uint32_t count = pf_fmi_count(self, variable);
+    for (uint32_t k = 0; k < count; k++) *values++ = self->result[at + k];
   }
 }
 
@@ -103,7 +105,7 @@ static int rows_of(pf_fmi *self, uint32_t reference, size_t *first, size_t *coun
                (unsigned long)reference);
     return 0;
   }
-  *count = pf_fmu_here.variables[reference].count;
+  *count = pf_fmi_count(self, pf_fmu_here.variables[reference]);
   return 1;
 }
 
@@ -130,9 +132,10 @@ int pf_fmi_dependency(pf_fmi *self, uint32_t reference, size_t *dependent_elemen
       const size_t element = column < x ? column : column - x;
       for (uint32_t i = 1; i <= pf_fmu_here.n_variables; i++) {
         const pf_fmi_variable variable = pf_fmu_here.variables[i];
-        if (variable.kind != kind || element < variable.first || element >= variable.first + variable.count) continue;
+        const uint32_t width = pf_fmi_count(self, variable);
+        if (variable.kind != kind || element < variable.first || element >= variable.first + width) continue;
         independents[done] = i;
-        independent_elements[done] = variable.count == 1 ? 0 : element - variable.first + 1; /* from 1; 0: all */
+        independent_elements[done] = width == 1 ? 0 : element - variable.first + 1; /* from 1; 0: all */
         break;
       }
       dependent_elements[done++] = count == 1 ? 0 : row + 1;

@@ -142,8 +142,8 @@ int pf_fmi_set_time(pf_fmi *self, double t) {
 }
 
 static int fits(pf_fmi *self, const char *call, const void *values, size_t n) {
-  if (n == (size_t)self->model->n_x && (values || !n)) return 1;
-  pf_fmi_say(self, PF_FMI_ERROR, "%s: expected %d values, got %lu%s", call, self->model->n_x, (unsigned long)n,
+  if (n == pf_fmi_n_x(self) && (values || !n)) return 1;
+  pf_fmi_say(self, PF_FMI_ERROR, "%s: expected %d values, got %lu%s", call, (int)pf_fmi_n_x(self), (unsigned long)n,
              values ? "" : " at NULL");
   return 0;
 }
