@@ -140,6 +140,8 @@ def examined(path: Path, kind: str, records: str, *, isolated: bool = True) -> d
 
 def by_fmpy(path: Path, kind: str, names: list[str], table: np.ndarray) -> str:
     """How far FMPy's run is from this one; what it says where it makes none."""
+    if kind not in TYPES:
+        return "runs none"
     entries = [entry for entry in describe(path).of("output") if set(entry.labels) <= set(names)]
     begin, step = float(table[0, 0]), float(table[1, 0] - table[0, 0])
     try:

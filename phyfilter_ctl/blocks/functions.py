@@ -86,6 +86,8 @@ class BlockEvent:
         What the reset changes beside x; the event then happens at its next event too.
     completed : casadi.Function, optional
         (t, x, u, p) -> 1 where the event is to happen after this step of integration, 2 where the run is to end.
+    changed : casadi.Function, optional
+        (t, x, u, p) -> 1 where inputs jumped, which the event is to take in.
     """
 
     name: str
@@ -94,6 +96,7 @@ class BlockEvent:
     reset: ca.Function | None
     memory: Memory | None = None
     completed: ca.Function | None = None
+    changed: ca.Function | None = None
 
 
 @dataclass(frozen=True, eq=False)

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     import control as ct
 
     from .._sections import FloatArray
-    from ..fmi import CosimulationResponse, Isolation
+    from ..fmi import CosimulationResponse, FmuDescription, Isolation
 
 __all__ = ["add_arguments", "main"]
 
@@ -88,8 +88,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     run.add_argument(
         "--kind",
-        choices=("cs", "me"),
-        help="co-simulation, or model exchange, integrated here with its events (default: cs where it has it)",
+        choices=("cs", "me", "se"),
+        help="co-simulation; model exchange, integrated here with its events; or scheduled execution (default: the "
+        "first of these that it has)",
+    )
+    run.add_argument(
+        "--clock",
+        nargs="+",
+        default=[],
+        metavar="NAME=S[,S...]",
+        help="times in s at which a triggered clock ticks; interval in s of a clock that has none of its own",
     )
     run.add_argument("--out", metavar="FILE.csv", help="outputs over time; - for standard output")
     run.add_argument("--picture", metavar="FILE", help="outputs as png, pdf or svg")
@@ -185,7 +193,8 @@ def _run(options: argparse.Namespace) -> int:
     check_target(options.out)
     check_target(options.picture, suffixes=(".png", ".pdf", ".svg"))
     found = describe(options.file)
-    exchange = options.kind == "me" or (options.kind is None and "cs" not in found.kinds)
+    options.kind = options.kind or next((kind for kind in ("cs", "me", "se") if kind in found.kinds), "cs")
+    exchange = options.kind == "me"
     start = found.start_time or 0.0
     stop = next((s for s in (options.stop, found.stop_time) if s is not None), start + 1.0)
     step = options.step or (found.step if exchange else found.communication_step) or (stop - start) / 500.0
@@ -230,16 +239,21 @@ def _run(options: argparse.Namespace) -> int:
 
 
 def _cosimulated(options: argparse.Namespace, times: FloatArray) -> _Result:
-    from ..fmi import cosimulate, import_fmu
+    from ..fmi import cosimulate, describe, import_fmu
 
     inputs = {} if options.input is None else _inputs(options.input, times)
     isolated = _isolated(options)
     settings = dict(map(_setting, options.set))
     whole = options.file
-    if options.record is not None:
+    if options.record is not None or options.kind == "se":
         step = float(times[1] - times[0])
         whole = import_fmu(
-            whole, kind="cs", step=step, parameters=settings, outputs=options.record, isolated=isolated
+            whole,
+            kind=options.kind,
+            step=step,
+            parameters=settings,
+            outputs=options.record,
+            isolated=isolated,
         )
         settings = {}
     response = cosimulate(
@@ -250,6 +264,9 @@ def _cosimulated(options: argparse.Namespace, times: FloatArray) -> _Result:
         parameters={f"fmu.{name}": value for name, value in settings.items()},
         progress=options.out != "-",
         isolated=isolated,
+        clocks={
+            f"fmu.{name}": times for name, times in _clocks(options.clock, describe(options.file)).items()
+        },
     )
     return _of_cosimulation(response)
 
@@ -267,7 +284,7 @@ def _of_cosimulation(response: CosimulationResponse) -> _Result:
 
 
 def _exchanged(options: argparse.Namespace, times: FloatArray) -> _Result:
-    from ..fmi import FmuModel, import_fmu
+    from ..fmi import FmuModel, describe, import_fmu
     from ..simulation import simulate
 
     settings = dict(map(_setting, options.set))
@@ -278,6 +295,7 @@ def _exchanged(options: argparse.Namespace, times: FloatArray) -> _Result:
         start_time=float(times[0]),
         outputs=options.record,
         isolated=_isolated(options),
+        clocks=_clocks(options.clock, describe(options.file)),
     )
     assert isinstance(block, FmuModel)
     names, labels = block.labels
@@ -302,6 +320,20 @@ def _inputs(path: str, times: FloatArray) -> dict[str, FloatArray]:
 
     names, table = read_table(Path(path))
     return {name: np.interp(times, table[:, 0], table[:, i]) for i, name in enumerate(names) if i}
+
+
+def _clocks(texts: Sequence[str], description: FmuDescription) -> dict[str, float | list[float]]:
+    """Instants of triggered clocks, intervals of others."""
+    triggered = {clock.name for clock in description.clocks if clock.variability == "triggered"}
+    found: dict[str, float | list[float]] = {}
+    for text in texts:
+        name, _, numbers = text.partition("=")
+        try:
+            values = [float(word) for word in numbers.split(",")]
+        except ValueError as error:
+            raise ValueError(f"--clock: expected NAME=S or NAME=S,S,..., got {text!r}") from error
+        found[name] = values if name in triggered or len(values) > 1 else values[0]
+    return found
 
 
 def _setting(text: str) -> tuple[str, str]:

@@ -87,6 +87,8 @@ class FlatEvent:
         What the event changes beside x.
     completed : casadi.Function, optional
         (t, x, u, p, z) -> 1 where it is to happen after a step of integration, 2 where the run is to end.
+    changed : casadi.Function, optional
+        (t, x, u, p, z) -> 1 where inputs of its block jumped.
     """
 
     name: str
@@ -95,6 +97,7 @@ class FlatEvent:
     rows: int = 1
     memory: Memory | None = None
     completed: ca.Function | None = None
+    changed: ca.Function | None = None
 
 
 @dataclass(frozen=True, eq=False)

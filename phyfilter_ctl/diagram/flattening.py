@@ -387,12 +387,13 @@ def _events(
                 count = own.stop - own.start
                 rows = [symbols.x[: own.start], after[:count], symbols.x[own.stop :], after[count:]]
                 reset = build.function("reset", [row for row in rows if row.numel()])
-            completed = event.completed and build.function(
-                "completed", [call_block(wiring, symbols, i, event.completed, evaluation.values)]
+            completed, changed = (
+                asked and build.function(name, [call_block(wiring, symbols, i, asked, evaluation.values)])
+                for name, asked in (("completed", event.completed), ("changed", event.changed))
             )
             name = f"{block.path}.{event.name}" if prefix else event.name
             size = event.condition.size1_out(0)
-            events.append(FlatEvent(name, event.direction, reset, size, event.memory, completed))
+            events.append(FlatEvent(name, event.direction, reset, size, event.memory, completed, changed))
             conditions.append(call_block(wiring, symbols, i, event.condition, evaluation.values))
     return tuple(events), build.function("conditions", conditions) if events else None
 

@@ -3,6 +3,7 @@
 from .archive import ArchiveLimits
 from .check import check
 from .check_report import CheckReport, Finding
+from .clock_schedule import FmuClock
 from .cosimulation import CosimulationResponse, cosimulate
 from .cosimulation_wiring import Wire
 from .description import FmuExperiment, FmuSolver
@@ -30,6 +31,7 @@ __all__ = [
     "CutDiagram",
     "Finding",
     "FmuBlock",
+    "FmuClock",
     "FmuDescription",
     "FmuError",
     "FmuExperiment",

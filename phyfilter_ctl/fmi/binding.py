@@ -112,6 +112,65 @@ class _Loader(_FMU):
         return self
 
 
+class _Scheduled(fmi3.FMU3ScheduledExecution):
+    """Scheduled execution that hears what the FMU tells in its callback of clocks, one partition after another."""
+
+    def instantiate(
+        self, visible: bool = False, loggingOn: bool = False, logMessage: Any = None
+    ) -> None:  # FMPy's names
+        """Make the instance."""
+
+        def nothing() -> None:
+            """Partitions never run at the same time here."""
+
+        self.logMessage = fmi3.fmi3LogMessageCallback(logMessage)
+        self.clockUpdate = fmi3.fmi3ClockUpdateCallback(lambda _: self._hear())
+        self.lockPreemption = fmi3.fmi3LockPreemptionCallback(nothing)
+        self.unlockPreemption = fmi3.fmi3UnlockPreemptionCallback(nothing)
+        self._asked: tuple[list[int], list[int]] = [], []
+        self._told: dict[int, float] = {}
+        self._rung: list[int] = []
+        self._failed: Exception | None = None
+        self.component = self.fmi3InstantiateScheduledExecution(
+            self.instanceName.encode(), self.guid.encode(),
+            (os.path.join(self.unzipDirectory, "resources") + os.path.sep).encode(),
+            fmi3.fmi3Boolean(visible), fmi3.fmi3Boolean(loggingOn), fmi3.fmi3InstanceEnvironment(),
+            self.logMessage, self.clockUpdate, self.lockPreemption, self.unlockPreemption,
+        )  # fmt: skip
+        if not self.component:
+            raise RuntimeError("Instantiate answered NULL")
+
+    def activate(
+        self, clock: int, time: float, intervals: list[int], clocks: list[int]
+    ) -> tuple[list[tuple[int, float]], list[int]]:
+        """Activate a partition: new intervals of the first, by reference, and which of the second ticked."""
+        self._asked, self._told, self._rung, self._failed = (intervals, clocks), {}, [], None
+        self.activateModelPartition(clock, time)
+        self._hear()
+        if self._failed is not None:
+            raise self._failed
+        return list(self._told.items()), self._rung
+
+    def _hear(self) -> None:
+        intervals, clocks = self._asked
+        try:
+            if intervals:
+                count = len(intervals)
+                references = (ctypes.c_uint * count)(*intervals)
+                found, qualifiers = (ctypes.c_double * count)(), (ctypes.c_int * count)()
+                self.getIntervalDecimal(references, found, qualifiers)
+                self._told |= {
+                    reference: interval
+                    for reference, interval, qualifier in zip(intervals, found, qualifiers, strict=True)
+                    if qualifier == fmi3.fmi3IntervalChanged
+                }
+            if clocks:
+                on = self.getClock(clocks)
+                self._rung += [reference for reference, active in zip(clocks, on, strict=True) if active]
+        except Exception as error:  # an exception cannot pass through the FMU: it is raised behind it
+            self._failed = error
+
+
 _CLASSES: dict[tuple[str, str], Any] = {
     (fmi, kind): type(base.__name__, (base, _Loader), {})
     for fmi, kind, base in (
@@ -119,6 +178,7 @@ _CLASSES: dict[tuple[str, str], Any] = {
         ("2.0", "cs", fmi2.FMU2Slave),
         ("3.0", "me", fmi3.FMU3Model),
         ("3.0", "cs", fmi3.FMU3Slave),
+        ("3.0", "se", _Scheduled),
     )
 }
 
@@ -127,11 +187,12 @@ def bind(
     log: MessageLog,
     *,
     fmi: str,
-    kind: Literal["me", "cs"],
+    kind: Literal["me", "cs", "se"],
     folder: str,
     identifier: str,
     token: str,
     name: str,
+    event_mode: bool = False,
 ) -> Any:
     """An instance of an unpacked FMU: an object of FMPy's classes.
 
@@ -141,9 +202,11 @@ def bind(
         Must live as long as the instance.
     fmi : str
         "2.0" or "3.0".
-    kind : {"me", "cs"}
+    kind : {"me", "cs", "se"}
     folder, identifier, token, name : str
         Of the unpacked FMU, of the binary, GUID or instantiation token, of the instance.
+    event_mode : bool
+        Whether co-simulation is to use Event Mode, and may return early.
 
     Raises
     ------
@@ -164,7 +227,10 @@ def bind(
         if fmi == "2.0":
             fmu.instantiate(callbacks=fmi2_callbacks(log))
         else:
-            fmu.instantiate(logMessage=lambda _, status, category, text: log.add(status, category, text))
+            options = {"eventModeUsed": True, "earlyReturnAllowed": True} if event_mode else {}
+            fmu.instantiate(
+                logMessage=lambda _, status, category, text: log.add(status, category, text), **options
+            )
     except Exception as error:  # FMPy raises a bare exception where the FMU returns NULL
         fmu.freeLibrary()
         raise BindingError("Instantiate", log.latest() or str(error)) from error

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from .. import _signals
 from .._sections import FloatArray
 from .archive import ArchiveLimits
+from .clock_schedule import ClockTimes
 from .cosimulation_outside import Outside, Signal
 from .cosimulation_part import Part, StepControl, step_counts, step_problem
 from .cosimulation_parts import make_part
@@ -46,6 +47,8 @@ class CosimulationResponse(ct.TimeResponseData):
         What each part logged.
     master : str
         What made the steps: "C" or "Python", and for which parts C had to call Python, or why there was no C.
+    ticks : dict of str to (k,) array
+        By ``part.clock``: the times in seconds at which clocks of the FMUs ticked, those of the FMUs' own included.
     message : str
         "" where the run succeeded, else what happened and what to try; ``success`` says which.
     texts : dict of str to (k,) array of objects
@@ -66,6 +69,7 @@ class CosimulationResponse(ct.TimeResponseData):
         master: str = "",
         message: str = "",
         texts: Mapping[str, NDArray[np.object_]] | None = None,
+        ticks: Mapping[str, FloatArray] | None = None,
     ) -> None:
         super().__init__(
             time,
@@ -85,6 +89,7 @@ class CosimulationResponse(ct.TimeResponseData):
         self.messages: dict[str, tuple[str, ...]] = dict(messages or {})
         self.texts: dict[str, NDArray[np.object_]] = dict(texts or {})
         self.master: str = master
+        self.ticks: dict[str, FloatArray] = dict(ticks or {})
 
 
 def cosimulate(
@@ -107,6 +112,7 @@ def cosimulate(
     progress: bool = False,
     limits: ArchiveLimits | None = None,
     isolated: bool | Isolation = False,
+    clocks: ClockTimes | None = None,
 ) -> CosimulationResponse:
     """Run FMUs and python-control systems wired together.
 
@@ -115,6 +121,10 @@ def cosimulate(
 
     * Jacobi: the inputs at t_k, for all parts alike.
     * Gauss-Seidel: part after part, in order; a part sees the outputs at t_{k+1} of the parts before it.
+
+    Then events happen: clocks tick on the inputs at t_{k+1}, discrete inputs that changed are set in Event Mode, and
+    what that changes is handed on at once. Ticks in between, and events that an FMU with Event Mode stops at, are
+    handled where they occur, on the inputs held.
 
     Both are of first order in the communication step, and of second order with ``hold="first"``, where inputs follow
     lines over a step: through the last two outputs (extrapolated), through both ends of the step where these are known
@@ -167,6 +177,9 @@ def cosimulate(
     isolated : bool or Isolation
         Whether each FMU file runs in a process of its own, and within which limits of time. Blocks from
         :func:`import_fmu` run as they were imported.
+    clocks : dict of str to float or sequence of float, optional
+        By ``part.clock``: for clocks whose interval is the importer's to choose, that in seconds; for triggered ones
+        the times at which they tick. Periodic and countdown clocks tick as their FMU says.
 
     Returns
     -------
@@ -246,7 +259,9 @@ def cosimulate(
         elif isinstance(parts, CutDiagram):
             outside = {label: [Wire(sink, "") for sink in sinks] for label, sinks in parts.inputs.items()}
             parts, wires, names = parts.parts, [*parts.wires, *wires], parts.outputs
-        members = _members(stack, parts, parameters or {}, initial_state or {}, limits, isolated)
+        members = _members(
+            stack, parts, parameters or {}, initial_state or {}, limits, isolated, clocks or {}
+        )
         handed, numbers = text_wires(members, wires)
         wiring = wire_up(members, numbers, units=units)
         wanted = _wanted(members, outputs, names)
@@ -282,6 +297,7 @@ def _members(
     initial_state: Mapping[str, ArrayLike],
     limits: ArchiveLimits | None,
     isolated: bool | Isolation,
+    clocks: ClockTimes,
 ) -> list[Part]:
     if not parts:
         raise ValueError("parts: expected at least one")
@@ -289,6 +305,12 @@ def _members(
     if strange:
         raise ValueError(f"initial_state: {strange[0]!r} names no part; there are {list(parts)}")
     values = parameters_by_part(list(parts), parameters)
+    chosen: dict[str, dict[str, float | Sequence[float]]] = {name: {} for name in parts}
+    for key, given in clocks.items():
+        owner, _, clock = key.partition(".")
+        if owner not in chosen:
+            raise ValueError(f"clocks: {key!r} names no part; expected part.clock, of {list(parts)}")
+        chosen[owner][clock] = given
     members: list[Part] = []
     for name, thing in parts.items():
         part = make_part(
@@ -298,6 +320,7 @@ def _members(
             initial_state=initial_state.get(name),
             limits=limits,
             isolated=isolated,
+            clocks=chosen[name],
         )
         stack.callback(part.close)
         members.append(part)
@@ -378,4 +401,13 @@ def _response(run: Run, times: FloatArray, message: str) -> CosimulationResponse
         messages={part.name: part.messages() for part in run.parts},
         message=message,
         texts=run.texts.rows,
+        ticks=_ticks(run.parts),
     )
+
+
+def _ticks(parts: Sequence[Part]) -> dict[str, FloatArray]:
+    times: dict[str, list[float]] = {}
+    for part in parts:
+        for t, clock in part.ticks:
+            times.setdefault(f"{part.name}.{clock}", []).append(t)
+    return {name: np.array(found) for name, found in times.items()}

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Protocol
@@ -145,6 +145,20 @@ class Part(Protocol):
     def advance(self, t: float, h: float, *, final: bool) -> None:
         """Step from t to t + h; ``final`` where no state of a time before t will be restored."""
         ...
+
+    @property
+    def has_events(self) -> bool:
+        """Whether :meth:`happen` may do anything."""
+        return False
+
+    def happen(self, t: float) -> bool:
+        """Events that are due at t, on the inputs there; whether there were any."""
+        return False
+
+    @property
+    def ticks(self) -> Sequence[tuple[float, str]]:
+        """Time in seconds and name of each tick of a clock."""
+        return ()
 
     def save(self) -> object:
         """The state as it is now."""

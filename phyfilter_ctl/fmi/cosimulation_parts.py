@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .._sections import FloatArray
 from .archive import ArchiveLimits
+from .clock_schedule import ClockTimes
 from .cosimulation_model import ModelPart
 from .cosimulation_part import Part
 from .cosimulation_system import SystemPart
@@ -20,7 +21,7 @@ from .foreign import Isolation
 from .importing import import_fmu
 from .importing_model import FmuModel
 from .importing_steps import FmuSteps
-from .inspect import Scalar
+from .inspect import Kind, Scalar
 from .instance import FmuError, FmuInstance
 from .signals import Signals, recorded
 from .units import FmuUnit, understood_unit
@@ -42,7 +43,7 @@ class Slopes(NamedTuple):
 
 
 class FmuPart(Part):
-    """A co-simulation FMU.
+    """A co-simulation FMU, or one of scheduled execution.
 
     Parameters
     ----------
@@ -54,6 +55,9 @@ class FmuPart(Part):
         Parameters and start values.
     outputs : sequence of str, optional
         Names or patterns of what it puts out; None for the FMU's outputs.
+    clocks : dict of str to float or sequence of float, optional
+        Intervals of its clocks, instants of triggered ones.
+    kind : {"cs", "se"}
     """
 
     def __init__(
@@ -64,11 +68,13 @@ class FmuPart(Part):
         owned: bool,
         values: Mapping[str, Scalar],
         outputs: Sequence[str] | None = None,
+        clocks: ClockTimes | None = None,
+        kind: Kind = "cs",
     ) -> None:
         self.name = name
         values = by_element(fmu.description, values)
         self._fmu, self._owned, self._values = fmu, owned, values
-        self.instance: FmuInstance = FmuInstance(fmu, "cs", name)
+        self.instance: FmuInstance = FmuInstance(fmu, kind, name, clocks)
         self.input_signals: Signals = self.instance.signals("input")
         self.output_signals: Signals = Signals(recorded(fmu.description, outputs), fmu.description.fmi)
         self.inputs: tuple[str, ...] = self.input_signals.labels
@@ -187,6 +193,8 @@ class FmuPart(Part):
         """The loop in C cannot call another process, and looks at no items of enumerations."""
         if self.instance.source.isolation is not None:
             return "in a process of its own"
+        if self.has_events:
+            return "with events"
         return "with enumerations" * any(entry.items for entry in self._fmu.description.of("input"))
 
     def get_text(self, label: str) -> Opaque:
@@ -208,6 +216,21 @@ class FmuPart(Part):
     def advance(self, t: float, h: float, *, final: bool) -> None:
         """One step of the FMU."""
         self.instance.do_step(t, h, final=final)
+
+    @property
+    def has_events(self) -> bool:
+        """Clocks, or discrete inputs that wait for its Event Mode."""
+        return self.instance.event_mode or self.instance.kind == "se"
+
+    def happen(self, t: float) -> bool:
+        """Clocks that tick at t, and discrete inputs that changed."""
+        self.instance.time = t
+        return self.instance.happen()
+
+    @property
+    def ticks(self) -> Sequence[tuple[float, str]]:
+        """Time in seconds and name of each tick of a clock."""
+        return self.instance.ticks
 
     def save(self) -> object:
         """A state of the FMU."""
@@ -240,6 +263,7 @@ def make_part(
     initial_state: ArrayLike | None = None,
     limits: ArchiveLimits | None = None,
     isolated: bool | Isolation = False,
+    clocks: ClockTimes | None = None,
 ) -> Part:
     """A participant from what the user gave.
 
@@ -255,6 +279,8 @@ def make_part(
     limits : ArchiveLimits, optional
     isolated : bool or Isolation
         Of an FMU file: whether it runs in a process of its own.
+    clocks : dict of str to float or sequence of float, optional
+        Of an FMU.
 
     Raises
     ------
@@ -264,14 +290,31 @@ def make_part(
     owned = isinstance(thing, str | Path)
     if isinstance(thing, str | Path):
         fmu = UnpackedFmu(thing, limits=limits, isolated=isolated, structure=values)
-        if "cs" in fmu.description.kinds:
+        kinds = fmu.description.kinds
+        kind: Kind = "me" if "me" in kinds else "se"
+        if "cs" in kinds or not kinds:
+            kind = "cs"
+        if kind != "me":
             rest = {key: value for key, value in values.items() if key not in fmu.structure}
-            return _fmu_part(name, fmu, True, rest)
+            return _fmu_part(name, fmu, True, rest, None, clocks, kind)
         fmu.close()
-        thing = import_fmu(thing, kind="me", name=name, parameters=values, limits=limits, isolated=isolated)
-        values = {}
+        thing = import_fmu(
+            thing, kind="me", name=name, parameters=values, limits=limits, isolated=isolated, clocks=clocks
+        )
+        values, clocks = {}, None
     if isinstance(thing, FmuSteps):
-        return _fmu_part(name, thing.source, False, thing.values | dict(values), thing.patterns)
+        chosen = {**thing.clocks, **(clocks or {})}
+        return _fmu_part(
+            name,
+            thing.source,
+            False,
+            thing.values | dict(values),
+            thing.patterns,
+            chosen,
+            thing.instance.kind,
+        )
+    if clocks:
+        raise ValueError(f"clocks: {name} has none that can be given here; give them to import_fmu")
     if isinstance(thing, FmuModel) and thing.has_events and not values:
         return ModelPart(name, thing, owned=owned)
     if isinstance(thing, ct.InputOutputSystem):
@@ -288,9 +331,11 @@ def _fmu_part(
     owned: bool,
     values: Mapping[str, Scalar],
     outputs: Sequence[str] | None = None,
+    clocks: ClockTimes | None = None,
+    kind: Kind = "cs",
 ) -> FmuPart:
     try:
-        return FmuPart(name, fmu, owned=owned, values=values, outputs=outputs)
+        return FmuPart(name, fmu, owned=owned, values=values, outputs=outputs, clocks=clocks, kind=kind)
     except BaseException:
         if owned:
             fmu.close()

@@ -33,6 +33,7 @@ __all__ = ["Run"]
 
 # Forward differences around a loop, of an input's size: rounding and truncation are about alike.
 _DIFFERENCE = 1e-7
+_ROUNDS = 100  # of events at one instant, after which they count as endless
 # Step control: safety, and how much a step may change; the usual values.
 _SAFETY, _SHRINK, _GROW = 0.9, 0.2, 4.0
 
@@ -188,6 +189,7 @@ class Run:
             for part in self.parts:
                 part.begin()
             self.settle(start, fresh=True)
+            self._happen(start)
         except StuckError as error:
             raise ValueError(str(error)) from error
 
@@ -314,6 +316,7 @@ class Run:
         self.settle(end, fresh=self.first)
         if lines is not None:
             self._slope = (self.y - lines.y) / h
+        self._happen(end)
 
     def _lines(self, t: float, end: float) -> _Lines:
         outside = self.outside
@@ -341,6 +344,17 @@ class Run:
         if np.any(part.feedthrough):
             self.u[place] += (1.0 if part.interpolates else 0.5) * h * lines.slope[place]
             part.put(self.u[place])
+
+    def _happen(self, t: float) -> None:
+        """Events at a communication point, and those that their outputs set off elsewhere."""
+        for _ in range(_ROUNDS):
+            happened = [part.happen(t) for part in self.parts]  # of all of them, whichever comes first
+            if not any(happened):
+                return
+            self.settle(t)
+        raise StuckError(
+            f"events at t = {t:g} set off each other without end: look for a loop of discrete signals"
+        )
 
     def _equal_steps(self, t: float, end: float, step: float | None) -> None:
         points = np.linspace(t, end, int(step_counts(np.array([end - t]), step)[0]) + 1)

@@ -92,7 +92,7 @@ class ForeignFmu:
 
     component = COMPONENT
 
-    def __init__(self, log: MessageLog, isolation: Isolation, **what: str) -> None:
+    def __init__(self, log: MessageLog, isolation: Isolation, **what: object) -> None:
         self._log, self._isolation = log, isolation
         self._waiting: list[list[object]] = []
         self._arrays = b""

@@ -10,6 +10,7 @@ from typing import Literal
 import numpy as np
 
 from .archive import ArchiveLimits
+from .clock_schedule import ClockTimes
 from .foreign import Isolation
 from .importing_model import FmuModel
 from .importing_steps import FmuSteps
@@ -32,6 +33,7 @@ def import_fmu(
     outputs: Sequence[str] | None = None,
     limits: ArchiveLimits | None = None,
     isolated: bool | Isolation = False,
+    clocks: ClockTimes | None = None,
 ) -> FmuModel | FmuSteps:
     """Import an FMU (FMI 2.0 or 3.0) as a python-control system.
 
@@ -42,14 +44,15 @@ def import_fmu(
     Parameters
     ----------
     path : str or Path
-    kind : {"me", "cs"}, optional
+    kind : {"me", "cs", "se"}, optional
         Model exchange gives a continuous system (its states and derivatives are python-control's), co-simulation a
-        discrete one (the FMU integrates itself). None: model exchange if the FMU has it and has no event indicators.
+        discrete one (the FMU integrates itself), scheduled execution too (its partitions are activated as their clocks
+        tick). None: model exchange if the FMU has it and has no event indicators, else the first of the others.
     name : str, optional
         Of the block; the model's name by default.
     step : float, optional
-        Communication step in seconds of a co-simulation FMU; by default that of its default experiment, or its fixed
-        internal step.
+        Communication step in seconds of a co-simulation FMU; by default that of its default experiment, its fixed
+        internal step, or the shortest interval of a clock. Clocks tick in between too.
     parameters : dict of str to number, text or bytes, optional
         Values of parameters and start values; elements of arrays as ``a[0]``. Structural parameters are set before all
         else, and arrays have the lengths that follow.
@@ -68,6 +71,9 @@ def import_fmu(
         What the archive may hold at most.
     isolated : bool or Isolation
         Whether the FMU runs in a process of its own, and within which limits of time.
+    clocks : dict of str to float or sequence of float, optional
+        For clocks (FMI 3.0) whose interval is the importer's to choose, the interval in seconds; for triggered ones the
+        times at which they tick. Periodic and countdown clocks tick as the FMU says.
 
     Returns
     -------
@@ -89,8 +95,8 @@ def import_fmu(
     >>> simulate(ct.interconnect([block, controller]), timepts, inputs)             # doctest: +SKIP
     >>> ct.input_output_response(block, timepts, inputs, block.start_state)       # doctest: +SKIP
     """
-    if kind not in (None, "me", "cs"):
-        raise ValueError(f'kind: expected "me" or "cs", got {kind!r}')
+    if kind not in (None, "me", "cs", "se"):
+        raise ValueError(f'kind: expected "me", "cs" or "se", got {kind!r}')
     if events not in ("raise", "ignore"):
         raise ValueError(f'events: expected "raise" or "ignore", got {events!r}')
     fmu = UnpackedFmu(path, limits=limits, isolated=isolated, structure=parameters)
@@ -100,7 +106,7 @@ def import_fmu(
             continuous = "me" in description.kinds and not (
                 description.event_indicators and "cs" in description.kinds
             )
-            kind = "me" if continuous else "cs"
+            kind = "me" if continuous else "cs" if "cs" in description.kinds else "se"
         label = name or re.sub(r"\W", "_", description.name)
         _known(description, parameters or {})
         parameters = {key: value for key, value in (parameters or {}).items() if key not in fmu.structure}
@@ -113,6 +119,7 @@ def import_fmu(
                 tolerance=tolerance,
                 events=events,
                 outputs=outputs,
+                clocks=clocks,
             )
         dt = step or description.communication_step
         if dt is None or not 0.0 < dt < np.inf:
@@ -125,6 +132,8 @@ def import_fmu(
             start_time=start_time,
             tolerance=tolerance,
             outputs=outputs,
+            kind=kind,
+            clocks=clocks,
         )
     except BaseException:
         fmu.close()

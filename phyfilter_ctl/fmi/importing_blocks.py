@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 import control as ct
 
 from .._sections import FloatArray
+from .clock_schedule import ClockTimes
 from .inspect import FmuDescription, Kind, Scalar
 from .instance import FmuInstance
 from .signals import Signals, recorded
@@ -25,7 +26,7 @@ class FmuBlock(ct.NonlinearIOSystem, ABC):
     Parameters
     ----------
     fmu : UnpackedFmu
-    kind : {"me", "cs"}
+    kind : {"me", "cs", "se"}
     name : str
     parameters : dict of str to number or text
         Parameters and start values that differ from the FMU's.
@@ -39,6 +40,8 @@ class FmuBlock(ct.NonlinearIOSystem, ABC):
         Names.
     outputs : sequence of str, optional
         Names or patterns of the variables that it puts out; None for the FMU's outputs.
+    clocks : dict of str to float or sequence of float, optional
+        Intervals of its clocks, instants of triggered ones.
 
     Attributes
     ----------
@@ -65,15 +68,16 @@ class FmuBlock(ct.NonlinearIOSystem, ABC):
         dt: float,
         states: Sequence[str],
         outputs: Sequence[str] | None = None,
+        clocks: ClockTimes | None = None,
     ) -> None:
-        self._patterns = outputs
+        self._patterns, self._clocks = outputs, dict(clocks or {})
         self._fmu = fmu
         self._fixed = by_element(fmu.description, parameters)
         self._start_time = start_time
         self._tolerance = tolerance
-        self.instance: FmuInstance = FmuInstance(fmu, kind, name)
+        self.instance: FmuInstance = FmuInstance(fmu, kind, name, self._clocks)
         self._inputs, self._outputs = self._signals()
-        numbers = _parameters(self.description, kind)
+        numbers = _parameters(self.description)
         given = numbers_among(fmu.description, self._fixed)
         numbers |= {key: value for key, value in given.items() if key in numbers}
         # Integers of 64 bits have more digits than python-control's parameters.
@@ -132,6 +136,16 @@ class FmuBlock(ct.NonlinearIOSystem, ABC):
     def patterns(self) -> Sequence[str] | None:
         """Names or patterns of what it puts out; None for the FMU's outputs."""
         return self._patterns
+
+    @property
+    def clocks(self) -> ClockTimes:
+        """Intervals of clocks and instants of triggered ones that it was imported with."""
+        return self._clocks
+
+    @property
+    def ticks(self) -> tuple[tuple[float, str], ...]:
+        """Time in seconds and name of each tick of a clock of the FMU since the run began."""
+        return tuple(self.instance.ticks)
 
     @abstractmethod
     def _next(self, t: float, x: FloatArray, u: FloatArray, params: Mapping[str, float]) -> FloatArray:
@@ -193,14 +207,11 @@ def ct_names(labels: Sequence[str]) -> list[str]:
     return names
 
 
-def _parameters(description: FmuDescription, kind: Kind) -> dict[str, float]:
-    """Numeric parameters; in model exchange also the discrete inputs, which stay constant in continuous time."""
-    entries = list(description.of("parameter"))
-    if kind == "me":
-        entries += [entry for entry in description.of("input") if entry.variability != "continuous"]
+def _parameters(description: FmuDescription) -> dict[str, float]:
+    """Numeric parameters."""
     return {
         label: float(start)
-        for entry in entries
+        for entry in description.of("parameter")
         if entry.type.startswith(_NUMERIC)
         if len(entry.starts) == len(entry.labels)  # not so of arrays with another size than by default
         for label, start in zip(entry.labels, entry.starts, strict=True)

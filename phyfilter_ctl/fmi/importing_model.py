@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from .._sections import FloatArray
 from ..blocks.functions import BlockEvent, BlockFunctions, Variable
 from ..blocks.interpreted import Interpreted
+from .clock_schedule import ClockTimes
 from .importing_blocks import FmuBlock
 from .inspect import Scalar
 from .instance import FmuError
@@ -36,7 +37,7 @@ class FmuModel(FmuBlock):
     Parameters
     ----------
     fmu : UnpackedFmu
-    name, parameters, start_time, tolerance, events, outputs
+    name, parameters, start_time, tolerance, events, outputs, clocks
         As for :func:`import_fmu`.
 
     Attributes
@@ -52,6 +53,9 @@ class FmuModel(FmuBlock):
     :func:`simulate` runs it in any diagram, with its events. python-control's simulations evaluate x' = f(t, x, u) at
     times of their choice and know no events: with event indicators evaluation raises, and beyond a time event that
     the FMU announces, unless ``events="ignore"``.
+
+    Discrete inputs are set at events, which happen where they change. A clock that ticks at the instant of a jump of an
+    input (``interpolation="hold"``) sees what was held until then.
     """
 
     def __init__(
@@ -64,6 +68,7 @@ class FmuModel(FmuBlock):
         tolerance: float | None = None,
         events: Literal["raise", "ignore"] = "raise",
         outputs: Sequence[str] | None = None,
+        clocks: ClockTimes | None = None,
     ) -> None:
         super().__init__(
             fmu,
@@ -75,27 +80,42 @@ class FmuModel(FmuBlock):
             dt=0.0,
             states=fmu.description.state_labels,
             outputs=outputs,
+            clocks=clocks,
         )
         self._events: Literal["raise", "ignore"] = events
         self._restart(start_time, self.params)
-        self.start_state: FloatArray = self.instance.states()
-        self.start_state.flags.writeable = False
+        present = self._inputs.read(self.instance)
+        if self.instance.inputs is not None:
+            self.instance.inputs.adopt(present)
         starts = {
             label: float(value)
             for entry in self.description.of("input")
             for label, value in zip(entry.labels, entry.starts, strict=False)
             if len(entry.starts) == len(entry.labels) and not isinstance(value, str | bytes)
         }
-        present = zip(self._inputs.labels, self._inputs.read(self.instance).tolist(), strict=True)
-        self.start_inputs: FloatArray = np.array([starts.get(label, value) for label, value in present])
+        own = zip(self._inputs.labels, present.tolist(), strict=True)
+        self.start_inputs: FloatArray = np.array([starts.get(label, value) for label, value in own])
+        self._has_events: bool = (
+            self.description.event_indicators > 0
+            or self.instance.next_event is not None
+            or self.has_discrete_inputs
+            or len(self.instance.schedule.inputs) > 0
+        )
+        self.start_state: FloatArray = self.instance.states()
+        self.start_state.flags.writeable = False
         self._begins, self._latest = start_time, self.start_inputs
         self._start_values = {entry.name for entry in self.description.variables if entry.start}
         self.lock: threading.RLock = threading.RLock()
 
     @property
     def has_events(self) -> bool:
-        """Whether it announces any: by indicators, or a time."""
-        return self.description.event_indicators > 0 or self.instance.next_event is not None
+        """Whether it announces any: by indicators, a time, clocks, or discrete inputs."""
+        return self._has_events
+
+    @property
+    def has_discrete_inputs(self) -> bool:
+        """Whether inputs of it are taken in at events alone."""
+        return self.instance.inputs is not None and len(self.instance.inputs.discrete) > 0
 
     @property
     def functions(self) -> BlockFunctions:
@@ -192,18 +212,17 @@ class FmuModel(FmuBlock):
             tolerance=self._tolerance,
             events=self._events,
             outputs=self._patterns,
+            clocks=self.clocks,
         )
 
     def _signals(self) -> tuple[Signals, Signals]:
-        description = self.description
-        inputs = [entry for entry in description.of("input") if entry.variability == "continuous"]
-        for entry in recorded(description, self._patterns, numeric=False):
+        for entry in recorded(self.description, self._patterns, numeric=False):
             if entry.name in (self._patterns or ()):
                 raise ValueError(
                     f"outputs: {entry.name} is {entry.type}, which no signal of python-control can be; "
                     "cosimulate records it where the FMU has co-simulation"
                 )
-        return Signals(inputs, description.fmi), self._recorded()
+        return super()._signals()
 
     def _place(self, t: float, u: FloatArray, params: Mapping[str, float]) -> None:
         count = self.description.event_indicators
@@ -213,18 +232,25 @@ class FmuModel(FmuBlock):
                 'events. Use phyfilter_ctl.simulate, which does, or import it with kind="cs" if it has co-simulation, '
                 'or with events="ignore" where no event is reached'
             )
-        if not self._running or self._changed(params):
-            self._restart(self._start_time, params)
-        event = self.instance.next_event
-        if event is not None and t >= event and self._events == "raise":
+        u = np.asarray(u, dtype=float).reshape(-1)
+        inputs = self.instance.inputs
+        jumped = inputs is not None and self._running and inputs.would_change(u)
+        if not self._running or self._changed(params) or (jumped and t == self._start_time):
+            self._restart(self._start_time, params, None, u)
+            jumped = False
+        event = self.instance.next_time
+        if (jumped or t >= event) and self._events == "raise":
+            what = (
+                "a discrete input changes at" if jumped else f"it has a time event at t = {event:g}, before"
+            )
             raise FmuError(
                 self.instance.name,
                 "evaluate",
                 "refused",
-                f"it has a time event at t = {event:g}, before t = {t:g}, and python-control's simulation handles no "
-                'events: use phyfilter_ctl.simulate, which does, or import with events="ignore"',
+                f"{what} t = {t:g}, and python-control's simulation handles no events: use "
+                'phyfilter_ctl.simulate, which does, or import with events="ignore"',
             )
-        self._inputs.write(self.instance, np.asarray(u, dtype=float).reshape(-1))
+        self._inputs.write(self.instance, u)
 
     def _next(self, t: float, x: FloatArray, u: FloatArray, params: Mapping[str, float]) -> FloatArray:
         self._place(t, u, params)
@@ -257,8 +283,7 @@ class _FmuMemory:
     @property
     def next_event(self) -> float:
         """Time of the next event, inf for none."""
-        event = self._block.instance.next_event
-        return np.inf if event is None else event
+        return self._block.instance.next_time
 
     def restart(self, t: float) -> None:
         """The event that follows initialises the FMU at this time."""
@@ -296,6 +321,11 @@ class _FmuMemory:
         event, end = self._block.instance.complete_step()
         self._say(end, t)
         return np.array([2.0 if end else float(event)])
+
+    def changed(self, t: float, x: FloatArray, u: FloatArray, params: Mapping[str, float]) -> FloatArray:
+        """1 where discrete inputs differ from those that the FMU has."""
+        inputs = self._block.instance.inputs
+        return np.array([float(not self._fresh and inputs is not None and inputs.would_change(u))])
 
     def _answer(self, end: bool, t: float) -> FloatArray:
         self._say(end, t)
@@ -361,6 +391,7 @@ def _functions(block: FmuModel) -> BlockFunctions:
         callback("event", memory.happen, sizes[0] + 1),
         memory,
         callback("completed", memory.completed, 1) if wants_steps else None,
+        callback("changed", memory.changed, 1) if block.has_discrete_inputs else None,
     )
     return BlockFunctions(
         states=_variables(block, block.state_labels, block.start_state),

@@ -9,8 +9,9 @@ from numpy.typing import ArrayLike
 
 from .. import _signals
 from .._sections import FloatArray
+from .clock_schedule import ClockTimes
 from .importing_blocks import FmuBlock
-from .inspect import Scalar
+from .inspect import Kind, Scalar
 from .instance import FmuError
 from .unpacked import UnpackedFmu
 
@@ -23,7 +24,7 @@ _KEPT_STATES = 2
 
 
 class FmuSteps(FmuBlock):
-    """A co-simulation FMU as a discrete system; made by :func:`import_fmu`.
+    """A co-simulation FMU, or one of scheduled execution, as a discrete system; made by :func:`import_fmu`.
 
     The FMU keeps its state to itself. The one state of this system counts communication steps: x = k at
     t = t_0 + k dt, and the next x is k + 1 after one ``doStep``.
@@ -31,12 +32,15 @@ class FmuSteps(FmuBlock):
     Parameters
     ----------
     fmu : UnpackedFmu
-    name, step, parameters, start_time, tolerance, outputs
+    name, step, parameters, start_time, tolerance, outputs, kind, clocks
         As for :func:`import_fmu`.
 
     Notes
     -----
     * Outputs at step k see the inputs at step k where the FMU recomputes them on reading; else those of the step.
+    * Clocks that tick at the time of step k, and discrete inputs that changed, come into force as the step from there
+      begins, with the inputs of step k: outputs at step k know nothing of them yet. :func:`cosimulate` hands on what
+      they change at the instant itself.
     * From step 0 any run can be repeated: x = 0 initialises the FMU. Going back otherwise needs an FMU that can put
       back its state, and reaches one step; anything else raises and says so.
     * Fixed parameters change at x = 0 only, tunable ones at any step.
@@ -53,10 +57,12 @@ class FmuSteps(FmuBlock):
         start_time: float = 0.0,
         tolerance: float | None = None,
         outputs: Sequence[str] | None = None,
+        kind: Kind = "cs",
+        clocks: ClockTimes | None = None,
     ) -> None:
         super().__init__(
             fmu,
-            "cs",
+            kind,
             name=name,
             parameters=parameters or {},
             start_time=start_time,
@@ -64,6 +70,7 @@ class FmuSteps(FmuBlock):
             dt=step,
             states=["step"],
             outputs=outputs,
+            clocks=clocks,
         )
         self._h = step
         self._k = 0
@@ -79,6 +86,8 @@ class FmuSteps(FmuBlock):
             start_time=self._start_time,
             tolerance=self._tolerance,
             outputs=self.patterns,
+            kind=self.instance.kind,
+            clocks=self.clocks,
         )
 
     @property

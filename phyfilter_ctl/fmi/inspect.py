@@ -18,7 +18,9 @@ import numpy as np
 from fmpy.model_description import ModelDescription, ModelVariable
 from numpy.typing import NDArray
 
+from .abilities import FmuKind, read_kind
 from .archive import ArchiveLimits, parse_xml, read_entries, refuse_sizes
+from .clock_schedule import FmuClock, read_clocks
 from .documents import complete_initial, fmi_version, read_description, validate_description
 from .platforms import platforms_among
 from .units import FmuUnit
@@ -27,8 +29,8 @@ __all__ = ["FmuDescription", "FmuKind", "FmuVariable", "describe"]
 
 _BASE_UNITS = ("kg", "m", "s", "A", "K", "mol", "cd", "rad")
 Scalar = float | int | bool | str | bytes
-Kind = Literal["me", "cs"]
-_KINDS: dict[Kind, str] = {"me": "ModelExchange", "cs": "CoSimulation"}
+Kind = Literal["me", "cs", "se"]
+_KINDS: dict[Kind, str] = {"me": "ModelExchange", "cs": "CoSimulation", "se": "ScheduledExecution"}
 
 
 @dataclass(frozen=True)
@@ -52,6 +54,8 @@ class FmuVariable:
         Values that an enumeration may take; empty where they are not given.
     dimensions : tuple of str
         By axis the structural parameter that is its length; "" where the length is fixed.
+    clocks : tuple of str
+        Names of the clocks that it belongs to; empty where it is of no clock.
     """
 
     name: str
@@ -71,6 +75,7 @@ class FmuVariable:
     description: str = ""
     items: tuple[int, ...] = ()
     dimensions: tuple[str, ...] = ()
+    clocks: tuple[str, ...] = ()
 
     @property
     def labels(self) -> tuple[str, ...]:
@@ -100,45 +105,6 @@ class FmuVariable:
 
 
 @dataclass(frozen=True)
-class FmuKind:
-    """Capabilities of an FMU as model exchange or co-simulation.
-
-    Parameters
-    ----------
-    identifier : str
-        Stem of the binary's name.
-    state : bool
-        Its state can be taken and put back (needed for a rollback).
-    serialize : bool
-    directional_derivatives, adjoint_derivatives : bool
-    variable_step : bool
-        Co-simulation only: communication steps may differ.
-    interpolates : bool
-        Co-simulation of FMI 2.0 only: inputs may have slopes.
-    fixed_step : float or None
-        Communication steps must be multiples of this.
-    needs_tool : bool
-        It only runs beside the tool that made it.
-    once_per_process : bool
-        It has global data: two instances would share it.
-    completed_step : bool
-        Model exchange only: it is to be told of each completed step of integration.
-    """
-
-    identifier: str
-    state: bool = False
-    serialize: bool = False
-    directional_derivatives: bool = False
-    adjoint_derivatives: bool = False
-    variable_step: bool = True
-    interpolates: bool = False
-    fixed_step: float | None = None
-    needs_tool: bool = False
-    once_per_process: bool = False
-    completed_step: bool = True
-
-
-@dataclass(frozen=True)
 class FmuDescription:
     """What an FMU says of itself; made by :func:`describe`.
 
@@ -147,12 +113,14 @@ class FmuDescription:
     path, name, fmi, description, tool, generated, token : str
         File, model name, FMI version, one line, generating tool, date, GUID or instantiation token.
     kinds : dict of str to FmuKind
-        "me" and "cs", as far as it has them.
+        "me", "cs" and "se" (scheduled execution), as far as it has them.
     platforms : tuple of str
         With a binary, as ``x86_64-linux``.
     sources : bool
         Whether C sources are inside.
     variables : tuple of FmuVariable
+    clocks : tuple of FmuClock
+        When its clocks tick; they are among the variables too.
     units : dict of str to FmuUnit
     states, event_indicators : int
         Number of continuous states and of event indicators.
@@ -173,6 +141,7 @@ class FmuDescription:
     platforms: tuple[str, ...]
     sources: bool
     variables: tuple[FmuVariable, ...]
+    clocks: tuple[FmuClock, ...] = ()
     units: Mapping[str, FmuUnit] = field(default_factory=dict)
     states: int = 0
     event_indicators: int = 0
@@ -228,11 +197,13 @@ class FmuDescription:
 
     @property
     def communication_step(self) -> float | None:
-        """Seconds that suit its co-simulation: the default experiment's, in multiples of a fixed internal step."""
+        """Seconds that suit its co-simulation: the default experiment's, in multiples of a fixed internal step; else
+        the shortest interval of a clock."""
         kind = self.kinds.get("cs")
+        intervals = [clock.interval for clock in self.clocks if clock.interval]
         fixed = kind.fixed_step if kind else None
         if not fixed:
-            return self.step
+            return self.step or min(intervals, default=None)
         return fixed * max(1, round((self.step or fixed) / fixed))
 
     def as_json(self) -> str:
@@ -240,7 +211,7 @@ class FmuDescription:
         return json.dumps(dataclasses.asdict(self), indent=2, ensure_ascii=False, default=bytes.hex)
 
     def __str__(self) -> str:
-        kinds = ", ".join(f"{name} ({_abilities(kind)})" for name, kind in self.kinds.items())
+        kinds = ", ".join(f"{name} ({kind})" for name, kind in self.kinds.items())
         facts = {
             "file": f"{self.path}, {self.entries} entries, {self.size} bytes unpacked",
             "FMI": f"{self.fmi}, {kinds}",
@@ -316,7 +287,7 @@ def _described(
     kinds: dict[Kind, FmuKind] = {}
     for kind, tag in _KINDS.items():
         if (element := root.find(tag)) is not None:
-            kinds[kind] = _kind(element)
+            kinds[kind] = read_kind(element)
     experiment = model.defaultExperiment
     return FmuDescription(
         path=str(path),
@@ -326,6 +297,7 @@ def _described(
         platforms=platforms_among(names),
         sources=any(re.fullmatch(r"sources/.+\.(c|cc|cpp)", name) for name in names),
         variables=_with_derivatives(model, variables),
+        clocks=read_clocks(root),
         units={unit.name: _unit(unit) for unit in model.unitDefinitions if unit.name and unit.baseUnit},
         states=model.numberOfContinuousStates,
         event_indicators=model.numberOfEventIndicators,
@@ -390,6 +362,7 @@ def _variable(entry: ModelVariable, element: etree._Element) -> FmuVariable:
         description=entry.description or "",
         items=tuple(int(item.value or 0) for item in declared.items) if declared else (),
         dimensions=tuple(axis.variable.name if axis.variable else "" for axis in entry.dimensions),
+        clocks=tuple(str(getattr(clock, "name", clock)) for clock in entry.clocks or ()),
     )
 
 
@@ -405,29 +378,6 @@ def _start(kind: str, text: str | Sequence[str] | None) -> tuple[Scalar, ...]:
     return tuple(float(word) if kind.startswith("Float") else int(word) for word in words)
 
 
-def _kind(element: etree._Element) -> FmuKind:
-    """Capabilities from the XML itself: fmpy drops some of FMI 3.0's."""
-
-    def flag(*names: str) -> bool:
-        return any(element.get(name) in ("true", "1") for name in names)
-
-    fixed = element.get("fixedInternalStepSize")
-    return FmuKind(
-        identifier=element.get("modelIdentifier", ""),
-        state=flag("canGetAndSetFMUstate", "canGetAndSetFMUState"),
-        serialize=flag("canSerializeFMUstate", "canSerializeFMUState"),
-        directional_derivatives=flag("providesDirectionalDerivative", "providesDirectionalDerivatives"),
-        adjoint_derivatives=flag("providesAdjointDerivatives"),
-        variable_step=flag("canHandleVariableCommunicationStepSize"),
-        interpolates=flag("canInterpolateInputs"),
-        fixed_step=_number(fixed),
-        needs_tool=flag("needsExecutionTool"),
-        once_per_process=flag("canBeInstantiatedOnlyOncePerProcess"),
-        completed_step=not flag("completedIntegratorStepNotNeeded")
-        and element.get("needsCompletedIntegratorStep") not in ("false", "0"),
-    )
-
-
 def _unit(unit: object) -> FmuUnit:
     base = getattr(unit, "baseUnit", None)
     exponents = {name: int(getattr(base, name)) for name in _BASE_UNITS if getattr(base, name, 0)}
@@ -436,19 +386,6 @@ def _unit(unit: object) -> FmuUnit:
 
 def _number(text: str | float | None) -> float | None:
     return None if text is None else float(text)
-
-
-def _abilities(kind: FmuKind) -> str:
-    words = {
-        "state": kind.state,
-        "serialized state": kind.serialize,
-        "directional derivatives": kind.directional_derivatives,
-        "adjoint derivatives": kind.adjoint_derivatives,
-        "variable step": kind.variable_step,
-        "needs its tool": kind.needs_tool,
-        "one instance per process": kind.once_per_process,
-    }
-    return ", ".join(word for word, has in words.items() if has) or "no options"
 
 
 def _experiment(description: FmuDescription) -> str:

@@ -178,9 +178,11 @@ class FastMaster:
             Whether steps go by the error, at times that are not known before.
         """
         slow = [f"{part.name} ({part.in_python})" for part in run.parts if part.in_python]
-        library = _library() if len(slow) < len(run.parts) and not run.texts.there else None
+        events = any(part.has_events for part in run.parts)
+        here = len(slow) < len(run.parts) and not run.texts.there and not events
+        library = _library() if here else None
         if library is None:
-            why = "texts or bytes" if run.texts.there else "no C compiler for 64 bits"
+            why = "texts or bytes" if run.texts.there else "events" if events else "no C compiler for 64 bits"
             run.master = f"Python: {'no part that C runs' if len(slow) == len(run.parts) else why}"
             return None
         run.master = "C" + f", calling Python for {', '.join(slow)}" * bool(slow)

@@ -193,10 +193,24 @@ class Signals:
         ValueError
             If a value does not fit the type of its variable: nothing is set then.
         """
-        fitting = [self._fitting(vector[group.places], group) for group in self.groups]
+        fitting = self.check(vector)
         for (_, put, references, counts, values, view, _), numbers in zip(self.groups, fitting, strict=True):
             view[:] = numbers
             instance.call_raw(put, references, counts[0], values, *counts[1:])
+
+    def check(self, vector: FloatArray | NDArray[np.object_]) -> list[AnyArray]:
+        """The values by group, as the types at the FMU's side can hold them.
+
+        Parameters
+        ----------
+        vector : (len(self),) array
+
+        Raises
+        ------
+        ValueError
+            If a value does not fit the type of its variable.
+        """
+        return [self._fitting(vector[group.places], group) for group in self.groups]
 
     def _fitting(self, values: AnyArray, group: Group) -> AnyArray:
         """The values, if the type at the FMU's side can hold all of them."""

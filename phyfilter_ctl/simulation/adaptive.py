@@ -209,7 +209,11 @@ class Integrator:
             crossing = None if self.watch is None else self.watch.crossing(h, self._states)
             if crossing is not None:
                 later = min(t + crossing.part * h, later)
-            stop = int(np.searchsorted(times, later, side="left" if remembers else "right"))
+            # A time that is that of an event but for rounding is taken down after it.
+            before = later - _TIME_ROUNDING * abs(later)
+            stop = int(
+                np.searchsorted(times, before) if remembers else np.searchsorted(times, later, side="right")
+            )
             if stop > done:
                 inside[done:stop] = self._states((times[done:stop] - t) / h)
                 for row in range(done, stop) if remembers else ():
@@ -227,7 +231,7 @@ class Integrator:
                 raise StepError("the steps left would not do: given up", t, inside[:done])
             self._move(t, interval[0], u[0])
             self.held_inside[stop:] = self._z
-            due = self._asked(inside[:done]) or (self.watch is not None and later == self.watch.next_event)
+            due = self._asked(inside[:done]) or (self.watch is not None and self.watch.is_due(later))
             if crossing is not None or due:
                 self._settle(None if crossing is None else crossing.fired, inside[:done])
             done = self._note_outputs(t, inside, times, done)

@@ -153,6 +153,11 @@ class EventWatch:
             for i, event in enumerate(flat.events)
             if event.completed is not None
         ]
+        self._changed = [
+            (i, Call(_at_point(flat, event.changed), given))
+            for i, event in enumerate(flat.events)
+            if event.changed is not None
+        ]
         self._asked: set[int] = set()
         self._side: NDArray[np.float64] | None = None
         # Conditions that are 0 but for rounding and were not seen on their side yet.
@@ -166,6 +171,15 @@ class EventWatch:
     def next_event(self) -> float:
         """Time of the next event that is known beforehand; inf for none."""
         return min((memory.next_event for memory in self._flat.memories), default=np.inf)
+
+    def is_due(self, t: float) -> bool:
+        """Whether an event that is known beforehand happens at a time, but for rounding.
+
+        Parameters
+        ----------
+        t : float
+        """
+        return self.next_event <= t + _ROUNDING * abs(t)
 
     def begin(self) -> None:
         """Start what keeps something from event to event, and bring x to where it starts."""
@@ -331,7 +345,7 @@ class EventWatch:
             if answer:
                 self._asked.add(i)
             self._check_end(i, answer == 2.0)
-        return bool(self._asked)
+        return bool(self._asked) or bool(self._jumped())
 
     def _due(self, t: float) -> set[int]:
         soon = t + _ROUNDING * abs(t)
@@ -340,7 +354,10 @@ class EventWatch:
             for i, event in enumerate(self._flat.events)
             if event.memory is not None and event.memory.next_event <= soon
         }
-        return timed | self._asked
+        return timed | self._asked | self._jumped()
+
+    def _jumped(self) -> set[int]:
+        return {i for i, call in self._changed if float(call()[0].item()) == 1.0}
 
     def _happen(self, i: int) -> None:
         x, q, u, _, p, z = self._given

@@ -21,9 +21,10 @@ from fmpy import fmi3
 from fmpy.validation import validate_fmu
 
 from phyfilter_ctl.codegen.filter_model import filter_model
-from phyfilter_ctl.fmi import check
+from phyfilter_ctl.fmi import check, cosimulate, import_fmu
 from phyfilter_ctl.fmi.description import fmu_interface
 from phyfilter_ctl.fmi.export import export_fmu
+from phyfilter_ctl.simulation import simulate
 
 pytestmark = pytest.mark.slow
 ERROR = 3
@@ -223,3 +224,21 @@ def test_clocks_that_there_cannot_be(tmp_path):
     variables = fmu_interface(model, clocks=True).variables
     clock = next(i for i, v in enumerate(variables) if v.kind == "clock")
     assert [v.clock for v in variables if v.kind == "sampled"] == [clock]
+
+
+def test_the_importer_ticks_them_too():
+    """In co-simulation the same bits as by time events; in model exchange to the integrator's rounding."""
+    times = np.linspace(0.0, 0.2, 41)
+    plain, ticked = (
+        cosimulate({"f": path}, timepts=times, inputs={"f.goal": 1.0})
+        for path in (exported("loop", "3.0"), clocked())
+    )
+    assert plain.ticks == {}
+    for name, period in LOOP.items():
+        expected = period * np.arange(1, round(0.2 / period) + 1)
+        np.testing.assert_allclose(ticked.ticks[f"f.{name}"], expected, rtol=0.0, atol=1e-12)
+    assert np.array_equal(plain.outputs, ticked.outputs)
+    block = import_fmu(clocked(), kind="me")
+    goal = np.where([[label == "goal"] for label in block.input_labels], np.ones(len(times)), 0.0)
+    response = simulate(block, times, goal)
+    np.testing.assert_allclose(response.outputs, ticked.outputs, rtol=0.0, atol=1e-9)

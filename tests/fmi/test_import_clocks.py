@@ -1,0 +1,160 @@
+"""Clocks and discrete inputs of imported FMUs: ticks where FMI has them, by an FMU that refuses all others."""
+
+import numpy as np
+import pytest
+from foreign_clocks import clocks_fmu
+
+import phyfilter_ctl as pf
+from phyfilter_ctl.cli import main
+from phyfilter_ctl.fmi import FmuError, cosimulate, describe, import_fmu
+
+# By hand from the intervals in foreign/clocks.c; `rings` goes with every fifth tick.
+HAND = [0.05, 0.5]
+TICKS = {
+    "fast": np.arange(11) / 10,
+    "slow": [0.2, 0.4, 0.7],
+    "soon": [0.25],
+    "hand": HAND,
+    "rings": [0.2, 0.5, 0.8],
+}
+EXACT = 1e-12
+TIMES = np.linspace(0.0, 1.0, 11)
+
+
+def ticks_of(pairs):
+    """By clock."""
+    found = {}
+    for t, name in pairs:
+        found.setdefault(name, []).append(t)
+    return found
+
+
+def assert_ticked(found, prefix=""):
+    assert {name.removeprefix(prefix) for name in found} == set(TICKS)
+    for name, times in TICKS.items():
+        np.testing.assert_allclose(found[prefix + name], times, rtol=0.0, atol=EXACT, err_msg=name)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    return tmp_path_factory.mktemp("clocks")
+
+
+def stepped(t):
+    return 0.0 if t < 0.35 else 3.0
+
+
+@pytest.mark.parametrize("kind", ["cs", pytest.param("se", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("points", [11, pytest.param(5, marks=pytest.mark.slow)])
+def test_ticks_at_and_between_communication_points(folder, kind, points):
+    times = np.linspace(0.0, 1.0, points)
+    response = cosimulate(
+        {"fmu": clocks_fmu(folder, kind)}, timepts=times, clocks={"fmu.hand": HAND},
+        inputs={"fmu.u": 2.0, "fmu.sample": lambda t: t, "fmu.level": stepped},
+    )  # fmt: skip
+    assert response.success, response.message
+    assert_ticked(response.ticks, "fmu.")
+    y = dict(zip(response.output_labels, np.asarray(response.outputs), strict=True))
+    # A tick at a communication point sees the inputs there, one in between those held.
+    last = np.floor(10 * times + 1e-9) / 10
+    held = np.where(np.isclose(last, times), times, times - times[1])
+    held[0] = 0.0
+    np.testing.assert_allclose(y["fmu.held"], held, rtol=0.0, atol=EXACT)
+    assert y["fmu.ticks[0]"].tolist() == (np.floor(10 * times + 1e-9) + 1).tolist()
+    if kind == "cs":
+        np.testing.assert_allclose(y["fmu.x"], 2.0 * times, rtol=0.0, atol=EXACT)
+        assert y["fmu.seen"].tolist() == (times > 0.35).astype(float).tolist()
+
+
+@pytest.mark.parametrize("isolated", [False, pytest.param(True, marks=pytest.mark.slow)])
+def test_model_exchange_ticks_and_takes_discrete_inputs_in_events(folder, isolated):
+    """The FMU refuses times beyond a tick, and discrete inputs outside of Event Mode."""
+    block = import_fmu(
+        clocks_fmu(folder, "me"), clocks={"hand": HAND}, parameters={"jump_at": 0.33}, isolated=isolated
+    )
+    assert block.input_labels == ["u", "sample", "level"]
+    times = np.linspace(0.0, 1.0, 21)
+    level = np.where(times < 0.35, 0.0, 3.0)
+    inputs = np.array([np.full(21, 2.0), times, level])
+    response = pf.simulate(block, times, inputs, interpolation="hold")
+    assert response.success, response.message
+    assert_ticked(ticks_of(block.ticks))
+    x, held, seen, fast = response.outputs[:4]
+    np.testing.assert_allclose(x, 2.0 * times + (times > 0.33), rtol=0.0, atol=EXACT)
+    # A tick at the instant of a jump sees what was held until then.
+    before = np.maximum(np.floor(10 * times + 1e-9) / 10 - 0.05, 0.0)
+    np.testing.assert_allclose(held, before, rtol=0.0, atol=EXACT)
+    assert seen.tolist() == (times > 0.34).astype(float).tolist()
+    assert fast.tolist() == (np.floor(10 * times + 1e-9) + 1).tolist()
+    assert np.array_equal(pf.simulate(block, times, inputs, interpolation="hold").outputs, response.outputs)
+
+
+@pytest.mark.slow
+def test_python_control_is_told_what_it_cannot_run(folder):
+    block = import_fmu(clocks_fmu(folder, "me"), kind="me")
+    with pytest.raises(FmuError, match="time event at t = 0, before t = 0"):
+        block.dynamics(0.0, [0.0], [1.0, 0.0, 0.0])
+    free = import_fmu(clocks_fmu(folder, "me"), kind="me", events="ignore")
+    assert free.dynamics(0.0, [0.0], [1.5, 0.0, 0.0]) == [1.5]
+
+
+def test_what_clocks_cannot_be(folder):
+    clocks = {clock.name: clock for clock in describe(clocks_fmu(folder, own=True)).clocks}
+    assert clocks["slow"].shift == 0.2
+    assert (clocks["fast"].interval, clocks["soon"].interval) == (0.1, None)
+    path = clocks_fmu(folder, "cs")
+    for given, message in (
+        ({"fast": 0.2}, "'fast' has a constant interval"),
+        ({"hand": 0.2}, "hand is triggered: expected the times"),
+        ({"rings": [0.2]}, "'rings' is no input clock; there are fast, slow, soon, hand"),
+        ({"hand": [0.2, 0.1]}, "clocks: hand: expected increasing times"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            import_fmu(path, step=0.1, clocks=given)
+    with pytest.raises(ValueError, match=r"'ball\.c' names no part"):
+        cosimulate({"fmu": path}, timepts=TIMES, clocks={"ball.c": 0.1})
+    rigid = clocks_fmu(folder, "cs", variable_step=False)
+    with pytest.raises(FmuError, match=r"hand: ticks at t = 0.05, inside a communication step.*all equal"):
+        cosimulate({"fmu": rigid}, timepts=TIMES, clocks={"fmu.hand": HAND})
+
+
+@pytest.mark.slow
+def test_an_interval_of_the_importers(folder):
+    for kind in ("cs", "se"):
+        path = clocks_fmu(folder, kind, own=True)
+        response = cosimulate({"fmu": path}, timepts=TIMES, clocks={"fmu.own": 0.3})
+        np.testing.assert_allclose(response.ticks["fmu.own"], np.arange(4) * 0.3, rtol=0.0, atol=EXACT)
+        with pytest.raises(FmuError, match="own: nobody has told the interval; give it by clocks="):
+            cosimulate({"fmu": path}, timepts=TIMES)
+
+
+def test_an_event_inside_a_step_is_handled_there(folder):
+    """Early return at 0.33, Event Mode, and on; later steps see the jump."""
+    path = clocks_fmu(folder, "cs")
+    response = cosimulate(
+        {"fmu": path}, timepts=TIMES, inputs={"fmu.u": 1.0}, parameters={"fmu.jump_at": 0.33}
+    )
+    np.testing.assert_allclose(response.outputs[0], TIMES + (TIMES > 0.33), rtol=0.0, atol=EXACT)
+
+
+@pytest.mark.slow
+def test_from_the_command_line(folder, capsys):
+    assert (
+        main(
+            [
+                "fmu",
+                "run",
+                str(clocks_fmu(folder, "se")),
+                "--step",
+                "0.1",
+                "--clock",
+                "hand=0.05,0.5",
+                "--out",
+                "-",
+            ]
+        )
+        == 0
+    )
+    rows = [line.split(",") for line in capsys.readouterr().out.splitlines()]
+    hands = rows[0].index("ticks[3]")
+    assert [float(row[hands]) for row in rows[1:]] == [0.0, *[1.0] * 4, *[2.0] * 6]
