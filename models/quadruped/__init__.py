@@ -34,6 +34,7 @@ _EXAMPLES = """examples:
   phyfilter-ctl run quadruped --stance                             # the joint loop of the standing robot, linear
   phyfilter-ctl run quadruped --cosimulate                         # robot and joint loop as FMUs (needs a C compiler)
   phyfilter-ctl run quadruped --train --seed 7 --filter --out filter-7.json
+  phyfilter-ctl run quadruped --robustness --policies folder       # Go1, all arms and seeds, with intervals
   phyfilter-ctl run quadruped --train --robot go1 --velocity 3 --full --checkpoint go1.npz
   phyfilter-ctl run quadruped --train --measure                    # steps per second, with learning
   phyfilter-ctl run quadruped --policy filter-7.json               # judge a policy of one's own"""
@@ -70,17 +71,29 @@ def add_arguments(parser: ArgumentParser) -> None:
         "--choose", action="store_true", help="compare variants of the filter on validation walks"
     )
     job.add_argument(
+        "--robustness",
+        action="store_true",
+        help="policies of --robot, trained with several seeds, under everything that they may meet",
+    )
+    job.add_argument(
         "--stance", action="store_true", help="loop transfer functions of the standing robot instead"
     )
     job.add_argument(
         "--cosimulate", action="store_true", help="a walk as FMUs, robot and joint loop, instead"
     )
     job.add_argument("--train", action="store_true", help="train a policy instead")
+    parser.add_argument(
+        "--robot",
+        metavar="NAME",
+        help="of --train (default lite3-primitives) and --robustness (default go1)",
+    )
+    parser.add_argument(
+        "--policies",
+        metavar="FOLDER",
+        help="of --robustness: base-0.json, filter-0.json, basefull-0.json, ...",
+    )
     training = parser.add_argument_group("training")
     training.add_argument("--seed", type=int, default=0, metavar="N", help="of training (default 0)")
-    training.add_argument(
-        "--robot", default="lite3-primitives", metavar="NAME", help="lite3-primitives (default) or go1"
-    )
     training.add_argument("--filter", action="store_true", help="with the paper's filter in the loop")
     training.add_argument(
         "--full", action="store_true", help="full domain randomisation: loads, weak motors, pushes"
@@ -123,9 +136,11 @@ def main(options: Namespace) -> int:
     check_target(options.out, suffixes=(".json",))
     check_target(options.checkpoint, suffixes=(".npz",))
     check_target(options.animation, suffixes=(".gif",))
-    chosen = (
-        name for name in ("train", "choose", "stance", "cosimulate", "animation") if getattr(options, name)
-    )
+    if (options.robot and not (options.train or options.robustness)) or (
+        options.policies and not options.robustness
+    ):
+        raise ValueError("--robot goes with --train or --robustness, --policies with --robustness")
+    chosen = (name for name in _JOBS if getattr(options, name, False))
     try:
         _JOBS[next(chosen, "compare")](options, outputs)
     except ImportError as error:  # the command line shows one line, and which extra
@@ -224,6 +239,26 @@ def _choose(options: Namespace, outputs: Outputs) -> None:
     outputs.publish(choice.table(found), choice.figures(found))
 
 
+def _robustness(options: Namespace, outputs: Outputs) -> None:
+    from . import robustness
+
+    robot, quick = options.robot or "go1", options.quick
+    folder = None if options.policies is None else Path(options.policies)
+    found = robustness.policies(robot, folder=folder)
+    wanted = robustness.conditions(robot, quick=quick)
+    grounds = sum(len(entry.terrains) for entry in wanted)
+    with outputs.progress(1 + grounds) as say:
+        judged = robustness.judge(
+            found,
+            wanted,
+            starts=1 if quick else 4,
+            duration=2.0 if quick else None,
+            report=say,
+            threads=options.threads,
+        )
+    outputs.publish(robustness.table(judged), robustness.figures(judged))
+
+
 def _stance(options: Namespace, outputs: Outputs) -> None:
     from . import stance
     from .stance_picture import draw
@@ -249,7 +284,7 @@ def _train(options: Namespace, outputs: Outputs) -> None:
         _filter(options),
         iterations=options.iterations,
         velocity=options.velocity,
-        robot=options.robot,
+        robot=options.robot or "lite3-primitives",
         full=options.full,
     )
     if options.measure:
@@ -272,11 +307,13 @@ def _train(options: Namespace, outputs: Outputs) -> None:
     outputs.publish(table, dict(record))
 
 
+# In the order in which they are looked for; without any: compare.
 _JOBS = {
-    "compare": _compare,
-    "animation": _animate,
+    "train": _train,
     "choose": _choose,
+    "robustness": _robustness,
     "stance": _stance,
     "cosimulate": _cosimulate,
-    "train": _train,
+    "animation": _animate,
+    "compare": _compare,
 }

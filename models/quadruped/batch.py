@@ -219,9 +219,10 @@ class Batch:
         return self._touch[:, self._sensors]
 
     @property
-    def feet(self) -> FloatArray:
-        """Centres of the feet at the step before, (E, 4, 3) m."""
-        return self._pool.bind("geom_xpos")[:, self._feet]
+    def lift(self) -> FloatArray:
+        """Heights of the soles above the ground at the step before, (E, 4) m."""
+        x, y, z = np.moveaxis(self._pool.bind("geom_xpos")[:, self._feet], -1, 0)
+        return z - self.parameters.robot.foot_radius - self.terrain.height(x, y)
 
     @property
     def contact(self) -> FloatArray:

@@ -34,7 +34,7 @@ __all__ = [
 
 FloatArray = NDArray[np.float64]
 
-TERRAINS: tuple[Kind, ...] = KINDS[1:]
+TERRAINS: tuple[Kind, ...] = KINDS[1:5]
 
 
 @dataclass(frozen=True)

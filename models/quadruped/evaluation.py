@@ -19,7 +19,7 @@ from .gait import following, sent, trot
 from .loop import FilterChoice, JointLoop, advance
 from .params import Params, params
 from .policy import ACTIONS, Policy, blurred, observe
-from .robot import check_payload
+from .robot import GRAVITY, check_payload
 from .terrain import Terrain
 
 __all__ = ["Case", "Group", "Outcome", "Trace", "phases", "recorded", "walk"]
@@ -42,6 +42,8 @@ _HEADING, _TURN = 1.0, 0.5
 # Pushes begin here, s; so far to the side do robots of one batch start, m.
 _PUSH_AT = 5.0
 _ASIDE = 1.0
+# A foot swings higher than this part of its heights; way below which a robot stood, m.
+_SWINGS, _NOWHERE = 0.95, 0.1
 
 
 @dataclass(frozen=True)
@@ -133,6 +135,11 @@ class Outcome:
         Along x, until the fall, m.
     estimate : array
         Mean of |f_hat| over joints and time, N m.
+    clearance : array
+        Height above the ground that a foot exceeds in a twentieth of the time, mean of the feet, m; nan for a fall.
+    transport : array
+        Cost of transport: positive mechanical work of the motors over weight, payload included, times way; nan for a
+        fall.
     trace : Trace
     """
 
@@ -141,6 +148,8 @@ class Outcome:
     fallen: NDArray[np.bool_]
     distance: FloatArray
     estimate: FloatArray
+    clearance: FloatArray
+    transport: FloatArray
     trace: Trace
 
     @property
@@ -236,10 +245,17 @@ def walk(
     count = round((p.test.duration if duration is None else duration) / step)
     skipped = min(round(p.test.left_out / step), count // 2)
     velocity, estimate = np.zeros((count, crowd.size)), np.zeros(crowd.size)
+    lifted = np.zeros((count, crowd.size, len(p.robot.feet)))
+    work = np.zeros(crowd.size)
+
+    def spend(torque: FloatArray) -> None:
+        work[:] += p.control.dt * np.maximum(torque * crowd.batch.qd, 0.0).sum(axis=1)
+
     f_hat: list[FloatArray] = []
     qpos: list[FloatArray] = []
     for k in range(count):
-        crowd.step(k * step)
+        crowd.step(k * step, spend if k >= skipped else None)
+        lifted[k] = crowd.batch.lift
         velocity[k] = np.where(crowd.fallen, 0.0, crowd.motion.velocity[:, 0])
         now = np.concatenate([loop.f_hat for loop in crowd.loops])
         estimate += np.abs(now).mean(axis=1) / count
@@ -250,6 +266,11 @@ def walk(
     scored = velocity[skipped:]
     error = np.abs(np.where(crowd.fallen, 0.0, scored.mean(axis=0)) - crowd.speed)
     ripple = np.where(crowd.fallen, np.nan, scored.std(axis=0))
+    # A robot that goes nowhere has no cost of transport.
+    way = np.maximum(step * len(scored) * np.abs(scored.mean(axis=0)), _NOWHERE)
+    transport = np.where(crowd.fallen, np.nan, work / (GRAVITY * (p.robot.mass + crowd.payload) * way))
+    clearance = np.quantile(lifted[skipped:], _SWINGS, axis=0).mean(axis=1)
+    clearance[crowd.fallen] = np.nan
     time = np.array([step * (k + 1) for k in range(len(f_hat))])
     estimates, poses = np.array(f_hat), np.array(qpos)
     found = []
@@ -257,8 +278,10 @@ def walk(
         of = slice(k * len(cases), (k + 1) * len(cases))
         trace = Trace(time, velocity[: len(time), crowd.shown[of]], estimates[:, of], poses[:, of])
         fallen = crowd.fallen[rows].reshape(shape)
-        a, b, c, d = (v[rows].reshape(shape) for v in (error, ripple, crowd.distance, estimate))
-        found.append(Outcome(a, b, fallen, c, d, trace))
+        a, b, c, d, e, f = (
+            v[rows].reshape(shape) for v in (error, ripple, crowd.distance, estimate, clearance, transport)
+        )
+        found.append(Outcome(a, b, fallen, c, d, e, f, trace))
     return found
 
 
@@ -334,7 +357,8 @@ class _Crowd:
         self._push = self._push * np.where(sides & (index[2] % 2 == 1), -1.0, 1.0)
         self._towards = np.array([_TOWARDS[entry.push_from] for entry in cases])[case]
         self.batch = Batch(self.size, terrain=terrain, threads=threads, parameters=self.parameters)
-        self.batch.set_payload(np.array([entry.payload for entry in cases])[case])
+        self.payload = np.array([entry.payload for entry in cases])[case]
+        self.batch.set_payload(self.payload)
         # Every robot of a group starts at another place of the lane.
         each = np.array([max(1, len(group.policies) * len(start) - 1) for group in groups])[member]
         place = np.zeros((self.size, 3))

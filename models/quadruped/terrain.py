@@ -1,4 +1,4 @@
-"""Grounds: flat, stairs, rough, wave, gravel. Robots walk along +x from the origin; the first metre is flat.
+"""Grounds, flat and others. Robots walk along +x from the origin; the first metre is flat.
 
 Heights are given on a grid that MuJoCo reads as a height field; stairs are boxes, for their edges. Difficulty d is in
 [0, 1]:
@@ -7,6 +7,8 @@ Heights are given on a grid that MuJoCo reads as a height field; stairs are boxe
     rough    uniform heights of up to 0.02 + 0.12 d m on a grid of 0.20 m, linear between
     wave     sum of two sines along x and y, each of amplitude 0.015 + 0.04 d m and length 1.2 m
     gravel   uniform heights of up to 0.01 + 0.05 d m on a grid of 0.06 m, as stones, and friction falls to 0.8 - 0.3 d
+    tall     stairs with risers of 0.06 + 0.11 d m
+    slope    up at 20 d degrees, descent: down at as many
 """
 
 from __future__ import annotations
@@ -22,7 +24,7 @@ from scipy.interpolate import RegularGridInterpolator
 __all__ = ["KINDS", "Kind", "Terrain"]
 
 FloatArray = NDArray[np.float64]
-Kind = Literal["flat", "stairs", "rough", "wave", "gravel"]
+Kind = Literal["flat", "stairs", "rough", "wave", "gravel", "tall", "slope", "descent"]
 KINDS: tuple[Kind, ...] = get_args(Kind)
 
 # Grid of the height fields, m; robots that leave the lane leave the field.
@@ -32,6 +34,7 @@ _FLAT, _BLEND = 1.0, 0.5
 _TREAD = 0.3
 _STEPS = 36
 _WAVE = 1.2
+_STEEPEST = 20.0
 _ROUGH_GRID = 0.2
 
 
@@ -41,7 +44,7 @@ class Terrain:
 
     Parameters
     ----------
-    kind : {"flat", "stairs", "rough", "wave", "gravel"}
+    kind : {"flat", "stairs", "rough", "wave", "gravel", "tall", "slope", "descent"}
     difficulty : float
         In [0, 1].
     seed : int
@@ -73,7 +76,8 @@ class Terrain:
     @property
     def riser(self) -> float:
         """Of one stair, m."""
-        return 0.01 + 0.05 * self.difficulty if self.kind == "stairs" else 0.0
+        d = self.difficulty
+        return {"stairs": 0.01 + 0.05 * d, "tall": 0.06 + 0.11 * d}.get(self.kind, 0.0)
 
     @property
     def friction(self) -> float:
@@ -94,6 +98,9 @@ class Terrain:
             z = np.round((0.015 + 0.04 * d) * (np.sin(k * x) + np.sin(k * y + 1.0)[:, None]), 6)
         elif self.kind == "gravel":
             z = rng.uniform(0.0, 0.01 + 0.05 * d, (len(y), len(x)))
+        elif self.kind in ("slope", "descent"):
+            rise = round(float(np.tan(np.radians(_STEEPEST * d))), 6) * np.maximum(x - _FLAT, 0.0)
+            return x, y, np.tile(rise if self.kind == "slope" else -rise, (len(y), 1))
         else:
             z = np.zeros((len(y), len(x)))
         fade = np.clip((x - _FLAT) / _BLEND, 0.0, 1.0)
@@ -115,7 +122,7 @@ class Terrain:
         px, py = np.broadcast_arrays(np.asarray(x, dtype=float), np.asarray(y, dtype=float))
         if self.kind == "flat":
             return np.zeros(px.shape)
-        if self.kind == "stairs":
+        if self.riser:
             return self.riser * np.clip(np.floor((px - _FLAT) / _TREAD) + 1.0, 0.0, _STEPS)
         gx, gy, _ = self.grid
         points = np.stack([np.clip(py, gy[0], gy[-1]), np.clip(px, gx[0], gx[-1])], axis=-1)
@@ -131,7 +138,7 @@ class Terrain:
         common = 'contype="1" conaffinity="0" material="ground" rgba="1 1 1 1"'
         if self.kind == "flat":
             return "", f'<geom name="ground" type="plane" size="0 0 1" {common}/>\n'
-        if self.kind == "stairs":
+        if self.riser:
             return "", self._stairs(common)
         x, y, z = self.grid
         low, span = float(z.min()), max(float(np.ptp(z)), 1e-6)

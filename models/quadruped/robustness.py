@@ -1,0 +1,334 @@
+"""What policies of one robot bear: loads, speeds, weak and dead motors, pushes, slopes, stairs, random grounds.
+
+Policies of several trainings with the same seeds are compared seed by seed: every figure is a mean over the walks of
+one policy, every interval one over policies, and differences are of the same seed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from phyfilter_ctl.study import Report, median_interval, silent
+
+from .evaluation import Case, Group, Outcome, phases, walk
+from .loop import FilterChoice, paper_filter
+from .methods import IMPROVED
+from .params import params
+from .policy import FOLDER, Policy, load
+from .terrain import Kind, Terrain
+
+__all__ = [
+    "ARMS",
+    "FIGURES",
+    "Arm",
+    "Condition",
+    "Judged",
+    "conditions",
+    "figures",
+    "judge",
+    "policies",
+    "table",
+]
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Arm:
+    """What walks.
+
+    Attributes
+    ----------
+    label : str
+    family : str
+        Which training.
+    choice : FilterChoice, optional
+        The filter while walking; None: none.
+    """
+
+    label: str
+    family: str
+    choice: FilterChoice | None = None
+
+
+# The first one is what the others are compared with.
+ARMS: dict[str, Arm] = {
+    "base": Arm("no filter, in training or test", "base"),
+    "put_on": Arm("base policies, paper's filter put on, contact left out of g", "base", paper_filter()),
+    "put_known": Arm("base policies, paper's filter, true contact in g", "base", paper_filter("known")),
+    "put_est": Arm(
+        "base policies, paper's filter, estimated contact in g", "base", paper_filter("estimated")
+    ),
+    "filter": Arm("trained with the paper's filter, contact left out of g", "filter", paper_filter()),
+    "known": Arm("the same policies, true contact in g", "filter", paper_filter("known")),
+    "est": Arm("the same policies, estimated contact in g", "filter", paper_filter("estimated")),
+    "improved": Arm("the same policies, improved filter", "filter", IMPROVED),
+    "off": Arm("the same policies, filter off", "filter"),
+    "full": Arm("full domain randomisation, no filter", "basefull"),
+}
+# Of an outcome, and how they are printed: what they are, factor, digits.
+FIGURES = {
+    "fallen": ("falls, %", 100.0, 0),
+    "error": ("velocity error |mean v - command|, cm/s", 100.0, 1),
+    "ripple": ("ripple of the velocity, cm/s", 100.0, 1),
+    "clearance": ("foot clearance, mm", 1000.0, 0),
+    "transport": ("cost of transport, positive work", 1.0, 2),
+}
+
+
+@dataclass(frozen=True)
+class Condition:
+    """One row of the table.
+
+    Attributes
+    ----------
+    label : str
+    case : Case
+    terrains : tuple of Terrain
+        Each is walked on; none: flat ground, from every phase of the gait.
+    """
+
+    label: str
+    case: Case
+    terrains: tuple[Terrain, ...] = ()
+
+
+def conditions(robot: str, *, quick: bool = False) -> tuple[Condition, ...]:
+    """The rows of the table.
+
+    Parameters
+    ----------
+    robot : str
+        Of ``params.ROBOTS``.
+    quick : bool
+        A few.
+    """
+    p = params(robot)
+    weight, weak = p.robot.mass, p.test.strength
+
+    def flat(label: str, part: float = 0.0, speed: float = 1.0, **rest: object) -> Condition:
+        return Condition(label, Case(part * weight, speed, robot=robot, **rest))  # pyright: ignore[reportArgumentType]
+
+    def on(label: str, kind: Kind, difficulty: float, seeds: int = 1, speed: float = 1.0) -> Condition:
+        grounds = tuple(Terrain(kind, difficulty, seed) for seed in range(seeds))
+        return Condition(label, Case(speed=speed, robot=robot), grounds)
+
+    if quick:
+        return flat("nothing"), flat("payload 60 %", 0.6), on("rough 0.3", "rough", 0.3)
+    leg = p.robot.joints[:3]
+    return (
+        *(flat(f"payload {100 * part:.0f} %", part) for part in (0.0, 0.15, 0.3, 0.45, 0.6, 0.75, 0.9)),
+        *(flat(f"{speed:g} m/s", speed=speed) for speed in (0.5, 1.5, 2.0, 2.4, 2.83)),
+        *(
+            flat(f"{100 * part:.0f} %, {v:g} m/s", part, v)
+            for part, v in ((0.3, 1.5), (0.3, 2.0), (0.6, 1.5), (0.6, 2.0))
+        ),
+        *(
+            flat(f"motors {100 * weak:.0f} %, payload {100 * part:.0f} %", part, strength=weak)
+            for part in (0.0, 0.3, 0.6)
+        ),
+        *(flat(f"no motor at {name}, 0.5 m/s", speed=0.5, disabled=name) for name in leg),
+        *(
+            flat(f"push from the {side}", push=p.push.force, push_from=side)
+            for side in ("left", "right", "front", "back")
+        ),
+        *(on(f"up {20 * d:g} degrees, 0.5 m/s", "slope", d, speed=0.5) for d in (0.25, 0.5, 0.75)),
+        *(on(f"down {20 * d:g} degrees, 0.5 m/s", "descent", d, speed=0.5) for d in (0.25, 0.5)),
+        *(on(f"stairs {rise} cm", "tall", (rise - 6.0) / 11.0) for rise in (6, 10, 14, 17)),
+        *(on(f"{kind} {d:g}, 10 grounds", kind, d, 10) for kind in ("rough", "wave") for d in (0.2, 0.5)),
+        *(on(f"gravel {d:g}", "gravel", d, 2) for d in (0.5, 1.0)),
+    )
+
+
+def policies(robot: str, *, folder: Path | None = None) -> dict[str, tuple[Policy, ...]]:
+    """The policies of each training, seeds that all of them have.
+
+    Parameters
+    ----------
+    robot : str
+    folder : Path, optional
+        Of files FAMILY-SEED.json; None: those shipped, which are called ROBOT_FAMILY-SEED.json.
+
+    Raises
+    ------
+    ValueError
+        If there is no seed that all trainings have, or policies of another robot or of several lengths of training.
+    """
+    families = dict.fromkeys(arm.family for arm in ARMS.values())
+    where, prefix = (folder, "") if folder is not None else (FOLDER, f"{robot}_")
+    seeds = {
+        family: {int(path.stem.rsplit("-", 1)[1]) for path in where.glob(f"{prefix}{family}-[0-9]*.json")}
+        for family in families
+    }
+    common = sorted(set.intersection(*seeds.values()))
+    if not common:
+        names = ", ".join(f"{prefix}{family}-0.json" for family in families)
+        raise ValueError(
+            f"{where}: no seed with policies of all trainings ({names}, ...); train them with run quadruped --train "
+            f"--robot {robot}, --filter and --full"
+        )
+    found = {
+        family: tuple(load(where / f"{prefix}{family}-{seed}.json") for seed in common) for family in families
+    }
+    each = [policy for entries in found.values() for policy in entries]
+    others = {policy.robot for policy in each} - {robot}
+    lengths = {policy.record["steps"] for policy in each}
+    if others or len(lengths) > 1:
+        raise ValueError(
+            f"{where}: expected policies of {robot} that trained equally long, got robots "
+            f"{', '.join(sorted(others | {robot}))} and {', '.join(map(str, sorted(lengths)))} steps"
+        )
+    return found
+
+
+@dataclass(frozen=True)
+class Judged:
+    """All walks of all arms.
+
+    Attributes
+    ----------
+    robot : str
+    seeds : tuple of int
+        Of the policies.
+    steps : int
+        Of training, each.
+    values : dict
+        Condition and arm to figure and (policies,) array; nan where all walks of a policy ended in a fall.
+    """
+
+    robot: str
+    seeds: tuple[int, ...]
+    steps: int
+    values: dict[tuple[str, str], dict[str, FloatArray]] = field(default_factory=dict)
+
+
+def judge(
+    found: Mapping[str, Sequence[Policy]],
+    wanted: Sequence[Condition],
+    *,
+    starts: int = 4,
+    report: Report = silent,
+    threads: int = 2,
+    duration: float | None = None,
+) -> Judged:
+    """Let every arm walk under every condition.
+
+    Parameters
+    ----------
+    found : mapping
+        Family to policies, the same seeds in the same order: see :func:`policies`.
+    wanted : sequence of Condition
+    starts : int
+        Phases of the gait from which the flat ground is walked on.
+    report : callable
+        Told of every ground.
+    threads : int
+        Of the simulator.
+    duration : float, optional
+        Of a walk, s; None: as in ``params.toml``.
+    """
+    first = next(iter(found.values()))
+    seeds = tuple(int(policy.record["seed"]) for policy in first)
+    judged = Judged(first[0].robot, seeds, int(first[0].record["steps"]))
+    groups = [Group(found[arm.family], arm.choice) for arm in ARMS.values()]
+
+    def let(cases: Sequence[Case], count: int, ground: Terrain | None) -> list[Outcome]:
+        return walk(
+            groups, cases, starts=phases(count=count), terrain=ground, duration=duration, threads=threads
+        )
+
+    flat = [entry for entry in wanted if not entry.terrains]
+    if flat:
+        report("flat")
+        outcomes = let([entry.case for entry in flat], starts, None)
+        for number, entry in enumerate(flat):
+            _note(judged, entry.label, [[(outcome, number)] for outcome in outcomes])
+    for entry in wanted:
+        if entry.terrains:
+            rows: list[list[tuple[Outcome, int]]] = [[] for _ in groups]
+            count = min(starts, 2 if len(entry.terrains) == 1 else 1)
+            for ground in entry.terrains:
+                report(f"{entry.label}, {ground.seed}")
+                for row, outcome in zip(rows, let([entry.case], count, ground), strict=True):
+                    row.append((outcome, 0))
+            _note(judged, entry.label, rows)
+    return judged
+
+
+def _note(judged: Judged, label: str, rows: Sequence[Sequence[tuple[Outcome, int]]]) -> None:
+    for name, row in zip(ARMS, rows, strict=True):
+        judged.values[label, name] = {
+            figure: _of_policies(
+                np.concatenate([getattr(outcome, figure)[case] for outcome, case in row], axis=1)
+            )
+            for figure in FIGURES
+        }
+
+
+def _of_policies(walks: NDArray[np.generic]) -> FloatArray:
+    """Mean over the walks (policies, walks) that have the figure; nan without any."""
+    value = walks.astype(float)
+    there = np.isfinite(value)
+    count = there.sum(axis=1)
+    total = np.where(there, value, 0.0).sum(axis=1)
+    return np.where(count > 0, total / np.maximum(count, 1), np.nan)
+
+
+# Columns of the table that labels take.
+_WIDE = 42
+
+
+def table(judged: Judged) -> str:
+    """One block a figure: medians over policies; and where all differences from the first arm have one sign.
+
+    Parameters
+    ----------
+    judged : Judged
+    """
+    labels = list(dict.fromkeys(label for label, _ in judged.values))
+    n, seeds = len(judged.seeds), ", ".join(map(str, judged.seeds))
+    lines = [
+        f"{judged.robot}: {n} policies an arm, seeds {seeds}, trained for {judged.steps} steps; medians over policies",
+        "[least, greatest], each policy's figure the mean over its walks; < or >: below or above base for every seed,",
+        f"which chance does in {100 * 0.5 ** (n - 1):.0f} % of the cells where nothing differs",
+        *(f"  {name:<10}{arm.label}" for name, arm in ARMS.items()),
+    ]
+    for figure, (words, scale, digits) in FIGURES.items():
+        lines += ["", f"{words:<{_WIDE}}" + "".join(f"{name:>17}" for name in ARMS)]
+        for label in labels:
+            base = judged.values[label, next(iter(ARMS))][figure]
+            cells = [_cell(judged.values[label, name][figure], base, scale, digits) for name in ARMS]
+            lines.append(f"{label:<{_WIDE}}" + "".join(f"{cell:>17}" for cell in cells))
+    return "\n".join(lines)
+
+
+def _cell(values: FloatArray, base: FloatArray, scale: float, digits: int) -> str:
+    there = values[np.isfinite(values)]
+    if not len(there):
+        return "-"
+    text = median_interval(there).text(scale, digits) if len(there) > 1 else f"{scale * there[0]:.{digits}f}"
+    change = values - base
+    if len(change) > 1 and np.all(change < 0.0):
+        return f"{text} <"
+    return f"{text} >" if len(change) > 1 and np.all(change > 0.0) else f"{text}  "
+
+
+def figures(judged: Judged) -> dict[str, object]:
+    """The content of the JSON file: each policy's figure.
+
+    Parameters
+    ----------
+    judged : Judged
+    """
+    rows: dict[str, dict[str, dict[str, list[float | None]]]] = {}
+    for (label, name), values in judged.values.items():
+        rows.setdefault(label, {})[name] = {
+            figure: [None if np.isnan(value) else float(value) for value in each]
+            for figure, each in values.items()
+        }
+    return {"robot": judged.robot, "seeds": list(judged.seeds), "steps": judged.steps, "conditions": rows}
