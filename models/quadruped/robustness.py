@@ -1,4 +1,4 @@
-"""What policies of one robot bear: loads, speeds, weak and dead motors, pushes, slopes, stairs, random grounds.
+"""How policies of one robot walk under loads, speeds, weak and dead motors, pushes, slopes, stairs, random grounds.
 
 Policies of several trainings with the same seeds are compared seed by seed: every figure is a mean over the walks of
 one policy, every interval one over policies, and differences are of the same seed.
