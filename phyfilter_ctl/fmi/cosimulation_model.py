@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -23,6 +25,9 @@ _RTOL, _ATOL, _MOST_STEPS = 1e-9, 1e-11, 10**8
 class ModelPart(Part):
     """A model-exchange FMU with events, integrated here; inputs are held over a communication step.
 
+    Events at its end still see the inputs held; discrete inputs that change there are taken in at once. It goes back to
+    a state where the FMU does, whose state holds its events.
+
     Parameters
     ----------
     name : str
@@ -39,8 +44,7 @@ class ModelPart(Part):
         self.outputs: tuple[str, ...] = tuple(block.output_labels)
         self.start: FloatArray = block.start_inputs
         self.feedthrough: NDArray[np.bool_] = self._flat.feedthrough
-        # An event cannot be taken back.
-        self.can_go_back = False
+        self.can_go_back: bool = block.instance.state_is_usable
         self.variable_step = True
         self.interval: float | None = None
         self._t, self._x, self._u = 0.0, self._flat.start_state(), self.start
@@ -89,16 +93,42 @@ class ModelPart(Part):
             raise self._stopped(error) from error
         self._t = t + h
 
+    @property
+    def has_events(self) -> bool:
+        """Discrete inputs, that may change at a communication point."""
+        return self._block.has_discrete_inputs
+
+    def happen(self, t: float) -> bool:
+        """Discrete inputs that changed."""
+        watch = self._integrator.watch
+        before = len(watch.log) if watch is not None else 0
+        try:
+            self._x = self._integrator.happen(self._x, np.zeros(0), t, self._u)
+        except StepError as error:
+            raise self._stopped(error) from error
+        return watch is not None and len(watch.log) > before
+
+    @property
+    def ticks(self) -> Sequence[tuple[float, str]]:
+        """Time in seconds and name of each tick of a clock."""
+        return self._block.instance.ticks
+
     def save(self) -> object:
-        """Refused: see ``can_go_back``."""
-        raise FmuError(self.name, "save", "refused", "events of a model-exchange FMU cannot be taken back")
+        """The FMU's state, and that of its integration."""
+        fmu = self._block.instance.save()
+        return fmu, self._t, self._x.copy(), self._u.copy(), self._integrator.state
 
     def restore(self, state: object) -> None:
-        """Refused: see ``can_go_back``."""
-        raise FmuError(self.name, "restore", "refused", "events of a model-exchange FMU cannot be taken back")
+        """Put both back."""
+        assert isinstance(state, tuple)
+        fmu, self._t, x, u, self._integrator.state = state
+        self._x, self._u = x.copy(), u.copy()
+        self._block.instance.restore(fmu)
 
     def forget(self, state: object) -> None:
-        """Nothing to free."""
+        """Free the FMU's state."""
+        assert isinstance(state, tuple)
+        self._block.instance.forget(state[0])
 
     def messages(self) -> tuple[str, ...]:
         """What the FMU logged so far."""

@@ -249,6 +249,30 @@ class Integrator:
                 raise StepError(str(error), t, np.zeros((0, len(x))), "") from error
         return self._x.copy() if self._flat.memories else x
 
+    @property
+    def state(self) -> object:
+        """What the next interval hangs on beside x and z, to be put back."""
+        return self._h, None if self.watch is None else self.watch.state
+
+    @state.setter
+    def state(self, value: object) -> None:
+        assert isinstance(value, tuple)
+        self._h = value[0]
+        if self.watch is not None:
+            self.watch.state = value[1]
+
+    def happen(self, x: FloatArray, z: FloatArray, t: float, u: FloatArray) -> FloatArray:
+        """Events that are due at a point; returns x after them.
+
+        Raises
+        ------
+        StepError
+        """
+        self._x[:], self._z[:], self._rate[:] = x, z, 0.0
+        self._move(t, t, u)
+        self._settle(None, np.zeros((0, len(x))))
+        return self._x.copy()
+
     def output(self, t: float, x: FloatArray, z: FloatArray, u: FloatArray) -> FloatArray:
         """y at a point, with what blocks keep now."""
         value = self._flat.output(t, x, u, self._given[4], z)

@@ -189,6 +189,22 @@ class EventWatch:
             if event.memory is not None:
                 self._happen(i)
 
+    @property
+    def state(self) -> object:
+        """What the events to come hang on, to be put back."""
+        side = None if self._side is None else self._side.copy()
+        arrays = self._returning.copy(), self._largest.copy()
+        return set(self._asked), side, arrays, dict(self._recent), (self._h, self._soon), len(self.log)
+
+    @state.setter
+    def state(self, value: object) -> None:
+        assert isinstance(value, tuple)
+        asked, side, arrays, recent, (self._h, self._soon), logged = value
+        self._asked, self._recent = set(asked), dict(recent)
+        self._side = None if side is None else side.copy()
+        self._returning, self._largest = arrays[0].copy(), arrays[1].copy()
+        del self.log[logged:]
+
     # -- inside a step ------------------------------------------------------------------------------------------
 
     def crossing(self, h: float, states: Callable[[FloatArray], FloatArray]) -> Crossing | None:

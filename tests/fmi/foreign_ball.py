@@ -76,12 +76,16 @@ def _third():
     )
 
 
-def ball(folder, fmi="2.0"):
-    """The FMU file."""
+def ball(folder, fmi="2.0", *, state=False):
+    """The FMU file; with `state` it says that it can put its state back."""
     library = folder / f"ball{fmi[0]}{fmpy.sharedLibraryExtension}"
     compiled("ball.c", library, f"-DFMI={fmi[0]}")
-    path = folder / f"ball{fmi[0]}.fmu"
+    path = folder / f"ball{fmi[0]}{state:d}.fmu"
+    keeps = f' canGetAndSetFMU{"state" if fmi == "2.0" else "State"}="true"' * state
+    text = description(fmi).replace(
+        '<ModelExchange modelIdentifier="ball"', f'<ModelExchange modelIdentifier="ball"{keeps}'
+    )
     with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
-        archive.writestr("modelDescription.xml", description(fmi))
+        archive.writestr("modelDescription.xml", text)
         archive.write(library, f"binaries/{FOLDERS[fmi]}/ball{fmpy.sharedLibraryExtension}")
     return path

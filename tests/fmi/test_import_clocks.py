@@ -158,3 +158,34 @@ def test_from_the_command_line(folder, capsys):
     rows = [line.split(",") for line in capsys.readouterr().out.splitlines()]
     hands = rows[0].index("ticks[3]")
     assert [float(row[hands]) for row in rows[1:]] == [0.0, *[1.0] * 4, *[2.0] * 6]
+
+
+@pytest.mark.slow
+def test_steps_by_the_error_take_ticks_back(folder):
+    """The FMU answers Error to a tick that is made twice or left out."""
+    response = cosimulate(
+        {"fmu": clocks_fmu(folder, "cs")}, timepts=TIMES, clocks={"fmu.hand": HAND}, tolerance=1e-3,
+        inputs={"fmu.u": lambda t: 3.0 * t, "fmu.sample": lambda t: t, "fmu.level": stepped},
+        parameters={"fmu.jump_at": 0.33},
+    )  # fmt: skip
+    assert response.success, response.message
+    assert response.rejected > 0
+    assert_ticked(response.ticks, "fmu.")
+    expected = 1.5 * TIMES**2 + (TIMES > 0.33)
+    # Of first order: the error of two halves is their difference to the whole, which each step may make anew.
+    allowed = 1e-3 * (1.0 + expected[-1]) * response.steps
+    assert np.max(np.abs(np.asarray(response.outputs[0]) - expected)) < allowed < 0.2
+
+
+@pytest.mark.slow
+def test_discrete_inputs_of_a_model_integrated_here(folder):
+    """Taken in at the communication point where they change, seen in the result there."""
+    response = cosimulate(
+        {"fmu": clocks_fmu(folder, "me")}, timepts=TIMES, clocks={"fmu.hand": HAND},
+        inputs={"fmu.u": 2.0, "fmu.level": stepped},
+    )  # fmt: skip
+    assert response.success, response.message
+    assert_ticked(response.ticks, "fmu.")
+    y = dict(zip(response.output_labels, np.asarray(response.outputs), strict=True))
+    assert y["fmu.seen"].tolist() == (TIMES > 0.35).astype(float).tolist()
+    np.testing.assert_allclose(y["fmu.x"], 2.0 * TIMES, rtol=0.0, atol=EXACT)

@@ -8,6 +8,7 @@ from foreign_ball import ball
 
 import phyfilter_ctl as pf
 from phyfilter_ctl.fmi import cosimulate, import_fmu
+from phyfilter_ctl.fmi.cosimulation_parts import make_part
 
 G, E = 9.81, 0.7
 # Parabolas are integrated exactly, and their zeros found to the rounding of time; a bounce divides by its speed.
@@ -133,3 +134,42 @@ def test_in_a_co_simulation(path):
     assert np.isfinite(ended.outputs[:, :15]).all()
     with pytest.raises(ValueError, match="ball cannot put back a state"):
         cosimulate({"ball": path}, [], timepts=times, tolerance=1e-3)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("fmi", ["2.0", "3.0"])
+def test_events_are_taken_back(tmp_path, fmi):
+    """The same steps after going back, to the bit, with state, time and step events in them."""
+    part = make_part("ball", ball(tmp_path, fmi, state=True), {})
+    part.initialise(0.0, 2.0)
+    part.begin()
+    for k in range(20):
+        begin = part.save()
+        part.put(np.array([0.1 * k]))
+        part.advance(0.1 * k, 0.1, final=False)
+        expected = part.get()
+        part.advance(0.1 * (k + 1), 0.15, final=False)
+        part.restore(begin)
+        part.put(np.array([0.1 * k]))
+        part.advance(0.1 * k, 0.1, final=True)
+        assert np.array_equal(part.get(), expected)
+        part.forget(begin)
+    assert expected[2] == 8.0
+    assert expected[3] == 1.0
+    part.close()
+
+
+@pytest.mark.slow
+def test_steps_by_the_error_over_events(tmp_path):
+    """Pushed harder and harder: wrong steps are taken back, and the ball bounces where it does without steps."""
+    path, times = ball(tmp_path, state=True), np.linspace(0.0, 1.0, 11)
+    response = cosimulate(
+        {"ball": path}, [], timepts=times, inputs={"ball.push": lambda t: 8.0 * t}, tolerance=1e-4
+    )
+    assert response.success, response.message
+    assert response.rejected > 0
+    expected = pf.simulate(import_fmu(path), times, 8.0 * times).outputs
+    # Of first order: the error of two halves is their difference to the whole, which each step may make anew.
+    allowed = 1e-4 * (1.0 + np.max(np.abs(expected[:2]))) * response.steps
+    assert np.max(np.abs(np.asarray(response.outputs - expected)[:2])) < allowed < 0.1
+    assert np.array_equal(response.outputs[2], expected[2])

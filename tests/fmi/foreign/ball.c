@@ -140,6 +140,25 @@ static Status mode(Self c, int from, int to) {
   return OK;
 }
 
+/* Its events are part of the state. */
+static Status take(Self c, void **state) {
+  if (!*state) *state = malloc(sizeof(Ball));
+  memcpy(*state, c, sizeof(Ball));
+  return OK;
+}
+
+static Status put_back(Self c, void *state) {
+  memcpy(c, state, sizeof(Ball));
+  return OK;
+}
+
+static Status forget(Self c, void **state) {
+  (void)c;
+  free(*state);
+  *state = NULL;
+  return OK;
+}
+
 EXPORT Status F(EnterEventMode)(Self c) { return mode(c, CONTINUOUS, EVENT); }
 EXPORT Status F(EnterContinuousTimeMode)(Self c) { return mode(c, EVENT, CONTINUOUS); }
 EXPORT Status F(ExitInitializationMode)(Self c) { return mode(c, INITIALISING, EVENT); }
@@ -244,8 +263,11 @@ EXPORT fmi2Status fmi2CompletedIntegratorStep(fmi2Component c, fmi2Boolean prior
   }
 ACCESS(Real, fmi2Real, real)
 ACCESS(Integer, fmi2Integer, int)
-REFUSE(SetDebugLogging) REFUSE(GetBoolean) REFUSE(SetBoolean) REFUSE(GetString) REFUSE(SetString) REFUSE(GetFMUstate)
-REFUSE(SetFMUstate) REFUSE(FreeFMUstate) REFUSE(SerializedFMUstateSize) REFUSE(SerializeFMUstate)
+EXPORT Status fmi2GetFMUstate(Self c, void **state) { return take(c, state); }
+EXPORT Status fmi2SetFMUstate(Self c, void *state) { return put_back(c, state); }
+EXPORT Status fmi2FreeFMUstate(Self c, void **state) { return forget(c, state); }
+REFUSE(SetDebugLogging) REFUSE(GetBoolean) REFUSE(SetBoolean) REFUSE(GetString) REFUSE(SetString)
+REFUSE(SerializedFMUstateSize) REFUSE(SerializeFMUstate)
 REFUSE(DeSerializeFMUstate) REFUSE(GetDirectionalDerivative)
 #else
 EXPORT const char *fmi3GetVersion(void) { return "3.0"; }
@@ -319,13 +341,16 @@ EXPORT fmi3Status fmi3GetNumberOfContinuousStates(fmi3Instance c, size_t *n) {
   }
 ACCESS(Float64, fmi3Float64, real)
 ACCESS(Int32, fmi3Int32, int)
+EXPORT Status fmi3GetFMUState(Self c, void **state) { return take(c, state); }
+EXPORT Status fmi3SetFMUState(Self c, void *state) { return put_back(c, state); }
+EXPORT Status fmi3FreeFMUState(Self c, void **state) { return forget(c, state); }
 REFUSE(SetDebugLogging) REFUSE(InstantiateCoSimulation) REFUSE(InstantiateScheduledExecution) REFUSE(GetFloat32)
 REFUSE(GetInt8) REFUSE(GetUInt8) REFUSE(GetInt16) REFUSE(GetUInt16) REFUSE(GetUInt32) REFUSE(GetInt64)
 REFUSE(GetUInt64) REFUSE(GetBoolean) REFUSE(GetString) REFUSE(GetBinary) REFUSE(GetClock) REFUSE(SetFloat32)
 REFUSE(SetInt8) REFUSE(SetUInt8) REFUSE(SetInt16) REFUSE(SetUInt16) REFUSE(SetUInt32) REFUSE(SetInt64)
 REFUSE(SetUInt64) REFUSE(SetBoolean) REFUSE(SetString) REFUSE(SetBinary) REFUSE(SetClock)
-REFUSE(GetNumberOfVariableDependencies) REFUSE(GetVariableDependencies) REFUSE(GetFMUState) REFUSE(SetFMUState)
-REFUSE(FreeFMUState) REFUSE(SerializedFMUStateSize) REFUSE(SerializeFMUState) REFUSE(DeserializeFMUState)
+REFUSE(GetNumberOfVariableDependencies) REFUSE(GetVariableDependencies)
+REFUSE(SerializedFMUStateSize) REFUSE(SerializeFMUState) REFUSE(DeserializeFMUState)
 REFUSE(GetDirectionalDerivative) REFUSE(GetAdjointDerivative) REFUSE(EnterConfigurationMode)
 REFUSE(ExitConfigurationMode) REFUSE(GetIntervalDecimal) REFUSE(GetIntervalFraction) REFUSE(GetShiftDecimal)
 REFUSE(GetShiftFraction) REFUSE(SetIntervalDecimal) REFUSE(SetIntervalFraction) REFUSE(SetShiftDecimal)
