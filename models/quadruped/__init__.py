@@ -291,7 +291,8 @@ def _train(options: Namespace, outputs: Outputs) -> None:
         found = training.measure(wanted, threads=options.threads)
         outputs.publish(training.throughput_text(found), found)
         return
-    name = options.out or f"{'filter' if options.filter else 'base'}-{options.seed}.json"
+    family = ("filter" if options.filter else "base") + ("full" if options.full else "")
+    name = options.out or f"{family}-{options.seed}.json"
     trainer = training.Trainer(wanted, threads=options.threads)
     with outputs.progress(trainer.iterations) as say:
         policy = training.train(

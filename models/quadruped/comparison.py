@@ -17,7 +17,7 @@ from .evaluation import Case, Group, Outcome, Trace, phases, walk
 from .gait import trot
 from .loop import JointLoop, paper_filter
 from .methods import METHODS, Method, told
-from .params import params
+from .params import Params, params
 from .terrain import KINDS, Kind, Terrain
 
 __all__ = [
@@ -278,7 +278,9 @@ def _scores(plan: Plan, flat: Outcome, terrain: dict[Kind, FloatArray]) -> Score
     )
 
 
-def throughput(*, robots: int = 128, seconds: float = 0.7, threads: int = 2) -> Throughput:
+def throughput(
+    *, robots: int = 128, seconds: float = 0.7, threads: int = 2, parameters: Params | None = None
+) -> Throughput:
     """Steps per second of the trotting robot.
 
     Parameters
@@ -287,13 +289,15 @@ def throughput(*, robots: int = 128, seconds: float = 0.7, threads: int = 2) -> 
     seconds : float
         Of each of three measurements.
     threads : int
+    parameters : Params, optional
+        The robot; None: that of ``params.toml``.
     """
-    decimation = params().control.decimation
+    decimation = (params() if parameters is None else parameters).control.decimation
     found = []
     for kind in ("bare", "loop", "filtered"):
-        batch = Batch(robots, threads=threads)
+        batch = Batch(robots, threads=threads, parameters=parameters)
         loop = JointLoop(batch, paper_filter() if kind == "filtered" else None)
-        target = trot(np.linspace(0.0, 6.0, robots), np.zeros((robots, 3)))
+        target = trot(np.linspace(0.0, 6.0, robots), np.zeros((robots, 3)), parameters=parameters)
         loop.advance(target)
         count, begin = 0, time.perf_counter()
         while time.perf_counter() - begin < seconds:

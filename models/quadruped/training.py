@@ -438,11 +438,11 @@ def measure(training: Training, *, iterations: int = 12, threads: int = 2) -> di
     for _ in range(100):
         trainer.walk.step(action)
     alone = 100 * trainer.walk.size / (time.perf_counter() - begin)
-    bare = throughput(robots=trainer.walk.size, threads=threads).bare / params().control.decimation
+    speed = throughput(robots=trainer.walk.size, threads=threads, parameters=trainer.parameters)
     return {
         "collect_and_learn": iterations * steps / total,
         "environment": alone,
-        "mujoco": bare,
+        "mujoco": speed.bare / trainer.parameters.control.decimation,
         "learn_seconds_per_iteration": sum(spent) / iterations,
         "environments": float(trainer.walk.size),
     }

@@ -27,7 +27,7 @@ from .coupling import (
 )
 from .declaration import Columns
 from .factory import Plant, plant
-from .legged import JointQuantities, JointSpacePrior
+from .legged import JointQuantities, JointSpacePrior, LeggedRobot, load_robot
 from .quadrotor import allocation_matrix, quadrotor
 from .sensors import Sensor, sensors
 from .serial_arm import SerialArm
@@ -40,6 +40,7 @@ __all__ = [
     "Columns",
     "JointQuantities",
     "JointSpacePrior",
+    "LeggedRobot",
     "Link",
     "Plant",
     "Sensor",
@@ -51,6 +52,7 @@ __all__ = [
     "coupling_torque",
     "cross",
     "dot",
+    "load_robot",
     "mass",
     "norm",
     "payload_motion",
