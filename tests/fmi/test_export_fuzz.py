@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 
 import phyfilter_ctl as pf
 from phyfilter_ctl.codegen import CompilerError, compile_sources
+from phyfilter_ctl.fmi.channels import with_channels
 from phyfilter_ctl.fmi.description import FmuSolver, fmu_interface
 from phyfilter_ctl.fmi.export import _c_model
 from phyfilter_ctl.fmi.glue import fmi_headers, fmu_sources
@@ -22,7 +23,7 @@ from tests.cpu_budget import slow_but
 HERE = Path(__file__).parent / "fuzz"
 SANITIZERS = ("-fsanitize=address,undefined", "-fno-sanitize-recover=all", "-g", "-O1", "-std=gnu99")
 SEQUENCES = 3_000
-CASES = slow_but([("sampled", "3.0")], [*product(SYSTEMS, ("2.0", "3.0")), ("clocks", "3.0")])
+CASES = slow_but([("sampled", "3.0")], [*product(SYSTEMS, ("2.0", "3.0")), ("clocks", "3.0"), ("channels", "3.0")])
 
 
 @cache
@@ -38,7 +39,7 @@ def sanitizers_work():
 
 @cache
 def fuzzer(name, fmi):
-    system, options = SYSTEMS["loop" if name == "clocks" else name]()
+    system, options = SYSTEMS[{"clocks": "loop", "channels": "continuous"}.get(name, name)]()
     if isinstance(system, ct.InputOutputSystem) and not isinstance(system, pf.PhyFilter):
         system = pf.flatten(system)
     model, _ = _c_model(
@@ -46,6 +47,8 @@ def fuzzer(name, fmi):
     )
     # Long steps are legal; few pieces keep them short.
     interface = fmu_interface(model, fmi=fmi, solver=FmuSolver("rk4", 0.005), clocks=name == "clocks")
+    if name == "channels":  # room for 2
+        interface = with_channels(interface, 1)
     sources = {**fmi_headers(fmi), **fmu_sources(interface, "fuzz"), "fuzz.h": (HERE / "fuzz.h").read_text()}
     file = f"fuzz{fmi[0]}.c"
     sources[file] = (HERE / file).read_text()

@@ -44,6 +44,18 @@ static fmi3Instance make(void) {
 
 static fmi3Status any_tick(fmi3Instance it);
 
+static fmi3Status size_call(fmi3Instance it) { /* the number of channels, where it is a structural parameter */
+  uint32_t which[2] = {chance(80) ? pf_fmu_here.n_variables : reference(), reference()};
+  fmi3UInt64 sizes[2] = {chance(80) ? 1 + below(pf_fmu_here.most_channels + 1) : (fmi3UInt64)random_bits() << 32, 1};
+  const size_t n = chance(90) ? 1 : below(3), n_values = chance(95) ? n : below(3);
+  switch (below(5)) {
+    case 0: return fmi3EnterConfigurationMode(it);
+    case 1: return fmi3ExitConfigurationMode(it);
+    case 2: return fmi3GetUInt64(it, which, n, chance(95) ? sizes : NULL, n_values);
+    default: return fmi3SetUInt64(it, chance(97) ? which : NULL, n, sizes, n_values);
+  }
+}
+
 static fmi3Status forward(fmi3Instance it) { /* the next step of a sensible run */
   fmi3Boolean a, b, c, d, e;
   fmi3Float64 t = 0;
@@ -51,6 +63,7 @@ static fmi3Status forward(fmi3Instance it) { /* the next step of a sensible run 
   const double now = ((pf_fmi *)it)->saved->time;
   switch (((pf_fmi *)it)->saved->mode) {
     case PF_FMI_INSTANTIATED:
+      if (pf_fmu_here.channels && chance(40)) return fmi3EnterConfigurationMode(it);
       return fmi3EnterInitializationMode(it, chance(20), 1e-6, chance(80) ? 0.0 : uniform(), 0, 0);
     case PF_FMI_INITIALIZATION: return fmi3ExitInitializationMode(it);
     case PF_FMI_EVENT:
@@ -61,6 +74,7 @@ static fmi3Status forward(fmi3Instance it) { /* the next step of a sensible run 
       if (chance(30)) return fmi3EnterEventMode(it);
       return fmi3SetTime(it, now + step_size());
     case PF_FMI_STEP: return fmi3DoStep(it, now, step_size(), 0, &a, &b, &c, &t);
+    case PF_FMI_CONFIGURATION: return chance(60) ? size_call(it) : fmi3ExitConfigurationMode(it);
     default: return fmi3Reset(it);
   }
 }
@@ -155,6 +169,7 @@ static fmi3Status any_call(fmi3Instance it, uint32_t who) {
     case 26: return fmi3GetInt32(it, refs, n, NULL, n_values);
     case 27: return fmi3GetOutputDerivatives(it, refs, n, NULL, values, n_values);
     case 28: return clock_call(it, refs, n);
+    case 29: return size_call(it);
     default: return state_call(it, who);
   }
 }
@@ -167,15 +182,17 @@ static double correct_run(fmi3Instance it) {
   for (int k = 0; k < 4; k++) {
     for (uint32_t i = 0; i < pf_fmu_here.n_variables; i++) {
       const pf_fmi_variable variable = pf_fmu_here.variables[i];
-      for (uint32_t j = 0; j < variable.count; j++) inputs[j] = 0.1 * k + 0.01 * j;
-      if (variable.kind == PF_FMI_INPUT && fmi3SetFloat64(it, &i, 1, inputs, variable.count)) return NAN;
+      const uint32_t count = pf_fmi_count((pf_fmi *)it, variable);
+      for (uint32_t j = 0; j < count; j++) inputs[j] = 0.1 * k + 0.01 * j;
+      if (variable.kind == PF_FMI_INPUT && fmi3SetFloat64(it, &i, 1, inputs, count)) return NAN;
     }
     if (fmi3DoStep(it, 0.01 * k, 0.01, 1, &event, &terminate, &early, &reached)) return NAN;
     for (uint32_t i = 0; i < pf_fmu_here.n_variables; i++) {
       const pf_fmi_variable variable = pf_fmu_here.variables[i];
       if (variable.kind != PF_FMI_OUTPUT) continue;
-      if (fmi3GetFloat64(it, &i, 1, inputs, variable.count)) return NAN;
-      for (uint32_t j = 0; j < variable.count; j++) sum += inputs[j] * (k + 1);
+      const uint32_t count = pf_fmi_count((pf_fmi *)it, variable);
+      if (fmi3GetFloat64(it, &i, 1, inputs, count)) return NAN;
+      for (uint32_t j = 0; j < count; j++) sum += inputs[j] * (k + 1);
     }
   }
   return sum;
