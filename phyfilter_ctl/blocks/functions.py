@@ -32,6 +32,8 @@ class Variable:
         One line.
     minimum, maximum : float
         Between which it is meant to be; infinite where nobody said.
+    nominal : float
+        Its usual size, above 0; 0 where nobody said.
 
     Examples
     --------
@@ -45,6 +47,7 @@ class Variable:
     description: str = ""
     minimum: float = -inf
     maximum: float = inf
+    nominal: float = 0.0
 
 
 class Memory(Protocol):

@@ -78,6 +78,8 @@ class InterfaceVariable:
         Place of the state.
     minimum, maximum : float
         As declared; infinite where nobody did.
+    nominal : float
+        As declared; 0 where nobody did.
     clock : int, optional
         Place of the clock at whose ticks alone it changes.
     length : int, optional
@@ -94,6 +96,7 @@ class InterfaceVariable:
     derivative_of: int | None = None
     minimum: float = -inf
     maximum: float = inf
+    nominal: float = 0.0
     clock: int | None = None
     length: int | None = None
 
@@ -404,8 +407,11 @@ def _variables(kind: Kind, vector: tuple[Variable, ...], grouped: bool) -> list[
         start = tuple(float(variable.start) for variable in part) if started else None
         # One pair of bounds for the whole array: what all of its entries keep.
         least, most = min(v.minimum for v in part), max(v.maximum for v in part)
+        usual = max(v.nominal for v in part)
         about = part[0].unit, part[0].description
-        result.append(InterfaceVariable(base, kind, i, shape, start, *about, minimum=least, maximum=most))
+        result.append(
+            InterfaceVariable(base, kind, i, shape, start, *about, minimum=least, maximum=most, nominal=usual)
+        )
         i += len(part)
     return result
 

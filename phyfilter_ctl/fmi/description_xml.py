@@ -127,6 +127,8 @@ def _numeric(element: ET.Element, variable: InterfaceVariable) -> None:
     for name, bound in (("min", variable.minimum), ("max", variable.maximum)):
         if not isinf(bound):
             element.set(name, shown(bound))
+    if variable.nominal:
+        element.set("nominal", _number(variable.nominal))
     if variable.start is not None:
         element.set("start", " ".join(map(shown, variable.start)))
 

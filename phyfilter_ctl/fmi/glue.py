@@ -90,6 +90,11 @@ def glue_source(interface: FmuInterface, token: str, *, accept_bad_inputs: bool 
     )
     table = f"static const pf_fmi_clock CLOCKS[] = {{\n{clocks}}};\n\n" if ticked else ""
     reason += "\n    .clocks = CLOCKS," if ticked else ""
+    states = [interface.variables[i] for i in interface.of_kind("state")]
+    if any(state.nominal for state in states):
+        values = ", ".join(repr(state.nominal or 1.0) for state in states for _ in range(state.count))
+        table += f"static const pf_real NOMINALS[] = {{{values}}};\n\n"
+        reason += "\n    .nominals = NOMINALS,"
     names = ", ".join(_quoted(variable.name) for variable in model.inputs) or "0"
     counts = np.concatenate([[0], np.cumsum(interface.depends.sum(axis=1))])
     columns = [int(column) for column in np.nonzero(interface.depends)[1]] or [0]

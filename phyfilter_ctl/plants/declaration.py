@@ -19,15 +19,19 @@ from .algebra import Array
 
 __all__ = ["Columns", "Declaration", "Group", "declared", "labelled"]
 
-Bounds: TypeAlias = tuple[float, float]
+Bounds: TypeAlias = tuple[float, float] | tuple[float, float, float]
 Declaration: TypeAlias = (
     ArrayLike | tuple[ArrayLike, str] | tuple[ArrayLike, str, str] | tuple[ArrayLike, str, str, Bounds]
 )
-"""Start value or default; with its unit; with its unit and a description; with the pair (minimum, maximum) too, which
-exports hand on. An array declares a vector or a matrix."""
+"""Start value or default; with its unit; with its unit and a description; with (minimum, maximum) too, or (minimum,
+maximum, nominal), which exports hand on. An array declares a vector or a matrix."""
 _EXPECTED = (
-    "start, (start, unit), (start, unit, description) or (start, unit, description, (minimum, maximum))"
+    "start, (start, unit), (start, unit, description) or (start, unit, description, (minimum, maximum)), with a "
+    "nominal value after the maximum where one is known"
 )
+
+
+_NO_BOUNDS = (-np.inf, np.inf)
 
 
 @dataclass(frozen=True)
@@ -117,21 +121,29 @@ def declared(kind: str, declarations: Mapping[str, Declaration] | None) -> list[
             raise ValueError(
                 f"{kind}: {name}: expected finite values in at most two dimensions, got {start!r}"
             )
-        bounds = _bounds(f"{kind}: {name}", rest[2], values) if len(rest) > 2 else (-np.inf, np.inf)
+        bounds = _bounds(f"{kind}: {name}", rest[2], values) if len(rest) > 2 else _NO_BOUNDS
         groups.append(labelled(name, values, *texts, bounds=bounds))
     return groups
 
 
-def _bounds(what: str, pair: object, values: NDArray[np.float64]) -> Bounds:
-    """The pair as numbers, all values between them."""
+def _bounds(what: str, pair: object, values: NDArray[np.float64]) -> tuple[float, float, float]:
+    """The pair as numbers, all values between them, and the nominal value, 0 where there is none."""
     ends = np.array([np.nan])
     with suppress(TypeError, ValueError):
         ends = np.asarray(pair, dtype=float)
-    if ends.shape != (2,) or not ends[0] < ends[1]:
-        raise ValueError(f"{what}: expected bounds (minimum, maximum), minimum < maximum, got {pair!r}")
+    if ends.shape not in ((2,), (3,)) or not ends[0] < ends[1]:
+        raise ValueError(
+            f"{what}: expected bounds (minimum, maximum) or (minimum, maximum, nominal), minimum < maximum, got "
+            f"{pair!r}"
+        )
+    nominal = float(ends[2]) if len(ends) > 2 else 0.0
+    if len(ends) > 2 and not 0.0 < nominal < np.inf:
+        raise ValueError(
+            f"{what}: expected a nominal value above 0, the usual size of the signal, got {nominal!r}"
+        )
     if not ((ends[0] <= values) & (values <= ends[1])).all():
         raise ValueError(f"{what}: starts at {values.tolist()}, outside its bounds {pair!r}")
-    return float(ends[0]), float(ends[1])
+    return float(ends[0]), float(ends[1]), nominal
 
 
 def check_name(kind: str, name: object) -> None:
@@ -154,7 +166,7 @@ def labelled(
     unit: str = "",
     description: str = "",
     *,
-    bounds: Bounds = (-np.inf, np.inf),
+    bounds: Bounds = _NO_BOUNDS,
 ) -> Group:
     """A group with the labels name, name[i] or name[i,j].
 
@@ -164,8 +176,8 @@ def labelled(
     values : number, (n,) or (n, m) array
         Starts.
     unit, description : str
-    bounds : (float, float)
-        Of every entry.
+    bounds : (float, float) or (float, float, float)
+        Minimum and maximum of every entry, and its nominal value.
     """
     array = np.asarray(values, dtype=float)
     variables = [

@@ -137,7 +137,8 @@ def plant(
     states, inputs, params : dict
         name -> start, (start, unit) or (start, unit, description), in SI units. An array declares a vector, with labels
         v[0], v[1] ..., or a matrix, J[0,0], J[0,1] ... A start of an input is its default. A fourth entry (minimum,
-        maximum), infinite where open, goes into exported FMUs; nothing is clipped.
+        maximum), infinite where open, or (minimum, maximum, nominal), the usual size last, goes into exported FMUs;
+        nothing is clipped.
     outputs : dict or sequence of str, optional
         name -> unit or (unit, description), or names alone, which choose and order the outputs of the equations; None
         means all. An output called like a state or an input has its unit.

@@ -1,5 +1,6 @@
 """The archive of an exported FMU: reproducible, rebuildable, and refused in words where it cannot be made."""
 
+import ctypes
 import hashlib
 import os
 import re
@@ -291,6 +292,43 @@ def test_bounds_are_those_declared_and_no_others(tmp_path):
             for name, (least, most) in bounds.items():
                 assert found[name] == tuple(None if end is None else str(end) for end in (least, most))
             assert all(v.nominal is None for v in variables)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("fmi", VERSIONS)
+def test_nominal_values(tmp_path, fmi):
+    """In the description and in the function that solvers of importers ask; 1 where nobody said."""
+    plant = pf.plant(
+        lambda t, x, u, p: {"p": u.q, "v": -x.v, "s": x.v},
+        states={
+            "p": (1e5, "Pa", "pressure", (0.0, np.inf, 2e5)),
+            "v": ([0.0, 0.0], "m/s"),
+            "s": ([0.0, 0.0], "m", "place", (-1.0, 1.0, 0.01)),
+        },
+        inputs={"q": (0.0, "Pa/s", "inflow", (-np.inf, np.inf, 300.0))},
+        outputs=["v"],
+    )
+    path = export_fmu(plant, tmp_path / "a.fmu", fmi=fmi, kinds=["me"], compiler=quick_compiler())
+    assert validate_fmu(str(path)) == []
+    variables = fmpy.read_model_description(str(path)).modelVariables
+    found = {v.name.partition("[")[0]: v.nominal for v in variables}
+    assert {name: float(value) for name, value in found.items() if value} == {"p": 2e5, "s": 0.01, "q": 300.0}
+    with Instance(path, "me") as instance:
+        instance.start()
+        values = (ctypes.c_double * 5)()
+        ask = getattr(instance.fmu, f"fmi{fmi[0]}GetNominalsOfContinuousStates")
+        ask(instance.fmu.component, values, 5)
+    assert list(values) == [2e5, 1.0, 1.0, 0.01, 0.01]
+
+
+@pytest.mark.parametrize("nominal", [0.0, -1.0, float("inf"), float("nan")])
+def test_nominal_values_that_are_none_are_refused(nominal):
+    with pytest.raises(ValueError, match=r"params: k: expected a nominal value above 0"):
+        pf.plant(
+            lambda t, x, u, p: {"v": p.k},
+            states={"v": 0.0},
+            params={"k": (1.0, "m", "gain", (0.0, 2.0, nominal))},
+        )
 
 
 @pytest.mark.parametrize("bounds", [(2.0, 3.0), (1.0, 1.0), (0.0,), ("a", "b"), (0.0, float("nan"))])

@@ -72,6 +72,7 @@ typedef struct { /* generated for each FMU */
   pf_time longest_step;               /* of a communication step: more would never end */
   int accept_bad_inputs;              /* inputs that are not finite are the model's affair */
   const uint32_t *rows, *columns;     /* dependencies of (x', y) on (x, u), compressed rows */
+  const pf_real *nominals;            /* of the continuous states; NULL: all 1 */
   const pf_fmi_clock *clocks;         /* of the model's tasks; NULL: they follow time events */
   const char *(*why)(void);           /* why the model refused the last call of this thread; NULL: codes say it all */
 } pf_fmu;

@@ -212,7 +212,7 @@ int pf_fmi_completed_step(pf_fmi *self, int *event) {
 
 int pf_fmi_nominals(pf_fmi *self, double *nominals, size_t n) {
   if (!fits(self, "getNominalsOfContinuousStates", nominals, n)) return PF_FMI_ERROR;
-  for (size_t i = 0; i < n; i++) nominals[i] = 1.0;
+  for (size_t i = 0; i < n; i++) nominals[i] = pf_fmu_here.nominals ? pf_fmu_here.nominals[i] : 1.0;
   return PF_FMI_OK;
 }
 
