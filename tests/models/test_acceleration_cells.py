@@ -31,7 +31,7 @@ ROWS = {
 }
 # Half a digit of a cell; and how far the kernels of processors move what is behind a network, and the networks, as the
 # pages say.
-HALF, BEHIND, NETWORK = 0.0005, 0.001, 0.004
+HALF, BEHIND, NETWORK = 0.0005 + 1e-6, 0.001, 0.004
 ALLOWED = {
     "network": NETWORK,
     "network_after": NETWORK,
