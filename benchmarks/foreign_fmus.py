@@ -1,8 +1,9 @@
 """FMUs of other tools as referees: checked, run with default options, and held against FMPy and recorded results.
 
-Takes folders that hold FMUs, and packages of PyPI that carry some; nothing of them is kept here. Each FMU and kind
-runs in a process of its own. A record is NAME_ref.csv or NAME_out.csv beside the FMU (or in --records), with time in
-its first column, of a run with default options.
+Takes folders that hold FMUs, and packages of PyPI that carry some; nothing of them is kept here, and one that is
+there twice counts once. Each FMU and kind runs in a process of its own, where there is a binary for this machine. The
+source is the first folder below the one given. A record is NAME_ref.csv or NAME_out.csv beside the FMU (or in
+--records), with time in its first column, of a run with default options.
 
     python benchmarks/foreign_fmus.py FOLDER ... [--pypi fmpy pythonfmu] [--records FOLDER]
     python benchmarks/foreign_fmus.py --quick             the FMUs that the tests write in C
@@ -16,28 +17,38 @@ from __future__ import annotations
 import argparse
 import contextlib
 import csv
+import hashlib
 import importlib
 import io
-import json
+import os
 import subprocess
 import sys
 import tarfile
 import tempfile
 import time
 import zipfile
+from collections.abc import Iterator
+from multiprocessing import get_all_start_methods, get_context
+from multiprocessing.connection import Connection
 from pathlib import Path
 
 import fmpy
 import numpy as np
+from tqdm import tqdm
 
 from phyfilter_ctl.cli import main as command
-from phyfilter_ctl.fmi import check, describe
+from phyfilter_ctl.fmi import CheckReport, check, describe
+from phyfilter_ctl.fmi.platforms import native_platform
+from phyfilter_ctl.fmi.signals import is_numeric
 
 ROOT = Path(__file__).resolve().parents[1]
 ALLOWED = {"cs": 1e-9, "me": 1e-3}
 TYPES = {"cs": "CoSimulation", "me": "ModelExchange"}
 SECONDS = 120.0
-COLUMNS = ("FMU", "kind", "check", "run", "FMPy", "record", "s")
+RAN = ("ok", "ended")
+ELSEWHERE = "no binary for this machine"
+COLUMNS = ("source", "FMU", "tool", "kind", "check", "run", "FMPy", "record")
+APART = get_context("forkserver" if "forkserver" in get_all_start_methods() else "spawn")
 
 
 def main() -> int:
@@ -48,20 +59,25 @@ def main() -> int:
     )
     parser.add_argument("--records", type=Path, metavar="FOLDER", help="where to look for records too")
     parser.add_argument("--quick", action="store_true", help="the FMUs of the tests")
-    parser.add_argument("--one", nargs=3, help=argparse.SUPPRESS)
     options = parser.parse_args()
-    if options.one:
-        print(json.dumps(examined(Path(options.one[0]), options.one[1], options.one[2])))
-        return 0
+    APART.set_forkserver_preload(["phyfilter_ctl.cli", "phyfilter_ctl.fmi", "phyfilter_ctl.simulation"])
     with tempfile.TemporaryDirectory() as kept:
         folders = list(options.folders)
         if options.quick:
             folders.append(written(Path(kept, "written")))
         folders += [downloaded(name, Path(kept, name)) for name in options.pypi]
-        found = sorted({path for folder in folders for path in folder.rglob("*.fmu")})
+        found = {
+            hashlib.sha256(path.read_bytes()).digest(): (folder, path)
+            for folder in folders
+            for path in sorted(folder.rglob("*.fmu"), reverse=True)
+        }
         if not found:
             parser.error("expected folders with FMUs, --pypi or --quick; found none")
-        rows = [row for path in found for row in rows_of(path, options.records, apart=not options.quick)]
+        rows = [
+            row | {"source": path.relative_to(folder).parts[0] if path.parent != folder else folder.name}
+            for folder, path in tqdm(sorted(found.values()), disable=None)
+            for row in rows_of(path, options.records, apart=not options.quick)
+        ]
     return report(rows)
 
 
@@ -69,54 +85,82 @@ def report(rows: list[dict[str, str]]) -> int:
     widths = [max(len(name), *(len(row[name]) for row in rows)) for name in COLUMNS]
     for row in ({name: name for name in COLUMNS}, *rows):
         print("  ".join(row[name].ljust(width) for name, width in zip(COLUMNS, widths, strict=True)).rstrip())
-    runs = [row for row in rows if row["run"] in ("ok", "ended")]
+    runs = [row for row in rows if row["run"] in RAN]
     compared = [row for row in runs if row["FMPy"][:1].isdigit()]
     wrong = [row for row in compared if not float(row["FMPy"]) <= ALLOWED[row["kind"]]]
+    here = [row for row in rows if row["run"] != ELSEWHERE]
     print(
-        f"{len(rows)} FMUs and kinds: {sum(row['check'] == 'ok' for row in rows)} without an error, {len(runs)} run, "
-        f"{len(compared) - len(wrong)} of {len(compared)} as FMPy"
+        f"{len(rows)} FMUs and kinds: {sum(row['check'] == 'ok' for row in rows)} without an error; {len(here)} for "
+        f"this machine: {len(runs)} run, {len(compared) - len(wrong)} of {len(compared)} as FMPy"
     )
     return int(bool(wrong))
 
 
 def rows_of(path: Path, records: Path | None, *, apart: bool) -> list[dict[str, str]]:
     """A row for each kind; what cannot be read is one too."""
+    row = dict.fromkeys(COLUMNS, "") | {"FMU": path.name, "kind": "-"}
     try:
-        kinds = list(describe(path).kinds) or ["-"]
+        found = describe(path)
     except ValueError as error:
-        return [
-            dict.fromkeys(COLUMNS, "")
-            | {"FMU": path.name, "kind": "-", "check": "refused", "run": _first(error)}
-        ]
+        return [row | {"check": "refused", "run": _first(str(error).removeprefix(f"{path}: "))}]
+    row["tool"] = " ".join(found.tool.split()[:2])[:24]
+    if native_platform() not in found.platforms:
+        return [row | {"check": verdict(check(path, run=False)), "run": ELSEWHERE}]
+    ways = [(kind, row | {"kind": kind}) for kind in list(found.kinds) or ["-"]]
     if apart:
-        return [_apart(path, kind, records) for kind in kinds]
-    rows = [{"FMU": path.name, "kind": kind} | examined(path, kind, "", isolated=False) for kind in kinds]
-    return [dict.fromkeys(COLUMNS, "") | row for row in rows]
+        return [row | _apart(path, kind, records) for kind, row in ways]
+    for kind, row in ways:
+        for found in examined(path, kind, "", isolated=False):
+            row |= found
+    return [row for _, row in ways]
 
 
 def _apart(path: Path, kind: str, records: Path | None) -> dict[str, str]:
-    """In a process of its own: FMPy runs the binary in that too."""
-    begin = time.perf_counter()
-    row = dict.fromkeys(COLUMNS, "") | {"FMU": path.name, "kind": kind}
-    words = [sys.executable, __file__, "--one", str(path), kind, str(records or "")]
-    try:
-        done = subprocess.run(words, capture_output=True, text=True, timeout=SECONDS, check=False)
-        row |= (
-            json.loads(done.stdout.splitlines()[-1])
-            if done.returncode == 0
-            else {"run": f"exit {done.returncode}"}
-        )
-    except subprocess.TimeoutExpired:
-        row["run"] = f"not done in {SECONDS:g} s"
-    return row | {"s": f"{time.perf_counter() - begin:.1f}"}
+    """In a process of its own, which FMPy runs the binary in too; where that dies, it is run isolated."""
+    row = _until_it_ends(path, kind, records, isolated=False)
+    return row if "run" in row else _until_it_ends(path, kind, records, isolated=True)
 
 
-def examined(path: Path, kind: str, records: str, *, isolated: bool = True) -> dict[str, str]:
-    """Check, run, and comparison of one kind of one FMU."""
-    errors = check(path, isolated=isolated).errors
-    result = {"check": "ok" if not errors else f"{len(errors)} errors: {_first(errors[0].message)}"}
+def _until_it_ends(path: Path, kind: str, records: Path | None, *, isolated: bool) -> dict[str, str]:
+    receiver, sender = APART.Pipe(duplex=False)
+    process = APART.Process(target=_examine, args=(sender, path, kind, str(records or ""), isolated))
+    process.start()
+    sender.close()
+    row: dict[str, str] = {}
+    end = time.monotonic() + SECONDS
+    with contextlib.suppress(EOFError):
+        while receiver.poll(max(0.0, end - time.monotonic())):
+            row |= receiver.recv()
+    process.join(max(0.0, end - time.monotonic()))
+    if process.is_alive():
+        process.kill()
+    if "run" in row and "FMPy" not in row and row["run"] in RAN:
+        row["FMPy"] = "FMPy: no answer"
+    return row if "run" in row or not isolated else row | {"run": "neither ends nor fails"}
+
+
+def _examine(sender: Connection, path: Path, kind: str, records: str, isolated: bool) -> None:
+    """What the FMU prints is not for the table."""
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nowhere, 1)
+    os.dup2(nowhere, 2)
+    for found in examined(path, kind, records, isolated=isolated):
+        sender.send(found)
+
+
+def verdict(found: CheckReport) -> str:
+    errors = found.errors
+    if not errors:
+        return "ok"
+    return f"{len(errors)} error{'s' * (len(errors) > 1)}: {_first(errors[0].message)}"
+
+
+def examined(path: Path, kind: str, records: str, *, isolated: bool) -> Iterator[dict[str, str]]:
+    """Check, run, and comparison of one kind of one FMU, as they come."""
+    yield {"check": verdict(check(path, isolated=isolated))}
     if kind == "-":
-        return result | {"run": "neither kind"}
+        yield {"run": "neither kind"}
+        return
     with tempfile.TemporaryDirectory() as kept:
         out, said = Path(kept, "out.csv"), io.StringIO()
         with contextlib.redirect_stderr(said), contextlib.redirect_stdout(io.StringIO()):
@@ -124,30 +168,34 @@ def examined(path: Path, kind: str, records: str, *, isolated: bool = True) -> d
             status = command(["fmu", "run", str(path), "--kind", kind, "--out", str(out), *within])
         last = [line for line in said.getvalue().splitlines() if line.startswith("phyfilter-ctl: ")]
         if status or not out.exists():
-            return result | {
-                "run": _first(last[0].removeprefix("phyfilter-ctl: ") if last else f"exit {status}")
-            }
+            yield {"run": _first(last[0].removeprefix("phyfilter-ctl: ") if last else f"exit {status}")}
+            return
         names, table = read(out)
-    result["run"] = "ended" if any("to end the run" in line for line in last) else "ok"
+    yield {"run": RAN[any("to end the run" in line for line in last)]}
     beside = [Path(folder) for folder in (path.parent, records) if folder]
     record = next(
         (p for f in beside for end in ("ref", "out") for p in sorted(f.rglob(f"{path.stem}_{end}.csv"))), None
     )
     if record is not None:
-        result["record"] = deviation(names, table, *read(record))
-    return result | {"FMPy": by_fmpy(path, kind, names, table)}
+        yield {"record": deviation(names, table, *read(record))}
+    yield {"FMPy": by_fmpy(path, kind, names, table)}
 
 
 def by_fmpy(path: Path, kind: str, names: list[str], table: np.ndarray) -> str:
     """How far FMPy's run is from this one; what it says where it makes none."""
     if kind not in TYPES:
         return "runs none"
-    entries = [entry for entry in describe(path).of("output") if set(entry.labels) <= set(names)]
+    found = describe(path)
+    entries = [
+        entry
+        for entry in found.of("output")
+        if is_numeric(entry, found.fmi) and set(entry.labels) <= set(names)
+    ]
     begin, step = float(table[0, 0]), float(table[1, 0] - table[0, 0])
     try:
         found = fmpy.simulate_fmu(
             str(path), fmi_type=TYPES[kind], start_time=begin, stop_time=float(table[-1, 0]), output_interval=step,
-            relative_tolerance=1e-6, output=[entry.name for entry in entries],
+            relative_tolerance=1e-6, output=[entry.name for entry in entries], validate=False,
         )  # fmt: skip
     except Exception as error:
         return f"FMPy: {_first(error)}"

@@ -191,6 +191,7 @@ def _odd_names(folder: Path) -> list[tuple[int, str]]:
 def _dynamic(checker: Checker, fmu: UnpackedFmu, kind: Kind) -> None:
     description = fmu.description
     word = _WORDS[kind]
+    checker.needs_tool, checker.unavailable = description.kinds[kind].needs_tool, False
     with checker.stage(f"{word}: run", "step" if kind == "cs" else None), _started(fmu, kind) as instance:
         outputs = instance.signals("output")
         _finite(checker, outputs, instance, "after initialisation")
@@ -206,6 +207,8 @@ def _dynamic(checker: Checker, fmu: UnpackedFmu, kind: Kind) -> None:
                 checker.error(f"state derivatives are not finite at the start: {rate.tolist()}")
         for message in complaints(instance.messages):
             checker.warning(f"the FMU says: {message}")
+    if checker.unavailable:
+        return
     if fmu.description.kinds[kind].state and kind == "cs":
         with checker.stage(f"{word}: state", "state"), _started(fmu, kind) as instance:
             round_trip(checker, instance, _start(description), _step(description))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
+import re
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -16,6 +17,8 @@ from .instance import FmuError
 
 __all__ = ["CheckReport", "Checker", "Finding", "Rule"]
 
+# As the loaders of Linux, macOS and Windows say it.
+_MISSING = re.compile("cannot open shared object file|Library not loaded|or one of its dependencies")
 Rule = Literal[
     "schema", "units", "variables", "structure", "names", "state", "dependencies", "derivatives", "step"
 ]
@@ -117,6 +120,8 @@ class Checker:
         self.path: Path = path
         self.limits: ArchiveLimits | None = limits
         self.fmi: str = ""
+        self.needs_tool: bool = False
+        self.unavailable: bool = False
         self.stages: list[str] = []
         self.findings: list[Finding] = []
         self.figures: dict[str, float] = {}
@@ -140,12 +145,26 @@ class Checker:
         except FmuError as error:
             if error.status == "ended":
                 self.hint(str(error))
+            elif self.lacks(error):
+                self.unavailable = True
+                self.warning(f"not run, for want of something outside the FMU: {error}")
             elif probing and error.status in ("discard", "error", "refused"):
                 self.warning(f"cannot be looked at further: {error}")
             else:
                 self.error(str(error))
         except (ValueError, OSError) as error:
             self.error(str(error))
+
+    def lacks(self, error: FmuError) -> bool:
+        """Whether an FMU fails for what this machine has not: a library that it links, the tool that it says it needs.
+
+        Parameters
+        ----------
+        error : FmuError
+        """
+        if error.call == "Instantiate":
+            return self.needs_tool
+        return error.call == "load the binary" and bool(_MISSING.search(str(error)))
 
     def error(self, message: str, rule: Rule | None = None) -> None:
         """A rule or a promise broken."""
