@@ -1,6 +1,7 @@
 """The checker finds what is wrong, and only that."""
 
 import json
+import subprocess
 import zipfile
 
 import control as ct
@@ -9,7 +10,7 @@ import pytest
 from fmpy.model_description import ModelDescription, ModelVariable
 from fmpy.validation import _validate_variable_names
 from foreign_ball import ball
-from foreign_fmus import description, oscillator
+from foreign_fmus import FOLDERS, compiled, description, oscillator
 
 from phyfilter_ctl.fmi import check
 from phyfilter_ctl.fmi.names import is_structured
@@ -202,6 +203,33 @@ def test_values_that_an_fmu_takes(folder):
     for fmi in ("2.0", "3.0"):
         report = check(ball(folder, fmi))
         assert report.ok, str(report)
+
+
+@pytest.mark.slow
+def test_what_this_machine_has_not(folder, tmp_path):
+    """A library that the binary links, the tool that the FMU says it needs: no fault of the FMU's."""
+    subprocess.run(
+        ["gcc", "-shared", "-x", "c", "/dev/null", "-o", str(tmp_path / "libphantom.so")], check=True
+    )
+    flags = ("-Wl,--no-as-needed", f"-L{tmp_path}", "-lphantom")
+    linked = compiled("oscillator2.c", tmp_path / "oscillator2.so", *flags)
+    (tmp_path / "libphantom.so").unlink()
+    path = tmp_path / "linked.fmu"
+    with zipfile.ZipFile(path, "w") as archive:
+        archive.writestr("modelDescription.xml", description(kinds="cs"))
+        archive.write(linked, f"binaries/{FOLDERS['2.0']}/oscillator2.so")
+    tooled = rewritten(
+        oscillator(folder, kinds="cs", guid="other"),
+        ('"oscillator2"', '"oscillator2" needsExecutionTool="true"'),
+    )
+    with pytest.warns(UserWarning, match="the tool that made it"):
+        reports = [check(path), check(tooled)]
+    for report, text in zip(reports, ("libphantom.so", "guid is other"), strict=True):
+        assert report.ok, str(report)
+        assert report.stages[-1] == "co-simulation: run"
+        (found,) = [entry for entry in report.findings if entry.level == "warning"]
+        assert "not run, for want of something outside the FMU" in found.message
+        assert text in found.message
 
 
 NAMES = [
