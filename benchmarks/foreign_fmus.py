@@ -118,7 +118,12 @@ def rows_of(path: Path, records: Path | None, *, apart: bool) -> list[dict[str, 
 def _apart(path: Path, kind: str, records: Path | None) -> dict[str, str]:
     """In a process of its own, which FMPy runs the binary in too; where that dies, it is run isolated."""
     row = _until_it_ends(path, kind, records, isolated=False)
-    return row if "run" in row else _until_it_ends(path, kind, records, isolated=True)
+    if "FMPy" in row or row.get("run", RAN[0]) not in RAN:
+        return row
+    row = _until_it_ends(path, kind, records, isolated=True)
+    if "run" not in row:
+        return row | {"run": "neither ends nor fails"}
+    return row if row["run"] not in RAN else {"FMPy": "FMPy: no answer"} | row
 
 
 def _until_it_ends(path: Path, kind: str, records: Path | None, *, isolated: bool) -> dict[str, str]:
@@ -134,9 +139,7 @@ def _until_it_ends(path: Path, kind: str, records: Path | None, *, isolated: boo
     process.join(max(0.0, end - time.monotonic()))
     if process.is_alive():
         process.kill()
-    if "run" in row and "FMPy" not in row and row["run"] in RAN:
-        row["FMPy"] = "FMPy: no answer"
-    return row if "run" in row or not isolated else row | {"run": "neither ends nor fails"}
+    return row
 
 
 def _examine(sender: Connection, path: Path, kind: str, records: str, isolated: bool) -> None:
@@ -195,7 +198,7 @@ def by_fmpy(path: Path, kind: str, names: list[str], table: np.ndarray) -> str:
     try:
         found = fmpy.simulate_fmu(
             str(path), fmi_type=TYPES[kind], start_time=begin, stop_time=float(table[-1, 0]), output_interval=step,
-            relative_tolerance=1e-6, output=[entry.name for entry in entries], validate=False,
+            relative_tolerance=None if kind == "cs" else 1e-6, output=[entry.name for entry in entries], validate=False,
         )  # fmt: skip
     except Exception as error:
         return f"FMPy: {_first(error)}"

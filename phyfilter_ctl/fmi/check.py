@@ -229,7 +229,7 @@ def _dynamic(checker: Checker, fmu: UnpackedFmu, kind: Kind) -> None:
 def _started(fmu: UnpackedFmu, kind: Kind) -> Iterator[FmuInstance]:
     instance = FmuInstance(fmu, kind, "check")
     try:
-        instance.initialise(_start(fmu.description))
+        instance.initialise(_start(fmu.description), tolerance=fmu.description.tolerance)
         instance.begin()
         yield instance
     finally:

@@ -165,7 +165,12 @@ class FmuPart(Part):
 
     def initialise(self, start_time: float, stop_time: float) -> None:
         """Enter the initialisation with the parameters and start values."""
-        self.instance.initialise(start_time, stop_time=stop_time, values=self._values)
+        self.instance.initialise(
+            start_time,
+            stop_time=stop_time,
+            tolerance=self.instance.description.tolerance,
+            values=self._values,
+        )
         if self._unsaid.any():
             self.start = np.where(self._unsaid, self.input_signals.read(self.instance), self.start)
 

@@ -12,7 +12,7 @@ from fmpy.validation import _validate_variable_names
 from foreign_ball import ball
 from foreign_fmus import FOLDERS, compiled, description, oscillator
 
-from phyfilter_ctl.fmi import check
+from phyfilter_ctl.fmi import check, cosimulate
 from phyfilter_ctl.fmi.names import is_structured
 from phyfilter_ctl.fmi.replay import Reference, read_reference, write_reference
 
@@ -203,6 +203,14 @@ def test_values_that_an_fmu_takes(folder):
     for fmi in ("2.0", "3.0"):
         report = check(ball(folder, fmi))
         assert report.ok, str(report)
+
+
+@pytest.mark.slow
+def test_the_tolerance_of_the_default_experiment(folder):
+    """Of the FMU's own solver: checked, and run, with the one that its maker chose."""
+    path = oscillator(folder, name="choosy", defines=("TOLERANCE=1e-6",), kinds="cs")
+    assert check(path).ok
+    assert cosimulate({"a": path}, [], timepts=T).success
 
 
 @pytest.mark.slow

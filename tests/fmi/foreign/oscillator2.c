@@ -33,6 +33,9 @@ fmi2Status fmi2SetupExperiment(fmi2Component c, fmi2Boolean td, fmi2Real toleran
                                fmi2Real stop) {
   (void)td, (void)tolerance, (void)sd, (void)stop;
   MODEL(c)->time = start;
+#ifdef TOLERANCE
+  if (!td || tolerance != TOLERANCE) return fmi2Error;
+#endif
   return fmi2OK;
 }
 
