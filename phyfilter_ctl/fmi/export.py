@@ -96,7 +96,8 @@ def export_fmu(
     experiment : FmuExperiment, optional
         Start, stop, step and tolerance that importers take by default.
     arrays : bool
-        FMI 3: x[0], x[1], ... as one array x. False for importers without arrays.
+        FMI 3: x[0], x[1], ... as one array x. False for importers without arrays, of which ecos reads zeros without a
+        word.
     author, description : str
         For the model description.
     compiler : str, Path or sequence of str, optional

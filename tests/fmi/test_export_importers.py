@@ -6,9 +6,12 @@ import sys
 from functools import cache
 from pathlib import Path
 
+import fmpy
 import numpy as np
 import pytest
 from exported_fmus import FILTER, PERIOD, Instance, exported
+
+from phyfilter_ctl.fmi import cosimulate
 
 SCRIPT = Path(__file__).parent / "run_importer.py"
 IMPORTERS = {"cosim": "libcosimpy", "ecos": "ecospy"}
@@ -52,6 +55,42 @@ def test_sampled_filter(importer, fmi):
         1:
     ]
     np.testing.assert_allclose(found, expected, rtol=0, atol=ROUNDING)
+
+
+@pytest.mark.slow
+def test_arrays_and_scalars_are_one_model_in_every_host():
+    """x as one array and as x[0], x[1], x[2]: in FMPy, in this library's importer, and scalars in ecos."""
+    times = PERIOD * np.arange(31)
+    x, g = (np.sin(np.outer(times, w)) for w in ([9.0, 7.0, 5.0], [3.0, 4.0, 6.0]))
+    signals = {f"{s}[{i}]": v[:, i] for s, v in (("x", x), ("g", g)) for i in range(3)}
+    outputs = [f"f_hat[{i}]" for i in range(3)]
+    found = {}
+    for arrays in (True, False):
+        path = exported("sampled", "3.0", arrays=arrays)
+        own = cosimulate(
+            {"fmu": path}, timepts=times, inputs={f"fmu.{name}": values for name, values in signals.items()},
+            outputs=[f"fmu.{name}" for name in outputs],
+        )  # fmt: skip
+        found["own", arrays] = own.outputs.T
+        columns = {"x": x, "g": g} if arrays else signals
+        kinds = [(name, float, values.shape[1:]) for name, values in columns.items()]
+        table = np.zeros(len(times), [("time", float), *kinds])
+        table["time"] = times
+        for name, values in columns.items():
+            table[name] = values
+        wanted = ["f_hat"] if arrays else outputs
+        result = fmpy.simulate_fmu(
+            str(path), input=table, output=wanted, stop_time=times[-1], output_interval=PERIOD,
+            fmi_type="CoSimulation",
+        )  # fmt: skip
+        found["fmpy", arrays] = np.column_stack([result[name] for name in wanted])
+    for host in ("own", "fmpy"):
+        np.testing.assert_array_equal(found[host, True], found[host, False])
+    # FMPy sets the inputs of a step at its start, and reads outputs before the next ones are set.
+    np.testing.assert_allclose(found["fmpy", True][1:], found["own", True][1:], rtol=0, atol=ROUNDING)
+    inputs = {name: values[:-1].tolist() for name, values in signals.items()}
+    in_ecos = run("ecos", exported("sampled", "3.0", arrays=False), PERIOD, inputs, outputs)
+    np.testing.assert_allclose(in_ecos, found["fmpy", False][1:], rtol=0, atol=ROUNDING)
 
 
 @pytest.mark.slow
