@@ -76,6 +76,7 @@ def documentation_page(
         ("input", "Inputs"), ("output", "Outputs"), ("parameter", "Parameters, tunable while running"),
         ("fixed", "Parameters of the start"), ("state", "Continuous states"), ("sampled", "States of sampled blocks"),
         ("local", "Signals inside"), ("clock", "Clocks of sampled blocks"),
+        ("structure", "Sizes, chosen in Configuration Mode"),
         ("condition", "Conditions of events, which are event indicators in model exchange"),
     ):  # fmt: skip
         chosen = [variable for variable in interface.variables if variable.kind == kind]

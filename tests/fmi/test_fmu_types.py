@@ -130,9 +130,10 @@ def test_arrays_as_long_as_a_structural_parameter(path):
         import_fmu(path, parameters={"channels": 6})
     model = import_fmu(path, kind="me", parameters={"channels": 4})
     assert (model.nstates, model.state_labels[-1]) == (4, "x[3]")
-    np.testing.assert_array_equal(model.start_inputs, [0.5, 1.0, 1.5, 2.0], "as the FMU has them")
+    np.testing.assert_array_equal(model.start_inputs[:4], [0.5, 1.0, 1.5, 2.0], "as the FMU has them")
     assert "gain[0]" not in model.params, "the description has values for another size"
-    exchanged = simulate(model, T, np.outer(a, np.ones(6)))
+    held = np.concatenate([a, model.start_inputs[4:]])
+    exchanged = simulate(model, T, np.outer(held, np.ones(6)))
     parameters = {"fmu.channels": 4} | {f"fmu.a[{i}]": value for i, value in enumerate(a)}
     stepped = cosimulate({"fmu": path}, timepts=T, parameters=parameters, isolated=True)
     for labels, outputs, name in (
