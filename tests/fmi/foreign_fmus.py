@@ -11,6 +11,7 @@ import pytest
 HERE = Path(__file__).parent / "foreign"
 HEADERS = Path(fmpy.__file__).parent / "c-code"
 FOLDERS = {"2.0": fmpy.platform, "3.0": fmpy.platform_tuple}
+FLAGS: tuple[str, ...] = ()  # of the compiler, for all of them
 UNITS = """
   <UnitDefinitions>
     <Unit name="m"><BaseUnit m="1"/><DisplayUnit name="mm" factor="1000"/></Unit>
@@ -149,7 +150,7 @@ def compiled(source, target, *flags):
     if shutil.which("gcc") is None:
         pytest.skip("gcc is not installed: foreign FMUs cannot be built")
     strict = ["-std=c99", "-Wall", "-Wextra", "-Werror", "-O1", "-shared", "-fPIC", f"-I{HEADERS}"]
-    subprocess.run(["gcc", *strict, *flags, str(HERE / source), "-o", str(target)], check=True)
+    subprocess.run(["gcc", *strict, *FLAGS, *flags, str(HERE / source), "-o", str(target)], check=True)
     return target
 
 
