@@ -160,8 +160,8 @@ class FastMaster:
         self._states: list[object] = [None] * len(self._parts)
         self._raised: BaseException | None = None
         self._tasks: tuple[Callable[[int, float, float], None], ...] = (
-            self._put, self._get, self._step, self._step_back, self._save, self._restore, self._forget,
-            self._transition, self._outside, self._solve, self._settle,
+            self._put, self._get, self._step, self._step_back, self._incline, self._save, self._restore,
+            self._forget, self._transition, self._outside, self._solve, self._settle,
         )  # fmt: skip
         self._callback = _CALLBACK(self._answer)
         master["python"] = ct.cast(self._callback, ct.c_void_p).value
@@ -304,6 +304,9 @@ class FastMaster:
 
     def _step_back(self, p: int, t: float, end: float) -> None:
         self._run.parts[p].advance(t, end - t, final=False)
+
+    def _incline(self, p: int, t: float, end: float) -> None:
+        self._run.parts[p].incline(self._vectors["u_slope"][self._run.wiring.input_slices[p]])
 
     def _save(self, p: int, t: float, end: float) -> None:
         self._states[p] = self._run.parts[p].save()

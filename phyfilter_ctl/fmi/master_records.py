@@ -31,8 +31,8 @@ _PART = np.dtype(
         (name, np.int64)
         for name in (
             "kind", "instance", "step", "save", "restore", "forget", "ended", "slopes", "inputs", "outputs", "sloped",
-            "n_inputs", "n_outputs", "u_begin", "u_end", "y_begin", "y_end", "feedthrough", "changed", "stale", "state",
-            "status", "terminated", "code",
+            "n_inputs", "n_outputs", "u_begin", "u_end", "y_begin", "y_end", "feedthrough", "follows", "changed",
+            "stale", "state", "status", "terminated", "code",
         )
     ]
     + [("reached", np.float64)]
@@ -127,7 +127,7 @@ class Records:
                 y.stop,
             )
             entry["feedthrough"] = bool(np.any(part.feedthrough))
-            entry["kind"] = PYTHON_PART
+            entry["kind"], entry["follows"] = PYTHON_PART, part.interpolates
             if part.in_python:
                 continue
             if isinstance(part, FmuPart):

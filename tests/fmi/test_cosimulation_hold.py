@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from test_cosimulation import COUPLED, SHOWN, START, T, exact
 
-from phyfilter_ctl.fmi import cosimulate
+from phyfilter_ctl.fmi import cosimulate, export_fmu
 from phyfilter_ctl.fmi.cosimulation_run import Run
 
 # Halving the step of a method of order two divides the error by four, to this.
@@ -61,6 +61,20 @@ def test_lines_from_outside_are_followed_exactly(build):
     middle = cosimulate({"a": build()}, hold="first", **ramp).outputs
     held = cosimulate({"a": build()}, **ramp).outputs
     assert np.max(np.abs(middle - expected)) < 0.02 * np.max(np.abs(held - expected))
+
+
+@pytest.mark.slow
+def test_exported_fmus_follow_lines(tmp_path):
+    """Ours of FMI 2.0 take slopes, on the way of step control too; a first-order lag on a ramp, in closed form."""
+    lag = ct.ss([[-2.0]], [[2.0]], [[1.0]], [[0.0]], inputs="u", outputs="y", name="lag")
+    path = export_fmu(lag, tmp_path / "lag.fmu", fmi="2.0", name="lag")
+    expected = T - 0.5 * (1.0 - np.exp(-2.0 * T))
+    integrated = 1e-6
+    for options in ({}, {"tolerance": 1e-3}):
+        found = cosimulate({"lag": path}, timepts=T, inputs={"lag.u": T}, hold="first", **options)
+        assert np.max(np.abs(found.outputs[0] - expected)) < integrated
+    held = cosimulate({"lag": path}, timepts=T, inputs={"lag.u": T})
+    assert np.max(np.abs(held.outputs[0] - expected)) > 0.04
 
 
 @pytest.mark.slow

@@ -226,11 +226,27 @@ def test_fmus_that_c_must_not_call(build, both):
     """One in a process of its own, one with items of enumerations to check."""
     typed = build("3.0", numbers=True, modes=True)
     compiled, plain = both(
-        {"a": build(), "typed": typed, "ours": import_fmu(build(), kind="cs", isolated=True)},
+        {
+            "a": build(),
+            "typed": typed,
+            "ours": import_fmu(build(interpolates=True), kind="cs", isolated=True),
+        },
         [("a.place", "ours.x"), ("ours.place", "typed.x[0]"), ("typed.place[0]", "a.x")],
         step=0.02,
+        hold="first",
     )
     assert (
         compiled.master == "C, calling Python for typed (with enumerations), ours (in a process of its own)"
     )
     assert np.array_equal(compiled.outputs, plain.outputs)
+
+
+@pytest.mark.slow
+def test_nothing_is_called_after_a_fatal_error(tmp_path, monkeypatch):
+    path = oscillator(tmp_path, defines=("FAIL_AT=0.35", "FAILS_WITH=fmi2Fatal"))
+    for in_c in (True, False):
+        monkeypatch.setattr(Run, "in_c", in_c)
+        with pytest.raises(FmuError, match="fmi2DoStep: fatal: at t = ") as caught:
+            cosimulate({"a": path}, timepts=T, tolerance=1e-2)
+        assert caught.value.results is not None
+        assert not any("after a fatal" in message for message in caught.value.results.messages["a"])

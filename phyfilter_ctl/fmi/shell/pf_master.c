@@ -212,7 +212,11 @@ static int64_t give(Master *m, int64_t p, double t, double end)
   Part *part = &m->parts[p];
   int64_t code = pf_master_aim(m, p, t, end);
   if (!code) code = pf_master_put(m, p, t);
-  if (code || !part->slopes) return code;
+  if (code || !part->follows) return code;
+  if (part->kind == IN_PYTHON) {
+    part->stale = 1;
+    return m->python(PY_SLOPES, p, t, end);
+  }
   const Group *group = part->sloped;
   double *values = group->values;
   for (int64_t k = 0; k < group->n; k++) {
@@ -227,7 +231,7 @@ static int64_t give(Master *m, int64_t p, double t, double end)
 static int64_t arrive(Master *m, int64_t p, double t, double end)
 {
   const Part *part = &m->parts[p];
-  const double left = (part->slopes ? 1.0 : 0.5) * (end - t);
+  const double left = (part->follows ? 1.0 : 0.5) * (end - t);
   if (!part->feedthrough) return FINE;
   for (int64_t i = part->u_begin; i < part->u_end; i++) m->v[i] = m->u[i] + (m->moves[i] ? left * m->u_slope[i] : 0.0);
   return pf_master_put(m, p, end);

@@ -13,7 +13,8 @@ enum { STATUS_WARNING = 1, STATUS_DISCARD = 2, STATUS_FATAL = 4 };
 enum { IN_PYTHON, LINEAR, FMI2, FMI3 };
 /* PY_STEP_BACK: a step from whose start or before a state may be put back. */
 enum {
-  PY_PUT, PY_GET, PY_STEP, PY_STEP_BACK, PY_SAVE, PY_RESTORE, PY_FORGET, PY_TRANSITION, PY_OUTSIDE, PY_LOOP, PY_SETTLE
+  PY_PUT, PY_GET, PY_STEP, PY_STEP_BACK, PY_SLOPES, PY_SAVE, PY_RESTORE, PY_FORGET, PY_TRANSITION, PY_OUTSIDE, PY_LOOP,
+  PY_SETTLE
 };
 enum { SPANS = 8 }; /* lengths of steps that a linear part remembers */
 
@@ -31,10 +32,10 @@ typedef struct {                /* variables of one type */
 typedef struct {
   int64_t kind;
   void *instance;
-  Function step, save, restore, forget, ended, slopes; /* slopes: NULL where the part takes none */
+  Function step, save, restore, forget, ended, slopes;
   Group *inputs, *outputs, *sloped;
   int64_t n_inputs, n_outputs, u_begin, u_end, y_begin, y_end;
-  int64_t feedthrough, changed, stale; /* stale: its inputs have moved since they were set */
+  int64_t feedthrough, follows, changed, stale; /* follows: takes slopes; stale: inputs have moved since they were set */
   void *state;
   int64_t status, terminated, code;
   double reached;

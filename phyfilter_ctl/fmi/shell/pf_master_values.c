@@ -167,7 +167,7 @@ int64_t pf_master_wired(Master *m, double t, int64_t begin, int64_t end)
 int64_t pf_master_aim(Master *m, int64_t p, double t, double end)
 {
   const Part *part = &m->parts[p];
-  const double half = part->slopes ? 0.0 : 0.5 * (end - t);
+  const double half = part->follows ? 0.0 : 0.5 * (end - t);
   const int64_t begin = part->u_begin;
   int64_t code = FINE;
   if (m->sequence) code = pf_master_wired(m, t, begin, part->u_end);

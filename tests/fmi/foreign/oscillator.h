@@ -44,6 +44,7 @@ typedef struct {
   Model m;
   void *logger, *environment;
   char name[64];
+  int dead;
 } Instance;
 
 static void model_reset(Model *m) {

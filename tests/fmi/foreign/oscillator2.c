@@ -2,6 +2,9 @@
 #include "fmi2Functions.h"
 #include "oscillator.h"
 
+#ifndef FAILS_WITH
+#define FAILS_WITH fmi2Error
+#endif
 #define MODEL(c) (&((Instance *)(c))->m)
 
 const char *fmi2GetTypesPlatform(void) { return fmi2TypesPlatform; }
@@ -127,7 +130,12 @@ fmi2Status fmi2SetFMUstate(fmi2Component c, fmi2FMUstate state) {
 }
 
 fmi2Status fmi2FreeFMUstate(fmi2Component c, fmi2FMUstate *state) {
-  (void)c;
+  Instance *self = c;
+  if (self->dead) {
+    fmi2CallbackLogger log;
+    *(void **)&log = self->logger;
+    log(self->environment, self->name, fmi2Error, "error", "called after a fatal error");
+  }
   free(*state);
   *state = NULL;
   return fmi2OK;
@@ -230,7 +238,8 @@ fmi2Status fmi2DoStep(fmi2Component c, fmi2Real t, fmi2Real h, fmi2Boolean final
     fmi2CallbackLogger log;
     *(void **)&log = self->logger;
     log(self->environment, self->name, fmi2Error, "error", "spring broke at t = %g: %s", t, "too long");
-    return fmi2Error;
+    self->dead = FAILS_WITH == fmi2Fatal;
+    return FAILS_WITH;
   }
   if (h > DISCARD_ABOVE) return fmi2Discard;
   if (t + h > ENDS_AT + 1e-9) {
