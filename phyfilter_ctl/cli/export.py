@@ -103,6 +103,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="N",
         help="FMI 3, filters: importers choose up to N channels by the structural parameter channels",
     )
+    fmu.add_argument(
+        "--xcp",
+        action="store_true",
+        help="for calibration tools: A2L files of parameters and signals at fixed addresses (FMI-LS-XCP)",
+    )
     c = parser.add_argument_group("C")
     c.add_argument("--fixed", action="store_true", help="coefficients and step fixed: least code and memory")
     c.add_argument(
@@ -208,6 +213,7 @@ def _fmu(options: argparse.Namespace, system: System, signals: filterfile.Signal
         arrays=not options.scalars,
         clocks=options.clocks,
         record=options.record,
+        xcp=options.xcp,
     )
 
 

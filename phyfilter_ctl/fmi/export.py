@@ -25,6 +25,7 @@ from ..filter import PhyFilter, SampledPhyFilter
 from ..filterfile import Signals
 from .archive_write import write_archive
 from .build import build_binaries, platform_names
+from .calibration import calibration_entries
 from .channels import room_for, with_channels
 from .description import Fmi, FmuExperiment, FmuInterface, FmuSolver, fmu_interface
 from .description_xml import build_description, model_description, terminals_and_icons
@@ -60,6 +61,7 @@ def export_fmu(
     compiler: str | Path | Sequence[str] | None = None,
     clocks: bool = False,
     record: Sequence[str] = (),
+    xcp: bool = False,
 ) -> Path:
     """Write a filter, a plant or a diagram as an FMU that needs nothing but itself to run.
 
@@ -110,6 +112,10 @@ def export_fmu(
         Of a diagram: signals inside that importers can read as local variables, ``block.signal``; patterns such as
         ``plant.*`` as of :func:`phyfilter_ctl.diagram.flatten`. They are evaluated with the outputs. A state of the
         same name becomes ``state.<name>``.
+    xcp : bool
+        For calibration tools: parameters and signals of the first instance at fixed addresses, described in A2L files
+        as the layered standard FMI-LS-XCP [2]_ says. The FMU has no XCP service of its own, the importer's reads and
+        writes the memory. Not with ``max_channels``.
 
     Returns
     -------
@@ -141,6 +147,7 @@ def export_fmu(
     References
     ----------
     .. [1] Functional Mock-up Interface Specification, versions 2.0.5 and 3.0.2, Modelica Association.
+    .. [2] FMI Layered Standard for XCP, version 1.0.0, Modelica Association.
 
     Examples
     --------
@@ -157,6 +164,8 @@ def export_fmu(
     elif record:
         raise ValueError("record belongs to diagrams and blocks of python-control, whose signals have names")
     room = channels
+    if xcp and max_channels is not None:
+        raise ValueError("xcp gives every signal one address: expected a fixed number of channels, give channels")
     if max_channels is not None:
         room, channels = room_for(
             system, channels, max_channels, inertia, signals, grouped=arrays and fmi == "3.0"
@@ -177,7 +186,7 @@ def export_fmu(
     if max_channels is not None:
         interface = with_channels(interface, channels or 1)
     tolerant = isinstance(system, SampledPhyFilter) and system.sampling.nonfinite == "hold"
-    token, sources = sealed(interface, accept_bad_inputs=tolerant)
+    token, sources = sealed(interface, accept_bad_inputs=tolerant, xcp=xcp)
     binaries: dict[str, bytes] = {}
     try:
         if chosen:
@@ -190,7 +199,8 @@ def export_fmu(
         )
     notes = [system.describe()] if isinstance(system, PhyFilter) else []
     page = documentation_page(interface, filters=filters, notes=notes, sources_only=not binaries)
-    return write_archive(path, fmu_entries(interface, token, sources, page) | binaries)
+    extra = calibration_entries(interface, token, binaries) if xcp else {}
+    return write_archive(path, fmu_entries(interface, token, sources, page) | binaries | extra)
 
 
 def _c_model(
@@ -260,7 +270,9 @@ def _solver(solver: FmuSolver | None, filters: tuple[PhyFilter, ...]) -> FmuSolv
     return FmuSolver(step=min(1e-3, 1.0 / (_STEPS_PER_POLE * fastest)))
 
 
-def sealed(interface: FmuInterface, *, accept_bad_inputs: bool = False) -> tuple[str, dict[str, str]]:
+def sealed(
+    interface: FmuInterface, *, accept_bad_inputs: bool = False, xcp: bool = False
+) -> tuple[str, dict[str, str]]:
     """Token from the content, and the sources with it inside.
 
     Parameters
@@ -268,8 +280,10 @@ def sealed(interface: FmuInterface, *, accept_bad_inputs: bool = False) -> tuple
     interface : FmuInterface
     accept_bad_inputs : bool
         Leave inputs that are not finite to the model.
+    xcp : bool
+        With a page for calibration tools.
     """
-    open_sources = fmu_sources(interface, "", accept_bad_inputs=accept_bad_inputs)
+    open_sources = fmu_sources(interface, "", accept_bad_inputs=accept_bad_inputs, xcp=xcp)
     digest = hashlib.sha256()
     for text in (
         model_description(interface, "", ()),
@@ -278,7 +292,7 @@ def sealed(interface: FmuInterface, *, accept_bad_inputs: bool = False) -> tuple
         digest.update(text.encode("utf-8") + b"\0")
     code = digest.hexdigest()
     token = "-".join((code[:8], code[8:12], code[12:16], code[16:20], code[20:32]))
-    return token, fmu_sources(interface, token, accept_bad_inputs=accept_bad_inputs)
+    return token, fmu_sources(interface, token, accept_bad_inputs=accept_bad_inputs, xcp=xcp)
 
 
 def fmu_entries(

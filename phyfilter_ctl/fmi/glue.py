@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from ..codegen.diagram_source import runtime_sources
+from .calibration import page_glue, page_source
 from .clocks import as_fraction
 from .description import FIRST_REFERENCE, FmuInterface
 
@@ -45,7 +46,9 @@ def fmi_headers(fmi: str) -> dict[str, str]:
     return {name: (folder / name).read_text(encoding="utf-8") for name in _HEADERS[fmi]}
 
 
-def fmu_sources(interface: FmuInterface, token: str, *, accept_bad_inputs: bool = False) -> dict[str, str]:
+def fmu_sources(
+    interface: FmuInterface, token: str, *, accept_bad_inputs: bool = False, xcp: bool = False
+) -> dict[str, str]:
     """Everything in the folder sources: model, runtime, shell and the table between them.
 
     Parameters
@@ -54,12 +57,16 @@ def fmu_sources(interface: FmuInterface, token: str, *, accept_bad_inputs: bool 
     token : str
     accept_bad_inputs : bool
         Leave inputs that are not finite to the model (``nonfinite="hold"``).
+    xcp : bool
+        With a page for calibration tools.
     """
     folder = resources.files("phyfilter_ctl.fmi") / "shell"
-    shell = {name: (folder / name).read_text(encoding="utf-8") for name in (*SHELL, _FRONT[interface.fmi])}
-    own = {
-        f"{interface.model.name}_fmu.c": glue_source(interface, token, accept_bad_inputs=accept_bad_inputs)
-    }
+    parts = (*SHELL, _FRONT[interface.fmi], *(["pf_fmi_xcp.c"] if xcp else []))
+    shell = {name: (folder / name).read_text(encoding="utf-8") for name in parts}
+    name, glue = interface.model.name, glue_source(interface, token, accept_bad_inputs=accept_bad_inputs)
+    own = {f"{name}_fmu.c": page_glue(glue, name) if xcp else glue}
+    if xcp:
+        own[f"{name}_xcp.c"] = page_source(interface, token)
     sources = {**runtime_sources(_RUNTIME), **interface.model.sources, **shell, **own}
     return dict(sorted(sources.items()))
 

@@ -146,6 +146,7 @@ pf_fmi *pf_fmi_new(const char *name, const char *token, int interface, void (*ca
   self->log = log;
   self->saved->interface = (uint32_t)interface;
   pf_fmi_reset(self);
+  if (pf_fmu_here.page) pf_fmu_here.page->claim(self);
   return self;
 }
 
@@ -161,10 +162,12 @@ void pf_fmi_reset(pf_fmi *self) {
   self->saved->channels = pf_fmu_here.channels;
   (void)self->model->init(self->self); /* start says it again */
   self->fresh = 0;
+  if (pf_fmu_here.page) pf_fmu_here.page->show(self);
 }
 
 void pf_fmi_delete(pf_fmi *self) {
   void *state;
+  if (pf_fmu_here.page) pf_fmu_here.page->leave(self);
   while ((state = self->states) != NULL) pf_fmi_free_state(self, &state);
   free(self);
 }

@@ -59,6 +59,14 @@ typedef struct { /* of a sampled block: what the importer ticks it with */
   uint64_t counter, resolution; /* period = counter / resolution; 0: no such fraction is the same number */
 } pf_fmi_clock;
 
+struct pf_fmi;
+
+typedef struct { /* numbers of one instance at fixed addresses, for a calibration tool: see pf_fmi_xcp.c */
+  double *values, *seen, *in_force; /* what the tool sees; what of that is known; of parameters, those in force */
+  struct pf_fmi *owner;
+  void (*claim)(struct pf_fmi *), (*take)(struct pf_fmi *), (*show)(struct pf_fmi *), (*leave)(struct pf_fmi *);
+} pf_fmi_page;
+
 typedef struct { /* generated for each FMU */
   const pf_model *model;
   const char *token;
@@ -74,6 +82,7 @@ typedef struct { /* generated for each FMU */
   const uint32_t *rows, *columns;     /* dependencies of (x', y) on (x, u), compressed rows */
   const pf_real *nominals;            /* of the continuous states; NULL: all 1 */
   const pf_fmi_clock *clocks;         /* of the model's tasks; NULL: they follow time events */
+  pf_fmi_page *page;                  /* NULL: there is none */
   const char *(*why)(void);           /* why the model refused the last call of this thread; NULL: codes say it all */
 } pf_fmu;
 
@@ -140,6 +149,12 @@ int pf_fmi_set(pf_fmi *self, const uint32_t *references, size_t n, const double 
 int pf_fmi_get_sizes(pf_fmi *self, const uint32_t *references, size_t n, uint64_t *values, size_t n_values);
 int pf_fmi_set_sizes(pf_fmi *self, const uint32_t *references, size_t n, const uint64_t *values, size_t n_values);
 int pf_fmi_set_slopes(pf_fmi *self, const uint32_t *references, size_t n, const int *orders, const double *values);
+
+/* Of pf_fmi_page: by instantiation, before parameters come into force, after a step or an event, at the end. */
+void pf_fmi_page_claim(pf_fmi *self);
+void pf_fmi_page_take(pf_fmi *self);
+void pf_fmi_page_show(pf_fmi *self);
+void pf_fmi_page_leave(pf_fmi *self);
 
 /* NULL where it is none, which is logged. */
 const pf_fmi_clock *pf_fmi_clock_of(pf_fmi *self, uint32_t reference, const char *call);

@@ -16,7 +16,14 @@ static pf_time slack(pf_time since, pf_time t) {
 
 static int is_finite(double value) { return value - value == 0; }
 
+/* To a calibration tool. */
+static int shown(pf_fmi *self, int status) {
+  if (pf_fmu_here.page) pf_fmu_here.page->show(self);
+  return status;
+}
+
 static int apply_staged(pf_fmi *self) {
+  if (pf_fmu_here.page) pf_fmu_here.page->take(self);
   if (!self->saved->staged) return PF_FMI_OK;
   self->saved->staged = 0;
   self->fresh = 0;
@@ -64,7 +71,7 @@ int pf_fmi_exit_initialization(pf_fmi *self) {
   }
   saved->ticks = 0;
   saved->mode = saved->interface == PF_FMI_MODEL_EXCHANGE || saved->event_mode ? PF_FMI_EVENT : PF_FMI_STEP;
-  return status;
+  return shown(self, status);
 }
 
 /* ---- events ---- */
@@ -126,7 +133,7 @@ int pf_fmi_update_discrete(pf_fmi *self, int *states_changed, int *next_defined,
   *next_defined = at < PF_NEVER;
   *next = *next_defined ? at : 0;
   pf_fmi_event(self, "event at %.9g s; next at %.9g s", saved->time, *next);
-  return status;
+  return shown(self, status);
 }
 
 /* ---- model exchange ---- */
@@ -207,7 +214,7 @@ int pf_fmi_completed_step(pf_fmi *self, int *event) {
   if (model->events) code = pf_events_seen(model, self->self, self->work, self->saved->time, event);
 #endif
   self->fresh = 0;
-  return code ? pf_fmi_failure(self, "completedIntegratorStep", code) : PF_FMI_OK;
+  return code ? pf_fmi_failure(self, "completedIntegratorStep", code) : shown(self, PF_FMI_OK);
 }
 
 int pf_fmi_nominals(pf_fmi *self, double *nominals, size_t n) {
@@ -336,5 +343,5 @@ int pf_fmi_step(pf_fmi *self, double t, double h, double *reached, int *event) {
   }
   saved->time = *reached;
   if (!saved->event_mode || !*event) saved->last_event = *reached;
-  return status;
+  return shown(self, status);
 }
