@@ -7,6 +7,7 @@ import itertools
 import struct
 import zlib
 from collections.abc import Sequence
+from functools import cache, lru_cache
 from html import escape
 from math import prod
 
@@ -141,6 +142,11 @@ def bode_picture(filters: Sequence[PhyFilter]) -> str:
     >>> bode_picture([PhyFilter([400.0, 40.0])]).startswith("<svg")
     True
     """
+    return _bode_picture(tuple(filters))
+
+
+@lru_cache(maxsize=8)  # one filter is exported more than once: for FMI 2 and 3, for each part of a package
+def _bode_picture(filters: tuple[PhyFilter, ...]) -> str:
     omega = _frequencies(filters)
     # Plain rcParams of matplotlib, whatever the user has set, and no identifiers from the clock.
     with mpl.rc_context():
@@ -192,6 +198,7 @@ def icon_svg() -> str:
     )
 
 
+@cache
 def icon_png() -> bytes:
     """terminalsAndIcons/icon.png, and model.png of FMI 2: the same picture as :func:`icon_svg`."""
     y, x = np.mgrid[0:_SIZE, 0:_SIZE] + 0.5
@@ -203,6 +210,7 @@ def icon_png() -> bytes:
     return _png(image)
 
 
+@cache
 def terminal_png() -> bytes:
     """terminalsAndIcons/terminal.png: a black square."""
     return _png(np.zeros((16, 16, 3), dtype=np.uint8))

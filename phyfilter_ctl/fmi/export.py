@@ -165,7 +165,9 @@ def export_fmu(
         raise ValueError("record belongs to diagrams and blocks of python-control, whose signals have names")
     room = channels
     if xcp and max_channels is not None:
-        raise ValueError("xcp gives every signal one address: expected a fixed number of channels, give channels")
+        raise ValueError(
+            "xcp gives every signal one address: expected a fixed number of channels, give channels"
+        )
     if max_channels is not None:
         room, channels = room_for(
             system, channels, max_channels, inertia, signals, grouped=arrays and fmi == "3.0"
