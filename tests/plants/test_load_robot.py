@@ -100,11 +100,53 @@ def test_ground_and_options():
 
 
 @pytest.mark.parametrize(
+    "shape",
+    [
+        'type="sphere" size=".03"',
+        'type="capsule" size=".02 .04"',
+        'type="capsule" size=".02" fromto="-.05 0 -.3 .05 0 -.28"',
+        'type="ellipsoid" size=".05 .03 .02"',
+        'type="cylinder" size=".04 .02"',
+        'type="box" size=".06 .03 .01"',
+    ],
+)
+def test_lowest_point_of_any_foot_touches_the_ground(shape):
+    """Against MuJoCo's collision of a plane and the tilted foot; the file is in degrees, the ground is not."""
+    text = f"""<mujoco><compiler angle="degree"/><worldbody><body name="trunk"><freejoint/><geom size=".05" mass="3"/>
+    <body><joint name="hip" axis="0 1 0" range="-40 40"/><geom size=".01" mass=".1" contype="0" conaffinity="0"/>
+    <body name="foot" euler="25 0 10"><geom name="sole" pos="0 0 -.3" mass=".1" {shape}/></body></body></body>
+    </worldbody><actuator><motor joint="hip" gear="-3" ctrlrange="-4 4"/></actuator></mujoco>"""
+    text = text.replace('pos="0 0 -.3"', "") if "fromto" in shape else text
+    robot = load_robot(text, joints=["hip"], feet=["sole"])
+    assert robot.torque_limits.tolist() == [12.0]
+    assert robot.model.jnt_range[1] == pytest.approx(np.radians([-40.0, 40.0]))
+    data = robot.stand([0.3])
+    data.qpos[2] -= 1e-3
+    mujoco.mj_forward(robot.model, data)
+    assert min(contact.dist for contact in data.contact) == pytest.approx(-1e-3, abs=1e-9)
+    assert data.sensordata[robot.touch[0]] > 0.0
+    assert load_robot(text, joints=["hip"], feet=["foot"]).geoms.tolist() == robot.geoms.tolist()
+
+
+def test_ground_of_the_file_stays_the_only_one():
+    text = """<mujoco><worldbody><geom name="floor" type="plane" size="0 0 1"/><body name="trunk"><freejoint/>
+    <geom name="foot" size=".1" mass="1"/><body><joint name="arm"/><geom size=".02" mass=".1" pos="0 0 .2"/></body>
+    </body></worldbody></mujoco>"""
+    robot = load_robot(text, joints=["arm"], feet=["foot"], torque_limits=1.0)
+    planes = robot.model.geom_type == mujoco.mjtGeom.mjGEOM_PLANE
+    assert planes.sum() == 1
+    moving = '<mujoco><worldbody><body pos="9 0 1"><freejoint/><geom size=".1"/></body></worldbody></mujoco>'
+    with pytest.raises(ValueError, match="to be what moves first in the model"):
+        load_robot(text, joints=["arm"], feet=["foot"], torque_limits=1.0, ground=moving)
+
+
+@pytest.mark.parametrize(
     ("change", "message"),
     [
         ({"joints": ["knee"]}, "no hinge or slide 'knee' in the file; there are: hip"),
         ({"joints": ["hip", "hip"]}, "expected different names"),
-        ({"feet": ["leg"]}, "expected 'leg' to be a sphere, or a body with one; spheres: toe"),
+        ({"feet": ["leg"]}, "expected 'leg' to be a sphere, .* or a body with one; there are: toe"),
+        ({"feet": []}, "feet: expected different names"),
         ({"torque_limits": -1.0}, "expected positive numbers in N m"),
         ({"source": "<mujoco><oops/></mujoco>"}, "no robot that MuJoCo can read"),
         ({"source": Path("/nowhere/robot.xml")}, "no robot that MuJoCo can read"),

@@ -21,7 +21,8 @@ __all__ = ["LeggedRobot", "load_robot"]
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
-# The smallest sphere that holds the contact points of a foot is this much larger than the foot.
+_SHAPES = ("SPHERE", "CAPSULE", "ELLIPSOID", "CYLINDER", "BOX")
+# What holds the contact points of a foot is this much larger than the foot.
 _AROUND = 1.2
 _GROUND = '<mujoco><worldbody><geom name="ground" type="plane" size="0 0 1"/></worldbody></mujoco>'
 
@@ -99,7 +100,12 @@ class LeggedRobot:
         ------
         KeyError
             For names that the model does not have.
+        ValueError
+            If the base does not come first, moved by a free joint.
         """
+        free = simulator("a legged robot").mjtJoint.mjJNT_FREE
+        if not model.njnt or model.jnt_type[0] != free or model.jnt_bodyid[0] != model.body(base).id:
+            raise ValueError(f"expected {base!r}, on a free joint, to be what moves first in the model")
         at = [model.joint(name) for name in joints]
         return LeggedRobot(
             model,
@@ -135,9 +141,26 @@ class LeggedRobot:
         data = mujoco.MjData(self.model)
         data.qpos[self.qpos] = np.asarray(angles, dtype=float)
         mujoco.mj_kinematics(self.model, data)
-        data.qpos[2] -= np.min(data.geom_xpos[self.geoms, 2] - self.model.geom_size[self.geoms, 0])
+        data.qpos[2] -= np.min(self._soles(data)[:, 2])
         mujoco.mj_forward(self.model, data)
         return data
+
+    def _soles(self, data: MjData) -> FloatArray:
+        """The points of the ground below the feet's centres that their lowest points touch, (feet, 3) m."""
+        geom = simulator("a legged robot").mjtGeom
+        found = data.geom_xpos[self.geoms].copy()
+        for k, g in enumerate(self.geoms):
+            up, (a, b, c) = data.geom_xmat[g].reshape(3, 3)[2], self.model.geom_size[g]
+            shape = self.model.geom_type[g]
+            if shape == geom.mjGEOM_BOX:
+                found[k, 2] -= np.abs(up) @ (a, b, c)
+            elif shape == geom.mjGEOM_ELLIPSOID:
+                found[k, 2] -= np.linalg.norm(up * (a, b, c))
+            elif shape == geom.mjGEOM_CYLINDER:
+                found[k, 2] -= a * np.hypot(up[0], up[1]) + b * abs(up[2])
+            else:
+                found[k, 2] -= a + (b * abs(up[2]) if shape == geom.mjGEOM_CAPSULE else 0.0)
+        return found
 
     def quantities(self, data: MjData, *, stepped: bool = False) -> JointQuantities:
         """What a ``JointSpacePrior`` asks for, base first, then the joints as they were named.
@@ -158,8 +181,7 @@ class LeggedRobot:
             raise ValueError("MuJoCo gave no inertia, bias or contact torque")
         bias = found.bias[order]
         jacobian = np.zeros((len(self.feet), 3, self.model.nv))
-        for place, geom in zip(jacobian, self.geoms, strict=True):
-            point = data.geom_xpos[geom] - [0.0, 0.0, self.model.geom_size[geom, 0]]
+        for place, geom, point in zip(jacobian, self.geoms, self._soles(data), strict=True):
             mujoco.mj_jac(self.model, data, place, None, point, self.model.geom_bodyid[geom])
         carries = (data.sensordata[self.touch] > 0.0).astype(float)
         return JointQuantities(
@@ -193,11 +215,12 @@ def load_robot(
     joints : sequence of str
         Hinges or slides that have motors, in the order that is wanted.
     feet : sequence of str
-        Spheres: geoms, or bodies whose only sphere it is, as in a URDF, which does not name geoms.
+        Geoms of simple shape, or bodies with one that collides, as in a URDF, which does not name geoms.
     torque_limits : float or (n,) array, optional
         N m; None: those of the file's actuators or joints (the effort of a URDF).
     ground : str, optional
-        MJCF of the world that the robot is put in, whose options hold; None: a plane at z = 0 and the file's options.
+        MJCF of the world that the robot is put in, whose options hold; None: the file's options, and a plane at z = 0
+        where the file has no ground of its own.
     options : mapping, optional
         Names and values of ``mujoco.MjOption`` that are set, "timestep" for one.
 
@@ -226,13 +249,15 @@ def load_robot(
     _without_meshes(mujoco, spec)
     base = _on_a_free_joint(mujoco, spec)
     limits = _limits(mujoco, spec, tuple(joints), torque_limits)
-    balls = [_foot(mujoco, spec, name) for name in feet]
+    if not feet or len(set(feet)) < len(feet):
+        raise ValueError(f"feet: expected different names, got {list(feet)}")
+    soles = [_foot(mujoco, spec, name) for name in feet]
     _add_motors(mujoco, spec, joints, limits)
-    for name, geom in zip(feet, balls, strict=True):
+    for name, geom in zip(feet, soles, strict=True):
         site = geom.parent.add_site(
-            name=f"{name} touch", pos=geom.pos, size=[_AROUND * geom.size[0], 0.0, 0.0]
+            name=f"{name} touch", type=geom.type, pos=geom.pos, quat=geom.quat, size=_AROUND * geom.size
         )
-        site.group = 4
+        site.fromto, site.group = geom.fromto, 4
         spec.add_sensor(
             name=f"{name} touch",
             type=mujoco.mjtSensor.mjSENS_TOUCH,
@@ -241,7 +266,8 @@ def load_robot(
         )
         geom.name, geom.priority, geom.condim = f"{name} sole", 1, max(3, geom.condim)
         geom.conaffinity = geom.conaffinity or 1
-    world = mujoco.MjSpec.from_string(_GROUND if ground is None else ground)
+    own = any(geom.contype or geom.conaffinity for geom in spec.worldbody.geoms)
+    world = mujoco.MjSpec.from_string(ground or ("<mujoco/>" if own else _GROUND))
     if ground is None:
         world.option = spec.option
     spec.option = world.option
@@ -297,14 +323,11 @@ def _limits(mujoco: Any, spec: Any, joints: Sequence[str], given: ArrayLike | No
     if given is None:
         found = []
         for name in joints:
-            ranges = [act.forcerange for act in spec.actuators if act.target == name] + [
-                there[name].actfrcrange
-            ]
-            ranges += [
-                act.ctrlrange * act.gear[0]
-                for act in spec.actuators
-                if act.target == name and act.biastype == mujoco.mjtBias.mjBIAS_NONE
-            ]
+            acts = [act for act in spec.actuators if act.target == name]
+            ranges = [act.forcerange * act.gear[0] for act in acts] + [there[name].actfrcrange]
+            # A control is a torque where no bias makes it a servo's target.
+            motors = [act for act in acts if act.biastype == mujoco.mjtBias.mjBIAS_NONE]
+            ranges += [act.ctrlrange * act.gainprm[0] * act.gear[0] for act in motors]
             largest = [float(np.max(np.abs(pair))) for pair in ranges if np.max(np.abs(pair)) > 0.0]
             if not largest:
                 raise ValueError(f"the file does not limit the torque of {name!r}; give torque_limits in N m")
@@ -317,15 +340,19 @@ def _limits(mujoco: Any, spec: Any, joints: Sequence[str], given: ArrayLike | No
 
 
 def _foot(mujoco: Any, spec: Any, name: str) -> Any:
-    sphere = mujoco.mjtGeom.mjGEOM_SPHERE
-    found = [geom for geom in spec.geoms if name in (geom.name, geom.parent.name) and geom.type == sphere]
-    named = [geom for geom in found if geom.name == name]
-    if len(named or found) != 1:
-        known = ", ".join(geom.name or geom.parent.name for geom in spec.geoms if geom.type == sphere)
-        raise ValueError(
-            f"feet: expected {name!r} to be a sphere, or a body with one; spheres: {known or 'none'}"
+    named = [geom for geom in spec.geoms if geom.name == name]
+    solid = [geom for geom in spec.geoms if geom.contype or geom.conaffinity]
+    found = named or [geom for geom in solid if geom.parent.name == name]
+    shapes = [getattr(mujoco.mjtGeom, f"mjGEOM_{shape}") for shape in _SHAPES]
+    if len(found) != 1 or found[0].type not in shapes:
+        known = ", ".join(
+            dict.fromkeys(geom.name or geom.parent.name for geom in solid if geom.type in shapes)
         )
-    return (named or found)[0]
+        raise ValueError(
+            f"feet: expected {name!r} to be a {', '.join(_SHAPES).lower()}, or a body with one; there are: "
+            f"{known or 'none'}"
+        )
+    return found[0]
 
 
 def _add_motors(mujoco: Any, spec: Any, joints: Sequence[str], limits: FloatArray) -> None:
