@@ -112,6 +112,37 @@ class _Loader(_FMU):
         return self
 
 
+class _Cosimulated(fmi3.FMU3Slave):
+    """Co-simulation that keeps what the FMU tells inside its steps."""
+
+    watched: tuple[list[int], int] = [], 0
+    _failed: Exception | None = None
+
+    def hear(
+        self, _: object, time: float, settable: bool, gettable: bool, finished: bool, may_return: bool,
+        returns: Any, until: object,
+    ) -> None:  # fmt: skip
+        """The FMU's callback: values now, where they may be read."""
+        returns[0] = False
+        if gettable:
+            try:
+                self._heard.append([time, *self.getFloat64(*self.watched)])
+            except Exception as error:  # an exception cannot pass through the FMU: it is raised behind it
+                self._failed = error
+
+    def takeHeard(self) -> list[list[float]]:  # as FMPy names its own
+        """Time and values of all since it was asked last."""
+        failed, self._failed = self._failed, None
+        if failed is not None:
+            raise failed
+        found, self._heard = self._heard, []
+        return found
+
+    def __init__(self, **kwargs: Any) -> None:
+        super().__init__(**kwargs)
+        self._heard: list[list[float]] = []
+
+
 class _Scheduled(fmi3.FMU3ScheduledExecution):
     """Scheduled execution that hears what the FMU tells in its callback of clocks, one partition after another."""
 
@@ -177,7 +208,7 @@ _CLASSES: dict[tuple[str, str], Any] = {
         ("2.0", "me", fmi2.FMU2Model),
         ("2.0", "cs", fmi2.FMU2Slave),
         ("3.0", "me", fmi3.FMU3Model),
-        ("3.0", "cs", fmi3.FMU3Slave),
+        ("3.0", "cs", _Cosimulated),
         ("3.0", "se", _Scheduled),
     )
 }
@@ -193,6 +224,7 @@ def bind(
     token: str,
     name: str,
     event_mode: bool = False,
+    intermediate: tuple[list[int], int] | None = None,
 ) -> Any:
     """An instance of an unpacked FMU: an object of FMPy's classes.
 
@@ -207,6 +239,8 @@ def bind(
         Of the unpacked FMU, of the binary, GUID or instantiation token, of the instance.
     event_mode : bool
         Whether co-simulation is to use Event Mode, and may return early.
+    intermediate : tuple of list of int and int, optional
+        Variables that co-simulation is to tell of inside its steps, and how many numbers they are.
 
     Raises
     ------
@@ -227,7 +261,12 @@ def bind(
         if fmi == "2.0":
             fmu.instantiate(callbacks=fmi2_callbacks(log))
         else:
-            options = {"eventModeUsed": True, "earlyReturnAllowed": True} if event_mode else {}
+            options: dict[str, Any] = (
+                {"eventModeUsed": True, "earlyReturnAllowed": True} if event_mode else {}
+            )
+            if intermediate is not None:
+                fmu.watched = intermediate
+                options |= {"intermediateUpdate": fmu.hear, "requiredIntermediateVariables": intermediate[0]}
             fmu.instantiate(
                 logMessage=lambda _, status, category, text: log.add(status, category, text), **options
             )

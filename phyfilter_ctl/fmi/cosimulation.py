@@ -49,6 +49,8 @@ class CosimulationResponse(ct.TimeResponseData):
         What made the steps: "C" or "Python", and for which parts C had to call Python, or why there was no C.
     ticks : dict of str to (k,) array
         By ``part.clock``: the times in seconds at which clocks of the FMUs ticked, those of the FMUs' own included.
+    intermediate : dict of str to control.TimeResponseData
+        By part: what FMUs told of their outputs inside steps, at times of their own choice.
     message : str
         "" where the run succeeded, else what happened and what to try; ``success`` says which.
     texts : dict of str to (k,) array of objects
@@ -70,6 +72,7 @@ class CosimulationResponse(ct.TimeResponseData):
         message: str = "",
         texts: Mapping[str, NDArray[np.object_]] | None = None,
         ticks: Mapping[str, FloatArray] | None = None,
+        intermediate: Mapping[str, ct.TimeResponseData] | None = None,
     ) -> None:
         super().__init__(
             time,
@@ -90,6 +93,7 @@ class CosimulationResponse(ct.TimeResponseData):
         self.texts: dict[str, NDArray[np.object_]] = dict(texts or {})
         self.master: str = master
         self.ticks: dict[str, FloatArray] = dict(ticks or {})
+        self.intermediate: dict[str, ct.TimeResponseData] = dict(intermediate or {})
 
 
 def cosimulate(
@@ -113,6 +117,7 @@ def cosimulate(
     limits: ArchiveLimits | None = None,
     isolated: bool | Isolation = False,
     clocks: ClockTimes | None = None,
+    intermediate: bool = False,
 ) -> CosimulationResponse:
     """Run FMUs and python-control systems wired together.
 
@@ -180,6 +185,9 @@ def cosimulate(
     clocks : dict of str to float or sequence of float, optional
         By ``part.clock``: for clocks whose interval is the importer's to choose, that in seconds; for triggered ones
         the times at which they tick. Periodic and countdown clocks tick as their FMU says.
+    intermediate : bool
+        Whether FMUs that provide intermediate updates (FMI 3.0) are to tell of their Float64 outputs inside steps, on
+        the inputs held; ``response.intermediate`` has them.
 
     Returns
     -------
@@ -260,7 +268,7 @@ def cosimulate(
             outside = {label: [Wire(sink, "") for sink in sinks] for label, sinks in parts.inputs.items()}
             parts, wires, names = parts.parts, [*parts.wires, *wires], parts.outputs
         members = _members(
-            stack, parts, parameters or {}, initial_state or {}, limits, isolated, clocks or {}
+            stack, parts, parameters or {}, initial_state or {}, limits, isolated, clocks or {}, intermediate
         )
         handed, numbers = text_wires(members, wires)
         wiring = wire_up(members, numbers, units=units)
@@ -298,6 +306,7 @@ def _members(
     limits: ArchiveLimits | None,
     isolated: bool | Isolation,
     clocks: ClockTimes,
+    intermediate: bool,
 ) -> list[Part]:
     if not parts:
         raise ValueError("parts: expected at least one")
@@ -321,6 +330,7 @@ def _members(
             limits=limits,
             isolated=isolated,
             clocks=chosen[name],
+            intermediate=intermediate,
         )
         stack.callback(part.close)
         members.append(part)
@@ -402,6 +412,7 @@ def _response(run: Run, times: FloatArray, message: str) -> CosimulationResponse
         message=message,
         texts=run.texts.rows,
         ticks=_ticks(run.parts),
+        intermediate=_told(run.parts),
     )
 
 
@@ -411,3 +422,20 @@ def _ticks(parts: Sequence[Part]) -> dict[str, FloatArray]:
         for t, clock in part.ticks:
             times.setdefault(f"{part.name}.{clock}", []).append(t)
     return {name: np.array(found) for name, found in times.items()}
+
+
+def _told(parts: Sequence[Part]) -> dict[str, ct.TimeResponseData]:
+    found = {}
+    for part in parts:
+        labels, rows = part.intermediate
+        if labels and rows:
+            table = np.array(rows)
+            found[part.name] = ct.TimeResponseData(
+                table[:, 0],
+                table[:, 1:].T,
+                issiso=False,
+                output_labels=list(labels),
+                title="Inside steps",
+                sysname=part.name,
+            )
+    return found

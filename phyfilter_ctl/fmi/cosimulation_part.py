@@ -160,6 +160,11 @@ class Part(Protocol):
         """Time in seconds and name of each tick of a clock."""
         return ()
 
+    @property
+    def intermediate(self) -> tuple[tuple[str, ...], Sequence[Sequence[float]]]:
+        """Outputs that it told of inside steps, and each time t and their values."""
+        return (), ()
+
     def save(self) -> object:
         """The state as it is now."""
         ...

@@ -58,6 +58,8 @@ class FmuPart(Part):
     clocks : dict of str to float or sequence of float, optional
         Intervals of its clocks, instants of triggered ones.
     kind : {"cs", "se"}
+    intermediate : bool
+        Whether it is to tell of its outputs inside steps, where it does that.
     """
 
     def __init__(
@@ -70,13 +72,17 @@ class FmuPart(Part):
         outputs: Sequence[str] | None = None,
         clocks: ClockTimes | None = None,
         kind: Kind = "cs",
+        intermediate: bool = False,
     ) -> None:
         self.name = name
         values = by_element(fmu.description, values)
         self._fmu, self._owned, self._values = fmu, owned, values
-        self.instance: FmuInstance = FmuInstance(fmu, kind, name, clocks)
+        entries = recorded(fmu.description, outputs)
+        tells = intermediate and kind == "cs" and fmu.description.kinds["cs"].intermediate_update
+        watched = [entry for entry in entries if tells and entry.type == "Float64" and not entry.clocks]
+        self.instance: FmuInstance = FmuInstance(fmu, kind, name, clocks, watched)
         self.input_signals: Signals = self.instance.signals("input")
-        self.output_signals: Signals = Signals(recorded(fmu.description, outputs), fmu.description.fmi)
+        self.output_signals: Signals = Signals(entries, fmu.description.fmi)
         self.inputs: tuple[str, ...] = self.input_signals.labels
         self.outputs: tuple[str, ...] = self.output_signals.labels
         description = fmu.description
@@ -200,6 +206,8 @@ class FmuPart(Part):
             return "in a process of its own"
         if self.has_events:
             return "with events"
+        if self.instance.watched:
+            return "with values inside steps"
         return "with enumerations" * any(entry.items for entry in self._fmu.description.of("input"))
 
     def get_text(self, label: str) -> Opaque:
@@ -237,6 +245,11 @@ class FmuPart(Part):
         """Time in seconds and name of each tick of a clock."""
         return self.instance.ticks
 
+    @property
+    def intermediate(self) -> tuple[tuple[str, ...], Sequence[Sequence[float]]]:
+        """Outputs that it told of inside steps, and each time t and their values."""
+        return tuple(label for entry in self.instance.watched for label in entry.labels), self.instance.told
+
     def save(self) -> object:
         """A state of the FMU."""
         return self.instance.save()
@@ -269,6 +282,7 @@ def make_part(
     limits: ArchiveLimits | None = None,
     isolated: bool | Isolation = False,
     clocks: ClockTimes | None = None,
+    intermediate: bool = False,
 ) -> Part:
     """A participant from what the user gave.
 
@@ -286,6 +300,8 @@ def make_part(
         Of an FMU file: whether it runs in a process of its own.
     clocks : dict of str to float or sequence of float, optional
         Of an FMU.
+    intermediate : bool
+        Whether an FMU is to tell of its outputs inside steps.
 
     Raises
     ------
@@ -301,7 +317,7 @@ def make_part(
             kind = "cs"
         if kind != "me":
             rest = {key: value for key, value in values.items() if key not in fmu.structure}
-            return _fmu_part(name, fmu, True, rest, None, clocks, kind)
+            return _fmu_part(name, fmu, True, rest, None, clocks, kind, intermediate)
         fmu.close()
         thing = import_fmu(
             thing, kind="me", name=name, parameters=values, limits=limits, isolated=isolated, clocks=clocks
@@ -317,6 +333,7 @@ def make_part(
             thing.patterns,
             chosen,
             thing.instance.kind,
+            intermediate,
         )
     if clocks:
         raise ValueError(f"clocks: {name} has none that can be given here; give them to import_fmu")
@@ -338,9 +355,19 @@ def _fmu_part(
     outputs: Sequence[str] | None = None,
     clocks: ClockTimes | None = None,
     kind: Kind = "cs",
+    intermediate: bool = False,
 ) -> FmuPart:
     try:
-        return FmuPart(name, fmu, owned=owned, values=values, outputs=outputs, clocks=clocks, kind=kind)
+        return FmuPart(
+            name,
+            fmu,
+            owned=owned,
+            values=values,
+            outputs=outputs,
+            clocks=clocks,
+            kind=kind,
+            intermediate=intermediate,
+        )
     except BaseException:
         if owned:
             fmu.close()

@@ -33,6 +33,13 @@ class FmuInstance(InstanceEvents):
         Instance name, for the FMU's log and for messages.
     clocks : dict of str to float or sequence of float, optional
         Intervals of clocks whose interval is the importer's to choose, instants of triggered ones.
+    intermediate : sequence of FmuVariable
+        What co-simulation is to tell of inside its steps; variables of type Float64.
+
+    Attributes
+    ----------
+    told : list of list of float
+        Time in seconds and these values, each time that it told them since the run began.
 
     Raises
     ------
@@ -224,6 +231,8 @@ class FmuInstance(InstanceEvents):
         if self.kind == "se":
             return end, False
         answer = self._call(f"fmi{self.description.fmi[0]}DoStep", self._fmu.doStep, t, end - t, final)
+        if self.watched:
+            self.told += self._call("IntermediateUpdate", self._fmu.takeHeard)
         if answer is None:  # FMI 2.0
             return end, False
         event, terminate, early, reached = answer
@@ -239,7 +248,9 @@ class FmuInstance(InstanceEvents):
         names = ("getFMUstate", "getFMUState")
         state = self._call("GetFMUState", getattr(self._fmu, names[self.description.fmi == "3.0"]))
         inputs = None if self.inputs is None else self.inputs.state
-        snapshot = Snapshot(state, self.time, self.next_event, self.schedule.state, inputs, len(self.ticks))
+        snapshot = Snapshot(
+            state, self.time, self.next_event, self.schedule.state, inputs, len(self.ticks), len(self.told)
+        )
         self._snapshots.append(snapshot)
         return snapshot
 
@@ -258,6 +269,7 @@ class FmuInstance(InstanceEvents):
         if self.inputs is not None:
             self.inputs.state = state.inputs
         del self.ticks[state.ticks :]
+        del self.told[state.told :]
 
     def forget(self, state: object) -> None:
         """Free a state.

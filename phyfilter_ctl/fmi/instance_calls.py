@@ -5,7 +5,7 @@ from __future__ import annotations
 import ctypes
 import warnings
 import weakref
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any, TypeVar
@@ -18,7 +18,7 @@ from .._sections import FloatArray
 from .binding import BindingError, bind
 from .clock_schedule import ClockSchedule, ClockTimes
 from .foreign import ForeignFmu, ForeignProcessError
-from .inspect import FmuDescription, FmuKind, Kind, Scalar
+from .inspect import FmuDescription, FmuKind, FmuVariable, Kind, Scalar
 from .messages import MessageLog, claim_messages, status_word
 from .unpacked import UnpackedFmu
 
@@ -68,7 +68,7 @@ class Snapshot:
     next_event : float or None
     schedule, inputs : object
         States of these.
-    ticks : int
+    ticks, told : int
         How many there had been.
     """
 
@@ -78,6 +78,7 @@ class Snapshot:
     schedule: object
     inputs: object
     ticks: int
+    told: int
 
 
 class InstanceCalls:
@@ -89,9 +90,17 @@ class InstanceCalls:
     kind : {"me", "cs", "se"}
     name : str
     clocks : dict, optional
+    intermediate : sequence of FmuVariable
     """
 
-    def __init__(self, fmu: UnpackedFmu, kind: Kind, name: str, clocks: ClockTimes | None = None) -> None:
+    def __init__(
+        self,
+        fmu: UnpackedFmu,
+        kind: Kind,
+        name: str,
+        clocks: ClockTimes | None = None,
+        intermediate: Sequence[FmuVariable] = (),
+    ) -> None:
         self.source = fmu  # keeps the folder
         self.description: FmuDescription = fmu.description
         self.name = name
@@ -109,6 +118,8 @@ class InstanceCalls:
         self.time: float = 0.0
         self.next_event: float | None = None
         self.ticks: list[tuple[float, str]] = []
+        self.told: list[list[float]] = []
+        self.watched: tuple[FmuVariable, ...] = tuple(intermediate)
         self._log = MessageLog()
         self._snapshots: list[Snapshot] = []
         self._broken = ""
@@ -181,6 +192,9 @@ class InstanceCalls:
             "name": self.name,
             "event_mode": self.kind == "cs" and self.event_mode,
         }
+        if self.watched:
+            references = [entry.reference for entry in self.watched]
+            what["intermediate"] = references, sum(len(entry.labels) for entry in self.watched)
         isolation = self.source.isolation
         try:
             return bind(self._log, **what) if isolation is None else ForeignFmu(self._log, isolation, **what)

@@ -138,6 +138,7 @@ class InstanceEvents(InstanceCalls):
     def _begin_events(self) -> None:
         """Clocks and discrete inputs from the start of a run on; from event mode, where the FMU is in it."""
         self.ticks.clear()
+        self.told.clear()
         if not self.event_mode and self.kind != "se":
             return
         self.schedule.begin(self.time)

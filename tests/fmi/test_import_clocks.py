@@ -189,3 +189,25 @@ def test_discrete_inputs_of_a_model_integrated_here(folder):
     y = dict(zip(response.output_labels, np.asarray(response.outputs), strict=True))
     assert y["fmu.seen"].tolist() == (TIMES > 0.35).astype(float).tolist()
     np.testing.assert_allclose(y["fmu.x"], 2.0 * TIMES, rtol=0.0, atol=EXACT)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("isolated", [False, True])
+def test_what_an_fmu_tells_inside_its_steps(folder, isolated):
+    """It tells of the middle of each step; steps that are taken back leave nothing."""
+    path = clocks_fmu(folder, "cs")
+    given = {"timepts": TIMES, "inputs": {"fmu.u": lambda t: 3.0 * t}, "isolated": isolated}
+    response = cosimulate({"fmu": path}, **given, intermediate=True)
+    told = response.intermediate["fmu"]
+    assert told.output_labels == ["x", "held"]
+    # Steps end at ticks of clocks too; x runs on a line over each.
+    ends = np.unique(
+        np.round([0.0, *(t for name in ("fast", "slow", "soon") for t in response.ticks[f"fmu.{name}"])], 9)
+    )
+    np.testing.assert_allclose(told.time, (ends[1:] + ends[:-1]) / 2, rtol=0.0, atol=1e-9)
+    expected = np.interp(told.time, TIMES, np.asarray(response.outputs)[0])
+    np.testing.assert_allclose(told.outputs[0], expected, rtol=0.0, atol=EXACT)
+    assert np.array_equal(cosimulate({"fmu": path}, **given).outputs, response.outputs)
+    controlled = cosimulate({"fmu": path}, **given, intermediate=True, tolerance=1e-3)
+    assert controlled.rejected > 0
+    assert np.all(np.diff(controlled.intermediate["fmu"].time) > 0.0)
