@@ -14,6 +14,7 @@ __all__ = ["dependencies", "derivatives", "round_trip"]
 _PROBES = 4
 # Central differences with a step of 1e-5 of a value of order one: truncation about 1e-10, rounding about 1e-11.
 _DIFFERENCE, _DERIVATIVES_AGREE = 1e-5, 1e-6
+_ADJOINT = 1e-9  # of the sum of sizes: both kinds of derivatives are exact but for rounding
 _FLOATS = ("Float64", "Float32")
 
 
@@ -108,7 +109,7 @@ def dependencies(checker: Checker, instance: FmuInstance) -> None:
 
 
 def derivatives(checker: Checker, instance: FmuInstance, t: float) -> None:
-    """Directional derivatives along a random direction against central differences.
+    """Directional derivatives along a random direction against central differences, adjoint ones against them.
 
     Parameters
     ----------
@@ -159,3 +160,14 @@ def derivatives(checker: Checker, instance: FmuInstance, t: float) -> None:
             f"directional derivative of {unknowns.labels[worst]}: {found[worst]:.6g}; differences give "
             f"{difference[worst]:.6g}"
         )
+    if instance.ability.adjoint_derivatives:
+        weights = rng.standard_normal(len(unknowns))
+        references = [entry.reference for entry in [*states, *inputs]]
+        back = instance.adjoint([*unknowns.references], references, weights, len(seed))
+        if abs(back @ seed - weights @ found) > _ADJOINT * (
+            np.abs(back) @ np.abs(seed) + np.abs(weights) @ np.abs(found)
+        ):
+            checker.error(
+                f"adjoint derivatives give {back @ seed:.6g} where directional ones give {weights @ found:.6g}: one is "
+                "not the other's transpose"
+            )

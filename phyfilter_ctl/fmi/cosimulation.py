@@ -213,9 +213,9 @@ def cosimulate(
     ``response.master`` says which. Algebraic loops it solves with the slopes that Python found before, and asks again
     where these no longer do. Where texts or bytes are handed on or recorded, Python makes the steps.
 
-    Loops of direct feedthrough are solved at each communication point by Newton's method, on directional derivatives
-    where the FMUs have them and on differences otherwise, to a residual of 1e-10 of the largest signal. An FMU that
-    does not say which inputs its outputs depend on counts as if they depended on all.
+    Loops of direct feedthrough are solved at each communication point by Newton's method, on directional or adjoint
+    derivatives where the FMUs have them and on differences otherwise, to a residual of 1e-10 of the largest signal. An
+    FMU that does not say which inputs its outputs depend on counts as if they depended on all.
 
     References
     ----------

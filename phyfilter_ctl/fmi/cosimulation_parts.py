@@ -148,13 +148,20 @@ class FmuPart(Part):
         return self._variables[label].type
 
     def slopes(self, columns: NDArray[np.intp]) -> FloatArray | None:
-        """By directional derivatives, where the FMU has them and all are numbers of double precision."""
+        """By directional or adjoint derivatives, where the FMU has them and all are numbers of double precision.
+
+        Of both the kind that takes fewer calls: one for each column, or one for each output.
+        """
         entries = {
             self._variables[label].name: self._variables[label] for label in self.inputs + self.outputs
         }
-        if not self.instance.ability.directional_derivatives or any(
-            entry.type != "Float64" for entry in entries.values()
-        ):
+        ability = self.instance.ability
+        if any(entry.type != "Float64" for entry in entries.values()):
+            return None
+        fewer = len(self.outputs) < len(columns)
+        if ability.adjoint_derivatives and (fewer or not ability.directional_derivatives):
+            return self._adjoint_slopes(columns)
+        if not ability.directional_derivatives:
             return None
         owners = [self._variables[self.inputs[j]] for j in columns]
         seeds = [
@@ -168,6 +175,17 @@ class FmuPart(Part):
                 for entry, seed in zip(owners, seeds, strict=True)
             ]
         )
+
+    def _adjoint_slopes(self, columns: NDArray[np.intp]) -> FloatArray:
+        knowns = {self._variables[self.inputs[j]].name: self._variables[self.inputs[j]] for j in columns}
+        places = {label: k for k, label in enumerate(label for e in knowns.values() for label in e.labels)}
+        references = [entry.reference for entry in knowns.values()]
+        unknowns = self.output_signals.references
+        rows = [
+            self.instance.adjoint(unknowns, references, seed, len(places))
+            for seed in np.eye(len(self.outputs))
+        ]
+        return np.array(rows).reshape(-1, len(places))[:, [places[self.inputs[j]] for j in columns]]
 
     def initialise(self, start_time: float, stop_time: float) -> None:
         """Enter the initialisation with the parameters and start values."""

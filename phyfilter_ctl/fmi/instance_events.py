@@ -68,6 +68,23 @@ class InstanceEvents(InstanceCalls):
             self._call("GetDirectionalDerivative", self._fmu.getDirectionalDerivative, *arguments, *sizes)
         )
 
+    def adjoint(
+        self, unknowns: Sequence[int], knowns: Sequence[int], seed: FloatArray, count: int
+    ) -> FloatArray:
+        """Adjoint derivative: what a seed of the unknowns gives back at the knowns.
+
+        Parameters
+        ----------
+        unknowns, knowns : sequence of int
+            Value references.
+        seed : array
+            One value per scalar of the unknowns.
+        count : int
+            Scalars of the knowns.
+        """
+        arguments = (list(unknowns), list(knowns), seed.tolist(), count)
+        return np.array(self._call("GetAdjointDerivative", self._fmu.getAdjointDerivative, *arguments))
+
     def set_point(self, t: float, x: FloatArray) -> None:
         """Set time and continuous states.
 

@@ -120,6 +120,7 @@ def description(
     numbers=False,
     modes=False,
     derivatives=False,
+    adjoint=False,
     interpolates=False,
 ):
     """modelDescription.xml of the oscillator; `declared` None says nothing of what force depends on, False a lie."""
@@ -130,7 +131,9 @@ def description(
         "cs": f'<CoSimulation modelIdentifier="{name}" canGetAndSet{keep}="{yes[state]}" '
         f'canHandleVariableCommunicationStepSize="{yes[variable_step]}" '
         + 'canInterpolateInputs="true" ' * interpolates
-        + f'providesDirectionalDerivative{"" if fmi == "2.0" else "s"}="{yes[derivatives]}"/>',
+        + f'providesDirectionalDerivative{"" if fmi == "2.0" else "s"}="{yes[derivatives]}"'
+        + ' providesAdjointDerivatives="true"' * adjoint
+        + "/>",
     }
     said = {True: ' dependencies="2 3"', False: ' dependencies="3"', None: ""}
     force = f'<Unknown index="7"{said[declared]}/>'

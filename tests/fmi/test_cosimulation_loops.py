@@ -93,6 +93,7 @@ def test_a_solution_that_goes_away_is_no_success():
         ("2.0", {"declared": False}),
         ("3.0", {}),
         ("3.0", {"derivatives": True}),
+        ("3.0", {"adjoint": True}),
     ],
 )
 def test_an_fmu_on_its_own_force(build, fmi, options):
@@ -106,14 +107,15 @@ def test_an_fmu_on_its_own_force(build, fmi, options):
 
 @pytest.mark.slow
 def test_slopes_of_parts(build):
-    """Directional derivatives where the FMU has them, matrices where the system is linear, else unknown."""
+    """Directional or adjoint derivatives where the FMU has them, matrices where the system is linear, else unknown."""
     columns = np.array([1])
-    part = make_part("a", build("3.0", derivatives=True), {})
-    assert isinstance(part, FmuPart)
-    slopes = part.slopes(columns)
-    assert slopes is not None
-    assert slopes[:, 0].tolist() == [0.0, 0.0, 0.0, 0.0, 0.0, C]
-    part.close()
+    for options in ({"derivatives": True}, {"adjoint": True}):
+        part = make_part("a", build("3.0", **options), {})
+        assert isinstance(part, FmuPart)
+        slopes = part.slopes(columns)
+        assert slopes is not None
+        assert slopes[:, 0].tolist() == [0.0, 0.0, 0.0, 0.0, 0.0, C]
+        part.close()
     plain = make_part("a", build("3.0"), {})
     assert plain.slopes(columns) is None
     plain.close()

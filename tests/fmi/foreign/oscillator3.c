@@ -127,6 +127,16 @@ EXPORT fmi3Status fmi3GetDirectionalDerivative(fmi3Instance c, const fmi3ValueRe
   return fmi3OK;
 }
 
+EXPORT fmi3Status fmi3GetAdjointDerivative(fmi3Instance c, const fmi3ValueReference unknown[], size_t n,
+                                           const fmi3ValueReference known[], size_t n_known, const fmi3Float64 seed[],
+                                           size_t n_seed, fmi3Float64 value[], size_t room) {
+  if (n_known != 1 || known[0] != PLACE || n_seed != n * N || room != N) return fmi3Error;
+  for (size_t i = 0; i < N; i++) value[i] = 0.0;
+  for (size_t i = 0; i < n_seed; i++)
+    if (unknown[i / N] == FORCE) value[i % N] += MODEL(c)->coupling * seed[i];
+  return fmi3OK;
+}
+
 EXPORT fmi3Status fmi3GetFMUState(fmi3Instance c, fmi3FMUState *state) {
   if (!*state) *state = malloc(sizeof(Model));
   memcpy(*state, MODEL(c), sizeof(Model));
@@ -242,7 +252,6 @@ REFUSE(fmi3SetUInt32) REFUSE(fmi3SetUInt64)
 REFUSE(fmi3SetString) REFUSE(fmi3SetBinary) REFUSE(fmi3SetClock)
 REFUSE(fmi3GetNumberOfVariableDependencies) REFUSE(fmi3GetVariableDependencies)
 REFUSE(fmi3SerializedFMUStateSize) REFUSE(fmi3SerializeFMUState) REFUSE(fmi3DeserializeFMUState)
-REFUSE(fmi3GetAdjointDerivative)
 REFUSE(fmi3EnterConfigurationMode) REFUSE(fmi3ExitConfigurationMode)
 REFUSE(fmi3GetIntervalDecimal) REFUSE(fmi3GetIntervalFraction) REFUSE(fmi3GetShiftDecimal)
 REFUSE(fmi3GetShiftFraction) REFUSE(fmi3SetIntervalDecimal) REFUSE(fmi3SetIntervalFraction)
