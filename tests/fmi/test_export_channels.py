@@ -9,7 +9,7 @@ import phyfilter_ctl as pf
 from phyfilter_ctl.fmi import check, cosimulate, export_fmu, import_fmu
 
 MOST = 6
-OPTIONS = {"continuous": {}, "sampled": {"inertia": "diagonal"}, "fixed": {"rate": "fixed"}}
+OPTIONS = {"continuous": {}, "sampled": {"inertia": "diagonal"}, "fixed": {"rate": "fixed", "clocks": True}}
 SYSTEMS = {"continuous": GENERAL, "sampled": FILTER.sampled(PERIOD), "fixed": GENERAL.sampled(PERIOD)}
 T = np.linspace(0.0, 0.04, 21)
 
@@ -65,6 +65,24 @@ def test_model_exchange(folder, n):
     eps = 1e-6
     ends = [block.dynamics(0.0, x + sign * eps * v, u[:, 0]) for sign in (1.0, -1.0)]
     np.testing.assert_allclose(A[0], (ends[0] - ends[1]) / (2.0 * eps), rtol=1e-6, atol=1e-6)
+
+
+@pytest.mark.slow
+def test_ticked_by_the_importer(folder):
+    """Clocks with the channels chosen: in co-simulation by event mode as in model exchange, and sample for sample."""
+    path = made(folder, "fixed", 4, MOST)
+    given = inputs(3)
+    stepped = cosimulate(
+        {"fmu": path}, timepts=T, inputs={f"fmu.{label}": values for label, values in given.items()},
+        parameters={"fmu.channels": 3},
+    )  # fmt: skip
+    block = import_fmu(path, kind="me", parameters={"channels": 3})
+    rest = np.zeros(len(T))
+    exchanged = pf.simulate(block, T, np.array([given.get(label, rest) for label in block.input_labels]))
+    x, g = (np.column_stack([given[f"{s}[{i}]"] for i in range(3)]) for s in "xg")
+    expected = SYSTEMS["fixed"].run(x, g)
+    for outputs in (stepped.outputs, exchanged.outputs):
+        np.testing.assert_allclose(outputs.T, expected, rtol=0, atol=1e-12)
 
 
 def _columns(block, v):
