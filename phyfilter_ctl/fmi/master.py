@@ -328,6 +328,7 @@ class FastMaster:
         self._now[:] = self._run.outside.at(t)
 
     def _solve(self, k: int, t: float, end: float) -> None:
+        self._tell_time(t)
         loop, entry = self._run.loops[k], self._loops[k]
         loop.scale = float(entry["scale"])
         self._run.solve(loop, t)
@@ -335,7 +336,14 @@ class FastMaster:
         self._records.inverses[k][:] = np.linalg.inv(np.eye(len(loop.inputs)) - loop.slope)
         entry["ready"] = 1
 
+    def _tell_time(self, t: float) -> None:
+        """Where instances are that C has stepped, for what their errors say."""
+        for part in self._run.parts:
+            if isinstance(part, FmuPart):
+                part.instance.time = t
+
     def _settle(self, _: int, t: float, end: float) -> None:
+        self._tell_time(t)
         run, u, y = self._run, self._run.u, self._run.y
         try:
             run.settle(t, fresh=True)
