@@ -59,6 +59,7 @@ def test_a_difference_counts_where_every_seed_agrees():
     assert json.loads(json.dumps(robustness.figures(found)))["conditions"]["flat"]["est"]["error"][1] is None
 
 
+@pytest.mark.slow
 def test_arms_walk_side_by_side_and_each_policy_has_its_figure():
     found = {family: [trot(0), trot(1)] for family in FAMILIES}
     ground = (terrain.Terrain("slope", 0.5), terrain.Terrain("tall", 1.0))
