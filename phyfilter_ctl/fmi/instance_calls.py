@@ -82,7 +82,7 @@ class Snapshot:
 
 
 class InstanceCalls:
-    """The binding of an instance, and its calls; see :class:`FmuInstance`.
+    """The binding of an instance, and its calls; see ``FmuInstance``.
 
     Parameters
     ----------

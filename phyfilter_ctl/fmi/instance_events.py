@@ -19,7 +19,7 @@ _MOST = 100  # updates of one event, or events at one time, after which they cou
 
 
 class InstanceEvents(InstanceCalls):
-    """Events and continuous time of an instance; see :class:`FmuInstance`.
+    """Events and continuous time of an instance; see ``FmuInstance``.
 
     Attributes
     ----------
