@@ -127,7 +127,9 @@ def main(options: Namespace) -> int:
 
     if options.threads < 1:
         raise ValueError(f"--threads: expected 1 or more, got {options.threads}")
-    alone = next((name for name in ("choose", "stance", "cosimulate") if getattr(options, name)), None)
+    alone = next(
+        (name for name in ("choose", "robustness", "stance", "cosimulate") if getattr(options, name)), None
+    )
     if options.contact and alone:
         raise ValueError(f"--contact: --{alone} has filters of its own; leave one of the two out")
     if options.contact and options.train and not options.filter:
@@ -244,8 +246,8 @@ def _robustness(options: Namespace, outputs: Outputs) -> None:
 
     robot, quick = options.robot or "go1", options.quick
     folder = None if options.policies is None else Path(options.policies)
-    found = robustness.policies(robot, folder=folder)
     wanted = robustness.conditions(robot, quick=quick)
+    found = robustness.policies(robot, folder=folder)
     grounds = sum(len(entry.terrains) for entry in wanted)
     with outputs.progress(1 + grounds) as say:
         judged = robustness.judge(

@@ -118,6 +118,12 @@ def test_policies_come_in_whole_sets(tmp_path, capsys):
     assert {family: len(entries) for family, entries in found.items()} == dict.fromkeys(FAMILIES, 1)
     assert main(["run", "quadruped", "--quiet", "--policies", str(tmp_path)]) == 2
     assert "--policies with --robustness" in capsys.readouterr().err
+    for wrong, message in (
+        ("--contact known", "--robustness has filters of its own"),
+        ("--robot go9", "got 'go9'"),
+    ):
+        assert main(["run", "quadruped", "--quiet", "--robustness", *wrong.split()]) == 2
+        assert message in capsys.readouterr().err
 
 
 def test_transport_and_clearance_are_those_of_the_trot():
