@@ -77,13 +77,15 @@ def test_an_fmu_runs_on_inputs(wing, tmp_path):
 
 @needs_compiler
 def test_a_refused_start_value_ends_the_run(wing, tmp_path, capsys):
-    """No Hurwitz filter has a[0] = -1: the FMU only warns and would go on with the coefficients it was made with."""
+    """No Hurwitz filter has a[0] = 0: the FMU only warns and would go on with the coefficients it was made with."""
     out = tmp_path / "out.csv"
     run = ["fmu", "run", wing, "--stop", "0.01", "--out"]
-    assert main([*run, str(out), "--set", "a[0]=-1"]) == 1
+    assert main([*run, str(out), "--set", "a[0]=-1"]) == 2  # below its minimum: the FMU is not asked
+    assert "a[0] (Float64): expected 0 to inf" in capsys.readouterr().err
+    assert main([*run, str(out), "--set", "a[0]=0"]) == 1
     shown = capsys.readouterr()
     assert shown.out == ""
-    assert "refused: a[0] is 965.685, not -1" in shown.err
+    assert "refused: a[0] is 965.685, not 0" in shown.err
     assert "not Hurwitz" in shown.err
     assert not out.exists()
     assert main([*run, "-", "--set", "a[0]=300"]) == 0
