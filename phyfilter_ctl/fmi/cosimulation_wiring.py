@@ -17,7 +17,7 @@ from .cosimulation_part import Part
 from .inspect import Scalar
 from .units import AS_IS, FmuUnit, Linear, conversion
 
-__all__ = ["Connection", "Wire", "Wiring", "block_feedthrough", "wire_up"]
+__all__ = ["Connection", "Wire", "Wiring", "block_feedthrough", "well_formed", "wire_up"]
 
 Connection = Sequence[str]
 # A signal drives what has its rank or a higher one; ranges of integers are checked in the run.
@@ -156,7 +156,7 @@ def _slices(lengths: Sequence[int]) -> tuple[slice, ...]:
 def _wires(entry: Connection | Wire, sinks: tuple[str, ...], sources: tuple[str, ...]) -> list[Wire]:
     if isinstance(entry, Wire):
         return [entry]
-    if isinstance(entry, str) or len(entry) < 2 or not all(isinstance(word, str) for word in entry):
+    if not well_formed(entry):
         raise ValueError(f'connections: expected ("part.input", "part.output", ...), got {entry!r}')
     targets = _expanded(entry[0], sinks, "input")
     result = []
@@ -169,6 +169,19 @@ def _wires(entry: Connection | Wire, sinks: tuple[str, ...], sources: tuple[str,
             )
         result += [Wire(sink, source, gain) for sink, source in zip(targets, origins, strict=True)]
     return result
+
+
+def well_formed(entry: object) -> bool:
+    """Whether something may be a connection: two names or more.
+
+    Parameters
+    ----------
+    entry : object
+    """
+    if not isinstance(entry, Sequence) or isinstance(entry, str):
+        return False
+    words: Sequence[object] = entry
+    return len(words) > 1 and all(isinstance(word, str) for word in words)
 
 
 def _expanded(label: str, known: tuple[str, ...], kind: str) -> list[str]:

@@ -114,6 +114,12 @@ def test_wires_between_types(path, wire, inputs, message):
         cosimulate({"a": path, "b": path}, [wire], timepts=T, inputs=inputs)
 
 
+@pytest.mark.parametrize("entry", [5, "ab", ("b.u_String",), ("b.u_String", 1.0)])
+def test_what_is_no_connection(path, entry):
+    with pytest.raises(ValueError, match=r"connections: expected \(.part.input., .part.output., ...\), got"):
+        cosimulate({"b": path}, [entry], timepts=T)
+
+
 def test_whole_numbers_drive_floating_point(path):
     found = cosimulate({"a": path, "b": path}, [("b.a[0]", "a.y_UInt8")], timepts=T, outputs=["b.x[0]"],
                        parameters={"a.u_UInt8": 200})  # fmt: skip
