@@ -77,7 +77,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="parameters and start values; one that the FMU refuses ends the run",
     )
     run.add_argument(
-        "--input", metavar="FILE.csv", help="inputs over time, first column time, names in the first row"
+        "--input",
+        metavar="FILE.csv",
+        help="inputs over time, first column time, names in the first row: straight lines between rows, discrete ones "
+        "held (in model exchange all are held from step to step where one is discrete)",
     )
     run.add_argument(
         "--record",
@@ -241,7 +244,8 @@ def _run(options: argparse.Namespace) -> int:
 def _cosimulated(options: argparse.Namespace, times: FloatArray) -> _Result:
     from ..fmi import cosimulate, describe, import_fmu
 
-    inputs = {} if options.input is None else _inputs(options.input, times)
+    description = describe(options.file)
+    inputs = {} if options.input is None else _inputs(options.input, times, description)[0]
     isolated = _isolated(options)
     settings = dict(map(_setting, options.set))
     whole = options.file
@@ -264,9 +268,7 @@ def _cosimulated(options: argparse.Namespace, times: FloatArray) -> _Result:
         parameters={f"fmu.{name}": value for name, value in settings.items()},
         progress=options.out != "-",
         isolated=isolated,
-        clocks={
-            f"fmu.{name}": times for name, times in _clocks(options.clock, describe(options.file)).items()
-        },
+        clocks={f"fmu.{name}": times for name, times in _clocks(options.clock, description).items()},
     )
     return _of_cosimulation(response)
 
@@ -299,27 +301,47 @@ def _exchanged(options: argparse.Namespace, times: FloatArray) -> _Result:
     )
     assert isinstance(block, FmuModel)
     names, labels = block.labels
-    given = {} if options.input is None else _inputs(options.input, times)
+    description = block.description
+    given, held = ({}, False) if options.input is None else _inputs(options.input, times, description)
     if strange := sorted(set(given) - set(names)):
         raise ValueError(
-            f"{options.input}: {strange[0]!r} is no continuous input; there are {', '.join(names) or 'none'}"
+            f"{options.input}: {strange[0]!r} is no input of numbers; there are {', '.join(names) or 'none'}"
         )
     inputs = [
         given.get(name, np.full(len(times), start))
         for name, start in zip(names, block.start_inputs, strict=True)
     ]
     response = simulate(
-        block, times, np.array(inputs) if inputs else None, squeeze=False, progress=options.out != "-"
+        block,
+        times,
+        np.array(inputs) if inputs else None,
+        interpolation="hold" if held else "linear",
+        squeeze=False,
+        progress=options.out != "-",
     )
     outputs = np.asarray(response.outputs).reshape(len(labels), -1)
     return _Result(list(labels), outputs, block.messages, response.message or "", response.plot)
 
 
-def _inputs(path: str, times: FloatArray) -> dict[str, FloatArray]:
+def _inputs(path: str, times: FloatArray, description: FmuDescription) -> tuple[dict[str, FloatArray], bool]:
+    """Inputs at these times, and whether one of them is discrete and so held."""
+    from ..fmi.held_inputs import is_continuous
     from ..fmi.replay import read_table
 
     names, table = read_table(Path(path))
-    return {name: np.interp(times, table[:, 0], table[:, i]) for i, name in enumerate(names) if i}
+    discrete = {
+        label for entry in description.of("input") if not is_continuous(entry) for label in entry.labels
+    }
+    # A row at one of the times but for rounding holds from there.
+    last = np.searchsorted(table[:, 0], times + 1e-9 * np.min(np.diff(times)), side="right") - 1
+    found = {
+        name: table[np.maximum(last, 0), i]
+        if name in discrete
+        else np.interp(times, table[:, 0], table[:, i])
+        for i, name in enumerate(names)
+        if i
+    }
+    return found, not discrete.isdisjoint(found)
 
 
 def _clocks(texts: Sequence[str], description: FmuDescription) -> dict[str, float | list[float]]:

@@ -116,4 +116,4 @@ def test_model_exchange_on_the_command_line(tmp_path, capsys):
     assert np.array_equal(table(out)[1][:, 1:], expected[:, :25].T)
     given.write_text("time,pull\n0,0\n2,2\n")
     assert main(command) == 2
-    assert "'pull' is no continuous input; there are push" in capsys.readouterr().err
+    assert "'pull' is no input of numbers; there are push" in capsys.readouterr().err

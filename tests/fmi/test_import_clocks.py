@@ -211,3 +211,20 @@ def test_what_an_fmu_tells_inside_its_steps(folder, isolated):
     controlled = cosimulate({"fmu": path}, **given, intermediate=True, tolerance=1e-3)
     assert controlled.rejected > 0
     assert np.all(np.diff(controlled.intermediate["fmu"].time) > 0.0)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["cs", "me"])
+def test_discrete_inputs_from_a_file_are_held(folder, tmp_path, capsys, kind):
+    """Rows further apart than steps: an integer has no values in between."""
+    given = tmp_path / "given.csv"
+    given.write_text("time,level,u\n0,0,1\n0.3,2,1\n0.9,7,1\n")
+    path = str(clocks_fmu(folder, kind))
+    assert (
+        main(["fmu", "run", path, "--kind", kind, "--step", "0.1", "--input", str(given), "--out", "-"]) == 0
+    )
+    rows = [line.split(",") for line in capsys.readouterr().out.splitlines()]
+    seen = [float(row[rows[0].index("seen")]) for row in rows[1:]]
+    assert seen == [0.0] * 3 + [1.0] * 6 + [2.0] * 2
+    x = [float(row[1]) for row in rows[1:]]
+    np.testing.assert_allclose(x, TIMES, rtol=0.0, atol=EXACT)
