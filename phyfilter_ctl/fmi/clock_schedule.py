@@ -242,6 +242,12 @@ class ClockSchedule:
         elif plan := self._plans.get(clock.name):
             self._plans[clock.name] = replace(plan, k=plan.k + 1)
 
+    @property
+    def ends(self) -> tuple[tuple[str, ...], tuple[str, ...]]:
+        """Names of the clocks that another's ticks may trigger, and of those that the FMU ticks itself."""
+        triggered = tuple(name for name, clock in self.inputs.items() if clock.variability == "triggered")
+        return triggered, tuple(clock.name for clock in self.outputs)
+
     def trigger(self, name: str, t: float) -> None:
         """A triggered clock is to tick once more, now.
 

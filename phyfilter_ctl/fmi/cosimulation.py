@@ -15,6 +15,7 @@ from .. import _signals
 from .._sections import FloatArray
 from .archive import ArchiveLimits
 from .clock_schedule import ClockTimes
+from .cosimulation_clocks import ClockWires
 from .cosimulation_outside import Outside, Signal
 from .cosimulation_part import Part, StepControl, step_counts, step_problem
 from .cosimulation_parts import make_part
@@ -145,7 +146,8 @@ def cosimulate(
     connections : sequence of tuple of str
         ``(input, output, ...)`` as in ``ct.interconnect``: ``("plant.f[0]", "controller.u[0]")``; several outputs are
         summed, ``"-part.y"`` is subtracted, ``"plant.f"`` stands for all its elements. String and Binary outputs go to
-        inputs of their own type as they are.
+        inputs of their own type as they are. A triggered input clock ticks with the output clock that it is wired to:
+        at the same communication point, or at the end of the step in which that one ticked.
     timepts : (N,) array_like
         Times in seconds, increasing, at which results are wanted; communication points all of them.
     step : float, optional
@@ -270,7 +272,8 @@ def cosimulate(
         members = _members(
             stack, parts, parameters or {}, initial_state or {}, limits, isolated, clocks or {}, intermediate
         )
-        handed, numbers = text_wires(members, wires)
+        clock_wires = ClockWires(members, wires)
+        handed, numbers = text_wires(members, clock_wires.others)
         wiring = wire_up(members, numbers, units=units)
         wanted = _wanted(members, outputs, names)
         texts = TextExchange(members, handed, wanted)
@@ -282,6 +285,7 @@ def cosimulate(
             _sequence(members, scheme, order),
             {name: wiring.source(label) for name, label in wanted.items() if name not in texts.rows},
             texts,
+            clock_wires,
             threads,
             first=hold == "first",
         )

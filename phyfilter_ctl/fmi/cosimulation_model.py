@@ -95,11 +95,11 @@ class ModelPart(Part):
 
     @property
     def has_events(self) -> bool:
-        """Discrete inputs, that may change at a communication point."""
-        return self._block.has_discrete_inputs
+        """Discrete inputs, that may change at a communication point, and clocks that others trigger there."""
+        return self._block.has_discrete_inputs or any(self.clocks)
 
     def happen(self, t: float) -> bool:
-        """Discrete inputs that changed."""
+        """Discrete inputs that changed, and clocks that were triggered."""
         watch = self._integrator.watch
         before = len(watch.log) if watch is not None else 0
         try:
@@ -107,6 +107,15 @@ class ModelPart(Part):
         except StepError as error:
             raise self._stopped(error) from error
         return watch is not None and len(watch.log) > before
+
+    @property
+    def clocks(self) -> tuple[tuple[str, ...], tuple[str, ...]]:
+        """Names of triggered input clocks, and of output clocks."""
+        return self._block.instance.schedule.ends
+
+    def trigger(self, clock: str, t: float) -> None:
+        """A triggered input clock is to tick at t, when events happen."""
+        self._block.instance.schedule.trigger(clock, t)
 
     @property
     def ticks(self) -> Sequence[tuple[float, str]]:

@@ -156,6 +156,14 @@ class Part(Protocol):
         return False
 
     @property
+    def clocks(self) -> tuple[tuple[str, ...], tuple[str, ...]]:
+        """Names of triggered input clocks, and of output clocks."""
+        return (), ()
+
+    def trigger(self, clock: str, t: float) -> None:
+        """A triggered input clock is to tick at t, when events happen."""
+
+    @property
     def ticks(self) -> Sequence[tuple[float, str]]:
         """Time in seconds and name of each tick of a clock."""
         return ()

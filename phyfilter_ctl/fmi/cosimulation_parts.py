@@ -259,6 +259,15 @@ class FmuPart(Part):
         return self.instance.happen()
 
     @property
+    def clocks(self) -> tuple[tuple[str, ...], tuple[str, ...]]:
+        """Names of triggered input clocks, and of output clocks."""
+        return self.instance.schedule.ends
+
+    def trigger(self, clock: str, t: float) -> None:
+        """A triggered input clock is to tick at t, when events happen."""
+        self.instance.schedule.trigger(clock, t)
+
+    @property
     def ticks(self) -> Sequence[tuple[float, str]]:
         """Time in seconds and name of each tick of a clock."""
         return self.instance.ticks

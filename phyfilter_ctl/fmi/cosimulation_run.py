@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from tqdm import tqdm
 
 from .._sections import FloatArray
+from .cosimulation_clocks import ClockWires
 from .cosimulation_loops import Loop, find_loops
 from .cosimulation_outside import Outside
 from .cosimulation_part import (
@@ -67,6 +68,7 @@ class Run:
     chosen : dict of str to int
         Name and place of the outputs wanted.
     texts : TextExchange
+    clocks : ClockWires
     threads : int
         For the steps of Jacobi in C.
     first : bool
@@ -94,6 +96,7 @@ class Run:
     sequence: Sequence[int] | None
     chosen: Mapping[str, int]
     texts: TextExchange
+    clocks: ClockWires
     threads: int = 1
     first: bool = False
     in_c: ClassVar[bool] = True
@@ -189,6 +192,7 @@ class Run:
             for part in self.parts:
                 part.begin()
             self.settle(start, fresh=True)
+            self.clocks.forget()
             self._happen(start)
         except StuckError as error:
             raise ValueError(str(error)) from error
@@ -349,7 +353,7 @@ class Run:
         """Events at a communication point, and those that their outputs set off elsewhere."""
         for _ in range(_ROUNDS):
             happened = [part.happen(t) for part in self.parts]  # of all of them, whichever comes first
-            if not any(happened):
+            if not self.clocks.ring(t) and not any(happened):
                 return
             self.settle(t)
         raise StuckError(
@@ -412,5 +416,6 @@ class Run:
     def _back(self, state: _State) -> None:
         for part, saved in zip(self.parts, state[0], strict=True):
             part.restore(saved)
+        self.clocks.forget()
         self.texts.forget()
         self.u, self.y, self._slope = state[1].copy(), state[2].copy(), state[3].copy()

@@ -228,3 +228,24 @@ def test_discrete_inputs_from_a_file_are_held(folder, tmp_path, capsys, kind):
     assert seen == [0.0] * 3 + [1.0] * 6 + [2.0] * 2
     x = [float(row[1]) for row in rows[1:]]
     np.testing.assert_allclose(x, TIMES, rtol=0.0, atol=EXACT)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["cs", "me", "se"])
+def test_a_clock_ticks_with_another_ones(folder, kind):
+    """`rings` of one triggers `hand` of the next: at the communication point, and heard there after a step."""
+    parts = {"a": clocks_fmu(folder, "cs"), "b": clocks_fmu(folder, kind)}
+    response = cosimulate(
+        parts,
+        [("b.hand", "a.rings")],
+        timepts=TIMES,
+        clocks={"a.hand": HAND},
+        inputs={"a.u": lambda t: 3.0 * t},
+    )
+    assert response.success, response.message
+    np.testing.assert_allclose(response.ticks["a.rings"], TICKS["rings"], rtol=0.0, atol=EXACT)
+    np.testing.assert_allclose(response.ticks["b.hand"], TICKS["rings"], rtol=0.0, atol=EXACT)
+    hands = np.asarray(response.outputs)[response.output_labels.index("b.ticks[3]")]
+    assert hands.tolist() == [0.0] * 2 + [1.0] * 3 + [2.0] * 3 + [3.0] * 3
+    with pytest.raises(ValueError, match=r"'b\.hand' from 'a\.x': expected a triggered input clock"):
+        cosimulate(parts, [("b.hand", "a.x")], timepts=TIMES)
