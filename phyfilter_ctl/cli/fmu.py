@@ -319,7 +319,7 @@ def _exchanged(options: argparse.Namespace, times: FloatArray) -> _Result:
         squeeze=False,
         progress=options.out != "-",
     )
-    outputs = np.asarray(response.outputs).reshape(len(labels), -1)
+    outputs = np.asarray(response.outputs).reshape(len(labels), len(response.time))
     return _Result(list(labels), outputs, block.messages, response.message or "", response.plot)
 
 

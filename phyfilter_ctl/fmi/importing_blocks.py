@@ -208,11 +208,11 @@ def ct_names(labels: Sequence[str]) -> list[str]:
 
 
 def _parameters(description: FmuDescription) -> dict[str, float]:
-    """Numeric parameters."""
+    """Numeric parameters; not those that are declared constant, which FMI forbids, and no FMU lets itself be told."""
     return {
         label: float(start)
         for entry in description.of("parameter")
-        if entry.type.startswith(_NUMERIC)
+        if entry.type.startswith(_NUMERIC) and entry.variability != "constant"
         if len(entry.starts) == len(entry.labels)  # not so of arrays with another size than by default
         for label, start in zip(entry.labels, entry.starts, strict=True)
     }

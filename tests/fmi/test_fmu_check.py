@@ -12,7 +12,7 @@ from fmpy.validation import _validate_variable_names
 from foreign_ball import ball
 from foreign_fmus import FOLDERS, compiled, description, oscillator
 
-from phyfilter_ctl.fmi import check, cosimulate
+from phyfilter_ctl.fmi import check, cosimulate, import_fmu
 from phyfilter_ctl.fmi.names import is_structured
 from phyfilter_ctl.fmi.replay import Reference, read_reference, write_reference
 
@@ -203,6 +203,14 @@ def test_values_that_an_fmu_takes(folder):
     for fmi in ("2.0", "3.0"):
         report = check(ball(folder, fmi))
         assert report.ok, str(report)
+
+
+def test_a_constant_parameter_is_left_alone(folder):
+    constant = ('causality="parameter" variability="fixed"', 'causality="parameter" variability="constant"')
+    path = rewritten(oscillator(folder), constant, name="constant")
+    for options in ({"kind": "me"}, {"kind": "cs", "step": 0.1}):
+        block = import_fmu(path, **options)
+        assert set(block.params) == {"k", "d", "c"}
 
 
 @pytest.mark.slow
