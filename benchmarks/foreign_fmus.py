@@ -129,7 +129,7 @@ def _apart(path: Path, kind: str, records: Path | None) -> dict[str, str]:
         return row
     row = _until_it_ends(path, kind, records, isolated=True)
     if "run" not in row:
-        return row | {"run": "neither ends nor fails"}
+        return row | {"run": f"not done in {SECONDS:g} s, or died"}
     return row if row["run"] not in RAN else {"FMPy": "FMPy: no answer"} | row
 
 

@@ -12,6 +12,7 @@ from fmpy.validation import _validate_variable_names
 from foreign_ball import ball
 from foreign_fmus import FOLDERS, compiled, description, oscillator
 
+from phyfilter_ctl.cli import main
 from phyfilter_ctl.fmi import check, cosimulate, import_fmu
 from phyfilter_ctl.fmi.names import is_structured
 from phyfilter_ctl.fmi.replay import Reference, read_reference, write_reference
@@ -211,6 +212,18 @@ def test_a_constant_parameter_is_left_alone(folder):
     for options in ({"kind": "me"}, {"kind": "cs", "step": 0.1}):
         block = import_fmu(path, **options)
         assert set(block.params) == {"k", "d", "c"}
+
+
+def test_an_fmu_without_outputs_is_run(folder, capsys):
+    outputs = '<Outputs><Unknown index="3" dependencies=""/><Unknown index="4" dependencies=""/>'
+    outputs += '<Unknown index="7" dependencies="2 3"/></Outputs>'
+    path = rewritten(
+        oscillator(folder), ('causality="output"', 'causality="local"'), (outputs, ""), name="silent"
+    )
+    for kind in ("me", "cs"):
+        options = ["--kind", kind, "--stop", "0.1", "--step", "0.05", "--in-process"]
+        assert main(["fmu", "run", str(path), *options]) == 0
+        assert "Oscillator: 3 points, 0 to 0.1 s" in capsys.readouterr().out
 
 
 @pytest.mark.slow
