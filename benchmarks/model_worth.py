@@ -41,6 +41,7 @@ FLIGHTS = 8
 TOO_HEAVY, PULLS, PULL = 1.1, 4, 10.0  # of the twin; trials, and N
 SPEEDS = np.geomspace(1.0, 30.0, 16)
 SLOWER = 60.0  # 1/s, of SEER-I's adaptation
+HUMANOID_A0 = 20.0  # rad/s
 VELOCITY_NOISE = 1e-3  # rad/s and m/s, of the humanoid
 
 
@@ -142,7 +143,7 @@ def quadruped(*, quick: bool) -> dict[str, Case]:
 
 def humanoid(*, quick: bool) -> dict[str, Case]:
     """x = v of all degrees of freedom; g the motors' torques, f_theta what a twin does beyond them."""
-    robot, trial = part("humanoid", "robot").load(), part("humanoid", "trial")
+    robot, trial = part("humanoid", "robot").load(friction="pyramidal"), part("humanoid", "trial")
     stance = part("humanoid", "regulator").schedule(robot, "normal", largest=10.0, spacing=10.0)
     heavier = copy.deepcopy(robot.model)
     heavier.body_mass *= TOO_HEAVY
@@ -150,7 +151,7 @@ def humanoid(*, quick: bool) -> dict[str, Case]:
     robot.mujoco.mj_setConst(heavier, robot.mujoco.MjData(heavier))
     logs = [stood(robot, replace(robot, model=heavier), stance.upright, seed) for seed in range(PULLS)]
     noise = VELOCITY_NOISE * np.linalg.norm(np.mean(np.asarray(logs[0].inertia), axis=0), axis=1)
-    return {"standing": Case(logs, trial.phyfilter(), g="hold", f_theta="hold", noise=noise)}
+    return {"standing": Case(logs, trial.phyfilter(HUMANOID_A0), g="hold", f_theta="hold", noise=noise)}
 
 
 def stood(robot: Any, nominal: Any, point: Any, seed: int) -> pf.Recording:

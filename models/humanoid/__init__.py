@@ -28,7 +28,9 @@ _EXAMPLES = """examples:
   phyfilter-ctl run humanoid --quick --json figures.json --picture none
   phyfilter-ctl run humanoid --forces 20 -90 --stances normal --animation standing.gif
   phyfilter-ctl run humanoid --gears 2          # the variant with doubled motor torques
-  phyfilter-ctl run humanoid --friction elliptic --duration 60    # feet that hardly creep, a minute long
+  phyfilter-ctl run humanoid --friction pyramidal --duration 10   # contacts as in dm_control: feet creep
+  phyfilter-ctl run humanoid --robot berkeley             # a real robot's masses, motors and friction, no arms
+  phyfilter-ctl run humanoid --robot berkeley --grips torso --profiles slow --workers 4
   phyfilter-ctl run humanoid --study --stances wider      # filters, what f_hat does, noise
 
 needs the extra mujoco: pip install 'phyfilter-ctl[mujoco]'"""
@@ -53,12 +55,23 @@ def add_arguments(parser: ArgumentParser) -> None:
     ----------
     parser : ArgumentParser
     """
+    parser.add_argument(
+        "--robot",
+        choices=("suite", "berkeley"),
+        default="suite",
+        help="dm_control's, pulled at a hand, or the Berkeley Humanoid, pulled at torso and pelvis from eight sides",
+    )
+    parser.add_argument(
+        "--grips", nargs="+", metavar="NAME", help="of the Berkeley Humanoid: torso, pelvis (default: both)"
+    )
+    parser.add_argument(
+        "--profiles", nargs="+", choices=("sudden", "slow"), help="of its forces (default: both)"
+    )
     parser.add_argument("--stances", nargs="+", metavar="NAME", help="of normal, wide, wider (default: all)")
     parser.add_argument(
         "--forces",
         type=float,
         nargs="+",
-        default=[20.0, 90.0, -90.0],
         metavar="N",
         help="trials at these forces: positive across the body, negative away from it (default 20 90 -90)",
     )
@@ -68,14 +81,20 @@ def add_arguments(parser: ArgumentParser) -> None:
     parser.add_argument(
         "--friction",
         choices=("pyramidal", "elliptic"),
-        default="pyramidal",
-        help="MuJoCo's friction cones: the model's own, in which feet creep, or elliptic ones (default pyramidal)",
+        default="elliptic",
+        help="MuJoCo's friction cones: elliptic, or the model's own pyramids, in which feet creep (default elliptic)",
     )
-    parser.add_argument("--duration", type=float, metavar="S", help="of a trial, s (default 10)")
+    parser.add_argument(
+        "--noise",
+        type=float,
+        metavar="V",
+        help="of the measured velocities, standard deviation in rad/s and m/s (default 0.003)",
+    )
+    parser.add_argument(
+        "--duration", type=float, metavar="S", help="of a trial, s (default 61, of the study 16)"
+    )
     speed = parser.add_mutually_exclusive_group()
-    speed.add_argument(
-        "--a0", type=float, metavar="A", help="the filter's poles lie at -A rad/s (default 20)"
-    )
+    speed.add_argument("--a0", type=float, metavar="A", help="the filter's poles lie at -A rad/s (default 3)")
     speed.add_argument(
         "--a0-hz", dest="a0", type=lambda text: hz(float(text)), metavar="A", help="the same in Hz"
     )
@@ -83,7 +102,7 @@ def add_arguments(parser: ArgumentParser) -> None:
     parser.add_argument(
         "--study", action="store_true", help="variants of the filter and its use, in each stance"
     )
-    parser.add_argument("--quick", action="store_true", help="the normal stance and 5 s trials: a try-out")
+    parser.add_argument("--quick", action="store_true", help="the normal stance and 8 s trials: a try-out")
     parser.add_argument(
         "--animation",
         metavar="FILE",
@@ -118,7 +137,10 @@ def main(options: Namespace) -> int:
     stances, duration = _checked(options)
     outputs = Outputs.of(options)
     check_target(options.animation, suffixes=(".gif",))
-    (_study if options.study else _compare)(options, stances, duration, outputs)
+    if options.robot == "berkeley":
+        _around(options, duration, outputs)
+    else:
+        (_study if options.study else _compare)(options, stances, duration, outputs)
     return 0
 
 
@@ -130,20 +152,32 @@ def _checked(options: Namespace) -> tuple[tuple[str, ...], float | None]:
     stances = tuple(dict.fromkeys(options.stances or quick))
     for name in stances:
         stance(name)
+    only = [name for name in ("stances", "forces", "study", "animation") if getattr(options, name)]
+    if options.robot == "berkeley" and only:
+        raise ValueError(f"--robot berkeley: it has no {', '.join(f'--{name}' for name in only)}")
+    if options.robot == "suite" and (options.grips or options.profiles):
+        raise ValueError("--grips, --profiles: they are those of --robot berkeley")
+    for name in options.grips or ():
+        load(robot="berkeley", grip=name)
+    options.forces = [20.0, 90.0, -90.0] if options.forces is None else options.forces
     if not np.isfinite(options.forces).all():
         raise ValueError(f"--forces: expected finite forces in N, got {options.forces}")
     if options.a0 is not None and not (np.isfinite(options.a0) and options.a0 > 0.0):
         raise ValueError(f"--a0: expected a positive number in rad/s, got {options.a0}")
     if options.order is not None and options.order < 1:
         raise ValueError(f"--order: expected 1 or more, got {options.order}")
-    load(options.gears, options.friction)
+    if options.noise is not None and not (np.isfinite(options.noise) and options.noise >= 0.0):
+        raise ValueError(f"--noise: expected 0 or more, got {options.noise}")
+    if options.noise is not None and options.study:
+        raise ValueError("--noise: the study has its own levels of noise; leave it out")
+    load(options.gears, options.friction, robot=options.robot)
     rules = params().trial
     full = rules.onset + rules.rise
     if options.duration is not None and not (np.isfinite(options.duration) and options.duration > full):
         raise ValueError(
             f"--duration: expected more than {full:g} s, when the slow force is there, got {options.duration}"
         )
-    return stances, full + 2.0 if options.quick and options.duration is None else options.duration
+    return stances, full + 5.0 if options.quick and options.duration is None else options.duration
 
 
 def _executor(options: Namespace) -> Executor:
@@ -163,6 +197,7 @@ def _compare(options: Namespace, stances: tuple[str, ...], duration: float | Non
             gears=options.gears,
             friction=options.friction,
             filter=law,
+            noise=options.noise,
             duration=duration,
             report=say,
             executor=executor,
@@ -176,11 +211,39 @@ def _compare(options: Namespace, stances: tuple[str, ...], duration: float | Non
         picture.animate(found.humanoid, chosen, options.animation)
 
 
+def _around(options: Namespace, duration: float | None, outputs: Outputs) -> None:
+    from . import around, picture
+    from .limits import PROFILES
+    from .params import params
+    from .robot import GRIPS
+    from .trial import phyfilter
+
+    quick = slice(1) if options.quick else slice(None)
+    grips = tuple(dict.fromkeys(options.grips or tuple(GRIPS["berkeley"])[quick]))
+    profiles = tuple(dict.fromkeys(options.profiles or PROFILES))
+    headings = ("front",) if options.quick else tuple(around.HEADINGS)
+    a0 = params().berkeley.a0 if options.a0 is None else options.a0
+    with outputs.progress(around.steps(grips, headings, profiles)) as say, _executor(options) as executor:
+        found = around.around(
+            grips,
+            headings,
+            profiles,
+            gears=options.gears,
+            friction=options.friction,
+            filter=phyfilter(a0, options.order),
+            noise=options.noise,
+            duration=duration,
+            report=say,
+            executor=executor,
+        )
+    outputs.publish(around.table(found), around.figures(found), lambda: picture.draw_around(found))
+
+
 def _study(options: Namespace, stances: tuple[str, ...], duration: float | None, outputs: Outputs) -> None:
     from . import limits, report
 
     found = {}
-    with outputs.progress(14 * len(stances)) as say, _executor(options) as executor:
+    with outputs.progress(limits.study_steps(stances)) as say, _executor(options) as executor:
         for name in stances:
             found[name] = limits.study(
                 name, friction=options.friction, duration=duration, report=say, executor=executor

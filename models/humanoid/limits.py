@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache, partial
 from typing import Any, TypeAlias
@@ -17,11 +18,23 @@ from .regulator import Schedule, schedule
 from .robot import Friction, Humanoid, load
 from .trial import Mode, Trial, phyfilter, run
 
-__all__ = ["PROFILES", "Comparison", "Limit", "StudyRow", "compare", "largest_force", "steps", "study"]
+__all__ = [
+    "PROFILES",
+    "Comparison",
+    "Limit",
+    "StudyRow",
+    "compare",
+    "largest_force",
+    "steps",
+    "study",
+    "study_steps",
+]
 
 # Rise time of the force in s, by name.
 PROFILES = {"sudden": 0.0, "slow": params().trial.rise}
 DIRECTIONS = (1.0, -1.0)
+# Of the filter in the study, rad/s.
+SPEEDS = (1.0, 2.0, 3.0, 5.0, 7.0, 10.0, 20.0)
 
 
 @dataclass(frozen=True)
@@ -51,8 +64,8 @@ class Comparison:
     trials : dict
         By (stance, profile, force, mode).
     filter : PhyFilter
-    duration : float
-        Of a trial in s.
+    duration, noise : float
+        Of a trial in s; of the velocities, standard deviation in rad/s and m/s.
     """
 
     humanoid: Humanoid
@@ -62,6 +75,7 @@ class Comparison:
     trials: dict[tuple[str, str, float, Mode], Trial]
     filter: PhyFilter
     duration: float
+    noise: float
 
     def limit(self, stance: str, profile: str, direction: float, mode: Mode) -> Limit:
         """One of the limits.
@@ -93,14 +107,18 @@ def largest_force(
     direction: float,
     *,
     mode: Mode = "filter",
+    heading: float = 90.0,
     rise: float = 0.0,
     filter: PhyFilter | None = None,
-    noise: float = 0.0,
+    noise: float | None = None,
+    seeds: Sequence[int] | None = None,
     duration: float | None = None,
+    resolution: float | None = None,
 ) -> tuple[float, bool]:
-    """Largest force held, and whether it is the largest one tried.
+    """Largest force held with every seed of the noise, and whether it is the largest one tried.
 
-    Bisection takes for granted that a smaller force is easier. It is not always, by a few newtons.
+    Bisection with the first seed, then downwards until the others hold too. It takes for granted that a smaller force
+    is easier, which it is not always, by a few newtons.
 
     Parameters
     ----------
@@ -108,26 +126,30 @@ def largest_force(
     points : Schedule
         Of the stance; its largest force is the largest one tried.
     direction : {1, -1}
-        Along y.
-    mode, rise, filter, noise, duration
+        Along the heading, by default y.
+    mode, heading, rise, filter, noise, duration
         As for :func:`run`.
+    seeds : sequence of int, optional
+        None takes the test seeds of ``params.toml``.
+    resolution : float, optional
+        Of the force in N; None takes that of ``params.toml``.
     """
-    resolution = params().trial.resolution
-    low, high = 0, round(float(points.forces[-1]) / resolution) + 1
+    resolution = params().trial.resolution if resolution is None else resolution
+    first, *others = params().trial.test_seeds if seeds is None else seeds
+    top = int(points.reach(heading) / resolution + 1e-9)
+
+    def held(count: int, seed: int) -> bool:
+        force = direction * count * resolution
+        options: dict[str, Any] = {"heading": heading, "noise": noise, "seed": seed, "duration": duration}
+        return run(humanoid, points, force, mode=mode, rise=rise, filter=filter, **options).held
+
+    low, high = 0, top + 1
     while high - low > 1:
         middle = (low + high) // 2
-        trial = run(
-            humanoid,
-            points,
-            direction * middle * resolution,
-            mode=mode,
-            rise=rise,
-            filter=filter,
-            noise=noise,
-            duration=duration,
-        )
-        low, high = (middle, high) if trial.held else (low, middle)
-    return low * resolution, high * resolution > float(points.forces[-1])
+        low, high = (middle, high) if held(middle, first) else (low, middle)
+    while low > 0 and not all(held(low, seed) for seed in others):
+        low -= 1
+    return low * resolution, low == top
 
 
 def steps(stances: tuple[str, ...], forces: tuple[float, ...]) -> int:
@@ -146,8 +168,9 @@ def compare(
     forces: tuple[float, ...],
     *,
     gears: float = 1.0,
-    friction: Friction = "pyramidal",
+    friction: Friction = "elliptic",
     filter: PhyFilter | None = None,
+    noise: float | None = None,
     duration: float | None = None,
     report: Report = silent,
     executor: Executor | None = None,
@@ -165,8 +188,8 @@ def compare(
         As for :func:`load`.
     filter : PhyFilter, optional
         None takes that of ``params.toml``.
-    duration : float, optional
-        Of a trial in s; None takes that of ``params.toml``.
+    noise, duration : float, optional
+        As for :func:`run`.
     report : Report
         Told what is being computed.
     executor : Executor, optional
@@ -179,6 +202,7 @@ def compare(
     """
     humanoid, law = _loaded(gears, friction), phyfilter() if filter is None else filter
     duration = params().trial.duration if duration is None else duration
+    noise = params().sensors.velocity_noise if noise is None else noise
     schedules = {name: schedule(humanoid, name, report=report) for name in stances}
     modes: tuple[Mode, ...] = ("alone", "filter")
     jobs, names = list[_Job](), list[str]()
@@ -190,7 +214,13 @@ def compare(
                 jobs += [_Job(name, profile, mode, force, False) for force in forces]
                 names += [f"{name} stance, {force:g} N, {mode}" for force in forces]
     work = partial(
-        _answer, schedules=schedules, gears=gears, friction=friction, filter=law, duration=duration
+        _answer,
+        schedules=schedules,
+        gears=gears,
+        friction=friction,
+        filter=law,
+        noise=noise,
+        duration=duration,
     )
     limits, trials = list[Limit](), dict[tuple[str, str, float, Mode], Trial]()
     answers = (executor or Executor(1)).map(work, jobs, names=names, report=report)
@@ -206,7 +236,7 @@ def compare(
         )
         for name, points in schedules.items()
     }
-    return Comparison(humanoid, schedules, tipping, tuple(limits), trials, law, duration)
+    return Comparison(humanoid, schedules, tipping, tuple(limits), trials, law, duration, noise)
 
 
 @dataclass(frozen=True)
@@ -228,26 +258,32 @@ def _answer(
     gears: float,
     friction: Friction,
     filter: PhyFilter,
+    noise: float,
     duration: float,
 ) -> Limit | Trial:
-    humanoid, points, rise = _loaded(gears, friction), schedules[job.stance], PROFILES[job.profile]
+    humanoid, points = _loaded(gears, friction), schedules[job.stance]
+    options: dict[str, Any] = {
+        "mode": job.mode,
+        "rise": PROFILES[job.profile],
+        "filter": filter,
+        "noise": noise,
+        "duration": duration,
+    }
     if not job.largest:
-        return run(humanoid, points, job.force, mode=job.mode, rise=rise, filter=filter, duration=duration)
-    found = largest_force(
-        humanoid, points, job.force, mode=job.mode, rise=rise, filter=filter, duration=duration
-    )
+        return run(humanoid, points, job.force, seed=params().trial.test_seeds[0], **options)
+    found = largest_force(humanoid, points, job.force, **options)
     return Limit(job.stance, job.profile, job.force, job.mode, *found)
 
 
 def study(
     stance: str,
     *,
-    friction: Friction = "pyramidal",
+    friction: Friction = "elliptic",
     duration: float | None = None,
     report: Report = silent,
     executor: Executor | None = None,
 ) -> tuple[StudyRow, ...]:
-    """Variants of the filter, of what is done with f_hat and of the sensors, in one stance.
+    """Variants of the filter, of what is done with f_hat and of the sensors, in one stance, with the tuning seeds.
 
     Parameters
     ----------
@@ -255,42 +291,62 @@ def study(
     friction : {"pyramidal", "elliptic"}
         As for :func:`load`.
     duration : float, optional
-        Of a trial in s.
+        Of a trial in s; None takes the study's of ``params.toml``.
     report : Report
         Told what is being computed.
     executor : Executor, optional
         As for :func:`compare`.
     """
     points = schedule(_loaded(1.0, friction), stance, report=report)
-    band = PhyFilter([400.0, 40.0], [0.0, 40.0])
-    type2 = PhyFilter([400.0, 40.0], [400.0, 40.0])
-    variants: list[_Variant] = [
-        ("LQR alone", "alone", None, 0.0),
-        ("f_hat off the motors, target unchanged", "torque", None, 0.0),
-        *(
-            (f"retarget, order 1, a0 = {a0:g} rad/s", "filter", phyfilter(a0, 1), 0.0)
-            for a0 in (1.0, 5.0, 20.0, 60.0)
-        ),
-        ("retarget, order 2, poles 20 rad/s", "filter", phyfilter(20.0, 2), 0.0),
-        ("retarget, order 2, N = D - s^2", "filter", type2, 0.0),
-        ("retarget, band-pass, forgets constants", "filter", band, 0.0),
-        ("LQR alone, velocity noise 0.01 rad/s, m/s", "alone", None, 0.01),
-        ("retarget, velocity noise 0.001", "filter", None, 0.001),
-        ("retarget, velocity noise 0.01", "filter", None, 0.01),
-        ("retarget, velocity noise 0.01, a0 = 1 rad/s", "filter", phyfilter(1.0, 1), 0.01),
-    ]
+    duration, variants = params().trial.study_duration if duration is None else duration, _variants()
     work = partial(_row, points=points, friction=friction, duration=duration)
     names = [name for name, *_ in variants]
     return tuple((executor or Executor(1)).map(work, variants, names=names, report=report))
+
+
+def study_steps(stances: tuple[str, ...]) -> int:
+    """Number of steps that :func:`study` reports for so many stances.
+
+    Parameters
+    ----------
+    stances : tuple of str
+    """
+    return len(stances) * (1 + len(_variants()))
 
 
 # Name, mode, filter, noise.
 _Variant: TypeAlias = tuple[str, Mode, PhyFilter | None, float]
 
 
+def _variants() -> list[_Variant]:
+    a0, noise = params().filter.a0, params().sensors.velocity_noise
+    band = PhyFilter([a0**2, 2.0 * a0], [0.0, 2.0 * a0])
+    type2 = PhyFilter([a0**2, 2.0 * a0], [a0**2, 2.0 * a0])
+    return [
+        ("LQR alone", "alone", None, noise),
+        ("the true force told", "told", None, noise),
+        ("f_hat off the motors, target unchanged", "torque", None, noise),
+        *((f"retarget, order 1, a0 = {a:g} rad/s", "filter", phyfilter(a, 1), noise) for a in SPEEDS),
+        (f"retarget, order 2, poles {a0:g} rad/s", "filter", phyfilter(a0, 2), noise),
+        ("retarget, order 2, N = D - s^2", "filter", type2, noise),
+        ("retarget, band-pass, forgets constants", "filter", band, noise),
+        *(
+            (f"retarget, a0 = {a:g}, velocity noise {level:g}", "filter", phyfilter(a, 1), level)
+            for level, a in ((0.0, a0), (0.0, 20.0), (0.01, a0), (0.01, 1.0))
+        ),
+        ("LQR alone, velocity noise 0.01", "alone", None, 0.01),
+    ]
+
+
 def _row(variant: _Variant, points: Schedule, friction: Friction, duration: float | None) -> StudyRow:
     name, mode, law, noise = variant
-    options: dict[str, Any] = {"mode": mode, "filter": law, "noise": noise, "duration": duration}
+    options: dict[str, Any] = {
+        "mode": mode,
+        "filter": law,
+        "noise": noise,
+        "seeds": params().trial.tuning_seeds,
+        "duration": duration,
+    }
     found = {
         profile: tuple(
             largest_force(_loaded(1.0, friction), points, direction, rise=rise, **options)[0]

@@ -28,7 +28,7 @@ class Statics:
     hip_flexion: float
     shoulder: float
     torque_share: float
-    foot_force: float
+    foot_share: float
     friction_share: float
 
 
@@ -52,6 +52,19 @@ class ScheduleGrid:
 
     largest: float
     spacing: float
+    forward: float
+
+
+@dataclass(frozen=True)
+class Berkeley:
+    """What is its own: sampling, set-points, resolution of a force, the filter's a_0."""
+
+    timestep: float
+    largest: float
+    forward: float
+    spacing: float
+    resolution: float
+    a0: float
 
 
 @dataclass(frozen=True)
@@ -63,8 +76,15 @@ class Filter:
 
 
 @dataclass(frozen=True)
+class Sensors:
+    """What is measured beside the truth."""
+
+    velocity_noise: float
+
+
+@dataclass(frozen=True)
 class Contacts:
-    """Of the variant with elliptic friction cones."""
+    """With elliptic friction cones."""
 
     impratio: float
 
@@ -74,9 +94,12 @@ class TrialRules:
     """A trial, and when it is lost."""
 
     duration: float
+    study_duration: float
     onset: float
     rise: float
     fallen: float
+    tuning_seeds: tuple[int, ...]
+    test_seeds: tuple[int, ...]
     resolution: float
 
 
@@ -90,7 +113,9 @@ class Params:
     statics: Statics
     regulator: Regulator
     schedule: ScheduleGrid
+    berkeley: Berkeley
     filter: Filter
+    sensors: Sensors
     contacts: Contacts
     trial: TrialRules
 

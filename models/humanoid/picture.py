@@ -9,22 +9,25 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from phyfilter_ctl._output import write_gif
 from phyfilter_ctl.plants.legged.rendering import Camera, renderer
 from phyfilter_ctl.plots import COLOURS, dress
 
+from .around import ANSWERS, HEADINGS, Around
 from .limits import PROFILES, Comparison
 from .robot import FloatArray, Humanoid
 from .trial import Trial
 
-__all__ = ["animate", "draw", "skeleton"]
+__all__ = ["animate", "draw", "draw_around", "skeleton"]
 
 _COLOURS = {"alone": "#999999", "filter": COLOURS[0]}
+_ANSWERS = {"alone": "#999999", "torque": COLOURS[1], "filter": COLOURS[0], "told": COLOURS[2]}
 _LABELS = {"alone": "LQR alone", "filter": "with PhyFilter"}
 _SIZE = 280  # pixels of a frame's side
 _FRAMES_PER_SECOND = 10
+_SHOWN = 12.0  # s of a trial
 _CAMERA = Camera(3.2, 180.0, -8.0, (0.0, 0.0, 0.85), plain=True)  # a GIF has few colours
 
 
@@ -57,6 +60,40 @@ def draw(found: Comparison) -> Figure:
     _draw_postures(postures, found)
     _draw_trials(centre, estimate, found)
     return figure
+
+
+def draw_around(found: Around) -> Figure:
+    """Held forces by heading, one polar diagram for each place and profile.
+
+    Parameters
+    ----------
+    found : Around
+    """
+    grips = list(dict.fromkeys(grip for grip, _ in found.tipping))
+    profiles = list(dict.fromkeys(each.profile for each in found.held))
+    figure = Figure(figsize=(4.5 * len(profiles), 4.5 * len(grips)), layout="constrained")
+    names = list(dict.fromkeys(name for _, name in found.tipping))
+    turn = np.radians([HEADINGS[name] for name in names])
+    for k, (grip, profile) in enumerate((grip, profile) for grip in grips for profile in profiles):
+        axes: Any = figure.add_subplot(len(grips), len(profiles), k + 1, projection="polar")
+        axes.set_theta_zero_location("N")
+        tips = [found.tipping[grip, name] for name in names]
+        axes.plot(_closed(turn), _closed(tips), color="black", linestyle="--", label="tips, as if rigid")
+        for mode, answer in ANSWERS.items():
+            forces = [each.force for each in found.row(grip, profile, mode)]
+            axes.plot(
+                _closed(turn), _closed(forces), color=_ANSWERS[mode], marker="o", markersize=3, label=answer
+            )
+        axes.set_xticks(turn, names, fontsize="x-small")
+        axes.set_title(f"{grip}, {profile} force, N", fontsize="medium")
+        if k == 0:
+            axes.legend(fontsize="x-small", frameon=False, loc="lower left", bbox_to_anchor=(-0.3, -0.15))
+    return figure
+
+
+def _closed(values: ArrayLike) -> FloatArray:
+    array = np.asarray(values, dtype=float)
+    return np.append(array, array[0])
 
 
 def _draw_limits(axes: Axes, found: Comparison) -> None:
@@ -115,7 +152,7 @@ def _draw_trials(centre: Axes, estimate: Axes, found: Comparison) -> None:
 
 
 def animate(humanoid: Humanoid, trials: dict[str, Trial], path: str) -> str:
-    """Write trials side by side as a GIF.
+    """Write the beginning of trials side by side as a GIF.
 
     Parameters
     ----------
@@ -131,7 +168,7 @@ def animate(humanoid: Humanoid, trials: dict[str, Trial], path: str) -> str:
         What drew it: MuJoCo's renderer where there is OpenGL without a screen (EGL), else Matplotlib.
     """
     step = float(humanoid.model.opt.timestep)
-    count = round(max(trial.time[-1] for trial in trials.values()) * _FRAMES_PER_SECOND)
+    count = round(min(_SHOWN, max(trial.time[-1] for trial in trials.values())) * _FRAMES_PER_SECOND)
     stride = round(1.0 / (_FRAMES_PER_SECOND * step))
     pictures = []
     with contextlib.ExitStack() as stack:

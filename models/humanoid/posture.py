@@ -15,10 +15,11 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.optimize import least_squares
+from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
 from .params import params, stance
-from .robot import FOOT_HEIGHT, FloatArray, HandForce, Humanoid
+from .robot import FloatArray, HandForce, Humanoid, unit
 
 __all__ = ["Posture", "joint_angles", "stand", "tipping_force"]
 
@@ -63,7 +64,7 @@ class Posture:
 
 
 def joint_angles(humanoid: Humanoid, name: str) -> FloatArray:
-    """Joint angles (21,) that a stance is to have.
+    """Joint angles (nv - 6,) that a stance is to have.
 
     Parameters
     ----------
@@ -72,6 +73,12 @@ def joint_angles(humanoid: Humanoid, name: str) -> FloatArray:
         The stance.
     """
     hip, statics = np.radians(stance(name).hip), params().statics
+    if humanoid.robot == "berkeley":
+        angles = humanoid.model.key("home").qpos[7:].copy()
+        for side, sign in (("LL", 1.0), ("LR", -1.0)):
+            angles[humanoid.joint(f"{side}_HAA")] += sign * hip
+            angles[humanoid.joint(f"{side}_FAA")] -= sign * hip
+        return angles
     angles = np.zeros(21)
     for side, sign in (("right", 1.0), ("left", -1.0)):
         angles[humanoid.joint(f"{side}_hip_x")] = -hip
@@ -117,7 +124,9 @@ def stand(
     angles = joint_angles(humanoid, name)
     problem = _Problem(humanoid, angles, np.array(force, dtype=float), start)
     if start is None:
-        unknowns = np.concatenate([[0.0, 0.0, 1.25, 0.0, 0.0, 0.0], angles, np.tile([0.0, 0.0, 0.5], 8)])
+        height = float(humanoid.model.key("home").qpos[2]) if humanoid.robot == "berkeley" else 1.25
+        load = humanoid.weight / (8.0 * _UNIT)
+        unknowns = np.concatenate([[0.0, 0.0, height, 0.0, 0.0, 0.0], angles, np.tile([0.0, 0.0, load], 8)])
     else:
         unknowns = start.unknowns
     found = least_squares(problem.residuals, unknowns, max_nfev=_EVALUATIONS).x
@@ -131,30 +140,39 @@ def stand(
         corner_forces=forces,
         unbalanced=float(np.abs(left[:6]).max()),
         centre=data.subtree_com[1].copy(),
-        hand=data.xpos[humanoid.hand].copy(),
+        hand=humanoid.point(data),
         unknowns=found,
     )
 
 
-def tipping_force(humanoid: Humanoid, posture: Posture, direction: float) -> float:
-    """Lateral force on the hand at which a posture, taken as rigid, tips over the edge of its feet.
+def tipping_force(
+    humanoid: Humanoid, posture: Posture, direction: float = 1.0, *, heading: float = 90.0
+) -> float:
+    """Horizontal force at which a posture, taken as rigid, tips over the edge of its feet.
 
-    The centre of pressure lies at y_c + F z_hand / W; at the edge y_e of the feet F = W (y_e - y_c) / z_hand.
+    Lateral: the centre of pressure lies at y_c + F z_hand / W; at the edge y_e of the feet F = W (y_e - y_c) / z_hand.
+    Other headings: the least F at which it leaves the convex hull of the feet.
 
     Parameters
     ----------
     humanoid : Humanoid
     posture : Posture
     direction : {1, -1}
-        Along y.
+        Sign.
+    heading : float
+        Of the force in degrees: 0 forwards, 90 to the left.
 
     Returns
     -------
     float
         N.
     """
-    edge = float(np.max(direction * posture.feet[..., 1]))
-    lever = edge - direction * float(posture.centre[1])
+    along = direction * unit(heading)
+    hull = ConvexHull(posture.feet[..., :2].reshape(-1, 2))
+    normals, offsets = hull.equations[:, :2], hull.equations[:, 2]
+    leaving = normals @ along
+    left = -(normals @ posture.centre[:2] + offsets)
+    lever = float(np.min(left[leaving > 1e-9] / leaving[leaving > 1e-9]))
     return humanoid.weight * lever / float(posture.hand[2])
 
 
@@ -176,15 +194,12 @@ class _Problem:
         data, mujoco = self.data, self.humanoid.mujoco
         data.qpos[:3] = unknowns[:3]
         data.qpos[3:7] = Rotation.from_rotvec(unknowns[3:6]).as_quat()[[3, 0, 1, 2]]
-        data.qpos[7:] = unknowns[6:27]
+        data.qpos[7:] = unknowns[6 : self.humanoid.nv]
         mujoco.mj_kinematics(self.humanoid.model, data)
         mujoco.mj_comPos(self.humanoid.model, data)
 
     def _feet(self) -> list[tuple[FloatArray, FloatArray]]:
-        return [
-            (self.data.xpos[foot].copy(), self.data.xmat[foot].reshape(3, 3).copy())
-            for foot in self.humanoid.feet
-        ]
+        return [sole.frame(self.data) for sole in self.humanoid.soles]
 
     def statics(self, unknowns: FloatArray) -> tuple[FloatArray, FloatArray]:
         """What the motors and nobody must balance (nv,), and the forces (2, 4, 3) of the corners."""
@@ -195,10 +210,10 @@ class _Problem:
         bias = np.zeros(humanoid.nv)
         mujoco.mj_rne(humanoid.model, data, 0, bias)
         left = data.qfrc_passive - bias + humanoid.hand_jacobian(data).T @ self.force
-        forces = _UNIT * unknowns[27:].reshape(2, 4, 3)
-        for foot, places, loads in zip(humanoid.feet, humanoid.corners(data), forces, strict=True):
+        forces = _UNIT * unknowns[humanoid.nv :].reshape(2, 4, 3)
+        for sole, places, loads in zip(humanoid.soles, humanoid.corners(data), forces, strict=True):
             for place, load in zip(places, loads, strict=True):
-                left = left + humanoid.jacobian(data, place, foot).T @ load
+                left = left + humanoid.jacobian(data, place, sole.body).T @ load
         return left, forces
 
     def residuals(self, unknowns: FloatArray) -> FloatArray:
@@ -209,7 +224,7 @@ class _Problem:
         slip = np.hypot(tangential[..., 0], tangential[..., 1]).ravel()
         friction = float(humanoid.model.geom("floor").friction[0])
         low, high = humanoid.model.jnt_range[1:].T
-        joints = unknowns[6:27]
+        joints = unknowns[6 : humanoid.nv]
         return np.concatenate(
             [
                 self._foot_errors(),
@@ -217,7 +232,7 @@ class _Problem:
                 0.5 * share,
                 30.0 * np.maximum(0.0, np.abs(share) - limits.torque_share),
                 0.3 * np.maximum(0.0, slip - limits.friction_share * friction * normal),
-                np.maximum(0.0, limits.foot_force - normal),
+                np.maximum(0.0, limits.foot_share * humanoid.weight - normal),
                 0.002 * forces.ravel(),
                 limits.posture * (joints - self.angles),
                 0.5 * unknowns[3:6],
@@ -231,7 +246,7 @@ class _Problem:
         if self.places is None:
             return np.concatenate(
                 [
-                    _PLACE * np.array([right[2] - FOOT_HEIGHT, left[2] - FOOT_HEIGHT]),
+                    _PLACE * (np.array([right[2], left[2]]) - self.humanoid.soles[0].height),
                     _TURN * Rotation.from_matrix(turn_right).as_rotvec(),
                     _TURN * Rotation.from_matrix(turn_left).as_rotvec(),
                     _TURN * np.array([right[0], left[0], right[1] + left[1]]),

@@ -10,12 +10,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from phyfilter_ctl.study import Report, silent
 
 from .params import params
 from .posture import Posture, stand
-from .robot import FloatArray, Humanoid
+from .robot import FloatArray, Humanoid, unit
 
 __all__ = ["Schedule", "SetPoint", "lqr", "regulate", "schedule"]
 
@@ -48,41 +49,70 @@ class SetPoint:
 
 @dataclass(frozen=True, eq=False)
 class Schedule:
-    """Set-points of one stance over the lateral hand force, linear in between.
+    """Set-points of one stance over the horizontal force, bilinear in between.
 
     Attributes
     ----------
     stance : str
-    forces : (m,) array
-        N, increasing.
+    forward, forces : (m,), (n,) arrays
+        Forward and lateral forces in N, increasing. One forward force alone: it has no influence.
     points : tuple of SetPoint
+        For each forward force those of all lateral ones.
     """
 
     stance: str
+    forward: FloatArray
     forces: FloatArray
     points: tuple[SetPoint, ...]
 
-    def at(self, humanoid: Humanoid, force: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Configuration, motors and gain for a lateral force; beyond the last set-point the last one.
+    def at(self, humanoid: Humanoid, force: ArrayLike) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Configuration, motors and gain for a horizontal force; beyond the last set-point the last one.
 
         Parameters
         ----------
         humanoid : Humanoid
-        force : float
-            N.
+        force : (2,) array
+            Forwards and to the left, N.
         """
-        force = float(np.clip(force, self.forces[0], self.forces[-1]))
-        i = int(np.clip(np.searchsorted(self.forces, force, side="right") - 1, 0, len(self.points) - 2))
-        low, high = self.points[i], self.points[i + 1]
-        part = (force - self.forces[i]) / (self.forces[i + 1] - self.forces[i])
-        q = humanoid.moved(low.q, part * humanoid.difference(low.q, high.q))
-        control = (1.0 - part) * low.posture.control + part * high.posture.control
-        return q, control, (1.0 - part) * low.K + part * high.K
+        x, y = np.asarray(force, dtype=float)
+        weighed = [
+            (wx * wy, self.points[i * len(self.forces) + j])
+            for i, wx in _weighed(self.forward, x)
+            for j, wy in _weighed(self.forces, y)
+        ]
+        first = weighed[0][1]
+        change = sum(part * humanoid.difference(first.q, point.q) for part, point in weighed[1:])
+        control = sum(part * point.posture.control for part, point in weighed)
+        K = sum(part * point.K for part, point in weighed)
+        return humanoid.moved(first.q, np.asarray(change)), np.asarray(control), np.asarray(K)
 
     @property
     def upright(self) -> SetPoint:
         """The set-point without a force."""
-        return self.points[int(np.argmin(np.abs(self.forces)))]
+        row = int(np.argmin(np.abs(self.forward))) * len(self.forces)
+        return self.points[row + int(np.argmin(np.abs(self.forces)))]
+
+    def reach(self, heading: float) -> float:
+        """Largest force of a heading that has set-points, N.
+
+        Parameters
+        ----------
+        heading : float
+            In degrees: 0 forwards, 90 to the left.
+        """
+        largest = np.array([self.forward[-1], self.forces[-1]])
+        along = np.abs(unit(heading))
+        return float(np.min(largest[along > 0.0] / along[along > 0.0]))
+
+
+def _weighed(levels: FloatArray, value: float) -> list[tuple[int, float]]:
+    """Neighbours of a value among increasing levels and their weights."""
+    if len(levels) == 1:
+        return [(0, 1.0)]
+    value = float(np.clip(value, levels[0], levels[-1]))
+    i = int(np.clip(np.searchsorted(levels, value, side="right") - 1, 0, len(levels) - 2))
+    part = (value - levels[i]) / (levels[i + 1] - levels[i])
+    return [(i, 1.0 - part), (i + 1, part)]
 
 
 def lqr(A: FloatArray, B: FloatArray, Q: FloatArray, R: FloatArray) -> FloatArray:
@@ -123,7 +153,9 @@ def regulate(humanoid: Humanoid, posture: Posture) -> SetPoint:
     SetPoint
     """
     mujoco, model, data = humanoid.mujoco, humanoid.model, humanoid.data()
-    data.xfrc_applied[humanoid.hand, :3] = posture.force
+    data.qpos[:] = posture.q
+    mujoco.mj_kinematics(model, data)
+    humanoid.pull(data, posture.force)
     q = np.array(posture.q)
 
     def unbalanced(lower: float) -> float:
@@ -137,10 +169,16 @@ def regulate(humanoid: Humanoid, posture: Posture) -> SetPoint:
     q[2] += min(_HEIGHTS, key=unbalanced)
     mujoco.mj_resetData(model, data)
     data.qpos[:], data.ctrl[:] = q, posture.control
-    data.xfrc_applied[humanoid.hand, :3] = posture.force
-    mujoco.mj_forward(model, data)
-    A, B = np.zeros((2 * model.nv, 2 * model.nv)), np.zeros((2 * model.nv, model.nu))
-    mujoco.mjd_transitionFD(model, data, 1e-6, True, A, B, None, None)
+    mujoco.mj_kinematics(model, data)
+    humanoid.pull(data, posture.force)
+    dry = np.array(model.dof_frictionloss)
+    model.dof_frictionloss[:] = 0.0  # about rest it would look like a lock
+    try:
+        mujoco.mj_forward(model, data)
+        A, B = np.zeros((2 * model.nv, 2 * model.nv)), np.zeros((2 * model.nv, model.nu))
+        mujoco.mjd_transitionFD(model, data, 1e-6, True, A, B, None, None)
+    finally:
+        model.dof_frictionloss[:] = dry
     K = lqr(A, B, _weights(humanoid, data), params().regulator.control * np.eye(model.nu))
     return SetPoint(posture, q, K, A, B)
 
@@ -171,7 +209,7 @@ def schedule(
     spacing: float | None = None,
     report: Report = silent,
 ) -> Schedule:
-    """Set-points of a stance for lateral hand forces.
+    """Set-points of a stance for lateral forces, and for forward ones where ``params.toml`` has a range for the robot.
 
     Parameters
     ----------
@@ -179,7 +217,7 @@ def schedule(
     name : str
         The stance.
     largest, spacing : float, optional
-        Of the forces, in N; None takes those of ``params.toml``.
+        Of the lateral forces, in N; None takes those of ``params.toml``.
     report : Report
         Told what is being computed.
 
@@ -192,18 +230,24 @@ def schedule(
     ValueError
         For an unknown stance, or forces that are not positive.
     """
-    grid = params().schedule
+    grid = params().berkeley if humanoid.robot == "berkeley" else params().schedule
     largest = grid.largest if largest is None else largest
     spacing = grid.spacing if spacing is None else spacing
     if not (np.isfinite(largest) and np.isfinite(spacing) and 0.0 < spacing <= largest):
         raise ValueError(f"schedule: expected 0 < spacing <= largest in N, got {spacing} and {largest}")
     report(f"postures, {name} stance")
-    upright = stand(humanoid, name)
-    points = {0.0: regulate(humanoid, upright)}
-    for side in (1.0, -1.0):
-        posture = upright
-        for size in np.arange(1, round(largest / spacing) + 1) * spacing:
-            posture = stand(humanoid, name, (0.0, side * float(size), 0.0), start=posture)
-            points[side * float(size)] = regulate(humanoid, posture)
-    forces = np.array(sorted(points))
-    return Schedule(name, forces, tuple(points[float(force)] for force in forces))
+    forward, lateral = _levels(grid.forward, grid.spacing), _levels(largest, spacing)
+    points = dict[tuple[float, float], SetPoint]()
+    for x in sorted(forward, key=abs):
+        for y in sorted(lateral, key=abs):
+            # The neighbour towards the origin, from which the search begins.
+            near = (x, y - spacing * np.sign(y)) if y else (x - grid.spacing * np.sign(x), y)
+            start = points[near].posture if points else None
+            points[x, y] = regulate(humanoid, stand(humanoid, name, (x, y, 0.0), start=start))
+    grid_points = tuple(points[x, y] for x in forward for y in lateral)
+    return Schedule(name, np.array(forward), np.array(lateral), grid_points)
+
+
+def _levels(largest: float, spacing: float) -> list[float]:
+    count = round(largest / spacing)
+    return [float(k * spacing) for k in range(-count, count + 1)]

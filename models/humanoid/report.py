@@ -20,10 +20,10 @@ def table(found: Comparison) -> str:
     lines = [
         f"{humanoid.mass:.1f} kg humanoid of dm_control, motors at {humanoid.gears:g} times its torques; a constant "
         "lateral force on the right hand,",
-        f"sudden or rising over {rules.rise:g} s, trials of {found.duration:g} s, {humanoid.friction} friction cones; "
-        "y: across the body, -y: away from it",
+        f"sudden or rising over {rules.rise:g} s, trials of {found.duration:g} s, {humanoid.friction} friction cones, "
+        f"velocity noise {found.noise:g}; y: across the body, -y: away from it",
         "",
-        "largest force held in N (in steps of "
+        f"largest force held with {len(rules.test_seeds)} seeds of the noise, in N (in steps of "
         f"{rules.resolution:g}, largest tried {found.schedules[next(iter(found.schedules))].forces[-1]:g})",
         f"{'stance':<10}{'tips at':>10}"
         + "".join(f"{p + ', ' + m:>20}" for p in PROFILES for m in ("LQR", "PhyFilter")),
@@ -42,7 +42,7 @@ def table(found: Comparison) -> str:
         "",
         "tips at: static limit of the upright posture taken as rigid, centre of pressure at the edge of the feet.",
         "Beyond it a slow force is held by leaning; a sudden one would need a step, and this robot takes none.",
-        "slide: of the feet, to the end; MuJoCo's pyramidal cones give way slowly under a lasting tangential force.",
+        "Single trials: first seed; slide: of the feet, to the end. Pyramidal cones give way slowly to a steady force.",
     ]
     if found.trials:
         lines += [
@@ -79,6 +79,8 @@ def figures(found: Comparison) -> dict[str, object]:
         "mass_kg": found.humanoid.mass,
         "gears": found.humanoid.gears,
         "friction": found.humanoid.friction,
+        "velocity_noise": found.noise,
+        "seeds": list(params().trial.test_seeds),
         "duration_s": found.duration,
         "filter": {"a": found.filter.a.tolist(), "b": found.filter.b.tolist()},
         "tipping_n": {name: {"y": pair[0], "-y": pair[1]} for name, pair in found.tipping.items()},
@@ -117,8 +119,10 @@ def study_table(stance: str, rows: tuple[StudyRow, ...]) -> str:
     stance : str
     rows : tuple of StudyRow
     """
+    seeds = len(params().trial.tuning_seeds)
     lines = [
-        f"{stance} stance: largest lateral hand force held, N",
+        f"{stance} stance: largest lateral hand force held with {seeds} seeds, N; "
+        f"velocity noise {params().sensors.velocity_noise:g} where none is given",
         f"{'':<44}{'sudden y':>10}{'-y':>6}{'slow y':>10}{'-y':>6}",
     ]
     lines += [

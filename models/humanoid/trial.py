@@ -21,11 +21,11 @@ from phyfilter_ctl.plants.legged import JointQuantities, JointSpacePrior
 
 from .params import params
 from .regulator import Schedule
-from .robot import FloatArray, Humanoid
+from .robot import FloatArray, Humanoid, unit
 
 __all__ = ["Mode", "Trial", "phyfilter", "run"]
 
-Mode = Literal["alone", "filter", "torque"]
+Mode = Literal["alone", "filter", "torque", "told"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,7 +39,7 @@ class Trial:
     time : (N,) array
         s, to the end or to the fall.
     force, f_hat : (N,) arrays
-        Lateral hand force and its estimate, N.
+        The force and its estimate along the heading, N.
     centre : (N, 3) array
         Centre of mass relative to the feet's centre at the start, m.
     q : (N, 28) array
@@ -86,12 +86,14 @@ def run(
     force: float,
     *,
     mode: Mode = "filter",
+    heading: float = 90.0,
     rise: float = 0.0,
     filter: PhyFilter | None = None,
-    noise: float = 0.0,
+    noise: float | None = None,
+    seed: int = 0,
     duration: float | None = None,
 ) -> Trial:
-    """Stand under a lateral force on the right hand.
+    """Stand under a horizontal force on the right hand, or where the robot's grip is.
 
     Parameters
     ----------
@@ -99,16 +101,22 @@ def run(
     schedule : Schedule
         Set-points of the stance.
     force : float
-        N, along y: positive pushes the hand across the body, negative pulls it away.
-    mode : {"alone", "filter", "torque"}
+        N, along the heading; with its default positive pushes the right hand across the body, negative pulls it away.
+    mode : {"alone", "filter", "torque", "told"}
         "alone": the LQR of the stance. "filter": its target follows the estimated force. "torque": the estimated
-        residual is taken off the motors, -f_hat of the joint rows, and the target stays.
+        residual is taken off the motors, -f_hat of the joint rows, and the target stays. "told": the target follows
+        the true force, the limit of what an estimate can do.
+    heading : float
+        Of the force in degrees: 0 forwards, 90 to the left.
     rise : float
         Seconds over which the force grows; 0 for a step.
     filter : PhyFilter, optional
         None takes :func:`phyfilter`.
-    noise : float
-        Standard deviation of white noise on the velocities that controller and filter measure, rad/s and m/s; seed 0.
+    noise : float, optional
+        Standard deviation of white noise on the velocities that controller and filter measure, rad/s and m/s; None
+        takes that of ``params.toml``.
+    seed : int
+        Of the noise.
     duration : float, optional
         s; None takes that of ``params.toml``.
 
@@ -123,13 +131,15 @@ def run(
     """
     rules = params().trial
     duration = rules.duration if duration is None else duration
+    noise = params().sensors.velocity_noise if noise is None else noise
     if mode not in get_args(Mode):
         raise ValueError(f"mode: expected one of {', '.join(get_args(Mode))}, got {mode!r}")
     if not np.isfinite(force):
         raise ValueError(f"force: expected a finite force in N, got {force}")
     if not (np.isfinite([rise, noise, duration]).all() and rise >= 0.0 and noise >= 0.0 and duration > 0.0):
         raise ValueError(f"expected rise, noise >= 0 and duration > 0, got {rise}, {noise} and {duration}")
-    robot = _Robot(humanoid, schedule, mode, phyfilter() if filter is None else filter, noise)
+    along = unit(heading)
+    robot = _Robot(humanoid, schedule, mode, phyfilter() if filter is None else filter, noise, seed)
     h = float(humanoid.model.opt.timestep)
     steps = round(duration / h)
     rows: list[tuple[float, float, float]] = []
@@ -138,8 +148,8 @@ def run(
     for k in range(steps):
         since = k * h - rules.onset
         pull = 0.0 if since < -1e-9 else force * (min(1.0, since / rise) if rise else 1.0)
-        robot.step(pull)
-        rows.append((pull, robot.estimate, float(np.abs(robot.data.ctrl).max())))
+        robot.step(pull * along)
+        rows.append((pull, float(robot.estimate @ along), float(np.abs(robot.data.ctrl).max())))
         centre.append(robot.data.subtree_com[1] - robot.origin)
         q.append(robot.data.qpos.copy())
         if centre[-1][2] < rules.fallen * centre[0][2] or not np.isfinite(q[-1]).all():
@@ -156,7 +166,13 @@ class _Robot:
     """True robot, twin, controller and filter, step by step."""
 
     def __init__(
-        self, humanoid: Humanoid, schedule: Schedule, mode: Mode, filter: PhyFilter, noise: float
+        self,
+        humanoid: Humanoid,
+        schedule: Schedule,
+        mode: Mode,
+        filter: PhyFilter,
+        noise: float,
+        seed: int,
     ) -> None:
         self.humanoid, self.schedule, self.mode, self.noise = humanoid, schedule, mode, noise
         self.data, self.twin = humanoid.data(), humanoid.data()
@@ -164,28 +180,30 @@ class _Robot:
         humanoid.mujoco.mj_forward(humanoid.model, self.data)
         corners = schedule.upright.posture.feet
         self.origin = np.array([*corners.mean(axis=(0, 1))[:2], 0.0])
-        self.random = np.random.default_rng(0)
-        self.estimate, self.f_hat = 0.0, np.zeros(humanoid.nv)
+        self.random = np.random.default_rng(seed)
+        self.estimate, self.f_hat = np.zeros(2), np.zeros(humanoid.nv)
         prior = JointSpacePrior(inertia="full", bias="none", contact="omitted")
         self.law = JointTorqueFilter(filter.sampled(float(humanoid.model.opt.timestep), g="hold"), prior)
         self.state = self.law.start(self.data.qvel)
 
-    def step(self, force: float) -> None:
+    def step(self, force: FloatArray) -> None:
         """Measure, act, let the force and the motors work for one step, estimate."""
         humanoid, data = self.humanoid, self.data
         measured = self._measured(data.qvel)
-        q, control, K = self.schedule.at(humanoid, self.estimate if self.mode == "filter" else 0.0)
+        known = {"filter": self.estimate, "told": force}.get(self.mode, np.zeros(2))
+        q, control, K = self.schedule.at(humanoid, known)
         data.ctrl[:] = control - K @ np.concatenate([humanoid.difference(q, data.qpos), measured])
         if self.mode == "torque":
             data.ctrl[:] -= (self.f_hat / np.where(humanoid.torque > 0.0, humanoid.torque, np.inf))[
                 humanoid.motor_dof
             ]
         np.clip(data.ctrl, -1.0, 1.0, out=data.ctrl)
-        data.xfrc_applied[humanoid.hand, 1] = force
-        if self.mode != "alone":
+        humanoid.pull(data, [*force, 0.0])
+        estimating = self.mode in ("filter", "torque")
+        if estimating:
             self._start_twin(measured)
         humanoid.mujoco.mj_step(humanoid.model, data)
-        if self.mode != "alone":
+        if estimating:
             self._estimate(measured)
 
     @property
@@ -214,4 +232,4 @@ class _Robot:
         state = self.state._replace(qd=before)
         self.state, self.f_hat = self.law.step(state, after, JointQuantities(after, M), known)
         J = humanoid.hand_jacobian(self.twin)
-        self.estimate = float(np.linalg.solve(J @ J.T, J @ self.f_hat)[1])
+        self.estimate = np.linalg.solve(J @ J.T, J @ self.f_hat)[:2]
