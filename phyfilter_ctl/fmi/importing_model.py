@@ -17,7 +17,7 @@ from ..blocks.interpreted import Interpreted
 from .clock_schedule import ClockTimes
 from .importing_blocks import FmuBlock
 from .inspect import Scalar
-from .instance import FmuError
+from .instance import FmuError, FmuInstance
 from .signals import Signals, recorded
 from .unpacked import UnpackedFmu
 
@@ -83,6 +83,7 @@ class FmuModel(FmuBlock):
             clocks=clocks,
         )
         self._events: Literal["raise", "ignore"] = events
+        self._used = False
         self._restart(start_time, self.params)
         present = self._inputs.read(self.instance)
         if self.instance.inputs is not None:
@@ -137,9 +138,21 @@ class FmuModel(FmuBlock):
         """
         self._begins = self._start_time if t is None else t
         self.instance.next_event = None
-        if self._running:
-            self._running = False
-            self.instance.reset()
+        self._used = self._used or self._running
+        self._running = False
+
+    def _restart(
+        self,
+        time: float,
+        params: Mapping[str, float],
+        starts: Mapping[str, float] | None = None,
+        inputs: FloatArray | None = None,
+    ) -> None:
+        if self._used:  # a new run: after Reset some FMUs start elsewhere than a fresh instance does
+            self._used = False
+            self.instance.close()
+            self.instance = FmuInstance(self._fmu, "me", self.instance.name, self._clocks)
+        super()._restart(time, params, starts, inputs)
 
     def start_at(self, x: FloatArray, u: FloatArray, params: Mapping[str, float]) -> FloatArray:
         """Initialise with these inputs, from x where that is not the FMU's own start; returns where it starts.

@@ -12,6 +12,7 @@ from fmpy.validation import _validate_variable_names
 from foreign_ball import ball
 from foreign_fmus import FOLDERS, compiled, description, oscillator
 
+from phyfilter_ctl import simulate
 from phyfilter_ctl.cli import main
 from phyfilter_ctl.fmi import check, cosimulate, import_fmu
 from phyfilter_ctl.fmi.names import is_structured
@@ -224,6 +225,14 @@ def test_an_fmu_without_outputs_is_run(folder, capsys):
         options = ["--kind", kind, "--stop", "0.1", "--step", "0.05", "--in-process"]
         assert main(["fmu", "run", str(path), *options]) == 0
         assert "Oscillator: 3 points, 0 to 0.1 s" in capsys.readouterr().out
+
+
+@pytest.mark.slow
+def test_each_run_starts_where_a_fresh_instance_does(folder):
+    """Whatever Reset leaves behind."""
+    block = import_fmu(oscillator(folder, name="resets", defines=("RESETS_TO_0",)), kind="me")
+    for _ in range(2):
+        assert simulate(block, T, np.zeros_like(T)).outputs[0, 0] == 1.0
 
 
 @pytest.mark.slow

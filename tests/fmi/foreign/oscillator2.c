@@ -61,6 +61,9 @@ fmi2Status fmi2Terminate(fmi2Component c) { return c ? fmi2OK : fmi2Error; }
 
 fmi2Status fmi2Reset(fmi2Component c) {
   model_reset(MODEL(c));
+#ifdef RESETS_TO_0
+  MODEL(c)->x[0] = 0;
+#endif
   return fmi2OK;
 }
 
