@@ -71,11 +71,16 @@ class SspFiles:
         ValueError
             If it is not inside the package.
         """
-        parts = urlsplit(source)
-        target = (self.folder / unquote(parts.path)).resolve()
-        outside = parts.scheme or parts.netloc or not target.is_relative_to(self.folder.resolve())
-        if outside or not target.is_file():
-            raise ValueError(f"{self._path}: {name}: expected a file inside the package, got {source!r}")
+        parts, target = urlsplit(source), self.folder
+        try:
+            target = (self.folder / unquote(parts.path)).resolve()
+            known = target.is_relative_to(self.folder.resolve()) and target.is_file()
+        except OSError:  # longer than any name
+            known = False
+        if not known or parts.scheme or parts.netloc:
+            raise ValueError(
+                f"{self._path}: {name}: expected a file inside the package, got {source[:200]!r}"
+            )
         return target
 
     def parsed(self, file: Path) -> etree._Element:

@@ -301,6 +301,7 @@ def test_units_are_converted(tmp_path, fmu):
         ({"source": "resources/%2e%2e/%2e%2e/outside.fmu"}, "expected a file inside the package"),
         ({"source": "file:///etc/passwd"}, "expected a file inside the package"),
         ({"source": "resources/none.fmu"}, "expected a file inside the package"),
+        ({"source": "x" * 100_000}, "expected a file inside the package"),
         (
             {"extra": '<ssd:Connection startElement="a" startConnector="q" endConnector="out"/>'},
             "'a.q'; there is no such connector",
