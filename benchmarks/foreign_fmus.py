@@ -28,6 +28,7 @@ import tempfile
 import time
 import zipfile
 from collections.abc import Iterator
+from functools import partial
 from multiprocessing import get_all_start_methods, get_context
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -48,7 +49,7 @@ SECONDS = 120.0
 RAN = ("ok", "ended")
 ELSEWHERE = "no binary for this machine"
 COLUMNS = ("source", "FMU", "tool", "kind", "check", "run", "FMPy", "record")
-APART = get_context("forkserver" if "forkserver" in get_all_start_methods() else "spawn")
+APART = get_context("forkserver") if "forkserver" in get_all_start_methods() else get_context("spawn")
 
 
 def main() -> int:
@@ -203,9 +204,10 @@ def by_fmpy(path: Path, kind: str, names: list[str], table: np.ndarray) -> str:
     ]
     begin, step = float(table[0, 0]), float(table[1, 0] - table[0, 0])
     try:
-        found = fmpy.simulate_fmu(
+        run = fmpy.simulate_fmu if kind == "cs" else partial(fmpy.simulate_fmu, relative_tolerance=1e-6)
+        found = run(
             str(path), fmi_type=TYPES[kind], start_time=begin, stop_time=float(table[-1, 0]), output_interval=step,
-            relative_tolerance=None if kind == "cs" else 1e-6, output=[entry.name for entry in entries], validate=False,
+            output=[entry.name for entry in entries], validate=False,
         )  # fmt: skip
     except Exception as error:
         return f"FMPy: {_first(error)}"

@@ -186,7 +186,7 @@ class LeggedRobot:
         carries = (data.sensordata[self.touch] > 0.0).astype(float)
         return JointQuantities(
             qd=data.qvel[self.dof].copy(),
-            M=found.M[np.ix_(order, order)],
+            M=found.M[order[:, None], order],
             bias=bias,
             contact_torque=found.contact_torque[order],
             contact_estimate=balanced_contact(bias, jacobian[:, :, order], carries),
