@@ -12,7 +12,7 @@ __all__ = ["ROBOTS", "Params", "Robot", "params"]
 
 FOLDER = Path(__file__).parent
 # The robots by name, each with the file that says where it differs from the first.
-ROBOTS = {"lite3-primitives": None, "go1": FOLDER / "go1" / "params.toml"}
+ROBOTS: dict[str, Path | None] = {"lite3-primitives": None, "go1": FOLDER / "go1" / "params.toml"}
 
 Two = tuple[float, float]
 Three = tuple[float, float, float]

@@ -58,6 +58,8 @@ class FmuModel(FmuBlock):
     input (``interpolation="hold"``) sees what was held until then.
     """
 
+    instance: FmuInstance
+
     def __init__(
         self,
         fmu: UnpackedFmu,

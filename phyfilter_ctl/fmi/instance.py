@@ -54,6 +54,11 @@ class FmuInstance(InstanceEvents):
         If the FMU says that it needs the tool that made it.
     """
 
+    time: float
+    next_event: float | None
+    inputs: HeldInputs | None
+    told: list[list[float]]
+
     # -- life -------------------------------------------------------------------------------------------------
 
     def initialise(

@@ -106,7 +106,9 @@ class InstanceCalls:
         self.name = name
         self.kind: Kind = kind
         self.ability: FmuKind = self._ability()
-        self.schedule = ClockSchedule(self.description.clocks, clocks or {}, self.description.path)
+        self.schedule: ClockSchedule = ClockSchedule(
+            self.description.clocks, clocks or {}, self.description.path
+        )
         # Whether discrete inputs and clocks are for its Event Mode alone.
         self.event_mode: bool = kind == "me" or (
             kind == "cs" and self.ability.event_mode and _wants_events(self.description)

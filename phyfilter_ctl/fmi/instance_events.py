@@ -29,6 +29,9 @@ class InstanceEvents(InstanceCalls):
         Time in seconds and name of each tick of a clock since the run began, input and output clocks alike.
     """
 
+    time: float
+    next_event: float | None
+
     inputs: HeldInputs | None = None
 
     def states(self) -> FloatArray:
