@@ -152,8 +152,12 @@ class FmuModel(FmuBlock):
     ) -> None:
         if self._used:  # a new run: after Reset some FMUs start elsewhere than a fresh instance does
             self._used = False
+            held, name = self.instance.inputs, self.instance.name
             self.instance.close()
-            self.instance = FmuInstance(self._fmu, "me", self.instance.name, self._clocks)
+            self.instance = FmuInstance(self._fmu, "me", name, self._clocks)
+            self.instance.inputs = held  # the block writes to this one
+            if held is not None:
+                held.release()
         super()._restart(time, params, starts, inputs)
 
     def start_at(self, x: FloatArray, u: FloatArray, params: Mapping[str, float]) -> FloatArray:
