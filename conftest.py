@@ -58,8 +58,8 @@ def _why_not() -> str:
     return ""
 
 
-def _caused_by_it(error: BaseException | None) -> bool:
-    """Whether an error, or what it came from, is that there is no compiler."""
+def _missing(error: BaseException | None) -> str:
+    """What this machine lacks, where an error, or what it came from, says so: a compiler or an extra; else ""."""
     from phyfilter_ctl.codegen import CompilerError
 
     # pytest collects the failures of a doctest in `failures`.
@@ -71,11 +71,13 @@ def _caused_by_it(error: BaseException | None) -> bool:
             continue
         seen.add(id(cause))
         if isinstance(cause, CompilerError) and str(cause).startswith("no C compiler"):
-            return True
+            return _why_not()
+        if isinstance(cause, ImportError) and " needs the extra " in str(cause):
+            return str(cause)
         if isinstance(cause, doctest.UnexpectedException):
             causes.append(cause.exc_info[1])
         causes += [cause.__cause__, cause.__context__]
-    return False
+    return ""
 
 
 @pytest.fixture(autouse=True)
@@ -90,9 +92,9 @@ def _no_figures_left() -> Iterator[None]:
 def pytest_runtest_makereport(
     item: pytest.Item, call: pytest.CallInfo[None]
 ) -> Generator[None, pytest.TestReport, pytest.TestReport]:
-    """Turn the one error that no test is about into a skip with its reason."""
+    """Turn the errors that no test is about into a skip with its reason."""
     report = yield
-    if report.failed and call.excinfo is not None and _caused_by_it(call.excinfo.value) and _why_not():
+    if report.failed and call.excinfo is not None and (missing := _missing(call.excinfo.value)):
         report.outcome = "skipped"
-        report.longrepr = (str(item.path), item.location[1] or 0, f"Skipped: {_why_not()}")
+        report.longrepr = (str(item.path), item.location[1] or 0, f"Skipped: {missing}")
     return report

@@ -21,7 +21,7 @@ from .cosimulation_part import Part, StepControl, step_counts, step_problem
 from .cosimulation_parts import make_part
 from .cosimulation_run import Run
 from .cosimulation_texts import TextExchange, text_wires
-from .cosimulation_wiring import Connection, Wire, parameters_by_part, wire_up
+from .cosimulation_wiring import Connection, Wire, parameters_by_part, refuse_ill_formed, wire_up
 from .foreign import Isolation
 from .inspect import Scalar
 from .instance import FmuError
@@ -253,6 +253,7 @@ def cosimulate(
     for name, value in (("tolerance", tolerance), ("absolute_tolerance", absolute_tolerance)):
         if value is not None and not 0.0 < value < np.inf:
             raise ValueError(f"{name}: expected a number > 0, got {value}")
+    refuse_ill_formed(connections or ())
     with ExitStack() as stack:
         names: Mapping[str, str] = {}
         wires: Sequence[Connection | Wire] = connections or ()

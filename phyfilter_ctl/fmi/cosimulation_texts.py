@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .cosimulation_part import Part, StuckError
-from .cosimulation_wiring import Connection, Wire, well_formed
+from .cosimulation_wiring import Connection, Wire
 from .values import Opaque
 
 __all__ = ["TextExchange", "text_wires"]
@@ -42,9 +42,6 @@ def text_wires(
     wires: dict[str, str] = {}
     others: list[Connection | Wire] = []
     for entry in connections:
-        if not isinstance(entry, Wire) and not well_formed(entry):
-            others.append(entry)  # refused there
-            continue
         sink, *sources = (entry.sink, entry.source) if isinstance(entry, Wire) else entry
         ends = [_among(sink, inputs), *(_among(source.removeprefix("-"), outputs) for source in sources)]
         if not any(ends):

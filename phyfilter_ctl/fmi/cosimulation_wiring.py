@@ -17,7 +17,7 @@ from .cosimulation_part import Part
 from .inspect import Scalar
 from .units import AS_IS, FmuUnit, Linear, conversion
 
-__all__ = ["Connection", "Wire", "Wiring", "block_feedthrough", "well_formed", "wire_up"]
+__all__ = ["Connection", "Wire", "Wiring", "block_feedthrough", "refuse_ill_formed", "wire_up"]
 
 Connection = Sequence[str]
 # A signal drives what has its rank or a higher one; ranges of integers are checked in the run.
@@ -156,8 +156,6 @@ def _slices(lengths: Sequence[int]) -> tuple[slice, ...]:
 def _wires(entry: Connection | Wire, sinks: tuple[str, ...], sources: tuple[str, ...]) -> list[Wire]:
     if isinstance(entry, Wire):
         return [entry]
-    if not well_formed(entry):
-        raise ValueError(f'connections: expected ("part.input", "part.output", ...), got {entry!r}')
     targets = _expanded(entry[0], sinks, "input")
     result = []
     for word in entry[1:]:
@@ -171,17 +169,24 @@ def _wires(entry: Connection | Wire, sinks: tuple[str, ...], sources: tuple[str,
     return result
 
 
-def well_formed(entry: object) -> bool:
-    """Whether something may be a connection: two names or more.
+def refuse_ill_formed(connections: Sequence[object]) -> None:
+    """Refuse what is no connection: neither a wire nor two names or more.
 
     Parameters
     ----------
-    entry : object
+    connections : sequence
+
+    Raises
+    ------
+    ValueError
+        If there is one.
     """
-    if not isinstance(entry, Sequence) or isinstance(entry, str):
-        return False
-    words: Sequence[object] = entry
-    return len(words) > 1 and all(isinstance(word, str) for word in words)
+    for entry in connections:
+        words: Sequence[object] = entry if isinstance(entry, Sequence) and not isinstance(entry, str) else ()
+        if not isinstance(entry, Wire) and (
+            len(words) < 2 or not all(isinstance(word, str) for word in words)
+        ):
+            raise ValueError(f'connections: expected ("part.input", "part.output", ...), got {entry!r}')
 
 
 def _expanded(label: str, known: tuple[str, ...], kind: str) -> list[str]:

@@ -58,8 +58,6 @@ class FmuModel(FmuBlock):
     input (``interpolation="hold"``) sees what was held until then.
     """
 
-    instance: FmuInstance
-
     def __init__(
         self,
         fmu: UnpackedFmu,
@@ -154,7 +152,7 @@ class FmuModel(FmuBlock):
             self._used = False
             held, name = self.instance.inputs, self.instance.name
             self.instance.close()
-            self.instance = FmuInstance(self._fmu, "me", name, self._clocks)
+            self.instance: FmuInstance = FmuInstance(self._fmu, "me", name, self._clocks)
             self.instance.inputs = held  # the block writes to this one
             if held is not None:
                 held.release()

@@ -22,9 +22,10 @@ def run(parts, change, **options):
     return found.outputs
 
 
-parts = dict(zip("abcd", sys.argv[1:3] * 2, strict=True))
-for hold in ("zero", "first"):
-    alone, shared = (run(parts, str, threads=threads, hold=hold) for threads in (1, 4))
-    assert np.array_equal(alone, shared)
-print("with a race:", file=sys.stderr, flush=True)
-run(parts, lambda text: text.replace("__ATOMIC_ACQUIRE", "__ATOMIC_RELAXED"), threads=4)
+if __name__ == "__main__":
+    parts = dict(zip("abcd", sys.argv[1:3] * 2, strict=True))
+    for hold in ("zero", "first"):
+        alone, shared = (run(parts, str, threads=threads, hold=hold) for threads in (1, 4))
+        assert np.array_equal(alone, shared)
+    print("with a race:", file=sys.stderr, flush=True)
+    run(parts, lambda text: text.replace("__ATOMIC_ACQUIRE", "__ATOMIC_RELAXED"), threads=4)
