@@ -114,7 +114,7 @@ def export_fmu(
         same name becomes ``state.<name>``.
     xcp : bool
         For calibration tools: parameters and signals of the first instance at fixed addresses, described in A2L files
-        as the layered standard FMI-LS-XCP [2]_ says. The FMU has no XCP service of its own, the importer's reads and
+        as the layered standard FMI-LS-XCP [1]_ says. The FMU has no XCP service of its own, the importer's reads and
         writes the memory. Not with ``max_channels``.
 
     Returns
@@ -146,8 +146,8 @@ def export_fmu(
 
     References
     ----------
-    .. [1] Functional Mock-up Interface Specification, versions 2.0.5 and 3.0.2, Modelica Association.
-    .. [2] FMI Layered Standard for XCP, version 1.0.0, Modelica Association.
+    .. [1] Functional Mock-up Interface Specification, versions 2.0.5 and 3.0.2, and FMI Layered Standard for XCP,
+       version 1.0.0, Modelica Association.
 
     Examples
     --------
