@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import itertools
+import re
 import struct
 import zlib
 from collections.abc import Sequence
@@ -173,7 +174,15 @@ def _bode_picture(filters: tuple[PhyFilter, ...]) -> str:
         stream = io.StringIO()
         canvas.print_svg(stream, metadata={"Date": None, "Creator": None})
     text = stream.getvalue()
-    return text[text.index("<svg") :].strip()
+    return _lean(text[text.index("<svg") :].strip())
+
+
+def _lean(svg: str) -> str:
+    """A drawing without what no viewer needs: it is half of an FMU's texts otherwise."""
+    svg = re.sub(r"<metadata>.*?</metadata>", "", svg, flags=re.DOTALL)
+    referred = set(re.findall(r"#([\w.]+)", svg))
+    svg = re.sub(r' id="([^"]*)"', lambda found: found[0] if found[1] in referred else "", svg)
+    return re.sub(r"\d+\.\d{3,}", lambda found: f"{float(found[0]):.2f}", svg)  # hundredths of a point
 
 
 def _frequencies(filters: Sequence[PhyFilter]) -> FloatArray:
