@@ -114,7 +114,7 @@ def export_fmu(
         same name becomes ``state.<name>``.
     xcp : bool
         For calibration tools: parameters and signals of the first instance at fixed addresses, described in A2L files
-        as the layered standard FMI-LS-XCP [1]_ says. The FMU has no XCP service of its own, the importer's reads and
+        as the layered standard FMI-LS-XCP says. The FMU has no XCP service of its own, the importer's reads and
         writes the memory. Not with ``max_channels``.
 
     Returns
