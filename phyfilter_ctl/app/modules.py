@@ -9,6 +9,8 @@ the modules keep to two lines:
 * ``export`` before a function, a class or a ``const``; ``export default`` once, at the end of the first module.
 
 Each module becomes a function that is called once, so that names stay its own.
+
+The style sheet is ``designer.css``, which holds colours and what all parts share, and after it ``styles/`` by name.
 """
 
 from __future__ import annotations
@@ -29,7 +31,7 @@ _DYNAMIC = re.compile(r"import[.(].*")
 
 
 def sent(name: str) -> str:
-    """Text of a file as a host gets it: the modules as one, all else as it is.
+    """Text of a file as a host gets it: the modules as one, the style sheets as one, all else as it is.
 
     Parameters
     ----------
@@ -39,7 +41,10 @@ def sent(name: str) -> str:
     -------
     str
     """
-    return joined(WEB, name) if name == "designer.js" else (WEB / name).read_text(encoding="utf-8")
+    if name == "designer.js":
+        return joined(WEB, name)
+    parts = [WEB / name, *(sorted((WEB / "styles").glob("*.css")) if name == "designer.css" else ())]
+    return "\n".join(part.read_text(encoding="utf-8") for part in parts)
 
 
 def joined(folder: Path, first: str) -> str:

@@ -53,6 +53,15 @@ def test_every_module_is_reached_and_every_import_leads_somewhere():
     assert reached == {path.relative_to(WEB).as_posix() for path in WEB.rglob("*.js")}
 
 
+def test_every_style_sheet_of_a_part_is_sent_once_after_what_all_share():
+    text = sent("designer.css")
+    parts = [(WEB / "designer.css").read_text(encoding="utf-8")]
+    parts += [path.read_text(encoding="utf-8") for path in sorted((WEB / "styles").iterdir())]
+    places = [text.index(part) for part in parts]
+    assert places == sorted(places)
+    assert len(text) == sum(map(len, parts)) + len(parts) - 1
+
+
 def test_nothing_is_asked_of_other_machines():
     for path in [*WEB.rglob("*.js"), *WEB.rglob("*.css"), *WEB.rglob("*.html")]:
         text = path.read_text(encoding="utf-8")
