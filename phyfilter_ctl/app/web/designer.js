@@ -30,6 +30,7 @@ import { Table } from "./panels/table.js";
 import { Design } from "./state/design.js";
 import { Preview } from "./state/preview.js";
 import { rootsOf } from "./state/roots.js";
+import { Session } from "./state/session.js";
 import { Theme } from "./theme.js";
 
 /** @import { Answers, LogSummary, Model, Reply } from "./link.js" */
@@ -43,6 +44,7 @@ import { Theme } from "./theme.js";
  * @property {HTMLElement} root
  * @property {Link} link
  * @property {Design} design
+ * @property {Session} session what is kept; a panel has its own state kept by `session.part`
  * @property {Preview} preview
  * @property {Answer} answer
  * @property {boolean} stale whether the design is another than Python's last answer is for
@@ -76,6 +78,7 @@ class Designer {
       chosen: () => this.paint(),
       warn: (text) => this.say(text, "warn"),
     });
+    this.session = new Session(this.design);
     this.preview = new Preview(this.design);
     this.theme = new Theme(this.root, model, () => this.paint());
     /** @type {Answer} */

@@ -16,6 +16,19 @@
  * @property {Assumptions} assume
  * @property {Limits | null} limits
  */
+/** @typedef {{name: string, size?: number, sha256?: string, columns?: unknown}} Recorded  a recording, not its data */
+/**
+ * A session as it is kept; the schema is that of app/sessions.py.
+ * @typedef {object} SessionData
+ * @property {string} format
+ * @property {number} version
+ * @property {DesignData} design
+ * @property {string} family
+ * @property {{name: string, design: DesignData}[]} pins
+ * @property {Recorded | null} recording
+ * @property {Record<string, unknown>} views
+ * @property {{past: DesignData[], future: DesignData[]}} history
+ */
 /** @typedef {{key: string, label?: string, value: number | null, unit?: string, note?: string}} Figure */
 /** @typedef {{name: string, channels: string[], samples: number, dt: number, has_label: boolean}} LogSummary */
 /** @typedef {{name: string, mime: string, base64: string, written?: string}} Download */

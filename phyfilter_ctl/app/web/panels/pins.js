@@ -4,11 +4,12 @@ import { h } from "../elements.js";
 import { filterOf } from "../mathematics/filter.js";
 import { inUnit } from "../numbers.js";
 import { PIN_DASHES, swatch } from "../plots/styles.js";
+import { START } from "../state/design.js";
 import { SHORT_NAMES, unitOf } from "./figures.js";
 import { button, card } from "./parts.js";
 
 /** @import { App } from "../designer.js" */
-/** @import { Figure } from "../link.js" */
+/** @import { DesignData, Figure } from "../link.js" */
 /** @import { Pin } from "../state/preview.js" */
 
 /** @typedef {{text: string, numbers: Figure[] | null}} Answer  Python's last, and the design it is for */
@@ -25,6 +26,10 @@ export class Pins {
     this.rows = h("div", { class: "pf-pins" });
     this.table = h("table");
     this.element = card("Compare", [this.rows], { test: "pins" });
+    app.session.pins = {
+      get: () => this.list.map(({ name, design }) => ({ name, design })),
+      set: (pins) => this.restore(pins),
+    };
     this.show();
   }
 
@@ -39,6 +44,17 @@ export class Pins {
     this.show();
     this.changed();
     this.app.say(`Pinned as Design ${number}: it stays behind in grey.`);
+  }
+
+  /** The pinned designs of a session that is opened. @param {{name: string, design: DesignData}[]} pins */
+  restore(pins) {
+    this.list = pins.slice(-PIN_DASHES.length).map(({ name, design }, i) => {
+      const whole = { ...structuredClone(START), ...design };
+      const filter = filterOf(whole);
+      return { number: i + 1, name, key: JSON.stringify(whole), design: whole, filter, numbers: null };
+    });
+    this.show();
+    this.changed();
   }
 
   /** @param {Pin} pin */

@@ -30,6 +30,14 @@ export class History {
     return true;
   }
 
+  /** Begin from here. @param {string} now @param {string[]} past @param {string[]} future */
+  reset(now, past, future) {
+    this.now = now;
+    this.past = past.slice(-MOST_UNDO);
+    this.future = future.slice(-MOST_UNDO);
+    this.last = null;
+  }
+
   undo() {
     return this.travel(this.past, this.future);
   }
