@@ -79,12 +79,16 @@ class Schedule:
             (wx * wy, self.points[i * len(self.forces) + j])
             for i, wx in _weighed(self.forward, x)
             for j, wy in _weighed(self.forces, y)
+            if wx * wy > 0.0
         ]
         first = weighed[0][1]
-        change = sum(part * humanoid.difference(first.q, point.q) for part, point in weighed[1:])
+        change = sum(
+            (part * humanoid.difference(first.q, point.q) for part, point in weighed[1:]),
+            np.zeros(humanoid.nv),
+        )
         control = sum(part * point.posture.control for part, point in weighed)
         K = sum(part * point.K for part, point in weighed)
-        return humanoid.moved(first.q, np.asarray(change)), np.asarray(control), np.asarray(K)
+        return humanoid.moved(first.q, change), np.asarray(control), np.asarray(K)
 
     @property
     def upright(self) -> SetPoint:
@@ -109,8 +113,8 @@ def _weighed(levels: FloatArray, value: float) -> list[tuple[int, float]]:
     """Neighbours of a value among increasing levels and their weights."""
     if len(levels) == 1:
         return [(0, 1.0)]
-    value = float(np.clip(value, levels[0], levels[-1]))
-    i = int(np.clip(np.searchsorted(levels, value, side="right") - 1, 0, len(levels) - 2))
+    value = float(min(max(value, levels[0]), levels[-1]))
+    i = min(max(int(levels.searchsorted(value, side="right")) - 1, 0), len(levels) - 2)
     part = (value - levels[i]) / (levels[i + 1] - levels[i])
     return [(i, 1.0 - part), (i + 1, part)]
 

@@ -197,7 +197,7 @@ class _Robot:
             data.ctrl[:] -= (self.f_hat / np.where(humanoid.torque > 0.0, humanoid.torque, np.inf))[
                 humanoid.motor_dof
             ]
-        np.clip(data.ctrl, -1.0, 1.0, out=data.ctrl)
+        data.ctrl[:] = np.minimum(np.maximum(data.ctrl, -1.0), 1.0)
         humanoid.pull(data, [*force, 0.0])
         estimating = self.mode in ("filter", "torque")
         if estimating:

@@ -2,22 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
-
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from phyfilter_ctl.plants.legged import LeggedRobot
 from phyfilter_ctl.plants.legged.simulator import simulator
 
+from .bodies import Bodies, Motion, columns
 from .gait import neutral
 from .params import Params, params
 from .robot import legged
 from .terrain import Terrain
-
-if TYPE_CHECKING:
-    from mujoco._structs import MjModel  # the public name is not seen by type checkers
 
 __all__ = ["Batch", "Motion"]
 
@@ -28,36 +23,7 @@ _PAYLOAD_HEIGHT = 0.11
 _PAYLOAD_BOX = (0.25, 0.16, 0.1)
 
 
-@dataclass(frozen=True)
-class Motion:
-    """What the robots do at one instant; leading axis: robots.
-
-    Attributes
-    ----------
-    position : (E, 3) array
-        Of the trunk, m.
-    velocity : (E, 3) array
-        Of the trunk in its own frame, m/s.
-    rate : (E, 3) array
-        Of the trunk in its own frame, rad/s.
-    up : (E, 3) array
-        The vertical in the trunk's frame.
-    yaw : (E,) array
-        In rad.
-    q, qd : (E, 12) array
-        Joints, rad and rad/s.
-    """
-
-    position: FloatArray
-    velocity: FloatArray
-    rate: FloatArray
-    up: FloatArray
-    yaw: FloatArray
-    q: FloatArray
-    qd: FloatArray
-
-
-class Batch:
+class Batch(Bodies):
     """E robots on one ground.
 
     Parameters
@@ -87,23 +53,15 @@ class Batch:
         threads: int = 2,
         parameters: Params | None = None,
     ) -> None:
-        if size < 1:
-            raise ValueError(f"size: expected at least one robot, got {size}")
         simulator("the quadruped")
-        from mujoco.batch import Batch as Pool
-
         self.terrain: Terrain = Terrain() if terrain is None else terrain
-        self.size = size
         self.parameters: Params = params() if parameters is None else parameters
         self.robot: LeggedRobot = legged(self.parameters, terrain=self.terrain)
-        self.model: MjModel = self.robot.model
-        self._pool = Pool(self.model, nsim=size, nthread=threads)
-        self._qpos, self._qvel = self._pool.bind("qpos"), self._pool.bind("qvel")
-        self._ctrl, self._push = self._pool.bind("ctrl"), self._pool.bind("xfrc_applied")
-        self._touch, self._warm = self._pool.bind("sensordata"), self._pool.bind("qacc_warmstart")
+        robot = self.robot
+        super().__init__(robot.model, size, qpos=robot.qpos, dof=robot.dof, threads=threads)
+        self._touch = self._pool.bind("sensordata")
         self._trunk, self._feet = self.robot.base, self.robot.geoms
-        self._q, self._qd = _columns(self.robot.qpos), _columns(self.robot.dof)
-        self._motors, self._sensors = _columns(self.robot.motors), _columns(self.robot.touch)
+        self._motors, self._sensors = columns(self.robot.motors), columns(self.robot.touch)
         self._axes = _principal_axes(self.model.body_iquat[self._trunk])
         self._friction = self._pool.expand("geom_friction")
         self._mass, self._inertia = self._pool.expand("body_mass"), self._pool.expand("body_inertia")
@@ -199,21 +157,6 @@ class Batch:
         self._pool.step(nstep=count)
 
     @property
-    def q(self) -> FloatArray:
-        """Joint angles, (E, 12); a view where the model has them in this order."""
-        return self._qpos[:, self._q]
-
-    @property
-    def qd(self) -> FloatArray:
-        """Joint velocities, (E, 12); a view where the model has them in this order."""
-        return self._qvel[:, self._qd]
-
-    @property
-    def qpos(self) -> FloatArray:
-        """Positions as MuJoCo has them, (E, 19); a view."""
-        return self._qpos
-
-    @property
     def load(self) -> FloatArray:
         """Normal force of each foot at the step before, (E, 4) N."""
         return self._touch[:, self._sensors]
@@ -231,39 +174,7 @@ class Batch:
         MuJoCo's constraint forces: stops and dry friction of the joints are among them, where a robot has any.
         """
         rows = np.concatenate([np.arange(6), self.robot.dof])
-        return self._pool.bind("qfrc_constraint")[:, _columns(rows)]
-
-    @property
-    def up(self) -> FloatArray:
-        """The vertical in the trunks' frames, (E, 3)."""
-        w, x, y, z = self._qpos[:, 3:7].T
-        return np.stack([2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)], axis=1)
-
-    @property
-    def lean(self) -> tuple[FloatArray, FloatArray]:
-        """Tilt of the trunks (sine) and largest of roll and pitch rates (rad/s), (E,) each."""
-        tilt = np.hypot(*self.up[:, :2].T)
-        return tilt, np.abs(self._qvel[:, 3:5]).max(axis=1)
-
-    @property
-    def motion(self) -> Motion:
-        """What the robots do now."""
-        w, x, y, z = self._qpos[:, 3:7].T
-        # Columns of the rotation from trunk to world.
-        R = np.empty((self.size, 3, 3))
-        R[:, 0, 0], R[:, 0, 1], R[:, 0, 2] = 1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)
-        R[:, 1, 0], R[:, 1, 1], R[:, 1, 2] = 2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)
-        R[:, 2] = up = self.up
-        velocity = np.matmul(self._qvel[:, None, :3], R)[:, 0]
-        return Motion(
-            self._qpos[:, :3].copy(),
-            velocity,
-            self._qvel[:, 3:6].copy(),
-            up,
-            np.arctan2(R[:, 1, 0], R[:, 0, 0]),
-            self.q.copy(),
-            self.qd.copy(),
-        )
+        return self._pool.bind("qfrc_constraint")[:, columns(rows)]
 
     def fallen(self, motion: Motion) -> NDArray[np.bool_]:
         """Which robots lie, (E,).
@@ -275,26 +186,6 @@ class Batch:
         fall = self.parameters.fall
         above = motion.position[:, 2] - self.terrain.height(motion.position[:, 0], motion.position[:, 1])
         return (motion.up[:, 2] < fall.upright) | (above < fall.height) | ~np.isfinite(above)
-
-    def state(self) -> dict[str, NDArray[np.generic]]:
-        """What the next step depends on: positions, velocities, the solver's start."""
-        return {"qpos": self._qpos.copy(), "qvel": self._qvel.copy(), "warm": self._warm.copy()}
-
-    def restore(self, state: dict[str, NDArray[np.generic]]) -> None:
-        """Go on from there; payload and friction are the caller's.
-
-        Parameters
-        ----------
-        state : dict
-            Of :meth:`state`.
-        """
-        self._qpos[:], self._qvel[:], self._warm[:] = state["qpos"], state["qvel"], state["warm"]
-
-
-def _columns(index: NDArray[np.int64]) -> slice | NDArray[np.int64]:
-    """As a slice where the columns follow one another: a view, not a copy."""
-    first = int(index[0])
-    return slice(first, first + len(index)) if np.array_equal(index, first + np.arange(len(index))) else index
 
 
 # Sine of the largest angle between a principal axis and an axis of the trunk that is taken for none.

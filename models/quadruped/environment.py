@@ -11,7 +11,6 @@ For commands beyond 1 m/s the first width grows with the square of the commanded
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +20,7 @@ from .gait import following, trot
 from .loop import FilterChoice, JointLoop
 from .params import Params, params
 from .policy import ACTIONS, blurred, observe
+from .ppo import Step
 
 __all__ = ["PRIVILEGED", "Step", "Walk"]
 
@@ -28,26 +28,6 @@ FloatArray = NDArray[np.float64]
 
 # Seen by the critic alone: velocity 3, height, payload, friction, gains 2.
 PRIVILEGED = 8
-
-
-@dataclass(frozen=True)
-class Step:
-    """What one step of all environments gave.
-
-    Attributes
-    ----------
-    observations : (E, 47) array
-    privileged : (E, 8) array
-    reward : (E,) array
-    done, timeout : (E,) bool array
-        done: the episode ended; timeout: because its time was up.
-    """
-
-    observations: FloatArray
-    privileged: FloatArray
-    reward: FloatArray
-    done: NDArray[np.bool_]
-    timeout: NDArray[np.bool_]
 
 
 class Walk:
