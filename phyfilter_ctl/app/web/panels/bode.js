@@ -36,8 +36,10 @@ export class Bode {
       height: 290,
       logX: true,
       xLabel: "",
+      xName: { name: "ω", unit: "rad/s" },
       yLabel: "magnitude, dB",
       onCursor,
+      changed: () => app.paint(),
     });
     this.phase = new Chart({
       test: "bode-phase",
@@ -48,7 +50,9 @@ export class Bode {
       xLabel: "ω, rad/s",
       yLabel: "phase, °",
       onCursor,
+      changed: () => app.paint(),
     });
+    Chart.together(this.magnitude, this.phase);
     /** @type {Map<LimitKind, LimitHandle>} */
     this.handles = new Map();
     this.buttons = KINDS.map((kind) => {
@@ -74,6 +78,7 @@ export class Bode {
   unit(unit) {
     for (const chart of [this.magnitude, this.phase]) chart.xUnit = unit === "Hz" ? 2 * Math.PI : 1;
     this.phase.settings.xLabel = unit === "Hz" ? "frequency, Hz" : "ω, rad/s";
+    this.magnitude.settings.xName = unit === "Hz" ? { name: "frequency", unit } : { name: "ω", unit };
     this.units.show(unit);
     this.app.paint();
   }
@@ -124,19 +129,21 @@ export class Bode {
     const lines = [];
     /** @type {Series[]} */
     const angles = [];
-    pins.forEach(({ curves }, i) => {
+    pins.forEach(({ curves, name }, i) => {
       if (!curves) return;
       const style = { x: curves.omega, colour: palette.pin, width: 1.5, dash: PIN_DASHES[i] };
+      const named = (/** @type {"F" | "E"} */ key) => `${CURVES[key].text} of ${name}`;
       for (const key of /** @type {const} */ (["F", "E"]))
-        if (this.shown[key]) lines.push({ ...style, y: curves[key].db });
-      if (this.shown.F) angles.push({ ...style, y: curves.F.phase });
+        if (this.shown[key]) lines.push({ ...style, name: named(key), y: curves[key].db });
+      if (this.shown.F) angles.push({ ...style, name: named("F"), y: curves.F.phase });
     });
     // The sampled F first: where the two agree F is seen, where they part both are.
     for (const key of /** @type {const} */ (["S", "E", "F"])) {
       const curve = preview.curves[key];
       if (!this.shown[key] || !curve) continue;
       const x = key === "S" ? preview.curves.below : preview.curves.omega;
-      const style = { x, colour: palette[CURVES[key].colour], dash: CURVES[key].dash, width: 2.25 };
+      const { text: name, colour, dash } = CURVES[key];
+      const style = { name, x, colour: palette[colour], dash, width: 2.25 };
       lines.push({ ...style, y: curve.db });
       if (key !== "E") angles.push({ ...style, y: curve.phase });
     }
@@ -149,7 +156,7 @@ export class Bode {
     const { curves } = this.app.preview;
     const w = this.cursorAt;
     if (w === null) {
-      write(this.readout, "Point at a curve to read it.");
+      write(this.readout, "Point at a curve to read it; click to measure from there.");
       return;
     }
     const value = (/** @type {Curve} */ curve) => {
@@ -164,7 +171,18 @@ export class Bode {
     ];
     if (curves.S && w <= Math.PI / sampling.dt)
       parts.push(`sampled ${value(sampledResponse(filter, sampling.dt, sampling.method, [w]).F)}`);
+    const from = this.magnitude.from;
+    if (from !== null) parts.push(this.difference(from, w));
     this.readout.replaceChildren(...parts.map((text) => h("span", {}, text)));
+  }
+
+  /** What lies between the marked point and the cursor. @param {number} from rad/s @param {number} to rad/s */
+  difference(from, to) {
+    const { filter } = this.app.design;
+    const db = (/** @type {Curve} */ { re, im }) =>
+      20 * Math.log10(Math.hypot(re[1], im[1]) / Math.hypot(re[0], im[0]));
+    const steps = [response, errorResponse].map((of) => short(db(of(filter, [from, to])), 3));
+    return `from ${short(from, 3)} rad/s: ω × ${short(to / from, 3)}, F ${steps[0]} dB, 1−F ${steps[1]} dB`;
   }
 
   /** @param {LimitKind} kind @param {HTMLElement} toggle */

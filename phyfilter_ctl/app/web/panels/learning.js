@@ -84,7 +84,13 @@ export class Learning {
       x: [0, Math.max(last, 1)],
       y: [low / 1.15, Math.max(high * 1.15, low * 1.5)],
       series: [
-        { x: this.curve.map(([at]) => at), y: this.curve.map(([, cost]) => cost), colour: palette.E, width: 2.25 },
+        {
+          name: "RMSE",
+          x: this.curve.map(([at]) => at),
+          y: this.curve.map(([, cost]) => cost),
+          colour: palette.E,
+          width: 2.25,
+        },
       ],
     });
     this.chart.draw(palette);

@@ -48,16 +48,19 @@ export class LogCard {
       this.cursorAt = t;
       app.paint();
     };
+    const marked = (/** @type {number} */ low, /** @type {number} */ high) =>
+      this.showPart(this.start + low, this.start + high);
     this.chart = new Chart({
       test: "log-plot",
       label: "Estimate on the log",
       height: 230,
       xLabel: "t, s",
       yLabel: "f",
+      drag: "mark",
       onCursor,
+      onWindow: (part) => (part ? marked(...part) : this.showWhole()),
+      changed: () => app.paint(),
     });
-    const marked = (/** @type {number} */ low, /** @type {number} */ high) =>
-      this.showPart(this.start + low, this.start + high);
     marking(this.chart, { able: () => this.estimate !== null, marked, all: () => this.showWhole() });
     this.learning = new Learning(app, () => void this.ask());
     this.summary = h("p", { class: "pf-log-summary", "data-test": "log" });
@@ -227,9 +230,9 @@ export class LogCard {
     this.start = Math.abs(first) > 100 * (last - first) ? first : 0;
     const x = this.start ? estimate.t.map((t) => t - this.start) : estimate.t;
     const wanted = this.window?.map((t) => t - this.start);
-    const lines = LINES.flatMap(({ key, colour, dash, width }) => {
+    const lines = LINES.flatMap(({ key, text, colour, dash, width }) => {
       const y = estimate[key];
-      return y ? [{ x, y, colour: palette[colour], dash, width }] : [];
+      return y ? [{ name: text, x, y, colour: palette[colour], dash, width }] : [];
     });
     const [low, high] = [Math.min(...lines.map(({ y }) => smallest(y))), Math.max(...lines.map(({ y }) => largest(y)))];
     const room = ROOM * (high - low || 1);

@@ -1,17 +1,26 @@
 /** A chart: curves on a canvas, what is touched on an SVG above it. */
 
 import { assign, g, h } from "../elements.js";
-import { linearTicks, logTicks } from "./ticks.js";
+import { grid, mark } from "./frame.js";
+import { Navigation } from "./navigation.js";
+import { cursorWords, labelled, nearest, pointsAt } from "./reading.js";
+import { firstFrom, shareOf, valueAt } from "./scales.js";
 
 /** @import { Palette } from "./styles.js" */
-/** @import { Tick } from "./ticks.js" */
+/** @import { View } from "./navigation.js" */
+/** @import { Range } from "./scales.js" */
 
 const MARGIN = { left: 52, right: 24 };
 const TOP = { named: 24, plain: 10 }; // px above the plot, with and without a name of the vertical axis
 const BOTTOM = { named: 40, plain: 22 }; // px below the axis, with and without a name of it
 
 /** @typedef {{colour: string, width?: number, dash?: number[]}} Stroke */
-/** @typedef {Stroke & {x: ArrayLike<number>, y: ArrayLike<number | null>}} Series */
+/**
+ * A curve. In a plane (Nyquist, say) its points belong to a parameter, such as a frequency.
+ * @typedef {Stroke & {name?: string, x: ArrayLike<number>, y: ArrayLike<number | null>, at?: ArrayLike<number>}} Series
+ */
+/** @typedef {{colour: string, x: ArrayLike<number>, low: ArrayLike<number | null>, high: ArrayLike<number | null>}} Band */
+/** @typedef {{name: string, unit: string}} Quantity */
 /** @typedef {{x: number, text: string}} Mark  a vertical line with a name */
 /**
  * @typedef {object} Settings
@@ -23,7 +32,14 @@ const BOTTOM = { named: 40, plain: 22 }; // px below the axis, with and without 
  * @property {boolean} [degrees]
  * @property {string} xLabel
  * @property {string} yLabel
- * @property {(x: number | null) => void} [onCursor]
+ * @property {Quantity} [xName] where the label does not say it
+ * @property {Quantity} [yName]
+ * @property {Quantity} [parameter] of the curves of a plane; without one they are functions of x
+ * @property {boolean} [plane] whether x and y are alike: zoomed together
+ * @property {"pan" | "mark"} [drag] what a drag does; "mark": something else, not the chart's own
+ * @property {(x: number | null) => void} [onCursor] where the cursor is wanted: an x, or a value of the parameter
+ * @property {(x: Range | null) => void} [onWindow] take a stretch of the axis, null all of it, in the chart's place
+ * @property {() => void} [changed] the view is another: draw
  */
 
 export class Chart {
@@ -33,27 +49,77 @@ export class Chart {
     this.canvas = h("canvas", { "aria-hidden": "true" });
     this.overlay = g("svg", { class: "pf-overlay", role: "group", "aria-label": settings.label });
     this.cursorLine = g("line", { class: "pf-cursor", y1: 0, y2: 0, visibility: "hidden" });
-    this.overlay.append(this.cursorLine);
-    this.element = h("div", { class: "pf-chart", "data-test": settings.test }, this.canvas, this.overlay);
+    this.fromLine = g("line", { class: "pf-cursor pf-from", y1: 0, y2: 0, visibility: "hidden" });
+    this.dots = g("g", { class: "pf-dots" });
+    this.overlay.append(this.fromLine, this.cursorLine, this.dots);
+    /** Where the cursor is, and the point that is measured from. @type {number | null} */
+    this.at = null;
+    /** @type {number | null} */
+    this.from = null;
+    /** Charts that show the same stretch of the horizontal axis. @type {Chart[]} */
+    this.peers = [];
+    /** What is seen while nothing is zoomed. @type {{x: Range, y: Range}} */
+    this.home = { x: [0, 1], y: [0, 1] };
+    /** @type {View} */
+    this.view = { x: null, y: null };
+    this.navigation = new Navigation(this);
+    const { tools, spoken } = this.navigation;
+    this.element = h(
+      "div",
+      { class: "pf-chart", "data-test": settings.test },
+      this.canvas,
+      this.overlay,
+      tools,
+      spoken,
+    );
     this.element.style.height = `${settings.height}px`;
     this.width = 0;
     this.height = settings.height;
     this.ratio = 1;
     this.bottom = settings.xLabel ? BOTTOM.named : BOTTOM.plain;
     this.top = settings.yLabel ? TOP.named : TOP.plain;
-    this.x = [0, 1];
     this.xUnit = 1; // what one of the numbers on the horizontal axis is of x
-    this.y = [0, 1];
     this.ranged = false;
+    /** @type {Palette | null} */
+    this.palette = null;
     /** @type {Series[]} */
     this.series = [];
     /** @type {Mark[]} */
     this.marks = [];
-    this.overlay.addEventListener("pointermove", (event) => {
-      const at = event.clientX - this.overlay.getBoundingClientRect().left;
-      this.settings.onCursor?.(this.within(at) ? this.xAt(at) : null);
-    });
-    this.overlay.addEventListener("pointerleave", () => this.settings.onCursor?.(null));
+    /** Behind the curves. @type {Band[]} */
+    this.bands = [];
+  }
+
+  /** What the horizontal axis shows. @returns {Range} */
+  get x() {
+    return this.view.x ?? this.home.x;
+  }
+
+  set x(range) {
+    this.home.x = range;
+  }
+
+  /** @returns {Range} */
+  get y() {
+    return this.view.y ?? this.home.y;
+  }
+
+  set y(range) {
+    this.home.y = range;
+  }
+
+  /** Let charts show one stretch of the horizontal axis together. @param {...Chart} charts */
+  static together(...charts) {
+    for (const chart of charts) chart.peers = charts.filter((other) => other !== chart);
+  }
+
+  /** Draw again, with whatever the panel lays over it. */
+  changed() {
+    if (this.settings.changed) this.settings.changed();
+    else if (this.palette) {
+      this.draw(this.palette);
+      this.cursor(this.at);
+    }
   }
 
   /**
@@ -61,7 +127,8 @@ export class Chart {
    * @param {number} low @param {number} high @param {boolean} dragging
    */
   range(low, high, dragging) {
-    this.y = dragging && this.ranged ? [Math.min(low, this.y[0]), Math.max(high, this.y[1])] : [low, high];
+    const [least, most] = this.home.y;
+    this.y = dragging && this.ranged ? [Math.min(low, least), Math.max(high, most)] : [low, high];
     this.ranged = true;
   }
 
@@ -91,29 +158,22 @@ export class Chart {
 
   /** @param {number} value */
   px(value) {
-    const [low, high] = this.x;
-    const share = this.settings.logX ? Math.log(value / low) / Math.log(high / low) : (value - low) / (high - low);
-    return MARGIN.left + share * this.inner.width;
+    return MARGIN.left + shareOf(value, this.x, this.settings.logX) * this.inner.width;
   }
 
   /** @param {number} value */
   py(value) {
-    const [low, high] = this.y;
-    const share = this.settings.logY ? Math.log(value / low) / Math.log(high / low) : (value - low) / (high - low);
-    return this.top + (1 - share) * this.inner.height;
+    return this.top + (1 - shareOf(value, this.y, this.settings.logY)) * this.inner.height;
   }
 
   /** @param {number} at */
   xAt(at) {
-    const [low, high] = this.x;
-    const share = (at - MARGIN.left) / this.inner.width;
-    return this.settings.logX ? low * (high / low) ** share : low + share * (high - low);
+    return valueAt((at - MARGIN.left) / this.inner.width, this.x, this.settings.logX);
   }
 
   /** @param {number} at */
   yAt(at) {
-    const [low, high] = this.y;
-    return low + (1 - (at - this.top) / this.inner.height) * (high - low);
+    return valueAt(1 - (at - this.top) / this.inner.height, this.y, this.settings.logY);
   }
 
   /** Whether a place lies between the axis and the right edge. @param {number} at px */
@@ -126,16 +186,94 @@ export class Chart {
     return Math.min(Math.max(at, MARGIN.left), this.right);
   }
 
-  /** @param {number | null} x */
-  cursor(x) {
-    const at = x === null ? NaN : this.px(x);
-    const shown = this.within(at);
-    this.cursorLine.setAttribute("visibility", shown ? "visible" : "hidden");
-    if (shown) assign(this.cursorLine, { x1: at, x2: at, y1: this.top, y2: this.height - this.bottom });
+  // -- cursors ------------------------------------------------------------------------------------------------------
+
+  /** Show the cursor at an x, or at a value of the parameter. @param {number | null} at */
+  cursor(at) {
+    this.at = at;
+    const { plane, parameter } = this.settings;
+    for (const [line, value] of /** @type {const} */ ([
+      [this.cursorLine, at],
+      [this.fromLine, this.from],
+    ])) {
+      const x = value === null || parameter ? NaN : this.px(value);
+      line.setAttribute("visibility", this.within(x) ? "visible" : "hidden");
+      if (this.within(x)) assign(line, { x1: x, x2: x, y1: this.top, y2: this.height - this.bottom });
+    }
+    if (!plane && !parameter) return;
+    const dots = [at, this.from].flatMap((value) => (value === null ? [] : pointsAt(this, value)));
+    this.dots.replaceChildren(
+      ...dots.map(({ x, y, colour }) => g("circle", { cx: this.px(x), cy: this.py(y), r: 4, fill: colour })),
+    );
   }
+
+  /** Pixel of the cursor. */
+  cursorPixel() {
+    if (this.at === null) return null;
+    const [point] = this.settings.parameter ? pointsAt(this, this.at) : [];
+    if (point) return { x: this.px(point.x), y: this.py(point.y) };
+    return this.settings.parameter ? null : { x: this.px(this.at), y: this.top + this.inner.height / 2 };
+  }
+
+  /** The x under a pixel, or the parameter of the nearest point of a curve. @param {{x: number, y: number}} at */
+  parameterAt(at) {
+    if (this.settings.parameter) return nearest(this, at);
+    return this.within(at.x) ? this.xAt(at.x) : null;
+  }
+
+  /** The parameter so many steps on. @param {number} by */
+  nextParameter(by) {
+    const { parameter, logX } = this.settings;
+    if (parameter) {
+      const along = this.series.find((series) => series.at)?.at;
+      if (!along?.length) return null;
+      const at = this.at ?? along[Math.floor(along.length / 2)];
+      let k = 0;
+      for (let i = 1; i < along.length; i++) if (Math.abs(along[i] - at) < Math.abs(along[k] - at)) k = i;
+      return along[Math.min(Math.max(k + by, 0), along.length - 1)];
+    }
+    const share = this.at === null ? 0.5 : shareOf(this.at, this.x, logX) + 0.01 * by;
+    return valueAt(Math.min(Math.max(share, 0), 1), this.x, logX);
+  }
+
+  /** What the curves are at the cursor, and how far from the marked point; "" without a cursor. */
+  reading() {
+    return this.at === null ? "" : cursorWords(this, this.at, this.from);
+  }
+
+  /** The chart as data: what it draws, with names and units, for a file. */
+  data() {
+    const { settings } = this;
+    const inUnit = (/** @type {ArrayLike<number>} */ x) => Array.from(x, (value) => value / this.xUnit);
+    return {
+      title: settings.label,
+      x: { ...(settings.xName ?? labelled(settings.xLabel)), log: Boolean(settings.logX), range: inUnit(this.x) },
+      y: { ...(settings.yName ?? labelled(settings.yLabel)), log: Boolean(settings.logY), range: [...this.y] },
+      parameter: settings.parameter ?? null,
+      series: this.series.map(({ name = "", x, y, at, colour, width = 2, dash = [] }) => ({
+        name,
+        x: inUnit(x),
+        y: Array.from(y),
+        at: at ? Array.from(at) : null,
+        colour,
+        width,
+        dash,
+      })),
+      bands: this.bands.map(({ x, low, high, colour }) => ({
+        x: inUnit(x),
+        low: Array.from(low),
+        high: Array.from(high),
+        colour,
+      })),
+      marks: this.marks.map(({ x, text }) => ({ x: x / this.xUnit, text })),
+    };
+  }
+
+  // -- drawing ------------------------------------------------------------------------------------------------------
 
   /** @param {Palette} palette */
   draw(palette) {
+    this.palette = palette;
     this.measure();
     const { width, height } = this;
     if (!width) return;
@@ -144,121 +282,33 @@ export class Chart {
     context.setTransform(this.ratio, 0, 0, this.ratio, 0, 0);
     context.clearRect(0, 0, width, height);
     context.font = `11px ${palette.font}`;
-    this.grid(context, palette);
+    grid(this, context, palette);
     context.save();
     context.beginPath();
     context.rect(MARGIN.left, this.top, this.inner.width, this.inner.height);
     context.clip();
-    for (const mark of this.marks) this.mark(context, palette, mark);
+    for (const band of this.bands) this.band(context, band);
+    for (const each of this.marks) mark(this, context, palette, each);
     for (const series of this.series) this.line(context, series);
     context.restore();
-  }
-
-  /** @param {CanvasRenderingContext2D} context @param {Palette} palette */
-  grid(context, palette) {
-    const { settings } = this;
-    const range = this.x.map((x) => x / this.xUnit);
-    const vertical = (
-      settings.logX ? logTicks(range, this.inner.width) : linearTicks(range, this.inner.width / 80)
-    ).map((tick) => ({ ...tick, value: tick.value * this.xUnit }));
-    const rows = this.inner.height / (settings.degrees ? 26 : 34);
-    const horizontal = settings.logY
-      ? logTicks(this.y, this.inner.height)
-      : linearTicks(this.y, rows, settings.degrees);
-    this.gridLines(context, palette, vertical, horizontal);
-    context.fillStyle = palette.muted;
-    this.gridNumbers(context, vertical, horizontal);
-    const bottom = this.height - this.bottom;
-    context.textAlign = "center";
-    context.textBaseline = "top";
-    context.fillText(settings.xLabel, (MARGIN.left + this.right) / 2, bottom + 22);
-    context.textAlign = "left";
-    context.fillText(settings.yLabel, MARGIN.left, 4);
-  }
-
-  /**
-   * @param {CanvasRenderingContext2D} context @param {Palette} palette @param {Tick[]} vertical
-   * @param {Tick[]} horizontal
-   */
-  gridLines(context, palette, vertical, horizontal) {
-    const [bottom, right] = [this.height - this.bottom, this.right];
-    const columns = vertical.map(({ value, minor }) => ({ at: Math.round(this.px(value)) + 0.5, minor }));
-    const rows = horizontal.map(({ value, minor }) => ({ at: Math.round(this.py(value)) + 0.5, minor }));
-    context.lineWidth = 1;
-    for (const faint of [true, false]) {
-      // One path for all lines of a colour: a drag draws this in every frame.
-      context.strokeStyle = faint ? palette.faint : palette.grid;
-      context.beginPath();
-      for (const { at, minor } of columns) if (minor === faint) line(context, [at, this.top, at, bottom]);
-      for (const { at, minor } of rows) if (minor === faint) line(context, [MARGIN.left, at, right, at]);
-      context.stroke();
-    }
-  }
-
-  /** @param {CanvasRenderingContext2D} context @param {Tick[]} vertical @param {Tick[]} horizontal */
-  gridNumbers(context, vertical, horizontal) {
-    context.textAlign = "center";
-    context.textBaseline = "top";
-    let free = -Infinity;
-    for (const { value, text } of vertical) {
-      const at = Math.round(this.px(value)) + 0.5;
-      const half = text ? context.measureText(text).width / 2 : 0;
-      if (!text || at - half < free || at + half > this.width) continue;
-      context.fillText(text, at, this.height - this.bottom + 6);
-      free = at + half + 8;
-    }
-    context.textAlign = "right";
-    context.textBaseline = "middle";
-    for (const { value, text } of horizontal) {
-      if (text) context.fillText(text, MARGIN.left - 7, Math.round(this.py(value)) + 0.5);
-    }
-  }
-
-  /**
-   * Text on a patch of ground, so that grid lines do not strike it through.
-   * @param {CanvasRenderingContext2D} context @param {Palette} palette @param {string} text @param {number} x
-   * @param {number} y
-   */
-  badge(context, palette, text, x, y) {
-    if (!text) return;
-    const { width } = context.measureText(text);
-    const left = context.textAlign === "right" ? x - width : x;
-    context.fillStyle = palette.card;
-    context.fillRect(left - 3, y - 2, width + 6, 15);
-    context.fillStyle = palette.muted;
-    context.fillText(text, x, y);
-  }
-
-  /** @param {CanvasRenderingContext2D} context @param {Palette} palette @param {Mark} mark */
-  mark(context, palette, { x, text }) {
-    const at = this.px(x);
-    if (!this.within(at)) return;
-    context.setLineDash([3, 4]);
-    stroke(context, palette.muted, [at, this.top, at, this.height - this.bottom]);
-    context.setLineDash([]);
-    const right = at + 6 + context.measureText(text).width > this.right;
-    context.textAlign = right ? "right" : "left";
-    context.textBaseline = "top";
-    // Above 0 dB, where the curves are seldom.
-    this.badge(context, palette, text, right ? at - 5 : at + 5, this.top + 3);
   }
 
   /** @param {CanvasRenderingContext2D} context @param {Series} series */
   line(context, { x, y, colour, width = 2, dash = [] }) {
     context.beginPath();
     let down = false;
-    const [low, high] = [-50, this.height + 50]; // far outside, a canvas spends long on dashes
-    const [left, right] = this.settings.logX
-      ? [this.x[0] / 1.2, 1.2 * this.x[1]]
-      : [2 * this.x[0] - this.x[1], 2 * this.x[1] - this.x[0]];
-    for (let k = 0; k < x.length; k++) {
+    const { parameter } = this.settings;
+    const far = parameter ? 4000 : 50; // px outside; a canvas spends long on dashes
+    const [low, high] = [-far, this.height + far];
+    const [from, to] = parameter ? [0, x.length - 1] : this.inView(x);
+    for (let k = from; k <= to; k++) {
       const value = y[k];
-      const inside = x[k] >= left && x[k] <= right;
-      if (value === null || Number.isNaN(value) || !inside) {
+      if (value === null || Number.isNaN(value) || (parameter && Number.isNaN(x[k]))) {
         down = false;
         continue;
       }
-      const [at, level] = [this.px(x[k]), Math.min(Math.max(this.py(value), low), high)];
+      const level = Math.min(Math.max(this.py(value), low), high);
+      const at = parameter ? Math.min(Math.max(this.px(x[k]), -far), this.width + far) : this.px(x[k]);
       if (down) context.lineTo(at, level);
       else context.moveTo(at, level);
       down = true;
@@ -270,18 +320,23 @@ export class Chart {
     context.stroke();
     context.setLineDash([]);
   }
-}
 
-/** @param {CanvasRenderingContext2D} context @param {string} colour @param {number[]} ends */
-function stroke(context, colour, ends) {
-  context.strokeStyle = colour;
-  context.beginPath();
-  line(context, ends);
-  context.stroke();
-}
+  /** First and last place of what is seen, with one beyond either edge. @param {ArrayLike<number>} x ascending */
+  inView(x) {
+    const last = x.length - 1;
+    return [Math.max(firstFrom(x, this.x[0]) - 1, 0), Math.min(firstFrom(x, this.x[1]), last)];
+  }
 
-/** @param {CanvasRenderingContext2D} context @param {number[]} ends */
-function line(context, [x1, y1, x2, y2]) {
-  context.moveTo(x1, y1);
-  context.lineTo(x2, y2);
+  /** @param {CanvasRenderingContext2D} context @param {Band} band */
+  band(context, { x, low, high, colour }) {
+    const held = (/** @type {number} */ value) => Math.min(Math.max(this.py(value), -50), this.height + 50);
+    const [from, to] = this.inView(x);
+    context.beginPath();
+    for (let k = from; k <= to; k++) if (high[k] !== null) context.lineTo(this.px(x[k]), held(Number(high[k])));
+    for (let k = to; k >= from; k--) if (low[k] !== null) context.lineTo(this.px(x[k]), held(Number(low[k])));
+    context.globalAlpha = 0.18;
+    context.fillStyle = colour;
+    context.fill();
+    context.globalAlpha = 1;
+  }
 }
