@@ -32,7 +32,7 @@ export class StepCard {
       onCursor,
       changed: () => app.paint(),
     });
-    this.readout = h("span", { class: "pf-readout" });
+    this.readout = h("span", { class: "pf-readout", "data-test": "step-readout" });
     const item = (/** @type {"F" | "E"} */ key, /** @type {string} */ text) =>
       h("span", { class: "pf-legend" }, swatch(`pf-stroke-${CURVES[key].colour}`, CURVES[key].dash), text);
     const bar = h(

@@ -126,14 +126,18 @@ export class Navigation {
     if (onWindow && view.x !== chart.view.x) onWindow(view.x);
     chart.view = { x: onWindow ? null : view.x, y: view.y };
     for (const peer of chart.peers) peer.view = { x: view.x, y: peer.view.y };
-    for (const each of [chart, ...chart.peers]) each.navigation.reset.hidden = !each.view.x && !each.view.y;
+    for (const each of [chart, ...chart.peers]) {
+      const zoomed = Boolean(each.view.x || each.view.y);
+      each.navigation.reset.hidden = !zoomed;
+      each.element.classList.toggle("pf-zoomed", zoomed);
+    }
     chart.changed();
   }
 
   showAll() {
+    if (this.reset.matches(":focus")) this.chart.overlay.focus(); // the button goes
     this.chart.settings.onWindow?.(null);
     this.show({ x: null, y: null });
-    if (document.activeElement === this.reset) this.chart.overlay.focus();
   }
 
   /** About the cursor, if there is one. @param {number} factor @param {boolean} [upright] the vertical axis only */
