@@ -51,6 +51,7 @@ nb_execution_timeout = 300
 # Words in the types of arguments that also name an attribute somewhere.
 suppress_warnings = ["ref.python"]
 nb_merge_streams = True
+nb_output_stderr = "error"  # a warning would be shown to the reader
 
 napoleon_google_docstring = False
 napoleon_use_rtype = False

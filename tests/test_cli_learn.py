@@ -63,6 +63,7 @@ def test_known_filter_comes_back_through_the_file(tmp_path, monkeypatch, capsys)
     assert "every 0.01 s, exact" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_figures_are_those_of_learn(logs, capsys):
     arguments = ["one.csv", "two.csv", "--held-out", "held.csv", "--x", "px,py", "--order", "2", "1"]
     assert main(["learn", *arguments, "--json", "-"]) == 0

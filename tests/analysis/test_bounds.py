@@ -154,6 +154,7 @@ def test_no_simulated_error_is_above_any_bound(chosen, shape, k, seed):
     assert bounds[1] <= bounds[2] * (1.0 + CERTIFIED)
 
 
+@pytest.mark.slow
 @settings(max_examples=200, deadline=None, derandomize=True)
 @given(
     poles,

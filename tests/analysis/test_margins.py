@@ -187,6 +187,7 @@ ACTUATORS = {"none": None, "lag": LAG, "second": SECOND, "lead": ct.tf([0.02, 1.
 GAINS = {"inner": (0.0, 0.0), "velocity": (0.0, 6.0), "pd": (10.0, 6.0)}
 
 
+@pytest.mark.slow
 @given(
     filter=filters(),
     mu=st.floats(0.02, 20.0),
@@ -498,6 +499,7 @@ def test_largest_bandwidth_in_closed_form():
     assert found.limit == pytest.approx(omega * np.hypot(1.0, 0.1 * omega), rel=1e-8)
 
 
+@pytest.mark.slow
 def test_the_inner_loop_alone_overestimates():
     complete = largest_bandwidth(first, kp=10.0, kd=6.0, actuator=LAG, delay=0.02).limit
     inner = largest_bandwidth(first, actuator=LAG, delay=0.02).limit

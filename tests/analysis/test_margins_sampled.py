@@ -180,6 +180,7 @@ def test_measurement_delay_by_simulation():
     assert found == pytest.approx(margin.max_ratio, rel=SIMULATED)
 
 
+@pytest.mark.slow
 @given(
     poles=st.lists(st.floats(2.0, 60.0), min_size=1, max_size=4),
     shares=st.lists(st.integers(-50, 150), min_size=4, max_size=4),  # percent

@@ -110,6 +110,7 @@ def test_cost_never_rises_with_the_order_of_the_general_form(short):
         assert all(later <= earlier * (1.0 + 1e-12) for earlier, later in itertools.pairwise(costs))
 
 
+@pytest.mark.slow
 def test_lowpass_order_that_adds_nothing(log):
     two, four = learn(log, 2, wiener=False), learn(log, 4, wiener=False)
     assert two.status == "converged"
@@ -160,6 +161,7 @@ def test_a_filter_is_learned_back(name, method, irregular):
     np.testing.assert_allclose(result.filter.b, truth.b, rtol=RECOVERED, atol=RECOVERED * truth.b[0])
 
 
+@pytest.mark.slow
 def test_many_flights_of_several_rates_with_inertia_and_held_g():
     truth = PhyFilter([400.0, 30.0])
     logs = []
@@ -205,6 +207,7 @@ def test_weights_and_channels_choose_what_is_learned():
     assert 4.0 < middle < 40.0
 
 
+@pytest.mark.slow
 def test_constant_weights_per_sample_change_nothing(short):
     plain = learn(short, 2, wiener=False)
     array = learn(short, 2, weights=np.full(short.n, 3.0), wiener=False)

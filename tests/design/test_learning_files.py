@@ -73,6 +73,7 @@ def same(one, other, tolerance=SAME):
             assert getattr(other, name) == pytest.approx(getattr(one, name), rel=tolerance)
 
 
+@pytest.mark.slow
 def test_files_and_functions_teach_what_recordings_do(flights, files):
     held = flight(77)
     expected = learn(flights, 2, form="general", starts=1, held_out=held)

@@ -194,6 +194,7 @@ def test_without_g_the_result_says_what_is_taken_as_f():
 # -- descents at their end -----------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_no_descent_says_limit_at_an_optimum():
     """48 descents from random starts, broken off at the step that comes to the optimum and at the two after it."""
     log = reference_log(600)

@@ -108,6 +108,7 @@ def test_what_is_left_adds_up_over_the_bands(case):
     assert total[1] == pytest.approx(found.error_without.value, rel=0.1)
 
 
+@pytest.mark.slow
 def test_a_model_of_what_the_filter_follows_anyway_is_worth_nothing():
     rng = np.random.default_rng(1)
     slow, fast = markov(rng, 0.02, 2.0), markov(rng, 10.0, 1.0)

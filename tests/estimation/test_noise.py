@@ -137,6 +137,7 @@ def test_share_of_a_bin_of_the_window() -> None:
     assert pytest.approx(len(window) * np.sum(window**4) / np.sum(window**2) ** 2, rel=1e-3) == SHARED
 
 
+@pytest.mark.slow
 def test_what_shares_a_band_is_refused() -> None:
     """Noise of a corner at 5 rad/s and a force of 2: no spectrum tells them apart."""
     found = pf.estimate(flight(0.3, 0.98, seconds=8.0))

@@ -317,6 +317,7 @@ def arm_run(times, reference, rate_reference=None, **params):
     return run.states[JOINT.start] - ARM.home[0], run.states[RATE.start]
 
 
+@pytest.mark.slow
 def test_servo_is_a_second_order_lag():
     """Critically damped step and, with the rate fed forward, a sine behind by (w_r/w)^2 only."""
     times = np.linspace(0.0, 0.3, 31)
