@@ -22,6 +22,7 @@ import numpy as np
 from tqdm import tqdm
 
 from phyfilter_ctl import PhyFilter, SampledPhyFilter
+from phyfilter_ctl.plots import PAGE, dress, letter_panels
 from phyfilter_ctl.study import Executor
 
 RATE = 500.0
@@ -77,7 +78,7 @@ def draw(results: dict[tuple[int, float, str], np.ndarray], path: Path) -> None:
     mpl.use("Agg")
     import matplotlib.pyplot as plt
 
-    figure, axes = plt.subplots(1, len(ORDERS), figsize=(11, 3), sharey=True, layout="constrained")
+    figure, axes = plt.subplots(1, len(ORDERS), figsize=(PAGE, 2.8), sharey=True, layout="constrained")
     for axis, order in zip(axes, ORDERS, strict=True):
         for pole, colour in zip(
             POLES, plt.get_cmap("viridis")(np.linspace(0, 0.85, len(POLES))), strict=True
@@ -90,10 +91,14 @@ def draw(results: dict[tuple[int, float, str], np.ndarray], path: Path) -> None:
         axis.axhline(1e-6, color="0.5", linewidth=0.8)
         for seconds, name in ((60, "1 min"), (3600, "1 h"), (86400, "1 day")):
             axis.axvline(seconds, color="0.85", linewidth=0.8, zorder=0)
-            axis.text(seconds, 2e-9, name, rotation=90, fontsize=6, ha="right", va="bottom", color="0.4")
-        axis.set(title=f"order {order}", xlabel="time (s)", ylim=(1e-9, 1e9))
-    axes[0].set_ylabel(r"max error of $\hat f$ (m/s$^2$)")
-    axes[0].legend(fontsize=7, title="solid: ours; dashed: Eq. (5)", title_fontsize=7)
+            axis.text(
+                seconds, 2e-9, name, rotation=90, fontsize="x-small", ha="right", va="bottom", color="0.4"
+            )
+        axis.set(xlabel="Time [s]", ylim=(1e-9, 1e9))
+        dress(axis, f"Order {order}")
+    axes[0].set_ylabel(r"Largest error of $\hat f$ [m/s$^2$]", fontsize="small")
+    axes[0].legend(fontsize="x-small", title="solid: ours\ndashed: Eq. (5)", title_fontsize="x-small")
+    letter_panels(figure)
     figure.savefig(path, dpi=150)
 
 

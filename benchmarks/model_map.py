@@ -30,7 +30,7 @@ from numpy.typing import NDArray
 
 import phyfilter_ctl as pf
 from phyfilter_ctl import models
-from phyfilter_ctl.plots import COLOURS
+from phyfilter_ctl.plots import COLOURS, dress, letter_panels
 from phyfilter_ctl.study import Interval, reduction
 
 Array = NDArray[np.float64]
@@ -229,10 +229,11 @@ def draw(cells: dict[str, list[Cell]], path: Path) -> None:
             )
             ax.plot(speeds, [c.tuned.median for c in row], "o-", color=colour, ms=3, label=f"wind {wind:g}")
         ax.axhline(0.0, color="0.3", lw=0.8)
-        ax.set_xlabel(f"speed [{SYSTEMS[name][1]}]")
-        ax.set_ylabel("model's reduction of the error [%]")
-        ax.set_title(name, loc="left", fontsize="medium", fontweight="bold")
-        ax.legend(fontsize="small", frameon=False)
+        ax.set_xlabel(f"Speed [{SYSTEMS[name][1]}]")
+        ax.set_ylabel("Reduction of the error by the model [%]")
+        ax.legend(fontsize="x-small", frameon=False)
+        dress(ax, name)
+    letter_panels(figure)
     figure.savefig(path, dpi=150)
 
 

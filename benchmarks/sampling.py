@@ -21,6 +21,7 @@ import numpy as np
 
 import phyfilter_ctl as pf
 from phyfilter_ctl.filter.sampling import Method
+from phyfilter_ctl.plots import PAGE, dress, letter_panels
 
 POLE, FREQUENCY = 20.0, 6.0
 FILTERS = {
@@ -87,21 +88,23 @@ def main() -> int:
 def draw(steps: tuple[float, ...], found: dict[tuple[str, Method], np.ndarray], path: Path) -> None:
     from matplotlib import pyplot as plt
 
-    titles = ("error at the samples", "peak of |F|", r"largest $\hat M / M$")
-    figure, axes = plt.subplots(len(FILTERS), 3, figsize=(10.0, 5.6), sharex=True, layout="constrained")
+    titles = ("Error at the samples", "Peak of $|F|$", r"Largest $\hat M / M$")
+    figure, axes = plt.subplots(len(FILTERS), 3, figsize=(PAGE, 5.2), sharex=True, layout="constrained")
     for row, name in zip(axes, FILTERS, strict=True):
         for ax, column, title in zip(row, (0, 1, 3), titles, strict=True):
-            for method in METHODS:
+            for method, style in zip(METHODS, ("-", "--", ":"), strict=True):
                 values = found[name, method][:, column]
-                ax.plot(1e3 * np.array(steps), np.maximum(values, 1e-16), "o-", markersize=3.5, label=method)
-            ax.set_title(title, fontsize=9)
-            ax.grid(alpha=0.3)
+                ax.plot(
+                    1e3 * np.array(steps), np.maximum(values, 1e-16), style, marker="o", ms=3, label=method
+                )
+            dress(ax, title)
         row[0].set_yscale("log")
-        row[0].set_ylabel(name)
+        row[0].set_ylabel(name, fontsize="small")
     for ax in axes[-1]:
-        ax.set_xlabel("step, ms")
-    axes[0, 0].legend(fontsize=8)
-    figure.savefig(path, dpi=130)
+        ax.set_xlabel("Step [ms]", fontsize="small")
+    axes[0, 0].legend(fontsize="x-small", frameon=False)
+    letter_panels(figure)
+    figure.savefig(path, dpi=150)
 
 
 if __name__ == "__main__":

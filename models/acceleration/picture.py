@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter, ScalarFormatter
 from numpy.typing import NDArray
 
-from phyfilter_ctl.plots import dress
+from phyfilter_ctl.plots import PAGE, dress, letter_panels
 from phyfilter_ctl.recording import Recording
 from phyfilter_ctl.results import Status
 
@@ -88,17 +88,15 @@ def draw(
     matplotlib.figure.Figure
     """
     rows = 2 + (poles is not None or intervals is not None) + (convergence is not None)
-    figure = Figure(figsize=(11.0, 3.1 * rows + 0.3), layout="constrained")
+    figure = Figure(figsize=(PAGE, 2.7 * rows + 0.5), layout="constrained")
     layout = figure.add_gridspec(rows, 6)
     top = max(log.speed(100.0) for log in (*comparison.train, *comparison.test))
-    _velocities(figure.add_subplot(layout[0, :2]), comparison.train, "a  Training flights", top)
-    _velocities(figure.add_subplot(layout[0, 2:4]), comparison.test, "b  Test flights", top)
+    _velocities(figure.add_subplot(layout[0, :2]), comparison.train, "Training flights", top)
+    _velocities(figure.add_subplot(layout[0, 2:4]), comparison.test, "Test flights", top)
     _speeds(figure.add_subplot(layout[0, 4:]), comparison)
     left, right = figure.add_subplot(layout[1, :3]), figure.add_subplot(layout[1, 3:])
-    _errors(
-        left, comparison.train_estimates, comparison.train, comparison.train_rmse, "c  Errors in training"
-    )
-    _errors(right, comparison.test_estimates, comparison.test, comparison.test_rmse, "d  Errors in the test")
+    _errors(left, comparison.train_estimates, comparison.train, comparison.train_rmse, "Errors in training")
+    _errors(right, comparison.test_estimates, comparison.test, comparison.test_rmse, "Errors in the test")
     highest = max(left.get_ylim()[1], right.get_ylim()[1])
     for axes in (left, right):
         axes.set_ylim(0.0, highest)
@@ -111,8 +109,9 @@ def draw(
     figure.suptitle(
         f"Acceleration from velocity: {comparison.data} flights, {sum(log.n for log in comparison.train)} training and "
         f"{sum(log.n for log in comparison.test)} test samples every {1e3 * comparison.dt:.3g} ms",
-        fontsize="medium",
+        fontsize="small",
     )
+    letter_panels(figure)
     return figure
 
 
@@ -125,10 +124,10 @@ def _velocities(axes: Axes, logs: Sequence[Recording], title: str, top: float) -
         if k:
             axes.axvline(begin, color="0.8", linewidth=0.6, zorder=0)
         begin = float(t[-1])
-    axes.set(
-        xlabel="Time, flights one after another [s]", ylabel="Velocity [m/s]", ylim=(-1.1 * top, 1.1 * top)
+    axes.set(xlabel="Time, flight after flight [s]", ylabel="Velocity [m/s]", ylim=(-1.1 * top, 1.1 * top))
+    axes.legend(
+        fontsize="x-small", ncols=3, loc="lower center", frameon=False, columnspacing=0.8, handlelength=1.2
     )
-    axes.legend(fontsize="x-small", ncols=3, loc="lower left", frameon=False)
     dress(axes, title)
 
 
@@ -162,7 +161,7 @@ def _errors(
         box.set(facecolor=COLOURS[name], edgecolor=COLOURS[name])
     at = np.arange(1, len(names) + 1)
     axes.plot(at, [scores[name] for name in names], "D", color="black", markersize=4, label="RMSE")
-    axes.set_xticks(at, [NAMES[name] for name in names], rotation=35, ha="right", rotation_mode="anchor")
+    axes.set_xticks(at, [NAMES[name] for name in names], rotation=50, ha="right", rotation_mode="anchor")
     axes.set_ylabel("Absolute error [m/s$^2$]")
     axes.legend(fontsize="x-small", frameon=False)
     dress(axes, title)
@@ -179,7 +178,7 @@ def _speeds(axes: Axes, comparison: Comparison) -> None:
         axes.hist(speeds[name], edges.tolist(), density=True, color=colour, alpha=0.55, label=name)
     axes.set(xlabel="Speed [m/s]", ylabel="Density [s/m]")
     axes.legend(fontsize="x-small", frameon=False)
-    dress(axes, "f  Distribution of speeds")
+    dress(axes, "Distribution of speeds")
 
 
 def _pole_map(axes: Axes, poles: PoleMap, network: float) -> None:
@@ -202,14 +201,14 @@ def _pole_map(axes: Axes, poles: PoleMap, network: float) -> None:
     axes.set(xlabel="Poles, geometric mean [rad/s]", ylabel="Test RMSE [m/s$^2$]")
     axes.set_ylim(0.0, 1.6 * max(network, float(np.median(poles.rmse))))
     axes.legend(fontsize="x-small", ncols=2, facecolor="white", edgecolor="none", framealpha=0.9)
-    dress(axes, "e  Order and poles")
+    dress(axes, "Order and poles")
 
 
 def _convergence(left: Axes, right: Axes, convergence: Convergence) -> None:
     """Wall time against the least RMSE so far, from the same starts, on the same axes."""
     ways = (
-        (left, convergence.learned, "h  Learning: Gauss-Newton"),
-        (right, convergence.adam, "i  The paper's Algorithm 2: Adam on the coefficients"),
+        (left, convergence.learned, "Learning: Gauss-Newton"),
+        (right, convergence.adam, "The paper's Algorithm 2: Adam on the coefficients"),
     )
     descents = (*convergence.learned, *convergence.adam)
     # Every curve begins at its start, drawn at the left edge: 0 is not on the axis.
@@ -249,4 +248,4 @@ def _interval_study(axes: Axes, intervals: IntervalStudy) -> None:
     axes.set(xlabel="Sampling interval [ms]", ylabel="Test RMSE [m/s$^2$]")
     axes.set_ylim(bottom=0.0)
     axes.legend(fontsize="x-small", frameon=False)
-    dress(axes, "g  Sampling interval")
+    dress(axes, "Sampling interval")

@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from mpl_toolkits.mplot3d import Axes3D
 from numpy.typing import NDArray
 
-from phyfilter_ctl.plots import dress
+from phyfilter_ctl.plots import PAGE, dress, letter_panels, typeset
 
 from .comparison import Comparison
 from .methods import NAMES, MethodName
@@ -45,26 +45,27 @@ def draw(comparison: Comparison) -> Figure:
     matplotlib.figure.Figure
     """
     flown: list[MethodName] = [name for name in _FLOWN if name in comparison.methods]
-    figure = Figure(figsize=(11.0, 9.0), layout="constrained")
+    figure = Figure(figsize=(PAGE, 8.0), layout="constrained")
     top, bottom = np.asarray(figure.subfigures(2, 1, height_ratios=[1.25, 1.0])).tolist()
     sides = np.asarray(top.subfigures(1, 2, width_ratios=[1.15, 1.0]))
     left, right = sides.tolist()
     _ways(left.add_subplot(projection="3d"), comparison, flown)
     errors, near = right.subplots(2, 1, sharex=True)
-    _errors(errors, comparison, list(comparison.methods), "b  Error of the end effector")
+    _errors(errors, comparison, list(comparison.methods), "Error of the end effector")
     close: list[MethodName] = [name for name in comparison.methods if name in ("observer", "phyfilter")]
-    _errors(near, comparison, close or list(comparison.methods), "c  The same, nearer")
+    _errors(near, comparison, close or list(comparison.methods), "The same, nearer")
     windows, force, torque = bottom.subplots(1, 3)
     _windows(windows, comparison)
     shown: MethodName = "phyfilter" if "phyfilter" in comparison.methods else next(iter(comparison.methods))
-    _estimate(force, comparison, shown, "f", 0, "e  Force along the jet [N]")
-    _estimate(torque, comparison, shown, "tau", 1, "f  Pitching torque [N m]")
+    _estimate(force, comparison, shown, "f", 0, "Force along the jet [N]")
+    _estimate(torque, comparison, shown, "tau", 1, "Pitching torque [N m]")
     mission = params().mission
     figure.suptitle(
         f"Pick and place of {mission.payload:g} kg in a jet of {params().wind.jet_speed:g} m/s: "
         f"{len(comparison.seeds)} simulated missions a method, one of them shown",
-        fontsize="medium",
+        fontsize="small",
     )
+    letter_panels(figure)
     return figure
 
 
@@ -87,9 +88,13 @@ def draw_turning(found: Turning) -> Figure:
         middle = 100.0 * np.array([v.median for v in errors])
         spread = np.abs(100.0 * np.array([[v.low, v.high] for v in errors]).T - middle)
         x = np.arange(len(cases)) + 0.08 * (k - 2)
-        axes.errorbar(x, middle, spread, fmt="o", ms=4, lw=0.8, capsize=2, color=colour, label=NAMES[name])
+        axes.errorbar(
+            x, middle, spread, fmt="o", ms=4, lw=0.8, capsize=2, color=colour, label=typeset(NAMES[name])
+        )
     axes.set_xticks(range(len(cases)), [case if case == PLACE else f"{case} rad/s" for case in cases])
-    axes.set(ylabel="Mean |e| of the end effector [cm]", ylim=(0.0, None), xlim=(-0.5, len(cases) - 0.5))
+    axes.set(
+        ylabel=typeset("Mean |e| of the end effector [cm]"), ylim=(0.0, None), xlim=(-0.5, len(cases) - 0.5)
+    )
     axes.legend(fontsize="x-small", frameon=False)
     dress(
         axes,
@@ -101,21 +106,21 @@ def draw_turning(found: Turning) -> Figure:
 def _ways(axes: Axes3D, comparison: Comparison, names: list[MethodName]) -> None:
     for name in names:
         x, y, z = comparison.shown[name].signals["r_e"][0, ::_EVERY].T
-        axes.plot(x, y, z, color=COLOURS[name], lw=0.9, label=NAMES[name])
+        axes.plot(x, y, z, color=COLOURS[name], lw=0.9, label=typeset(NAMES[name]))
     goals = comparison.shown[names[0]].goals
     x, y, z = goals.end_effector[::_EVERY].T
     axes.plot(x, y, z, color="k", lw=0.8, ls="--", label="planned")
     for point, label in ((comparison.mission.pick, "pick"), (comparison.mission.place, "place")):
         axes.plot(*([value] for value in point), "o", color="k", ms=3)
-        axes.text(*point, f" {label}", fontsize=7)
+        axes.text(*point, f" {label}", fontsize="x-small")
     axes.set_xlabel("x [m]", fontsize="small")
     axes.set_ylabel("y [m]", fontsize="small")
     axes.set_zlabel("z [m]", fontsize="small")
     axes.tick_params(labelsize="x-small")
     axes.set_box_aspect((1.4, 1.4, 0.8))
     axes.view_init(elev=28.0, azim=-62.0)
-    axes.legend(fontsize="xx-small", frameon=False, loc="upper right")
-    axes.set_title("a  Way of the end effector", loc="left", fontsize="small", fontweight="bold")
+    axes.legend(fontsize="x-small", frameon=False, loc="upper right")
+    axes.set_title("Way of the end effector", loc="left", fontsize="small", fontweight="bold")
 
 
 def _errors(axes: Axes, comparison: Comparison, names: list[MethodName], title: str) -> None:
@@ -127,16 +132,16 @@ def _errors(axes: Axes, comparison: Comparison, names: list[MethodName], title: 
             100.0 * flights.error()[0, ::_EVERY],
             color=COLOURS[name],
             lw=0.8,
-            label=NAMES[name],
+            label=typeset(NAMES[name]),
         )
     axes.axhline(100.0 * mission.tolerance, color="k", lw=0.7, ls=":")
     for begin, end in (mission.grasp, mission.settle):
         axes.axvspan(begin, end, color="#0072B2", alpha=0.12, lw=0)
     for at in (mission.load, mission.release):
         axes.axvline(at, color="0.5", lw=0.7, ls="--")
-    axes.set(ylabel="|e| [cm]", ylim=(0.0, None), xlim=(0.0, mission.duration))
-    axes.set_xlabel("Time [s]; windows shaded, load comes and goes at the dashes")
-    axes.legend(fontsize="xx-small", frameon=False, ncols=2)
+    axes.set(ylabel=typeset("|e| [cm]"), ylim=(0.0, None), xlim=(0.0, mission.duration))
+    axes.set_xlabel("Time [s]; windows shaded, load changes at the dashes")
+    axes.legend(fontsize="x-small", frameon=False, ncols=2)
     dress(axes, title)
 
 
@@ -159,11 +164,14 @@ def _windows(axes: Axes, comparison: Comparison) -> None:
             )
     axes.axvline(100.0 * comparison.mission.tolerance, color="k", lw=0.7, ls=":")
     axes.set_xscale("log")
-    axes.set_yticks(range(len(names)), [NAMES[name].replace(" with ", "\nwith ") for name in names])
-    axes.set_xlabel("Largest |e| in the window [cm], every mission")
+    axes.set_yticks(
+        range(len(names)),
+        [typeset(NAMES[name]).replace(" with ", "\nwith ").replace(" (", "\n(") for name in names],
+    )
+    axes.set_xlabel(typeset("Largest |e| [cm], every mission"))
     axes.invert_yaxis()
-    axes.legend(fontsize="xx-small", frameon=False)
-    dress(axes, "d  Windows")
+    axes.legend(fontsize="x-small", frameon=False)
+    dress(axes, "Windows")
 
 
 def _estimate(
@@ -180,5 +188,5 @@ def _estimate(
     if f"{letter}_hat" in signals:
         axes.plot(t, signals[f"{letter}_hat"], color=COLOURS[name], lw=0.8, alpha=0.85, label="estimated")
     axes.set(xlabel="Time [s]", xlim=(0.0, t[-1]))
-    axes.legend(fontsize="xx-small", frameon=False)
+    axes.legend(fontsize="x-small", frameon=False)
     dress(axes, f"{title}, {NAMES[name]}")

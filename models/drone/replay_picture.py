@@ -7,7 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter, ScalarFormatter
 
-from phyfilter_ctl.plots import dress
+from phyfilter_ctl.plots import COLOURS, PAGE, dress, letter_panels, typeset
 
 from .replay import Flight, Replay, title
 from .replay_recordings import AXES, BAND
@@ -15,7 +15,6 @@ from .replay_recordings import AXES, BAND
 __all__ = ["draw"]
 
 _NOT_DRAWN = ("zero", "difference", "lowpass", "mean")
-_COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00")
 _SHOWN = 10.0  # s
 
 
@@ -30,20 +29,19 @@ def draw(replay: Replay) -> Figure:
     -------
     matplotlib.figure.Figure
     """
-    figure = Figure(figsize=(11.0, 6.4), layout="constrained")
+    figure = Figure(figsize=(PAGE, 5.6), layout="constrained")
     layout = figure.add_gridspec(2, 6)
     shown = max(replay.flights, key=lambda each: float(np.mean(each.recording.label**2)))
-    _series(figure.add_subplot(layout[0, :3]), shown, replay, 0, "a")
-    _series(figure.add_subplot(layout[0, 3:]), shown, replay, 2, "b")
+    _series(figure.add_subplot(layout[0, :3]), shown, replay, 0)
+    _series(figure.add_subplot(layout[0, 3:]), shown, replay, 2, legend=False)
     _dots(figure.add_subplot(layout[1, :4]), replay)
     _delays(figure.add_subplot(layout[1, 4:]), replay)
-    figure.suptitle(
-        f"Residual force per unit mass, {len(replay.flights)} recorded flights", fontsize="medium"
-    )
+    figure.suptitle(f"Residual force per unit mass, {len(replay.flights)} recorded flights", fontsize="small")
+    letter_panels(figure)
     return figure
 
 
-def _series(axes: Axes, flight: Flight, replay: Replay, i: int, letter: str) -> None:
+def _series(axes: Axes, flight: Flight, replay: Replay, i: int, *, legend: bool = True) -> None:
     """Ten seconds after the start-up: the label, every filter, and the learned model alone."""
     log = flight.recording.log
     t = log.times - log.times[0]
@@ -52,11 +50,11 @@ def _series(axes: Axes, flight: Flight, replay: Replay, i: int, letter: str) -> 
     drawn = [name for name in replay.scores if name not in _NOT_DRAWN]
     for k, name in enumerate(drawn):
         f_hat = flight.estimates[name][rows, i]
-        axes.plot(t[rows], f_hat, color=_COLOURS[k % len(_COLOURS)], linewidth=0.9, label=title(name))
+        axes.plot(t[rows], f_hat, color=COLOURS[k % len(COLOURS)], linewidth=0.9, label=typeset(title(name)))
     axes.set(xlabel="Time [s]", ylabel="Force per unit mass [m/s$^2$]")
-    if letter == "a":
+    if legend:
         axes.legend(fontsize="x-small", ncols=2, facecolor="white", edgecolor="none", framealpha=0.9)
-    dress(axes, f"{letter}  {log.name}, {AXES[i]}")
+    dress(axes, f"{log.name}, {AXES[i]}")
 
 
 def _dots(axes: Axes, replay: Replay) -> None:
@@ -64,26 +62,26 @@ def _dots(axes: Axes, replay: Replay) -> None:
     # One that diverged has no dot.
     finite = {key: s for key, s in replay.scores.items() if np.isfinite([s.total, s.ahead]).all()}
     at = np.arange(len(finite))
-    axes.plot([s.total for s in finite.values()], at, "o", color=_COLOURS[0], label="against fa")
+    axes.plot([s.total for s in finite.values()], at, "o", color=COLOURS[0], label="against fa")
     ahead = [s.ahead for s in finite.values()]
-    axes.plot(ahead, at, "D", color=_COLOURS[1], markersize=5, label=f"{replay.horizon:.3g} s ahead")
-    axes.set_yticks(at, [title(name) for name in finite])
+    axes.plot(ahead, at, "D", color=COLOURS[1], markersize=5, label=f"{replay.horizon:.3g} s ahead")
+    axes.set_yticks(at, [typeset(title(name)) for name in finite])
     axes.invert_yaxis()
     axes.set(xlabel="RMSE over all flights [m/s$^2$]", xscale="log")
     axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 3.0, 5.0)))
     axes.xaxis.set_major_formatter(ScalarFormatter())
     axes.xaxis.set_minor_formatter(NullFormatter())
     axes.legend(fontsize="x-small", frameon=False)
-    dress(axes, "c  Scores")
+    dress(axes, "Scores")
 
 
 def _delays(axes: Axes, replay: Replay) -> None:
     for each in replay.flights:
         scan = each.recording.delays
-        axes.plot(1e3 * scan.delays, scan.rms / scan.rms[0], color=_COLOURS[0], linewidth=0.7, alpha=0.6)
-        axes.plot(1e3 * scan.best, 1.0 - scan.reduction, ".", color=_COLOURS[1], markersize=6)
+        axes.plot(1e3 * scan.delays, scan.rms / scan.rms[0], color=COLOURS[0], linewidth=0.7, alpha=0.6)
+        axes.plot(1e3 * scan.best, 1.0 - scan.reduction, ".", color=COLOURS[1], markersize=6)
     axes.set(
         xlabel="Delay of the thrust set-point [ms]",
         ylabel=f"Left at {BAND[0]:g} to {BAND[1]:g} Hz, relative",
     )
-    dress(axes, "d  How late the thrust acts")
+    dress(axes, "How late the thrust acts")

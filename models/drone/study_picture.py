@@ -10,7 +10,7 @@ from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
-from phyfilter_ctl.plots import dress
+from phyfilter_ctl.plots import PAGE, dress, letter_panels, typeset
 
 from .flights import Scenario
 from .methods import NAMES
@@ -63,28 +63,28 @@ def draw(study: Study) -> Figure:
         views = {"map": ("wind", "mass"), "g": ("error", "margin")}.get(axis, ("error",))
         panels.extend((axis, what) for what in views)
     rows = -(-len(panels) // 3)
-    figure = Figure(figsize=(12.0, 3.1 * rows + 0.3), layout="constrained")
+    figure = Figure(figsize=(PAGE, 2.8 * rows + 0.5), layout="constrained")
     for k, (axis, what) in enumerate(panels):
         axes = figure.add_subplot(rows, 3, k + 1)
-        letter = "abcdefghijkl"[k]
         if axis == "map":
-            _map(axes, study, "wind" if what == "wind" else "mass", letter)
+            _map(axes, study, "wind" if what == "wind" else "mass")
         elif axis == "learned":
-            _learned(axes, study.curves(axis), letter)
+            _learned(axes, study.curves(axis))
         elif what == "margin":
-            _margins(axes, study, letter)
+            _margins(axes, study)
         else:
-            _errors(axes, axis, study.curves(axis), letter)
+            _errors(axes, axis, study.curves(axis))
     figure.suptitle(
-        f"Mean |e| on the circle: median of {len(study.grid.seeds)} flights a point "
-        f"({len(study.grid.map_seeds)} on maps), bands from quartile to quartile; "
+        typeset(f"Mean |e| on the circle: median of {len(study.grid.seeds)} flights a point ")
+        + f"({len(study.grid.map_seeds)} on maps), bands from quartile to quartile;\n"
         "solid with wind, dashed with unknown mass only",
-        fontsize="medium",
+        fontsize="small",
     )
+    letter_panels(figure)
     return figure
 
 
-def _errors(axes: Axes, axis: AxisName, curves: Mapping[str, Sequence[Outcome]], letter: str) -> None:
+def _errors(axes: Axes, axis: AxisName, curves: Mapping[str, Sequence[Outcome]]) -> None:
     scale = 1e3 if axis == "delay" else 1.0
     shown = []
     for family, curve in curves.items():
@@ -107,19 +107,19 @@ def _errors(axes: Axes, axis: AxisName, curves: Mapping[str, Sequence[Outcome]],
         axes.set_ylim(0.0, 1.1 * min(values.max(), _TALLEST * float(np.median(values))))
     if axis in ("g", "order"):
         axes.set_xscale("log")
-    axes.set(xlabel=_LABELS[axis], ylabel="Mean |e| [cm]")
-    axes.legend(fontsize="xx-small", frameon=False)
+    axes.set(xlabel=_LABELS[axis], ylabel=typeset("Mean |e| [cm]"))
+    axes.legend(fontsize="x-small", frameon=False)
     titles = {
-        "g": "Choice of g",
+        "g": "Choice of $g$",
         "order": "Order and type",
         "delay": "Delay",
         "wind": "Wind",
         "mass": "Unknown mass",
     }
-    dress(axes, f"{letter}  {titles[axis]}")
+    dress(axes, titles[axis])
 
 
-def _margins(axes: Axes, study: Study, letter: str) -> None:
+def _margins(axes: Axes, study: Study) -> None:
     for family, curve in study.curves("g").items():
         margins = [np.nan if outcome.margin is None else outcome.margin for outcome in curve]
         x = [outcome.point.value for outcome in curve]
@@ -132,11 +132,11 @@ def _margins(axes: Axes, study: Study, letter: str) -> None:
     wanted = params().tuning.modulus_margin
     axes.axhline(wanted, color="0.5", lw=0.8, ls=":", label="asked for in tuning")
     axes.set(xlabel=_LABELS["g"], ylabel="Modulus margin", ylim=(0.0, None))
-    axes.legend(fontsize="xx-small", frameon=False, loc="lower left")
-    dress(axes, f"{letter}  Margin by choice of g")
+    axes.legend(fontsize="x-small", frameon=False, loc="lower left")
+    dress(axes, "Margin by choice of $g$")
 
 
-def _learned(axes: Axes, curves: Mapping[str, Sequence[Outcome]], letter: str) -> None:
+def _learned(axes: Axes, curves: Mapping[str, Sequence[Outcome]]) -> None:
     names = list(curves)
     bars: tuple[tuple[Scenario, str, float], ...] = (("mass", "#999999", -0.2), ("wind", "#0072B2", 0.2))
     for k, (scenario, colour, shift) in enumerate(bars):
@@ -144,7 +144,7 @@ def _learned(axes: Axes, curves: Mapping[str, Sequence[Outcome]], letter: str) -
             outcome = curves[name][0]
             if scenario not in outcome.errors:
                 if k:
-                    axes.text(i, 0.0, "margin\ntoo small", fontsize="xx-small", ha="center", va="bottom")
+                    axes.text(i, 0.0, "margin\ntoo small", fontsize="x-small", ha="center", va="bottom")
                 continue
             spread = outcome.spread(scenario)
             low, median, high = (100.0 * value for value in (spread.low, spread.median, spread.high))
@@ -158,12 +158,12 @@ def _learned(axes: Axes, curves: Mapping[str, Sequence[Outcome]], letter: str) -
         ha="right",
         rotation_mode="anchor",
     )
-    axes.set_ylabel("Mean |e| [cm]")
-    axes.legend(fontsize="xx-small", frameon=False)
-    dress(axes, f"{letter}  Learned filters")
+    axes.set_ylabel(typeset("Mean |e| [cm]"))
+    axes.legend(fontsize="x-small", frameon=False)
+    dress(axes, "Learned filters")
 
 
-def _map(axes: Axes, study: Study, scenario: Scenario, letter: str) -> None:
+def _map(axes: Axes, study: Study, scenario: Scenario) -> None:
     winners = study.winners(scenario)
     bandwidths, speeds = sorted({w for w, _ in winners}), sorted({speed for _, speed in winners})
     names: list[str] = list(MAPPED)
@@ -181,7 +181,7 @@ def _map(axes: Axes, study: Study, scenario: Scenario, letter: str) -> None:
                 f"{NAMES[winners[w, v]][0].upper()} {100.0 * medians[w, v]:.1f}",
                 ha="center",
                 va="center",
-                fontsize="xx-small",
+                fontsize="x-small",
                 color="white",
             )
     radius = params().mission.radius
@@ -191,10 +191,10 @@ def _map(axes: Axes, study: Study, scenario: Scenario, letter: str) -> None:
     handles = [Patch(color=colour, label=NAMES[name]) for colour, name in zip(colours, MAPPED, strict=True)]
     axes.legend(
         handles=handles,
-        fontsize="xx-small",
+        fontsize="x-small",
         ncols=3,
         loc="upper center",
         bbox_to_anchor=(0.5, -0.18),
         frameon=False,
     )
-    dress(axes, f"{letter}  Who wins, {'with wind' if scenario == 'wind' else 'unknown mass only'}; cm")
+    dress(axes, f"Least error [cm], {'wind' if scenario == 'wind' else 'unknown mass'}")

@@ -205,8 +205,8 @@ def _compare(options: Namespace, stances: tuple[str, ...], duration: float | Non
     outputs.publish(report.table(found), report.figures(found), lambda: picture.draw(found))
     if options.animation is not None:
         chosen = {
-            "LQR alone": found.trials[stances[0], "slow", forces[-1], "alone"],
-            "PhyFilter": found.trials[stances[0], "slow", forces[-1], "filter"],
+            f"{forces[-1]:g} N, LQR alone": found.trials[stances[0], "slow", forces[-1], "alone"],
+            f"{forces[-1]:g} N, with PhyFilter": found.trials[stances[0], "slow", forces[-1], "filter"],
         }
         picture.animate(found.humanoid, chosen, options.animation)
 

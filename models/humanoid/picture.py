@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from phyfilter_ctl._output import write_gif
 from phyfilter_ctl.plants.legged.rendering import Camera, renderer
-from phyfilter_ctl.plots import COLOURS, dress
+from phyfilter_ctl.plots import COLOURS, PAGE, dress, letter_panels, typeset
 
 from .around import ANSWERS, HEADINGS, Around
 from .limits import PROFILES, Comparison
@@ -54,11 +54,12 @@ def draw(found: Comparison) -> Figure:
     ----------
     found : Comparison
     """
-    figure = Figure(figsize=(11.0, 7.0), layout="constrained")
+    figure = Figure(figsize=(PAGE, 6.4), layout="constrained")
     bars, postures, centre, estimate = np.ravel(np.asarray(figure.subplots(2, 2), dtype=object))
     _draw_limits(bars, found)
     _draw_postures(postures, found)
     _draw_trials(centre, estimate, found)
+    letter_panels(figure)
     return figure
 
 
@@ -71,7 +72,7 @@ def draw_around(found: Around) -> Figure:
     """
     grips = list(dict.fromkeys(grip for grip, _ in found.tipping))
     profiles = list(dict.fromkeys(each.profile for each in found.held))
-    figure = Figure(figsize=(4.5 * len(profiles), 4.5 * len(grips)), layout="constrained")
+    figure = Figure(figsize=(4.2 * len(profiles), 4.0 * len(grips) + 0.6), layout="constrained")
     names = list(dict.fromkeys(name for _, name in found.tipping))
     turn = np.radians([HEADINGS[name] for name in names])
     for k, (grip, profile) in enumerate((grip, profile) for grip in grips for profile in profiles):
@@ -80,14 +81,30 @@ def draw_around(found: Around) -> Figure:
         tips = [found.tipping[grip, name] for name in names]
         axes.plot(_closed(turn), _closed(tips), color="black", linestyle="--", label="tips, as if rigid")
         for mode, answer in ANSWERS.items():
-            forces = [each.force for each in found.row(grip, profile, mode)]
+            row = found.row(grip, profile, mode)
             axes.plot(
-                _closed(turn), _closed(forces), color=_ANSWERS[mode], marker="o", markersize=3, label=answer
+                _closed(turn),
+                _closed([each.force for each in row]),
+                color=_ANSWERS[mode],
+                marker="o",
+                markersize=3,
+                label=typeset(answer),
             )
-        axes.set_xticks(turn, names, fontsize="x-small")
-        axes.set_title(f"{grip}, {profile} force, N", fontsize="medium")
-        if k == 0:
-            axes.legend(fontsize="x-small", frameon=False, loc="lower left", bbox_to_anchor=(-0.3, -0.15))
+            capped = [(turn[names.index(each.heading)], each.force) for each in row if each.capped]
+            if capped:
+                axes.plot(*zip(*capped, strict=True), "*", color=_ANSWERS[mode], markersize=9)
+        axes.set_xticks(turn, names)
+        axes.set_rlabel_position(22.5)  # between two headings
+        axes.tick_params(labelsize="x-small")
+        axes.set_title(
+            f"{grip.capitalize()}, {profile} force [N]", loc="left", fontsize="small", fontweight="bold"
+        )
+    first: Any = figure.axes[0]
+    if any(each.capped for each in found.held):
+        first.plot([], [], "*", color="0.3", markersize=9, label="held, largest tried")
+    handles, labels = first.get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=3, fontsize="x-small", frameon=False)
+    letter_panels(figure)
     return figure
 
 
@@ -100,11 +117,24 @@ def _draw_limits(axes: Axes, found: Comparison) -> None:
     width, names = 0.2, list(found.schedules)
     for i, profile in enumerate(PROFILES):
         for j, mode in enumerate(("alone", "filter")):
-            least = [min(found.limit(n, profile, d, mode).force for d in (1.0, -1.0)) for n in names]
+            limits = [
+                min((found.limit(n, profile, d, mode) for d in (1.0, -1.0)), key=lambda each: each.force)
+                for n in names
+            ]
             place = np.arange(len(names)) + (2 * i + j - 1.5) * width
+            for x, each in zip(place, limits, strict=True):
+                at_least = f"\u2265 {each.force:g}" if each.capped else ""
+                axes.annotate(
+                    at_least,
+                    (x, each.force),
+                    (0, 2),
+                    textcoords="offset points",
+                    fontsize="x-small",
+                    ha="center",
+                )
             axes.bar(
                 place,
-                least,
+                [each.force for each in limits],
                 0.9 * width,
                 color=_COLOURS[mode],
                 alpha=1.0 if profile == "slow" else 0.5,
@@ -115,10 +145,10 @@ def _draw_limits(axes: Axes, found: Comparison) -> None:
             min(found.tipping[name]), k - 0.45, k + 0.45, color="black", label="" if k else "tips, upright"
         )
     axes.set_xticks(np.arange(len(names)), names)
-    axes.set_ylabel("held in both directions [N]")
-    axes.set_ylim(0.0, 1.4 * axes.get_ylim()[1])  # room for the legend
-    axes.legend(fontsize="x-small", frameon=False, loc="upper left", ncols=2)
-    dress(axes, "a  Largest force on the right hand")
+    axes.set_ylabel("Held in both directions [N]")
+    axes.set_ylim(0.0, 1.6 * axes.get_ylim()[1])  # room for the legend
+    axes.legend(fontsize="x-small", frameon=False, loc="upper left", ncols=1)
+    dress(axes, "Largest force on the right hand")
 
 
 def _draw_postures(axes: Axes, found: Comparison) -> None:
@@ -129,13 +159,13 @@ def _draw_postures(axes: Axes, found: Comparison) -> None:
     force = next(iter(found.schedules.values())).forces[-1]
     axes.set(aspect="equal", xlabel="y [m], stances side by side", ylabel="z [m]")
     axes.axhline(0.0, color="black", linewidth=0.8)
-    dress(axes, f"b  Postures: upright, and under {force:g} N")
+    dress(axes, f"Postures: upright, and under {force:g} N")
 
 
 def _draw_trials(centre: Axes, estimate: Axes, found: Comparison) -> None:
     chosen = [key for key in found.trials if key[1] == "slow"] or list(found.trials)
     centre.set(xlabel="Time [s]", ylabel="y [m]")
-    estimate.set(xlabel="Time [s]", ylabel="N")
+    estimate.set(xlabel="Time [s]", ylabel="Force [N]")
     if not chosen:
         return
     stance, force = chosen[0][0], max((key[2] for key in chosen if key[0] == chosen[0][0]), key=abs)
@@ -147,8 +177,8 @@ def _draw_trials(centre: Axes, estimate: Axes, found: Comparison) -> None:
                 estimate.plot(trial.time, trial.force, color="black", linestyle="--", label="force")
     for axes in (centre, estimate):
         axes.legend(fontsize="x-small", frameon=False)
-    dress(centre, f"c  Centre of mass, {stance} stance, {force:g} N")
-    dress(estimate, "d  Force on the hand")
+    dress(centre, f"Centre of mass, {stance} stance, {force:g} N")
+    dress(estimate, "Force on the hand")
 
 
 def animate(humanoid: Humanoid, trials: dict[str, Trial], path: str) -> str:
@@ -167,6 +197,13 @@ def animate(humanoid: Humanoid, trials: dict[str, Trial], path: str) -> str:
     str
         What drew it: MuJoCo's renderer where there is OpenGL without a screen (EGL), else Matplotlib.
     """
+    from PIL import Image, ImageDraw, ImageFont
+
+    def captioned(pixels: NDArray[np.uint8], caption: str, time: float) -> NDArray[np.uint8]:
+        shown = Image.fromarray(pixels)
+        ImageDraw.Draw(shown).text((8, 6), f"{caption}\n{time:.1f} s", "black", ImageFont.load_default(16))
+        return np.asarray(shown)
+
     step = float(humanoid.model.opt.timestep)
     count = round(min(_SHOWN, max(trial.time[-1] for trial in trials.values())) * _FRAMES_PER_SECOND)
     stride = round(1.0 / (_FRAMES_PER_SECOND * step))
@@ -178,8 +215,10 @@ def animate(humanoid: Humanoid, trials: dict[str, Trial], path: str) -> str:
         except Exception:  # no driver, no library, no device: each fails in its own way
             who, image = "Matplotlib", partial(_drawn_skeleton, humanoid)
         for k in range(count):
-            rows = [trial.q[min(k * stride, len(trial.q) - 1)] for trial in trials.values()]
-            pictures.append(np.hstack([image(q) for q in rows]))
+            rows = {name: min(k * stride, len(trial.q) - 1) for name, trial in trials.items()}
+            pictures.append(
+                np.hstack([captioned(image(trials[name].q[i]), name, i * step) for name, i in rows.items()])
+            )
     write_gif(path, pictures, milliseconds=1000 // _FRAMES_PER_SECOND)
     return who
 

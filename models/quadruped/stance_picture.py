@@ -8,11 +8,11 @@ import control as ct
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import NullFormatter
+from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 from numpy.typing import NDArray
 
 from phyfilter_ctl.analysis import frequency_response
-from phyfilter_ctl.plots import COLOURS, dress
+from phyfilter_ctl.plots import COLOURS, PAGE, dress, letter_panels, typeset
 
 from .params import params
 from .stance import CASES, Case, closed, controller, linearized, pid
@@ -48,22 +48,23 @@ def draw(cases: Sequence[Case] | None = None, *, plant: ct.StateSpace | None = N
         if cases is None
         else cases
     )
-    figure = Figure(figsize=(11.0, 3.6), layout="constrained")
+    figure = Figure(figsize=(PAGE, 3.2), layout="constrained")
     left, middle, right = figure.subplots(1, 3)
     for case, colour in zip(chosen, COLOURS, strict=False):
         name = case.name.partition(", ")[2] or case.name
-        left.loglog(_OMEGA, np.abs(_torque(case)), color=colour, label=name)
+        left.loglog(_OMEGA, np.abs(_torque(case)), color=colour, label=typeset(name))
         response = np.abs(np.asarray(frequency_response(closed(case, plant), _OMEGA).frdata))
         for axis, key, scale in ((middle, "sag", 1e3), (right, "roll", 1e3)):
-            axis.loglog(_OMEGA, scale * response[*_AXES[key]], color=colour, label=name)
+            axis.loglog(_OMEGA, scale * response[*_AXES[key]], color=colour, label=typeset(name))
         if case.filter is not None and case.filter.order == 1 and case.filter.type == 1:
             at = _OMEGA[::25]
             left.loglog(at, np.abs(pid(case, at, _JOINT)), "o", color=colour, ms=3, mfc="none")
     left.plot([], [], "o", color="0.4", ms=3, mfc="none", label="PID of the formula")
-    _finish(left, "a  Torque over angle of a hip", "N m/rad")
-    _finish(middle, "b  The trunk under a load", "mm/N")
-    _finish(right, "c  Roll for a lateral force", "mrad/N")
+    _finish(left, "Hip torque over angle", "N m/rad")
+    _finish(middle, "The trunk under a load", "mm/N")
+    _finish(right, "Roll for a lateral force", "mrad/N")
     left.legend(frameon=False, fontsize="x-small")
+    letter_panels(figure)
     return figure
 
 
@@ -76,6 +77,8 @@ def _torque(case: Case) -> NDArray[np.complex128]:
 
 
 def _finish(axis: Axes, title: str, unit: str) -> None:
-    axis.set(xlabel="Frequency [rad/s]", ylabel=unit)
+    axis.set(xlabel="Frequency [rad/s]", ylabel=f"Magnitude [{unit}]")
+    axis.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    axis.yaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
     axis.yaxis.set_minor_formatter(NullFormatter())
     dress(axis, title)

@@ -1,6 +1,6 @@
 """Draws results that were computed elsewhere; computes nothing. python-control's plotting conventions."""
 
-from ._style import COLOURS, dress
+from ._style import COLOURS, PAGE, dress, letter_panels, typeset
 from ._units import frequency_unit
 from .budget import budget_curves, budget_plot
 from .estimates import estimate_plot
@@ -13,6 +13,7 @@ from .promises import analysis_plot, bound_plot, trade_off_plot
 
 __all__ = [
     "COLOURS",
+    "PAGE",
     "FrequencyCurve",
     "FrequencyLimit",
     "PoleSet",
@@ -26,8 +27,10 @@ __all__ = [
     "frequency_plot",
     "frequency_unit",
     "learning_plot",
+    "letter_panels",
     "log_plot",
     "missed_plot",
     "pole_plot",
     "trade_off_plot",
+    "typeset",
 ]

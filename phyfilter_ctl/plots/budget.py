@@ -13,7 +13,7 @@ from matplotlib.legend import Legend
 from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
-from ._style import COLOURS, SMALL
+from ._style import COLOURS, SMALL, line_style
 from ._units import Units
 
 __all__ = ["budget_curves", "budget_plot"]
@@ -21,7 +21,6 @@ __all__ = ["budget_curves", "budget_plot"]
 FloatArray = NDArray[np.float64]
 
 _HATCHES = ("", "////", "....", "xxxx", "----", "||||", "++++")
-_STYLES = ("--", "-.", ":", (0, (1, 1)), (0, (6, 1)), (0, (3, 1, 1, 1)), (0, (6, 3)))
 _TOTAL = "sum"
 
 
@@ -76,7 +75,7 @@ def budget_plot(
                 left=start,
                 label=name,
                 color=COLOURS[k % len(COLOURS)],
-                hatch=_HATCHES[k % len(_HATCHES)],
+                hatch=_HATCHES[(k + k // len(COLOURS)) % len(_HATCHES)],
                 edgecolor="white",
                 linewidth=0.0,
             )
@@ -155,8 +154,7 @@ def budget_curves(
     bandwidth = bandwidth / units.per_frequency
     lines: list[Line2D] = ax.loglog(bandwidth, total, color="0.15", linewidth=1.8, label=_TOTAL)
     for k, (name, values) in enumerate(parts.items()):
-        style = _STYLES[k % len(_STYLES)]
-        lines += ax.loglog(bandwidth, values, color=COLOURS[k % len(COLOURS)], linestyle=style, label=name)
+        lines += ax.loglog(bandwidth, values, **line_style(k + 1), label=name)
     best = int(np.argmin(total))
     name = f"least sum: {total[best]:.3g} at {bandwidth[best]:.3g} {units.frequency_name}"
     lines += ax.plot(

@@ -12,13 +12,12 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
-from ._style import COLOURS, SMALL
+from ._style import COLOURS, SMALL, line_style, typeset
 
 __all__ = ["estimate_plot"]
 
 FloatArray = NDArray[np.float64]
 
-STYLES = ("-", "--", "-.", ":", (0, (1, 1)), (0, (6, 1)), (0, (3, 1, 1, 1)))
 # Longer curves go into a vector file as an image: as strokes they would make it many MB.
 MANY = 5_000
 
@@ -86,7 +85,8 @@ def estimate_plot(
     lines = np.empty((2 * len(channels), 1), dtype=object)
     behind = f" {typeset(unit)}".rstrip()
     named = {
-        name: name if totals is None else f"{name}, RMSE {totals[name]:.3g}{behind}" for name in estimates
+        name: typeset(name) if totals is None else f"{typeset(name)}, RMSE {totals[name]:.3g}{behind}"
+        for name in estimates
     }
     of_unit = f" [{typeset(unit)}]" if unit else ""
     for i, channel in enumerate(channels):
@@ -96,13 +96,11 @@ def estimate_plot(
         )
         wrong: list[Line2D] = []
         for k, name in enumerate(estimates):
-            colour, style = COLOURS[k % len(COLOURS)], STYLES[k % len(STYLES)]
             for where, values, into in ((signals, estimates, drawn), (strip, errors, wrong)):
                 into += where.plot(
                     times,
                     values[name][:, i],
-                    color=colour,
-                    linestyle=style,
+                    **line_style(k),
                     linewidth=1.0,
                     zorder=3.0 - 0.1 * k,
                     label=named[name],
@@ -170,11 +168,6 @@ def _name_rmse(strip: Axes, rmse: Mapping[str, float], names: Sequence[str]) -> 
             color=colour,
             va="bottom",
         )
-
-
-def typeset(unit: str) -> str:
-    """A unit with its powers raised."""
-    return unit.replace("^2", "$^2$").replace("^3", "$^3$")
 
 
 def dress_over_time(axes: Sequence[Axes], panels: int) -> None:

@@ -12,10 +12,9 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.legend import Legend
 from matplotlib.lines import Line2D
-from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
-from ._style import COLOURS, SMALL
+from ._style import COLOURS, MARKERS, SMALL, PhaseLocator
 from ._units import Units
 
 __all__ = ["FrequencyCurve", "FrequencyLimit", "frequency_plot"]
@@ -132,14 +131,15 @@ def frequency_plot(
     per = units.per_frequency
     curves = [replace(curve, omega=curve.omega / per, nyquist=curve.nyquist / per) for curve in curves]
     limits = [replace(limit, low=limit.low / per, high=limit.high / per) for limit in limits]
-    magnitude, phase = _two_axes(ax)
+    magnitude, phase = _two_axes(ax, len(curves))
     lines: tuple[list[Line2D], list[Line2D]] = ([], [])
     for k, curve in enumerate(curves):
-        colour, name = COLOURS[k % len(COLOURS)], curve.label
+        marker = MARKERS[k // len(COLOURS) % len(MARKERS)]  # beyond the colours
+        style = {"color": COLOURS[k % len(COLOURS)], "marker": marker, "markevery": 0.1, "markersize": 3.5}
         F, error = (units.magnitude(np.abs(values)) for values in (curve.F, curve.error))
-        lines[0].extend(magnitude.plot(curve.omega, F, color=colour, label=name))
-        lines[0].extend(magnitude.plot(curve.omega, error, color=colour, linestyle="--"))
-        lines[1].extend(phase.plot(curve.omega, units.phase(curve.phase), color=colour, label=name))
+        lines[0].extend(magnitude.plot(curve.omega, F, **style, label=curve.label))
+        lines[0].extend(magnitude.plot(curve.omega, error, **style, linestyle="--"))
+        lines[1].extend(phase.plot(curve.omega, units.phase(curve.phase), **style, label=curve.label))
     _dress(curves, limits, magnitude, phase, units)
     _mark_nyquist(curves, magnitude, phase, units)
     for limit in limits:
@@ -151,10 +151,17 @@ def frequency_plot(
     return ct.ControlPlot(grid, axes, magnitude.figure, legend=legend)
 
 
-def _two_axes(ax: Sequence[Axes] | None) -> tuple[Axes, Axes]:
+def _two_axes(ax: Sequence[Axes] | None, count: int) -> tuple[Axes, Axes]:
     if ax is None:
+        height = 4.6 + 0.16 * max(0, count - len(COLOURS))  # the legend stands above
         _, axes = plt.subplots(
-            2, 1, sharex=True, layout="constrained", figsize=(5.4, 4.6), height_ratios=(3, 2), squeeze=False
+            2,
+            1,
+            sharex=True,
+            layout="constrained",
+            figsize=(5.4, height),
+            height_ratios=(3, 2),
+            squeeze=False,
         )
         return axes[0, 0], axes[1, 0]
     pair = np.ravel(np.asarray(ax, dtype=object))
@@ -232,7 +239,7 @@ def _dress(
     magnitude.set_xscale("log")
     units.dress_frequency(phase)
     if units.deg:
-        phase.yaxis.set_major_locator(MaxNLocator(nbins=6, steps=[1, 1.5, 3, 4.5, 9, 10]))
+        phase.yaxis.set_major_locator(PhaseLocator())
     for axes in (magnitude, phase):
         axes.grid(True, which="major", color="0.88", linewidth=0.7)
         axes.tick_params(labelsize=SMALL)

@@ -11,12 +11,10 @@ from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
-from ._style import COLOURS, SMALL
+from ._style import COLOURS, MARKERS, SMALL
 from .frequency import FrequencyCurve, frequency_plot
 
 __all__ = ["learning_plot"]
-
-_MARKERS = (".", "s", "^", "D", "v", "x", "+")
 
 
 def learning_plot(
@@ -67,6 +65,7 @@ def learning_plot(
             3, 1, layout="constrained", figsize=(5.4, 6.6), height_ratios=(3, 3, 2), squeeze=False
         )
         made[2, 0].sharex(made[1, 0])
+        made[1, 0].tick_params(labelbottom=False)
         ax = list(made[:, 0])
     if len(ax) != 3:
         raise ValueError(f"ax: expected three axes, errors, magnitude and phase, got {len(ax)}")
@@ -83,7 +82,7 @@ def learning_plot(
             np.sqrt(costs),
             color=COLOURS[(order - 1) % len(COLOURS)],
             linewidth=1.0,
-            marker=_MARKERS[(order - 1) % len(_MARKERS)],
+            marker=MARKERS[(order + (order - 1) // len(COLOURS)) % len(MARKERS)],
             markersize=3,
         )
         lines.append(line)

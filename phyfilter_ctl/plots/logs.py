@@ -9,8 +9,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
-from ._style import COLOURS, SMALL
-from .estimates import MANY, STYLES, axes_over_time, dress_over_time, typeset
+from ._style import SMALL, entitle, line_style, typeset
+from .estimates import MANY, axes_over_time, dress_over_time
 
 __all__ = ["log_plot"]
 
@@ -80,10 +80,9 @@ def log_plot(
             drawn += beneath.plot(
                 times,
                 values[:, i],
-                color=COLOURS[k % len(COLOURS)],
-                linestyle=STYLES[k % len(STYLES)],
+                **line_style(k),
                 linewidth=1.0,
-                label=name,
+                label=typeset(name),
                 rasterized=rastered,
             )
         lines[panels * i + 1, 0] = drawn
@@ -91,7 +90,7 @@ def log_plot(
     dress_over_time(axes, panels)
     legend = axes[1].legend(fontsize="x-small", ncols=len(forces), frameon=False) if forces else None
     if title:
-        axes[0].set_title(title, loc="left", fontsize=SMALL, fontweight="bold")
+        entitle(axes[0], title)
     grid = np.empty((len(axes), 1), dtype=object)
     grid[:, 0] = axes
     return ct.ControlPlot(lines, grid, axes[0].figure, legend=legend)

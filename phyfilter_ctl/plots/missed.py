@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
-from ._style import COLOURS, SMALL
+from ._style import COLOURS, SMALL, entitle, line_style, typeset
 from ._units import frequency_unit
 from .estimates import MANY, dress_over_time
 
@@ -92,11 +92,16 @@ def missed_plot(
             rasterized=rastered,
         )
         drawn = axes[i].plot(
-            times, f_hat[:, i], color=COLOURS[0], linewidth=1.0, label="f_hat", rasterized=rastered
+            times, f_hat[:, i], color=COLOURS[0], linewidth=1.0, label=typeset("f_hat"), rasterized=rastered
         )
         for k, (name, values) in enumerate(beside.items()):
             drawn += axes[i].plot(
-                times, values[:, i], color=COLOURS[k + 1], linewidth=0.8, label=name, rasterized=rastered
+                times,
+                values[:, i],
+                **line_style(k + 1),
+                linewidth=0.8,
+                label=typeset(name),
+                rasterized=rastered,
             )
         axes[i].set_ylabel(f"$f$ of {channel}", fontsize=SMALL)
         axes[i].sharex(axes[0])
@@ -107,7 +112,7 @@ def missed_plot(
     lines[-1, 0] = list(below.lines[0, 0])
     legend = axes[0].legend(fontsize="x-small", frameon=False, ncols=len(beside) + 1)
     if title:
-        axes[0].set_title(title, loc="left", fontsize=SMALL, fontweight="bold")
+        entitle(axes[0], title)
     grid = np.empty((count, 1), dtype=object)
     grid[:, 0] = axes
     return ct.ControlPlot(lines, grid, axes[0].figure, legend=legend)

@@ -24,7 +24,8 @@ _FAR_ZERO = 2.0
 _CROWDED = 0.35
 # Poles nearer together than this share of the picture are one mark with a count.
 _SAME_MARK = 1e-3
-_MARKERS = (("poles", "x"), ("zeros of $F$", "o"), ("zeros of $1-F$", "D"))
+# One mark each for the first seven filters, for the next seven, ...
+_MARKERS = (("poles", "x+1"), ("zeros of $F$", "osp"), ("zeros of $1-F$", "D^v"))
 
 
 def _no_zeros() -> ComplexArray:
@@ -156,7 +157,7 @@ def _mark(roots: ComplexArray, i: int, j: int, *, label: str = "", colour: str |
         roots.real,
         roots.imag,
         linestyle="none",
-        marker=_MARKERS[j][1],
+        marker=_MARKERS[j][1][i // len(COLOURS) % 3],
         markersize=size + 2.5 * min(i, 3),
         markeredgewidth=1.8 if j == 0 else 1.3,
         markeredgecolor=colour or COLOURS[i % len(COLOURS)],

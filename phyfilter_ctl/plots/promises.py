@@ -10,14 +10,11 @@ import numpy as np
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
-from ._style import COLOURS, SMALL
+from ._style import COLOURS, LINES, SMALL, entitle, typeset
 from ._units import Units
 from .frequency import FrequencyCurve, frequency_plot
 
 __all__ = ["analysis_plot", "bound_plot", "trade_off_plot"]
-
-# Of the loops, beside their colours.
-_STYLES = ("-", "--", "-.", ":")
 
 FloatArray = NDArray[np.float64]
 
@@ -122,7 +119,8 @@ def trade_off_plot(
     if best is not None:
         lines[0, 0] += axis.plot([across[best]], [up[best]], "o", color=COLOURS[1], label="least sum")
         axis.legend(fontsize="x-small", frameon=False)
-    axis.set_title(label, loc="left", fontsize="x-small")
+    if label:
+        entitle(axis, typeset(label[0].upper() + label[1:]))
     axis.set_xlabel(names[0], fontsize=SMALL)
     axis.set_ylabel(names[1], fontsize=SMALL)
     axis.grid(True, which="major", color="0.88", linewidth=0.7)
@@ -217,7 +215,7 @@ def analysis_plot(
                 omega / units.per_frequency,
                 units.magnitude(values),
                 color=COLOURS[i % len(COLOURS)] if len(rows) == 1 else colour,
-                linestyle=_STYLES[i % len(_STYLES)],
+                linestyle=LINES[(i + i // len(COLOURS)) % len(LINES)],
                 label=name if k == 0 else None,
             )
     bottom.axhline(float(units.magnitude(1.0)), color="0.6", linewidth=0.8)

@@ -386,6 +386,7 @@ def test_diagram_by_default():
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("flawless")
 def test_command_on_recordings(tmp_path, capsys):
     train = [write(tmp_path / f"t{i}.csv", sine_flight(v, seed=i)) for i, v in enumerate((0.5, 0.7, 0.9))]
     test = write(tmp_path / "test.csv", sine_flight(1.5, seed=7))

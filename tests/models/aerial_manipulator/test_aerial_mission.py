@@ -422,6 +422,7 @@ def test_bad_input_is_refused_before_anything_flies(
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("flawless")
 def test_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     figures, picture = tmp_path / "figures.json", tmp_path / "mission.png"
     files = ["--json", str(figures), "--picture", str(picture)]
@@ -437,6 +438,7 @@ def test_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Non
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("flawless")
 def test_while_the_arm_turns_the_model_pays(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Beyond the rates it was trained on; 20 flights say 17.2 % [17.0, 17.3] below the observer."""
     picture = tmp_path / "turning.png"

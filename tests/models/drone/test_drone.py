@@ -323,6 +323,7 @@ def test_methods_refuse_bad_gains() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("flawless")
 def test_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Two short flights a method: the table, the JSON with all its keys, the picture and the filter."""
     figures, picture, out = tmp_path / "figures.json", tmp_path / "flights.png", tmp_path / "filter"

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from phyfilter_ctl import PhyFilter, models
+from tests.figures import faults
 
 ROOM = f"{models.__name__}.drone"
 experiment = importlib.import_module(f"{ROOM}.experiment")
@@ -270,8 +271,8 @@ def test_figures_are_json(whole):
 @pytest.mark.slow
 def test_picture_has_a_panel_for_everything(whole, found):
     figure = picture.draw(whole)
-    figure.canvas.draw()
     assert [axes.get_title(loc="left")[0] for axes in figure.axes] == list("abcdefghi")
+    assert not faults(figure)
     assert len(picture.draw(found).axes) == 3
 
 

@@ -240,6 +240,7 @@ def test_animation_without_opengl(humanoid, points, tmp_path, monkeypatch):
     assert target.read_bytes()[:4] == b"GIF8"
 
 
+@pytest.mark.usefixtures("flawless")
 def test_command_line(tmp_path, capsys):
     figures, drawn = tmp_path / "f.json", tmp_path / "p.png"
     arguments = [

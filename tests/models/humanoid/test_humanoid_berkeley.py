@@ -113,6 +113,7 @@ def _point(home, x, y):
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("flawless")
 def test_command_line(tmp_path, capsys):
     figures, drawn = tmp_path / "f.json", tmp_path / "p.png"
     arguments = ["run", "humanoid", "--robot", "berkeley", "--quick", "--profiles", "slow", "--duration", "5"]

@@ -201,6 +201,7 @@ def test_report_picture_and_figures(tmp_path: Path, capsys):
     assert set(figures["steps_per_second"]) == {"robots", "mujoco", "loop", "filter"}
 
 
+@pytest.mark.usefixtures("flawless")
 def test_stance_from_the_command_line(tmp_path: Path, capsys):
     target, picture = tmp_path / "stance.json", tmp_path / "stance.png"
     assert main(["run", "quadruped", "--stance", "--json", str(target), "--picture", str(picture)]) == 0
