@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import LogLocator, NullFormatter, ScalarFormatter
+from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
 from phyfilter_ctl.plots import COLOURS, PAGE, dress, letter_panels, typeset
 
@@ -29,19 +29,24 @@ def draw(replay: Replay) -> Figure:
     -------
     matplotlib.figure.Figure
     """
-    figure = Figure(figsize=(PAGE, 5.6), layout="constrained")
-    layout = figure.add_gridspec(2, 6)
+    figure = Figure(figsize=(PAGE, 6.4), layout="constrained")
+    # Rows of their own: the long names of one do not squeeze the other.
+    top, bottom = (figure.add_subfigure(cell) for cell in figure.add_gridspec(2, 1))
     shown = max(replay.flights, key=lambda each: float(np.mean(each.recording.label**2)))
-    _series(figure.add_subplot(layout[0, :3]), shown, replay, 0)
-    _series(figure.add_subplot(layout[0, 3:]), shown, replay, 2, legend=False)
-    _dots(figure.add_subplot(layout[1, :4]), replay)
-    _delays(figure.add_subplot(layout[1, 4:]), replay)
+    left, right = top.subplots(1, 2)
+    _series(left, shown, replay, 0)
+    _series(right, shown, replay, 2)
+    handles, labels = left.get_legend_handles_labels()
+    top.legend(handles, labels, loc="outside lower center", ncols=3, fontsize="x-small", frameon=False)
+    scores, delays = bottom.subplots(1, 2, width_ratios=[1.3, 1.0])
+    _dots(scores, replay)
+    _delays(delays, replay)
     figure.suptitle(f"Residual force per unit mass, {len(replay.flights)} recorded flights", fontsize="small")
     letter_panels(figure)
     return figure
 
 
-def _series(axes: Axes, flight: Flight, replay: Replay, i: int, *, legend: bool = True) -> None:
+def _series(axes: Axes, flight: Flight, replay: Replay, i: int) -> None:
     """Ten seconds after the start-up: the label, every filter, and the learned model alone."""
     log = flight.recording.log
     t = log.times - log.times[0]
@@ -52,8 +57,6 @@ def _series(axes: Axes, flight: Flight, replay: Replay, i: int, *, legend: bool 
         f_hat = flight.estimates[name][rows, i]
         axes.plot(t[rows], f_hat, color=COLOURS[k % len(COLOURS)], linewidth=0.9, label=typeset(title(name)))
     axes.set(xlabel="Time [s]", ylabel="Force per unit mass [m/s$^2$]")
-    if legend:
-        axes.legend(fontsize="x-small", ncols=2, facecolor="white", edgecolor="none", framealpha=0.9)
     dress(axes, f"{log.name}, {AXES[i]}")
 
 
@@ -68,8 +71,8 @@ def _dots(axes: Axes, replay: Replay) -> None:
     axes.set_yticks(at, [typeset(title(name)) for name in finite])
     axes.invert_yaxis()
     axes.set(xlabel="RMSE over all flights [m/s$^2$]", xscale="log")
-    axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 3.0, 5.0)))
-    axes.xaxis.set_major_formatter(ScalarFormatter())
+    axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    axes.xaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
     axes.xaxis.set_minor_formatter(NullFormatter())
     axes.legend(fontsize="x-small", frameon=False)
     dress(axes, "Scores")

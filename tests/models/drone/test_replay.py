@@ -16,6 +16,7 @@ from scipy.spatial.transform import Rotation
 from phyfilter_ctl import PhyFilter, models
 from phyfilter_ctl.baselines import LowpassDifference
 from phyfilter_ctl.learned import Chebyshev
+from tests.figures import faults
 
 ROOM = f"{models.__name__}.drone"
 replay = importlib.import_module(f"{ROOM}.replay")
@@ -357,6 +358,7 @@ def test_score_that_diverged_is_null(steady_path: Path):
 def test_picture(dragged: tuple[Path, Path], tmp_path: Path):
     result = replay.replay([dragged[1]], train=[dragged[0]])
     figure = replay_picture.draw(result)
+    assert not faults(figure)
     target = tmp_path / "replay.png"
     figure.savefig(target)
     assert target.stat().st_size > 10_000
