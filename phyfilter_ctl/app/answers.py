@@ -19,7 +19,7 @@ from .designs import Design
 from .loops import phase_and_delay, read_off
 from .steps import settling_time, step_response
 
-__all__ = ["answer"]
+__all__ = ["answer", "figures"]
 
 _CURVE_POINTS = 320  # logarithmic; resonances have some of their own
 _PEAK_POINTS = 20
@@ -64,12 +64,9 @@ def answer(design: Design) -> dict[str, object]:
     dict
         filter, frequency, step, numbers, stable_sampled, messages.
     """
-    filter = design.filter
+    filter, sampled = design.filter, _sampled(design)
     messages: list[str] = []
-    sampled: SampledPhyFilter | None = None
-    try:
-        sampled = design.sampled
-    except ValueError:  # forward Euler at too long a step
+    if sampled is None:
         messages.append(
             f"Sampled every {1e3 * design.dt:.4g} ms with forward Euler the filter is unstable: choose the exact "
             f"method, or a step below {1e3 * design.euler_dt:.4g} ms."
@@ -78,8 +75,7 @@ def answer(design: Design) -> dict[str, object]:
         messages.append(f"Sampled exactly, not matched: {design.unmatched}.")
     curves, response, as_sampled = _frequency(design, filter, sampled)
     band, settling = _band(response), settling_time(filter)
-    figures = [*_shape(design, band, settling, as_sampled), *_bounds(design, filter, sampled)]
-    figures += _margins(design, filter, sampled)
+    found = _figures(design, sampled, band, settling, as_sampled)
     messages += _advice(design, band)
     return {
         "filter": {
@@ -92,10 +88,46 @@ def answer(design: Design) -> dict[str, object]:
         },
         "frequency": curves,
         "step": _step(filter, settling),
-        "numbers": [figure.as_json() for figure in figures],
+        "numbers": [figure.as_json() for figure in found],
         "stable_sampled": sampled is not None,
         "messages": messages,
     }
+
+
+def figures(design: Design) -> list[dict[str, object]]:
+    """The figures of :func:`answer` alone, for a design beside the one that is edited.
+
+    Parameters
+    ----------
+    design : Design
+
+    Returns
+    -------
+    list of dict
+        As "numbers" of the reply to op "design".
+    """
+    filter, sampled = design.filter, _sampled(design)
+    _, response, as_sampled = _frequency(design, filter, sampled)
+    found = _figures(design, sampled, _band(response), settling_time(filter), as_sampled)
+    return [figure.as_json() for figure in found]
+
+
+def _sampled(design: Design) -> SampledPhyFilter | None:
+    try:
+        return design.sampled
+    except ValueError:  # forward Euler at too long a step
+        return None
+
+
+def _figures(
+    design: Design,
+    sampled: SampledPhyFilter | None,
+    band: tuple[float, float],
+    settling: float,
+    as_sampled: FilterResponse | None,
+) -> list[Figure]:
+    found = [*_shape(design, band, settling, as_sampled), *_bounds(design, design.filter, sampled)]
+    return [*found, *_margins(design, design.filter, sampled)]
 
 
 # -- curves -----------------------------------------------------------------------------------------------------

@@ -157,13 +157,13 @@ class Fields:
 
     def numbers(self, key: str, low: int, high: int, *, size: float) -> list[float]:
         """A list of low to high numbers of magnitude up to ``size``."""
-        entries = self._list(key, low, high)
+        entries = self.listed(key, low, high)
         return [real(e, -size, size, f"{self.where}{key}[{i}]") for i, e in enumerate(entries)]
 
     def points(self, key: str, low: int, high: int, *, size: float) -> list[complex]:
         """A list of low to high complex numbers [re, im], their parts of magnitude up to ``size``."""
         found: list[complex] = []
-        for i, entry in enumerate(self._list(key, low, high)):
+        for i, entry in enumerate(self.listed(key, low, high)):
             where = f"{self.where}{key}[{i}]"
             if not (isinstance(entry, list | tuple) and len(entry) == 2):
                 raise MessageError(where, f"expected [re, im], got {shown(entry)}")
@@ -171,7 +171,8 @@ class Fields:
             found.append(complex(re, im))
         return found
 
-    def _list(self, key: str, low: int, high: int) -> Sequence[object]:
+    def listed(self, key: str, low: int, high: int) -> Sequence[object]:
+        """A list of low to high entries of any kind."""
         value = self.get(key)
         if not isinstance(value, list | tuple):
             raise self.error(key, f"expected a list, got {shown(value)}")

@@ -19,7 +19,15 @@ from ..filter.sampling import Method
 from ..results import plain
 from .checking import Fields, MessageError, real, shown
 
-__all__ = ["FAMILIES", "Assumptions", "Design", "Numerator", "design_of_family", "read_design"]
+__all__ = [
+    "FAMILIES",
+    "Assumptions",
+    "Design",
+    "Numerator",
+    "design_of_family",
+    "read_design",
+    "read_designs",
+]
 
 HIGHEST_ORDER = 8
 SLOWEST, FASTEST = 1e-3, 1e5  # |p| in rad/s
@@ -255,6 +263,28 @@ def read_design(message: Fields) -> Design:
     except ValueError as error:
         raise fields.error("poles", str(error)) from error
     return design
+
+
+def read_designs(message: Fields, most: int) -> list[Design]:
+    """The designs of a message's list "designs", each checked as :func:`read_design` does.
+
+    Parameters
+    ----------
+    message : Fields
+        With a field "designs".
+    most : int
+        How many there may be.
+
+    Raises
+    ------
+    MessageError
+        Naming the field.
+    """
+    entries = message.listed("designs", 1, most)
+    return [
+        read_design(Fields({"design": entry}, f"{message.where}designs[{i}]."))
+        for i, entry in enumerate(entries)
+    ]
 
 
 def design_of_family(message: Fields, like: Design) -> Design:

@@ -1,29 +1,42 @@
-"""Designs handed over: Python text, TOML, FMUs, C. Files are made in a private temporary folder and leave as bytes."""
+"""Designs handed over: TOML, FMUs, C, packages for targets. Files are made in a private temporary folder and leave as
+bytes, under a name that tells one design from another.
+"""
 
 from __future__ import annotations
 
 import base64
+import hashlib
 import io
 import re
 import tempfile
 import zipfile
 from contextlib import suppress
 from pathlib import Path, PurePosixPath
-from typing import Literal
+from typing import cast, get_args
 
 from .. import filterfile
-from ..codegen import CompilerError, export_c, find_compiler
+from ..codegen import CompilerError, export_c, export_target, find_compiler
+from ..codegen.export_target import Target
+from ..codegen.identifiers import model_identifier
+from ..codegen.target_autopilots import check_autopilot
 from ..filter import FilterBank, PhyFilter, SampledPhyFilter
 from .checking import MessageError
 from .designs import Design
+from .python_text import family_of
 
-__all__ = ["abilities", "export", "opened", "python_text", "saved"]
+__all__ = ["KINDS", "abilities", "exchange", "export", "opened", "saved"]
 
-Kind = Literal["fmu2", "fmu3", "c"]
-
+_TARGETS: tuple[Target, ...] = get_args(Target)
+KINDS: tuple[str, ...] = ("fmu2", "fmu3", "c", *_TARGETS)
 _NAME = re.compile(r"[^A-Za-z0-9_.-]+")
-_LONGEST_NAME = 60
-_LONG_LINE = 70
+_WORD = re.compile(r"[a-z][a-z0-9]*")
+_LONGEST_NAME, _LONGEST_SYMBOL = 60, 30
+_MIMES = {".toml": "application/toml", ".zip": "application/zip"}
+_DIGEST = 8  # hexadecimal digits
+# Of the modules for vehicles: one low-pass filter on three axes.
+_VEHICLES = ("ardupilot", "crazyflie", "px4", "ros2")
+_AXES = 3
+_OPERATING_SYSTEM_TICKS = 1000  # a Crazyflie's, in Hz
 _SAME_DAY = (1980, 1, 1, 0, 0, 0)  # the archive of one design is the same to the byte
 
 
@@ -41,36 +54,27 @@ def abilities() -> dict[str, object]:
     return {"fmu": True, "c": True, "why": ""}
 
 
-def python_text(design: Design) -> str:
-    """Code that builds the same filter, to the bit.
+def exchange(design: Design, channels: int) -> dict[str, object]:
+    """The reply to op "exports": what this design can leave as, and what stands against it.
 
     Parameters
     ----------
     design : Design
+    channels : int
+        Number n_x of channels of x.
 
     Returns
     -------
-    str
-        Lines that leave ``filter``, and ``sampled`` where the sampled filter is stable.
+    dict
+        name, as files have it; exports, a list of kind, able and why.
     """
-    numbers = [_number(p) for p in design.poles]
-    poles = f"[{', '.join(numbers)}]"
-    if len(poles) > _LONG_LINE:
-        poles = "[\n" + "".join(f"    {number},\n" for number in numbers) + "]"
-    if design.numerator.kind == "type":
-        made = f"pf.place_poles({poles}, numerator={design.numerator.type})"
-    elif design.numerator.kind == "lowpass":
-        made = f"pf.PhyFilter.from_poles({poles})"
-    else:
-        made = f"pf.PhyFilter.from_poles({poles}, b={design.filter.b.tolist()!r})"
-    lines = ["import phyfilter_ctl as pf", "", f"filter = {made}"]
-    try:
-        method = design.sampled.sampling.method
-    except ValueError as error:
-        lines.append(f"# {_line(str(error))}")
-    else:
-        lines.append(f"sampled = filter.sampled({design.dt!r}, method={method!r})")
-    return "\n".join(lines) + "\n"
+    can = abilities()
+    found: list[dict[str, object]] = []
+    for kind in KINDS:
+        why = "" if kind not in ("fmu2", "fmu3") or can["fmu"] else str(can["why"])
+        why = why or _refusal(design, kind, channels)
+        found.append({"kind": kind, "able": not why, "why": why})
+    return {"name": _title(design, ""), "exports": found}
 
 
 def saved(design: Design, name: str) -> dict[str, object]:
@@ -80,12 +84,12 @@ def saved(design: Design, name: str) -> dict[str, object]:
     ----------
     design : Design
     name : str
-        Asked for; anything but letters, digits, "_", "-" and "." is left out of it.
+        Asked for; anything but letters, digits, "_", "-" and "." is left out of it. Empty: after the design.
 
     Returns
     -------
     dict
-        name, mime, base64.
+        name, digest, mime, base64.
     """
     system: PhyFilter | SampledPhyFilter = design.filter
     with suppress(ValueError):  # forward Euler that diverges: the filter alone
@@ -93,7 +97,8 @@ def saved(design: Design, name: str) -> dict[str, object]:
     with _private_folder() as folder:
         path = Path(folder, "filter.toml")
         filterfile.save(path, system)
-        return _download(f"{_plain(name, '.toml')}.toml", "application/toml", path.read_bytes())
+        title, digest = _title(design, name.removesuffix(".toml")), _digest(design)
+        return _download(f"{title}-{digest}.toml", digest, path.read_bytes())
 
 
 def opened(text: str, like: Design) -> tuple[Design, list[str]]:
@@ -124,49 +129,106 @@ def opened(text: str, like: Design) -> tuple[Design, list[str]]:
             ) from error
 
 
-def export(design: Design, kind: Kind, channels: int) -> dict[str, object]:
+def export(design: Design, kind: str, channels: int, name: str = "") -> dict[str, object]:
     """The reply to op "export".
 
     Parameters
     ----------
     design : Design
         As it runs: sampled.
-    kind : {"fmu2", "fmu3", "c"}
-        An FMU for this machine, or C99 sources in a zip.
+    kind : str
+        One of ``KINDS``: an FMU for this machine, C99 sources or the package of a target in a zip.
     channels : int
         Number n_x of channels of x.
+    name : str
+        Of the files and, as far as C takes it, of what is in them. Empty: after the design.
 
     Returns
     -------
     dict
-        name, mime, base64.
+        name, digest, mime, base64.
 
     Raises
     ------
     MessageError
-        If there is no C compiler for an FMU.
+        If there is no C compiler for an FMU, or the target cannot take the design.
     ValueError
         If the sampled filter is unstable.
     """
     sampled = design.sampled
+    symbol = _symbol(name)
+    title, digest = _title(design, name), _digest(design, channels, symbol)
     with _private_folder() as folder:
+        if kind in ("fmu2", "fmu3"):
+            data = _fmu(sampled, kind, channels, symbol, Path(folder, f"{symbol}.fmu"))
+            return _download(f"{title}-{digest}-fmi{kind[-1]}.fmu", digest, data)
+        if why := _refusal(design, kind, channels):
+            raise MessageError("kind", why)
+        place = Path(folder, symbol)
         if kind == "c":
-            written = export_c(sampled, Path(folder, "phyfilter"), channels=channels)
-            return _download("phyfilter_c.zip", "application/zip", _zipped(written))
-        from ..fmi import export_fmu
-
-        can = abilities()
-        if not can["fmu"]:
-            raise MessageError("kind", str(can["why"]))
-        path = Path(folder, "phyfilter.fmu")
-        try:
-            export_fmu(sampled, path, fmi="2.0" if kind == "fmu2" else "3.0", channels=channels)
-        except CompilerError as error:
-            raise MessageError("kind", f"the FMU could not be built: {_line(str(error))}") from error
-        return _download("phyfilter.fmu", "application/octet-stream", path.read_bytes())
+            export_c(sampled, place, channels=channels, name=symbol)
+        else:
+            export_target(sampled, cast(Target, kind), place, channels=channels, name=symbol)
+        return _download(f"{title}-{digest}-{kind}.zip", digest, _zipped(place))
 
 
 # -- inside -----------------------------------------------------------------------------------------------------
+
+
+def _fmu(sampled: SampledPhyFilter, kind: str, channels: int, symbol: str, path: Path) -> bytes:
+    from ..fmi import export_fmu
+
+    can = abilities()
+    if not can["fmu"]:
+        raise MessageError("kind", str(can["why"]))
+    try:
+        export_fmu(sampled, path, fmi="2.0" if kind == "fmu2" else "3.0", channels=channels, name=symbol)
+    except CompilerError as error:
+        raise MessageError("kind", f"the FMU could not be built: {_line(str(error))}") from error
+    return path.read_bytes()
+
+
+def _refusal(design: Design, kind: str, channels: int) -> str:
+    """Why a kind cannot take this design; empty where it can."""
+    try:
+        sampled = design.sampled
+    except ValueError as error:
+        return _line(str(error))
+    if kind not in _VEHICLES:
+        return ""
+    if channels != _AXES:
+        return f"This module works on the three axes of a vehicle: set {_AXES} channels."
+    if not design.filter.is_lowpass:
+        return "The poles become parameters of the vehicle, so N must be a₀ alone: choose the low-pass numerator."
+    try:
+        check_autopilot(kind, sampled, "phyfilter", channels, None)
+    except ValueError as error:
+        if kind == "crazyflie" and "rate" in str(error):
+            return (
+                f"The rate must divide {_OPERATING_SYSTEM_TICKS} Hz: choose a step of 1, 2, 4, 5, 8 or 10 ms."
+            )
+        return _line(str(error)).removeprefix(f"{kind}: ").capitalize() + "."
+    return ""
+
+
+def _title(design: Design, name: str) -> str:
+    """The name asked for, as files can have it, or the design's own."""
+    if title := _plain(name):
+        return title
+    named = family_of(design.filter)
+    return f"filter_{design.filter.order}" if named is None else _plain(named.title)
+
+
+def _digest(design: Design, *given: object) -> str:
+    """What no other design's files have in their names."""
+    told = (design.filter.a.tolist(), design.filter.b.tolist(), design.dt, design.method, *given)
+    return hashlib.sha256(repr(told).encode()).hexdigest()[:_DIGEST]
+
+
+def _symbol(name: str) -> str:
+    """A name that C, file systems and autopilots take: small letters and digits, words joined by "_"."""
+    words = "_".join(_WORD.findall(_plain(name).lower()))[:_LONGEST_SYMBOL].rstrip("_")
+    return model_identifier(words) if words else "phyfilter"
 
 
 def _dropped(system: PhyFilter | FilterBank | SampledPhyFilter) -> list[str]:
@@ -183,28 +245,27 @@ def _private_folder() -> tempfile.TemporaryDirectory[str]:
     return tempfile.TemporaryDirectory(prefix="phyfilter_", ignore_cleanup_errors=True)
 
 
-def _download(name: str, mime: str, data: bytes) -> dict[str, object]:
-    return {"name": name, "mime": mime, "base64": base64.b64encode(data).decode("ascii")}
+def _download(name: str, digest: str, data: bytes) -> dict[str, object]:
+    mime = _MIMES.get(PurePosixPath(name).suffix, "application/octet-stream")
+    return {"name": name, "digest": digest, "mime": mime, "base64": base64.b64encode(data).decode("ascii")}
 
 
 def _zipped(folder: Path) -> bytes:
     held = io.BytesIO()
     with zipfile.ZipFile(held, "w") as archive:
-        for path in sorted(folder.iterdir()):
-            entry = zipfile.ZipInfo(f"phyfilter/{path.name}", date_time=_SAME_DAY)
+        for path in sorted(path for path in folder.rglob("*") if path.is_file()):
+            entry = zipfile.ZipInfo(
+                f"{folder.name}/{path.relative_to(folder).as_posix()}", date_time=_SAME_DAY
+            )
             entry.compress_type = zipfile.ZIP_DEFLATED
             entry.external_attr = 0o644 << 16
             archive.writestr(entry, path.read_bytes())
     return held.getvalue()
 
 
-def _plain(name: str, suffix: str) -> str:
-    last = PurePosixPath(name.replace("\\", "/")).name.removesuffix(suffix)
-    return _NAME.sub("_", last).strip("._-")[:_LONGEST_NAME] or "filter"
-
-
-def _number(value: complex) -> str:
-    return repr(value.real) if value.imag == 0.0 else f"complex({value.real!r}, {value.imag!r})"
+def _plain(name: str) -> str:
+    last = PurePosixPath(name.replace("\\", "/")).name
+    return _NAME.sub("_", last).strip("._-")[:_LONGEST_NAME].rstrip("._-")
 
 
 def _line(text: str) -> str:

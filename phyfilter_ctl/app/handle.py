@@ -19,7 +19,9 @@ cancel    job                                         state, curve, message
 python    design                                      text
 save      design, name                                name, mime, base64
 open      name, text                                  design, messages
-export    design, kind, channels                      name, mime, base64
+exports   design, channels                            name, exports
+export    design, kind, channels, name                name, mime, base64
+compare   designs                                     compared
 ========  ==========================================  ===============================================================
 """
 
@@ -39,8 +41,9 @@ from ..filter import FilterBank, PhyFilter, SampledPhyFilter
 from ..recording import Recording
 from . import answers, exports, logs
 from .checking import Fields, MessageError
-from .designs import FAMILIES, HIGHEST_ORDER, Design, design_of_family, read_design
+from .designs import FAMILIES, HIGHEST_ORDER, Design, design_of_family, read_design, read_designs
 from .jobs import LearningJob
+from .python_text import python_text
 
 __all__ = ["Session", "handle"]
 
@@ -48,6 +51,7 @@ _LARGEST_LOG = 20_000_000  # characters
 _LATEST = 1e12  # s; times may count from 1970
 _LARGEST_FILE = 200_000
 _MOST_CHANNELS = 12
+_MOST_COMPARED = 12
 _LONGEST_ERROR = 600
 _WAIT_FOR_CANCEL = 0.5  # s
 _LARGEST_ID = 2**53  # integers that JavaScript holds
@@ -275,11 +279,11 @@ def _cancel(session: Session, fields: Fields) -> Reply:
 
 
 def _python(session: Session, fields: Fields) -> Reply:
-    return {"text": exports.python_text(read_design(fields))}
+    return {"text": python_text(read_design(fields))}
 
 
 def _save(session: Session, fields: Fields) -> Reply:
-    return exports.saved(read_design(fields), fields.text("name") if "name" in fields else "filter")
+    return exports.saved(read_design(fields), _name(fields))
 
 
 def _open(session: Session, fields: Fields) -> Reply:
@@ -289,11 +293,17 @@ def _open(session: Session, fields: Fields) -> Reply:
     return {"design": design.as_json(), "messages": messages}
 
 
+def _exports(session: Session, fields: Fields) -> Reply:
+    return exports.exchange(read_design(fields), _channels(fields))
+
+
 def _export(session: Session, fields: Fields) -> Reply:
     design = read_design(fields)
-    kind = fields.choice("kind", ("fmu2", "fmu3", "c"))
-    channels = fields.integer("channels", 1, _MOST_CHANNELS) if "channels" in fields else 1
-    return exports.export(design, cast(exports.Kind, kind), channels)
+    return exports.export(design, fields.choice("kind", exports.KINDS), _channels(fields), _name(fields))
+
+
+def _compare(session: Session, fields: Fields) -> Reply:
+    return {"compared": [answers.figures(design) for design in read_designs(fields, _MOST_COMPARED)]}
 
 
 _OPERATIONS: Mapping[str, tuple[Callable[[Session, Fields], Reply], tuple[str, ...]]] = {
@@ -309,11 +319,21 @@ _OPERATIONS: Mapping[str, tuple[Callable[[Session, Fields], Reply], tuple[str, .
     "python": (_python, ("design",)),
     "save": (_save, ("design", "name")),
     "open": (_open, ("name", "text")),
-    "export": (_export, ("design", "kind", "channels")),
+    "exports": (_exports, ("design", "channels")),
+    "export": (_export, ("design", "kind", "channels", "name")),
+    "compare": (_compare, ("designs",)),
 }
 
 
 # -- inside -----------------------------------------------------------------------------------------------------
+
+
+def _channels(fields: Fields) -> int:
+    return fields.integer("channels", 1, _MOST_CHANNELS) if "channels" in fields else 1
+
+
+def _name(fields: Fields) -> str:
+    return fields.text("name") if "name" in fields else ""
 
 
 def _asked(session: Session, fields: Fields) -> LearningJob:

@@ -31,6 +31,7 @@ from starlette.types import ASGIApp
 from threadpoolctl import threadpool_limits
 
 from .._output import replacing
+from . import exports
 from .guard import TOKEN_HEADER, Guard, RefusedError, refusal
 from .handle import Session, handle
 from .modules import sent
@@ -57,17 +58,17 @@ _FILES = {
 _LANES = {
     "log": ("log", "forget", "estimate", "learn"),
     "job": ("job", "cancel"),
-    "export": ("export",),
+    "export": ("export", "exports"),
+    "compare": ("compare",),
 }
 _SECONDS = {"design": 30.0, "log": 60.0, "job": 10.0, "export": 180.0}
 _LARGE = frozenset({"log"})
-# What is written under --out: the name comes from here, never from a request.
+# What is written under --out: the name comes from here and from the design, never from a request.
 _NAMES = {
-    "save": "filter.toml",
-    "fmu2": "filter_fmi2.fmu",
-    "fmu3": "filter_fmi3.fmu",
-    "c": "filter_c.zip",
-}
+    "save": "filter-{}.toml",
+    "fmu2": "filter_fmi2-{}.fmu",
+    "fmu3": "filter_fmi3-{}.fmu",
+} | {kind: f"filter_{kind}-{{}}.zip" for kind in exports.KINDS if not kind.startswith("fmu")}
 
 Reply = dict[str, object]
 
@@ -145,7 +146,7 @@ class _Desk:
         if not reply.get("ok") or kind not in _NAMES or not isinstance(data, str) or self._out is None:
             return reply
         try:
-            path = self._out / _NAMES[str(kind)]
+            path = self._out / _NAMES[str(kind)].format(reply["digest"])
             with replacing(path, follow_links=False) as file:
                 file.write(base64.b64decode(data))
         except OSError as error:

@@ -6,6 +6,7 @@ import asyncio
 import importlib
 import json
 import logging
+import re
 
 import numpy as np
 import pytest
@@ -94,7 +95,8 @@ class Fuzzer:
             "save": {"name": "filter"},
             "estimate": {"channel": 0},
             # A compiler run takes a second: never a kind that exists.
-            "export": {"kind": "exe", "channels": 1},
+            "export": {"kind": "exe", "channels": 1, "name": "wing"},
+            "exports": {"channels": 3},
         }
         return values.get(op, {})
 
@@ -102,8 +104,10 @@ class Fuzzer:
         op = str(self.pick(OPS))
         message = {"id": self.odd_or(int(self.rng.integers(1000)), 0.05), "op": self.odd_or(op, 0.05)}
         message |= {key: self.odd_or(value) for key, value in self.fields(op).items()}
-        if op in ("design", "estimate", "python", "save", "export"):
+        if op in ("design", "estimate", "python", "save", "export", "exports"):
             message["design"] = self.odd_or(self.design(), 0.1)
+        if op == "compare":
+            message["designs"] = self.odd_or([self.odd_or(self.design(), 0.1) for _ in range(2)], 0.1)
         if self.rng.random() < 0.05:
             message[str(self.pick(["x", "design", "__proto__", ""]))] = self.pick(ODD)
         text = json.dumps(message).replace("Infinity", "1e400").encode()
@@ -159,7 +163,7 @@ def test_no_message_crashes(chunk, tmp_path, caplog):
     assert seen[200, True] > CHUNK / 10
     assert seen[200, False] > CHUNK / 10
     assert seen[400, False] > CHUNK / 50
-    assert {path.name for path in tmp_path.iterdir()} <= {"filter.toml"}
+    assert all(re.fullmatch(r"filter-[0-9a-f]{8}\.toml", path.name) for path in tmp_path.iterdir())
     # And it still works.
     reply = server.handle(session, {"id": 1, "op": "hello"})
     assert reply["ok"]

@@ -4,19 +4,21 @@ from __future__ import annotations
 
 import base64
 import io
+import re
 import subprocess
 import tempfile
 import zipfile
+from pathlib import Path
 
 import numpy as np
 import pytest
 from designer_messages import answered, message_of, refused
 
-from phyfilter_ctl import PhyFilter, filterfile
-from phyfilter_ctl.app import Session
+from phyfilter_ctl import PhyFilter, export_target, filterfile, lowpass
+from phyfilter_ctl.app import Session, exports
 from phyfilter_ctl.app.checking import Fields
 from phyfilter_ctl.app.designs import read_design
-from phyfilter_ctl.codegen import CompilerError, find_compiler
+from phyfilter_ctl.codegen import CompilerError, export_c, find_compiler
 from phyfilter_ctl.fmi import check, describe
 
 TYPE_2 = message_of([-20.0, -15 + 8j, -15 - 8j], numerator={"kind": "type", "type": 2})
@@ -47,7 +49,7 @@ def nothing_is_left(tmp_path, monkeypatch):
 def test_saved_and_opened(message, tmp_path):
     session = Session()
     reply = answered(session, "save", design=message, name="wing.toml")
-    assert (reply["name"], reply["mime"]) == ("wing.toml", "application/toml")
+    assert (reply["name"], reply["mime"]) == (f"wing-{reply['digest']}.toml", "application/toml")
     path = tmp_path / reply["name"]
     path.write_bytes(data_of(reply))
     design = read_design(Fields({"design": message}))
@@ -68,18 +70,96 @@ def test_a_sampling_that_diverges_is_left_out_of_the_file():
 @pytest.mark.parametrize(
     ("name", "expected"),
     [
-        ("../../etc/passwd", "passwd.toml"),
-        ("C:\\temp\\a b.toml", "a_b.toml"),
-        ("..", "filter.toml"),
-        ("", "filter.toml"),
-        ("\x00\n", "filter.toml"),
-        (".hidden", "hidden.toml"),
-        ("x" * 200, "x" * 60 + ".toml"),
-        ("Flügel", "Fl_gel.toml"),
+        ("../../etc/passwd", "passwd"),
+        ("C:\\temp\\a b.toml", "a_b"),
+        ("..", "filter_3"),
+        ("", "filter_3"),
+        ("\x00\n", "filter_3"),
+        (".hidden", "hidden"),
+        ("x" * 200, "x" * 60),
+        ("Flügel", "Fl_gel"),
     ],
 )
 def test_names_of_downloads_are_plain(name, expected):
-    assert answered(Session(), "save", design=TYPE_2, name=name)["name"] == expected
+    reply = answered(Session(), "save", design=TYPE_2, name=name)
+    assert reply["name"] == f"{expected}-{reply['digest']}.toml"
+    assert re.fullmatch(r"[0-9a-f]{8}", reply["digest"])
+
+
+def test_no_two_designs_have_files_of_one_name():
+    session = Session()
+    designs = [
+        message_of([-20.0, -30.0]),
+        message_of([-20.0, -30.000000000000004]),
+        message_of([-20.0, -30.0], numerator={"kind": "type", "type": 2}),
+        message_of([-20.0, -30.0], dt=0.004),
+        message_of([-20.0, -30.0], method="tustin"),
+    ]
+    saved = {answered(session, "save", design=design, name="wing")["name"] for design in designs}
+    assert len(saved) == len(designs)
+    assert len({answered(session, "save", design=designs[0], name="wing")["name"] for _ in range(2)}) == 1
+    # What is in the file besides the filter counts too; what only the figures depend on does not.
+    sources = {
+        answered(session, "export", design=designs[0], kind="c", channels=channels, name=name)["name"]
+        for channels, name in ((1, "wing"), (2, "wing"), (1, "tail"))
+    }
+    assert len(sources) == 3
+    other = message_of([-20.0, -30.0], slope=5.0)
+    assert answered(session, "save", design=other, name="wing")["name"] in saved
+
+
+def test_a_design_that_is_a_familys_is_named_after_it():
+    butterworth = message_of(lowpass(2, 20.0, family="butterworth").poles.tolist())
+    reply = answered(Session(), "exports", design=butterworth)
+    assert reply["name"] == "butterworth_2_20"
+    assert answered(Session(), "save", design=butterworth)["name"].startswith("butterworth_2_20-")
+
+
+@pytest.mark.parametrize(
+    "kind",
+    [
+        pytest.param(kind, marks=() if kind == "px4" else pytest.mark.slow)
+        for kind in exports.KINDS
+        if not kind.startswith("fmu")
+    ],
+)
+def test_packages_leave_as_what_the_target_builds(kind):
+    """The archive holds, to the byte, what the library writes for the design, under the user's name as C takes it."""
+    design = message_of([-20.0, -30.0])
+    reply = answered(Session(), "export", design=design, kind=kind, channels=3, name="My Wing 2")
+    assert re.fullmatch(rf"My_Wing_2-[0-9a-f]{{8}}-{kind}\.zip", reply["name"])
+    sampled = read_design(Fields({"design": design})).sampled
+    with tempfile.TemporaryDirectory() as parent, zipfile.ZipFile(io.BytesIO(data_of(reply))) as archive:
+        held = {name: archive.read(name) for name in archive.namelist()}
+        folder = Path(parent, "my_wing")
+        if kind == "c":
+            export_c(sampled, folder, channels=3, name="my_wing")
+        else:
+            export_target(sampled, kind, folder, channels=3, name="my_wing")
+        files = {path for path in folder.rglob("*") if path.is_file()}
+        assert held == {path.relative_to(parent).as_posix(): path.read_bytes() for path in files}
+
+
+def test_what_a_target_refuses_is_said_in_words():
+    def reasons(design: dict[str, object], channels: int) -> dict[str, str]:
+        reply = answered(Session(), "exports", design=design, channels=channels)
+        assert all(each["able"] == (not each["why"]) for each in reply["exports"])
+        assert [each["kind"] for each in reply["exports"]] == list(exports.KINDS)
+        return {each["kind"]: each["why"] for each in reply["exports"]}
+
+    vehicles = ("ardupilot", "crazyflie", "px4", "ros2")
+    assert not any(why for kind, why in reasons(message_of([-20.0]), 3).items() if not kind.startswith("fmu"))
+    one = reasons(message_of([-20.0]), 1)
+    assert {kind for kind in one if "3 channels" in one[kind]} == set(vehicles)
+    general = reasons(TYPE_2, 3)
+    assert {kind for kind in general if "low-pass numerator" in general[kind]} == set(vehicles)
+    rate = reasons(message_of([-20.0], dt=0.003), 3)
+    assert [kind for kind in rate if "1000 Hz" in rate[kind]] == ["crazyflie"]
+    diverging = reasons(message_of([-2000.0], method="euler"), 3)
+    assert all("diverges" in why for kind, why in diverging.items() if not kind.startswith("fmu"))
+    # What is refused beforehand is refused when it is asked for all the same.
+    reply = refused(Session(), "export", design=TYPE_2, kind="px4", channels=3)
+    assert "low-pass numerator" in reply["error"]
 
 
 def test_opening_keeps_the_assumptions_and_says_what_it_drops(tmp_path):
@@ -122,7 +202,7 @@ def test_files_that_are_no_designs_are_refused(text, said, tmp_path):
 @pytest.mark.parametrize(("kind", "version"), [("fmu2", "2.0"), ("fmu3", "3.0")])
 def test_fmu_is_accepted_by_the_checker(kind, version, tmp_path, compiler):
     reply = answered(Session(), "export", design=TYPE_2, kind=kind, channels=3)
-    assert reply["name"] == "phyfilter.fmu"
+    assert re.fullmatch(rf"filter_3-[0-9a-f]{{8}}-fmi{version[0]}\.fmu", reply["name"])
     path = tmp_path / "wing.fmu"
     path.write_bytes(data_of(reply))
     report = check(path)
@@ -132,7 +212,7 @@ def test_fmu_is_accepted_by_the_checker(kind, version, tmp_path, compiler):
 
 def test_c_checks_itself(tmp_path, compiler):
     reply = answered(Session(), "export", design=TYPE_2, kind="c", channels=2)
-    assert reply["name"] == "phyfilter_c.zip"
+    assert re.fullmatch(r"filter_3-[0-9a-f]{8}-c\.zip", reply["name"])
     with zipfile.ZipFile(io.BytesIO(data_of(reply))) as archive:
         names = archive.namelist()
         assert all(name.startswith("phyfilter/") and ".." not in name for name in names)
@@ -149,8 +229,6 @@ def test_archives_of_one_design_are_the_same():
 
 
 def test_without_a_compiler_there_is_no_fmu_and_it_is_said(monkeypatch):
-    from phyfilter_ctl.app import exports
-
     def none(command: object = None) -> None:
         raise CompilerError(f"no C compiler: tried {tempfile.gettempdir()}/cc; install gcc")
 
@@ -183,13 +261,53 @@ def test_a_sampled_filter_that_diverges_is_not_exported():
     assert "diverges" in reply["error"]
 
 
-def test_python_text_is_pasteable():
-    text = answered(Session(), "python", design=TYPE_2)["text"]
+def executed(design: dict[str, object]) -> tuple[str, PhyFilter]:
+    text = answered(Session(), "python", design=design)["text"]
     assert text.splitlines()[0] == "import phyfilter_ctl as pf"
-    assert "numerator=2" in text
     found: dict = {}
     exec(text, found)
-    np.testing.assert_array_equal(found["sampled"].filter.a, read_design(Fields({"design": TYPE_2})).filter.a)
+    return text, found["sampled"].filter
+
+
+def test_python_text_is_pasteable():
+    text, filter = executed(TYPE_2)
+    assert "numerator=2" in text
+    assert filter == read_design(Fields({"design": TYPE_2})).filter
+
+
+@pytest.mark.parametrize(
+    ("fields", "line"),
+    [
+        ({"family": "butterworth", "order": 2}, "lowpass(2, 20.0, family='butterworth')"),
+        ({"family": "bessel", "order": 5, "type": 3}, "lowpass(5, 20.0, family='bessel', numerator=3)"),
+        ({"family": "itae", "order": 4}, "lowpass(4, 20.0, family='itae')"),
+        ({"family": "binomial", "order": 3, "type": 3}, "lowpass(3, 20.0, family='binomial', numerator=3)"),
+        (
+            {"family": "bandpass", "order": 4, "band": [4.5, 9.0]},
+            "bandpass(4, 4.5, 9.0, family='butterworth')",
+        ),
+    ],
+)
+def test_python_text_keeps_the_family(fields, line):
+    """Asked for by name, back as that name; and still so after the browser has scaled the poles and rounded them."""
+    design = answered(Session(), "family", cutoff=20.0, **fields)["design"]
+    text, filter = executed(design)
+    assert f"filter = pf.{line}\n" in text
+    asked = read_design(Fields({"design": design})).filter
+    np.testing.assert_allclose(filter.a, asked.a, rtol=1e-12)  # the cutoff is found again to its last digit
+    np.testing.assert_allclose(filter.b, asked.b, rtol=1e-12)
+    moved = [[re * (1.0 + 1e-13), im] for re, im in design["poles"]]
+    assert f"filter = pf.{line}\n" in executed(design | {"poles": moved})[0]
+
+
+def test_python_text_of_a_family_whose_pole_was_moved_is_its_poles():
+    design = answered(Session(), "family", family="butterworth", order=2, cutoff=20.0)["design"]
+    moved = design | {"poles": [[re * 1.001, im] for re, im in design["poles"]]}
+    text, filter = executed(moved)
+    assert "from_poles" in text
+    assert filter == read_design(Fields({"design": moved})).filter
+    # Two poles in one place are a binomial filter, of a cutoff that nobody would type.
+    assert "from_poles([-20.0, -20.0])" in executed(message_of([-20.0, -20.0]))[0]
 
 
 def test_python_text_of_a_high_order_has_a_line_for_each_pole():

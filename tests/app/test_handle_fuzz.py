@@ -26,7 +26,9 @@ GOOD: list[dict] = [
     {"op": "python", "design": message_of([-20.0, -2.0], numerator={"kind": "type", "type": 2})},
     {"op": "save", "design": message_of([-20.0]), "name": "a"},
     {"op": "open", "name": "a.toml", "text": 'format = "phyfilter"\nversion = 1\na = [20.0]\n'},
-    {"op": "export", "design": message_of([-20.0]), "kind": "dll", "channels": 2},
+    {"op": "exports", "design": message_of([-20.0]), "channels": 3},
+    {"op": "compare", "designs": [message_of([-20.0]), message_of([-3.0, -4.0], method="euler")]},
+    {"op": "export", "design": message_of([-20.0]), "kind": "dll", "channels": 2, "name": "a"},
 ]
 
 DEEP: object = 0

@@ -435,31 +435,45 @@ def test_copies_have_fixed_names(keeping, name, tmp_path):
         assert "/" not in reply["name"]
         assert "\\" not in reply["name"]
         assert not reply["name"].startswith(".")
-        assert (folder / "filter.toml").read_bytes() == base64.b64decode(reply["base64"])
-        assert reply["written"] == str(folder / "filter.toml")
-    assert {path.name for path in tmp_path.rglob("*")} <= {"out", "filter.toml"}
+        kept = f"filter-{reply['digest']}.toml"
+        assert (folder / kept).read_bytes() == base64.b64decode(reply["base64"])
+        assert reply["written"] == str(folder / kept)
+        assert re.fullmatch(r"filter-[0-9a-f]{8}\.toml", kept)
+        assert {path.name for path in tmp_path.rglob("*")} == {"out", kept}
+    else:
+        assert {path.name for path in tmp_path.rglob("*")} == {"out"}
+
+
+def copied(app, folder: Path) -> Path:
+    """Where the design's copy goes, which is not there yet."""
+    path = Path(save(app)["written"])
+    assert path.parent == folder
+    path.unlink()
+    return path
 
 
 def test_links_are_replaced_not_followed(keeping, tmp_path):
     folder, app = keeping
+    kept = copied(app, folder)
     precious = tmp_path / "precious"
     precious.write_text("untouched")
     try:
-        (folder / "filter.toml").symlink_to(precious)
+        kept.symlink_to(precious)
     except OSError:
         pytest.skip("symbolic links cannot be made here")
     assert save(app)["ok"]
     assert precious.read_text() == "untouched"
-    assert not (folder / "filter.toml").is_symlink()
+    assert not kept.is_symlink()
 
 
 def test_a_copy_that_cannot_be_written_is_said(keeping):
     folder, app = keeping
-    (folder / "filter.toml").mkdir()
+    kept = copied(app, folder)
+    kept.mkdir()
     reply = save(app)
     assert not reply["ok"]
     assert str(folder) in reply["error"]
-    assert [path.name for path in folder.iterdir()] == ["filter.toml"]
+    assert list(folder.iterdir()) == [kept]
 
 
 def test_without_out_nothing_is_written(app, tmp_path, monkeypatch):

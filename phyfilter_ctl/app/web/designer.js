@@ -29,7 +29,6 @@ import { StepCard } from "./panels/step_card.js";
 import { Table } from "./panels/table.js";
 import { Design } from "./state/design.js";
 import { Preview } from "./state/preview.js";
-import { rootsOf } from "./state/roots.js";
 import { Session } from "./state/session.js";
 import { Theme } from "./theme.js";
 
@@ -166,7 +165,6 @@ class Designer {
       return;
     }
     if (Array.isArray(reply.families)) this.start.offer(reply.families);
-    this.header.showAbilities(reply.can);
     if (reply.version) this.header.version.textContent = reply.version;
     if (reply.design && this.design.history.past.length === 0 && !this.design.dragging) {
       this.design.load(reply.design, { fit: true });
@@ -267,7 +265,7 @@ class Designer {
   }
 
   repinned() {
-    this.plane.plane.pinned = this.pins.list.flatMap((pin) => rootsOf(pin.design.poles));
+    this.plane.plane.pinned = this.pins.ghosts();
     this.preview.stale = true;
     this.paint();
   }

@@ -32,7 +32,8 @@
 /** @typedef {{key: string, label?: string, value: number | null, unit?: string, note?: string}} Figure */
 /** @typedef {{name: string, channels: string[], samples: number, dt: number, has_label: boolean}} LogSummary */
 /** @typedef {{name: string, mime: string, base64: string, written?: string}} Download */
-/** @typedef {{fmu: boolean, c: boolean, why: string}} Abilities */
+/** @typedef {{kind: string, able: boolean, why: string}} Exportable */
+/** @typedef {{name: string, exports: Exportable[]}} Exchange */
 /** @typedef {{state: string, curve?: [number, number][], message?: string, design?: DesignData | null}} Job */
 /** @typedef {(number | null)[]} Samples */
 /**
@@ -49,7 +50,7 @@
 /**
  * What Python answers, by the op of the question; handle.py says what is asked.
  * @typedef {object} Answers
- * @property {{version?: string, design?: DesignData, families?: string[], log?: LogSummary | null, can?: Abilities}}
+ * @property {{version?: string, design?: DesignData, families?: string[], log?: LogSummary | null}}
  * hello
  * @property {{numbers: Figure[], messages?: string[], frequency: {omega: number[], F: Samples[]}}} design
  * @property {{design: DesignData}} family
@@ -62,7 +63,9 @@
  * @property {{text: string}} python
  * @property {Download} save
  * @property {{design: DesignData, messages?: string[]}} open
+ * @property {Exchange} exports
  * @property {Download} export
+ * @property {{compared: Figure[][]}} compare
  */
 /** @typedef {(reply: any) => void} Resolve */
 /** @typedef {{id: number, resolve: Resolve, since: number, timer: ReturnType<typeof setTimeout>}} Flying */

@@ -1,12 +1,17 @@
 /** Light or dark: as chosen here, as the host asks, as JupyterLab is, as the system is. */
 
+import { KEPT_COLOURS } from "./plots/styles.js";
+
 /** @import { Model } from "./link.js" */
 /** @import { Palette } from "./plots/styles.js" */
 
 /** @typedef {"light" | "dark" | undefined} Choice */
 
 const ORDER = /** @type {Choice[]} */ ([undefined, "light", "dark"]);
-const COLOURS = /** @type {const} */ (["F", "E", "S", "L", "M", "pin", "grid", "faint", "muted", "card", "text"]);
+const COLOURS = /** @type {const} */ ([
+  ...["F", "E", "S", "L", "M", "grid", "faint", "muted", "card", "text"],
+  ...KEPT_COLOURS,
+]);
 
 export class Theme {
   /** @param {HTMLElement} root @param {Model} model @param {() => void} changed */

@@ -6,7 +6,7 @@ import { sampledResponse } from "../mathematics/sampled.js";
 import { largest, short, smallest } from "../numbers.js";
 import { Chart } from "../plots/chart.js";
 import { LimitHandle } from "../plots/limit_handle.js";
-import { CURVES, PIN_DASHES, swatch } from "../plots/styles.js";
+import { CURVES, kept, swatch } from "../plots/styles.js";
 import { excess, KINDS, LIMIT_KINDS } from "../state/limits.js";
 import { button, card, segments } from "./parts.js";
 
@@ -129,9 +129,10 @@ export class Bode {
     const lines = [];
     /** @type {Series[]} */
     const angles = [];
-    pins.forEach(({ curves, name }, i) => {
+    pins.forEach(({ curves, name, style: number }) => {
       if (!curves) return;
-      const style = { x: curves.omega, colour: palette.pin, width: 1.5, dash: PIN_DASHES[i] };
+      const { colour, dash } = kept(number);
+      const style = { x: curves.omega, colour: palette[colour], width: 1.5, dash };
       const named = (/** @type {"F" | "E"} */ key) => `${CURVES[key].text} of ${name}`;
       for (const key of /** @type {const} */ (["F", "E"]))
         if (this.shown[key]) lines.push({ ...style, name: named(key), y: curves[key].db });

@@ -3,28 +3,15 @@
 import { g, h } from "../elements.js";
 import { download, picker } from "../files.js";
 import { inUnit, short } from "../numbers.js";
+import { Exports } from "./exports.js";
 import { button, group } from "./parts.js";
 
 /** @import { App } from "../designer.js" */
-/** @import { Abilities } from "../link.js" */
-
-/** @typedef {"fmu2" | "fmu3" | "c"} ExportKind */
-
-const EXPORTS = /** @type {const} */ ({
-  fmu2: { text: "FMU 2", title: "FMU of FMI 2.0" },
-  fmu3: { text: "FMU 3", title: "FMU of FMI 3.0" },
-  c: { text: "C", title: "C99 sources in a zip" },
-});
-const KINDS = /** @type {ExportKind[]} */ (Object.keys(EXPORTS));
-const MOST_CHANNELS = 12;
-
 export class Header {
   /** @param {App} app @param {{pin: () => void, theme: () => void}} does */
   constructor(app, does) {
     this.app = app;
     const { design } = app;
-    /** @type {Abilities} */
-    this.can = { fmu: true, c: true, why: "" };
     this.version = h("small", {});
     this.summary = h("p", { class: "pf-summary", "data-test": "summary" });
     this.busy = h("span", { class: "pf-busy", role: "status", "data-test": "busy", hidden: true }, "Python is busy");
@@ -38,17 +25,7 @@ export class Header {
       title: "Redo, Ctrl+Shift+Z",
       "aria-label": "Redo",
     });
-    this.exports = KINDS.map((kind) =>
-      button(`export-${kind}`, EXPORTS[kind].text, () => void this.export(kind), { class: "pf-primary" }),
-    );
-    this.channels = h("input", {
-      type: "number",
-      min: 1,
-      max: MOST_CHANNELS,
-      value: 1,
-      "aria-label": "Channels of the export",
-      "data-test": "channels",
-    });
+    this.exports = new Exports(app);
     this.code = h("pre", { "data-test": "python-text", tabindex: 0 });
     const close = button("python-close", "Close", () => (this.codeBox.hidden = true));
     this.codeBox = h("section", { class: "pf-card pf-code", hidden: true, "aria-label": "Python" }, this.code, close);
@@ -68,13 +45,7 @@ export class Header {
     );
     const save = button("save", "Save", () => void this.save(), { title: "The filter as a TOML file" });
     const python = button("python", "Copy as Python", () => void this.copyPython());
-    const pin = button("pin", "Pin", does.pin, { title: "Keep this design behind in grey to compare with" });
-    const channels = h(
-      "label",
-      { class: "pf-channels", title: "Channels of x in the export: one filter for each" },
-      "channels",
-      this.channels,
-    );
+    const pin = button("pin", "Pin", does.pin, { title: "Keep this design to compare with, in a colour of its own" });
     const theme = button("theme", "◐", does.theme, {
       class: "pf-icon",
       title: "Light, dark or as the system",
@@ -86,7 +57,7 @@ export class Header {
       group(named("History"), this.undo, this.redo),
       group(named("Compare"), pin),
       group(named("File"), open, save, python),
-      group(named("Export"), h("span", { class: "pf-group-name" }, "Export"), ...this.exports, channels),
+      this.exports.element,
       theme,
     );
   }
@@ -99,16 +70,6 @@ export class Header {
     const cutoff = short(this.app.design.cutoff(), 3);
     const step = inUnit(sampling.dt, "s").join(" ");
     this.summary.textContent = `${kind}order ${filter.order}, type ${filter.type}, ${cutoff} rad/s, h = ${step}`;
-  }
-
-  /** What can be exported on this machine. @param {Abilities} [can] */
-  showAbilities(can = this.can) {
-    this.can = can;
-    KINDS.forEach((kind, i) => {
-      const able = kind === "c" ? can.c : can.fmu;
-      this.exports[i].disabled = !able;
-      this.exports[i].title = able ? EXPORTS[kind].title : can.why || "not on this machine";
-    });
   }
 
   /** @param {number | null} since when the oldest open question was asked */
@@ -141,19 +102,7 @@ export class Header {
 
   async save() {
     const { app } = this;
-    const reply = await app.link.ask("save", { design: app.design.data(), name: "filter" });
-    if (app.ok(reply)) download(app, reply);
-  }
-
-  /** @param {ExportKind} kind */
-  async export(kind) {
-    const { app } = this;
-    const channels = Math.min(Math.max(Math.round(Number(this.channels.value)) || 1, 1), MOST_CHANNELS);
-    this.channels.value = String(channels);
-    this.exports[KINDS.indexOf(kind)].disabled = true;
-    app.say(kind === "c" ? "Writing C …" : "Building the FMU …");
-    const reply = await app.link.ask("export", { design: app.design.data(), kind, channels });
-    this.showAbilities();
+    const reply = await app.link.ask("save", { design: app.design.data() });
     if (app.ok(reply)) download(app, reply);
   }
 }

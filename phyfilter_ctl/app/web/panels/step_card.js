@@ -3,7 +3,7 @@
 import { h, write } from "../elements.js";
 import { largest, smallest } from "../numbers.js";
 import { Chart } from "../plots/chart.js";
-import { CURVES, DASHES, PIN_DASHES, swatch } from "../plots/styles.js";
+import { CURVES, DASHES, kept, swatch } from "../plots/styles.js";
 import { card } from "./parts.js";
 
 /** @import { App } from "../designer.js" */
@@ -49,9 +49,10 @@ export class StepCard {
     const { palette, preview, design } = this.app;
     const { step, duration } = preview;
     /** @type {Series[]} */
-    const lines = pins.flatMap(({ step: pinned, name }, i) => {
+    const lines = pins.flatMap(({ step: pinned, name, style: number }) => {
       if (!pinned) return [];
-      const style = { x: pinned.t, colour: palette.pin, dash: PIN_DASHES[i] };
+      const { colour, dash } = kept(number);
+      const style = { x: pinned.t, colour: palette[colour], dash };
       return [
         { ...style, name: `estimate of ${name}`, y: pinned.F, width: 1.5 },
         { ...style, name: `error of ${name}`, y: pinned.E, width: 1 },

@@ -9,9 +9,11 @@ import { planeGrid, planeNames } from "./plane_grid.js";
 import { PlaneView } from "./plane_view.js";
 
 /** @import { Design, Kind } from "../state/design.js" */
-/** @import { Root } from "../state/roots.js" */
+/** @import { Place, Root } from "../state/roots.js" */
+/** @import { KeptColour } from "./styles.js" */
 /** @import { Pixel } from "./plane_view.js" */
 
+/** @typedef {{roots: Root[], zeros: Root[], colour: KeptColour}} Ghosts  poles and zeros of a kept design */
 /** @typedef {ReturnType<typeof handleOf>} Handle  what is drawn of one root, or of its conjugate */
 /**
  * @typedef {object} Surroundings
@@ -47,7 +49,7 @@ export class Plane {
     this.element = h("div", { class: "pf-plane-box" }, this.svg);
     /** @type {Map<string, Handle>} */
     this.drawn = new Map();
-    /** @type {Root[]} */
+    /** @type {Ghosts[]} */
     this.pinned = [];
     this.dragging = false;
     /** @type {number | null} step in s of forward Euler, where it is used */
@@ -134,13 +136,21 @@ export class Plane {
       });
     }
     for (const [key, handle] of this.drawn) if (!seen.has(key)) this.drop(key, handle);
-    const both = this.pinned.flatMap((root) => (root.im ? [root, { ...root, im: -root.im }] : [root]));
     this.ghosts.replaceChildren(
-      ...both.map((root) => {
-        const { x, y } = this.view.pixel(root);
-        return g("path", { d: `M${x - 4} ${y - 4}l8 8m0 -8l-8 8` });
-      }),
+      ...this.pinned.flatMap(({ roots, zeros, colour }) => [
+        ...bothHalves(roots).map((root) => this.ghost(root, colour, false)),
+        ...bothHalves(zeros).map((root) => this.ghost(root, colour, true)),
+      ]),
     );
+  }
+
+  /** A pole or zero of a kept design. @param {Place} root @param {KeptColour} colour @param {boolean} zero */
+  ghost(root, colour, zero) {
+    const { x, y } = this.view.pixel(root);
+    const given = { class: `pf-stroke-${colour}` };
+    return zero
+      ? g("circle", { ...given, cx: x, cy: y, r: 4.5 })
+      : g("path", { ...given, d: `M${x - 4} ${y - 4}l8 8m0 -8l-8 8` });
   }
 
   drawGrid() {
@@ -301,3 +311,6 @@ function handleOf(kind) {
   );
   return { element, label, count, arrow, name: "" };
 }
+
+/** With the conjugates. @param {Root[]} list @returns {Place[]} */
+const bothHalves = (list) => list.flatMap((root) => (root.im ? [root, { ...root, im: -root.im }] : [root]));

@@ -2,19 +2,28 @@
 
 import { g } from "../elements.js";
 
-/** @typedef {"F" | "E" | "S" | "L" | "M" | "pin" | "grid" | "faint" | "muted" | "card" | "text"} Colour */
+/** @typedef {"F" | "E" | "S" | "L" | "M" | KeptColour | "grid" | "faint" | "muted" | "card" | "text"} Colour */
+/** @typedef {typeof KEPT_COLOURS[number]} KeptColour  of a kept design */
 /** @typedef {Record<Colour | "font", string>} Palette  colours of the style sheet, and its font */
 
 /** @type {Record<"solid" | "dash" | "dot" | "dashdot", number[]>} */
 export const DASHES = { solid: [], dash: [8, 4], dot: [2, 3], dashdot: [9, 3, 2, 3] };
-// Pinned designs, behind the current one.
-export const PIN_DASHES = [
+// Kept designs, behind the current one: neither the colours nor the dashes of two neighbours are the same, and no pair of
+// the two comes twice among forty.
+const KEPT_DASHES = [
   [5, 4],
   [1, 3],
   [10, 3, 2, 3],
+  [14, 4],
   [3, 2],
-  [12, 5],
 ];
+export const KEPT_COLOURS = /** @type {const} */ (["k0", "k1", "k2", "k3", "k4", "k5", "k6", "k7"]);
+
+/** Colour and dashes of a kept design. @param {number} style @returns {{colour: KeptColour, dash: number[]}} */
+export const kept = (style) => ({
+  colour: KEPT_COLOURS[style % KEPT_COLOURS.length],
+  dash: KEPT_DASHES[style % KEPT_DASHES.length],
+});
 
 export const CURVES = /** @type {const} */ ({
   F: { text: "F", title: "F: from the residual to the estimate", colour: "F", dash: DASHES.solid },

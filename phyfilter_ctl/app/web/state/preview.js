@@ -1,4 +1,4 @@
-/** What the designer draws before Python has answered: curves and figures of the design and of the pinned ones. */
+/** What the designer draws before Python has answered: curves and figures of the design and of the kept ones. */
 
 import { frequencyGrid, polar, settlingTime, stepResponse } from "../mathematics/figures.js";
 import { errorResponse, response } from "../mathematics/filter.js";
@@ -23,7 +23,7 @@ import { sizeOf } from "./roots.js";
 /** @typedef {{t: Float64Array, F: Float64Array, E: Float64Array}} Step */
 /**
  * @typedef {object} Pin
- * @property {number} number
+ * @property {number} style colour and dashes, see plots/styles.js
  * @property {string} name
  * @property {string} key the design as text
  * @property {DesignData} design
@@ -31,6 +31,8 @@ import { sizeOf } from "./roots.js";
  * @property {Figure[] | null} numbers Python's, once it was asked
  * @property {Curves} [curves]
  * @property {Step} [step]
+ * @property {string} [range] that the curves are for
+ * @property {number} [duration] that the step response is for
  */
 
 const CURVE_POINTS = 360;
@@ -64,12 +66,10 @@ export class Preview {
     this.stale = false;
     const { filter, sampling, assume } = this.design;
     this.curves = responses(filter, range, sampling.dt, sampling.method);
-    for (const pin of pins)
-      pin.curves = responses(pin.filter, range, pin.design.sampling.dt, pin.design.sampling.method);
     const settling = settlingTime(filter);
     this.duration = this.wantedDuration(settling);
     this.step = stepCurve(filter, this.duration);
-    for (const pin of pins) pin.step = stepCurve(pin.filter, this.duration);
+    for (const pin of pins) follow(pin, range, this.duration);
     const gain = noiseGain(filter, sampling.dt, sampling.method);
     const figures = {
       bandwidth: this.design.bandwidth(),
@@ -121,6 +121,14 @@ function responses(filter, [low, high], dt, method) {
   const stable = method !== "euler" || dt < eulerLimit(filter);
   const S = stable && below.length > 1 ? polar(sampledResponse(filter, dt, method, below).F) : null;
   return { omega, below, F: polar(response(filter, omega)), E: polar(errorResponse(filter, omega)), S };
+}
+
+/** A kept design's curves anew, where an axis has changed. @param {Pin} pin @param {[number, number]} range @param {number} duration */
+function follow(pin, range, duration) {
+  const { filter, design } = pin;
+  if (pin.range !== range.join()) pin.curves = responses(filter, range, design.sampling.dt, design.sampling.method);
+  if (pin.duration !== duration) pin.step = stepCurve(filter, duration);
+  Object.assign(pin, { range: range.join(), duration });
 }
 
 /** Step response with enough points for every swing. @param {Filter} filter @param {number} duration @returns {Step} */
