@@ -35,6 +35,7 @@ _EXAMPLES = """examples:
   phyfilter-ctl run quadruped --cosimulate                         # robot and joint loop as FMUs (needs a C compiler)
   phyfilter-ctl run quadruped --train --seed 7 --filter --out filter-7.json
   phyfilter-ctl run quadruped --robustness --policies folder       # Go1, all arms and seeds, with intervals
+  phyfilter-ctl run quadruped --tune --policies folder             # Go1: variants of the adaptive rival and the filter
   phyfilter-ctl run quadruped --train --robot go1 --velocity 3 --full --checkpoint go1.npz
   phyfilter-ctl run quadruped --train --measure                    # steps per second, with learning
   phyfilter-ctl run quadruped --policy filter-7.json               # judge a policy of one's own"""
@@ -54,7 +55,10 @@ def add_arguments(parser: ArgumentParser) -> None:
         "--speed", type=float, nargs="+", metavar="V", help="commands, m/s (default 0.5 1 1.5 2 2.4 2.83)"
     )
     parser.add_argument(
-        "--terrain", nargs="+", metavar="KIND", help="of stairs, rough, wave, gravel; none: flat only"
+        "--terrain",
+        nargs="+",
+        metavar="KIND",
+        help="of stairs, rough, wave, gravel; none: flat only; with --train curriculum: tiles of growing difficulty",
     )
     parser.add_argument("--difficulty", type=float, nargs="+", metavar="D", help="of the terrains, in [0, 1]")
     parser.add_argument(
@@ -76,6 +80,11 @@ def add_arguments(parser: ArgumentParser) -> None:
         help="policies of --robot, trained with several seeds, under everything that they may meet",
     )
     job.add_argument(
+        "--tune",
+        action="store_true",
+        help="compare variants of the adaptive rival and of the filter on walks that --robustness does not have",
+    )
+    job.add_argument(
         "--stance", action="store_true", help="loop transfer functions of the standing robot instead"
     )
     job.add_argument(
@@ -85,12 +94,12 @@ def add_arguments(parser: ArgumentParser) -> None:
     parser.add_argument(
         "--robot",
         metavar="NAME",
-        help="of --train (default lite3-primitives) and --robustness (default go1)",
+        help="of --train (default lite3-primitives), --robustness and --tune (default go1)",
     )
     parser.add_argument(
         "--policies",
         metavar="FOLDER",
-        help="of --robustness: base-0.json, filter-0.json, basefull-0.json, ...",
+        help="of --robustness and --tune: base-0.json, filter-0.json, basefull-0.json, ...",
     )
     training = parser.add_argument_group("training")
     training.add_argument("--seed", type=int, default=0, metavar="N", help="of training (default 0)")
@@ -128,7 +137,8 @@ def main(options: Namespace) -> int:
     if options.threads < 1:
         raise ValueError(f"--threads: expected 1 or more, got {options.threads}")
     alone = next(
-        (name for name in ("choose", "robustness", "stance", "cosimulate") if getattr(options, name)), None
+        (name for name in ("choose", "robustness", "tune", "stance", "cosimulate") if getattr(options, name)),
+        None,
     )
     if options.contact and alone:
         raise ValueError(f"--contact: --{alone} has filters of its own; leave one of the two out")
@@ -138,10 +148,11 @@ def main(options: Namespace) -> int:
     check_target(options.out, suffixes=(".json",))
     check_target(options.checkpoint, suffixes=(".npz",))
     check_target(options.animation, suffixes=(".gif",))
-    if (options.robot and not (options.train or options.robustness)) or (
-        options.policies and not options.robustness
-    ):
-        raise ValueError("--robot goes with --train or --robustness, --policies with --robustness")
+    several = options.robustness or options.tune
+    if (options.robot and not (options.train or several)) or (options.policies and not several):
+        raise ValueError(
+            "--robot goes with --train, --robustness or --tune, --policies with --robustness or --tune"
+        )
     chosen = (name for name in _JOBS if getattr(options, name, False))
     try:
         _JOBS[next(chosen, "compare")](options, outputs)
@@ -207,6 +218,9 @@ def _own(options: Namespace) -> dict[str, Method]:
 
 
 def _animate(options: Namespace, outputs: Outputs) -> None:
+    if options.robot:
+        _beside(options, outputs)
+        return
     from .animation import animate
     from .evaluation import Case, Group, walk
     from .methods import METHODS, told
@@ -221,7 +235,7 @@ def _animate(options: Namespace, outputs: Outputs) -> None:
     speed = max(options.speed or (1.0,))
     policies = method.policies(plan.seeds[:1])
     [found] = walk([Group(policies, method.choice)], [Case(payload, speed)], terrain=terrain, duration=6.0)
-    how = animate(Path(options.animation), found.trace.qpos[:, 0], terrain=terrain)
+    how = animate(Path(options.animation), [found.trace.qpos[:, 0]], terrain=terrain)
     fell = ", fell" if found.fallen[0, 0, 0] else ""
     outputs.publish(
         f"{options.animation}: {method.label}, {payload:.1f} kg, {speed:g} m/s{fell}; drawn by {how}",
@@ -231,6 +245,35 @@ def _animate(options: Namespace, outputs: Outputs) -> None:
 
 # The method that an animation shows.
 SHOWN = "filter"
+
+
+def _beside(options: Namespace, outputs: Outputs) -> None:
+    """Arms of one robot side by side, policies of the same seed."""
+    from .animation import animate
+    from .evaluation import Case, Group, phases, walk
+    from .params import params
+    from .robustness import ARMS, policies
+
+    names = options.methods or ["base", "filter"]
+    unknown = [name for name in names if name not in ARMS]
+    if unknown:
+        raise ValueError(f"--methods: expected some of {', '.join(ARMS)}, got {', '.join(unknown)}")
+    p, folder = params(options.robot), None if options.policies is None else Path(options.policies)
+    found = policies(options.robot, folder=folder, families=[ARMS[name].family for name in names])
+    seed = next(iter(found.values()))[0].record["seed"]
+    part, speed = max(options.payload or (0.0,)), max(options.speed or (1.0,))
+    case = Case(part * p.robot.mass, speed, robot=options.robot)
+    groups = [Group(found[ARMS[name].family][:1], ARMS[name].choice) for name in names]
+    outcomes = walk(groups, [case], starts=phases(count=1), duration=6.0)
+    ends = ["fell" if each.fallen[0, 0, 0] else f"{each.distance[0, 0, 0]:.1f} m" for each in outcomes]
+    labels = [f"{ARMS[name].label[:38]}: {end}" for name, end in zip(names, ends, strict=True)]
+    walks = [each.trace.qpos[:, 0] for each in outcomes]
+    how = animate(Path(options.animation), walks, labels=labels, parameters=p)
+    told = "; ".join(f"{name}: {end} in 6 s" for name, end in zip(names, ends, strict=True))
+    outputs.publish(
+        f"{options.animation}: seed {seed}, {100 * part:.0f} % payload, {speed:g} m/s; {told}; drawn by {how}",
+        {"ends": ends, "drawn_by": how},
+    )
 
 
 def _choose(options: Namespace, outputs: Outputs) -> None:
@@ -261,6 +304,16 @@ def _robustness(options: Namespace, outputs: Outputs) -> None:
     outputs.publish(robustness.table(judged), robustness.figures(judged))
 
 
+def _tune(options: Namespace, outputs: Outputs) -> None:
+    from . import robustness, tuning
+
+    folder = None if options.policies is None else Path(options.policies)
+    found = robustness.policies(options.robot or "go1", folder=folder, families=["base"])["base"]
+    with outputs.progress(1 + sum(bool(c.terrains) for c in tuning.conditions(found[0].robot))) as say:
+        judged = tuning.tune(found, quick=options.quick, report=say, threads=options.threads)
+    outputs.publish(tuning.table(judged), tuning.figures(judged))
+
+
 def _stance(options: Namespace, outputs: Outputs) -> None:
     from . import stance
     from .stance_picture import draw
@@ -281,6 +334,8 @@ def _train(options: Namespace, outputs: Outputs) -> None:
     from . import training
     from .policy import save
 
+    if options.terrain not in (None, ["none"], ["curriculum"]):
+        raise ValueError(f"--terrain: training knows curriculum or none, got {', '.join(options.terrain)}")
     wanted = training.Training(
         options.seed,
         _filter(options),
@@ -288,12 +343,14 @@ def _train(options: Namespace, outputs: Outputs) -> None:
         velocity=options.velocity,
         robot=options.robot or "lite3-primitives",
         full=options.full,
+        curriculum=options.terrain == ["curriculum"],
     )
     if options.measure:
         found = training.measure(wanted, threads=options.threads)
         outputs.publish(training.throughput_text(found), found)
         return
-    family = ("filter" if options.filter else "base") + ("full" if options.full else "")
+    family = "filter" if options.filter else "base"
+    family += ("full" if options.full else "") + ("tiles" if wanted.curriculum else "")
     name = options.out or f"{family}-{options.seed}.json"
     trainer = training.Trainer(wanted, threads=options.threads)
     with outputs.progress(trainer.iterations) as say:
@@ -307,6 +364,10 @@ def _train(options: Namespace, outputs: Outputs) -> None:
         f"{record['steps'] / record['seconds']:.0f} steps/s; reward per second, from first to last:\n"
         + training.curve_text(record["reward"])
     )
+    if wanted.curriculum:
+        table += "\nmean level of the curriculum: " + " ".join(
+            f"{v:.2f}" for v in trainer.levels[::-10][::-1]
+        )
     outputs.publish(table, dict(record))
 
 
@@ -315,6 +376,7 @@ _JOBS = {
     "train": _train,
     "choose": _choose,
     "robustness": _robustness,
+    "tune": _tune,
     "stance": _stance,
     "cosimulate": _cosimulate,
     "animation": _animate,

@@ -1,4 +1,4 @@
-"""The training environment: E robots on flat ground, randomised as the paper's Table S1 says.
+"""The training environment: E robots on flat ground, or on a curriculum of grounds, randomised as the paper's Table S1.
 
 Reward per second, weights in ``params.toml``; a step of the policy gives its share, so that returns stay near 1:
 
@@ -6,6 +6,10 @@ Reward per second, weights in ``params.toml``; a step of the policy gives its sh
         + w_u |up_xy|^2 + w_h (z - z_0)^2 + w_tau |tau|^2 + w_a |a - a_last|^2,    and w_f for a fall
 
 For commands beyond 1 m/s the first width grows with the square of the commanded speed.
+
+In the curriculum every robot belongs to a column of tiles, one kind of ground. An episode ends, as timed out, at the
+edge of the tile too; who gets there starts a level higher, who falls a level lower, who passed the last anywhere (after
+N. Rudin et al., CoRL 2022).
 """
 
 from __future__ import annotations
@@ -21,6 +25,7 @@ from .loop import FilterChoice, JointLoop
 from .params import Params, params
 from .policy import ACTIONS, blurred, observe
 from .ppo import Step
+from .terrain import COLUMNS, HALF_TILE, LEVELS, Terrain, tile_centre
 
 __all__ = ["PRIVILEGED", "Step", "Walk"]
 
@@ -28,6 +33,8 @@ FloatArray = NDArray[np.float64]
 
 # Seen by the critic alone: velocity 3, height, payload, friction, gains 2.
 PRIVILEGED = 8
+# Part of the commands without a turn and a way to the side.
+_STRAIGHT, _STRAIGHT_TILES = 0.2, 0.6
 
 
 class Walk:
@@ -47,6 +54,8 @@ class Walk:
         The robot; None: that of ``params.toml``.
     full : bool
         Full randomisation: heavier payloads, weak motors and pushes besides.
+    curriculum : bool
+        Tiles of growing difficulty instead of flat ground.
     """
 
     def __init__(
@@ -59,18 +68,22 @@ class Walk:
         threads: int = 2,
         parameters: Params | None = None,
         full: bool = False,
+        curriculum: bool = False,
     ) -> None:
         self.size = size
         self.parameters: Params = params() if parameters is None else parameters
         self.rng: np.random.Generator = np.random.default_rng(seed)
-        self.batch: Batch = Batch(size, threads=threads, parameters=self.parameters)
+        self._tiles = curriculum
+        ground = Terrain("tiles", 1.0) if curriculum else None
+        self.batch: Batch = Batch(size, terrain=ground, threads=threads, parameters=self.parameters)
         self.loop: JointLoop = JointLoop(self.batch, choice, rng=self.rng)
         self._full = full
         training, control = self.parameters.training, self.parameters.control
         self._forward = self.parameters.randomisation.velocity[1] if velocity is None else velocity
         self._step_time = control.dt * control.decimation
         self._episode = round(training.episode / self._step_time)
-        self._resample = round(training.resample / self._step_time)
+        held = training.episode if curriculum else training.resample
+        self._resample = round(held / self._step_time)
         self._push_steps = round(self.parameters.push.duration / self._step_time)
         self.phase: FloatArray = np.zeros(size)
         self.command: FloatArray = np.zeros((size, 3))
@@ -79,6 +92,8 @@ class Walk:
         self.payload: FloatArray = np.zeros(size)
         self.friction: FloatArray = np.zeros(size)
         self.force: FloatArray = np.zeros((size, 3))
+        self.level: NDArray[np.int64] = np.zeros(size, dtype=np.int64)
+        self._column = np.arange(size) % len(COLUMNS)
         self._restart(np.arange(size))
         # Episodes end at different times.
         self.age = self.rng.integers(0, self._episode, size)
@@ -100,7 +115,11 @@ class Walk:
         self._new_commands(which)
         self._physical()
         joints = trot(self.phase[which], np.zeros((k, 3)), parameters=self.parameters)
-        self.batch.reset(which, joints=joints)
+        place = None
+        if self._tiles:
+            yaw = rng.uniform(-np.pi, np.pi, k)
+            place = np.column_stack([tile_centre(self.level[which], self._column[which]), yaw])
+        self.batch.reset(which, joints=joints, place=place)
         chosen = np.zeros(self.size, dtype=bool)
         chosen[which] = True
         self.loop.restart(chosen)
@@ -114,8 +133,8 @@ class Walk:
         k = len(which)
         self.command[which, 0] = self.rng.uniform(-self._forward, self._forward, k)
         self.command[which, 1:] = self.rng.uniform(low, high, (k, 2))
-        # One in five walks straight: what is judged later must not be rare.
-        straight = self.rng.uniform(size=k) < 0.2
+        # Some walk straight: what is judged later must not be rare, and nobody reaches the edge of a tile in circles.
+        straight = self.rng.uniform(size=k) < (_STRAIGHT_TILES if self._tiles else _STRAIGHT)
         self.command[which, 1:] *= np.where(straight, 0.0, 1.0)[:, None]
 
     def observations(self) -> tuple[FloatArray, FloatArray]:
@@ -129,7 +148,7 @@ class Walk:
         privileged = np.column_stack(
             [
                 motion.velocity,
-                10.0 * (motion.position[:, 2] - 0.3),
+                10.0 * (self._above(motion) - 0.3),
                 self.payload / 3.0,
                 self.friction,
                 self.loop.kp[:, 0] / nominal.kp,
@@ -157,6 +176,8 @@ class Walk:
         motion = self.batch.motion
         fallen = self.batch.fallen(motion)
         timeout = (self.age >= self._episode) & ~fallen
+        if self._tiles:
+            timeout |= self._climb(motion, fallen)
         reward = self._reward(motion, change, fallen)
         done = fallen | timeout
         self._new_commands(np.flatnonzero((self.age % self._resample == 0) & ~done))
@@ -165,6 +186,18 @@ class Walk:
             motion = self.batch.motion
         seen, privileged = self._observe(motion)
         return Step(seen, privileged, reward, done, timeout)
+
+    def _above(self, motion: Motion) -> FloatArray:
+        """Heights of the trunks above the ground, m."""
+        return motion.position[:, 2] - self.batch.terrain.height(*motion.position[:, :2].T)
+
+    def _climb(self, motion: Motion, fallen: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """Who reached the edge of the tile; levels for the next start."""
+        away = np.abs(motion.position[:, :2] - tile_centre(self.level, self._column)).max(axis=1)
+        arrived = (away > HALF_TILE) & ~fallen
+        level = np.maximum(self.level + arrived - fallen, 0)
+        self.level = np.where(level < LEVELS, level, self.rng.integers(0, LEVELS, self.size))
+        return arrived
 
     def _pushes(self) -> None:
         """A push begins with every new command, in any direction."""
@@ -180,7 +213,7 @@ class Walk:
         p, weights = self.parameters, self.parameters.reward
         off = np.square(motion.velocity[:, :2] - self.command[:, :2]).sum(axis=1)
         turn = np.square(motion.rate[:, 2] - self.command[:, 2])
-        height = motion.position[:, 2] - (p.gait.height + p.robot.foot_radius)
+        height = self._above(motion) - (p.gait.height + p.robot.foot_radius)
         return self._step_time * (
             weights.velocity
             * np.exp(-off / (weights.width * np.maximum(1.0, np.abs(self.command[:, 0])) ** 2))
@@ -202,6 +235,8 @@ class Walk:
             name: np.array(getattr(self, name)) for name in ("phase", "command", "action", "age", "payload")
         }
         found |= {"friction": self.friction.copy(), "force": self.force.copy()}
+        if self._tiles:
+            found["level"] = self.level.copy()
         found["rng"] = np.frombuffer(json.dumps(self.rng.bit_generator.state).encode(), dtype=np.uint8)
         found |= {f"batch_{name}": value for name, value in self.batch.state().items()}
         found |= {f"loop_{name}": value for name, value in self.loop.state().items()}
@@ -222,7 +257,8 @@ class Walk:
         """
         if len(state["phase"]) != self.size:
             raise ValueError(f"a state of {len(state['phase'])} environments, expected {self.size}")
-        for name in ("phase", "command", "action", "age", "payload", "friction", "force"):
+        tiles = ("level",) if self._tiles else ()
+        for name in ("phase", "command", "action", "age", "payload", "friction", "force", *tiles):
             setattr(self, name, np.array(state[name]))
         self.rng.bit_generator.state = json.loads(state["rng"].tobytes().decode())
         self._physical()

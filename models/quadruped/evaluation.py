@@ -14,6 +14,7 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from .adaptive import AdaptiveChoice
 from .batch import Batch
 from .gait import following, sent, trot
 from .loop import FilterChoice, JointLoop, advance
@@ -184,7 +185,7 @@ class Group:
     Parameters
     ----------
     policies : sequence of Policy
-    choice : FilterChoice, optional
+    choice : FilterChoice or AdaptiveChoice, optional
         None: no filter.
 
     Raises
@@ -194,7 +195,7 @@ class Group:
     """
 
     policies: Sequence[Policy]
-    choice: FilterChoice | None = None
+    choice: FilterChoice | AdaptiveChoice | None = None
 
     def __post_init__(self) -> None:
         if not self.policies:
@@ -319,6 +320,12 @@ def recorded(
     return [(velocity[:, i], torque[:, i]) for i in np.flatnonzero(~crowd.fallen)]
 
 
+def _alike(groups: Sequence[Group]) -> list[tuple[FilterChoice | AdaptiveChoice | None, list[int]]]:
+    """Choices and the groups, next to one another, that have them."""
+    runs = itertools.groupby(range(len(groups)), key=lambda k: groups[k].choice)
+    return [(choice, list(same)) for choice, same in runs]
+
+
 class _Crowd:
     """All robots of one walk, ordered (group, case, policy, phase)."""
 
@@ -366,9 +373,10 @@ class _Crowd:
         p = self.parameters
         joints = sent(trot(self.phase, np.zeros((self.size, 3)), parameters=p), parameters=p)
         self.batch.reset(np.arange(self.size), joints=joints, place=place)
+        # Neighbours that are corrected alike share a loop.
         self.loops = [
-            JointLoop(self.batch, group.choice, rows=rows)
-            for group, rows in zip(groups, self.rows, strict=True)
+            JointLoop(self.batch, choice, rows=slice(self.rows[same[0]].start, self.rows[same[-1]].stop))
+            for choice, same in _alike(groups)
         ]
         names = np.array(p.robot.joints)
         strength = np.array([np.where(names == entry.disabled, 0.0, entry.strength) for entry in cases])[case]

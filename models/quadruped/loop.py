@@ -1,4 +1,4 @@
-"""The joint loop at 200 Hz: PD, and the filter that corrects its target.
+"""The joint loop at 200 Hz: PD, and the filter, or an adaptive rival, that corrects its target.
 
     tau = Kp (q_d - f_hat/Kp - q) - Kd q',   cut at the motors' limits;   M q'' = -d q' + tau + f,   f_hat = F(s) f
 
@@ -19,6 +19,7 @@ from phyfilter_ctl.controllers.joint_torque import AntiWindup, Gate, JointFilter
 from phyfilter_ctl.filter import PhyFilter
 from phyfilter_ctl.plants.legged import Contact, JointQuantities, JointSpacePrior
 
+from .adaptive import AdaptiveChoice, AdaptiveLaw, AdaptiveState
 from .batch import Batch
 from .contact import carried
 from .gait import sent
@@ -162,8 +163,8 @@ class JointLoop:
     Parameters
     ----------
     batch : Batch
-    choice : FilterChoice, optional
-        None: PD alone.
+    choice : FilterChoice or AdaptiveChoice, optional
+        The filter, or the adaptive rival; None: PD alone.
     rows : slice
         Which robots; all by default.
     rng : numpy.random.Generator, optional
@@ -173,7 +174,7 @@ class JointLoop:
     def __init__(
         self,
         batch: Batch,
-        choice: FilterChoice | None = None,
+        choice: FilterChoice | AdaptiveChoice | None = None,
         *,
         rows: slice = slice(None),
         rng: np.random.Generator | None = None,
@@ -182,9 +183,14 @@ class JointLoop:
         self._control = p.control
         self._rng = np.random.default_rng(0) if rng is None else rng
         self.batch: Batch = batch
-        self.choice: FilterChoice | None = choice
+        self.choice: FilterChoice | AdaptiveChoice | None = choice
         self.rows: slice = rows
-        self.filter: JointTorqueFilter | None = None if choice is None else make_filter(choice, parameters=p)
+        self.filter: JointTorqueFilter | None = None
+        self.rival: AdaptiveLaw | None = None
+        if isinstance(choice, FilterChoice):
+            self.filter = make_filter(choice, parameters=p)
+        elif choice is not None:
+            self.rival = AdaptiveLaw(choice, parameters=p)
         size = len(range(*rows.indices(batch.size)))
         self.kp: FloatArray = np.full((size, 1), p.control.kp)
         self.kd: FloatArray = np.full((size, 1), p.control.kd)
@@ -200,6 +206,7 @@ class JointLoop:
         # Part of f_hat that the gate leaves to the motors.
         self.share: FloatArray = np.ones((size, 1))
         self._state: JointFilterState | None = None
+        self._adapted: AdaptiveState | None = None
         self.restart(np.ones(size, dtype=bool))
 
     def restart(self, which: NDArray[np.bool_]) -> None:
@@ -213,12 +220,13 @@ class JointLoop:
         self.f_hat[which] = 0.0
         self.share[which] = 1.0
         self.under_way[:, which] = np.nan
-        if self.filter is None:
-            return
         qd = self.batch.qd[self.rows]
-        self._state = (
-            self.filter.start(qd) if self._state is None else self.filter.reset(self._state, which, qd)
-        )
+        if self.filter is not None:
+            old = self._state
+            self._state = self.filter.start(qd) if old is None else self.filter.reset(old, which, qd)
+        if self.rival is not None:
+            now = self._adapted
+            self._adapted = self.rival.start(qd) if now is None else self.rival.reset(now, which, qd)
 
     def advance(self, target: FloatArray) -> None:
         """Hold a target for one step of the policy.
@@ -277,7 +285,9 @@ class JointLoop:
         return low, self._limits * np.clip(1.0 - part, 0.0, 1.0)
 
     def _estimate(self, qd: FloatArray) -> None:
-        if self.filter is None or self._state is None or self.choice is None:
+        if self.rival is not None and self._adapted is not None:
+            self._adapted, self.f_hat = self.rival.step(self._adapted, qd, self.torque)
+        if self.filter is None or self._state is None or not isinstance(self.choice, FilterChoice):
             return
         gate = self._gate()
         self._state, f_hat = self.filter.step(self._state, qd, self._known(qd), self.torque, gate=gate)
@@ -287,7 +297,7 @@ class JointLoop:
         self.f_hat = f_hat * (self.choice.gain * self.share)
 
     def _known(self, qd: FloatArray) -> JointQuantities:
-        contact = "omitted" if self.choice is None else self.choice.contact
+        contact = self.choice.contact if isinstance(self.choice, FilterChoice) else "omitted"
         if contact == "known":
             return JointQuantities(qd, contact_torque=self.batch.contact[self.rows])
         if contact == "estimated":
@@ -298,7 +308,7 @@ class JointLoop:
         return JointQuantities(qd)
 
     def _gate(self) -> FloatArray | None:
-        if self.choice is None or self.choice.gate == "none":
+        if not isinstance(self.choice, FilterChoice) or self.choice.gate == "none":
             return None
         if self.choice.gate == "contact":
             return np.repeat((self.batch.load[self.rows] > _CARRIES).astype(float), 3, axis=1)
@@ -307,7 +317,11 @@ class JointLoop:
         return calm[:, None].astype(float)
 
     def state(self) -> dict[str, NDArray[np.generic]]:
-        """What the next step depends on."""
+        """What the next step depends on; a loop with the rival, in which nothing is trained, has none."""
+        if self.rival is not None:
+            raise ValueError(
+                "a loop with the adaptive rival cannot be gone on with: nothing is trained in it"
+            )
         found: dict[str, NDArray[np.generic]] = {name: np.array(getattr(self, name)) for name in _KEPT}
         if self._state is not None:
             found |= {name: value for name, value in self._state._asdict().items() if value is not None}

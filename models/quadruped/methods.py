@@ -7,10 +7,22 @@ from dataclasses import dataclass, replace
 
 from phyfilter_ctl.plants.legged import Contact
 
+from .adaptive import AdaptiveChoice
 from .loop import FilterChoice, paper_filter
 from .policy import Policy, shipped
 
-__all__ = ["GATED", "IMPROVED", "METHODS", "SEEDS", "USUAL", "Method", "of_policies", "told"]
+__all__ = [
+    "GATED",
+    "IMPROVED",
+    "METHODS",
+    "RIVAL",
+    "SEEDS",
+    "TUNED",
+    "USUAL",
+    "Method",
+    "of_policies",
+    "told",
+]
 
 SEEDS = (0, 1, 2)
 # Of the policies that were trained with commands of up to 3 m/s.
@@ -19,6 +31,9 @@ WIDE = (0,)
 # Chosen on validation walks (--choose): faster than the paper's; an impact counts no more than 8 N m; it dies out while
 # the trunk is tilted or rolls.
 IMPROVED = FilterChoice((4.0,), limit=8.0, anti_windup="residual", gate="tilt", gate_action="scale")
+# Go1's, both put on policies that were trained without, and of two dozen variants each (--tune).
+TUNED = FilterChoice((1.0,), contact="estimated")
+RIVAL = AdaptiveChoice(1.0)
 # What the policies "wide" were trained with.
 GATED = FilterChoice((4.0,), gate="tilt", gate_action="scale")
 

@@ -11,7 +11,7 @@ import io
 import json
 import time
 import zipfile
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
@@ -24,7 +24,7 @@ from phyfilter_ctl._output import replacing
 
 from .params import Training as Settings
 
-__all__ = ["Environment", "Learner", "Step", "learn", "library"]
+__all__ = ["Environment", "Learner", "Step", "learn", "library", "means"]
 
 FloatArray = NDArray[np.float64]
 _FORMAT = "phyfilter-ctl training 2"
@@ -229,7 +229,6 @@ class Learner:
 
     def record(self) -> dict[str, Any]:
         """How it was trained so far."""
-        curve = [round(float(np.mean(self.rewards[k : k + _CURVE])), 4) for k in range(0, self.done, _CURVE)]
         return {
             "environments": self.environment.size,
             "iterations": self.done,
@@ -237,7 +236,7 @@ class Learner:
             "seconds": round(self.seconds, 1),
             "library": library(),
             "reward_every": _CURVE,
-            "reward": curve,
+            "reward": means(self.rewards),
         }
 
     def timed_update(self) -> tuple[Callable[[], None], list[float]]:
@@ -304,11 +303,11 @@ class Learner:
         if head.get("format") != _FORMAT:
             raise ValueError(f"a checkpoint of the format {head.get('format')!r}, expected {_FORMAT!r}")
         mine, its = self._wanted, head["training"]
-        differing = [name for name in mine if name != "iterations" and mine[name] != its.get(name)]
+        names = [*mine, *(name for name in its if name not in mine)]
+        differing = [name for name in names if name != "iterations" and mine.get(name) != its.get(name)]
         if differing:
-            raise ValueError(
-                f"a checkpoint of another training: {', '.join(f'{n} {its.get(n)}, not {mine[n]}' for n in differing)}"
-            )
+            told = ", ".join(f"{name} {its.get(name)}, not {mine.get(name)}" for name in differing)
+            raise ValueError(f"a checkpoint of another training: {told}")
         t, algorithm = self._t, self._algorithm
         for part in ("actor", "critic"):
             prefix = f"{part}_"
@@ -338,6 +337,17 @@ class Learner:
         )
         self.rewards = [float(value) for value in checkpoint["rewards"]]
         self.seconds = head["seconds"]
+
+
+def means(values: Sequence[float]) -> list[float]:
+    """A curve as the record has it, each point the mean of ten iterations.
+
+    Parameters
+    ----------
+    values : sequence of float
+        One an iteration.
+    """
+    return [round(float(np.mean(values[k : k + _CURVE])), 4) for k in range(0, len(values), _CURVE)]
 
 
 @dataclass(frozen=True)

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from phyfilter_ctl.study import Report, median_interval, silent
 
+from .adaptive import AdaptiveChoice
 from .evaluation import Case, Group, Outcome, phases, walk
 from .loop import FilterChoice, paper_filter
 from .methods import IMPROVED
@@ -47,13 +48,13 @@ class Arm:
     label : str
     family : str
         Which training.
-    choice : FilterChoice, optional
-        The filter while walking; None: none.
+    choice : FilterChoice or AdaptiveChoice, optional
+        The filter while walking, or the rival; None: none.
     """
 
     label: str
     family: str
-    choice: FilterChoice | None = None
+    choice: FilterChoice | AdaptiveChoice | None = None
 
 
 # The first one is what the others are compared with.
@@ -145,7 +146,9 @@ def conditions(robot: str, *, quick: bool = False) -> tuple[Condition, ...]:
     )
 
 
-def policies(robot: str, *, folder: Path | None = None) -> dict[str, tuple[Policy, ...]]:
+def policies(
+    robot: str, *, folder: Path | None = None, families: Sequence[str] | None = None
+) -> dict[str, tuple[Policy, ...]]:
     """The policies of each training, seeds that all of them have.
 
     Parameters
@@ -153,13 +156,16 @@ def policies(robot: str, *, folder: Path | None = None) -> dict[str, tuple[Polic
     robot : str
     folder : Path, optional
         Of files FAMILY-SEED.json; None: those shipped, which are called ROBOT_FAMILY-SEED.json.
+    families : sequence of str, optional
+        None: those of ``ARMS``.
 
     Raises
     ------
     ValueError
         If there is no seed that all trainings have, or policies of another robot or of several lengths of training.
     """
-    families = dict.fromkeys(arm.family for arm in ARMS.values())
+    if families is None:
+        families = list(dict.fromkeys(arm.family for arm in ARMS.values()))
     where, prefix = (folder, "") if folder is not None else (FOLDER, f"{robot}_")
     seeds = {
         family: {int(path.stem.rsplit("-", 1)[1]) for path in where.glob(f"{prefix}{family}-[0-9]*.json")}
@@ -211,7 +217,9 @@ def judge(
     found: Mapping[str, Sequence[Policy]],
     wanted: Sequence[Condition],
     *,
+    arms: Mapping[str, Arm] | None = None,
     starts: int = 4,
+    validation: bool = False,
     report: Report = silent,
     threads: int = 2,
     duration: float | None = None,
@@ -223,8 +231,12 @@ def judge(
     found : mapping
         Family to policies, the same seeds in the same order: see :func:`policies`.
     wanted : sequence of Condition
+    arms : mapping, optional
+        What is compared; None: ``ARMS``.
     starts : int
         Phases of the gait from which the flat ground is walked on.
+    validation : bool
+        Phases between those of the test.
     report : callable
         Told of every ground.
     threads : int
@@ -235,33 +247,40 @@ def judge(
     first = next(iter(found.values()))
     seeds = tuple(int(policy.record["seed"]) for policy in first)
     judged = Judged(first[0].robot, seeds, int(first[0].record["steps"]))
-    groups = [Group(found[arm.family], arm.choice) for arm in ARMS.values()]
+    arms = ARMS if arms is None else arms
+    # Arms that are corrected alike walk next to one another.
+    choices = list(dict.fromkeys(arm.choice for arm in arms.values()))
+    order = sorted(arms, key=lambda name: choices.index(arms[name].choice))
+    groups = [Group(found[arms[name].family], arms[name].choice) for name in order]
 
     def let(cases: Sequence[Case], count: int, ground: Terrain | None) -> list[Outcome]:
-        return walk(
-            groups, cases, starts=phases(count=count), terrain=ground, duration=duration, threads=threads
-        )
+        start = phases(validation=validation, count=count)
+        return walk(groups, cases, starts=start, terrain=ground, duration=duration, threads=threads)
 
     flat = [entry for entry in wanted if not entry.terrains]
     if flat:
         report("flat")
         outcomes = let([entry.case for entry in flat], starts, None)
         for number, entry in enumerate(flat):
-            _note(judged, entry.label, [[(outcome, number)] for outcome in outcomes])
+            _note(
+                judged,
+                entry.label,
+                dict(zip(order, ([(outcome, number)] for outcome in outcomes), strict=True)),
+            )
     for entry in wanted:
         if entry.terrains:
-            rows: list[list[tuple[Outcome, int]]] = [[] for _ in groups]
+            rows: dict[str, list[tuple[Outcome, int]]] = {name: [] for name in order}
             count = min(starts, 2 if len(entry.terrains) == 1 else 1)
             for ground in entry.terrains:
                 report(f"{entry.label}, {ground.seed}")
-                for row, outcome in zip(rows, let([entry.case], count, ground), strict=True):
-                    row.append((outcome, 0))
+                for name, outcome in zip(order, let([entry.case], count, ground), strict=True):
+                    rows[name].append((outcome, 0))
             _note(judged, entry.label, rows)
     return judged
 
 
-def _note(judged: Judged, label: str, rows: Sequence[Sequence[tuple[Outcome, int]]]) -> None:
-    for name, row in zip(ARMS, rows, strict=True):
+def _note(judged: Judged, label: str, rows: Mapping[str, Sequence[tuple[Outcome, int]]]) -> None:
+    for name, row in rows.items():
         judged.values[label, name] = {
             figure: _of_policies(
                 np.concatenate([getattr(outcome, figure)[case] for outcome, case in row], axis=1)

@@ -9,6 +9,8 @@ Heights are given on a grid that MuJoCo reads as a height field; stairs are boxe
     gravel   uniform heights of up to 0.01 + 0.05 d m on a grid of 0.06 m, as stones, and friction falls to 0.8 - 0.3 d
     tall     stairs with risers of 0.06 + 0.11 d m
     slope    up at 20 d degrees, descent: down at as many
+    tiles    a curriculum: square tiles, kinds side by side along y, difficulties rising along x to d; robots start in
+             the middle of one, and slopes and stairs go up from there on all sides
 """
 
 from __future__ import annotations
@@ -21,10 +23,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import RegularGridInterpolator
 
-__all__ = ["KINDS", "Kind", "Terrain"]
+__all__ = ["COLUMNS", "HALF_TILE", "KINDS", "LEVELS", "Kind", "Terrain", "tile_centre"]
 
 FloatArray = NDArray[np.float64]
-Kind = Literal["flat", "stairs", "rough", "wave", "gravel", "tall", "slope", "descent"]
+Kind = Literal["flat", "stairs", "rough", "wave", "gravel", "tall", "slope", "descent", "tiles"]
 KINDS: tuple[Kind, ...] = get_args(Kind)
 
 # Grid of the height fields, m; robots that leave the lane leave the field.
@@ -36,6 +38,11 @@ _STEPS = 36
 _WAVE = 1.2
 _STEEPEST = 20.0
 _ROUGH_GRID = 0.2
+# Tiles: kinds along y, levels along x; cells a side, cells of flat ground around all of them.
+COLUMNS: tuple[Kind, ...] = ("rough", "wave", "gravel", "slope", "stairs")
+LEVELS = 6
+_TILE_CELLS, _BORDER_CELLS = 84, 12
+HALF_TILE: float = 0.5 * _TILE_CELLS * _CELL
 
 
 @dataclass(frozen=True)
@@ -44,7 +51,7 @@ class Terrain:
 
     Parameters
     ----------
-    kind : {"flat", "stairs", "rough", "wave", "gravel", "tall", "slope", "descent"}
+    kind : {"flat", "stairs", "rough", "wave", "gravel", "tall", "slope", "descent", "tiles"}
     difficulty : float
         In [0, 1].
     seed : int
@@ -87,6 +94,8 @@ class Terrain:
     @cached_property
     def grid(self) -> tuple[FloatArray, FloatArray, FloatArray]:
         """x (columns) and y (rows) of the grid, and heights (rows, columns), m."""
+        if self.kind == "tiles":
+            return _tiles(self.difficulty, self.seed)
         x = np.arange(-_BEHIND, _AHEAD + 0.5 * _CELL, _CELL)
         y = np.arange(-_ASIDE, _ASIDE + 0.5 * _CELL, _CELL)
         d, rng = self.difficulty, np.random.default_rng([self.seed, KINDS.index(self.kind)])
@@ -164,6 +173,53 @@ class Terrain:
                 f'<geom type="box" size="{half} {_ASIDE} {top}" pos="{start + half} 0 {top}" {common}/>\n'
             )
         return "".join(geoms)
+
+
+def tile_centre(level: ArrayLike, column: ArrayLike) -> FloatArray:
+    """x and y of the middle of tiles, (..., 2) m.
+
+    Parameters
+    ----------
+    level : (...) int array
+        From 0, the easiest.
+    column : (...) int array
+        Of ``COLUMNS``.
+
+    Examples
+    --------
+    >>> tile_centre(1, 0).round(2).tolist()
+    [7.56, 2.52]
+    """
+    place = np.stack(np.broadcast_arrays(level, column), axis=-1).astype(float)
+    return 2.0 * HALF_TILE * (place + 0.5)
+
+
+def _tiles(hardest: float, seed: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+    size, border = _TILE_CELLS, _BORDER_CELLS
+    x, y = (_CELL * np.arange(-border, size * n + border + 1.0) for n in (LEVELS, len(COLUMNS)))
+    z = np.zeros((len(y), len(x)))
+    for level in range(LEVELS):
+        for column, kind in enumerate(COLUMNS):
+            rows, columns = (slice(border + size * k, border + size * (k + 1) + 1) for k in (column, level))
+            z[rows, columns] = _tile(kind, hardest * (level + 1) / LEVELS, [seed, level, column])
+    return x, y, z
+
+
+def _tile(kind: Kind, d: float, seed: list[int]) -> FloatArray:
+    """Heights of a tile, 0 at its edge."""
+    along = _CELL * np.arange(_TILE_CELLS + 1) - HALF_TILE
+    out = np.maximum(np.abs(along), np.abs(along)[:, None])
+    left = HALF_TILE - np.maximum(out, 0.5 * _FLAT)
+    if kind == "slope":
+        return -round(float(np.tan(np.radians(_STEEPEST * d))), 6) * left
+    if kind == "stairs":
+        return -(0.01 + 0.05 * d) * np.ceil(np.round(left / _TREAD, 6))
+    fade = np.clip((out - 0.5 * _FLAT) / _BLEND, 0.0, 1.0) * np.clip((HALF_TILE - out) / _BLEND, 0.0, 1.0)
+    # Any patch of the ground that is walked on in tests, of another seed.
+    _, _, z = Terrain(kind, d, 1000 + seed[0]).grid
+    row = 10 * seed[2] % (z.shape[0] - len(along))
+    column = 60 + 7 * seed[1]
+    return z[row : row + len(along), column : column + len(along)] * fade
 
 
 def _between(coarse: FloatArray, x: FloatArray, y: FloatArray) -> FloatArray:

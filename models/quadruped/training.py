@@ -1,4 +1,4 @@
-"""Training: residual PPO on the trot, flat ground only, with a filter in the loop or without.
+"""Training: residual PPO on the trot, on flat ground or a curriculum, with a filter in the loop or without.
 
 What is trained and its record are here, the algorithm is in ``ppo.py``.
 """
@@ -13,12 +13,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .environment import Walk
 from .loop import FilterChoice
 from .params import Params, params
 from .policy import ACTIONS, Policy
-from .ppo import Learner, learn, library
+from .ppo import Learner, learn, library, means
 
 __all__ = ["Trainer", "Training", "curve_text", "measure", "throughput_text", "train"]
 
@@ -41,6 +42,8 @@ class Training:
         Of ``params.ROBOTS``.
     full : bool
         Full domain randomisation.
+    curriculum : bool
+        Tiles of growing difficulty instead of flat ground.
 
     Raises
     ------
@@ -55,6 +58,7 @@ class Training:
     velocity: float = 1.0
     robot: str = "lite3-primitives"
     full: bool = False
+    curriculum: bool = False
 
     def __post_init__(self) -> None:
         for name in ("iterations", "environments"):
@@ -86,7 +90,11 @@ class Trainer(Learner):
     def __init__(self, training: Training, *, threads: int = 2) -> None:
         self.parameters: Params = params(training.robot)
         self.training = training
+        # Mean over the robots, of the curriculum.
+        self.levels: list[float] = []
         wanted: dict[str, Any] = json.loads(json.dumps(asdict(training)))
+        if not training.curriculum:
+            del wanted["curriculum"]
         iterations = training.iterations
         super().__init__(
             lambda: self._walk(threads),
@@ -107,8 +115,35 @@ class Trainer(Learner):
             threads=threads,
             parameters=self.parameters,
             full=training.full,
+            curriculum=training.curriculum,
         )
         return self.walk
+
+    def iterate(self) -> float:
+        """One iteration: collect, learn; the mean reward per step."""
+        reward = super().iterate()
+        self.levels.append(float(self.walk.level.mean()))
+        return reward
+
+    def checkpoint(self) -> dict[str, NDArray[np.generic]]:
+        """Everything, as arrays."""
+        return super().checkpoint() | {"levels": np.array(self.levels)}
+
+    def restore(self, checkpoint: dict[str, NDArray[np.generic]]) -> None:
+        """Go on from a checkpoint.
+
+        Parameters
+        ----------
+        checkpoint : dict
+            Of :meth:`checkpoint`.
+
+        Raises
+        ------
+        ValueError
+            If it is none, or of another training.
+        """
+        super().restore(checkpoint)
+        self.levels = [float(value) for value in checkpoint.get("levels", np.zeros(self.done))]
 
     def policy(self) -> Policy:
         """The policy as it is now."""
@@ -116,12 +151,13 @@ class Trainer(Learner):
 
     def record(self) -> dict[str, Any]:
         """How it was trained."""
+        tiles = {"curriculum": True, "level": means(self.levels)} if self.training.curriculum else {}
         return {
             "seed": self.training.seed,
             "filter": None if self.training.choice is None else asdict(self.training.choice),
             "velocity": self.training.velocity,
             "full_randomisation": self.training.full,
-        } | super().record()
+        } | (super().record() | tiles)
 
 
 def train(

@@ -177,12 +177,17 @@ def test_heights_are_those_that_mujoco_meets(kind):
     points = np.column_stack([rng.uniform(-0.5, 8.0, 40), rng.uniform(-1.5, 1.5, 40)])
     edge = np.mod(points[:, 0] - 1.0, 0.3)
     points = points[(edge > 0.02) & (edge < 0.28)]
+    # Tiles: from gravel to slopes, in three levels.
+    middle = terrain.tile_centre(2, 2) if kind == "tiles" else np.zeros(2)
+    points += middle
     # Of three numbers; the binding wants an array.
     geom, down = np.zeros(1, dtype=np.int32), np.array([0.0, 0.0, -1.0])
     for x, y in points:
         depth = mujoco.mj_ray(model, data, np.array([x, y, 5.0]), down, None, 1, -1, geom, None)
         assert 5.0 - depth == pytest.approx(float(ground.height(x, y)), abs=FACET)
-    flat = ground.height(np.linspace(-1.0, 0.9, 20), 0.0)
+    flat = ground.height(
+        middle[0] + np.linspace(*((-0.4, 0.4) if kind == "tiles" else (-1.0, 0.9)), 20), middle[1]
+    )
     assert np.all(flat == 0.0), "the start is flat"
 
 

@@ -217,7 +217,7 @@ def test_animation_without_a_renderer(tmp_path: Path):
     [found] = evaluation.walk(
         [evaluation.Group(shipped("filter"))], [evaluation.Case()], starts=STARTS[:1], duration=0.4
     )
-    how = animation.animate(tmp_path / "a.gif", found.trace.qpos[:, 0], renderer=False)
+    how = animation.animate(tmp_path / "a.gif", [found.trace.qpos[:, 0]], renderer=False)
     assert how.startswith("line drawing")
     with Image.open(tmp_path / "a.gif") as image:
         assert image.n_frames == 5
