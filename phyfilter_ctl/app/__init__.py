@@ -21,6 +21,7 @@ def designer(
     filter: PhyFilter | SampledPhyFilter | None = None,
     *,
     log: Recording | str | os.PathLike[str] | None = None,
+    session: str | os.PathLike[str] | None = None,
 ) -> Designer:
     """Design a filter interactively, in a notebook.
 
@@ -30,6 +31,8 @@ def designer(
         Where the design begins; None means two poles at -20 rad/s. A sampled one brings its step and method.
     log : Recording or path, optional
         A recording to try it on; a path is read by :meth:`Recording.from_csv`.
+    session : path, optional
+        A session to go on with, as the designer saved it; instead of a filter.
 
     Returns
     -------
@@ -41,12 +44,12 @@ def designer(
     ImportError
         Without the extra ``notebook``.
     TypeError
-        If ``filter`` is something else.
+        If ``filter`` is something else, or there is a session beside it.
     ValueError
-        If it is of another size than a designer shows (order 1 to 8, poles of 1e-3 to 1e5 rad/s), or the recording is
-        broken.
+        If it is of another size than a designer shows (order 1 to 8, poles of 1e-3 to 1e5 rad/s), or the recording or
+        the session is broken.
     OSError
-        If the recording cannot be read.
+        If the recording or the session cannot be read.
 
     Notes
     -----
@@ -62,4 +65,4 @@ def designer(
             f"the designer in a notebook needs {error.name}, which is not installed: "
             "pip install 'phyfilter-ctl[notebook]'"
         ) from error
-    return Designer(filter, log=log)
+    return Designer(filter, log=log, session=session)

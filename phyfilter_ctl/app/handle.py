@@ -7,7 +7,7 @@ request has ``id``, ``op`` and the fields of that op; every reply has ``id``, ``
 ========  ==========================================  ===============================================================
 op        request                                     reply
 ========  ==========================================  ===============================================================
-hello                                                 version, design, families, log, can
+hello                                                 version, design, families, log, session, can
 design    design                                      filter, frequency, step, numbers, stable_sampled, messages
 family    family, order, cutoff, damping, type, band  design
 log       name, text                                  log
@@ -22,6 +22,7 @@ open      name, text                                  design, messages
 exports   design, channels                            name, exports
 export    design, kind, channels, name                name, mime, base64
 compare   designs                                     compared
+session   text                                        session
 ========  ==========================================  ===============================================================
 """
 
@@ -39,7 +40,7 @@ from threadpoolctl import ThreadpoolController
 from ..design.learning import Form
 from ..filter import FilterBank, PhyFilter, SampledPhyFilter
 from ..recording import Recording
-from . import answers, exports, logs
+from . import answers, exports, logs, sessions
 from .checking import Fields, MessageError
 from .designs import FAMILIES, HIGHEST_ORDER, Design, design_of_family, read_design, read_designs
 from .jobs import LearningJob
@@ -68,6 +69,8 @@ class Session:
         Where the design begins; None means two poles at -20 rad/s.
     log : Recording, optional
         Open from the start.
+    kept : mapping, optional
+        A session to go on with instead, as :func:`phyfilter_ctl.app.sessions.read_session` gives it.
 
     Raises
     ------
@@ -83,11 +86,18 @@ class Session:
     """
 
     def __init__(
-        self, start: PhyFilter | FilterBank | SampledPhyFilter | None = None, *, log: Recording | None = None
+        self,
+        start: PhyFilter | FilterBank | SampledPhyFilter | None = None,
+        *,
+        log: Recording | None = None,
+        kept: Mapping[str, object] | None = None,
     ) -> None:
         self._lock = threading.Lock()
         self._design = Design() if start is None else Design().with_filter(start)
+        if kept is not None:
+            self._design = read_design(Fields.of(kept))
         self._log = log
+        self._began = self._design, log, kept
         self._job: LearningJob | None = None
         self._jobs = 0
 
@@ -96,6 +106,23 @@ class Session:
         """The design last asked about."""
         with self._lock:
             return self._design
+
+    @property
+    def kept(self) -> Mapping[str, object] | None:
+        """The session that it went on with at first."""
+        return self._began[2]
+
+    def again(self) -> Session:
+        """Another session that starts where this one started.
+
+        Returns
+        -------
+        Session
+        """
+        design, log, kept = self._began
+        other = Session(log=log, kept=kept)
+        other._design, other._began = design, self._began
+        return other
 
     @property
     def filter(self) -> PhyFilter:
@@ -226,6 +253,7 @@ def _hello(session: Session, fields: Fields) -> Reply:
         "design": session.design.as_json(),
         "families": list(FAMILIES),
         "log": None if log is None else logs.summary(log),
+        "session": session.kept,
         "can": exports.abilities(),
     }
 
@@ -297,6 +325,10 @@ def _exports(session: Session, fields: Fields) -> Reply:
     return exports.exchange(read_design(fields), _channels(fields))
 
 
+def _session(session: Session, fields: Fields) -> Reply:
+    return {"session": sessions.read_session(fields.text("text", sessions.LARGEST_SESSION))}
+
+
 def _export(session: Session, fields: Fields) -> Reply:
     design = read_design(fields)
     return exports.export(design, fields.choice("kind", exports.KINDS), _channels(fields), _name(fields))
@@ -322,6 +354,7 @@ _OPERATIONS: Mapping[str, tuple[Callable[[Session, Fields], Reply], tuple[str, .
     "exports": (_exports, ("design", "channels")),
     "export": (_export, ("design", "kind", "channels", "name")),
     "compare": (_compare, ("designs",)),
+    "session": (_session, ("text",)),
 }
 
 

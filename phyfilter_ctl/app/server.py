@@ -35,12 +35,14 @@ from . import exports
 from .guard import TOKEN_HEADER, Guard, RefusedError, refusal
 from .handle import Session, handle
 from .modules import sent
+from .tabs import TAB_HEADER, Tabs, is_tab
 
 __all__ = ["TOKEN_HEADER", "create_app", "serve"]
 
 LARGEST_LOG = 25_000_000  # bytes of a request that carries a recording
 LARGEST_OTHER = 1_000_000  # bytes of any other
 QUICKLY_READ = 100_000  # bytes of JSON that are read without a thread
+USUAL_PORTS = range(8463, 8471)  # below those that systems give away: a browser finds its work again there
 BODY_SECONDS = 30.0  # a request must have arrived by then
 WAITING = (
     8  # requests of one kind that may queue (the page sends one at a time); all fit in anyio's 40 threads
@@ -50,6 +52,8 @@ WAITING = (
 _FILES = {
     "/": ("page.html", "text/html"),
     "/page.js": ("page.js", "text/javascript"),
+    "/page_model.js": ("page_model.js", "text/javascript"),
+    "/page_shelf.js": ("page_shelf.js", "text/javascript"),
     "/page.css": ("page.css", "text/css"),
     "/designer.js": ("designer.js", "text/javascript"),
     "/designer.css": ("designer.css", "text/css"),
@@ -62,7 +66,7 @@ _LANES = {
     "compare": ("compare",),
 }
 _SECONDS = {"design": 30.0, "log": 60.0, "job": 10.0, "export": 180.0}
-_LARGE = frozenset({"log"})
+_LARGE = frozenset({"log", "session"})
 # What is written under --out: the name comes from here and from the design, never from a request.
 _NAMES = {
     "save": "filter-{}.toml",
@@ -106,28 +110,31 @@ class _Lane:
 class _Desk:
     """Takes messages off requests, has them answered in threads, keeps copies of downloads."""
 
-    def __init__(self, session: Session, out: Path | None) -> None:
-        self._session = session
+    def __init__(self, tabs: Tabs, out: Path | None) -> None:
+        self._tabs = tabs
         self._out = out
         self._lanes = {name: _Lane(seconds) for name, seconds in _SECONDS.items()}
         self._lane_of = {op: name for name, ops in _LANES.items() for op in ops}
 
     async def message(self, request: Request) -> Response:
         try:
+            tab = request.headers.get(TAB_HEADER)
+            if tab is not None and not is_tab(tab):
+                raise RefusedError(400, "wrong name of a tab: expected 16 to 64 letters and digits")
             body = await _body(request)
             small = len(body) <= QUICKLY_READ
             message = _message(body) if small else await anyio.to_thread.run_sync(_message, body)
-            return _json(await self._answer(message))
+            return _json(await self._answer(message, tab))
         except RefusedError as refused:
             return refusal(refused)
 
-    async def _answer(self, message: dict[str, object]) -> str:
+    async def _answer(self, message: dict[str, object], tab: str | None) -> str:
         op = message.get("op")
         lane = self._lanes[self._lane_of.get(op, "design") if isinstance(op, str) else "design"]
         if not lane.enter():
             return _text(_failed(message, "Python is busy: wait for its answers, then try again"))
         # All of it in one thread: on a busy machine every change of threads costs milliseconds.
-        work = partial(self._work, message)
+        work = partial(self._work, message, tab)
         try:
             with anyio.fail_after(lane.seconds):
                 return await anyio.to_thread.run_sync(lane.run, work, abandon_on_cancel=True)
@@ -135,8 +142,8 @@ class _Desk:
             error = f"no answer within {lane.seconds:g} s: use fewer poles or a shorter recording"
             return _text(_failed(message, error))
 
-    def _work(self, message: dict[str, object]) -> str:
-        reply = handle(self._session, message)
+    def _work(self, message: dict[str, object], tab: str | None) -> str:
+        reply = handle(self._tabs.of(tab), message)
         return _text(reply if self._out is None else self._keep(message, reply))
 
     def _keep(self, message: Mapping[str, object], reply: Reply) -> Reply:
@@ -219,7 +226,7 @@ def create_app(session: Session, *, port: int, token: str, out: Path | None = No
     Parameters
     ----------
     session : Session
-        What the designer works on.
+        What the designer starts from: every tab of the browser has a session of its own that starts like this one.
     port : int
         Port of 127.0.0.1 that it will be served at: the Host and Origin of a request must name it.
     token : str
@@ -242,12 +249,13 @@ def create_app(session: Session, *, port: int, token: str, out: Path | None = No
         raise ValueError(f"expected a token of 16 characters or more, got {len(token)}")
     if out is not None and not out.is_dir():
         raise ValueError(f"{out}: expected an existing folder")
-    desk = _Desk(session, out.resolve() if out is not None else None)
+    tabs = Tabs(session)
+    desk = _Desk(tabs, out.resolve() if out is not None else None)
 
     @contextlib.asynccontextmanager
     async def lifespan(_: Starlette) -> AsyncIterator[None]:
         yield
-        session.close()
+        tabs.close()
 
     routes = [Route(path, _file, methods=["GET"]) for path in _FILES]
     routes.append(Route("/message", desk.message, methods=["POST"]))
@@ -276,9 +284,10 @@ def serve(
     Parameters
     ----------
     session : Session
-        What the designer works on; its learning job is cancelled at the end.
+        What every tab of the browser starts from; learning jobs are cancelled at the end.
     port : int
-        Port, 0 for a free one.
+        Port; 0 for a free one, the same as the last time where that can be: what the browser keeps it keeps for an
+        address.
     out : Path, optional
         Existing folder that gets a copy of every download.
     browser : bool
@@ -303,8 +312,7 @@ def serve(
     ):
         if os.name == "posix":  # elsewhere this option lets two programs share a port
             listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        listener.bind(("127.0.0.1", port))
-        listener.listen()  # from here on a browser waits instead of failing
+        _listen(listener, port)  # from here on a browser waits instead of failing
         port = listener.getsockname()[1]
         config = uvicorn.Config(
             create_app(session, port=port, token=token, out=out),
@@ -325,3 +333,14 @@ def serve(
             threading.Thread(target=webbrowser.open, args=(address,), daemon=True).start()
         with contextlib.suppress(KeyboardInterrupt):  # uvicorn hands the signal on once it has closed
             uvicorn.Server(config).run(sockets=[listener])
+
+
+def _listen(listener: socket.socket, port: int) -> None:
+    """At the port, or for 0 at the first of the usual ones that nobody has, or at any."""
+    for usual in USUAL_PORTS if port == 0 else ():
+        with contextlib.suppress(OSError):
+            listener.bind(("127.0.0.1", usual))
+            listener.listen()
+            return
+    listener.bind(("127.0.0.1", port))
+    listener.listen()

@@ -17,6 +17,7 @@ answers only to the address that is printed, and loads nothing from elsewhere. C
 _EPILOG = """examples:
   phyfilter-ctl app                                     start from a double pole at -20 rad/s
   phyfilter-ctl app filter.toml --log flight.csv        start from a filter and a recording
+  phyfilter-ctl app session.json                        go on with a session that was saved
   phyfilter-ctl app --no-browser --port 8765            print the address only, at a port of your choice
   phyfilter-ctl app --out exported                      keep a copy of every download in that folder"""
 
@@ -25,7 +26,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of ``phyfilter-ctl app``."""
     parser.description, parser.epilog = _DESCRIPTION, _EPILOG
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
-    parser.add_argument("file", metavar="FILTER.toml", nargs="?", help="a filter file to start from")
+    parser.add_argument(
+        "file", metavar="FILE", nargs="?", help="a filter (.toml) or a session (.json) to start from"
+    )
     parser.add_argument("--log", metavar="FILE.csv", help="a recording to start with")
     parser.add_argument(
         "--x", default="vx,vy,vz", metavar="C,C,...", help="its columns of x (default vx,vy,vz)"
@@ -54,14 +57,18 @@ def main(options: argparse.Namespace) -> int:
             f"the designer's page needs {error.name}, which is not installed: pip install 'phyfilter-ctl[app]'"
         ) from error
     from ..app import Session
+    from ..app.sessions import load_session
 
     if not 0 <= options.port <= 65535:
         raise ValueError(f"--port: expected 0 to 65535, got {options.port}")
     out = Path(options.out) if options.out is not None else None
     if out is not None and not out.is_dir():
         raise ValueError(f"--out: there is no folder {options.out}")
+    file: str = options.file or ""
+    is_session = file.lower().endswith(".json")
     session = Session(
-        filterfile.load(options.file) if options.file is not None else None,
+        filterfile.load(file) if file and not is_session else None,
+        kept=load_session(file) if is_session else None,
         log=Recording.from_csv(options.log, x=options.x.split(",")) if options.log is not None else None,
     )
     serve(session, port=options.port, out=out, browser=not options.no_browser)

@@ -40,6 +40,7 @@ OPS = [
     "python",
     "save",
     "open",
+    "session",
     "export",
 ]
 LOG = "t,vx,ax\n" + "".join(f"{0.01 * k:.2f},{k % 7},{k % 3}\n" for k in range(40))
@@ -92,6 +93,7 @@ class Fuzzer:
             "job": {"job": 1},
             "cancel": {"job": 1},
             "open": {"name": "filter.toml", "text": 'format = "phyfilter"\nversion = 1\na = [400.0, 40.0]\n'},
+            "session": {"text": self.session()},
             "save": {"name": "filter"},
             "estimate": {"channel": 0},
             # A compiler run takes a second: never a kind that exists.
@@ -99,6 +101,20 @@ class Fuzzer:
             "exports": {"channels": 3},
         }
         return values.get(op, {})
+
+    def session(self) -> str:
+        """A session file, from nearly right to cut off."""
+        kept = {
+            "format": self.odd_or("phyfilter-session", 0.1),
+            "version": self.odd_or(1, 0.1),
+            "design": self.odd_or(self.design(), 0.1),
+            "pins": self.odd_or([{"name": self.odd_or("before"), "design": self.design()}], 0.3),
+            "recording": self.odd_or({"name": "a.csv", "size": self.odd_or(1)}, 0.2),
+            "views": self.odd_or({"bode": self.pick(ODD)}, 0.3),
+            "history": self.odd_or({"past": self.odd_or([self.design()]), "future": []}, 0.2),
+        }
+        text = json.dumps(kept)
+        return text[: int(self.rng.integers(len(text)))] if self.rng.random() < 0.1 else text
 
     def message(self) -> bytes:
         op = str(self.pick(OPS))

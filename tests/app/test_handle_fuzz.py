@@ -12,6 +12,12 @@ from hypothesis import strategies as st
 from phyfilter_ctl.app import Session, handle
 from phyfilter_ctl.app.handle import Reply
 
+SESSION = {
+    "format": "phyfilter-session",
+    "version": 1,
+    "design": message_of([-20.0]),
+    "views": {"bode": {"unit": 1}},
+}
 GOOD: list[dict] = [
     {"op": "hello"},
     {"op": "design", "design": message_of([-20.0, -15 + 8j, -15 - 8j], limits={"F": {"omega": 1.0}})},
@@ -29,6 +35,7 @@ GOOD: list[dict] = [
     {"op": "exports", "design": message_of([-20.0]), "channels": 3},
     {"op": "compare", "designs": [message_of([-20.0]), message_of([-3.0, -4.0], method="euler")]},
     {"op": "export", "design": message_of([-20.0]), "kind": "dll", "channels": 2, "name": "a"},
+    {"op": "session", "text": json.dumps(SESSION)},
 ]
 
 DEEP: object = 0

@@ -31,7 +31,7 @@ pytest.importorskip("starlette", reason="starlette is not installed: the page's 
 pytest.importorskip("uvicorn", reason="uvicorn is not installed: the page's server is not tested")
 httpx = pytest.importorskip("httpx", reason="httpx is not installed: the page's server is not tested")
 server = importlib.import_module("phyfilter_ctl.app.server")
-create_app, TOKEN_HEADER = server.create_app, server.TOKEN_HEADER
+create_app, TOKEN_HEADER, TAB_HEADER = server.create_app, server.TOKEN_HEADER, server.TAB_HEADER
 
 PORT = 8123
 HOST = f"127.0.0.1:{PORT}"
@@ -95,6 +95,18 @@ def test_localhost_is_the_same_host(app):
     assert ask(app, body=hello(), host=host, headers={**FRIEND, "origin": f"http://{host}"}).json["ok"]
 
 
+def test_every_tab_has_a_session_of_its_own(app):
+    tabs = [{**FRIEND, TAB_HEADER: name} for name in ("a" * 16, "b" * 16)]
+    assert ask(
+        app, body={"id": 1, "op": "design", "design": {**DESIGN, "poles": [[-7, 0]]}}, headers=tabs[0]
+    ).json["ok"]
+    shown = [ask(app, body=hello(), headers=headers).json["design"]["poles"] for headers in (*tabs, FRIEND)]
+    assert shown == [[[-7, 0]], [[-20, 0], [-20, 0]], [[-20, 0], [-20, 0]]]
+    for name in ("", "short", "../" * 8, "x" * 65):
+        refused = ask(app, body=hello(), headers={**FRIEND, TAB_HEADER: name})
+        assert (refused.status, "name of a tab" in refused.json["error"]) == (400, True)
+
+
 def test_a_design_comes_back_with_its_figures(app):
     reply = ask(app, body={"id": 7, "op": "design", "design": DESIGN}).json
     expected = PhyFilter.from_poles([-20.0, -20.0])
@@ -112,6 +124,8 @@ def test_the_session_starts_with_the_filter_it_was_given():
     [
         ("/", "text/html"),
         ("/page.js", "text/javascript"),
+        ("/page_model.js", "text/javascript"),
+        ("/page_shelf.js", "text/javascript"),
         ("/page.css", "text/css"),
         ("/designer.js", "text/javascript"),
         ("/designer.css", "text/css"),

@@ -34,6 +34,11 @@ class Wire(base_comm.BaseComm):
     def publish_msg(self, msg_type, data=None, metadata=None, buffers=None, **keys):
         self.__dict__.setdefault("sent", []).append((msg_type, data or {}))
 
+    def send_in_state(self, state: dict) -> None:
+        """What the front end sends with ``model.save_changes``."""
+        data = json.loads(json.dumps({"method": "update", "state": state, "buffer_paths": []}))
+        self.handle_msg({"content": {"data": data}, "buffers": [], "header": {}, "parent_header": {}})
+
     def send_in(self, content: object) -> dict | None:
         """What the front end sends with ``model.send``; the reply that it gets."""
         before = len(self.__dict__["sent"])
@@ -88,6 +93,35 @@ def test_the_filter_is_the_one_on_the_screen():
     reply = live.comm.send_in({"id": 3, "op": "design", "design": {**DESIGN, "poles": [[3, 0]]}})
     assert not reply["ok"]
     np.testing.assert_allclose(live.filter.a, [25.0, 6.0], rtol=SAME)
+
+
+def test_the_session_is_a_trait_that_is_saved_with_the_notebook(tmp_path):
+    kept = {
+        "format": "phyfilter-session",
+        "version": 1,
+        "design": {**DESIGN, "limits": None},
+        "views": {"a": {"b": 1}},
+    }
+    kept["design"]["assume"] = pf.designer().design["assume"]
+    live = pf.designer()
+    assert live.comm.__dict__["sent"][0][1]["state"]["session"] == {}
+    live.comm.send_in_state({"session": kept})
+    state = json.loads(json.dumps(live.get_state()["session"]))
+    assert (state["design"], state["views"]) == (kept["design"], kept["views"])
+    # What is no session is kept nowhere.
+    with pytest.raises(ValueError, match=r"session\.version"):
+        live.session = {**kept, "version": 7}
+    assert live.get_state()["session"] == state
+    path = tmp_path / "wing.json"
+    path.write_text(json.dumps(state))
+    again = pf.designer(session=path)
+    assert again.get_state()["session"] == state
+    assert again.filter == pf.PhyFilter.from_poles([-3 + 4j, -3 - 4j])
+    other = pf.designer()
+    other.set_state({"session": state})
+    assert other.get_state()["session"] == state
+    with pytest.raises(TypeError, match="got both"):
+        pf.designer(pf.PhyFilter.from_poles([-7.0]), session=path)
 
 
 def test_a_sampled_filter_brings_its_sampling():

@@ -160,17 +160,25 @@ class Watched:
             self.page.screenshot(path=str(Path(folder, f"{name}.png")))
 
 
+def free_port() -> int:
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        return free.getsockname()[1]
+
+
 @contextlib.contextmanager
-def serving(out: Path) -> Iterator[Served]:
+def serving(out: Path, *options: str) -> Iterator[Served]:
     """``phyfilter-ctl app`` on a port of its own.
 
     Parameters
     ----------
     out : Path
         Where exports are written as well.
+    options : str
+        Further ones of the command.
     """
     process = subprocess.Popen(
-        [sys.executable, "-m", "phyfilter_ctl", "app", "--no-browser", "--out", str(out)],
+        [sys.executable, "-m", "phyfilter_ctl", "app", "--no-browser", "--out", str(out), *options],
         stdout=subprocess.PIPE,
         text=True,
         env=ENVIRONMENT,
@@ -247,9 +255,7 @@ def jupyter_lab(folder: Path, cells: Sequence[str], *, theme: str = "JupyterLab 
         "@jupyterlab/apputils-extension:themes": {"theme": theme},
     }
     (overrides / "overrides.json").write_text(json.dumps(quiet))
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        port = free.getsockname()[1]
+    port = free_port()
     places = {
         name: str(folder / name)
         for name in ("JUPYTER_CONFIG_DIR", "JUPYTER_DATA_DIR", "JUPYTER_RUNTIME_DIR", "IPYTHONDIR")

@@ -13,12 +13,13 @@
  */
 
 import { h } from "./elements.js";
-import { takeDropped } from "./files.js";
+import { take, takeDropped } from "./files.js";
 import { Link } from "./link.js";
 import { response } from "./mathematics/filter.js";
 import { Bode } from "./panels/bode.js";
 import { Figures } from "./panels/figures.js";
 import { Header } from "./panels/header.js";
+import { Keeping } from "./panels/keeping.js";
 import { AssumptionKnobs, NumeratorKnobs, SamplingKnobs } from "./panels/knobs.js";
 import { LogCard } from "./panels/log_card.js";
 import { Pins } from "./panels/pins.js";
@@ -32,7 +33,7 @@ import { Preview } from "./state/preview.js";
 import { Session } from "./state/session.js";
 import { Theme } from "./theme.js";
 
-/** @import { Answers, LogSummary, Model, Reply } from "./link.js" */
+/** @import { Answers, LogSummary, Model, Reply, SessionData } from "./link.js" */
 /** @import { Answer } from "./panels/pins.js" */
 /** @import { Level } from "./panels/status.js" */
 /** @import { Palette } from "./plots/styles.js" */
@@ -52,6 +53,7 @@ import { Theme } from "./theme.js";
  * @property {<T>(reply: Reply<T> | null) => reply is {ok: true} & T} ok whether it is an answer; if not that is said
  * @property {() => void} paint draw what has changed at the next frame
  * @property {(log: LogSummary | null) => void} openLog
+ * @property {(session: SessionData, name: string) => Promise<void>} openSession
  */
 
 const PREVIEW_AGREES = 1e-6;
@@ -91,6 +93,7 @@ class Designer {
     this.status = new Status();
     this.header = new Header(this, {
       pin: () => this.pins.pin(this.answer),
+      save: () => this.keeping.save(),
       theme: () => this.say(`Colours: ${this.theme.next()}.`),
     });
     this.figures = new Figures(this);
@@ -102,6 +105,7 @@ class Designer {
     this.bode = new Bode(this);
     this.step = new StepCard(this);
     this.log = new LogCard(this);
+    this.keeping = new Keeping(this, model, { back: () => void this.greetAgain() });
     this.assemble();
     el.append(this.root);
     this.log.open(null);
@@ -109,6 +113,7 @@ class Designer {
     this.theme.watch();
     this.sizes = this.watchSizes();
     this.keyboard();
+    this.restored = this.keeping.restore();
     this.rebuilt(true);
     void this.greet();
   }
@@ -123,17 +128,20 @@ class Designer {
     ];
     const middle = h("div", { class: "pf-columns" }, ...columns);
     this.root.append(
+      this.keeping.banner,
       this.header.element,
       this.header.codeBox,
       this.figures.element,
       middle,
       this.log.element,
+      this.keeping.element,
       this.status.element,
     );
     takeDropped(this);
   }
 
   destroy() {
+    this.keeping.close();
     this.link.close();
     this.closed = true;
     this.log.learning.close();
@@ -166,16 +174,44 @@ class Designer {
     }
     if (Array.isArray(reply.families)) this.start.offer(reply.families);
     if (reply.version) this.header.version.textContent = reply.version;
-    if (reply.design && this.design.history.past.length === 0 && !this.design.dragging) {
+    const untouched = !this.restored && this.design.history.past.length === 0 && !this.design.dragging;
+    if (untouched && reply.session) this.session.take(reply.session);
+    else if (untouched && reply.design) {
       this.design.load(reply.design, { fit: true });
       this.design.history.now = this.design.text();
-    } else void this.ask(); // something was designed while Python started
+    } else void this.ask(); // something was designed before, or while Python started
     this.openLog(reply.log ?? null);
-    this.say("Ready. Drag a pole, type a value, or start from a family.");
+    const again = this.restored || (untouched && reply.session);
+    const missing = reply.log ? "" : this.keeping.missing();
+    this.say(
+      `Ready. ${again ? `Your session goes on. ${missing}` : "Drag a pole, type a value, or start from a family."}`,
+    );
+  }
+
+  /** Python was away: it may have been started again, and know nothing. */
+  async greetAgain() {
+    if (!this.greeted) return;
+    const reply = await this.link.ask("hello");
+    if (!this.ok(reply)) return;
+    this.answer = { text: "", numbers: this.answer.numbers };
+    void this.ask();
+    const { file } = this.session;
+    if (!reply.log && this.log.log && file) await take(this, file);
+    else if (!reply.log && this.log.log) this.log.open(null);
+    this.say(
+      `Python answers again, and your work is as you left it. ${reply.log || file ? "" : this.keeping.missing()}`,
+    );
+  }
+
+  /** @param {SessionData} session @param {string} name */
+  async openSession(session, name) {
+    await this.keeping.open(session, name);
   }
 
   /** @param {LogSummary | null} log */
   openLog(log) {
+    const { session } = this;
+    if (log && session.recording?.name !== log.name) session.recording = { name: log.name };
     this.log.open(log);
   }
 

@@ -23,10 +23,16 @@ export async function take(app, file) {
     app.say((reply.messages ?? []).join(" ") || `Opened ${name}.`);
     return;
   }
+  if (/\.json$/i.test(name)) {
+    const reply = await app.link.ask("session", { text });
+    if (app.ok(reply)) await app.openSession(reply.session, name);
+    return;
+  }
   app.say(`Reading ${name} …`);
   const reply = await app.link.ask("log", { name, text });
   if (!app.ok(reply)) return;
   app.openLog(reply.log);
+  app.session.opened(file, { name, size: file.size, sha256: await digestOf(file) });
   app.say(`Read ${name}.`);
 }
 
@@ -62,9 +68,24 @@ export function takeDropped(app) {
   });
 }
 
-/** Hand a file over to the browser. @param {App} app @param {Download} file */
+/** SHA-256 in hexadecimal digits; undefined on a page that is neither secure nor of this machine. @param {File} file */
+async function digestOf(file) {
+  if (!globalThis.crypto?.subtle) return undefined;
+  const bytes = new Uint8Array(await crypto.subtle.digest("SHA-256", await file.arrayBuffer()));
+  return Array.from(bytes, (byte) => byte.toString(16).padStart(2, "0")).join("");
+}
+
+/** Hand a file that Python made over to the browser. @param {App} app @param {Download} file */
 export function download(app, { name, mime, base64, written }) {
   const bytes = Uint8Array.from(atob(base64), (letter) => letter.charCodeAt(0));
+  handOver(app, name, mime, bytes, written ? `, and is ${written}` : "");
+}
+
+/**
+ * Hand a file over to the browser.
+ * @param {App} app @param {string} name @param {string} mime @param {Uint8Array<ArrayBuffer>} bytes @param {string} [also]
+ */
+export function handOver(app, name, mime, bytes, also = "") {
   const address = URL.createObjectURL(new Blob([bytes], { type: mime }));
   const link = h("a", { href: address, download: name });
   app.root.append(link);
@@ -72,5 +93,5 @@ export function download(app, { name, mime, base64, written }) {
   link.remove();
   setTimeout(() => URL.revokeObjectURL(address), 10_000);
   const size = short(Math.max(bytes.length / 1000, 0.1), 3);
-  app.say(`${name}, ${size} kB, is with your downloads${written ? `, and is ${written}` : ""}.`);
+  app.say(`${name}, ${size} kB, is with your downloads${also}.`);
 }

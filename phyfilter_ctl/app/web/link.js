@@ -48,10 +48,17 @@
  * @property {string[]} [messages]
  */
 /**
+ * @typedef {object} Hello
+ * @property {string} [version]
+ * @property {DesignData} [design]
+ * @property {string[]} [families]
+ * @property {LogSummary | null} [log]
+ * @property {SessionData | null} [session] that Python was started with
+ */
+/**
  * What Python answers, by the op of the question; handle.py says what is asked.
  * @typedef {object} Answers
- * @property {{version?: string, design?: DesignData, families?: string[], log?: LogSummary | null}}
- * hello
+ * @property {Hello} hello
  * @property {{numbers: Figure[], messages?: string[], frequency: {omega: number[], F: Samples[]}}} design
  * @property {{design: DesignData}} family
  * @property {{log: LogSummary | null}} log
@@ -64,6 +71,7 @@
  * @property {Download} save
  * @property {{design: DesignData, messages?: string[]}} open
  * @property {Exchange} exports
+ * @property {{session: SessionData}} session
  * @property {Download} export
  * @property {{compared: Figure[][]}} compare
  */
@@ -82,7 +90,13 @@
  * @property {(event: string, listener: (value: any) => void) => void} on
  * @property {(event: string, listener: (value: any) => void) => void} [off]
  * @property {(name: string) => unknown} [get]
+ * @property {(name: string, value: unknown) => void} [set]
+ * @property {() => void} [save_changes]
+ * @property {() => Promise<{tab: string, at: number, data: any}[]>} [left] sessions of tabs that were closed; page only
+ * @property {() => void} [putAside] keep the session among them; page only
+ * @property {(address: string) => Promise<boolean>} [tryToken] go on with Python at another address; page only
  */
+/** @typedef {"open" | "away" | "refused"} Connection  refused: Python was started again and has another token */
 
 const BUSY_AFTER = 300; // ms
 const LOST_AFTER = 60_000; // ms; a kernel that was restarted never answers

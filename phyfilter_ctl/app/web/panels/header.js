@@ -8,7 +8,7 @@ import { button, group } from "./parts.js";
 
 /** @import { App } from "../designer.js" */
 export class Header {
-  /** @param {App} app @param {{pin: () => void, theme: () => void}} does */
+  /** @param {App} app @param {{pin: () => void, theme: () => void, save: () => void}} does */
   constructor(app, does) {
     this.app = app;
     const { design } = app;
@@ -34,16 +34,19 @@ export class Header {
     this.element = h("header", { class: "pf-header" }, brand, this.busy, this.tools(does));
   }
 
-  /** @param {{pin: () => void, theme: () => void}} does */
+  /** @param {{pin: () => void, theme: () => void, save: () => void}} does */
   tools(does) {
     const named = (/** @type {string} */ label) => ({ role: "group", "aria-label": label });
     const open = h(
       "label",
       { class: "pf-file", "data-test": "open" },
       "Open",
-      picker(this.app, ".toml", "open-file", "Open a filter file"),
+      picker(this.app, ".toml,.json", "open-file", "Open a session or a filter file"),
     );
-    const save = button("save", "Save", () => void this.save(), { title: "The filter as a TOML file" });
+    const save = button("save", "Save filter", () => void this.save(), { title: "The filter as a TOML file" });
+    const session = button("save-session", "Save session", does.save, {
+      title: "All of it as a file: design, history, limits, pinned designs; without Python too",
+    });
     const python = button("python", "Copy as Python", () => void this.copyPython());
     const pin = button("pin", "Pin", does.pin, { title: "Keep this design to compare with, in a colour of its own" });
     const theme = button("theme", "◐", does.theme, {
@@ -56,7 +59,7 @@ export class Header {
       { class: "pf-tools" },
       group(named("History"), this.undo, this.redo),
       group(named("Compare"), pin),
-      group(named("File"), open, save, python),
+      group(named("File"), open, session, save, python),
       this.exports.element,
       theme,
     );

@@ -131,7 +131,9 @@ export class LogCard {
   async close() {
     const { app } = this;
     if (this.learning.job !== null) await this.learning.cancel();
-    if (app.ok(await app.link.ask("forget"))) this.open(null);
+    if (!app.ok(await app.link.ask("forget"))) return;
+    app.session.opened(null, null);
+    this.open(null);
   }
 
   /** @param {number} channel */

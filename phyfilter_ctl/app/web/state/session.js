@@ -37,6 +37,8 @@ export class Session {
     this.others = {};
     /** @type {Recorded | null} the recording that it was tried on */
     this.recording = null;
+    /** @type {File | null} the same as it was given, for a Python that has forgotten it */
+    this.file = null;
     /** @type {{get: () => SessionData["pins"], set: (pins: SessionData["pins"]) => void}} */
     this.pins = { get: () => [], set: () => {} };
     /** Hears that something is to be kept. */
@@ -50,6 +52,13 @@ export class Session {
 
   changed() {
     this.onChange();
+  }
+
+  /** A recording is open, or none is. @param {File | null} file @param {Recorded | null} recording */
+  opened(file, recording) {
+    this.file = file;
+    this.recording = recording;
+    this.changed();
   }
 
   /** @returns {SessionData} */
