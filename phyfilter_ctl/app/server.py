@@ -65,7 +65,7 @@ _LANES = {
     "export": ("export", "exports"),
     "compare": ("compare",),
 }
-_SECONDS = {"design": 30.0, "log": 60.0, "job": 10.0, "export": 180.0}
+_SECONDS = {"design": 30.0, "log": 60.0, "job": 10.0, "export": 180.0, "compare": 30.0}
 _LARGE = frozenset({"log", "session"})
 # What is written under --out: the name comes from here and from the design, never from a request.
 _NAMES = {
