@@ -2,10 +2,18 @@
 
 from __future__ import annotations
 
+import csv
+import io
+import math
 import re
+import struct
+import xml.etree.ElementTree as ET
 from pathlib import Path
 
+import pytest
 from designer_hosts import LONG, SHOWN, Watched
+
+import phyfilter_ctl as pf
 
 
 def fetched(page: Watched, name: str, folder: Path) -> Path:
@@ -78,3 +86,37 @@ def test_nine_designs_are_kept_apart_and_compared(page: Watched) -> None:
     page("pin-0-use").click()
     page.settled()
     assert page.number("bandwidth") == 10.0
+
+
+def test_a_chart_leaves_as_svg_png_and_csv(page: Watched, tmp_path: Path) -> None:
+    """Its menu by keyboard; the table has what the designer shows, the pictures what the table has."""
+    page("pin").click()
+    page.fill("pin-0-name", "two poles")
+    page.fill("cutoff", "50")
+    page.settled()
+    page("bode-magnitude-take").focus()
+    files = {}
+    for format in ("svg", "png", "csv"):
+        if not page("bode-magnitude-take-menu").is_visible():
+            page.page.keyboard.press("Enter")
+        page.page.keyboard.press("Tab")
+        if format == "svg":
+            page.picture("chart-menu")
+        files[format] = fetched(page, f"bode-magnitude-{format}", tmp_path)
+        assert re.fullmatch(rf"magnitude-[0-9a-f]{{8}}\.{format}", files[format].name)
+        assert page("bode-magnitude-take").evaluate("button => button === document.activeElement")
+    rows = list(csv.reader(io.StringIO(files["csv"].read_text(encoding="utf-8"))))
+    assert rows[0][0] == "ω [rad/s]"
+    assert {"F [dB]", "1 − F [dB]", "F sampled [dB]", "F of two poles [dB]"} <= set(rows[0])
+    F = rows[0].index("F [dB]")
+    over = max(k for k in range(F) if rows[0][k] == "ω [rad/s]")
+    filter = pf.lowpass(2, 50.0)
+    for row in rows[1::40]:
+        assert float(row[F]) == pytest.approx(20.0 * math.log10(abs(filter(1j * float(row[over])))), abs=1e-6)
+    root = ET.fromstring(files["svg"].read_text(encoding="utf-8"))
+    words = {element.text for element in root.iter("{http://www.w3.org/2000/svg}text")}
+    assert {"Magnitude", "magnitude [dB]", "F", "F of two poles"} <= words
+    assert not list(root.iter("{http://www.w3.org/2000/svg}image"))
+    data = files["png"].read_bytes()
+    assert data[:8] == b"\x89PNG\r\n\x1a\n"
+    assert struct.unpack(">II", data[16:24]) == (2 * int(root.get("width")), 2 * int(root.get("height")))  # type: ignore[arg-type]

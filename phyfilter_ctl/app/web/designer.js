@@ -13,7 +13,7 @@
  */
 
 import { h } from "./elements.js";
-import { take, takeDropped } from "./files.js";
+import { keepTaken, take, takeDropped } from "./files.js";
 import { Link } from "./link.js";
 import { response } from "./mathematics/filter.js";
 import { Bode } from "./panels/bode.js";
@@ -138,6 +138,7 @@ class Designer {
       this.status.element,
     );
     takeDropped(this);
+    keepTaken(this);
   }
 
   destroy() {

@@ -5,6 +5,7 @@ import { short } from "./numbers.js";
 
 /** @import { App } from "./designer.js" */
 /** @import { Download } from "./link.js" */
+/** @import { Taken } from "./plots/take_chart.js" */
 
 const LARGEST_LOG = 20_000_000; // characters
 
@@ -48,6 +49,24 @@ export function picker(app, accept, test, label) {
     if (file) void take(app, file);
   });
   return input;
+}
+
+/** Charts that are taken away, under names that tell one design from another. @param {App} app */
+export function keepTaken(app) {
+  app.root.addEventListener("pf-take", async (event) => {
+    if (!(event instanceof CustomEvent)) return;
+    const { name, blob } = /** @type {Taken} */ (event.detail);
+    const [stem, ending] = name.split(".");
+    const bytes = new Uint8Array(await blob.arrayBuffer());
+    handOver(app, `${stem}-${shortDigest(app.design.text())}.${ending}`, blob.type, bytes);
+  });
+}
+
+/** Eight hexadecimal digits that another text hardly has (FNV-1a). @param {string} text */
+function shortDigest(text) {
+  let hash = 0x811c9dc5;
+  for (let k = 0; k < text.length; k++) hash = Math.imul(hash ^ text.charCodeAt(k), 0x01000193) >>> 0;
+  return hash.toString(16).padStart(8, "0");
 }
 
 /** Files dropped anywhere on the designer. @param {App} app */

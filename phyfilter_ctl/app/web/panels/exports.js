@@ -3,7 +3,7 @@
 import { h } from "../elements.js";
 import { download } from "../files.js";
 import { button, named } from "./parts.js";
-import { Popover } from "./popover.js";
+import { Popover } from "../popover.js";
 
 /** @import { App } from "../designer.js" */
 /** @import { Exchange } from "../link.js" */

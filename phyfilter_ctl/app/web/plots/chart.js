@@ -5,6 +5,7 @@ import { grid, mark } from "./frame.js";
 import { Navigation } from "./navigation.js";
 import { cursorWords, labelled, nearest, pointsAt } from "./reading.js";
 import { firstFrom, shareOf, valueAt } from "./scales.js";
+import { takeMenu } from "./take_chart.js";
 
 /** @import { Palette } from "./styles.js" */
 /** @import { View } from "./navigation.js" */
@@ -64,6 +65,7 @@ export class Chart {
     this.view = { x: null, y: null };
     this.navigation = new Navigation(this);
     const { tools, spoken } = this.navigation;
+    tools.prepend(takeMenu(this));
     this.element = h(
       "div",
       { class: "pf-chart", "data-test": settings.test },

@@ -1,8 +1,8 @@
 /** A button and what it unfolds: closed by Escape, by a click elsewhere, or when something in it was chosen. */
 
-import { h } from "../elements.js";
+import { h } from "./elements.js";
 
-/** @import { Given } from "../elements.js" */
+/** @import { Given } from "./elements.js" */
 
 const ROOM = 8; // px to the edge of the designer
 let made = 0;
