@@ -6,18 +6,18 @@ import math
 from collections.abc import Iterator
 from typing import NamedTuple
 
-import control as ct
 import numpy as np
 from numpy.linalg import LinAlgError
 
 from .._sections import ComplexArray, FloatArray
-from ..analysis import PriorMargin, frequency_response, grids, prior_margin, ultimate_bound
+from ..analysis import frequency_response, grids, ultimate_bound
 from ..analysis.frequency import FilterResponse
 from ..filter import PhyFilter, SampledPhyFilter
 from ..results import plain
 from .designs import Design
-from .loops import phase_and_delay, read_off
+from .loops import AssumedLoop, assumed_loop
 from .steps import settling_time, step_response
+from .verdict import verdict
 
 __all__ = ["answer", "figures"]
 
@@ -26,8 +26,7 @@ _PEAK_POINTS = 20
 # A pole that rings for so many radians costs the exact bound more time than a drag has; the ellipsoid's is certified.
 _RINGING = 300.0
 _MOST_SAMPLES = 60_000  # over which the sampled bound is added up
-# Beyond so many steps of delay the continuous loop, with one step more for hold and average, stands for the sampled.
-_FEW_STEPS = 50.0
+_BOUNDS = ("bound", "bound_sampled")
 
 
 class Figure(NamedTuple):
@@ -62,7 +61,7 @@ def answer(design: Design) -> dict[str, object]:
     Returns
     -------
     dict
-        filter, frequency, step, numbers, stable_sampled, messages.
+        filter, frequency, step, numbers, stable_sampled, verdict, messages.
     """
     filter, sampled = design.filter, _sampled(design)
     messages: list[str] = []
@@ -75,8 +74,10 @@ def answer(design: Design) -> dict[str, object]:
         messages.append(f"Sampled exactly, not matched: {design.unmatched}.")
     curves, response, as_sampled = _frequency(design, filter, sampled)
     band, settling = _band(response), settling_time(filter)
-    found = _figures(design, sampled, band, settling, as_sampled)
+    loop = assumed_loop(design, sampled)
+    found = _figures(design, sampled, band, settling, as_sampled, loop)
     messages += _advice(design, band)
+    bounds = [figure.value for figure in found if figure.key in _BOUNDS]
     return {
         "filter": {
             "a": filter.a.tolist(),
@@ -90,6 +91,7 @@ def answer(design: Design) -> dict[str, object]:
         "step": _step(filter, settling),
         "numbers": [figure.as_json() for figure in found],
         "stable_sampled": sampled is not None,
+        "verdict": verdict(design, sampled, loop, bounds),
         "messages": messages,
     }
 
@@ -108,7 +110,8 @@ def figures(design: Design) -> list[dict[str, object]]:
     """
     filter, sampled = design.filter, _sampled(design)
     _, response, as_sampled = _frequency(design, filter, sampled)
-    found = _figures(design, sampled, _band(response), settling_time(filter), as_sampled)
+    loop = assumed_loop(design, sampled)
+    found = _figures(design, sampled, _band(response), settling_time(filter), as_sampled, loop)
     return [figure.as_json() for figure in found]
 
 
@@ -125,9 +128,10 @@ def _figures(
     band: tuple[float, float],
     settling: float,
     as_sampled: FilterResponse | None,
+    loop: AssumedLoop,
 ) -> list[Figure]:
-    found = [*_shape(design, band, settling, as_sampled), *_bounds(design, design.filter, sampled)]
-    return [*found, *_margins(design, design.filter, sampled)]
+    shape, bounds = _shape(design, band, settling, as_sampled), _bounds(design, design.filter, sampled)
+    return [*shape, *bounds, *_margins(design, loop)]
 
 
 # -- curves -----------------------------------------------------------------------------------------------------
@@ -235,7 +239,7 @@ def _bounds(design: Design, filter: PhyFilter, sampled: SampledPhyFilter | None)
     """Certified ultimate bounds for the assumed slope, of F and of F as it runs."""
     unit, residual = design.assume.unit, {1: design.assume.slope}
     label = "Ultimate bound of the error"
-    labels = {"bound": label, "bound_sampled": f"{label} at the samples"}
+    labels = dict(zip(_BOUNDS, (label, f"{label} at the samples"), strict=True))
     if filter.type == 0:
         note = "none: F(0) is not 1, so the error grows with a residual that grows"
         return [Figure(key, text, None, unit, note) for key, text in labels.items()]
@@ -268,31 +272,16 @@ def _sampled_bound(
     )
 
 
-def _margins(design: Design, filter: PhyFilter, sampled: SampledPhyFilter | None) -> list[Figure]:
-    """Prior margins with lag and delay, of the sampled loop where it is quick."""
-    assume = design.assume
-    actuator = ct.TransferFunction([1.0], [assume.lag, 1.0]) if assume.lag > 0.0 else None
-    exact = sampled is not None and assume.delay <= _FEW_STEPS * design.dt
-    note = "sampled loop" if exact else "continuous loop with one step more of delay"
-    delay = assume.delay if exact else assume.delay + design.dt
-    values: dict[str, float | None] = dict.fromkeys(
-        ("ratio_low", "ratio_high", "phase_margin", "delay_margin")
-    )
-    notes = dict.fromkeys(values, note)
-    try:
-        margin = prior_margin(
-            sampled if exact and sampled is not None else filter,
-            actuator=actuator,
-            delay=delay,
-            inertia_ratio=assume.ratio,
-        )
-        margin = read_off(margin) if exact else margin
-        values["ratio_low"], values["ratio_high"] = margin.min_ratio, margin.max_ratio
-        values["phase_margin"], values["delay_margin"] = phase_and_delay(margin)
-        if margin.is_stable:
-            notes["phase_margin"] += f"; {_distance(margin)}"
-    except (ValueError, LinAlgError, FloatingPointError):
-        notes = dict.fromkeys(values, "the loop could not be searched: its time scales are too far apart")
+def _margins(design: Design, loop: AssumedLoop) -> list[Figure]:
+    """Prior margins, and what to read where one has no number."""
+    margin, note = loop.margin, loop.note
+    values = {
+        "ratio_low": None if margin is None else margin.min_ratio,
+        "ratio_high": None if margin is None else margin.max_ratio,
+        "delay_margin": loop.delay,
+        "phase_margin": loop.phase,
+    }
+    notes = dict.fromkeys(values, note) | {"phase_margin": note + loop.distance}
     for key, value in values.items():
         if value is not None and math.isnan(value):
             notes[key] = f"unstable at M_hat/M = 1; {note}"
@@ -301,22 +290,13 @@ def _margins(design: Design, filter: PhyFilter, sampled: SampledPhyFilter | None
         elif value == 0.0 and key == "ratio_low":
             notes[key] = f"no lower limit; {note}"
         elif value == 0.0:
-            notes[key] = f"unstable at M_hat/M = {assume.ratio:g}; {note}"
+            notes[key] = f"unstable at M_hat/M = {design.assume.ratio:g}; {note}"
+    labels = {"ratio_low": "Least M_hat/M", "ratio_high": "Largest M_hat/M", "delay_margin": "Delay margin"}
+    units = {"delay_margin": "s", "phase_margin": "deg"}
     return [
-        Figure("ratio_low", "Least M_hat/M", values["ratio_low"], "", notes["ratio_low"]),
-        Figure("ratio_high", "Largest M_hat/M", values["ratio_high"], "", notes["ratio_high"]),
-        Figure("delay_margin", "Delay margin", values["delay_margin"], "s", notes["delay_margin"]),
-        Figure("phase_margin", "Phase margin", values["phase_margin"], "deg", notes["phase_margin"]),
+        Figure(key, labels.get(key, "Phase margin"), value, units.get(key, ""), notes[key])
+        for key, value in values.items()
     ]
-
-
-def _distance(margin: PriorMargin) -> str:
-    """How close the loop comes to -1, in words."""
-    low, high = margin.disk.gain_margin
-    return (
-        f"|1 + L| is {margin.modulus_margin:.3g} or more, least at {margin.modulus_frequency:.4g} rad/s; "
-        f"gain and phase together: {low:.3g} to {high:.3g} times with {math.degrees(margin.disk.phase_margin):.3g} deg"
-    )
 
 
 def _advice(design: Design, band: tuple[float, float]) -> list[str]:

@@ -1,20 +1,28 @@
-"""Prior margins quick enough to follow a drag: the loop is evaluated once on its grid and read off between."""
+"""The loop of a design, and its margins quick enough to follow a drag: evaluated once on its grid, read off between."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
+import control as ct
 import numpy as np
+from numpy.linalg import LinAlgError
 from scipy.interpolate import CubicSpline
 
 from .._sections import ComplexArray, FloatArray
-from ..analysis import PriorMargin
+from ..analysis import PriorMargin, prior_margin
+from ..filter import SampledPhyFilter
+from .designs import Design
 
-__all__ = ["phase_and_delay", "read_off"]
+__all__ = ["AssumedLoop", "assumed_loop", "phase_and_delay", "read_off"]
 
 # Points of the loop's grid that are closer than this, relative, count as one.
 _SAME_POINT = 1e-6
+# Beyond so many steps of delay the continuous loop, with one step more for hold and average, stands for the sampled.
+_FEW_STEPS = 50.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,3 +122,54 @@ def phase_and_delay(margin: PriorMargin) -> tuple[float, float]:
     lag[lag == 0.0] = 2.0 * np.pi
     phase = np.min(np.minimum(lag, 2.0 * np.pi - lag), initial=np.inf)
     return float(np.rad2deg(phase)), float(np.min(lag / omega, initial=np.inf))
+
+
+class AssumedLoop(NamedTuple):
+    """The loop with f_hat fed back at the assumed ratio, lag and delay; no margin where it could not be searched."""
+
+    note: str
+    margin: PriorMargin | None = None
+    phase: float | None = None
+    delay: float | None = None
+    distance: str = ""
+
+
+def assumed_loop(design: Design, sampled: SampledPhyFilter | None) -> AssumedLoop:
+    """The sampled loop where it is quick, else the continuous one; what is read of it later is computed here.
+
+    Parameters
+    ----------
+    design : Design
+    sampled : SampledPhyFilter or None
+        None where it is unstable.
+
+    Returns
+    -------
+    AssumedLoop
+    """
+    assume = design.assume
+    actuator = ct.TransferFunction([1.0], [assume.lag, 1.0]) if assume.lag > 0.0 else None
+    exact = sampled is not None and assume.delay <= _FEW_STEPS * design.dt
+    note = "sampled loop" if exact else "continuous loop with one step more of delay"
+    delay = assume.delay if exact else assume.delay + design.dt
+    try:
+        margin = prior_margin(
+            sampled if exact and sampled is not None else design.filter,
+            actuator=actuator,
+            delay=delay,
+            inertia_ratio=assume.ratio,
+        )
+        margin = read_off(margin) if exact else margin
+        distance = f"; {_distance(margin)}" if margin.is_stable and margin.stable_ratios else ""
+        return AssumedLoop(note, margin, *phase_and_delay(margin), distance)
+    except (ValueError, LinAlgError, FloatingPointError):
+        return AssumedLoop("the loop could not be searched: its time scales are too far apart")
+
+
+def _distance(margin: PriorMargin) -> str:
+    """How close the loop comes to -1, in words."""
+    low, high = margin.disk.gain_margin
+    return (
+        f"|1 + L| is {margin.modulus_margin:.3g} or more, least at {margin.modulus_frequency:.4g} rad/s; "
+        f"gain and phase together: {low:.3g} to {high:.3g} times with {math.degrees(margin.disk.phase_margin):.3g} deg"
+    )

@@ -28,6 +28,7 @@ import { Start } from "./panels/start.js";
 import { Status } from "./panels/status.js";
 import { StepCard } from "./panels/step_card.js";
 import { Table } from "./panels/table.js";
+import { Workspace } from "./panels/workspace.js";
 import { Design } from "./state/design.js";
 import { Preview } from "./state/preview.js";
 import { Session } from "./state/session.js";
@@ -37,6 +38,7 @@ import { Theme } from "./theme.js";
 /** @import { Answer } from "./panels/pins.js" */
 /** @import { Level } from "./panels/status.js" */
 /** @import { Palette } from "./plots/styles.js" */
+/** @import { Slot } from "./state/layout.js" */
 
 /**
  * What the panels have of the whole.
@@ -48,6 +50,7 @@ import { Theme } from "./theme.js";
  * @property {Preview} preview
  * @property {Answer} answer
  * @property {boolean} stale whether the design is another than Python's last answer is for
+ * @property {string[]} problems what is wrong with the design, in sentences
  * @property {Palette} palette
  * @property {(text: string, level?: Level) => void} say
  * @property {<T>(reply: Reply<T> | null) => reply is {ok: true} & T} ok whether it is an answer; if not that is said
@@ -72,7 +75,10 @@ class Designer {
       "data-test": "designer",
       "data-lm-suppress-shortcuts": "true",
     });
-    this.link = new Link(model, (since) => this.header.showBusy(since));
+    this.link = new Link(model, (since) => {
+      this.header.showBusy(since);
+      this.figures?.verdict.showBusy(since !== null);
+    });
     this.design = new Design({
       rebuilt: ({ fit }) => this.rebuilt(fit),
       committed: (text) => this.committed(text),
@@ -95,10 +101,14 @@ class Designer {
       pin: () => this.pins.pin(this.answer),
       save: () => this.keeping.save(),
       theme: () => this.say(`Colours: ${this.theme.next()}.`),
+      arrange: () => void this.workspace?.arrange(),
     });
+    /** @type {Figures} */
     this.figures = new Figures(this);
     this.start = new Start(this);
-    this.knobs = [this.start, new NumeratorKnobs(this), new SamplingKnobs(this), new AssumptionKnobs(this)];
+    this.numerator = new NumeratorKnobs(this);
+    this.sampling = new SamplingKnobs(this);
+    this.assumptions = new AssumptionKnobs(this);
     this.plane = new PlaneCard(this);
     this.table = new Table(this);
     this.pins = new Pins(this, () => this.repinned());
@@ -119,24 +129,42 @@ class Designer {
   }
 
   assemble() {
-    const column = (/** @type {string} */ name, /** @type {{element: HTMLElement}[]} */ panels) =>
-      h("div", { class: `pf-column ${name}` }, ...panels.map(({ element }) => element));
-    const columns = [
-      column("pf-knobs", this.knobs),
-      column("pf-s", [this.plane, this.table, this.pins]),
-      column("pf-plots", [this.bode, this.step]),
+    const panel = (
+      /** @type {string} */ id,
+      /** @type {string} */ name,
+      /** @type {Slot} */ slot,
+      /** @type {{element: HTMLElement}} */ { element },
+      /** @type {number} */ grows = 0,
+    ) => ({ id, name, slot, element, grows });
+    const panels = [
+      panel("start", "Start from", "left", this.start),
+      panel("numerator", "Numerator", "left", this.numerator),
+      panel("sampling", "Sampling", "left", this.sampling),
+      panel("assumptions", "Assume", "left", this.assumptions),
+      panel("plane", "Poles and zeros", "middle", this.plane, 3),
+      panel("values", "Values", "middle", this.table),
+      panel("pins", "Compare", "middle", this.pins),
+      panel("bode", "Frequency", "right", this.bode, 2),
+      panel("step", "Step response", "right", this.step, 1),
+      panel("log", "Recording", "below", this.log, 1),
     ];
-    const middle = h("div", { class: "pf-columns" }, ...columns);
-    this.root.append(
+    this.workspace = new Workspace(panels, {
+      say: (text) => this.say(text),
+      resized: () => this.paint(),
+      changed: () => {},
+    });
+    const { header, figures, workspace } = this;
+    const rolled = h(
+      "div",
+      { class: "pf-scroll" },
       this.keeping.banner,
-      this.header.element,
-      this.header.codeBox,
-      this.figures.element,
-      middle,
-      this.log.element,
-      this.keeping.element,
-      this.status.element,
+      header.element,
+      header.codeBox,
+      figures.element,
+      workspace.element,
     );
+    this.status.element.insertBefore(this.keeping.element, this.status.open);
+    this.root.append(rolled, this.status.element);
     takeDropped(this);
     keepTaken(this);
   }
@@ -146,7 +174,6 @@ class Designer {
     this.link.close();
     this.closed = true;
     this.log.learning.close();
-    this.status.close();
     cancelAnimationFrame(this.frame);
     this.sizes.disconnect();
     this.theme.close();
@@ -156,6 +183,11 @@ class Designer {
 
   get palette() {
     return this.theme.palette;
+  }
+
+  /** @returns {string[]} */
+  get problems() {
+    return this.figures.verdict.problems;
   }
 
   get stale() {
@@ -243,7 +275,7 @@ class Designer {
     this.answer = { text, numbers: reply.numbers };
     this.root.classList.toggle("pf-stale", !current);
     if (current) this.compare(reply);
-    this.figures.answered(reply.numbers, reply.messages ?? []);
+    this.figures.answered(reply);
     this.pins.answered(this.answer);
     this.figures.show(); // the curves are the preview's: they stand already
     if (asked !== null) this.measure("drag-to-answer", asked);
@@ -331,7 +363,8 @@ class Designer {
     this.step.draw(pins);
     if (this.log.log) this.log.draw();
     this.bode.draw(pins);
-    for (const panel of [this.plane, this.table, ...this.knobs, this.header, this.figures]) panel.show();
+    const knobs = [this.start, this.numerator, this.sampling, this.assumptions];
+    for (const panel of [this.plane, this.table, ...knobs, this.header, this.figures]) panel.show();
   }
 
   /**
@@ -352,7 +385,8 @@ class Designer {
   watchSizes() {
     // A notebook renders before it puts the element on the page: only there has it a style.
     const sizes = new ResizeObserver(() => (this.theme.known ? this.paint() : this.theme.apply()));
-    for (const element of [this.root, this.plane.plane.element, this.bode.magnitude.element]) sizes.observe(element);
+    for (const element of [this.root, ...this.root.querySelectorAll(".pf-plane-box, .pf-chart")])
+      sizes.observe(element);
     return sizes;
   }
 

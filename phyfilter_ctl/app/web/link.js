@@ -29,6 +29,7 @@
  * @property {Record<string, unknown>} views
  * @property {{past: DesignData[], future: DesignData[]}} history
  */
+/** @typedef {{text: string, level: "good" | "warn" | "bad"}} Sentence */
 /** @typedef {{key: string, label?: string, value: number | null, unit?: string, note?: string}} Figure */
 /** @typedef {{name: string, channels: string[], samples: number, dt: number, has_label: boolean}} LogSummary */
 /** @typedef {{name: string, mime: string, base64: string, written?: string}} Download */
@@ -59,7 +60,7 @@
  * What Python answers, by the op of the question; handle.py says what is asked.
  * @typedef {object} Answers
  * @property {Hello} hello
- * @property {{numbers: Figure[], messages?: string[], frequency: {omega: number[], F: Samples[]}}} design
+ * @property {{numbers: Figure[], verdict?: Sentence[], messages?: string[], frequency: {omega: number[], F: Samples[]}}} design
  * @property {{design: DesignData}} family
  * @property {{log: LogSummary | null}} log
  * @property {{log: null}} forget

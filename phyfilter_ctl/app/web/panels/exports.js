@@ -2,6 +2,7 @@
 
 import { h } from "../elements.js";
 import { download } from "../files.js";
+import { confirmExport } from "./confirm.js";
 import { button, named } from "./parts.js";
 import { Popover } from "../popover.js";
 
@@ -115,8 +116,9 @@ export class Exports {
       app.say(`${NAMES[kind]}: ${why}`, "warn");
       return;
     }
-    const asked = { design: app.design.data(), name: this.name.value.trim() };
     this.popover.close();
+    if (!(await confirmExport(app))) return;
+    const asked = { design: app.design.data(), name: this.name.value.trim() };
     app.say(kind.startsWith("fmu") ? "Building the FMU …" : "Writing …");
     const reply =
       kind === "toml"

@@ -1,10 +1,12 @@
-/** The figures of the design, what they mean, and what Python has to say about it. */
+/** The verdict in words, the leading figures of the design, all of them on demand, and what each means. */
 
 import { h, keepAt, write } from "../elements.js";
 import { inUnit } from "../numbers.js";
+import { button } from "./parts.js";
+import { Verdict } from "./verdict.js";
 
 /** @import { App } from "../designer.js" */
-/** @import { Figure } from "../link.js" */
+/** @import { Answers, Figure } from "../link.js" */
 
 /** @typedef {ReturnType<typeof makeCard>} Card */
 
@@ -23,6 +25,7 @@ export const SHORT_NAMES = {
   phase_margin: "Phase margin",
 };
 
+const LEADING = ["bandwidth", "noise", "bound_sampled", "delay_margin"];
 const IN_UNIT_OF_F = ["noise", "bound", "bound_sampled"];
 
 /** @type {Record<string, string>} */
@@ -53,6 +56,8 @@ export function unitOf(key, figure, unit) {
   return figure?.unit ?? UNITS[key] ?? "";
 }
 
+let count = 0;
+
 export class Figures {
   /** @param {App} app */
   constructor(app) {
@@ -63,36 +68,58 @@ export class Figures {
     this.cards = new Map();
     /** @type {string | null} */
     this.explained = null;
-    this.numbers = h("div", { class: "pf-numbers", "data-test": "numbers" });
-    this.explanation = h(
-      "p",
-      { class: "pf-explain", "data-test": "explain" },
-      "Point at a figure to read what it means.",
-    );
-    this.messages = h("ul", { class: "pf-messages", "data-test": "messages" });
-    const under = h("div", { class: "pf-under" }, this.explanation, this.messages);
-    this.element = h("section", { class: "pf-figures", "aria-label": "Figures" }, this.numbers, under);
+    this.verdict = new Verdict(app);
+    this.leading = h("div", { class: "pf-numbers pf-leading", "data-test": "numbers" });
+    this.others = h("div", {
+      class: "pf-numbers",
+      id: `pf-others-${++count}`,
+      "data-test": "all-numbers",
+      hidden: true,
+    });
+    this.more = button("all-figures", "All figures", () => this.unfold(this.others.hidden), {
+      "aria-expanded": "false",
+      "aria-controls": this.others.id,
+    });
+    this.explanation = h("p", {
+      class: "pf-explain",
+      id: `pf-explain-${count}`,
+      role: "tooltip",
+      "data-test": "explain",
+      hidden: true,
+    });
+    const line = h("div", { class: "pf-line-of-figures" }, this.verdict.element, this.leading, this.more);
+    this.element = h("section", { class: "pf-figures", "aria-label": "Verdict and figures" }, line, this.others);
+    this.element.append(this.explanation);
   }
 
-  /** Python's answer. @param {Figure[]} figures @param {string[]} messages */
-  answered(figures, messages) {
-    this.known = new Map(figures.map((figure) => [figure.key, figure]));
-    this.messages.replaceChildren(...messages.map((text) => h("li", {}, `⚠ ${text}`)));
+  /** @param {boolean} all whether every figure is shown */
+  unfold(all) {
+    this.others.hidden = !all;
+    this.more.setAttribute("aria-expanded", String(all));
+  }
+
+  /** Python's answer. @param {Answers["design"]} reply */
+  answered({ numbers, verdict, messages }) {
+    this.known = new Map(numbers.map((figure) => [figure.key, figure]));
+    this.verdict.answered(verdict ?? [], messages ?? []);
   }
 
   show() {
     const keys = this.known.size ? [...this.known.keys()] : Object.keys(SHORT_NAMES);
-    keys.forEach((key, place) => {
+    const places = { leading: 0, others: 0 };
+    for (const key of keys) {
       let card = this.cards.get(key);
       if (!card) this.cards.set(key, (card = this.card(key)));
-      keepAt(this.numbers, card.element, place);
+      const group = LEADING.includes(key) ? "leading" : "others";
+      keepAt(this[group], card.element, places[group]++);
       this.fill(card, key);
-    });
+    }
     for (const [key, card] of this.cards) {
       if (keys.includes(key)) continue;
       card.element.remove();
       this.cards.delete(key);
     }
+    this.verdict.show();
     if (this.explained) this.explain(this.explained);
   }
 
@@ -119,28 +146,41 @@ export class Figures {
 
   /** @param {string} key */
   card(key) {
-    const card = makeCard(key);
-    for (const name of ["pointerenter", "focus"])
-      card.element.addEventListener(name, () => this.explain((this.explained = key)));
-    for (const name of ["pointerleave", "blur"]) card.element.addEventListener(name, () => (this.explained = null));
+    const card = makeCard(key, this.explanation.id);
+    const close = () => this.explain(null);
+    for (const name of ["pointerenter", "focus"]) card.element.addEventListener(name, () => this.explain(key));
+    for (const name of ["pointerleave", "blur"]) card.element.addEventListener(name, close);
+    card.element.addEventListener("keydown", (event) => {
+      if (event.key === "Escape") close();
+    });
     return card;
   }
 
-  /** @param {string} key */
+  /** What a figure means, below it. @param {string | null} key */
   explain(key) {
-    const card = this.cards.get(key);
+    this.explained = key;
+    const card = key === null ? undefined : this.cards.get(key);
+    this.explanation.hidden = !card;
     if (!card) return;
     const note = card.note ? ` (${card.note})` : "";
-    this.explanation.replaceChildren(h("b", {}, `${card.name}. `), `${MEANINGS[key] ?? ""}${note}`);
+    this.explanation.replaceChildren(h("b", {}, `${card.name}. `), `${MEANINGS[key ?? ""] ?? ""}${note}`);
+    this.explanation.style.top = `${card.element.offsetTop + card.element.offsetHeight + 4}px`;
   }
 }
 
-/** @param {string} key */
-function makeCard(key) {
+/** @param {string} key @param {string} described */
+function makeCard(key, described) {
   const name = SHORT_NAMES[key] ?? key;
   const value = h("span", { class: "pf-value" });
   const unit = h("span", { class: "pf-unit" });
-  const given = { class: "pf-number", tabindex: 0, role: "group", "aria-label": name, "data-test": `number-${key}` };
+  const given = {
+    class: "pf-number",
+    tabindex: 0,
+    role: "group",
+    "aria-label": name,
+    "aria-describedby": described,
+    "data-test": `number-${key}`,
+  };
   const element = h(
     "div",
     given,

@@ -8,7 +8,7 @@ import { button, group } from "./parts.js";
 
 /** @import { App } from "../designer.js" */
 export class Header {
-  /** @param {App} app @param {{pin: () => void, theme: () => void, save: () => void}} does */
+  /** @param {App} app @param {{pin: () => void, theme: () => void, save: () => void, arrange: () => void}} does */
   constructor(app, does) {
     this.app = app;
     const { design } = app;
@@ -34,7 +34,7 @@ export class Header {
     this.element = h("header", { class: "pf-header" }, brand, this.busy, this.tools(does));
   }
 
-  /** @param {{pin: () => void, theme: () => void, save: () => void}} does */
+  /** @param {{pin: () => void, theme: () => void, save: () => void, arrange: () => void}} does */
   tools(does) {
     const named = (/** @type {string} */ label) => ({ role: "group", "aria-label": label });
     const open = h(
@@ -54,6 +54,10 @@ export class Header {
       title: "Light, dark or as the system",
       "aria-label": "Change between light and dark",
     });
+    const panels = button("panels-open", "Panels", does.arrange, {
+      "aria-haspopup": "dialog",
+      title: "Show, hide and move panels",
+    });
     return h(
       "div",
       { class: "pf-tools" },
@@ -61,7 +65,7 @@ export class Header {
       group(named("Compare"), pin),
       group(named("File"), open, session, save, python),
       this.exports.element,
-      theme,
+      group(named("View"), panels, theme),
     );
   }
 

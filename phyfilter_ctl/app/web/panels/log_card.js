@@ -116,6 +116,7 @@ export class LogCard {
     this.whole = null;
     this.drop.hidden = log !== null;
     this.body.hidden = log === null;
+    this.element.classList.toggle("pf-empty", log === null);
     this.forget.hidden = log === null;
     this.channels.hidden = log === null || log.channels.length < 2;
     this.summary.textContent = log

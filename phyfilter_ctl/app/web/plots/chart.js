@@ -74,7 +74,7 @@ export class Chart {
       tools,
       spoken,
     );
-    this.element.style.height = `${settings.height}px`;
+    this.element.style.setProperty("--pf-height", `${settings.height}px`);
     this.width = 0;
     this.height = settings.height;
     this.ratio = 1;

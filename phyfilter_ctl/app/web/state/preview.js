@@ -3,6 +3,7 @@
 import { frequencyGrid, polar, settlingTime, stepResponse } from "../mathematics/figures.js";
 import { errorResponse, response } from "../mathematics/filter.js";
 import { eulerLimit, noiseGain, sampledResponse } from "../mathematics/sampled.js";
+import { loopIsStable } from "../mathematics/stability.js";
 import { nice } from "../numbers.js";
 import { sizeOf } from "./roots.js";
 
@@ -56,6 +57,8 @@ export class Preview {
     this.step = { t: NONE, F: NONE, E: NONE };
     /** @type {Map<string, number | null>} */
     this.figures = new Map();
+    /** Whether the loop is stable with f̂ fed back. @type {boolean | null} */
+    this.stable = null;
   }
 
   /** Curves anew, where the design or an axis has changed. @param {Pin[]} pins */
@@ -79,6 +82,7 @@ export class Preview {
       noise: gain === null ? null : gain * assume.noise,
     };
     this.figures = new Map(Object.entries(figures));
+    this.stable = gain === null ? false : loopIsStable(filter, assume, sampling.dt);
   }
 
   /** Whole decades around poles, limits and Nyquist; during a drag the axis only grows. @returns {[number, number]} */
