@@ -13,7 +13,6 @@ from .margins import PriorMargin
 
 __all__ = ["Sentence", "on_error", "on_limit", "on_loop"]
 
-_DIGITS = 3
 _EXACT = 1e-9  # relative: what is a round number but for rounding is not rounded down
 
 
@@ -81,13 +80,13 @@ def on_error(bound: float | None, unit: str, slope: float | None = None, why: st
     Examples
     --------
     >>> on_error(0.04004, "m/s²", 1.0).text
-    'Error at most 0.0401 m/s² while |γ′| ≤ 1 m/s²/s.'
+    'Error at most 0.04004 m/s² while |γ′| ≤ 1 m/s²/s.'
     """
     if bound is None or not math.isfinite(bound):
         return Sentence(f"No bound of the error{f': {why}' if why else ''}.", "warn")
     name = f" {unit}" if unit else ""
     given = "" if slope is None else f" while |γ′| ≤ {slope:.4g}{f' {unit}/s' if unit else ' per s'}"
-    return Sentence(f"Error at most {_safe(bound, up=True)}{name}{given}.")
+    return Sentence(f"Error at most {_safe(bound, up=True, digits=4)}{name}{given}.")
 
 
 def on_limit(filter: PhyFilter, kind: Literal["error", "estimate"], omega: float, level: float) -> Sentence:
@@ -149,10 +148,10 @@ def _time(seconds: float) -> str:
     return f"{_safe(factor * seconds, up=False)} {unit}"
 
 
-def _safe(value: float, *, up: bool) -> str:
+def _safe(value: float, *, up: bool, digits: int = 3) -> str:
     """A positive number at a few digits, rounded to one side."""
     if value == 0.0:
         return "0"
-    place = 10.0 ** (_DIGITS - 1 - math.floor(math.log10(value)))
+    place = 10.0 ** (digits - 1 - math.floor(math.log10(value)))
     whole = math.ceil(value * place * (1.0 - _EXACT)) if up else math.floor(value * place * (1.0 + _EXACT))
-    return f"{whole / place:.{_DIGITS}g}"
+    return f"{whole / place:.{digits}g}"

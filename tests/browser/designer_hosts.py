@@ -122,6 +122,10 @@ class Watched:
         )
         return [complex(re, s * im) for re, im in rows for s in ((1, -1) if im else (0,))]
 
+    def scrolled(self) -> float:
+        """How far the designer is scrolled in its window, in px."""
+        return self.page.locator(".pf-scroll").evaluate("element => element.scrollTop")
+
     def settled(self) -> None:
         """Python has answered for the design on the screen."""
         # The page's policy forbids what Playwright's own wait_for_function does.

@@ -210,7 +210,7 @@ def test_figures_in_the_unit_of_f_name_it(page: Watched) -> None:
     page.settled()
     for key in ("bound", "bound_sampled", "noise"):
         assert page.text(f"number-{key}").endswith("N")
-    page("number-bound").hover()
+    page("number-bound_sampled").hover()
     page.until(lambda: "ertified" in page.text("explain"))
 
 
@@ -239,20 +239,22 @@ def test_a_part_of_the_log_is_drawn(page: Watched) -> None:
 
 
 def test_the_wheel_scrolls_the_page_and_zooms_with_ctrl(page: Watched) -> None:
+    page.page.set_viewport_size({"width": 1000, "height": 700})  # not all of it fits
+    page.settled()
     tick = page("plane").locator(".pf-tick").first
     before = page.centre("pole-0"), tick.text_content()
     x, y = before[0]
     page.page.mouse.move(x + 50.0, y + 50.0)
     page.page.mouse.wheel(0.0, 200.0)
-    page.until(lambda: page.page.evaluate("scrollY") > 0.0)
+    page.until(lambda: page.scrolled() > 0.0)
     assert tick.text_content() == before[1]
-    page.page.evaluate("scrollTo(0, 0)")
+    page.page.locator(".pf-scroll").evaluate("element => element.scrollTo(0, 0)")
     page.until(lambda: page.centre("pole-0") == before[0])
     page.page.keyboard.down("Control")
     page.page.mouse.wheel(0.0, -200.0)
     page.page.keyboard.up("Control")
     page.until(lambda: page.centre("pole-0") != before[0])
-    assert page.page.evaluate("scrollY") == 0.0
+    assert page.scrolled() == 0.0
 
 
 def test_a_finger_drags_a_pole_and_scrolls_beside_it(browser: Any, served: Served) -> None:
@@ -271,13 +273,13 @@ def test_a_finger_drags_a_pole_and_scrolls_beside_it(browser: Any, served: Serve
             touch.send("Input.dispatchTouchEvent", {"type": "touchEnd", "touchPoints": []})
 
         page("plane").scroll_into_view_if_needed()
-        at = page.page.evaluate("scrollY")
+        at = page.scrolled()
         stroke(*page.centre("pole-0"), -40.0, 30.0)
         page.settled()
-        assert page.page.evaluate("scrollY") == at
+        assert page.scrolled() == at
         assert max(abs(p) for p in page.poles()) > 22.0
         box = page("plane").bounding_box()
         stroke(box["x"] + 30.0, box["y"] + box["height"] - 60.0, 0.0, -150.0)
-        page.until(lambda: page.page.evaluate("scrollY") > at)
+        page.until(lambda: page.scrolled() > at)
         assert len(page.poles()) == 2
         assert page.complaints == []

@@ -151,8 +151,9 @@ class Designer {
     this.workspace = new Workspace(panels, {
       say: (text) => this.say(text),
       resized: () => this.paint(),
-      changed: () => {},
+      changed: () => this.session.changed(),
     });
+    this.session.part("layout", this.workspace.part);
     const { header, figures, workspace } = this;
     const rolled = h(
       "div",

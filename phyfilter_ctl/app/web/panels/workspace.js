@@ -92,6 +92,11 @@ export class Workspace {
     this.set(restored(kept, this.usual));
   }
 
+  /** What a session keeps of it. */
+  get part() {
+    return { get: () => this.layout, set: (/** @type {unknown} */ kept) => this.restore(kept) };
+  }
+
   /** @param {string} id @param {Direction} direction */
   move(id, direction) {
     const next = moved(this.layout, id, direction);
