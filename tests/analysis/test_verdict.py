@@ -44,7 +44,9 @@ def test_an_unstable_loop_is_said_with_the_masses_that_help():
     margin = prior_margin(PhyFilter.from_poles([-20.0, -20.0]), delay=0.3)
     sentences = on_loop(margin, 0.0)
     assert {sentence.level for sentence in sentences} == {"bad"}
-    least = float(re.search(r"Stable for masses from ([\d.]+) times yours only", sentences[1].text)[1])
+    found = re.search(r"Stable for masses from ([\d.]+) times yours only", sentences[1].text)
+    assert found
+    least = float(found[1])
     assert least > 1.0
     assert closed_loop_is_stable([-20.0, -20.0], least, 0.3)
     assert not closed_loop_is_stable([-20.0, -20.0], 0.99 * least, 0.3)
