@@ -155,6 +155,12 @@ class Fields:
             raise self.error(key, f"expected one of {', '.join(choices)}, got {shown(value)}")
         return value
 
+    def texts(self, key: str, low: int, high: int, longest: int = LONGEST_TEXT) -> list[str]:
+        """A list of low to high texts."""
+        entries = dict(enumerate(self._list(key, low, high)))
+        inside = Fields({str(i): entry for i, entry in entries.items()}, f"{self.where}{key}.")
+        return [inside.text(str(i), longest) for i in entries]
+
     def numbers(self, key: str, low: int, high: int, *, size: float) -> list[float]:
         """A list of low to high numbers of magnitude up to ``size``."""
         entries = self.listed(key, low, high)

@@ -7,10 +7,16 @@ request has ``id``, ``op`` and the fields of that op; every reply has ``id``, ``
 ========  ==========================================  ===============================================================
 op        request                                     reply
 ========  ==========================================  ===============================================================
-hello                                                 version, design, families, log, session, can
+hello                                                 version, design, families, log, session, waiting, can
 design    design                                      filter, frequency, step, numbers, stable_sampled, messages
 family    family, order, cutoff, damping, type, band  design
 log       name, text                                  log
+upload    name, size, at, data                        received, size
+preview   time, time_unit                             file, columns, time, roles, messages
+import    time, time_unit, x, label, g, f_theta,      log, messages
+          inertia, unit_x, unit_f, step
+example                                               log, messages
+measured  channel                                     dt, slope, noise, messages
 forget                                                log (null)
 estimate  design, channel, window                     t, f_hat, f_theta, label, rmse, rmse_model, wiener, messages
 learn     order, form                                 job
@@ -31,6 +37,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable, Mapping
 from functools import lru_cache
+from pathlib import Path
 from typing import cast
 
 import numpy as np
@@ -40,9 +47,10 @@ from threadpoolctl import ThreadpoolController
 from ..design.learning import Form
 from ..filter import FilterBank, PhyFilter, SampledPhyFilter
 from ..recording import Recording
-from . import answers, exports, logs, sessions
+from . import answers, exports, importing, logs, sessions
 from .checking import Fields, MessageError
 from .designs import FAMILIES, HIGHEST_ORDER, Design, design_of_family, read_design, read_designs
+from .inbox import Inbox
 from .jobs import LearningJob
 from .python_text import python_text
 
@@ -71,6 +79,8 @@ class Session:
         Open from the start.
     kept : mapping, optional
         A session to go on with instead, as :func:`phyfilter_ctl.app.sessions.read_session` gives it.
+    waiting : Path, optional
+        A file of this machine that the user is to be asked about: which of its columns are what.
 
     Raises
     ------
@@ -91,7 +101,9 @@ class Session:
         *,
         log: Recording | None = None,
         kept: Mapping[str, object] | None = None,
+        waiting: Path | None = None,
     ) -> None:
+        self.inbox = Inbox(waiting)
         self._lock = threading.Lock()
         self._design = Design() if start is None else Design().with_filter(start)
         if kept is not None:
@@ -142,7 +154,8 @@ class Session:
             return self._job
 
     def close(self) -> None:
-        """End the learning job, if one runs."""
+        """End the learning job, if one runs, and let go of files."""
+        self.inbox.close()
         job = self.job
         if job is not None:
             job.cancel(_WAIT_FOR_CANCEL)
@@ -254,6 +267,7 @@ def _hello(session: Session, fields: Fields) -> Reply:
         "families": list(FAMILIES),
         "log": None if log is None else logs.summary(log),
         "session": session.kept,
+        "waiting": session.inbox.waiting,
         "can": exports.abilities(),
     }
 
@@ -343,6 +357,11 @@ _OPERATIONS: Mapping[str, tuple[Callable[[Session, Fields], Reply], tuple[str, .
     "design": (_design, ("design",)),
     "family": (_family, ("family", "order", "cutoff", "damping", "type", "band")),
     "log": (_log, ("name", "text")),
+    "upload": (importing.upload, ("name", "size", "at", "data")),
+    "preview": (importing.preview_, ("time", "time_unit")),
+    "import": (importing.import_, importing.ROLES),
+    "example": (importing.example, ()),
+    "measured": (importing.measured, ("channel",)),
     "forget": (_forget, ()),
     "estimate": (_estimate, ("design", "channel", "window")),
     "learn": (_learn, ("order", "form")),

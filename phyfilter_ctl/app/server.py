@@ -60,13 +60,14 @@ _FILES = {
 }
 # Which computations wait for each other; a lane is a thread, so a long export does not hold up the next design.
 _LANES = {
-    "log": ("log", "forget", "estimate", "learn"),
+    "log": ("log", "forget", "estimate", "learn", "measured"),
+    "import": ("upload", "preview", "import", "example"),
     "job": ("job", "cancel"),
     "export": ("export", "exports"),
     "compare": ("compare",),
 }
-_SECONDS = {"design": 30.0, "log": 60.0, "job": 10.0, "export": 180.0, "compare": 30.0}
-_LARGE = frozenset({"log", "session"})
+_SECONDS = {"design": 30.0, "log": 60.0, "import": 600.0, "job": 10.0, "export": 180.0, "compare": 30.0}
+_LARGE = frozenset({"log", "session", "upload"})
 # What is written under --out: the name comes from here and from the design, never from a request.
 _NAMES = {
     "save": "filter-{}.toml",

@@ -70,6 +70,7 @@ def read_log(
     signals: Mapping[str, Sequence[str] | EllipsisType | None],
     scale: Mapping[str, float],
     delimiter: str,
+    decimal: str = ".",
 ) -> LogColumns:
     """Read and check the columns; what is wrong is named by its line in the file.
 
@@ -79,7 +80,7 @@ def read_log(
         For each further signal its columns, None to leave it out, ``...`` for the default ones where the file has
         them.
     """
-    file = open_csv(path, delimiter)
+    file = open_csv(path, delimiter, decimal)
     x, wanted = wanted_columns(file, time=time, x=x, signals=signals)
     names = tuple(dict.fromkeys(name for columns in wanted.values() for name in columns))
     table = _scaled(file, names, file.read(names), scale)

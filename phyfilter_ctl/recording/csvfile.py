@@ -111,13 +111,23 @@ class CsvFile:
         column = self.header.index(name)
         return (fields[column].strip() for _, fields in self._split_rows())
 
+    def head(self, count: int) -> list[list[str]]:
+        """Texts of the first rows, at most ``count``.
+
+        Raises
+        ------
+        ValueError
+            If a row has another number of fields than the header.
+        """
+        return [[field.strip() for field in fields] for _, fields in islice(self._split_rows(), count)]
+
     def numeric(self) -> tuple[str, ...]:
         """Columns that hold numbers or nothing in the first rows."""
-        rows = [fields for _, fields in islice(self._split_rows(), _SAMPLED)]
+        rows = self.head(_SAMPLED)
         return tuple(
             name
             for name, column in zip(self.header, zip(*rows, strict=True), strict=True)
-            if all(not field.strip() or self._number(field) is not None for field in column)
+            if all(not field or self.number(field) is not None for field in column)
         )
 
     def line_numbers(self) -> list[int]:
@@ -141,14 +151,15 @@ class CsvFile:
                 )
             yield number, fields
 
-    def _number(self, text: str) -> float | None:
+    def number(self, text: str) -> float | None:
+        """What a field says; None where it is no number."""
         return _number(text if self.decimal == "." else text.replace(self.decimal, "."))
 
     def _read_slowly(self, names: Sequence[str], columns: Sequence[int], gaps: bool) -> FloatArray:
         table: list[list[float]] = []
         for number, fields in self._split_rows():
             row = [
-                math.nan if gaps and not fields[column].strip() else self._number(fields[column])
+                math.nan if gaps and not fields[column].strip() else self.number(fields[column])
                 for column in columns
             ]
             if None in row:
