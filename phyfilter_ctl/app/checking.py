@@ -157,7 +157,7 @@ class Fields:
 
     def texts(self, key: str, low: int, high: int, longest: int = LONGEST_TEXT) -> list[str]:
         """A list of low to high texts."""
-        entries = dict(enumerate(self._list(key, low, high)))
+        entries = dict(enumerate(self.listed(key, low, high)))
         inside = Fields({str(i): entry for i, entry in entries.items()}, f"{self.where}{key}.")
         return [inside.text(str(i), longest) for i in entries]
 

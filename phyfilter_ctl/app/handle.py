@@ -132,7 +132,7 @@ class Session:
         Session
         """
         design, log, kept = self._began
-        other = Session(log=log, kept=kept)
+        other = Session(log=log, kept=kept, waiting=self.inbox.named)
         other._design, other._began = design, self._began
         return other
 

@@ -6,11 +6,12 @@ import base64
 import binascii
 import math
 from importlib import import_module
-from typing import Protocol
+from typing import Protocol, cast
 
 import numpy as np
 
 from ..estimation import smooth_label
+from ..logfiles.clock import TimeUnit
 from ..recording import Recording
 from . import logs
 from .checking import Fields
@@ -58,7 +59,13 @@ def preview_(session: Holder, fields: Fields) -> Reply:
     """What the file that was sent holds: fields time and time_unit, where the user chose them."""
     time = fields.text("time", _LONGEST_KEY) if "time" in fields else None
     unit = fields.choice("time_unit", ("s", "ms", "us", "ns")) if "time_unit" in fields else None
-    return preview(session.inbox.source, time, unit)  # pyright: ignore[reportArgumentType]  # one of the choices
+    source = session.inbox.source
+    try:
+        return preview(source, time, cast(TimeUnit | None, unit))
+    except ValueError as error:  # its text names the place of the copy
+        raise ValueError(
+            str(error).replace(f"{source.path}: ", "").replace(str(source.path), source.name)
+        ) from error
 
 
 def import_(session: Holder, fields: Fields) -> Reply:
@@ -83,8 +90,8 @@ def example(session: Holder, fields: Fields) -> Reply:
     )
     session.set_log(log)
     said = (
-        "A simulated flight of a small quadrotor in gusts, not a recording: its velocity with sensor noise, and its true "
-        "acceleration as the label."
+        "A simulated flight of a small quadrotor in gusts, not a recording: its velocity with sensor noise, and its "
+        "true acceleration as the label."
     )
     return {"log": logs.summary(log), "messages": [said]}
 
@@ -97,7 +104,9 @@ def measured(session: Holder, fields: Fields) -> Reply:
     channel = fields.integer("channel", 0, log.n_x - 1) if "channel" in fields else 0
     part = log if log.n <= _MOST_MEASURED else log.segment(0, _MOST_MEASURED)
     first, last = part.times[0], part.times[-1]
-    over = f"{log.channels[channel]} of {log.name or 'the log'}, {part.n} samples, {first:.6g} s to {last:.6g} s"
+    over = (
+        f"{log.channels[channel]} of {log.name or 'the log'}, {part.n} samples, {first:.6g} s to {last:.6g} s"
+    )
     inertia = part.inertia
     if inertia is not None and inertia.ndim == 3:
         raise ValueError("a full inertia couples the channels: the noise of one alone cannot be told")
@@ -117,7 +126,9 @@ def measured(session: Holder, fields: Fields) -> Reply:
     # The smoother's own resolution, at which it begins to take changes of f for noise.
     span = math.sqrt(noise * math.sqrt(log.dt) / walk) if noise > 0.0 and walk > 0.0 else log.dt
     steps = min(max(1, round(span / log.dt)), part.n - 1)
-    slope = float(np.max(np.abs((gamma[steps:] - gamma[:-steps]) / (part.times[steps:] - part.times[:-steps]))))
+    slope = float(
+        np.max(np.abs((gamma[steps:] - gamma[:-steps]) / (part.times[steps:] - part.times[:-steps])))
+    )
     what = "label" if part.label is not None else "f, smoothed from both sides,"
     minus = " − f_θ" if part.f_theta is not None else ""
     return {
@@ -125,7 +136,7 @@ def measured(session: Holder, fields: Fields) -> Reply:
         "slope": float(f"{slope:.4g}"),
         "noise": float(f"{noise:.4g}"),
         "messages": [
-            f"Over {over}: step {log.dt:.4g} s; noise of x {noise:.3g}, the likeliest white noise; largest slope of the "
-            f"{what}{minus} {slope:.3g}, as changes over {steps * log.dt:.3g} s."
+            f"Over {over}: step {log.dt:.4g} s; noise of x {noise:.3g}, the likeliest white noise; largest slope of "
+            f"the {what}{minus} {slope:.3g}, as changes over {steps * log.dt:.3g} s."
         ],
     }

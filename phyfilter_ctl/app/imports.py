@@ -6,6 +6,7 @@ import os
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 
@@ -15,13 +16,14 @@ from ..logfiles import open_log
 from ..logfiles.clock import TimeUnit, unit_of_name
 from ..logfiles.formats import FORMATS, format_of
 from ..recording import Recording
+from ..recording.columns import VELOCITIES
 from ..recording.columns import read_log as read_columns
 from ..robot import findings_of
 from .checking import Fields, MessageError, shown
 from .inbox import Source
-from .preview import base_name, columns_of, table_of, times_of
+from .preview import base_name, columns_of, roles_of, table_of, times_of
 
-__all__ = ["Roles", "import_log", "read_roles"]
+__all__ = ["Roles", "import_log", "read_roles", "usual_roles"]
 
 _MOST_COLUMNS = 64  # of a signal; an inertia may be a matrix
 MOST_CHANNELS = 12
@@ -97,17 +99,41 @@ def read_roles(fields: Fields) -> Roles:
             else _keys(fields, "inertia", _MOST_COLUMNS)
         )
         if len(inertia) not in (0, 1, len(x), len(x) ** 2):
-            raise fields.error("inertia", f"expected 1, {len(x)} or {len(x) ** 2} of them, got {len(inertia)}")
+            raise fields.error(
+                "inertia", f"expected 1, {len(x)} or {len(x) ** 2} of them, got {len(inertia)}"
+            )
     unit = fields.choice("time_unit", ("s", "ms", "us", "ns")) if "time_unit" in fields else None
     return Roles(
         x,
         fields.text("time", _LONGEST_KEY) if "time" in fields else None,
-        unit,  # pyright: ignore[reportArgumentType]  # one of the choices
+        cast(TimeUnit | None, unit),
         {name: keys for name, keys in signals.items() if keys},
         inertia,
         {of: fields.text(f"unit_{of}") for of in ("x", "f") if f"unit_{of}" in fields},
         fields.number("step", _SHORTEST, _LONGEST, unit="s") if "step" in fields else None,
     )
+
+
+def usual_roles(source: Source) -> Roles | None:
+    """Roles by names, where x is vx, vy, vz and the times leave no doubt; else None.
+
+    Parameters
+    ----------
+    source : Source
+
+    Raises
+    ------
+    ValueError, OSError
+        If the file cannot be read.
+    """
+    columns = columns_of(source)[1]
+    times = times_of(source, columns, None)
+    roles = roles_of(source, columns, times)
+    if tuple(roles["x"]) != VELOCITIES or times.recognised or times.step is None:
+        return None
+    signals = {name: tuple(roles[name]) for name in _DATA if roles[name]}
+    unit = times.unit if times.choices else None
+    return Roles(VELOCITIES, times.column, cast(TimeUnit | None, unit), signals, tuple(roles["inertia"]))
 
 
 def _keys(fields: Fields, name: str, most: int) -> tuple[str, ...]:
@@ -151,12 +177,16 @@ def import_log(source: Source, roles: Roles) -> tuple[Recording, list[str]]:
         else:
             times, values, left_out = _topics(source, wanted)
             if left_out:
-                said.append(f"{left_out} rows were left out: they miss a signal, or their time does not advance.")
+                said.append(
+                    f"{left_out} rows were left out: they miss a signal, or their time does not advance."
+                )
         values = {name: table * factors[name] for name, table in values.items()}
         log = Recording.from_arrays(
             x=values["x"],
             times=times,
-            **{name: values.get(name) for name in _DATA},
+            label=values.get("label"),
+            g=values.get("g"),
+            f_theta=values.get("f_theta"),
             inertia=_inertia(roles, values),
             name=Path(source.name).stem if roles.name is None else roles.name,
             channels=_channels(roles.x),
@@ -165,7 +195,9 @@ def import_log(source: Source, roles: Roles) -> tuple[Recording, list[str]]:
         if roles.step is not None:
             before = log.n
             log = log.resample(roles.step)
-            said.append(f"Resampled from {before} samples to {log.n}, every {roles.step:.4g} s, by straight lines.")
+            said.append(
+                f"Resampled from {before} samples to {log.n}, every {roles.step:.4g} s, by straight lines."
+            )
         elif not log.is_uniform:
             said.append(f"The steps differ around {log.dt:.4g} s; every one is taken as it is.")
     except MessageError:
@@ -203,11 +235,19 @@ def _table(source: Source, roles: Roles, wanted: dict[str, tuple[str, ...]]) -> 
     # One signal with no other to be matched by its width: what is wrong is named by line and column.
     every = tuple(dict.fromkeys(key for keys in wanted.values() for key in keys))
     read = read_columns(
-        source.path, time=None, x=every, signals={}, scale={}, delimiter=table.delimiter, decimal=table.decimal
+        source.path,
+        time=None,
+        x=every,
+        signals={},
+        scale={},
+        delimiter=table.delimiter,
+        decimal=table.decimal,
     ).values["x"]
     place = {key: k for k, key in enumerate(every)}
     stated = bool(unit_of_name(time.column)) or not time.unit
-    times = open_log(source.path, time_unit=None if stated else unit or "s", time=time.column).read("", []).times
+    times = (
+        open_log(source.path, time_unit=None if stated else unit or "s", time=time.column).read("", []).times
+    )
     return times, {name: read[:, [place[key] for key in keys]] for name, keys in wanted.items()}
 
 
@@ -284,7 +324,9 @@ def _factors(
         found = [unit.replace("²", "^2").replace("³", "^3").replace("µ", "u") for unit in found]
         read = [_si(unit, gravity=signal in _DATA) for unit in found]
         if len({name for _, name in read}) > 1:
-            raise MessageError(signal, f"its columns have different units: {', '.join(map(repr, found))}; say one")
+            raise MessageError(
+                signal, f"its columns have different units: {', '.join(map(repr, found))}; say one"
+            )
         factors[signal] = np.array([factor for factor, _ in read])
         name = read[0][1]
         if signal == "x":
@@ -325,8 +367,8 @@ def _refuse_what_does_not_fit(source: Source, columns: int) -> None:
     if needs > free:
         raise MessageError(
             "file",
-            f"about {rows:.2g} rows and {columns} columns take some {needs / 1e9:.2g} GB of memory, of which {free / 1e9:.2g} "
-            "GB are free: choose fewer columns, or cut the log",
+            f"about {rows:.2g} rows and {columns} columns take some {needs / 1e9:.2g} GB of memory, of which "
+            f"{free / 1e9:.2g} GB are free: choose fewer columns, or cut the log",
         )
 
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 import shutil
 import tempfile
 import threading
+import weakref
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -63,7 +65,9 @@ class Inbox:
 
     def __init__(self, path: Path | None = None) -> None:
         self._lock = threading.Lock()
-        self._folder: tempfile.TemporaryDirectory[str] | None = None
+        self._folder: Path | None = None
+        self._tidy: Callable[[], object] = lambda: None
+        self.named = path
         self._source = None if path is None else Source(path, path.name)
         self._size, self._there = 0, 0
 
@@ -107,10 +111,12 @@ class Inbox:
             if at == 0:
                 self._begin(size)
             if self._folder is None or size != self._size or at != self._there:
-                raise MessageError("at", f"expected the piece after {self._there} bytes, got {at}: send the file again")
+                raise MessageError(
+                    "at", f"expected the piece after {self._there} bytes, got {at}: send the file again"
+                )
             if at + len(piece) > size:
                 raise MessageError("data", f"expected {size} bytes in all, got {at + len(piece)}")
-            path = Path(self._folder.name, f"log{_ending(name)}")
+            path = Path(self._folder, f"log{_ending(name)}")
             with path.open("ab") as file:
                 file.write(piece)
             self._there += len(piece)
@@ -120,22 +126,22 @@ class Inbox:
 
     def _begin(self, size: int) -> None:
         self._end()
-        self._folder = tempfile.TemporaryDirectory(prefix="phyfilter_")
+        self._folder = Path(tempfile.mkdtemp(prefix="phyfilter_"))
+        self._tidy = weakref.finalize(self, shutil.rmtree, self._folder, ignore_errors=True)
         self._size = size
-        free = shutil.disk_usage(self._folder.name).free - _LEFT_FREE
+        free = shutil.disk_usage(self._folder).free - _LEFT_FREE
         if size > free:
             self._end()
             raise MessageError(
                 "size",
-                f"the file has {size / 1e9:.3g} GB, but {max(free, 0) / 1e9:.3g} GB are free for temporary files: name it "
-                "where the designer is started (phyfilter-ctl app --log FILE), which takes no copy",
+                f"the file has {size / 1e9:.3g} GB, but {max(free, 0) / 1e9:.3g} GB are free for temporary files: name "
+                "it where the designer is started (phyfilter-ctl app --log FILE), which takes no copy",
             )
 
     def _end(self) -> None:
-        folder, self._folder, self._source = self._folder, None, None
+        self._folder, self._source = None, None
         self._size, self._there = 0, 0
-        if folder is not None:
-            folder.cleanup()
+        self._tidy()
 
     def close(self) -> None:
         """Let go of the file; a copy is deleted."""

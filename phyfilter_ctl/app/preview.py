@@ -18,7 +18,7 @@ from ..recording.csvfile import CsvFile, dialect, open_csv
 from ..results import plain
 from .inbox import Source
 
-__all__ = ["Column", "Times", "base_name", "columns_of", "preview", "table_of", "times_of"]
+__all__ = ["Column", "Times", "base_name", "columns_of", "preview", "roles_of", "table_of", "times_of"]
 
 SHOWN_ROWS = 8
 _LOOKED_AT = 1000  # rows, for times and kinds of columns
@@ -78,6 +78,8 @@ class Times:
         Whether the first steps are equal.
     step : float or None
         Median of the first steps, s.
+    fixed : bool
+        Whether the log has clocks of its own, and no column is to be chosen.
     """
 
     column: str | None
@@ -87,6 +89,7 @@ class Times:
     choices: Mapping[str, float] = field(default_factory=dict)
     even: bool = True
     step: float | None = None
+    fixed: bool = False
 
 
 def preview(source: Source, time: str | None, unit: TimeUnit | None) -> dict[str, object]:
@@ -107,7 +110,7 @@ def preview(source: Source, time: str | None, unit: TimeUnit | None) -> dict[str
     """
     kind, columns = columns_of(source)
     times = times_of(source, columns, time, unit)
-    roles = _roles(source, [column for column in columns if column.key != times.column])
+    roles = roles_of(source, columns, times)
     return {
         "file": {"name": source.name, "size": source.size, "format": kind},
         "columns": [
@@ -136,7 +139,9 @@ def columns_of(source: Source) -> tuple[str, list[Column]]:
         rows = table.head(_LOOKED_AT)
         kinds = [_holds_numbers(table, [row[k] for row in rows]) for k in range(len(table.header))]
         return "csv", [
-            Column(name, column_unit(name), kinds[k], tuple(row[k][:_LONGEST_CELL] for row in rows[:SHOWN_ROWS]))
+            Column(
+                name, column_unit(name), kinds[k], tuple(row[k][:_LONGEST_CELL] for row in rows[:SHOWN_ROWS])
+            )
             for k, name in enumerate(table.header)
         ]
     log = _opened(source)
@@ -144,9 +149,9 @@ def columns_of(source: Source) -> tuple[str, list[Column]]:
 
 
 def _holds_numbers(table: CsvFile, texts: Sequence[str]) -> bool:
-    """Of most rows: a single odd one is to be said by its line when the column is read."""
+    """Some, or nothing: what is odd among them is said by its line when the column is read."""
     filled = [text for text in texts if text]
-    return not filled or sum(table.number(text) is not None for text in filled) > len(filled) / 2
+    return not filled or any(table.number(text) is not None for text in filled)
 
 
 def _opened(source: Source) -> LogFile:
@@ -221,7 +226,7 @@ def times_of(
 def _own_times(source: Source, time: str | None, unit: TimeUnit | None) -> Times:
     kind = format_of(source.path)
     if not FORMATS[kind].table:
-        return Times(None, "", f"A {kind} log says its times itself; every topic has its own.")
+        return Times(None, "", f"A {kind} log says its times itself; every topic has its own.", fixed=True)
     try:
         clock = open_log(source.path, time_unit=unit, time=time).topics[0].clock
     except ValueError as error:
@@ -245,7 +250,9 @@ def _counted(column: str, values: FloatArray, unit: TimeUnit | None) -> Times:
     stated = unit_of_name(column)
     choices = {} if stated else {name: step * size for name, size in _TICKS.items()}
     if unit is not None and stated and unit != stated:
-        raise ValueError(f"time_unit: the name of {column!r} says {stated}, got {unit}: rename it, or leave the unit")
+        raise ValueError(
+            f"time_unit: the name of {column!r} says {stated}, got {unit}: rename it, or leave the unit"
+        )
     known = stated or unit
     if known:
         says = "its name says" if stated else "you say"
@@ -280,10 +287,10 @@ def _is_date(texts: Sequence[str]) -> bool:
 # -- what may be what ---------------------------------------------------------------------------------------------
 
 
-def _roles(source: Source, columns: Sequence[Column]) -> dict[str, list[str]]:
+def roles_of(source: Source, columns: Sequence[Column], times: Times) -> dict[str, list[str]]:
     """Columns for each signal, as far as their names tell."""
     empty: dict[str, list[str]] = {"x": [], "label": [], "g": [], "f_theta": [], "inertia": []}
-    usable = [column.key for column in columns if column.numeric]
+    usable = [column.key for column in columns if column.numeric and column.key != times.column]
     if FORMATS[format_of(source.path)].table:
         return empty | _by_names({base_name(key): key for key in usable})
     log = source.log
@@ -292,7 +299,9 @@ def _roles(source: Source, columns: Sequence[Column]) -> dict[str, list[str]]:
         # What g is made of is no g yet: motors and attitudes need a model.
         if each.signal in ("x", "label") and not empty[each.signal]:
             found = [f"{each.topic}/{name}" if several else name for name in each.fields]
-            empty[each.signal] = [key for name in found for key in usable if key == name or key.startswith(f"{name}[")]
+            empty[each.signal] = [
+                key for name in found for key in usable if key == name or key.startswith(f"{name}[")
+            ]
     if len(empty["label"]) != len(empty["x"]) or any(
         key.rpartition("/")[2].startswith(("Acc", "accel", "xyz", "linear_acc")) for key in empty["label"]
     ):
@@ -307,7 +316,7 @@ def _by_names(keys: Mapping[str, str]) -> dict[str, list[str]]:
     if not x:
         x = next(([lower[n] for n in names] for names in _VELOCITIES if all(n in lower for n in names)), [])
     if not x:
-        known = tuple(_PREFIXES.values()) + ("feature_", "inertia_")
+        known = (*_PREFIXES.values(), "feature_", "inertia_")
         rest = [name for name in keys if not name.startswith(known) and not _MASS.fullmatch(name)]
         x = rest if len(rest) <= _ALONE else []
     found = {"x": x, "label": labels}
@@ -345,8 +354,8 @@ def _notes(source: Source, columns: Sequence[Column], roles: Mapping[str, Sequen
         notes += log.notes
         if len(log.topics) > 1:
             notes.append(
-                "Signals of other topics than that of x are taken at its times: g by the sample before, label and f_θ by "
-                "straight lines. Frames and signs stay as recorded; a robot file turns them (docs: your robot)."
+                "Signals of other topics than that of x are taken at its times: g by the sample before, label and f_θ "
+                "by straight lines. Frames and signs stay as recorded; a robot file turns them (docs: your robot)."
             )
     if not roles["x"]:
         notes.append("The names do not tell what x is: choose its columns.")

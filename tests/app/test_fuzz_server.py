@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import asyncio
+import base64
 import importlib
 import json
 import logging
 import re
+from typing import Any
 
 import numpy as np
 import pytest
@@ -32,6 +34,10 @@ OPS = [
     "design",
     "family",
     "log",
+    "upload",
+    "preview",
+    "import",
+    "measured",
     "forget",
     "estimate",
     "learn",
@@ -44,6 +50,18 @@ OPS = [
     "export",
 ]
 LOG = "t,vx,ax\n" + "".join(f"{0.01 * k:.2f},{k % 7},{k % 3}\n" for k in range(40))
+FILES = [LOG.encode(), LOG.replace(".", "#").replace(",", ";").replace("#", ",").encode()]
+FILES += [
+    magic + bytes(range(256))
+    for magic in (
+        b"ULog\x01\x12\x35",
+        b"\xa3\x95\x80",
+        b"PAR1",
+        b"\x89HDF\r\n\x1a\n",
+        b"MATLAB ",
+        b"\x89MCAP0\r\n",
+    )
+]
 # What stands where something else is expected.
 ODD: list[object] = [
     None, True, False, 0, -1, 1, 1e308, -1e-308, 1e400, 10**400, "", "x", "\x00", "../../etc/passwd", "\ud800",
@@ -58,7 +76,7 @@ class Fuzzer:
     def __init__(self, seed: int) -> None:
         self.rng = np.random.default_rng(seed)
 
-    def pick(self, things: list) -> object:
+    def pick(self, things: list) -> Any:
         return things[int(self.rng.integers(len(things)))]
 
     def odd_or(self, value: object, chance: float = 0.2) -> object:
@@ -89,6 +107,17 @@ class Fuzzer:
         values: dict[str, dict[str, object]] = {
             "family": {"family": "butterworth", "order": 3, "cutoff": 20.0, "damping": 0.7, "band": [1, 10]},
             "log": {"name": "flight.csv", "text": LOG[: int(self.rng.integers(len(LOG)))]},
+            "upload": self.piece(),
+            "preview": {"time": "t", "time_unit": self.pick(["s", "ms", "us", "ns"])},
+            "import": {
+                "time": "t",
+                "x": ["vx"],
+                "label": ["ax"],
+                "inertia": self.pick([["ax"], [1.5], [], [1, 2, 3]]),
+                "unit_x": "mm/s",
+                "step": 0.02,
+            },
+            "measured": {"channel": 0},
             "learn": {"order": 1, "form": "lowpass"},
             "job": {"job": 1},
             "cancel": {"job": 1},
@@ -115,6 +144,14 @@ class Fuzzer:
         }
         text = json.dumps(kept)
         return text[: int(self.rng.integers(len(text)))] if self.rng.random() < 0.1 else text
+
+    def piece(self) -> dict[str, object]:
+        """A file in one piece, cut or with bytes changed, under the name of one format or another."""
+        raw = bytearray(self.pick(FILES)[: int(self.rng.integers(1, 400))])
+        for _ in range(int(self.rng.integers(4))):
+            raw[int(self.rng.integers(len(raw)))] = int(self.rng.integers(256))
+        name = f"flight{self.pick(['.csv', '.ulg', '.bin', '.mat', '.h5', '.parquet', '.mcap', '', '.x y'])}"
+        return {"name": name, "size": len(raw), "at": 0, "data": base64.b64encode(raw).decode()}
 
     def message(self) -> bytes:
         op = str(self.pick(OPS))

@@ -147,8 +147,8 @@ class Watched:
         self(name).fill(value)
         self(name).press("Enter")
 
-    def drop(self, name: str, text: str) -> None:
-        """A file out of the file manager, let go over the page."""
+    def drop(self, name: str, text: str, *, confirm: bool = True) -> None:
+        """A file out of the file manager, let go over the page; what is suggested of its columns is confirmed."""
         held = self.page.evaluate_handle(
             "([name, text]) => { const data = new DataTransfer();"
             " data.items.add(new File([text], name, { type: 'text/csv' })); return data; }",
@@ -156,6 +156,8 @@ class Watched:
         )
         for event in ("dragenter", "dragover", "drop"):
             self("drop").dispatch_event(event, {"dataTransfer": held})
+        if confirm:
+            self("import-open").click()
 
     def picture(self, name: str) -> None:
         folder = os.environ.get("PHYFILTER_SCREENSHOTS")

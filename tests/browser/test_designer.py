@@ -150,7 +150,9 @@ def test_a_log_is_dropped_learned_from_and_learning_cancelled(page: Watched) -> 
 
 def test_a_broken_log_is_said_and_nothing_is_lost(page: Watched) -> None:
     page.drop("broken.csv", "t,vx\n0,1\n0.1,two\n")
-    page.until(lambda: "two" in page.text("status"))
+    page.until(lambda: "line 3, column 'vx': 'two'" in page.text("import-problem"))
+    page("import-cancel").click()
+    page.until(lambda: page("import").count() == 0)
     page.drag("pole-0", -30.0, 0.0)
     page.settled()
 

@@ -14,6 +14,7 @@
 
 import { h } from "./elements.js";
 import { keepTaken, take, takeDropped } from "./files.js";
+import { lookAt } from "./importing.js";
 import { Link } from "./link.js";
 import { response } from "./mathematics/filter.js";
 import { Bode } from "./panels/bode.js";
@@ -215,6 +216,7 @@ class Designer {
       this.design.history.now = this.design.text();
     } else void this.ask(); // something was designed before, or while Python started
     this.openLog(reply.log ?? null);
+    if (reply.waiting) void lookAt(this, null);
     const again = this.restored || (untouched && reply.session);
     const missing = reply.log ? "" : this.keeping.missing();
     this.say(

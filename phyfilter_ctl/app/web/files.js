@@ -1,23 +1,18 @@
 /** Files that come in and go out. */
 
 import { h } from "./elements.js";
+import { openRecording } from "./importing.js";
 import { short } from "./numbers.js";
 
 /** @import { App } from "./designer.js" */
 /** @import { Download } from "./link.js" */
 /** @import { Taken } from "./plots/take_chart.js" */
 
-const LARGEST_LOG = 20_000_000; // characters
-
 /** Open a log, or a filter file. @param {App} app @param {File} file */
 export async function take(app, file) {
-  if (file.size > LARGEST_LOG) {
-    app.say(`${file.name} has ${short(file.size / 1e6, 3)} MB, expected at most 20 MB: cut or thin the log.`, "error");
-    return;
-  }
-  const text = await file.text();
   const name = file.name.slice(0, 200);
   if (/\.toml$/i.test(name)) {
+    const text = await file.text();
     const reply = await app.link.ask("open", { name, text });
     if (!app.ok(reply)) return;
     app.design.adopt(reply.design);
@@ -25,16 +20,11 @@ export async function take(app, file) {
     return;
   }
   if (/\.json$/i.test(name)) {
-    const reply = await app.link.ask("session", { text });
+    const reply = await app.link.ask("session", { text: await file.text() });
     if (app.ok(reply)) await app.openSession(reply.session, name);
     return;
   }
-  app.say(`Reading ${name} …`);
-  const reply = await app.link.ask("log", { name, text });
-  if (!app.ok(reply)) return;
-  app.openLog(reply.log);
-  app.session.opened(file, { name, size: file.size, sha256: await digestOf(file) });
-  app.say(`Read ${name}.`);
+  await openRecording(app, file);
 }
 
 /**
@@ -85,13 +75,6 @@ export function takeDropped(app) {
     const file = event.dataTransfer?.files?.[0];
     if (file) void take(app, file);
   });
-}
-
-/** SHA-256 in hexadecimal digits; undefined on a page that is neither secure nor of this machine. @param {File} file */
-async function digestOf(file) {
-  if (!globalThis.crypto?.subtle) return undefined;
-  const bytes = new Uint8Array(await crypto.subtle.digest("SHA-256", await file.arrayBuffer()));
-  return Array.from(bytes, (byte) => byte.toString(16).padStart(2, "0")).join("");
 }
 
 /** Hand a file that Python made over to the browser. @param {App} app @param {Download} file */

@@ -31,7 +31,27 @@
  */
 /** @typedef {{text: string, level: "good" | "warn" | "bad"}} Sentence */
 /** @typedef {{key: string, label?: string, value: number | null, unit?: string, note?: string}} Figure */
-/** @typedef {{name: string, channels: string[], samples: number, dt: number, has_label: boolean}} LogSummary */
+/**
+ * @typedef {object} LogSummary
+ * @property {string} name
+ * @property {string[]} channels
+ * @property {number} samples
+ * @property {number} dt
+ * @property {boolean} has_label
+ * @property {string[]} [messages] what was done to read it, and what is odd about it
+ */
+/** @typedef {"x" | "label" | "g" | "f_theta" | "inertia"} RoleName */
+/**
+ * What a file holds that is to be opened as a log.
+ * @typedef {object} Preview
+ * @property {{name: string, size: number, format: string}} file
+ * @property {{key: string, unit: string, numeric: boolean, first: string[]}[]} columns
+ * @property {number} more_columns
+ * @property {{column: string | null, unit: string, said: string, recognised: boolean, choices: Record<string, number>, even: boolean, step: number | null, fixed: boolean}} time
+ * @property {Record<RoleName, string[]>} roles
+ * @property {string[]} messages
+ */
+/** @typedef {{log: LogSummary, messages: string[]}} Opened */
 /** @typedef {{name: string, mime: string, base64: string, written?: string}} Download */
 /** @typedef {{kind: string, able: boolean, why: string}} Exportable */
 /** @typedef {{name: string, exports: Exportable[]}} Exchange */
@@ -54,6 +74,7 @@
  * @property {DesignData} [design]
  * @property {string[]} [families]
  * @property {LogSummary | null} [log]
+ * @property {string | null} [waiting] a file whose columns are to be asked about
  * @property {SessionData | null} [session] that Python was started with
  */
 /**
@@ -64,6 +85,11 @@
  * @property {{design: DesignData}} family
  * @property {{log: LogSummary | null}} log
  * @property {{log: null}} forget
+ * @property {{received: number, size: number}} upload
+ * @property {Preview} preview
+ * @property {Opened} import
+ * @property {Opened} example
+ * @property {{dt: number, slope: number, noise: number, messages: string[]}} measured
  * @property {Estimate} estimate
  * @property {{job: number}} learn
  * @property {Job} job
@@ -101,6 +127,8 @@
 
 const BUSY_AFTER = 300; // ms
 const LOST_AFTER = 60_000; // ms; a kernel that was restarted never answers
+const READS_LONG = ["preview", "import"];
+const LOST_READING = 600_000; // ms; a file of gigabytes
 
 export class Link {
   /**
@@ -148,14 +176,15 @@ export class Link {
     const next = this.flying.get(op) ? undefined : this.waiting.get(op)?.shift();
     if (!next) return;
     const id = this.next++;
+    const patience = READS_LONG.includes(op) ? LOST_READING : LOST_AFTER;
     const lost = () =>
       this.settle(op, id, {
         id,
         op,
         ok: false,
-        error: "Python has not answered for a minute: is the kernel still running?",
+        error: `Python has not answered for ${patience / 1000} s: is it still running?`,
       });
-    this.flying.set(op, { id, resolve: next.resolve, since: performance.now(), timer: setTimeout(lost, LOST_AFTER) });
+    this.flying.set(op, { id, resolve: next.resolve, since: performance.now(), timer: setTimeout(lost, patience) });
     try {
       this.model.send({ id, op, ...next.fields });
     } catch (error) {

@@ -13,6 +13,7 @@ import { button, card } from "./parts.js";
 /** @import { Estimate, LogSummary, Samples } from "../link.js" */
 /** @import { Series } from "../plots/chart.js" */
 
+const LOGS = ".csv,.txt,.tsv,.dat,.parquet,.arrow,.feather,.mat,.h5,.hdf5,.ulg,.bin,.bag,.mcap,.db3,.toml";
 const LEAST_SAMPLES = 10; // that are drawn
 const ROOM = 0.06; // above and below the curves, in parts of their height
 const WIENER =
@@ -80,7 +81,12 @@ export class LogCard {
     const bar = h("div", { class: "pf-bar" }, this.legend, this.readout, this.parts());
     const left = h("div", { class: "pf-log-left" }, bar, this.chart.element, this.rmse);
     this.body = h("div", { class: "pf-log-body" }, left, this.learning.element);
-    const side = [this.summary, this.channels, this.forget];
+    this.measure = button("measured", "Use its step, slope and noise", () => void this.takeMeasured(), {
+      title: "Take the log's sampling step, the largest slope of f and the noise of x as the design's assumptions",
+    });
+    this.notes = h("p", { class: "pf-note", "data-test": "log-notes" });
+    left.append(this.notes);
+    const side = [this.summary, this.channels, this.measure, this.forget];
     this.element = card("Log", [this.drop, this.body], { test: "log-card", side, className: "pf-log-card" });
   }
 
@@ -118,6 +124,8 @@ export class LogCard {
     this.body.hidden = log === null;
     this.element.classList.toggle("pf-empty", log === null);
     this.forget.hidden = log === null;
+    this.measure.hidden = log === null;
+    this.notes.textContent = log?.messages?.join(" ") ?? "";
     this.channels.hidden = log === null || log.channels.length < 2;
     this.summary.textContent = log
       ? `${log.name}: ${log.samples} samples, ${inUnit(log.dt, "s").join(" ")}${log.has_label ? "" : ", no label"}`
@@ -181,6 +189,20 @@ export class LogCard {
     const middle = (low + high) / 2 + shift * (high - low);
     const half = (factor * (high - low)) / 2;
     this.showPart(middle - half, middle + half);
+  }
+
+  /** Sampling and assumptions of the design out of the log. */
+  async takeMeasured() {
+    const { app } = this;
+    const reply = await app.link.ask("measured", { channel: this.channel });
+    if (!app.ok(reply)) return;
+    const { design } = app;
+    const { sampling, assume, ...rest } = design.data();
+    const { dt, slope, noise, messages } = reply;
+    const taken = { sampling: { ...sampling, dt }, assume: { ...assume, slope, noise } };
+    design.adopt({ ...rest, ...taken }, design.family);
+    this.notes.textContent = messages.join(" ");
+    app.say("Step, slope and noise are those of the log; undo brings the ones before back.");
   }
 
   // -- showing ----------------------------------------------------------------------------------------------------
@@ -261,8 +283,20 @@ export class LogCard {
 
 /** Where a log is dropped, or picked. @param {App} app */
 function dropArea(app) {
-  const words = "or pick a CSV file: a column t in s, the measured x, and if known label_x, g_x, f_theta_x";
-  const file = picker(app, ".csv,.txt,.tsv,.toml", "log-file", "Pick a CSV log");
+  const words =
+    "or pick a file: CSV and other tables, logs of PX4, ArduPilot, ROS or a Crazyflie. You say which column is what.";
+  const file = picker(app, LOGS, "log-file", "Pick a recorded log");
   const title = h("strong", {}, "Drop a recorded log here");
-  return h("label", { class: "pf-drop", "data-test": "drop" }, title, h("span", {}, words), file);
+  const area = h("label", { class: "pf-drop", "data-test": "drop" }, title, h("span", {}, words), file);
+  const example = button("example", "Try a simulated flight", () => void openExample(app));
+  return h("div", { class: "pf-drop-row" }, area, example);
+}
+
+/** @param {App} app */
+async function openExample(app) {
+  app.say("Simulating a flight …");
+  const reply = await app.link.ask("example");
+  if (!app.ok(reply)) return;
+  app.openLog({ ...reply.log, messages: reply.messages });
+  app.say(`Opened ${reply.log.name}.`);
 }
