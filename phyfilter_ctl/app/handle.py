@@ -28,6 +28,9 @@ open      name, text                                  design, messages
 exports   design, channels                            name, exports
 export    design, kind, channels, name                name, mime, base64
 compare   designs                                     compared
+meet      design, trade, form, delay_margin, ratios   job
+front     job                                         state, message, done, certain, front
+unmeet    job                                         state, message, done, certain, front
 session   text                                        session
 ========  ==========================================  ===============================================================
 """
@@ -52,6 +55,7 @@ from .checking import Fields, MessageError
 from .designs import FAMILIES, HIGHEST_ORDER, Design, design_of_family, read_design, read_designs
 from .inbox import Inbox
 from .jobs import LearningJob
+from .meeting import Meetings
 from .python_text import python_text
 
 __all__ = ["Session", "handle"]
@@ -61,6 +65,7 @@ _LATEST = 1e12  # s; times may count from 1970
 _LARGEST_FILE = 200_000
 _MOST_CHANNELS = 12
 _MOST_COMPARED = 12
+_WISHES = ("design", "trade", "form", "delay_margin", "ratios")
 _LONGEST_ERROR = 600
 _WAIT_FOR_CANCEL = 0.5  # s
 _LARGEST_ID = 2**53  # integers that JavaScript holds
@@ -112,6 +117,7 @@ class Session:
         self._began = self._design, log, kept
         self._job: LearningJob | None = None
         self._jobs = 0
+        self.meetings = Meetings()
 
     @property
     def design(self) -> Design:
@@ -154,8 +160,9 @@ class Session:
             return self._job
 
     def close(self) -> None:
-        """End the learning job, if one runs, and let go of files."""
+        """End the learning job and the search for filters, if they run, and let go of files."""
         self.inbox.close()
+        self.meetings.close()
         job = self.job
         if job is not None:
             job.cancel(_WAIT_FOR_CANCEL)
@@ -373,6 +380,9 @@ _OPERATIONS: Mapping[str, tuple[Callable[[Session, Fields], Reply], tuple[str, .
     "exports": (_exports, ("design", "channels")),
     "export": (_export, ("design", "kind", "channels", "name")),
     "compare": (_compare, ("designs",)),
+    "meet": (lambda session, fields: session.meetings.begin(fields), _WISHES),
+    "front": (lambda session, fields: session.meetings.look(fields), ("job",)),
+    "unmeet": (lambda session, fields: session.meetings.look(fields, end=True), ("job",)),
     "session": (_session, ("text",)),
 }
 

@@ -65,8 +65,17 @@ _LANES = {
     "job": ("job", "cancel"),
     "export": ("export", "exports"),
     "compare": ("compare",),
+    "meet": ("meet", "front", "unmeet"),
 }
-_SECONDS = {"design": 30.0, "log": 60.0, "import": 600.0, "job": 10.0, "export": 180.0, "compare": 30.0}
+_SECONDS = {
+    "design": 30.0,
+    "log": 60.0,
+    "import": 600.0,
+    "job": 10.0,
+    "export": 180.0,
+    "compare": 30.0,
+    "meet": 10.0,
+}
 _LARGE = frozenset({"log", "session", "upload"})
 # What is written under --out: the name comes from here and from the design, never from a request.
 _NAMES = {

@@ -128,6 +128,10 @@ class Fuzzer:
             # A compiler run takes a second: never a kind that exists.
             "export": {"kind": "exe", "channels": 1, "name": "wing"},
             "exports": {"channels": 3},
+            # A search takes seconds: never a trade that exists.
+            "meet": {"trade": "money", "form": "general", "delay_margin": 0.01, "ratios": [0.5, 2.0]},
+            "front": {"job": 1},
+            "unmeet": {"job": 1},
         }
         return values.get(op, {})
 
@@ -157,7 +161,7 @@ class Fuzzer:
         op = str(self.pick(OPS))
         message = {"id": self.odd_or(int(self.rng.integers(1000)), 0.05), "op": self.odd_or(op, 0.05)}
         message |= {key: self.odd_or(value) for key, value in self.fields(op).items()}
-        if op in ("design", "estimate", "python", "save", "export", "exports"):
+        if op in ("design", "estimate", "python", "save", "export", "exports", "meet"):
             message["design"] = self.odd_or(self.design(), 0.1)
         if op == "compare":
             message["designs"] = self.odd_or([self.odd_or(self.design(), 0.1) for _ in range(2)], 0.1)

@@ -18,6 +18,11 @@ SESSION = {
     "design": message_of([-20.0]),
     "views": {"bode": {"unit": 1}},
 }
+# Seven poles are refused, and so is the trade: a search that is not meant takes seconds of CPU.
+CORNERS: dict[str, object] = {
+    "error": {"omega": 1.0, "level": 0.1},
+    "estimate": {"omega": 100.0, "level": 0.1},
+}
 GOOD: list[dict] = [
     {"op": "hello"},
     {"op": "design", "design": message_of([-20.0, -15 + 8j, -15 - 8j], limits={"F": {"omega": 1.0}})},
@@ -52,6 +57,14 @@ GOOD: list[dict] = [
     {"op": "open", "name": "a.toml", "text": 'format = "phyfilter"\nversion = 1\na = [20.0]\n'},
     {"op": "exports", "design": message_of([-20.0]), "channels": 3},
     {"op": "compare", "designs": [message_of([-20.0]), message_of([-3.0, -4.0], method="euler")]},
+    {
+        "op": "meet",
+        "design": message_of([-20.0] * 7, limits=CORNERS),
+        "trade": "money",
+        "ratios": [0.5, 2.0],
+    },
+    {"op": "front", "job": 1},
+    {"op": "unmeet", "job": 1},
     {"op": "export", "design": message_of([-20.0]), "kind": "dll", "channels": 2, "name": "a"},
     {"op": "session", "text": json.dumps(SESSION)},
 ]

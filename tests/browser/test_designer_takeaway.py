@@ -120,3 +120,25 @@ def test_a_chart_leaves_as_svg_png_and_csv(page: Watched, tmp_path: Path) -> Non
     data = files["png"].read_bytes()
     assert data[:8] == b"\x89PNG\r\n\x1a\n"
     assert struct.unpack(">II", data[16:24]) == (2 * int(root.get("width")), 2 * int(root.get("height")))  # type: ignore[arg-type]
+
+
+def test_limits_are_met_by_a_filter_of_the_front(page: Watched) -> None:
+    """A limit is drawn, a margin asked for, a filter picked; undo brings back the design before."""
+    page("limit-error").click()
+    page.fill("meet-delay_margin", "0.02")
+    page("meet").click()
+    page.until(lambda: "filters of order 2" in page.text("meet-message"), LONG)
+    assert page("meet-progress").is_hidden()
+    margins = page("meet-card").locator(".pf-front button").all_inner_texts()
+    assert len(margins) > 3
+    page.picture("front")
+    before = page.poles()
+    page("front-1").focus()
+    page.page.keyboard.press("Enter")
+    page.settled()
+    assert page.poles() != before
+    assert page("front-1").get_attribute("aria-pressed") == "true"
+    assert not page("limit-error").evaluate("button => button.classList.contains('pf-violated')")
+    page("undo").click()
+    page.settled()
+    assert page.poles() == before

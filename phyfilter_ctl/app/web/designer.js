@@ -23,6 +23,7 @@ import { Header } from "./panels/header.js";
 import { Keeping } from "./panels/keeping.js";
 import { AssumptionKnobs, NumeratorKnobs, SamplingKnobs } from "./panels/knobs.js";
 import { LogCard } from "./panels/log_card.js";
+import { Meet } from "./panels/meet.js";
 import { Pins } from "./panels/pins.js";
 import { PlaneCard } from "./panels/plane_card.js";
 import { Start } from "./panels/start.js";
@@ -113,6 +114,7 @@ class Designer {
     this.plane = new PlaneCard(this);
     this.table = new Table(this);
     this.pins = new Pins(this, () => this.repinned());
+    this.meet = new Meet(this);
     this.bode = new Bode(this);
     this.step = new StepCard(this);
     this.log = new LogCard(this);
@@ -145,6 +147,7 @@ class Designer {
       panel("plane", "Poles and zeros", "middle", this.plane, 3),
       panel("values", "Values", "middle", this.table),
       panel("pins", "Compare", "middle", this.pins),
+      panel("meet", "Meet my limits", "left", this.meet),
       panel("bode", "Frequency", "right", this.bode, 2),
       panel("step", "Step response", "right", this.step, 1),
       panel("log", "Recording", "below", this.log, 1),
@@ -176,6 +179,7 @@ class Designer {
     this.link.close();
     this.closed = true;
     this.log.learning.close();
+    this.meet.close();
     cancelAnimationFrame(this.frame);
     this.sizes.disconnect();
     this.theme.close();
@@ -364,10 +368,11 @@ class Designer {
     this.preview.update(pins);
     // Canvases before text: text on a canvas makes the browser lay out whatever has changed, once for every change.
     this.step.draw(pins);
+    this.meet.draw();
     if (this.log.log) this.log.draw();
     this.bode.draw(pins);
     const knobs = [this.start, this.numerator, this.sampling, this.assumptions];
-    for (const panel of [this.plane, this.table, ...knobs, this.header, this.figures]) panel.show();
+    for (const panel of [this.plane, this.table, this.meet, ...knobs, this.header, this.figures]) panel.show();
   }
 
   /**

@@ -55,6 +55,11 @@
 /** @typedef {{name: string, mime: string, base64: string, written?: string}} Download */
 /** @typedef {{kind: string, able: boolean, why: string}} Exportable */
 /** @typedef {{name: string, exports: Exportable[]}} Exchange */
+/**
+ * A filter of a front; its figures for the assumed noise and slope.
+ * @typedef {{design: DesignData, noise: number, bound: number, bandwidth: number, delay_margin: number | null}} FrontPoint
+ */
+/** @typedef {{state: string, message: string, done: number, certain: boolean, front: FrontPoint[]}} Front */
 /** @typedef {{state: string, curve?: [number, number][], message?: string, design?: DesignData | null}} Job */
 /** @typedef {(number | null)[]} Samples */
 /**
@@ -101,6 +106,9 @@
  * @property {{session: SessionData}} session
  * @property {Download} export
  * @property {{compared: Figure[][]}} compare
+ * @property {{job: number}} meet
+ * @property {Front} front
+ * @property {Front} unmeet
  */
 /** @typedef {(reply: any) => void} Resolve */
 /** @typedef {{id: number, resolve: Resolve, since: number, timer: ReturnType<typeof setTimeout>}} Flying */
