@@ -6,6 +6,7 @@ import json
 import shutil
 import subprocess
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -19,15 +20,20 @@ pytestmark = pytest.mark.skipif(NODE is None, reason="node is not installed")
 SAME = 1e-12
 
 
-def after(*gestures: list[Any]) -> dict[str, Any]:
-    """The state after gestures, from two poles at -20."""
+def each(*stories: Sequence[list[Any]]) -> list[dict[str, Any]]:
+    """The states after stories of gestures, each from two poles at -20."""
     assert NODE is not None
     command = [NODE, str(Path(__file__).with_name("design.mjs")), str(WEB)]
     done = subprocess.run(
-        command, input=json.dumps(gestures), capture_output=True, text=True, timeout=60, check=False
+        command, input=json.dumps(stories), capture_output=True, text=True, timeout=60, check=False
     )
     assert done.returncode == 0, done.stderr
     return json.loads(done.stdout)
+
+
+def after(*gestures: list[Any]) -> dict[str, Any]:
+    """The state after gestures, from two poles at -20."""
+    return each(gestures)[0]
 
 
 def pole(at: int) -> dict[str, Any]:
@@ -41,6 +47,51 @@ def test_a_step_is_undone_and_done_again():
     back = after(["add", "pole"], ["add", "pair"], ["undo"], ["undo"], ["undo"], ["redo"], ["redo"])
     assert back["data"] == once["data"]
     assert [len(json.loads(text)["poles"]) for text in once["committed"]] == [3, 5]
+
+
+def test_every_gesture_is_a_step_and_a_burst_of_keys_is_one():
+    def pulls(*name: str) -> list[list[Any]]:
+        return [
+            ["begin"],
+            ["setCutoff", 30.0],
+            ["commit", *name],
+            ["begin"],
+            ["setCutoff", 40.0],
+            ["commit", *name],
+        ]
+
+    clicks, burst, both, one = each(
+        [["add", "pole"], ["add", "pole"], ["setGain", 0.5], ["setGain", 0.6]],
+        [*pulls("speed"), ["undo"]],
+        [*pulls(), ["undo"]],
+        pulls()[:3],
+    )
+    assert len(clicks["committed"]) == 4
+    assert burst["data"]["poles"] == [[-20, 0], [-20, 0]]
+    assert both["data"] == one["data"] != burst["data"]
+
+
+def test_a_gesture_that_is_given_up_leaves_nothing():
+    start = [["add", "zero"], ["setGain", 0.5]]
+    moved = ["change", "pole", [{"id": 9, "re": -1, "im": 5}]]
+    gestures = [["setCutoff", 55.0], ["freeZeros"], moved]
+    given_up = [[*start, ["begin"], gesture, ["cancel"], ["commit"], ["cancel"]] for gesture in gestures]
+    # Undo in a gesture gives it up too.
+    undone = [*start, ["begin"], ["setCutoff", 55.0], ["undo"]]
+    zero, first, *states, last = each(start[:1], start, *given_up, undone)
+    for state in states:
+        assert (state["data"], state["committed"]) == (first["data"], first["committed"])
+    assert last["data"] == zero["data"]
+
+
+def test_a_pole_is_not_added_on_a_zero_and_one_that_is_put_there_is_said():
+    state = after(["add", "zero"], ["add", "pole"], ["add", "pair"])
+    (zero,), poles = state["data"]["numerator"]["zeros"], state["data"]["poles"]
+    assert min(abs(complex(*p) - complex(*zero)) for p in poles) > 0.05 * abs(complex(*zero))
+    assert state["warned"] == []
+    state = after(["add", "zero"], ["type", "pole", pole(0), "re", zero[0]], ["add", "pole"])
+    assert len(state["warned"]) == 1
+    assert "cancel: move one of them" in state["warned"][0]
 
 
 def test_what_is_undone_is_forgotten_by_another_step():

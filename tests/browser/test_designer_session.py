@@ -169,3 +169,79 @@ def test_a_server_killed_in_a_drag_and_started_again_loses_nothing(browser: Any,
                 each.until(lambda each=each, slope=slope: kept(each)["design"]["assume"]["slope"] == slope)
         left = [text for text in page.complaints if not any(words in text for words in GONE)]
         assert left == []
+
+
+def test_esc_takes_back_what_is_being_done(browser: Any, served: Served) -> None:
+    with watching(browser) as page:
+        opened(page, served.address)
+        mouse, keys = page.page.mouse, page.page.keyboard
+        start = page.poles()
+
+        # A drag: the readout shows the pole as it is now; Esc puts it back, though the button is still down.
+        x, y = page.centre("pole-0")
+        mouse.move(x, y)
+        mouse.down()
+        assert "ωₙ 20 rad/s" in page.text("plane-readout")
+        mouse.move(x - 60.0, y, steps=4)
+        page.until(lambda: page.poles() != start)
+
+        def told() -> float:
+            return float(page.text("plane-readout").split("ωₙ ")[1].split(" rad/s")[0])
+
+        page.until(lambda: told() == pytest.approx(max(map(abs, page.poles())), rel=SHOWN))
+        assert told() > 21.0
+        keys.press("Escape")
+        page.until(lambda: page.poles() == start)
+        mouse.move(x - 90.0, y, steps=2)
+        mouse.up()
+        assert page.poles() == start
+        assert page("undo").is_disabled()
+
+        # A slider that is pulled.
+        box = page("cutoff-slider").bounding_box()
+        cutoff = page("cutoff").input_value()
+        mouse.move(box["x"] + 0.4 * box["width"], box["y"] + 0.5 * box["height"])
+        mouse.down()
+        mouse.move(box["x"] + 0.8 * box["width"], box["y"] + 0.5 * box["height"], steps=4)
+        page.until(lambda: page("cutoff").input_value() != cutoff)
+        keys.press("Escape")
+        page.until(lambda: page("cutoff").input_value() == cutoff)
+        mouse.move(box["x"] + 0.9 * box["width"], box["y"] + 0.5 * box["height"], steps=2)
+        mouse.up()
+        page.page.wait_for_timeout(100)
+        assert page("cutoff").input_value() == cutoff
+        assert page("undo").is_disabled()
+        # Two pulls, however quick, are two steps.
+        for share in (0.6, 0.7):
+            mouse.move(box["x"] + share * box["width"], box["y"] + 0.5 * box["height"])
+            mouse.down()
+            mouse.move(box["x"] + (share + 0.05) * box["width"], box["y"] + 0.5 * box["height"])
+            mouse.up()
+        page("undo").click()
+        page.until(lambda: page("cutoff").input_value() != cutoff)
+        page("undo").click()
+        page.until(lambda: page("cutoff").input_value() == cutoff)
+        assert page("undo").is_disabled()
+
+        # A value that is typed, and one that was refused.
+        for text, confirm in (("-33", False), ("35", True)):
+            page("pole-0-re").fill(text)
+            if confirm:
+                page("pole-0-re").press("Enter")
+                page.until(lambda: page("pole-0-re").get_attribute("aria-invalid") == "true")
+            page("pole-0-re").press("Escape")
+            assert page("pole-0-re").input_value() == "-20"
+            assert page("pole-0-re").get_attribute("aria-invalid") != "true"
+            page("pole-0-re").press("Tab")
+        assert page.poles() == start
+
+        # What was unfolded.
+        page("python").click()
+        page.until(lambda: page("python-text").is_visible())
+        keys.press("Escape")
+        assert not page("python-text").is_visible()
+        page("kept-others").click()
+        assert page("kept-sessions").is_visible()
+        keys.press("Escape")
+        assert not page("kept-sessions").is_visible()
+        assert page.complaints == []

@@ -35,6 +35,7 @@ import { Design } from "./state/design.js";
 import { Preview } from "./state/preview.js";
 import { Session } from "./state/session.js";
 import { Theme } from "./theme.js";
+import { Typing } from "./typing.js";
 
 /** @import { Answers, LogSummary, Model, Reply, SessionData } from "./link.js" */
 /** @import { Answer } from "./panels/pins.js" */
@@ -125,6 +126,7 @@ class Designer {
     this.theme.apply();
     this.theme.watch();
     this.sizes = this.watchSizes();
+    this.typing = new Typing(this.root);
     this.keyboard();
     this.restored = this.keeping.restore();
     this.rebuilt(true);
@@ -399,13 +401,9 @@ class Designer {
   }
 
   keyboard() {
-    /** @type {EventTarget | null} the input that is typed in */
-    this.typing = null;
     this.press = this.press.bind(this);
     document.addEventListener("keydown", this.press, true);
     this.root.addEventListener("keydown", (event) => event.stopPropagation());
-    this.root.addEventListener("input", (event) => (this.typing = event.target));
-    this.root.addEventListener("change", () => (this.typing = null));
   }
 
   /** Undo and redo. @param {KeyboardEvent} event */
@@ -415,17 +413,11 @@ class Designer {
     if (!(target instanceof Node) || (!this.root.contains(target) && target !== document.body)) return;
     if (!(event.ctrlKey || event.metaKey) || event.altKey) return;
     const key = event.key.toLowerCase();
-    if ((key !== "z" && key !== "y") || this.edits(target)) return;
+    if ((key !== "z" && key !== "y") || this.typing.edits(target)) return;
     event.preventDefault();
     event.stopPropagation();
     if (key === "y" || event.shiftKey) this.design.redo();
     else this.design.undo();
-  }
-
-  /** Whether a text that is being typed takes the key itself. @param {EventTarget} target */
-  edits(target) {
-    const input = target instanceof HTMLInputElement && target.matches("input[type=text], input[type=number]");
-    return input && target.value !== target.defaultValue && this.typing === target;
   }
 }
 

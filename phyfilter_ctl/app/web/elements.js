@@ -60,19 +60,38 @@ export function keepAt(parent, child, place) {
 }
 
 /**
- * Hand a pointer's moves over until it is let go.
+ * Hand a pointer's moves over until it is let go. Esc, or a browser that takes the pointer away, gives the gesture up.
  * @param {Element} element @param {PointerEvent} event @param {(event: PointerEvent) => void} move
- * @param {(event: PointerEvent) => void} end
+ * @param {(last: PointerEvent) => void} end @param {() => void} cancel
  */
-export function follow(element, event, move, end) {
-  element.setPointerCapture(event.pointerId);
-  const moves = /** @type {EventListener} */ (move);
-  const ends = ["pointerup", "pointercancel"];
-  const stop = (/** @type {Event} */ last) => {
-    element.removeEventListener("pointermove", moves);
-    for (const name of ends) element.removeEventListener(name, stop);
-    end(/** @type {PointerEvent} */ (last));
+export function follow(element, event, move, end, cancel) {
+  const { pointerId } = event;
+  element.setPointerCapture(pointerId);
+  const over = new AbortController();
+  const { signal } = over;
+  const on = (/** @type {string} */ name, /** @type {(event: any) => void} */ does) =>
+    element.addEventListener(name, (next) => does(next), { signal });
+  const givenUp = () => {
+    over.abort();
+    if (element.hasPointerCapture(pointerId)) element.releasePointerCapture(pointerId);
+    cancel();
   };
-  element.addEventListener("pointermove", moves);
-  for (const name of ends) element.addEventListener(name, stop);
+  on("pointermove", move);
+  on("pointerup", (last) => {
+    over.abort();
+    end(last);
+  });
+  on("pointercancel", givenUp);
+  onEscape(givenUp, signal);
+}
+
+/** Before anyone else, as long as a gesture lasts. @param {() => void} does @param {AbortSignal} signal */
+export function onEscape(does, signal) {
+  const press = (/** @type {KeyboardEvent} */ event) => {
+    if (event.key !== "Escape") return;
+    event.preventDefault();
+    event.stopImmediatePropagation();
+    does();
+  };
+  window.addEventListener("keydown", press, { capture: true, signal });
 }

@@ -27,7 +27,7 @@ export class Header {
     });
     this.exports = new Exports(app);
     this.code = h("pre", { "data-test": "python-text", tabindex: 0 });
-    const close = button("python-close", "Close", () => (this.codeBox.hidden = true));
+    const close = button("python-close", "Close", () => (this.codeBox.hidden = true), { "data-esc": true });
     this.codeBox = h("section", { class: "pf-card pf-code", hidden: true, "aria-label": "Python" }, this.code, close);
     const title = h("h1", {}, "PhyFilter designer", this.version);
     const brand = h("div", { class: "pf-brand" }, logo(), h("div", {}, title, this.summary));

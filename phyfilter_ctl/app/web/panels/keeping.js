@@ -2,6 +2,7 @@
 
 import { h, write } from "../elements.js";
 import { handOver } from "../files.js";
+import { Popover } from "../popover.js";
 import { readable } from "../state/session.js";
 import { button, textInput } from "./parts.js";
 
@@ -29,14 +30,13 @@ export class Keeping {
     /** @type {ReturnType<typeof setTimeout> | undefined} */
     this.timer = undefined;
     this.words = h("span", { "data-test": "kept" });
-    this.list = h("ul", { class: "pf-kept-list", "data-test": "kept-sessions", hidden: true });
-    this.others = button("kept-others", "Other sessions", () => void this.showOthers(), {
-      class: "pf-quiet",
-      "aria-expanded": "false",
-      title: "Sessions of tabs that were closed, kept in this browser",
+    this.list = h("ul", { class: "pf-kept-list", "data-test": "kept-sessions" });
+    this.others = new Popover("kept-others", "Other sessions", [this.list], {
+      given: { class: "pf-quiet", title: "Sessions of tabs that were closed, kept in this browser" },
+      opened: () => void this.showOthers(),
     });
-    const line = h("div", { class: "pf-kept-line" }, this.words, this.page ? this.others : null);
-    this.element = h("section", { class: "pf-kept", "aria-label": "What is kept" }, line, this.list);
+    const others = this.page ? this.others.element : null;
+    this.element = h("section", { class: "pf-kept", "aria-label": "What is kept" }, this.words, others);
     this.told = h("p", { "data-test": "away-text" });
     this.address = textInput({ "aria-label": "Address that phyfilter-ctl app printed", "data-test": "address" });
     this.address.placeholder = "127.0.0.1:8463/#token=…";
@@ -159,22 +159,24 @@ export class Keeping {
   }
 
   async showOthers() {
-    const { list, model } = this;
-    const hidden = !list.hidden;
-    list.hidden = hidden;
-    this.others.setAttribute("aria-expanded", String(!hidden));
-    if (hidden) return;
-    const left = (await model.left?.()) ?? [];
+    const { list } = this;
+    const left = (await this.model.left?.()) ?? [];
     list.replaceChildren(
       ...left.map(({ at, data }, i) => {
         const name = `the session of ${new Date(at).toLocaleString()}`;
         const steps = data?.history?.past?.length ?? 0;
         const words = `${name.slice(4)}, order ${data?.design?.poles?.length ?? "–"}, ${steps} step${steps === 1 ? "" : "s"}`;
-        const open = button(`kept-${i}`, "Open", () => void this.open(data, name), { "aria-label": `Open ${words}` });
+        const open = button(`kept-${i}`, "Open", () => void this.choose(data, name), { "aria-label": `Open ${words}` });
         return h("li", {}, words, open);
       }),
     );
     if (!left.length) list.append(h("li", {}, "There is no other: sessions of tabs that you close are kept here."));
+  }
+
+  /** @param {SessionData} data @param {string} name */
+  async choose(data, name) {
+    this.others.close();
+    await this.open(data, name);
   }
 
   // -- Python ends and begins -------------------------------------------------------------------------------------

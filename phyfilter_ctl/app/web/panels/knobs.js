@@ -76,7 +76,7 @@ export class SamplingKnobs {
     this.mark = h("span", { class: "pf-euler-mark", title: "Forward Euler is unstable right of here" });
     const names = /** @type {const} */ ({ matched: "Matched", exact: "Exact", euler: "Euler", tustin: "Tustin" });
     this.methods = segments("Method", "method", names, (method) =>
-      design.edit("method", () => (design.sampling.method = method)),
+      design.edit(() => (design.sampling.method = method)),
     );
     this.note = h("p", { class: "pf-note", "data-test": "euler" });
     const track = h("div", { class: "pf-track" }, this.slider.element, this.mark);
@@ -88,7 +88,7 @@ export class SamplingKnobs {
     if (!(value >= LIMITS.dtMin && value <= LIMITS.dtMax))
       return `Step h: expected 0.01 to 1000 ms, got ${short(value * 1e3)} ms.`;
     const { design } = this.app;
-    design.edit("step", () => (design.sampling.dt = value));
+    design.edit(() => (design.sampling.dt = value));
     return "";
   }
 
@@ -169,7 +169,7 @@ export class AssumptionKnobs {
       ...row,
       entry: numberField(app, row.key, row.label, row.unit(design.unit), (value) => this.type(row, value), row.title),
     }));
-    const change = () => design.edit("unit", () => (design.assume.unit = this.unit.value.trim()));
+    const change = () => design.edit(() => (design.assume.unit = this.unit.value.trim()));
     this.unit = h("input", {
       type: "text",
       maxlength: 40,
@@ -189,7 +189,7 @@ export class AssumptionKnobs {
     const text = unit(design.unit);
     if (!(si >= low && si <= high))
       return `${label}: expected ${short(low * factor)} to ${short(high * factor)} ${text}, got ${short(value)}.`;
-    design.edit(key, () => (design.assume[key] = si));
+    design.edit(() => (design.assume[key] = si));
     return "";
   }
 

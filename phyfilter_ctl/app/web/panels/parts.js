@@ -1,6 +1,6 @@
 /** Small parts that several panels are made of. */
 
-import { h } from "../elements.js";
+import { h, onEscape } from "../elements.js";
 import { typed } from "../numbers.js";
 
 /** @import { Given } from "../elements.js" */
@@ -88,14 +88,45 @@ export function logSlider(design, test, label, [low, high], set, what) {
     "data-test": test,
     "aria-label": `${label}, coarse`,
   });
+  /** @type {AbortController | null} of a pull, or of a burst of keys */
+  let pull = null;
+  let pulled = false; // by a pointer, which may have given up and still be down
+  let given = false; // up
+  let shown = "";
+  const end = () => {
+    pull?.abort();
+    pull = null;
+  };
+  const giveUp = () => {
+    end();
+    given = pulled;
+    design.cancel();
+    element.value = shown;
+  };
+  element.addEventListener("pointerdown", () => (pulled = true));
+  for (const name of ["pointerup", "pointercancel"])
+    element.addEventListener(name, () => {
+      if (given) element.value = shown;
+      // The change that a pull ends with comes after it.
+      setTimeout(() => (pulled = given = false));
+    });
   element.addEventListener("input", () => {
-    if (!design.dragging) design.begin();
+    if (given) return;
+    if (!pull) {
+      pull = new AbortController();
+      design.begin();
+      onEscape(giveUp, pull.signal);
+    }
     set(Number((low * (high / low) ** (Number(element.value) / 1000)).toPrecision(3)));
   });
-  element.addEventListener("change", () => design.commit(what));
+  element.addEventListener("change", () => {
+    if (given) element.value = shown;
+    else if (pull) design.commit(pulled ? "" : what);
+    end();
+  });
   const show = (/** @type {number} */ value) => {
     if (element === document.activeElement && design.dragging) return;
-    element.value = String(Math.round((1000 * Math.log(value / low)) / Math.log(high / low)));
+    element.value = shown = String(Math.round((1000 * Math.log(value / low)) / Math.log(high / low)));
   };
   return { element, show };
 }

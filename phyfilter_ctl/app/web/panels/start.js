@@ -87,7 +87,7 @@ export class Start {
     const { design } = this.app;
     design.begin();
     design.setCutoff(value);
-    design.commit("");
+    design.commit();
     return "";
   }
 

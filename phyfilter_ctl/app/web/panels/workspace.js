@@ -154,30 +154,24 @@ export class Workspace {
     if (event.button) return;
     /** @type {{slot: Slot, place: number} | null} */
     let target = null;
-    let given = true;
-    const escape = (/** @type {KeyboardEvent} */ pressed) => {
-      if (pressed.key !== "Escape") return;
-      given = false;
-      pressed.stopPropagation();
-      this.mark.remove();
-    };
-    grip.addEventListener("keydown", escape);
     const move = (/** @type {PointerEvent} */ at) => {
-      if (!given) return;
       this.element.classList.add("pf-arranging");
       element.classList.add("pf-lifted");
       target = this.placeAt(id, at.clientX, at.clientY) ?? target;
       if (target) this.showMark(id, target);
     };
-    follow(grip, event, move, (last) => {
-      grip.removeEventListener("keydown", escape);
+    const over = () => {
       this.element.classList.remove("pf-arranging");
       element.classList.remove("pf-lifted");
       this.mark.remove();
-      if (!target || !given || last.type === "pointercancel") return;
+    };
+    const end = () => {
+      over();
+      if (!target) return;
       this.set(placed(this.layout, id, target.slot, target.place));
       this.tell(id);
-    });
+    };
+    follow(grip, event, move, end, over);
   }
 
   /** The others of a slot, as they stand. @param {string} id @param {Slot} slot */
@@ -224,7 +218,9 @@ export class Workspace {
     divider.addEventListener("pointerdown", (event) => {
       const { top, bottom } = this.main.getBoundingClientRect();
       const move = (/** @type {PointerEvent} */ at) => share((100 * (bottom - at.clientY)) / (bottom - top));
-      follow(divider, event, move, () => {});
+      const before = this.layout.share;
+      const giveUp = () => share(before);
+      follow(divider, event, move, () => {}, giveUp);
     });
     divider.addEventListener("dblclick", () => share(SHARES.usual));
     return divider;

@@ -104,7 +104,13 @@ export class LimitHandle {
       design.touch();
       this.set(Number(chart.xAt(next.clientX - box.left).toPrecision(4)), chart.yAt(next.clientY - box.top));
     };
-    follow(this.knob, event, move, () => design.commit(""));
+    follow(
+      this.knob,
+      event,
+      move,
+      () => design.commit(),
+      () => design.cancel(),
+    );
   }
 
   /** @param {KeyboardEvent} event */
@@ -122,6 +128,6 @@ export class LimitHandle {
     const times = event.shiftKey ? 5 : 1;
     design.begin();
     this.set(limit.omega * way[0] ** times, db(limit.level) + way[1] * times);
-    design.commit("limit");
+    design.commit(`limit ${kind}`);
   }
 }

@@ -30,10 +30,11 @@ export function marking(chart, { able, marked, all }) {
         height: chart.inner.height,
       });
     };
-    follow(overlay, event, move, (last) => {
-      box.setAttribute("visibility", "hidden");
-      if (last.type === "pointerup" && Math.abs(end - start) > A_STRETCH)
-        marked(chart.xAt(Math.min(start, end)), chart.xAt(Math.max(start, end)));
-    });
+    const hide = () => box.setAttribute("visibility", "hidden");
+    const over = () => {
+      hide();
+      if (Math.abs(end - start) > A_STRETCH) marked(chart.xAt(Math.min(start, end)), chart.xAt(Math.max(start, end)));
+    };
+    follow(overlay, event, move, over, hide);
   });
 }

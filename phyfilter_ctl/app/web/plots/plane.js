@@ -117,10 +117,13 @@ export class Plane {
   /** @param {PointerEvent} event */
   hover(event) {
     if (this.dragging || event.pointerType === "touch") return;
-    const { re, im } = this.view.point(this.where(event));
-    const size = Math.hypot(re, im);
-    const place = `${short(re, 3)} ${im < 0 ? "−" : "+"} ${short(Math.abs(im), 3)}j`;
-    this.around.hover(`${place}   ωₙ ${short(size, 3)} rad/s   ζ ${short(-re / size, 2)}`);
+    this.around.hover(placeWords(this.view.point(this.where(event)), 3));
+  }
+
+  /** A root that moves, as it is held: not where the mouse is. @param {Kind} kind @param {number} id */
+  tell(kind, id) {
+    const root = this.design.roots(kind).find((other) => other.id === id);
+    if (root) this.around.hover(placeWords(root, 4));
   }
 
   // -- drawing ----------------------------------------------------------------------------------------------------
@@ -225,6 +228,7 @@ export class Plane {
         "aria-valuemax": LIMITS.fastest,
       });
       element.addEventListener("focus", () => this.design.select(kind, id));
+      element.addEventListener("blur", () => this.around.hover(""));
       element.addEventListener("keydown", (event) => this.key(event, kind, id));
     }
     element.addEventListener("pointerdown", (event) => this.grab(event, kind, id));
@@ -250,12 +254,27 @@ export class Plane {
       const root = list.find((other) => other.id === id);
       if (started && root)
         this.design.change(kind, dragged(this.view, kind, list, root, this.where(next), !next.altKey));
+      this.tell(kind, id);
     };
+    this.tell(kind, id);
     // On the plane, not on the handle: the handle may go when a pair splits or two roots join.
-    follow(this.svg, event, move, () => {
+    const end = () => {
       this.dragging = false;
-      this.design.commit(started ? `move ${kind}` : "");
-    });
+      this.around.hover("");
+    };
+    follow(
+      this.svg,
+      event,
+      move,
+      () => {
+        end();
+        this.design.commit();
+      },
+      () => {
+        end();
+        this.design.cancel();
+      },
+    );
   }
 
   /** @param {KeyboardEvent} event @param {Kind} kind @param {number} id */
@@ -276,8 +295,16 @@ export class Plane {
     }
     this.design.begin();
     this.design.change(kind, next);
-    this.design.commit(`move ${kind}`);
+    this.design.commit(`move ${kind} ${id}`);
+    this.tell(kind, id);
   }
+}
+
+/** @param {Place} place @param {number} digits */
+function placeWords({ re, im }, digits) {
+  const size = Math.hypot(re, im);
+  const place = im ? `${short(re, digits)} ${im < 0 ? "−" : "+"} ${short(Math.abs(im), digits)}j` : short(re, digits);
+  return `${place}   ωₙ ${short(size, digits)} rad/s   ζ ${short(-re / size, digits - 1)}`;
 }
 
 /** @param {string} id */

@@ -7,7 +7,7 @@ import { roots } from "../mathematics/polynomials.js";
 import { short } from "../numbers.js";
 import { History } from "./history.js";
 import { knownLimits, toggled } from "./limits.js";
-import { complexOf, countOf, moved, newRoot, placed, rootsOf, sizeOf } from "./roots.js";
+import { complexOf, countOf, moved, newRoot, placed, rootsOf, sizeOf, written } from "./roots.js";
 
 /** @import { Numerator } from "../mathematics/filter.js" */
 /** @import { DesignData, LimitKind } from "../link.js" */
@@ -16,6 +16,10 @@ import { complexOf, countOf, moved, newRoot, placed, rootsOf, sizeOf } from "./r
 /** @typedef {"pole" | "zero"} Kind */
 /** @typedef {{kind: Kind, id: number}} Chosen */
 /**
+ * What a gesture may change.
+ * @typedef {Pick<Design, "poles" | "zeros" | "numerator" | "sampling" | "assume" | "limits" | "family" | "chosen">} State
+ */
+/**
  * Who hears of changes.
  * @typedef {object} Listener
  * @property {(how: {fit: boolean}) => void} rebuilt the design is another; fit: all of it is to be seen
@@ -23,6 +27,11 @@ import { complexOf, countOf, moved, newRoot, placed, rootsOf, sizeOf } from "./r
  * @property {() => void} chosen another root is selected
  * @property {(text: string) => void} warn
  */
+
+const SINGLE = { re: -1, im: 0 }; // ways from the origin, for roots that are added
+const PAIR = { re: -0.7, im: 0.7 };
+const APART = 0.1; // of its size, from other roots
+const SAME = 1e-6;
 
 /** @type {Readonly<DesignData>} */
 export const START = Object.freeze({
@@ -56,8 +65,10 @@ export class Design {
     this.chosen = null;
     this.history = new History(JSON.stringify(START));
     this.dragging = false;
-    /** @type {{held: number} | null} the gain that the gesture keeps */
+    /** @type {{held: number, state: State} | null} the gain that the gesture keeps, and what it started from */
     this.before = null;
+    /** What was warned of last. */
+    this.warned = "";
     /** @type {number | null} when the gesture moved something that is not drawn yet */
     this.movedAt = null;
   }
@@ -116,7 +127,7 @@ export class Design {
   adopt(given, family) {
     this.begin();
     this.load(given, { fit: true, family });
-    this.commit("");
+    this.commit();
   }
 
   /** Something has changed. @param {{fit?: boolean}} [how] */
@@ -136,7 +147,19 @@ export class Design {
   /** What a drag or a gesture starts from. */
   begin() {
     this.dragging = true;
-    this.before = { held: heldGain(this.filter) };
+    const { poles, zeros, numerator, sampling, assume, limits, family, chosen } = this;
+    const copies = { numerator: { ...numerator }, sampling: { ...sampling }, assume: { ...assume } };
+    this.before = { held: heldGain(this.filter), state: { poles, zeros, limits, family, chosen, ...copies } };
+  }
+
+  /** The gesture is given up: everything is as it was before. */
+  cancel() {
+    if (!this.before) return;
+    Object.assign(this, this.before.state);
+    this.dragging = false;
+    this.before = null;
+    this.movedAt = null;
+    this.rebuilt();
   }
 
   /** Something moves; the first move that is not drawn yet counts. */
@@ -144,27 +167,36 @@ export class Design {
     this.movedAt ??= performance.now();
   }
 
-  /** The gesture is over: one step of undo. @param {string} what */
-  commit(what) {
+  /**
+   * The gesture is over: one step of undo.
+   * @param {string} [what] a burst of keys or of the wheel: the same again within a moment is still this step
+   */
+  commit(what = "") {
     this.dragging = false;
     this.before = null;
     const text = this.text();
-    if (this.history.commit(text, what)) this.listener.committed(text);
+    if (!this.history.commit(text, what)) return;
+    this.listener.committed(text);
+    const cancelling = this.cancelling();
+    if (cancelling && cancelling !== this.warned) this.listener.warn(cancelling);
+    this.warned = cancelling;
   }
 
-  /** A change in one go. @param {string} what @param {() => void} work @param {{fit?: boolean}} [how] */
-  edit(what, work, how = {}) {
+  /** A change in one go. @param {() => void} work @param {{fit?: boolean}} [how] */
+  edit(work, how = {}) {
     this.begin();
     work();
     this.rebuilt(how);
-    this.commit(what);
+    this.commit();
   }
 
   undo() {
+    this.cancel();
     this.travel(this.history.undo());
   }
 
   redo() {
+    this.cancel();
     this.travel(this.history.redo());
   }
 
@@ -213,8 +245,7 @@ export class Design {
   /** @param {Kind | "pair"} what @param {Place} [at] */
   add(what, at) {
     const kind = what === "zero" ? "zero" : "pole";
-    const size = Math.min(1.5 * Math.max(...this.poles.map(sizeOf)), LIMITS.fastest);
-    const { re, im } = at ?? (what === "pair" ? { re: -0.7 * size, im: 0.7 * size } : { re: -size, im: 0 });
+    const { re, im } = at ?? this.free(what === "pair" ? PAIR : SINGLE);
     const root = newRoot({ re, im: Math.abs(im) });
     const refused = this.refused(kind, root);
     if (refused) {
@@ -222,13 +253,33 @@ export class Design {
       return;
     }
     this.edit(
-      `add ${what}`,
       () => {
         this.replace(kind, [...this.roots(kind), kind === "zero" ? root : { ...root, ...heldPole(root.re, root.im) }]);
         this.chosen = { kind, id: root.id };
       },
       { fit: true },
     );
+  }
+
+  /** Where a root can be added beyond the fastest pole, on no other: a pole on a zero would cancel. @param {Place} way */
+  free(way) {
+    const roots = [...this.poles, ...this.zeros];
+    const least = Math.max(...this.poles.map(sizeOf));
+    for (let size = 1.5 * least; ; size *= 1.25) {
+      const held = Math.min(size, LIMITS.fastest);
+      const at = { re: way.re * held, im: way.im * held };
+      const near = roots.some(({ re, im }) => Math.hypot(re - at.re, im - at.im) < APART * held);
+      if (!near || held < size) return at;
+    }
+  }
+
+  /** Where a pole stands on a zero, in a sentence, or "". */
+  cancelling() {
+    if (this.numerator.kind !== "zeros") return "";
+    const on = this.zeros.find((zero) =>
+      this.poles.some((pole) => Math.hypot(pole.re - zero.re, pole.im - zero.im) <= SAME * sizeOf(pole)),
+    );
+    return on ? `A pole and a zero stand on ${written(on)} rad/s and cancel: move one of them, or delete both.` : "";
   }
 
   /** Why a root cannot be added, or "". @param {Kind} kind @param {Root} root */
@@ -255,7 +306,6 @@ export class Design {
       return;
     }
     this.edit(
-      `delete ${kind}`,
       () => {
         if (kind === "zero" || this.numerator.kind === "b") this.freeZeros();
         // F must stay strictly proper.
@@ -292,7 +342,7 @@ export class Design {
     }
     this.begin();
     this.change(kind, next, { fit: true });
-    this.commit("");
+    this.commit();
     return "";
   }
 
@@ -334,7 +384,7 @@ export class Design {
 
   /** @param {"lowpass" | "type" | "zeros"} kind @param {number} [type] */
   setNumerator(kind, type = 2) {
-    this.edit("numerator", () => {
+    this.edit(() => {
       if (kind === "zeros") this.freeZeros();
       else
         this.numerator =
@@ -344,15 +394,15 @@ export class Design {
 
   /** F(0), or the gain mid-band. @param {number} value */
   setGain(value) {
-    this.edit("gain", () => {
+    this.edit(() => {
       this.freeZeros();
-      this.before = { held: value };
+      if (this.before) this.before.held = value;
       this.regain();
     });
   }
 
   /** @param {LimitKind} kind */
   toggleLimit(kind) {
-    this.edit("limit", () => (this.limits = toggled(this.limits, kind, this.cutoff())));
+    this.edit(() => (this.limits = toggled(this.limits, kind, this.cutoff())));
   }
 }
