@@ -18,7 +18,8 @@ import    time, time_unit, x, label, g, f_theta,      log, messages
 example                                               log, messages
 measured  channel                                     dt, slope, noise, messages
 forget                                                log (null)
-estimate  design, channel, window                     t, f_hat, f_theta, label, rmse, rmse_model, wiener, messages
+estimate  design, channel, window                     t, f_hat, f_theta, label, rmse, rmse_model, wiener, over,
+                                                      pending, messages
 learn     order, form                                 job
 job       job                                         state, curve, message, design
 cancel    job                                         state, curve, message
@@ -57,6 +58,7 @@ from .inbox import Inbox
 from .jobs import LearningJob
 from .meeting import Meetings
 from .python_text import python_text
+from .views import Views
 
 __all__ = ["Session", "handle"]
 
@@ -109,6 +111,7 @@ class Session:
         waiting: Path | None = None,
     ) -> None:
         self.inbox = Inbox(waiting)
+        self.views = Views()
         self._lock = threading.Lock()
         self._design = Design() if start is None else Design().with_filter(start)
         if kept is not None:
@@ -308,7 +311,7 @@ def _estimate(session: Session, fields: Fields) -> Reply:
         raise ValueError("no log is open: drop a CSV file first")
     wiener = job.wiener if job is not None and job.log is log else None
     window = fields.numbers("window", 2, 2, size=_LATEST) if "window" in fields else None
-    return logs.estimate(log, design, channel, wiener, window=window)
+    return logs.estimate(log, design, channel, wiener, window=window, views=session.views)
 
 
 def _learn(session: Session, fields: Fields) -> Reply:

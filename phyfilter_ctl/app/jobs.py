@@ -189,8 +189,18 @@ class LearningJob:
             self._curve.append((self._steps, result.rmse))
         said = result.message.removeprefix(f"order {result.order_used}: ")
         notes = "".join(f"; {note}" for note in result.notes)
-        self._end("done", f"RMSE {result.rmse:.4g}, order {result.order_used}: {said}{self._note}{notes}")
+        over = _over(self._log)
+        self._end(
+            "done", f"RMSE {result.rmse:.4g} {over}, order {result.order_used}: {said}{self._note}{notes}"
+        )
 
     def _end(self, state: State, message: str) -> None:
         with self._lock:
             self._state, self._message = state, message
+
+
+def _over(log: Recording) -> str:
+    """Which samples an RMSE of learning is over, in words."""
+    channels = f"all {log.n_x} channels" if log.n_x > 1 else log.channels[0]
+    part = f"{log.n} samples, {log.times[0]:.6g} s to {log.times[-1]:.6g} s"
+    return f"over {channels} of the part learned from (the whole log, {part}; nothing held out)"

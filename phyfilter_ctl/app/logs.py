@@ -13,6 +13,7 @@ from ..recording import Recording
 from ..results import plain
 from .checking import MessageError, shown
 from .designs import Design
+from .views import Peaks, Views, at_once, run
 
 __all__ = ["estimate", "read_log", "summary"]
 
@@ -103,8 +104,12 @@ def estimate(
     wiener: Sequence[float] | None,
     *,
     window: Sequence[float] | None = None,
+    views: Views,
 ) -> dict[str, object]:
     """The reply to op "estimate": the filter run on one channel of the log, at the log's own rate.
+
+    Of a long log a part is run over with what comes before it, as far as it matters; the whole in the background:
+    until that is done ``f_hat`` is null and ``pending`` true.
 
     Parameters
     ----------
@@ -115,7 +120,10 @@ def estimate(
         RMSE of the causal Wiener filter for each channel, where known. It is over the samples of ``rmse``, each block
         of them by a response fitted without it; a filter fitted to the block as well may have a lower ``rmse``.
     window : (2,) sequence of float, optional
-        First and last time in s that is drawn; None means all of them. The errors are over the whole log.
+        First and last time in s that is drawn; None means all of them. The errors are over the samples that the reply
+        says in ``over``: the whole log where the filter has run over it.
+    views : Views
+        What has been computed of the log.
 
     Raises
     ------
@@ -128,37 +136,85 @@ def estimate(
         raise MessageError(
             "channel", f"expected 0 to {log.n_x - 1} of {_some(list(log.channels))}, got {channel}"
         )
-    sampled = design.sampled_at(log.dt)
-    # An inertia may couple the channels; without one each stands alone.
-    pick = slice(channel, channel + 1) if log.inertia is None else slice(None)
-    f_hat = sampled.run(
-        log.x[:, pick],
-        None if log.g is None else log.g[:, pick],
-        None if log.f_theta is None else log.f_theta[:, pick],
-        log.inertia,
-        None if log.is_uniform else log.times,
-    )
-    mine = np.asarray(f_hat[:, 0 if log.inertia is None else channel], dtype=float)
+    seen = _seen(log.times, window)
+    most = at_once(log)
+    mine, over = None, slice(0, log.n)
+    if log.n <= most:
+        mine = run(log, design, channel, over)
+    elif (peaks := views.ready(log, design, channel)) is not None:
+        mine = peaks.values
+    elif seen.stop - seen.start <= most:
+        mine, over = run(log, design, channel, seen), seen
+    else:
+        peaks = views.whole(log, design, channel)
+        mine = None if peaks is None else peaks.values
     f_theta = None if log.f_theta is None else log.f_theta[:, channel]
     label = None if log.label is None else log.label[:, channel]
-    seen = _seen(log.times, window)
-    keep = seen.start + _drawn([each[seen] for each in (mine, f_theta, label) if each is not None])
-    model = 0.0 if f_theta is None else f_theta
+    if log.n <= most:
+        keep = seen.start + _drawn([each[seen] for each in (mine, f_theta, label) if each is not None])
+    else:
+        keep = _kept(log, channel, seen, mine, over, views, design)
     messages = []
     if abs(log.dt - design.dt) > _SAME_STEP * design.dt:
         messages.append(
             f"The log has a step of {log.dt:.4g} s, which the estimate takes; the design has {design.dt:.4g} s."
         )
+    errors = _errors(log, design, channel, mine, over, views)
     return {
         "t": plain(log.times[keep]),
-        "f_hat": plain(mine[keep]),
+        "f_hat": None if mine is None else plain(mine[keep - over.start]),
         "f_theta": None if f_theta is None else plain(f_theta[keep]),
         "label": None if label is None else plain(label[keep]),
-        "rmse": None if label is None else _rms(label - mine),
-        "rmse_model": None if label is None else _rms(label - model),
-        "wiener": None if wiener is None else wiener[channel],
+        "rmse": errors[0],
+        "rmse_model": errors[1],
+        "wiener": None if wiener is None or over != slice(0, log.n) else wiener[channel],
+        "over": _over(log, over),
+        "pending": mine is None,
         "messages": messages,
     }
+
+
+def _kept(
+    log: Recording,
+    channel: int,
+    seen: slice,
+    mine: FloatArray | None,
+    over: slice,
+    views: Views,
+    design: Design,
+) -> np.ndarray:
+    """Samples of a long log that are drawn."""
+    held = [name for name in ("label", "f_theta") if getattr(log, name) is not None]
+    most = _DRAWN // (len(held) + (mine is not None) or 1)
+    kept = [views.peaks(log, name, channel).drawn(seen.start, seen.stop, most) for name in held]
+    if mine is not None and over == seen:
+        kept.append(seen.start + Peaks.of(mine).drawn(0, len(mine), most))
+    elif mine is not None and (whole := views.ready(log, design, channel)) is not None:
+        kept.append(whole.drawn(seen.start, seen.stop, most))
+    return np.unique(np.concatenate(kept)) if kept else np.array([seen.start, seen.stop - 1])
+
+
+def _errors(
+    log: Recording, design: Design, channel: int, mine: FloatArray | None, over: slice, views: Views
+) -> tuple[float | None, float | None]:
+    """RMSE of f_hat and of the model alone; those over a whole log are computed once."""
+    if log.label is None or mine is None:
+        return None, None
+    label, f_hat = log.label[over, channel], mine
+    f_theta = 0.0 if log.f_theta is None else log.f_theta[over, channel]
+
+    def found() -> tuple[float | None, float | None]:
+        return _rms(label - f_hat), _rms(label - f_theta)
+
+    return views.errors(log, design, channel, found) if len(f_hat) == log.n else found()
+
+
+def _over(log: Recording, samples: slice) -> str:
+    """In words, which samples an error is over; the first has none, f_hat is f_theta there."""
+    first, last = log.times[samples.start], log.times[samples.stop - 1]
+    count = f"{samples.stop - samples.start - 1:,}".replace(",", "\u202f")
+    what = "the whole log" if samples == slice(0, log.n) else "the part drawn"
+    return f"over {what}, {count} samples after {first:.6g} s, up to {last:.6g} s"
 
 
 def _rms(error: FloatArray) -> float | None:

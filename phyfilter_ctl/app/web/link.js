@@ -65,7 +65,9 @@
 /**
  * @typedef {object} Estimate
  * @property {number[]} t
- * @property {Samples} f_hat
+ * @property {Samples | null} f_hat null while Python runs over a long log
+ * @property {boolean} [pending]
+ * @property {string} [over] which samples the errors are over
  * @property {Samples | null} [f_theta]
  * @property {Samples | null} [label]
  * @property {number | null} [rmse]

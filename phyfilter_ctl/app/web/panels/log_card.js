@@ -14,6 +14,8 @@ import { button, card } from "./parts.js";
 /** @import { Series } from "../plots/chart.js" */
 
 const LOGS = ".csv,.txt,.tsv,.dat,.parquet,.arrow,.feather,.mat,.h5,.hdf5,.ulg,.bin,.bag,.mcap,.db3,.toml";
+const AT_ONCE = 300_000; // samples: more are run over in the background
+const PENDING = 200; // ms between looks at that
 const LEAST_SAMPLES = 10; // that are drawn
 const ROOM = 0.06; // above and below the curves, in parts of their height
 const WIENER =
@@ -36,6 +38,12 @@ export class LogCard {
     this.channel = 0;
     /** @type {Estimate | null} */
     this.estimate = null;
+    /** Of the whole log, for what is not there yet of a part. @type {Estimate | null} */
+    this.overview = null;
+    /** @type {Estimate | null} the one that is drawn */
+    this.drawn = null;
+    /** @type {ReturnType<typeof setTimeout> | undefined} */
+    this.again = undefined;
     this.askedAt = 0;
     /** @type {[number, number] | null} times in s that are drawn, null: all */
     this.window = null;
@@ -118,6 +126,8 @@ export class LogCard {
     this.log = log;
     this.channel = 0;
     this.estimate = null;
+    this.overview = null;
+    clearTimeout(this.again);
     this.window = null;
     this.whole = null;
     this.drop.hidden = log !== null;
@@ -148,11 +158,15 @@ export class LogCard {
   /** @param {number} channel */
   choose(channel) {
     this.channel = channel;
+    this.overview = null;
     void this.ask();
   }
 
   /** What the design estimates on the log. */
   async ask() {
+    // Over a long log an estimate takes a second: it follows when the design is let go.
+    if (this.app.design.dragging && this.long()) return;
+    clearTimeout(this.again);
     this.askedAt = performance.now();
     const fields = {
       design: this.app.design.data(),
@@ -163,8 +177,17 @@ export class LogCard {
     if (!reply || !this.log) return;
     this.estimate = this.app.ok(reply) ? reply : null;
     if (reply.ok) this.whole ??= [reply.t[0], reply.t[reply.t.length - 1]];
+    if (!fields.window) this.overview = this.estimate;
+    if (reply.ok && reply.pending) this.again = setTimeout(() => void this.ask(), PENDING);
     this.show();
     this.app.paint();
+  }
+
+  /** Whether what is drawn is more than Python runs over at once. */
+  long() {
+    const { log, window } = this;
+    const share = window && this.whole ? (window[1] - window[0]) / (this.whole[1] - this.whole[0]) : 1;
+    return log !== null && share * log.samples > AT_ONCE;
   }
 
   /** Draw a part of the log, or all of it. @param {number} low s @param {number} high s */
@@ -174,6 +197,7 @@ export class LogCard {
     const span = Math.min(Math.max(high - low, LEAST_SAMPLES * this.log.dt), last - first);
     const from = Math.min(Math.max((low + high - span) / 2, first), last - span);
     this.window = span >= 0.999 * (last - first) ? null : [from, from + span];
+    this.app.paint(); // what is known already; what is asked for follows
     void this.ask();
   }
 
@@ -226,6 +250,9 @@ export class LogCard {
       ),
     );
     const messages = [...(estimate?.messages ?? [])];
+    if (estimate?.pending) messages.push(`Running the filter over ${this.log?.samples} samples …`);
+    if (figures.length && estimate?.over)
+      messages.push(`RMSEs: ${this.log?.channels[this.channel]}, ${estimate.over}.`);
     if (typeof estimate?.wiener === "number") messages.push(WIENER);
     if (messages.length) this.rmse.append(h("p", { class: "pf-note" }, messages.join(" ")));
     const lines = LINES.filter(({ key }) => estimate?.[key]);
@@ -238,7 +265,11 @@ export class LogCard {
 
   draw() {
     const { palette, design } = this.app;
-    const series = this.estimate ? this.series(this.estimate) : [];
+    // In a drag only a new estimate changes anything here.
+    if (design.dragging && this.drawn === this.estimate) return;
+    this.drawn = this.estimate;
+    const shown = this.covers(this.estimate) ? this.estimate : this.overview;
+    const series = shown ? this.series(shown) : [];
     this.chart.settings.xLabel = this.start ? `t − ${this.start}, s` : "t, s";
     this.chart.settings.yLabel = design.assume.unit ? `f, ${design.assume.unit}` : "f";
     this.chart.series = series;
@@ -246,6 +277,14 @@ export class LogCard {
     this.chart.cursor(this.cursorAt);
     this.read();
     this.learning.draw();
+  }
+
+  /** Whether samples reach over what is to be drawn. @param {Estimate | null} estimate */
+  covers(estimate) {
+    if (!estimate || !this.window) return estimate !== null;
+    const { t } = estimate;
+    const slack = 2 * (this.log?.dt ?? 0);
+    return t[0] <= this.window[0] + slack && t[t.length - 1] >= this.window[1] - slack;
   }
 
   /** Curves of an estimate, on axes that hold them. @param {Estimate} estimate @returns {Series[]} */
