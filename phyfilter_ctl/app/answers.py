@@ -19,7 +19,7 @@ from .loops import AssumedLoop, assumed_loop
 from .steps import settling_time, step_response
 from .verdict import verdict
 
-__all__ = ["answer", "figures"]
+__all__ = ["answer", "figures", "frequency_grid"]
 
 _CURVE_POINTS = 320  # logarithmic; resonances have some of their own
 _PEAK_POINTS = 20
@@ -141,7 +141,7 @@ def _frequency(
     design: Design, filter: PhyFilter, sampled: SampledPhyFilter | None
 ) -> tuple[dict[str, object], FilterResponse, FilterResponse | None]:
     """Curves, and the responses of F and of the sampled F."""
-    omega = _grid(design, filter)
+    omega = frequency_grid(design, filter)
     response = frequency_response(filter, omega)
     S, as_sampled = np.full(len(omega), complex(np.nan, np.nan)), None
     if sampled is not None:
@@ -162,8 +162,20 @@ def _pair(values: ComplexArray) -> list[list[float | None]]:
     return [plain(np.abs(values)), plain(phase)]
 
 
-def _grid(design: Design, filter: PhyFilter) -> FloatArray:
-    """A decade and a half to either side of poles and zeros, and of what is drawn; dense at resonances."""
+def frequency_grid(design: Design, filter: PhyFilter) -> FloatArray:
+    """A decade and a half to either side of poles and zeros, and of what is drawn; dense at resonances.
+
+    Parameters
+    ----------
+    design : Design
+    filter : PhyFilter
+        Its filter.
+
+    Returns
+    -------
+    (N,) array
+        In rad/s, ascending.
+    """
     nyquist = np.pi / design.dt
     marks = np.concatenate([grids.breaks(filter), _drawn(design.limits)])
     low = min(0.03 * float(marks.min()), 0.03 * nyquist)

@@ -91,6 +91,10 @@ class Assumptions:
         Of the actuator, in s.
     unit : str
         Unit of f.
+    ratio_spread : float
+        The true M_hat / M lies between ratio/(1 + ratio_spread) and ratio (1 + ratio_spread).
+    lag_spread, delay_spread : float
+        The true lag and delay lie within as many s of those assumed, and are not negative.
     """
 
     slope: float = 1.0
@@ -99,6 +103,9 @@ class Assumptions:
     lag: float = 0.02
     delay: float = 0.0
     unit: str = ""
+    ratio_spread: float = 0.0
+    lag_spread: float = 0.0
+    delay_spread: float = 0.0
 
     def as_json(self) -> dict[str, object]:
         """As a message has it."""
@@ -373,6 +380,9 @@ def _assumptions(fields: Fields) -> Assumptions:
         "ratio": (1e-3, 1e3, ""),
         "lag": (0.0, 10.0, "s"),
         "delay": (0.0, 10.0, "s"),
+        "ratio_spread": (0.0, 1e3, ""),
+        "lag_spread": (0.0, 10.0, "s"),
+        "delay_spread": (0.0, 10.0, "s"),
     }
     fields.only(*ranges, "unit")
     given = {

@@ -18,6 +18,9 @@ import    time, time_unit, x, label, g, f_theta,      log, messages
 example                                               log, messages
 measured  channel                                     dt, slope, noise, messages
 forget                                                log (null)
+loop      design                                      omega, L, S, T, note, stable, band, message
+locus     design, over                                at, branches, now, limits, message
+responses design                                      t, command, disturbance, noise, noise_sd, dt, message
 estimate  design, channel, window                     t, f_hat, f_theta, label, rmse, rmse_model, wiener, over,
                                                       pending, messages
 learn     order, form                                 job
@@ -51,7 +54,7 @@ from threadpoolctl import ThreadpoolController
 from ..design.learning import Form
 from ..filter import FilterBank, PhyFilter, SampledPhyFilter
 from ..recording import Recording
-from . import answers, exports, importing, logs, sessions
+from . import answers, exports, importing, logs, loop_views, sessions
 from .checking import Fields, MessageError
 from .designs import FAMILIES, HIGHEST_ORDER, Design, design_of_family, read_design, read_designs
 from .inbox import Inbox
@@ -288,6 +291,18 @@ def _design(session: Session, fields: Fields) -> Reply:
     return answers.answer(design)
 
 
+def _loop(session: Session, fields: Fields) -> Reply:
+    return loop_views.loop(read_design(fields))
+
+
+def _locus(session: Session, fields: Fields) -> Reply:
+    return loop_views.locus(read_design(fields), fields.choice("over", ("ratio", "bandwidth")))
+
+
+def _responses(session: Session, fields: Fields) -> Reply:
+    return loop_views.responses(read_design(fields))
+
+
 def _family(session: Session, fields: Fields) -> Reply:
     return {"design": design_of_family(fields, session.design).as_json()}
 
@@ -365,6 +380,9 @@ def _compare(session: Session, fields: Fields) -> Reply:
 _OPERATIONS: Mapping[str, tuple[Callable[[Session, Fields], Reply], tuple[str, ...]]] = {
     "hello": (_hello, ()),
     "design": (_design, ("design",)),
+    "loop": (_loop, ("design",)),
+    "locus": (_locus, ("design", "over")),
+    "responses": (_responses, ("design",)),
     "family": (_family, ("family", "order", "cutoff", "damping", "type", "band")),
     "log": (_log, ("name", "text")),
     "upload": (importing.upload, ("name", "size", "at", "data")),

@@ -17,12 +17,83 @@ from ..analysis import PriorMargin, prior_margin
 from ..filter import SampledPhyFilter
 from .designs import Design
 
-__all__ = ["AssumedLoop", "assumed_loop", "phase_and_delay", "read_off"]
+__all__ = [
+    "UNSEARCHED",
+    "AssumedLoop",
+    "assumed_loop",
+    "loop_note",
+    "margin_of",
+    "phase_and_delay",
+    "read_off",
+    "runs_sampled",
+]
 
 # Points of the loop's grid that are closer than this, relative, count as one.
 _SAME_POINT = 1e-6
 # Beyond so many steps of delay the continuous loop, with one step more for hold and average, stands for the sampled.
 _FEW_STEPS = 50.0
+UNSEARCHED = "the loop could not be searched: its time scales are too far apart"
+
+
+def runs_sampled(design: Design, sampled: SampledPhyFilter | None) -> bool:
+    """Whether the loop is taken as it runs, sampled; else the continuous one stands for it.
+
+    Parameters
+    ----------
+    design : Design
+    sampled : SampledPhyFilter or None
+        Its filter as it runs; None where that is unstable.
+
+    Returns
+    -------
+    bool
+    """
+    return sampled is not None and design.assume.delay <= _FEW_STEPS * design.dt
+
+
+def loop_note(exact: bool) -> str:
+    """Which loop that is, in words.
+
+    Parameters
+    ----------
+    exact : bool
+        From :func:`runs_sampled`.
+
+    Returns
+    -------
+    str
+    """
+    return "sampled loop" if exact else "continuous loop with one step more of delay"
+
+
+def margin_of(design: Design, sampled: SampledPhyFilter | None, *, exact: bool | None = None) -> PriorMargin:
+    """Prior margins of a design with the lag, delay and inertia ratio that are assumed.
+
+    Parameters
+    ----------
+    design : Design
+    sampled : SampledPhyFilter or None
+        Its filter as it runs; None where that is unstable.
+    exact : bool, optional
+        Take the loop as it runs, however long the delay, or the continuous one; None: see :func:`runs_sampled`.
+
+    Returns
+    -------
+    PriorMargin
+
+    Raises
+    ------
+    ValueError
+        If the loop cannot be searched.
+    """
+    assume = design.assume
+    exact = runs_sampled(design, sampled) if exact is None else exact
+    return prior_margin(
+        sampled if exact and sampled is not None else design.filter,
+        actuator=ct.TransferFunction([1.0], [assume.lag, 1.0]) if assume.lag > 0.0 else None,
+        delay=assume.delay if exact else assume.delay + design.dt,
+        inertia_ratio=assume.ratio,
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,23 +218,15 @@ def assumed_loop(design: Design, sampled: SampledPhyFilter | None) -> AssumedLoo
     -------
     AssumedLoop
     """
-    assume = design.assume
-    actuator = ct.TransferFunction([1.0], [assume.lag, 1.0]) if assume.lag > 0.0 else None
-    exact = sampled is not None and assume.delay <= _FEW_STEPS * design.dt
-    note = "sampled loop" if exact else "continuous loop with one step more of delay"
-    delay = assume.delay if exact else assume.delay + design.dt
+    exact = runs_sampled(design, sampled)
+    note = loop_note(exact)
     try:
-        margin = prior_margin(
-            sampled if exact and sampled is not None else design.filter,
-            actuator=actuator,
-            delay=delay,
-            inertia_ratio=assume.ratio,
-        )
+        margin = margin_of(design, sampled)
         margin = read_off(margin) if exact else margin
         distance = f"; {_distance(margin)}" if margin.is_stable and margin.stable_ratios else ""
         return AssumedLoop(note, margin, *phase_and_delay(margin), distance)
     except (ValueError, LinAlgError, FloatingPointError):
-        return AssumedLoop("the loop could not be searched: its time scales are too far apart")
+        return AssumedLoop(UNSEARCHED)
 
 
 def _distance(margin: PriorMargin) -> str:

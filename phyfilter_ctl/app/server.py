@@ -66,6 +66,7 @@ _LANES = {
     "export": ("export", "exports"),
     "compare": ("compare",),
     "meet": ("meet", "front", "unmeet"),
+    "loop": ("loop", "locus", "responses"),
 }
 _SECONDS = {
     "design": 30.0,
@@ -75,6 +76,7 @@ _SECONDS = {
     "export": 180.0,
     "compare": 30.0,
     "meet": 10.0,
+    "loop": 30.0,
 }
 _LARGE = frozenset({"log", "session", "upload"})
 # What is written under --out: the name comes from here and from the design, never from a request.

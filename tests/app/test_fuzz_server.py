@@ -32,6 +32,9 @@ CHUNKS, CHUNK = 5, 2000
 OPS = [
     "hello",
     "design",
+    "loop",
+    "locus",
+    "responses",
     "family",
     "log",
     "upload",
@@ -118,6 +121,7 @@ class Fuzzer:
                 "step": 0.02,
             },
             "measured": {"channel": 0},
+            "locus": {"over": "bandwidth"},
             "learn": {"order": 1, "form": "lowpass"},
             "job": {"job": 1},
             "cancel": {"job": 1},
@@ -161,7 +165,19 @@ class Fuzzer:
         op = str(self.pick(OPS))
         message = {"id": self.odd_or(int(self.rng.integers(1000)), 0.05), "op": self.odd_or(op, 0.05)}
         message |= {key: self.odd_or(value) for key, value in self.fields(op).items()}
-        if op in ("design", "estimate", "python", "save", "export", "exports", "meet"):
+        designed = (
+            "design",
+            "loop",
+            "locus",
+            "responses",
+            "estimate",
+            "python",
+            "save",
+            "export",
+            "exports",
+            "meet",
+        )
+        if op in designed:
             message["design"] = self.odd_or(self.design(), 0.1)
         if op == "compare":
             message["designs"] = self.odd_or([self.odd_or(self.design(), 0.1) for _ in range(2)], 0.1)

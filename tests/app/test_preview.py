@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from phyfilter_ctl import PhyFilter
 from phyfilter_ctl._sections import expm1
 from phyfilter_ctl.analysis import frequency_response
+from phyfilter_ctl.app import loop_views
 from phyfilter_ctl.app.answers import settling_time
 from phyfilter_ctl.app.checking import Fields
 from phyfilter_ctl.app.designs import read_design
@@ -107,6 +108,13 @@ def numerator(rng: np.random.Generator, poles: list[Pair], base: float) -> dict[
     return {"kind": kind, "zeros": zeros, "gain": gain}
 
 
+def around(rng: np.random.Generator, dt: float) -> dict[str, float]:
+    """Lag, delay and ratio of the loop: none, parts of a step, many steps, and so many that it counts as continuous."""
+    lag = float(rng.choice([0.0, 0.02 * dt, dt, 60.0 * dt]))
+    delay = float(rng.choice([0.0, 0.3, 3.0, 7.6, 80.0]) * dt)
+    return {"lag": min(lag, 10.0), "delay": min(delay, 10.0), "ratio": float(10.0 ** rng.uniform(-1.0, 1.0))}
+
+
 def case(
     rng: np.random.Generator, order: int, *, kind: int = 1, method: str = "exact", decades: float = DECADES
 ) -> Case:
@@ -122,6 +130,7 @@ def case(
         "poles": poles,
         "numerator": numerator(rng, poles, base),
         "sampling": {"dt": dt, "method": method},
+        "assume": around(rng, dt),
     }
     read = read_design(Fields({"design": design}))
     omega = np.geomspace(min(sizes) / 30.0, max(sizes) * 30.0, POINTS)
@@ -130,6 +139,7 @@ def case(
         "design": design,
         "omega": omega.tolist(),
         "below": below.tolist(),
+        "loop": loop_views.loop(read)["omega"],
         "duration": 12.0 / min(-re for re, _ in poles),
         "points": POINTS,
     }
@@ -172,6 +182,20 @@ def test_coefficients_and_type_are_the_library_s(answered: Answered) -> None:
         assert np.max(np.abs((np.array(answer["b"]) - filter.b) / power)) < AGREES
         assert np.max(np.abs((np.array(answer["c"])[:-1] - filter.error_numerator[:-1]) / power)) < AGREES
         assert answer["type"] == filter.type
+
+
+def test_the_loop_s_gains_are_the_library_s(answered: Answered) -> None:
+    seen = set()
+    for each, answer in answered:
+        expected = loop_views.loop(read_design(Fields({"design": each.question["design"]})))
+        seen.add((expected["note"], each.question["design"]["assume"]["lag"] > 0.0))
+        L, S, T = (curve(expected[key]) for key in ("L", "S", "T"))  # type: ignore[arg-type]  # two lists of numbers
+        found = [curve(value) for value in answer["loop"]]
+        assert relative(found[1], S) < AGREES
+        assert relative(found[2], T) < AGREES
+        # On the sphere: an L that ends in an integrator has no largest value.
+        assert np.max(np.abs(found[0] - L) / (1.0 + np.abs(L)) ** 2) < AGREES
+    assert len(seen) == 4
 
 
 def test_the_random_designs_hold_every_kind_and_repeated_poles() -> None:

@@ -34,6 +34,7 @@ import { Workspace } from "./panels/workspace.js";
 import { Design } from "./state/design.js";
 import { Preview } from "./state/preview.js";
 import { Session } from "./state/session.js";
+import { Views } from "./state/views.js";
 import { Theme } from "./theme.js";
 import { Typing } from "./typing.js";
 
@@ -49,6 +50,7 @@ import { Typing } from "./typing.js";
  * @property {HTMLElement} root
  * @property {Link} link
  * @property {Design} design
+ * @property {Views} views which views of the loop are open, and what Python says for them
  * @property {Session} session what is kept; a panel has its own state kept by `session.part`
  * @property {Preview} preview
  * @property {Answer} answer
@@ -89,6 +91,8 @@ class Designer {
       warn: (text) => this.say(text, "warn"),
     });
     this.session = new Session(this.design);
+    /** @type {Views} */
+    this.views = new Views(this);
     this.preview = new Preview(this.design);
     this.theme = new Theme(this.root, model, () => this.paint());
     /** @type {Answer} */
@@ -291,6 +295,7 @@ class Designer {
     if (this.status.failed) this.say("");
     const due = !this.design.dragging || performance.now() - this.log.askedAt > ESTIMATE_EVERY;
     if (this.log.log && current && due) void this.log.ask();
+    if (current) this.views.ask();
   }
 
   /** Python's curves are the truth: where the preview leaves them it says so. @param {Answers["design"]} reply */

@@ -4,7 +4,18 @@
 /** @import { Numerator } from "./mathematics/filter.js" */
 /** @import { Method } from "./mathematics/sampled.js" */
 
-/** @typedef {{slope: number, noise: number, ratio: number, lag: number, delay: number, unit: string}} Assumptions */
+/**
+ * @typedef {object} Assumptions
+ * @property {number} slope
+ * @property {number} noise
+ * @property {number} ratio
+ * @property {number} lag s
+ * @property {number} delay s
+ * @property {string} unit
+ * @property {number} [ratio_spread] the ratio is between ratio/(1 + this) and ratio (1 + this)
+ * @property {number} [lag_spread] s, to either side
+ * @property {number} [delay_spread] s, to either side
+ */
 /** @typedef {{omega: number, level: number}} Limit */
 /** @typedef {"error" | "estimate"} LimitKind  of |1 - F|, of |F| */
 /** @typedef {Partial<Record<LimitKind, Limit>>} Limits */
@@ -75,6 +86,38 @@
  * @property {number | null} [wiener]
  * @property {string[]} [messages]
  */
+/** @typedef {{ratio: number, lag: number, delay: number, L: Samples[]}} Corner */
+/** @typedef {Record<"L" | "S" | "T" | "phase", Samples[]> & {corners: Corner[], members: number, unstable: number}} LoopBand */
+/**
+ * @typedef {object} LoopAnswer real and imaginary parts; least and largest magnitudes
+ * @property {number[]} omega
+ * @property {Samples[]} L
+ * @property {Samples[]} S
+ * @property {Samples[]} T
+ * @property {string} note
+ * @property {boolean} stable
+ * @property {LoopBand | null} band
+ * @property {string} message
+ */
+/**
+ * @typedef {object} LocusAnswer
+ * @property {number[]} at
+ * @property {(Complex | null)[][]} branches
+ * @property {Complex[]} now
+ * @property {{at: number, omega: number, leaving: number}[]} limits
+ * @property {string} message
+ */
+/** @typedef {{value: Samples, low?: Samples, high?: Samples}} Ranged */
+/**
+ * @typedef {object} ResponsesAnswer
+ * @property {number[]} t
+ * @property {Ranged} command
+ * @property {Ranged} disturbance
+ * @property {Ranged} noise
+ * @property {number | null} noise_sd
+ * @property {number | null} dt
+ * @property {string} message
+ */
 /**
  * @typedef {object} Hello
  * @property {string} [version]
@@ -107,6 +150,9 @@
  * @property {Exchange} exports
  * @property {{session: SessionData}} session
  * @property {Download} export
+ * @property {LoopAnswer} loop
+ * @property {LocusAnswer} locus
+ * @property {ResponsesAnswer} responses
  * @property {{compared: Figure[][]}} compare
  * @property {{job: number}} meet
  * @property {Front} front

@@ -51,14 +51,18 @@ function tustin(X, n) {
   return right;
 }
 
+/** e^(j theta) - 1, without the subtraction. @param {number} theta @returns {Complex} */
+export const turnedLess = (theta) => {
+  const sine = Math.sin(theta / 2);
+  return [-2 * sine * sine, 2 * sine * Math.cos(theta / 2)];
+};
+
 /**
- * Response of the sampled filter to a continuous residual, at omega <= pi/dt: F_d(e^(j theta)) times the mean over a
- * step,
- * sinc(theta/2) e^(-j theta/2); and 1 minus it without cancellation. delta = z - 1 is formed without the subtraction.
+ * F_d(e^(j theta)) of the recursion alone, at omega <= pi/dt, and 1 minus it without cancellation.
  * @param {Filter} filter @param {number} dt @param {Method} method @param {ArrayLike<number>} omega
  * @returns {{F: Curve, E: Curve}}
  */
-export function sampledResponse(filter, dt, method, omega) {
+export function recursionResponse(filter, dt, method, omega) {
   const { n, dA, equilibrium, C } = transition(filter, dt, method);
   const pairAt = pairsOf(filter);
   const drive = new Float64Array(n);
@@ -73,17 +77,35 @@ export function sampledResponse(filter, dt, method, omega) {
   const E = { re: new Float64Array(size), im: new Float64Array(size) };
   const work = new Float64Array(2 * n);
   for (let k = 0; k < size; k++) {
-    const theta = omega[k] * dt;
-    const half = theta / 2;
-    const sine = Math.sin(half);
-    const cosine = Math.cos(half);
-    /** @type {Complex} */
-    const delta = [-2 * sine * sine, 2 * sine * cosine];
+    const delta = turnedLess(omega[k] * dt);
     /** @type {Complex} */
     const z = [1 + delta[0], delta[1]];
     const driven = mul(z, resolvent(dA, n, pairAt, delta, drive, C, work));
     const resting = mul(z, resolvent(dA, n, pairAt, delta, equilibrium, C, work));
     const rest = mul(delta, [resting[0] - dc, resting[1]]);
+    F.re[k] = driven[0];
+    F.im[k] = driven[1];
+    E.re[k] = offset + rest[0];
+    E.im[k] = rest[1];
+  }
+  return { F, E };
+}
+
+/**
+ * Response of the sampled filter to a continuous residual, at omega <= pi/dt: F_d(e^(j theta)) times the mean over a
+ * step,
+ * sinc(theta/2) e^(-j theta/2); and 1 minus it without cancellation.
+ * @param {Filter} filter @param {number} dt @param {Method} method @param {ArrayLike<number>} omega
+ * @returns {{F: Curve, E: Curve}}
+ */
+export function sampledResponse(filter, dt, method, omega) {
+  const { F, E } = recursionResponse(filter, dt, method, omega);
+  for (let k = 0; k < omega.length; k++) {
+    const half = (omega[k] * dt) / 2;
+    const sine = Math.sin(half);
+    const cosine = Math.cos(half);
+    /** @type {Complex} */
+    const driven = [F.re[k], F.im[k]];
     // Mean over a step: sinc e^(-j half); 1 minus it is short - sinc (e^(-j half) - 1), both without a subtraction.
     const sinc = half === 0 ? 1 : sine / half;
     const square = half * half;
@@ -93,8 +115,8 @@ export function sampledResponse(filter, dt, method, omega) {
     const seen = mul(driven, [sinc * cosine, -sinc * sine]);
     F.re[k] = seen[0];
     F.im[k] = seen[1];
-    E.re[k] = offset + rest[0] + missing[0];
-    E.im[k] = rest[1] + missing[1];
+    E.re[k] += missing[0];
+    E.im[k] += missing[1];
   }
   return { F, E };
 }

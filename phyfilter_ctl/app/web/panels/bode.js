@@ -3,12 +3,15 @@
 import { h, write } from "../elements.js";
 import { errorResponse, response } from "../mathematics/filter.js";
 import { sampledResponse } from "../mathematics/sampled.js";
-import { largest, short, smallest } from "../numbers.js";
+import { short } from "../numbers.js";
 import { Chart } from "../plots/chart.js";
 import { LimitHandle } from "../plots/limit_handle.js";
 import { CURVES, kept, swatch } from "../plots/styles.js";
 import { excess, KINDS, LIMIT_KINDS } from "../state/limits.js";
+import { spanOf } from "../state/views.js";
+import { LOOP_CURVES, LOOP_KEYS, LOOP_WORDS, LoopPlane, loopBode, topOf } from "./loop_plots.js";
 import { button, card, segments } from "./parts.js";
+import { tabs } from "./tabs.js";
 
 /** @import { App } from "../designer.js" */
 /** @import { Curve } from "../mathematics/filter.js" */
@@ -17,6 +20,13 @@ import { button, card, segments } from "./parts.js";
 /** @import { Pin } from "../state/preview.js" */
 
 const LOWEST = -70; // dB
+const MOST_LOOP = 60; // dB; an integrator has no largest value
+const VIEWS = /** @type {const} */ ({
+  filter: { text: "F, 1 − F", title: "The filter: from the residual to the estimate, and to its error" },
+  loop: { text: "L, S, T", title: "The loop with the assumed lag, delay and M̂/M" },
+  nyquist: { text: "Nyquist", title: "L in the complex plane, with −1 and the circle that it stays out of" },
+  nichols: { text: "Nichols", title: "L in phase and magnitude, with circles of equal |T|" },
+});
 const CURVE_KEYS = /** @type {(keyof typeof CURVES)[]} */ (Object.keys(CURVES));
 
 export class Bode {
@@ -26,6 +36,7 @@ export class Bode {
     /** @type {number | null} rad/s */
     this.cursorAt = null;
     this.shown = { F: true, E: true, S: true };
+    this.shownLoop = { L: true, S: true, T: true };
     const onCursor = (/** @type {number | null} */ x) => {
       this.cursorAt = x;
       app.paint();
@@ -67,11 +78,39 @@ export class Bode {
     this.units = segments("Unit of the frequency axes", "unit", { "rad/s": "rad/s", Hz: "Hz" }, (key) =>
       this.unit(key),
     );
-    const legends = h("div", { class: "pf-legends" }, ...CURVE_KEYS.map((key) => this.legend(key)));
-    const bar = h("div", { class: "pf-bar" }, legends, h("div", { class: "pf-group pf-right" }, ...this.buttons));
+    this.legends = {
+      filter: h("div", { class: "pf-legends" }, ...CURVE_KEYS.map((key) => this.legend(key, CURVES[key], this.shown))),
+      loop: h(
+        "div",
+        { class: "pf-legends" },
+        ...LOOP_KEYS.map((key) => this.legend(key, LOOP_CURVES[key], this.shownLoop, "loop-")),
+      ),
+    };
+    this.limitButtons = h("div", { class: "pf-group pf-right" }, ...this.buttons);
+    const bar = h("div", { class: "pf-bar" }, this.legends.filter, this.legends.loop, this.limitButtons);
     this.units.show("rad/s");
-    const body = [bar, this.magnitude.element, this.phase.element, this.readout];
+    this.tabs = tabs("View of the frequency panel", "frequency", VIEWS, (frequency) => app.views.choose({ frequency }));
+    this.plane = new LoopPlane(app, onCursor);
+    this.note = h("p", { class: "pf-note", "data-test": "loop-note" });
+    const charts = [this.magnitude.element, this.phase.element, this.plane.element];
+    const body = [this.tabs.element, bar, ...charts, this.readout, this.note];
     this.element = card("Frequency", body, { side: [this.units.element] });
+    app.views.listeners.push(() => this.showView());
+    this.showView();
+  }
+
+  showView() {
+    const { frequency } = this.app.views;
+    const plane = frequency === "nyquist" || frequency === "nichols";
+    this.tabs.show(frequency);
+    this.magnitude.element.hidden = plane;
+    this.phase.element.hidden = plane;
+    this.plane.element.hidden = !plane;
+    this.legends.filter.hidden = frequency !== "filter";
+    this.legends.loop.hidden = frequency !== "loop";
+    this.limitButtons.hidden = frequency !== "filter";
+    this.note.hidden = frequency === "filter";
+    for (const handle of this.handles.values()) handle.element.toggleAttribute("hidden", frequency !== "filter");
   }
 
   /** What the frequency axes count in; all else stays in rad/s. @param {"rad/s" | "Hz"} unit */
@@ -83,15 +122,18 @@ export class Bode {
     this.app.paint();
   }
 
-  /** @param {keyof typeof CURVES} key */
-  legend(key) {
-    const { text, title, colour, dash } = CURVES[key];
+  /**
+   * @template {string} Key
+   * @param {Key} key @param {{text: string, title: string, colour: string, dash: number[]}} curve
+   * @param {Record<Key, boolean>} shown @param {string} [view]
+   */
+  legend(key, { text, title, colour, dash }, shown, view = "") {
     const item = button(
-      `legend-${key}`,
+      `legend-${view}${key}`,
       "",
       () => {
-        this.shown[key] = !this.shown[key];
-        item.setAttribute("aria-pressed", String(this.shown[key]));
+        shown[key] = !shown[key];
+        item.setAttribute("aria-pressed", String(shown[key]));
         this.app.paint();
       },
       { class: "pf-legend", "aria-pressed": "true", title },
@@ -102,24 +144,46 @@ export class Bode {
 
   /** @param {Pin[]} pins */
   draw(pins) {
-    const { palette, preview, design } = this.app;
-    const { lines, angles } = this.series(pins);
+    const { palette, preview, design, views } = this.app;
+    if (!this.plane.element.hidden) {
+      this.plane.draw(pins, views.frequency === "nichols");
+      this.plane.chart.cursor(this.cursorAt);
+      this.readLoop(this.plane.chart);
+      return;
+    }
+    const own = views.frequency === "filter";
+    const { lines, angles, bands, turns } = own
+      ? { ...this.series(pins), bands: [], turns: [] }
+      : loopBode(this.app, pins, this.shownLoop);
     const x = preview.range ?? [1, 10];
     const nyquist = Math.PI / design.sampling.dt;
-    const most = Math.max(3, ...lines.flatMap(({ y }) => (y.length ? [largest(y)] : [])));
+    const most = topOf(lines, own ? Infinity : MOST_LOOP);
     this.magnitude.range(LOWEST, 10 * Math.ceil((most + 3) / 10), design.dragging);
-    Object.assign(this.magnitude, { x, series: lines, marks: [{ x: nyquist, text: "Nyquist" }] });
-    const [low, high] = [
-      Math.min(-90, ...angles.map(({ y }) => smallest(y))),
-      Math.max(0, ...angles.map(({ y }) => largest(y))),
-    ];
-    this.phase.range(45 * Math.floor(low / 45 - 0.1), 45 * Math.ceil(high / 45 + 0.1), design.dragging);
-    Object.assign(this.phase, { x, series: angles, marks: [{ x: nyquist, text: "" }] });
+    Object.assign(this.magnitude, { x, series: lines, bands, marks: [{ x: nyquist, text: "Nyquist" }] });
+    // A delay turns L without end: no further than it matters.
+    const [low, high] = spanOf(
+      -90,
+      0,
+      angles.map(({ y }) => y),
+    );
+    const least = own ? low : Math.max(low, -540);
+    this.phase.range(45 * Math.floor(least / 45 - 0.1), 45 * Math.ceil(high / 45 + 0.1), design.dragging);
+    Object.assign(this.phase, { x, series: angles, bands: turns, marks: [{ x: nyquist, text: "" }] });
     this.magnitude.draw(palette);
     this.phase.draw(palette);
     KINDS.forEach((kind, i) => this.drawLimit(kind, this.buttons[i]));
     for (const chart of [this.magnitude, this.phase]) chart.cursor(this.cursorAt);
-    this.read();
+    if (own) this.read();
+    else this.readLoop(this.magnitude);
+  }
+
+  /** The cursor of a view of the loop, and which loop it is. @param {Chart} chart */
+  readLoop(chart) {
+    const { loop } = this.app.views.found;
+    write(this.readout, chart.reading() || "Point at a curve to read it; click to measure from there.");
+    const warning = loop && !loop.stable ? "⚠ Unstable as it is. " : "";
+    write(this.note, loop ? `${warning}${LOOP_WORDS}${loop.note}. ${loop.message}` : `${LOOP_WORDS}…`);
+    this.note.classList.toggle("pf-violated", warning !== "");
   }
 
   /** Magnitudes and phases, from behind to the front. @param {Pin[]} pins */
@@ -199,6 +263,7 @@ export class Bode {
       return;
     }
     if (!handle) this.handles.set(kind, (handle = new LimitHandle(design, this.magnitude, kind)));
+    handle.element.toggleAttribute("hidden", this.app.views.frequency !== "filter");
     const violated = handle.draw(limit, excess(design.filter, preview.curves, kind, limit));
     toggle.classList.toggle("pf-violated", violated);
   }

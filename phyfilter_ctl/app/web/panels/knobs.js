@@ -158,6 +158,31 @@ const ROWS = [
     title: "Time constant between the command that cancels f̂ and its force",
   },
   { key: "delay", label: "Delay", unit: ms, factor: 1e3, range: [0, 10], title: "Further dead time in the loop" },
+  {
+    key: "ratio_spread",
+    label: "M̂/M within ±",
+    unit: () => "%",
+    factor: 100,
+    range: [0, 1e3],
+    title:
+      "How far M̂/M may be off: up to so much larger, or smaller by the same factor. Views of the loop show the band",
+  },
+  {
+    key: "lag_spread",
+    label: "Lag within ±",
+    unit: ms,
+    factor: 1e3,
+    range: [0, 10],
+    title: "How far the lag may be off; views of the loop show the band",
+  },
+  {
+    key: "delay_spread",
+    label: "Delay within ±",
+    unit: ms,
+    factor: 1e3,
+    range: [0, 10],
+    title: "How far the delay may be off; views of the loop show the band",
+  },
 ];
 
 export class AssumptionKnobs {
@@ -196,7 +221,7 @@ export class AssumptionKnobs {
   show() {
     const { assume, unit, dragging } = this.app.design;
     for (const row of this.rows) {
-      put(row.entry.input, field(assume[row.key] * row.factor), dragging);
+      put(row.entry.input, field((assume[row.key] ?? 0) * row.factor), dragging);
       row.entry.unitText.textContent = row.unit(unit);
     }
     put(this.unit, assume.unit, dragging);

@@ -4,6 +4,7 @@ import { h, write } from "../elements.js";
 import { Plane } from "../plots/plane.js";
 import { sizeOf } from "../state/roots.js";
 import { button, card, group } from "./parts.js";
+import { PlaneOverlays } from "./plane_overlays.js";
 
 /** @import { App } from "../designer.js" */
 
@@ -22,6 +23,7 @@ export class PlaneCard {
     };
     const plane = new Plane(app.design, { say: (text) => app.say(text, "warn"), hover, refit: () => app.paint() });
     this.plane = plane;
+    this.overlays = new PlaneOverlays(app, plane);
     this.readout = h("p", { class: "pf-readout pf-below-plane", "data-test": "plane-readout" }, HINT);
     this.delete = button("delete", "Delete", () => app.design.remove(), { title: "Delete the selected one, Del" });
     const log = button(
@@ -45,7 +47,7 @@ export class PlaneCard {
       title: "Zoom in, or Ctrl and the wheel",
     });
     const fit = button("fit", "Fit", () => plane.fit(), { title: "Show all poles and zeros" });
-    this.element = card("Poles and zeros", [plane.element, this.readout, this.tools()], {
+    this.element = card("Poles and zeros", [plane.element, this.readout, this.tools(), this.overlays.element], {
       side: [group({}, out, into, fit, log)],
       className: "pf-plane-card",
     });
@@ -77,6 +79,7 @@ export class PlaneCard {
     const { sampling, chosen } = this.design;
     this.plane.euler = sampling.method === "euler" ? sampling.dt : null;
     this.plane.draw();
+    this.overlays.draw();
     this.showText();
     this.delete.disabled = !chosen;
   }

@@ -1,7 +1,7 @@
 /** A chart: curves on a canvas, what is touched on an SVG above it. */
 
 import { assign, g, h } from "../elements.js";
-import { grid, mark } from "./frame.js";
+import { grid, mark, place } from "./frame.js";
 import { Navigation } from "./navigation.js";
 import { cursorWords, labelled, nearest, pointsAt } from "./reading.js";
 import { firstFrom, shareOf, valueAt } from "./scales.js";
@@ -22,6 +22,7 @@ const BOTTOM = { named: 40, plain: 22 }; // px below the axis, with and without 
  */
 /** @typedef {{colour: string, x: ArrayLike<number>, low: ArrayLike<number | null>, high: ArrayLike<number | null>}} Band */
 /** @typedef {{name: string, unit: string}} Quantity */
+/** @typedef {{x: number, y: number, text: string, plain?: boolean}} Place  plain: without a cross */
 /** @typedef {{x: number, text: string}} Mark  a vertical line with a name */
 /**
  * @typedef {object} Settings
@@ -90,6 +91,8 @@ export class Chart {
     this.marks = [];
     /** Behind the curves. @type {Band[]} */
     this.bands = [];
+    /** Named places of a plane. @type {Place[]} */
+    this.points = [];
   }
 
   /** What the horizontal axis shows. @returns {Range} */
@@ -292,6 +295,7 @@ export class Chart {
     for (const band of this.bands) this.band(context, band);
     for (const each of this.marks) mark(this, context, palette, each);
     for (const series of this.series) this.line(context, series);
+    for (const each of this.points) place(this, context, palette, each);
     context.restore();
   }
 

@@ -2,7 +2,7 @@
 
 import { linearTicks, logTicks } from "./ticks.js";
 
-/** @import { Chart, Mark } from "./chart.js" */
+/** @import { Chart, Mark, Place } from "./chart.js" */
 /** @import { Palette } from "./styles.js" */
 /** @import { Tick } from "./ticks.js" */
 
@@ -93,6 +93,24 @@ export function mark(chart, context, palette, { x, text }) {
   context.textBaseline = "top";
   // Above 0 dB, where the curves are seldom.
   badge(context, palette, text, right ? at - 5 : at + 5, chart.top + 3);
+}
+
+/**
+ * A named place.
+ * @param {Chart} chart @param {CanvasRenderingContext2D} context @param {Palette} palette @param {Place} place
+ */
+export function place(chart, context, palette, { x, y, text, plain }) {
+  const [at, level] = [chart.px(x), chart.py(y)];
+  if (!chart.within(at) || level < chart.top || level > chart.height - chart.bottom) return;
+  context.lineWidth = 2;
+  if (!plain) {
+    stroke(context, palette.text, [at - 5, level - 5, at + 5, level + 5]);
+    stroke(context, palette.text, [at - 5, level + 5, at + 5, level - 5]);
+  }
+  context.lineWidth = 1;
+  context.textAlign = at + 9 + context.measureText(text).width > chart.right ? "right" : "left";
+  context.textBaseline = "top";
+  badge(context, palette, text, context.textAlign === "right" ? at - 9 : at + 9, level + 5);
 }
 
 /** @param {CanvasRenderingContext2D} context @param {string} colour @param {number[]} ends */

@@ -26,6 +26,7 @@ export class LimitHandle {
     this.chart = chart;
     this.kind = kind;
     this.band = g("path", { class: "pf-limit-band" });
+    this.shade = g("path", { class: "pf-limit-band pf-limit-shade" });
     this.edge = g("path", { class: "pf-limit-edge" });
     this.label = g("text", { class: "pf-limit-label" });
     const words = `Limit of ${LIMIT_KINDS[kind].text}; arrow keys move its corner, Delete removes it`;
@@ -39,7 +40,7 @@ export class LimitHandle {
       "data-test": `limit-${kind}-handle`,
     };
     this.knob = g("g", given, g("circle", { r: 15, class: "pf-hit" }), g("circle", { r: 6 }));
-    this.element = g("g", { class: "pf-limit" }, this.band, this.edge, this.label, this.knob);
+    this.element = g("g", { class: "pf-limit" }, this.shade, this.band, this.edge, this.label, this.knob);
     this.knob.addEventListener("pointerdown", (event) => this.grab(event));
     this.knob.addEventListener("keydown", (event) => this.key(event));
     chart.overlay.append(this.element);
@@ -52,8 +53,10 @@ export class LimitHandle {
     const x = Math.min(Math.max(chart.px(limit.omega), chart.left), chart.right);
     const y = Math.min(Math.max(chart.py(db(limit.level)), chart.top), chart.height - chart.bottom);
     const [from, to] = below ? [chart.left, x] : [x, chart.right];
+    // Nearest to the limit the shade is deepest; all above it is where the curve must not be.
     const top = Math.max(y - 15, chart.top);
     this.band.setAttribute("d", `M${from} ${top}H${to}V${y}H${from}z`);
+    this.shade.setAttribute("d", `M${from} ${chart.top}H${to}V${y}H${from}z`);
     this.edge.setAttribute("d", `M${from} ${y}H${to}`);
     this.knob.setAttribute("transform", `translate(${x} ${y})`);
     const violated = excess > ROUNDING;

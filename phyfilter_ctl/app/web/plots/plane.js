@@ -37,6 +37,8 @@ export class Plane {
     this.unstable = g("rect", { class: "pf-unstable", fill: `url(#${id})` });
     this.grid = g("g", { class: "pf-plane-grid", "aria-hidden": "true" });
     this.names = g("g", { class: "pf-plane-grid", "aria-hidden": "true" });
+    this.region = g("g", { class: "pf-region", "aria-hidden": "true" });
+    this.locus = g("g", { class: "pf-locus", "aria-hidden": "true", "data-test": "locus-paths" });
     this.ghosts = g("g", { class: "pf-ghosts", "aria-hidden": "true" });
     this.handles = g("g", {});
     this.svg = g("svg", {
@@ -45,7 +47,16 @@ export class Plane {
       "aria-label": "s-plane: poles and zeros",
       "data-test": "plane",
     });
-    this.svg.append(g("defs", {}, hatching(id)), this.grid, this.unstable, this.names, this.ghosts, this.handles);
+    this.svg.append(
+      g("defs", {}, hatching(id)),
+      this.grid,
+      this.unstable,
+      this.region,
+      this.names,
+      this.locus,
+      this.ghosts,
+      this.handles,
+    );
     this.element = h("div", { class: "pf-plane-box" }, this.svg);
     /** @type {Map<string, Handle>} */
     this.drawn = new Map();

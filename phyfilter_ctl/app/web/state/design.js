@@ -41,7 +41,17 @@ export const START = Object.freeze({
   ],
   numerator: { kind: "lowpass" },
   sampling: { dt: 0.002, method: "matched" },
-  assume: { slope: 1, noise: 0.001, ratio: 1, lag: 0.02, delay: 0, unit: "" },
+  assume: {
+    slope: 1,
+    noise: 0.001,
+    ratio: 1,
+    lag: 0.02,
+    delay: 0,
+    unit: "",
+    ratio_spread: 0,
+    lag_spread: 0,
+    delay_spread: 0,
+  },
   limits: null,
 });
 
