@@ -12,12 +12,12 @@ import { card, textInput } from "./parts.js";
 /** @typedef {ReturnType<Table["row"]>} Row */
 
 const HEADS = [
-  ["", ""],
+  ["Pole or zero", ""],
   ["Re", "rad/s"],
   ["± Im", "rad/s"],
   ["ωₙ", "rad/s"],
   ["ζ", ""],
-  ["", ""],
+  ["Delete", ""],
 ];
 const NAMES = /** @type {const} */ ({
   re: "real part",
@@ -38,7 +38,15 @@ export class Table {
     const head = h(
       "tr",
       {},
-      ...HEADS.map(([text, unit]) => h("th", { scope: "col" }, text, unit ? h("small", {}, ` ${unit}`) : null)),
+      ...HEADS.map(([text, unit], i) => {
+        const seen = i > 0 && i < HEADS.length - 1; // the first and the last speak for themselves
+        return h(
+          "th",
+          { scope: "col" },
+          h("span", { class: seen ? "" : "pf-unseen" }, text),
+          unit ? h("small", {}, ` ${unit}`) : null,
+        );
+      }),
     );
     this.element = card("Values", [
       h("table", { class: "pf-table", "data-test": "values" }, h("thead", {}, head), this.body),

@@ -20,7 +20,7 @@ export class Verdict {
       "Of the design before: Python is busy.",
     );
     // Read out when a change is complete, not at every move of a drag.
-    this.spoken = h("div", { class: "pf-spoken", "aria-live": "polite", "data-test": "verdict-spoken" });
+    this.spoken = h("div", { class: "pf-unseen", "aria-live": "polite", "data-test": "verdict-spoken" });
     this.messages = h("ul", { class: "pf-messages", "data-test": "messages" });
     this.element = h("div", { class: "pf-verdict-box" }, this.text, this.late, this.messages, this.spoken);
   }
