@@ -290,7 +290,7 @@ def _bounds(
 
 def _text(page: _Page, statistics: ResidualStatistics | None) -> str:
     system, bound = page.response.system, page.bound
-    lines = [(system if isinstance(system, PhyFilter) else system.filter).describe()]
+    lines = [_verdict(page), "", (system if isinstance(system, PhyFilter) else system.filter).describe()]
     if isinstance(system, SampledPhyFilter):
         lines.append(f"{'sampled':<12}every {system.dt:g} s, {system.sampling.method}")
     if statistics is not None:
@@ -335,6 +335,19 @@ def _text(page: _Page, statistics: ResidualStatistics | None) -> str:
             _line("position error", f"{page.tube.radius:.4g} at most, while |f| is bounded as gamma is")
         )
     return "\n".join(lines)
+
+
+def _verdict(page: _Page) -> str:
+    """What it amounts to, of the complete loop's stability too where there is one."""
+    from ..analysis.verdict import on_error, on_loop
+
+    sentences = on_loop(page.inner, page.inner.delay_margin)
+    if page.bound is not None and page.inner.is_stable:
+        sentences.append(on_error(page.bound.bound, ""))
+    text = " ".join(sentence.text for sentence in sentences)
+    if page.outer is not None and not page.outer.is_stable:
+        return f"Unstable with the outer gains. Without them: {text}"
+    return text
 
 
 def _line(name: str, text: str) -> str:

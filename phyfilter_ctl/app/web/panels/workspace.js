@@ -99,9 +99,16 @@ export class Workspace {
 
   /** @param {string} id @param {Direction} direction */
   move(id, direction) {
-    const next = moved(this.layout, id, direction);
-    if (next !== this.layout) this.set(next);
+    // What has nothing to show counts as hidden, but is not.
+    const next = moved({ ...this.layout, hidden: this.unseen }, id, direction);
+    this.set({ ...next, hidden: this.layout.hidden });
     this.tell(id);
+  }
+
+  /** Panels that are hidden, or have nothing to show. */
+  get unseen() {
+    const empty = [...this.panels.values()].filter(({ element }) => element.hidden).map(({ id }) => id);
+    return [...this.layout.hidden, ...empty];
   }
 
   /** @param {string} id @param {boolean} shown */
@@ -113,7 +120,7 @@ export class Workspace {
   /** Where a panel is, in words. @param {string} id */
   tell(id) {
     const slot = slotOf(this.layout, id);
-    const shown = this.layout.slots[slot].filter((each) => !this.layout.hidden.includes(each));
+    const shown = this.layout.slots[slot].filter((each) => !this.unseen.includes(each));
     const place = `${shown.indexOf(id) + 1} of ${shown.length}`;
     this.around.say(`${this.panels.get(id)?.name}: ${PLACES[slot]}, ${place}.`);
   }
