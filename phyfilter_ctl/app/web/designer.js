@@ -37,6 +37,7 @@ import { Session } from "./state/session.js";
 import { Views } from "./state/views.js";
 import { Theme } from "./theme.js";
 import { Typing } from "./typing.js";
+import { inWords } from "./wording.js";
 
 /** @import { Answers, LogSummary, Model, Reply, SessionData } from "./link.js" */
 /** @import { Answer } from "./panels/pins.js" */
@@ -321,7 +322,7 @@ class Designer {
    */
   ok(reply) {
     if (reply === null) return false;
-    if (!reply.ok) this.say(reply.error || "Python gave no reason.", "error");
+    if (!reply.ok) this.say(inWords(reply), "error");
     return reply.ok;
   }
 

@@ -161,7 +161,7 @@
 /** @typedef {(reply: any) => void} Resolve */
 /** @typedef {{id: number, resolve: Resolve, since: number, timer: ReturnType<typeof setTimeout>}} Flying */
 /** @typedef {{id: number, op: string} & Record<string, unknown>} Question */
-/** @typedef {{ok: false, error?: string}} Refusal */
+/** @typedef {{ok: false, error?: string, where?: string}} Refusal  where: the field that is to blame */
 /**
  * @template Answer
  * @typedef {({ok: true} & Answer) | Refusal} Reply
