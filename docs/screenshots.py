@@ -1,4 +1,5 @@
-"""Pictures of the designer for the site, taken in a real browser: the page light, dark and narrow, and a notebook.
+"""Pictures of the designer for the site, taken in a real browser: the page on windows of four widths, dark, in trouble,
+and a notebook.
 
     python docs/screenshots.py [--out FOLDER]
 
@@ -71,15 +72,14 @@ def learn(page: Watched) -> None:
         page.page.wait_for_timeout(200)
 
 
-def take(page: Watched, path: Path, *, whole: bool = True) -> None:
+def take(page: Watched, path: Path) -> None:
     page.settled()
-    page("status").evaluate("element => { element.hidden = true; }")
-    if not whole:
-        page("designer").evaluate("element => element.scrollIntoView()")
+    page("designer").evaluate("element => element.scrollIntoView()")
+    page.page.locator(".pf-scroll, .pf-column").evaluate_all("all => all.forEach((e) => e.scrollTo(0, 0))")
     page.page.mouse.move(0.0, 0.0)
     page.page.wait_for_timeout(500)  # the transitions of colours
     # Playwright's pictures are several times as large as they need be.
-    image = Image.open(io.BytesIO(page.page.screenshot(full_page=whole))).convert("RGB")
+    image = Image.open(io.BytesIO(page.page.screenshot())).convert("RGB")
     few = image.quantize(COLOURS, method=Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE)
     few.save(path, optimize=True)
     size = path.stat().st_size
@@ -87,13 +87,22 @@ def take(page: Watched, path: Path, *, whole: bool = True) -> None:
     assert size < LARGEST, f"{path}: expected less than {LARGEST} bytes, got {size}"
 
 
+def trouble(page: Watched) -> None:
+    """A loop that is not stable with its delay, and a limit that is not met."""
+    page.fill("delay", "60")
+    page.fill("cutoff", "90")
+
+
 def pages(browser: Any, out: Path) -> None:
-    """The page light, dark and narrow."""
+    """The page in windows from a telephone's to a large screen's."""
     with tempfile.TemporaryDirectory() as folder, serving(Path(folder)) as served:
         for name, scheme, size in (
-            ("designer", "light", (1440, 1000)),
-            ("designer_dark", "dark", (1440, 1000)),
+            ("designer", "light", (1440, 900)),
+            ("designer_dark", "dark", (1440, 900)),
+            ("designer_trouble", "light", (1440, 900)),
             ("designer_narrow", "light", (390, 1500)),
+            ("designer_1920", "light", (1920, 1080)),
+            ("designer_2560", "dark", (2560, 1440)),
         ):
             width, height = size
             served.reset()
@@ -104,7 +113,9 @@ def pages(browser: Any, out: Path) -> None:
                 design(page)
                 if scheme == "dark":
                     learn(page)
-                take(page, out / f"{name}.png", whole=width > 1000)
+                if name.endswith("trouble"):
+                    trouble(page)
+                take(page, out / f"{name}.png")
 
 
 def notebook(browser: Any, out: Path) -> None:
@@ -122,7 +133,7 @@ def notebook(browser: Any, out: Path) -> None:
         lab("pole-0").scroll_into_view_if_needed()
         lab.drag("pole-0", -40.0, -30.0)
         lab.settled()
-        take(lab, out / "designer_notebook.png", whole=False)
+        take(lab, out / "designer_notebook.png")
 
 
 def main() -> None:

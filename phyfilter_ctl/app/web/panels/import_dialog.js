@@ -3,6 +3,7 @@
 import { h, write } from "../elements.js";
 import { short, typed } from "../numbers.js";
 import { button, named, textInput } from "./parts.js";
+import { inWords } from "../wording.js";
 
 /** @import { App } from "../designer.js" */
 /** @import { Answers, Preview, RoleName } from "../link.js" */
@@ -137,7 +138,7 @@ export class ImportDialog {
     const reply = await this.app.link.ask("preview", { ...chosen, ...unit }, { latest: true });
     if (!reply) return;
     if (!reply.ok) {
-      write(this.problem, reply.error ?? "");
+      write(this.problem, inWords(reply));
       return;
     }
     this.preview = reply;
@@ -240,7 +241,7 @@ export class ImportDialog {
     const reply = await this.app.link.ask("import", fields);
     this.confirm.disabled = false;
     if (!reply?.ok) {
-      write(this.problem, reply?.error ?? "Python gave no reason.");
+      write(this.problem, inWords(reply ?? { ok: false }));
       return;
     }
     this.close();
