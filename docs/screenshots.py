@@ -90,7 +90,7 @@ def take(page: Watched, path: Path) -> None:
 def trouble(page: Watched) -> None:
     """A loop that is not stable with its delay, and a limit that is not met."""
     page.fill("delay", "60")
-    page.fill("cutoff", "90")
+    page.fill("cutoff", "180")
 
 
 def pages(browser: Any, out: Path) -> None:
