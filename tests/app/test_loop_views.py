@@ -96,6 +96,7 @@ def test_time_responses_have_the_transfer_functions_of_the_loop_by_hand() -> Non
     assert reply["disturbance"]["value"][-1] == pytest.approx(0.0, abs=0.02)
 
 
+@pytest.mark.slow
 def test_a_locus_ends_where_the_margins_end_and_its_poles_solve_the_loop() -> None:
     reply = answered(Session(), "locus", design=design(), over="ratio")
     sampled = pf.design.place_poles(POLES, numerator=2).sampled(STEP, "exact")
@@ -116,6 +117,7 @@ def test_a_locus_ends_where_the_margins_end_and_its_poles_solve_the_loop() -> No
         assert np.nanmax(steps, initial=0.0) < 0.5
 
 
+@pytest.mark.slow
 def test_a_locus_over_the_bandwidth_finds_where_the_loop_is_lost() -> None:
     reply = answered(Session(), "locus", design=design(), over="bandwidth")
     (limit,) = reply["limits"]
@@ -129,6 +131,7 @@ def test_a_locus_over_the_bandwidth_finds_where_the_loop_is_lost() -> None:
     assert stable == [True, False]
 
 
+@pytest.mark.slow
 def test_what_cannot_be_drawn_is_said() -> None:
     session = Session()
     late = answered(session, "locus", design=design(delay=0.5), over="ratio")

@@ -37,7 +37,7 @@ export function locusPaths(view, { branches, now, limits }, unit) {
     ...path(view, branch, (re) => re >= 0, "pf-lost"),
   ]);
   const squares = now.map(([re, im]) => {
-    const { x, y } = view.pixel({ re, im });
+    const { x, y } = view.rim(view.pixel({ re, im })); // one outside is shown at the rim
     const size = 2 * SQUARE;
     return g("rect", { x: x - SQUARE, y: y - SQUARE, width: size, height: size, class: re < 0 ? null : "pf-lost" });
   });
