@@ -44,6 +44,7 @@ ORDERS = (2, 5, 8)
 INTERVAL = 0.008  # s, between moves: the 125 Hz of a common mouse
 WARM_UP = 40  # moves
 PATIENCE = 30.0  # s
+LONG_PATIENCE = 120.0  # s, for the filter run over a long recording
 
 # Both frame callbacks belong to the same frame; the message comes after it was painted. An answer's time is the
 # designer's own measure: from the move that it answers, waiting included, to the figures set.
@@ -106,10 +107,10 @@ def chromium() -> str | None:
     )
 
 
-async def until(page: Page, holds: Callable[[], Awaitable[bool]]) -> None:
+async def until(page: Page, holds: Callable[[], Awaitable[bool]], patience: float = PATIENCE) -> None:
     before = time.perf_counter()
     while not await holds():
-        assert time.perf_counter() - before < PATIENCE, "the page does not react"
+        assert time.perf_counter() - before < patience, "the page does not react"
         await page.wait_for_timeout(20)
 
 
@@ -174,7 +175,7 @@ async def measure(address: str, moves: int, *, log: bool = False) -> dict[str, d
             await choose(page, order)
             found[f"order {order}"] = await drag(page, moves)
         if log:
-            await until(page, lambda: says(page, "rmse", "the whole log"))
+            await until(page, lambda: says(page, "rmse", "the whole log"), LONG_PATIENCE)
             found["pan and zoom"] = {"pan": await page.evaluate(PAN, PANS)}
         await browser.close()
     return found

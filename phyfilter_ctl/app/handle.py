@@ -113,8 +113,8 @@ class Session:
         kept: Mapping[str, object] | None = None,
         waiting: Path | None = None,
     ) -> None:
-        self.inbox = Inbox(waiting)
-        self.views = Views()
+        self.inbox: Inbox = Inbox(waiting)
+        self.views: Views = Views()
         self._lock = threading.Lock()
         self._design = Design() if start is None else Design().with_filter(start)
         if kept is not None:
@@ -123,7 +123,7 @@ class Session:
         self._began = self._design, log, kept
         self._job: LearningJob | None = None
         self._jobs = 0
-        self.meetings = Meetings()
+        self.meetings: Meetings = Meetings()
 
     @property
     def design(self) -> Design:

@@ -37,10 +37,18 @@ class Holder(Protocol):
     """What these operations have of a session."""
 
     @property
-    def inbox(self) -> Inbox: ...
+    def inbox(self) -> Inbox:
+        """The file that is to be opened."""
+        ...
+
     @property
-    def log(self) -> Recording | None: ...
-    def set_log(self, log: Recording | None) -> None: ...
+    def log(self) -> Recording | None:
+        """The open log."""
+        ...
+
+    def set_log(self, log: Recording | None) -> None:
+        """Open another log, or none."""
+        ...
 
 
 def upload(session: Holder, fields: Fields) -> Reply:

@@ -67,7 +67,7 @@ class Inbox:
         self._lock = threading.Lock()
         self._folder: Path | None = None
         self._tidy: Callable[[], object] = lambda: None
-        self.named = path
+        self.named: Path | None = path
         self._source = None if path is None else Source(path, path.name)
         self._size, self._there = 0, 0
 
