@@ -7,6 +7,7 @@ another process by a lock that every writer holds on its temporary, and which en
 
 from __future__ import annotations
 
+import json
 import os
 import re
 import secrets
@@ -22,11 +23,15 @@ if sys.platform != "win32":
     import fcntl
 
 if TYPE_CHECKING:
+    from argparse import _ActionsContainer
+
     import numpy as np
     from matplotlib.figure import Figure
     from numpy.typing import NDArray
 
 __all__ = [
+    "add_json",
+    "add_quiet",
     "check_folder",
     "check_target",
     "noted_writes",
@@ -34,6 +39,7 @@ __all__ = [
     "replacing_folder",
     "write_figure",
     "write_gif",
+    "write_json",
     "write_text",
 ]
 
@@ -113,6 +119,25 @@ def write_text(path: str, text: str) -> None:
     else:
         with replacing(path) as file:
             file.write(text.encode())
+
+
+def write_json(path: str, value: object) -> None:
+    """Write a value as strict JSON: infinite numbers are "Infinity" and "-Infinity", null is what is not known."""
+    from .results import plain
+
+    write_text(path, json.dumps(plain(value, infinite=True), indent=2, allow_nan=False) + "\n")
+
+
+def add_json(parser: _ActionsContainer) -> None:
+    """Add ``--json``, alike for every command."""
+    parser.add_argument(
+        "--json", metavar="FILE", help="write the figures as JSON; - for standard output instead of the text"
+    )
+
+
+def add_quiet(parser: _ActionsContainer) -> None:
+    """Add ``--quiet``, alike for every command."""
+    parser.add_argument("--quiet", action="store_true", help="no progress bar, no line on what was written")
 
 
 def write_figure(path: str, figure: Figure) -> None:

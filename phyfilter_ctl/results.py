@@ -122,8 +122,8 @@ class Result:
         Returns
         -------
         dict
-            By name. Arrays become lists, complex numbers pairs [real, imaginary], statuses their words, what is not
-            finite None.
+            By name. Arrays become lists, complex numbers pairs [real, imaginary], statuses their words, infinite
+            numbers "Infinity" and "-Infinity"; None is what is not known or not defined.
 
         Examples
         --------
@@ -132,7 +132,7 @@ class Result:
         0.15
         """
         names = self._figures or tuple(field.name for field in _shown(self))
-        return {name: plain(getattr(self, name)) for name in names}
+        return {name: plain(getattr(self, name), infinite=True) for name in names}
 
     def __repr__(self) -> str:
         lines = [f"    {f.name}={summary(getattr(self, f.name))},\n" for f in _shown(self) if f.repr]
@@ -171,7 +171,7 @@ class PerChannel(tuple[_Answer, ...]):
 
     def to_dict(self) -> dict[str, Any]:
         """What JSON can hold of it, by the names of :attr:`by_name`."""
-        return {name: plain(entry) for name, entry in self.by_name.items()}
+        return {name: plain(entry, infinite=True) for name, entry in self.by_name.items()}
 
     def __repr__(self) -> str:
         return "\n".join(f"{name}: {entry!r}" for name, entry in self.by_name.items())
@@ -191,13 +191,16 @@ def _shown(thing: Any) -> list[Field[Any]]:
 # -- JSON -----------------------------------------------------------------------------------------------------------
 
 
-def plain(value: object) -> Any:
+def plain(value: object, *, infinite: bool = False) -> Any:
     """A value as JSON holds it.
 
     Parameters
     ----------
     value : object
         Of a kind that JSON has not: its ``to_dict()``, its fields if a dataclass, else its ``repr``.
+    infinite : bool
+        Infinite numbers as the words "Infinity" and "-Infinity", which Python's ``float`` and JavaScript's ``Number``
+        read; False: as None. What is not a number is None in any case.
 
     Returns
     -------
@@ -207,28 +210,36 @@ def plain(value: object) -> Any:
     --------
     >>> plain({1: np.array([1.0, np.inf]), "pole": -2 + 1j, "status": Status.FAILED})
     {'1': [1.0, None], 'pole': [-2.0, 1.0], 'status': 'failed'}
+    >>> plain([1.0, -np.inf, np.nan], infinite=True)
+    [1.0, '-Infinity', None]
     """
     if isinstance(value, Enum):
-        return plain(value.value)
+        return plain(value.value, infinite=infinite)
     if isinstance(value, np.ndarray | np.generic):
         real = value.dtype.kind in "biuf" and np.isfinite(value).all()  # curves, many times a second
-        return value.tolist() if real else plain(value.tolist())
+        return value.tolist() if real else plain(value.tolist(), infinite=infinite)
     if value is None or isinstance(value, bool | int | str):
         return value
     if isinstance(value, float):
-        return value if math.isfinite(value) else None
+        words = infinite and math.isinf(value)
+        return (
+            value if math.isfinite(value) else ("Infinity" if value > 0.0 else "-Infinity") if words else None
+        )
     if isinstance(value, complex):
-        return [plain(value.real), plain(value.imag)]
+        return [plain(part, infinite=infinite) for part in (value.real, value.imag)]
     if callable(as_dict := getattr(value, "_asdict", None)):  # a named tuple
         value = as_dict()
     if isinstance(value, Mapping):
-        return {str(plain(key)): plain(entry) for key, entry in value.items()}
+        return {
+            str(plain(key, infinite=infinite)): plain(entry, infinite=infinite)
+            for key, entry in value.items()
+        }
     if isinstance(value, Sequence | Set):
-        return [plain(entry) for entry in value]
+        return [plain(entry, infinite=infinite) for entry in value]
     if callable(to_dict := getattr(value, "to_dict", None)):
         return to_dict()
     if is_dataclass(value) and not isinstance(value, type):
-        return {field.name: plain(getattr(value, field.name)) for field in _shown(value)}
+        return {field.name: plain(getattr(value, field.name), infinite=infinite) for field in _shown(value)}
     return repr(value)
 
 

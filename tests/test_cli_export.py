@@ -41,11 +41,11 @@ def wing(tmp_path_factory):
 
 @needs_compiler
 def test_a_filter_as_fmu_and_back(wing, capsys):
-    assert main(["fmu", "describe", wing, "--json"]) == 0
+    assert main(["fmu", "describe", wing, "--json", "-"]) == 0
     found = json.loads(capsys.readouterr().out)
     assert found["fmi"] == "2.0"
     assert {"x[0]", "f_hat[1]"} <= {variable["name"] for variable in found["variables"]}
-    assert main(["fmu", "check", wing, "--json"]) == 0
+    assert main(["fmu", "check", wing, "--json", "-"]) == 0
     assert json.loads(capsys.readouterr().out)["ok"]
 
 

@@ -49,7 +49,7 @@ def test_json_holds_the_same(tmp_path: Path, capsys: pytest.CaptureFixture[str])
     path.write_text("stamp,vx [m/s],vy,vz\n0,1,2,3\n4000,1,2,3\n")
     assert main(["log", str(path)]) == 2
     assert "give time_unit (--time-unit): one of s, ms, us, ns" in capsys.readouterr().err
-    assert main(["log", str(path), "--time-unit", "us", "--json"]) == 0
+    assert main(["log", str(path), "--time-unit", "us", "--json", "-"]) == 0
     figures = json.loads(capsys.readouterr().out)
     (topic,) = figures["topics"]
     assert (topic["name"], topic["count"], topic["clock"]["dt"]) == ("table", 2, 0.004)

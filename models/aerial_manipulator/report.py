@@ -151,13 +151,13 @@ def _pair(values: np.ndarray) -> str:
 def figures(comparison: Comparison) -> dict[str, object]:
     """The content of the JSON file: cm, numbers of missions, per cent, ms."""
 
-    def each(value: Callable[[Score], float], case: str = "mission") -> dict[str, float | None]:
+    def each(value: Callable[[Score], float], case: str = "mission") -> dict[str, float | str | None]:
         found = {
             name: 100.0 * value(comparison.scores[case, name])
             for name in comparison.methods
             if (case, name) in comparison.scores
         }
-        return plain(found)
+        return plain(found, infinite=True)
 
     def count(field: str, case: str = "mission") -> dict[str, int]:
         return {

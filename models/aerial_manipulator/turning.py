@@ -144,6 +144,6 @@ def figures(found: Turning) -> dict[str, object]:
     gains = {case: {over: vars(found.reduction(case, over)) for over in _OVER} for case in cases}
     return {
         "seeds": list(found.seeds),
-        "mean_error_cm": plain(medians),
-        "reduction_pct": plain(gains),
+        "mean_error_cm": plain(medians, infinite=True),
+        "reduction_pct": plain(gains, infinite=True),
     }

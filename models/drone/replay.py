@@ -394,7 +394,11 @@ def figures(replay: Replay) -> dict[str, object]:
     fit, recordings = replay.fit, [each.recording for each in replay.flights]
     training = None
     if fit is not None:
-        training = {"flights": list(replay.train), "rmse": plain(fit.rmse), "status": fit.status}
+        training = {
+            "flights": list(replay.train),
+            "rmse": plain(fit.rmse, infinite=True),
+            "status": fit.status,
+        }
     return {
         "unit": "m/s^2",
         "thrust_delay": replay.thrust_delay,
@@ -422,9 +426,12 @@ def figures(replay: Replay) -> dict[str, object]:
     }
 
 
-def _as_json(scores: Mapping[str, Score]) -> dict[str, dict[str, float | None]]:
+def _as_json(scores: Mapping[str, Score]) -> dict[str, dict[str, float | str | None]]:
     return {
-        name: {key: plain(value) for key, value in zip(keys, (s.total, *s.axes, s.ahead), strict=True)}
+        name: {
+            key: plain(value, infinite=True)
+            for key, value in zip(keys, (s.total, *s.axes, s.ahead), strict=True)
+        }
         for keys in [("total", *AXES, "ahead")]
         for name, s in scores.items()
     }

@@ -148,9 +148,9 @@ def figures(comparison: Comparison) -> dict[str, object]:
     return found
 
 
-def _medians(values: Mapping[MethodName, Interval]) -> dict[str, float | None]:
-    """For JSON, which has no infinity: null where most flights failed."""
-    return {name: plain(value.median) for name, value in values.items()}
+def _medians(values: Mapping[MethodName, Interval]) -> dict[str, float | str | None]:
+    """For JSON, where most flights failed as the word Infinity."""
+    return {name: plain(value.median, infinite=True) for name, value in values.items()}
 
 
 def _estimation(value: Estimation) -> dict[str, float]:

@@ -188,13 +188,13 @@ def figures(study: Study) -> dict[str, object]:
         found["limits"] = {
             "position_bandwidth": where.position_bandwidth,
             "formula": {
-                "inner": plain(where.predicted.inner),
-                "complete": plain(where.predicted.complete),
-                "sampled": plain(where.predicted.sampled),
+                "inner": plain(where.predicted.inner, infinite=True),
+                "complete": plain(where.predicted.complete, infinite=True),
+                "sampled": plain(where.predicted.sampled, infinite=True),
             },
-            "simulated": plain(where.simulated),
-            "vertical": plain(where.vertical),
-            "vehicle": plain(where.all),
+            "simulated": plain(where.simulated, infinite=True),
+            "vertical": plain(where.vertical, infinite=True),
+            "vehicle": plain(where.all, infinite=True),
         }
     return found
 
@@ -210,5 +210,9 @@ def _outcome(outcome: Outcome) -> dict[str, object]:
     return found | {scenario: _spread(outcome.spread(scenario)) for scenario in outcome.errors}
 
 
-def _spread(spread: Spread) -> dict[str, float | None]:
-    return {"low": plain(spread.low), "median": plain(spread.median), "high": plain(spread.high)}
+def _spread(spread: Spread) -> dict[str, float | str | None]:
+    return {
+        "low": plain(spread.low, infinite=True),
+        "median": plain(spread.median, infinite=True),
+        "high": plain(spread.high, infinite=True),
+    }

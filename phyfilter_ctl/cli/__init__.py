@@ -14,9 +14,9 @@ from pathlib import Path
 from typing import NoReturn
 
 from .. import __version__, models
-from .._output import noted_writes
+from .._output import add_quiet, check_target, noted_writes
 
-__all__ = ["main"]
+__all__ = ["describe_commands", "main"]
 
 _EPILOG = """examples:
   phyfilter-ctl run drone                                      fly a drone with unknown mass in unseen wind
@@ -115,8 +115,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         with _flushed_output(), noted_writes() as written:
             options = _parser(arguments).parse_args(arguments)
+            check_target(getattr(options, "json", None))
             status = int(options.job(options))
-            if not (getattr(options, "quiet", False) or options.job.__module__.endswith(".export")):
+            if not (options.quiet or options.job.__module__.endswith(".export")):
                 _tell(written)
             return status
     except _NobodyReadsError:
@@ -177,7 +178,17 @@ def _parser(arguments: Sequence[str] | None) -> argparse.ArgumentParser:
             module = import_module(f".{name.replace(' ', '_')}", __name__)
             module.add_arguments(command)
             command.set_defaults(job=module.main)
+            _add_quiet(command)
     return parser
+
+
+def _add_quiet(parser: argparse.ArgumentParser) -> None:
+    """Add ``--quiet`` to a command, to each of its jobs where it has some, unless it is there."""
+    below = [action for action in parser._actions if isinstance(action, argparse._SubParsersAction)]
+    for job in (job for action in below for job in action.choices.values()):
+        _add_quiet(job)
+    if not below and "--quiet" not in parser._option_string_actions:
+        add_quiet(parser)
 
 
 def _add_run(commands: argparse._SubParsersAction[_Parser], arguments: Sequence[str] | None) -> None:
@@ -195,6 +206,24 @@ def _add_run(commands: argparse._SubParsersAction[_Parser], arguments: Sequence[
             model = models.load(name)
             model.add_arguments(parser)
             parser.set_defaults(job=model.main)
+            _add_quiet(parser)
+
+
+def describe_commands() -> dict[str, str]:
+    """The help of every command, job and model, by name."""
+    whole = _parser(None)
+    found = {whole.prog: whole.format_help(), **dict(_helps(whole))}
+    for words in (name for name in _COMMANDS if " " in name):
+        found |= {name: text for name, text in _helps(_parser([words])) if name.endswith(words)}
+    return dict(sorted(found.items()))
+
+
+def _helps(parser: argparse.ArgumentParser) -> Iterator[tuple[str, str]]:
+    for action in parser._actions:
+        if isinstance(action, argparse._SubParsersAction):
+            for job in action.choices.values():
+                yield job.prog, job.format_help()
+                yield from _helps(job)
 
 
 def _with_signed_values(arguments: Sequence[str]) -> list[str]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -12,10 +11,9 @@ import control as ct
 import numpy as np
 
 from .. import filterfile
-from .._output import check_target, write_figure, write_text
+from .._output import add_json, check_target, write_figure, write_json
 from ..filter import PhyFilter, SampledPhyFilter
 from ..recording import Recording
-from ..results import plain
 from .frequencies import add_picture_units
 from .implementation import read_implementation
 
@@ -98,11 +96,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="whether M_hat/M may be anywhere in between, constant and moving at any speed",
     )
     output = parser.add_argument_group("output")
-    output.add_argument(
-        "--json",
-        metavar="FILE",
-        help="write the figures, frequencies in rad/s; - for standard output instead of the text",
-    )
+    add_json(output)
     output.add_argument("--picture", metavar="FILE", help="the page as png, pdf or svg")
     add_picture_units(output)
 
@@ -118,7 +112,6 @@ def main(options: argparse.Namespace) -> int:
     from ..design.optimal import residual_statistics
     from .channels import by_channel, figures_below, responses, text_of
 
-    check_target(options.json)
     check_target(options.picture, suffixes=(".png", ".pdf", ".svg"))
     channels = by_channel(filterfile.load(options.file), filterfile.load_signals(options.file).channels)
     statistics = residual_statistics([_log(path, options) for path in options.log]) if options.log else None
@@ -126,7 +119,7 @@ def main(options: argparse.Namespace) -> int:
     pages = {each.name: _page(each, residual, noise, options) for each in responses(channels)}
     if options.json is not None:
         figures = figures_below({name: page.figures(statistics) for name, page in pages.items()})
-        write_text(options.json, json.dumps(plain(figures), indent=2, allow_nan=False) + "\n")
+        write_json(options.json, figures)
     if options.json != "-":
         print(text_of({name: _text(page, statistics) for name, page in pages.items()}))
     if options.picture is not None:

@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 import argparse
-import json
 import math
 from typing import TYPE_CHECKING, get_args
 
 import numpy as np
 
 from .. import filterfile
-from .._output import check_target, write_figure, write_text
+from .._output import add_json, check_target, write_figure, write_json
 from .._signals import in_both
 from ..design.learning import Form
 from ..design.placement import Family, bandpass, hz, lowpass, place_poles
 from ..filter import FilterBank, PhyFilter, SampledPhyFilter, Sampling
-from ..results import plain
 from .frequencies import add_frequency, add_picture_units, complex_numbers, numbers
 
 if TYPE_CHECKING:
@@ -99,11 +97,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="also |F|, |1 - F| and phase lag at these, in rad/s",
     )
     output.add_argument("--picture", metavar="FILE", help="frequency response as png, pdf or svg")
-    output.add_argument(
-        "--json",
-        metavar="FILE",
-        help="write the figures, in rad/s and rad; - for standard output instead of the text",
-    )
+    add_json(output)
     add_picture_units(output)
     output.add_argument("--out", metavar="FILTER.toml", help="write the filter")
 
@@ -119,7 +113,6 @@ def main(options: argparse.Namespace) -> int:
     from .channels import by_channel, figures_below, responses, text_of
 
     picture = None if options.picture == "none" else options.picture
-    check_target(options.json)
     check_target(options.out, suffixes=(".toml",))
     check_target(picture, suffixes=(".png", ".pdf", ".svg"))
     promise = _promise(options)
@@ -142,7 +135,7 @@ def main(options: argparse.Namespace) -> int:
             above = f"{promise.bound.bound:.4g}, {promise.ratio:.4g} times the floor {promise.floor:.4g}"
             print(f"{'worst error':<12}{above}\n{promise.message}")
     if options.json is not None:
-        write_text(options.json, json.dumps(plain(figures_below(figures)), indent=2, allow_nan=False) + "\n")
+        write_json(options.json, figures_below(figures))
     if options.out is not None:
         filterfile.save(options.out, system)
     if picture is not None:
@@ -248,7 +241,7 @@ def _given(options: argparse.Namespace, names: tuple[str, ...]) -> list[str]:
 def _figures(
     system: PhyFilter | SampledPhyFilter, response: FilterResponse, at: list[float]
 ) -> dict[str, object]:
-    """What the JSON holds; figures that are infinite or undefined are null."""
+    """What the JSON holds; infinite ones are words, undefined ones null."""
     filter = system if isinstance(system, PhyFilter) else system.filter
     if at:
         from ..analysis.frequency import frequency_response

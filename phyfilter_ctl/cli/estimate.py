@@ -12,7 +12,7 @@ import control as ct
 import numpy as np
 
 from .. import filterfile
-from .._output import check_target, replacing, write_figure, write_text
+from .._output import add_json, check_target, replacing, write_figure, write_json, write_text
 from .._signals import in_both
 from ..analysis import prior_margin
 from ..estimation import Estimate, EstimatorComparison, compare_estimators, estimate
@@ -88,9 +88,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--picture", metavar="FILE", help="f_hat and spectrum of the first one: png, pdf, svg"
     )
     add_picture_units(output, magnitudes=False)
-    output.add_argument(
-        "--json", metavar="FILE", help="write the figures; - for standard output instead of text"
-    )
+    add_json(output)
 
 
 def main(options: argparse.Namespace) -> int:
@@ -101,7 +99,6 @@ def main(options: argparse.Namespace) -> int:
     ValueError, OSError
         If the options or the recordings are wrong, or a file cannot be read or written.
     """
-    check_target(options.json)
     check_target(options.out, suffixes=_TABLES)
     check_target(options.save_filter, suffixes=(".toml",))
     check_target(options.picture, suffixes=(".png", ".pdf", ".svg"))
@@ -118,8 +115,8 @@ def main(options: argparse.Namespace) -> int:
     if options.out is not None:
         _write_table(options.out, found)
     if options.json is not None:
-        figures = plain({"estimate": found, "findings": doubts, "inner_loop": margin, "others": others})
-        write_text(options.json, json.dumps(figures, indent=2, allow_nan=False) + "\n")
+        figures = {"estimate": found, "findings": doubts, "inner_loop": margin, "others": others}
+        write_json(options.json, figures)
     if options.json != "-":
         print("\n".join(_text(found, options, margin, others, doubts)))
     if options.picture is not None:
@@ -184,7 +181,7 @@ def _write_table(path: str, found: Estimate) -> None:
         with replacing(path) as file:
             polars.DataFrame(columns).write_parquet(file)
     elif path.endswith(".json"):
-        write_text(path, json.dumps(plain(columns), allow_nan=False) + "\n")
+        write_text(path, json.dumps(plain(columns, infinite=True), allow_nan=False) + "\n")
     else:
         write_csv(Path(path), header, table, ",")
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 from pathlib import Path
 from typing import Literal
 
@@ -11,7 +10,7 @@ import control as ct
 from numpy.typing import ArrayLike
 
 from .. import filterfile, models
-from .._output import check_target, write_text
+from .._output import add_json, check_target, write_json
 from ..filter import FilterBank, PhyFilter, SampledPhyFilter
 
 __all__ = ["add_arguments", "main"]
@@ -46,7 +45,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="a package that the target's own build takes: arduino (PlatformIO too), ardupilot, cmake, crazyflie, "
         "px4, ros2, rust, zephyr",
     )
-    targets.add_argument("--json", metavar="FILE", help="what was written; - for standard output")
+    add_json(targets)
     filters = parser.add_argument_group("filters")
     filters.add_argument(
         "--channels", type=int, metavar="N", help="channels of x (default: as the file names them, or 1)"
@@ -135,7 +134,6 @@ def main(options: argparse.Namespace) -> int:
         raise ValueError("expected one of --fmu FILE, --ssp FILE, --c DIR and --target NAME DIR")
     check_target(options.fmu, suffixes=(".fmu",))
     check_target(options.ssp, suffixes=(".ssp",))
-    check_target(options.json)
     system, signals = _read(options)
     written: dict[str, object] = {}
     if options.fmu:
@@ -146,8 +144,8 @@ def main(options: argparse.Namespace) -> int:
         written["c"] = str(_c(options, system, signals))
     if options.target:
         written[options.target[0]] = str(_target(options, system, signals))
-    if options.json:
-        write_text(options.json, json.dumps(written, indent=2) + "\n")
+    if options.json is not None:
+        write_json(options.json, written)
     if options.json != "-":
         for kind, path in written.items():
             print(f"{kind:4} {path}")

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from .._output import check_target, write_figure, write_text
+from .._output import add_json, check_target, write_figure, write_json, write_text
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -45,7 +45,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     jobs = parser.add_subparsers(title="jobs", metavar="JOB", required=True, dest="fmu_job")
     describe = jobs.add_parser("describe", help="what the FMU says of itself, without loading it")
     describe.add_argument("file", metavar="FILE.fmu")
-    describe.add_argument("--json", action="store_true", help="as JSON")
     check = jobs.add_parser("check", help="validate, run, and replay a record")
     check.add_argument("file", metavar="FILE.fmu")
     check.add_argument(
@@ -58,7 +57,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="which inputs a step gets in the replay",
     )
     check.add_argument("--no-run", action="store_true", help="look at the archive and the description only")
-    check.add_argument("--json", action="store_true", help="as JSON")
     run = jobs.add_parser("run", help="simulate")
     run.add_argument("file", metavar="FILE.fmu")
     run.add_argument("--stop", type=float, metavar="S", help="last time in s (default: the FMU's, or 1)")
@@ -116,7 +114,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         job.add_argument("--time-limit", type=float, metavar="S", help="longest run in s")
     recipes = jobs.add_parser("recipes", help="build and check the FMU of every recipe in a folder")
     recipes.add_argument("folder", metavar="DIR")
-    recipes.add_argument("--json", action="store_true", help="as JSON")
+    for job in (describe, check, run, recipes):
+        add_json(job)
 
 
 def main(options: argparse.Namespace) -> int:
@@ -136,8 +135,15 @@ def _describe(options: argparse.Namespace) -> int:
     from ..fmi import describe
 
     found = describe(options.file)
-    print(found.as_json() if options.json else found)
+    _publish(options, found, lambda: json.loads(found.as_json()))
     return 0
+
+
+def _publish(options: argparse.Namespace, text: object, figures: Callable[[], object]) -> None:
+    if options.json is not None:
+        write_json(options.json, figures())
+    if options.json != "-":
+        print(text)
 
 
 def _check(options: argparse.Namespace) -> int:
@@ -150,7 +156,7 @@ def _check(options: argparse.Namespace) -> int:
         run=not options.no_run,
         isolated=_isolated(options),
     )
-    print(report.as_json() if options.json else report)
+    _publish(options, report, lambda: json.loads(report.as_json()))
     return int(not report.ok)
 
 
@@ -164,18 +170,17 @@ def _recipes(options: argparse.Namespace) -> int:
     from ..fmi.recipes import check_all
 
     reports = check_all(options.folder)
-    if options.json:
-        print(
-            json.dumps(
-                {name: [json.loads(r.as_json()) for r in entries] for name, entries in reports.items()},
-                indent=2,
-            )
-        )
-    else:
-        for entries in reports.values():
-            for report in entries:
-                print(report)
+    text = "\n".join(str(report) for entries in reports.values() for report in entries)
+    _publish(
+        options,
+        text,
+        lambda: {name: [json.loads(r.as_json()) for r in entries] for name, entries in reports.items()},
+    )
     return int(not all(report.ok for entries in reports.values() for report in entries))
+
+
+def _has_bar(options: argparse.Namespace) -> bool:
+    return sys.stderr.isatty() and not options.quiet
 
 
 class _Result(NamedTuple):
@@ -229,9 +234,28 @@ def _run(options: argparse.Namespace) -> int:
 
         matplotlib.use("Agg")
         write_figure(options.picture, result.plot().figure)
-    if options.out != "-":
+    shown = outputs[:, :reached] if reached else outputs[:0]
+    if options.json is not None:
+        figures = {
+            label: {"first": values[0], "last": values[-1], "least": values.min(), "largest": values.max()}
+            for label, values in zip(result.labels, shown, strict=False)
+        }
+        ends = {label: {"first": t[0], "last": t[-1]} for label, t in result.texts.items() if t}
+        write_json(
+            options.json,
+            {
+                "name": found.name,
+                "points": reached,
+                "start": start,
+                "end": times[max(reached, 1) - 1],
+                "message": result.message or None,
+                "failed": bool(failed),
+                "outputs": figures | ends,
+            },
+        )
+    if "-" not in (options.out, options.json):
         print(f"{found.name}: {reached} points, {start:g} to {times[max(reached, 1) - 1]:g} s")
-        for label, values in zip(result.labels, outputs[:, :reached] if reached else (), strict=False):
+        for label, values in zip(result.labels, shown, strict=False):
             print(
                 f"  {label:24} {values[0]:12.6g} -> {values[-1]:12.6g}   "
                 f"within {values.min():.6g} .. {values.max():.6g}"
@@ -266,7 +290,7 @@ def _cosimulated(options: argparse.Namespace, times: FloatArray) -> _Result:
         timepts=times,
         inputs={f"fmu.{name}": values for name, values in inputs.items()},
         parameters={f"fmu.{name}": value for name, value in settings.items()},
-        progress=options.out != "-",
+        progress=_has_bar(options),
         isolated=isolated,
         clocks={f"fmu.{name}": times for name, times in _clocks(options.clock, description).items()},
     )
@@ -317,7 +341,7 @@ def _exchanged(options: argparse.Namespace, times: FloatArray) -> _Result:
         np.array(inputs) if inputs else None,
         interpolation="hold" if held else "linear",
         squeeze=False,
-        progress=options.out != "-",
+        progress=_has_bar(options),
     )
     outputs = np.asarray(response.outputs).reshape(len(labels), len(response.time))
     return _Result(list(labels), outputs, block.messages, response.message or "", response.plot)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 import math
 import signal
 import threading
@@ -17,7 +16,7 @@ from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 from tqdm import tqdm
 
 from .. import filterfile
-from .._output import check_target, write_figure, write_text
+from .._output import add_json, add_quiet, check_target, write_figure, write_json
 from ..filter import SampledPhyFilter, stack
 from ..results import Status
 from .channels import figures_below, responses, text_of
@@ -93,11 +92,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     output = parser.add_argument_group("output")
     output.add_argument("--out", metavar="FILTER.toml", help="write the best filter")
     output.add_argument("--picture", metavar="FILE", help="costs and frequency response as png, pdf or svg")
-    output.add_argument(
-        "--json", metavar="FILE", help="write the figures; - for standard output instead of text"
-    )
+    add_json(output)
     add_picture_units(output)
-    output.add_argument("--quiet", action="store_true", help="no progress bar")
+    add_quiet(output)
 
 
 def _add_structure(parser: argparse.ArgumentParser) -> None:
@@ -130,7 +127,6 @@ def main(options: argparse.Namespace) -> int:
         If the options or the logs are wrong, or a file cannot be read or written.
     """
     picture = None if options.picture == "none" else options.picture
-    check_target(options.json)
     check_target(options.out, suffixes=(".toml",))
     check_target(picture, suffixes=(".png", ".pdf", ".svg"))
     _check(options)
@@ -161,7 +157,7 @@ def main(options: argparse.Namespace) -> int:
     if options.json is not None:
         figures = {k: figures_of(logs, held_out, group, rows[k], best[k]) for k, group in groups.items()}
         below = {"seed": options.seed, **figures_below(figures), "findings": found}
-        write_text(options.json, json.dumps(below, indent=2, allow_nan=False) + "\n")
+        write_json(options.json, below)
     if options.out is not None:
         if lost := [row.result.message for row in best.values() if row.result.status is Status.INFEASIBLE]:
             raise ValueError(f"{options.out}: not written: {lost[0]}")

@@ -203,7 +203,7 @@ def figures_of(
     rows: Sequence[Row],
     best: Row,
 ) -> dict[str, object]:
-    """What the JSON holds; figures that are infinite or not known are null."""
+    """What the JSON holds; infinite ones are words, null is what is not known."""
     return {
         "logs": logs.names,
         "held_out": held_out.names,
@@ -229,17 +229,15 @@ def _entry(row: Row) -> dict[str, object]:
         "order_used": result.order_used,
         "status": result.status,
         "message": result.message,
-        "rmse": plain(result.rmse),
-        "loop": None
-        if result.loop is None
-        else plain({"spare": result.loop.spare, "price": result.loop.price}),
+        "rmse": result.rmse,
+        "loop": None if result.loop is None else {"spare": result.loop.spare, "price": result.loop.price},
         "held_out_rmse": result.held_out_rmse,
         "wiener": None if result.wiener is None else _floor(result.wiener),
-        "costs": plain(result.costs),
-        "orders": plain(result.orders),
-        "flights": plain(result.flights),
-        "intervals": plain(result.intervals),
-        **plain(result.filter),
+        "costs": result.costs,
+        "orders": result.orders,
+        "flights": result.flights,
+        "intervals": result.intervals,
+        **plain(result.filter, infinite=True),
     }
 
 
@@ -248,7 +246,7 @@ def _floor(floor: WienerFloor) -> dict[str, object]:
         "rmse": floor.rmse,
         "filter_rmse": floor.filter_rmse,
         "ratio": floor.ratio,
-        "interval": plain(floor.interval),
+        "interval": floor.interval,
         "reliable": floor.is_reliable,
         "taps": len(floor.taps),
     }

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import argparse
-import json
 from typing import get_args
 
+from .._output import add_json, write_json
 from ..logfiles import LogFile, Topic, open_log, suggestions
 from ..logfiles.clock import TimeUnit
 from ..results import plain
@@ -20,7 +20,7 @@ Feather, HDF5, .mat, CSV; told by the first bytes."""
 _EPILOG = """examples:
   phyfilter-ctl log flight.ulg
   phyfilter-ctl log table.csv --time-unit us --time stamp   a table whose column stamp counts microseconds
-  phyfilter-ctl log bag_folder --json                       all of it, for a program
+  phyfilter-ctl log bag_folder --json -                     all of it, for a program
   phyfilter-ctl log flight.ulg --describe > robot.toml      a first robot file: what its signals are"""
 
 _LISTED = 12  # fields of a topic that are shown
@@ -38,7 +38,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--time", metavar="COLUMN", help="a table's column of times (default: the one called so)"
     )
     output = parser.add_mutually_exclusive_group()
-    output.add_argument("--json", action="store_true", help="print JSON instead of text")
+    add_json(output)
     output.add_argument(
         "--describe", action="store_true", help="print a first robot.toml for it instead, to be filled in"
     )
@@ -56,21 +56,24 @@ def main(options: argparse.Namespace) -> int:
     if options.describe:
         print(describe_log(log), end="")
     else:
-        print(_json(log) if options.json else _text(log))
+        if options.json is not None:
+            write_json(options.json, _figures(log))
+        if options.json != "-":
+            print(_text(log))
     return 0
 
 
-def _json(log: LogFile) -> str:
-    figures = {
+def _figures(log: LogFile) -> dict[str, object]:
+    """What the JSON holds."""
+    return {
         "path": str(log.path),
         "format": log.format,
         "start": log.start and log.start.isoformat(),
         "notes": log.notes,
         "dropouts": log.dropouts,
-        "topics": [{**plain(topic), "findings": topic.clock.findings} for topic in log.topics],
+        "topics": [{**plain(topic, infinite=True), "findings": topic.clock.findings} for topic in log.topics],
         "suggestions": suggestions(log),
     }
-    return json.dumps(plain(figures), indent=2, allow_nan=False)
 
 
 def _text(log: LogFile) -> str:

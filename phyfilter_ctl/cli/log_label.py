@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import argparse
 
-from .._output import check_target
+import numpy as np
+
+from .._output import add_json, check_target, write_json
 from ..estimation import smooth_label
 from .columns import add_columns, plausibility, read_columns
 
@@ -26,6 +28,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("file", metavar="FILE.csv", help="a recording")
     parser.add_argument("--out", required=True, metavar="FILE.csv", help="where it goes")
     parser.add_argument("--noise", type=float, metavar="S", help="deviation of M x (default: the likeliest)")
+    add_json(parser)
     add_columns(parser)
 
 
@@ -43,6 +46,18 @@ def main(options: argparse.Namespace) -> int:
     found = smooth_label(log, noise=options.noise, g=options.g_rule)
     extra = {f"deviation_{name}": found.deviation[:, i] for i, name in enumerate(log.channels)}
     found.recording.to_csv(options.out, extra=extra)
+    if options.json is not None:
+        figures = {
+            "samples": log.n,
+            "channels": log.channels,
+            "deviation": np.median(found.deviation, axis=0),
+            "noise": found.noise,
+            "walk": found.walk,
+            "findings": doubts,
+        }
+        write_json(options.json, figures)
+    if options.json == "-":
+        return 0
     print(repr(found.recording))
     for i, name in enumerate(log.channels):
         middle, walk = sorted(found.deviation[:, i])[log.n // 2], found.walk[i]

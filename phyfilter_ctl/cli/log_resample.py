@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from .._output import check_target
+from .._output import add_json, check_target, write_json
 from .columns import add_columns, plausibility, read_columns
 
 __all__ = ["add_arguments", "main"]
@@ -23,6 +23,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
     parser.add_argument("file", metavar="FILE.csv", help="a recording")
     parser.add_argument("--out", required=True, metavar="FILE.csv", help="where it goes")
+    add_json(parser)
     add_columns(parser, dt="new sampling interval in s (default: the median step)")
 
 
@@ -37,8 +38,14 @@ def main(options: argparse.Namespace) -> int:
     check_target(options.out, suffixes=(".csv",))
     dt, options.dt = options.dt, None  # of the new recording
     log = read_columns(options.file, options)
-    plausibility([log], options)
+    doubts = plausibility([log], options)
     even = log.resample(log.dt if dt is None else dt, g="hold" if options.g_rule == "hold" else "linear")
     even.to_csv(options.out)
-    print(f"{log!r}\n{even!r}")
+    if options.json is not None:
+        read, written = ({"samples": each.n, "dt": each.dt} for each in (log, even))
+        write_json(
+            options.json, {"channels": log.channels, "read": read, "written": written, "findings": doubts}
+        )
+    if options.json != "-":
+        print(f"{log!r}\n{even!r}")
     return 0

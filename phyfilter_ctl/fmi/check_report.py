@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import json
-import math
 import re
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -12,6 +11,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
 
+from ..results import plain
 from .archive import ArchiveLimits
 from .instance import FmuError
 
@@ -88,8 +88,7 @@ class CheckReport:
 
     def as_json(self) -> str:
         """All of it as JSON."""
-        # JSON has no infinity: a run that diverged says so in words.
-        figures = {key: value if math.isfinite(value) else str(value) for key, value in self.figures.items()}
+        figures = plain(self.figures, infinite=True)
         return json.dumps(dataclasses.asdict(self) | {"ok": self.ok, "figures": figures}, indent=2)
 
     def __str__(self) -> str:

@@ -18,6 +18,7 @@ import numpy as np
 from fmpy.model_description import ModelDescription, ModelVariable
 from numpy.typing import NDArray
 
+from ..results import plain
 from .abilities import FmuKind, read_kind
 from .archive import ArchiveLimits, parse_xml, read_entries, refuse_sizes
 from .clock_schedule import FmuClock, read_clocks
@@ -208,7 +209,8 @@ class FmuDescription:
 
     def as_json(self) -> str:
         """All of it as JSON."""
-        return json.dumps(dataclasses.asdict(self), indent=2, ensure_ascii=False, default=bytes.hex)
+        figures = json.loads(json.dumps(dataclasses.asdict(self), default=bytes.hex))
+        return json.dumps(plain(figures, infinite=True), indent=2, ensure_ascii=False, allow_nan=False)
 
     def __str__(self) -> str:
         kinds = ", ".join(f"{name} ({kind})" for name, kind in self.kinds.items())

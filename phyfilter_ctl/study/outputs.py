@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from argparse import ArgumentParser, Namespace, RawDescriptionHelpFormatter
 from collections.abc import Callable
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from .._output import check_target, write_figure, write_text
+from .._output import add_json, add_quiet, check_target, write_figure, write_json
 from ..execution import Report, progress
 
 if TYPE_CHECKING:
@@ -39,16 +38,14 @@ def add_output_options(parser: ArgumentParser, name: str, *, description: str, e
     parser.description, parser.epilog = description, examples
     parser.formatter_class = RawDescriptionHelpFormatter
     output = parser.add_argument_group("output")
-    output.add_argument(
-        "--json", metavar="FILE", help="write the figures; - for standard output instead of the table"
-    )
+    add_json(output)
     output.add_argument(
         "--picture",
         metavar="FILE",
         default=f"{name}.png",
         help=f"png, pdf or svg (default {name}.png; none: no picture)",
     )
-    output.add_argument("--quiet", action="store_true", help="no progress bar")
+    add_quiet(output)
 
 
 @dataclass(frozen=True)
@@ -105,13 +102,13 @@ class Outputs:
         ----------
         table : str
         figures : object
-            For JSON, without numbers that are not finite.
+            For JSON, in which infinite numbers are "Infinity" and "-Infinity", null is what is not known.
         draw : function () -> Figure, optional
             Called only where there is a picture to write.
         """
         if self.json != "-":
             print(table)
         if self.json is not None:
-            write_text(self.json, json.dumps(figures, indent=2, allow_nan=False) + "\n")
+            write_json(self.json, figures)
         if draw is not None and self.picture is not None:
             write_figure(self.picture, draw())

@@ -118,7 +118,7 @@ def test_warnings_of_an_fmu_are_shown(build, capsys):
     shown = capsys.readouterr()
     assert shown.out.startswith("time,x,v,force")
     assert shown.err == "phyfilter-ctl: the FMU says: [warning] warning: stiff spring\n"
-    assert main(["fmu", "check", path, "--json"]) == 0
+    assert main(["fmu", "check", path, "--json", "-"]) == 0
     assert "stiff spring" in json.loads(capsys.readouterr().out)["findings"][0]["message"]
     with pytest.raises(FmuError, match=r"d is 0, not -1: \[warning\].* no damping below 0"):
         run({"a": path, "b": path}, parameters={"a.d": -1.0})

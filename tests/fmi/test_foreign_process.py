@@ -113,7 +113,7 @@ def test_the_command_survives_what_it_runs(build, tmp_path, capsys):
     assert "SIGABRT" in shown.err
     assert "4 points, 0 to 0.3 s" in shown.out
     assert len((tmp_path / "out.csv").read_text().splitlines()) == 5
-    assert main(["fmu", "check", path, "--json"]) == 1
+    assert main(["fmu", "check", path, "--json", "-"]) == 1
     report = json.loads(capsys.readouterr().out)
     assert any("SIGABRT" in finding["message"] for finding in report["findings"])
     assert report["stages"][-1] == "co-simulation: dependencies"
