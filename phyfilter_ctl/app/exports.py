@@ -24,7 +24,7 @@ from .checking import MessageError
 from .designs import Design
 from .python_text import family_of
 
-__all__ = ["KINDS", "abilities", "exchange", "export", "opened", "saved"]
+__all__ = ["KINDS", "abilities", "exchange", "export", "opened", "saved", "titled"]
 
 _TARGETS: tuple[Target, ...] = get_args(Target)
 KINDS: tuple[str, ...] = ("fmu2", "fmu3", "c", *_TARGETS)
@@ -75,6 +75,24 @@ def exchange(design: Design, channels: int) -> dict[str, object]:
         why = why or _refusal(design, kind, channels)
         found.append({"kind": kind, "able": not why, "why": why})
     return {"name": _title(design, ""), "exports": found}
+
+
+def titled(design: Design, name: str, *told: object) -> tuple[str, str]:
+    """The name of a design's files, and a digest that no other design has.
+
+    Parameters
+    ----------
+    design : Design
+    name : str
+        Asked for; empty: after the design.
+    told : object
+        What the file depends on besides.
+
+    Returns
+    -------
+    title, digest : str
+    """
+    return _title(design, name), _digest(design, *told)
 
 
 def saved(design: Design, name: str) -> dict[str, object]:

@@ -32,6 +32,7 @@ open      name, text                                  design, messages
 exports   design, channels                            name, exports
 export    design, kind, channels, name                name, mime, base64
 compare   designs                                     compared
+report    design, format, name                        name, mime, base64
 meet      design, trade, form, delay_margin, ratios   job
 front     job                                         state, message, done, certain, front
 unmeet    job                                         state, message, done, certain, front
@@ -373,6 +374,13 @@ def _export(session: Session, fields: Fields) -> Reply:
     return exports.export(design, fields.choice("kind", exports.KINDS), _channels(fields), _name(fields))
 
 
+def _report(session: Session, fields: Fields) -> Reply:
+    from .report import report  # matplotlib is slow to import
+
+    format = "pdf" if fields.choice("format", ("html", "pdf")) == "pdf" else "html"
+    return report(read_design(fields), format, _name(fields))
+
+
 def _compare(session: Session, fields: Fields) -> Reply:
     return {"compared": [answers.figures(design) for design in read_designs(fields, _MOST_COMPARED)]}
 
@@ -401,6 +409,7 @@ _OPERATIONS: Mapping[str, tuple[Callable[[Session, Fields], Reply], tuple[str, .
     "exports": (_exports, ("design", "channels")),
     "export": (_export, ("design", "kind", "channels", "name")),
     "compare": (_compare, ("designs",)),
+    "report": (_report, ("design", "format", "name")),
     "meet": (lambda session, fields: session.meetings.begin(fields), _WISHES),
     "front": (lambda session, fields: session.meetings.look(fields), ("job",)),
     "unmeet": (lambda session, fields: session.meetings.look(fields, end=True), ("job",)),

@@ -15,7 +15,7 @@ from ..results import Status, plain
 from .checking import Fields
 from .designs import FASTEST, SLOWEST, Design, read_design
 
-__all__ = ["Meetings"]
+__all__ = ["Meetings", "drawn_limits"]
 
 State = Literal["running", "done", "cancelled", "failed"]
 
@@ -113,7 +113,7 @@ def _read(fields: Fields) -> _Wish:
         raise fields.error(
             "ratios", f"expected a range of M_hat/M around 1, such as 0.5 to 2, got {low:g} to {high:g}"
         )
-    limits = _limits(design)
+    limits = drawn_limits(design)
     if not limits and delay_margin == 0.0 and low == high:
         raise ValueError("Nothing is asked for: draw a limit in the frequency panel, or ask for a margin.")
     ratio = design.assume.ratio
@@ -127,8 +127,18 @@ def _read(fields: Fields) -> _Wish:
     )
 
 
-def _limits(design: Design) -> tuple[FrequencyLimit, ...]:
-    """Those that the front end draws: |1 - F| up to a frequency, |F| from one on."""
+def drawn_limits(design: Design) -> tuple[FrequencyLimit, ...]:
+    """Those that the front end draws: |1 - F| up to a frequency, |F| from one on.
+
+    Parameters
+    ----------
+    design : Design
+
+    Raises
+    ------
+    MessageError
+        If one has another form.
+    """
     found: list[FrequencyLimit] = []
     for key, value in (design.limits or {}).items():
         if key not in ("error", "estimate") or value is None:

@@ -63,7 +63,7 @@ _LANES = {
     "log": ("log", "forget", "estimate", "learn", "measured"),
     "import": ("upload", "preview", "import", "example"),
     "job": ("job", "cancel"),
-    "export": ("export", "exports"),
+    "export": ("export", "exports", "report"),
     "compare": ("compare",),
     "meet": ("meet", "front", "unmeet"),
     "loop": ("loop", "locus", "responses"),

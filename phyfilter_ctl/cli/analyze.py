@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import argparse
 import math
+import re
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import control as ct
 import numpy as np
 
 from .. import filterfile
-from .._output import add_json, check_target, write_figure, write_json
+from .._output import add_json, check_target, replacing, write_figure, write_json, write_text
 from ..filter import PhyFilter, SampledPhyFilter
 from ..recording import Recording
 from .frequencies import add_picture_units
@@ -40,7 +42,8 @@ _EPILOG = """examples:
   phyfilter-ctl analyze filter.toml --slope 3 --noise 0.01          with |gamma'| <= 3 and noise of x
   phyfilter-ctl analyze filter.toml --slope 3 --rate 2 --implementation g.1=48 jitter=1e-4 x_step=0.001
   phyfilter-ctl analyze filter.toml --lag 0.1 --delay 0.02 --kp 10 --kd 6 --picture report.png
-  phyfilter-ctl analyze filter.toml --log flight.csv --x vx,vy,vz   noise and bounds estimated from a flight"""
+  phyfilter-ctl analyze filter.toml --log flight.csv --x vx,vy,vz   noise and bounds estimated from a flight
+  phyfilter-ctl analyze filter.toml --slope 3 --report report.html  verdict, figures and pictures on one page"""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -98,6 +101,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     output = parser.add_argument_group("output")
     add_json(output)
     output.add_argument("--picture", metavar="FILE", help="the page as png, pdf or svg")
+    output.add_argument(
+        "--report", metavar="FILE", help="one page a filter, verdict, figures, pictures: html or pdf"
+    )
     add_picture_units(output)
 
 
@@ -113,6 +119,7 @@ def main(options: argparse.Namespace) -> int:
     from .channels import by_channel, figures_below, responses, text_of
 
     check_target(options.picture, suffixes=(".png", ".pdf", ".svg"))
+    check_target(options.report, suffixes=(".html", ".pdf"))
     channels = by_channel(filterfile.load(options.file), filterfile.load_signals(options.file).channels)
     statistics = residual_statistics([_log(path, options) for path in options.log]) if options.log else None
     residual, noise = _bounds(options, statistics)
@@ -124,6 +131,8 @@ def main(options: argparse.Namespace) -> int:
         print(text_of({name: _text(page, statistics) for name, page in pages.items()}))
     if options.picture is not None:
         _draw(list(pages.values()), options)
+    if options.report is not None:
+        _report(pages, residual, noise, options)
     return 0
 
 
@@ -247,6 +256,51 @@ def _draw(pages: list[_Page], options: argparse.Namespace) -> None:
     curves = [page.response.curve(page.response.label_in(*unit)) for page in pages]
     plot = analysis_plot(curves, omega, loops, growths, dB=options.db, Hz=options.hz)
     write_figure(options.picture, plot.figure)
+
+
+def _report(
+    pages: dict[str, _Page], residual: dict[int, float], noise: float, options: argparse.Namespace
+) -> None:
+    """The page of each filter, as the designer's report is drawn."""
+    from .. import __version__
+    from ..analysis.verdict import on_error, on_loop
+    from ..app.steps import settling_time, step_response
+    from ..plots import PoleSet, ReportPage, report_html, report_pdf
+
+    called = Path(options.file).name
+
+    def page_of(name: str, page: _Page) -> ReportPage:
+        system, margin = page.response.system, page.inner
+        filter = system if isinstance(system, PhyFilter) else system.filter
+        said = on_loop(margin, margin.delay_margin if margin.is_stable else 0.0)
+        if page.bound is not None and margin.is_stable:
+            said.append(on_error(page.bound.bound, "", residual.get(1, 0.0), ""))
+        described = filter.describe().splitlines()
+        lines = [line.strip() for line in _text(page, None).splitlines()[len(described) :] if line.strip()]
+        figures = [re.split(r"\s{2,}", line, maxsplit=1) for line in lines]
+        return ReportPage(
+            title=f"{called}: {name}" if name else called,
+            verdict=[(each.text, each.level) for each in said],
+            figures=[(name, value[0] if value else "", "") for name, *value in figures],
+            filter=described,
+            assumptions=[
+                *((f"|gamma^({k})| up to", f"{size:g}") for k, size in residual.items()),
+                ("noise of x", f"{noise:g}"),
+                ("actuator lag", f"{options.lag or 0.0:g} s"),
+                ("delay", f"{options.delay:g} s"),
+            ],
+            curve=page.response.curve("this filter"),
+            step=np.array(step_response(filter, settling_time(filter))),
+            poles=PoleSet("this filter", filter.poles, filter.zeros),
+            version=__version__,
+        )
+
+    made = [page_of(name, page) for name, page in pages.items()]
+    if options.report.lower().endswith(".pdf"):
+        with replacing(options.report) as file:
+            file.write(report_pdf(made))
+    else:
+        write_text(options.report, report_html(made))
 
 
 def _log(path: str, options: argparse.Namespace) -> Recording:

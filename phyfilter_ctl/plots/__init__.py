@@ -10,6 +10,7 @@ from .logs import log_plot
 from .missed import density_plot, missed_plot
 from .poles import PoleSet, pole_plot
 from .promises import analysis_plot, bound_plot, trade_off_plot
+from .report import ReportPage, report_html, report_pdf
 
 __all__ = [
     "COLOURS",
@@ -17,6 +18,7 @@ __all__ = [
     "FrequencyCurve",
     "FrequencyLimit",
     "PoleSet",
+    "ReportPage",
     "analysis_plot",
     "bound_plot",
     "budget_curves",
@@ -31,6 +33,8 @@ __all__ = [
     "log_plot",
     "missed_plot",
     "pole_plot",
+    "report_html",
+    "report_pdf",
     "trade_off_plot",
     "typeset",
 ]

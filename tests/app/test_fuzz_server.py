@@ -135,6 +135,8 @@ class Fuzzer:
             # A search takes seconds: never a trade that exists.
             "meet": {"trade": "money", "form": "general", "delay_margin": 0.01, "ratios": [0.5, 2.0]},
             "front": {"job": 1},
+            # Pictures take a second: never a format that exists.
+            "report": {"format": "docx", "name": "wing"},
             "unmeet": {"job": 1},
         }
         return values.get(op, {})
@@ -176,6 +178,7 @@ class Fuzzer:
             "export",
             "exports",
             "meet",
+            "report",
         )
         if op in designed:
             message["design"] = self.odd_or(self.design(), 0.1)

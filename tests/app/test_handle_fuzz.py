@@ -67,6 +67,7 @@ GOOD: list[dict] = [
         "ratios": [0.5, 2.0],
     },
     {"op": "front", "job": 1},
+    {"op": "report", "design": message_of([-20.0]), "format": "docx", "name": "a"},
     {"op": "unmeet", "job": 1},
     {"op": "export", "design": message_of([-20.0]), "kind": "dll", "channels": 2, "name": "a"},
     {"op": "session", "text": json.dumps(SESSION)},

@@ -153,6 +153,7 @@
  * @property {LoopAnswer} loop
  * @property {LocusAnswer} locus
  * @property {ResponsesAnswer} responses
+ * @property {Download} report
  * @property {{compared: Figure[][]}} compare
  * @property {{job: number}} meet
  * @property {Front} front

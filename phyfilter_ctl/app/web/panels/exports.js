@@ -13,6 +13,7 @@ const MOST_CHANNELS = 12;
 /** @type {Record<string, Record<string, string>>} */
 const GROUPS = {
   "Models and code": { fmu2: "FMU 2", fmu3: "FMU 3", c: "C99", toml: "Filter file" },
+  Report: { html: "HTML", pdf: "PDF" },
   "Packages for": {
     arduino: "Arduino",
     ardupilot: "ArduPilot",
@@ -120,8 +121,9 @@ export class Exports {
     if (!(await confirmExport(app))) return;
     const asked = { design: app.design.data(), name: this.name.value.trim() };
     app.say(kind.startsWith("fmu") ? "Building the FMU …" : "Writing …");
-    const reply =
-      kind === "toml"
+    const reply = ["html", "pdf"].includes(kind)
+      ? await app.link.ask("report", { ...asked, format: kind })
+      : kind === "toml"
         ? await app.link.ask("save", asked)
         : await app.link.ask("export", { ...asked, kind, channels: this.count() });
     if (app.ok(reply)) download(app, reply);
