@@ -73,7 +73,14 @@ export class LogCard {
     marking(this.chart, { able: () => this.estimate !== null, marked, all: () => this.showWhole() });
     this.learning = new Learning(app, () => void this.ask());
     this.summary = h("p", { class: "pf-log-summary", "data-test": "log" });
-    this.rmse = h("dl", { class: "pf-rmse", "data-test": "rmse" });
+    // It scrolls where there is little room: the keyboard must reach it.
+    this.rmse = h("div", {
+      class: "pf-errors",
+      tabindex: 0,
+      role: "group",
+      "aria-label": "Errors on the log",
+      "data-test": "rmse",
+    });
     this.legend = h("div", { class: "pf-legends" });
     this.readout = h("span", { class: "pf-readout" });
     this.drop = dropArea(app);
@@ -244,11 +251,14 @@ export class LogCard {
       { text: "Wiener filter, held out", value: estimate?.wiener, title: WIENER },
     ].filter(({ value }) => typeof value === "number");
     this.all.disabled = !this.window;
-    this.rmse.replaceChildren(
+    const list = h(
+      "dl",
+      { class: "pf-rmse" },
       ...figures.map(({ text, value, title }) =>
         h("div", { title }, h("dt", {}, text), h("dd", {}, `${short(value)} ${unit}`)),
       ),
     );
+    this.rmse.replaceChildren(list);
     const messages = [...(estimate?.messages ?? [])];
     if (estimate?.pending) messages.push(`Running the filter over ${this.log?.samples} samples …`);
     if (figures.length && estimate?.over)
