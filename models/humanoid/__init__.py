@@ -6,6 +6,7 @@ M q'' = g + f,   g from a nominal twin that is simulated one step from the true 
 from __future__ import annotations
 
 from argparse import ArgumentParser, Namespace
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -31,9 +32,11 @@ _EXAMPLES = """examples:
   phyfilter-ctl run humanoid --friction pyramidal --duration 10   # contacts as in dm_control: feet creep
   phyfilter-ctl run humanoid --robot berkeley             # a real robot's masses, motors and friction, no arms
   phyfilter-ctl run humanoid --robot berkeley --grips torso --profiles slow --workers 4
+  phyfilter-ctl run humanoid --robot berkeley --policy berkeley-0 --grips torso   # trained to step and walk
+  phyfilter-ctl run humanoid --robot berkeley --train --seed 7 --checkpoint 7.npz --out 7.json
   phyfilter-ctl run humanoid --study --stances wider      # filters, what f_hat does, noise
 
-needs the extra mujoco: pip install 'phyfilter-ctl[mujoco]'"""
+needs the extra mujoco: pip install 'phyfilter-ctl[mujoco]'; --train needs the extra train too"""
 
 
 def build(stance: str = "normal") -> ct.StateSpace:
@@ -67,13 +70,28 @@ def add_arguments(parser: ArgumentParser) -> None:
     parser.add_argument(
         "--profiles", nargs="+", choices=("sudden", "slow"), help="of its forces (default: both)"
     )
+    walking = parser.add_argument_group("policies of the Berkeley Humanoid")
+    walking.add_argument(
+        "--policy",
+        nargs="+",
+        metavar="NAME",
+        help="trained policies in place of the LQR, files or shipped ones; steps: the clocked steps without any",
+    )
+    walking.add_argument("--train", action="store_true", help="train a policy instead")
+    walking.add_argument("--seed", type=int, metavar="N", help="of training (default 0)")
+    walking.add_argument("--iterations", type=int, metavar="N", help="default: see berkeley/walk.toml")
+    walking.add_argument("--out", metavar="FILE", help="the policy, JSON (default berkeley-SEED.json)")
+    walking.add_argument(
+        "--checkpoint", metavar="FILE", help="npz: written now and then, gone on from if there"
+    )
     parser.add_argument("--stances", nargs="+", metavar="NAME", help="of normal, wide, wider (default: all)")
     parser.add_argument(
         "--forces",
         type=float,
         nargs="+",
         metavar="N",
-        help="trials at these forces: positive across the body, negative away from it (default 20 90 -90)",
+        help="trials at these forces: positive across the body, negative away from it (default 20 90 -90); with "
+        "--policy: sizes (default 5 10 15 20)",
     )
     parser.add_argument(
         "--gears", type=float, default=1.0, metavar="K", help="factor on the motor torques (default 1)"
@@ -137,7 +155,13 @@ def main(options: Namespace) -> int:
     stances, duration = _checked(options)
     outputs = Outputs.of(options)
     check_target(options.animation, suffixes=(".gif",))
-    if options.robot == "berkeley":
+    check_target(options.out, suffixes=(".json",))
+    check_target(options.checkpoint, suffixes=(".npz",))
+    if options.train:
+        _train(options, outputs)
+    elif options.policy:
+        _walk(options, duration, outputs)
+    elif options.robot == "berkeley":
         _around(options, duration, outputs)
     else:
         (_study if options.study else _compare)(options, stances, duration, outputs)
@@ -147,19 +171,34 @@ def main(options: Namespace) -> int:
 def _checked(options: Namespace) -> tuple[tuple[str, ...], float | None]:
     from .params import STANCES, params, stance
     from .robot import load
+    from .walk_params import walk_params
 
     quick = STANCES[:1] if options.quick else STANCES
     stances = tuple(dict.fromkeys(options.stances or quick))
     for name in stances:
         stance(name)
-    only = [name for name in ("stances", "forces", "study", "animation") if getattr(options, name)]
+    others = ("stances", "study", "animation", *(() if options.policy else ("forces",)))
+    only = [name for name in others if getattr(options, name)]
     if options.robot == "berkeley" and only:
         raise ValueError(f"--robot berkeley: it has no {', '.join(f'--{name}' for name in only)}")
+    if options.robot == "suite" and (options.policy or options.train):
+        raise ValueError("--policy, --train: they are those of --robot berkeley")
+    if options.policy and options.train:
+        raise ValueError("--policy, --train: one or the other")
+    names = ("seed", "iterations", "out", "checkpoint")
+    loose = [f"--{name}" for name in names if getattr(options, name) is not None]
+    if loose and not options.train:
+        raise ValueError(f"{', '.join(loose)}: they go with --train")
+    if options.policy and (options.gears != 1.0 or options.friction != "elliptic"):
+        raise ValueError(
+            "--gears, --friction: policies were not trained for other motors, and run with elliptic cones"
+        )
     if options.robot == "suite" and (options.grips or options.profiles):
         raise ValueError("--grips, --profiles: they are those of --robot berkeley")
     for name in options.grips or ():
         load(robot="berkeley", grip=name)
-    options.forces = [20.0, 90.0, -90.0] if options.forces is None else options.forces
+    if options.forces is None:
+        options.forces = list(walk_params().trial.forces) if options.policy else [20.0, 90.0, -90.0]
     if not np.isfinite(options.forces).all():
         raise ValueError(f"--forces: expected finite forces in N, got {options.forces}")
     if options.a0 is not None and not (np.isfinite(options.a0) and options.a0 > 0.0):
@@ -237,6 +276,52 @@ def _around(options: Namespace, duration: float | None, outputs: Outputs) -> Non
             executor=executor,
         )
     outputs.publish(around.table(found), around.figures(found), lambda: picture.draw_around(found))
+
+
+def _walk(options: Namespace, duration: float | None, outputs: Outputs) -> None:
+    from . import walk_study
+    from .limits import PROFILES
+    from .params import params
+    from .robot import GRIPS
+    from .trial import phyfilter
+
+    grips = tuple(dict.fromkeys(options.grips or tuple(GRIPS["berkeley"])[: 1 if options.quick else None]))
+    profiles = tuple(dict.fromkeys(options.profiles or PROFILES))
+    policies, forces = tuple(dict.fromkeys(options.policy)), tuple(dict.fromkeys(options.forces))
+    a0 = params().berkeley.a0 if options.a0 is None else options.a0
+    count = walk_study.steps(policies, grips, profiles, forces)
+    with outputs.progress(count) as say, _executor(options) as executor:
+        found = walk_study.study(
+            policies,
+            grips,
+            profiles,
+            forces,
+            filter=phyfilter(a0, options.order),
+            noise=options.noise,
+            duration=duration,
+            report=say,
+            executor=executor,
+        )
+    outputs.publish(walk_study.table(found), walk_study.figures(found))
+
+
+def _train(options: Namespace, outputs: Outputs) -> None:
+    from ..quadruped.network import save
+    from ..quadruped.training import curve_text
+    from . import walking
+
+    seed = 0 if options.seed is None else options.seed
+    trainer = walking.Trainer(walking.Training(seed, options.iterations))
+    checkpoint = None if options.checkpoint is None else Path(options.checkpoint)
+    with outputs.progress(trainer.iterations) as say:
+        policy = walking.train(trainer, checkpoint=checkpoint, report=say)
+    name, record = options.out or f"berkeley-{seed}.json", policy.record
+    save(policy, Path(name))
+    table = (
+        f"{name}: {record['steps']} steps in {record['seconds']:.0f} s; reward per second, from first to last:\n"
+        + curve_text(record["reward"])
+    )
+    outputs.publish(table, dict(record))
 
 
 def _study(options: Namespace, stances: tuple[str, ...], duration: float | None, outputs: Outputs) -> None:

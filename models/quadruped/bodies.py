@@ -101,6 +101,16 @@ class Bodies:
         return np.stack([2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)], axis=1)
 
     @property
+    def attitude(self) -> FloatArray:
+        """Rotations from the trunks' frames to the world's, (E, 3, 3)."""
+        w, x, y, z = self._qpos[:, 3:7].T
+        R = np.empty((self.size, 3, 3))
+        R[:, 0, 0], R[:, 0, 1], R[:, 0, 2] = 1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)
+        R[:, 1, 0], R[:, 1, 1], R[:, 1, 2] = 2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)
+        R[:, 2] = self.up
+        return R
+
+    @property
     def lean(self) -> tuple[FloatArray, FloatArray]:
         """Tilt of the trunks (sine) and largest of roll and pitch rates (rad/s), (E,) each."""
         tilt = np.hypot(*self.up[:, :2].T)
@@ -109,21 +119,31 @@ class Bodies:
     @property
     def motion(self) -> Motion:
         """What the robots do now."""
-        w, x, y, z = self._qpos[:, 3:7].T
-        # Columns of the rotation from trunk to world.
-        R = np.empty((self.size, 3, 3))
-        R[:, 0, 0], R[:, 0, 1], R[:, 0, 2] = 1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)
-        R[:, 1, 0], R[:, 1, 1], R[:, 1, 2] = 2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)
-        R[:, 2] = up = self.up
-        velocity = np.matmul(self._qvel[:, None, :3], R)[:, 0]
+        return self.seen(self._qvel)
+
+    @property
+    def qvel(self) -> FloatArray:
+        """Velocities as MuJoCo has them, (E, nv); a view."""
+        return self._qvel
+
+    def seen(self, qvel: FloatArray) -> Motion:
+        """What the robots do now, by measured velocities.
+
+        Parameters
+        ----------
+        qvel : (E, nv) array
+            As MuJoCo has them.
+        """
+        R, up = self.attitude, self.up
+        velocity = np.matmul(qvel[:, None, :3], R)[:, 0]
         return Motion(
             self._qpos[:, :3].copy(),
             velocity,
-            self._qvel[:, 3:6].copy(),
+            qvel[:, 3:6].copy(),
             up,
             np.arctan2(R[:, 1, 0], R[:, 0, 0]),
             self.q.copy(),
-            self.qd.copy(),
+            qvel[:, self._qd].copy(),
         )
 
     def state(self) -> dict[str, NDArray[np.generic]]:
