@@ -148,10 +148,11 @@ def main(options: Namespace) -> int:
     check_target(options.out, suffixes=(".json",))
     check_target(options.checkpoint, suffixes=(".npz",))
     check_target(options.animation, suffixes=(".gif",))
-    several = options.robustness or options.tune
+    several = options.robustness or options.tune or (options.animation and options.robot)
     if (options.robot and not (options.train or several)) or (options.policies and not several):
         raise ValueError(
-            "--robot goes with --train, --robustness or --tune, --policies with --robustness or --tune"
+            "--robot goes with --train, --robustness, --tune or --animation, --policies with --robustness, --tune or "
+            "an --animation of a --robot"
         )
     chosen = (name for name in _JOBS if getattr(options, name, False))
     try:
@@ -266,7 +267,11 @@ def _beside(options: Namespace, outputs: Outputs) -> None:
     groups = [Group(found[ARMS[name].family][:1], ARMS[name].choice) for name in names]
     outcomes = walk(groups, [case], starts=phases(count=1), duration=6.0)
     ends = ["fell" if each.fallen[0, 0, 0] else f"{each.distance[0, 0, 0]:.1f} m" for each in outcomes]
-    labels = [f"{ARMS[name].label[:38]}: {end}" for name, end in zip(names, ends, strict=True)]
+    words = [ARMS[name].label.split(",")[0] for name in names]
+    labels = [
+        f"{name}: {what}, {end}, {100 * part:.0f} % payload"
+        for name, what, end in zip(names, words, ends, strict=True)
+    ]
     walks = [each.trace.qpos[:, 0] for each in outcomes]
     how = animate(Path(options.animation), walks, labels=labels, parameters=p)
     told = "; ".join(f"{name}: {end} in 6 s" for name, end in zip(names, ends, strict=True))
@@ -286,22 +291,23 @@ def _choose(options: Namespace, outputs: Outputs) -> None:
 
 def _robustness(options: Namespace, outputs: Outputs) -> None:
     from . import robustness
+    from .robustness_picture import draw
 
     robot, quick = options.robot or "go1", options.quick
     folder = None if options.policies is None else Path(options.policies)
     wanted = robustness.conditions(robot, quick=quick)
     found = robustness.policies(robot, folder=folder)
-    grounds = sum(len(entry.terrains) for entry in wanted)
-    with outputs.progress(1 + grounds) as say:
-        judged = robustness.judge(
+    grounds = sum(entry.ground is not None for entry in wanted)
+    with outputs.progress((1 + grounds) * len(found["base"])) as say:
+        judged = robustness.judge_each(
             found,
             wanted,
-            starts=1 if quick else 4,
+            starts=1 if quick else 2,
             duration=2.0 if quick else None,
             report=say,
             threads=options.threads,
         )
-    outputs.publish(robustness.table(judged), robustness.figures(judged))
+    outputs.publish(robustness.table(judged), robustness.figures(judged), lambda: draw(judged, found))
 
 
 def _tune(options: Namespace, outputs: Outputs) -> None:
@@ -309,7 +315,7 @@ def _tune(options: Namespace, outputs: Outputs) -> None:
 
     folder = None if options.policies is None else Path(options.policies)
     found = robustness.policies(options.robot or "go1", folder=folder, families=["base"])["base"]
-    with outputs.progress(1 + sum(bool(c.terrains) for c in tuning.conditions(found[0].robot))) as say:
+    with outputs.progress(1 + sum(c.ground is not None for c in tuning.conditions(found[0].robot))) as say:
         judged = tuning.tune(found, quick=options.quick, report=say, threads=options.threads)
     outputs.publish(tuning.table(judged), tuning.figures(judged))
 

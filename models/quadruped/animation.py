@@ -24,6 +24,7 @@ Pixels = NDArray[np.uint8]
 
 # Of the whole, and of one beside another.
 _SIZE, _BESIDE = (640, 360), (400, 300)
+_COLOUR = (0.12, 0.2, 0.4, 1.0)
 _EVERY = 4  # of the policy's steps: 12.5 pictures a second
 
 
@@ -66,6 +67,9 @@ def animate(
         if not renderer:
             raise RuntimeError("not wanted")
         model = legged(p, terrain=terrain).model
+        if p.robot.file:  # without its meshes it has nothing but what collides, which is hidden and grey
+            model.geom_group[:] = 0
+            model.geom_rgba[model.geom_bodyid > 0] = _COLOUR
         with off_screen(model, size, Camera(1.7, 125.0, -14.0, lights=False)) as draw:
             columns = [[draw(row) for row in rows] for rows in each]
     except Exception as error:  # every GL library fails in its own way

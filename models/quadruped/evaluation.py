@@ -21,7 +21,7 @@ from .loop import FilterChoice, JointLoop, advance
 from .params import Params, params
 from .policy import ACTIONS, Policy, blurred, observe
 from .robot import GRAVITY, check_payload
-from .terrain import Terrain
+from .terrain import LANE, Terrain
 
 __all__ = ["Case", "Group", "Outcome", "Trace", "phases", "recorded", "walk"]
 
@@ -221,7 +221,7 @@ def walk(
     starts : (P,) array, optional
         Phases; None: those of the test.
     terrain : Terrain, optional
-        None: flat.
+        None: flat. Of several side by side the phases take turns.
     duration : float, optional
         s; None: as in ``params.toml``.
     far : float
@@ -370,6 +370,7 @@ class _Crowd:
         each = np.array([max(1, len(group.policies) * len(start) - 1) for group in groups])[member]
         place = np.zeros((self.size, 3))
         place[:, 1] = _ASIDE * (2.0 * (index[1] * len(start) + index[2]) / each - 1.0)
+        place[:, 1] += LANE * (index[2] % self.batch.terrain.count)
         p = self.parameters
         joints = sent(trot(self.phase, np.zeros((self.size, 3)), parameters=p), parameters=p)
         self.batch.reset(np.arange(self.size), joints=joints, place=place)

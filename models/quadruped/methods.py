@@ -32,8 +32,8 @@ WIDE = (0,)
 # the trunk is tilted or rolls.
 IMPROVED = FilterChoice((4.0,), limit=8.0, anti_windup="residual", gate="tilt", gate_action="scale")
 # Go1's, both put on policies that were trained without, and of two dozen variants each (--tune).
-TUNED = FilterChoice((1.0,), contact="estimated")
-RIVAL = AdaptiveChoice(1.0)
+TUNED = FilterChoice((4.0,), contact="estimated")
+RIVAL = AdaptiveChoice(4.0, leak=2.0)
 # What the policies "wide" were trained with.
 GATED = FilterChoice((4.0,), gate="tilt", gate_action="scale")
 

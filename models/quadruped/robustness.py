@@ -18,7 +18,7 @@ from phyfilter_ctl.study import Report, median_interval, silent
 from .adaptive import AdaptiveChoice
 from .evaluation import Case, Group, Outcome, phases, walk
 from .loop import FilterChoice, paper_filter
-from .methods import IMPROVED
+from .methods import IMPROVED, RIVAL, TUNED
 from .params import params
 from .policy import FOLDER, Policy, load
 from .terrain import Kind, Terrain
@@ -32,6 +32,7 @@ __all__ = [
     "conditions",
     "figures",
     "judge",
+    "judge_each",
     "policies",
     "table",
 ]
@@ -65,6 +66,8 @@ ARMS: dict[str, Arm] = {
     "put_est": Arm(
         "base policies, paper's filter, estimated contact in g", "base", paper_filter("estimated")
     ),
+    "tuned": Arm("base policies, filter put on, tuned beside the rival", "base", TUNED),
+    "rival": Arm("base policies, adaptive rival", "base", RIVAL),
     "filter": Arm("trained with the paper's filter, contact left out of g", "filter", paper_filter()),
     "known": Arm("the same policies, true contact in g", "filter", paper_filter("known")),
     "est": Arm("the same policies, estimated contact in g", "filter", paper_filter("estimated")),
@@ -90,13 +93,13 @@ class Condition:
     ----------
     label : str
     case : Case
-    terrains : tuple of Terrain
-        Each is walked on; none: flat ground, from every phase of the gait.
+    ground : Terrain, optional
+        None: flat.
     """
 
     label: str
     case: Case
-    terrains: tuple[Terrain, ...] = ()
+    ground: Terrain | None = None
 
 
 def conditions(robot: str, *, quick: bool = False) -> tuple[Condition, ...]:
@@ -116,8 +119,7 @@ def conditions(robot: str, *, quick: bool = False) -> tuple[Condition, ...]:
         return Condition(label, Case(part * weight, speed, robot=robot, **rest))  # pyright: ignore[reportArgumentType]
 
     def on(label: str, kind: Kind, difficulty: float, seeds: int = 1, speed: float = 1.0) -> Condition:
-        grounds = tuple(Terrain(kind, difficulty, seed) for seed in range(seeds))
-        return Condition(label, Case(speed=speed, robot=robot), grounds)
+        return Condition(label, Case(speed=speed, robot=robot), Terrain(kind, difficulty, count=seeds))
 
     if quick:
         return flat("nothing"), flat("payload 60 %", 0.6), on("rough 0.3", "rough", 0.3)
@@ -234,7 +236,7 @@ def judge(
     arms : mapping, optional
         What is compared; None: ``ARMS``.
     starts : int
-        Phases of the gait from which the flat ground is walked on.
+        Phases of the gait from which every ground is walked on; one for each of several that lie side by side.
     validation : bool
         Phases between those of the test.
     report : callable
@@ -257,35 +259,59 @@ def judge(
         start = phases(validation=validation, count=count)
         return walk(groups, cases, starts=start, terrain=ground, duration=duration, threads=threads)
 
-    flat = [entry for entry in wanted if not entry.terrains]
+    flat = [entry for entry in wanted if entry.ground is None]
     if flat:
         report("flat")
         outcomes = let([entry.case for entry in flat], starts, None)
         for number, entry in enumerate(flat):
-            _note(
-                judged,
-                entry.label,
-                dict(zip(order, ([(outcome, number)] for outcome in outcomes), strict=True)),
-            )
+            _note(judged, entry.label, order, outcomes, number)
     for entry in wanted:
-        if entry.terrains:
-            rows: dict[str, list[tuple[Outcome, int]]] = {name: [] for name in order}
-            count = min(starts, 2 if len(entry.terrains) == 1 else 1)
-            for ground in entry.terrains:
-                report(f"{entry.label}, {ground.seed}")
-                for name, outcome in zip(order, let([entry.case], count, ground), strict=True):
-                    rows[name].append((outcome, 0))
-            _note(judged, entry.label, rows)
+        if entry.ground is not None:
+            report(entry.label)
+            outcomes = let([entry.case], max(starts, entry.ground.count), entry.ground)
+            _note(judged, entry.label, order, outcomes, 0)
     return judged
 
 
-def _note(judged: Judged, label: str, rows: Mapping[str, Sequence[tuple[Outcome, int]]]) -> None:
-    for name, row in rows.items():
+def judge_each(
+    found: Mapping[str, Sequence[Policy]],
+    wanted: Sequence[Condition],
+    *,
+    starts: int = 4,
+    report: Report = silent,
+    threads: int = 2,
+    duration: float | None = None,
+) -> Judged:
+    """As :func:`judge`, seed by seed: no policy's figures depend on which others are judged.
+
+    Parameters
+    ----------
+    found, wanted, starts, report, threads, duration
+        As for :func:`judge`.
+    """
+    count = len(next(iter(found.values())))
+    each = [
+        judge(
+            {family: policies[k : k + 1] for family, policies in found.items()},
+            wanted,
+            starts=starts,
+            report=report,
+            threads=threads,
+            duration=duration,
+        )
+        for k in range(count)
+    ]
+    values = {
+        cell: {figure: np.concatenate([one.values[cell][figure] for one in each]) for figure in FIGURES}
+        for cell in each[0].values
+    }
+    return Judged(each[0].robot, tuple(one.seeds[0] for one in each), each[0].steps, values)
+
+
+def _note(judged: Judged, label: str, names: Sequence[str], outcomes: Sequence[Outcome], number: int) -> None:
+    for name, outcome in zip(names, outcomes, strict=True):
         judged.values[label, name] = {
-            figure: _of_policies(
-                np.concatenate([getattr(outcome, figure)[case] for outcome, case in row], axis=1)
-            )
-            for figure in FIGURES
+            figure: _of_policies(getattr(outcome, figure)[number]) for figure in FIGURES
         }
 
 

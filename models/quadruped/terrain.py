@@ -15,7 +15,7 @@ Heights are given on a grid that MuJoCo reads as a height field; stairs are boxe
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal, get_args
 
@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import RegularGridInterpolator
 
-__all__ = ["COLUMNS", "HALF_TILE", "KINDS", "LEVELS", "Kind", "Terrain", "tile_centre"]
+__all__ = ["COLUMNS", "HALF_TILE", "KINDS", "LANE", "LEVELS", "Kind", "Terrain", "tile_centre"]
 
 FloatArray = NDArray[np.float64]
 Kind = Literal["flat", "stairs", "rough", "wave", "gravel", "tall", "slope", "descent", "tiles"]
@@ -32,6 +32,7 @@ KINDS: tuple[Kind, ...] = get_args(Kind)
 # Grid of the height fields, m; robots that leave the lane leave the field.
 _CELL = 0.06
 _BEHIND, _AHEAD, _ASIDE = 2.0, 14.0, 4.0
+LANE: float = (round(2.0 * _ASIDE / _CELL) + 1) * _CELL
 _FLAT, _BLEND = 1.0, 0.5
 _TREAD = 0.3
 _STEPS = 36
@@ -56,11 +57,13 @@ class Terrain:
         In [0, 1].
     seed : int
         Of the random heights.
+    count : int
+        So many grounds side by side, of this seed and the following ones, ``LANE`` apart along y.
 
     Raises
     ------
     ValueError
-        For another kind, a difficulty out of range, or a negative seed.
+        For another kind, a difficulty out of range, a negative seed, or several grounds that are no fields.
 
     Examples
     --------
@@ -71,6 +74,7 @@ class Terrain:
     kind: Kind = "flat"
     difficulty: float = 0.0
     seed: int = 0
+    count: int = 1
 
     def __post_init__(self) -> None:
         if self.kind not in KINDS:
@@ -79,6 +83,10 @@ class Terrain:
             raise ValueError(f"terrain: expected a difficulty in [0, 1], got {self.difficulty}")
         if not isinstance(self.seed, int) or self.seed < 0:
             raise ValueError(f"terrain: expected a seed of 0 or more, got {self.seed!r}")
+        if self.count != 1 and (self.count < 1 or self.kind not in ("rough", "wave", "gravel")):
+            raise ValueError(
+                f"terrain: expected rough, wave or gravel side by side, got {self.count} of {self.kind}"
+            )
 
     @property
     def riser(self) -> float:
@@ -96,6 +104,12 @@ class Terrain:
         """x (columns) and y (rows) of the grid, and heights (rows, columns), m."""
         if self.kind == "tiles":
             return _tiles(self.difficulty, self.seed)
+        if self.count > 1:
+            seeds = range(self.seed, self.seed + self.count)
+            fields = [replace(self, seed=seed, count=1).grid for seed in seeds]
+            x, y, _ = fields[0]
+            beside = np.concatenate([y + LANE * k for k in range(self.count)])
+            return x, beside, np.concatenate([z for _, _, z in fields])
         x = np.arange(-_BEHIND, _AHEAD + 0.5 * _CELL, _CELL)
         y = np.arange(-_ASIDE, _ASIDE + 0.5 * _CELL, _CELL)
         d, rng = self.difficulty, np.random.default_rng([self.seed, KINDS.index(self.kind)])

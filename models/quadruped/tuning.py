@@ -95,8 +95,7 @@ def conditions(robot: str, *, quick: bool = False) -> tuple[Condition, ...]:
     )
     kinds: tuple[Kind, ...] = ("rough", "wave", "gravel")
     grounds = tuple(
-        Condition(f"{kind} 0.3", Case(speed=0.8, robot=robot), (Terrain(kind, 0.3, _GROUND),))
-        for kind in kinds
+        Condition(f"{kind} 0.3", Case(speed=0.8, robot=robot), Terrain(kind, 0.3, _GROUND)) for kind in kinds
     )
     return (walks[1], grounds[0]) if quick else (*walks, *grounds)
 
