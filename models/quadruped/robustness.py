@@ -344,12 +344,21 @@ def table(judged: Judged) -> str:
         *(f"  {name:<10}{arm.label}" for name, arm in ARMS.items()),
     ]
     for figure, (words, scale, digits) in FIGURES.items():
-        lines += ["", f"{words:<{_WIDE}}" + "".join(f"{name:>17}" for name in ARMS)]
+        lines += ["", f"{words:<{_WIDE}}" + "".join(f"{name:>24}" for name in ARMS)]
         for label in labels:
             base = judged.values[label, next(iter(ARMS))][figure]
             cells = [_cell(judged.values[label, name][figure], base, scale, digits) for name in ARMS]
-            lines.append(f"{label:<{_WIDE}}" + "".join(f"{cell:>17}" for cell in cells))
+            lines.append(f"{label:<{_WIDE}}" + "".join(f"{cell:>24}" for cell in cells))
+        for sign, mark in ((-1.0, "<"), (1.0, ">")):
+            counts = [sum(_all(judged, label, name, figure, sign) for label in labels) for name in ARMS]
+            lines.append(f"{f'rows with {mark}':<{_WIDE}}" + "".join(f"{count:>22}  " for count in counts))
     return "\n".join(lines)
+
+
+def _all(judged: Judged, label: str, name: str, figure: str, sign: float) -> bool:
+    """Whether every seed differs from the first arm in this direction."""
+    change = judged.values[label, name][figure] - judged.values[label, next(iter(ARMS))][figure]
+    return len(change) > 1 and bool(np.all(sign * change > 0.0))
 
 
 def _cell(values: FloatArray, base: FloatArray, scale: float, digits: int) -> str:
