@@ -19,16 +19,26 @@ whether a file is the same.
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import NoReturn, TypeVar
 
+from ..recording import Recording
 from .checking import Fields, MessageError, shown
 from .designs import FAMILIES, read_design
 
-__all__ = ["FORMAT", "LARGEST_SESSION", "VERSION", "checked_session", "load_session", "read_session"]
+__all__ = [
+    "FORMAT",
+    "LARGEST_SESSION",
+    "VERSION",
+    "checked_session",
+    "load_session",
+    "read_session",
+    "recording_beside",
+]
 
 FORMAT, VERSION = "phyfilter-session", 1
 LARGEST_SESSION = 900_000  # characters; the longest history has 300,000
@@ -145,6 +155,42 @@ def checked_session(value: object) -> dict[str, object]:
         "views": _plain(fields.get("views"), "session.views") if "views" in fields else {},
         "history": {name: _each(history, name, _MOST_STEPS, _step) for name in ("past", "future")},
     }
+
+
+def recording_beside(kept: Mapping[str, object], folder: Path) -> tuple[Recording | None, list[str]]:
+    """The recording that a session was tried on, where the same file is in a folder.
+
+    Parameters
+    ----------
+    kept : mapping
+        As :func:`read_session` gives it.
+    folder : Path
+        That of the session's file.
+
+    Returns
+    -------
+    recording : Recording or None
+        None where no file has its name, size and digest.
+    messages : list of str
+        What is to be looked at.
+    """
+    from .imports import import_log, read_roles
+    from .inbox import Source
+
+    if kept.get("recording") is None:
+        return None, []
+    fields = Fields.of(kept["recording"], "recording")
+    name = Path(fields.text("name")).name
+    path = folder / name
+    if "columns" not in fields or not path.is_file() or path.stat().st_size != fields.values.get("size"):
+        return None, []
+    with path.open("rb") as file:
+        if "sha256" in fields and hashlib.file_digest(file, "sha256").hexdigest() != fields.text("sha256"):
+            return None, []
+    try:
+        return import_log(Source(path, name), read_roles(fields.fields("columns")))
+    except ValueError as error:
+        return None, [str(error)]
 
 
 # -- inside -----------------------------------------------------------------------------------------------------

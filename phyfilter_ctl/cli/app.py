@@ -74,23 +74,25 @@ def main(options: argparse.Namespace) -> int:
             f"the designer's page needs {error.name}, which is not installed: pip install 'phyfilter-ctl[app]'"
         ) from error
     from ..app import Session
-    from ..app.sessions import load_session
+    from ..app.sessions import load_session, recording_beside
 
     if not 0 <= options.port <= 65535:
         raise ValueError(f"--port: expected 0 to 65535, got {options.port}")
     out = Path(options.out) if options.out is not None else None
     if out is not None and not out.is_dir():
         raise ValueError(f"--out: there is no folder {options.out}")
-    log, messages = _log(options)
     file: str = options.file or ""
-    is_session = file.lower().endswith(".json")
+    kept = load_session(file) if file.lower().endswith(".json") else None
+    log, messages = _log(options)
+    if kept is not None and options.log is None:
+        log, messages = recording_beside(kept, Path(file).parent)
     session = Session(
-        filterfile.load(file) if file and not is_session else None,
-        kept=load_session(file) if is_session else None,
+        filterfile.load(file) if file and kept is None else None,
+        kept=kept,
         log=log,
         waiting=Path(options.log) if options.log is not None and log is None else None,
     )
-    print("".join(f"{options.log}: {message}\n" for message in messages), end="")
+    print("".join(f"{options.log or file}: {message}\n" for message in messages), end="")
     serve(session, port=options.port, out=out, browser=not options.no_browser)
     return 0
 

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import copy
+import hashlib
 import json
 
 import pytest
 from designer_messages import answered, message_of, refused
 
 from phyfilter_ctl.app import Session
-from phyfilter_ctl.app.sessions import FORMAT, VERSION, load_session
+from phyfilter_ctl.app.sessions import FORMAT, VERSION, load_session, recording_beside
 from phyfilter_ctl.app.tabs import LONGEST_IDLE, MOST_TABS, Tabs
 
 DESIGN = message_of([-20.0, -15 + 8j, -15 - 8j], numerator={"kind": "type", "type": 2}, method="tustin")
@@ -78,6 +79,24 @@ def test_what_is_no_json_is_said(tmp_path):
     path.write_bytes(b"\xff\xfe")
     with pytest.raises(ValueError, match="JSON"):
         load_session(path)
+
+
+def test_the_recording_of_a_session_is_found_beside_it_by_its_digest(tmp_path):
+    data = b"t,vx,vy\n" + b"".join(b"%.2f,%d,%d\n" % (0.01 * k, k, -k) for k in range(30))
+    (tmp_path / "flight.csv").write_bytes(data)
+    reference = {"name": "../flight.csv", "size": len(data), "sha256": hashlib.sha256(data).hexdigest()}
+    reference["columns"] = {"time": "t", "x": ["vy"]}
+    kept = {**KEPT, "recording": reference}
+    found, messages = recording_beside(kept, tmp_path)
+    assert found is not None
+    assert (found.x[:, 0].tolist(), messages) == ([-float(k) for k in range(30)], [])
+    for changed in ({"sha256": "0" * 64}, {"size": 7}, {"name": "other.csv"}, {"columns": None}):
+        assert recording_beside({**kept, "recording": {**reference, **changed}}, tmp_path) == (None, [])
+    found, messages = recording_beside(
+        {**kept, "recording": {**reference, "columns": {"x": ["vz"]}}}, tmp_path
+    )
+    assert found is None
+    assert "vz" in messages[0]
 
 
 def test_tabs_share_nothing_and_the_longest_idle_give_way():
