@@ -10,19 +10,29 @@ import pytest
 from designer_messages import answered, message_of, refused
 
 from phyfilter_ctl.app import Session
+from phyfilter_ctl.app.checking import Fields
+from phyfilter_ctl.app.designs import read_design
 from phyfilter_ctl.app.sessions import FORMAT, VERSION, load_session, recording_beside
 from phyfilter_ctl.app.tabs import LONGEST_IDLE, MOST_TABS, Tabs
 
-DESIGN = message_of([-20.0, -15 + 8j, -15 - 8j], numerator={"kind": "type", "type": 2}, method="tustin")
+
+def whole(message: dict[str, object]) -> dict[str, object]:
+    """A design with all that it assumes."""
+    return read_design(Fields({"design": message})).as_json()
+
+
+DESIGN: dict = whole(
+    message_of([-20.0, -15 + 8j, -15 - 8j], numerator={"kind": "type", "type": 2}, method="tustin")
+)
 KEPT: dict = {
     "format": FORMAT,
     "version": VERSION,
     "design": DESIGN,
     "family": "bessel",
-    "pins": [{"name": "before", "design": message_of([-2.0])}],
+    "pins": [{"name": "before", "design": whole(message_of([-2.0]))}],
     "recording": {"name": "flight.csv", "size": 81234, "sha256": "0f" * 32, "columns": {"x": ["vx"]}},
     "views": {"bode": {"unit": "Hz", "shown": [1, 2.5, None, True]}},
-    "history": {"past": [message_of([-20.0]), message_of([-21.0])], "future": []},
+    "history": {"past": [whole(message_of([-20.0])), whole(message_of([-21.0]))], "future": []},
 }
 # A place in it, what stands there, and words of the sentence.
 WRONG: list[tuple[tuple[str | int, ...], object, str]] = [
