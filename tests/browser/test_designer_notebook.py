@@ -27,6 +27,7 @@ pytestmark = [
 CELLS = [
     "import phyfilter_ctl as pf\nlive = pf.designer(pf.PhyFilter.from_poles([-25.0, -25.0]))\nlive",
     "import json, os\nprint('kernel', os.getpid(), json.dumps(sorted(live.filter.poles.real)), 'end')",
+    "print('kept', json.dumps(live.session), 'end')",
 ]
 
 
@@ -78,3 +79,45 @@ def test_in_a_notebook_the_filter_follows_the_drag(browser: Any, jupyter: str) -
         assert lab.number("bandwidth") == pytest.approx(bandwidth(lab.poles()), rel=SHOWN)
         ours = [text for text in lab.complaints if "designer" in text.lower() or "phyfilter" in text.lower()]
         assert ours == []
+
+
+@pytest.mark.slow
+def test_a_notebook_keeps_the_session_over_a_reload_of_the_page(browser: Any, jupyter: str) -> None:
+    with watching(browser, viewport={"width": 1500, "height": 1400}) as lab:
+        open_notebook(lab, jupyter)
+        run_cell(lab, 0)
+        lab.page.wait_for_selector('[data-test="designer"]')
+        lab.until(lambda: lab.text("status").startswith("Ready"))
+        assert "with the notebook" in lab.text("kept")
+        lab("pin").click()
+        lab.fill("unit", "N")
+        lab("pole-0").scroll_into_view_if_needed()
+        lab.drag("pole-0", -60.0, 0.0)
+        lab.settled()
+        dragged = lab.poles()
+        lab.page.wait_for_timeout(1500)  # it is kept some tenths of a second after the last change
+
+        # The trait has it.
+        run_cell(lab, 2)
+        output = lab.page.locator(".jp-Notebook .jp-CodeCell").nth(2).locator(".jp-OutputArea-output")
+        output.wait_for()
+        found = re.search(r"kept (\{.*\}) end", output.inner_text().replace("\n", ""))
+        assert found
+        kept = json.loads(found[1])
+        assert kept["design"]["assume"]["unit"] == "N"
+        assert [pin["design"]["poles"] for pin in kept["pins"]] == [[[-25, 0], [-25, 0]]]
+        assert len(kept["history"]["past"]) == 2
+
+        # The page is loaded anew from the notebook that was saved; the kernel goes on.
+        lab.page.locator(".jp-Notebook .jp-CodeCell .cm-content").nth(2).click()
+        lab.page.keyboard.press("Control+s")
+        lab.page.wait_for_timeout(1500)
+        lab.page.reload()
+        lab.page.wait_for_selector('[data-test="designer"]')
+        lab.until(lambda: lab.text("status").startswith("Ready"), 60_000.0)
+        lab.settled()
+        assert lab.poles() == dragged
+        assert lab("unit").input_value() == "N"
+        assert lab("pin-0").count() == 1
+        lab("undo").click()
+        lab.until(lambda: lab.poles() == [-25.0, -25.0])
