@@ -65,6 +65,8 @@ def _curves(axes: Axes, found: Mapping[str, Sequence[Policy]]) -> None:
         colour, _, _ = _SHOWN[name]
         for policy in found.get(family, ()):
             record, numbers = policy.record, params(policy.robot)
+            if "reward" not in record:
+                continue
             each = record["reward_every"] * numbers.training.horizon * record["environments"] / 1e6
             rate = np.array(record["reward"]) / (numbers.control.dt * numbers.control.decimation)
             axes.plot(each * np.arange(1, len(rate) + 1), rate, color=colour, linewidth=1.0)

@@ -35,10 +35,13 @@ def test_shipped_policies_are_a_whole_set():
 def test_what_the_page_says_of_payloads_walks_again():
     pytest.importorskip("mujoco", reason="mujoco is not installed: nothing walks")
     rows = [row for row in robustness.conditions("go1") if row.label in ("payload 0 %", "payload 60 %")]
-    arms = {name: robustness.ARMS[name] for name in ("base", "filter", "full")}
-    judged = robustness.judge(robustness.policies("go1"), rows, arms=arms, starts=1, threads=1, duration=6.0)
+    arms = {name: robustness.ARMS[name] for name in ("base", "filter", "tuned", "full")}
+    judged = robustness.judge(robustness.policies("go1"), rows, arms=arms, starts=1, threads=1)
     error = {(label, arm): value["error"] for (label, arm), value in judged.values.items()}
-    # m/s: one that walks is far from 1, one that stands still at it.
-    assert np.all(error["payload 0 %", "base"] < 0.4)
+    # m/s; with twice the room that the page's policies leave.
+    assert np.all(error["payload 0 %", "base"] < 0.3), "they walk"
     assert np.all(error["payload 0 %", "filter"] < 0.4)
-    assert np.all(error["payload 0 %", "full"] > 0.4), "hardly trained: it is no rival"
+    assert np.sum(error["payload 0 %", "full"] > 0.25) == 2, "hardly trained, two of them: no rival"
+    assert np.median(error["payload 60 %", "filter"]) > 0.2, "the paper's bound is not kept"
+    assert not judged.values["payload 60 %", "filter"]["fallen"].any()
+    assert np.median(error["payload 60 %", "tuned"]) < np.median(error["payload 60 %", "filter"])
