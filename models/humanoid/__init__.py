@@ -32,7 +32,7 @@ _EXAMPLES = """examples:
   phyfilter-ctl run humanoid --friction pyramidal --duration 10   # contacts as in dm_control: feet creep
   phyfilter-ctl run humanoid --robot berkeley             # a real robot's masses, motors and friction, no arms
   phyfilter-ctl run humanoid --robot berkeley --grips torso --profiles slow --workers 4
-  phyfilter-ctl run humanoid --robot berkeley --policy berkeley-0 --grips torso   # trained to step and walk
+  phyfilter-ctl run humanoid --robot berkeley --policy berkeley-0 --grips torso   # a trained policy
   phyfilter-ctl run humanoid --robot berkeley --train --seed 7 --checkpoint 7.npz --out 7.json
   phyfilter-ctl run humanoid --study --stances wider      # filters, what f_hat does, noise
 
