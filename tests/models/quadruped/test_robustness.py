@@ -142,6 +142,8 @@ def test_command_prints_the_table(tmp_path, capsys):
         policy.save(trot(0), tmp_path / f"{family}-0.json")
     target = tmp_path / "figures.json"
     command = ["run", "quadruped", "--robustness", "--policies", str(tmp_path), "--quick", "--quiet"]
-    assert main([*command, "--threads", "1", "--json", str(target)]) == 0
+    picture = tmp_path / "arms.png"
+    assert main([*command, "--threads", "1", "--json", str(target), "--picture", str(picture)]) == 0
+    assert picture.read_bytes()[:4] == b"\x89PNG"
     assert "trained for 10 steps" in capsys.readouterr().out
     assert set(json.loads(target.read_text())["conditions"]) == {"nothing", "payload 60 %", "rough 0.3"}
