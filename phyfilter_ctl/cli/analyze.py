@@ -4,16 +4,14 @@ from __future__ import annotations
 
 import argparse
 import math
-import re
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import control as ct
 import numpy as np
 
 from .. import filterfile
-from .._output import add_json, check_target, replacing, write_figure, write_json, write_text
+from .._output import add_json, check_target, write_figure, write_json
 from ..filter import PhyFilter, SampledPhyFilter
 from ..recording import Recording
 from .frequencies import add_picture_units
@@ -132,7 +130,12 @@ def main(options: argparse.Namespace) -> int:
     if options.picture is not None:
         _draw(list(pages.values()), options)
     if options.report is not None:
-        _report(pages, residual, noise, options)
+        from .analyze_report import write_report
+
+        told = {
+            name: (page.response, page.inner, page.bound, _text(page, None)) for name, page in pages.items()
+        }
+        write_report(told, residual, noise, options)
     return 0
 
 
@@ -256,51 +259,6 @@ def _draw(pages: list[_Page], options: argparse.Namespace) -> None:
     curves = [page.response.curve(page.response.label_in(*unit)) for page in pages]
     plot = analysis_plot(curves, omega, loops, growths, dB=options.db, Hz=options.hz)
     write_figure(options.picture, plot.figure)
-
-
-def _report(
-    pages: dict[str, _Page], residual: dict[int, float], noise: float, options: argparse.Namespace
-) -> None:
-    """The page of each filter, as the designer's report is drawn."""
-    from .. import __version__
-    from ..analysis.verdict import on_error, on_loop
-    from ..app.steps import settling_time, step_response
-    from ..plots import PoleSet, ReportPage, report_html, report_pdf
-
-    called = Path(options.file).name
-
-    def page_of(name: str, page: _Page) -> ReportPage:
-        system, margin = page.response.system, page.inner
-        filter = system if isinstance(system, PhyFilter) else system.filter
-        said = on_loop(margin, margin.delay_margin if margin.is_stable else 0.0)
-        if page.bound is not None and margin.is_stable:
-            said.append(on_error(page.bound.bound, "", residual.get(1, 0.0), ""))
-        described = filter.describe().splitlines()
-        lines = [line.strip() for line in _text(page, None).splitlines()[len(described) :] if line.strip()]
-        figures = [re.split(r"\s{2,}", line, maxsplit=1) for line in lines]
-        return ReportPage(
-            title=f"{called}: {name}" if name else called,
-            verdict=[(each.text, each.level) for each in said],
-            figures=[(name, value[0] if value else "", "") for name, *value in figures],
-            filter=described,
-            assumptions=[
-                *((f"|gamma^({k})| up to", f"{size:g}") for k, size in residual.items()),
-                ("noise of x", f"{noise:g}"),
-                ("actuator lag", f"{options.lag or 0.0:g} s"),
-                ("delay", f"{options.delay:g} s"),
-            ],
-            curve=page.response.curve("this filter"),
-            step=np.array(step_response(filter, settling_time(filter))),
-            poles=PoleSet("this filter", filter.poles, filter.zeros),
-            version=__version__,
-        )
-
-    made = [page_of(name, page) for name, page in pages.items()]
-    if options.report.lower().endswith(".pdf"):
-        with replacing(options.report) as file:
-            file.write(report_pdf(made))
-    else:
-        write_text(options.report, report_html(made))
 
 
 def _log(path: str, options: argparse.Namespace) -> Recording:
