@@ -23,6 +23,7 @@ from threadpoolctl import threadpool_limits
 from phyfilter_ctl.app import Session, answers, handle
 from phyfilter_ctl.app.checking import Fields
 from phyfilter_ctl.app.designs import Design, read_design
+from phyfilter_ctl.app.loops import assumed_loop
 from phyfilter_ctl.app.steps import settling_time
 
 LIMIT = 25.0  # ms
@@ -105,12 +106,12 @@ def parts(count: int) -> dict[str, float]:
 
 def work_of(design: Design) -> dict[str, Callable[[], object]]:
     filter, sampled = design.filter, design.sampled
-    settling = settling_time(filter)
+    settling, loop = settling_time(filter), assumed_loop(design, sampled)
     return {
         "curves": lambda: answers._frequency(design, filter, sampled),
         "step": lambda: answers._step(filter, settling),
         "bounds": lambda: answers._bounds(design, filter, sampled),
-        "margins": lambda: answers._margins(design, filter, sampled),
+        "margins": lambda: answers._margins(design, loop),
     }
 
 

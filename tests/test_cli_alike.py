@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 import math
+import shutil
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -14,6 +15,8 @@ import pytest
 from phyfilter_ctl.cli import _parser, main
 from phyfilter_ctl.results import plain
 from tests.cpu_budget import slow_but
+
+FMUS = Path(__file__).resolve().parents[1] / "fmus"
 
 # They give no figures: a server, and lines for a shell. Models share `study.Outputs`, which has tests of its own.
 WITHOUT = {"app", "completion"}
@@ -31,7 +34,7 @@ COMMANDS: dict[str, list[str]] = {
     "fmu describe": ["FMU"],
     "fmu check": ["FMU", "--no-run"],
     "fmu run": ["FMU", "--stop", "0.1"],
-    "fmu recipes": ["empty"],
+    "fmu recipes": ["recipes"],
 }
 CHEAP = {"design", "analyze", "log", "log resample"}
 
@@ -62,7 +65,7 @@ def test_every_command_has_json_and_quiet() -> None:
 @pytest.fixture
 def files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> dict[str, str]:
     monkeypatch.chdir(tmp_path)
-    Path("empty").mkdir()
+    shutil.copytree(FMUS / "phyfilter_sampled", "recipes/phyfilter_sampled")
     t = 0.01 * np.arange(400)
     rows = (
         f"{a:.3f},{b!r},{c!r}\n"

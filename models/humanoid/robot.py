@@ -160,9 +160,9 @@ class Humanoid:
 
     def pull(self, data: Any, force: ArrayLike) -> None:
         """Let a force (3,) in N act there in the steps to come."""
-        x, y, z = force = np.asarray(force, dtype=float).tolist()
+        x, y, z = np.asarray(force, dtype=float).tolist()
         a, b, c = (self.point(data) - data.xipos[self.hand]).tolist()
-        data.xfrc_applied[self.hand] = (*force, b * z - c * y, c * x - a * z, a * y - b * x)
+        data.xfrc_applied[self.hand] = (x, y, z, b * z - c * y, c * x - a * z, a * y - b * x)
 
     def jacobian(self, data: Any, point: FloatArray, body: int) -> FloatArray:
         """Jacobian (3, nv) of a point in the world that moves with a body."""

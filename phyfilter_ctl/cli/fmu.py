@@ -3,29 +3,17 @@
 from __future__ import annotations
 
 import argparse
-import csv
-import io
 import json
-import sys
-from pathlib import Path
-from types import MappingProxyType
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
-import numpy as np
-
-from .._output import add_json, check_target, write_figure, write_json, write_text
+from .._output import add_json, write_json
+from .fmu_run import isolated, run
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
-
-    import control as ct
-
-    from .._sections import FloatArray
-    from ..fmi import CosimulationResponse, FmuDescription, Isolation
+    from collections.abc import Callable
 
 __all__ = ["add_arguments", "main"]
 
-_ENDED = "to end the run at"
 _DESCRIPTION = (
     "FMUs of any tool, FMI 2.0 and 3.0. check and run load the FMU's code, into a process of its own: it may crash or "
     "hang there, but does what it likes to your files. Trust it first."
@@ -126,9 +114,7 @@ def main(options: argparse.Namespace) -> int:
     ValueError, OSError
         If the options are wrong or a file cannot be read or written.
     """
-    return {"describe": _describe, "check": _check, "run": _run, "recipes": _recipes}[options.fmu_job](
-        options
-    )
+    return {"describe": _describe, "check": _check, "run": run, "recipes": _recipes}[options.fmu_job](options)
 
 
 def _describe(options: argparse.Namespace) -> int:
@@ -154,16 +140,10 @@ def _check(options: argparse.Namespace) -> int:
         reference=options.reference,
         inputs_at=options.inputs_at,
         run=not options.no_run,
-        isolated=_isolated(options),
+        isolated=isolated(options),
     )
     _publish(options, report, lambda: json.loads(report.as_json()))
     return int(not report.ok)
-
-
-def _isolated(options: argparse.Namespace) -> bool | Isolation:
-    from ..fmi import Isolation
-
-    return not options.in_process and Isolation(options.call_limit, options.time_limit)
 
 
 def _recipes(options: argparse.Namespace) -> int:
@@ -177,222 +157,3 @@ def _recipes(options: argparse.Namespace) -> int:
         lambda: {name: [json.loads(r.as_json()) for r in entries] for name, entries in reports.items()},
     )
     return int(not all(report.ok for entries in reports.values() for report in entries))
-
-
-def _has_bar(options: argparse.Namespace) -> bool:
-    return sys.stderr.isatty() and not options.quiet
-
-
-class _Result(NamedTuple):
-    """What a run gave, whichever way it was made."""
-
-    labels: list[str]
-    outputs: FloatArray
-    log: Sequence[str]
-    message: str
-    plot: Callable[[], ct.ControlPlot]
-    texts: Mapping[str, Sequence[str]] = MappingProxyType({})
-
-
-def _run(options: argparse.Namespace) -> int:
-    from ..fmi import CosimulationResponse, FmuError, describe
-    from ..fmi.messages import complaints
-
-    check_target(options.out)
-    check_target(options.picture, suffixes=(".png", ".pdf", ".svg"))
-    found = describe(options.file)
-    options.kind = options.kind or next((kind for kind in ("cs", "me", "se") if kind in found.kinds), "cs")
-    exchange = options.kind == "me"
-    start = found.start_time or 0.0
-    stop = next((s for s in (options.stop, found.stop_time) if s is not None), start + 1.0)
-    step = options.step or (found.step if exchange else found.communication_step) or (stop - start) / 500.0
-    if not (stop > start and 0.0 < step <= stop - start):
-        raise ValueError(
-            f"expected --stop after {start:g} s and --step within the run, got {stop:g} and {step:g}"
-        )
-    times = start + step * np.arange(round((stop - start) / step) + 1, dtype=np.float64)
-    try:
-        result = (_exchanged if exchange else _cosimulated)(options, times)
-    except FmuError as error:
-        if not isinstance(error.results, CosimulationResponse) or np.all(np.isnan(error.results.outputs)):
-            print(f"phyfilter-ctl: error: {error}", file=sys.stderr)
-            return 1
-        result = _of_cosimulation(error.results)
-    # An FMU that ends its own run did what it was made for.
-    failed = int(bool(result.message) and _ENDED not in result.message)
-    if result.message:
-        print(f"phyfilter-ctl: {'error' if failed else 'note'}: {result.message}", file=sys.stderr)
-    for message in complaints(result.log):
-        print(f"phyfilter-ctl: the FMU says: {message}", file=sys.stderr)
-    outputs = result.outputs
-    known = np.flatnonzero(~np.all(np.isnan(outputs), axis=0))
-    reached = int(np.max(known, initial=-1)) + 1 if result.labels else len(times)
-    if options.out is not None:
-        write_text(options.out, _table(result, times[:reached]))
-    if options.picture is not None:
-        import matplotlib
-
-        matplotlib.use("Agg")
-        write_figure(options.picture, result.plot().figure)
-    shown = outputs[:, :reached] if reached else outputs[:0]
-    if options.json is not None:
-        figures = {
-            label: {"first": values[0], "last": values[-1], "least": values.min(), "largest": values.max()}
-            for label, values in zip(result.labels, shown, strict=False)
-        }
-        ends = {label: {"first": t[0], "last": t[-1]} for label, t in result.texts.items() if t}
-        write_json(
-            options.json,
-            {
-                "name": found.name,
-                "points": reached,
-                "start": start,
-                "end": times[max(reached, 1) - 1],
-                "message": result.message or None,
-                "failed": bool(failed),
-                "outputs": figures | ends,
-            },
-        )
-    if "-" not in (options.out, options.json):
-        print(f"{found.name}: {reached} points, {start:g} to {times[max(reached, 1) - 1]:g} s")
-        for label, values in zip(result.labels, shown, strict=False):
-            print(
-                f"  {label:24} {values[0]:12.6g} -> {values[-1]:12.6g}   "
-                f"within {values.min():.6g} .. {values.max():.6g}"
-            )
-        for label, texts in result.texts.items():
-            print(f"  {label:24} {texts[0]!r} -> {texts[-1]!r}" if texts else f"  {label}")
-    return failed
-
-
-def _cosimulated(options: argparse.Namespace, times: FloatArray) -> _Result:
-    from ..fmi import cosimulate, describe, import_fmu
-
-    description = describe(options.file)
-    inputs = {} if options.input is None else _inputs(options.input, times, description)[0]
-    isolated = _isolated(options)
-    settings = dict(map(_setting, options.set))
-    whole = options.file
-    if options.record is not None or options.kind == "se":
-        step = float(times[1] - times[0])
-        whole = import_fmu(
-            whole,
-            kind=options.kind,
-            step=step,
-            parameters=settings,
-            outputs=options.record,
-            isolated=isolated,
-        )
-        settings = {}
-    response = cosimulate(
-        {"fmu": whole},
-        [],
-        timepts=times,
-        inputs={f"fmu.{name}": values for name, values in inputs.items()},
-        parameters={f"fmu.{name}": value for name, value in settings.items()},
-        progress=_has_bar(options),
-        isolated=isolated,
-        clocks={f"fmu.{name}": times for name, times in _clocks(options.clock, description).items()},
-    )
-    return _of_cosimulation(response)
-
-
-def _of_cosimulation(response: CosimulationResponse) -> _Result:
-    labels = [label.removeprefix("fmu.") for label in response.output_labels or []]
-    outputs = np.asarray(response.outputs).reshape(len(labels), len(response.time))
-    texts = {
-        label.removeprefix("fmu."): [
-            value.hex() if isinstance(value, bytes) else str(value) for value in values
-        ]
-        for label, values in response.texts.items()
-    }
-    return _Result(labels, outputs, response.messages["fmu"], response.message or "", response.plot, texts)
-
-
-def _exchanged(options: argparse.Namespace, times: FloatArray) -> _Result:
-    from ..fmi import FmuModel, describe, import_fmu
-    from ..simulation import simulate
-
-    settings = dict(map(_setting, options.set))
-    block = import_fmu(
-        options.file,
-        kind="me",
-        parameters=settings,
-        start_time=float(times[0]),
-        outputs=options.record,
-        isolated=_isolated(options),
-        clocks=_clocks(options.clock, describe(options.file)),
-    )
-    assert isinstance(block, FmuModel)
-    names, labels = block.labels
-    description = block.description
-    given, held = ({}, False) if options.input is None else _inputs(options.input, times, description)
-    if strange := sorted(set(given) - set(names)):
-        raise ValueError(
-            f"{options.input}: {strange[0]!r} is no input of numbers; there are {', '.join(names) or 'none'}"
-        )
-    inputs = [
-        given.get(name, np.full(len(times), start))
-        for name, start in zip(names, block.start_inputs, strict=True)
-    ]
-    response = simulate(
-        block,
-        times,
-        np.array(inputs) if inputs else None,
-        interpolation="hold" if held else "linear",
-        squeeze=False,
-        progress=_has_bar(options),
-    )
-    outputs = np.asarray(response.outputs).reshape(len(labels), len(response.time))
-    return _Result(list(labels), outputs, block.messages, response.message or "", response.plot)
-
-
-def _inputs(path: str, times: FloatArray, description: FmuDescription) -> tuple[dict[str, FloatArray], bool]:
-    """Inputs at these times, and whether one of them is discrete and so held."""
-    from ..fmi.held_inputs import is_continuous
-    from ..fmi.replay import read_table
-
-    names, table = read_table(Path(path))
-    discrete = {
-        label for entry in description.of("input") if not is_continuous(entry) for label in entry.labels
-    }
-    # A row at one of the times but for rounding holds from there.
-    last = np.searchsorted(table[:, 0], times + 1e-9 * np.min(np.diff(times)), side="right") - 1
-    found = {
-        name: table[np.maximum(last, 0), i]
-        if name in discrete
-        else np.interp(times, table[:, 0], table[:, i])
-        for i, name in enumerate(names)
-        if i
-    }
-    return found, not discrete.isdisjoint(found)
-
-
-def _clocks(texts: Sequence[str], description: FmuDescription) -> dict[str, float | list[float]]:
-    """Instants of triggered clocks, intervals of others."""
-    triggered = {clock.name for clock in description.clocks if clock.variability == "triggered"}
-    found: dict[str, float | list[float]] = {}
-    for text in texts:
-        name, _, numbers = text.partition("=")
-        try:
-            values = [float(word) for word in numbers.split(",")]
-        except ValueError as error:
-            raise ValueError(f"--clock: expected NAME=S or NAME=S,S,..., got {text!r}") from error
-        found[name] = values if name in triggered or len(values) > 1 else values[0]
-    return found
-
-
-def _setting(text: str) -> tuple[str, str]:
-    name, separator, value = text.partition("=")
-    if not name or not separator:
-        raise ValueError(f"--set: expected NAME=VALUE, got {text!r}")
-    return name, value  # a number or a text: what the variable is says which
-
-
-def _table(result: _Result, times: FloatArray) -> str:
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(["time", *result.labels, *result.texts])
-    rows = zip(times, result.outputs.T, *result.texts.values(), strict=False)
-    writer.writerows([repr(float(t)), *(repr(float(v)) for v in row), *texts] for t, row, *texts in rows)
-    return text.getvalue()
