@@ -106,12 +106,12 @@ def parts(count: int) -> dict[str, float]:
 
 def work_of(design: Design) -> dict[str, Callable[[], object]]:
     filter, sampled = design.filter, design.sampled
-    settling, loop = settling_time(filter), assumed_loop(design, sampled)
+    settling = settling_time(filter)
     return {
         "curves": lambda: answers._frequency(design, filter, sampled),
         "step": lambda: answers._step(filter, settling),
         "bounds": lambda: answers._bounds(design, filter, sampled),
-        "margins": lambda: answers._margins(design, loop),
+        "margins": lambda: answers._margins(design, assumed_loop(design, sampled)),
     }
 
 
