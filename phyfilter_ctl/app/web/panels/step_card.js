@@ -53,7 +53,7 @@ export class StepCard {
       height: 210,
       xLabel: "t, s",
       yLabel: "",
-      yName: { name: "response to a unit step", unit: "" },
+      yName: { name: "step response", unit: "" },
       onCursor,
       changed: () => app.paint(),
     });
@@ -76,7 +76,7 @@ export class StepCard {
     this.note.hidden = time === "residual";
     const { settings } = this.chart;
     settings.label = time === "residual" ? "Step response" : VIEWS[time].title;
-    settings.yName = { name: time === "residual" ? "response to a unit step" : LOOP_LINES[time].name, unit: "" };
+    settings.yName = { name: time === "residual" ? "step response" : LOOP_LINES[time].name, unit: "" };
     this.chart.view = { x: null, y: null };
     this.chart.bands = [];
   }
