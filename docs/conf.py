@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import importlib
 import inspect
+import os
 import re
 import sys
 from collections.abc import Iterator
@@ -33,15 +34,29 @@ author = "the phyfilter-ctl authors"
 copyright = f"2026, {author}"
 version = release = phyfilter_ctl.__version__
 
-extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "sphinx.ext.viewcode"]
+extensions = [
+    "myst_nb",
+    "sphinx.ext.autodoc",
+    "sphinx.ext.autosummary",
+    "sphinx.ext.napoleon",
+    "sphinx.ext.viewcode",
+]
+autosummary_generate = False  # pages of single names are written below, from what the rooms name
 root_doc = "docs/index"
-include_patterns = ["docs/**", "notebooks/*.py", "models/*/README.md", "fmus/README.md", "CHANGELOG.md"]
+include_patterns = [
+    "docs/**",
+    "notebooks/*.py",
+    "models/*/README.md",
+    "fmus/README.md",
+    "CHANGELOG.md",
+    "CONTRIBUTING.md",
+]
 exclude_patterns = ["docs/conf.py", "docs/screenshots.py", ".*", "build", "dist", "out", "**/__pycache__"]
 nitpicky = True
 # Types in docstrings are prose such as "(N, n_x) array"; only explicit roles must lead somewhere.
 nitpick_ignore_regex = [("py:(class|obj)", r".*")]
 
-myst_enable_extensions = ["dollarmath", "attrs_inline"]
+myst_enable_extensions = ["dollarmath", "attrs_inline", "deflist"]
 myst_heading_anchors = 2
 nb_custom_formats = {".py": ["jupytext.reads", {"fmt": "py:percent"}]}
 nb_execution_mode = "cache"
@@ -119,6 +134,61 @@ def _resolve(app: Sphinx, env: BuildEnvironment, node: pending_xref, content: El
     return None
 
 
+def _single_pages(app: Sphinx) -> None:
+    """Write one page for every public name, beside those of the rooms, which link to them."""
+    folder = GENERATED
+    folder.mkdir(parents=True, exist_ok=True)
+    pages = {}
+    for room, options in _rooms():
+        for name in importlib.import_module(room).__all__:
+            thing = getattr(importlib.import_module(room), name)
+            kind = "class" if inspect.isclass(thing) else "function" if inspect.isroutine(thing) else "data"
+            lines = [name, "=" * len(name), "", f".. auto{kind}:: {room}.{name}"]
+            lines += [f"   {option}" for option in options] if kind == "class" else []
+            pages[f"{room.partition('.')[2]}-{name}.rst"] = "\n".join([*lines, ""])
+    for path in set(folder.glob("*.rst")) - {folder / name for name in pages}:
+        path.unlink()
+    for name, text in pages.items():
+        if not (folder / name).is_file() or (folder / name).read_text(encoding="utf-8") != text:
+            (folder / name).write_text(text, encoding="utf-8")
+
+
+def _rooms() -> Iterator[tuple[str, list[str]]]:
+    """Rooms that have a page, with the options for their members."""
+    for page in sorted((ROOT / "docs" / "reference").glob("*.md")):
+        if found := AUTOMODULE.search(page.read_text(encoding="utf-8")):
+            yield found[1], [option.strip() for option in found[2].splitlines()]
+
+
+def _fill_in(app: Sphinx, docname: str, source: list[str]) -> None:
+    """Put a list of names for the members of a room, and the commands' help into their page."""
+    if docname == "docs/commands":
+        source[0] = source[0].replace("% COMMANDS\n", _commands())
+    elif docname.startswith("docs/reference/") and (found := AUTOMODULE.search(source[0])):
+        room = found[1]
+        names = importlib.import_module(room).__all__
+        pages = [f"   generated/{room.partition('.')[2]}-{name}" for name in names]
+        lines = [f".. automodule:: {room}", "", ".. autosummary::", ""]
+        lines += [f"   ~{room}.{name}" for name in names]
+        lines += ["", ".. toctree::", "   :hidden:", "", *pages, ""]
+        source[0] = AUTOMODULE.sub(lambda _: "\n".join(lines), source[0])
+
+
+def _commands() -> str:
+    """Every command with its help, as the terminal shows it."""
+    from phyfilter_ctl.cli import describe_commands
+
+    os.environ["COLUMNS"], os.environ["NO_COLOR"] = "100", "1"
+    return "".join(
+        f"## {name}\n\n```text\n{text.rstrip()}\n```\n\n" for name, text in describe_commands().items()
+    )
+
+
+def _skip(app: Sphinx, what: str, name: str, thing: object, skip: bool, options: object) -> bool | None:
+    """Leave out what named tuples say of their fields: the class's docstring has them."""
+    return True if str(getattr(thing, "__doc__", "")).startswith("Alias for field number") else None
+
+
 def _escape(app: Sphinx, what: str, name: str, thing: object, options: object, lines: list[str]) -> None:
     """Keep magnitudes such as |F| from being substitutions, and attributes that share a line together."""
     section, doctest, block = "", False, -1
@@ -140,6 +210,13 @@ def _escape(app: Sphinx, what: str, name: str, thing: object, options: object, l
             block = indent if line.endswith("::") else -1
 
 
+def _clickable(app: Sphinx, page: str, template: str, context: dict[str, object], tree: object) -> None:
+    """Let a click on a picture show its file, in full size."""
+    if isinstance(body := context.get("body"), str):
+        picture = re.compile(r'(?<!">)(<img [^>]*src="([^"]+)"[^>]*>)')
+        context["body"] = picture.sub(r'<a class="image-reference" href="\2">\1</a>', body)
+
+
 def _stay_offline(app: Sphinx, error: Exception | None) -> None:
     """Refuse a page that would load something from another machine."""
     loads = re.compile(r'<(?:script|img|iframe|link)\b[^>]*(?:src|href)="(?:https?:)?//[^"]*"')
@@ -149,14 +226,20 @@ def _stay_offline(app: Sphinx, error: Exception | None) -> None:
 
 
 PLACES = _places()
+AUTOMODULE = re.compile(r"^\.\. automodule:: (\S+)\n((?:   :.*\n)+)", re.M)
+GENERATED = ROOT / "docs" / "reference" / "generated"
 ROOMS = tuple(dict.fromkeys(place.rpartition(".")[0] for place in PLACES.values()))
 
 
 def setup(app: Sphinx) -> None:
     """Formulas as MathML, which browsers draw without any script; docstrings as they are meant."""
     app.add_html_math_renderer("mathml", (_inline, None), (_block, None))
+    app.connect("builder-inited", _single_pages)
+    app.connect("source-read", _fill_in)
+    app.connect("autodoc-skip-member", _skip)
     app.connect("autodoc-process-docstring", _escape, priority=100)
     app.connect("missing-reference", _resolve)
+    app.connect("html-page-context", _clickable)
     app.connect("build-finished", _stay_offline)
     for field in getattr(PythonDomain.directives["class"], "doc_field_types", ()):
         if field.name == "variable":
