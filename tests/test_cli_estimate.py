@@ -49,6 +49,7 @@ def test_everything_at_once(flight: str, tmp_path: Path, capsys: pytest.CaptureF
     assert main(command.replace("firmware", str(tmp_path / "firmware")).split()[1:]) == 0
 
 
+@pytest.mark.slow
 def test_a_filter_is_judged_and_others_compared(
     flight: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -428,6 +428,7 @@ def test_a_flight_without_its_g_is_said_and_saves_nothing(tmp_path, monkeypatch,
     assert "note:" not in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_margin_is_kept_in_the_loop_and_its_price_is_said(logs, capsys):
     loop = ["--lag", "0.05", "--loop-delay", "0.01", "--kp", "10", "--kd", "6"]
     options = ["--x", "px,py", "--order", "1", "--form", "lowpass", "--json", "figures.json"]

@@ -544,12 +544,13 @@ def test_plot_draws_what_the_log_has() -> None:
     for i in range(2):
         assert np.array_equal(plot.lines[2 * i, 0][0].get_ydata(), log.x[:, i])
         drawn = {line.get_label(): line.get_ydata() for line in plot.lines[2 * i + 1, 0]}
-        assert list(drawn) == ["g", "f_theta", "label"]
-        assert all(np.array_equal(values, getattr(log, name)[:, i]) for name, values in drawn.items())
+        assert list(drawn) == ["g", r"$f_\theta$", "label"]
+        for values, name in zip(drawn.values(), ("g", "f_theta", "label"), strict=True):
+            assert np.array_equal(values, getattr(log, name)[:, i])
         assert np.array_equal(plot.lines[2 * i, 0][0].get_xdata(), log.times)
     assert plot.axes[0, 0].get_ylabel() == "a [m/s]"
     assert plot.axes[0, 0].get_title("left") == "flight"
-    assert [text.get_text() for text in plot.legend.get_texts()] == ["g", "f_theta", "label"]
+    assert [text.get_text() for text in plot.legend.get_texts()] == ["g", r"$f_\theta$", "label"]
     bare = Recording(log.times, log.x)
     again = bare.plot(ax=list(plot.axes[:2, 0]))
     assert again.axes.shape == (2, 1)

@@ -294,6 +294,7 @@ def test_noise_of_a_sampled_filter_is_attained():
     assert reached == pytest.approx(result.bound, rel=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("k", [1, 2])
 def test_the_envelope_holds_from_the_start(k):
     f = pf.place_poles([-3.0, -2 + 4j, -2 - 4j], numerator=k)

@@ -82,6 +82,7 @@ def test_every_design_is_answered(message):
     assert all(entry["value"] is not None or entry.get("note") for entry in reply["numbers"])
 
 
+@pytest.mark.slow
 @settings(max_examples=60, deadline=None)
 @given(designs())
 def test_python_text_rebuilds_the_filter(message):

@@ -137,6 +137,7 @@ def test_what_else_ends_a_job(how):
     assert job.snapshot()["state"] == "cancelled"
 
 
+@pytest.mark.slow
 def test_sessions_learn_side_by_side():
     one, other = Session(log=flight()), Session(log=flight())
     first, second = (answered(session, "learn", order=1)["job"] for session in (one, other))

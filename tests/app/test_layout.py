@@ -56,6 +56,7 @@ def test_a_panel_moves_a_step_at_a_time_past_hidden_ones_and_over_the_edges():
     assert slots[10] == {"left": ["b"], "middle": ["a", "v", "s"], "right": ["log", "f"], "below": []}
 
 
+@pytest.mark.slow
 def test_every_panel_is_in_one_place_whatever_was_kept():
     usual = layouts()[0]
     for kept in (None, 3, "x", {}, {"slots": 4}, {"slots": []}, {"slots": None}):

@@ -37,6 +37,7 @@ def filter_and_plant(
     return F_d, (1.0 - 1.0 / z) / STEP * X * z ** -round(delay / STEP)
 
 
+@pytest.mark.slow
 def test_the_loop_s_gains_are_those_of_the_sampled_loop_by_hand() -> None:
     reply = answered(Session(), "loop", design=design(ratio_spread=0.3, lag_spread=0.01, delay_spread=0.002))
     omega = np.array(reply["omega"])

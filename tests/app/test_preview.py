@@ -283,6 +283,7 @@ def with_zeros(rng: np.random.Generator, each: Case) -> dict[str, Any]:
     return each.question["design"] | {"numerator": {"kind": "b", "b": b.tolist()}}
 
 
+@pytest.mark.slow
 def test_what_matched_sampling_keeps_is_the_library_s() -> None:
     rng, questions, expected = np.random.default_rng(4), [], []
     for order, kind in itertools.product(range(2, 9), range(3)):
@@ -302,6 +303,7 @@ def test_what_matched_sampling_keeps_is_the_library_s() -> None:
         assert answer["noiseGain"] == pytest.approx(response.noise_gain, rel=AGREES)
 
 
+@pytest.mark.slow
 def test_what_cannot_be_matched_is_sampled_exactly() -> None:
     """1 - F = s (s^2 + w^2) / D with w beyond Nyquist; and a type of 8 with poles far too fast for the step."""
     slow = {"poles": [[-100.0, 0.0]] * 3, "numerator": {"kind": "b", "b": [1e6, 3e4 - 200.0**2, 300.0]}}

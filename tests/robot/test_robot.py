@@ -103,6 +103,7 @@ def test_two_clocks_leave_nothing(load, between):
     assert np.max(np.abs(f_hat - log.f_theta)) < 1e-11
 
 
+@pytest.mark.slow
 def test_wrong_frames_are_noticed_and_the_right_ones_named(load):
     from tests.robot.conftest import PX4
 

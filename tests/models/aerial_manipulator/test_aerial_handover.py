@@ -35,6 +35,7 @@ def test_parts_repeat_a_mission(tmp_path: Path) -> None:
     assert {"f_hat[0]", "tau_hat[2]"} <= outputs["filter"]
 
 
+@pytest.mark.slow
 def test_nothing_to_hand_over_is_refused(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="expected a method with filters"):
         handover.hand_over(methods.Method("baseline", 2.0), None, tmp_path / "fmus")

@@ -77,6 +77,7 @@ def test_exports_repeat_the_flight(handed, flight):
     assert np.abs(flight.signals["f_hat"]).max() > 1.0
 
 
+@pytest.mark.slow
 @needs_compiler
 def test_the_recorded_flight_goes_along(handed):
     """The files serve the library's own importer too."""

@@ -355,6 +355,7 @@ def test_score_that_diverged_is_infinite(steady_path: Path):
     assert scores["zero"]["total"] == "Infinity"
 
 
+@pytest.mark.slow
 def test_picture(dragged: tuple[Path, Path], tmp_path: Path):
     result = replay.replay([dragged[1]], train=[dragged[0]])
     figure = replay_picture.draw(result)

@@ -202,6 +202,7 @@ def test_margin_decides_whether_a_filter_flies(model, monkeypatch):
 # -- learned filters ----------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_learned_filter_beats_its_neighbours_on_its_flights(model):
     logs, weights = study.records(OURS, model, duration=8.0, backend="vm")
     (learned,) = study.learn_filters(logs, weights, [(1, "lowpass")])
