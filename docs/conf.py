@@ -37,11 +37,9 @@ version = release = phyfilter_ctl.__version__
 extensions = [
     "myst_nb",
     "sphinx.ext.autodoc",
-    "sphinx.ext.autosummary",
     "sphinx.ext.napoleon",
     "sphinx.ext.viewcode",
 ]
-autosummary_generate = False  # pages of single names are written below, from what the rooms name
 root_doc = "docs/index"
 include_patterns = [
     "docs/**",
@@ -57,14 +55,14 @@ nitpicky = True
 nitpick_ignore_regex = [("py:(class|obj)", r".*")]
 
 myst_enable_extensions = ["dollarmath", "attrs_inline", "deflist"]
-myst_heading_anchors = 2
+myst_heading_anchors = 3
 nb_custom_formats = {".py": ["jupytext.reads", {"fmt": "py:percent"}]}
 nb_execution_mode = "cache"
 nb_execution_cache_path = str(ROOT / "build" / "notebooks")
 nb_execution_raise_on_error = True
 nb_execution_timeout = 300
 # Words in the types of arguments that also name an attribute somewhere.
-suppress_warnings = ["ref.python"]
+suppress_warnings = ["ref.python", "ref.footnote"]  # sources are listed, not cited
 nb_merge_streams = True
 nb_output_stderr = "error"  # a warning would be shown to the reader
 
@@ -136,27 +134,33 @@ def _resolve(app: Sphinx, env: BuildEnvironment, node: pending_xref, content: El
 
 def _single_pages(app: Sphinx) -> None:
     """Write one page for every public name, beside those of the rooms, which link to them."""
-    folder = GENERATED
-    folder.mkdir(parents=True, exist_ok=True)
-    pages = {}
+    GENERATED.mkdir(parents=True, exist_ok=True)
+    pages, seen = {}, set()
     for room, options in _rooms():
         for name in importlib.import_module(room).__all__:
             thing = getattr(importlib.import_module(room), name)
             kind = "class" if inspect.isclass(thing) else "function" if inspect.isroutine(thing) else "data"
-            lines = [name, "=" * len(name), "", f".. auto{kind}:: {room}.{name}"]
+            # In no table of contents: every page would carry all of their names.
+            lines = [":orphan:", "", name, "=" * len(name), "", f".. auto{kind}:: {room}.{name}"]
             lines += [f"   {option}" for option in options] if kind == "class" else []
-            pages[f"{room.partition('.')[2]}-{name}.rst"] = "\n".join([*lines, ""])
-    for path in set(folder.glob("*.rst")) - {folder / name for name in pages}:
+            lines += ["   :no-index:"] if id(thing) in seen else []  # offered by an earlier room too
+            seen.add(id(thing))
+            pages[_page_of(room, name) + ".rst"] = "\n".join([*lines, ""])
+    for path in set(GENERATED.glob("*.rst")) - {GENERATED / name for name in pages}:
         path.unlink()
     for name, text in pages.items():
-        if not (folder / name).is_file() or (folder / name).read_text(encoding="utf-8") != text:
-            (folder / name).write_text(text, encoding="utf-8")
+        if not (GENERATED / name).is_file() or (GENERATED / name).read_text(encoding="utf-8") != text:
+            (GENERATED / name).write_text(text, encoding="utf-8")
+
+
+def _page_of(room: str, name: str) -> str:
+    return f"{room.partition('.')[2]}-{name}"
 
 
 def _rooms() -> Iterator[tuple[str, list[str]]]:
     """Rooms that have a page, with the options for their members."""
     for page in sorted((ROOT / "docs" / "reference").glob("*.md")):
-        if found := AUTOMODULE.search(page.read_text(encoding="utf-8")):
+        for found in AUTOMODULE.finditer(page.read_text(encoding="utf-8")):
             yield found[1], [option.strip() for option in found[2].splitlines()]
 
 
@@ -164,14 +168,27 @@ def _fill_in(app: Sphinx, docname: str, source: list[str]) -> None:
     """Put a list of names for the members of a room, and the commands' help into their page."""
     if docname == "docs/commands":
         source[0] = source[0].replace("% COMMANDS\n", _commands())
-    elif docname.startswith("docs/reference/") and (found := AUTOMODULE.search(source[0])):
-        room = found[1]
-        names = importlib.import_module(room).__all__
-        pages = [f"   generated/{room.partition('.')[2]}-{name}" for name in names]
-        lines = [f".. automodule:: {room}", "", ".. autosummary::", ""]
-        lines += [f"   ~{room}.{name}" for name in names]
-        lines += ["", ".. toctree::", "   :hidden:", "", *pages, ""]
-        source[0] = AUTOMODULE.sub(lambda _: "\n".join(lines), source[0])
+    elif docname.startswith("docs/reference/"):
+        source[0] = AUTOMODULE.sub(_listed, source[0])
+
+
+def _listed(found: re.Match[str]) -> str:
+    """The room's own words, then a line for each of its names, which leads to its page."""
+    room = found[1]
+    lines = [f".. automodule:: {room}", ""]
+    for name in importlib.import_module(room).__all__:
+        thing = getattr(importlib.import_module(room), name)
+        said = _first_sentence(thing) if inspect.isclass(thing) or inspect.isroutine(thing) else ""
+        lines += [f":doc:`{name} <generated/{_page_of(room, name)}>`", f"    {said or 'See there.'}", ""]
+    return "\n".join(lines)
+
+
+def _first_sentence(thing: object) -> str:
+    """Without marks, which may lead nowhere from another page."""
+    text = " ".join((inspect.getdoc(thing) or "").partition("\n\n")[0].split())
+    text = text.replace("``", "")
+    text = re.sub(r":\w+(?::\w+)?:`~?([^`<]*?)(?: <[^`]*>)?`", r"\1", text)
+    return re.sub(r"([*|_`\\])", r"\\\1", text)
 
 
 def _commands() -> str:
