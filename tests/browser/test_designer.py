@@ -150,7 +150,7 @@ def test_a_log_is_dropped_learned_from_and_learning_cancelled(page: Watched) -> 
 
 def test_a_broken_log_is_said_and_nothing_is_lost(page: Watched) -> None:
     page.drop("broken.csv", "t,vx\n0,1\n0.1,two\n")
-    page.until(lambda: "line 3, column 'vx': 'two'" in page.text("import-problem"))
+    page.until(lambda: "Line 3, column 'vx': 'two'" in page.text("import-problem"))
     page("import-cancel").click()
     page.until(lambda: page("import").count() == 0)
     page.drag("pole-0", -30.0, 0.0)
@@ -306,7 +306,7 @@ CLIPPED = """() => {
   if (wide > innerWidth) bad.push(`the page is ${wide} px wide`);
   for (const e of document.querySelectorAll('[data-test=designer] :is(button, h2, label, span, p, td, th, small)')) {
     const box = e.getBoundingClientRect();
-    if (!box.width || !e.textContent.trim()) continue;
+    if (!box.width || !e.textContent.trim() || e.matches('.pf-unseen')) continue;
     if (box.right > innerWidth + 1 || box.left < -1) bad.push(`${e.textContent.trim().slice(0, 30)} leaves the window`);
     const hidden = getComputedStyle(e).overflowX === 'hidden' && e.scrollWidth > e.clientWidth + 1;
     if (hidden) bad.push(`${e.textContent.trim().slice(0, 30)} is cut`);

@@ -99,4 +99,4 @@ def drawn(page: Watched, name: str) -> str:
 
 
 def spoken(chart: object) -> str:
-    return chart.locator(".pf-spoken").text_content() or ""  # type: ignore[attr-defined]
+    return chart.locator("[data-test=chart-spoken]").text_content() or ""  # type: ignore[attr-defined]

@@ -63,7 +63,7 @@ export class Navigation {
       this.reset,
     );
     /** Says the cursor to a screen reader: only what keys have moved. */
-    this.spoken = h("span", { class: "pf-spoken", "aria-live": "polite" });
+    this.spoken = h("span", { class: "pf-unseen", "data-test": "chart-spoken", "aria-live": "polite" });
     overlay.setAttribute("tabindex", "0");
     overlay.setAttribute("aria-label", `${chart.settings.label}. ${KEYS}.`);
     overlay.addEventListener("wheel", (event) => this.wheel(event), { passive: false });
