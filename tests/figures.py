@@ -88,7 +88,8 @@ def _placed(
     for each in axes:
         if not each.get_visible():
             continue
-        labels = [each.xaxis.label, each.yaxis.label, each.title, each._left_title, *each.texts]  # pyright: ignore
+        labels = [each.xaxis.label, each.yaxis.label, each.title, each._left_title]  # pyright: ignore
+        labels += each.texts if each.name != "3d" else ()  # there their place is known while they are drawn
         for axis in (each.xaxis, each.yaxis):
             low, high = sorted(axis.get_view_interval())
             ticks = [tick for tick in axis.get_major_ticks() if low <= tick.get_loc() <= high]

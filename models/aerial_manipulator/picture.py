@@ -57,8 +57,8 @@ def draw(comparison: Comparison) -> Figure:
     windows, force, torque = bottom.subplots(1, 3)
     _windows(windows, comparison)
     shown: MethodName = "phyfilter" if "phyfilter" in comparison.methods else next(iter(comparison.methods))
-    _estimate(force, comparison, shown, "f", 0, "Force along the jet [N]")
-    _estimate(torque, comparison, shown, "tau", 1, "Pitching torque [N m]")
+    _estimate(force, comparison, shown, "f", 0, "Force along the jet")
+    _estimate(torque, comparison, shown, "tau", 1, "Pitching torque")
     mission = params().mission
     figure.suptitle(
         f"Pick and place of {mission.payload:g} kg in a jet of {params().wind.jet_speed:g} m/s: "
@@ -187,6 +187,6 @@ def _estimate(
     axes.plot(t, true, color="k", lw=0.8, label="true")
     if f"{letter}_hat" in signals:
         axes.plot(t, signals[f"{letter}_hat"], color=COLOURS[name], lw=0.8, alpha=0.85, label="estimated")
-    axes.set(xlabel="Time [s]", xlim=(0.0, t[-1]))
+    axes.set(xlabel="Time [s]", ylabel="[N]" if letter == "f" else "[N m]", xlim=(0.0, t[-1]))
     axes.legend(fontsize="x-small", frameon=False)
     dress(axes, f"{title}, {NAMES[name]}")

@@ -192,7 +192,7 @@ def _map(axes: Axes, study: Study, scenario: Scenario) -> None:
     axes.legend(
         handles=handles,
         fontsize="x-small",
-        ncols=3,
+        ncols=2,
         loc="upper center",
         bbox_to_anchor=(0.5, -0.18),
         frameon=False,
