@@ -27,7 +27,7 @@ pytestmark = [
 CELLS = [
     "import phyfilter_ctl as pf\nlive = pf.designer(pf.PhyFilter.from_poles([-25.0, -25.0]))\nlive",
     "import json, os\nprint('kernel', os.getpid(), json.dumps(sorted(live.filter.poles.real)), 'end')",
-    "print('kept', json.dumps(live.session), 'end')",
+    "import json\nprint('kept', json.dumps(live.session), 'end')",
 ]
 
 
@@ -60,7 +60,7 @@ def test_in_a_notebook_the_filter_follows_the_drag(browser: Any, jupyter: str) -
         output = lab.page.locator(".jp-Notebook .jp-CodeCell").nth(1).locator(".jp-OutputArea-output")
         output.wait_for()
         found = re.search(r"kernel (\d+) (\[.*?\]) end", output.inner_text())
-        assert found
+        assert found, output.inner_text()
         shown = sorted(p.real for p in lab.poles())
         assert json.loads(found[2]) == pytest.approx(shown, rel=SHOWN)
 
@@ -102,7 +102,7 @@ def test_a_notebook_keeps_the_session_over_a_reload_of_the_page(browser: Any, ju
         output = lab.page.locator(".jp-Notebook .jp-CodeCell").nth(2).locator(".jp-OutputArea-output")
         output.wait_for()
         found = re.search(r"kept (\{.*\}) end", output.inner_text().replace("\n", ""))
-        assert found
+        assert found, output.inner_text()
         kept = json.loads(found[1])
         assert kept["design"]["assume"]["unit"] == "N"
         assert [pin["design"]["poles"] for pin in kept["pins"]] == [[[-25, 0], [-25, 0]]]
