@@ -181,7 +181,7 @@ def test_citation_is_valid_and_says_what_the_package_says():
     assert (found["title"], found["version"], found["license"]) == (
         project["name"],
         project["version"],
-        project["license"],
+        project["license"].split(" AND ")[0],  # ours; what is vendored has others
     )
     assert found["version"] == pf.__version__
     assert found["keywords"] == project["keywords"]
