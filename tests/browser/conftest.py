@@ -20,7 +20,7 @@ def browser() -> Iterator[Any]:
         running.close()
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="session")
 def served(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Served]:
     pytest.importorskip(
         "uvicorn", reason="uvicorn is not installed: the designer's page is not tried in a browser"

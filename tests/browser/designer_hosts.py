@@ -97,6 +97,12 @@ class Watched:
         mouse.move(x + dx, y + dy, steps=6)
         mouse.up()
 
+    def frame(self) -> None:
+        """What is due is drawn, however long a frame takes."""
+        self.page.evaluate(
+            "() => new Promise((drawn) => requestAnimationFrame(() => requestAnimationFrame(() => drawn())))"
+        )
+
     def drawn(self, name: str) -> str:
         return self(name).locator("canvas").first.evaluate("canvas => canvas.toDataURL()")
 

@@ -30,7 +30,7 @@ def test_every_chart_zooms_pans_and_reads_out_by_mouse_and_keys(page: Watched) -
         # The wheel belongs to the page until the chart is clicked; with Ctrl it zooms at once.
         mouse.move(x, y)
         mouse.wheel(0.0, -120.0)
-        page.page.wait_for_timeout(80)
+        page.frame()
         assert not reset.is_visible()
         keys.down("Control")
         mouse.wheel(0.0, -120.0)
@@ -94,7 +94,7 @@ def test_a_step_s_cursor_reads_the_curve_and_a_click_measures_from_there(page: W
 
 
 def drawn(page: Watched, name: str) -> str:
-    page.page.wait_for_timeout(40)  # a frame
+    page.frame()
     return page.drawn(name)
 
 

@@ -208,7 +208,7 @@ def test_esc_takes_back_what_is_being_done(browser: Any, served: Served) -> None
         page.until(lambda: page("cutoff").input_value() == cutoff)
         mouse.move(box["x"] + 0.9 * box["width"], box["y"] + 0.5 * box["height"], steps=2)
         mouse.up()
-        page.page.wait_for_timeout(100)
+        page.frame()
         assert page("cutoff").input_value() == cutoff
         assert page("undo").is_disabled()
         # Two pulls, however quick, are two steps.
