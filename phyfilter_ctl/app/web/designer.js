@@ -31,6 +31,7 @@ import { Status } from "./panels/status.js";
 import { StepCard } from "./panels/step_card.js";
 import { Table } from "./panels/table.js";
 import { Workspace } from "./panels/workspace.js";
+import { Size } from "./plots/size.js";
 import { Design } from "./state/design.js";
 import { Preview } from "./state/preview.js";
 import { Session } from "./state/session.js";
@@ -81,6 +82,7 @@ class Designer {
       "data-test": "designer",
       "data-lm-suppress-shortcuts": "true",
     });
+    this.size = new Size(this.root);
     this.link = new Link(model, (since) => {
       this.header.showBusy(since);
       this.figures?.verdict.showBusy(since !== null);
@@ -175,7 +177,9 @@ class Designer {
       figures.element,
       workspace.element,
     );
-    this.status.element.insertBefore(this.keeping.element, this.status.open);
+    // Below everything: what comes and goes there moves nothing.
+    this.status.element.insertBefore(this.header.busy, this.status.open);
+    this.status.element.insertBefore(this.keeping.element, this.header.busy);
     this.root.append(rolled, this.status.element);
     takeDropped(this);
     keepTaken(this);
@@ -367,7 +371,7 @@ class Designer {
   }
 
   render() {
-    if (!this.root.isConnected || !this.root.clientWidth) return;
+    if (!this.root.isConnected || !this.size.read().width) return;
     const { plane } = this.plane;
     const first = !plane.width;
     plane.measure();

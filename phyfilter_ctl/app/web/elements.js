@@ -46,9 +46,20 @@ export function write(element, text) {
   if (element.textContent !== text) element.textContent = text;
 }
 
-/** Several attributes at once. @param {Element} element @param {Record<string, string | number>} values */
+/** Whether it is shown; it may be so already. @param {HTMLElement} element @param {boolean} shown */
+export function show(element, shown) {
+  if (element.hidden === shown) element.hidden = !shown;
+}
+
+/**
+ * Several attributes at once. One that stands already is left: setting it again would have the browser lay out anew.
+ * @param {Element} element @param {Record<string, string | number>} values
+ */
 export function assign(element, values) {
-  for (const [name, value] of Object.entries(values)) element.setAttribute(name, String(value));
+  for (const [name, value] of Object.entries(values)) {
+    const text = String(value);
+    if (element.getAttribute(name) !== text) element.setAttribute(name, text);
+  }
 }
 
 /**

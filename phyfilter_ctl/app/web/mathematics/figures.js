@@ -1,8 +1,8 @@
 /** What is read off a filter: step response, bandwidth, settling time, curves in dB and degrees. */
 
-import { fastest, gainAt, slowest } from "./filter.js";
+import { fastest, gainAt, response, slowest } from "./filter.js";
 import { EPSILON } from "./polynomials.js";
-import { chain, expm1 } from "./sections.js";
+import { chain, doubleStep, expm1 } from "./sections.js";
 
 /** @import { Curve, Filter } from "./filter.js" */
 
@@ -41,7 +41,8 @@ export function bandwidth(filter) {
     high: Math.max(100 * fastest(filter), lastCrossing(filter)),
     points: 400,
   });
-  const gains = Array.from(omega, (w) => gainAt(filter, w));
+  const { re, im } = response(filter, omega);
+  const gains = Array.from(re, (value, k) => Math.hypot(value, im[k]));
   const top = gains.indexOf(Math.max(...gains));
   const peak = top > 0 && top + 1 < gains.length ? largestGain(filter, omega[top - 1], omega[top + 1]) : gains[top];
   const dc = Math.abs(filter.dcGain);
@@ -114,12 +115,17 @@ export function settlingTime(filter) {
   let left = new Float64Array(equilibrium);
   let begun = 0;
   let length = 4 / fastest(filter);
+  let step = 0;
+  let dA = A;
   for (let block = 0; block < 60; block++) {
     const alive = filter.sections.filter(({ re }) => -re * begun < 12);
     if (!alive.length) break;
     const swing = Math.max(...alive.map(({ im }) => im));
     const count = Math.min(Math.max(64, Math.ceil((16 * length * swing) / (2 * Math.PI))), 4096);
-    const dA = expm1(A, n, length / count);
+    const wanted = length / count;
+    if (wanted === 2 * step) doubleStep(dA, n);
+    else if (wanted !== step) dA = expm1(A, n, wanted);
+    step = wanted;
     for (let k = 0; k < count; k++) {
       let value = 0;
       const next = new Float64Array(left);
@@ -171,7 +177,7 @@ export function polar({ re, im }) {
   let turns = 0;
   let last = 0;
   for (let k = 0; k < re.length; k++) {
-    db[k] = 20 * Math.log10(Math.hypot(re[k], im[k]));
+    db[k] = 10 * Math.log10(re[k] * re[k] + im[k] * im[k]);
     const angle = Math.atan2(im[k], re[k]);
     if (k && Number.isFinite(angle)) {
       if (angle - last > Math.PI) turns -= 1;

@@ -108,13 +108,19 @@ function overDenominator(numerator, sections, omega) {
     const w = omega[k];
     let x = 0;
     let y = 0;
-    for (let i = numerator.length - 1; i >= 0; i--) [x, y] = [numerator[i] - w * y, w * x];
+    for (let i = numerator.length - 1; i >= 0; i--) {
+      const real = numerator[i] - w * y;
+      y = w * x;
+      x = real;
+    }
     for (const pole of sections) {
       for (let side = pole.im ? 2 : 1; side > 0; side--) {
         const u = -pole.re;
         const v = side === 2 ? w + pole.im : w - pole.im;
         const size = u * u + v * v;
-        [x, y] = [(x * u + y * v) / size, (y * u - x * v) / size];
+        const real = (x * u + y * v) / size;
+        y = (y * u - x * v) / size;
+        x = real;
       }
     }
     re[k] = x;

@@ -12,7 +12,7 @@ const ON_AXIS = 1e-6;
 const LARGEST_CHANGE = 50;
 
 /** Frequencies in rad/s at which 1 - F vanishes, ascending. @param {Filter} filter */
-export function followedFrequencies({ c, type }) {
+function followedFrequencies({ c, type }) {
   const degree = c.length - 1 - type;
   if (degree < 2) return [];
   const scale = Math.abs(c[type]) ** (1 / degree);
@@ -37,27 +37,34 @@ function polished(c, root) {
   return root;
 }
 
-/**
- * Whether matched sampling keeps what exact sampling loses; null where it cannot, and exact sampling stands for it.
- * @param {Filter} filter @param {number} dt
- * @returns {boolean | null}
- */
-export function kept(filter, dt) {
-  const w = followedFrequencies(filter);
-  if (filter.type < 2 && !w.length) return false;
-  const { n, A, equilibrium, C } = chain(filter);
-  return change(filter, dt, w, expm1(A, n, dt), equilibrium, C) ? true : null;
-}
+/** Every curve and figure of a frame wants the same. @type {WeakMap<Filter, ReturnType<typeof match>>} */
+const known = new WeakMap();
 
 /**
- * The matched row for a step of dt; C itself where there is nothing to keep, or it cannot be kept.
- * @param {Filter} filter @param {number} dt @param {Float64Array} dA @param {Float64Array} equilibrium
- * @param {Float64Array} C
+ * Exact sampling, and what matched sampling makes of it.
+ * @param {Filter} filter @param {number} dt
  */
-export function matchedOutput(filter, dt, dA, equilibrium, C) {
+export function matching(filter, dt) {
+  let found = known.get(filter);
+  if (found?.dt !== dt) known.set(filter, (found = match(filter, dt)));
+  return found;
+}
+
+/** @param {Filter} filter @param {number} dt */
+function match(filter, dt) {
+  const { n, A, equilibrium, C } = chain(filter);
+  const dA = expm1(A, n, dt);
   const w = followedFrequencies(filter);
-  const found = filter.type < 2 && !w.length ? null : change(filter, dt, w, dA, equilibrium, C);
-  return found ? C.map((value, i) => value + found[i]) : C;
+  const nothing = filter.type < 2 && !w.length;
+  const found = nothing ? null : change(filter, dt, w, dA, equilibrium, C);
+  return {
+    dt,
+    exact: { n, dA, equilibrium, C },
+    /** The matched row; C itself where there is nothing to keep, or it cannot be kept. */
+    matched: { n, dA, equilibrium, C: found ? C.map((value, i) => value + found[i]) : C },
+    /** Whether the matched row keeps what the exact one loses; null where it cannot, and the exact one stands for it. */
+    kept: nothing ? false : found ? true : null,
+  };
 }
 
 /**

@@ -1,8 +1,8 @@
 /** The filter as it runs: sampled by one of four methods. */
 
-import { matchedOutput } from "./matched.js";
+import { matching } from "./matched.js";
 import { EPSILON, mul } from "./polynomials.js";
-import { chain, expm1, pairsOf, product, solved } from "./sections.js";
+import { chain, pairsOf, product, solved } from "./sections.js";
 
 /** @import { Complex } from "./polynomials.js" */
 /** @import { Curve, Filter } from "./filter.js" */
@@ -17,15 +17,10 @@ const MOST_DOUBLINGS = 64;
  * @param {Filter} filter @param {number} dt @param {Method} method
  */
 function transition(filter, dt, method) {
+  if (method === "exact" || method === "matched") return matching(filter, dt)[method];
   const { n, A, equilibrium, C } = chain(filter);
-  let dA;
-  if (method === "exact" || method === "matched") dA = expm1(A, n, dt);
-  else {
-    dA = A.map((value) => value * dt);
-    if (method === "tustin") dA = tustin(dA, n);
-  }
-  if (method === "matched") return { n, dA, equilibrium, C: matchedOutput(filter, dt, dA, equilibrium, C) };
-  return { n, dA, equilibrium, C };
+  const dA = A.map((value) => value * dt);
+  return { n, dA: method === "tustin" ? tustin(dA, n) : dA, equilibrium, C };
 }
 
 /** (I - X/2)^-1 X by elimination with row exchanges. @param {Float64Array} X @param {number} n */

@@ -114,11 +114,14 @@ export function expm1(A, n, step) {
     term = product(term, scaled, n).map((value) => value / j);
     for (let i = 0; i < X.length; i++) X[i] += term[i];
   }
-  for (let q = 0; q < squarings; q++) {
-    const square = product(X, X, n);
-    for (let i = 0; i < X.length; i++) X[i] = 2 * X[i] + square[i];
-  }
+  for (let q = 0; q < squarings; q++) doubleStep(X, n);
   return X;
+}
+
+/** From exp(A h) - I to exp(2 A h) - I, in place. @param {Float64Array} X @param {number} n */
+export function doubleStep(X, n) {
+  const square = product(X, X, n);
+  for (let i = 0; i < X.length; i++) X[i] = 2 * X[i] + square[i];
 }
 
 /** Where a conjugate pair begins among the states. @param {Filter} filter */

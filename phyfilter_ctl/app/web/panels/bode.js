@@ -1,6 +1,6 @@
 /** The Bode plot, with limits that are drawn into it. */
 
-import { h, write } from "../elements.js";
+import { assign, h, write } from "../elements.js";
 import { errorResponse, response } from "../mathematics/filter.js";
 import { sampledResponse } from "../mathematics/sampled.js";
 import { short } from "../numbers.js";
@@ -254,7 +254,7 @@ export class Bode {
   drawLimit(kind, toggle) {
     const { design, preview } = this.app;
     const limit = design.limits?.[kind];
-    toggle.setAttribute("aria-pressed", String(Boolean(limit)));
+    assign(toggle, { "aria-pressed": String(Boolean(limit)) });
     let handle = this.handles.get(kind);
     if (!limit) {
       handle?.element.remove();

@@ -1,6 +1,6 @@
 /** The verdict in words, the leading figures of the design, all of them on demand, and what each means. */
 
-import { h, keepAt, write } from "../elements.js";
+import { assign, h, keepAt, write } from "../elements.js";
 import { inUnit } from "../numbers.js";
 import { button } from "./parts.js";
 import { Verdict } from "./verdict.js";
@@ -137,7 +137,7 @@ export class Figures {
     const text = full.length > 6 ? inUnit(value, unit, 3)[0] : full; // what a card has room for
     write(card.value, text);
     write(card.unit, text === "∞" || text === "–" ? "" : shownUnit);
-    card.element.setAttribute("data-value", value === null ? "" : String(value));
+    assign(card.element, { "data-value": value === null ? "" : String(value) });
     card.element.classList.toggle("pf-waiting", stale && !own);
     card.element.classList.toggle("pf-bad", /^unstable|is unstable/.test(note) && !live);
     card.note = note;

@@ -1,6 +1,6 @@
 /** The top: what is designed, in a line; history, files and exports. */
 
-import { g, h } from "../elements.js";
+import { g, h, show, write } from "../elements.js";
 import { download, picker } from "../files.js";
 import { inUnit, short } from "../numbers.js";
 import { Exports } from "./exports.js";
@@ -31,7 +31,7 @@ export class Header {
     this.codeBox = h("section", { class: "pf-card pf-code", hidden: true, "aria-label": "Python" }, this.code, close);
     const title = h("h1", {}, "PhyFilter designer", this.version);
     const brand = h("div", { class: "pf-brand" }, logo(), h("div", {}, title, this.summary));
-    this.element = h("header", { class: "pf-header" }, brand, this.busy, this.tools(does));
+    this.element = h("header", { class: "pf-header" }, brand, this.tools(does));
   }
 
   /** @param {{pin: () => void, theme: () => void, save: () => void, arrange: () => void}} does */
@@ -76,15 +76,15 @@ export class Header {
     const kind = filter.dcGain !== 0 ? "" : "band-pass, ";
     const cutoff = short(this.app.design.cutoff(), 3);
     const step = inUnit(sampling.dt, "s").join(" ");
-    this.summary.textContent = `${kind}order ${filter.order}, type ${filter.type}, ${cutoff} rad/s, h = ${step}`;
+    write(this.summary, `${kind}order ${filter.order}, type ${filter.type}, ${cutoff} rad/s, h = ${step}`);
   }
 
   /** @param {number | null} since when the oldest open question was asked */
   showBusy(since) {
-    this.busy.hidden = since === null;
+    show(this.busy, since !== null);
     if (since === null) return;
     const seconds = (performance.now() - since) / 1000;
-    this.busy.textContent = seconds < 1 ? "Python is busy" : `Python is busy, ${seconds.toFixed(0)} s`;
+    write(this.busy, seconds < 1 ? "Python is busy" : `Python is busy, ${seconds.toFixed(0)} s`);
   }
 
   // -- handing over -----------------------------------------------------------------------------------------------

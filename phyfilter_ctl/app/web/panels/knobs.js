@@ -1,9 +1,9 @@
 /** Numerator, sampling and assumptions of the design. */
 
-import { h } from "../elements.js";
+import { h, show, write } from "../elements.js";
 import { heldGain } from "../mathematics/edits.js";
 import { LIMITS } from "../mathematics/filter.js";
-import { kept } from "../mathematics/matched.js";
+import { matching } from "../mathematics/matched.js";
 import { eulerLimit } from "../mathematics/sampled.js";
 import { field, inUnit, short } from "../numbers.js";
 import { card, logSlider, named, numberField, put, segments } from "./parts.js";
@@ -40,18 +40,18 @@ export class NumeratorKnobs {
     const { filter, numerator, dragging } = this.app.design;
     const kind = numerator.kind === "b" ? "zeros" : numerator.kind;
     this.kinds.show(kind);
-    this.typeRow.hidden = kind !== "type";
+    show(this.typeRow, kind === "type");
     const { order, type } = filter;
     if (this.type.length !== order)
       this.type.replaceChildren(
         ...Array.from({ length: order }, (_, i) => h("option", { value: i + 1 }, String(i + 1))),
       );
     if (numerator.kind === "type") this.type.value = String(numerator.type);
-    this.gain.element.hidden = kind !== "zeros";
-    /** @type {ChildNode} */ (this.gain.element.firstChild).textContent = filter.dcGain !== 0 ? "F(0)" : "|F| mid-band";
+    show(this.gain.element, kind === "zeros");
+    write(/** @type {Element} */ (this.gain.element.firstElementChild), filter.dcGain !== 0 ? "F(0)" : "|F| mid-band");
     put(this.gain.input, field(heldGain(filter)), dragging);
     const followed = `${TYPE_MEANINGS.slice(0, type).join(", ")}${type > 4 ? ", …" : ""} followed with no steady error`;
-    this.note.textContent = `Type ${type}: ${type === 0 ? "a share of a constant residual stays" : followed}.`;
+    write(this.note, `Type ${type}: ${type === 0 ? "a share of a constant residual stays" : followed}.`);
   }
 }
 
@@ -100,16 +100,16 @@ export class SamplingKnobs {
     this.slider.show(dt);
     this.methods.show(method);
     const share = Math.log(limit / LIMITS.dtMin) / Math.log(LIMITS.dtMax / LIMITS.dtMin);
-    this.mark.hidden = !(share >= 0 && share <= 1);
+    show(this.mark, share >= 0 && share <= 1);
     // The thumb's middle travels from half a thumb inside to half a thumb inside.
     this.mark.style.left = `calc(8px + ${(100 * share).toFixed(2)}% - ${(16 * share).toFixed(2)}px)`;
-    const match = method === "exact" || method === "matched" ? kept(filter, dt) : false;
+    const match = method === "exact" || method === "matched" ? matching(filter, dt).kept : false;
     const unstable = method === "euler" && !(dt < limit);
     this.note.classList.toggle("pf-violated", unstable);
     const reach = `Euler is stable below ${inUnit(limit, "s").join(" ")}`;
     const rate = `${short(1 / dt, 4)} Hz, Nyquist ${short(Math.PI / dt, 4)} rad/s. ${reach}.`;
     const meaning = match === null ? CANNOT_MATCH : match ? MATCHES[method] : "";
-    this.note.textContent = unstable ? `⚠ Unstable: ${reach}; choose Matched, or sample faster.` : rate + meaning;
+    write(this.note, unstable ? `⚠ Unstable: ${reach}; choose Matched, or sample faster.` : rate + meaning);
   }
 }
 
@@ -222,7 +222,7 @@ export class AssumptionKnobs {
     const { assume, unit, dragging } = this.app.design;
     for (const row of this.rows) {
       put(row.entry.input, field((assume[row.key] ?? 0) * row.factor), dragging);
-      row.entry.unitText.textContent = row.unit(unit);
+      write(row.entry.unitText, row.unit(unit));
     }
     put(this.unit, assume.unit, dragging);
   }

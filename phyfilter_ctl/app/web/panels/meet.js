@@ -1,6 +1,6 @@
 /** Filters that meet the drawn limits and the margins asked for: a search of Python's, and its front to pick from. */
 
-import { h } from "../elements.js";
+import { h, show } from "../elements.js";
 import { inUnit, largest, smallest } from "../numbers.js";
 import { Chart } from "../plots/chart.js";
 import { KINDS, LIMIT_KINDS } from "../state/limits.js";
@@ -118,8 +118,8 @@ export class Meet {
     for (const { key, input } of this.fields) put(input, String(this.wish[key]), false);
     this.find.disabled = this.job !== null;
     this.stop.disabled = this.job === null;
-    this.progress.hidden = this.job === null;
-    this.chart.element.hidden = this.front.length < 2;
+    show(this.progress, this.job !== null);
+    show(this.chart.element, this.front.length > 1);
   }
 
   // -- the search -------------------------------------------------------------------------------------------------

@@ -1,6 +1,6 @@
 /** Small parts that several panels are made of. */
 
-import { h, onEscape } from "../elements.js";
+import { assign, h, onEscape } from "../elements.js";
 import { typed } from "../numbers.js";
 
 /** @import { Given } from "../elements.js" */
@@ -39,7 +39,7 @@ export function segments(label, test, names, choose) {
   return {
     element: h("div", { class: "pf-segments", role: "group", "aria-label": label }, ...buttons),
     show: (/** @type {string} */ chosen) =>
-      buttons.forEach((each, i) => each.setAttribute("aria-pressed", String(keys[i] === chosen))),
+      buttons.forEach((each, i) => assign(each, { "aria-pressed": String(keys[i] === chosen) })),
   };
 }
 

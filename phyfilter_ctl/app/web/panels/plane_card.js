@@ -24,7 +24,7 @@ export class PlaneCard {
     const plane = new Plane(app.design, { say: (text) => app.say(text, "warn"), hover, refit: () => app.paint() });
     this.plane = plane;
     this.overlays = new PlaneOverlays(app, plane);
-    this.readout = h("p", { class: "pf-readout pf-below-plane", "data-test": "plane-readout" }, HINT);
+    this.readout = h("p", { class: "pf-readout", "data-test": "plane-readout" }, HINT);
     this.delete = button("delete", "Delete", () => app.design.remove(), { title: "Delete the selected one, Del" });
     const log = button(
       "plane-log",
@@ -47,10 +47,14 @@ export class PlaneCard {
       title: "Zoom in, or Ctrl and the wheel",
     });
     const fit = button("fit", "Fit", () => plane.fit(), { title: "Show all poles and zeros" });
-    this.element = card("Poles and zeros", [plane.element, this.readout, this.tools(), this.overlays.element], {
-      side: [group({}, out, into, fit, log)],
-      className: "pf-plane-card",
-    });
+    this.element = card(
+      "Poles and zeros",
+      [plane.element, h("div", { class: "pf-below-plane" }, this.readout), this.tools(), this.overlays.element],
+      {
+        side: [group({}, out, into, fit, log)],
+        className: "pf-plane-card",
+      },
+    );
   }
 
   tools() {

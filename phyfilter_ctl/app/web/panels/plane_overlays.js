@@ -1,6 +1,6 @@
 /** What is laid over the s-plane: loci of the closed loop's poles, and the region where poles are wanted. */
 
-import { h, write } from "../elements.js";
+import { h, show, write } from "../elements.js";
 import { field, short } from "../numbers.js";
 import { locusPaths, regionShades } from "../plots/plane_locus.js";
 import { inRegion, REGION, REGION_KEYS, startRegion } from "../state/region.js";
@@ -91,7 +91,7 @@ export class PlaneOverlays {
     }
     this.count();
     const answer = locus === "none" ? null : found.locus;
-    this.note.hidden = locus === "none";
+    show(this.note, locus !== "none");
     write(this.note, answer ? this.words() : "…");
     const at = [view.width, view.height, view.log, view.radius, view.decades];
     if (view.width && (this.answer !== answer || this.drawn !== JSON.stringify([at, region]))) {

@@ -1,6 +1,6 @@
 /** Where a design starts from: a family of poles, its order and bandwidth. */
 
-import { h } from "../elements.js";
+import { h, show, write } from "../elements.js";
 import { LIMITS } from "../mathematics/filter.js";
 import { field, short } from "../numbers.js";
 import { countOf } from "../state/roots.js";
@@ -150,13 +150,13 @@ export class Start {
     const { design } = this.app;
     const cutoff = design.cutoff();
     this.family.value = design.family;
-    this.order.textContent = String(design.filter.order);
+    write(this.order, String(design.filter.order));
     put(this.cutoff.input, field(Number(cutoff.toPrecision(4))), design.dragging);
     this.slider.show(cutoff);
-    this.damping.element.hidden = design.family !== "damped";
+    show(this.damping.element, design.family === "damped");
     put(this.damping.input, field(this.wantedDamping ?? DAMPING), design.dragging);
     this.edges.forEach(({ element, input }, i) => {
-      element.hidden = design.family !== "bandpass";
+      show(element, design.family === "bandpass");
       if (this.band) put(input, field(this.band[i]), design.dragging);
     });
   }

@@ -3,7 +3,7 @@
 import { h, keepAt } from "../elements.js";
 import { field, typed } from "../numbers.js";
 import { sizeOf } from "../state/roots.js";
-import { card, textInput } from "./parts.js";
+import { card, put, textInput } from "./parts.js";
 
 /** @import { App } from "../designer.js" */
 /** @import { Kind } from "../state/design.js" */
@@ -79,10 +79,7 @@ export class Table {
     const values = { re: root.re, im: root.im, wn: size, zeta: size ? -root.re / size : null };
     for (const [i, name] of KEYS.entries()) {
       const [input, value] = [row.inputs[i], values[name]];
-      if (input !== document.activeElement || dragging) {
-        input.value = value === null ? "" : field(value, 5);
-        input.removeAttribute("aria-invalid");
-      }
+      put(input, value === null ? "" : field(value, 5), dragging);
       if (name === "zeta") input.disabled = !root.im;
       if (row.index !== index) input.setAttribute("data-test", `${kind}-${index}-${name}`);
     }

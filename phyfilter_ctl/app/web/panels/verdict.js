@@ -1,6 +1,6 @@
 /** What the design amounts to, in words: Python's sentences, and what the preview sees before Python has answered. */
 
-import { h, write } from "../elements.js";
+import { h, show, write } from "../elements.js";
 
 /** @import { App } from "../designer.js" */
 /** @import { Sentence } from "../link.js" */
@@ -40,7 +40,7 @@ export class Verdict {
 
   /** @param {boolean} busy whether Python takes its time */
   showBusy(busy) {
-    this.late.hidden = !busy || !this.app.stale;
+    show(this.late, busy && this.app.stale);
   }
 
   show() {

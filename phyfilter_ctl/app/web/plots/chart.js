@@ -4,7 +4,8 @@ import { assign, g, h } from "../elements.js";
 import { grid, mark, place } from "./frame.js";
 import { Navigation } from "./navigation.js";
 import { cursorWords, labelled, nearest, pointsAt } from "./reading.js";
-import { firstFrom, shareOf, valueAt } from "./scales.js";
+import { firstFrom, placing, shareOf, valueAt } from "./scales.js";
+import { Size } from "./size.js";
 import { takeMenu } from "./take_chart.js";
 
 /** @import { Palette } from "./styles.js" */
@@ -49,6 +50,9 @@ export class Chart {
   constructor(settings) {
     this.settings = settings;
     this.canvas = h("canvas", { "aria-hidden": "true" });
+    /** Grid, numbers, names and marks, which a drag seldom changes. */
+    this.ground = h("canvas");
+    this.groundKey = "";
     this.overlay = g("svg", { class: "pf-overlay", role: "group", "aria-label": settings.label });
     this.cursorLine = g("line", { class: "pf-cursor", y1: 0, y2: 0, visibility: "hidden" });
     this.fromLine = g("line", { class: "pf-cursor pf-from", y1: 0, y2: 0, visibility: "hidden" });
@@ -76,6 +80,7 @@ export class Chart {
       spoken,
     );
     this.element.style.setProperty("--pf-height", `${settings.height}px`);
+    this.size = new Size(this.element);
     this.width = 0;
     this.height = settings.height;
     this.ratio = 1;
@@ -139,13 +144,13 @@ export class Chart {
 
   /** Take the size of the page's box. */
   measure() {
-    const { clientWidth: width, clientHeight: height } = this.element;
     const ratio = window.devicePixelRatio || 1;
+    const { width, height } = this.size.read();
     if (!width || !height) return;
     if (width === this.width && height === this.height && ratio === this.ratio) return;
     [this.width, this.height, this.ratio] = [width, height, ratio];
-    this.canvas.width = Math.round(width * ratio);
-    this.canvas.height = Math.round(height * ratio);
+    for (const canvas of [this.canvas, this.ground])
+      Object.assign(canvas, { width: Math.round(width * ratio), height: Math.round(height * ratio) });
     this.overlay.setAttribute("viewBox", `0 0 ${width} ${height}`);
   }
 
@@ -202,7 +207,7 @@ export class Chart {
       [this.fromLine, this.from],
     ])) {
       const x = value === null || parameter ? NaN : this.px(value);
-      line.setAttribute("visibility", this.within(x) ? "visible" : "hidden");
+      assign(line, { visibility: this.within(x) ? "visible" : "hidden" });
       if (this.within(x)) assign(line, { x1: x, x2: x, y1: this.top, y2: this.height - this.bottom });
     }
     if (!plane && !parameter) return;
@@ -280,23 +285,41 @@ export class Chart {
   draw(palette) {
     this.palette = palette;
     this.measure();
-    const { width, height } = this;
+    const { width } = this;
     if (!width) return;
     const context = this.canvas.getContext("2d");
     if (!context) return;
+    this.drawGround(palette);
+    context.setTransform(1, 0, 0, 1, 0, 0);
+    context.clearRect(0, 0, this.canvas.width, this.canvas.height);
+    context.drawImage(this.ground, 0, 0);
     context.setTransform(this.ratio, 0, 0, this.ratio, 0, 0);
-    context.clearRect(0, 0, width, height);
-    context.font = `11px ${palette.font}`;
-    grid(this, context, palette);
     context.save();
     context.beginPath();
     context.rect(MARGIN.left, this.top, this.inner.width, this.inner.height);
     context.clip();
     for (const band of this.bands) this.band(context, band);
-    for (const each of this.marks) mark(this, context, palette, each);
     for (const series of this.series) this.line(context, series);
+    // Only then: to set a font is to lay out the page.
+    if (this.points.length) context.font = `11px ${palette.font}`;
     for (const each of this.points) place(this, context, palette, each);
     context.restore();
+  }
+
+  /** What is behind the curves, where it is another than before. @param {Palette} palette */
+  drawGround(palette) {
+    const { width, height, ratio, x, y, xUnit, marks } = this;
+    const { xLabel, yLabel } = this.settings;
+    const colours = [palette.font, palette.grid, palette.faint, palette.muted, palette.card];
+    const key = JSON.stringify([width, height, ratio, x, y, xUnit, marks, xLabel, yLabel, colours]);
+    const context = this.ground.getContext("2d");
+    if (!context || key === this.groundKey) return;
+    this.groundKey = key;
+    context.setTransform(ratio, 0, 0, ratio, 0, 0);
+    context.clearRect(0, 0, width, height);
+    context.font = `11px ${palette.font}`;
+    grid(this, context, palette);
+    for (const each of marks) mark(this, context, palette, each);
   }
 
   /** @param {CanvasRenderingContext2D} context @param {Series} series */
@@ -307,14 +330,16 @@ export class Chart {
     const far = parameter ? 4000 : 50; // px outside; a canvas spends long on dashes
     const [low, high] = [-far, this.height + far];
     const [from, to] = parameter ? [0, x.length - 1] : this.inView(x);
+    const across = placing(this.x, this.settings.logX, MARGIN.left, this.right);
+    const up = placing(this.y, this.settings.logY, this.height - this.bottom, this.top);
     for (let k = from; k <= to; k++) {
       const value = y[k];
       if (value === null || Number.isNaN(value) || (parameter && Number.isNaN(x[k]))) {
         down = false;
         continue;
       }
-      const level = Math.min(Math.max(this.py(value), low), high);
-      const at = parameter ? Math.min(Math.max(this.px(x[k]), -far), this.width + far) : this.px(x[k]);
+      const level = Math.min(Math.max(up(value), low), high);
+      const at = parameter ? Math.min(Math.max(across(x[k]), -far), this.width + far) : across(x[k]);
       if (down) context.lineTo(at, level);
       else context.moveTo(at, level);
       down = true;

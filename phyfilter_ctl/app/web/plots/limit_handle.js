@@ -1,6 +1,6 @@
 /** A limit in the Bode plot: its band, and the corner that is dragged. */
 
-import { assign, follow, g } from "../elements.js";
+import { assign, follow, g, write } from "../elements.js";
 import { short } from "../numbers.js";
 import { LIMIT_KINDS } from "../state/limits.js";
 
@@ -62,7 +62,7 @@ export class LimitHandle {
     const violated = excess > ROUNDING;
     this.element.classList.toggle("pf-violated", violated);
     const words = `${short(Math.abs(excess), 2)} dB ${violated ? "over" : "to spare"}`;
-    this.label.textContent = violated ? `⚠ ${words}` : words;
+    write(this.label, violated ? `⚠ ${words}` : words);
     this.placeLabel(x, y, words, below);
     const where = `${below ? "up to" : "from"} ${short(limit.omega, 3)} rad/s`;
     assign(this.knob, {

@@ -1,12 +1,13 @@
 /** The s-plane: poles and zeros that are dragged. */
 
-import { assign, follow, g, h } from "../elements.js";
+import { assign, follow, g, h, write } from "../elements.js";
 import { LIMITS } from "../mathematics/filter.js";
 import { sizeOf, written } from "../state/roots.js";
 import { short } from "../numbers.js";
 import { dragged, led } from "./plane_gestures.js";
 import { planeGrid, planeNames } from "./plane_grid.js";
 import { PlaneView } from "./plane_view.js";
+import { Size } from "./size.js";
 
 /** @import { Design, Kind } from "../state/design.js" */
 /** @import { Place, Root } from "../state/roots.js" */
@@ -58,6 +59,7 @@ export class Plane {
       this.handles,
     );
     this.element = h("div", { class: "pf-plane-box" }, this.svg);
+    this.size = new Size(this.element);
     /** @type {Map<string, Handle>} */
     this.drawn = new Map();
     /** @type {Ghosts[]} */
@@ -92,7 +94,7 @@ export class Plane {
   }
 
   measure() {
-    const { clientWidth: width, clientHeight: height } = this.element;
+    const { width, height } = this.size.read();
     if (!width || (width === this.view.width && height === this.view.height)) return;
     Object.assign(this.view, { width, height });
     this.svg.setAttribute("viewBox", `0 0 ${width} ${height}`);
@@ -196,8 +198,8 @@ export class Plane {
     let handle = this.drawn.get(key);
     if (!handle) this.drawn.set(key, (handle = this.handle(kind, root.id, side)));
     const at = this.view.rim(this.view.pixel({ re: root.re, im: side * root.im }));
-    handle.element.setAttribute("transform", `translate(${at.x.toFixed(2)} ${at.y.toFixed(2)})`);
-    handle.arrow.setAttribute("visibility", at.outside ? "visible" : "hidden");
+    assign(handle.element, { transform: `translate(${at.x.toFixed(2)} ${at.y.toFixed(2)})` });
+    assign(handle.arrow, { visibility: at.outside ? "visible" : "hidden" });
     if (at.outside) handle.arrow.setAttribute("transform", `rotate(${((at.angle * 180) / Math.PI).toFixed(1)})`);
     const { chosen } = this.design;
     const selected = chosen !== null && chosen.kind === kind && chosen.id === root.id;
@@ -205,8 +207,8 @@ export class Plane {
     const twins = this.design
       .roots(kind)
       .filter((other) => Math.hypot(other.re - root.re, other.im - root.im) <= 1e-9 * sizeOf(root));
-    handle.count.textContent = twins.length > 1 && twins[0].id === root.id ? `×${twins.length}` : "";
-    handle.label.textContent = side > 0 && (at.outside || (selected && this.dragging)) ? written(root) : "";
+    write(handle.count, twins.length > 1 && twins[0].id === root.id ? `×${twins.length}` : "");
+    write(handle.label, side > 0 && (at.outside || (selected && this.dragging)) ? written(root) : "");
     const leftmost = at.x < 0.42 * this.width;
     assign(handle.label, {
       "text-anchor": leftmost ? "start" : "end",

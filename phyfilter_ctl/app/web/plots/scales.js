@@ -7,6 +7,16 @@ export function shareOf(value, [low, high], log = false) {
   return log ? Math.log(value / low) / Math.log(high / low) : (value - low) / (high - low);
 }
 
+/**
+ * From values of an axis to places between its ends, for many values.
+ * @param {Range} range @param {boolean | undefined} log @param {number} start @param {number} end px
+ * @returns {(value: number) => number}
+ */
+export function placing([low, high], log, start, end) {
+  const slope = (end - start) / (log ? Math.log(high / low) : high - low);
+  return log ? (value) => start + slope * Math.log(value / low) : (value) => start + slope * (value - low);
+}
+
 /** @param {number} share @param {Range} range @param {boolean} [log] */
 export function valueAt(share, [low, high], log = false) {
   return log ? low * (high / low) ** share : low + share * (high - low);
