@@ -21,7 +21,7 @@ import numpy as np
 
 import phyfilter_ctl as pf
 from phyfilter_ctl.filter.sampling import Method
-from phyfilter_ctl.plots import PAGE, dress, letter_panels
+from phyfilter_ctl.plots import COLOURS, PAGE, dress, letter_panels
 
 POLE, FREQUENCY = 20.0, 6.0
 FILTERS = {
@@ -92,14 +92,13 @@ def draw(steps: tuple[float, ...], found: dict[tuple[str, Method], np.ndarray], 
     figure, axes = plt.subplots(len(FILTERS), 3, figsize=(PAGE, 5.2), sharex=True, layout="constrained")
     for row, name in zip(axes, FILTERS, strict=True):
         for ax, column, title in zip(row, (0, 1, 3), titles, strict=True):
-            for method, style in zip(METHODS, ("-", "--", ":"), strict=True):
-                values = found[name, method][:, column]
-                ax.plot(
-                    1e3 * np.array(steps), np.maximum(values, 1e-16), style, marker="o", ms=3, label=method
-                )
+            for method, style, colour in zip(METHODS, ("-", "--", ":"), COLOURS, strict=False):
+                values = np.maximum(found[name, method][:, column], 1e-16)
+                label = method.replace("tustin", "Tustin")
+                ax.plot(1e3 * np.array(steps), values, style, color=colour, marker="o", ms=3, label=label)
             dress(ax, title)
         row[0].set_yscale("log")
-        row[0].set_ylabel(name, fontsize="small")
+        row[0].set_ylabel(name.replace("1 - F(6j)", "$1 - F(6j)$"), fontsize="small")
     for ax in axes[-1]:
         ax.set_xlabel("Step [ms]", fontsize="small")
     axes[0, 0].legend(fontsize="x-small", frameon=False)

@@ -163,18 +163,27 @@ def _draw_postures(axes: Axes, found: Comparison) -> None:
 
 
 def _draw_trials(centre: Axes, estimate: Axes, found: Comparison) -> None:
-    chosen = [key for key in found.trials if key[1] == "slow"] or list(found.trials)
     centre.set(xlabel="Time [s]", ylabel="y [m]")
     estimate.set(xlabel="Time [s]", ylabel="Force [N]")
-    if not chosen:
+    slow = [
+        (stance, force)
+        for stance, profile, force, mode in found.trials
+        if (profile, mode) == ("slow", "filter")
+    ]
+    if not slow:
         return
-    stance, force = chosen[0][0], max((key[2] for key in chosen if key[0] == chosen[0][0]), key=abs)
-    for key, trial in found.trials.items():
-        if key[0] == stance and key[1] == "slow" and key[2] == force:
-            centre.plot(trial.time, trial.centre[:, 1], color=_COLOURS[key[3]], label=_LABELS[key[3]])
-            if key[3] == "filter":
-                estimate.plot(trial.time, trial.f_hat, color=_COLOURS[key[3]], label="estimate")
-                estimate.plot(trial.time, trial.force, color="black", linestyle="--", label="force")
+    held = [(s, f) for s, f in slow if found.trials[s, "slow", f, "filter"].held]
+    tells = [
+        (s, f) for s, f in held if not found.trials[s, "slow", f, "alone"].held
+    ]  # where the filter decides
+    stance, force = max(tells or held or slow, key=lambda each: abs(each[1]))
+    for mode, label in _LABELS.items():
+        trial = found.trials[stance, "slow", force, "filter" if mode == "filter" else "alone"]
+        shown = trial.time <= _SHOWN
+        centre.plot(trial.time[shown], trial.centre[shown, 1], color=_COLOURS[mode], label=label)
+        if mode == "filter":
+            estimate.plot(trial.time[shown], trial.f_hat[shown], color=_COLOURS[mode], label="estimate")
+            estimate.plot(trial.time[shown], trial.force[shown], color="black", linestyle="--", label="force")
     for axes in (centre, estimate):
         axes.legend(fontsize="x-small", frameon=False)
     dress(centre, f"Centre of mass, {stance} stance, {force:g} N")

@@ -7,7 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from phyfilter_ctl.plots import dress
+from phyfilter_ctl.plots import PAGE, dress, letter_panels
 
 from .comparison import Comparison
 from .params import params
@@ -47,25 +47,26 @@ def draw(found: Comparison) -> Figure:
     -------
     matplotlib.figure.Figure
     """
-    figure = Figure(figsize=(11.0, 7.6), layout="constrained")
+    figure = Figure(figsize=(PAGE, 7.0), layout="constrained")
     (a, b, c), (d, e, f) = figure.subplots(2, 3)
     _rewards(a, found)
     plan = found.plan
     _lines(b, found, "payload", 100.0 * np.array(plan.payloads))
     b.axhline(0.2, color="0.6", linestyle=":", linewidth=0.9)
-    b.text(0.02, 0.21, "paper, at most", fontsize=_SMALL, color="0.5", transform=b.get_yaxis_transform())
-    b.set_xlabel("payload, % of the weight")
-    dress(b, "b  Payload at 1 m/s")
+    b.text(0.02, 0.21, "the paper: at most", fontsize=_SMALL, color="0.5", transform=b.get_yaxis_transform())
+    b.set_xlabel("Payload [% of the weight]")
+    dress(b, "Payload at 1 m/s")
     _lines(c, found, "speed", np.array(plan.speeds))
     low, high = params().randomisation.velocity
     c.axvspan(max(low, 0.0), high, color="0.95", zorder=-1)
-    c.set_xlabel("commanded speed, m/s (grey: trained)")
-    dress(c, "c  Speed")
+    c.set_xlabel("Commanded speed [m/s], trained: grey")
+    dress(c, "Speed")
     _terrains(d, found)
     _others(e, found)
     _walk(f, found)
     handles, labels = b.get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=4, fontsize="small", frameon=False)
+    figure.legend(handles, labels, loc="outside lower center", ncols=3, fontsize="x-small", frameon=False)
+    letter_panels(figure)
     return figure
 
 
@@ -81,9 +82,9 @@ def _rewards(axes: Axes, found: Comparison) -> None:
                 linewidth=1.0,
                 alpha=0.85,
             )
-    axes.set_xlabel("iteration")
-    axes.set_ylabel("reward per second")
-    dress(axes, "a  Training, every policy")
+    axes.set_xlabel("Iteration")
+    axes.set_ylabel("Reward per second")
+    dress(axes, "Training, every policy")
 
 
 def _lines(axes: Axes, found: Comparison, name: str, x: FloatArray) -> None:
@@ -102,7 +103,7 @@ def _lines(axes: Axes, found: Comparison, name: str, x: FloatArray) -> None:
             x, by_policy.min(axis=1), by_policy.max(axis=1), color=COLOURS[method], alpha=0.12, linewidth=0.0
         )
     axes.set_ylim(bottom=0.0)
-    axes.set_ylabel("velocity error, m/s (band: policies)")
+    axes.set_ylabel("Velocity error [m/s], band: policies")
 
 
 def _bars(axes: Axes, found: Comparison, groups: list[str], values: dict[str, list[float]]) -> None:
@@ -123,8 +124,8 @@ def _terrains(axes: Axes, found: Comparison) -> None:
     }
     _bars(axes, found, [*kinds, f"push\n{push.force:g} N"], values)
     axes.set_ylim(0.0, 105.0)
-    axes.set_ylabel("passed, or stood, %")
-    dress(axes, "d  Grounds and pushes never trained on")
+    axes.set_ylabel("Passed, or stood [%]")
+    dress(axes, "Grounds and pushes never trained on")
 
 
 def _others(axes: Axes, found: Comparison) -> None:
@@ -132,8 +133,8 @@ def _others(axes: Axes, found: Comparison) -> None:
     groups = [weak, f"{weak},\n{100 * max(found.plan.payloads):.0f} % payload"]
     values = {m: score.strength.mean(axis=(1, 2)).tolist() for m, score in found.scores.items()}
     _bars(axes, found, groups, values)
-    axes.set_ylabel("velocity error, m/s")
-    dress(axes, "e  Weak motors at 1 m/s")
+    axes.set_ylabel("Velocity error [m/s]")
+    dress(axes, "Weak motors at 1 m/s")
 
 
 def _walk(axes: Axes, found: Comparison) -> None:
@@ -148,6 +149,6 @@ def _walk(axes: Axes, found: Comparison) -> None:
         smooth = np.convolve(speed, np.full(window, 1.0 / window), mode="valid")
         axes.plot(score.trace.time[window - 1 :], smooth, color=COLOURS[method], linewidth=1.1)
     axes.axhline(1.0, color="0.6", linestyle=":", linewidth=0.9)
-    axes.set_xlabel("time, s")
-    axes.set_ylabel("forward speed, m/s (one period)")
-    dress(axes, f"f  A walk with {100 * max(found.plan.payloads):.0f} % payload")
+    axes.set_xlabel("Time [s]")
+    axes.set_ylabel("Forward speed [m/s], one period")
+    dress(axes, f"A walk with {100 * max(found.plan.payloads):.0f} % payload")

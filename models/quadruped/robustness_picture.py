@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from phyfilter_ctl.plots import dress
+from phyfilter_ctl.plots import PAGE, dress, letter_panels
 
 from .params import params
 from .policy import Policy
@@ -42,21 +42,22 @@ def draw(judged: Judged, found: Mapping[str, Sequence[Policy]]) -> Figure:
     -------
     matplotlib.figure.Figure
     """
-    figure = Figure(figsize=(10.5, 6.6), layout="constrained")
+    figure = Figure(figsize=(PAGE, 6.6), layout="constrained")
     (a, b), (c, d) = figure.subplots(2, 2)
     _curves(a, found)
     _lines(b, judged, r"payload ([\d.]+) %")
     b.axhline(0.2, color="0.6", linestyle=":", linewidth=0.9)
-    b.set_xlabel("payload, % of the weight (dotted: the paper's bound)")
-    b.set_ylabel("velocity error, m/s (band: policies)")
-    dress(b, "b  Payload at 1 m/s, a fall counts 1 m/s")
+    b.set_xlabel("Payload [% of the weight], dotted: the paper's bound")
+    b.set_ylabel("Velocity error [m/s], band: policies")
+    dress(b, "Payload at 1 m/s, a fall counts 1 m/s")
     _lines(c, judged, r"([\d.]+) m/s")
-    c.set_xlabel("commanded speed, m/s")
-    c.set_ylabel("velocity error, m/s")
-    dress(c, "c  Speed")
+    c.set_xlabel("Commanded speed [m/s]")
+    c.set_ylabel("Velocity error [m/s]")
+    dress(c, "Speed")
     _falls(d, judged)
     handles, labels = b.get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=3, fontsize="small", frameon=False)
+    figure.legend(handles, labels, loc="outside lower center", ncols=3, fontsize="x-small", frameon=False)
+    letter_panels(figure)
     return figure
 
 
@@ -70,9 +71,9 @@ def _curves(axes: Axes, found: Mapping[str, Sequence[Policy]]) -> None:
             each = record["reward_every"] * numbers.training.horizon * record["environments"] / 1e6
             rate = np.array(record["reward"]) / (numbers.control.dt * numbers.control.decimation)
             axes.plot(each * np.arange(1, len(rate) + 1), rate, color=colour, linewidth=1.0)
-    axes.set_xlabel("million steps")
-    axes.set_ylabel("reward per second, each policy")
-    dress(axes, "a  Training, on flat ground")
+    axes.set_xlabel("Million steps")
+    axes.set_ylabel("Reward per second, each policy")
+    dress(axes, "Training, on flat ground")
 
 
 def _lines(axes: Axes, judged: Judged, pattern: str) -> None:
@@ -109,6 +110,6 @@ def _falls(axes: Axes, judged: Judged) -> None:
         x = np.arange(len(falls)) + (k - 0.5 * (len(_SHOWN) - 1)) * width
         hatch = "//" if line == "--" else None
         axes.bar(x, falls, width=0.9 * width, color=colour, hatch=hatch, edgecolor="white")
-    axes.set_xticks(np.arange(len(places)), list(places), fontsize="small")
-    axes.set_ylabel("falls, %, mean of conditions and policies")
-    dress(axes, "d  Grounds, pushes, a dead motor")
+    axes.set_xticks(np.arange(len(places)), [place.replace(" ", "\n") for place in places])
+    axes.set_ylabel("Falls [%], mean of conditions and policies")
+    dress(axes, "Grounds, pushes, a dead motor")
