@@ -173,13 +173,26 @@ def _fill_in(app: Sphinx, docname: str, source: list[str]) -> None:
 
 
 def _listed(found: re.Match[str]) -> str:
-    """The room's own words, then a line for each of its names, which leads to its page."""
-    room = found[1]
-    lines = [f".. automodule:: {room}", ""]
-    for name in importlib.import_module(room).__all__:
-        thing = getattr(importlib.import_module(room), name)
-        said = _first_sentence(thing) if inspect.isclass(thing) or inspect.isroutine(thing) else ""
-        lines += [f":doc:`{name} <generated/{_page_of(room, name)}>`", f"    {said or 'See there.'}", ""]
+    """The module's own words, then a line for each of its names, which leads to its page: what is called comes first."""
+    room = importlib.import_module(found[1])
+    called = [name for name in room.__all__ if inspect.isroutine(getattr(room, name))]
+    types = [name for name in room.__all__ if inspect.isclass(getattr(room, name))]
+    parts = {
+        "Functions": sorted(called, key=lambda name: name not in phyfilter_ctl.__all__),
+        "Classes": [name for name in types if name in phyfilter_ctl.__all__],
+        "Types of arguments and answers": [name for name in types if name not in phyfilter_ctl.__all__],
+        "Constants and named types": [name for name in room.__all__ if name not in {*called, *types}],
+    }
+    lines = [f".. automodule:: {found[1]}", ""]
+    for title, names in parts.items():
+        lines += [f".. rubric:: {title}", ""] if names else []
+        for name in names:
+            said = "" if title.startswith("Constants") else _first_sentence(getattr(room, name))
+            lines += [
+                f":doc:`{name} <generated/{_page_of(found[1], name)}>`",
+                f"    {said or 'See its page.'}",
+                "",
+            ]
     return "\n".join(lines)
 
 

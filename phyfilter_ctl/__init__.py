@@ -36,4 +36,4 @@ import lazy_loader
 
 # A room is imported when one of its names is first used: the command's help needs none of them.
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
-__version__ = "0.1.0"
+__version__ = "0.2.0"
