@@ -173,7 +173,7 @@ def _fill_in(app: Sphinx, docname: str, source: list[str]) -> None:
 
 
 def _listed(found: re.Match[str]) -> str:
-    """The module's own words, then a line for each of its names, which leads to its page: what is called comes first."""
+    """The module's own words, then a line for each of its names, which leads to its page, functions first."""
     room = importlib.import_module(found[1])
     called = [name for name in room.__all__ if inspect.isroutine(getattr(room, name))]
     types = [name for name in room.__all__ if inspect.isclass(getattr(room, name))]

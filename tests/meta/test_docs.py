@@ -161,6 +161,7 @@ CITATION = {
         "abstract": TEXT,
         "authors": AUTHORS,
         "version": TEXT,
+        "date-released": {"type": "string", "pattern": r"^\d{4}-\d{2}-\d{2}$"},
         "license": TEXT,
         "keywords": {"type": "array", "minItems": 1, "uniqueItems": True, "items": TEXT},
         "references": {"type": "array", "minItems": 1, "uniqueItems": True, "items": REFERENCE},
