@@ -16,7 +16,9 @@ weights that grow with the ratio of the poles, and cancel, would have to bring t
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -38,6 +40,7 @@ _SAME_SPEED = 1e-10
 # Taylor series of expm1 below this norm: 18 terms leave 0.5**18 / 19! < 1e-22 of the result.
 _TAYLOR_NORM = 0.5
 _TAYLOR_TERMS = 18
+_KEPT_ORDER = 12
 # Rows of one matrix product: small enough that no BLAS splits it over threads, whose start costs more than the work.
 _SLAB = 128
 _LONELY = (
@@ -352,13 +355,9 @@ def expm1(A: FloatArray, step: FloatArray | float) -> FloatArray:
     size = np.abs(steps) * float(np.linalg.norm(A, np.inf))
     with np.errstate(divide="ignore"):
         squarings = np.maximum(0, np.ceil(np.log2(size / _TAYLOR_NORM))).astype(np.intp)
-    powers = np.empty((_TAYLOR_TERMS, n * n))
-    term = np.eye(n)
-    for j in range(_TAYLOR_TERMS):
-        term = term @ A / (j + 1)
-        powers[j] = term.ravel()
+    powers = _kept_powers(np.asarray(A, dtype=float).tobytes()) if n <= _KEPT_ORDER else _powers(A)
     result = np.empty((len(steps), n, n))
-    for q in np.unique(squarings):
+    for q in np.unique(squarings) if len(steps) > 1 else squarings:
         rows = squarings == q
         reduced = steps[rows] / 2.0**q
         basis = np.cumprod(
@@ -369,6 +368,24 @@ def expm1(A: FloatArray, step: FloatArray | float) -> FloatArray:
             X = 2.0 * X + X @ X
         result[rows] = X
     return result[0] if np.ndim(step) == 0 else result
+
+
+def _powers(A: FloatArray) -> FloatArray:
+    """A^j / j! from j = 1 on, a row each."""
+    powers = np.empty((_TAYLOR_TERMS, A.size))
+    term = np.eye(len(A))
+    for j in range(_TAYLOR_TERMS):
+        term = term @ A / (j + 1)
+        powers[j] = term.ravel()
+    return powers
+
+
+@lru_cache(maxsize=64)
+def _kept_powers(A: bytes) -> FloatArray:
+    """:func:`_powers` of a small matrix: a bound halves its steps again and again."""
+    entries = np.array(np.frombuffer(A))
+    n = math.isqrt(len(entries))
+    return _powers(entries.reshape(n, n))
 
 
 def multiply(rows: FloatArray, matrix: FloatArray) -> FloatArray:

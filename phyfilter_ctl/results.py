@@ -217,7 +217,11 @@ def plain(value: object, *, infinite: bool = False) -> Any:
         return plain(value.value, infinite=infinite)
     if isinstance(value, np.ndarray | np.generic):
         real = value.dtype.kind in "biuf" and np.isfinite(value).all()  # curves, many times a second
-        return value.tolist() if real else plain(value.tolist(), infinite=infinite)
+        if real or infinite or value.dtype.kind != "f":
+            return value.tolist() if real else plain(value.tolist(), infinite=infinite)
+        held = np.array(value, dtype=object)
+        held[~np.isfinite(value)] = None
+        return held.tolist()
     if value is None or isinstance(value, bool | int | str):
         return value
     if isinstance(value, float):

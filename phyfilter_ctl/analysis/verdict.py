@@ -90,7 +90,7 @@ def on_error(bound: float | None, unit: str, slope: float | None = None, why: st
 
 
 def on_limit(filter: PhyFilter, kind: Literal["error", "estimate"], omega: float, level: float) -> Sentence:
-    """Whether |1 - F| stays below a level up to a frequency, or |F| from a frequency on.
+    """Whether |1 - F| stays below a level up to a frequency, or |F| from a frequency on, rounded to the safe side.
 
     Parameters
     ----------
@@ -128,8 +128,9 @@ def on_limit(filter: PhyFilter, kind: Literal["error", "estimate"], omega: float
         return Sentence(f"Within your limit on {name}.")
     excess = 20.0 * math.log10(gains[worst] / level)
     if excess > 0.0:
-        return Sentence(f"{excess:.2g} dB above your limit on {name} at {grid[worst]:.3g} rad/s.", "bad")
-    return Sentence(f"{-excess:.2g} dB below your limit on {name}.")
+        above = _safe(excess, up=True, digits=2)
+        return Sentence(f"{above} dB above your limit on {name} at {grid[worst]:.3g} rad/s.", "bad")
+    return Sentence(f"{_safe(-excess, up=False, digits=2)} dB below your limit on {name}.")
 
 
 def _masses(low: float, high: float) -> str:

@@ -22,6 +22,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import control as ct
 import numpy as np
@@ -265,14 +266,16 @@ class SampledPhyFilter(SampledForm):
         """Largest order of the filters."""
         return max(entry.order for entry in self.filters)
 
-    @property
+    @cached_property
     def transition(self) -> tuple[FloatArray, FloatArray, FloatArray]:
         """(dA (n, n), equilibrium (n,), C (n,)) of the shared filter at the nominal step, in double.
 
         w_k = w_{k-1} + dA (w_{k-1} - equilibrium u_k), f_hat_k = f_theta_k + C w_k.
         """
         _, A, equilibrium, C = chain_of(self.filter, self.sampling)
-        return transition(A, self.sampling.method, self.dt), equilibrium, C
+        dA = transition(A, self.sampling.method, self.dt)
+        dA.flags.writeable = False
+        return dA, equilibrium, C
 
     @property
     def realised(self) -> tuple[PhyFilter, ...]:

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from matplotlib.backends.backend_pdf import PdfPages
 from matplotlib.figure import Figure, SubFigure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
 from numpy.typing import NDArray
 
 from ._style import COLOURS, SMALL
@@ -149,8 +150,7 @@ def _section(page: ReportPage) -> str:
 
 def _sheet(page: ReportPage) -> Figure:
     """One A4 page: pictures above, words below."""
-    figure = Figure(figsize=_A4, layout="constrained")
-    figure.get_layout_engine().set(rect=(0.05, 0.0, 0.9, 1.0))  # type: ignore[union-attr]  # it was just asked for
+    figure = Figure(figsize=_A4, layout=ConstrainedLayoutEngine(rect=(0.05, 0.0, 0.9, 1.0)))
     lines = _words(page)
     room = min(0.62, _LINE * (len(lines) + 2))
     parts = np.asarray(figure.subfigures(3, 1, height_ratios=[0.1, 0.9 - room, room]), dtype=object)
