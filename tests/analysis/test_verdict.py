@@ -84,5 +84,6 @@ def test_the_excess_over_a_limit_is_that_of_the_worst_frequency(kind, omega):
     within = on_limit(filter, kind, omega, 1e3)
     assert within.level == "good"
     spare = excess - 20.0 * math.log10(1e3 / 0.05)
-    left = float(re.match(r"([\d.]+) dB below", within.text)[1])
-    assert 0.9 * -spare <= left <= -spare * (1.0 + 1e-6)  # two digits, downward
+    left = re.match(r"([\d.]+) dB below", within.text)
+    assert left
+    assert 0.9 * -spare <= float(left[1]) <= -spare * (1.0 + 1e-6)  # two digits, downward
