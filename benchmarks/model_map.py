@@ -258,7 +258,7 @@ def main() -> int:
             speeds, winds, seconds = speeds[1:2], winds[:1], 9.0
         print(f"{name}: {len(seeds)} flights a point")
         print(
-            f"{unit:>6} {'wind':>5}   {'same filter and gains':27}   {'observer as tuned':27}   own part   foretold"
+            f"{unit:>6} {'wind':>5}   {'same filter and gains':27}   {'observer as tuned':27}   own part  predicted"
         )
         cells[name] = []
         for wind in winds:

@@ -10,9 +10,9 @@ Recordings of each system with the model that it has, or one fitted to other rec
     quadruped     affine in the joints' torques, fitted to walks of another policy (extra mujoco)
     humanoid      a twin with 10 % too much mass; a force of 10 N that changes pulls at a hand (extra mujoco)
 
-Error with the model over that without, of the system's own filter and of the best for each: by labels, and foretold
+Error with the model over that without, of the system's own filter and of the best for each: by labels, and predicted
 with 95 % intervals. Then how many times faster the filter must be to need no model (at so many times the noise), and
-what by labels its error is then over that with the model: 1 if foretold right; "none" where no bandwidth up to 30 times
+what by labels error is then over that with the model: 1 if predicted right; "none" where no bandwidth up to 30 times
 as wide does, with the least by labels. Systems whose extra is missing are named.
 """
 
@@ -240,7 +240,17 @@ def main() -> int:
     parser.add_argument("--system", nargs="+", choices=list(SYSTEMS), default=list(SYSTEMS))
     parser.add_argument("--quick", action="store_true", help="the drone, two short flights")
     options = parser.parse_args()
-    heads = ["rms with", "without", "ratio", "foretold", "best", "foretold", "faster", "noise", "error there"]
+    heads = [
+        "rms with",
+        "without",
+        "ratio",
+        "predicted",
+        "best",
+        "predicted",
+        "faster",
+        "noise",
+        "error there",
+    ]
     widths = [9, 9, 7, 23, 7, 23, 7, 7, 12]
     print(f"{'':28}" + "".join(f"{head:>{w}}" for head, w in zip(heads, widths, strict=True)))
     for name in ["drone"] if options.quick else options.system:

@@ -1,7 +1,8 @@
 """Pictures of the designer for the site, taken in a real browser: the page on windows of four widths, dark, in trouble,
-and a notebook.
+and a notebook. With --site, pictures of a built site instead, and what is wider than its window.
 
     python docs/screenshots.py [--out FOLDER]
+    python docs/screenshots.py --site build/site --out FOLDER
 
 Needs chromium (PHYFILTER_CHROMIUM, where it has another name) and the extras dev and app.
 """
@@ -136,18 +137,55 @@ def notebook(browser: Any, out: Path) -> None:
         take(lab, out / "designer_notebook.png")
 
 
+SITE = ("index", "tutorial", "concepts", "results", "commands", "reference/index", "reference/design")
+# Elements that reach beyond the window and do not scroll inside a box of their own.
+WIDE = """() => [...document.querySelectorAll("article *, header, .mobile-header")].filter((each) => {
+  for (let box = each.parentElement; box; box = box.parentElement)
+    if (["auto", "scroll", "hidden"].includes(getComputedStyle(box).overflowX) && box !== document.body) return false;
+  return each.getBoundingClientRect().right > document.documentElement.clientWidth + 1;
+}).map((each) => `${each.tagName.toLowerCase()}: ${each.textContent.trim().slice(0, 60)}`)"""
+
+
+def site(browser: Any, folder: Path, out: Path) -> int:
+    """Pages of the site on a telephone and on a desk: their first screens, their heights, what leaves the window."""
+    wrong = 0
+    for width, height in ((390, 844), (1440, 900)):
+        page = browser.new_page(viewport={"width": width, "height": height})
+        for name in SITE:
+            page.goto((folder / "docs" / f"{name}.html").resolve().as_uri())
+            page.screenshot(path=out / f"{name.replace('/', '_')}_{width}.png")
+            wide = page.evaluate(WIDE)
+            scrolls = page.evaluate(
+                "document.documentElement.scrollWidth > document.documentElement.clientWidth"
+            )
+            tall = page.evaluate("document.documentElement.scrollHeight")
+            wrong += bool(scrolls or wide)
+            print(f"{name} at {width}: {tall} px tall{', scrolls sideways' if scrolls else ''}")
+            for each in wide[:5]:
+                print(f"    beyond the window: {each}")
+        page.close()
+    return wrong
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--out", type=Path, default=ROOT / "docs")
-    out = parser.parse_args().out
+    parser.add_argument("--site", type=Path, metavar="FOLDER", help="a built site to look at instead")
+    options = parser.parse_args()
+    out = options.out
     out.mkdir(parents=True, exist_ok=True)
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
-        pages(browser, out)
-        notebook(browser, out)
+        wrong = 0
+        if options.site:
+            wrong = site(browser, options.site, out)
+        else:
+            pages(browser, out)
+            notebook(browser, out)
         browser.close()
+    sys.exit(wrong > 0)
 
 
 if __name__ == "__main__":

@@ -111,7 +111,7 @@ dress(lower, "What remains")
 # ## Connect
 #
 # The filter is a python-control system with named signals. Here it closes the loop on a mass: the command subtracts
-# what the filter finds, and a constant push of 3 N soon stops to accelerate it.
+# what the filter estimates, and a constant push of 3 N soon stops accelerating it.
 
 # %%
 plant = ct.ss(
