@@ -146,6 +146,10 @@ def _single_pages(app: Sphinx) -> None:
             lines += ["   :no-index:"] if id(thing) in seen else []  # offered by an earlier room too
             seen.add(id(thing))
             pages[_page_of(room, name) + ".rst"] = "\n".join([*lines, ""])
+    for name, (_, text) in _helps().items():
+        shown = "\n".join(f"   {line}".rstrip() for line in text.splitlines())
+        lines = [":orphan:", "", name, "=" * len(name), "", ".. code-block:: text", "", shown, ""]
+        pages[_command_page(name) + ".rst"] = "\n".join(lines)
     for path in set(GENERATED.glob("*.rst")) - {GENERATED / name for name in pages}:
         path.unlink()
     for name, text in pages.items():
@@ -205,13 +209,34 @@ def _first_sentence(thing: object) -> str:
 
 
 def _commands() -> str:
-    """Every command with its help, as the terminal shows it."""
+    """A line for every command, which leads to its page."""
+    lines = [
+        f"[`{name}`](reference/generated/{_command_page(name)}.rst)\n: {said}\n"
+        for name, (said, _) in _helps().items()
+    ]
+    return "\n".join(lines)
+
+
+def _command_page(name: str) -> str:
+    return "command-" + name.replace(" ", "-")
+
+
+def _helps() -> dict[str, tuple[str, str]]:
+    """Of every command, the first sentence of its help, and the whole, as the terminal shows it."""
     from phyfilter_ctl.cli import describe_commands
 
     os.environ["COLUMNS"], os.environ["NO_COLOR"] = "100", "1"
-    return "".join(
-        f"## {name}\n\n```text\n{text.rstrip()}\n```\n\n" for name, text in describe_commands().items()
-    )
+    found: dict[str, tuple[str, str]] = {}
+    for name, text in describe_commands().items():
+        paragraphs = [" ".join(part.split()) for part in text.split("\n\n")]
+        said = paragraphs[1] if len(paragraphs) > 1 else ""
+        first = (
+            re.split(r"(?<=[.!?])\s", said)[0]
+            if not said.startswith(("options:", "positional"))
+            else "Its options."
+        )
+        found[name] = re.sub(r"([*|_`\\\[\]])", r"\\\1", first), text.rstrip()
+    return found
 
 
 def _skip(app: Sphinx, what: str, name: str, thing: object, skip: bool, options: object) -> bool | None:

@@ -32,7 +32,7 @@ def faults(figure: Figure) -> list[str]:
     """
     canvas = FigureCanvasAgg(figure)
     canvas.draw()
-    axes = list(figure.axes)
+    axes = [each for each in figure.axes if each.get_visible()]
     legends = [found for found in (each.get_legend() for each in axes) if found is not None]
     legends += list(figure.legends)
     wrong = [*_small(figure), *_placed(figure, canvas, axes, legends), *_letters(figure, axes)]

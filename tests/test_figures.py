@@ -13,6 +13,7 @@ import phyfilter_ctl as pf
 from phyfilter_ctl.analysis import pole_zero_map
 from phyfilter_ctl.design.optimal import bound_trade_off, variance_trade_off
 from phyfilter_ctl.plots import (
+    analysis_plot,
     budget_curves,
     dress,
     learning_plot,
@@ -105,6 +106,9 @@ def test_faults_are_found() -> None:
         lambda: bound_trade_off(2, residual={1: 8.0}, noise=0.01, points=9).plot(),
         lambda: variance_trade_off(2, residual=pf.gauss_markov(1.0, 0.5), noise=0.01, points=5).plot(),
         lambda: pf.ultimate_bound(pf.lowpass(2, 20.0, numerator=2), residual={2: 8.0}).plot(),
+        lambda: analysis_plot(
+            [pf.frequency_response(MANY[3]).curve()], T + 1.0, {"inner loop": [T + 1.0]}, []
+        ),
         lambda: budget_curves(
             {f"part {k}": 1.0 / (T + 0.1 + k) for k in range(9)}, T + 1.0, label="Error [N]"
         ),

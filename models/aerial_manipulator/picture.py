@@ -1,4 +1,4 @@
-"""The picture of the comparison, after the paper's panels e and f: the way of the end effector, and its errors."""
+"""The picture of the comparison, after the paper's panels e and f: the path of the end effector, and its errors."""
 
 from __future__ import annotations
 
@@ -120,7 +120,7 @@ def _ways(axes: Axes3D, comparison: Comparison, names: list[MethodName]) -> None
     axes.set_box_aspect((1.4, 1.4, 0.8))
     axes.view_init(elev=28.0, azim=-62.0)
     axes.legend(fontsize="x-small", frameon=False, loc="upper right")
-    axes.set_title("Way of the end effector", loc="left", fontsize="small", fontweight="bold")
+    axes.set_title("Path of the end effector", loc="left", fontsize="small", fontweight="bold")
 
 
 def _errors(axes: Axes, comparison: Comparison, names: list[MethodName], title: str) -> None:
@@ -139,9 +139,10 @@ def _errors(axes: Axes, comparison: Comparison, names: list[MethodName], title: 
         axes.axvspan(begin, end, color="#0072B2", alpha=0.12, lw=0)
     for at in (mission.load, mission.release):
         axes.axvline(at, color="0.5", lw=0.7, ls="--")
-    axes.set(ylabel=typeset("|e| [cm]"), ylim=(0.0, None), xlim=(0.0, mission.duration))
+    axes.set(ylabel=typeset("|e| [cm]"), xlim=(0.0, mission.duration))
+    axes.set_ylim(0.0, 1.45 * axes.get_ylim()[1])  # room for the legend
     axes.set_xlabel("Time [s]; windows shaded, load changes at the dashes")
-    axes.legend(fontsize="x-small", frameon=False, ncols=2)
+    axes.legend(fontsize="x-small", frameon=False, ncols=2, loc="upper left")
     dress(axes, title)
 
 
@@ -187,6 +188,6 @@ def _estimate(
     axes.plot(t, true, color="k", lw=0.8, label="true")
     if f"{letter}_hat" in signals:
         axes.plot(t, signals[f"{letter}_hat"], color=COLOURS[name], lw=0.8, alpha=0.85, label="estimated")
-    axes.set(xlabel="Time [s]", ylabel="[N]" if letter == "f" else "[N m]", xlim=(0.0, t[-1]))
+    axes.set(xlabel="Time [s]", ylabel="Force [N]" if letter == "f" else "Torque [N m]", xlim=(0.0, t[-1]))
     axes.legend(fontsize="x-small", frameon=False)
     dress(axes, f"{title}, {NAMES[name]}")

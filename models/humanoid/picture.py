@@ -26,6 +26,7 @@ _COLOURS = {"alone": "#999999", "filter": COLOURS[0]}
 _ANSWERS = {"alone": "#999999", "torque": COLOURS[1], "filter": COLOURS[0], "told": COLOURS[2]}
 _LABELS = {"alone": "LQR alone", "filter": "with PhyFilter"}
 _SIZE = 280  # pixels of a frame's side
+_CAPTION = 44  # and of the strip of words above it
 _FRAMES_PER_SECOND = 10
 _SHOWN = 12.0  # s of a trial
 _CAMERA = Camera(3.2, 180.0, -8.0, (0.0, 0.0, 0.85), plain=True)  # a GIF has few colours
@@ -209,8 +210,10 @@ def animate(humanoid: Humanoid, trials: dict[str, Trial], path: str) -> str:
     from PIL import Image, ImageDraw, ImageFont
 
     def captioned(pixels: NDArray[np.uint8], caption: str, time: float) -> NDArray[np.uint8]:
-        shown = Image.fromarray(pixels)
-        ImageDraw.Draw(shown).text((8, 6), f"{caption}\n{time:.1f} s", "black", ImageFont.load_default(16))
+        # Above the picture: whatever the sky, the words can be read.
+        shown = Image.new("RGB", (pixels.shape[1], pixels.shape[0] + _CAPTION), "white")
+        shown.paste(Image.fromarray(pixels), (0, _CAPTION))
+        ImageDraw.Draw(shown).text((8, 4), f"{caption}\n{time:.1f} s", "black", ImageFont.load_default(16))
         return np.asarray(shown)
 
     step = float(humanoid.model.opt.timestep)

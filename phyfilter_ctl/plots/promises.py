@@ -162,7 +162,8 @@ def analysis_plot(
     Returns
     -------
     control.ControlPlot
-        ``axes`` (2, 2): magnitude, bound; phase, sensitivity.
+        ``axes`` (2, 2): magnitude, bound; phase, sensitivity. Without ``growths`` the bound's is hidden, and the
+        sensitivity takes its column.
 
     Examples
     --------
@@ -181,23 +182,16 @@ def analysis_plot(
     units = Units.chosen(dB=dB, Hz=Hz, deg=deg)
     left = frequency_plot(curves, ax=list(axes[:, 0]), dB=dB, Hz=Hz, deg=deg)
     top, bottom = axes[:, 1]
+    axes[0, 0].sharex(axes[1, 0])
+    axes[0, 0].tick_params(labelbottom=False)
     lines = np.empty((2, 2), dtype=object)
     lines[:, 0] = left.lines[:, 0]
-    if not growths:
-        top.text(
-            0.5,
-            0.5,
-            "the bound over time needs a continuous filter\nand a bound of the residual",
-            fontsize=SMALL,
-            ha="center",
-            va="center",
-            transform=top.transAxes,
-            color="0.4",
-        )
+    lines[0, 1] = []
+    if not growths:  # the loops have the whole column
         top.set_axis_off()
-        lines[0, 1] = []
+        top.set_visible(False)
+        bottom.set_subplotspec(bottom.get_gridspec()[:, 1])
     else:
-        lines[0, 1] = []
         for colour, (times, running, limit) in zip(_colours(len(growths)), growths, strict=True):
             label = None if len(growths) > 1 else "largest error so far"
             lines[0, 1] += top.plot(times, running, color=colour, label=label)
@@ -220,7 +214,7 @@ def analysis_plot(
             )
     bottom.axhline(float(units.magnitude(1.0)), color="0.6", linewidth=0.8)
     units.dress_frequency(bottom)
-    units.dress_magnitude(bottom, "Residual left, |1/(1 + L)|")
+    units.dress_magnitude(bottom, "Residual left, $|1/(1 + L)|$")
     bottom.margins(x=0.0)
     bottom.legend(fontsize="x-small", frameon=False, loc="lower right")
     for axis in (top, bottom):
