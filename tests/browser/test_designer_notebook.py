@@ -8,10 +8,21 @@ import os
 import re
 import signal
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import pytest
-from designer_hosts import CHROMIUM, SHOWN, bandwidth, jupyter_lab, open_notebook, run_cell, watching
+from designer_hosts import (
+    CHROMIUM,
+    LONG,
+    SHOWN,
+    bandwidth,
+    jupyter_lab,
+    open_notebook,
+    recording,
+    run_cell,
+    watching,
+)
 
 pytestmark = [
     pytest.mark.skipif(
@@ -121,3 +132,33 @@ def test_a_notebook_keeps_the_session_over_a_reload_of_the_page(browser: Any, ju
         assert lab("pin-0").count() == 1
         lab("undo").click()
         lab.until(lambda: lab.poles() == [-25.0, -25.0])
+
+
+@pytest.mark.slow
+def test_a_notebook_imports_shows_the_loop_and_reports(browser: Any, jupyter: str) -> None:
+    with watching(browser, viewport={"width": 1500, "height": 1400}) as lab:
+        open_notebook(lab, jupyter)
+        run_cell(lab, 0)
+        lab.page.wait_for_selector('[data-test="designer"]')
+        lab.until(lambda: lab.text("status").startswith("Ready"))
+        # A file out of the file manager, looked at before it is opened; JupyterLab does not take it for its own.
+        lab.drop("flight.csv", recording(), confirm=False)
+        lab.until(lambda: lab("import").count() == 1, LONG)
+        assert lab.text("import-pairs") == "x vx with label ax."
+        lab("import-open").click()
+        lab.until(lambda: any(c.isdigit() for c in lab.text("rmse")), LONG)
+        assert "flight: 6000 samples, 2 ms" in lab.text("log")
+        # The loop, by Python's own answer.
+        lab("frequency-nyquist").click()
+        lab.until(lambda: "sampled loop" in lab.text("loop-note"), LONG)
+        assert lab.colourful("loop-plane")
+        lab.settled()
+        lab.picture("notebook_nyquist")
+        lab("export").click()
+        with lab.page.expect_download(timeout=LONG) as waiting:
+            lab("export-html").click()
+        page = Path(waiting.value.path()).read_text(encoding="utf-8")
+        assert lab.text("verdict").split(".")[0] in page
+        assert "<svg" in page
+        ours = [text for text in lab.complaints if "designer" in text.lower() or "phyfilter" in text.lower()]
+        assert ours == []
