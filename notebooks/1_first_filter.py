@@ -142,7 +142,7 @@ dress(axis, "A constant push, found and cancelled")
 # %% [markdown]
 # ## Keep
 #
-# A filter on disk is a TOML file that a person can read.
+# A filter on disk is a human-readable TOML file.
 
 # %%
 path = Path(tempfile.mkdtemp()) / "type2.toml"

@@ -101,7 +101,7 @@ dress(axis, "The flight kept back, along x")
 #
 # The low-pass form ($N = a_0$) follows constants whatever its poles are; the general form is free in $N$ and contains
 # every lower order, so its cost never rises. Where one more pole does not pay in the low-pass form, the lower order
-# comes back and says so.
+# is returned, and the result says so.
 
 # %%
 table = {}
@@ -143,7 +143,7 @@ dress(axis, "Swept by hand, learned, and what is possible")
 # %% [markdown]
 # ## Keep
 #
-# The learned filter is a `PhyFilter` like any other: it goes to a file that a person can read, and comes back bit for
+# The learned filter is a `PhyFilter` like any other: it is saved in a human-readable file and comes back bit for
 # bit.
 
 # %%

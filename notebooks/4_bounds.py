@@ -83,7 +83,7 @@ axis.legend(frameon=False, ncols=3)
 dress(axis, "Actuator with 50 ms lag and 10 ms delay")
 
 # %% [markdown]
-# The inner loop alone flatters: with an outer PD controller the complete loop sets the limit.
+# The inner loop alone is optimistic: with an outer PD controller the complete loop sets the limit.
 
 # %%
 inner = pf.prior_margin(filter, actuator=lag, delay=0.01)
@@ -93,8 +93,8 @@ print(inner.describe(), complete.describe(), sep="\n\n")
 # %% [markdown]
 # ## Design from it
 #
-# Noise of the measurement asks for a slow filter, a moving residual for a fast one. The best compromise for given
-# bounds, and the front of all best compromises:
+# Noise of the measurement asks for a slow filter, a moving residual for a fast one. The best trade-off for given
+# bounds, and the Pareto front:
 
 # %%
 best = optimal.least_bound(4, residual={1: 8.0}, noise=0.01)

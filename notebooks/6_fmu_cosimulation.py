@@ -54,7 +54,7 @@ print("\n".join(str(report).splitlines()[1:]))
 # %% [markdown]
 # ## In another tool
 #
-# FMPy, for one, knows nothing of this toolbox. What it is given at the beginning of a step comes out at the step's
+# FMPy, for one, knows nothing of this toolbox. Inputs set at the beginning of a step appear in the outputs at its
 # end; shifted by that step, the numbers are those of `run`.
 
 # %%

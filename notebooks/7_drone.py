@@ -8,14 +8,14 @@
 # %% [markdown]
 # # 7 · The drone
 #
-# An unknown mass, then a wind that nothing was trained on. A quadrotor of 3 kg flies a circle of 1.5 m at 2 m/s. It
+# An unknown mass, then a wind that no model was trained on. A quadrotor of 3 kg flies a circle of 1.5 m at 2 m/s. It
 # carries a payload of unknown mass, for which there is a learned model: SEER-I, Chebyshev polynomials with an
 # adaptive law, trained on payloads in still air. Then a fan is switched on.
 #
 # $$ m\,\dot v = \underbrace{T R e_z - m g e_z - R D R^\top v}_{g} + f, \qquad
 # f = -\Delta m\,(\dot v + g e_z) + R D R^\top w $$
 #
-# The model knows the first half of $f$. The filter is given the whole of it by the velocity. The vehicle, its numbers
+# The model knows the first half of $f$. The filter sees all of it through the velocity. The vehicle, its numbers
 # and the tuning are in `models/drone`; here are four short flights of a few methods (`phyfilter-ctl run drone` flies
 # all).
 
@@ -73,9 +73,9 @@ for name in methods:
 display(draw(found))
 
 # %% [markdown]
-# The model alone is best where it was trained and fails in the wind, which it takes for mass. The filter keeps the
-# model's part and adds what the model misses; with $f_\theta = 0$ it is a disturbance observer, which finds
-# everything by itself and lags behind all of it.
+# The model alone is best where it was trained and fails in the wind, which it mistakes for mass. The filter keeps the
+# model's part and adds what the model misses; with $f_\theta = 0$ it is a disturbance observer, which estimates
+# everything itself and lags behind all of it.
 #
 # ## How much wind?
 #

@@ -9,8 +9,8 @@
 # # 8 · The aerial manipulator
 #
 # A multirotor with an arm of five joints picks 0.3 kg from a stand and places it 1.2 m further, in the jet of a fan.
-# Its gripper has to stay within 2.5 cm. Three things push that no controller was told: the arm's own inertia, the load,
-# the wind. For the first there is a learned model, SEER-I. Force and torque each get a filter:
+# Its gripper has to stay within 2.5 cm. Three disturbances are unknown to every controller: the arm's own inertia, the
+# load, the wind. For the first there is a learned model, SEER-I. Force and torque each get a filter:
 #
 # $$ \hat f = f_\theta + F(s)\,(m \dot v - g - f_\theta), \qquad
 #    \hat\tau = \tau_\theta + F_\tau(s)\,(J \dot\omega - g_\tau - \tau_\theta) $$

@@ -86,7 +86,7 @@ def test_page_of_a_sampled_filter(sampled, capsys):
     text = capsys.readouterr().out
     assert "g between samples 0.24" in text
     assert "holds for         |g'| up to 48 between the samples" in text
-    assert "as long as        f_theta goes straight from sample to sample" in text
+    assert "as long as        f_theta is linear between the samples" in text
     assert main(["analyze", sampled, *arguments, "--json", "-"]) == 0
     figures = json.loads(capsys.readouterr().out)["bound"]
     expected = ultimate_bound(

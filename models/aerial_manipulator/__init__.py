@@ -1,4 +1,4 @@
-"""The aerial manipulator: pick and place with an arm that pulls, a load that nothing knows, in the wind of a fan.
+"""The aerial manipulator: pick and place with a moving arm and an unknown load, in the wind of a fan.
 
 Force: x = m v, torque: x = J omega;   f_theta SEER-I, trained on the arm alone in still air
 """

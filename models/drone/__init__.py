@@ -1,4 +1,4 @@
-"""The drone: a circle at 2 m/s with an unknown mass, in a wind that nothing was trained on.
+"""The drone: a circle at 2 m/s with an unknown mass, in a wind that no model was trained on.
 
 x = m v,   m v' = g + f,   g the thrust that acts, weight and drag,   f_theta SEER-I, trained on masses alone
 """

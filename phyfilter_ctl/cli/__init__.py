@@ -34,7 +34,7 @@ _EPILOG = """examples:
   phyfilter-ctl COMMAND --help                                 all options of a command, with examples
 
 exit status: 0 done; 1 an FMU is wrong, or its run failed (fmu check, fmu run); 2 an argument or an input is wrong;
-130 stopped by Ctrl+C; 141 nobody reads the output any more"""
+130 stopped by Ctrl+C; 141 the reader of the output has closed it"""
 
 # Modules of this room, and what their commands are for; one of two words is in a module such as log_resample.
 _COMMANDS = {

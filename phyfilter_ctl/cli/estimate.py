@@ -34,7 +34,7 @@ __all__ = ["add_arguments", "main"]
 _TABLES = (".csv", ".json", ".parquet")
 
 _DESCRIPTION = """The force (or torque, or acceleration) that your model missed in recordings: how large, at which
-frequencies, how sure, and which filter shows it best. No label is needed: the noise is told from the force by the
+frequencies, how sure, and which filter shows it best. No label is needed: the noise is separated from the force by the
 spectrum, and the answer is tested by how well it predicts what x does next. f has the unit of M x': m/s^2 where x is a
 velocity in m/s and no --inertia is given, N with a mass in kg."""
 

@@ -66,7 +66,7 @@ def summary(name: str) -> str:
     Examples
     --------
     >>> summary("drone")
-    'The drone: a circle at 2 m/s with an unknown mass, in a wind that nothing was trained on.'
+    'The drone: a circle at 2 m/s with an unknown mass, in a wind that no model was trained on.'
     """
     folders = (Path(folder, _known(name)) for folder in __path__)
     source = next(file for folder in folders if (file := folder / "__init__.py").is_file())

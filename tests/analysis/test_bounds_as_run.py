@@ -199,8 +199,8 @@ def test_what_is_covered_and_what_is_assumed_is_said():
     assert ideal.covered == ()
     assert ideal.assumptions == (
         "g is held between the samples",
-        "f_theta goes straight from sample to sample",
-        "M_hat stays as it is over a step",
+        "f_theta is linear between the samples",
+        "M_hat is constant over a step",
         "samples come every 0.01 s, on time",
         "x is measured without delay",
         "what x is rounded to counts as its noise",

@@ -252,14 +252,14 @@ class Run:
         on_grid = ", changed on the grid" if b.jitter else ""
         between = {
             "hold": f"is held between the samples{on_grid}",
-            "average": "goes straight from sample to sample",
+            "average": "is linear between the samples",
         }
         said = [
             f"{name} {between[getattr(sampling, name)]}"
             for name in ("g", "f_theta")
             if not {1, 2} & set(getattr(b, name))
         ]
-        said += [] if b.inertia else ["M_hat stays as it is over a step"]
+        said += [] if b.inertia else ["M_hat is constant over a step"]
         said += [] if b.jitter else [f"samples come every {sampling.dt:g} s, on time"]
         late = f"{sampling.delay:g} s late" if sampling.delay else "without delay"
         said += [] if b.delay_error else [f"x is measured {late}"]
