@@ -97,6 +97,10 @@ def test_trouble_is_said_in_red_and_words_and_before_an_export(page: Watched, se
     page.settled()
     sentence = page("verdict").locator(".pf-is-bad")
     assert "dB above your limit on |1−F|" in sentence.inner_text()
+    # The chart says the same number.
+    assert f"{sentence.inner_text().split()[0]} dB over" in page("limit-error-handle").get_attribute(
+        "aria-valuetext"
+    )
     red, green, blue = (
         int(v) for v in sentence.evaluate("e => getComputedStyle(e).color").strip("rgb()").split(",")
     )

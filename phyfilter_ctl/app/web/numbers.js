@@ -14,6 +14,13 @@ export function short(value, digits = 4) {
   return text.replace(/-/g, "−");
 }
 
+/** A size at two digits, rounded up or down: to the side that promises less. @param {number} value @param {boolean} up */
+export function safe(value, up) {
+  if (!(value > 0 && Number.isFinite(value))) return short(value, 2);
+  const place = 10 ** (1 - Math.floor(Math.log10(value)));
+  return short((up ? Math.ceil(value * place * (1 - 1e-9)) : Math.floor(value * place * (1 + 1e-9))) / place, 2);
+}
+
 /**
  * A value in a unit that reads well.
  * @param {number | null} value @param {string} unit @param {number} [digits] @returns {[string, string]}

@@ -1,7 +1,7 @@
 /** A limit in the Bode plot: its band, and the corner that is dragged. */
 
 import { assign, follow, g, write } from "../elements.js";
-import { short } from "../numbers.js";
+import { safe, short } from "../numbers.js";
 import { LIMIT_KINDS } from "../state/limits.js";
 
 /** @import { Limit, LimitKind } from "../link.js" */
@@ -61,7 +61,7 @@ export class LimitHandle {
     this.knob.setAttribute("transform", `translate(${x} ${y})`);
     const violated = excess > ROUNDING;
     this.element.classList.toggle("pf-violated", violated);
-    const words = `${short(Math.abs(excess), 2)} dB ${violated ? "over" : "to spare"}`;
+    const words = `${safe(Math.abs(excess), violated)} dB ${violated ? "over" : "to spare"}`;
     write(this.label, violated ? `⚠ ${words}` : words);
     this.placeLabel(x, y, words, below);
     const where = `${below ? "up to" : "from"} ${short(limit.omega, 3)} rad/s`;
