@@ -307,14 +307,15 @@ def _walk(options: Namespace, duration: float | None, outputs: Outputs) -> None:
 
 def _train(options: Namespace, outputs: Outputs) -> None:
     from ..quadruped.network import save
+    from ..quadruped.ppo import Job, train
     from ..quadruped.training import curve_text
     from . import walking
 
     seed = 0 if options.seed is None else options.seed
-    trainer = walking.Trainer(walking.Training(seed, options.iterations))
+    trainer = walking.Trainer(Job(seed, options.iterations))
     checkpoint = None if options.checkpoint is None else Path(options.checkpoint)
     with outputs.progress(trainer.iterations) as say:
-        policy = walking.train(trainer, checkpoint=checkpoint, report=say)
+        policy = train(trainer, checkpoint=checkpoint, every=20, report=say)
     name, record = options.out or f"berkeley-{seed}.json", policy.record
     save(policy, Path(name))
     table = (

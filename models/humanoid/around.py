@@ -16,7 +16,7 @@ from .params import params
 from .posture import tipping_force
 from .regulator import Schedule, schedule
 from .robot import GRIPS, Friction, Humanoid, load
-from .trial import Mode, phyfilter
+from .trial import Mode, settings
 
 __all__ = ["ANSWERS", "HEADINGS", "Around", "Held", "around", "figures", "steps", "table"]
 
@@ -120,14 +120,8 @@ def around(
     profiles : sequence of {"sudden", "slow"}
     gears, friction
         As for :func:`load`.
-    filter : PhyFilter, optional
-        None takes that of ``params.toml``.
-    noise, duration : float, optional
-        As for :func:`run`.
-    report : Report
-        Told what is being computed.
-    executor : Executor, optional
-        What runs the trials; None runs one after the other, here. The numbers are the same.
+    filter, noise, duration, report, executor
+        As for :func:`~models.humanoid.limits.compare`; the filter's default is this robot's.
 
     Raises
     ------
@@ -137,9 +131,7 @@ def around(
     unknown = [name for name in headings if name not in HEADINGS]
     if unknown:
         raise ValueError(f"headings: expected some of {', '.join(HEADINGS)}, got {', '.join(unknown)}")
-    law = phyfilter(params().berkeley.a0) if filter is None else filter
-    duration = params().trial.duration if duration is None else duration
-    noise = params().sensors.velocity_noise if noise is None else noise
+    law, noise, duration = settings(filter, noise, duration, robot="berkeley")
     points, tipping = dict[str, Schedule](), dict[tuple[str, str], float]()
     for grip in grips:
         humanoid = _loaded(grip, gears, friction)

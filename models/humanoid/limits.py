@@ -16,7 +16,7 @@ from .params import params
 from .posture import tipping_force
 from .regulator import Schedule, schedule
 from .robot import Friction, Humanoid, load
-from .trial import Mode, Trial, phyfilter, run
+from .trial import Mode, Trial, phyfilter, run, settings
 
 __all__ = [
     "PROFILES",
@@ -200,9 +200,7 @@ def compare(
     ValueError
         For unknown stances, or numbers out of range.
     """
-    humanoid, law = _loaded(gears, friction), phyfilter() if filter is None else filter
-    duration = params().trial.duration if duration is None else duration
-    noise = params().sensors.velocity_noise if noise is None else noise
+    humanoid, (law, noise, duration) = _loaded(gears, friction), settings(filter, noise, duration)
     schedules = {name: schedule(humanoid, name, report=report) for name in stances}
     modes: tuple[Mode, ...] = ("alone", "filter")
     jobs, names = list[_Job](), list[str]()

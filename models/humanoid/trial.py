@@ -23,7 +23,7 @@ from .params import params
 from .regulator import Schedule
 from .robot import FloatArray, Humanoid, unit
 
-__all__ = ["Mode", "Trial", "phyfilter", "run"]
+__all__ = ["Mode", "Trial", "phyfilter", "run", "settings"]
 
 Mode = Literal["alone", "filter", "torque", "told"]
 
@@ -80,6 +80,27 @@ def phyfilter(a0: float | None = None, order: int | None = None) -> PhyFilter:
     return PhyFilter.from_poles([-a0] * order)
 
 
+def settings(
+    filter: PhyFilter | None, noise: float | None, duration: float | None, *, robot: str = "suite"
+) -> tuple[PhyFilter, float, float]:
+    """Filter, noise and duration of a trial; in place of None those of ``params.toml``.
+
+    Parameters
+    ----------
+    filter, noise, duration
+        As for :func:`run`.
+    robot : {"suite", "berkeley"}
+        Whose filter.
+    """
+    p = params()
+    usual = phyfilter(p.berkeley.a0, 1) if robot == "berkeley" else phyfilter()
+    return (
+        usual if filter is None else filter,
+        p.sensors.velocity_noise if noise is None else noise,
+        p.trial.duration if duration is None else duration,
+    )
+
+
 def run(
     humanoid: Humanoid,
     schedule: Schedule,
@@ -130,8 +151,7 @@ def run(
         For an unknown mode, a force that is not finite, or negative times and noise.
     """
     rules = params().trial
-    duration = rules.duration if duration is None else duration
-    noise = params().sensors.velocity_noise if noise is None else noise
+    law, noise, duration = settings(filter, noise, duration)
     if mode not in get_args(Mode):
         raise ValueError(f"mode: expected one of {', '.join(get_args(Mode))}, got {mode!r}")
     if not np.isfinite(force):
@@ -139,7 +159,7 @@ def run(
     if not (np.isfinite([rise, noise, duration]).all() and rise >= 0.0 and noise >= 0.0 and duration > 0.0):
         raise ValueError(f"expected rise, noise >= 0 and duration > 0, got {rise}, {noise} and {duration}")
     along = unit(heading)
-    robot = _Robot(humanoid, schedule, mode, phyfilter() if filter is None else filter, noise, seed)
+    robot = _Robot(humanoid, schedule, mode, law, noise, seed)
     h = float(humanoid.model.opt.timestep)
     steps = round(duration / h)
     rows: list[tuple[float, float, float]] = []

@@ -8,12 +8,10 @@ from pathlib import Path
 
 from phyfilter_ctl.study import parameter_file
 
-from ..quadruped.params import Training
+from ..quadruped.params import Fall, Three, Training, Two
+from ..quadruped.params import Reward as WalkReward
 
-__all__ = ["Falls", "Practice", "Reward", "Servo", "Steps", "Trials", "WalkParams", "walk_params"]
-
-Two = tuple[float, float]
-Three = tuple[float, float, float]
+__all__ = ["Practice", "Reward", "Servo", "Steps", "Trials", "WalkParams", "walk_params"]
 
 
 @dataclass(frozen=True)
@@ -65,28 +63,10 @@ class Practice:
 
 
 @dataclass(frozen=True)
-class Reward:
-    """Weights."""
+class Reward(WalkReward):
+    """Weights, one more than a quadruped's."""
 
-    velocity: float
-    turn: float
-    width: float
-    vertical: float
-    rolling: float
-    tilt: float
-    height: float
-    torque: float
-    change: float
     action: float
-    fall: float
-
-
-@dataclass(frozen=True)
-class Falls:
-    """What counts as one."""
-
-    upright: float
-    height: float
 
 
 @dataclass(frozen=True)
@@ -106,7 +86,7 @@ class WalkParams:
     training: Training
     practice: Practice
     reward: Reward
-    fall: Falls
+    fall: Fall
     trial: Trials
 
 

@@ -14,7 +14,7 @@ from phyfilter_ctl.study import Executor, Report, silent
 from .around import HEADINGS
 from .limits import PROFILES
 from .params import params
-from .trial import Mode
+from .trial import Mode, settings
 from .walk_params import walk_params
 from .walks import Case, Fate, Policy, load, march
 
@@ -134,12 +134,8 @@ def study(
     profiles : sequence of {"sudden", "slow"}
     forces : sequence of float, optional
         N; None takes those of ``berkeley/walk.toml``.
-    filter, noise, duration
-        As for :func:`march`.
-    report : Report
-        Told what is being computed.
-    executor : Executor, optional
-        What runs the trials; None runs one after the other, here. The numbers are the same.
+    filter, noise, duration, report, executor
+        As for :func:`~models.humanoid.around.around`.
 
     Raises
     ------
@@ -149,9 +145,7 @@ def study(
     for name in policies:
         _policy(name)
     forces = walk_params().trial.forces if forces is None else tuple(forces)
-    law = PhyFilter.from_poles([-params().berkeley.a0]) if filter is None else filter
-    duration = params().trial.duration if duration is None else duration
-    noise = params().sensors.velocity_noise if noise is None else noise
+    law, noise, duration = settings(filter, noise, duration, robot="berkeley")
     jobs = _jobs(policies, grips, profiles, forces)
     names = [f"{job.policy}, {job.grip}, {job.profile} {job.force:g} N, {job.speed:g} m/s" for job in jobs]
     work = partial(_march, law=law, noise=noise, duration=duration)

@@ -18,14 +18,14 @@ from phyfilter_ctl import PhyFilter
 from phyfilter_ctl.controllers import JointTorqueFilter
 from phyfilter_ctl.plants.legged import JointQuantities, JointSpacePrior
 
-from ..quadruped.network import Network, read
+from ..quadruped.network import Network, read, shipped
 from .crowd import JOINTS, Crowd
 from .limits import PROFILES
 from .params import params
 from .practice import OBSERVATIONS, observe, turned
 from .robot import FloatArray, unit
 from .stepping import Clock, neutral
-from .trial import Mode
+from .trial import Mode, settings
 from .walk_params import walk_params
 
 __all__ = ["Case", "Fate", "Policy", "load", "march"]
@@ -36,18 +36,7 @@ _LIFTED, _DOWN = 0.01, 0.004  # m, of a sole: a step begins, and is done
 
 @dataclass(frozen=True, eq=False)
 class Policy(Network):
-    """A trained network of the Berkeley Humanoid.
-
-    Parameters
-    ----------
-    layers, robot, record
-        As for :class:`Network`.
-
-    Raises
-    ------
-    ValueError
-        As :class:`Network`.
-    """
+    """A :class:`Network` that moves the Berkeley Humanoid."""
 
     def sizes(self) -> tuple[int, int, float]:
         """Observations, actions, and the limit of an action."""
@@ -67,14 +56,7 @@ def load(name: str) -> Policy:
     ValueError
         If there is none, or the file is none of this robot.
     """
-    path = Path(name)
-    if not path.is_file():
-        path = _FOLDER / f"{name}.json"
-    if not path.is_file():
-        there = ", ".join(sorted(entry.stem for entry in _FOLDER.glob("*.json"))) or "none"
-        raise ValueError(
-            f"no policy {name!r}: neither a file nor one of those that come with the model ({there})"
-        )
+    path = Path(name) if Path(name).is_file() else shipped(_FOLDER, name)
     return read(path, Policy, ("berkeley",))
 
 
@@ -172,15 +154,13 @@ def march(
         For no cases, or forces and durations that are not finite.
     """
     rules = params().trial
-    duration = rules.duration if duration is None else duration
-    noise = params().sensors.velocity_noise if noise is None else noise
+    law, noise, duration = settings(filter, noise, duration, robot="berkeley")
     if not cases or not np.isfinite([case.force for case in cases]).all():
         raise ValueError("cases: expected at least one, with finite forces")
     if not (np.isfinite([duration, noise]).all() and duration > rules.onset and noise >= 0.0):
         raise ValueError(
             f"expected a duration above {rules.onset:g} s and noise >= 0, got {duration} and {noise}"
         )
-    law = PhyFilter.from_poles([-params().berkeley.a0]) if filter is None else filter
     parade = _Parade(cases, policy, grip, law, noise, seed, threads)
     servo = walk_params().servo
     count = round(duration / (servo.timestep * servo.decimation))

@@ -34,7 +34,7 @@ _EXAMPLES = """examples:
   phyfilter-ctl run quadruped --stance                             # the joint loop of the standing robot, linear
   phyfilter-ctl run quadruped --cosimulate                         # robot and joint loop as FMUs (needs a C compiler)
   phyfilter-ctl run quadruped --train --seed 7 --filter --out filter-7.json
-  phyfilter-ctl run quadruped --robustness --policies folder       # Go1, all arms and seeds, with intervals
+  phyfilter-ctl run quadruped --robustness --parts folder          # Go1, all arms and seeds; goes on after a stop
   phyfilter-ctl run quadruped --tune --policies folder             # Go1: variants of the adaptive rival and the filter
   phyfilter-ctl run quadruped --train --robot go1 --velocity 3 --full --checkpoint go1.npz
   phyfilter-ctl run quadruped --train --measure                    # steps per second, with learning
@@ -45,11 +45,7 @@ def add_arguments(parser: ArgumentParser) -> None:
     """Add the options of ``phyfilter-ctl run quadruped``."""
     parser.add_argument("--quick", action="store_true", help="one policy, few walks: a try-out, in seconds")
     parser.add_argument(
-        "--payload",
-        type=float,
-        nargs="+",
-        metavar="P",
-        help="parts of the weight (default 0 0.15 0.3 0.45 0.6)",
+        "--payload", type=float, nargs="+", metavar="P", help="parts of the weight (default 0 to 0.6)"
     )
     parser.add_argument(
         "--speed", type=float, nargs="+", metavar="V", help="commands, m/s (default 0.5 1 1.5 2 2.4 2.83)"
@@ -98,18 +94,21 @@ def add_arguments(parser: ArgumentParser) -> None:
     )
     parser.add_argument(
         "--policies",
+        type=Path,
         metavar="FOLDER",
         help="of --robustness and --tune: base-0.json, filter-0.json, basefull-0.json, ...",
+    )
+    parser.add_argument(
+        "--parts",
+        type=Path,
+        metavar="FOLDER",
+        help="of --robustness: kept here, and gone on from after a stop",
     )
     training = parser.add_argument_group("training")
     training.add_argument("--seed", type=int, default=0, metavar="N", help="of training (default 0)")
     training.add_argument("--filter", action="store_true", help="with the paper's filter in the loop")
-    training.add_argument(
-        "--full", action="store_true", help="full domain randomisation: loads, weak motors, pushes"
-    )
-    training.add_argument(
-        "--velocity", type=float, default=1.0, metavar="V", help="largest command (default 1 m/s)"
-    )
+    training.add_argument("--full", action="store_true", help="full domain randomisation: loads, pushes")
+    training.add_argument("--velocity", type=float, default=1.0, metavar="V", help="largest command, m/s")
     training.add_argument("--iterations", type=int, metavar="N", help="default: see params.toml")
     training.add_argument("--out", metavar="FILE", help="the policy, JSON (default KIND-SEED.json)")
     training.add_argument(
@@ -136,10 +135,8 @@ def main(options: Namespace) -> int:
 
     if options.threads < 1:
         raise ValueError(f"--threads: expected 1 or more, got {options.threads}")
-    alone = next(
-        (name for name in ("choose", "robustness", "tune", "stance", "cosimulate") if getattr(options, name)),
-        None,
-    )
+    judged = ("choose", "robustness", "tune", "stance", "cosimulate")
+    alone = next((name for name in judged if getattr(options, name)), None)
     if options.contact and alone:
         raise ValueError(f"--contact: --{alone} has filters of its own; leave one of the two out")
     if options.contact and options.train and not options.filter:
@@ -154,6 +151,8 @@ def main(options: Namespace) -> int:
             "--robot goes with --train, --robustness, --tune or --animation, --policies with --robustness, --tune or "
             "an --animation of a --robot"
         )
+    if options.parts and not options.robustness:
+        raise ValueError("--parts goes with --robustness")
     chosen = (name for name in _JOBS if getattr(options, name, False))
     try:
         _JOBS[next(chosen, "compare")](options, outputs)
@@ -259,8 +258,8 @@ def _beside(options: Namespace, outputs: Outputs) -> None:
     unknown = [name for name in names if name not in ARMS]
     if unknown:
         raise ValueError(f"--methods: expected some of {', '.join(ARMS)}, got {', '.join(unknown)}")
-    p, folder = params(options.robot), None if options.policies is None else Path(options.policies)
-    found = policies(options.robot, folder=folder, families=[ARMS[name].family for name in names])
+    p = params(options.robot)
+    found = policies(options.robot, folder=options.policies, families=[ARMS[name].family for name in names])
     seed = next(iter(found.values()))[0].record["seed"]
     part, speed = max(options.payload or (0.0,)), max(options.speed or (1.0,))
     case = Case(part * p.robot.mass, speed, robot=options.robot)
@@ -294,9 +293,8 @@ def _robustness(options: Namespace, outputs: Outputs) -> None:
     from .robustness_picture import draw
 
     robot, quick = options.robot or "go1", options.quick
-    folder = None if options.policies is None else Path(options.policies)
     wanted = robustness.conditions(robot, quick=quick)
-    found = robustness.policies(robot, folder=folder)
+    found = robustness.policies(robot, folder=options.policies)
     grounds = sum(entry.ground is not None for entry in wanted)
     with outputs.progress((1 + grounds) * len(found["base"])) as say:
         judged = robustness.judge_each(
@@ -306,6 +304,7 @@ def _robustness(options: Namespace, outputs: Outputs) -> None:
             duration=2.0 if quick else None,
             report=say,
             threads=options.threads,
+            folder=options.parts,
         )
     outputs.publish(robustness.table(judged), robustness.figures(judged), lambda: draw(judged, found))
 
@@ -313,8 +312,7 @@ def _robustness(options: Namespace, outputs: Outputs) -> None:
 def _tune(options: Namespace, outputs: Outputs) -> None:
     from . import robustness, tuning
 
-    folder = None if options.policies is None else Path(options.policies)
-    found = robustness.policies(options.robot or "go1", folder=folder, families=["base"])["base"]
+    found = robustness.policies(options.robot or "go1", folder=options.policies, families=["base"])["base"]
     with outputs.progress(1 + sum(c.ground is not None for c in tuning.conditions(found[0].robot))) as say:
         judged = tuning.tune(found, quick=options.quick, report=say, threads=options.threads)
     outputs.publish(tuning.table(judged), tuning.figures(judged))
@@ -344,7 +342,7 @@ def _train(options: Namespace, outputs: Outputs) -> None:
         raise ValueError(f"--terrain: training knows curriculum or none, got {', '.join(options.terrain)}")
     wanted = training.Training(
         options.seed,
-        _filter(options),
+        choice=_filter(options),
         iterations=options.iterations,
         velocity=options.velocity,
         robot=options.robot or "lite3-primitives",

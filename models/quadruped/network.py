@@ -15,7 +15,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["Network", "read", "save"]
+__all__ = ["Network", "read", "save", "shipped"]
 
 FloatArray = NDArray[np.float64]
 
@@ -157,3 +157,24 @@ def read(path: Path, kind: type[N], robots: Collection[str]) -> N:
 def _array(values: Any) -> FloatArray:
     found: FloatArray = np.asarray(values, dtype=float)
     return found
+
+
+def shipped(folder: Path, name: str) -> Path:
+    """The file of a policy that comes with a model.
+
+    Parameters
+    ----------
+    folder : Path
+    name : str
+        Of the file, without its ending.
+
+    Raises
+    ------
+    ValueError
+        If there is none of that name.
+    """
+    path = folder / f"{name}.json"
+    if not path.is_file():
+        there = ", ".join(sorted(entry.stem for entry in folder.glob("*.json"))) or "none"
+        raise ValueError(f"no policy {name!r}; with the model come: {there}")
+    return path

@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from . import network
 from .batch import Motion
 from .gait import neutral
 from .network import Network, read, save
@@ -86,18 +87,7 @@ def blurred(seen: FloatArray, rng: np.random.Generator, *, parameters: Params | 
 
 @dataclass(frozen=True, eq=False)
 class Policy(Network):
-    """A trained network of a quadruped.
-
-    Parameters
-    ----------
-    layers, robot, record
-        As for :class:`Network`.
-
-    Raises
-    ------
-    ValueError
-        As :class:`Network`.
-    """
+    """A :class:`Network` that moves a quadruped."""
 
     def sizes(self) -> tuple[int, int, float]:
         """Observations, actions, and the limit of an action."""
@@ -135,8 +125,4 @@ def shipped(name: str) -> Policy:
     ValueError
         If there is none of that name.
     """
-    path = FOLDER / f"{name}.json"
-    if not path.is_file():
-        there = ", ".join(sorted(entry.stem for entry in FOLDER.glob("*.json"))) or "none"
-        raise ValueError(f"no policy {name!r}; there are: {there}")
-    return load(path)
+    return load(network.shipped(FOLDER, name))

@@ -11,25 +11,31 @@ import io
 import json
 import time
 import zipfile
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, Generic, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from phyfilter_ctl._output import replacing
 
+from .network import Network
 from .params import Training as Settings
 
-__all__ = ["Environment", "Learner", "Step", "learn", "library", "means"]
+__all__ = ["Environment", "Job", "Learner", "Step", "library", "means", "train"]
+
+N = TypeVar("N", bound=Network)
 
 FloatArray = NDArray[np.float64]
 _FORMAT = "phyfilter-ctl training 2"
 # A point of the reward curve in the record: mean of so many iterations.
 _CURVE = 10
+# Steps of the policy, of all robots here; for what is reported.
+_PER_SECOND = 50.0
 
 
 @dataclass(frozen=True)
@@ -85,7 +91,36 @@ def _torch() -> Any:
     return torch
 
 
-class Learner:
+@dataclass(frozen=True)
+class Job:
+    """What is trained.
+
+    Parameters
+    ----------
+    seed : int
+    iterations, environments : int, optional
+        None: those of the parameter file.
+
+    Raises
+    ------
+    ValueError
+        For counts below 1.
+    """
+
+    seed: int
+    iterations: int | None = None
+    environments: int | None = None
+
+    def __post_init__(self) -> None:
+        for name in ("iterations", "environments"):
+            value = getattr(self, name)
+            if value is not None and value < 1:
+                raise ValueError(f"{name}: expected 1 or more, got {value}")
+        if self.seed < 0:
+            raise ValueError(f"seed: expected 0 or more, got {self.seed}")
+
+
+class Learner(ABC, Generic[N]):
     """PPO that goes on iteration by iteration.
 
     Parameters
@@ -94,14 +129,12 @@ class Learner:
         Makes the environment; called once the extra is known to be there.
     settings : Settings
         Of the algorithm, from a parameter file.
+    job : Job
+        Its seed is that of the networks and of exploration.
     wanted : dict
         What is trained, as JSON; a checkpoint of another is refused.
-    seed : int
-        Of the networks and of exploration.
     actions : int
         Of the policy.
-    iterations : int, optional
-        None: those of the settings.
 
     Raises
     ------
@@ -113,17 +146,16 @@ class Learner:
         self,
         make: Callable[[], Environment],
         settings: Settings,
+        job: Job,
         *,
         wanted: dict[str, Any],
-        seed: int,
         actions: int,
-        iterations: int | None = None,
     ) -> None:
         self._t = _torch()
         self._t.set_num_threads(1)
-        self._t.manual_seed(seed)
+        self._t.manual_seed(job.seed)
         self.settings: Settings = settings
-        self.iterations: int = settings.iterations if iterations is None else iterations
+        self.iterations: int = settings.iterations if job.iterations is None else job.iterations
         self._wanted = wanted
         self.environment: Environment = make()
         self._last = self.environment.observations()
@@ -140,6 +172,10 @@ class Learner:
     def steps(self) -> int:
         """Steps of the policy in all environments so far."""
         return self.done * self.settings.horizon * self.environment.size
+
+    @abstractmethod
+    def policy(self) -> N:
+        """The policy as it is now."""
 
     def _tensors(self, seen: FloatArray, privileged: FloatArray) -> Any:
         as_tensor, number = self._t.as_tensor, self._t.float32
@@ -365,15 +401,14 @@ def library() -> str:
     return f"rsl-rl-lib {version('rsl-rl-lib')}, torch {version('torch')}, mujoco {version('mujoco')}"
 
 
-def learn(
-    learner: Learner,
+def train(
+    learner: Learner[N],
     *,
     checkpoint: Path | None = None,
     every: int = 50,
     report: Callable[[str], None] | None = None,
-    second: float = 50.0,
-) -> None:
-    """Train, or go on with a training.
+) -> N:
+    """Train a policy, or go on with one.
 
     Parameters
     ----------
@@ -384,8 +419,6 @@ def learn(
         Iterations between checkpoints.
     report : callable, optional
         Called with a few words at the beginning of every iteration.
-    second : float
-        Steps of the policy in one, for the report.
 
     Raises
     ------
@@ -401,13 +434,14 @@ def learn(
         learner.restore(found)
     while learner.done < learner.iterations:
         if report is not None:
-            latest = f"{learner.rewards[-1] * second:.3f}" if learner.rewards else "-"
+            latest = f"{learner.rewards[-1] * _PER_SECOND:.3f}" if learner.rewards else "-"
             report(f"iteration {learner.done + 1}/{learner.iterations}, reward per second {latest}")
         learner.iterate()
         if checkpoint is not None and (learner.done % every == 0 or learner.done == learner.iterations):
             _write(checkpoint, learner)
+    return learner.policy()
 
 
-def _write(path: Path, learner: Learner) -> None:
+def _write(path: Path, learner: Learner[N]) -> None:
     with replacing(path) as file:
         np.savez(file, **learner.checkpoint())  # pyright: ignore[reportArgumentType] - arrays by name

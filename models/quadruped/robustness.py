@@ -8,7 +8,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
+from importlib.metadata import version
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +20,7 @@ from phyfilter_ctl.study import Report, median_interval, silent
 
 from .adaptive import AdaptiveChoice
 from .evaluation import Case, Group, Outcome, phases, walk
+from .kept import Cells, keep
 from .loop import FilterChoice, paper_filter
 from .methods import IMPROVED, RIVAL, TUNED
 from .params import params
@@ -51,11 +55,14 @@ class Arm:
         Which training.
     choice : FilterChoice or AdaptiveChoice, optional
         The filter while walking, or the rival; None: none.
+    longer : int
+        Its training may be as long as the first arm's, or so many times as long.
     """
 
     label: str
     family: str
     choice: FilterChoice | AdaptiveChoice | None = None
+    longer: int = 1
 
 
 # The first one is what the others are compared with.
@@ -73,7 +80,7 @@ ARMS: dict[str, Arm] = {
     "est": Arm("the same policies, estimated contact in g", "filter", paper_filter("estimated")),
     "improved": Arm("the same policies, improved filter", "filter", IMPROVED),
     "off": Arm("the same policies, filter off", "filter"),
-    "full": Arm("full domain randomisation, no filter", "basefull"),
+    "full": Arm("full domain randomisation, no filter", "basefull", longer=2),
 }
 # Of an outcome, and how they are printed: what they are, factor, digits.
 FIGURES = {
@@ -164,7 +171,8 @@ def policies(
     Raises
     ------
     ValueError
-        If there is no seed that all trainings have, or policies of another robot or of several lengths of training.
+        If there is no seed that all trainings have, or policies of another robot or of lengths of training that do
+        not compare: all are as long as the first arm's, or a whole training as many times as its arm says.
     """
     if families is None:
         families = list(dict.fromkeys(arm.family for arm in ARMS.values()))
@@ -183,13 +191,19 @@ def policies(
     found = {
         family: tuple(load(where / f"{prefix}{family}-{seed}.json") for seed in common) for family in families
     }
-    each = [policy for entries in found.values() for policy in entries]
-    others = {policy.robot for policy in each} - {robot}
-    lengths = {policy.record["steps"] for policy in each}
-    if others or len(lengths) > 1:
+    others = {policy.robot for entries in found.values() for policy in entries} - {robot}
+    lengths = {
+        family: {int(policy.record["steps"]) for policy in entries} for family, entries in found.items()
+    }
+    usual = min(lengths[families[0]])
+    longer = {arm.family: arm.longer for arm in ARMS.values()}
+    alike = all(steps in ({usual}, {usual * longer.get(family, 1)}) for family, steps in lengths.items())
+    if others or not alike:
+        told = "; ".join(f"{family} {', '.join(map(str, sorted(each)))}" for family, each in lengths.items())
         raise ValueError(
-            f"{where}: expected policies of {robot} that trained equally long, got robots "
-            f"{', '.join(sorted(others | {robot}))} and {', '.join(map(str, sorted(lengths)))} steps"
+            f"{where}: expected policies of {robot} that trained equally long, or a whole training "
+            f"{' or '.join(f'{family} {count} times as long' for family, count in longer.items() if count > 1)}; got "
+            f"robots {', '.join(sorted(others | {robot}))}, steps: {told}"
         )
     return found
 
@@ -203,16 +217,16 @@ class Judged:
     robot : str
     seeds : tuple of int
         Of the policies.
-    steps : int
-        Of training, each.
+    steps : dict
+        Family to steps of training, each.
     values : dict
         Condition and arm to figure and (policies,) array; nan where all walks of a policy ended in a fall.
     """
 
     robot: str
     seeds: tuple[int, ...]
-    steps: int
-    values: dict[tuple[str, str], dict[str, FloatArray]] = field(default_factory=dict)
+    steps: dict[str, int]
+    values: Cells = field(default_factory=Cells)
 
 
 def judge(
@@ -248,7 +262,7 @@ def judge(
     """
     first = next(iter(found.values()))
     seeds = tuple(int(policy.record["seed"]) for policy in first)
-    judged = Judged(first[0].robot, seeds, int(first[0].record["steps"]))
+    judged = Judged(first[0].robot, seeds, _lengths({family: each[0] for family, each in found.items()}))
     arms = ARMS if arms is None else arms
     # Arms that are corrected alike walk next to one another.
     choices = list(dict.fromkeys(arm.choice for arm in arms.values()))
@@ -281,6 +295,7 @@ def judge_each(
     report: Report = silent,
     threads: int = 2,
     duration: float | None = None,
+    folder: Path | None = None,
 ) -> Judged:
     """As :func:`judge`, seed by seed: no policy's figures depend on which others are judged.
 
@@ -288,24 +303,36 @@ def judge_each(
     ----------
     found, wanted, starts, report, threads, duration
         As for :func:`judge`.
+    folder : Path, optional
+        Figures of every seed on flat ground and on each other one are kept here, and taken from here if they are there.
     """
-    count = len(next(iter(found.values())))
-    each = [
-        judge(
-            {family: policies[k : k + 1] for family, policies in found.items()},
-            wanted,
-            starts=starts,
-            report=report,
-            threads=threads,
-            duration=duration,
-        )
-        for k in range(count)
-    ]
+    flat = tuple(entry for entry in wanted if entry.ground is None)
+    batches = [*([flat] if flat else []), *((entry,) for entry in wanted if entry.ground is not None)]
+    how: dict[str, Any] = {"starts": starts, "duration": duration}
+    each: list[Judged] = []
+    for k in range(len(next(iter(found.values())))):
+        one = {family: policies[k] for family, policies in found.items()}
+        first = next(iter(one.values()))
+        seed, cells = int(first.record["seed"]), Cells()
+        for batch in batches:
+            name = "flat" if batch[0].ground is None else batch[0].label.split(",")[0].replace(" ", "_")
+            asked = (version("mujoco"), params(first.robot), ARMS, batch, how)
+            let = partial(_cells, one, batch, report=report, threads=threads, **how)
+            cells |= keep(folder, f"{first.robot}-{seed}-{name}", one, asked, let)
+        each.append(Judged(first.robot, (seed,), _lengths(one), cells))
     values = {
         cell: {figure: np.concatenate([one.values[cell][figure] for one in each]) for figure in FIGURES}
         for cell in each[0].values
     }
     return Judged(each[0].robot, tuple(one.seeds[0] for one in each), each[0].steps, values)
+
+
+def _lengths(one: Mapping[str, Policy]) -> dict[str, int]:
+    return {family: int(policy.record["steps"]) for family, policy in one.items()}
+
+
+def _cells(one: Mapping[str, Policy], batch: Sequence[Condition], **options: Any) -> Cells:
+    return judge({family: (policy,) for family, policy in one.items()}, batch, **options).values
 
 
 def _note(judged: Judged, label: str, names: Sequence[str], outcomes: Sequence[Outcome], number: int) -> None:
@@ -337,8 +364,10 @@ def table(judged: Judged) -> str:
     """
     labels = list(dict.fromkeys(label for label, _ in judged.values))
     n, seeds = len(judged.seeds), ", ".join(map(str, judged.seeds))
+    usual = next(iter(judged.steps.values()))
+    longer = "".join(f" ({family} {steps})" for family, steps in judged.steps.items() if steps != usual)
     lines = [
-        f"{judged.robot}: {n} policies an arm, seeds {seeds}, trained for {judged.steps} steps; medians over policies",
+        f"{judged.robot}: {n} policies an arm, seeds {seeds}, trained for {usual} steps{longer}; medians over policies",
         "[least, greatest], each policy's figure the mean over its walks; < or >: below or above base for every seed,",
         f"which chance does in {100 * 0.5 ** (n - 1):.0f} % of the cells where nothing differs",
         *(f"  {name:<10}{arm.label}" for name, arm in ARMS.items()),

@@ -7,9 +7,8 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -19,23 +18,21 @@ from .environment import Walk
 from .loop import FilterChoice
 from .params import Params, params
 from .policy import ACTIONS, Policy
-from .ppo import Learner, learn, library, means
+from .ppo import Job, Learner, library, means, train
 
 __all__ = ["Trainer", "Training", "curve_text", "measure", "throughput_text", "train"]
 
 
 @dataclass(frozen=True)
-class Training:
+class Training(Job):
     """What is trained.
 
     Parameters
     ----------
-    seed : int
+    seed, iterations, environments
+        As for :class:`Job`.
     choice : FilterChoice, optional
         The filter in the loop; None: without.
-    iterations : int, optional
-        None: those of ``params.toml``.
-    environments : int, optional
     velocity : float
         Largest commanded forward speed, m/s.
     robot : str
@@ -51,28 +48,20 @@ class Training:
         For counts below 1, a speed that is not positive or another robot.
     """
 
-    seed: int
     choice: FilterChoice | None = None
-    iterations: int | None = None
-    environments: int | None = None
     velocity: float = 1.0
     robot: str = "lite3-primitives"
     full: bool = False
     curriculum: bool = False
 
     def __post_init__(self) -> None:
-        for name in ("iterations", "environments"):
-            value = getattr(self, name)
-            if value is not None and value < 1:
-                raise ValueError(f"{name}: expected 1 or more, got {value}")
-        if self.seed < 0:
-            raise ValueError(f"seed: expected 0 or more, got {self.seed}")
+        super().__post_init__()
         fastest = params(self.robot).gait.speed_high
         if not 0.0 < self.velocity <= fastest:
             raise ValueError(f"velocity: expected a speed up to {fastest} m/s, got {self.velocity}")
 
 
-class Trainer(Learner):
+class Trainer(Learner[Policy]):
     """PPO of a walk, iteration by iteration.
 
     Parameters
@@ -95,15 +84,8 @@ class Trainer(Learner):
         wanted: dict[str, Any] = json.loads(json.dumps(asdict(training)))
         if not training.curriculum:
             del wanted["curriculum"]
-        iterations = training.iterations
-        super().__init__(
-            lambda: self._walk(threads),
-            self.parameters.training,
-            wanted=wanted,
-            seed=training.seed,
-            actions=ACTIONS,
-            iterations=iterations,
-        )
+        settings = self.parameters.training
+        super().__init__(lambda: self._walk(threads), settings, training, wanted=wanted, actions=ACTIONS)
 
     def _walk(self, threads: int) -> Walk:
         training, usual = self.training, self.parameters.training.environments
@@ -130,18 +112,7 @@ class Trainer(Learner):
         return super().checkpoint() | {"levels": np.array(self.levels)}
 
     def restore(self, checkpoint: dict[str, NDArray[np.generic]]) -> None:
-        """Go on from a checkpoint.
-
-        Parameters
-        ----------
-        checkpoint : dict
-            Of :meth:`checkpoint`.
-
-        Raises
-        ------
-        ValueError
-            If it is none, or of another training.
-        """
+        """Go on from a checkpoint, as any learner does."""
         super().restore(checkpoint)
         self.levels = [float(value) for value in checkpoint.get("levels", np.zeros(self.done))]
 
@@ -158,30 +129,6 @@ class Trainer(Learner):
             "velocity": self.training.velocity,
             "full_randomisation": self.training.full,
         } | (super().record() | tiles)
-
-
-def train(
-    trainer: Trainer,
-    *,
-    checkpoint: Path | None = None,
-    every: int = 50,
-    report: Callable[[str], None] | None = None,
-) -> Policy:
-    """Train a policy, or go on with one.
-
-    Parameters
-    ----------
-    trainer : Trainer
-    checkpoint, every, report
-        As for :func:`~models.quadruped.ppo.learn`.
-
-    Raises
-    ------
-    ValueError
-        If the checkpoint is of another training.
-    """
-    learn(trainer, checkpoint=checkpoint, every=every, report=report, second=1.0 / _step_time())
-    return trainer.policy()
 
 
 def _step_time() -> float:

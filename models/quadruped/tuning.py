@@ -156,8 +156,8 @@ def table(judged: Judged) -> str:
     found = scores(judged)
     columns = list(found[_NOTHING])
     head = (
-        f"{judged.robot}, base policies of seeds {', '.join(map(str, judged.seeds))}, {judged.steps} steps: velocity "
-        "error as part of the command, falls count as 1"
+        f"{judged.robot}, base policies of seeds {', '.join(map(str, judged.seeds))}, {judged.steps['base']} steps: "
+        "velocity error as part of the command, falls count as 1"
     )
     lines = [head, "", f"{'':<52}" + "".join(f"{name:>12}" for name in columns)]
     kinds: Sequence[tuple[str, Mapping[str, FilterChoice | AdaptiveChoice | None]]] = (
@@ -182,4 +182,4 @@ def figures(judged: Judged) -> dict[str, object]:
     ----------
     judged : Judged
     """
-    return {"seeds": list(judged.seeds), "steps": judged.steps, "variants": scores(judged)}
+    return {"seeds": list(judged.seeds), "steps": judged.steps["base"], "variants": scores(judged)}

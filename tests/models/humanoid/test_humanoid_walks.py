@@ -21,6 +21,7 @@ stepping = importlib.import_module(f"{ROOM}.stepping")
 walk_params = importlib.import_module(f"{ROOM}.walk_params").walk_params
 walk_study = importlib.import_module(f"{ROOM}.walk_study")
 walking = importlib.import_module(f"{ROOM}.walking")
+ppo = importlib.import_module(f"{models.__name__}.quadruped.ppo")
 walks = importlib.import_module(f"{ROOM}.walks")
 
 # m and rad: Newton's method to rounding.
@@ -147,19 +148,17 @@ def test_training_resumes_and_its_policy_marches(tmp_path, capsys):
         pytest.importorskip(name, reason=f"{name} is not installed: nothing is trained")
 
     def tiny(iterations, **changes):
-        return walking.Trainer(
-            walking.Training(**({"seed": 5, "environments": 4} | changes), iterations=iterations)
-        )
+        return walking.Trainer(ppo.Job(**({"seed": 5, "environments": 4} | changes), iterations=iterations))
 
-    whole = walking.train(tiny(3))
+    whole = ppo.train(tiny(3))
     checkpoint = tmp_path / "part.npz"
-    walking.train(tiny(1), checkpoint=checkpoint)
-    resumed = walking.train(tiny(3), checkpoint=checkpoint)
+    ppo.train(tiny(1), checkpoint=checkpoint)
+    resumed = ppo.train(tiny(3), checkpoint=checkpoint)
     assert resumed.record["reward"] == whole.record["reward"]
     for first, second in zip(whole.layers, resumed.layers, strict=True):
         assert np.array_equal(first[0], second[0])
     with pytest.raises(ValueError, match="a checkpoint of another training: seed 5, not 6"):
-        walking.train(tiny(3, seed=6), checkpoint=checkpoint)
+        ppo.train(tiny(3, seed=6), checkpoint=checkpoint)
     network = importlib.import_module(f"{models.__name__}.quadruped.network")
     network.save(whole, tmp_path / "p.json")
     figures = tmp_path / "f.json"

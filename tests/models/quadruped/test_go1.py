@@ -177,7 +177,7 @@ def test_resumed_training_equals_an_uninterrupted_one(tmp_path):
 
     def trainer(iterations: int) -> training.Trainer:
         wanted = training.Training(
-            3, loop.paper_filter(), iterations=iterations, environments=4, robot="go1", full=True
+            3, choice=loop.paper_filter(), iterations=iterations, environments=4, robot="go1", full=True
         )
         return training.Trainer(wanted, threads=1)
 

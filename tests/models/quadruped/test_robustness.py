@@ -36,7 +36,7 @@ def filled(**changes: np.ndarray) -> object:
     }
     for name, value in changes.items():
         values["flat", name]["error"] = value
-    return robustness.Judged("go1", (0, 1, 2), 10, values)
+    return robustness.Judged("go1", (0, 1, 2), {"base": 10, "basefull": 20}, values)
 
 
 def test_a_difference_counts_where_every_seed_agrees():
@@ -50,6 +50,7 @@ def test_a_difference_counts_where_every_seed_agrees():
     lines = robustness.table(found).splitlines()
     [head] = [k for k, line in enumerate(lines) if line.startswith("velocity error")]
     row = lines[head + 1]
+    assert "trained for 10 steps (basefull 20)" in lines[0]
     assert row.count("<") == 1
     assert row.count(">") == 1
     assert "15.0 [5.0, 25.0] <" in row
@@ -73,6 +74,38 @@ def test_arms_walk_side_by_side_and_each_policy_has_its_figure():
         assert all(value.shape == (2,) for value in values.values())
         assert np.all(values["fallen"] == 0.0)
         assert np.all(values["error"] < 0.6)
+
+
+def test_a_judgement_that_was_stopped_goes_on(tmp_path, monkeypatch):
+    """What was walked is not walked again, unless the policy, the condition or the number of walks is another."""
+    walked = []
+
+    def judge(one, batch, *, starts, **_):
+        [base], value = one["base"], float(len(walked))
+        walked.append((base.record["seed"], [entry.label for entry in batch], starts))
+        if len(walked) == 3:
+            raise KeyboardInterrupt
+        figures = dict.fromkeys(robustness.FIGURES, np.array([value])) | {"ripple": np.array([np.nan])}
+        cells = {(entry.label, arm): figures for entry in batch for arm in robustness.ARMS}
+        return robustness.Judged("go1", (0,), {"base": 10}, cells)
+
+    monkeypatch.setattr(robustness, "judge", judge)
+    found = {family: [trot(0), trot(1)] for family in FAMILIES}
+    wanted = robustness.conditions("go1", quick=True)
+    with pytest.raises(KeyboardInterrupt):
+        robustness.judge_each(found, wanted, starts=1, folder=tmp_path)
+    flat, rough = ["nothing", "payload 60 %"], ["rough 0.3"]
+    assert walked == [(0, flat, 1), (0, rough, 1), (1, flat, 1)]
+    judged = robustness.judge_each(found, wanted, starts=1, folder=tmp_path)
+    assert walked[3:] == [(1, flat, 1), (1, rough, 1)]
+    assert judged.seeds == (0, 1)
+    assert judged.values["rough 0.3", "base"]["error"].tolist() == [1.0, 4.0]
+    assert np.isnan(judged.values["nothing", "full"]["ripple"]).all()
+    assert len(list(tmp_path.iterdir())) == 4
+    robustness.judge_each(found, wanted[:1], starts=2, folder=tmp_path)
+    other = policy.Policy(((np.full((12, 47), 1e-9), np.zeros(12)),), "go1", {"seed": 0, "steps": 10})
+    robustness.judge_each({family: [other] for family in FAMILIES}, wanted[2:], starts=1, folder=tmp_path)
+    assert walked[5:] == [(0, ["nothing"], 2), (1, ["nothing"], 2), (0, rough, 1)]
 
 
 def test_walks_without_a_figure_are_left_out():
@@ -110,9 +143,22 @@ def test_policies_come_in_whole_sets(tmp_path, capsys):
     ):
         robustness.policies("go1", folder=tmp_path)
     policy.save(trot(0, 20), tmp_path / "basefull-0.json")
-    with pytest.raises(ValueError, match="trained equally long, got robots go1 and 10, 20 steps"):
+    robustness.policies(
+        "go1", folder=tmp_path
+    )  # the only training that may be longer, and just twice as long
+    for family, steps in (("basefull", 30), ("filter", 20)):
+        policy.save(trot(0, steps), tmp_path / f"{family}-0.json")
+        with pytest.raises(
+            ValueError, match=f"trained equally long.* got robots go1, steps: .*{family} {steps}"
+        ):
+            robustness.policies("go1", folder=tmp_path)
+        policy.save(trot(0), tmp_path / f"{family}-0.json")
+    for family in FAMILIES:
+        policy.save(trot(1, 20 if family == "basefull" else 10), tmp_path / f"{family}-1.json")
+    with pytest.raises(ValueError, match="steps: base 10; filter 10; basefull 10, 20"):
         robustness.policies("go1", folder=tmp_path)
-    policy.save(trot(0), tmp_path / "basefull-0.json")
+    for family in FAMILIES:
+        (tmp_path / f"{family}-1.json").unlink()
     policy.save(trot(1), tmp_path / "base-1.json")
     found = robustness.policies("go1", folder=tmp_path)
     assert {family: len(entries) for family, entries in found.items()} == dict.fromkeys(FAMILIES, 1)
