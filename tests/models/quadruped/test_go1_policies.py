@@ -14,7 +14,7 @@ evaluation = importlib.import_module(f"{ROOM}.evaluation")
 policy = importlib.import_module(f"{ROOM}.policy")
 robustness = importlib.import_module(f"{ROOM}.robustness")
 
-SEEDS = (0, 1, 2)
+SEEDS = (0, 1, 2, 3, 4)
 
 
 def test_shipped_policies_are_a_whole_set():
@@ -26,7 +26,7 @@ def test_shipped_policies_are_a_whole_set():
     }
     for family, each in found.items():
         for one in each:
-            assert one.record["steps"] == 1_536_000
+            assert one.record["steps"] == 1_536_000 * (2 if family == "basefull" else 1)
             assert (one.record["filter"] is not None) == (family == "filter")
             assert one.record["full_randomisation"] == (family == "basefull")
 
@@ -41,7 +41,8 @@ def test_what_the_page_says_of_payloads_walks_again():
     # m/s; with twice the room that the page's policies leave.
     assert np.all(error["payload 0 %", "base"] < 0.3), "they walk"
     assert np.all(error["payload 0 %", "filter"] < 0.4)
-    assert np.sum(error["payload 0 %", "full"] > 0.25) == 2, "hardly trained, two of them: no rival"
+    assert np.all(error["payload 0 %", "full"] < 0.5), "they walk"
+    assert np.median(error["payload 60 %", "full"]) < 0.2, "the rival keeps it, after twice the training"
     assert np.median(error["payload 60 %", "filter"]) > 0.2, "the paper's bound is not kept"
     assert not judged.values["payload 60 %", "filter"]["fallen"].any()
     assert np.median(error["payload 60 %", "tuned"]) < np.median(error["payload 60 %", "filter"])
