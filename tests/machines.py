@@ -98,6 +98,13 @@ class Outcome:
     cpu: float
 
 
+def installed(version: str) -> str:
+    """The interpreter of a version that pyenv holds but does not put in the way; else the version, for uv to find."""
+    pyenv = Path(os.environ.get("PYENV_ROOT", Path.home() / ".pyenv"))
+    found = sorted(pyenv.glob(f"versions/{version}.*/bin/python")) if version else []
+    return str(found[-1]) if found else version
+
+
 def interpreter(machine: Machine, scratch: Path) -> str:
     """The Python of a machine; made, with its dependencies, where another version or another age is asked for.
 
@@ -113,7 +120,7 @@ def interpreter(machine: Machine, scratch: Path) -> str:
             raise SystemExit(
                 "other versions need uv (pip install uv); without it leave --python and --resolution out"
             )
-        made = [uv, "venv", "-q", "--python", machine.python or sys.executable, str(folder)]
+        made = [uv, "venv", "-q", "--python", installed(machine.python) or sys.executable, str(folder)]
         age = ["--resolution", machine.resolution or "highest"]
         install = [uv, "pip", "install", "-q", "--python", str(python), *age, "-e", f"{ROOT}[test]"]
         if subprocess.run(made, check=False).returncode:
