@@ -2,7 +2,7 @@
 
 A pytest plugin: the suite has to stay one that people run. The limit is generous, so that a slow machine passes and
 only a file that has grown out of its place fails the run. Set-up that a file is the first to need counts for that
-file; tests marked ``slow`` have no limit.
+file; those marked ``slow`` or ``release`` have no limit.
 """
 
 from __future__ import annotations
@@ -46,6 +46,17 @@ def slow_but(kept: Collection[object], values: Iterable[object]) -> list[Paramet
     ]
 
 
+def release_but(kept: Collection[object], values: Iterable[object]) -> list[ParameterSet]:
+    """The same one rank deeper: those kept are depth, the rest is for a release."""
+    return [
+        pytest.param(
+            *value if isinstance(value, tuple) else (value,),
+            marks=pytest.mark.slow if value in kept else pytest.mark.release,
+        )
+        for value in values
+    ]
+
+
 def pytest_configure(config: pytest.Config) -> None:
     config.stash[_spent] = Counter()
     config.stash[_limited] = Counter()
@@ -57,7 +68,7 @@ def pytest_runtest_protocol(item: pytest.Item) -> Generator[None, object, object
     result = yield
     name, seconds = item.nodeid.split("::")[0], cpu_seconds() - before
     item.config.stash[_spent][name] += seconds
-    if item.get_closest_marker("slow") is None:
+    if item.get_closest_marker("slow") is None and item.get_closest_marker("release") is None:
         item.config.stash[_limited][name] += seconds
     return result
 

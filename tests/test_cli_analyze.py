@@ -24,6 +24,7 @@ def sampled(tmp_path):
     return str(path)
 
 
+@pytest.mark.slow
 def test_page_of_a_continuous_filter(continuous, tmp_path, capsys):
     picture = tmp_path / "page.png"
     arguments = [

@@ -49,6 +49,7 @@ def test_a_filter_as_fmu_and_back(wing, capsys):
     assert json.loads(capsys.readouterr().out)["ok"]
 
 
+@pytest.mark.slow
 @needs_compiler
 def test_an_fmu_runs_on_inputs(wing, tmp_path):
     inputs, out = tmp_path / "in.csv", tmp_path / "out.csv"

@@ -335,7 +335,7 @@ def test_bad_input_is_one_line_and_status_2(arguments, message, logs, capsys):
     assert sorted(logs.iterdir()) == before
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_help_teaches_by_examples_that_run(logs, capsys):
     with pytest.raises(SystemExit) as stop:
         main(["learn", "--help"])

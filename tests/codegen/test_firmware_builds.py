@@ -9,6 +9,7 @@ import pytest
 
 import phyfilter_ctl as pf
 from phyfilter_ctl.codegen import find_compiler
+from tests.cpu_budget import release_but
 
 # The warnings and the arithmetic that each project's own build asks for, as far as they concern C.
 PROJECTS = {
@@ -49,7 +50,7 @@ def height_loop() -> ct.InputOutputSystem:
     )  # fmt: skip
 
 
-@pytest.fixture(scope="module", params=["double", "float"])
+@pytest.fixture(scope="module", params=release_but(["float"], ["double", "float"]))
 def folder(request, tmp_path_factory) -> Path:
     return pf.export_c(height_loop(), tmp_path_factory.mktemp(request.param) / "code", real=request.param)
 
@@ -63,7 +64,6 @@ def built(folder: Path, program: Path, flags: list[str]) -> str:
     return subprocess.run([str(program)], capture_output=True, text=True, check=True).stdout
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("project", PROJECTS)
 def test_no_warning_and_the_same_numbers(folder, project, tmp_path):
     if "gcc" not in find_compiler().version.lower() and "cc" not in find_compiler().command[-1]:
@@ -82,7 +82,6 @@ def test_no_warning_and_the_same_numbers(folder, project, tmp_path):
     assert built(copy, tmp_path / "flags", flags) == plain
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("project", PROJECTS)
 def test_no_warning_on_a_cortex(folder, project):
     compiler = shutil.which("arm-none-eabi-gcc")

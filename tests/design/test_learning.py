@@ -13,7 +13,7 @@ from scipy.optimize import minimize
 from phyfilter_ctl import PhyFilter, Recording
 from phyfilter_ctl.design.learning import LearnEvent, learn
 from phyfilter_ctl.design.learning.verdict import status_of
-from tests.cpu_budget import slow_but
+from tests.cpu_budget import release_but, slow_but
 
 matplotlib.use("Agg")
 
@@ -60,8 +60,7 @@ def random_filter(order, rng):
 # -- the promise ---------------------------------------------------------------------------------------------
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("form", slow_but(("lowpass",), ("lowpass", "general")))
+@pytest.mark.parametrize("form", release_but(("lowpass",), ("lowpass", "general")))
 def test_any_start_comes_to_the_best_known_cost(log, form):
     best = dict.fromkeys(range(1, 7), np.inf)
     reached = {n: [] for n in best}

@@ -111,6 +111,7 @@ def test_step_control(build):
     assert errors[2] < 1.5 * np.max(np.abs(equal.outputs - exact()))
 
 
+@pytest.mark.slow
 def test_warnings_of_an_fmu_are_shown(build, capsys):
     """They do not end a run; a parameter that the FMU replaced with another value does."""
     path = str(build(defines=("WARNS",)))

@@ -18,13 +18,14 @@ from phyfilter_ctl.fmi.channels import with_channels
 from phyfilter_ctl.fmi.description import FmuSolver, fmu_interface
 from phyfilter_ctl.fmi.export import _c_model
 from phyfilter_ctl.fmi.glue import fmi_headers, fmu_sources
-from tests.cpu_budget import slow_but
+from tests.cpu_budget import release_but
 
 HERE = Path(__file__).parent / "fuzz"
 SANITIZERS = ("-fsanitize=address,undefined", "-fno-sanitize-recover=all", "-g", "-O1", "-std=gnu99")
 SEQUENCES = 3_000
-CASES = slow_but(
-    [("sampled", "3.0")], [*product(SYSTEMS, ("2.0", "3.0")), ("clocks", "3.0"), ("channels", "3.0")]
+CASES = release_but(
+    {("sampled", "3.0"), ("continuous", "2.0"), ("loop", "3.0"), ("clocks", "3.0"), ("channels", "3.0")},
+    [*product(SYSTEMS, ("2.0", "3.0")), ("clocks", "3.0"), ("channels", "3.0")],
 )
 
 
@@ -59,7 +60,6 @@ def fuzzer(name, fmi):
     )
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(("name", "fmi"), CASES)
 @settings(max_examples=1, phases=[Phase.generate])  # a smaller seed is no simpler
 @given(seed=st.integers(0, 2**32))

@@ -272,7 +272,7 @@ def test_every_method_is_causal(quick):
         assert not np.allclose(other[name][0][500:], again[name][0][500:]), name
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_the_test_flights_do_not_enter_the_tuning():
     train = [sine_flight(v, seed=i, name=f"t{i}") for i, v in enumerate((0.5, 0.7, 0.9, 1.0))]
     one, other = (
@@ -401,6 +401,10 @@ def test_command_on_recordings(tmp_path, capsys):
     for name, score in data["rmse"].items():
         assert np.isfinite(score)
         assert f"{score:.4f}" in shown.out, name
+    points = data["study"]["order_by_pole"]["learned"]
+    assert [(point["order"], point["form"]) for point in points][:2] == [(1, "lowpass"), (1, "general")]
+    for point in points:
+        assert np.isfinite([point["tuning_rmse"], point["test_rmse"], point["pole"]]).all()
     for n in (1, 2, 3):
         saved = data["filters"][f"phyfilter_{n}"]
         again = PhyFilter(saved["a"], saved["b"], poles=[complex(*p) for p in saved["poles"]])

@@ -421,7 +421,7 @@ def test_bad_input_is_refused_before_anything_flies(
     assert not list(tmp_path.iterdir())
 
 
-@pytest.mark.slow
+@pytest.mark.release
 @pytest.mark.usefixtures("flawless")
 def test_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     figures, picture = tmp_path / "figures.json", tmp_path / "mission.png"

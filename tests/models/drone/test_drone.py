@@ -322,7 +322,7 @@ def test_methods_refuse_bad_gains() -> None:
         flights.conditions([0], "mass", payload=(0.5, 0.2))
 
 
-@pytest.mark.slow
+@pytest.mark.release
 @pytest.mark.usefixtures("flawless")
 def test_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Two short flights a method: the table, the JSON with all its keys, the picture and the filter."""

@@ -91,7 +91,7 @@ def test_the_recorded_flight_goes_along(handed):
         assert report.ok, str(report)
 
 
-@pytest.mark.slow
+@pytest.mark.release
 @needs_compiler
 def test_another_flight_is_told_apart(flight, tmp_path):
     """A difference where the record is not the filter's: one sample late."""

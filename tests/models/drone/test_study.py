@@ -289,7 +289,7 @@ def test_study_goes_on_where_it_was_broken_off(found, kept, monkeypatch):
 # -- the cluster --------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.slow
+@pytest.mark.release
 @pytest.mark.filterwarnings("default")  # Dask's event loop and sockets warn about themselves
 def test_cluster_finds_the_same_numbers(found):
     distributed = pytest.importorskip(
