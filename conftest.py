@@ -40,7 +40,7 @@ def quick_compiler(request: pytest.FixtureRequest) -> Iterator[None]:
     from phyfilter_ctl.codegen import find_compiler  # the controller of the workers gets by without
 
     with pytest.MonkeyPatch.context() as patch:
-        quick = "not slow" in request.config.getoption("markexpr") and "CC" not in os.environ
+        quick = "not slow" in (request.config.getoption("markexpr") or "") and "CC" not in os.environ
         if quick and not _why_not() and len(command := find_compiler().command) == 1:
             patch.setenv("CC", f"""sh -c 'exec {command[0]} "$@" -O0' {command[0]}""")
         yield
