@@ -385,7 +385,9 @@ def _kept_powers(A: bytes) -> FloatArray:
     """:func:`_powers` of a small matrix: a bound halves its steps again and again."""
     entries = np.array(np.frombuffer(A))
     n = math.isqrt(len(entries))
-    return _powers(entries.reshape(n, n))
+    powers = _powers(entries.reshape(n, n))
+    powers.setflags(write=False)  # all callers share them
+    return powers
 
 
 def multiply(rows: FloatArray, matrix: FloatArray) -> FloatArray:
