@@ -56,8 +56,7 @@ def load(name: str) -> Policy:
     ValueError
         If there is none, or the file is none of this robot.
     """
-    path = Path(name) if Path(name).is_file() else shipped(_FOLDER, name)
-    return read(path, Policy, ("berkeley",))
+    return read(shipped(_FOLDER, name), Policy, ("berkeley",))
 
 
 @dataclass(frozen=True)

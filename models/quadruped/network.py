@@ -160,21 +160,23 @@ def _array(values: Any) -> FloatArray:
 
 
 def shipped(folder: Path, name: str) -> Path:
-    """The file of a policy that comes with a model.
+    """The file of a policy: the one named, or one that comes with a model.
 
     Parameters
     ----------
     folder : Path
     name : str
-        Of the file, without its ending.
+        A path, or the name of a file of the folder without its ending.
 
     Raises
     ------
     ValueError
-        If there is none of that name.
+        If there is none.
     """
-    path = folder / f"{name}.json"
-    if not path.is_file():
-        there = ", ".join(sorted(entry.stem for entry in folder.glob("*.json"))) or "none"
-        raise ValueError(f"no policy {name!r}; with the model come: {there}")
-    return path
+    for path in (Path(name), folder / f"{name}.json"):
+        if path.is_file():
+            return path
+    there = ", ".join(sorted(entry.stem for entry in folder.glob("*.json"))) or "none"
+    raise ValueError(
+        f"no policy {name!r}: neither a file nor one of those that come with the model ({there})"
+    )
