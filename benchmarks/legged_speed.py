@@ -93,7 +93,7 @@ def with_learning(robots: int, threads: int, kind: str) -> tuple[int, Callable[[
     """Steps of the policy in a call, and one iteration of training; None without the extra."""
     training = part("training")
     try:
-        wanted = training.Training(SEED, part("loop").paper_filter(), environments=robots, robot=kind)
+        wanted = training.Training(SEED, choice=part("loop").paper_filter(), environments=robots, robot=kind)
         trainer = training.Trainer(wanted, threads=threads)
     except ImportError:
         return None

@@ -79,7 +79,13 @@ def refuse(word: str) -> float:
     raise AssertionError(f"{word} is no JSON")
 
 
-@pytest.mark.parametrize("name", slow_but(CHEAP, COMMANDS))
+@pytest.mark.parametrize(
+    "name",
+    [
+        *slow_but(CHEAP, sorted(COMMANDS.keys() - {"fmu recipes"})),
+        pytest.param("fmu recipes", marks=pytest.mark.release),  # builds FMUs
+    ],
+)
 def test_json_and_quiet_are_alike(
     name: str, files: dict[str, str], capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -11,7 +11,7 @@ import pytest
 from phyfilter_ctl import PhyFilter, stack
 from phyfilter_ctl.codegen.compiler import compile_sources, find_compiler
 from phyfilter_ctl.codegen.filter_source import FilterSource, filter_source
-from tests.cpu_budget import slow_but
+from tests.cpu_budget import release_but, slow_but
 
 H = 0.002
 CALLS = 10_000
@@ -103,8 +103,7 @@ def unflagged(tmp_path_factory):
     }
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("flags", FLAGS)
+@pytest.mark.parametrize("flags", release_but({"PX4"}, FLAGS))
 def test_flags_of_firmware_change_no_bit(flags, unflagged, tmp_path):
     """Taken back by pf_ieee.h: parameters rounded to float, a NaN that passes for a number, sums in another order."""
     if "clang" in find_compiler().version:

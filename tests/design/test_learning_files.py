@@ -223,7 +223,7 @@ def test_a_folder_of_parquet_is_read_by_its_columns(flights, tmp_path):
 # -- other processes ------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_processes_and_a_cluster_find_the_same_numbers_though_a_worker_is_killed(files):
     read = partial(Recording.from_csv, x=["p", "q"])
     expected = learn(files, 2, form="general", read=read, workers=1)

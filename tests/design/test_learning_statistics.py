@@ -44,7 +44,7 @@ def test_bartlett_is_newey_and_wests_sum():
     np.testing.assert_allclose(_bartlett(q, reach), expected, rtol=ROUNDING)
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_intervals_cover_the_truth():
     """150 logs with coloured errors: the 95 % interval of the pole holds it, and that of the RMSE the noise's."""
     truth, noise, trials = PhyFilter([12.0]), 0.3, 150

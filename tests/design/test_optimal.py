@@ -269,7 +269,7 @@ def flight(seed, n=8000, h=0.01, s=1.0, tau=0.4, sigma=0.003):
     return pf.Recording.from_arrays(x=(x[::fine] + sigma * rng.standard_normal(n + 1))[:, None], dt=h), gamma
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_intervals_cover_the_truth():
     """Of 20 seeds at 95 %, 16 or more of each: fewer would have a chance of 0.3 %."""
     covered = np.zeros(3)

@@ -149,7 +149,7 @@ def test_a_plant_shows_its_states(kind):
             assert tool.read(name) == value
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_binaries_of_other_formats_have_addresses():
     pytest.importorskip("ziglang")
     path = calibrated("3.0", platforms=FORMATS, compiler=None)

@@ -49,7 +49,7 @@ def search(folder: Path, *options: str) -> subprocess.CompletedProcess[str]:
     )  # fmt: skip
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_a_rare_failure_is_found_twice(tmp_path):
     runs = [
         search(tmp_path, "--fuzz-minutes=2", "--hypothesis-seed=7", "-k", "test_property") for _ in range(2)

@@ -385,7 +385,7 @@ def test_diagram_by_default():
 # -- command ------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.slow
+@pytest.mark.release
 @pytest.mark.usefixtures("flawless")
 def test_command_on_recordings(tmp_path, capsys):
     train = [write(tmp_path / f"t{i}.csv", sine_flight(v, seed=i)) for i, v in enumerate((0.5, 0.7, 0.9))]
@@ -476,7 +476,7 @@ def test_a_filter_on_disk_is_scored_beside_the_tuned_ones(tmp_path, capsys):
     assert "none.toml" in capsys.readouterr().err
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_no_method_diverges_on_faster_flights_than_it_was_tuned_on(tmp_path, capsys):
     """A recursion by forward Euler has gains that hold on slow flights and not on a fast one."""
     trains = [

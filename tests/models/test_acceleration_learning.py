@@ -72,7 +72,7 @@ def test_start_of_a_flight_is_left_out():
     np.testing.assert_allclose(one.a, other.a, rtol=1e-6)
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_learned_filters_are_no_worse_than_tuned_ones(quick):
     points = {(point.order, point.form): point for point in study.order_by_pole(quick).learned}
     assert list(points) == [(n, form) for n in (1, 2, 3) for form in ("lowpass", "general")]

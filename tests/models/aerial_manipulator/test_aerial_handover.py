@@ -18,7 +18,7 @@ SAME = 1e-11
 SAMPLES = 500
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_parts_repeat_a_mission(tmp_path: Path) -> None:
     """FMI 3.0; the recipes in ``fmus`` check the same parts in 2.0 as well."""
     version = "3.0"

@@ -255,7 +255,7 @@ def test_seer_learned_the_mass_and_not_the_wind() -> None:
     np.testing.assert_allclose(trained.model.bounds[-1], [0.0, params.params().mass.high])
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_comparison_is_the_same_by_any_number_of_workers() -> None:
     options = {"methods": ("integral", "observer"), "duration": 8.0, "backend": "vm"}
     expected = comparison.compare([0, 1], **options)

@@ -103,7 +103,7 @@ def test_another_flight_is_told_apart(flight, tmp_path):
         assert found.largest[form] == pytest.approx(expected, rel=1e-9)
 
 
-@pytest.mark.slow
+@pytest.mark.release
 @needs_compiler
 def test_filter_on_a_learned_model_with_held_g(tmp_path):
     flown = handover.record_flight(REPAIRED, MODEL, duration=1.0)
@@ -133,7 +133,7 @@ def test_what_cannot_be_handed_over(flight, tmp_path):
         cosimulation.cosimulation(methods.Method("baseline", 2.0))
 
 
-@pytest.mark.slow
+@pytest.mark.release
 @needs_compiler
 def test_one_sample_is_all_that_a_cut_costs(cosimulated):
     """Off the diagram as far as one sample of delay in the late wires takes it, to rounding."""

@@ -112,7 +112,7 @@ def _point(home, x, y):
     return regulator.SetPoint(still, q, np.array([[x + y]]), np.zeros(0), np.zeros(0))
 
 
-@pytest.mark.slow
+@pytest.mark.release
 @pytest.mark.usefixtures("flawless")
 def test_command_line(tmp_path, capsys):
     figures, drawn = tmp_path / "f.json", tmp_path / "p.png"

@@ -161,7 +161,7 @@ def test_tuning_walks_on_nothing_that_is_judged():
     assert methods.RIVAL in tuning.RIVALS.values()
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_command_prints_the_variants(tmp_path, capsys):
     pytest.importorskip("mujoco", reason="mujoco is not installed: nothing walks")
     policy = importlib.import_module(f"{ROOM}.policy")
