@@ -230,8 +230,10 @@ class _Walk:
         if operation in _LOGIC:
             truths = [self._truth(value).expression for value in values]
             return _Value(_applied(operation, truths), 0, on, True)
-        if operation in _EQUALITIES:  # at points only: as it stands
-            return _Value(expression, 0, on, True)
+        if operation in _EQUALITIES:
+            # With a position, on the border of its switch: never between. With a number, at points only: as it stands.
+            beside = any(not value.degree and value.on for value in values)
+            return _Value(ca.SX(operation == _OP["NE"]) if beside else expression, 0, on, True)
         return self._jump(operation, values, on)
 
     def _jump(self, operation: int, values: list[_Value], on: int) -> _Value:

@@ -2,8 +2,8 @@
 
 The position of every switch that makes the derivatives jump becomes a held signal, its range, which changes at events
 only. Where the solutions on both sides of a border lead to it, it stays there, as A. F. Filippov has it (Differential
-Equations with Discontinuous Righthand Sides, 1988): x' = f_below + s (f_above - f_below) with the share s in [0, 1] that
-keeps the level of the switch at its border, until s leaves [0, 1]. So does a mass that dry friction holds.
+Equations with Discontinuous Righthand Sides, 1988): x' = f_below + s (f_above - f_below) with the share s in [0, 1]
+that keeps the level of the switch at its border, until s leaves [0, 1]. So does a mass that dry friction holds.
 """
 
 from __future__ import annotations
@@ -66,9 +66,9 @@ def located(flat: FlatModel) -> FlatModel:
     Returns
     -------
     FlatModel
-        The same one where its derivatives do not jump, or cannot be looked into: with nonlinear algebraic loops, functions
-        that run as Python, or imported FMUs. Else one whose events are followed by those of the switches, and whose held
-        signals by their ranges; these start undecided, as :attr:`FlatModel.unknowns` says.
+        The same one where its derivatives do not jump, or cannot be looked into: with nonlinear algebraic loops,
+        functions that run as Python, or imported FMUs. Else one whose events are followed by those of the switches,
+        and whose held signals by their ranges, which are undecided at first; its ``unknowns`` decide them.
 
     Examples
     --------
@@ -226,7 +226,7 @@ class _Point(NamedTuple):
 
 
 class _Located:
-    """Builds the model; its held signals are followed by a range and 1 where it slides for each switch (-1: undecided)."""
+    """Builds the model: what is held is followed by the ranges, and by 1 for a switch that slides, -1 while undecided."""
 
     def __init__(self, frozen: _Frozen) -> None:
         self._frozen, self._flat = frozen, frozen.flat
