@@ -226,7 +226,7 @@ class _Point(NamedTuple):
 
 
 class _Located:
-    """Builds the model: what is held is followed by the ranges, and by 1 for a switch that slides, -1 while undecided."""
+    """Builds the model: behind what is held come the ranges, then 1 for each switch that slides, -1 while undecided."""
 
     def __init__(self, frozen: _Frozen) -> None:
         self._frozen, self._flat = frozen, frozen.flat
