@@ -314,6 +314,12 @@ class EventWatch:
             narrower = self._first(parts, self._at(parts, h, states), side, returning, found)
             assert narrower is not None  # the last part is where it was found
             found = narrower
+        fired = self._fires(found.after, side, returning)
+        if (found.after[fired] == 0.0).any():  # just past 0, as a reset that asks for the sign expects it
+            later = min(found.end + resolution, 1.0)
+            values = self._at(np.full(len(_PARTS), later), h, states)[0]
+            if np.array_equal(self._past(values, side) & fired, fired):
+                return later, values
         return found.end, found.after
 
     def _at(self, parts: FloatArray, h: float, states: Callable[[FloatArray], FloatArray]) -> FloatArray:

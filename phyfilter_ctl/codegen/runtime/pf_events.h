@@ -118,9 +118,14 @@ static int seek(const look *at, const pf_time *parts, int from, int exact, int *
   return PF_OK;
 }
 
+/* The rounding of time as a part of the step. */
+static pf_time least_part(const look *at) {
+  return TIME_ROUNDING * (magnitude(at->t) > at->h ? magnitude(at->t) : at->h) / at->h;
+}
+
 /* Narrows a bracket of parts that the first event lies in; the conditions at its end are in g. */
 static int narrow(const look *at, pf_time begin, pf_time *end) {
-  const pf_time scale = magnitude(at->t) > at->h ? magnitude(at->t) : at->h, least = TIME_ROUNDING * scale / at->h;
+  const pf_time least = least_part(at);
   for (int round = 0; *end - begin > least && round < 200; round++) {
     const int i = first_fired(at, at->g);
     const pf_time length = *end - begin, a = (pf_time)at->g0[i], b = (pf_time)at->g[i];
@@ -188,8 +193,14 @@ static int first_event(const look *at, pf_time *part) {
     for (int i = 0; i < way->model->n_x; i++) at->x[i] = way->x[i];
   if (!status) status = conditions_at(at, begin, at->g0);
   if (!status) status = narrow(at, begin, &end);
-  if (!status) status = place(at, end, 1);
-  if (!status) status = conditions_at(at, end, at->g);
+  for (int again = 1; again >= 0 && !status; again--) {
+    status = place(at, end, 1);
+    if (!status) status = conditions_at(at, end, at->g);
+    const int i = status ? -1 : first_fired(at, at->g);
+    if (i < 0 || at->g[i] < 0 || at->g[i] > 0 || !(end < 1.0)) break;
+    end += least_part(at); /* just past 0, as a reset that asks for the sign expects it */
+    if (!(end < 1.0)) end = 1.0;
+  }
   for (int i = 0; i < events->count; i++) at->fired[i] = (pf_real)fires(at, at->g, i);
   *part = end;
   return status;
