@@ -82,7 +82,13 @@ def located(flat: FlatModel) -> FlatModel:
     ['v.switch']
     """
     functions = _functions(flat)
-    if flat.dt > 0.0 or flat.loops or flat.memories or not flat.states:
+    if (
+        any(event.switch for event in flat.events)
+        or flat.dt > 0.0
+        or flat.loops
+        or flat.memories
+        or not flat.states
+    ):
         return flat
     try:
         dynamics = flat.dynamics if flat.dynamics.is_a("SXFunction") else flat.dynamics.expand()
