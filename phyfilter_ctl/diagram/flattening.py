@@ -324,7 +324,14 @@ class _Builder:
         held, *starts = ca.vertsplit(z, self._borders)
         borders = [border - self._borders[1] for border in self._borders[1:]]
         taus = ca.vertsplit(self._unknowns(*outer, held, *starts), borders) if needed else starts
-        return ca.Function(name, [*outer, z], [inner(*outer, held, *taus)], list(_ARGUMENTS), ["value"])
+        value = inner(*outer, held, *taus)
+        if needed:  # a comparison takes a not-a-number for a side, and would go on
+            for i, tau in enumerate(taus, start=len(arguments)):
+                rows = np.unique(inner.jac_sparsity(0, i).row()).astype(int)
+                missing = np.zeros(value.numel())
+                missing[rows] = np.nan
+                value += ca.if_else(ca.sum1(ca.fabs(tau)) < np.inf, np.zeros(value.numel()), missing)
+        return ca.Function(name, [*outer, z], [value], list(_ARGUMENTS), ["value"])
 
 
 def _tasks(wiring: Wiring, symbols: Symbols, evaluation: Evaluation, build: _Builder) -> tuple[Task, ...]:
