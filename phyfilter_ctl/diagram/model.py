@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 
 import control as ct
@@ -69,6 +70,12 @@ class FlatModel(Equations):
     def memories(self) -> tuple[Memory, ...]:
         """Of blocks that keep something from event to event beside their states, such as imported FMUs."""
         return tuple(event.memory for event in self.events if event.memory is not None)
+
+    @property
+    def exclusive(self) -> tuple[Callable[[], AbstractContextManager[object]], ...]:
+        """What a run enters before it begins: blocks that keep something from call to call are had by one at a time."""
+        callbacks = [callback.running for callback in self.callbacks if callback.running is not None]
+        return tuple(dict.fromkeys([*(memory.running for memory in self.memories), *callbacks]))
 
     @property
     def is_linear(self) -> bool:

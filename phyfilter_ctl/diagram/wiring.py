@@ -67,6 +67,8 @@ class Wiring:
         Signals at the border of the diagram.
     traced : dict
         Functions of blocks by :func:`copy_key`.
+    starts : dict
+        Values of signals that nothing drives and that are not 0 for that.
     """
 
     names: list[str] = field(default_factory=list)
@@ -76,6 +78,7 @@ class Wiring:
     inputs: Sequence[int] = ()
     outputs: Sequence[int] = ()
     traced: dict[tuple[object, ...], BlockFunctions] = field(default_factory=dict)
+    starts: dict[int, float] = field(default_factory=dict)
 
     def dependencies(self) -> list[list[int]]:
         """Signals that each signal needs at the same moment."""
@@ -146,8 +149,7 @@ def wire(system: ct.InputOutputSystem, given: Mapping[str, object], rules: Rules
         for signal in block.inputs:
             del wiring.sums[signal]
     _check_names([block.path for block in wiring.blocks], "blocks")
-    if rules.unconnected == "error":
-        _check_driven(wiring)
+    _check_driven(wiring, rules.unconnected)
     return wiring
 
 
@@ -321,7 +323,8 @@ def _check_single_drivers(diagram: ct.InterconnectedSystem, path: str) -> None:
             raise ValueError(f"output {label}{where} is driven by {' and by '.join(sources)}; {way_out}")
 
 
-def _check_driven(wiring: Wiring) -> None:
+def _check_driven(wiring: Wiring, unconnected: Unconnected) -> None:
+    """Refuses inputs that nothing drives, or leaves them at 0; those of blocks that keep them get their starts."""
     followers: dict[int, list[int]] = {}
     for signal, terms in wiring.sums.items():
         for term, _ in terms:
@@ -333,8 +336,16 @@ def _check_driven(wiring: Wiring) -> None:
             if signal not in reached:
                 reached.add(signal)
                 pending.append(signal)
-    missing = [wiring.names[s] for block in wiring.blocks for s in block.inputs if s not in reached]
-    if missing:
+    missing: list[str] = []
+    for block in wiring.blocks:
+        for signal, variable in zip(block.inputs, block.functions.inputs, strict=True):
+            if signal in reached:
+                continue
+            if block.functions.keeps_starts:
+                wiring.sums[signal], wiring.starts[signal] = [], variable.start
+            else:
+                missing.append(wiring.names[signal])
+    if missing and unconnected == "error":
         raise ValueError(
             f"nothing drives {', '.join(missing)}; connect it, name it in inplist or inputs of the diagram, or let it "
             'be zero with flatten(..., unconnected="zero")'

@@ -19,6 +19,7 @@ from .cosimulation_part import Part
 from .cosimulation_system import SystemPart
 from .foreign import Isolation
 from .importing import import_fmu
+from .importing_blocks import input_starts
 from .importing_model import FmuModel
 from .importing_steps import FmuSteps
 from .inspect import Kind, Scalar
@@ -26,7 +27,7 @@ from .instance import FmuError, FmuInstance
 from .signals import Signals, recorded
 from .units import FmuUnit, understood_unit
 from .unpacked import UnpackedFmu
-from .values import Opaque, by_element, numbers_among, opaque
+from .values import Opaque, by_element, opaque
 
 __all__ = ["FmuPart", "SystemPart", "make_part"]
 
@@ -86,20 +87,8 @@ class FmuPart(Part):
         self.inputs: tuple[str, ...] = self.input_signals.labels
         self.outputs: tuple[str, ...] = self.output_signals.labels
         description = fmu.description
-        starts = {
-            label: float(value)
-            for entry in description.of("input")
-            for label, value in zip(
-                entry.labels, entry.starts or entry.items[:1] * len(entry.labels), strict=False
-            )
-            if not isinstance(value, str | bytes)
-        }
-        # The FMU alone knows how arrays start that have another size than by default.
-        resized = [entry for entry in description.of("input") if 1 < len(entry.start) != len(entry.labels)]
-        unsaid = {label for entry in resized for label in entry.labels} - values.keys()
-        self._unsaid: NDArray[np.bool_] = np.array([label in unsaid for label in self.inputs], bool)
-        starts |= numbers_among(description, values)
-        self.start: FloatArray = np.array([starts.get(label, 0.0) for label in self.inputs])
+        self.start: FloatArray = input_starts(description, self.inputs, values)
+        self._unsaid: NDArray[np.bool_] = np.isnan(self.start)
         self.feedthrough: NDArray[np.bool_] = description.feedthrough(self.inputs, self.outputs)
         self.can_go_back: bool = self.instance.ability.state
         self.variable_step: bool = self.instance.ability.variable_step
