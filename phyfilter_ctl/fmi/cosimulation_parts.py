@@ -107,6 +107,7 @@ class FmuPart(Part):
             zip(self.inputs + self.outputs, self.input_signals.units + self.output_signals.units, strict=True)
         )
         self.slope_signals: Slopes | None = self._slope_signals()
+        self._over = False  # it has ended the run, and takes no more inputs
 
     def _slope_signals(self) -> Slopes | None:
         places = np.flatnonzero(self.moving)
@@ -178,6 +179,7 @@ class FmuPart(Part):
 
     def initialise(self, start_time: float, stop_time: float) -> None:
         """Enter the initialisation with the parameters and start values."""
+        self._over = False
         self.instance.initialise(
             start_time,
             stop_time=stop_time,
@@ -193,6 +195,8 @@ class FmuPart(Part):
 
     def put(self, u: FloatArray) -> None:
         """Set all inputs."""
+        if self._over:
+            return
         try:
             self.input_signals.write(self.instance, u)
         except ValueError as error:
@@ -235,7 +239,11 @@ class FmuPart(Part):
 
     def advance(self, t: float, h: float, *, final: bool) -> None:
         """One step of the FMU."""
-        self.instance.do_step(t, h, final=final)
+        try:
+            self.instance.do_step(t, h, final=final)
+        except FmuError as error:
+            self._over = error.ends_at(t + h, h)
+            raise
 
     @property
     def has_events(self) -> bool:
@@ -245,7 +253,7 @@ class FmuPart(Part):
     def happen(self, t: float) -> bool:
         """Clocks that tick at t, and discrete inputs that changed."""
         self.instance.time = t
-        return self.instance.happen()
+        return not self._over and self.instance.happen()
 
     @property
     def clocks(self) -> tuple[tuple[str, ...], tuple[str, ...]]:
@@ -272,6 +280,7 @@ class FmuPart(Part):
 
     def restore(self, state: object) -> None:
         """Put a state of the FMU back."""
+        self._over = False
         self.instance.restore(state)
 
     def forget(self, state: object) -> None:

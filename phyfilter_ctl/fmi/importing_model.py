@@ -182,6 +182,10 @@ class FmuModel(FmuBlock):
         self.move(t, x, u, params)
         return self._outputs.read(self.instance)
 
+    def outputs_now(self) -> FloatArray:
+        """Outputs as the FMU stands."""
+        return self._outputs.read(self.instance)
+
     def __deepcopy__(self, memo: dict[int, object]) -> FmuModel:
         return FmuModel(
             self._fmu,
@@ -253,6 +257,7 @@ class _FmuMemory:
         self._block = block
         self._fresh = False
         self._ended = ""
+        self._final = np.zeros(0)  # outputs where the FMU asked to end the run
 
     @property
     def ended(self) -> str:
@@ -286,7 +291,14 @@ class _FmuMemory:
             return np.append(block.start_at(x, u, params), 0.0)
         event = self.next_event
         block.move(event if abs(event - t) <= _ROUNDING * max(abs(t), 1.0) else t, x, u, params)
-        return self._answer(block.instance.run_events(), t)
+        end = block.instance.run_events()
+        self._say(end, t)
+        # An FMU that asks to end the run tells its outputs, and no more states.
+        return np.append(x if end else block.instance.states(), float(end))
+
+    def output(self, t: float, x: FloatArray, u: FloatArray, params: Mapping[str, float]) -> FloatArray:
+        """Outputs between events, and the last ones of an FMU that asked to end the run."""
+        return self._final if self._ended else self._block.outputs_at(t, x, u, params)
 
     def condition(self, t: float, x: FloatArray, u: FloatArray, params: Mapping[str, float]) -> FloatArray:
         """Event indicators; 0 counts as below 0, as FMI has it."""
@@ -306,14 +318,9 @@ class _FmuMemory:
         inputs = self._block.instance.inputs
         return np.array([float(not self._fresh and inputs is not None and inputs.would_change(u))])
 
-    def _answer(self, end: bool, t: float) -> FloatArray:
-        self._say(end, t)
-        # An FMU that asks to end the run answers no more.
-        x = np.zeros(self._block.nstates or 0) if end else self._block.instance.states()
-        return np.append(x, float(end))
-
     def _say(self, end: bool, t: float) -> None:
         if end:
+            self._final = self._block.outputs_now()
             self._ended = f"block {self._block.name}: the FMU asked to end the run at t = {t:.9g} s"
 
 
@@ -344,7 +351,7 @@ def _functions(block: FmuModel) -> BlockFunctions:
         block.callback("changed", memory.changed, 1) if block.has_discrete_inputs else None,
     )
     dynamics = block.callback("update", block.rates_at, states)
-    output = block.callback("output", block.outputs_at, size, through)
+    output = block.callback("output", memory.output, size, through)
     made = (dynamics, output, event.condition, event.reset, event.completed, event.changed)
     return BlockFunctions(
         states=block.variables(block.state_labels, block.start_state.tolist()),

@@ -132,6 +132,11 @@ class FmuSteps(FmuBlock):
         return self._k
 
     @property
+    def interval(self) -> float:
+        """Communication step in seconds."""
+        return self._h
+
+    @property
     def start_inputs(self) -> FloatArray:
         """Start values of its inputs, (inputs,); the FMU is initialised where it alone knows them."""
         if np.isnan(self._starts).any():
@@ -451,7 +456,7 @@ class _StepMemory:
         """Whether the step that leads to x has begun, and has yet to end."""
         block = self._block
         begun = self._in_run and block.noted and float(x[0]) == block.steps_done + 1
-        return begun and t < self._noted_at + _BETWEEN * float(block.dt)
+        return begun and t < self._noted_at + _BETWEEN * block.interval
 
     @contextmanager
     def _telling(self) -> Iterator[None]:
