@@ -120,3 +120,4 @@ class Equations:
     callbacks: tuple[Interpreted, ...] = ()
     events: tuple[FlatEvent, ...] = ()
     conditions: ca.Function | None = None
+    turns: tuple[int, ...] = ()

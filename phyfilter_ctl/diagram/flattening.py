@@ -202,7 +202,7 @@ def _assemble(
         for i, block in enumerate(wiring.blocks)
         if not block.period and block.functions.states
     ]
-    tasks = _tasks(wiring, symbols, evaluation, build)
+    tasks, turns = _tasks(wiring, symbols, evaluation, build)
     events, conditions = _events(wiring, symbols, evaluation, build, prefix)
     return FlatModel(
         name=name,
@@ -221,6 +221,7 @@ def _assemble(
         callbacks=tuple(callback for block in wiring.blocks for callback in block.functions.callbacks),
         events=events,
         conditions=conditions,
+        turns=turns,
     )
 
 
@@ -327,7 +328,10 @@ class _Builder:
         return ca.Function(name, [*outer, z], [inner(*outer, held, *taus)], list(_ARGUMENTS), ["value"])
 
 
-def _tasks(wiring: Wiring, symbols: Symbols, evaluation: Evaluation, build: _Builder) -> tuple[Task, ...]:
+def _tasks(
+    wiring: Wiring, symbols: Symbols, evaluation: Evaluation, build: _Builder
+) -> tuple[tuple[Task, ...], tuple[int, ...]]:
+    """The tasks in their order, and their turns where each once will not do."""
     tasks, blocks = [], []
     for i, block in enumerate(wiring.blocks):
         if not block.period:
@@ -360,6 +364,9 @@ def _tasks(wiring: Wiring, symbols: Symbols, evaluation: Evaluation, build: _Bui
     parts = components(range(len(tasks)), needs)
     for part in parts:
         if len(part) > 1 or part[0] in edges[part[0]]:
+            turns = _turns(tasks) if any(block.functions.callbacks for block in wiring.blocks) else ()
+            if turns:
+                return tuple(tasks), turns
             way = cycle(part, needs)
             hops = [
                 f"{blocks[a].path}.{blocks[a].functions.outputs[edges[b][a][0] - tasks[a].held.start].name} -> "
@@ -371,7 +378,29 @@ def _tasks(wiring: Wiring, symbols: Symbols, evaluation: Evaluation, build: _Bui
                 'at its instant before (a unit delay; g="hold" for g of a filter), or, if its outputs have nothing to '
                 "do with each other, make one block of each"
             )
-    return tuple(tasks[part[0]] for part in parts)
+    return tuple(tasks[part[0]] for part in parts), ()
+
+
+def _turns(tasks: Sequence[Task]) -> tuple[int, ...]:
+    """Tasks one after the other, each as often as outputs of it wait for others; empty where outputs wait in a ring."""
+    waiting: dict[int, set[int]] = {}
+    for task in tasks:
+        reads = dependencies(task.signals, 4).astype(int)
+        needed = task.law.feedthrough.astype(int) @ reads
+        waiting |= {task.held.start + row: set(np.flatnonzero(needed[row])) for row in range(len(needed))}
+    turns: list[int] = []
+    while waiting:
+        before = len(waiting)
+        for i, task in enumerate(tasks):
+            own = [k for k in range(task.held.start, task.held.stop) if k in waiting]
+            ready = [k for k in own if not waiting[k] & waiting.keys()]
+            if ready:
+                turns.append(i)
+                for k in ready:
+                    del waiting[k]
+        if len(waiting) == before:
+            return ()
+    return tuple(turns)
 
 
 def _events(

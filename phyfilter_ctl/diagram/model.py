@@ -51,6 +51,10 @@ class FlatModel(Equations):
     events : tuple of FlatEvent
     conditions : casadi.Function, optional
         (t, x, u, p, z) -> the conditions of the events; None where there are none.
+    turns : tuple of int
+        Which tasks put out at a coinciding instant, one after the other, where one of them has to more than once, since
+        some of its outputs wait for a task that waits for others of it. Empty: each once, in their order; models with C
+        code have no other.
 
     Notes
     -----

@@ -52,7 +52,7 @@ class FmuSteps(FmuBlock):
     * :func:`simulate` runs it alone and in discrete diagrams of the same ``dt``; in continuous ones as
       ``sampled_block(block)``, which holds its outputs from one communication point to the next.
     * Outputs at step k see the inputs at step k where the FMU recomputes them on reading; else those of the step.
-      Which do is taken from its description, and tried out at the start where that says nothing.
+      Which do is taken from its description and tried out on an instance at its start.
     * Clocks that tick at the time of step k, and discrete inputs that changed, come into force as the step from there
       begins, with the inputs of step k: outputs at step k know nothing of them yet. :func:`cosimulate` hands on what
       they change at the instant itself.
@@ -168,15 +168,13 @@ class FmuSteps(FmuBlock):
         Returns
         -------
         (outputs, inputs) bool array
-            By the description; of outputs that it says nothing of, as the FMU answers at its start.
+            What the description says, and what the FMU shows at its start, which may be more.
         """
         if self._through is None:
             owners = {label: entry.name for entry in self.description.variables for label in entry.labels}
-            unsaid = [self.description.dependencies.get(owners[label]) is None for label in self.labels[1]]
-            through = self.description.feedthrough(*self.labels)
-            if any(unsaid) and len(self._inputs):
-                through[unsaid] = self._tried_out()[unsaid]
-            self._through = through
+            said = [self.description.dependencies.get(owners[label]) is not None for label in self.labels[1]]
+            declared = self.description.feedthrough(*self.labels) & np.array(said, bool)[:, None]
+            self._through = declared | self._tried_out() if declared.size else declared
         return self._through
 
     def restart(
