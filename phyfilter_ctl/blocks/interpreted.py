@@ -7,6 +7,7 @@ import time
 import warnings
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
+from itertools import count
 from typing import TypeAlias
 
 import casadi as ca
@@ -20,6 +21,8 @@ __all__ = ["Evaluation", "Interpreted", "RunEndedError", "acting"]
 Evaluation: TypeAlias = Callable[[float, FloatArray, FloatArray, FloatArray], object]
 """(t, x, u, p) -> as many numbers as there are results."""
 
+# CasADi takes functions of one name for one function where it looks for common subexpressions.
+_NUMBERS = count()
 _REMEDY = "Write that line with arithmetic and functions of numpy or math on t, x, u and params"
 
 
@@ -41,7 +44,7 @@ class Interpreted(ca.Callback):
     Parameters
     ----------
     name : str
-        Of the CasADi function.
+        Of the CasADi function, where a number follows it: each has a name of its own.
     evaluate : callable
         The function; where it raises, the results are not-a-number.
     sizes : sequence of int
@@ -105,7 +108,7 @@ class Interpreted(ca.Callback):
         self.remedy: str = remedy
         self.running: Callable[[], AbstractContextManager[object]] | None = running
         self._noted = _Noted()
-        self.construct(name, {"enable_fd": True})
+        self.construct(f"{name}_{next(_NUMBERS)}", {"enable_fd": True})
 
     @property
     def seconds(self) -> float:

@@ -159,6 +159,7 @@ def _assemble(
     dt = _time_base(system, name)
     wiring = wire(system, given, rules)
     labels = [*_labels(system, len(wiring.outputs)), *_recorded(wiring, record)]
+    _refuse_shared(wiring.blocks)
     scalar, wiring.blocks = _expanded(wiring.blocks)
     prefix = isinstance(system, ct.InterconnectedSystem)
     states = [() if b.period else _named(b, b.functions.states, prefix) for b in wiring.blocks]
@@ -223,6 +224,19 @@ def _assemble(
         conditions=conditions,
         turns=turns,
     )
+
+
+def _refuse_shared(blocks: Sequence[Block]) -> None:
+    """A block that keeps something from call to call stands in a diagram once."""
+    owners: dict[object, str] = {}
+    for block in blocks:
+        for running in {callback.running for callback in block.functions.callbacks} - {None}:
+            if (other := owners.setdefault(running, block.path)) != block.path:
+                reason = block.functions.callbacks[0].reason
+                raise ValueError(
+                    f"blocks {other} and {block.path} are one and the same, with a state of its own ({reason}): "
+                    "import it twice, or give the diagram a copy (copy.deepcopy)"
+                )
 
 
 def _recorded(wiring: Wiring, patterns: Sequence[str]) -> list[str]:

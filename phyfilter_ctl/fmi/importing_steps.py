@@ -44,8 +44,8 @@ class FmuSteps(FmuBlock):
     ----------
     start_state : (1,) array
         0: no step done.
-    goes_back : bool
-        Whether states are kept, so that a step can be made again with other inputs.
+    in_run : bool
+        Whether a run of :func:`simulate` has it, which goes forward only: no states are kept to go back to.
 
     Notes
     -----
@@ -110,8 +110,7 @@ class FmuSteps(FmuBlock):
             [bool(entry.items) and 0 not in entry.items for entry in self._owners], bool
         )
         self._latest: FloatArray = self._starts
-        # Whether steps may be made again with other inputs; the runs of simulate go forward only.
-        self.goes_back: bool = True
+        self.in_run: bool = False
 
     def __deepcopy__(self, memo: dict[int, object]) -> FmuSteps:
         return FmuSteps(
@@ -146,11 +145,9 @@ class FmuSteps(FmuBlock):
     @property
     def functions(self) -> BlockFunctions:
         """What it does as functions that CasADi calls back; new ones each time, on this one instance."""
-        memory = _StepMemory(self)
-        output = self.callback(
-            "output", memory.output, len(self._outputs), self.feedthrough(), memory.running
-        )
-        dynamics = self.callback("update", memory.following, 1, None, memory.running)
+        calls = _Calls(self)
+        output = self.callback("output", calls.output, len(self._outputs), self.feedthrough(), self.running)
+        dynamics = self.callback("update", calls.following, 1, None, self.running)
         return BlockFunctions(
             states=self.variables(self.state_labels, [0.0]),
             inputs=self.variables(self.input_labels, self.start_inputs.tolist()),
@@ -215,6 +212,18 @@ class FmuSteps(FmuBlock):
         self._forget(lambda k: True)  # a run by hand goes forward only
         self._advance(going_back=False)
         return self._outputs.read(self.instance)
+
+    @contextmanager
+    def running(self) -> Iterator[None]:
+        """Keeps others from the FMU, which starts anew and goes forward only; afterwards it starts anew too."""
+        with self.lock:
+            self.rewind()
+            self.in_run = True
+            try:
+                yield
+            finally:
+                self.rewind()
+                self.in_run = False
 
     def rewind(self) -> None:
         """It starts anew where it is used next."""
@@ -331,7 +340,7 @@ class FmuSteps(FmuBlock):
         if not self._running:
             raise FmuError(self.instance.name, "step", "refused", f"asked for step {k} before step 0")
         if k == self._k + 1 and self._noted is not None:
-            self._advance(going_back=self.goes_back and self.instance.state_is_usable)
+            self._advance(going_back=not self.in_run and self.instance.state_is_usable)
         elif k != self._k:
             self._go_back(k)
         if changed:
@@ -405,7 +414,7 @@ class FmuSteps(FmuBlock):
         return result
 
 
-class _StepMemory:
+class _Calls:
     """Calls of a diagram: at communication points, more than once there and in any order, and between them.
 
     Parameters
@@ -415,26 +424,12 @@ class _StepMemory:
 
     def __init__(self, block: FmuSteps) -> None:
         self._block = block
-        self._in_run = False
         self._noted_at = -np.inf
         self._kept = np.zeros(0)
 
-    @contextmanager
-    def running(self) -> Iterator[None]:
-        """Keeps others from the FMU, which starts anew; afterwards too."""
-        block = self._block
-        with block.lock:
-            block.rewind()
-            block.goes_back, self._in_run = False, True
-            try:
-                yield
-            finally:
-                block.rewind()
-                block.goes_back, self._in_run = True, False
-
     def output(self, t: float, x: FloatArray, u: FloatArray, params: Mapping[str, float]) -> FloatArray:
         """Outputs at a communication point, and between two of them those of the last."""
-        if not self._in_run and not float(x[0]).is_integer():
+        if not self._block.in_run and not float(x[0]).is_integer():
             x = np.zeros(1)  # a diagram that is looked at before any run, as it is at its start
         if not self._is_between(t, x):
             with self._telling():
@@ -453,7 +448,7 @@ class _StepMemory:
     def _is_between(self, t: float, x: FloatArray) -> bool:
         """Whether the step that leads to x has begun, and has yet to end."""
         block = self._block
-        begun = self._in_run and block.noted and float(x[0]) == block.steps_done + 1
+        begun = block.in_run and block.noted and float(x[0]) == block.steps_done + 1
         return begun and t < self._noted_at + _BETWEEN * block.interval
 
     @contextmanager

@@ -266,3 +266,18 @@ def test_what_fails_inside_is_told(build):
     assert "spring broke at t = 0.35" in found.message
     assert np.isfinite(found.outputs[:, :36]).all()
     assert np.isnan(found.outputs[:, 37:]).all()
+
+
+def test_each_block_of_a_diagram_has_its_own_instance(build):
+    """python-control copies a block that stands twice in a list; two wrappers around one FMU are refused."""
+    block = import_fmu(build(), kind="cs", name="mass")
+    plant = pf.sampled_block(block)
+    wires = {"inplist": ["mass.place", "other.place"], "inputs": 2, "outputs": 2, "check_unused": False}
+    wires["outlist"] = ["mass.x", "other.x"]
+    inputs = np.array([U, -2.0 * U])
+    twins = ct.interconnect([plant, plant.copy(name="other")], **wires)
+    found = pf.simulate(twins, T, inputs)
+    expected = [expected_alone(u)[0] for u in inputs]
+    assert np.max(np.abs(found.outputs - expected)) < INTEGRATED
+    with pytest.raises(ValueError, match="blocks mass and other are one and the same"):
+        pf.flatten(ct.interconnect([plant, pf.sampled_block(block, name="other")], **wires))
