@@ -229,6 +229,12 @@ class FmuSteps(FmuBlock):
         """It starts anew where it is used next."""
         self._let_go()
         self._noted, self._ended = None, None
+        self._latest = self._starts
+
+    @property
+    def latest(self) -> FloatArray:
+        """Inputs as the FMU has them; (inputs,)."""
+        return self._latest
 
     @property
     def noted(self) -> bool:
@@ -241,14 +247,12 @@ class FmuSteps(FmuBlock):
         Parameters
         ----------
         u : (inputs,) array_like
-            Those that are not-a-number stay as they are.
 
         Returns
         -------
         (inputs,) array
         """
-        given = np.asarray(u, dtype=float).reshape(-1)
-        values = np.where(np.isnan(given), self._latest, given)
+        values = np.asarray(u, dtype=float).reshape(-1)
         near = np.rint(values)
         values = np.where(self._whole & (np.abs(values - near) <= _INTEGER), near, values)
         return np.where(self._never_0 & (values == 0.0), self._starts, values)
@@ -384,22 +388,21 @@ class FmuSteps(FmuBlock):
         self._start_time = time
         self._saved = {}
         self._k, self._last = 0, (-1, b"")
-        self._latest = self._starts
-        first = self._starts if u is None else self.completed(u)
-        known = u is not None and not np.isnan(first).any()
+        first = None if u is None else self.completed(u)
+        known = first is not None and not np.isnan(first).any()
         self._restart(time, params, None, first if known else None)
         if np.isnan(self._starts).any():
             self._starts = np.where(np.isnan(self._starts), self._inputs.read(self.instance), self._starts)
-        self._latest = np.where(np.isnan(first), self._starts, first)
+        self._latest = self._starts if first is None else first
 
     def _tried_out(self) -> NDArray[np.bool_]:
         """Which outputs move where an input does at the start, (outputs, inputs); all where the FMU does not let it."""
         result = np.zeros((len(self._outputs), len(self._inputs)), dtype=bool)
         with self.lock:
             base = self.start_inputs
+            self._begin(self._start_time, {}, base)
             for j, entry in enumerate(self._owners):
                 try:
-                    self._begin(self._start_time, {}, base)
                     self._inputs.write(self.instance, base)
                     before = self._outputs.read(self.instance)
                     for value in _others(entry, float(base[j])):
@@ -410,6 +413,7 @@ class FmuSteps(FmuBlock):
                         result[:, j] |= ~((after == before) | (np.isnan(after) & np.isnan(before)))
                 except (FmuError, ValueError):
                     result[:, j] = True
+                    self._begin(self._start_time, {}, base)
             self.rewind()
         return result
 
@@ -424,6 +428,9 @@ class _Calls:
 
     def __init__(self, block: FmuSteps) -> None:
         self._block = block
+        self._unused = ~block.feedthrough().any(
+            axis=0
+        )  # inputs that no output sees: they come as not-a-number
         self._noted_at = -np.inf
         self._kept = np.zeros(0)
 
@@ -433,7 +440,8 @@ class _Calls:
             x = np.zeros(1)  # a diagram that is looked at before any run, as it is at its start
         if not self._is_between(t, x):
             with self._telling():
-                self._kept = self._block.outputs_at(t, x, u, params)
+                given = np.where(self._unused, self._block.latest, u)
+                self._kept = self._block.outputs_at(t, x, given, params)
         return self._kept
 
     def following(self, t: float, x: FloatArray, u: FloatArray, params: Mapping[str, float]) -> FloatArray:

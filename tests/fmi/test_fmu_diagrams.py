@@ -281,3 +281,14 @@ def test_each_block_of_a_diagram_has_its_own_instance(build):
     assert np.max(np.abs(found.outputs - expected)) < INTEGRATED
     with pytest.raises(ValueError, match="blocks mass and other are one and the same"):
         pf.flatten(ct.interconnect([plant, pf.sampled_block(block, name="other")], **wires))
+
+
+def test_an_input_that_is_no_number_is_not_passed_over(build):
+    """It reaches the FMU, whose outputs are no numbers from the next point on."""
+    block = import_fmu(build(), kind="cs", name="mass", outputs=["x"])
+    source = ct.nlsys(
+        None, lambda t, x, u, p: [np.log(0.305 - t)], inputs=0, outputs="place", name="log", dt=H
+    )
+    found = pf.simulate(ct.interconnect([source, block], outputs="x"), T, squeeze=False)
+    assert not found.success
+    assert np.isfinite(found.outputs[0]).tolist() == [k < 32 for k in range(101)]
