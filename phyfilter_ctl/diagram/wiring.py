@@ -149,7 +149,9 @@ def wire(system: ct.InputOutputSystem, given: Mapping[str, object], rules: Rules
         for signal in block.inputs:
             del wiring.sums[signal]
     _check_names([block.path for block in wiring.blocks], "blocks")
-    _check_driven(wiring, rules.unconnected)
+    _keep_starts(wiring)
+    if rules.unconnected == "error":
+        _check_driven(wiring)
     return wiring
 
 
@@ -323,29 +325,34 @@ def _check_single_drivers(diagram: ct.InterconnectedSystem, path: str) -> None:
             raise ValueError(f"output {label}{where} is driven by {' and by '.join(sources)}; {way_out}")
 
 
-def _check_driven(wiring: Wiring, unconnected: Unconnected) -> None:
-    """Refuses inputs that nothing drives, or leaves them at 0; those of blocks that keep them get their starts."""
+def _keep_starts(wiring: Wiring) -> None:
+    """Inputs that nothing drives have their start values, where their block has it so."""
+    for block in wiring.blocks:
+        for signal, variable in zip(block.inputs, block.functions.inputs, strict=True):
+            if block.functions.keeps_starts and not _is_driven(wiring, signal):
+                wiring.sums[signal], wiring.starts[signal] = [], variable.start
+
+
+def _is_driven(wiring: Wiring, signal: int) -> bool:
+    if signal in wiring.producers or signal in wiring.inputs:
+        return True
+    return any(_is_driven(wiring, term) for term, _ in wiring.sums.get(signal, ()))
+
+
+def _check_driven(wiring: Wiring) -> None:
     followers: dict[int, list[int]] = {}
     for signal, terms in wiring.sums.items():
         for term, _ in terms:
             followers.setdefault(term, []).append(signal)
-    reached = set(wiring.producers) | set(wiring.inputs)
+    reached = set(wiring.producers) | set(wiring.inputs) | set(wiring.starts)
     pending = list(reached)
     while pending:
         for signal in followers.get(pending.pop(), ()):
             if signal not in reached:
                 reached.add(signal)
                 pending.append(signal)
-    missing: list[str] = []
-    for block in wiring.blocks:
-        for signal, variable in zip(block.inputs, block.functions.inputs, strict=True):
-            if signal in reached:
-                continue
-            if block.functions.keeps_starts:
-                wiring.sums[signal], wiring.starts[signal] = [], variable.start
-            else:
-                missing.append(wiring.names[signal])
-    if missing and unconnected == "error":
+    missing = [wiring.names[s] for block in wiring.blocks for s in block.inputs if s not in reached]
+    if missing:
         raise ValueError(
             f"nothing drives {', '.join(missing)}; connect it, name it in inplist or inputs of the diagram, or let it "
             'be zero with flatten(..., unconnected="zero")'
