@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -124,7 +125,11 @@ class SampledBlock(ct.NonlinearIOSystem):
 
     def __deepcopy__(self, memo: dict[int, object]) -> SampledBlock:
         share(memo, self.law, self.filter, self.system)
-        return copied(self, memo)
+        twin = copied(self, memo)
+        if self.law is not None and any(callback.running for callback in self.law.callbacks):
+            twin.system = copy.deepcopy(self.system)  # it keeps something, of its own
+            twin.law = getattr(twin.system, "functions", None)
+        return twin
 
     def __str__(self) -> str:
         return (

@@ -123,3 +123,4 @@ class Equations:
     callbacks: tuple[Interpreted, ...] = ()
     events: tuple[FlatEvent, ...] = ()
     conditions: ca.Function | None = None
+    turns: tuple[int, ...] = ()

@@ -159,6 +159,7 @@ def _assemble(
     dt = _time_base(system, name)
     wiring = wire(system, given, rules)
     labels = [*_labels(system, len(wiring.outputs)), *_recorded(wiring, record)]
+    _refuse_shared(wiring.blocks)
     scalar, wiring.blocks = _expanded(wiring.blocks)
     prefix = isinstance(system, ct.InterconnectedSystem)
     states = [() if b.period else _named(b, b.functions.states, prefix) for b in wiring.blocks]
@@ -202,7 +203,7 @@ def _assemble(
         for i, block in enumerate(wiring.blocks)
         if not block.period and block.functions.states
     ]
-    tasks = _tasks(wiring, symbols, evaluation, build)
+    tasks, turns = _tasks(wiring, symbols, evaluation, build)
     events, conditions = _events(wiring, symbols, evaluation, build, prefix)
     return FlatModel(
         name=name,
@@ -221,7 +222,21 @@ def _assemble(
         callbacks=tuple(callback for block in wiring.blocks for callback in block.functions.callbacks),
         events=events,
         conditions=conditions,
+        turns=turns,
     )
+
+
+def _refuse_shared(blocks: Sequence[Block]) -> None:
+    """A block that keeps something from call to call stands in a diagram once."""
+    owners: dict[object, str] = {}
+    for block in blocks:
+        for running in {callback.running for callback in block.functions.callbacks} - {None}:
+            if (other := owners.setdefault(running, block.path)) != block.path:
+                reason = block.functions.callbacks[0].reason
+                raise ValueError(
+                    f"blocks {other} and {block.path} are one and the same, with a state of its own ({reason}): "
+                    "import it twice, or give the diagram a copy (copy.deepcopy)"
+                )
 
 
 def _recorded(wiring: Wiring, patterns: Sequence[str]) -> list[str]:
@@ -334,7 +349,10 @@ class _Builder:
         return ca.Function(name, [*outer, z], [value], list(_ARGUMENTS), ["value"])
 
 
-def _tasks(wiring: Wiring, symbols: Symbols, evaluation: Evaluation, build: _Builder) -> tuple[Task, ...]:
+def _tasks(
+    wiring: Wiring, symbols: Symbols, evaluation: Evaluation, build: _Builder
+) -> tuple[tuple[Task, ...], tuple[int, ...]]:
+    """The tasks in their order, and their turns where each once will not do."""
     tasks, blocks = [], []
     for i, block in enumerate(wiring.blocks):
         if not block.period:
@@ -367,6 +385,9 @@ def _tasks(wiring: Wiring, symbols: Symbols, evaluation: Evaluation, build: _Bui
     parts = components(range(len(tasks)), needs)
     for part in parts:
         if len(part) > 1 or part[0] in edges[part[0]]:
+            turns = _turns(tasks) if any(block.functions.callbacks for block in wiring.blocks) else ()
+            if turns:
+                return tuple(tasks), turns
             way = cycle(part, needs)
             hops = [
                 f"{blocks[a].path}.{blocks[a].functions.outputs[edges[b][a][0] - tasks[a].held.start].name} -> "
@@ -378,7 +399,29 @@ def _tasks(wiring: Wiring, symbols: Symbols, evaluation: Evaluation, build: _Bui
                 'at its instant before (a unit delay; g="hold" for g of a filter), or, if its outputs have nothing to '
                 "do with each other, make one block of each"
             )
-    return tuple(tasks[part[0]] for part in parts)
+    return tuple(tasks[part[0]] for part in parts), ()
+
+
+def _turns(tasks: Sequence[Task]) -> tuple[int, ...]:
+    """Tasks one after the other, each as often as outputs of it wait for others; empty where outputs wait in a ring."""
+    waiting: dict[int, set[int]] = {}
+    for task in tasks:
+        reads = dependencies(task.signals, 4).astype(int)
+        needed = task.law.feedthrough.astype(int) @ reads
+        waiting |= {task.held.start + row: set(np.flatnonzero(needed[row])) for row in range(len(needed))}
+    turns: list[int] = []
+    while waiting:
+        before = len(waiting)
+        for i, task in enumerate(tasks):
+            own = [k for k in range(task.held.start, task.held.stop) if k in waiting]
+            ready = [k for k in own if not waiting[k] & waiting.keys()]
+            if ready:
+                turns.append(i)
+                for k in ready:
+                    del waiting[k]
+        if len(waiting) == before:
+            return ()
+    return tuple(turns)
 
 
 def _events(

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 
 import control as ct
@@ -50,6 +51,10 @@ class FlatModel(Equations):
     events : tuple of FlatEvent
     conditions : casadi.Function, optional
         (t, x, u, p, z) -> the conditions of the events; None where there are none.
+    turns : tuple of int
+        Which tasks put out at a coinciding instant, one after the other, where one of them has to more than once, since
+        some of its outputs wait for a task that waits for others of it. Empty: each once, in their order; models with C
+        code have no other.
 
     Notes
     -----
@@ -69,6 +74,12 @@ class FlatModel(Equations):
     def memories(self) -> tuple[Memory, ...]:
         """Of blocks that keep something from event to event beside their states, such as imported FMUs."""
         return tuple(event.memory for event in self.events if event.memory is not None)
+
+    @property
+    def exclusive(self) -> tuple[Callable[[], AbstractContextManager[object]], ...]:
+        """What a run enters before it begins: blocks that keep something from call to call are had by one at a time."""
+        callbacks = [callback.running for callback in self.callbacks if callback.running is not None]
+        return tuple(dict.fromkeys([*(memory.running for memory in self.memories), *callbacks]))
 
     @property
     def is_linear(self) -> bool:

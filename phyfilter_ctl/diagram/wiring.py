@@ -67,6 +67,8 @@ class Wiring:
         Signals at the border of the diagram.
     traced : dict
         Functions of blocks by :func:`copy_key`.
+    starts : dict
+        Values of signals that nothing drives and that are not 0 for that.
     """
 
     names: list[str] = field(default_factory=list)
@@ -76,6 +78,7 @@ class Wiring:
     inputs: Sequence[int] = ()
     outputs: Sequence[int] = ()
     traced: dict[tuple[object, ...], BlockFunctions] = field(default_factory=dict)
+    starts: dict[int, float] = field(default_factory=dict)
 
     def dependencies(self) -> list[list[int]]:
         """Signals that each signal needs at the same moment."""
@@ -146,6 +149,7 @@ def wire(system: ct.InputOutputSystem, given: Mapping[str, object], rules: Rules
         for signal in block.inputs:
             del wiring.sums[signal]
     _check_names([block.path for block in wiring.blocks], "blocks")
+    _keep_starts(wiring)
     if rules.unconnected == "error":
         _check_driven(wiring)
     return wiring
@@ -321,12 +325,26 @@ def _check_single_drivers(diagram: ct.InterconnectedSystem, path: str) -> None:
             raise ValueError(f"output {label}{where} is driven by {' and by '.join(sources)}; {way_out}")
 
 
+def _keep_starts(wiring: Wiring) -> None:
+    """Inputs that nothing drives have their start values, where their block has it so."""
+    for block in wiring.blocks:
+        for signal, variable in zip(block.inputs, block.functions.inputs, strict=True):
+            if block.functions.keeps_starts and not _is_driven(wiring, signal):
+                wiring.sums[signal], wiring.starts[signal] = [], variable.start
+
+
+def _is_driven(wiring: Wiring, signal: int) -> bool:
+    if signal in wiring.producers or signal in wiring.inputs:
+        return True
+    return any(_is_driven(wiring, term) for term, _ in wiring.sums.get(signal, ()))
+
+
 def _check_driven(wiring: Wiring) -> None:
     followers: dict[int, list[int]] = {}
     for signal, terms in wiring.sums.items():
         for term, _ in terms:
             followers.setdefault(term, []).append(signal)
-    reached = set(wiring.producers) | set(wiring.inputs)
+    reached = set(wiring.producers) | set(wiring.inputs) | set(wiring.starts)
     pending = list(reached)
     while pending:
         for signal in followers.get(pending.pop(), ()):
