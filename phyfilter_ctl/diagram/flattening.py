@@ -45,7 +45,7 @@ def flatten(
     name : str, optional
         Name of the model; None takes the system's.
     unconnected : {"error", "zero"}
-        Inputs of blocks that nothing drives: refused, or 0 as in python-control.
+        Inputs of blocks that nothing drives: refused, or 0 as in python-control; ``undriven`` of the model names them.
     params : mapping, optional
         Values of parameters that blocks read and that have none of their own: ``params["umax"]`` of a block made
         without ``params=``. Those that have one are given to :func:`simulate`.
@@ -221,6 +221,7 @@ def _assemble(
         callbacks=tuple(callback for block in wiring.blocks for callback in block.functions.callbacks),
         events=events,
         conditions=conditions,
+        undriven=tuple(wiring.names[s] for s in wiring.undriven),
     )
 
 

@@ -50,6 +50,8 @@ class FlatModel(Equations):
     events : tuple of FlatEvent
     conditions : casadi.Function, optional
         (t, x, u, p, z) -> the conditions of the events; None where there are none.
+    undriven : tuple of str
+        Inputs of blocks that nothing drives, ``block.input``: they are 0 (``flatten(..., unconnected="zero")``).
 
     Notes
     -----
@@ -59,6 +61,8 @@ class FlatModel(Equations):
 
     Where no solution of a nonlinear algebraic loop is found, all that depends on it is not-a-number.
     """
+
+    undriven: tuple[str, ...] = ()
 
     @property
     def feedthrough(self) -> NDArray[np.bool_]:

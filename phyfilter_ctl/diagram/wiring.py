@@ -67,6 +67,8 @@ class Wiring:
         Signals at the border of the diagram.
     traced : dict
         Functions of blocks by :func:`copy_key`.
+    undriven : tuple of int
+        Inputs of blocks that nothing drives.
     """
 
     names: list[str] = field(default_factory=list)
@@ -76,6 +78,7 @@ class Wiring:
     inputs: Sequence[int] = ()
     outputs: Sequence[int] = ()
     traced: dict[tuple[object, ...], BlockFunctions] = field(default_factory=dict)
+    undriven: Sequence[int] = ()
 
     def dependencies(self) -> list[list[int]]:
         """Signals that each signal needs at the same moment."""
@@ -146,8 +149,9 @@ def wire(system: ct.InputOutputSystem, given: Mapping[str, object], rules: Rules
         for signal in block.inputs:
             del wiring.sums[signal]
     _check_names([block.path for block in wiring.blocks], "blocks")
-    if rules.unconnected == "error":
-        _check_driven(wiring)
+    wiring.undriven = _undriven(wiring)
+    if wiring.undriven and rules.unconnected == "error":
+        raise ValueError(_what_to_type(wiring))
     return wiring
 
 
@@ -321,7 +325,7 @@ def _check_single_drivers(diagram: ct.InterconnectedSystem, path: str) -> None:
             raise ValueError(f"output {label}{where} is driven by {' and by '.join(sources)}; {way_out}")
 
 
-def _check_driven(wiring: Wiring) -> None:
+def _undriven(wiring: Wiring) -> tuple[int, ...]:
     followers: dict[int, list[int]] = {}
     for signal, terms in wiring.sums.items():
         for term, _ in terms:
@@ -333,12 +337,31 @@ def _check_driven(wiring: Wiring) -> None:
             if signal not in reached:
                 reached.add(signal)
                 pending.append(signal)
-    missing = [wiring.names[s] for block in wiring.blocks for s in block.inputs if s not in reached]
-    if missing:
-        raise ValueError(
-            f"nothing drives {', '.join(missing)}; connect it, name it in inplist or inputs of the diagram, or let it "
-            'be zero with flatten(..., unconnected="zero")'
-        )
+    return tuple(s for block in wiring.blocks for s in block.inputs if s not in reached)
+
+
+def _what_to_type(wiring: Wiring) -> str:
+    """Which inputs nothing drives, how to drive them and how to leave them."""
+    undriven, models, label = set(wiring.undriven), [], ""
+    for block in wiring.blocks:
+        open_inputs = [
+            v.name for s, v in zip(block.inputs, block.functions.inputs, strict=True) if s in undriven
+        ]
+        label = label or (open_inputs[0] if open_inputs else "")
+        learned = {v.name for v in block.functions.inputs if v.name.startswith("f_theta[")}
+        filters = all(v.name.startswith("f_hat[") for v in block.functions.outputs)
+        if learned and filters and learned <= set(open_inputs):
+            models.append((block.path, "sampled_block" if block.period else "phyfilter_block"))
+    names = [wiring.names[s] for s in wiring.undriven]
+    text = (
+        f"nothing drives {', '.join(names)}. To drive it, give interconnect "
+        f'connections=[["{names[0]}", "block.output"]], or an output of a block or an input of the diagram called '
+        f'"{label}" where it wires by name. To leave it 0, take flatten(diagram, unconnected="zero") for simulate and '
+        'the exports, and export_ssp(diagram, path, unconnected="zero")'
+    )
+    for path, maker in models:
+        text += f". Block {path} has no learned model: make it with {maker}(..., f_theta=False)"
+    return text
 
 
 def input_variables(wiring: Wiring, labels: Sequence[str]) -> tuple[Variable, ...]:
