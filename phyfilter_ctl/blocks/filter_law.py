@@ -53,9 +53,8 @@ def filter_law(
     Returns
     -------
     BlockFunctions
-        Inputs x[i], g[i], f_theta[i] and M, outputs f_hat[i], no parameters. g is the one that acts from the present
-        sample on, as in :meth:`SampledPhyFilter.run`: with ``g="hold"`` the block keeps it and uses it at the next
-        sample, so g does not act on f_hat without delay.
+        Inputs x[i], g[i], f_theta[i] and M, outputs f_hat[i], no parameters. With ``g="hold"`` g is the one that acts
+        from this sample on: the law keeps it and uses it at the next one, so g does not act on f_hat without delay.
 
     Raises
     ------

@@ -137,8 +137,9 @@ def phyfilter_block(
     -----
     Continuous: z = w - B M x takes the place of the section states w, so x is not differentiated. Sampled: the n
     states of a channel are what the samples up to now add to the next one; a delayed measurement adds a shift
-    register of g and f_theta. g is the one that acts from the present sample on, as in :meth:`SampledPhyFilter.run`:
-    with ``g="hold"`` the block keeps it and uses it at the next sample.
+    register of g and f_theta. With ``g="hold"``, ``run``, blocks and FMUs take the g that acts from this sample on (the
+    block keeps it and uses it at the next one); ``step``, ``live.step`` and C take the g that acted since the last
+    sample. With ``g="average"`` all take g at this sample.
 
     Examples
     --------

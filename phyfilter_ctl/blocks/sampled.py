@@ -309,9 +309,10 @@ def sampled_block(
     Notes
     -----
     At its first instant a filter puts out f_theta and remembers what it reads. Then it is
-    :meth:`SampledPhyFilter.step` at every instant. g is the one that acts from the present sample on, as in
-    :meth:`SampledPhyFilter.run`: with ``g="hold"`` the block keeps it and uses it at the next sample, so that a command
-    may depend on f_hat without an algebraic loop.
+    :meth:`SampledPhyFilter.step` at every instant. With ``g="hold"``, ``run``, blocks and FMUs take the g that acts
+    from this sample on (the block keeps it and uses it at the next one, so that a command may depend on f_hat without
+    an algebraic loop); ``step``, ``live.step`` and C take the g that acted since the last sample. With ``g="average"``
+    all take g at this sample.
 
     A continuous diagram cannot have two time bases in python-control; a sampled block therefore says dt = 0 there.
 
