@@ -16,7 +16,7 @@ from .filter_law import filter_inputs
 from .function_block import symbols_like
 from .functions import BlockFunctions, Variable
 
-__all__ = ["continuous_filter", "continuous_law", "continuous_moving_inertia", "forward_difference"]
+__all__ = ["continuous_filter", "continuous_law", "continuous_moving_inertia", "forward_difference", "pade"]
 
 # Order of the Pade approximant of the filter's delay of g and f_theta: phase within 0.2 degrees up to omega delay = 2.
 _PADE_ORDER = 3
@@ -55,7 +55,7 @@ def continuous_filter(
     (A, B, C, D), _ = continuous_matrices([entry.sections for entry in filters], momentum, E_left)
     if sampled.sampling.delay:
         # x, then v = delayed (E_left g + f_theta): the columns of B for f_theta act on it; f_theta passes through D.
-        lag = _pade(sampled.sampling.delay, n_f)
+        lag = pade(sampled.sampling.delay, n_f, _PADE_ORDER)
         into = np.hstack([np.zeros((n_f, n_x)), E_left, np.eye(n_f)])
         drive = B[:, 2 * n_x :]
         direct = B.copy()
@@ -166,11 +166,22 @@ def forward_difference(law: BlockFunctions, period: float) -> BlockFunctions:
     )
 
 
-def _pade(delay: float, channels: int) -> ct.StateSpace:
-    numerator, denominator = ct.pade(delay, _PADE_ORDER)
+def pade(delay: float, channels: int, order: int, numdeg: int | None = None) -> ct.StateSpace:
+    """Pade approximant of a delay, of channels side by side: ``control.pade``, well scaled.
+
+    Parameters
+    ----------
+    delay : float
+        Seconds, above 0.
+    channels : int
+    order, numdeg : int
+        Degrees of denominator and numerator; None takes that of the denominator.
+    """
     # In s delay, so that the matrices are of one size whatever the delay.
-    scale = delay ** -np.arange(_PADE_ORDER, -1, -1.0)
-    A, B, C, D = state_matrices(ct.tf2ss(np.asarray(numerator) * scale, np.asarray(denominator) * scale))
+    numerator, denominator = (
+        np.trim_zeros(part, "f") for part in map(np.asarray, ct.pade(1.0, order, numdeg))
+    )
+    A, B, C, D = state_matrices(ct.tf2ss(numerator, denominator))
     parts = (block_diag(*[part] * channels) for part in (A / delay, B / delay, C, D))
     return ct.StateSpace(*parts, 0, remove_useless_states=False)
 
