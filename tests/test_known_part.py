@@ -6,6 +6,8 @@ this sample.
 """
 
 import ctypes
+import re
+from pathlib import Path
 from types import SimpleNamespace
 
 import control as ct
@@ -15,12 +17,17 @@ import pytest
 
 import phyfilter_ctl as pf
 from phyfilter_ctl.codegen import compile_model, compile_sources
+from phyfilter_ctl.codegen.export_folder import own_symbols
+from phyfilter_ctl.codegen.filter_guard import guard_sources
 from phyfilter_ctl.codegen.filter_source import filter_source
 from phyfilter_ctl.codegen.fixed_source import fixed_source
+from phyfilter_ctl.estimation import ColouredForce
 from phyfilter_ctl.wrappers import FeedForward, ForceEstimator, LoopModel
 from tests.codegen.filter_harness import CFilter, compile_filters
 from tests.fmi.exported_fmus import Instance, quick_compiler
 
+ROOT = Path(__file__).parents[1]
+ACCESS = ROOT / "tests/c/guard_access.c"
 H, N, CHANNELS = 0.01, 60, 3
 FILTER = pf.PhyFilter([400.0, 40.0])
 TIMES = H * np.arange(N)
@@ -61,6 +68,22 @@ def by_c(sampled, x, g, folder):
     source = filter_source(sampled, CHANNELS, name="wing")
     wing = CFilter(compile_filters([source], folder), source)
     return [wing.step(x[k], g[k], np.zeros(CHANNELS))[1] for k in range(N)]
+
+
+def by_guard(sampled, x, g, folder):
+    """What the packages for targets call; two channels."""
+    source = filter_source(sampled, 2, name="craft")
+    texts = own_symbols(source.sources, "craft") | guard_sources("craft", 0)
+    texts["access.c"] = ACCESS.read_text().replace("PLACES_OF_OPTIONS", "AT(C)")
+    c = ctypes.CDLL(str(compile_sources(texts, folder / "guard.so", flags=["-fvisibility=default"])))
+    assert c.begin() == 0
+    rows = []
+    for k in range(N):
+        arrays = [np.ascontiguousarray(row[:2]) for row in (x[k], g[k], np.zeros(2), np.zeros(2))]
+        time = ctypes.c_uint64(round(1e6 * TIMES[k]) + 1_000_000)
+        assert c.step(time, *(ctypes.c_void_p(a.ctypes.data) for a in arrays), None) == 0
+        rows.append(arrays[3])
+    return rows
 
 
 def by_q31(sampled, x, g, folder):
@@ -146,6 +169,15 @@ def by_block(maker):
     return run
 
 
+def by_separation(sampled, x, g, folder):
+    """A filter of another kind, which takes g like one."""
+    parts = [ColouredForce(1.0, bandwidth=20.0)]
+    block = pf.separation_block(parts, CHANNELS, dt=H, noise=0.001, g=sampled.sampling.g)
+    assert block.input_labels[CHANNELS] == "g[0]"
+    signals = np.hstack([x, g, np.zeros_like(x)]).T
+    return pf.simulate(block, TIMES, signals, interpolation="hold").outputs[:CHANNELS].T
+
+
 def by_c_of_a_block(sampled, x, g, folder):
     flat = pf.flatten(pf.sampled_block(sampled, CHANNELS, f_theta=False))
     return compile_model(flat).simulate(TIMES, np.hstack([x, g]), interpolation="hold").outputs
@@ -191,6 +223,7 @@ FROM_NOW_ON = {
     "run": by_run,
     "fixed_point.run": by_q31_run,
     "sampled_block": BLOCKS,
+    "separation_block": by_separation,
     "sampled_block in C": by_c_of_a_block,
     "phyfilter_block": by_python_control,
     "FMU 2": by_fmu("2.0"),
@@ -200,7 +233,7 @@ FROM_NOW_ON = {
     "FMU 3, event mode": by_fmpy("3.0", fmi_type="CoSimulation", use_event_mode=True),
 }
 ONLY_HELD = {"FeedForward": by_feedforward, "ForceEstimator": by_messages}
-SINCE = {"step": by_step, "live.step": by_live, "C": by_c, "C in q31": by_q31}
+SINCE = {"step": by_step, "live.step": by_live, "C": by_c, "C in q31": by_q31, "C, guard": by_guard}
 BUILT = {name for name in FROM_NOW_ON | SINCE if "C" in name or "FMU" in name}
 QUICK = BUILT - {name for name in BUILT if "," in name}
 CASES = [
@@ -237,12 +270,24 @@ def test_inputs_held_over_a_step_cost_a_sample(tmp_path):
     assert np.abs(found - FILTER.sampled(H).run(x, weight)).max() > WRONG
 
 
+@pytest.mark.slow
+def test_the_page_on_fmus_is_right(tmp_path, monkeypatch, capsys):
+    """The blocks of docs/loops.md under its heading on FMUs, and their figures."""
+    monkeypatch.chdir(tmp_path)
+    text = (ROOT / "docs/loops.md").read_text().split("by FMU\n")[1]
+    names = {"np": np, "pf": pf}
+    for block in re.findall(r"```python\n(.*?)```", text, re.S):
+        exec(compile(block, "docs/loops.md", "exec"), names)
+    printed = [float(figure) for figure in capsys.readouterr().out.split()[-2:]]
+    assert [f"{figure:.1g}" for figure in printed] == ["0.1", "0.004"]
+
+
 @pytest.mark.parametrize(
     ("rule", "said"), [("hold", "the g that acted since the last sample"), ("average", "g at this sample")]
 )
 @pytest.mark.parametrize("real", ["double", "q31"])
 def test_the_generated_c_says_which(rule, said, real, tmp_path):
-    ranges = {"ranges": {"x": 2.0, "g": 6.0}} if real == "q31" else {}
-    pf.export_c(FILTER.sampled(H, g=rule), tmp_path / "c", real=real, channels=2, name="wing", **ranges)
+    ranges = {"x": 2.0, "g": 6.0} if real == "q31" else None
+    pf.export_c(FILTER.sampled(H, g=rule), tmp_path / "c", real=real, channels=2, name="wing", ranges=ranges)
     for file in ("wing.h", "main.c"):
         assert said in (tmp_path / "c" / file).read_text()
