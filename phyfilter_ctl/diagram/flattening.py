@@ -116,7 +116,7 @@ def discrete_functions(
     path: str,
     given: Mapping[str, object],
     rules: Rules,
-) -> BlockFunctions:
+) -> tuple[BlockFunctions, tuple[str, ...]]:
     """A discrete diagram as the law of one sampled block.
 
     Parameters
@@ -131,6 +131,8 @@ def discrete_functions(
     Returns
     -------
     BlockFunctions
+    tuple of str
+        Inputs in the diagram that nothing drives.
 
     Raises
     ------
@@ -139,14 +141,14 @@ def discrete_functions(
 
     Examples
     --------
-    >>> law = discrete_functions(ct.tf([1.0], [1.0, -0.5], 0.1), "lag", {}, Rules("error"))
+    >>> law, _ = discrete_functions(ct.tf([1.0], [1.0, -0.5], 0.1), "lag", {}, Rules("error"))
     >>> law.dynamics(0, 2.0, 1.0, []).full().item()
     2.0
     """
     flat = _assemble(system, path, given, rules)
     if flat.dt == 0.0:
         raise ValueError(f"block {path}: expected a discrete system with dt > 0, got a continuous one")
-    return law_of(flat)
+    return law_of(flat), flat.undriven
 
 
 def _assemble(
@@ -221,7 +223,7 @@ def _assemble(
         callbacks=tuple(callback for block in wiring.blocks for callback in block.functions.callbacks),
         events=events,
         conditions=conditions,
-        undriven=tuple(wiring.names[s] for s in wiring.undriven),
+        undriven=tuple(wiring.undriven),
     )
 
 

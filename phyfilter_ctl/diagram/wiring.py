@@ -67,8 +67,8 @@ class Wiring:
         Signals at the border of the diagram.
     traced : dict
         Functions of blocks by :func:`copy_key`.
-    undriven : tuple of int
-        Inputs of blocks that nothing drives.
+    undriven : list of str
+        Inputs of blocks that nothing drives, those of diagrams in sampled blocks among them.
     """
 
     names: list[str] = field(default_factory=list)
@@ -78,7 +78,7 @@ class Wiring:
     inputs: Sequence[int] = ()
     outputs: Sequence[int] = ()
     traced: dict[tuple[object, ...], BlockFunctions] = field(default_factory=dict)
-    undriven: Sequence[int] = ()
+    undriven: list[str] = field(default_factory=list)
 
     def dependencies(self) -> list[list[int]]:
         """Signals that each signal needs at the same moment."""
@@ -101,13 +101,19 @@ class Rules(NamedTuple):
     unconnected : {"error", "zero"}
         What an input that nothing drives is.
     discrete : callable, optional
-        (diagram, path, parameter values, these rules) -> law of the sampled block around that diagram.
+        (diagram, path, parameter values, these rules) -> law of the sampled block around that diagram, and the inputs
+        in it that nothing drives.
     missing : mapping
         Values of parameters that blocks read and that have none.
     """
 
     unconnected: Unconnected
-    discrete: Callable[[ct.InputOutputSystem, str, Mapping[str, object], Rules], BlockFunctions] | None = None
+    discrete: (
+        Callable[
+            [ct.InputOutputSystem, str, Mapping[str, object], Rules], tuple[BlockFunctions, Sequence[str]]
+        ]
+        | None
+    ) = None
     missing: Mapping[str, object] = MappingProxyType({})
 
 
@@ -149,9 +155,10 @@ def wire(system: ct.InputOutputSystem, given: Mapping[str, object], rules: Rules
         for signal in block.inputs:
             del wiring.sums[signal]
     _check_names([block.path for block in wiring.blocks], "blocks")
-    wiring.undriven = _undriven(wiring)
-    if wiring.undriven and rules.unconnected == "error":
-        raise ValueError(_what_to_type(wiring))
+    missing = _undriven(wiring)
+    if missing and rules.unconnected == "error":
+        raise ValueError(_what_to_type(wiring, missing))
+    wiring.undriven += [wiring.names[signal] for signal in missing]
     return wiring
 
 
@@ -208,7 +215,8 @@ def _add_block(
 ) -> Block:
     if isinstance(system, SampledBlock):
         period, filter_law = system.period, system.filter
-        functions = _law(system, path, given, rules)
+        functions, undriven = _law(system, path, given, rules)
+        wiring.undriven += [f"{path}.{name}" for name in undriven]
         continuous = _continuous(system, functions, path)
     else:
         period, filter_law, continuous = 0.0, None, None
@@ -228,15 +236,17 @@ def _add_block(
     return wiring.blocks[-1]
 
 
-def _law(sampled: SampledBlock, path: str, given: Mapping[str, object], rules: Rules) -> BlockFunctions:
+def _law(
+    sampled: SampledBlock, path: str, given: Mapping[str, object], rules: Rules
+) -> tuple[BlockFunctions, Sequence[str]]:
     if sampled.law is not None:
-        return with_values(sampled.law, given)
+        return with_values(sampled.law, given), ()
     system = sampled.system
     if isinstance(system, ct.InterconnectedSystem):
         if rules.discrete is None:
             raise ValueError(f"block {path}: a diagram in a sampled block has to be flattened first")
         return rules.discrete(system, path, given, rules)
-    return block_functions(system, path, given, rules.missing)
+    return block_functions(system, path, given, rules.missing), ()
 
 
 def _continuous(sampled: SampledBlock, law: BlockFunctions, path: str) -> BlockFunctions:
@@ -325,7 +335,7 @@ def _check_single_drivers(diagram: ct.InterconnectedSystem, path: str) -> None:
             raise ValueError(f"output {label}{where} is driven by {' and by '.join(sources)}; {way_out}")
 
 
-def _undriven(wiring: Wiring) -> tuple[int, ...]:
+def _undriven(wiring: Wiring) -> list[int]:
     followers: dict[int, list[int]] = {}
     for signal, terms in wiring.sums.items():
         for term, _ in terms:
@@ -337,12 +347,12 @@ def _undriven(wiring: Wiring) -> tuple[int, ...]:
             if signal not in reached:
                 reached.add(signal)
                 pending.append(signal)
-    return tuple(s for block in wiring.blocks for s in block.inputs if s not in reached)
+    return [s for block in wiring.blocks for s in block.inputs if s not in reached]
 
 
-def _what_to_type(wiring: Wiring) -> str:
+def _what_to_type(wiring: Wiring, missing: Sequence[int]) -> str:
     """Which inputs nothing drives, how to drive them and how to leave them."""
-    undriven, models, label = set(wiring.undriven), [], ""
+    undriven, models, label = set(missing), [], ""
     for block in wiring.blocks:
         open_inputs = [
             v.name for s, v in zip(block.inputs, block.functions.inputs, strict=True) if s in undriven
@@ -351,8 +361,8 @@ def _what_to_type(wiring: Wiring) -> str:
         learned = {v.name for v in block.functions.inputs if v.name.startswith("f_theta[")}
         filters = all(v.name.startswith("f_hat[") for v in block.functions.outputs)
         if learned and filters and learned <= set(open_inputs):
-            models.append((block.path, "sampled_block" if block.period else "phyfilter_block"))
-    names = [wiring.names[s] for s in wiring.undriven]
+            models.append((block.path, "sampled_block" if block.filter else "phyfilter_block"))
+    names = [wiring.names[s] for s in missing]
     text = (
         f"nothing drives {', '.join(names)}. To drive it, give interconnect "
         f'connections=[["{names[0]}", "block.output"]], or an output of a block or an input of the diagram called '

@@ -120,6 +120,23 @@ def test_what_the_refusal_says_to_type_works(maker):
 
 
 @pytest.mark.filterwarnings("ignore:Unused")
+def test_undriven_in_a_sampled_diagram():
+    parts = [phyfilter_block(PhyFilter([20.0]).sampled(0.01), 1, name="filter")]
+    ends = {
+        "inplist": ["filter.x[0]", "filter.g[0]"],
+        "inputs": 2,
+        "outlist": ["filter.f_hat[0]"],
+        "outputs": 1,
+    }
+    computer = sampled_block(ct.interconnect(parts, **ends, name="computer"))
+    with pytest.raises(
+        ValueError, match=r"nothing drives filter\.f_theta.*with phyfilter_block\(\.\.\., f_theta"
+    ):
+        flatten(computer)
+    assert flatten(computer, unconnected="zero").undriven == ("computer.filter.f_theta[0]",)
+
+
+@pytest.mark.filterwarnings("ignore:Unused")
 def test_a_margin_says_what_it_took_as_zero():
     plant = ct.ss([[-1.0]], [[1.0, 1.0]], [[1.0]], [[0.0, 0.0]], inputs=["v", "d"], outputs="y", name="plant")
     add = ct.summing_junction(inputs=["u", "r"], output="v", name="add")
