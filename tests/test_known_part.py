@@ -16,12 +16,15 @@ import numpy as np
 import pytest
 
 import phyfilter_ctl as pf
+from phyfilter_ctl.blocks import adaptive_block
 from phyfilter_ctl.codegen import compile_model, compile_sources
 from phyfilter_ctl.codegen.export_folder import own_symbols
 from phyfilter_ctl.codegen.filter_guard import guard_sources
 from phyfilter_ctl.codegen.filter_source import filter_source
 from phyfilter_ctl.codegen.fixed_source import fixed_source
+from phyfilter_ctl.controllers.l1_adaptive import l1_adaptive
 from phyfilter_ctl.estimation import ColouredForce
+from phyfilter_ctl.learned import AdaptiveChebyshev, Chebyshev
 from phyfilter_ctl.wrappers import FeedForward, ForceEstimator, LoopModel
 from tests.codegen.filter_harness import CFilter, compile_filters
 from tests.fmi.exported_fmus import Instance, quick_compiler
@@ -35,8 +38,12 @@ TIMES = H * np.arange(N)
 ZERO = 1e-12
 # What the other g leaves, of a force of deviation 1: F of the difference of two of its samples.
 WRONG = 0.05
-# q31 rounds f_hat and all that goes into it; its own bound is checked in tests/codegen.
-COARSE = 1e-6
+# q31 rounds f_hat and all that goes into it; its own bound is checked in tests/codegen. An adaptive law multiplies the
+# rounding of its model's fit by its rate, and answers with a part of the force.
+COARSE, ADAPTIVE = (1e-6, WRONG), (1e-10, 0.01)
+OTHERWISE = {"C in q31": COARSE, "fixed_point.run": COARSE} | dict.fromkeys(
+    ("adaptive_block", "AdaptiveChebyshev.step"), ADAPTIVE
+)
 
 
 def motion(rule):
@@ -178,6 +185,35 @@ def by_separation(sampled, x, g, folder):
     return pf.simulate(block, TIMES, signals, interpolation="hold").outputs[:CHANNELS].T
 
 
+def by_l1(sampled, x, g, folder):
+    block = l1_adaptive(dt=H, pole=-2.0, bandwidth=20.0, channels=CHANNELS, g=sampled.sampling.g)
+    return pf.simulate(block, TIMES, np.hstack([x, g]).T, interpolation="hold").outputs.T
+
+
+def adaptive(sampled):
+    """f_theta = -d v with d = 0 at the start: as long as nothing is unknown, it stays there."""
+    v, d = np.meshgrid(np.linspace(-1.0, 1.0, 9), np.linspace(0.0, 1.0, 5))
+    model = Chebyshev(2, degree_d=1).fit(
+        np.column_stack([v.ravel(), d.ravel()]), np.outer((-d * v).ravel(), np.ones(CHANNELS))
+    )
+    return AdaptiveChebyshev(model.model, H, rate=2e4, prior=[1.0, -1.0], g=sampled.sampling.g)
+
+
+def by_adaptive_step(sampled, x, g, folder):
+    law = adaptive(sampled)
+    state, rows = law.start(x[0, :1], x[0], g[0]), []
+    for k in range(1, N):
+        state, f_theta = law.step(state, x[k, :1], x[k], g[k])
+        rows.append(f_theta)
+    return rows
+
+
+def by_adaptive_block(sampled, x, g, folder):
+    signals = np.hstack([x[:, :1], x, g]).T
+    response = pf.simulate(adaptive_block(adaptive(sampled)), TIMES, signals, interpolation="hold")
+    return response.outputs[:CHANNELS].T
+
+
 def by_c_of_a_block(sampled, x, g, folder):
     flat = pf.flatten(pf.sampled_block(sampled, CHANNELS, f_theta=False))
     return compile_model(flat).simulate(TIMES, np.hstack([x, g]), interpolation="hold").outputs
@@ -224,6 +260,9 @@ FROM_NOW_ON = {
     "fixed_point.run": by_q31_run,
     "sampled_block": BLOCKS,
     "separation_block": by_separation,
+    "l1_adaptive": by_l1,
+    "adaptive_block": by_adaptive_block,
+    "AdaptiveChebyshev.step": by_adaptive_step,
     "sampled_block in C": by_c_of_a_block,
     "phyfilter_block": by_python_control,
     "FMU 2": by_fmu("2.0"),
@@ -253,8 +292,9 @@ def test_the_documented_g_leaves_nothing_and_the_other_one_does(rule, name, tmp_
     right, wrong = (since, now) if rule == "hold" and name in SINCE else (now, since)
     sampled = FILTER.sampled(H, g=rule)
     worst = [float(np.abs(way(sampled, x, g, tmp_path)).max()) for g in (right, wrong)]
-    assert worst[0] < (COARSE if name in ("C in q31", "fixed_point.run") else ZERO)
-    assert worst[1] > WRONG
+    zero, other = OTHERWISE.get(name, (ZERO, WRONG))
+    assert worst[0] < zero
+    assert worst[1] > other
 
 
 def test_inputs_held_over_a_step_cost_a_sample(tmp_path):

@@ -45,7 +45,8 @@ def flatten(
     name : str, optional
         Name of the model; None takes the system's.
     unconnected : {"error", "zero"}
-        Inputs of blocks that nothing drives: refused, or 0 as in python-control; ``undriven`` of the model names them.
+        Inputs of blocks that nothing drives: refused, or 0 as in python-control, whatever the block has as their
+        start; ``undriven`` of the model names them.
     params : mapping, optional
         Values of parameters that blocks read and that have none of their own: ``params["umax"]`` of a block made
         without ``params=``. Those that have one are given to :func:`simulate`.

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 from phyfilter_ctl import flatten, loop_margin, signal_margin, simulate, transport_delay
 from phyfilter_ctl.blocks import delay_line, sampled_block
+from phyfilter_ctl.codegen import compile_model
 
 H = 0.01
 # A chain of lags instead of the delay: phase off by (omega h)^2/3, size by 1 - steps (omega h)^2/2.
@@ -246,3 +247,17 @@ def test_the_page_on_delays():
     figures = (found["torque"], found["command"], untold, 1e3 * margin)
     assert [f"{figure:.2g}" for figure in figures[:3]] == ["0.076", "0.052", "0.027"]
     assert f"{figures[3]:.1f}" == "91.3"
+
+
+def test_c_delays_alike():
+    """A held command by a part of a period, and a smooth signal by an approximant, in one diagram."""
+    law = sampled_block(ct.ss([], [], [], [[2.0]], H, inputs="r", outputs="u", name="law"))
+    held = transport_delay(["u"], 0.4 * H, H, outputs=["late"], name="held")
+    pipe = transport_delay(["late"], 0.05, order=3, numdeg=2, outputs=["y"], name="pipe")
+    diagram = ct.interconnect([law, held, pipe], inputs="r", outputs=["late", "y"])
+    times = H / 5 * np.arange(101)
+    r = np.sin(20.0 * times)
+    by_c = compile_model(flatten(diagram)).simulate(
+        times, r[:, None], method="adaptive", rtol=1e-10, atol=1e-12
+    )
+    np.testing.assert_allclose(by_c.outputs.T, simulate(diagram, times, r).outputs, atol=1e-8)
