@@ -129,9 +129,7 @@ loop = ct.interconnect(
     outputs=["position", "f_hat"],
     name="cart_loop",
 )
-package = pf.export_ssp(
-    loop, folder / "cart.ssp", split={"body": ["cart"], "computer": ["pd", "phyfilter"]}
-)
+package = pf.export_ssp(loop, folder / "cart.ssp", split={"body": ["cart"], "computer": ["pd", "phyfilter"]})
 print(f"{package.name}: {package.stat().st_size / 1e3:.0f} kB")
 
 # %% [markdown]
