@@ -45,7 +45,8 @@ def flatten(
     name : str, optional
         Name of the model; None takes the system's.
     unconnected : {"error", "zero"}
-        Inputs of blocks that nothing drives: refused, or 0 as in python-control.
+        Inputs of blocks that nothing drives: refused, or 0 as in python-control, whatever the block has as their
+        start; ``undriven`` of the model names them.
     params : mapping, optional
         Values of parameters that blocks read and that have none of their own: ``params["umax"]`` of a block made
         without ``params=``. Those that have one are given to :func:`simulate`.
@@ -116,7 +117,7 @@ def discrete_functions(
     path: str,
     given: Mapping[str, object],
     rules: Rules,
-) -> BlockFunctions:
+) -> tuple[BlockFunctions, tuple[str, ...]]:
     """A discrete diagram as the law of one sampled block.
 
     Parameters
@@ -131,6 +132,8 @@ def discrete_functions(
     Returns
     -------
     BlockFunctions
+    tuple of str
+        Inputs in the diagram that nothing drives.
 
     Raises
     ------
@@ -139,14 +142,14 @@ def discrete_functions(
 
     Examples
     --------
-    >>> law = discrete_functions(ct.tf([1.0], [1.0, -0.5], 0.1), "lag", {}, Rules("error"))
+    >>> law, _ = discrete_functions(ct.tf([1.0], [1.0, -0.5], 0.1), "lag", {}, Rules("error"))
     >>> law.dynamics(0, 2.0, 1.0, []).full().item()
     2.0
     """
     flat = _assemble(system, path, given, rules)
     if flat.dt == 0.0:
         raise ValueError(f"block {path}: expected a discrete system with dt > 0, got a continuous one")
-    return law_of(flat)
+    return law_of(flat), flat.undriven
 
 
 def _assemble(
@@ -223,6 +226,7 @@ def _assemble(
         events=events,
         conditions=conditions,
         turns=turns,
+        undriven=tuple(wiring.undriven),
     )
 
 

@@ -55,6 +55,8 @@ class FlatModel(Equations):
         Which tasks put out at a coinciding instant, one after the other, where one of them has to more than once, since
         some of its outputs wait for a task that waits for others of it. Empty: each once, in their order; models with C
         code have no other.
+    undriven : tuple of str
+        Inputs of blocks that nothing drives, ``block.input``: they are 0 (``flatten(..., unconnected="zero")``).
 
     Notes
     -----
@@ -64,6 +66,8 @@ class FlatModel(Equations):
 
     Where no solution of a nonlinear algebraic loop is found, all that depends on it is not-a-number.
     """
+
+    undriven: tuple[str, ...] = ()
 
     @property
     def feedthrough(self) -> NDArray[np.bool_]:
