@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from functools import lru_cache
 from itertools import pairwise
 from typing import Literal, NamedTuple
 
@@ -17,31 +16,26 @@ from ..diagram import FlatModel
 from .adaptive import Control, Integrator, StepError
 from .arguments import Run
 from .chains import Chain
-from .exponential import advance_exponential, tables
-from .limits import Limits
+from .flow import advance_flow, step_lengths, tables
+from .limits import Limits, diverged
 from .response import Method, Outcome
 from .schedule import WINDOW, Nodes, Steps, nodes, steps_between
-from .steps import KEPT, Layout, advance_rk4, at_node, discrete_step, full_step, split_step, start_state
+from .steps import Layout, advance_rk4, at_node, discrete_step, full_step, outputs_at, split_step, start_state
 
 __all__ = [
     "Piece",
     "chattering_from",
     "discrete_pieces",
-    "diverged",
     "fixed_pieces",
-    "outputs_at",
     "run_adaptive",
     "run_pieces",
-    "step_lengths",
 ]
 
-# Steps whose lengths agree to this use one set of matrices: the times themselves are no better known.
-_SAME_LENGTH = 1e-12
 # Steps that show whether something chatters.
 _DIAGNOSIS = 3000
 _STIFF = (
-    "The diagram is stiff or has a singularity there: try method='stiff', method='exact' where its fast parts are "
-    "linear, larger rtol and atol, or method='rk4' with a max_step you choose; max_steps and time_limit allow more"
+    "The diagram is stiff or has a singularity there: try method='stiff', larger rtol and atol, or method='rk4' with a "
+    "max_step you choose; max_steps and time_limit allow more"
 )
 
 
@@ -57,19 +51,19 @@ class Piece(NamedTuple):
 def fixed_pieces(
     flat: FlatModel, run: Run, method: Literal["rk4", "exact"], max_step: float | None
 ) -> Iterator[Piece]:
-    """RK4 or the exponential method, in steps no longer than ``max_step`` between nodes."""
+    """RK4 or the exact flow, in steps no longer than ``max_step`` between nodes."""
     layout = Layout(flat)
     for window in nodes(run.times, [task.period for task in flat.tasks]):
         for steps in steps_between(window, max_step):
             data = _data(layout, run, window, steps)
-            p, capacity = run.parameters, 1
+            p = run.parameters
             if method == "exact":
                 lengths, data[:, layout.table] = step_lengths(data[:, 1], run.times)
-                columns = tables(flat, run.parameters, lengths.tolist())
+                pattern, columns = tables(flat, run.parameters, lengths)
                 capacity = 1 << (len(lengths) - 1).bit_length()
                 columns = np.vstack([columns, np.zeros((capacity - len(columns), columns.shape[1]))])
                 p = np.concatenate([p, columns.ravel()])
-                advance = advance_exponential(flat, capacity)
+                advance = advance_flow(flat, pattern.tobytes(), capacity)
             else:
                 advance = advance_rk4(flat)
             node = at_node(flat)
@@ -140,18 +134,6 @@ def run_pieces(
     assert record is not None  # a run has at least one time
     outcome = Outcome(record[:, :n_x], record[:, n_x : n_x + n_y], count, message, failed_at)
     return outcome, record[:, n_x + n_y :]
-
-
-def diverged(flat: FlatModel, x: FloatArray, failed_at: float) -> str:
-    """What to say of a state that is no longer finite."""
-    known = x[np.all(np.isfinite(x), axis=1)]
-    which = ""
-    if len(known) and known.shape[1]:
-        which = f"; the largest state before was {flat.states[int(np.argmax(np.abs(known[-1])))].name}"
-    return (
-        f"the state is no longer finite at t = {failed_at:.9g} s{which}. Either the diagram is unstable, or the step "
-        "is too long for it: try a smaller max_step, method='exact' where fast parts are linear, or method='adaptive'"
-    )
 
 
 def run_adaptive(
@@ -264,34 +246,6 @@ def _breaks(layout: Layout, window: Nodes, data: FloatArray) -> list[int]:
     return [*np.flatnonzero(new).tolist(), len(new)]
 
 
-def outputs_at(
-    flat: FlatModel, run: Run, x: FloatArray, z: FloatArray, good: NDArray[np.bool_]
-) -> FloatArray:
-    """Outputs at all times at once; the sampled blocks have run."""
-    y = np.full((len(x), len(flat.outputs)), np.nan)
-    size = 256
-    mapped = _mapped(flat, size)
-    for start in range(0, len(x), size):
-        rows = slice(start, start + size)
-        parts = [run.times[rows, None], x[rows], run.inputs[rows], None, z[rows]]
-        count = len(run.times[rows])
-        filled = [
-            run.parameters
-            if part is None
-            else np.vstack([part, np.repeat(part[-1:], size - count, axis=0)]).T
-            for part in parts
-        ]
-        filled[3] = np.repeat(run.parameters[:, None], size, axis=1)
-        y[rows] = np.asarray(mapped(*filled), dtype=float).T[:count]
-    y[~good] = np.nan
-    return y
-
-
-@lru_cache(maxsize=KEPT)
-def _mapped(flat: FlatModel, size: int) -> ca.Function:
-    return flat.output.map(size)
-
-
 def _data(layout: Layout, run: Run, window: Nodes, steps: Steps) -> FloatArray:
     """Data columns of steps, row by row."""
     data = np.zeros((len(steps.times), layout.data))
@@ -309,18 +263,6 @@ def _data(layout: Layout, run: Run, window: Nodes, steps: Steps) -> FloatArray:
     data[:, layout.due] = window.due[steps.node] & steps.first[:, None]
     data[:, layout.node] = steps.first
     return data
-
-
-def step_lengths(h: FloatArray, times: FloatArray) -> tuple[FloatArray, NDArray[np.intp]]:
-    """The different step lengths, and which of them each step has."""
-    order = np.argsort(h)
-    ranked = h[order]
-    slack = _SAME_LENGTH * ranked[1:] + 8 * np.finfo(float).eps * np.abs(times).max()
-    group = np.concatenate([[0], np.cumsum(np.diff(ranked) > slack)])
-    index = np.empty(len(h), dtype=np.intp)
-    index[order] = group
-    counts = np.bincount(group)
-    return np.bincount(group, ranked) / counts, index
 
 
 def _bar(run: Run, progress: bool) -> tqdm:
