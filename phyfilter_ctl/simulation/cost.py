@@ -1,6 +1,6 @@
 """How long a run will take in the virtual machine, in C and in numpy: which of them ``backend="auto"`` takes.
 
-A fixed rule: its rates were measured once, and the same call takes the same backend on every machine that has a compiler.
+A fixed rule: its rates were measured once, and the same call takes the same backend wherever there is a compiler.
 """
 
 from __future__ import annotations

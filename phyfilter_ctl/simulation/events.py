@@ -132,12 +132,16 @@ class EventWatch:
         With events.
     given : list of arrays
         x, (t, ...), u, rates of u, p, z, as the integrator has them; read in place.
+    renew : callable
+        Brings z to what follows from x after an event.
     """
 
-    def __init__(self, flat: FlatModel, given: list[FloatArray]) -> None:
+    def __init__(
+        self, flat: FlatModel, given: list[FloatArray], renew: Callable[[], None] = lambda: None
+    ) -> None:
         x, _, u, _, p, z = given
         count = len(_PARTS)
-        self._flat, self._given = flat, given
+        self._flat, self._given, self._renew = flat, given, renew
         self._times, self._x, self._u = (
             np.zeros((count, 1)),
             np.zeros((count, len(x))),
@@ -171,6 +175,12 @@ class EventWatch:
     def next_event(self) -> float:
         """Time of the next event that is known beforehand; inf for none."""
         return min((memory.next_event for memory in self._flat.memories), default=np.inf)
+
+    @property
+    def declared(self) -> list[tuple[float, str]]:
+        """The log without the switches in the equations."""
+        own = {event.name for event in self._flat.events if event.switch}
+        return [entry for entry in self.log if entry[1] not in own]
 
     def is_due(self, t: float) -> bool:
         """Whether an event that is known beforehand happens at a time, but for rounding.
@@ -343,6 +353,8 @@ class EventWatch:
             for i in happening:
                 self._count(t, self._flat.events[i].name)
                 self._happen(i)
+            if happening:
+                self._renew()
             values, rates = (result.ravel().copy() for result in self._rates())
             fired = self._arm(t, values, rates, fired | (np.isin(self._owner, happening) & self._remembers))
             if not fired.any() and not self._due(t):
