@@ -113,7 +113,9 @@ def sampled_loop(n: int) -> ct.InputOutputSystem:
     plant = ct.ss(A, B, C, 0.0, name="plant", inputs="u", outputs="y")
     law = ct.ss(1.0, PERIOD, 0.5, 0.5, PERIOD, name="law", inputs="e", outputs="u")
     error = ct.summing_junction(["r", "-y"], "e", name="error")
-    return ct.interconnect([plant, pf.sampled_block(law, name="law"), error], inputs="r", outputs="y", name="loop")
+    return ct.interconnect(
+        [plant, pf.sampled_block(law, name="law"), error], inputs="r", outputs="y", name="loop"
+    )
 
 
 def sampled_twin(n: int) -> ct.InterconnectedSystem:
@@ -142,7 +144,9 @@ def integrated(rates: Callable[[np.ndarray, float], list[float]]) -> Callable[[R
         given = row.inputs[0] if len(row.inputs) else np.zeros(len(row.times))
         for k, (begin, end) in enumerate(pairwise(row.times)):
 
-            def slope(t: float, x: np.ndarray, k: int = k, begin: float = begin, end: float = end) -> list[float]:
+            def slope(
+                t: float, x: np.ndarray, k: int = k, begin: float = begin, end: float = end
+            ) -> list[float]:
                 part = (t - begin) / (end - begin)
                 return rates(x, (1.0 - part) * given[k] + part * given[k + 1])
 
@@ -210,10 +214,23 @@ def rows() -> list[Row]:
         )  # fmt: skip
     for n in (10, 50, 200):
         made = linear_maker(n)
-        found.append(Row(f"linear, {n} states", t10, np.sin(t10)[None], [0.0] * n, made, made, forced, stepped(n)))
+        found.append(
+            Row(f"linear, {n} states", t10, np.sin(t10)[None], [0.0] * n, made, made, forced, stepped(n))
+        )
     for n in (6, 30):
         ours, twin = loop_makers(n)
-        found.append(Row(f"sampled law, {n} states", t5, np.sin(t5)[None], [0.0] * (n + 1), ours, twin, response, looped(n)))
+        found.append(
+            Row(
+                f"sampled law, {n} states",
+                t5,
+                np.sin(t5)[None],
+                [0.0] * (n + 1),
+                ours,
+                twin,
+                response,
+                looped(n),
+            )
+        )
     return found
 
 
@@ -248,16 +265,26 @@ def measured(side: str, row: Row) -> dict[str, Any]:
         begin = time.thread_time()
         work(kept, row)
         again.append(time.thread_time() - begin)
-    error = float(np.abs(np.reshape(answer.outputs, (-1, len(row.times)))[0] - row.reference(row)[:, 0]).max())
+    error = float(
+        np.abs(np.reshape(answer.outputs, (-1, len(row.times)))[0] - row.reference(row)[:, 0]).max()
+    )
     note = f"{answer.method}/{answer.backend}" if side == "ours" else ""
-    return {"first": shots[0], "one-shot": min(shots[1:]), "warm": min(again[1:]), "error": error, "note": note}
+    return {
+        "first": shots[0],
+        "one-shot": min(shots[1:]),
+        "warm": min(again[1:]),
+        "error": error,
+        "note": note,
+    }
 
 
 def warm_up(side: str) -> None:
     """Other systems of each kind, so that imports and the first use of each library are behind."""
     t = np.linspace(0.0, 1.0, 11)
     lag = ct.ss([[-1.0, 1.0], [0.0, -3.0]], [[0.0], [1.0]], [[1.0, 0.0]], 0.0)
-    drag = ct.nlsys(lambda t, x, u, params: [u[0] - x[0] ** 3], None, inputs=1, outputs=1, states=1, name="drag")
+    drag = ct.nlsys(
+        lambda t, x, u, params: [u[0] - x[0] ** 3], None, inputs=1, outputs=1, states=1, name="drag"
+    )
     discrete = ct.ss(0.5, 1.0, 1.0, 0.0, 0.1)
     if side == "ours":
         pf.simulate(lag, t, 1.0)
@@ -301,7 +328,10 @@ def main() -> int:
             largest = max(largest, ratio)
             cells.append(f"{1e3 * ours[key]:7.2f} /{1e3 * theirs[key]:7.2f} ={ratio:5.2f}")
         errors = f"{ours['error']:.1e} / {theirs['error']:.1e}"
-        print(f"{name:22} " + " ".join(f"{cell:>24}" for cell in cells) + f" {errors:>18} {ours['note']}", flush=True)
+        print(
+            f"{name:22} " + " ".join(f"{cell:>24}" for cell in cells) + f" {errors:>18} {ours['note']}",
+            flush=True,
+        )
     print(f"largest ratio {largest:.2f}")
     return int(options.limit is not None and largest > options.limit)
 

@@ -25,7 +25,7 @@ from .._sections import FloatArray
 from ..diagram import FlatModel
 from ..diagram.structure import is_affine
 from .arguments import Run
-from .limits import Limits, diverged
+from .limits import Limits, diverged, progress_bar
 from .response import Outcome
 from .schedule import nodes
 from .steps import KEPT, SYMBOLS, Layout, Results, compose, cut, outputs_at, renewed
@@ -255,7 +255,7 @@ def runs_in_numpy(flat: FlatModel) -> bool:
     return is_flow(flat) and not flat.tasks and not flat.loops
 
 
-def run_flow(flat: FlatModel, run: Run, limits: Limits) -> Outcome:
+def run_flow(flat: FlatModel, run: Run, limits: Limits, progress: bool) -> Outcome:
     """Such a run, time by time."""
     times, n = run.times, len(flat.states)
     given = np.column_stack([np.ones(len(times)), times, run.inputs])
@@ -265,27 +265,32 @@ def run_flow(flat: FlatModel, run: Run, limits: Limits) -> Outcome:
     lengths, index = step_lengths(np.diff(times), times) if steps else (np.zeros(0), np.zeros(0, np.intp))
     chunk = _CHUNK if len(lengths) <= _FEW_LENGTHS else max(1, min(_CHUNK, _AT_ONCE // n**2))
     failed_at, message = np.inf, ""
-    for start in range(0, steps, chunk):
-        rows = np.arange(start, min(start + chunk, steps))
-        granted, refusal = limits.grant(len(rows))
-        rows = rows[:granted]
-        if refusal:
-            failed_at = float(times[start + granted])
-            x[start + granted + 1 :] = np.nan
-            message = f"{refusal} at t = {failed_at:.9g} s: fewer times need fewer, max_steps and time_limit allow more"
-        used, which = np.unique(index[rows], return_inverse=True)
-        matrices = transitions(flat, run.parameters, lengths[used])
-        _push(x, given, matrices, which, rows, run.interpolation == "hold")
-        with np.errstate(over="ignore", invalid="ignore"):
-            for k, part in zip(rows.tolist(), which.tolist(), strict=True):
-                x[k + 1] += matrices[part].power @ x[k]
-        bad = rows[~np.isfinite(x[rows + 1]).all(axis=1)] + 1
-        if len(bad):
-            failed_at = float(times[bad[0]])
-            x[bad[0] :] = np.nan
-            message = diverged(flat, x, failed_at)
-        if message:
-            break
+    with progress_bar(run, progress) as bar:
+        for start in range(0, steps, chunk):
+            rows = np.arange(start, min(start + chunk, steps))
+            granted, refusal = limits.grant(len(rows))
+            rows = rows[:granted]
+            if refusal:
+                failed_at = float(times[start + granted])
+                x[start + granted + 1 :] = np.nan
+                message = (
+                    f"{refusal} at t = {failed_at:.9g} s: fewer times need fewer, "
+                    "max_steps and time_limit allow more"
+                )
+            used, which = np.unique(index[rows], return_inverse=True)
+            matrices = transitions(flat, run.parameters, lengths[used])
+            _push(x, given, matrices, which, rows, run.interpolation == "hold")
+            with np.errstate(over="ignore", invalid="ignore"):
+                for k, part in zip(rows.tolist(), which.tolist(), strict=True):
+                    x[k + 1] += matrices[part].power @ x[k]
+            bad = rows[~np.isfinite(x[rows + 1]).all(axis=1)] + 1
+            if len(bad):
+                failed_at = float(times[bad[0]])
+                x[bad[0] :] = np.nan
+                message = diverged(flat, x, failed_at)
+            if message:
+                break
+            bar.update(float(times[rows[-1] + 1] - bar.n - times[0]))
     return Outcome(x, _outputs(flat, run, x, given), steps, message, failed_at)
 
 

@@ -149,9 +149,7 @@ def _run(
     """The state at the end of a run, before what is due there."""
     n_x = len(flat.states)
     run = Run(np.array(span), np.tile(u, (2, 1)), state[:n_x], p, "hold")
-    method, longest = (
-        ("exact", None) if is_flow(flat) else ("rk4", default_step(flat, run))
-    )
+    method, longest = ("exact", None) if is_flow(flat) else ("rk4", default_step(flat, run))
     pieces = list(fixed_pieces(flat, run, method, longest and _COARSER * longest))
     for i, (step, parameters, data, _) in enumerate(pieces):
         chain = Chain(step, state, parameters)

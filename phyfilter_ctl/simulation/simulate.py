@@ -289,7 +289,9 @@ def _decided(flat: FlatModel, run: Run, options: Options, runs: int) -> Options:
             f"method='exact': {flat.name} is not affine in its states, inputs, time and held outputs between instants, "
             "or has switches or events there; take method='stiff' for fast modes, or 'adaptive'"
         )
-    exact = is_flow(flat) and backend != "c" and (method == "exact" or (method == "auto" and suits(flat, run)))
+    exact = (
+        is_flow(flat) and backend != "c" and (method == "exact" or (method == "auto" and suits(flat, run)))
+    )
     method = "exact" if exact else method
     if flat.events:
         if method == "rk4" and backend != "c":
@@ -313,9 +315,7 @@ def _decided(flat: FlatModel, run: Run, options: Options, runs: int) -> Options:
         backend, why = "vm", "vm: stiff"
     elif backend == "auto":
         decaying, fastest = _rates(flat, run)
-        cost = expected_cost(
-            flat, run, fastest, fixed=method == "rk4", max_step=options.max_step, runs=runs
-        )
+        cost = expected_cost(flat, run, fastest, fixed=method == "rk4", max_step=options.max_step, runs=runs)
         if method == "auto" and _starts_stiff(flat, run, decaying):
             backend, why = "vm", f"vm: stiff, a mode decays at {decaying:.3g} 1/s"
         else:
@@ -388,7 +388,7 @@ def _run(flat: FlatModel, run: Run, options: Options, progress: bool) -> Simulat
             progress=progress,
         )
     elif options.backend == "numpy":
-        outcome = run_flow(flat, run, limits)
+        outcome = run_flow(flat, run, limits, progress)
     else:
         pieces = vm.fixed_pieces(flat, run, method, longest)
         outcome, _ = vm.run_pieces(flat, run, pieces, limits=limits, progress=progress)

@@ -9,7 +9,6 @@ from typing import Literal, NamedTuple
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
-from tqdm import tqdm
 
 from .._sections import FloatArray
 from ..diagram import FlatModel
@@ -17,7 +16,7 @@ from .adaptive import Control, Integrator, StepError
 from .arguments import Run
 from .chains import Chain
 from .flow import advance_flow, step_lengths, tables
-from .limits import Limits, diverged
+from .limits import Limits, diverged, progress_bar
 from .response import Method, Outcome
 from .schedule import WINDOW, Nodes, Steps, nodes, steps_between
 from .steps import Layout, advance_rk4, at_node, discrete_step, full_step, outputs_at, split_step, start_state
@@ -100,7 +99,7 @@ def run_pieces(
     state = start_state(flat, run.start) if state is None else state
     chain: Chain | None = None
     count, message, failed_at = 0, "", np.inf
-    with _bar(run, progress) as bar:
+    with progress_bar(run, progress) as bar:
         for step, p, data, rows in pieces:
             granted, refusal = limits.grant(len(data)) if limits is not None else (len(data), "")
             if refusal:
@@ -164,7 +163,7 @@ def run_adaptive(
         else None
     )
     failed_at, message = np.inf, ""
-    with _bar(run, progress) as bar:
+    with progress_bar(run, progress) as bar:
         try:
             state[:n_x] = integrator.begin(
                 state[:n_x], state[n_x + n_s :], float(run.times[0]), run.inputs[0]
@@ -267,10 +266,3 @@ def _data(layout: Layout, run: Run, window: Nodes, steps: Steps) -> FloatArray:
     data[:, layout.due] = window.due[steps.node] & steps.first[:, None]
     data[:, layout.node] = steps.first
     return data
-
-
-def _bar(run: Run, progress: bool) -> tqdm:
-    return tqdm(
-        total=float(run.times[-1] - run.times[0]), disable=not progress, unit="s", desc="simulated",
-        bar_format="{desc}: {percentage:3.0f}%|{bar}| {n:.1f}/{total:.1f} s [{elapsed}<{remaining}]",
-    )  # fmt: skip
