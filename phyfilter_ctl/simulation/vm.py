@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from itertools import pairwise
 from typing import Literal, NamedTuple
 
 import casadi as ca
@@ -12,7 +11,7 @@ from numpy.typing import NDArray
 
 from .._sections import FloatArray
 from ..diagram import FlatModel
-from .adaptive import Control, Integrator, StepError
+from .adaptive import Control, Integrator, Leaps, StepError
 from .arguments import Run
 from .chains import Chain
 from .flow import advance_flow, step_lengths, tables
@@ -162,6 +161,9 @@ def run_adaptive(
         if flat.tasks or (flat.unknowns is not None and not flat.loops)
         else None
     )
+    leaps = (
+        Leaps(flat, integrator, run.parameters) if n_x and integrator.watch is None and y is None else None
+    )
     failed_at, message = np.inf, ""
     with progress_bar(run, progress) as bar:
         try:
@@ -175,12 +177,29 @@ def run_adaptive(
             data = _data(layout, run, window, next(steps_between(window, None, size=len(window.due) + 1)))
             breaks = _breaks(layout, window, data)
             later = np.zeros(0, dtype=np.intp)
+            place, passed = 0, False
             try:
-                for first, stop in pairwise(breaks):
-                    if chain is not None:
+                while place < len(breaks) - 1:
+                    first, stop = breaks[place : place + 2]
+                    if leaps is not None and not passed and leaps.size:
+                        ready = min(leaps.size, _apart(breaks, place, data, integrator.longest))
+                        taken, states = leaps.run(state, data[first : first + ready])
+                        rows = window.row[first : first + taken]
+                        x[rows[rows >= 0]], z[rows[rows >= 0]] = (
+                            states[:taken][rows >= 0][:, part]
+                            for part in (slice(n_x), slice(n_x + n_s, None))
+                        )
+                        # The node after the last step that was taken has been passed where a step was refused there.
+                        state, passed = states[taken], taken < ready
+                        place += taken
+                        if taken or passed:
+                            continue
+                    place += 1
+                    if chain is not None and not passed:
                         chain.state = state
                         chain.run(data[first : first + 1])
                         state = chain.state
+                    passed = False
                     held = state[n_x + n_s :]
                     begin, end = float(window.times[first]), float(window.times[stop])
                     rows = window.row[first:stop]
@@ -192,10 +211,13 @@ def run_adaptive(
                     if y is not None and end == begin:
                         y[rows] = integrator.output(begin, state[:n_x], held, u[0])
                     if (n_x or y is not None) and end > begin:
+                        count = integrator.steps
                         state[:n_x], x[later] = integrator.run(
                             state[:n_x], held, (begin, end), u, run.times[later]
                         )
                         z[later], state[n_x + n_s :] = integrator.held_inside, integrator.held
+                        if leaps is not None and integrator.steps == count + 1:
+                            leaps.encourage()
                         if y is not None:
                             y[later] = integrator.outputs_inside
             except StepError as error:
@@ -213,6 +235,18 @@ def run_adaptive(
     found = outputs_at(flat, run, x, z, good) if y is None else y
     outcome = Outcome(x, found, integrator.steps, message, failed_at, happened)
     return outcome, integrator.pair.method
+
+
+def _apart(breaks: list[int], place: int, data: FloatArray, longest: float) -> int:
+    """How many intervals from one node to the next follow a break, which one step each may pass."""
+    first = breaks[place]
+    ends = np.array(breaks[place + 1 : place + 1 + Leaps.MOST])
+    good = (
+        (ends == first + 1 + np.arange(len(ends)))
+        & (data[ends - 1, 1] > 0.0)
+        & (data[ends - 1, 1] <= longest)
+    )
+    return int(np.argmin(np.append(good, False)))
 
 
 def chattering_from(flat: FlatModel, run: Run, t: float, x: FloatArray) -> str:
