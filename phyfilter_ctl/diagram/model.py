@@ -50,6 +50,8 @@ class FlatModel(Equations):
     events : tuple of FlatEvent
     conditions : casadi.Function, optional
         (t, x, u, p, z) -> the conditions of the events; None where there are none.
+    matrices : Matrices, optional
+        A, B, C, D of what is a linear system as a whole.
 
     Notes
     -----

@@ -49,6 +49,8 @@ _MOST_CUBES = 1e9
 _NEGLIGIBLE = 1e-17
 _KEPT_MATRICES = 16
 # Steps that are looked at together; fewer where there are more lengths, by entries of their matrices.
+# Of as many states a product of matrices costs little more than the call.
+_SMALL = 64
 _CHUNK, _FEW_LENGTHS, _AT_ONCE = 4096, 16, 4_000_000
 _SPARSE = 0.1  # of all entries: below, products leave out the others
 
@@ -74,22 +76,27 @@ def is_flow(flat: FlatModel) -> bool:
     """Whether the derivatives are affine in time, states, inputs and held outputs, with constant coefficients."""
     if flat.events or flat.dt > 0.0 or not flat.states:
         return False
-    return is_affine(flat.dynamics, (0, 1, 2, 4))
+    return flat.matrices is not None or is_affine(flat.dynamics, (0, 1, 2, 4))
 
 
 def suits(flat: FlatModel, run: Run) -> bool:
     """Whether such a diagram is of a size for matrix exponentials, by the steps of its first window."""
-    window = next(nodes(run.times, [task.period for task in flat.tasks]))
-    lengths = len(step_lengths(np.diff(window.times), run.times)[0])
+    times = run.times
+    if flat.tasks:
+        times = next(nodes(times, [task.period for task in flat.tasks])).times
+    lengths = len(step_lengths(np.diff(times), run.times)[0])
     cubes = sum(len(group) ** 3 for group in _flow(flat, run.parameters.tobytes()).groups)
     return lengths * cubes <= _MOST_CUBES
 
 
 def step_lengths(h: FloatArray, times: FloatArray) -> tuple[FloatArray, NDArray[np.intp]]:
     """The different step lengths, and which of them each step has."""
+    rounding = 8 * np.finfo(float).eps * max(abs(times[0]), abs(times[-1]))
+    if len(h) == 0 or h.max() - h.min() <= rounding:
+        return h[:1], np.zeros(len(h), dtype=np.intp)
     order = np.argsort(h)
     ranked = h[order]
-    slack = _SAME_LENGTH * ranked[1:] + 8 * np.finfo(float).eps * np.abs(times).max()
+    slack = _SAME_LENGTH * ranked[1:] + rounding
     group = np.concatenate([[0], np.cumsum(np.diff(ranked) > slack)])
     index = np.empty(len(h), dtype=np.intp)
     index[order] = group
@@ -113,10 +120,25 @@ def affine_part(function: ca.Function, p: FloatArray) -> tuple[FloatArray, Float
 
 @lru_cache(maxsize=_KEPT_MATRICES)
 def _flow(flat: FlatModel, parameters: bytes) -> Flow:
-    A, B = affine_part(flat.dynamics, np.frombuffer(parameters))
+    if flat.matrices is None:
+        A, B = affine_part(flat.dynamics, np.frombuffer(parameters))
+    else:
+        A, B = flat.matrices.A, _by_input(flat.matrices.B)
+    return Flow(A, B, _groups(A))
+
+
+def _groups(A: FloatArray) -> list[NDArray[np.intp]]:
+    """States that A couples."""
+    if np.all((A[0] != 0.0) | (A[:, 0] != 0.0) | (np.arange(len(A)) == 0)):
+        return [np.arange(len(A))]
     _, label = connected_components(csr_array(A), directed=False)
     order = np.argsort(label, kind="stable")
-    return Flow(A, B, np.split(order, np.flatnonzero(np.diff(label[order])) + 1))
+    return np.split(order, np.flatnonzero(np.diff(label[order])) + 1)
+
+
+def _by_input(matrix: FloatArray) -> FloatArray:
+    """Coefficients of u among those of (1, t, u)."""
+    return np.hstack([np.zeros((len(matrix), 2)), matrix])
 
 
 @lru_cache(maxsize=_KEPT_MATRICES)
@@ -124,6 +146,9 @@ def _stacks(flat: FlatModel, parameters: bytes, lengths: bytes) -> tuple[FloatAr
     """Transitions over some lengths, one behind the other."""
     A, B, groups = _flow(flat, parameters)
     h = np.frombuffer(lengths)
+    if len(groups) == 1:
+        whole = exponential_step(A[None], B[None], h)
+        return whole[0][:, 0], whole[1][:, 0], whole[2][:, 0]
     power = np.zeros((len(h), *A.shape))
     value, change = np.zeros((2, len(h), *B.shape))
     for size in {len(group) for group in groups}:
@@ -189,19 +214,20 @@ def exponential_step(
 def _series(Z: FloatArray, B: FloatArray, terms: int) -> tuple[FloatArray, FloatArray, FloatArray]:
     """e^Z - I, phi_1(Z) B and phi_2(Z) B by so many terms."""
     step = max(1, round(np.sqrt(terms)))
-    powers = [np.broadcast_to(np.eye(Z.shape[-1]), Z.shape), Z]
-    while len(powers) <= step:
+    powers = [Z]
+    while len(powers) < step:
         powers.append(powers[-1] @ Z)
-    coefficients = [1.0 / factorial(j + 1) for j in range(terms)]
-    whole: FloatArray | None = None
+    delta: FloatArray | None = None
     for start in reversed(range(0, terms, step)):
-        part = sum(c * powers[j] for j, c in enumerate(coefficients[start : start + step]))
-        whole = part if whole is None else whole @ powers[step] + part
-    assert whole is not None
+        part = powers[0] / factorial(start + 1)
+        for j in range(1, min(step, terms - start)):
+            part += powers[j] / factorial(start + j + 1)
+        delta = part if delta is None else delta @ powers[-1] + part
+    assert delta is not None
     second = B / factorial(terms + 1)
     for j in range(terms - 2, -1, -1):
         second = Z @ second + B / factorial(j + 2)
-    return Z @ whole, whole @ B, second
+    return delta, B + Z @ second, second
 
 
 class Tables(NamedTuple):
@@ -281,8 +307,12 @@ def run_flow(flat: FlatModel, run: Run, limits: Limits, progress: bool) -> Outco
             matrices = transitions(flat, run.parameters, lengths[used])
             _push(x, given, matrices, which, rows, run.interpolation == "hold")
             with np.errstate(over="ignore", invalid="ignore"):
-                for k, part in zip(rows.tolist(), which.tolist(), strict=True):
-                    x[k + 1] += matrices[part].power @ x[k]
+                powers = [one.power for one in matrices]
+                if len(powers) == 1 and isinstance(powers[0], np.ndarray) and n <= _SMALL and len(rows):
+                    _march(x[rows[0] : rows[-1] + 2], powers[0])
+                else:
+                    for k, part in zip(rows.tolist(), which.tolist(), strict=True):
+                        x[k + 1] += powers[part] @ x[k]
             bad = rows[~np.isfinite(x[rows + 1]).all(axis=1)] + 1
             if len(bad):
                 failed_at = float(times[bad[0]])
@@ -292,6 +322,27 @@ def run_flow(flat: FlatModel, run: Run, limits: Limits, progress: bool) -> Outco
                 break
             bar.update(float(times[rows[-1] + 1] - bar.n - times[0]))
     return Outcome(x, _outputs(flat, run, x, given), steps, message, failed_at)
+
+
+def _march(x: FloatArray, power: FloatArray) -> None:
+    """x[k + 1] += P x[k] in turn: within blocks from 0, then from block to block, then what each begins with."""
+    steps, n = len(x) - 1, x.shape[1]
+    size = max(int(np.sqrt(steps)), 1)
+    blocks = steps // size
+    parts = x[1 : 1 + blocks * size].reshape(blocks, size, n)
+    across = power.T
+    for j in range(1, size):
+        parts[:, j] += parts[:, j - 1] @ across
+    over = np.linalg.matrix_power(power, size)
+    begin = np.empty((blocks, n))
+    begin[0] = x[0]
+    for block in range(1, blocks):
+        begin[block] = over @ begin[block - 1] + parts[block - 1, -1]
+    for j in range(size):
+        begin = begin @ across
+        parts[:, j] += begin
+    for k in range(blocks * size, steps):
+        x[k + 1] += power @ x[k]
 
 
 def _push(
@@ -310,12 +361,19 @@ def _push(
 
 
 def _outputs(flat: FlatModel, run: Run, x: FloatArray, given: FloatArray) -> FloatArray:
-    if not is_affine(flat.output, (0, 1, 2)):
+    if not _has_affine_outputs(flat):
         return outputs_at(flat, run, x, np.zeros((len(x), len(flat.held))), np.isfinite(x).all(axis=1))
     C, D = _output_matrices(flat, run.parameters.tobytes())
     return x @ C.T + given @ D.T
 
 
+@lru_cache(maxsize=KEPT)
+def _has_affine_outputs(flat: FlatModel) -> bool:
+    return flat.matrices is not None or is_affine(flat.output, (0, 1, 2))
+
+
 @lru_cache(maxsize=_KEPT_MATRICES)
 def _output_matrices(flat: FlatModel, parameters: bytes) -> tuple[FloatArray, FloatArray]:
+    if flat.matrices is not None:
+        return flat.matrices.C, _by_input(flat.matrices.D)
     return affine_part(flat.output, np.frombuffer(parameters))
