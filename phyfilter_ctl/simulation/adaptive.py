@@ -126,8 +126,7 @@ class Integrator:
         self.pair = pair
         self._q[2:] = pair.inside * self._tolerance
         self._trial = Call(pair.trial, [*self._given, self._first])
-        after, _, stages, _ = self._trial.results
-        self._dense = Call(pair.dense, [*self._given, after, stages])
+        self._dense: Call | None = None
 
     @property
     def longest(self) -> float:
@@ -354,6 +353,9 @@ class Integrator:
 
     def _states(self, part: FloatArray) -> FloatArray:
         """x at parts (k,) of the step tried last, (k, n_x)."""
+        if self._dense is None:
+            after, _, stages, _ = self._trial.results
+            self._dense = Call(self.pair.dense(), [*self._given, after, stages])
         return self._x + self.pair.evaluate(self._dense()[0], part)
 
     def _first_step(self, length: float) -> float:
