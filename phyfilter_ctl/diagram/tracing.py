@@ -135,8 +135,9 @@ def trace(
     missing, defaults = missing or {}, dict[str, object]()
     parts = _parts(system, path, missing, defaults)
     try:
+        points = probe_points(system, values, set())
         for part in parts:  # first, since a run on symbols would be kept too
-            _check_memory(part, probe_points(system, values, set()))
+            _check_memory(part, points)
         while True:
             try:
                 return _attempt(system, path, parts, values, known)

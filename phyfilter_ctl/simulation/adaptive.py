@@ -237,7 +237,12 @@ class Integrator:
                 np.searchsorted(times, before) if remembers else np.searchsorted(times, later, side="right")
             )
             if stop > done:
-                inside[done:stop] = self._states((times[done:stop] - t) / h)
+                before_end = (
+                    done + int(np.searchsorted(times[done:stop], later)) if crossing is None else stop
+                )
+                if before_end > done:
+                    inside[done:before_end] = self._states((times[done:before_end] - t) / h)
+                inside[before_end:stop] = after[0]
                 for row in range(done, stop) if remembers else ():
                     at = self._u + (times[row] - t) * self._rate
                     self.outputs_inside[row] = self.output(times[row], inside[row], self._z, at)

@@ -14,6 +14,7 @@ __all__ = ["Call", "Chain", "bind"]
 
 BASE = 10
 LEVELS = 4  # 1, 10, 100 and 1000 steps in one call
+_WORTH = 5  # calls of a longer chain
 
 
 @lru_cache(maxsize=256)
@@ -78,6 +79,8 @@ class Chain:
         done = 0
         for level in reversed(range(LEVELS)):
             size = BASE**level
+            if level > 1 and level not in self._buffers and len(data) - done < _WORTH * size:
+                continue  # the function would cost more to make than it saves
             while len(data) - done >= size:
                 self._call(level, data[done : done + size], records[done : done + size])
                 done += size
