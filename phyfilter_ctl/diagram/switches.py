@@ -76,7 +76,7 @@ def located(flat: FlatModel) -> FlatModel:
     >>> from phyfilter_ctl.diagram import flatten
     >>> mass = ct.nlsys(lambda t, x, u, p: [u[0] - np.sign(x[0])], None, inputs=1, outputs=1, states=["v"], name="mass")
     >>> [event.name for event in located(flatten(mass)).events]
-    ['switch of v']
+    ['v.switch']
     """
     functions = _functions(flat)
     if flat.dt > 0.0 or flat.loops or flat.memories or not flat.states:
@@ -226,7 +226,7 @@ class _Point(NamedTuple):
 
 
 class _Located:
-    """Builds the model: what is held is followed by the ranges, and by 1 for a switch that slides, -1 while undecided."""
+    """Builds the model: behind what is held come the ranges, then 1 for each switch that slides, -1 while undecided."""
 
     def __init__(self, frozen: _Frozen) -> None:
         self._frozen, self._flat = frozen, frozen.flat
@@ -420,7 +420,7 @@ class _Located:
         names = _names(flat, self._frozen)
         switches = [FlatEvent(name, -1, None, switch=True) for name in names]
         kept = [
-            Variable(f"{name}: {what}", start)
+            Variable(f"{name}.{what}", start)
             for what, start in (("range", -1.0), ("slides", -1.0))
             for name in names
         ]
@@ -446,7 +446,7 @@ def _allowed(t: ca.SX, within: tuple[float, float], rate: ca.SX, size: ca.SX) ->
 
 
 def _names(flat: FlatModel, frozen: _Frozen) -> list[str]:
-    """By what the levels depend on: states, else inputs, else time."""
+    """By what the levels depend on first: states, else inputs, else time."""
     names: list[str] = []
     for level in ca.vertsplit(frozen.levels):
         _, x, u, *_ = frozen.arguments
@@ -456,7 +456,7 @@ def _names(flat: FlatModel, frozen: _Frozen) -> list[str]:
             for i, variable in enumerate(variables)
             if ca.depends_on(level, symbol[i])
         ]
-        name = f"switch of {', '.join(found) or 'time'}"
-        same = sum(other == name or other.startswith(f"{name} (") for other in names)
-        names.append(f"{name} ({same + 1})" if same else name)
+        name = f"{found[0] if found else 'time'}.switch"
+        same = sum(other.startswith(name) for other in names)
+        names.append(f"{name}{same + 1}" if same else name)
     return names

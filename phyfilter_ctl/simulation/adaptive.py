@@ -228,7 +228,10 @@ class Integrator:
                     raise StepError(f"the step {what}", t, inside[:done])
                 continue
             later = known if h == left else t + h
-            crossing = None if self.watch is None else self.watch.crossing(h, self._states)
+            try:
+                crossing = None if self.watch is None else self.watch.crossing(h, self._states)
+            except EndlessEventsError as error:
+                raise StepError(str(error), t, inside[:done], "") from error
             if crossing is not None:
                 later = min(t + crossing.part * h, later)
             # A time that is that of an event but for rounding is taken down after it.
