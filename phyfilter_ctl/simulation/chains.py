@@ -28,7 +28,7 @@ def _chained(step: ca.Function, level: int) -> ca.Function:
     data = ca.MX.sym("data", part.size1_in(1), BASE * width)
     records, now = [], state
     for columns in ca.horzsplit(data, width):
-        now, record = part(now, columns, p)
+        now, record = part.call([now, columns, p], level == 1 and part.is_a("MXFunction"), False)
         records.append(record)
     return ca.Function(f"pf_chain{level}", [state, data, p], [now, ca.horzcat(*records)])
 

@@ -52,7 +52,8 @@ _KEPT_MATRICES = 16
 # Of as many states a product of matrices costs little more than the call.
 _SMALL = 64
 _CHUNK, _FEW_LENGTHS, _AT_ONCE = 4096, 16, 4_000_000
-_SPARSE = 0.1  # of all entries: below, products leave out the others
+_SPARSE = 0.1  # of all entries: below, products in numpy leave out the others
+_DENSE = 0.5  # of those in columns that are used: above, products in the chain take all
 
 
 class Flow(NamedTuple):
@@ -93,7 +94,7 @@ def step_lengths(h: FloatArray, times: FloatArray) -> tuple[FloatArray, NDArray[
     """The different step lengths, and which of them each step has."""
     rounding = 8 * np.finfo(float).eps * max(abs(times[0]), abs(times[-1]))
     if len(h) == 0 or h.max() - h.min() <= rounding:
-        return h[:1], np.zeros(len(h), dtype=np.intp)
+        return np.full(min(len(h), 1), h.mean() if len(h) else 0.0), np.zeros(len(h), dtype=np.intp)
     order = np.argsort(h)
     ranked = h[order]
     slack = _SAME_LENGTH * ranked[1:] + rounding
@@ -248,6 +249,9 @@ def tables(flat: FlatModel, p: FloatArray, lengths: FloatArray) -> Tables:
     parts.append(change[:, :, u])
     whole = np.concatenate(parts, axis=2)
     pattern = np.any(whole != 0.0, axis=0)
+    used = pattern.any(axis=0)
+    if np.mean(pattern[:, used]) > _DENSE:
+        pattern[:, used] = True
     return Tables(pattern, np.ascontiguousarray(whole.transpose(0, 2, 1)[:, pattern.T]))
 
 
@@ -257,19 +261,21 @@ def advance_flow(flat: FlatModel, pattern: bytes, capacity: int) -> ca.Function:
     layout, n_p = Layout(flat), len(flat.parameters)
     n_x, _, n_z = layout.sizes
     where = np.frombuffer(pattern, dtype=bool).reshape(n_x, -1)
-    columns, rows = np.nonzero(where.T)
+    used = np.flatnonzero(where.any(axis=0))
+    columns, rows = np.nonzero(where[:, used].T)
     size = len(rows)
-    sparsity = ca.Sparsity.triplet(*where.shape, rows.tolist(), columns.tolist())
+    sparsity = ca.Sparsity.triplet(n_x, len(used), rows.tolist(), columns.tolist())
 
     def body(state: ca.SX, data: ca.SX, p: ca.SX) -> Results:
         if capacity == 1:
             entries = cut(p, slice(n_p, None))
         else:
             all_tables: Any = p[n_p:]  # casadi's types do not know indices that are computed
-            entries = all_tables.get_nz(False, ca.MX(ca.DM(range(size))) + size * data[layout.table])
+            entries = all_tables.get_nz(False, ca.Slice(0, size), size * data[layout.table])
         x, z = cut(state, slice(n_x)), cut(state, slice(layout.state - n_z, None))
         begin, end = cut(data, layout.input(0)), cut(data, layout.input(2))
-        after = ca.mtimes(type(state)(sparsity, entries), ca.vertcat(x, z, 1.0, data[0], begin, end))
+        known = ca.vertcat(x, z, 1.0, data[0], begin, end)[used.tolist()]
+        after = ca.mtimes(type(state)(sparsity, entries), known)
         s, given = cut(state, slice(n_x, layout.state - n_z)), cut(p, slice(n_p))
         return (ca.vertcat(after, s, renewed(flat, data[0] + data[1], after, end, given, z)),)
 

@@ -226,7 +226,8 @@ def full_step(node: ca.Function, advance: ca.Function) -> ca.Function:
 
     def body(state: ca.SX, data: ca.SX, p: ca.SX) -> Results:
         state, record = node(state, data, cut(p, slice(node.size1_in(2))))
-        return advance(state, data, p), record
+        (after,) = advance.call([state, data, p], not advance.is_a("SXFunction"), False)
+        return after, record
 
     # Matrix products of a flow stay whole in MX; SX would make one instruction of each entry.
     kinds = SYMBOLS if advance.is_a("SXFunction") else SYMBOLS[1:]

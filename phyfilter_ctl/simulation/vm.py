@@ -51,22 +51,33 @@ def fixed_pieces(
 ) -> Iterator[Piece]:
     """RK4 or the exact flow, in steps no longer than ``max_step`` between nodes."""
     layout = Layout(flat)
+    node = at_node(flat)
     for window in nodes(run.times, [task.period for task in flat.tasks]):
         for steps in steps_between(window, max_step):
             data = _data(layout, run, window, steps)
-            p = run.parameters
-            if method == "exact":
-                lengths, data[:, layout.table] = step_lengths(data[:, 1], run.times)
-                pattern, columns = tables(flat, run.parameters, lengths)
-                capacity = 1 << (len(lengths) - 1).bit_length()
-                columns = np.vstack([columns, np.zeros((capacity - len(columns), columns.shape[1]))])
-                p = np.concatenate([p, columns.ravel()])
-                advance = advance_flow(flat, pattern.tobytes(), capacity)
-            else:
-                advance = advance_rk4(flat)
-            node = at_node(flat)
-            step = full_step(node, advance) if steps.first.all() else split_step(node, advance, layout.node)
-            yield Piece(step, p, data, np.where(steps.first, window.row[steps.node], -1))
+            rows = np.where(steps.first, window.row[steps.node], -1)
+
+            def joined(advance: ca.Function, first: NDArray[np.bool_] = steps.first) -> ca.Function:
+                return full_step(node, advance) if first.all() else split_step(node, advance, layout.node)
+
+            if method == "rk4":
+                yield Piece(joined(advance_rk4(flat)), run.parameters, data, rows)
+                continue
+            # The step of no length that ends a run is apart: the others often need one matrix alone.
+            last = len(data) - int(len(data) > 1 and data[-1, 1] == 0.0)
+            for part in (slice(last), slice(last, None)):
+                if len(data[part]):
+                    advance, p = _flowing(flat, run, data[part])
+                    yield Piece(joined(advance), p, data[part], rows[part])
+
+
+def _flowing(flat: FlatModel, run: Run, data: FloatArray) -> tuple[ca.Function, FloatArray]:
+    """The exact step, and its parameters with a table for each length in the data, whose numbers are filled in."""
+    lengths, data[:, Layout(flat).table] = step_lengths(data[:, 1], run.times)
+    pattern, columns = tables(flat, run.parameters, lengths)
+    capacity = 1 << (len(lengths) - 1).bit_length()
+    columns = np.vstack([columns, np.zeros((capacity - len(columns), columns.shape[1]))])
+    return advance_flow(flat, pattern.tobytes(), capacity), np.concatenate([run.parameters, columns.ravel()])
 
 
 def discrete_pieces(flat: FlatModel, run: Run) -> Iterator[Piece]:
