@@ -33,7 +33,7 @@ from scipy.linalg import expm
 
 import phyfilter_ctl as pf
 
-THEIRS = {"rtol": 1e-3, "atol": 1e-6}  # what scipy.integrate.solve_ivp takes where nobody says more
+RTOL, ATOL = 1e-3, 1e-6  # what scipy.integrate.solve_ivp takes where nobody says more
 PERIOD = 1e-3
 SHOTS, WARM = 5, 7
 
@@ -47,8 +47,8 @@ class Row:
 
     name: str
     times: np.ndarray
-    inputs: np.ndarray
-    start: list[float]
+    inputs: Any  # python-control says float, and means arrays too
+    start: Any
     make: Callable[[], ct.InputOutputSystem]
     twin: Callable[[], Any]
     theirs: Callable[[Any, Row], ct.TimeResponseData]
@@ -96,7 +96,7 @@ def dense(n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return A, rng.normal(size=(n, 1)), rng.normal(size=(1, n)) / n
 
 
-def linear(n: int) -> ct.StateSpace:
+def linear(n: int) -> ct.InputOutputSystem:
     A, B, C = dense(n)
     return ct.ss(A, B, C, 0.0, name="linear")
 
@@ -234,7 +234,7 @@ def rows() -> list[Row]:
     return found
 
 
-def linear_maker(n: int) -> Callable[[], ct.StateSpace]:
+def linear_maker(n: int) -> Callable[[], ct.InputOutputSystem]:
     return lambda: linear(n)
 
 
@@ -245,7 +245,7 @@ def loop_makers(n: int) -> tuple[Callable[[], Any], Callable[[], Any]]:
 def simulate(system: Any, row: Row) -> ct.TimeResponseData:
     given = row.inputs if len(row.inputs) else None
     start = row.start[: len(row.start) - 1] if row.name.startswith("sampled") else row.start
-    return pf.simulate(system, row.times, given, start, **THEIRS)
+    return pf.simulate(system, row.times, given, start, rtol=RTOL, atol=ATOL)
 
 
 def measured(side: str, row: Row) -> dict[str, Any]:
@@ -281,6 +281,7 @@ def measured(side: str, row: Row) -> dict[str, Any]:
 def warm_up(side: str) -> None:
     """Other systems of each kind, so that imports and the first use of each library are behind."""
     t = np.linspace(0.0, 1.0, 11)
+    ones: Any = np.ones(11)
     lag = ct.ss([[-1.0, 1.0], [0.0, -3.0]], [[0.0], [1.0]], [[1.0, 0.0]], 0.0)
     drag = ct.nlsys(
         lambda t, x, u, params: [u[0] - x[0] ** 3], None, inputs=1, outputs=1, states=1, name="drag"
@@ -290,9 +291,9 @@ def warm_up(side: str) -> None:
         pf.simulate(lag, t, 1.0)
         pf.simulate(drag, t, 1.0, backend="vm")
         return
-    ct.forced_response(lag, t, np.ones(11))
-    ct.input_output_response(drag, t, np.ones(11))
-    ct.input_output_response(discrete, t, np.ones(11))
+    ct.forced_response(lag, t, ones)
+    ct.input_output_response(drag, t, ones)
+    ct.input_output_response(discrete, t, ones)
 
 
 def least(side: str, name: str, processes: int) -> dict[str, Any]:

@@ -12,7 +12,6 @@ import control as ct
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .._sections import FloatArray
 from ..blocks.functions import BlockEvent, BlockFunctions, Variable
 from ..blocks.hybrid import HybridBlock
 from .branches import DefaultsError
@@ -144,17 +143,19 @@ def state_space(system: ct.StateSpace | ct.TransferFunction, path: str) -> ct.St
     >>> state_space(ct.tf([1.0], [1.0, 2.0]), "lag").A.tolist()
     [[-2.0]]
     """
-    if isinstance(system, ct.TransferFunction):
+    if isinstance(system, ct.StateSpace):
+        space = system
+    else:
         try:
-            system = ct.tf2ss(system)
+            space = cast(ct.StateSpace, ct.tf2ss(system))
         except (ValueError, NotImplementedError) as error:
             raise ValueError(
                 f"block {path}: python-control finds no state space for the transfer function ({error}); it must be "
                 "proper, and several inputs or outputs need one block each or a state space"
             ) from error
-    if not all(np.isrealobj(M) and np.all(np.isfinite(M)) for M in (system.A, system.B, system.C, system.D)):
+    if not all(np.isrealobj(M) and np.all(np.isfinite(M)) for M in (space.A, space.B, space.C, space.D)):
         raise ValueError(f"block {path}: its state-space matrices are not real and finite")
-    return system
+    return space
 
 
 def linear_functions(system: ct.StateSpace, path: str) -> BlockFunctions:
@@ -192,7 +193,7 @@ def linear_functions(system: ct.StateSpace, path: str) -> BlockFunctions:
 
 
 def linear_function(
-    name: str, letters: Sequence[str], by_state: FloatArray, by_input: FloatArray
+    name: str, letters: Sequence[str], by_state: ArrayLike, by_input: ArrayLike
 ) -> ca.Function:
     """(t, x, u, ...) -> M x + N u; there is nothing in further arguments.
 
@@ -212,7 +213,7 @@ def linear_function(
     >>> linear_function("f", "txup", np.array([[2.0]]), np.array([[1.0]]))(0, 3, 4, []).full().item()
     10.0
     """
-    rows, n, m = len(by_state), by_state.shape[1], by_input.shape[1]
+    (rows, n), m = np.shape(by_state), np.shape(by_input)[1]
     x, u = ca.SX.sym("x", n), ca.SX.sym("u", m)
     value = ca.mtimes(_sparse(by_state, rows, n), x) + ca.mtimes(_sparse(by_input, rows, m), u)
     arguments = [ca.SX.sym("t"), x, u, *(ca.SX(0, 1) for _ in letters[3:])]

@@ -5,7 +5,7 @@ Hairer, Norsett, Wanner, "Solving Ordinary Differential Equations I", II.5 and I
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from functools import lru_cache, partial
 
 import casadi as ca
@@ -24,7 +24,7 @@ _STAGES = 12
 _INSIDE = 0.1
 
 
-def _columns(rows: Sequence[FloatArray], *before: float) -> list[ca.DM]:
+def _columns(rows: Iterable[FloatArray], *before: float) -> list[ca.DM]:
     """Weights without their zeros; ``before`` are those of what stands in front."""
     return [ca.sparsify(ca.DM([*before, *np.trim_zeros(row, "b").tolist()])) for row in rows]
 

@@ -368,7 +368,9 @@ def _push(
 
 def _outputs(flat: FlatModel, run: Run, x: FloatArray, given: FloatArray) -> FloatArray:
     if not _has_affine_outputs(flat):
-        return outputs_at(flat, run, x, np.zeros((len(x), len(flat.held))), np.isfinite(x).all(axis=1))
+        return outputs_at(
+            flat, run, x, np.zeros((len(x), len(flat.held))), np.asarray(np.isfinite(x).all(axis=1))
+        )
     C, D = _output_matrices(flat, run.parameters.tobytes())
     return x @ C.T + given @ D.T
 
