@@ -251,7 +251,7 @@ def _linear(system: ct.StateSpace | ct.TransferFunction, name: str, dt: float) -
         output=partial(linear_function, "output", _ARGUMENTS, matrices.C, matrices.D),
         dt=dt,
         order=(path,),
-        matrices=matrices,
+        matrices=None if dt > 0.0 else matrices,
     )
 
 

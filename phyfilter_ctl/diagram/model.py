@@ -51,7 +51,7 @@ class FlatModel(Equations):
     conditions : casadi.Function, optional
         (t, x, u, p, z) -> the conditions of the events; None where there are none.
     matrices : Matrices, optional
-        A, B, C, D of what is a linear system as a whole.
+        A, B, C, D of what is a continuous linear system as a whole.
 
     Notes
     -----

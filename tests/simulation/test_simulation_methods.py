@@ -6,6 +6,8 @@ import control as ct
 import mpmath
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
+from scipy.linalg import expm
 from scipy.optimize import brentq
 from scipy.signal import cont2discrete, dlsim
 
@@ -260,3 +262,63 @@ def test_linear_states_behind_a_nonlinear_drive_are_integrated_to_tolerance(driv
     )
     response = simulate(lag, [0.0, 1.0], [0.0, 2.0])
     assert response.outputs[-1] == pytest.approx(end, abs=1e-7)
+
+
+def swing(t, x, u, p):
+    return [x[1], u[0] - p["pull"] * np.sin(x[0]) - 0.2 * x[1]]
+
+
+@pytest.mark.parametrize("interpolation", ["linear", "hold"])
+def test_one_step_from_kink_to_kink_keeps_the_tolerance(interpolation):
+    """Of 250 kinks most are passed by one step; a burst in the middle and jumps of the input ask for more."""
+    system = ct.nlsys(swing, None, inputs=1, outputs=2, states=2, params={"pull": 9.8}, name="swing")
+    times = np.linspace(0.0, 5.0, 251)
+    u = np.sin(times) + np.where(np.abs(times - 2.5) < 0.1, 500.0, 0.0) + np.sign(np.sin(3.0 * times))
+    x, expected = np.array([0.4, 0.0]), [[0.4, 0.0]]
+    for k in range(250):
+        begin, end = times[k : k + 2]
+        rise = (u[k + 1] - u[k]) / (end - begin) * (interpolation == "linear")
+        solved = solve_ivp(
+            lambda t, x, k=k, begin=begin, rise=rise: swing(t, x, [u[k] + rise * (t - begin)], {"pull": 9.8}),
+            (begin, end), x, "DOP853", rtol=1e-11, atol=1e-11,
+        )  # fmt: skip
+        x = solved.y[:, -1]
+        expected.append(x)
+    for method in ("adaptive", "stiff"):
+        ours = simulate(
+            system, times, u, [0.4, 0.0], method=method, backend="vm", interpolation=interpolation, rtol=1e-8,
+            atol=1e-10,
+        )  # fmt: skip
+        assert ours.steps > 260
+        # The pendulum turns over at 100 rad/s: the error of its rate, 1e-8 of that, adds up over a second.
+        np.testing.assert_allclose(ours.states.T, expected, rtol=1e-7, atol=2e-6)
+
+
+def test_steps_from_node_to_node_count_as_steps():
+    system = ct.nlsys(swing, None, inputs=1, outputs=2, states=2, params={"pull": 9.8}, name="swing")
+    times = np.linspace(0.0, 20.0, 2001)
+    free = simulate(system, times, np.sin(times), method="adaptive", backend="vm")
+    short = simulate(system, times, np.sin(times), method="adaptive", backend="vm", max_steps=1500)
+    assert free.steps < 2050
+    assert not short.success
+    assert 14.5 < short.failed_at < 15.0
+    reached = times <= short.failed_at
+    np.testing.assert_array_equal(short.states[:, reached], free.states[:, reached])
+    fine = simulate(system, times, np.sin(times), method="adaptive", backend="vm", max_step=0.004)
+    assert fine.steps >= 3 * 2000
+
+
+def test_steps_in_blocks_are_those_one_by_one():
+    """A growing, an undamped and a fast mode; 1,237 steps against powers of an exponential by SciPy."""
+    A = np.array([[0.1, 0.3, 0.0], [0.0, 0.0, 4.0], [0.2, -4.0, -30.0]])
+    B, start = np.array([[1.0], [0.5], [-2.0]]), np.array([1.0, -1.0, 0.5])
+    times = 0.01 * np.arange(1238)
+    u = np.random.default_rng(2).normal(size=1238)
+    ours = simulate(ct.ss(A, B, np.eye(3), np.zeros((3, 1))), times, u, start)
+    whole = np.zeros((5, 5))
+    whole[:3, :3], whole[:3, 3:4], whole[3, 4] = A, B, 1.0
+    power, x = expm(0.01 * whole), start
+    for k in range(1238):
+        np.testing.assert_allclose(ours.states[:, k], x, rtol=1e-11, atol=1e-11)
+        if k < 1237:
+            x = (power @ np.concatenate([x, [u[k], (u[k + 1] - u[k]) / 0.01]]))[:3]
