@@ -445,7 +445,7 @@ class EventWatch:
         again = near & (self._directions == 0) & (rates * onward < 0.0)
         back = fired & ~self._remembers & (self._directions * values >= 0.0)
         soon = np.array(
-            [self._recent.get(self._flat.events[i].name, _NEVER)[2] <= self._soon for i in self._owner]
+            [self._recent.get(self._flat.events[i].name, _NEVER)[2] <= self._soon for i in self._owner], bool
         )
         back &= (self._directions * rates < 0.0) | (soon & (self._directions != 0))
         self._depth = np.where(back, np.abs(values), np.where(fired, np.nan, self._depth))
