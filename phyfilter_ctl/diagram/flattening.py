@@ -6,6 +6,7 @@ import dataclasses
 import re
 import warnings
 from collections.abc import Mapping, Sequence
+from functools import partial
 from itertools import accumulate, pairwise
 from typing import cast
 
@@ -15,8 +16,9 @@ import numpy as np
 
 from ..blocks.functions import BlockFunctions, Variable, dependencies
 from .discrete import law_of
-from .equations import AlgebraicLoop, FlatEvent
+from .equations import AlgebraicLoop, FlatEvent, Matrices
 from .evaluation import Evaluation, Symbols, call_block, evaluate
+from .leaves import linear_function, state_space
 from .loops import Expression, newton_function
 from .model import FlatModel, Task
 from .ordering import components, cycle
@@ -160,6 +162,9 @@ def _assemble(
     record: Sequence[str] = (),
 ) -> FlatModel:
     dt = _time_base(system, name)
+    linear = isinstance(system, ct.StateSpace | ct.TransferFunction)
+    if linear and not isinstance(system, ct.InterconnectedSystem) and not record:
+        return _linear(system, name, dt)
     wiring = wire(system, given, rules)
     labels = [*_labels(system, len(wiring.outputs)), *_recorded(wiring, record)]
     _refuse_shared(wiring.blocks)
@@ -241,6 +246,32 @@ def _refuse_shared(blocks: Sequence[Block]) -> None:
                     f"blocks {other} and {block.path} are one and the same, with a state of its own ({reason}): "
                     "import it twice, or give the diagram a copy (copy.deepcopy)"
                 )
+
+
+def _linear(system: ct.StateSpace | ct.TransferFunction, name: str, dt: float) -> FlatModel:
+    """One linear system: its functions are made where they are asked for, since a run needs the matrices alone."""
+    path = system.name or "system"
+    space = state_space(system, path)
+    matrices = Matrices(*(np.asarray(M, dtype=float) for M in (space.A, space.B, space.C, space.D)))
+    states, inputs, outputs = (
+        tuple(Variable(label) for label in labels)
+        for labels in (space.state_labels, system.input_labels, _labels(system, space.noutputs))
+    )
+    for what, variables in (("states", states), ("inputs", inputs), ("outputs", outputs)):
+        _check_unique(what, variables, name)
+    return FlatModel(
+        name=name,
+        states=states,
+        inputs=inputs,
+        outputs=outputs,
+        parameters=(),
+        held=(),
+        dynamics=partial(linear_function, "dynamics", _ARGUMENTS, matrices.A, matrices.B),
+        output=partial(linear_function, "output", _ARGUMENTS, matrices.C, matrices.D),
+        dt=dt,
+        order=(path,),
+        matrices=None if dt > 0.0 else matrices,
+    )
 
 
 def _recorded(wiring: Wiring, patterns: Sequence[str]) -> list[str]:

@@ -107,7 +107,7 @@ def sensitivity(
     if flat.dt > 0.0:
         pieces = discrete_pieces(flat, run)
     else:
-        longest = default_step(flat, run, without_linear=False) if max_step is None else max_step
+        longest = default_step(flat, run) if max_step is None else max_step
         pieces = fixed_pieces(flat, run, "rk4", longest)
     state = start_state(flat, run.start)
     seeds = np.zeros((len(parameters) + len(starts), len(state)))
