@@ -48,7 +48,7 @@ def flatten(
         Name of the model; None takes the system's.
     unconnected : {"error", "zero"}
         Inputs of blocks that nothing drives: refused, or 0 as in python-control, whatever the block has as their
-        start; ``undriven`` of the model names them.
+        start; ``undriven`` of the model names them. Those of an imported FMU keep their starts.
     params : mapping, optional
         Values of parameters that blocks read and that have none of their own: ``params["umax"]`` of a block made
         without ``params=``. Those that have one are given to :func:`simulate`.
