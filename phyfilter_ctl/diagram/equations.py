@@ -152,4 +152,5 @@ class Equations:
     callbacks: tuple[Interpreted, ...] = ()
     events: tuple[FlatEvent, ...] = ()
     conditions: ca.Function | None = None
+    turns: tuple[int, ...] = ()
     matrices: Matrices | None = None

@@ -72,7 +72,7 @@ def block_functions(
         return trace(system, path, given, missing)
     raise TypeError(
         f"block {path}: expected a python-control system (StateSpace, TransferFunction, NonlinearIOSystem, "
-        f"InterconnectedSystem), got {type(system).__name__}; a delay is ct.pade(T, n) or a sampled block"
+        f"InterconnectedSystem), got {type(system).__name__}; a delay is phyfilter_ctl.transport_delay"
     )
 
 

@@ -335,6 +335,18 @@ class Integrator:
             raise StepError(str(error), float(self._q[0]), inside, "") from error
 
     @property
+    def x(self) -> FloatArray:
+        """x where the run stands."""
+        return self._x.copy()
+
+    @property
+    def last_outputs(self) -> FloatArray | None:
+        """y where a block asked to end the run, which it still knows; None where none did."""
+        if not any(memory.ended for memory in self._flat.memories):
+            return None
+        return self.output(float(self._q[0]), self._x, self._z, self._u)
+
+    @property
     def held(self) -> FloatArray:
         """z as it is now."""
         return self._z.copy()

@@ -160,7 +160,7 @@ def _run(
 
 @lru_cache(maxsize=KEPT)
 def _without_tasks(flat: FlatModel) -> FlatModel:
-    return replace(flat, tasks=())
+    return replace(flat, tasks=(), turns=())
 
 
 @lru_cache(maxsize=KEPT)

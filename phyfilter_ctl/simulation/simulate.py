@@ -348,8 +348,8 @@ def _stiff_steps(flat: FlatModel, run: Run) -> float:
 
 def _simulate(flat: FlatModel, run: Run, options: Options, progress: bool) -> SimulationResponse:
     with ExitStack() as stack:
-        for memory in flat.memories:
-            stack.enter_context(memory.running())
+        for running in flat.exclusive:
+            stack.enter_context(running())
         return _run(flat, run, options, progress)
 
 

@@ -170,7 +170,8 @@ def at_node(flat: FlatModel) -> ca.Function:
         x, s, z = _split(flat, state)
         t, u = data[0], cut(data, layout.input(0))
         due = cut(data, layout.due)
-        for i, task in enumerate(flat.tasks):
+        for i in flat.turns or range(len(flat.tasks)):
+            task = flat.tasks[i]
             v = task.signals(t, x, u, p, z)
             out = ca.if_else(due[i], task.law.output(t, s[i], v, cut(p, task.parameters)), cut(z, task.held))
             z = ca.vertcat(cut(z, slice(task.held.start)), out, cut(z, slice(task.held.stop, None)))

@@ -236,6 +236,11 @@ def run_adaptive(
                 if y is not None and integrator.outputs_inside is not None:
                     y[later[: len(error.inside)]] = integrator.outputs_inside[: len(error.inside)]
                 failed_at = error.time
+                row = int(np.argmin(np.abs(run.times - failed_at)))
+                same = abs(run.times[row] - failed_at) <= _SAME_LENGTH * max(abs(failed_at), 1.0)
+                last = integrator.last_outputs if same else None
+                if y is not None and last is not None:
+                    x[row], y[row] = integrator.x, last
                 message = (
                     str(error) if error.advice is not None else f"{error}. {integrator.chattering or _STIFF}"
                 )
