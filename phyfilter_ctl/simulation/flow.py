@@ -125,7 +125,7 @@ def _flow(flat: FlatModel, parameters: bytes) -> Flow:
     if flat.matrices is None:
         A, B = affine_part(flat.dynamics, np.frombuffer(parameters))
     else:
-        A, B = flat.matrices.A, _by_input(flat.matrices.B)
+        A, B = flat.matrices[0], _by_input(flat.matrices[1])
     return Flow(A, B, _groups(A))
 
 
@@ -384,5 +384,5 @@ def _has_affine_outputs(flat: FlatModel) -> bool:
 @lru_cache(maxsize=_KEPT_MATRICES)
 def _output_matrices(flat: FlatModel, parameters: bytes) -> tuple[FloatArray, FloatArray]:
     if flat.matrices is not None:
-        return flat.matrices.C, _by_input(flat.matrices.D)
+        return flat.matrices[2], _by_input(flat.matrices[3])
     return affine_part(flat.output, np.frombuffer(parameters))

@@ -284,10 +284,8 @@ def _plain_states(flat: FlatModel) -> list[int] | None:
     held: dict[int, int] = {}
     found = [-1] * count
     for k in range(function.n_instructions()):
-        kind, given, result = (
-            get(k)
-            for get in (function.instruction_id, function.instruction_input, function.instruction_output)
-        )
+        kind = function.instruction_id(k)
+        given, result = function.instruction_input(k), function.instruction_output(k)
         if kind == ca.OP_INPUT and given[0] == 1:
             held[result[0]] = given[1]
         elif kind == ca.OP_OUTPUT and given[0] in held:
