@@ -14,7 +14,7 @@ from ..diagram import FlatModel
 from .adaptive import Control, Integrator, Leaps, StepError
 from .arguments import Run
 from .chains import Chain
-from .flow import advance_flow, step_lengths, tables
+from .flow import SAME_LENGTH, advance_flow, step_lengths, tables
 from .limits import Limits, diverged, progress_bar
 from .response import Method, Outcome
 from .schedule import WINDOW, Nodes, Steps, nodes, steps_between
@@ -237,7 +237,7 @@ def run_adaptive(
                     y[later[: len(error.inside)]] = integrator.outputs_inside[: len(error.inside)]
                 failed_at = error.time
                 row = int(np.argmin(np.abs(run.times - failed_at)))
-                same = abs(run.times[row] - failed_at) <= _SAME_LENGTH * max(abs(failed_at), 1.0)
+                same = abs(run.times[row] - failed_at) <= SAME_LENGTH * max(abs(failed_at), 1.0)
                 last = integrator.last_outputs if same else None
                 if y is not None and last is not None:
                     x[row], y[row] = integrator.x, last
