@@ -1,0 +1,407 @@
+"""The corpus on every route: ``python -m tests.corpus``.
+
+Prints one row for each system (worst error of a route over what it may have, or its status) and a table of the routes.
+An answer is right, wrong (a number that is off, with success=True), or a status: success False, or a refusal with a
+message. A status is right where no solution exists.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import json
+import os
+import sys
+import tempfile
+import time
+import warnings
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import phyfilter_ctl as pf
+from phyfilter_ctl.fmi import FmuSolver
+
+from tests.corpus.systems import FAMILIES, all_systems
+from tests.corpus.system import Array, System
+
+# What simulate is asked for by default.
+RTOL, ATOL = 1e-8, 1e-10
+# Steps whose errors add up: 100 errors of a step, each as large as asked for.
+ACCUMULATED = 100.0
+# Steps of a run of fixed length, and what the classical method may lose with them where all is smooth.
+FIXED_STEPS, FIXED_ERROR = 4000, 1e-6
+# Without location of switches an answer of fixed step is off by the motion of a few steps.
+FIXED_LATE = 20.0
+# CVODE (FMPy's, in model exchange) at a relative tolerance of 1e-9 and absolute ones of its own.
+CVODE_TOLERANCE, CVODE_ERROR = 1e-9, 3e-5
+# Size of the disturbance by which the sensitivity to the start is measured, and that of the second run of a batch.
+NUDGE, ANOTHER = 1e-6, 0.03
+# Seconds of this machine that a run may take.
+TIME_LIMIT = 20.0
+
+
+@dataclass(frozen=True)
+class Cell:
+    """What one route gave for one system.
+
+    Parameters
+    ----------
+    outcome : {"right", "wrong", "status"}
+    error : float
+        Largest error over the one allowed; NaN for a status.
+    message : str
+    seconds : float
+    """
+
+    outcome: str
+    error: float = np.nan
+    message: str = ""
+    seconds: float = 0.0
+
+
+class Refused(Exception):
+    """A status in place of an answer."""
+
+
+class Case:
+    """A system with its reference and what may be off."""
+
+    def __init__(self, system: System) -> None:
+        self.system = system
+        self.times = system.timepts
+        self.start = np.asarray(system.start, dtype=float)
+        self.inputs = None if system.inputs is None else np.atleast_2d(system.inputs(self.times))
+        self.expected: Array | None = None
+        self.amplification = 1.0
+        if system.reference is not None:
+            self.expected = np.atleast_2d(system.reference(self.times, self.start))
+            self.amplification = self._amplification()
+
+    def _amplification(self) -> float:
+        """How much of an error at the start is left later, at most, along two directions; 1 at least."""
+        found = 1.0
+        scale = np.maximum(np.abs(self.start), 1.0)
+        alternating = (-1.0) ** np.arange(len(self.start))
+        for direction in (np.ones(len(self.start)), alternating)[: len(self.start)]:
+            moved = self.answer(self.start + NUDGE * scale * direction)
+            found = max(found, float(np.abs(moved - self.expected).max() / NUDGE / self._scale().max()))
+        return found
+
+    def answer(self, start: Array) -> Array:
+        assert self.system.reference is not None
+        return np.atleast_2d(self.system.reference(self.times, start))
+
+    def _scale(self) -> Array:
+        assert self.expected is not None
+        return np.maximum(np.abs(self.expected).max(axis=1, keepdims=True), ATOL / RTOL)
+
+    def allowed(self, kind: str) -> Array:
+        """Error that an answer may have, for each output."""
+        assert self.expected is not None
+        scale = self._scale()
+        asked = ACCUMULATED * self.amplification * (ATOL + RTOL * scale)
+        if kind == "asked":
+            return asked
+        if kind == "cvode":
+            return asked + self.amplification * CVODE_ERROR * scale.max()
+        late = 0.0
+        if self.system.switching:
+            step = (self.times[-1] - self.times[0]) / FIXED_STEPS
+            rates = np.abs(np.diff(self.expected, axis=1)) / np.diff(self.times)
+            late = FIXED_LATE * step * max(float(rates.max()), float(scale.max()) / (self.times[-1] - self.times[0]))
+        return asked + self.amplification * (FIXED_ERROR * scale.max() + late)
+
+
+def answered(case: Case, response: Any) -> Array:
+    """Outputs of a response, or its status."""
+    if not response.success:
+        raise Refused(response.message)
+    return np.asarray(response.outputs, dtype=float).reshape(-1, len(case.times))
+
+
+def _simulated(**options: Any) -> Callable[[Case, Any, Path], Array]:
+    def run(case: Case, model: Any, folder: Path) -> Array:
+        chosen = dict(options)
+        if chosen.get("method") == "rk4":
+            chosen["max_step"] = (case.times[-1] - case.times[0]) / FIXED_STEPS
+        response = pf.simulate(
+            model, case.times, case.inputs, case.start if len(case.start) else None, time_limit=TIME_LIMIT, **chosen
+        )
+        return answered(case, response)
+
+    return run
+
+
+def _as_called(case: Case, model: Any, folder: Path) -> Array:
+    """The diagram itself, with nothing chosen; a fresh one, as a first call."""
+    response = pf.simulate(
+        case.system.build(), case.times, case.inputs, case.start if len(case.start) else None, time_limit=TIME_LIMIT
+    )
+    return answered(case, response)
+
+
+def _batch(case: Case, model: Any, folder: Path) -> Array:
+    """Two runs, from the start and from another: rows of the second below those of the first."""
+    starts = np.array([case.start, second_start(case)])
+    inputs = None if case.inputs is None else np.array([case.inputs, case.inputs])
+    if not len(case.start):
+        inputs = np.zeros((2, model_inputs(model), len(case.times))) if inputs is None else inputs
+    runs = pf.simulate_batch(
+        model, case.times, inputs, starts if len(case.start) else None, workers=1, time_limit=TIME_LIMIT
+    )
+    return np.vstack([answered(case, run) for run in runs])
+
+
+def model_inputs(model: Any) -> int:
+    return len(model.inputs)
+
+
+def second_start(case: Case) -> Array:
+    """Where a state is 0 it stays there."""
+    return case.start * (1.0 + ANOTHER * np.asarray(case.system.movable))
+
+
+def _fmu(version: str, kind: str) -> Callable[[Case, Any, Path], Array]:
+    def run(case: Case, model: Any, folder: Path) -> Array:
+        import fmpy  # only where it is asked for: it takes a second
+
+        path = folder / f"fmi{version[0]}.fmu"
+        if not path.exists():
+            solver = FmuSolver("adaptive", rtol=RTOL, atol=ATOL)
+            pf.export_fmu(model, path, fmi=version, solver=solver)
+        description = fmpy.read_model_description(str(path))
+        starts: dict[str, float] = {}
+        if len(case.start):
+            states = [each.name for each in model.states]
+            starts = dict(zip(states, map(float, case.start), strict=True))
+        outputs = [each.name for each in description.modelVariables if each.causality == "output"]
+        signals = None
+        if case.inputs is not None:
+            names = [v.name for v in description.modelVariables if v.causality == "input"]
+            signals = np.array(
+                [tuple(row) for row in np.vstack([case.times, case.inputs]).T],
+                dtype=[("time", float), *((name, float) for name in names)],
+            )
+        messages: list[str] = []
+        found = fmpy.simulate_fmu(
+            str(path), fmi_type={"cs": "CoSimulation", "me": "ModelExchange"}[kind], start_time=case.times[0],
+            stop_time=case.times[-1], output_interval=case.times[1] - case.times[0], solver="CVode",
+            relative_tolerance=CVODE_TOLERANCE, start_values=starts, input=signals, timeout=TIME_LIMIT,
+            logger=lambda *arguments: messages.append(str(arguments[-1])),
+        )  # fmt: skip
+        rows = [np.flatnonzero(np.abs(found["time"] - t) < 1e-9 * max(1.0, case.times[-1])) for t in case.times]
+        if any(len(row) == 0 for row in rows):
+            raise Refused(f"ended at {found['time'][-1]}")
+        return np.array([[np.ravel(found[name])[row[-1]] for row in rows] for name in outputs])
+
+    return run
+
+
+@dataclass(frozen=True)
+class Route:
+    """A way to an answer."""
+
+    run: Callable[[Case, Any, Path], Array]
+    allowed: str = "asked"
+    compiles: bool = False
+
+
+ROUTES: dict[str, Route] = {
+    "simulate": Route(_as_called),
+    "adaptive-vm": Route(_simulated(method="adaptive", backend="vm")),
+    "stiff-vm": Route(_simulated(method="stiff", backend="vm")),
+    "rk4-vm": Route(_simulated(method="rk4", backend="vm"), "fixed"),
+    "exact": Route(_simulated(method="exact")),
+    "batch": Route(_batch),
+    "adaptive-c": Route(_simulated(method="adaptive", backend="c"), compiles=True),
+    "rk4-c": Route(_simulated(method="rk4", backend="c"), "fixed", compiles=True),
+    "fmi2-cs": Route(_fmu("2.0", "cs"), compiles=True),
+    "fmi3-cs": Route(_fmu("3.0", "cs"), compiles=True),
+    "fmi2-me": Route(_fmu("2.0", "me"), "cvode", compiles=True),
+    "fmi3-me": Route(_fmu("3.0", "me"), "cvode", compiles=True),
+}
+SHORT_ROUTES = ("simulate", "adaptive-vm", "stiff-vm", "batch")
+QUICK_ROUTES = ("simulate", "adaptive-vm", "stiff-vm", "rk4-vm", "exact", "batch", "adaptive-c", "rk4-c")
+FMU_ROUTES = ("fmi2-cs", "fmi3-cs", "fmi2-me", "fmi3-me")
+# Refused by design where the diagram is none of theirs; no answer is missing.
+OPTIONAL = ("exact", "rk4-vm", "rk4-c")
+
+
+def applies(system: System, route: str) -> bool:
+    """Whether an answer is expected: steps of fixed length and explicit ones cannot do what is stiff."""
+    if system.stiff and route not in ("simulate", "stiff-vm", "batch", "fmi2-me", "fmi3-me"):
+        return False
+    if route.startswith("fmi"):
+        uneven = np.ptp(np.diff(system.timepts)) > 1e-9 * system.timepts[-1]
+        return not uneven and not (route.endswith("cs") and system.inputs is not None) and system.fmu
+    return True
+
+
+def judged(case: Case, route: str, model: Any, folder: Path) -> Cell:
+    """What a route says of a system."""
+    begin = time.perf_counter()
+    try:
+        with warnings.catch_warnings(), quiet():
+            warnings.simplefilter("ignore")
+            found = ROUTES[route].run(case, model() if callable(model) else model, folder)
+    except Exception as error:
+        text = " ".join(str(error).split())
+        kind = "" if isinstance(error, Refused) else f"{type(error).__name__}: "
+        return Cell("status", message=kind + text, seconds=time.perf_counter() - begin)
+    seconds = time.perf_counter() - begin
+    if case.expected is None:
+        finite = bool(np.all(np.isfinite(found)))
+        return Cell("wrong" if finite else "status", message="an answer where none exists", seconds=seconds)
+    expected, allowed = case.expected, case.allowed(ROUTES[route].allowed)
+    if route == "batch":
+        other = expected if not len(case.start) else case.answer(second_start(case))
+        expected, allowed = np.vstack([expected, other]), np.vstack([allowed, allowed])
+    if found.shape != expected.shape:
+        return Cell("wrong", np.inf, f"shape {found.shape} for {expected.shape}", seconds)
+    with np.errstate(invalid="ignore"):
+        error = float(np.max(np.abs(found - expected) / allowed))
+    if not error <= 1.0:
+        row, column = np.unravel_index(np.argmax(np.abs(found - expected) / allowed), found.shape)
+        at = case.times[column]
+        text = f"y[{row}] at {at:.4g} s is {found[row, column]:.8g} for {expected[row, column]:.8g}"
+        return Cell("wrong", error, text, seconds)
+    return Cell("right", error, "", seconds)
+
+
+@contextlib.contextmanager
+def quiet() -> Iterator[None]:
+    """What C prints itself (CVODE, loggers of FMUs) does not belong into the table."""
+    sys.stdout.flush()
+    saved = os.dup(1), os.dup(2)
+    null = os.open(os.devnull, os.O_WRONLY)
+    try:
+        os.dup2(null, 1), os.dup2(null, 2)
+        yield
+    finally:
+        os.dup2(saved[0], 1), os.dup2(saved[1], 2)
+        for each in (*saved, null):
+            os.close(each)
+
+
+def examined(system: System, routes: Iterable[str]) -> dict[str, Cell]:
+    """All cells of a system."""
+    case = Case(system)
+    made: list[Any] = []
+
+    def model() -> Any:
+        if not made:
+            made.append(pf.flatten(system.build()))
+        return made[0]
+
+    with tempfile.TemporaryDirectory() as folder:
+        return {
+            route: judged(case, route, model, Path(folder)) for route in routes if applies(system, route)
+        }
+
+
+def shown(cell: Cell | None) -> str:
+    if cell is None:
+        return "."
+    if cell.outcome == "status":
+        return "status"
+    return f"{'' if cell.outcome == 'right' else 'WRONG '}{cell.error:.2g}"
+
+
+def report(table: dict[str, dict[str, Cell]], systems: Sequence[System], routes: Sequence[str]) -> tuple[str, int]:
+    """The table as text, and how many cells are wrong."""
+    lines, wrong = [], 0
+    width = max(len(each.name) for each in systems) + 2
+    lines.append(f"{'system':{width}}" + "".join(f"{route:>13}" for route in routes))
+    for each in systems:
+        cells = table[each.name]
+        lines.append(f"{each.name:{width}}" + "".join(f"{shown(cells.get(route)):>13}" for route in routes))
+    structures = {each.structure for each in systems}
+    elsewhere = [each for each in systems if each.source]
+    lines.append("")
+    lines.append(
+        f"{len(systems)} systems, {len(structures)} structures, {len(elsewhere)} from elsewhere, "
+        f"{sum(not each.solvable for each in systems)} without a solution"
+    )
+    lines.append(
+        f"{'route':14}{'right':>7}{'wrong':>7}{'status':>8}{'status where solvable':>23}{'worst right':>13}{'seconds':>9}"
+    )
+    solvable = {each.name for each in systems if each.solvable}
+    for route in routes:
+        cells = {name: row[route] for name, row in table.items() if route in row}
+        bad = [name for name, cell in cells.items() if cell.outcome == "wrong"]
+        statuses = [name for name, cell in cells.items() if cell.outcome == "status"]
+        missing = [name for name in statuses if name in solvable]
+        asked = sum(name in solvable for name in cells)
+        right = len(cells) - len(bad) - len(missing)
+        worst = max((cell.error for cell in cells.values() if cell.outcome == "right"), default=np.nan)
+        wrong += len(bad)
+        share = 100.0 * len(missing) / asked if asked else 0.0
+        seconds = sum(cell.seconds for cell in cells.values())
+        lines.append(
+            f"{route:14}{right:7}{len(bad):7}{len(statuses):8}{f'{len(missing)} ({share:.1f} %)':>23}"
+            f"{worst:13.2g}{seconds:9.1f}"
+        )
+    lines.append(f"errors are shares of what is allowed; {wrong} cells wrong")
+    return "\n".join(lines), wrong
+
+
+def failures(table: dict[str, dict[str, Cell]], systems: Sequence[System]) -> list[str]:
+    """Cells that are wrong, and statuses in place of an answer."""
+    lines = []
+    for each in systems:
+        for route, cell in table[each.name].items():
+            missing = cell.outcome == "status" and each.solvable and route not in OPTIONAL
+            if cell.outcome == "wrong" or missing:
+                lines.append(
+                    f"{each.family:12} {each.name:32} {route:12} {cell.outcome:7} {cell.error:9.3g} {cell.message[:220]}"
+                )
+    return lines
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the corpus; 1 if an answer is wrong."""
+    parser = argparse.ArgumentParser(prog="python -m tests.corpus", description=__doc__)
+    parser.add_argument("--short", action="store_true", help="a few systems of each family, without compiler")
+    parser.add_argument("--family", action="append", choices=sorted(FAMILIES), help="only this one; may repeat")
+    parser.add_argument("--system", action="append", help="only this one; may repeat")
+    parser.add_argument("--routes", nargs="+", choices=tuple(ROUTES), help="only these; by default all without FMUs")
+    parser.add_argument("--fmu", action="store_true", help="FMUs too, run by FMPy")
+    parser.add_argument("--random", type=int, default=0, metavar="N", help="N random systems in place of the corpus")
+    parser.add_argument("--seed", type=int, default=0, help="of the random ones")
+    parser.add_argument("--json", metavar="FILE", help="all cells, to a file")
+    parser.add_argument("--failures", metavar="FILE", help="cells that are wrong or without an answer, to a file")
+    options = parser.parse_args(arguments)
+    if options.random:
+        from tests.corpus.random_systems import random_systems
+
+        systems = random_systems(options.random, options.seed)
+    else:
+        systems = [
+            each for each in all_systems()
+            if (not options.family or each.family in options.family)
+            and (not options.system or each.name in options.system)
+        ]  # fmt: skip
+    if options.short:
+        systems = [each for each in systems if each.short]
+    default = SHORT_ROUTES if options.short else QUICK_ROUTES
+    routes = tuple(options.routes) if options.routes else (*default, *(FMU_ROUTES if options.fmu else ()))
+    table: dict[str, dict[str, Cell]] = {}
+    for each in systems:
+        table[each.name] = examined(each, routes)
+        if sys.stderr.isatty():
+            print(each.name, file=sys.stderr)
+    text, wrong = report(table, systems, routes)
+    print(text)
+    lines = failures(table, systems)
+    print("\n".join(lines))
+    if options.failures:
+        Path(options.failures).write_text("\n".join([text, "", *lines, ""]), encoding="utf-8")
+    if options.json:
+        cells = {name: {route: asdict(cell) for route, cell in row.items()} for name, row in table.items()}
+        Path(options.json).write_text(json.dumps(cells, indent=1), encoding="utf-8")
+    return int(wrong > 0)
