@@ -266,7 +266,10 @@ def filippov(
         return s
 
     def decided(t: float, x: Array, mode: tuple[int, ...], i: int, beyond: int) -> tuple[int, ...]:
-        sticks = (*mode[:i], 0, *mode[i + 1 :])
+        sticks, one = (*mode[:i], 0, *mode[i + 1 :]), (*mode[:i], 1, *mode[i + 1 :])
+        without, with_it = (surface_rates(t, x, np.array(m, dtype=float))[i] for m in (sticks, one))
+        if without == with_it:  # the sign does not act on its surface at once: it is crossed
+            return (*mode[:i], beyond or int(np.sign(without)), *mode[i + 1 :])
         value = signs(t, x, sticks)[i]
         return sticks if abs(value) <= 1.0 else (*mode[:i], beyond or int(np.sign(value)), *mode[i + 1 :])
 

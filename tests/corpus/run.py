@@ -42,7 +42,7 @@ CVODE_TOLERANCE, CVODE_ERROR = 1e-9, 3e-5
 # Size of the disturbance by which the sensitivity to the start is measured, and that of the second run of a batch.
 NUDGE, ANOTHER = 1e-6, 0.03
 # Seconds of this machine that a run may take.
-TIME_LIMIT = 20.0
+TIME_LIMIT = 5.0
 
 
 @dataclass(frozen=True)
