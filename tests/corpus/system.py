@@ -45,6 +45,9 @@ class System:
         States that another start may move (1) or not (0); by default all that are not 0.
     fmu : bool
         Whether an FMU of it is run.
+    residual : callable, optional
+        (y, r) -> 0 for a solution, where there are several: any of them is right. Of a loop with one output y and
+        one input r.
     short : bool
         Whether it belongs to the short form.
     """
@@ -63,6 +66,7 @@ class System:
     stiff: bool = False
     movable: Sequence[float] | float = 1.0
     fmu: bool = True
+    residual: Callable[[float, float], float] | None = None
     short: bool = False
 
     @property
