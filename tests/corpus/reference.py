@@ -146,14 +146,14 @@ class _Run:
                 max_step=(self.times[-1] - self.times[0]) / SHORTEST_RUN_IN_STEPS,
             )  # fmt: skip
             exits = self.system.exits(mode)
-            first = True
+            # Where the mode begins on a guard, rounding alone is not to end it.
+            offsets = [PASSED if abs(e.guard(self.t, self.x)) < PASSED else 0.0 for e in exits]
             while solver.status == "running" and self.mode == mode:
                 message = solver.step()
                 if solver.status == "failed":
                     raise RuntimeError(f"the reference fails at t = {solver.t}: {message}")
                 dense = solver.dense_output()
-                found = _first(exits, dense, solver.t_old, solver.t, first)
-                first = False
+                found = _first(exits, offsets, dense, solver.t_old, solver.t)
                 if found is None:
                     self._record_until(solver.t, dense)
                     self.t, self.x = float(solver.t), solver.y.copy()
@@ -177,29 +177,31 @@ class _Run:
 
 
 def _first(
-    exits: Sequence[Exit], dense: Callable[[float], Array], begin: float, end: float, first: bool
+    exits: Sequence[Exit], offsets: list[float], dense: Callable[[float], Array], begin: float, end: float
 ) -> tuple[float, Exit] | None:
-    """The first exit inside a step and its time."""
+    """The first exit inside a step and its time; ``offsets`` are cleared where a guard has left its zero."""
     places = np.linspace(begin, end, LOOKS + 1)
     states = [dense(place) for place in places]
     best: tuple[float, Exit] | None = None
-    for leaving in exits:
+    for i, leaving in enumerate(exits):
         values = [leaving.guard(time, x) for time, x in zip(places, states, strict=True)]
-        if first and abs(values[0]) < PASSED:
-            values[0] = 0.0  # on the surface by rounding
         for k in range(LOOKS):
-            if values[k] <= 0.0 < values[k + 1]:
-                time = _root(leaving.guard, dense, places[k], places[k + 1])
+            if values[k] < -PASSED:
+                offsets[i] = 0.0
+            if values[k] <= offsets[i] < values[k + 1]:
+                time = _root(leaving.guard, offsets[i], dense, places[k], places[k + 1])
                 if best is None or time < best[0]:
                     best = time, leaving
                 break
     return best
 
 
-def _root(guard: Callable[[float, Array], float], dense: Callable[[float], Array], low: float, high: float) -> float:
-    if guard(low, dense(low)) >= 0.0:
+def _root(
+    guard: Callable[[float, Array], float], offset: float, dense: Callable[[float], Array], low: float, high: float
+) -> float:
+    if guard(low, dense(low)) >= offset:
         return float(low)
-    return float(brentq(lambda time: guard(time, dense(time)), low, high, xtol=1e-15, rtol=1e-14))
+    return float(brentq(lambda time: guard(time, dense(time)) - offset, low, high, xtol=1e-15, rtol=1e-14))
 
 
 def smooth(rates: Callable[[float, Array], ArrayLike], **options: Any) -> Hybrid:
