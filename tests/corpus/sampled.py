@@ -23,7 +23,7 @@ def _plant(rates, states: int = 1, measured=None, inputs: Sequence[str] = ("u",)
 
 def _law(period: float, update, output, states: int, name: str = "law", inputs=("y",), outputs=("u",)):
     system = ct.nlsys(
-        update, output, inputs=list(inputs), outputs=list(outputs), states=states, dt=period, name=name
+        update, output, inputs=list(inputs), outputs=list(outputs), states=states or None, dt=period, name=name
     )
     return pf.sampled_block(system)
 
@@ -36,7 +36,7 @@ def _closed(
 
     def build():
         return ct.interconnect(
-            [plant(), law(), *[each() for each in extra]], inputs=[], outputs=["y", "u"], inplist=[], name=name
+            [plant(), law(), *[each() for each in extra]], inputs=[], outputs=["y", "u"], inplist=[], name="loop"
         )
 
     reference = Hybrid(
@@ -83,9 +83,7 @@ def _quantised(step: float) -> System:
 
     def at(t, x):
         seen = step * np.round(x[0] / step)
-        return [x[0], x[1], 2.0 * (0.83 - seen) - 1.2 * (seen - x[2]) / period, seen, 0.0][:2] + [
-            seen, 2.0 * (0.83 - seen) - 1.2 * (seen - x[2]) / period
-        ]  # fmt: skip
+        return [x[0], x[1], seen, 2.03 * (0.8317 - seen) - 1.17 * (seen - x[2]) / period]
 
     return _closed(
         f"quantised_measurement_{step:g}",
@@ -93,7 +91,7 @@ def _quantised(step: float) -> System:
         lambda: _law(
             period, lambda t, x, u, p: [step * np.round(u[0] / step)],
             lambda t, x, u, p: [
-                2.0 * (0.83 - step * np.round(u[0] / step)) - 1.2 * (step * np.round(u[0] / step) - x[0]) / period
+                2.03 * (0.8317 - step * np.round(u[0] / step)) - 1.17 * (step * np.round(u[0] / step) - x[0]) / period
             ], 1,
         ),
         lambda t, x: [x[1], x[3], 0.0, 0.0], [(period, at)], 6.04, states=4, structure="law on a quantised place",
@@ -108,9 +106,9 @@ def _relay_sampled() -> System:
         return [x[0], x[1], -1.0 if x[0] + 0.7 * x[1] > 0 else 1.0]
 
     return _closed(
-        "relay_sampled", lambda: _plant(lambda t, x, u, p: [x[1], u[0] - 0.2], 2, lambda t, x, u, p: [x[0] + 0.7 * x[1]]),
+        "relay_sampled", lambda: _plant(lambda t, x, u, p: [x[1], u[0] - 0.213], 2, lambda t, x, u, p: [x[0] + 0.7 * x[1]]),
         lambda: _law(period, None, lambda t, x, u, p: [np.where(u[0] > 0, -1.0, 1.0)], 0),
-        lambda t, x: [x[1], x[2] - 0.2, 0.0], [(period, at)], 5.07, lambda t, x, mode: [x[0] + 0.7 * x[1], x[2]], states=3,
+        lambda t, x: [x[1], x[2] - 0.213, 0.0], [(period, at)], 5.07, lambda t, x, mode: [x[0] + 0.7 * x[1], x[2]], states=3,
     )  # fmt: skip
 
 
@@ -361,7 +359,7 @@ def _motor_continuous() -> System:
     )  # fmt: skip
 
 
-def _motor_sampled(coulomb_only: bool = True) -> System:
+def _motor_sampled() -> System:
     """The same with a computer: PI law and filter every 5 ms, the voltage comes a sample later."""
     h = 0.005
     keep = float(np.exp(-POLE * h))
