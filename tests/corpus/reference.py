@@ -177,11 +177,13 @@ class _Run:
 
 
 def _first(
-    exits: Sequence[Exit], offsets: list[float], dense: Callable[[float], Array], begin: float, end: float
+    exits: Sequence[Exit], offsets: list[float], dense: Callable[[Any], Array], begin: float, end: float
 ) -> tuple[float, Exit] | None:
     """The first exit inside a step and its time; ``offsets`` are cleared where a guard has left its zero."""
+    if not exits:
+        return None
     places = np.linspace(begin, end, LOOKS + 1)
-    states = [dense(place) for place in places]
+    states = dense(places).T
     best: tuple[float, Exit] | None = None
     for i, leaving in enumerate(exits):
         values = [leaving.guard(time, x) for time, x in zip(places, states, strict=True)]

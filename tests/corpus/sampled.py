@@ -466,7 +466,7 @@ def _discrete(name: str, step: Callable, start, count: int, source: str = "") ->
             rows.append(np.array(step(rows[-1]), dtype=float))
         return np.array(rows).T
 
-    return System(name, "discrete", name, build, answer, 0.1 * count, start, times=0.1 * np.arange(count + 1), source=source, switching=False)
+    return System(name, "discrete", name, build, answer, 0.1 * count, start, times=0.1 * np.arange(count + 1), source=source, switching=False, fmu=False)
 
 
 def _rounds(x):
