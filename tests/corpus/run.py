@@ -89,7 +89,7 @@ class Case:
         alternating = (-1.0) ** np.arange(len(self.start))
         for direction in (np.ones(len(self.start)), alternating)[: len(self.start)]:
             moved = self.answer(self.start + NUDGE * scale * direction)
-            found = max(found, float(np.abs(moved - self.expected).max() / NUDGE / self._scale().max()))
+            found = max(found, float(np.abs(moved - self.expected).max() / NUDGE / scale.max()))
         return found
 
     def answer(self, start: Array) -> Array:
