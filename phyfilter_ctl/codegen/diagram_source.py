@@ -12,6 +12,7 @@ from math import gcd, lcm
 from ..blocks.functions import Variable, dependencies
 from ..diagram import as_sampled
 from ..diagram.model import FlatModel
+from ..diagram.switches import located
 from .casadi_source import Real, casadi_header
 from .diagram_equations import dependence, directional_functions, flat_functions, law_functions, settled_tasks
 from .diagram_filters import FilterTask, filter_task
@@ -127,7 +128,7 @@ def diagram_model(
         raise ValueError(
             f"block {callback.block} runs as Python, for which there is no C code: {callback.reason}. {callback.remedy}"
         )
-    flat = as_sampled(flat)
+    flat = located(as_sampled(flat))
     prefix = model_identifier(flat.name) if name is None else checked_identifier(name)
     functions = flat_functions(flat)
     parts = _Parts(flat.parameters)
@@ -158,7 +159,7 @@ def diagram_model(
         grid=grid, timed=frozenset(name for name, f in functions.items() if dependencies(f, 0).any()),
         between=bool(flat.states) or grid is None, version=_version(prefix, real, parameters),
         equation_locals=held_numbers(equations),
-        unknowns=sum(loop.held.stop - loop.held.start for loop in flat.loops), events=flat.events,
+        unknowns=0 if flat.unknowns is None else flat.unknowns.numel_out(0), events=flat.events,
     )  # fmt: skip
     words = _words(layout)
     if prefix in words:
@@ -193,7 +194,7 @@ def diagram_model(
         step=base,
         events=tuple(event.name for event in flat.events),
         depends=dependence(flat),
-        remembers=bool(flat.loops),
+        remembers=flat.unknowns is not None,
         description=flat.name,
     )
 

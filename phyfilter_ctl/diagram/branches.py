@@ -22,6 +22,7 @@ __all__ = [
     "UntraceableError",
     "Way",
     "current",
+    "key_of",
     "merged",
     "place_of",
     "ways",
@@ -30,6 +31,8 @@ __all__ = [
 # Ways through one function, and conditions on one; entries of a table that a signal picks.
 MOST_WAYS, MOST_CONDITIONS = 256, 80
 MOST_ENTRIES = 64
+# Depth to which expressions of two ways are compared.
+_ALIKE = 100
 _HERE = FilePath(__file__).parent
 
 
@@ -79,7 +82,7 @@ class Path:
         if condition.is_constant():
             return bool(float(condition) != 0)
         self._picked = None
-        return self._answer(_key(condition), condition, condition if margin is None else margin, False)
+        return self._answer(key_of(condition), condition, condition if margin is None else margin, False)
 
     def _answer(self, key: str, condition: ca.SX, margin: ca.SX, picks: bool) -> bool:
         for decision in self.decisions:
@@ -99,7 +102,7 @@ class Path:
         if not ca.depends_on(expression, self.signals):
             raise UntraceableError("a parameter counts or picks")
         self._picked = None
-        taken, key = tuple(decision.taken for decision in self.decisions), _key(expression)
+        taken, key = tuple(decision.taken for decision in self.decisions), key_of(expression)
         for sign in (1, -1):
             # The entry that ended the table is asked for each time, so that equal answers mean equal questions.
             end = self.ended.get((taken, sign), MOST_ENTRIES + 1)
@@ -121,7 +124,7 @@ class Path:
             self.ended[key] = min(self.ended.get(key, number), number)
 
 
-def _key(expression: ca.SX) -> str:
+def key_of(expression: ca.SX) -> str:
     """The same for equal expressions of the same symbols; printed, numbers would lose digits and symbols be names."""
     text = ca.StringSerializer()
     text.pack(expression)
@@ -200,8 +203,14 @@ def merged(found: Sequence[Way], size: int, depth: int = 0) -> ca.SX:
     sides = [[way for way in found if way.decisions[depth].taken is side] for side in (True, False)]
     if not all(sides):
         return merged(sides[0] or sides[1], size, depth + 1)
-    yes, no = (merged(side, size, depth + 1) for side in sides)
-    return ca.if_else(first.decisions[depth].condition, yes, no)
+    yes, no = (ca.densify(merged(side, size, depth + 1)) for side in sides)
+    condition = first.decisions[depth].condition
+    # Entry by entry: one that is the same on both sides does not switch.
+    entries = [
+        yes[i] if ca.is_equal(yes[i], no[i], _ALIKE) else ca.if_else(condition, yes[i], no[i])
+        for i in range(size)
+    ]
+    return ca.vertcat(*entries) if entries else ca.SX(0, 1)
 
 
 def place_of(error: BaseException) -> str:

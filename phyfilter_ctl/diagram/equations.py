@@ -89,6 +89,8 @@ class FlatEvent:
         (t, x, u, p, z) -> 1 where it is to happen after a step of integration, 2 where the run is to end.
     changed : casadi.Function, optional
         (t, x, u, p, z) -> 1 where inputs of its block jumped.
+    switch : bool
+        Whether it is the jump of a switch in the equations, and none that a block declares.
     """
 
     name: str
@@ -98,6 +100,7 @@ class FlatEvent:
     memory: Memory | None = None
     completed: ca.Function | None = None
     changed: ca.Function | None = None
+    switch: bool = False
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,6 +11,7 @@ import numpy as np
 
 from .loops import Expression, NewtonLoop, affine_solution, start_solutions
 from .ordering import components, cycle, levels, tear
+from .structure import is_affine
 from .wiring import Wiring
 
 __all__ = ["Evaluation", "Symbols", "call_block", "evaluate"]
@@ -217,12 +218,11 @@ class _Evaluator:
         at = [entering, symbols.t, symbols.x, symbols.p]
         entered = ca.vertcat(*(values[n] for n in outside)) if outside else type(symbols.t)(0, 1)
         path = self._path(part)
-        jacobian = ca.jacobian(result, tau)
-        if jacobian.nnz() == 0 or not ca.depends_on(jacobian, tau):
-            matrix = ca.Function("matrix", at, [jacobian])
-            constant = ca.Function("constant", [tau, *at], [result])
+        around_once = ca.Function("around", [tau, *at], [result])
+        if is_affine(around_once, [0]):
+            matrix = ca.Function("matrix", at, [ca.jacobian(result, tau)])
             try_out = self._numbers(entered)
-            solution = affine_solution(matrix, constant, entered, symbols.all, try_out, path)
+            solution = affine_solution(matrix, around_once, entered, symbols.all, try_out, path)
         else:
             residual = ca.Function("residual", [tau, *at], [result - tau])
             found = start_solutions(residual, self._numbers(entered), path)

@@ -11,6 +11,7 @@ import numpy as np
 from .._sections import FloatArray
 from ..blocks.functions import BlockFunctions, Variable
 from .equations import Equations
+from .structure import is_affine
 
 __all__ = ["is_linear", "linear_model"]
 
@@ -31,13 +32,10 @@ def is_linear(flat: Equations) -> bool:
     for function in (flat.dynamics, flat.output):
         if not function.is_a("SXFunction"):
             return False
-        symbols = [ca.SX.sym(name, function.size1_in(i)) for i, name in enumerate("txupz")]
-        t, x, u, p, z = symbols
-        value = function(*symbols)
-        signals = ca.vertcat(t, x, u, z)
-        jacobian = ca.jacobian(value, signals)
+        t, x, u, p, z = (ca.SX.sym(name, function.size1_in(i)) for i, name in enumerate("txupz"))
+        value = function(t, x, u, p, z)
         offset = function(0, ca.SX.zeros(x.shape), ca.SX.zeros(u.shape), p, ca.SX.zeros(z.shape))
-        if jacobian[:, 0].nnz() or (jacobian.nnz() and ca.depends_on(jacobian, signals)):
+        if ca.jacobian(value, t).nnz() or not is_affine(function, (0, 1, 2, 4)):
             return False
         if offset.nnz() and ca.sparsify(offset).nnz() != 0:
             return False

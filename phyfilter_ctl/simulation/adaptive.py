@@ -18,7 +18,7 @@ from .events import EndlessEventsError, EventWatch, RunEndedError
 from .limits import LOOKED_AT, Limits, chattering
 from .pair import Pair, sizes
 from .rosenbrock import rosenbrock
-from .steps import KEPT, compose, renewed
+from .steps import KEPT, compose, kinds_of, renewed
 
 __all__ = ["Control", "Integrator", "StepError"]
 
@@ -57,7 +57,12 @@ class StepError(Exception):
 
 @lru_cache(maxsize=KEPT)
 def _renewed(flat: FlatModel) -> ca.Function:
-    return compose("pf_renewed", sizes(flat), lambda x, q, u, rate, p, z: (renewed(flat, q[0], x, u, p, z),))
+    return compose(
+        "pf_renewed",
+        sizes(flat),
+        lambda x, q, u, rate, p, z: (renewed(flat, q[0], x, u, p, z),),
+        kinds_of(flat),
+    )
 
 
 @lru_cache(maxsize=KEPT)
@@ -103,7 +108,7 @@ class Integrator:
         self._z, self._first = np.zeros(len(flat.held)), np.zeros(n_x)
         self._given = [self._x, self._q, self._u, self._rate, np.array(p, dtype=float), self._z]
         self._slope = Call(_slope(flat), self._given)
-        self._renewed = Call(_renewed(flat), self._given) if flat.loops else None
+        self._renewed = None if flat.unknowns is None else Call(_renewed(flat), self._given)
         self._max_step = np.inf if max_step is None else max_step
         self._h, self._accepted = 0.0, 0
         self._slopes, self._counts = np.full((LOOKED_AT, n_x), np.nan), np.zeros(LOOKED_AT, dtype=np.int64)
@@ -112,7 +117,7 @@ class Integrator:
         self.steps: int = 0
         # z at the times inside the last interval
         self.held_inside: FloatArray = np.zeros((0, len(flat.held)))
-        self.watch: EventWatch | None = EventWatch(flat, self._given) if flat.events else None
+        self.watch: EventWatch | None = EventWatch(flat, self._given, self._renew) if flat.events else None
         # Blocks that keep something beside x have outputs of their own time only: y at the times inside.
         self.outputs_inside: FloatArray | None = np.zeros((0, len(flat.outputs))) if flat.memories else None
         self._use(rosenbrock(flat) if control == "stiff" else dormand_prince(flat))
@@ -174,11 +179,12 @@ class Integrator:
         self._x[:], self._z[:] = x, z
         self._rate[:] = (u[1] - u[0]) / (end - t)
         self._move(t, interval[0], u[0])
-        self.held_inside = np.tile(self._z, (len(times), 1))
+        self.held_inside = np.zeros((len(times), len(self._z)))
         remembers = self.outputs_inside is not None
         if remembers:
             self.outputs_inside = np.full((len(times), len(self._flat.outputs)), np.nan)
         self._settle(None, inside[:0])
+        self.held_inside[:] = self._z
         done = self._note_outputs(t, inside, times, 0)
         if not self._h:
             self._h = self._first_step(end - t)
@@ -206,7 +212,10 @@ class Integrator:
                     raise StepError(f"the step {what}", t, inside[:done])
                 continue
             later = known if h == left else t + h
-            crossing = None if self.watch is None else self.watch.crossing(h, self._states)
+            try:
+                crossing = None if self.watch is None else self.watch.crossing(h, self._states)
+            except EndlessEventsError as error:
+                raise StepError(str(error), t, inside[:done], "") from error
             if crossing is not None:
                 later = min(t + crossing.part * h, later)
             # A time that is that of an event but for rounding is taken down after it.
@@ -230,10 +239,10 @@ class Integrator:
             if self._note(t):
                 raise StepError("the steps left would not do: given up", t, inside[:done])
             self._move(t, interval[0], u[0])
-            self.held_inside[stop:] = self._z
             due = self._asked(inside[:done]) or (self.watch is not None and self.watch.is_due(later))
             if crossing is not None or due:
                 self._settle(None if crossing is None else crossing.fired, inside[:done])
+            self.held_inside[stop:] = self._z
             done = self._note_outputs(t, inside, times, done)
             if self._undecided and len(self._x) and self._accepted % _MEASURED_AFTER == 0:
                 self._measure(h)
@@ -307,8 +316,6 @@ class Integrator:
                 self.watch.settle(fired)
             except (EndlessEventsError, RunEndedError) as error:
                 raise StepError(str(error), float(self._q[0]), inside, "") from error
-            if fired is not None:
-                self._renew()
         self._first[:] = self._slope()[0].ravel()
         if not np.all(np.isfinite(self._first)):
             raise StepError("a derivative is not finite", float(self._q[0]), inside)

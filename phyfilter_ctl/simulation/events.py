@@ -7,7 +7,7 @@ memory happens at its own times too, and takes new sides for all its conditions 
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -41,6 +41,7 @@ _SOON, _SOONER = 1e-9, 1e4 * np.finfo(float).eps
 # Rounds of events at one time, and repetitions of one without time in between, that are taken for endless.
 _ROUNDS, _IN_A_ROW = 100, 40
 _NO_TIME = 1e-12
+_NEVER = -np.inf, 0, np.inf
 
 
 def refuse_events(flat: FlatModel, what: str) -> None:
@@ -132,12 +133,16 @@ class EventWatch:
         With events.
     given : list of arrays
         x, (t, ...), u, rates of u, p, z, as the integrator has them; read in place.
+    renew : callable
+        Brings z to what follows from x after an event.
     """
 
-    def __init__(self, flat: FlatModel, given: list[FloatArray]) -> None:
+    def __init__(
+        self, flat: FlatModel, given: list[FloatArray], renew: Callable[[], None] = lambda: None
+    ) -> None:
         x, _, u, _, p, z = given
         count = len(_PARTS)
-        self._flat, self._given = flat, given
+        self._flat, self._given, self._renew = flat, given, renew
         self._times, self._x, self._u = (
             np.zeros((count, 1)),
             np.zeros((count, len(x))),
@@ -163,7 +168,9 @@ class EventWatch:
         # Conditions that are 0 but for rounding and were not seen on their side yet.
         self._returning = np.zeros(len(self._owner), dtype=bool)
         self._largest = np.zeros(len(self._owner))
-        self._recent: dict[str, tuple[float, int]] = {}
+        # How far beyond 0 an event left a condition that is on its way back to its side; nan for others.
+        self._depth = np.full(len(self._owner), np.nan)
+        self._recent: dict[str, tuple[float, int, float]] = {}  # when, how often in a row, how long after the last
         self._h, self._soon = 0.0, 0.0
         self.log: list[tuple[float, str]] = []
 
@@ -171,6 +178,12 @@ class EventWatch:
     def next_event(self) -> float:
         """Time of the next event that is known beforehand; inf for none."""
         return min((memory.next_event for memory in self._flat.memories), default=np.inf)
+
+    @property
+    def declared(self) -> list[tuple[float, str]]:
+        """The log without the switches in the equations."""
+        own = {event.name for event in self._flat.events if event.switch}
+        return [entry for entry in self.log if entry[1] not in own]
 
     def is_due(self, t: float) -> bool:
         """Whether an event that is known beforehand happens at a time, but for rounding.
@@ -193,7 +206,7 @@ class EventWatch:
     def state(self) -> object:
         """What the events to come hang on, to be put back."""
         side = None if self._side is None else self._side.copy()
-        arrays = self._returning.copy(), self._largest.copy()
+        arrays = self._returning.copy(), self._largest.copy(), self._depth.copy()
         return set(self._asked), side, arrays, dict(self._recent), (self._h, self._soon), len(self.log)
 
     @state.setter
@@ -202,7 +215,7 @@ class EventWatch:
         asked, side, arrays, recent, (self._h, self._soon), logged = value
         self._asked, self._recent = set(asked), dict(recent)
         self._side = None if side is None else side.copy()
-        self._returning, self._largest = arrays[0].copy(), arrays[1].copy()
+        self._returning, self._largest, self._depth = (array.copy() for array in arrays)
         del self.log[logged:]
 
     # -- inside a step ------------------------------------------------------------------------------------------
@@ -212,6 +225,7 @@ class EventWatch:
         self._h = h
         side, returning = np.array(self._side), self._returning.copy()
         found = self._search(0.0, 1.0, h, states, side, returning)
+        lost = () if found else self._missed(self._sampled.results[0][-1], h)
         back = returning & (self._directions * side < 0.0)
         if found is None and back.any() and h > self._soon:
             # Back and through 0 again, sooner than was looked; or so soon that no time is between.
@@ -221,9 +235,23 @@ class EventWatch:
                 return Crossing(0.0, back)
         self._side, self._returning = side, returning
         if found is None:
+            if len(lost):
+                names = [self._flat.events[self._owner[i]].name for i in lost]
+                raise EndlessEventsError(self._endless(float(self._given[1][0]), names))
             return None
         end, values = self._located(found, h, states)
         return Crossing(end, self._fires(values, side, returning))
+
+    def _missed(self, values: FloatArray, h: float) -> NDArray[np.intp]:
+        """Conditions that were on their way back to their side after an event and fell away from it instead.
+
+        Their events have followed each other faster than the rounding of time can tell.
+        """
+        beyond = self._directions * values
+        self._depth[beyond < 0.0] = np.nan
+        if not h > self._soon:
+            return np.zeros(0, dtype=np.intp)
+        return np.flatnonzero((beyond > 1e3 * self._depth) & (beyond > _NOISE * self._largest))
 
     def _search(
         self,
@@ -286,6 +314,12 @@ class EventWatch:
             narrower = self._first(parts, self._at(parts, h, states), side, returning, found)
             assert narrower is not None  # the last part is where it was found
             found = narrower
+        fired = self._fires(found.after, side, returning)
+        if (found.after[fired] == 0.0).any():  # just past 0, as a reset that asks for the sign expects it
+            later = min(found.end + resolution, 1.0)
+            values = self._at(np.full(len(_PARTS), later), h, states)[0]
+            if np.array_equal(self._past(values, side) & fired, fired):
+                return later, values
         return found.end, found.after
 
     def _at(self, parts: FloatArray, h: float, states: Callable[[FloatArray], FloatArray]) -> FloatArray:
@@ -343,6 +377,8 @@ class EventWatch:
             for i in happening:
                 self._count(t, self._flat.events[i].name)
                 self._happen(i)
+            if happening:
+                self._renew()
             values, rates = (result.ravel().copy() for result in self._rates())
             fired = self._arm(t, values, rates, fired | (np.isin(self._owner, happening) & self._remembers))
             if not fired.any() and not self._due(t):
@@ -405,20 +441,24 @@ class EventWatch:
         near = fired & ~self._remembers & (np.abs(values) <= np.abs(rates) * self._soon)
         heading = np.where((rates == 0.0) | (self._directions == 0), onward, np.sign(rates))
         again = near & (self._directions == 0) & (rates * onward < 0.0)
+        back = fired & ~self._remembers & (self._directions * values >= 0.0)
+        soon = np.array([self._recent.get(self._flat.events[i].name, _NEVER)[2] <= self._soon for i in self._owner])
+        back &= (self._directions * rates < 0.0) | (soon & (self._directions != 0))
+        self._depth = np.where(back, np.abs(values), np.where(fired, np.nan, self._depth))
         self._side = np.where(near, heading, np.where(fired, seen, np.where(jumped, onward, before)))
         self._returning = (near & ~again & (seen != heading)) | (self._returning & ~fired)
         return jumped & (self._directions * before <= 0.0)
 
     def _count(self, t: float, name: str) -> None:
-        last, in_a_row = self._recent.get(name, (-np.inf, 0))
+        last, in_a_row, _ = self._recent.get(name, _NEVER)
         in_a_row = in_a_row + 1 if t - last <= _NO_TIME * max(abs(t), 1.0) else 0
-        self._recent[name] = t, in_a_row
+        self._recent[name] = t, in_a_row, t - last
         self.log.append((t, name))
         if in_a_row > _IN_A_ROW:
             raise EndlessEventsError(self._endless(t))
 
-    def _endless(self, t: float) -> str:
-        names = dict.fromkeys(name for _, name in self.log[-_IN_A_ROW:])
+    def _endless(self, t: float, last: Sequence[str] = ()) -> str:
+        names = dict.fromkeys(last or [name for _, name in self.log[-_IN_A_ROW:]])
         return (
             f"the events {', '.join(names)} follow each other without time in between at t = {t:.9g} s: a sliding "
             "mode, or ever shorter bounces. Give a switch hysteresis; let a reset bring to rest what is slower than a "

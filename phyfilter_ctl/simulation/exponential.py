@@ -22,7 +22,7 @@ from scipy.sparse.csgraph import connected_components
 
 from .._sections import FloatArray
 from ..blocks.functions import dependencies
-from ..diagram import FlatModel
+from ..diagram import FlatModel, structure
 from .steps import KEPT, SYMBOLS, Layout, Results, compose, cut, renewed
 
 __all__ = [
@@ -101,14 +101,15 @@ def linear_part(flat: FlatModel) -> LinearPart:
 
 def has_linear_states(flat: FlatModel) -> bool:
     """Whether df/dx is constant: then the method is exact for what straight lines drive."""
-    return linear_part(flat).complete
+    return linear_part(flat).complete and structure.is_affine(flat.dynamics, (1,))
 
 
 @lru_cache(maxsize=KEPT)
 def is_driven_by_lines(flat: FlatModel) -> bool:
     """Whether time and inputs, which are straight lines between the times, act on the derivatives as such."""
     _, _, function = _jacobian(flat, "tu")
-    return not any(dependencies(function, argument).any() for argument in (0, 1, 2))
+    lines = not any(dependencies(function, argument).any() for argument in (0, 1, 2))
+    return lines and structure.is_affine(flat.dynamics, (0, 2))
 
 
 # e^{A h/2}, phi_1(A h/2), phi_2(A h/2), e^{A h}, phi_1, phi_2, phi_3 of A h; all but the exponentials times h.

@@ -9,14 +9,13 @@ from __future__ import annotations
 from functools import lru_cache
 from typing import NamedTuple, TypeAlias
 
-import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
 
 from .._sections import FloatArray
-from ..diagram import FlatModel
+from ..diagram import FlatModel, structure
 from .arguments import Run
 from .exponential import phi_functions
 from .limits import Limits
@@ -55,14 +54,7 @@ def is_affine(flat: FlatModel) -> bool:
     """Whether time, states and inputs enter dynamics and outputs linearly, whatever the parameters."""
     if flat.tasks or flat.loops or flat.events or flat.callbacks or flat.dt > 0.0 or not flat.states:
         return False
-    for function in (flat.dynamics, flat.output):
-        if not function.is_a("SXFunction"):
-            return False
-        t, x, u, p, z = (ca.SX.sym(name, function.size1_in(i)) for i, name in enumerate("txupz"))
-        value = function(t, x, u, p, z)
-        if value.numel() and any(ca.which_depends(value, ca.vertcat(t, x, u), 2)):
-            return False
-    return True
+    return all(structure.is_affine(function, (0, 1, 2)) for function in (flat.dynamics, flat.output))
 
 
 def is_plain(flat: FlatModel, run: Run, max_step: float | None) -> bool:

@@ -17,6 +17,7 @@ from tqdm import tqdm
 from .. import _signals
 from ..diagram import FlatModel, flatten
 from ..diagram.fixed_step import rates
+from ..diagram.switches import located
 from ..execution import Executor
 from . import compiled, vm
 from .algebraic import jumps, unsolved
@@ -365,6 +366,7 @@ def _run(flat: FlatModel, run: Run, options: Options, progress: bool) -> Simulat
     limits = Limits(steps_allowed(flat, run, options.max_steps, controlled), options.time_limit)
     if longest is None and not controlled and flat.dt == 0.0 and options.backend != "numpy":
         longest = default_step(flat, run, without_linear=method == "exact")
+    model = located(flat) if controlled and options.backend != "c" and flat.dt == 0.0 else flat
     if options.backend == "c":
         assert method in ("rk4", "adaptive")
         outcome = compiled.run_compiled(
@@ -381,7 +383,7 @@ def _run(flat: FlatModel, run: Run, options: Options, progress: bool) -> Simulat
         outcome, _ = vm.run_pieces(flat, run, vm.discrete_pieces(flat, run), limits=limits, progress=progress)
     elif method == "adaptive" or method == "stiff" or method == "auto":
         outcome, method = vm.run_adaptive(
-            flat,
+            model,
             run,
             control=method,
             rtol=options.rtol,

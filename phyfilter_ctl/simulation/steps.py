@@ -27,6 +27,7 @@ __all__ = [
     "discrete_step",
     "full_step",
     "has_common_parts",
+    "kinds_of",
     "renewed",
     "split_step",
     "start_state",
@@ -124,6 +125,11 @@ def compose(
     raise RuntimeError(f"{name}: neither SX nor MX can express the diagram: {failure}")
 
 
+def kinds_of(flat: FlatModel) -> Sequence[type[ca.SX]]:
+    """Symbols for what brings z up to date: MX alone computes no more of the switches' ranges than it has to."""
+    return SYMBOLS if flat.loops or flat.unknowns is None else SYMBOLS[1:]
+
+
 def cut(vector: ca.SX, part: slice) -> ca.SX:
     """Entries of a column, as a column also where there are none: CasADi makes a row of those of a scalar."""
     start, stop, _ = part.indices(vector.numel())
@@ -143,10 +149,11 @@ def _split(flat: FlatModel, state: ca.SX) -> tuple[ca.SX, list[ca.SX], ca.SX]:
 
 
 def renewed(flat: FlatModel, t: ca.SX, x: ca.SX, u: ca.SX, p: ca.SX, z: ca.SX) -> ca.SX:
-    """z with the unknowns of algebraic loops as they are now: where the next search for them begins."""
+    """z with what follows from x as it is now: unknowns of algebraic loops, ranges of switches."""
     if flat.unknowns is None:
         return z
-    found, first = flat.unknowns(t, x, u, p, z), flat.loops[0].held.start
+    found = flat.unknowns(t, x, u, p, z)
+    first = len(flat.held) - found.numel()
     known = ca.sum1(ca.fabs(found)) < np.inf
     return ca.vertcat(cut(z, slice(first)), ca.if_else(known, found, cut(z, slice(first, None))))
 
@@ -172,7 +179,7 @@ def at_node(flat: FlatModel) -> ca.Function:
         y = flat.output(t, x, u, p, z)
         return ca.vertcat(x, *after, z), ca.vertcat(x, y)
 
-    return compose("pf_node", _sizes(flat), body)
+    return compose("pf_node", _sizes(flat), body, kinds_of(flat))
 
 
 @lru_cache(maxsize=KEPT)

@@ -176,7 +176,11 @@ def run_adaptive(
         flat, run.parameters, limits, control=control, rtol=rtol, atol=atol, max_step=max_step, until=until
     )
     state = start_state(flat, run.start)
-    chain = Chain(at_node(flat), state, run.parameters) if flat.tasks else None
+    chain = (
+        Chain(at_node(flat), state, run.parameters)
+        if flat.tasks or (flat.unknowns is not None and not flat.loops)
+        else None
+    )
     failed_at, message = np.inf, ""
     with _bar(run, progress) as bar:
         try:
@@ -224,7 +228,7 @@ def run_adaptive(
                 break
             bar.update(float(window.times[-1] - bar.n - run.times[0]))
     good = np.asarray(np.isfinite(x).all(axis=1))
-    happened = () if integrator.watch is None else tuple(integrator.watch.log)
+    happened = () if integrator.watch is None else tuple(integrator.watch.declared)
     found = outputs_at(flat, run, x, z, good) if y is None else y
     outcome = Outcome(x, found, integrator.steps, message, failed_at, happened)
     return outcome, integrator.pair.method

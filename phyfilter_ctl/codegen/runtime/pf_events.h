@@ -2,7 +2,8 @@
  *
  * A condition has a side, the sign it was last seen with. One that was 0 but for rounding waits: its side is where it is
  * heading, and its sign counts from when it was seen there. Inside a step a cubic polynomial shows what to look for;
- * where it is, steps of the method itself decide, down to the rounding of time. */
+ * where it is, steps of the method itself decide, down to the rounding of time. One that an event leaves beyond 0 on its
+ * way back, and that does not get there, has met events too fast for the rounding of time: they are endless. */
 enum { LOOKS = 8, MOST_ROUNDS = 100, MOST_IN_A_ROW = 40 };
 
 static const pf_time LOOK[LOOKS] = {1.0 / 1048576, 1.0 / 1024, 1.0 / 32, 0.125, 0.25, 0.5, 0.75, 1.0};
@@ -10,6 +11,7 @@ static const pf_time LOOK[LOOKS] = {1.0 / 1048576, 1.0 / 1024, 1.0 / 32, 0.125, 
 static const pf_time EARLY[LOOKS] = {0x1p-48, 0x1p-44, 0x1p-40, 0x1p-36, 0x1p-32, 0x1p-28, 0x1p-24, 0x1p-20};
 
 #define EVENT_EPS (sizeof(pf_real) == 8 ? 2.2e-16 : 1.2e-7)
+#define LOST (sizeof(pf_real) == 8 ? (pf_real)1e-9 : (pf_real)1e-4)
 
 typedef struct {
   const segment *way;
@@ -62,6 +64,20 @@ static void keep_sides(const look *at, int restore) {
   }
 }
 
+/* A condition that was on its way back to its side after an event and fell away from it, at the end of a step; -1 for
+ * none. */
+static int missed(const look *at) {
+  for (int i = 0; i < at->events->count; i++) {
+    pf_side *const side = at->sides + i;
+    const pf_real beyond = (pf_real)at->events->directions[i] * at->g[i];
+    if (!side->back) continue;
+    if (beyond < 0) side->back = 0;
+    if (beyond > 1000 * side->depth && beyond > LOST * side->largest && at->h > at->events->clock(at->way->self)->soon)
+      return i;
+  }
+  return -1;
+}
+
 static int conditions_at(const look *at, pf_time part, pf_real *g) {
   const pf_time t = at->t + part * at->h;
   set_inputs(at->way, t);
@@ -102,9 +118,14 @@ static int seek(const look *at, const pf_time *parts, int from, int exact, int *
   return PF_OK;
 }
 
+/* The rounding of time as a part of the step. */
+static pf_time least_part(const look *at) {
+  return TIME_ROUNDING * (magnitude(at->t) > at->h ? magnitude(at->t) : at->h) / at->h;
+}
+
 /* Narrows a bracket of parts that the first event lies in; the conditions at its end are in g. */
 static int narrow(const look *at, pf_time begin, pf_time *end) {
-  const pf_time scale = magnitude(at->t) > at->h ? magnitude(at->t) : at->h, least = TIME_ROUNDING * scale / at->h;
+  const pf_time least = least_part(at);
   for (int round = 0; *end - begin > least && round < 200; round++) {
     const int i = first_fired(at, at->g);
     const pf_time length = *end - begin, a = (pf_time)at->g0[i], b = (pf_time)at->g[i];
@@ -143,6 +164,7 @@ static int first_event(const look *at, pf_time *part) {
   if (!status) status = seek(at, parts, 0, 0, &found);
   if (status) return status;
   pf_events *const clock = events->clock(way->self);
+  const int lost = found < 0 ? missed(at) : -1;
   for (int i = 0; i < events->count; i++) waits |= at->sides[i].waiting && events->directions[i] * at->sides[i].side < 0;
   if (found < 0 && waits && at->h > clock->soon) { /* back, and through 0 again, sooner than was looked */
     parts = EARLY;
@@ -154,6 +176,10 @@ static int first_event(const look *at, pf_time *part) {
       for (int i = 0; i < way->model->n_x; i++) at->x[i] = way->x[i];
       *part = 0.0;
     }
+  }
+  if (!status && found < 0 && lost >= 0) {
+    clock->latest = lost;
+    return PF_ENDLESS_EVENTS;
   }
   if (status || found < 0) return status;
   pf_time begin = found ? parts[found - 1] : 0.0;
@@ -167,8 +193,14 @@ static int first_event(const look *at, pf_time *part) {
     for (int i = 0; i < way->model->n_x; i++) at->x[i] = way->x[i];
   if (!status) status = conditions_at(at, begin, at->g0);
   if (!status) status = narrow(at, begin, &end);
-  if (!status) status = place(at, end, 1);
-  if (!status) status = conditions_at(at, end, at->g);
+  for (int again = 1; again >= 0 && !status; again--) {
+    status = place(at, end, 1);
+    if (!status) status = conditions_at(at, end, at->g);
+    const int i = status ? -1 : first_fired(at, at->g);
+    if (i < 0 || at->g[i] < 0 || at->g[i] > 0 || !(end < 1.0)) break;
+    end += least_part(at); /* just past 0, as a reset that asks for the sign expects it */
+    if (!(end < 1.0)) end = 1.0;
+  }
   for (int i = 0; i < events->count; i++) at->fired[i] = (pf_real)fires(at, at->g, i);
   *part = end;
   return status;
@@ -183,6 +215,11 @@ static void arm(const look *at, pf_events *clock, pf_time step) {
     const int seen = (g > 0) - (g < 0), moves = (rate > 0) - (rate < 0), was = side->side;
     const int direction = at->events->directions[i], fired = at->fired[i] > 0;
     at->fired[i] = 0;
+    if (!(magnitude((pf_time)g) <= (pf_time)side->largest)) side->largest = g < 0 ? -g : g;
+    if (fired) {
+      side->back = (signed char)(direction && moves == -direction && seen != -direction);
+      side->depth = g < 0 ? -g : g;
+    }
     if (!clock->armed) {
       side->side = (signed char)(seen ? seen : moves);
       side->waiting = 0;
@@ -206,12 +243,13 @@ static int settle(const look *at) {
   const segment *const way = at->way;
   pf_events *const clock = at->events->clock(way->self);
   const int n = way->model->n_x;
-  const pf_time step = (sizeof(pf_real) == 8 ? 1e-6 : 1e-2) * (clock->h > 0.0 ? clock->h : 1.0);
+  pf_time step = (sizeof(pf_real) == 8 ? 1e-6 : 1e-2) * (clock->h > 0.0 ? clock->h : 1.0);
   for (int round = 0; round < MOST_ROUNDS; round++) {
     int status = PF_OK, again = 0;
     for (int i = 0; i < at->events->count && !status; i++) {
       if (!(at->fired[i] > 0)) continue;
-      const pf_time scale = magnitude(at->t) > 1.0 ? magnitude(at->t) : 1.0;
+      const pf_time scale = magnitude(at->t) > 1.0 ? magnitude(at->t) : 1.0, since = at->t - clock->last;
+      if (clock->count && since > 0.0 && 1e-3 * since < step) step = 1e-3 * since; /* rates of what is as quick */
       clock->in_a_row = clock->count && at->t - clock->last <= 1e-12 * scale ? clock->in_a_row + 1 : 0;
       clock->last = at->t;
       clock->latest = i;

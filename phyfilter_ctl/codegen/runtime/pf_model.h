@@ -29,7 +29,8 @@ enum {
 #define PF_EVENTS 0 /* 1: the model has events, and pf_run.c what runs them */
 
 typedef struct { /* a condition's side: the sign it was last seen with; waiting: the one it is heading for */
-  signed char side, waiting;
+  signed char side, waiting, back; /* back: on its way back from `depth` beyond 0, where an event left it */
+  pf_real depth, largest;          /* largest: of its values at events */
 } pf_side;
 
 typedef struct { /* what a model with events remembers of them, besides the sides; all 0 before a run */
