@@ -29,7 +29,7 @@ def _law(period: float, update, output, states: int, name: str = "law", inputs=(
 
 
 def _closed(
-    name: str, plant, law, rates, instants, end: float, outputs=None, start=None, states: int = 1, source: str = "",
+    name: str, plant, law, rates, instants, end: float, outputs=None, states: int = 1, source: str = "",
     structure: str = "", short: bool = False, switching: bool = False, exits=None, begin=None, extra=(),
 ) -> System:  # fmt: skip
     """A plant under a law. The state of the reference is that of the plant, then what the law holds; it begins at 0."""
@@ -44,7 +44,7 @@ def _closed(
         outputs or (lambda t, x, mode: [x[0], x[-1]]), instants,
     )  # fmt: skip
     return System(
-        name, "sampled", structure or name, build, lambda times, x0: reference(times, start or np.zeros(states)), end,
+        name, "sampled", structure or name, build, reference, end, hidden=(0.0,) * states,
         source=source, short=short, switching=switching,
     )  # fmt: skip
 
@@ -103,11 +103,11 @@ def _relay_sampled() -> System:
     period = 0.13
 
     def at(t, x):
-        return [x[0], x[1], -1.0 if x[0] + 0.7 * x[1] > 0 else 1.0]
+        return [x[0], x[1], -1.0 if x[0] + 0.7 * x[1] > 0.01 else 1.0]
 
     return _closed(
         "relay_sampled", lambda: _plant(lambda t, x, u, p: [x[1], u[0] - 0.213], 2, lambda t, x, u, p: [x[0] + 0.7 * x[1]]),
-        lambda: _law(period, None, lambda t, x, u, p: [np.where(u[0] > 0, -1.0, 1.0)], 0),
+        lambda: _law(period, None, lambda t, x, u, p: [np.where(u[0] > 0.01, -1.0, 1.0)], 0),
         lambda t, x: [x[1], x[2] - 0.213, 0.0], [(period, at)], 5.07, lambda t, x, mode: [x[0] + 0.7 * x[1], x[2]], states=3,
     )  # fmt: skip
 
@@ -215,7 +215,7 @@ def _pade(delay: float, limited: bool) -> System:
 
     def rates(t, x, k):
         u = (-0.7, raw(x), 0.7)[k] if limited else raw(x)
-        return [u - 12.0 / T * x[3] - 0.5 * x[0], 1.0 - x[0], x[3], -12.0 / T**2 * x[2] - 6.0 / T * x[3] + u]
+        return [u - x[3] - 0.5 * x[0], 1.0 - x[0], x[3] / T, (-12.0 * x[2] - 6.0 * x[3] + 12.0 * u) / T]
 
     def exits(k):
         found = []
@@ -228,7 +228,7 @@ def _pade(delay: float, limited: bool) -> System:
     reference = Hybrid(rates, exits, lambda t, x: int(np.searchsorted([-0.7, 0.7], raw(x))) if limited else 1, lambda t, x, k: [x[0]])
     return System(
         f"pade_{delay:g}{'_limited' if limited else ''}", "delays", "loop with Pade's delay" + (", limited" if limited else ""),
-        build, lambda times, x0: reference(times, np.zeros(4)), 8.0, switching=False,
+        build, reference, 8.0, hidden=(0.0,) * 4, switching=False,
         source="PathSim examples/example_pid_antiwindup.py, its idea" if limited else "python-control: pade",
     )  # fmt: skip
 
@@ -260,7 +260,7 @@ def _pwm() -> System:
     )  # fmt: skip
     return System(
         "buck_converter", "sampled", "pulse width by a sampled law", build,
-        lambda times, x0: reference(times, np.zeros(4)), 0.61, source="Modelica.Electrical.PowerConverters.DCDC, its idea",
+        reference, 0.61, hidden=(0.0,) * 4, source="Modelica.Electrical.PowerConverters.DCDC, its idea",
     )  # fmt: skip
 
 
@@ -275,7 +275,7 @@ def _delta_sigma() -> System:
         lambda t, x, mode: [np.sin(2 * np.pi * t) - x[1], 0.0], outputs=lambda t, x, mode: [x[0], x[1]],
         instants=[(period, lambda t, x: [x[0], 1.0 if x[0] > 0.001 else -1.0])],
     )  # fmt: skip
-    return System("delta_sigma", "sampled", "delta-sigma modulator", build, lambda times, x0: reference(times, np.zeros(2)), 0.804,
+    return System("delta_sigma", "sampled", "delta-sigma modulator", build, reference, 0.804, hidden=(0.0,) * 2,
                   source="PathSim examples/example_deltasigma.py", switching=False)  # fmt: skip
 
 
@@ -295,7 +295,7 @@ def _sampled_friction() -> System:
         lambda t, x, s: [x[1], x[2] - level * s[0], 0.0], lambda t, x: [x[1]], lambda t, x, s: [x[2] - level * s[0]],
         lambda t, x, s: [x[0], x[1]], instants=[(period, lambda t, x: [x[0], x[1], 4.0 * (1.0 - x[0]) - 2.0 * x[1]])],
     )  # fmt: skip
-    return System("servo_stops_short", "sampled", "sampled law, Coulomb friction", build, lambda times, x0: reference(times, np.zeros(3)), 5.02, short=True)
+    return System("servo_stops_short", "sampled", "sampled law, Coulomb friction", build, reference, 5.02, hidden=(0.0,) * 3, short=True)
 
 
 # -- motors -------------------------------------------------------------------------------------------------------
@@ -343,11 +343,11 @@ def _motor_continuous() -> System:
 
     def rates(t, x, s):
         command = KP * (WANT - x[1]) + KI * x[2] - 0.5 * R / K * estimate(x)
-        volt = command - 12.0 / LATE * x[5]
+        volt = command - x[5]
         di, dw = _motor_rates(x[0], x[1], volt, s[0])
         return [
-            di, dw, WANT - x[1], POLE * (-K * x[0] - estimate(x)), x[5],
-            -12.0 / LATE**2 * x[4] - 6.0 / LATE * x[5] + command,
+            di, dw, WANT - x[1], POLE * (-K * x[0] - estimate(x)), x[5] / LATE,
+            (-12.0 * x[4] - 6.0 * x[5] + 12.0 * command) / LATE,
         ]  # fmt: skip
 
     reference = filippov(
@@ -355,7 +355,7 @@ def _motor_continuous() -> System:
     )
     return System(
         "motor_filter_delay", "motors", "DC motor, Coulomb friction, PI, filter, Pade's delay", build,
-        lambda times, x0: reference(times, np.zeros(6)), 3.0, short=True,
+        reference, 3.0, hidden=(0.0,) * 6, short=True,
     )  # fmt: skip
 
 
@@ -380,7 +380,7 @@ def _motor_sampled() -> System:
     # States: i, w, integral, estimate, w and g at the last sample, command of the last sample, voltage, count.
     def at(t, x):
         i, w, integral, estimate, before, known, last, _, count = x
-        if count > 0:
+        if count > 0.5:
             estimate = keep * estimate + (1.0 - keep) * (J * (w - before) / h - known)
         command = KP * (WANT - w) + KI * integral - 0.5 * R / K * estimate
         return [i, w, integral + h * (WANT - w), estimate, w, K * i, command, last, count + 1.0]
@@ -394,7 +394,7 @@ def _motor_sampled() -> System:
     )  # fmt: skip
     return System(
         "motor_sampled", "motors", "DC motor, Coulomb friction, sampled PI and filter, sample of delay", build,
-        lambda times, x0: reference(times, np.zeros(9)), 2.0, times=np.linspace(0.0, 2.0, 41) + np.linspace(0, 1e-3, 41),
+        reference, 2.0, hidden=(0.0,) * 9, times=np.linspace(0.0, 2.0, 41) + np.linspace(0, 1e-3, 41),
     )  # fmt: skip
 
 

@@ -186,7 +186,7 @@ def systems() -> list[System]:
                    8.0, (0.1, 0.0), "python-control: limit cycle, phase plane"),
         _equations("cruise_control", _cruise, 20.0, (20.0, 0.1616), "python-control: cruise control", short=True),
         _equations("vehicle_steering", _vehicle, 10.0, (0.0, 0.0, 0.0), "python-control: vehicle steering"),
-        _equations("vtol", _vtol, 8.0, (0.0, 0.0, 0.1, 0.0, 0.0, 0.0), "python-control: vertical take-off and landing (pvtol)"),
+        _equations("vtol", _vtol, 5.0, (0.0, 0.0, 0.1, 0.0, 0.0, 0.0), "python-control: vertical take-off and landing (pvtol)"),
         _equations("two_tanks", _tanks, 30.0, (0.5, 1.0), "textbook: two tanks in series, Torricelli"),
         _equations("cart_pole", _cart_pole, 6.0, (0.0, 1.0, 0.0, 0.0), "Modelica.Mechanics.MultiBody: pendulum on a cart, its text"),
         _equations("double_pendulum", _double_pendulum, 4.0, (1.0, 0.6, 0.0, 0.0), "Modelica.Mechanics.MultiBody.Examples.Elementary.DoublePendulum"),

@@ -31,6 +31,8 @@ class System:
         Seconds of the run.
     start : sequence of float
         States at its beginning.
+    hidden : sequence of float
+        Start of the reference where the diagram begins at its own defaults.
     inputs : callable, optional
         times -> inputs (n_u, N), straight lines between the times.
     times : (N,) array, optional
@@ -59,6 +61,7 @@ class System:
     reference: Callable[[Array, ArrayLike], Array] | None
     end: float
     start: Sequence[float] = ()
+    hidden: Sequence[float] = ()
     inputs: Callable[[Array], Array] | None = None
     times: Array | None = None
     source: str = ""

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from tests.corpus.random_systems import random_system
 from tests.corpus.reference import Exit, Hybrid, filippov, smooth, stepped, switched
-from tests.corpus.run import FMU_ROUTES, QUICK_ROUTES, SHORT_ROUTES, applies, examined
+from tests.corpus.run import FMU_ROUTES, MOST_AMPLIFIED, QUICK_ROUTES, SHORT_ROUTES, Case, applies, examined
 from tests.corpus.systems import FAMILIES, all_systems
 
 # Of systems that have a solution, how many a route may meet with a status in place of an answer.
@@ -74,6 +74,12 @@ def test_size():
     assert len({each.name for each in systems}) == len(systems)
     assert len({each.structure for each in systems}) >= 30
     assert sum(bool(each.source) for each in systems) >= 40
+
+
+@pytest.mark.slow
+def test_answers_are_well_posed():
+    amplified = {each.name: Case(each).amplification for each in all_systems()}
+    assert {name: value for name, value in amplified.items() if value > MOST_AMPLIFIED} == {}
 
 
 @pytest.mark.parametrize("system", SHORT, ids=lambda each: each.name)
