@@ -34,12 +34,13 @@ _JUMP = 1e-9
 _BESIDE = (1e-6, 2e-6)
 # A level is at its border where it passes it within that part of the time and that many seconds; one that slides may be
 # off by what it passes in the second pair. Rounding of its terms comes on top.
-_NEAR, _OFF = (1e-9, 1e-14), (1e-7, 1e-12)
+_NEAR, _OFF = (1e-11, 1e-14), (1e-9, 1e-12)
 _ROUNDING = 1e-14
 # A share leaves [0, 1] where it is beyond it by this.
 _BEYOND = 1e-9
 # Times that all switches are looked at when some are decided: one that slides bears on the others.
 _PASSES = 3
+_NEVER = 1e300  # s: no time yet
 _SIGNALS = (0, 1, 2, 4)  # t, x, u and z
 _MOVING = 0b111  # t, x and u change between instants
 
@@ -232,12 +233,17 @@ class _Located:
         self._frozen, self._flat = frozen, frozen.flat
         self._switches, self._count = frozen.switches, len(frozen.switches)
         self._n_held = len(frozen.flat.held)
-        symbols = [*frozen.arguments, frozen.positions]
-        t, x, _, _, _, m = symbols
+        t, x, u, _, _ = frozen.arguments
+        m = frozen.positions
+        # A level that follows an input needs the rate of that, which runs straight: from where it was last.
+        self._n_u = u.numel() if ca.depends_on(frozen.levels, u) else 0
+        slope = ca.SX.sym("slope", self._n_u)
+        symbols = [*frozen.arguments, slope, m]
         dynamics = ca.densify(frozen.results[0])
-        by = ca.vertcat(t, x)
+        by = ca.vertcat(t, x, u)
         jacobian = ca.jacobian(frozen.levels, by)
-        rates = ca.mtimes(jacobian, ca.vertcat(1, dynamics))
+        along = ca.vertcat(1, dynamics, slope if self._n_u else ca.SX.zeros(u.numel()))
+        rates = ca.mtimes(jacobian, along)
         sizes = ca.mtimes(ca.fabs(jacobian), ca.fabs(by)) + ca.fabs(frozen.levels)
         tasks = len(self._flat.tasks)
         self._blended = [dynamics, *(ca.densify(r) for r in frozen.results[1 : 2 + tasks]), ca.densify(rates)]
@@ -248,7 +254,7 @@ class _Located:
         self._slide = self._field()
 
     def _field(self) -> ca.Function:
-        """(t, x, u, p, z, ranges, slides) -> blended results, sizes, levels, and the shares of those that slide."""
+        """(t, x, u, p, z, slope, ranges, slides) -> blended results, sizes, levels, shares, pulls."""
         arguments = self._new()
         n, s = ca.SX.sym("n", self._count), ca.SX.sym("s", self._count)
         below = ca.vertcat(*(switch.value(n[j]) for j, switch in enumerate(self._switches)))
@@ -289,14 +295,20 @@ class _Located:
         return right / matrix[0, 0] if count == 1 else ca.solve(matrix, right)
 
     def _new(self) -> list[ca.SX]:
-        return [ca.SX.sym(name, self._flat.dynamics.size1_in(i)) for i, name in enumerate("txupz")]
+        """t, x, u, p, z and the slope of u."""
+        sizes = [self._flat.dynamics.size1_in(i) for i in range(5)]
+        return [ca.SX.sym(name, size) for name, size in zip("txupzs", [*sizes, self._n_u], strict=True)]
 
-    def _split(self, z: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
-        """What is held, ranges and slides."""
-        held, ranges, slides = ca.vertsplit(
-            z, [0, self._n_held, self._n_held + self._count, self._n_held + 2 * self._count]
-        )
-        return held, ranges, slides
+    @property
+    def _more(self) -> int:
+        """What is held more than in the model."""
+        return 2 * self._count + (2 * self._n_u + 1 if self._n_u else 0)
+
+    def _split(self, z: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX, ca.SX]:
+        """What is held, the slope of u, ranges, slides; and the time and u that were last."""
+        sizes = [self._n_held, self._n_u, self._count, self._count, self._more - 2 * self._count - self._n_u]
+        held, slope, ranges, slides, last = ca.vertsplit(z, np.cumsum([0, *sizes]).tolist())
+        return held, slope, ranges, slides, last
 
     def _consistent(self, t: ca.SX, at: _Point, n: ca.SX, s: ca.SX) -> ca.SX:
         """Above 0 where a switch is in its range, or slides with a share between 0 and 1."""
@@ -316,19 +328,19 @@ class _Located:
         *blended, rates, sizes, levels, shares, pulls = self._slide(*arguments)
         return _Point(blended, rates, sizes, levels, shares, pulls)
 
-    def _decided(
-        self, j: int, t: ca.SX, x: ca.SX, u: ca.SX, p: ca.SX, held: ca.SX, n: ca.SX, s: ca.SX
-    ) -> list[ca.SX]:
+    def _decided(self, j: int, *everything: ca.SX) -> list[ca.SX]:
         """Range and slide of one switch, where what it has is not consistent."""
         switch = self._switches[j]
-        at = self._point(t, x, u, p, held, n, s)
+        *point, n, s = everything
+        t = point[0]
+        at = self._point(*everything)
         level, whole = at.levels[j], switch.borders == "whole"
         border = ca.floor(level + 0.5) if whole else ca.SX(0)
         rates = []
         for side in (border - 1, border):
             ranges, slides = ca.SX(n), ca.SX(s)
             ranges[j], slides[j] = side, 0
-            rates.append(self._point(t, x, u, p, held, ranges, slides).rates[j])
+            rates.append(self._point(*point, ranges, slides).rates[j])
         below, above = rates
         speed = ca.fmax(ca.fabs(below), ca.fabs(above))
         near = ca.fabs(level - border) <= _allowed(t, _NEAR, speed, at.sizes[j])
@@ -380,19 +392,25 @@ class _Located:
         keep = ca.Function("keep", symbols, [ca.vertcat(*symbols[-2:])])
         choice = ca.Function.if_else("choice", decide, keep)
         outer = [MX.sym(name, f.numel()) for name, f in zip("txup", arguments, strict=False)]
-        z = MX.sym("z", self._n_held + 2 * self._count)
-        held, ranges, slides = self._split(z)
-        inner = [*outer, held, ranges, slides]
-        return ca.Function("unknowns", [*outer, z], [choice(asked(*inner), *inner)], list("txupz"), ["value"])
+        t, _, u, _ = outer
+        z = MX.sym("z", self._n_held + self._more)
+        held, slope, ranges, slides, last = self._split(z)
+        now = []
+        if self._n_u:
+            later = t > last[0]
+            slope = ca.if_else(later, (u - last[1:]) / ca.if_else(later, t - last[0], 1), slope)
+            now = [t, u]
+        inner = [*outer, held, slope, ranges, slides]
+        found = ca.vertcat(slope, choice(asked(*inner), *inner), *now)
+        return ca.Function("unknowns", [*outer, z], [found], list("txupz"), ["value"])
 
     def model(self) -> FlatModel:
         """The model with an event for each switch."""
         flat, tasks = self._flat, len(self._flat.tasks)
-        arguments = self._new()
-        z = ca.SX.sym("z", self._n_held + 2 * self._count)
-        held, n, s = self._split(z)
-        t, x, u, p, _ = arguments
-        inner = [t, x, u, p, held, n, s]
+        t, x, u, p, *_ = self._new()
+        z = ca.SX.sym("z", self._n_held + self._more)
+        held, slope, n, s, _ = self._split(z)
+        inner = [t, x, u, p, held, slope, n, s]
         at = self._point(*inner)
         plain = ca.Function(
             "plain",
@@ -419,11 +437,11 @@ class _Located:
         ]
         names = _names(flat, self._frozen)
         switches = [FlatEvent(name, -1, None, switch=True) for name in names]
-        kept = [
-            Variable(f"{name}.{what}", start)
-            for what, start in (("range", -1.0), ("slides", -1.0))
-            for name in names
-        ]
+        kept = [Variable(f"{name}.{what}", -1.0) for what in ("range", "slides") for name in names]
+        if self._n_u:
+            slopes = [Variable(f"{variable.name}.slope") for variable in flat.inputs]
+            last = [Variable(f"{variable.name}.last", variable.start) for variable in flat.inputs]
+            kept = [*slopes, *kept, Variable("time.last", _NEVER), *last]
         return dataclasses.replace(
             flat,
             held=(*flat.held, *kept),

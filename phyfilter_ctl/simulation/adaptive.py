@@ -113,6 +113,7 @@ class Integrator:
         self._h, self._accepted = 0.0, 0
         self._slopes, self._counts = np.full((LOOKED_AT, n_x), np.nan), np.zeros(LOOKED_AT, dtype=np.int64)
         self._mark, self._doubts = (0.0, 0), 0
+        self._logged, self._busy = 0, ""
         self._undecided, self._stiff = control == "auto", 0
         self.steps: int = 0
         # z at the times inside the last interval
@@ -131,7 +132,9 @@ class Integrator:
 
     @property
     def chattering(self) -> str:
-        """What chatters, by the derivatives after the last accepted steps; "" for nothing."""
+        """What chatters, by the events and the derivatives after the last accepted steps; "" for nothing."""
+        if self._busy:
+            return self._busy
         newest, oldest = (
             self._counts[(self._accepted - 1) % LOOKED_AT],
             self._counts[self._accepted % LOOKED_AT],
@@ -147,7 +150,17 @@ class Integrator:
             return False
         (since, count), self._mark = self._mark, (t, self.steps)
         needed = (self.steps - count) * (self._until - t) / max(t - since, 1e-300)
-        self._doubts = self._doubts + 1 if needed > _HOPELESS * self._limits.left and self.chattering else 0
+        events = [] if self.watch is None else self.watch.log[self._logged :]
+        self._logged += len(events)
+        self._busy = ""
+        if 2 * len(events) > _FORESEEN_AFTER:
+            names = ", ".join(dict.fromkeys(name for _, name in events))
+            self._busy = (
+                f"{len(events)} of the last {_FORESEEN_AFTER} steps were cut short by {names}: a switch that chatters. "
+                "Give it hysteresis, or sample it"
+            )
+        hopeless = needed > _HOPELESS * self._limits.left and self.chattering
+        self._doubts = self._doubts + 1 if hopeless else 0
         return self._doubts >= _DOUBTS
 
     def _measure(self, h: float) -> None:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.meta.house import circles, code_lines, graph, modules
+from tests.meta.house import circles, graph, modules
 
 ROOT = Path(__file__).resolve().parents[2]
 TEXT = {".py", ".md", ".toml", ".c", ".h", ".ipynb", ""}
@@ -53,14 +53,6 @@ def test_every_room_of_the_import_contract_exists():
     for name in named:
         path = ROOT / name.replace(".", "/")
         assert path.is_dir() or path.with_suffix(".py").is_file(), name
-
-
-@pytest.mark.slow
-def test_files_stay_readable():
-    """A file with more code than this is a place to look for a second room."""
-    library = [path for path in files() if path.suffix == ".py" and "tests" not in path.parts]
-    long = {str(path.relative_to(ROOT)): count for path in library if (count := code_lines(path)) > 320}
-    assert not long
 
 
 @pytest.mark.slow
