@@ -134,7 +134,7 @@ def _thermostat(low: float, high: float) -> System:
     )  # fmt: skip
     return System(
         f"thermostat_{low:g}_{high:g}", "relays", "thermostat with memory (hybrid)", build, reference, 20.0,
-        (20.0, 1.0), movable=(1.0, 0.0),
+        (19.7, 1.0), movable=(1.0, 0.0),
         source="Modelica by Example: thermostat with hysteresis" if low == 18.0 else "", short=low == 18.0,
     )  # fmt: skip
 
@@ -144,7 +144,7 @@ def _thermostat(low: float, high: float) -> System:
 
 def _mass(
     name: str, force, level: float, viscous: float = 0.0, spring: float = 0.0, mass: float = 1.0, end: float = 4.0,
-    start=(0.0, 0.0), source: str = "", short: bool = False, structure: str = "",
+    start=(0.0, 0.0), source: str = "", short: bool = False, structure: str = "", pace: float = 0.0,
 ) -> System:  # fmt: skip
     """m x'' = force(t) - spring x - viscous x' - level sign(x')."""
 
@@ -161,7 +161,7 @@ def _mass(
     reference = filippov(lambda t, x, s: [x[1], rate(t, x, s)], lambda t, x: [x[1]], lambda t, x, s: [rate(t, x, s)])
     return System(
         name, "friction", structure or "m x'' = F(t) - k x - d x' - Fc sign(x')", build, reference, end, start,
-        source=source, short=short,
+        source=source, short=short, pace=pace,
     )  # fmt: skip
 
 
@@ -345,7 +345,7 @@ def systems() -> list[System]:
         _mass("sine_stick_slide", lambda t: 1.4 * np.sin(2.0 * t), 0.8, end=8.0, short=True,
               source="Modelica.Mechanics.Translational.Examples.Friction, its text"),
         _mass("sine_never_sticks", lambda t: 3.0 * np.sin(2.0 * t), 0.4, 0.2, end=6.0),
-        _mass("sine_never_moves", lambda t: 0.6 * np.sin(2.0 * t), 0.8, end=4.0),
+        _mass("sine_never_moves", lambda t: 0.6 * np.sin(2.0 * t), 0.8, end=4.0, pace=1.4),
         _mass("spring_dry_decay", lambda t: 0.0, 0.3, 0.0, 4.0, end=6.0, start=(1.3, 0.0), short=True,
               source="textbook: oscillator under Coulomb damping, J. P. Den Hartog, 1931"),
         _mass("spring_dry_driven", lambda t: 1.5 * np.cos(1.3 * t), 0.5, 0.1, 2.0, end=9.0, start=(0.5, 0.0),

@@ -115,7 +115,7 @@ class Case:
         if self.system.switching:
             step = (self.times[-1] - self.times[0]) / FIXED_STEPS
             rates = np.abs(np.diff(self.expected, axis=1)) / np.diff(self.times)
-            late = FIXED_LATE * step * max(float(rates.max()), float(scale.max()) / (self.times[-1] - self.times[0]))
+            late = FIXED_LATE * step * max(float(rates.max()), self.system.pace)
         return asked + self.amplification * (FIXED_ERROR * scale.max() + late)
 
 
@@ -129,7 +129,7 @@ def answered(case: Case, response: Any) -> Array:
 def _simulated(**options: Any) -> Callable[[Case, Any, Path], Array]:
     def run(case: Case, model: Any, folder: Path) -> Array:
         chosen = dict(options)
-        if chosen.get("method") == "rk4":
+        if chosen.get("method") in ("rk4", "exact"):  # of fixed steps where the diagram is not linear
             chosen["max_step"] = (case.times[-1] - case.times[0]) / FIXED_STEPS
         response = pf.simulate(
             model, case.times, case.inputs, case.start if len(case.start) else None, time_limit=TIME_LIMIT, **chosen
@@ -223,7 +223,7 @@ ROUTES: dict[str, Route] = {
     "adaptive-vm": Route(_simulated(method="adaptive", backend="vm")),
     "stiff-vm": Route(_simulated(method="stiff", backend="vm")),
     "rk4-vm": Route(_simulated(method="rk4", backend="vm"), "fixed"),
-    "exact": Route(_simulated(method="exact")),
+    "exact": Route(_simulated(method="exact"), "fixed"),
     "batch": Route(_batch),
     "adaptive-c": Route(_simulated(method="adaptive", backend="c"), compiles=True),
     "rk4-c": Route(_simulated(method="rk4", backend="c"), "fixed", compiles=True),

@@ -206,10 +206,10 @@ def _quantised_loop(step: float) -> System:
 # -- steps in time ------------------------------------------------------------------------------------------------
 
 
-def _time(name: str, write, switches, rates, end, start, source="", short=False, structure="") -> System:
+def _time(name: str, write, switches, rates, end, start, source="", short=False, structure="", pace=0.0) -> System:
     return System(
         name, "time steps", structure or f"time: {name}", lambda: block(write, len(start)),
-        scheduled(switches, rates), end, start, source=source, short=short,
+        scheduled(switches, rates), end, start, source=source, short=short, pace=pace,
     )  # fmt: skip
 
 
@@ -284,6 +284,6 @@ def systems() -> list[System]:
               lambda t, x, k: [x[1], 4.0 * (k - x[0]) - 1.2 * x[1]], 4.0, (0.0, 0.0),
               source="Modelica.Blocks.Examples: Step into SecondOrder"),
         _time("short_pulse", lambda t, x, u, p: [1000.0 * (t > 1.0) * (t < 1.001) - x[0]], [1.0, 1.001],
-              lambda t, x, k: [(1000.0 if k == 1 else 0.0) - x[0]], 3.0, (0.0,)),
+              lambda t, x, k: [(1000.0 if k == 1 else 0.0) - x[0]], 3.0, (0.0,), pace=1000.0),
         _pulse(0.3, 1.0), _pulse(0.05, 0.4), _pulse(0.9, 1.7), _square(1.0), _square(2.5),
     ]  # fmt: skip

@@ -41,6 +41,8 @@ class System:
         Where the system is from; "" for our own.
     switching : bool
         Whether its rates jump, which costs steps of fixed length their order.
+    pace : float
+        Largest rate of a mode, where the answer at the times does not show it.
     stiff : bool
         Whether a mode is so fast that explicit methods and steps of fixed length cannot do it.
     movable : sequence of float, optional
@@ -66,6 +68,7 @@ class System:
     times: Array | None = None
     source: str = ""
     switching: bool = True
+    pace: float = 0.0
     stiff: bool = False
     movable: Sequence[float] | float = 1.0
     fmu: bool = True
