@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-
 import control as ct
 import numpy as np
 
 import phyfilter_ctl as pf
-
 from tests.corpus.reference import filippov, relay
 from tests.corpus.system import System, block
 
@@ -39,7 +37,9 @@ def _sliding_surface(slope: float) -> System:
         return block(lambda t, x, u, p: [x[1], -np.sign(x[1] + slope * x[0])], 2)
 
     reference = filippov(
-        lambda t, x, s: [x[1], -s[0]], lambda t, x: [x[1] + slope * x[0]], lambda t, x, s: [-s[0] + slope * x[1]]
+        lambda t, x, s: [x[1], -s[0]],
+        lambda t, x: [x[1] + slope * x[0]],
+        lambda t, x, s: [-s[0] + slope * x[1]],
     )
     return System(
         f"sliding_surface_{slope:g}", "relays", "x'' = -sign(x' + c x)", build, reference, 5.0, (1.0, 0.2),
@@ -61,7 +61,9 @@ def _sliding_disturbed() -> System:
         lambda t, x, s: [x[1], push(t) - 1.2 * s[0]], lambda t, x: [x[1] + 0.8 * x[0]],
         lambda t, x, s: [push(t) - 1.2 * s[0] + 0.8 * x[1]],
     )  # fmt: skip
-    return System("sliding_thrown_off", "relays", "x'' = d(t) - k sign(x' + c x)", build, reference, 6.0, (0.6, 0.0))
+    return System(
+        "sliding_thrown_off", "relays", "x'' = d(t) - k sign(x' + c x)", build, reference, 6.0, (0.6, 0.0)
+    )
 
 
 def _bang_bang() -> System:
@@ -87,12 +89,19 @@ def _relay_feedback(order: int) -> System:
         if order == 2:
             return block(lambda t, x, u, p: [x[1], -x[0] - 0.5 * x[1] - 1.5 * np.sign(x[0] - 0.3)], 2)
         return block(
-            lambda t, x, u, p: [x[1], x[2], -x[0] - 3 * x[1] - 1.2 * x[2] - 2.0 * np.where(x[0] > 0, 1.0, -1.0)], 3
+            lambda t, x, u, p: [
+                x[1],
+                x[2],
+                -x[0] - 3 * x[1] - 1.2 * x[2] - 2.0 * np.where(x[0] > 0, 1.0, -1.0),
+            ],
+            3,
         )
 
     if order == 2:
         reference = filippov(
-            lambda t, x, s: [x[1], -x[0] - 0.5 * x[1] - 1.5 * s[0]], lambda t, x: [x[0] - 0.3], lambda t, x, s: [x[1]]
+            lambda t, x, s: [x[1], -x[0] - 0.5 * x[1] - 1.5 * s[0]],
+            lambda t, x: [x[0] - 0.3],
+            lambda t, x, s: [x[1]],
         )
     else:
         reference = filippov(
@@ -121,8 +130,12 @@ def _thermostat(low: float, high: float) -> System:
         switch = pf.hybrid(
             switch,
             [
-                pf.event(lambda t, x, u, p: u[0] - low, lambda t, x, u, p: [1.0], direction="falling", name="cold"),
-                pf.event(lambda t, x, u, p: u[0] - high, lambda t, x, u, p: [0.0], direction="rising", name="warm"),
+                pf.event(
+                    lambda t, x, u, p: u[0] - low, lambda t, x, u, p: [1.0], direction="falling", name="cold"
+                ),
+                pf.event(
+                    lambda t, x, u, p: u[0] - high, lambda t, x, u, p: [0.0], direction="rising", name="warm"
+                ),
             ],
         )
         return ct.interconnect([room, switch], inputs=[], outputs=["T"], inplist=[], name="house")
@@ -135,7 +148,7 @@ def _thermostat(low: float, high: float) -> System:
     return System(
         f"thermostat_{low:g}_{high:g}", "relays", "thermostat with memory (hybrid)", build, reference, 20.0,
         (19.7, 1.0), movable=(1.0, 0.0),
-        source="Modelica by Example: thermostat with hysteresis" if low == 18.0 else "", short=low == 18.0,
+        source="M. Tiller, Modelica by Example: hysteresis" if low == 18.0 else "", short=low == 18.0,
     )  # fmt: skip
 
 
@@ -158,7 +171,9 @@ def _mass(
     def rate(t, x, s):
         return (force(t) - spring * x[0] - viscous * x[1] - level * s[0]) / mass
 
-    reference = filippov(lambda t, x, s: [x[1], rate(t, x, s)], lambda t, x: [x[1]], lambda t, x, s: [rate(t, x, s)])
+    reference = filippov(
+        lambda t, x, s: [x[1], rate(t, x, s)], lambda t, x: [x[1]], lambda t, x, s: [rate(t, x, s)]
+    )
     return System(
         name, "friction", structure or "m x'' = F(t) - k x - d x' - Fc sign(x')", build, reference, end, start,
         source=source, short=short, pace=pace,
@@ -175,7 +190,9 @@ def _stribeck(name: str, force, end: float, start=(0.0, 0.0), source: str = "") 
     def rate(t, x, s):
         return force(t) - 0.2 * x[1] - curve(x[1]) * s[0]
 
-    reference = filippov(lambda t, x, s: [x[1], rate(t, x, s)], lambda t, x: [x[1]], lambda t, x, s: [rate(t, x, s)])
+    reference = filippov(
+        lambda t, x, s: [x[1], rate(t, x, s)], lambda t, x: [x[1]], lambda t, x, s: [rate(t, x, s)]
+    )
     return System(name, "friction", "Stribeck curve", build, reference, end, start, source=source)
 
 
@@ -197,6 +214,29 @@ def _belt(speed: float, end: float) -> System:
     return System(
         f"belt_{speed:g}", "friction", "block on a belt, stick-slip", build, reference, end, (0.0, 0.0),
         source="R. I. Leine et al., Stick-slip vibrations by alternate friction models, 1998" if speed == 0.2 else "",
+    )  # fmt: skip
+
+
+def _driven_belt() -> System:
+    """A damped block on a belt that moves back and forth."""
+    m, k, d, grip, v, w = 20.0, 70.0, 10.0, 1.5 * 9.81 * 20.0, 3.0, 2 * np.pi / 50.0
+
+    def build():
+        return block(
+            lambda t, x, u, p: [x[1], -(k * x[0] + d * x[1] + grip * np.sign(x[1] - v * np.sin(w * t))) / m],
+            2,
+        )
+
+    def rate(t, x, s):
+        return -(k * x[0] + d * x[1] + grip * s[0]) / m
+
+    reference = filippov(
+        lambda t, x, s: [x[1], rate(t, x, s)], lambda t, x: [x[1] - v * np.sin(w * t)],
+        lambda t, x, s: [rate(t, x, s) - v * w * np.cos(w * t)],
+    )  # fmt: skip
+    return System(
+        "belt_back_and_forth", "friction", "block on a belt that turns back", build, reference, 60.0, (0.0, 0.0),
+        source="PathSim examples/example_stickslip.py",
     )  # fmt: skip
 
 
@@ -225,7 +265,13 @@ def _two_masses(push: float) -> System:
 
     reference = filippov(rates, lambda t, x: [x[1], x[3]], accelerations)
     return System(
-        f"two_masses_{push:g}", "friction", "two masses with friction and a spring", build, reference, 8.0, (0.0,) * 4
+        f"two_masses_{push:g}",
+        "friction",
+        "two masses with friction and a spring",
+        build,
+        reference,
+        8.0,
+        (0.0,) * 4,
     )
 
 
@@ -340,8 +386,10 @@ def systems() -> list[System]:
         _mass("slides_to_rest", lambda t: 0.0, 0.7, start=(0.0, 2.0), short=True,
               source="textbook: a block thrown onto a rough floor"),
         _mass("slides_to_rest_viscous", lambda t: 0.0, 0.4, 0.3, mass=2.0, start=(0.0, 2.0), end=9.0),
-        _mass("ramp_breaks_away", lambda t: 0.5 * t, 0.8, 0.2, end=4.0, short=True, structure="stiction broken by a ramp"),
-        _mass("ramp_breaks_away_heavy", lambda t: 0.3 * t, 1.1, 0.5, mass=4.0, end=7.0, structure="stiction broken by a ramp"),
+        _mass("ramp_breaks_away", lambda t: 0.5 * t, 0.8, 0.2, end=4.0, short=True,
+            structure="stiction broken by a ramp"),
+        _mass("ramp_breaks_away_heavy", lambda t: 0.3 * t, 1.1, 0.5, mass=4.0, end=7.0,
+            structure="stiction broken by a ramp"),
         _mass("sine_stick_slide", lambda t: 1.4 * np.sin(2.0 * t), 0.8, end=8.0, short=True,
               source="Modelica.Mechanics.Translational.Examples.Friction, its text"),
         _mass("sine_never_sticks", lambda t: 3.0 * np.sin(2.0 * t), 0.4, 0.2, end=6.0),
@@ -351,8 +399,9 @@ def systems() -> list[System]:
         _mass("spring_dry_driven", lambda t: 1.5 * np.cos(1.3 * t), 0.5, 0.1, 2.0, end=9.0, start=(0.5, 0.0),
               source="J. P. Den Hartog, Forced vibrations with combined Coulomb and viscous friction, 1931"),
         _mass("spring_dry_stops", lambda t: np.sin(0.5 * t), 0.8, 0.2, 3.0, end=14.0, start=(0.1, 0.3)),
-        _stribeck("stribeck_ramp", lambda t: 0.4 * t, 5.0, source="C. Canudas de Wit et al., LuGre paper: break-away"),
+        _stribeck("stribeck_ramp", lambda t: 0.4 * t, 5.0,
+            source="C. Canudas de Wit et al., LuGre paper: break-away"),
         _stribeck("stribeck_sine", lambda t: 1.5 * np.sin(1.2 * t), 7.0),
-        _belt(0.2, 12.0), _belt(0.5, 9.0), _two_masses(2.0), _two_masses(3.5), _stacked(), _brake(), _pid_stick(),
+        _belt(0.2, 12.0), _belt(0.5, 9.0), _driven_belt(), _two_masses(2.0), _two_masses(3.5), _stacked(), _brake(), _pid_stick(),
         _pendulum_friction(), _branches(),
     ]  # fmt: skip

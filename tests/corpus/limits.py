@@ -6,12 +6,14 @@ import control as ct
 import numpy as np
 
 import phyfilter_ctl as pf
-
 from tests.corpus.reference import Exit, Hybrid, switched
 from tests.corpus.system import System, block
 
 
-def _pieces(name: str, write, breaks, value, rates, end: float, start, source: str = "", short: bool = False, structure: str = "", family="limits") -> System:  # fmt: skip
+def _pieces(
+    name: str, write, breaks, value, rates, end: float, start, source: str = "", short: bool = False,
+    structure: str = "", family: str = "limits",
+) -> System:  # fmt: skip
     """A continuous law in pieces of a value: mode k between the breaks k - 1 and k."""
     breaks = list(breaks)
 
@@ -25,7 +27,8 @@ def _pieces(name: str, write, breaks, value, rates, end: float, start, source: s
 
     reference = Hybrid(rates, exits, lambda t, x: int(np.searchsorted(breaks, value(t, x))))
     return System(
-        name, family, structure or name, lambda: block(lambda t, x, u, p: write(t, x), len(start)), reference, end, start,
+        name, family, structure or name, lambda: block(lambda t, x, u, p: write(t, x), len(start)), reference,
+            end, start,
         source=source, switching=False, short=short,
     )  # fmt: skip
 
@@ -41,7 +44,7 @@ def _saturated_loop(limit: float) -> System:
         f"saturated_position_{limit:g}", lambda t, x: [x[1], np.clip(command(x), -limit, limit)], [-limit, limit],
         lambda t, x: command(x), lambda t, x, k: [x[1], clip(k, command(x))], 8.0, (-1.0, 0.0), short=limit == 0.4,
         structure="x'' = clip(k (r - x) - d x')",
-        source="PathSim: saturated feedback" if limit == 0.4 else "",
+        source="",
     )  # fmt: skip
 
 
@@ -94,15 +97,20 @@ def _damped_stop() -> System:
         )
 
     reference = switched(
-        lambda t, x: x[0], lambda t, x: [x[1], -9.81], lambda t, x: [x[1], -9.81 - 1000.0 * x[0] - 10.0 * x[1]]
+        lambda t, x: x[0],
+        lambda t, x: [x[1], -9.81],
+        lambda t, x: [x[1], -9.81 - 1000.0 * x[0] - 10.0 * x[1]],
     )
     return System(
-        "damped_contact", "limits", "contact force k x + d x' where x < 0", build, reference, 2.0, (1.0, 0.0), short=True,
+        "damped_contact", "limits", "contact force k x + d x' where x < 0", build, reference, 2.0, (1.0, 0.0),
+            short=True,
         source="Modelica.Mechanics.Translational: ElastoGap with damping, its text",
     )  # fmt: skip
 
 
-def _absolute(name: str, write, below, above, end: float, start, value=lambda t, x: x[0], source: str = "") -> System:
+def _absolute(
+    name: str, write, below, above, end: float, start, value=lambda t, x: x[0], source: str = ""
+) -> System:
     reference = switched(value, above, below)
     return System(
         name, "limits", name, lambda: block(lambda t, x, u, p: write(t, x), len(start)), reference, end, start,
@@ -117,7 +125,8 @@ def _rate_limit(limit: float) -> System:
         return 8.0 * (np.sin(2.0 * t) - x[0])
 
     return _pieces(
-        f"rate_limit_{limit:g}", lambda t, x: [np.clip(want(t, x), -limit, limit), x[0] - x[1]], [-limit, limit], want,
+        f"rate_limit_{limit:g}", lambda t, x: [np.clip(want(t, x), -limit, limit), x[0] - x[1]], [-limit,
+            limit], want,
         lambda t, x, k: [(-limit, want(t, x), limit)[k], x[0] - x[1]], 6.0, (0.0, 0.0), structure="rate limiter",
         source="Modelica.Blocks.Nonlinear.SlewRateLimiter, its text" if limit == 1.2 else "",
     )  # fmt: skip
@@ -173,7 +182,8 @@ def _water_wheel() -> System:
 
     return System(
         "overflow", "limits", "flow over an edge: sqrt(max(x - h, 0))", build,
-        switched(lambda t, x: x[0] - 0.5, lambda t, x: [1.0 - 0.6 * np.sqrt(np.maximum(x[0] - 0.5, 0.0))], lambda t, x: [1.0]),
+        switched(lambda t, x: x[0] - 0.5, lambda t, x: [1.0 - 0.6 * np.sqrt(np.maximum(x[0] - 0.5, 0.0))],
+            lambda t, x: [1.0]),
         6.0, (0.0,), switching=False,
     )  # fmt: skip
 
@@ -204,9 +214,19 @@ def _lookup_block() -> System:
         )  # fmt: skip
         return ct.interconnect([table, mass], inputs=[], outputs=["place"], inplist=[], name="table_loop")
 
-    made = _interp("x", lambda t, x: x, lambda t, x: x[0], lambda t, x, k: [x[1], _line(k, x[0]) - 0.3 * x[1]], 8.0, (-1.5, 0.0))
-    reference = Hybrid(made.reference.rates, made.reference.exits, made.reference.start, lambda t, x, k: [x[0]])
-    return System("lookup_table_block", "tables", "table: block in a loop", build, reference, 8.0, (-1.5, 0.0), switching=False,
+    made = _interp(
+        "x",
+        lambda t, x: x,
+        lambda t, x: x[0],
+        lambda t, x, k: [x[1], _line(k, x[0]) - 0.3 * x[1]],
+        8.0,
+        (-1.5, 0.0),
+    )
+    reference = Hybrid(
+        made.reference.rates, made.reference.exits, made.reference.start, lambda t, x, k: [x[0]]
+    )
+    return System("lookup_table_block", "tables", "table: block in a loop", build, reference, 8.0, (-1.5, 0.0),
+        switching=False,
                   source="Modelica.Blocks.Tables.CombiTable1Ds, its text")  # fmt: skip
 
 
@@ -231,29 +251,41 @@ def _engine() -> System:
     def torque(k, v):
         if k in (0, len(speeds)):
             return float(torques[0] if k == 0 else torques[-1])
-        return torques[k - 1] + (torques[k] - torques[k - 1]) * (v - speeds[k - 1]) / (speeds[k] - speeds[k - 1])
+        return torques[k - 1] + (torques[k] - torques[k - 1]) * (v - speeds[k - 1]) / (
+            speeds[k] - speeds[k - 1]
+        )
 
     return _pieces(
-        "engine_map", lambda t, x: [(np.interp(x[0], speeds, torques) - 0.001 * x[0] ** 2) / 0.8], speeds, lambda t, x: x[0],
-        lambda t, x, k: [(torque(k, x[0]) - 0.001 * x[0] ** 2) / 0.8], 4.0, (20.0,), family="tables", structure="table: engine",
+        "engine_map", lambda t, x: [(np.interp(x[0], speeds, torques) - 0.001 * x[0] ** 2) / 0.8], speeds,
+            lambda t, x: x[0],
+        lambda t, x, k: [(torque(k, x[0]) - 0.001 * x[0] ** 2) / 0.8], 4.0, (20.0,), family="tables",
+            structure="table: engine",
     )  # fmt: skip
 
 
 def systems() -> list[System]:
     """Of the families limits and tables."""
     return [
-        _saturated_loop(0.4), _saturated_loop(1.5), _minmax(), _dead_zone(0.2), _dead_zone(0.6), _elastic_stop(), _damped_stop(),
-        _absolute("absolute_spring", lambda t, x: [x[1], -x[0] * (1.0 + np.abs(x[0]))], lambda t, x: [x[1], -x[0] * (1.0 - x[0])],
+        _saturated_loop(0.4), _saturated_loop(1.5), _minmax(), _dead_zone(0.2), _dead_zone(0.6),
+            _elastic_stop(), _damped_stop(),
+        _absolute("absolute_spring", lambda t, x: [x[1], -x[0] * (1.0 + np.abs(x[0]))], lambda t, x: [x[1],
+            -x[0] * (1.0 - x[0])],
                   lambda t, x: [x[1], -x[0] * (1.0 + x[0])], 8.0, (1.0, 0.0)),
-        _absolute("bilinear_spring", lambda t, x: [x[1], np.where(x[0] > 0, -x[0], -4.0 * x[0])], lambda t, x: [x[1], -4.0 * x[0]],
-                  lambda t, x: [x[1], -x[0]], 9.0, (1.0, 0.0), source="textbook: bilinear oscillator, S. W. Shaw and P. J. Holmes, 1983"),
-        _absolute("rectifier", lambda t, x: [np.maximum(np.sin(3.0 * t), 0.0) - 0.5 * x[0]], lambda t, x: [-0.5 * x[0]],
+        _absolute("bilinear_spring", lambda t, x: [x[1], np.where(x[0] > 0, -x[0], -4.0 * x[0])], lambda t,
+            x: [x[1], -4.0 * x[0]],
+                  lambda t, x: [x[1], -x[0]], 9.0, (1.0, 0.0),
+                  source="textbook: bilinear oscillator, S. W. Shaw and P. J. Holmes, 1983"),
+        _absolute("rectifier", lambda t, x: [np.maximum(np.sin(3.0 * t), 0.0) - 0.5 * x[0]], lambda t,
+            x: [-0.5 * x[0]],
                   lambda t, x: [np.sin(3.0 * t) - 0.5 * x[0]], 5.0, (0.0,), value=lambda t, x: np.sin(3.0 * t),
                   source="Modelica.Electrical.Analog.Examples.Rectifier, its idea"),
-        _absolute("diode_charge", lambda t, x: [np.maximum(np.sin(4.0 * t) - x[0], 0.0) * 20.0 - 0.3 * x[0]], lambda t, x: [-0.3 * x[0]],
-                  lambda t, x: [20.0 * (np.sin(4.0 * t) - x[0]) - 0.3 * x[0]], 4.0, (0.0,), value=lambda t, x: np.sin(4.0 * t) - x[0],
+        _absolute("diode_charge", lambda t, x: [np.maximum(np.sin(4.0 * t) - x[0], 0.0) * 20.0 - 0.3 * x[0]],
+            lambda t, x: [-0.3 * x[0]],
+                  lambda t, x: [20.0 * (np.sin(4.0 * t) - x[0]) - 0.3 * x[0]], 4.0, (0.0,), value=lambda t,
+                  x: np.sin(4.0 * t) - x[0],
                   source="textbook: peak detector"),
-        _rate_limit(1.2), _rate_limit(0.5), _back_calculation(2.0, 0.6), _back_calculation(4.0, 1.0), _conditional(), _water_wheel(),
+        _rate_limit(1.2), _rate_limit(0.5), _back_calculation(2.0, 0.6), _back_calculation(4.0, 1.0),
+            _conditional(), _water_wheel(),
         _interp("interp_force", lambda t, x: [x[1], np.interp(x[0], _AT, _VALUES) - 0.3 * x[1]], lambda t, x: x[0],
                 lambda t, x, k: [x[1], _line(k, x[0]) - 0.3 * x[1]], 8.0, (-1.5, 0.0), short=True),
         _interp("interp_scalar", lambda t, x: [1.5 - np.interp(x[0], _AT, _VALUES)], lambda t, x: x[0],

@@ -15,7 +15,6 @@ def _hurwitz(generator: np.random.Generator, n: int) -> Array:
     return (turn - turn.T) - decay @ decay.T - 0.2 * np.eye(n)
 
 
-
 def _crossed(name: str, generator: np.random.Generator) -> System:
     """Two affine modes on the sides of a plane, along whose normal both have one rate: it is crossed, never slid on."""
     n = int(generator.integers(2, 5))
@@ -104,7 +103,9 @@ def _chain(name: str, generator: np.random.Generator) -> System:
     mass, stiff = generator.uniform(0.5, 2.0, n), generator.uniform(1.0, 6.0, n)
     damp, level = generator.uniform(0.05, 0.4, n), generator.uniform(0.1, 0.7, n)
     force, omega = generator.uniform(0.5, 3.0), generator.uniform(0.5, 2.5)
-    start = np.concatenate([generator.normal(size=n) * 0.5, generator.normal(size=n) * generator.integers(0, 2)])
+    start = np.concatenate(
+        [generator.normal(size=n) * 0.5, generator.normal(size=n) * generator.integers(0, 2)]
+    )
 
     def accelerations(t, x, s):
         """Place i is tied to place i - 1, the first one to the wall."""

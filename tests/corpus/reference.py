@@ -9,7 +9,7 @@ surface, until that control is beyond its bounds.
 from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -173,7 +173,9 @@ class _Run:
                 return
             x = self.x if dense is None else dense(time)
             output = self.system.outputs
-            self.rows.append(np.asarray(x if output is None else output(time, x, self.mode), dtype=float).ravel())
+            self.rows.append(
+                np.asarray(x if output is None else output(time, x, self.mode), dtype=float).ravel()
+            )
 
 
 def _first(
@@ -199,7 +201,11 @@ def _first(
 
 
 def _root(
-    guard: Callable[[float, Array], float], offset: float, dense: Callable[[float], Array], low: float, high: float
+    guard: Callable[[float, Array], float],
+    offset: float,
+    dense: Callable[[float], Array],
+    low: float,
+    high: float,
 ) -> float:
     if guard(low, dense(low)) >= offset:
         return float(low)
@@ -296,13 +302,13 @@ def filippov(
                     )
                 )
             else:
-                for way in (1, -1):
-                    found.append(
-                        Exit(
-                            lambda t, x, i=i, way=way: way * signs(t, x, mode)[i] - 1.0,
-                            (*mode[:i], way, *mode[i + 1 :]),
-                        )
+                found += [
+                    Exit(
+                        lambda t, x, i=i, way=way: way * signs(t, x, mode)[i] - 1.0,
+                        (*mode[:i], way, *mode[i + 1 :]),
                     )
+                    for way in (1, -1)
+                ]
         return found
 
     return Hybrid(
@@ -312,13 +318,6 @@ def filippov(
         None if outputs is None else lambda t, x, mode: outputs(t, x, signs(t, x, mode)),
         **options,
     )
-
-
-def with_outputs(system: Hybrid, outputs: Callable[[float, Array, Any], ArrayLike]) -> Hybrid:
-    """The same system with other outputs."""
-    return replace(system, outputs=outputs)
-
-
 
 
 def stepped(
@@ -345,7 +344,9 @@ def relay(
     return Hybrid(rates, exits.__getitem__, lambda t, x: begin(x), **options)
 
 
-def scheduled(switches: Sequence[float], rates: Callable[[float, Array, int], ArrayLike], **options: Any) -> Hybrid:
+def scheduled(
+    switches: Sequence[float], rates: Callable[[float, Array, int], ArrayLike], **options: Any
+) -> Hybrid:
     """Rates that change at times known beforehand: mode k from the k-th on."""
 
     def exits(k: int) -> tuple[Exit, ...]:

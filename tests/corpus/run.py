@@ -15,7 +15,6 @@ import sys
 import tempfile
 import time
 import warnings
-from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -25,9 +24,8 @@ import numpy as np
 
 import phyfilter_ctl as pf
 from phyfilter_ctl.fmi import FmuSolver
-
-from tests.corpus.systems import FAMILIES, all_systems
 from tests.corpus.system import Array, System
+from tests.corpus.systems import FAMILIES, all_systems
 
 # What simulate is asked for by default.
 RTOL, ATOL = 1e-8, 1e-10
@@ -66,7 +64,7 @@ class Cell:
     seconds: float = 0.0
 
 
-class Refused(Exception):
+class RefusedError(Exception):
     """A status in place of an answer."""
 
 
@@ -96,7 +94,9 @@ class Case:
 
     def answer(self, start: Array) -> Array:
         assert self.system.reference is not None
-        return np.atleast_2d(self.system.reference(self.times, start if len(start) else np.array(self.system.hidden)))
+        return np.atleast_2d(
+            self.system.reference(self.times, start if len(start) else np.array(self.system.hidden))
+        )
 
     def _scale(self) -> Array:
         assert self.expected is not None
@@ -122,7 +122,7 @@ class Case:
 def answered(case: Case, response: Any) -> Array:
     """Outputs of a response, or its status."""
     if not response.success:
-        raise Refused(response.message)
+        raise RefusedError(response.message)
     return np.asarray(response.outputs, dtype=float).reshape(-1, len(case.times))
 
 
@@ -132,7 +132,12 @@ def _simulated(**options: Any) -> Callable[[Case, Any, Path], Array]:
         if chosen.get("method") in ("rk4", "exact"):  # of fixed steps where the diagram is not linear
             chosen["max_step"] = (case.times[-1] - case.times[0]) / FIXED_STEPS
         response = pf.simulate(
-            model, case.times, case.inputs, case.start if len(case.start) else None, time_limit=TIME_LIMIT, **chosen
+            model,
+            case.times,
+            case.inputs,
+            case.start if len(case.start) else None,
+            time_limit=TIME_LIMIT,
+            **chosen,
         )
         return answered(case, response)
 
@@ -142,7 +147,11 @@ def _simulated(**options: Any) -> Callable[[Case, Any, Path], Array]:
 def _as_called(case: Case, model: Any, folder: Path) -> Array:
     """The diagram itself, with nothing chosen; a fresh one, as a first call."""
     response = pf.simulate(
-        case.system.build(), case.times, case.inputs, case.start if len(case.start) else None, time_limit=TIME_LIMIT
+        case.system.build(),
+        case.times,
+        case.inputs,
+        case.start if len(case.start) else None,
+        time_limit=TIME_LIMIT,
     )
     return answered(case, response)
 
@@ -200,9 +209,11 @@ def _fmu(version: str, kind: str) -> Callable[[Case, Any, Path], Array]:
             relative_tolerance=CVODE_TOLERANCE, start_values=starts, input=signals, timeout=TIME_LIMIT,
             logger=lambda *arguments: messages.append(str(arguments[-1])),
         )  # fmt: skip
-        rows = [np.flatnonzero(np.abs(found["time"] - t) < 1e-9 * max(1.0, case.times[-1])) for t in case.times]
+        rows = [
+            np.flatnonzero(np.abs(found["time"] - t) < 1e-9 * max(1.0, case.times[-1])) for t in case.times
+        ]
         if any(len(row) == 0 for row in rows):
-            raise Refused(f"ended at {found['time'][-1]}")
+            raise RefusedError(f"ended at {found['time'][-1]}")
         last = [row[-1] for row in rows]
         return np.vstack([found[name].reshape(len(found), -1)[last].T for name in outputs])
 
@@ -235,7 +246,7 @@ ROUTES: dict[str, Route] = {
 SHORT_ROUTES = ("simulate", "adaptive-vm", "stiff-vm", "batch")
 QUICK_ROUTES = ("simulate", "adaptive-vm", "stiff-vm", "rk4-vm", "exact", "batch", "adaptive-c", "rk4-c")
 FMU_ROUTES = ("fmi2-cs", "fmi3-cs", "fmi2-me", "fmi3-me")
-# Refused by design where the diagram is none of theirs; no answer is missing.
+# RefusedError by design where the diagram is none of theirs; no answer is missing.
 OPTIONAL = ("exact", "rk4-vm", "rk4-c")
 
 
@@ -265,7 +276,7 @@ def judged(case: Case, route: str, model: Any, folder: Path) -> Cell:
             found = ROUTES[route].run(case, model() if callable(model) else model, folder)
     except Exception as error:
         text = " ".join(str(error).split())
-        kind = "" if isinstance(error, Refused) else f"{type(error).__name__}: "
+        kind = "" if isinstance(error, RefusedError) else f"{type(error).__name__}: "
         return Cell("status", message=kind + text, seconds=time.perf_counter() - begin)
     seconds = time.perf_counter() - begin
     if case.expected is None:
@@ -281,7 +292,8 @@ def judged(case: Case, route: str, model: Any, folder: Path) -> Cell:
         assert case.inputs is not None
         commands = np.tile(case.inputs[0], (len(found), 1))
         left = [
-            [case.system.residual(*each) for each in zip(*rows, strict=True)] for rows in zip(found, commands, strict=True)
+            [case.system.residual(*each) for each in zip(*rows, strict=True)]
+            for rows in zip(found, commands, strict=True)
         ]
         expected = found - np.array(left, dtype=float)
     with np.errstate(invalid="ignore"):
@@ -320,9 +332,7 @@ def examined(system: System, routes: Iterable[str]) -> dict[str, Cell]:
         return made[0]
 
     with tempfile.TemporaryDirectory() as folder:
-        return {
-            route: judged(case, route, model, Path(folder)) for route in routes if applies(system, route)
-        }
+        return {route: judged(case, route, model, Path(folder)) for route in routes if applies(system, route)}
 
 
 def shown(cell: Cell | None) -> str:
@@ -333,7 +343,9 @@ def shown(cell: Cell | None) -> str:
     return f"{'' if cell.outcome == 'right' else 'WRONG '}{cell.error:.2g}"
 
 
-def report(table: dict[str, dict[str, Cell]], systems: Sequence[System], routes: Sequence[str]) -> tuple[str, int]:
+def report(
+    table: dict[str, dict[str, Cell]], systems: Sequence[System], routes: Sequence[str]
+) -> tuple[str, int]:
     """The table as text, and how many cells are wrong."""
     lines, wrong = [], 0
     width = max(len(each.name) for each in systems) + 2
@@ -349,7 +361,8 @@ def report(table: dict[str, dict[str, Cell]], systems: Sequence[System], routes:
         f"{sum(not each.solvable for each in systems)} without a solution"
     )
     lines.append(
-        f"{'route':14}{'right':>7}{'wrong':>7}{'status':>8}{'status where solvable':>23}{'worst right':>13}{'seconds':>9}"
+        f"{'route':14}{'right':>7}{'wrong':>7}{'status':>8}{'status where solvable':>23}{'worst right':>13}"
+        f"{'seconds':>9}"
     )
     solvable = {each.name for each in systems if each.solvable}
     for route in routes:
@@ -379,7 +392,8 @@ def failures(table: dict[str, dict[str, Cell]], systems: Sequence[System]) -> li
             missing = cell.outcome == "status" and each.solvable and route not in OPTIONAL
             if cell.outcome == "wrong" or missing:
                 lines.append(
-                    f"{each.family:12} {each.name:32} {route:12} {cell.outcome:7} {cell.error:9.3g} {cell.message[:220]}"
+                    f"{each.family:12} {each.name:32} {route:12} {cell.outcome:7} {cell.error:9.3g} "
+                    f"{cell.message[:220]}"
                 )
     return lines
 
@@ -388,14 +402,22 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the corpus; 1 if an answer is wrong."""
     parser = argparse.ArgumentParser(prog="python -m tests.corpus", description=__doc__)
     parser.add_argument("--short", action="store_true", help="a few systems of each family, without compiler")
-    parser.add_argument("--family", action="append", choices=sorted(FAMILIES), help="only this one; may repeat")
+    parser.add_argument(
+        "--family", action="append", choices=sorted(FAMILIES), help="only this one; may repeat"
+    )
     parser.add_argument("--system", action="append", help="only this one; may repeat")
-    parser.add_argument("--routes", nargs="+", choices=tuple(ROUTES), help="only these; by default all without FMUs")
+    parser.add_argument(
+        "--routes", nargs="+", choices=tuple(ROUTES), help="only these; by default all without FMUs"
+    )
     parser.add_argument("--fmu", action="store_true", help="FMUs too, run by FMPy")
-    parser.add_argument("--random", type=int, default=0, metavar="N", help="N random systems in place of the corpus")
+    parser.add_argument(
+        "--random", type=int, default=0, metavar="N", help="N random systems in place of the corpus"
+    )
     parser.add_argument("--seed", type=int, default=0, help="of the random ones")
     parser.add_argument("--json", metavar="FILE", help="all cells, to a file")
-    parser.add_argument("--failures", metavar="FILE", help="cells that are wrong or without an answer, to a file")
+    parser.add_argument(
+        "--failures", metavar="FILE", help="cells that are wrong or without an answer, to a file"
+    )
     options = parser.parse_args(arguments)
     if options.random:
         from tests.corpus.random_systems import random_systems

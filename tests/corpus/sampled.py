@@ -9,7 +9,6 @@ import numpy as np
 
 import phyfilter_ctl as pf
 from phyfilter_ctl.blocks import delay_line
-
 from tests.corpus.reference import Exit, Hybrid, filippov, smooth
 from tests.corpus.system import System
 
@@ -17,13 +16,24 @@ from tests.corpus.system import System
 def _plant(rates, states: int = 1, measured=None, inputs: Sequence[str] = ("u",)) -> ct.NonlinearIOSystem:
     """x' = rates(t, x, u), y = x[0] or ``measured``."""
     return ct.nlsys(
-        rates, measured or (lambda t, x, u, p: [x[0]]), inputs=list(inputs), outputs=["y"], states=states, name="plant"
+        rates,
+        measured or (lambda t, x, u, p: [x[0]]),
+        inputs=list(inputs),
+        outputs=["y"],
+        states=states,
+        name="plant",
     )
 
 
 def _law(period: float, update, output, states: int, name: str = "law", inputs=("y",), outputs=("u",)):
     system = ct.nlsys(
-        update, output, inputs=list(inputs), outputs=list(outputs), states=states or None, dt=period, name=name
+        update,
+        output,
+        inputs=list(inputs),
+        outputs=list(outputs),
+        states=states or None,
+        dt=period,
+        name=name,
     )
     return pf.sampled_block(system)
 
@@ -36,7 +46,11 @@ def _closed(
 
     def build():
         return ct.interconnect(
-            [plant(), law(), *[each() for each in extra]], inputs=[], outputs=["y", "u"], inplist=[], name="loop"
+            [plant(), law(), *[each() for each in extra]],
+            inputs=[],
+            outputs=["y", "u"],
+            inplist=[],
+            name="loop",
         )
 
     reference = Hybrid(
@@ -106,9 +120,11 @@ def _relay_sampled() -> System:
         return [x[0], x[1], -1.0 if x[0] + 0.7 * x[1] > 0.01 else 1.0]
 
     return _closed(
-        "relay_sampled", lambda: _plant(lambda t, x, u, p: [x[1], u[0] - 0.213], 2, lambda t, x, u, p: [x[0] + 0.7 * x[1]]),
+        "relay_sampled", lambda: _plant(lambda t, x, u, p: [x[1], u[0] - 0.213], 2, lambda t, x, u,
+            p: [x[0] + 0.7 * x[1]]),
         lambda: _law(period, None, lambda t, x, u, p: [np.where(u[0] > 0.01, -1.0, 1.0)], 0),
-        lambda t, x: [x[1], x[2] - 0.213, 0.0], [(period, at)], 5.07, lambda t, x, mode: [x[0] + 0.7 * x[1], x[2]], states=3,
+        lambda t, x: [x[1], x[2] - 0.213, 0.0], [(period, at)], 5.07, lambda t, x, mode: [x[0] + 0.7 * x[1],
+            x[2]], states=3,
     )  # fmt: skip
 
 
@@ -149,7 +165,8 @@ def _two_rates() -> System:
         "two_rates", plant,
         lambda: _law(0.1, None, lambda t, x, u, p: [1.5 * (1.0 - u[0])], 0, "outer", ("y",), ("want",)),
         lambda t, x: [x[1], x[3] - 0.4 * x[1], 0.0, 0.0], [(0.1, outer), (0.02, inner)], 5.011, states=4,
-        extra=(lambda: _law(0.02, None, lambda t, x, u, p: [4.0 * (u[0] - u[1])], 0, "inner", ("want", "v"), ("u",)),),
+        extra=(lambda: _law(0.02, None, lambda t, x, u, p: [4.0 * (u[0] - u[1])], 0, "inner", ("want", "v"),
+            ("u",)),),
         source="PathSim examples/example_cascade.py, its idea",
     )  # fmt: skip
 
@@ -167,7 +184,8 @@ def _held_sine() -> System:
         return ct.nlsys(None, lambda t, x, u, p: [np.sin(2.0 * t)], inputs=[], outputs=["s"], name="sine")
 
     return _closed(
-        "held_sine", plant, law, lambda t, x: [2.0 * (x[1] - x[0]), 0.0], [(0.15, lambda t, x: [x[0], np.sin(2.0 * t)])],
+        "held_sine", plant, law, lambda t, x: [2.0 * (x[1] - x[0]), 0.0], [(0.15, lambda t, x: [x[0],
+            np.sin(2.0 * t)])],
         4.02, states=2, extra=(source,), source="Modelica.Blocks.Discrete.ZeroOrderHold, its text",
     )  # fmt: skip
 
@@ -189,7 +207,8 @@ def _delayed(steps: int) -> System:
 
     return _closed(
         f"delay_line_{steps}", lambda: _plant(lambda t, x, u, p: [u[0] - 0.1 * x[0]]), law,
-        lambda t, x: [x[-1] - 0.1 * x[0], *[0.0] * (len(x) - 1)], [(period, at)], 5.03, states=2 + steps, extra=(line,),
+        lambda t, x: [x[-1] - 0.1 * x[0], *[0.0] * (len(x) - 1)], [(period, at)], 5.03, states=2 + steps,
+            extra=(line,),
         structure="sampled law and delay line",
     )  # fmt: skip
 
@@ -200,10 +219,18 @@ def _pade(delay: float, limited: bool) -> System:
     def build():
         num, den = ct.pade(delay, 2)
         late = ct.ss(ct.tf(num, den), inputs=["u"], outputs=["d"], name="delay")
-        plant = ct.nlsys(lambda t, x, u, p: [u[0] - 0.5 * x[0]], lambda t, x, u, p: [x[0]], inputs=["d"], outputs=["y"], states=1, name="plant")
+        plant = ct.nlsys(
+            lambda t, x, u, p: [u[0] - 0.5 * x[0]],
+            lambda t, x, u, p: [x[0]],
+            inputs=["d"],
+            outputs=["y"],
+            states=1,
+            name="plant",
+        )
         law = ct.nlsys(
             lambda t, x, u, p: [1.0 - u[0]],
-            lambda t, x, u, p: [np.clip(1.2 * (1.0 - u[0]) + 0.8 * x[0], -0.7, 0.7) if limited else 1.2 * (1.0 - u[0]) + 0.8 * x[0]],
+            lambda t, x, u, p: [np.clip(1.2 * (1.0 - u[0]) + 0.8 * x[0], -0.7,
+            0.7) if limited else 1.2 * (1.0 - u[0]) + 0.8 * x[0]],
             inputs=["y"], outputs=["u"], states=1, name="law",
         )  # fmt: skip
         return ct.interconnect([plant, law, late], inputs=[], outputs=["y"], inplist=[], name="late")
@@ -225,9 +252,15 @@ def _pade(delay: float, limited: bool) -> System:
             found.append(Exit(lambda t, x: (-0.7, 0.7)[k - 1] - raw(x), k - 1))
         return found
 
-    reference = Hybrid(rates, exits, lambda t, x: int(np.searchsorted([-0.7, 0.7], raw(x))) if limited else 1, lambda t, x, k: [x[0]])
+    reference = Hybrid(
+        rates,
+        exits,
+        lambda t, x: int(np.searchsorted([-0.7, 0.7], raw(x))) if limited else 1,
+        lambda t, x, k: [x[0]],
+    )
     return System(
-        f"pade_{delay:g}{'_limited' if limited else ''}", "delays", "loop with Pade's delay" + (", limited" if limited else ""),
+        f"pade_{delay:g}{'_limited' if limited else ''}", "delays",
+            "loop with Pade's delay" + (", limited" if limited else ""),
         build, reference, 8.0, hidden=(0.0,) * 4, switching=False,
         source="PathSim examples/example_pid_antiwindup.py, its idea" if limited else "python-control: pade",
     )  # fmt: skip
@@ -268,8 +301,21 @@ def _delta_sigma() -> System:
     period = 0.01
 
     def build():
-        plant = ct.nlsys(lambda t, x, u, p: [np.sin(2 * np.pi * t) - u[0]], lambda t, x, u, p: [x[0]], inputs=["u"], outputs=["y"], states=1, name="plant")
-        return ct.interconnect([plant, _law(period, None, lambda t, x, u, p: [np.where(u[0] > 0.001, 1.0, -1.0)], 0)], inputs=[], outputs=["y", "u"], inplist=[], name="modulator")
+        plant = ct.nlsys(
+            lambda t, x, u, p: [np.sin(2 * np.pi * t) - u[0]],
+            lambda t, x, u, p: [x[0]],
+            inputs=["u"],
+            outputs=["y"],
+            states=1,
+            name="plant",
+        )
+        return ct.interconnect(
+            [plant, _law(period, None, lambda t, x, u, p: [np.where(u[0] > 0.001, 1.0, -1.0)], 0)],
+            inputs=[],
+            outputs=["y", "u"],
+            inplist=[],
+            name="modulator",
+        )
 
     reference = Hybrid(
         lambda t, x, mode: [np.sin(2 * np.pi * t) - x[1], 0.0], outputs=lambda t, x, mode: [x[0], x[1]],
@@ -295,7 +341,16 @@ def _sampled_friction() -> System:
         lambda t, x, s: [x[1], x[2] - level * s[0], 0.0], lambda t, x: [x[1]], lambda t, x, s: [x[2] - level * s[0]],
         lambda t, x, s: [x[0], x[1]], instants=[(period, lambda t, x: [x[0], x[1], 4.0 * (1.0 - x[0]) - 2.0 * x[1]])],
     )  # fmt: skip
-    return System("servo_stops_short", "sampled", "sampled law, Coulomb friction", build, reference, 5.02, hidden=(0.0,) * 3, short=True)
+    return System(
+        "servo_stops_short",
+        "sampled",
+        "sampled law, Coulomb friction",
+        build,
+        reference,
+        5.02,
+        hidden=(0.0,) * 3,
+        short=True,
+    )
 
 
 # -- motors -------------------------------------------------------------------------------------------------------
@@ -313,7 +368,8 @@ def _motor_block() -> ct.NonlinearIOSystem:
         lambda t, x, u, p: [
             (u[0] - R * x[0] - K * x[1]) / L, (K * x[0] - B * x[1] - COULOMB * np.sign(x[1])) / J,
         ],
-        lambda t, x, u, p: [x[0], x[1], K * x[0]], inputs=["v"], outputs=["i", "x[0]", "g[0]"], states=2, name="motor",
+        lambda t, x, u, p: [x[0], x[1], K * x[0]], inputs=["v"], outputs=["i", "x[0]", "g[0]"], states=2,
+            name="motor",
     )  # fmt: skip
 
 
@@ -322,7 +378,7 @@ def _zero() -> ct.NonlinearIOSystem:
 
 
 def _motor_continuous() -> System:
-    """A motor with Coulomb friction from rest: PI law, filter whose estimate is fed back, Pade's delay of the voltage."""
+    """A motor with Coulomb friction from rest: PI law, estimate of a filter fed back, Pade's delay of the voltage."""
 
     def build():
         law = ct.nlsys(
@@ -351,7 +407,10 @@ def _motor_continuous() -> System:
         ]  # fmt: skip
 
     reference = filippov(
-        rates, lambda t, x: [x[1]], lambda t, x, s: [rates(t, x, s)[1]], lambda t, x, s: [x[1], x[0], estimate(x)]
+        rates,
+        lambda t, x: [x[1]],
+        lambda t, x, s: [rates(t, x, s)[1]],
+        lambda t, x, s: [x[1], x[0], estimate(x)],
     )
     return System(
         "motor_filter_delay", "motors", "DC motor, Coulomb friction, PI, filter, Pade's delay", build,
@@ -426,8 +485,9 @@ def _motor_plain(name: str, want: float, viscous: bool) -> System:
     else:
         reference = filippov(rates, lambda t, x: [x[1]], lambda t, x, s: [rates(t, x, s)[1]], outputs)
     return System(
-        name, "motors", "DC motor and PI law" + ("" if viscous else ", Coulomb friction"), build, reference, 4.0, (0.0,) * 3,
-        source="PathSim examples/example_dcmotor.py, its equations" if viscous else "", switching=not viscous,
+        name, "motors", "DC motor and PI law" + ("" if viscous else ", Coulomb friction"), build, reference,
+            4.0, (0.0,) * 3,
+        source="PathSim examples/example_dcmotor.py" if viscous else "", switching=not viscous,
     )  # fmt: skip
 
 
@@ -458,7 +518,15 @@ def _motor_reversal() -> System:
 
 def _discrete(name: str, step: Callable, start, count: int, source: str = "") -> System:
     def build():
-        return ct.nlsys(lambda t, x, u, p: step(x), None, inputs=0, outputs=len(start), states=len(start), dt=0.1, name=name)
+        return ct.nlsys(
+            lambda t, x, u, p: step(x),
+            None,
+            inputs=0,
+            outputs=len(start),
+            states=len(start),
+            dt=0.1,
+            name=name,
+        )
 
     def answer(times, x0):
         rows = [np.array(x0)]
@@ -466,7 +534,19 @@ def _discrete(name: str, step: Callable, start, count: int, source: str = "") ->
             rows.append(np.array(step(rows[-1]), dtype=float))
         return np.array(rows).T
 
-    return System(name, "discrete", name, build, answer, 0.1 * count, start, times=0.1 * np.arange(count + 1), source=source, switching=False, fmu=False)
+    return System(
+        name,
+        "discrete",
+        name,
+        build,
+        answer,
+        0.1 * count,
+        start,
+        times=0.1 * np.arange(count + 1),
+        source=source,
+        switching=False,
+        fmu=False,
+    )
 
 
 def _rounds(x):
@@ -476,10 +556,17 @@ def _rounds(x):
 def systems() -> list[System]:
     """Of the families sampled, delays, motors and discrete."""
     return [
-        _pi(0.1, None), _pi(0.3, None), _pi(0.1, 1.3), _quantised(0.02), _quantised(0.1), _relay_sampled(), _hysteresis_sampled(),
-        _two_rates(), _held_sine(), _delayed(1), _delayed(4), _delayed(9), _pade(0.3, False), _pade(0.6, False), _pade(0.3, True),
-        _pwm(), _delta_sigma(), _sampled_friction(), _motor_continuous(), _motor_sampled(), _motor_plain("motor_coulomb", 5.0, False),
-        _motor_plain("motor_viscous", 5.0, True), _motor_plain("motor_coulomb_backwards", -3.0, False), _motor_reversal(),
-        _discrete("logistic_map", lambda x: [3.2 * x[0] * (1.0 - x[0])], (0.3,), 40, "python-control: simulating_discrete_nonlinear.ipynb, its kind"),
-        _discrete("rounding_map", _rounds, (1.0, 0.2), 40), _discrete("parity_map", lambda x: [np.where(np.mod(x[0], 2.0) < 0.5, x[0] / 2.0, 3.0 * x[0] + 1.0)], (27.0,), 60, "textbook: Collatz"),
+        _pi(0.1, None), _pi(0.3, None), _pi(0.1, 1.3), _quantised(0.02), _quantised(0.1), _relay_sampled(),
+            _hysteresis_sampled(),
+        _two_rates(), _held_sine(), _delayed(1), _delayed(4), _delayed(9), _pade(0.3, False), _pade(0.6, False),
+            _pade(0.3, True),
+        _pwm(), _delta_sigma(), _sampled_friction(), _motor_continuous(), _motor_sampled(),
+            _motor_plain("motor_coulomb", 5.0, False),
+        _motor_plain("motor_viscous", 5.0, True), _motor_plain("motor_coulomb_backwards", -3.0, False),
+            _motor_reversal(),
+        _discrete("logistic_map", lambda x: [3.2 * x[0] * (1.0 - x[0])], (0.3,), 40,
+            "python-control: simulating_discrete_nonlinear.ipynb, its kind"),
+        _discrete("rounding_map", _rounds, (1.0, 0.2), 40), _discrete("parity_map",
+            lambda x: [np.where(np.mod(x[0], 2.0) < 0.5, x[0] / 2.0, 3.0 * x[0] + 1.0)], (27.0,), 60,
+            "textbook: Collatz"),
     ]  # fmt: skip

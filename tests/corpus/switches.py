@@ -33,7 +33,9 @@ def _branch(a: float, b: float, c: float) -> System:
     def answer(times, x0):
         late = math.log((b - x0[0]) / (b - c))
         return np.where(
-            times < late, b + (x0[0] - b) * np.exp(-times), a + (c - a) * np.exp(-np.maximum(times - late, 0.0))
+            times < late,
+            b + (x0[0] - b) * np.exp(-times),
+            a + (c - a) * np.exp(-np.maximum(times - late, 0.0)),
         )
 
     return System(
@@ -91,7 +93,13 @@ def _quadrants() -> System:
     reference = Hybrid(lambda t, x, mode: known[mode](x), exits, lambda t, x: "+-")
     # It comes to x1 = 0 from below with x2 > 0 and slides there: the run ends before.
     return System(
-        "quadrants", "switches", "nested ifs in two states", lambda: block(rates, 2), reference, 0.9, (1.5, -0.5)
+        "quadrants",
+        "switches",
+        "nested ifs in two states",
+        lambda: block(rates, 2),
+        reference,
+        0.9,
+        (1.5, -0.5),
     )
 
 
@@ -133,15 +141,19 @@ def _either() -> System:
 
 def _select() -> System:
     def build():
-        return block(
-            lambda t, x, u, p: [np.select([x[0] < 1.0, x[0] < 2.0], [1.0, 0.5], 3.0) - 0.1 * x[0]]
-        )
+        return block(lambda t, x, u, p: [np.select([x[0] < 1.0, x[0] < 2.0], [1.0, 0.5], 3.0) - 0.1 * x[0]])
 
     def rates(t, x, k):
         return [(1.0, 0.5, 3.0)[int(np.clip(k, 0, 2))] - 0.1 * x[0]]
 
     return System(
-        "select", "switches", "np.select of two conditions", build, stepped(lambda t, x: x[0], rates), 4.0, (0.0,)
+        "select",
+        "switches",
+        "np.select of two conditions",
+        build,
+        stepped(lambda t, x: x[0], rates),
+        4.0,
+        (0.0,),
     )
 
 
@@ -199,14 +211,16 @@ def _quantised_loop(step: float) -> System:
     return System(
         f"quantised_position_{step:g}", "quantisers", "x'' = -q round(x/q) - d x'", build,
         stepped(lambda t, x: x[0] / step + 0.5, lambda t, x, k: [x[1], -step * k - 0.7 * x[1]]), 3.0, (1.07, 0.3),
-        source="Modelica_LinearSystems/AD converter texts: quantised measurement" if step == 0.25 else "",
+        source="textbook: feedback through a quantised measurement" if step == 0.25 else "",
     )  # fmt: skip
 
 
 # -- steps in time ------------------------------------------------------------------------------------------------
 
 
-def _time(name: str, write, switches, rates, end, start, source="", short=False, structure="", pace=0.0) -> System:
+def _time(
+    name: str, write, switches, rates, end, start, source="", short=False, structure="", pace=0.0
+) -> System:
     return System(
         name, "time steps", structure or f"time: {name}", lambda: block(write, len(start)),
         scheduled(switches, rates), end, start, source=source, short=short, pace=pace,
@@ -236,7 +250,7 @@ def _square(frequency: float) -> System:
     return _time(
         f"square_{frequency:g}", lambda t, x, u, p: [np.sign(np.sin(2 * np.pi * frequency * t)) - x[0]],
         [k / (2 * frequency) for k in range(1, 60)], lambda t, x, k: [(1.0, -1.0)[k % 2] - x[0]],
-        3.7 / frequency, (0.0,), source="python-control: square waves into a lag" if frequency == 1.0 else "",
+        3.7 / frequency, (0.0,), source="textbook: square wave into a lag" if frequency == 1.0 else "",
         short=frequency == 1.0, structure="x' = sign(sin(w t)) - x",
     )  # fmt: skip
 
@@ -260,27 +274,38 @@ def systems() -> list[System]:
         _comparison("product_of_states", lambda t, x, u, p: [x[1], np.where(x[0] * x[1] > 0.0, -3.0, -1.0) * x[0]],
                     lambda t, x: x[0] * x[1], lambda t, x: [x[1], -3.0 * x[0]], lambda t, x: [x[1], -x[0]], 5.0,
                     (1.0, 0.0)),
-        _comparison("circle", lambda t, x, u, p: [x[1] - 0.1 * x[0], np.where(x[0] ** 2 + x[1] ** 2 > 1.0, -x[0] - 0.3 * x[1], -x[0] + 0.02)],
+        _comparison("circle", lambda t, x, u, p: [x[1] - 0.1 * x[0], np.where(x[0] ** 2 + x[1] ** 2 > 1.0,
+            -x[0] - 0.3 * x[1], -x[0] + 0.02)],
                     lambda t, x: x[0] ** 2 + x[1] ** 2 - 1.0, lambda t, x: [x[1] - 0.1 * x[0], -x[0] - 0.3 * x[1]],
                     lambda t, x: [x[1] - 0.1 * x[0], -x[0] + 0.02], 4.0, (2.0, 0.0)),
         _both(), _either(), _select(), _heaviside(),
-        _quantiser("floor", lambda t, x: [1.0 + np.floor(x[0])], lambda t, x: x[0], lambda t, x, k: [1.0 + k], 2.0, (0.0,), True),
-        _quantiser("ceil", lambda t, x: [np.ceil(x[0] + 0.2)], lambda t, x: x[0] + 0.2, lambda t, x, k: [k + 1.0], 1.8, (0.0,)),
-        _quantiser("round", lambda t, x: [1.0 + np.round(x[0])], lambda t, x: x[0] + 0.5, lambda t, x, k: [1.0 + k], 2.0, (0.0,), True),
-        _quantiser("mod", lambda t, x: [1.0 + np.mod(x[0], 1.0)], lambda t, x: x[0], lambda t, x, k: [1.0 + x[0] - k], 2.5, (0.0,)),
-        _quantiser("fmod", lambda t, x: [1.0 + np.fmod(x[0], 0.75)], lambda t, x: x[0] / 0.75, lambda t, x, k: [1.0 + x[0] - 0.75 * k], 2.5, (0.0,)),
-        _quantiser("floor_divide", lambda t, x: [1.0 + (x[0] // 0.5)], lambda t, x: x[0] / 0.5, lambda t, x, k: [1.0 + k], 1.6, (0.0,)),
-        _quantiser("trunc", lambda t, x: [1.0 + np.trunc(x[0])], lambda t, x: x[0], lambda t, x, k: [1.0 + k], 1.8, (0.1,)),
-        _quantiser("floor_down", lambda t, x: [-np.floor(x[0])], lambda t, x: x[0], lambda t, x, k: [-k], 2.0, (3.5,)),
+        _quantiser("floor", lambda t, x: [1.0 + np.floor(x[0])], lambda t, x: x[0], lambda t, x, k: [1.0 + k],
+            2.0, (0.0,), True),
+        _quantiser("ceil", lambda t, x: [np.ceil(x[0] + 0.2)], lambda t, x: x[0] + 0.2, lambda t, x,
+            k: [k + 1.0], 1.8, (0.0,)),
+        _quantiser("round", lambda t, x: [1.0 + np.round(x[0])], lambda t, x: x[0] + 0.5, lambda t, x,
+            k: [1.0 + k], 2.0, (0.0,), True),
+        _quantiser("mod", lambda t, x: [1.0 + np.mod(x[0], 1.0)], lambda t, x: x[0], lambda t, x,
+            k: [1.0 + x[0] - k], 2.5, (0.0,)),
+        _quantiser("fmod", lambda t, x: [1.0 + np.fmod(x[0], 0.75)], lambda t, x: x[0] / 0.75, lambda t, x,
+            k: [1.0 + x[0] - 0.75 * k], 2.5, (0.0,)),
+        _quantiser("floor_divide", lambda t, x: [1.0 + (x[0] // 0.5)], lambda t, x: x[0] / 0.5, lambda t, x,
+            k: [1.0 + k], 1.6, (0.0,)),
+        _quantiser("trunc", lambda t, x: [1.0 + np.trunc(x[0])], lambda t, x: x[0], lambda t, x, k: [1.0 + k],
+            1.8, (0.1,)),
+        _quantiser("floor_down", lambda t, x: [-np.floor(x[0])], lambda t, x: x[0], lambda t, x, k: [-k], 2.0,
+            (3.5,)),
         _quantiser("parity", lambda t, x: [np.where(np.mod(np.floor(x[0]), 2.0) < 0.5, 1.0, 0.5)], lambda t, x: x[0],
                    lambda t, x, k: [1.0 if k % 2 == 0 else 0.5], 4.0, (0.0,)),
         _sawtooth(0.7), _sawtooth(0.31), _table(1.0), _table(2.5), _quantised_loop(0.25), _quantised_loop(0.6),
         _time("if_t", _if_time, [1.0], lambda t, x, k: [(1.0, -0.5)[k] - x[0]], 2.0, (0.0,), short=True),
         _time("where_t_ramp", lambda t, x, u, p: [np.where(t < 0.8, 0.0, 2.0 * (t - 0.8)) - x[0]], [0.8],
-              lambda t, x, k: [(0.0 if k == 0 else 2.0 * (t - 0.8)) - x[0]], 2.0, (1.0,), source="Modelica.Blocks.Sources.Ramp"),
+              lambda t, x, k: [(0.0 if k == 0 else 2.0 * (t - 0.8)) - x[0]], 2.0, (1.0,),
+              source="Modelica.Blocks.Sources.Ramp"),
         _time("staircase_t", lambda t, x, u, p: [np.floor(3.0 * t) - x[0]], [k / 3 for k in range(1, 9)],
               lambda t, x, k: [k - x[0]], 2.2, (0.0,)),
-        _time("step_second_order", lambda t, x, u, p: [x[1], 4.0 * (np.where(t < 0.5, 0.0, 1.0) - x[0]) - 1.2 * x[1]], [0.5],
+        _time("step_second_order", lambda t, x, u, p: [x[1], 4.0 * (np.where(t < 0.5, 0.0,
+            1.0) - x[0]) - 1.2 * x[1]], [0.5],
               lambda t, x, k: [x[1], 4.0 * (k - x[0]) - 1.2 * x[1]], 4.0, (0.0, 0.0),
               source="Modelica.Blocks.Examples: Step into SecondOrder"),
         _time("short_pulse", lambda t, x, u, p: [1000.0 * (t > 1.0) * (t < 1.001) - x[0]], [1.0, 1.001],

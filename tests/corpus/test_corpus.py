@@ -1,4 +1,4 @@
-"""The corpus in the suite: a few systems always, families on all routes of this machine with -m slow, FMUs with -m release.
+"""The corpus in the suite: a few systems always, all without compiler with -m slow, C and FMUs with -m release.
 
 The whole of it, with its table, is ``python -m tests.corpus --fmu``.
 """
@@ -36,7 +36,9 @@ def test_reference_crosses_a_switch():
 
 def test_reference_climbs_a_staircase():
     # x' = 1 + floor(x): 1 s for the first step, 1/2 for the second, 1/3 for the third.
-    found = stepped(lambda t, x: x[0], lambda t, x, k: [1.0 + k])(np.array([0.0, 1.0, 1.5, 11.0 / 6.0]), [0.0])
+    found = stepped(lambda t, x: x[0], lambda t, x, k: [1.0 + k])(
+        np.array([0.0, 1.0, 1.5, 11.0 / 6.0]), [0.0]
+    )
     np.testing.assert_allclose(found[0], [0.0, 1.0, 2.0, 3.0], atol=EXACT)
 
 
@@ -47,12 +49,15 @@ def test_reference_sticks_and_breaks_away():
     np.testing.assert_allclose(system(times, [0.0])[0], 0.25 * np.maximum(times - 2.0, 0.0) ** 2, atol=EXACT)
     # Thrown at 1 m/s without a force it stops after 1 s, having gone 1/2 m.
     thrown = filippov(lambda t, x, s: [x[1], -s[0]], lambda t, x: [x[1]], lambda t, x, s: [-s[0]])
-    np.testing.assert_allclose(thrown(np.array([0.0, 1.0, 3.0]), [0.0, 1.0]), [[0.0, 0.5, 0.5], [1.0, 0.0, 0.0]], atol=EXACT)
+    np.testing.assert_allclose(
+        thrown(np.array([0.0, 1.0, 3.0]), [0.0, 1.0]), [[0.0, 0.5, 0.5], [1.0, 0.0, 0.0]], atol=EXACT
+    )
 
 
 def test_reference_bounces():
     ball = Hybrid(
-        lambda t, x, mode: [x[1], -10.0], lambda mode: (Exit(lambda t, x: -x[0], "", lambda t, x: [0.0, -0.5 * x[1]]),)
+        lambda t, x, mode: [x[1], -10.0],
+        lambda mode: (Exit(lambda t, x: -x[0], "", lambda t, x: [0.0, -0.5 * x[1]]),),
     )
     # From 5 m it lands after 1 s at 10 m/s, and at 5 m/s again after another second.
     found = ball(np.array([0.0, 0.5, 1.5, 2.25]), [5.0, 0.0])
@@ -61,7 +66,9 @@ def test_reference_bounces():
 
 def test_reference_samples():
     # Every second x is halved; between x' = 0.
-    found = smooth(lambda t, x: [0.0], instants=[(1.0, lambda t, x: [0.5 * x[0]])])(np.array([0.0, 0.5, 1.0, 2.7]), [8.0])
+    found = smooth(lambda t, x: [0.0], instants=[(1.0, lambda t, x: [0.5 * x[0]])])(
+        np.array([0.0, 0.5, 1.0, 2.7]), [8.0]
+    )
     np.testing.assert_array_equal(found[0], [4.0, 4.0, 2.0, 1.0])
 
 
