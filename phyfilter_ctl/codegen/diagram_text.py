@@ -61,6 +61,21 @@ def _events(layout: Layout) -> str:
         for i, event in enumerate(layout.events)
         if event.reset is not None
     )
+    resets = (
+        f"""\
+{opening}  pf_real after[{room(layout.states)}];
+  int status = PF_OK;
+  switch (event) {{
+{cases}    default:
+      (void)t;
+      return PF_OK;
+  }}
+  if (!status) memcpy(x, after, sizeof after);
+  return status;
+"""
+        if cases
+        else "  (void)instance;\n  (void)t;\n  (void)event;\n  (void)x;\n  return PF_OK;\n"
+    )
     directions = ", ".join(str(event.direction) for event in layout.events)
     return f"""
 static const signed char DIRECTIONS[] = {{{directions}}};
@@ -73,16 +88,7 @@ static int conditions(void *instance, pf_time t, const pf_real *x, pf_real *g) {
 }}
 
 static int event_reset(void *instance, pf_time t, int event, pf_real *x) {{
-{opening}  pf_real after[{room(layout.states)}];
-  int status = PF_OK;
-  switch (event) {{
-{cases}    default:
-      (void)t;
-      return PF_OK;
-  }}
-  if (!status) memcpy(x, after, sizeof after);
-  return status;
-}}
+{resets}}}
 
 static const pf_event_table EVENTS = {{
     {len(layout.events)}, DIRECTIONS, event_clock, event_sides, conditions, event_reset}};

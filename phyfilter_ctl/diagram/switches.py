@@ -38,7 +38,7 @@ _NEAR, _OFF = (1e-11, 1e-14), (1e-9, 1e-12)
 _ROUNDING = 1e-14
 # A share leaves [0, 1] where it is beyond it by this.
 _BEYOND = 1e-9
-# Times that all switches are looked at when some are decided: one that slides bears on the others.
+# Times that all switches are looked at when some are decided: one that slides acts on the others.
 _PASSES = 3
 _NEVER = 1e300  # s: no time yet
 _SIGNALS = (0, 1, 2, 4)  # t, x, u and z
@@ -257,13 +257,18 @@ class _Located:
         """(t, x, u, p, z, slope, ranges, slides) -> blended results, sizes, levels, shares, pulls."""
         arguments = self._new()
         n, s = ca.SX.sym("n", self._count), ca.SX.sym("s", self._count)
-        below = ca.vertcat(*(switch.value(n[j]) for j, switch in enumerate(self._switches)))
+        # One that is undecided is where its level says.
+        levels = self._core(*arguments, self._positions(n))[-1]
+        ranges = ca.vertcat(
+            *(ca.if_else(s[j] < 0, self._range(j, levels[j]), n[j]) for j in range(self._count))
+        )
+        below = self._positions(ranges)
         base = self._core(*arguments, below)
         results, (sizes, levels) = list(base[:-2]), base[-2:]
         changes = []
         for j in self._sliding:
             above = ca.SX(below)
-            above[j] = self._switches[j].value(n[j] + 1)
+            above[j] = self._switches[j].value(ranges[j] + 1)
             values = self._core(*arguments, above)
             changes.append([a - b for a, b in zip(values[: len(results)], results, strict=True)])
         slides = [s[j] > 0.5 for j in self._sliding]
@@ -277,6 +282,12 @@ class _Located:
             every[j], pulls[j] = shares[k], ca.fabs(changes[k][-1][j])
         outcome = [*results, sizes, levels, every, pulls]
         return ca.Function("slide", [*arguments, n, s], ca.cse([ca.densify(part) for part in outcome]))
+
+    def _positions(self, ranges: ca.SX) -> ca.SX:
+        return ca.vertcat(*(switch.value(ranges[j]) for j, switch in enumerate(self._switches)))
+
+    def _range(self, j: int, level: ca.SX) -> ca.SX:
+        return ca.floor(level) if self._switches[j].borders == "whole" else ca.if_else(level < 0, -1, 0)
 
     def _shares(self, rates: ca.SX, changes: Sequence[ca.SX], slides: Sequence[ca.SX]) -> ca.SX:
         """Those that keep the levels that slide at their borders: rates + sum of share times change = 0."""
@@ -360,7 +371,7 @@ class _Located:
             slides_there = ca.SX(0)
         elif switch.at_border != "between":
             slides_there = ca.logic_and(slides_there, ca.logic_not(rests))
-        far = ca.floor(level) if whole else ca.if_else(level < 0, -1, 0)
+        far = self._range(j, level)
         wrong = ca.logic_not(self._consistent(t, at, n, s)[j] > 0)
         ranges, slides = ca.SX(n), ca.SX(s)
         ranges[j] = ca.if_else(wrong, ca.if_else(near, range_there, far), n[j])
@@ -416,7 +427,7 @@ class _Located:
             "plain",
             [*self._frozen.arguments, self._frozen.positions],
             self._frozen.results[2 + tasks :] or [ca.SX(0, 1)],
-        ).call([t, x, u, p, held, ca.vertcat(*(w.value(n[j]) for j, w in enumerate(self._switches)))])
+        ).call([t, x, u, p, held, self._positions(n)])
 
         def function(name: str, value: ca.SX) -> ca.Function:
             return ca.Function(name, [t, x, u, p, z], [ca.densify(value)], list("txupz"), ["value"])

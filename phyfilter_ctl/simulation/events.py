@@ -170,7 +170,9 @@ class EventWatch:
         self._largest = np.zeros(len(self._owner))
         # How far beyond 0 an event left a condition that is on its way back to its side; nan for others.
         self._depth = np.full(len(self._owner), np.nan)
-        self._recent: dict[str, tuple[float, int, float]] = {}  # when, how often in a row, how long after the last
+        self._recent: dict[
+            str, tuple[float, int, float]
+        ] = {}  # when, how often in a row, how long after the last
         self._h, self._soon = 0.0, 0.0
         self.log: list[tuple[float, str]] = []
 
@@ -442,7 +444,9 @@ class EventWatch:
         heading = np.where((rates == 0.0) | (self._directions == 0), onward, np.sign(rates))
         again = near & (self._directions == 0) & (rates * onward < 0.0)
         back = fired & ~self._remembers & (self._directions * values >= 0.0)
-        soon = np.array([self._recent.get(self._flat.events[i].name, _NEVER)[2] <= self._soon for i in self._owner])
+        soon = np.array(
+            [self._recent.get(self._flat.events[i].name, _NEVER)[2] <= self._soon for i in self._owner], bool
+        )
         back &= (self._directions * rates < 0.0) | (soon & (self._directions != 0))
         self._depth = np.where(back, np.abs(values), np.where(fired, np.nan, self._depth))
         self._side = np.where(near, heading, np.where(fired, seen, np.where(jumped, onward, before)))

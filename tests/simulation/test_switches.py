@@ -1,5 +1,7 @@
 """Jumps in the equations, against closed forms: located, slid along, and left again, by every way of running."""
 
+from typing import Any
+
 import control as ct
 import fmpy
 import numpy as np
@@ -12,7 +14,7 @@ KEPT = 1e-7
 # Numbers that no step has an error in: straight lines between jumps that are located to the rounding of time.
 EXACT = 1e-12
 
-WAYS = {
+WAYS: dict[str, Any] = {
     "as called": {},
     "adaptive": {"method": "adaptive", "backend": "vm"},
     "stiff": {"method": "stiff", "backend": "vm"},
@@ -91,7 +93,7 @@ def test_mass_on_a_spring_with_dry_friction(way):
     """x'' = -x - 0.13 sign(x'): half swings that lose 0.26 each, until the spring cannot move it any more."""
     last, stops = drawn(0.13, 0.0, 1.0)
     law = system(lambda t, x, u, p: [x[1], -x[0] - 0.13 * np.sign(x[1])], 2)
-    given = dict(WAYS[way], max_step=0.01) if way == "rk4 in c" else WAYS[way]
+    given: dict[str, Any] = dict(WAYS[way], max_step=0.01) if way == "rk4 in c" else WAYS[way]
     found = pf.simulate(law, [0.0, stops + 0.1, stops + 20.0], None, [1.0, 0.0], **given)
     assert found.success, found.message
     np.testing.assert_allclose(found.states[0, 1:], last, atol=KEPT)
@@ -211,5 +213,5 @@ def test_fmus_locate_them_too(fmi, tmp_path):
     pf.export_fmu(law, path, fmi=fmi)
     for kind in ("CoSimulation", "ModelExchange"):
         found = fmpy.simulate_fmu(path, stop_time=1.86, output_interval=0.31, fmi_type=kind)
-        t, x = (np.asarray(found[name], dtype=float) for name in found.dtype.names[:2])
+        t, x = (np.asarray(found[name], dtype=float) for name in (found.dtype.names or ())[:2])
         np.testing.assert_allclose(x, t + np.clip(t - 1.0, 0.0, None), atol=1e-9)
