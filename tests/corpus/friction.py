@@ -402,6 +402,6 @@ def systems() -> list[System]:
         _stribeck("stribeck_ramp", lambda t: 0.4 * t, 5.0,
             source="C. Canudas de Wit et al., LuGre paper: break-away"),
         _stribeck("stribeck_sine", lambda t: 1.5 * np.sin(1.2 * t), 7.0),
-        _belt(0.2, 12.0), _belt(0.5, 9.0), _driven_belt(), _two_masses(2.0), _two_masses(3.5), _stacked(), _brake(), _pid_stick(),
-        _pendulum_friction(), _branches(),
+        _belt(0.2, 12.0), _belt(0.5, 9.0), _driven_belt(), _two_masses(2.0), _two_masses(3.5), _stacked(), _brake(),
+        _pid_stick(), _pendulum_friction(), _branches(),
     ]  # fmt: skip

@@ -418,6 +418,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument(
         "--failures", metavar="FILE", help="cells that are wrong or without an answer, to a file"
     )
+    parser.add_argument("--progress", action="store_true", help="each system as it is done, to stderr")
     options = parser.parse_args(arguments)
     if options.random:
         from tests.corpus.random_systems import random_systems
@@ -436,8 +437,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     table: dict[str, dict[str, Cell]] = {}
     for each in systems:
         table[each.name] = examined(each, routes)
-        if sys.stderr.isatty():
-            print(each.name, file=sys.stderr)
+        if options.progress:
+            cells = ", ".join(f"{route} {shown(cell)}" for route, cell in table[each.name].items())
+            print(f"{each.name}: {cells}", file=sys.stderr, flush=True)
     if not systems:
         parser.error("no such system")
     text, wrong = report(table, systems, routes)
