@@ -428,7 +428,7 @@ def _backlash(gap: float) -> System:
     reference = Hybrid(lambda t, x, mode: [drive(t)[1] * abs(mode), 0.0], exits, lambda t, x: 0)
     return _hybrid(
         f"backlash_{gap:g}", rates, events, reference, 9.0, (0.0, 0.0), structure="play", family="hysteresis",
-        source="python-control: friction_backlash_nonlinearity" if gap == 0.3 else "", short=gap == 0.3,
+        source="python-control: friction_backlash_nonlinearity" if gap == 0.3 else "",
     )  # fmt: skip
 
 
