@@ -11,12 +11,13 @@ import argparse
 import contextlib
 import json
 import os
+import subprocess
 import sys
 import tempfile
 import time
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -220,6 +221,57 @@ def _fmu(version: str, kind: str) -> Callable[[Case, Any, Path], Array]:
     return run
 
 
+_DRIVER = """#include <stdio.h>
+#include "corpus.h"
+int main(void) {{
+  static corpus self;
+  pf_real u[{inputs} + 1] = {{0}}, y[{outputs}];
+  if (corpus_init(&self) != PF_OK) return 1;
+  for (long k = 0; k <= {steps}L; k++) {{
+    if (corpus_step(&self, u, y) != PF_OK) return 2;
+    if (k % {every} == 0)
+      for (int i = 0; i < {outputs}; i++) printf("%.17g\\n", (double)y[i]);
+  }}
+  return 0;
+}}
+"""
+
+
+def _firmware(case: Case, model: Any, folder: Path) -> Array:
+    """C as firmware runs it: exported, compiled with its own main, in steps of fixed length."""
+    every = -(-FIXED_STEPS // (len(case.times) - 1))
+    source = folder / "firmware"
+    states = (
+        tuple(
+            replace(state, start=float(value)) for state, value in zip(model.states, case.start, strict=True)
+        )
+        if len(case.start)
+        else model.states
+    )
+    step = float(case.times[1] - case.times[0]) / every
+    pf.export_c(replace(model, states=states), source, step=step, name="corpus")
+    count = len(model.outputs)
+    text = _DRIVER.format(
+        inputs=len(model.inputs), outputs=count, steps=every * (len(case.times) - 1), every=every
+    )
+    (source / "main.c").write_text(text, encoding="utf-8")
+    command = [
+        os.environ.get("CC", "cc"),
+        "-O1",
+        "-o",
+        "run",
+        *sorted(p.name for p in source.glob("*.c")),
+        "-lm",
+    ]
+    subprocess.run(command, cwd=source, check=True, capture_output=True)
+    done = subprocess.run([str(source / "run")], capture_output=True, text=True, timeout=60, check=False)
+    if done.returncode:
+        raise RefusedError(
+            f"the firmware ended with {done.returncode} after {len(done.stdout.splitlines()) // count} rows"
+        )
+    return np.array(done.stdout.split(), dtype=float).reshape(-1, count).T
+
+
 @dataclass(frozen=True)
 class Route:
     """A way to an answer."""
@@ -238,16 +290,27 @@ ROUTES: dict[str, Route] = {
     "batch": Route(_batch),
     "adaptive-c": Route(_simulated(method="adaptive", backend="c"), compiles=True),
     "rk4-c": Route(_simulated(method="rk4", backend="c"), "fixed", compiles=True),
+    "export-c": Route(_firmware, "fixed", compiles=True),
     "fmi2-cs": Route(_fmu("2.0", "cs"), compiles=True),
     "fmi3-cs": Route(_fmu("3.0", "cs"), compiles=True),
     "fmi2-me": Route(_fmu("2.0", "me"), "cvode", compiles=True),
     "fmi3-me": Route(_fmu("3.0", "me"), "cvode", compiles=True),
 }
 SHORT_ROUTES = ("simulate", "adaptive-vm", "stiff-vm", "batch")
-QUICK_ROUTES = ("simulate", "adaptive-vm", "stiff-vm", "rk4-vm", "exact", "batch", "adaptive-c", "rk4-c")
+QUICK_ROUTES = (
+    "simulate",
+    "adaptive-vm",
+    "stiff-vm",
+    "rk4-vm",
+    "exact",
+    "batch",
+    "adaptive-c",
+    "rk4-c",
+    "export-c",
+)
 FMU_ROUTES = ("fmi2-cs", "fmi3-cs", "fmi2-me", "fmi3-me")
 # RefusedError by design where the diagram is none of theirs; no answer is missing.
-OPTIONAL = ("exact", "rk4-vm", "rk4-c")
+OPTIONAL = ("exact", "rk4-vm", "rk4-c", "export-c")
 
 
 def applies(system: System, route: str) -> bool:
@@ -255,11 +318,13 @@ def applies(system: System, route: str) -> bool:
     seconds to make, are those of the first system of each structure."""
     if system.stiff and route not in ("simulate", "stiff-vm", "batch", "fmi2-me", "fmi3-me"):
         return False
-    if route.startswith("fmi"):
+    if route.startswith("fmi") or route == "export-c":
         uneven = np.ptp(np.diff(system.timepts)) > 1e-9 * system.timepts[-1]
         # FMPy holds inputs over a step, in both kinds.
         varies = system.inputs is not None and np.ptp(system.inputs(system.timepts), axis=1).any()
-        return not uneven and not varies and system.fmu and _first_of(system)
+        # Firmware of a sampled law runs in steps of its period, which the times are no multiples of.
+        exported = system.fmu if route != "export-c" else system.family not in ("sampled", "discrete")
+        return not uneven and not varies and exported and _first_of(system)
     return True
 
 
