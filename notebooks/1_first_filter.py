@@ -110,8 +110,9 @@ dress(lower, "What remains")
 # %% [markdown]
 # ## Connect
 #
-# The filter is a python-control system with named signals. Here it closes the loop on a mass: the command subtracts
-# what the filter estimates, and a constant push of 3 N soon stops accelerating it.
+# The filter is a python-control system with named signals; `f_theta=False` leaves out those of a learned model. Here it
+# closes the loop on a mass: the command subtracts what the filter estimates, and a constant push of 3 N soon stops
+# accelerating it.
 
 # %%
 plant = ct.ss(
@@ -125,12 +126,12 @@ plant = ct.ss(
 )
 cancel = ct.ss([], [], [], [[-1.0]], inputs=["f_hat[0]"], outputs=["g[0]"], name="cancel")
 loop = ct.interconnect(
-    [plant, cancel, pf.phyfilter_block(lowpass, 1, inertia=mass)],
-    inputs=["push", "f_theta[0]"],
+    [plant, cancel, pf.phyfilter_block(lowpass, 1, inertia=mass, f_theta=False)],
+    inputs=["push"],
     outputs=["x[0]", "f_hat[0]"],
 )
 time = np.linspace(0, 1.5, 151)
-response = ct.forced_response(loop, time, [np.full_like(time, 3.0), np.zeros_like(time)])
+response = ct.forced_response(loop, time, np.full_like(time, 3.0))
 figure, axis = plt.subplots(figsize=(8, 2.5), layout="constrained")
 axis.axhline(3.0, color="0.3", linestyle="--", label="push [N]")
 axis.plot(time, response.outputs[1], label=r"$\hat f$ [N]")

@@ -59,7 +59,7 @@ print(cart.describe())
 
 # %%
 filter = pf.lowpass(2, 20.0, family="butterworth")
-estimator = pf.sampled_block(filter.sampled(0.002), channels=1, name="phyfilter", inertia=1.8)
+estimator = pf.sampled_block(filter.sampled(0.002), channels=1, name="phyfilter", inertia=1.8, f_theta=False)
 controller = ct.nlsys(
     None,
     lambda t, x, u, p: [1.8 * (p["kp"] * (u[0] - u[1]) - p["kd"] * u[2]) - p["trust"] * u[3]],
@@ -68,18 +68,15 @@ controller = ct.nlsys(
     params={"kp": 9.0, "kd": 5.0, "trust": 1.0},
     name="pd",
 )
-nothing = ct.ss([], [], [], [[0.0]], inputs=["speed"], outputs=["f_theta"], name="no_model")  # f_theta = 0
 loop = ct.interconnect(
-    [cart, controller, estimator, nothing],
+    [cart, controller, estimator],
     connections=[
         ["cart.force", "pd.force"],
         ["pd.position", "cart.position"],
         ["pd.speed", "cart.speed"],
-        ["no_model.speed", "cart.speed"],
         ["pd.f_hat", "phyfilter.f_hat[0]"],
         ["phyfilter.x[0]", "cart.speed"],
         ["phyfilter.g[0]", "pd.force"],
-        ["phyfilter.f_theta[0]", "no_model.f_theta"],
     ],
     inplist=["pd.goal"],
     inputs=["goal"],

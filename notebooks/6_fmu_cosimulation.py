@@ -112,19 +112,16 @@ controller = ct.nlsys(
     outputs=["force"],
     name="pd",
 )
-nothing = ct.ss([], [], [], [[0.0]], inputs=["speed"], outputs=["f_theta"], name="no_model")
-estimator = pf.sampled_block(filter.sampled(0.002), channels=1, name="phyfilter", inertia=1.8)
+estimator = pf.sampled_block(filter.sampled(0.002), channels=1, name="phyfilter", inertia=1.8, f_theta=False)
 loop = ct.interconnect(
-    [cart, controller, estimator, nothing],
+    [cart, controller, estimator],
     connections=[
         ["cart.force", "pd.force"],
         ["pd.position", "cart.position"],
         ["pd.speed", "cart.speed"],
-        ["no_model.speed", "cart.speed"],
         ["pd.f_hat", "phyfilter.f_hat[0]"],
         ["phyfilter.x[0]", "cart.speed"],
         ["phyfilter.g[0]", "pd.force"],
-        ["phyfilter.f_theta[0]", "no_model.f_theta"],
     ],
     inplist=["pd.goal"],
     inputs=["goal"],
@@ -132,9 +129,7 @@ loop = ct.interconnect(
     outputs=["position", "f_hat"],
     name="cart_loop",
 )
-package = pf.export_ssp(
-    loop, folder / "cart.ssp", split={"body": ["cart"], "computer": ["pd", "phyfilter", "no_model"]}
-)
+package = pf.export_ssp(loop, folder / "cart.ssp", split={"body": ["cart"], "computer": ["pd", "phyfilter"]})
 print(f"{package.name}: {package.stat().st_size / 1e3:.0f} kB")
 
 # %% [markdown]

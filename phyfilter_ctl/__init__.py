@@ -16,7 +16,8 @@ understand it   :func:`frequency_response`, :func:`ultimate_bound`, :func:`error
                 designs from them: :mod:`phyfilter_ctl.design.optimal`
 run it          :class:`SampledPhyFilter` (``PhyFilter.sampled``), :func:`stack`
 connect it      :func:`phyfilter_block`, :func:`sampled_block`, :func:`learned_block`, :func:`plant`: python-control
-                systems, wired with ``control.interconnect``; :func:`lookup_table`
+                systems, wired with ``control.interconnect``; :func:`lookup_table`,
+                :func:`transport_delay`
 events          :func:`hybrid`, :func:`event`: impacts, switches, contact
 simulate        :func:`flatten`, :func:`simulate`, :func:`simulate_batch`, :func:`sensitivity`
 hand it over    :func:`export_c`, :func:`export_target`, :func:`export_fmu`, :func:`export_ssp`

@@ -49,6 +49,7 @@ from .blocks import (
     phyfilter_block,
     sampled_block,
     separation_block,
+    transport_delay,
     wired,
 )
 from .codegen import export_c, export_target
@@ -215,6 +216,7 @@ __all__ = [
     "stack",
     "tracking_deviation",
     "tracking_tube",
+    "transport_delay",
     "ultimate_bound",
     "wired",
 ]

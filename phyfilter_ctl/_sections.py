@@ -271,19 +271,23 @@ def side_by_side(
 
 
 def continuous_matrices(
-    chains: Sequence[tuple[FloatArray, FloatArray, FloatArray]], momentum: FloatArray, E_left: FloatArray
+    chains: Sequence[tuple[FloatArray, FloatArray, FloatArray]],
+    momentum: FloatArray,
+    E_left: FloatArray,
+    f_theta: bool = True,
 ) -> tuple[tuple[FloatArray, FloatArray, FloatArray, FloatArray], FloatArray]:
     """(A, B, C, D) from x, g and f_theta to f_hat = f_theta + F (P x' - E_left g - f_theta), x not differentiated.
 
         z' = A z + A B P x - B (E_left g + f_theta),    f_hat = C z + C B P x + f_theta    (z = w - B P x)
 
     ``chains`` one per channel of f, ``momentum`` P = E_left M (n_f, n_x). With it the matrix that takes the first
-    inputs to the state of rest, z = -B P x.
+    inputs to the state of rest, z = -B P x. Without ``f_theta`` it is no input, but 0.
     """
     A, B, C = side_by_side(chains)
     into = B @ momentum
-    inputs = np.hstack([A @ into, -B @ E_left, -B])
-    through = np.hstack([C @ into, np.zeros_like(E_left), np.eye(len(C))])
+    learned = np.eye(len(C))[:, : len(C) if f_theta else 0]
+    inputs = np.hstack([A @ into, -B @ E_left, -B @ learned])
+    through = np.hstack([C @ into, np.zeros_like(E_left), learned])
     rest = np.hstack([-into, np.zeros((len(A), inputs.shape[1] - into.shape[1]))])
     return (A, inputs, C, through), rest
 

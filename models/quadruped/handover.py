@@ -178,18 +178,11 @@ def joint_loop_system(gains: Gains | None = None) -> ct.InterconnectedSystem:
     p = params()
     chosen = Gains(p.control.kp, p.control.kd) if gains is None else gains
     sampled = PhyFilter([p.filter.a0]).sampled(p.control.dt, limit=p.filter.limit)
-    none = plant(
-        lambda t, x, u, p: ({}, {"zero": np.zeros(_JOINTS)}),
-        name="no_model",
-        states={},
-        outputs={"zero": "N m"},
-    )
     return wired(
-        [_momentum(), _law(chosen), sampled_block(sampled, _JOINTS, name="filter"), none],
+        [_momentum(), _law(chosen), sampled_block(sampled, _JOINTS, f_theta=False, name="filter")],
         {
             "filter.x": "momentum.x",
             "filter.g": "law.torque",
-            "filter.f_theta": "no_model.zero",
             "law.f_hat": "filter.f_hat",
         },
         inputs={"target": "law.target", "q": ["momentum.q", "law.q"], "qd": ["momentum.qd", "law.qd"]},

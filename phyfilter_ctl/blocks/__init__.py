@@ -1,7 +1,7 @@
 """Blocks for python-control diagrams."""
 
 from .adaptive import adaptive_block
-from .delay_line import delay_line
+from .delay_line import delay_line, transport_delay
 from .filter_law import filter_law
 from .function_block import FunctionBlock, function_block
 from .functions import BlockEvent, BlockFunctions, Memory, Variable, dependencies
@@ -39,5 +39,6 @@ __all__ = [
     "sampled_block",
     "separation_block",
     "signal_names",
+    "transport_delay",
     "wired",
 ]

@@ -55,7 +55,8 @@ def adaptive_block(
 
     Notes
     -----
-    With ``g="hold"`` the g of the instant before acts, so a command may depend on f_theta without an algebraic loop.
+    With ``g="hold"`` the block takes the g that acts from this sample on, so a command may depend on f_theta without an
+    algebraic loop.
     The adapted entries solve (I (1 + h leakage) + h gain G) varsigma = right-hand side, symmetric and positive definite
     whatever the data, by LDL' without pivoting.
 

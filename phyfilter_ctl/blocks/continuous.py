@@ -16,7 +16,7 @@ from .filter_law import filter_inputs
 from .function_block import symbols_like
 from .functions import BlockFunctions, Variable
 
-__all__ = ["continuous_filter", "continuous_law", "continuous_moving_inertia", "forward_difference"]
+__all__ = ["continuous_filter", "continuous_law", "continuous_moving_inertia", "forward_difference", "pade"]
 
 # Order of the Pade approximant of the filter's delay of g and f_theta: phase within 0.2 degrees up to omega delay = 2.
 _PADE_ORDER = 3
@@ -25,7 +25,11 @@ _LEAST_RCOND = 1e-12
 
 
 def continuous_filter(
-    sampled: SampledPhyFilter, inertia: FloatArray | None, channels: int, moving: int = 0
+    sampled: SampledPhyFilter,
+    inertia: FloatArray | None,
+    channels: int,
+    moving: int = 0,
+    f_theta: bool = True,
 ) -> ct.StateSpace:
     """The filter that a sampled one stands for: f_hat = f_theta + F [M x' - e^(-delay s) (g + f_theta)].
 
@@ -39,6 +43,8 @@ def continuous_filter(
         Number n_x of channels of x.
     moving : int
         Number of inputs M that follow; their columns are zero, since M multiplies x', which is zero at a point of rest.
+    f_theta : bool
+        Whether f_theta is an input.
     """
     n_x = channels
     E_left = sampled.recursion.E_left
@@ -49,7 +55,7 @@ def continuous_filter(
     (A, B, C, D), _ = continuous_matrices([entry.sections for entry in filters], momentum, E_left)
     if sampled.sampling.delay:
         # x, then v = delayed (E_left g + f_theta): the columns of B for f_theta act on it; f_theta passes through D.
-        lag = _pade(sampled.sampling.delay, n_f)
+        lag = pade(sampled.sampling.delay, n_f, _PADE_ORDER)
         into = np.hstack([np.zeros((n_f, n_x)), E_left, np.eye(n_f)])
         drive = B[:, 2 * n_x :]
         direct = B.copy()
@@ -60,7 +66,8 @@ def continuous_filter(
             np.hstack([C, np.zeros((n_f, lag.nstates))]),
             D,
         )
-    B, D = (np.hstack([part, np.zeros((len(part), moving))]) for part in (B, D))
+    given = 2 * n_x + (n_f if f_theta else 0)
+    B, D = (np.hstack([part[:, :given], np.zeros((len(part), moving))]) for part in (B, D))
     return ct.StateSpace(A, B, C, D, 0, remove_useless_states=False)
 
 
@@ -101,7 +108,9 @@ def continuous_law(
     )
 
 
-def continuous_moving_inertia(sampled: SampledPhyFilter, channels: int, inertia: str) -> BlockFunctions:
+def continuous_moving_inertia(
+    sampled: SampledPhyFilter, channels: int, inertia: str, f_theta: bool = True
+) -> BlockFunctions:
     """:func:`continuous_filter` where M is an input: F [(M x)' - ...], which is F [M x' - ...] at x = 0.
 
     Parameters
@@ -110,14 +119,16 @@ def continuous_moving_inertia(sampled: SampledPhyFilter, channels: int, inertia:
     channels : int
         Number n_x of channels of x.
     inertia : {"scalar", "diagonal", "full"}
+    f_theta : bool
+        Whether f_theta is an input.
     """
     n_x = channels
-    unit = continuous_filter(sampled, None, n_x)
+    unit = continuous_filter(sampled, None, n_x, f_theta=f_theta)
     n_f = unit.noutputs
-    inputs = filter_inputs(n_x, n_f, inertia)
+    inputs = filter_inputs(n_x, n_f, inertia, f_theta)
     t, p = ca.SX.sym("t"), ca.SX.sym("p", 0)
     z, u = ca.SX.sym("z", unit.nstates), ca.SX.sym("u", len(inputs))
-    x, rest, M = ca.vertsplit(u, [0, n_x, 2 * n_x + n_f, len(inputs)])
+    x, rest, M = ca.vertsplit(u, [0, n_x, unit.ninputs, len(inputs)])
     moved = ca.mtimes(ca.reshape(M, n_x, n_x).T, x) if inertia == "full" else M * x
     v = ca.vertcat(moved, rest)
     A, B, C, D = (ca.sparsify(ca.DM(np.asarray(part))) for part in (unit.A, unit.B, unit.C, unit.D))
@@ -155,11 +166,22 @@ def forward_difference(law: BlockFunctions, period: float) -> BlockFunctions:
     )
 
 
-def _pade(delay: float, channels: int) -> ct.StateSpace:
-    numerator, denominator = ct.pade(delay, _PADE_ORDER)
+def pade(delay: float, channels: int, order: int, numdeg: int | None = None) -> ct.StateSpace:
+    """Pade approximant of a delay, of channels side by side: ``control.pade``, well scaled.
+
+    Parameters
+    ----------
+    delay : float
+        Seconds, above 0.
+    channels : int
+    order, numdeg : int
+        Degrees of denominator and numerator; None takes that of the denominator.
+    """
     # In s delay, so that the matrices are of one size whatever the delay.
-    scale = delay ** -np.arange(_PADE_ORDER, -1, -1.0)
-    A, B, C, D = state_matrices(ct.tf2ss(np.asarray(numerator) * scale, np.asarray(denominator) * scale))
+    numerator, denominator = (
+        np.trim_zeros(part, "f") for part in map(np.asarray, ct.pade(1.0, order, numdeg))
+    )
+    A, B, C, D = state_matrices(ct.tf2ss(numerator, denominator))
     parts = (block_diag(*[part] * channels) for part in (A / delay, B / delay, C, D))
     return ct.StateSpace(*parts, 0, remove_useless_states=False)
 

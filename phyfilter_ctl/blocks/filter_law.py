@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from .._sections import FloatArray
 from ..filter import Chain, Recursion, SampledPhyFilter, Sampling, StepConstants, windows
+from ..filter.matrices import signal_labels
 from ..filter.recursion import applied, increment, mean, momentum, output, residual
 from .functions import BlockFunctions, Variable
 
@@ -29,7 +30,11 @@ _LARGEST = float(np.finfo(float).max)
 
 
 def filter_law(
-    sampled: SampledPhyFilter, channels: int, *, inertia: FloatArray | str | None = None
+    sampled: SampledPhyFilter,
+    channels: int,
+    *,
+    inertia: FloatArray | str | None = None,
+    f_theta: bool = True,
 ) -> BlockFunctions:
     """The recursion of a sampled filter as a law: (t, s, v, q) -> f_hat and (t, s, v, q) -> the next s.
 
@@ -42,12 +47,14 @@ def filter_law(
         Number n_x of channels of x.
     inertia : (n_x,) or (n_x, n_x) array, {"scalar", "diagonal", "full"} or None
         Constant inertia; or which kind of inertia is an input; or None for I.
+    f_theta : bool
+        Whether f_theta is an input; else it is 0.
 
     Returns
     -------
     BlockFunctions
-        Inputs x[i], g[i], f_theta[i] and M, outputs f_hat[i], no parameters. With ``g="hold"`` the filter uses the g of
-        the instant before, so g does not act on f_hat without delay.
+        Inputs x[i], g[i], f_theta[i] and M, outputs f_hat[i], no parameters. With ``g="hold"`` g is the one that acts
+        from this sample on: the law keeps it and uses it at the next one, so g does not act on f_hat without delay.
 
     Raises
     ------
@@ -71,9 +78,10 @@ def filter_law(
     """
     recursion, sampling = sampled.recursion, sampled.sampling
     n_f = recursion.channels(channels)
-    inputs = filter_inputs(channels, n_f, inertia)
+    inputs = filter_inputs(channels, n_f, inertia, f_theta)
     v = ca.SX.sym("v", len(inputs))
-    x, g, f_theta, M = _split(v, [channels, channels, n_f, len(inputs) - 2 * channels - n_f])
+    n_learned = n_f if f_theta else 0
+    x, g, model, M = _split(v, [channels, channels, n_learned, len(inputs) - 2 * channels - n_learned])
     if sampling.g_limit is not None:
         g = _where_finite(_clipped(g, *sampling.g_limit), g)
     sections = _Sections.of(recursion, n_f)
@@ -88,7 +96,9 @@ def filter_law(
     weights_f = windows.mean_weights(sampling.f_theta, sampling.delay_steps)
     weights_M = windows.mean_weights("hold", sampling.delay_steps)[1:]  # its value at one time
     _, g_mean = memory.signal("g", acting, weights_g, first=g, age=int(sampling.g == "hold"))
-    f_now, f_mean = memory.signal("f_theta", f_theta, weights_f, first=f_theta)
+    f_now, f_mean = memory.signal("f_theta", model, weights_f, first=model)
+    if not f_theta:
+        f_now = f_mean = ca.SX.zeros(n_f)
     M_filled, M_now = memory.signal("M", M, weights_M, first=M, start=1.0)
 
     x_before, M_before = memory.state(_labels("x", channels)), memory.state(_labels("M_before", M.shape[0]))
@@ -96,7 +106,7 @@ def filter_law(
     means = _entries(g_mean), _entries(f_mean), None if recursion.E_left is None else recursion.E_left.T
     u = residual(slope / sampling.dt, *means)
     if memory.guarded:
-        same = _all_finite(x, f_theta, M)
+        same = _all_finite(x, model, M)
         good = ca.logic_and(same, _all_finite(acting))
         keep = ca.if_else(memory.started, good, ca.logic_and(same, _all_finite(g)))
         accepted = memory.state(["accepted"])
@@ -129,10 +139,11 @@ def filter_law(
     )
 
 
-def filter_inputs(n_x: int, n_f: int, inertia: FloatArray | str | None) -> tuple[Variable, ...]:
-    """Inputs of a sampled filter: x, g, f_theta and, where it is one, the inertia with I as its default."""
-    labels = [*_labels("x", n_x), *_labels("g", n_x), *_labels("f_theta", n_f)]
-    inputs = [Variable(label) for label in labels]
+def filter_inputs(
+    n_x: int, n_f: int, inertia: FloatArray | str | None, f_theta: bool = True
+) -> tuple[Variable, ...]:
+    """Inputs of a sampled filter: x, g and, where they are some, f_theta and the inertia with I as its default."""
+    inputs = [Variable(label) for label in signal_labels(n_x, n_f, f_theta)[0]]
     if isinstance(inertia, str) and inertia == "full":
         inputs += [Variable(f"M[{i},{j}]", float(i == j)) for i in range(n_x) for j in range(n_x)]
     elif isinstance(inertia, str):

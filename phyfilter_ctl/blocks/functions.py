@@ -117,6 +117,8 @@ class BlockFunctions:
     callbacks : tuple of Interpreted
         What in them runs as Python.
     events : tuple of BlockEvent
+    keeps_starts : bool
+        Whether inputs that nothing drives stay at their start values, as FMI has it, instead of being refused.
     """
 
     states: tuple[Variable, ...]
@@ -127,6 +129,7 @@ class BlockFunctions:
     output: ca.Function
     callbacks: tuple[Interpreted, ...] = ()
     events: tuple[BlockEvent, ...] = ()
+    keeps_starts: bool = False
 
     @property
     def feedthrough(self) -> NDArray[np.bool_]:

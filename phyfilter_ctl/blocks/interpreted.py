@@ -6,6 +6,8 @@ import threading
 import time
 import warnings
 from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager
+from itertools import count
 from typing import TypeAlias
 
 import casadi as ca
@@ -14,12 +16,18 @@ from numpy.typing import NDArray
 
 from .._sections import FloatArray
 
-__all__ = ["Evaluation", "Interpreted", "acting"]
+__all__ = ["Evaluation", "Interpreted", "RunEndedError", "acting"]
 
 Evaluation: TypeAlias = Callable[[float, FloatArray, FloatArray, FloatArray], object]
 """(t, x, u, p) -> as many numbers as there are results."""
 
+# CasADi takes functions of one name for one function where it looks for common subexpressions.
+_NUMBERS = count()
 _REMEDY = "Write that line with arithmetic and functions of numpy or math on t, x, u and params"
+
+
+class RunEndedError(Exception):
+    """Raised by a function that asks to end the run; its text says which block and when."""
 
 
 class _Noted(threading.local):
@@ -27,6 +35,7 @@ class _Noted(threading.local):
 
     seconds: float = 0.0
     failure: str = ""
+    ended: str = ""
 
 
 class Interpreted(ca.Callback):
@@ -35,7 +44,7 @@ class Interpreted(ca.Callback):
     Parameters
     ----------
     name : str
-        Of the CasADi function.
+        Of the CasADi function, where a number follows it: each has a name of its own.
     evaluate : callable
         The function; where it raises, the results are not-a-number.
     sizes : sequence of int
@@ -51,6 +60,9 @@ class Interpreted(ca.Callback):
         differ they are not-a-number.
     remedy : str
         What to do where C code is wanted.
+    running : callable, optional
+        Of a function that keeps something from call to call: gives the context that a run has it alone in, from the
+        start. None: it keeps nothing.
 
     Attributes
     ----------
@@ -58,11 +70,13 @@ class Interpreted(ca.Callback):
         Spent in the function so far, by this thread.
     failure : str
         Of the first call of this thread that raised; "" for none.
+    ended : str
+        Why the function asked to end the run (:class:`RunEndedError`); "" while it did not.
 
     Notes
     -----
-    Derivatives are finite differences. The function keeps nothing from call to call, and is called at points of the
-    integrator's choosing. Whatever holds the CasADi function must hold this object too.
+    Derivatives are finite differences. The function is called at points of the integrator's choosing, more than once at
+    an instant and in any order. Whatever holds the CasADi function must hold this object too.
 
     Examples
     --------
@@ -81,6 +95,7 @@ class Interpreted(ca.Callback):
         depends: NDArray[np.bool_] | None = None,
         fills: Sequence[float] = (np.nan,),
         remedy: str = _REMEDY,
+        running: Callable[[], AbstractContextManager[object]] | None = None,
     ) -> None:
         super().__init__()
         self._evaluate = evaluate
@@ -91,8 +106,9 @@ class Interpreted(ca.Callback):
         self.block: str = block
         self.reason: str = reason
         self.remedy: str = remedy
+        self.running: Callable[[], AbstractContextManager[object]] | None = running
         self._noted = _Noted()
-        self.construct(name, {"enable_fd": True})
+        self.construct(f"{name}_{next(_NUMBERS)}", {"enable_fd": True})
 
     @property
     def seconds(self) -> float:
@@ -111,6 +127,15 @@ class Interpreted(ca.Callback):
     @failure.setter
     def failure(self, value: str) -> None:
         self._noted.failure = value
+
+    @property
+    def ended(self) -> str:
+        """Why the function asked to end the run, in this thread; "" while it did not."""
+        return self._noted.ended
+
+    @ended.setter
+    def ended(self, value: str) -> None:
+        self._noted.ended = value
 
     def get_n_in(self) -> int:
         """CasADi asks: t, x, u and p."""
@@ -157,6 +182,9 @@ class Interpreted(ca.Callback):
                 warnings.simplefilter("ignore")
                 found = [self._called(float(t[0]), x, u, p, fill) for fill in self._fills]
             result[:] = np.where(np.equal(found[0], found[-1]), found[0], np.nan)
+        except RunEndedError as error:
+            self.ended = self.ended or str(error)
+            result[:] = np.nan
         except Exception as error:
             self.failure = self.failure or f"{type(error).__name__}: {error} at t = {t[0]:.9g} s"
             result[:] = np.nan

@@ -14,6 +14,7 @@ from .._sections import FloatArray, continuous_matrices
 from ..filter import PhyFilter, SampledPhyFilter
 from ..filter.matrices import (
     channel_counts,
+    checked_learned,
     constant_inertia,
     refuse_nonlinear,
     sampled_matrices,
@@ -66,7 +67,7 @@ class PhyFilterBlock(ct.StateSpace):
         x0, g0 : (n_x,) arrays
             Measurement and known part at the first sample; None means 0.
         f_theta0 : (n_f,) array, optional
-            Learned model at the first sample.
+            Learned model at the first sample; none for a block without f_theta.
 
         Returns
         -------
@@ -100,6 +101,7 @@ def phyfilter_block(
     *,
     name: str = "phyfilter",
     inertia: ArrayLike | None = None,
+    f_theta: bool = True,
 ) -> PhyFilterBlock:
     """A filter as a python-control system with named signals.
 
@@ -114,6 +116,9 @@ def phyfilter_block(
         Name of the block.
     inertia : float, (n_x,) or (n_x, n_x) array, optional
         Constant inertia M_hat; None means I.
+    f_theta : bool
+        Whether the block has inputs for a learned model. False where there is none: f_theta is then 0, and nothing has
+        to be wired to it.
 
     Returns
     -------
@@ -122,6 +127,8 @@ def phyfilter_block(
 
     Raises
     ------
+    TypeError
+        For an ``f_theta`` that is no bool.
     ValueError
         For a missing or contradictory number of channels, a wrong inertia, or a sampled filter with an option that no
         linear block has (limit, g_limit, nonfinite="hold").
@@ -130,20 +137,23 @@ def phyfilter_block(
     -----
     Continuous: z = w - B M x takes the place of the section states w, so x is not differentiated. Sampled: the n
     states of a channel are what the samples up to now add to the next one; a delayed measurement adds a shift
-    register of g and f_theta.
+    register of g and f_theta. With ``g="hold"``, ``run``, blocks and FMUs take the g that acts from this sample on (the
+    block keeps it and uses it at the next one); ``step``, ``live.step`` and C take the g that acted since the last
+    sample. With ``g="average"`` all take g at this sample.
 
     Examples
     --------
-    A mass pushed by an unknown constant 3 N; the filter finds it.
+    A mass pushed by an unknown constant 3 N, without a learned model; the filter finds the force.
 
     >>> import control as ct
     >>> plant = ct.ss([[0.0]], [[1.0]], [[1.0]], [[0.0]], inputs="f[0]", outputs="x[0]", name="mass")
-    >>> loop = ct.interconnect([plant, phyfilter_block(PhyFilter([20.0]), 1)],
-    ...                        inputs=["f[0]", "g[0]", "f_theta[0]"], outputs=["f_hat[0]"])
-    >>> response = ct.forced_response(loop, [0.0, 1.0], [[3.0, 3.0], [0.0, 0.0], [0.0, 0.0]])
+    >>> loop = ct.interconnect([plant, phyfilter_block(PhyFilter([20.0]), 1, f_theta=False)],
+    ...                        inputs=["f[0]", "g[0]"], outputs=["f_hat[0]"])
+    >>> response = ct.forced_response(loop, [0.0, 1.0], [[3.0, 3.0], [0.0, 0.0]])
     >>> float(response.outputs[0, -1].round(6))
     3.0
     """
+    checked_learned(f_theta)
     if isinstance(filter, SampledPhyFilter):
         refuse_nonlinear(filter.recursion)
         filters, direction = filter.filters, filter.E
@@ -156,12 +166,12 @@ def phyfilter_block(
     E_left = np.eye(n_x) if E_left is None else E_left
     momentum = E_left @ constant_inertia(inertia, n_x)
     if isinstance(filter, SampledPhyFilter):
-        matrices, rest = sampled_matrices(filter.recursion, momentum, E_left)
+        matrices, rest = sampled_matrices(filter.recursion, momentum, E_left, f_theta)
         dt = filter.dt
     else:
-        matrices, rest = continuous_matrices([entry.sections for entry in filters], momentum, E_left)
+        matrices, rest = continuous_matrices([entry.sections for entry in filters], momentum, E_left, f_theta)
         dt = 0.0
-    inputs, outputs = signal_labels(n_x, n_f)
+    inputs, outputs = signal_labels(n_x, n_f, f_theta)
     return PhyFilterBlock(
         matrices,
         rest,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -14,7 +15,7 @@ from numpy.typing import ArrayLike
 from .. import _signals
 from .._sections import FloatArray
 from ..filter import FilterBank, PhyFilter, SampledPhyFilter
-from ..filter.matrices import channel_counts, constant_inertia
+from ..filter.matrices import channel_counts, checked_learned, constant_inertia
 from .continuous import (
     continuous_filter,
     continuous_law,
@@ -43,11 +44,14 @@ class FilterLaw:
     inertia : (n_x,) or (n_x, n_x) array, {"scalar", "diagonal", "full"} or None
         Constant inertia; or that the inertia is an input (M[0]; M[0] ... M[n_x-1]; M[0,0], M[0,1] ... row by row);
         or None for I.
+    f_theta : bool
+        Whether f_theta is an input; else it is 0.
     """
 
     sampled: SampledPhyFilter
     channels: int
     inertia: FloatArray | MovingInertia | None = None
+    f_theta: bool = True
 
 
 class _LinearState:
@@ -124,7 +128,11 @@ class SampledBlock(ct.NonlinearIOSystem):
 
     def __deepcopy__(self, memo: dict[int, object]) -> SampledBlock:
         share(memo, self.law, self.filter, self.system)
-        return copied(self, memo)
+        twin = copied(self, memo)
+        if self.law is not None and any(callback.running for callback in self.law.callbacks):
+            twin.system = copy.deepcopy(self.system)  # it keeps something, of its own
+            twin.law = getattr(twin.system, "functions", None)
+        return twin
 
     def __str__(self) -> str:
         return (
@@ -163,8 +171,8 @@ class SampledBlock(ct.NonlinearIOSystem):
         if self.filter is not None:
             law = self.filter
             if isinstance(law.inertia, str):
-                return continuous_moving_inertia(law.sampled, law.channels, law.inertia)
-            return self._named(continuous_filter(law.sampled, law.inertia, law.channels))
+                return continuous_moving_inertia(law.sampled, law.channels, law.inertia, law.f_theta)
+            return self._named(continuous_filter(law.sampled, law.inertia, law.channels, f_theta=law.f_theta))
         if self.law is not None:
             return forward_difference(self.law, self.period)
         if isinstance(self.system, ct.StateSpace | ct.TransferFunction):
@@ -232,11 +240,11 @@ class SampledBlock(ct.NonlinearIOSystem):
     def _linear_filter(self, law: FilterLaw, u0: ArrayLike | None) -> ct.StateSpace:
         n_x, sampled = law.channels, law.sampled
         if not isinstance(law.inertia, str):
-            return continuous_filter(sampled, law.inertia, n_x)
-        variables = filter_inputs(n_x, self.noutputs, law.inertia)
-        M = point("u0", u0, variables)[2 * n_x + self.noutputs :]
+            return continuous_filter(sampled, law.inertia, n_x, f_theta=law.f_theta)
+        variables = filter_inputs(n_x, self.noutputs, law.inertia, law.f_theta)
+        M = point("u0", u0, variables)[2 * n_x + (self.noutputs if law.f_theta else 0) :]
         constant = M.reshape(n_x, n_x) if law.inertia == "full" else np.broadcast_to(M, (n_x,))
-        return continuous_filter(sampled, constant, n_x, len(M))
+        return continuous_filter(sampled, constant, n_x, len(M), law.f_theta)
 
     def _linear_law(
         self,
@@ -267,6 +275,7 @@ def sampled_block(
     channels: int | None = None,
     *,
     inertia: ArrayLike | MovingInertia | None = None,
+    f_theta: bool | None = None,
     dt: float | None = None,
     name: str | None = None,
 ) -> SampledBlock:
@@ -281,6 +290,9 @@ def sampled_block(
     inertia : float, (n_x,) or (n_x, n_x) array, {"scalar", "diagonal", "full"}, optional
         Inertia M_hat of a filter. Constant; or which kind of M(t) is an input of the block: one number M[0], a diagonal
         M[0] ... M[n_x-1], or a matrix M[0,0], M[0,1] ... row by row. None means I.
+    f_theta : bool, optional
+        Whether a filter has inputs for a learned model; None means True. False where there is none: f_theta is then 0,
+        and nothing has to be wired to it.
     dt : float, optional
         Seconds between instants, for BlockFunctions; a filter or a discrete system has its own.
     name : str, optional
@@ -297,13 +309,15 @@ def sampled_block(
         For a system without a sampling interval, a number of channels that is missing or contradictory, or an inertia
         of the wrong shape.
     TypeError
-        For something that cannot be sampled.
+        For something that cannot be sampled, or an ``f_theta`` that is no bool.
 
     Notes
     -----
     At its first instant a filter puts out f_theta and remembers what it reads. Then it is
-    :meth:`SampledPhyFilter.step` at every instant, with g as that says: ``g="hold"`` takes the g of the instant before,
-    so that a command may depend on f_hat without an algebraic loop.
+    :meth:`SampledPhyFilter.step` at every instant. With ``g="hold"``, ``run``, blocks and FMUs take the g that acts
+    from this sample on (the block keeps it and uses it at the next one, so that a command may depend on f_hat without
+    an algebraic loop); ``step``, ``live.step`` and C take the g that acted since the last sample. With ``g="average"``
+    all take g at this sample.
 
     A continuous diagram cannot have two time bases in python-control; a sampled block therefore says dt = 0 there.
 
@@ -311,9 +325,9 @@ def sampled_block(
     --------
     >>> import control as ct
     >>> from phyfilter_ctl import PhyFilter
-    >>> block = sampled_block(PhyFilter([20.0]).sampled(0.002), 1)
+    >>> block = sampled_block(PhyFilter([20.0]).sampled(0.002), 1, f_theta=False)
     >>> plant = ct.ss([[0.0]], [[1.0]], [[1.0]], [[0.0]], inputs="f", outputs="x[0]", name="mass")
-    >>> loop = ct.interconnect([plant, block], inputs=["f", "g[0]", "f_theta[0]"], outputs=["f_hat[0]"])
+    >>> loop = ct.interconnect([plant, block], inputs=["f", "g[0]"], outputs=["f_hat[0]"])
     >>> block.period, loop.dt
     (0.002, 0)
     >>> ct.step_response(loop, 1.0)
@@ -324,9 +338,10 @@ def sampled_block(
     if isinstance(system, SampledPhyFilter):
         if dt is not None:
             raise ValueError(f"dt: the filter is sampled every {system.dt:g} s; leave dt out")
-        return _filter_block(system, channels, inertia, "phyfilter" if name is None else name)
-    if channels is not None or inertia is not None:
-        raise ValueError("channels and inertia: only a SampledPhyFilter has them; leave them out")
+        learned = checked_learned(True if f_theta is None else f_theta)
+        return _filter_block(system, channels, inertia, learned, "phyfilter" if name is None else name)
+    if channels is not None or inertia is not None or f_theta is not None:
+        raise ValueError("channels, inertia and f_theta: only a SampledPhyFilter has them; leave them out")
     if isinstance(system, BlockFunctions):
         if dt is None:
             raise ValueError("dt: expected the seconds between instants of the functions, got None")
@@ -359,11 +374,15 @@ def sampled_block(
 
 
 def _filter_block(
-    sampled: SampledPhyFilter, channels: int | None, inertia: ArrayLike | MovingInertia | None, name: str
+    sampled: SampledPhyFilter,
+    channels: int | None,
+    inertia: ArrayLike | MovingInertia | None,
+    f_theta: bool,
+    name: str,
 ) -> SampledBlock:
     n_x, _ = channel_counts(len(sampled.filters), sampled.E, channels)
-    law = FilterLaw(sampled, n_x, _checked_inertia(inertia, n_x))
-    functions = filter_law(sampled, n_x, inertia=law.inertia)
+    law = FilterLaw(sampled, n_x, _checked_inertia(inertia, n_x), f_theta)
+    functions = filter_law(sampled, n_x, inertia=law.inertia, f_theta=f_theta)
     block = _law_block(functions, sampled.dt, name)
     block.filter = law
     return block

@@ -64,7 +64,8 @@ def separation_block(
     fraction : float, or dict of str to float
         From which share of its prior deviation on a scalar is identified, as for :func:`separate`.
     g : {"hold", "average"}
-        Between instants. With "hold" a command may depend on the outputs without an algebraic loop.
+        Between instants. With "hold" the block takes the g that acts from this sample on, and a command may depend on
+        the outputs without an algebraic loop.
     watch : str, optional
         Part whose sudden changes are looked for as :func:`~phyfilter_ctl.estimation.detect_changes` does.
     false_alarms, within : float

@@ -27,6 +27,8 @@ def wired(
         With different names.
     wires : mapping
         "block.input" -> "block.output" that drives it; ``a.v`` stands for all of v[0], v[1], ... or for one signal v.
+        An input that is left out is driven by nothing: python-control takes 0 for it, :func:`phyfilter_ctl.flatten`
+        names it and refuses.
     inputs : mapping, optional
         Inputs of the diagram: name -> block input, or several that it drives.
     outputs : mapping, optional

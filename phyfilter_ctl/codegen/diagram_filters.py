@@ -99,9 +99,11 @@ def filter_task(
     ]
     parameters = _parameters(task, source) if tunable else ()
     given = f"v{number}" if source.real == real else f"in{number}"
-    inertia = f"{given} + {2 * n_x + n_f}" if source.inertia_entries else "NULL"
+    n_learned = n_f if law.f_theta else 0
+    learned = f"{given} + {2 * n_x}" if law.f_theta else f"no_model{number}"
+    inertia = f"{given} + {2 * n_x + n_learned}" if source.inertia_entries else "NULL"
     n_v = len(task.law.inputs)
-    signals = f"{given}, {given} + {n_x}, {given} + {2 * n_x}, {inertia}"
+    signals = f"{given}, {given} + {n_x}, {learned}, {inertia}"
     moving = f"sizeof({name})" if source.fixed else f"offsetof({name}, rate)"
     call = f"filter_status({name}_output(&self->{member}, {signals}, "
     if source.real == real:
@@ -111,6 +113,8 @@ def filter_task(
         declarations = f"  {name}_real in{number}[{n_v}], out{number}[{n_f}];\n"
         output = copy + checked(f"{call}out{number}))")
         output += f"    for (int i = 0; i < {n_f}; i++) self->z[{z} + i] = (pf_real)out{number}[i];\n"
+    if not law.f_theta:
+        declarations += f"  static const {name}_real no_model{number}[{n_f}] = {{0}};\n"
     remember = f"{copy}    {name}_remember(&self->{member}, {given} + {n_x});\n"
     text = TaskText(
         name=task.name,

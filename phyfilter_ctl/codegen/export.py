@@ -51,6 +51,8 @@ def export_c(
         Prefix of all symbols, a C identifier.
     channels, inertia, signals
         Of a filter: number of channels of x; constant inertia or the kind that is an input; names and units.
+        With ``g="hold"``, ``step``, ``live.step`` and C take the g that acted since the last sample; ``run``, blocks
+        and FMUs take the g that acts from this sample on. With ``g="average"`` all take g at this sample.
     tunable : bool
         Whether coefficients may be set at run time. Without, the code is smaller.
     variable : bool

@@ -14,7 +14,7 @@ from ..analysis import fixed_point
 from ..filter import SampledPhyFilter
 from ..filterfile import Signals
 from .export_folder import own_order, own_symbols, write_folder
-from .filter_source import FilterSource, InertiaInput, braces, filter_source
+from .filter_source import FilterSource, InertiaInput, braces, filter_source, which_g
 from .fixed_source import fixed_source
 
 __all__ = ["export_filter"]
@@ -182,7 +182,7 @@ def _main(source: FilterSource) -> str:
         inertia="M" if given else "NULL",
         argument=f"{source.name}_inertia[k]" if given else "NULL",
         pad=" " * 12,
-        g_text="held over the step that ends now" if source.sampled.sampling.g == "hold" else "now",
+        g_text=which_g(source.sampled),
     )
 
 

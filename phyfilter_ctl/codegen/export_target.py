@@ -19,6 +19,7 @@ from ..filterfile import Signals
 from .export import export_c
 from .export_folder import write_folder
 from .filter_guard import guard_costs, guard_sources, guard_stack
+from .filter_source import which_g
 from .target_autopilots import autopilot_values, check_autopilot
 
 __all__ = ["Target", "export_target"]
@@ -37,9 +38,9 @@ if (@name@_guard_init(&guard, &@name@_parameters)) return;  /* pf_filter_message
 uint32_t health = @name@_guard_step(&guard, time_us, x, g, f_theta, NULL, f_hat);
 ```
 
-`health` says what was wrong with what came in: `pf_guard.h`. f_hat is finite and within its limit after every step.
-`@name@_guard_send` takes other poles from another thread, `@name@_guard_check` finds flipped bits. No call takes more
-than @stack@ bytes of stack on a Cortex-M (gcc -Os, -O2, -O3).
+g is @which_g@. `health` says what was wrong with what came in: `pf_guard.h`. f_hat is finite and within its limit
+after every step. `@name@_guard_send` takes other poles from another thread, `@name@_guard_check` finds flipped bits. No
+call takes more than @stack@ bytes of stack on a Cortex-M (gcc -Os, -O2, -O3).
 """
 _OF_INTEGERS = """\
 Every @dt@ s, on integers (`@name@_X_FRACTION` and so on are their fractional bits):
@@ -49,6 +50,8 @@ static @name@ filter;
 if (@name@_init(&filter, &@name@_parameters)) return;
 int flags = @name@_step(&filter, x, g, f_theta, f_hat);  /* what saturated: see src/pf_q31.h */
 ```
+
+g is @which_g@.
 """
 _OF_DIAGRAM = """\
 Every `@NAME@_STEP` s:
@@ -184,6 +187,7 @@ def _values(
             "description": "a sampled PhyFilter that estimates the unknown part of M x' = g + f",
             "xml_description": "a sampled PhyFilter that estimates the unknown part of M x&apos; = g + f",
             "dt": f"{system.dt:g}",
+            "which_g": which_g(system),
             "rust_dt": repr(float(system.dt)),
             "rust_files": ", ".join(f'"{file}"' for file in [*c_files, f"{name}_rust.c"]),
             "period_us": str(round(1e6 * system.dt)),

@@ -66,8 +66,8 @@ def filter_model(
 
     Notes
     -----
-    Sampled: at a sample f_hat uses x, f_theta and the inertia as they are; a held g is the one seen at the sample
-    before, which acted since. f_hat is held until the next sample. At the start f_hat = f_theta.
+    Sampled: at a sample f_hat uses x, f_theta and the inertia as they are; a held g is the g that acts from this sample
+    on, which is kept for the next one. f_hat is held until the next sample. At the start f_hat = f_theta.
 
     Continuous: z' = A w + A equilibrium (g + f_theta), f_hat = f_theta + C w with w = z - A equilibrium M (x - x(0)),
     the equations of :func:`phyfilter_ctl.phyfilter_block` counted from x(0): x is not differentiated, z = 0 is the
@@ -122,7 +122,8 @@ def _sampled_model(
 """
     n_f = source.n_f
     own = signals if n_f == channels else Signals(unit_f=signals.unit_f)
-    inputs = _inputs(channels, n_f, signals, own) + _inertia_inputs(inertia, channels)
+    which = " that acts from this sample on" if sampled.sampling.g == "hold" else " at this sample"
+    inputs = _inputs(channels, n_f, signals, own, which) + _inertia_inputs(inertia, channels)
     parameters = _coefficients(sampled.realised) if tunable else ()
     if tunable:
         about = {
@@ -273,11 +274,11 @@ def _of(signals: Signals, i: int) -> str:
     return f" of {signals.channels[i]}" if i < len(signals.channels) else ""
 
 
-def _inputs(n_x: int, n_f: int, signals: Signals, own: Signals) -> tuple[Variable, ...]:
+def _inputs(n_x: int, n_f: int, signals: Signals, own: Signals, which_g: str = "") -> tuple[Variable, ...]:
     return (
         *(Variable(f"x[{i}]", 0.0, signals.unit_x, f"measured state{_of(signals, i)}") for i in range(n_x)),
         *(
-            Variable(f"g[{i}]", 0.0, signals.unit_g, f"known part of M x'{_of(signals, i)}")
+            Variable(f"g[{i}]", 0.0, signals.unit_g, f"known part of M x'{_of(signals, i)}{which_g}")
             for i in range(n_x)
         ),
         *(Variable(f"f_theta[{i}]", 0.0, own.unit_f, f"learned model of f{_of(own, i)}") for i in range(n_f)),

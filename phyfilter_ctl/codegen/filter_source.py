@@ -374,6 +374,11 @@ extern const {name}_params {name}_parameters;
 """
 
 
+def which_g(sampled: SampledPhyFilter) -> str:
+    """The g that a step in C takes."""
+    return "the g that acted since the last sample" if sampled.sampling.g == "hold" else "g at this sample"
+
+
 def describe(
     sampled: SampledPhyFilter, n_x: int, n_f: int, signals: Signals, numbers: str | None = None
 ) -> str:
@@ -387,7 +392,7 @@ def describe(
     lines += [
         "",
         f"x[{n_x}]        measured state, {signals.unit_x or 'in its SI unit'}",
-        f"g[{n_x}]        known part of M x', {signals.unit_g or 'in the unit of M x / s'}",
+        f"g[{n_x}]        known part of M x', {signals.unit_g or 'in the unit of M x / s'}: {which_g(sampled)}",
         f"f_theta[{n_f}]  learned model of f{direction}, {signals.unit_f or 'in the unit of g'}",
         f"f_hat[{n_f}]    estimate of f, {signals.unit_f or 'in the unit of g'}",
     ]

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ..analysis import FixedPoint
 from ..filterfile import Signals
-from .filter_source import describe, runtime_files, wrapped
+from .filter_source import describe, runtime_files, which_g, wrapped
 from .identifiers import checked_identifier
 
 __all__ = ["fixed_source"]
@@ -94,7 +94,7 @@ def fixed_source(
         name=name,
         dt=sampling.dt,
         samples=_SAMPLES,
-        g_text="held over the step that ends now" if sampling.g == "hold" else "now",
+        g_text=which_g(fixed.sampled),
     )
     return {
         f"{name}.h": _header(fixed, channels, name, Signals() if signals is None else signals),

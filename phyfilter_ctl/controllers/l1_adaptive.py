@@ -46,8 +46,8 @@ def l1_adaptive(
     channels : int
         Number n_x of entries of x.
     g : {"hold", "average"}
-        How g goes on between samples: held by an actuator, or smooth. Held, the g of the instant before acts, so that a
-        command may depend on f_hat without an algebraic loop.
+        How g goes on between samples: held by an actuator, or smooth. With "hold" the block takes the g that acts from
+        this sample on, so that a command may depend on f_hat without an algebraic loop.
     name : str
         Name of the block.
 

@@ -118,4 +118,5 @@ def _with_unknowns(flat: FlatModel, unknowns: ca.Function) -> BlockFunctions:
         parameters=flat.parameters,
         dynamics=ca.Function("dynamics", [t, s, u, p], [after]),
         output=ca.Function("output", [t, s, u, p], [flat.output(t, x, u, p, z)]),
+        callbacks=flat.callbacks,
     )

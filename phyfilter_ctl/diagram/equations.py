@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -12,7 +14,7 @@ from ..blocks.functions import BlockFunctions, Memory, Variable
 from ..blocks.interpreted import Interpreted
 from ..blocks.sampled import FilterLaw
 
-__all__ = ["AlgebraicLoop", "Equations", "FlatEvent", "Task"]
+__all__ = ["AlgebraicLoop", "Equations", "FlatEvent", "Late", "Matrices", "Task"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,6 +105,33 @@ class FlatEvent:
     switch: bool = False
 
 
+class Late:
+    """A function of a flat model, or what makes it when it is first asked for."""
+
+    def __set_name__(self, owner: type, name: str) -> None:
+        self._name = name
+
+    def __get__(self, model: object | None, owner: type | None = None) -> ca.Function:
+        if model is None:
+            raise AttributeError(self._name)  # no default
+        found = vars(model)[self._name]
+        if not isinstance(found, ca.Function):
+            found = vars(model)[self._name] = found()
+        return found
+
+    def __set__(self, model: object, value: ca.Function | Callable[[], ca.Function]) -> None:
+        vars(model)[self._name] = value
+
+
+class Matrices(NamedTuple):
+    """x' = A x + B u, y = C x + D u."""
+
+    A: NDArray[np.float64]
+    B: NDArray[np.float64]
+    C: NDArray[np.float64]
+    D: NDArray[np.float64]
+
+
 @dataclass(frozen=True, eq=False)
 class Equations:
     """Fields of a flat model, as :class:`FlatModel <phyfilter_ctl.diagram.FlatModel>` says."""
@@ -113,8 +142,8 @@ class Equations:
     outputs: tuple[Variable, ...]
     parameters: tuple[Variable, ...]
     held: tuple[Variable, ...]
-    dynamics: ca.Function
-    output: ca.Function
+    dynamics: Late = Late()
+    output: Late = Late()
     tasks: tuple[Task, ...] = ()
     loops: tuple[AlgebraicLoop, ...] = ()
     unknowns: ca.Function | None = None
@@ -123,3 +152,5 @@ class Equations:
     callbacks: tuple[Interpreted, ...] = ()
     events: tuple[FlatEvent, ...] = ()
     conditions: ca.Function | None = None
+    turns: tuple[int, ...] = ()
+    matrices: Matrices | None = None

@@ -187,7 +187,7 @@ class _Evaluator:
         for term, gain in self.wiring.sums[node]:
             part = values[term] if gain == 1.0 else gain * values[term]
             total = part if total is None else total + part
-        return type(self.symbols.t)(0.0) if total is None else total
+        return type(self.symbols.t)(self.wiring.starts.get(node, 0.0)) if total is None else total
 
     def _outputs(self, block: int, values: dict[int, Expression]) -> list[Expression]:
         """All outputs; those whose inputs are not known yet are not to be used."""

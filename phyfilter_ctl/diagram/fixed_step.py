@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from functools import lru_cache
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import casadi as ca
 import numpy as np
@@ -59,7 +59,9 @@ class StableStep(NamedTuple):
 @lru_cache(maxsize=64)
 def state_jacobian(flat: FlatModel) -> ca.Function:
     """(t, x, u, p, z) -> df/dx, sparse."""
-    symbols = [ca.MX.sym(name, flat.dynamics.size1_in(i)) for i, name in enumerate("txupz")]
+    few = flat.dynamics.is_a("SXFunction") and len(flat.states) <= _FEW
+    kind = ca.SX if few else cast(type[ca.SX], ca.MX)
+    symbols = [kind.sym(name, flat.dynamics.size1_in(i)) for i, name in enumerate("txupz")]
     return ca.Function("jacobian", symbols, [ca.jacobian(flat.dynamics(*symbols), symbols[1])])
 
 
@@ -131,13 +133,19 @@ def rates(flat: FlatModel, t: float, *at: NDArray[np.float64], below: float = 0.
 
     ``at`` is x, u, p, z. Where a norm that bounds both is less than ``below``, it stands for them.
     """
-    matrix = _state_matrix(flat, t, *at)
-    if matrix is None:
-        return 0.0, 0.0
-    bound = float(abs(matrix).sum(axis=1).max())
-    if bound < below and len(flat.states) > _FEW:
-        return bound, bound
-    values = fastest_modes(matrix)[0]
+    if len(flat.states) <= _FEW:
+        small = state_jacobian(flat)(t, *at).full()
+        if not np.all(np.isfinite(small)):
+            return 0.0, 0.0
+        values = np.linalg.eigvals(small)
+    else:
+        matrix = _state_matrix(flat, t, *at)
+        if matrix is None:
+            return 0.0, 0.0
+        bound = float(abs(matrix).sum(axis=1).max())
+        if bound < below:
+            return bound, bound
+        values = fastest_modes(matrix)[0]
     decaying = values[-values.real >= np.abs(values.imag)]
     return float(np.abs(decaying).max(initial=0.0)), float(np.abs(values).max(initial=0.0))
 

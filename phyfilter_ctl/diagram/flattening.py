@@ -6,6 +6,7 @@ import dataclasses
 import re
 import warnings
 from collections.abc import Mapping, Sequence
+from functools import partial
 from itertools import accumulate, pairwise
 from typing import cast
 
@@ -15,8 +16,9 @@ import numpy as np
 
 from ..blocks.functions import BlockFunctions, Variable, dependencies
 from .discrete import law_of
-from .equations import AlgebraicLoop, FlatEvent
+from .equations import AlgebraicLoop, FlatEvent, Matrices
 from .evaluation import Evaluation, Symbols, call_block, evaluate
+from .leaves import linear_function, state_space
 from .loops import Expression, newton_function
 from .model import FlatModel, Task
 from .ordering import components, cycle
@@ -45,7 +47,8 @@ def flatten(
     name : str, optional
         Name of the model; None takes the system's.
     unconnected : {"error", "zero"}
-        Inputs of blocks that nothing drives: refused, or 0 as in python-control.
+        Inputs of blocks that nothing drives: refused, or 0 as in python-control, whatever the block has as their
+        start; ``undriven`` of the model names them.
     params : mapping, optional
         Values of parameters that blocks read and that have none of their own: ``params["umax"]`` of a block made
         without ``params=``. Those that have one are given to :func:`simulate`.
@@ -116,7 +119,7 @@ def discrete_functions(
     path: str,
     given: Mapping[str, object],
     rules: Rules,
-) -> BlockFunctions:
+) -> tuple[BlockFunctions, tuple[str, ...]]:
     """A discrete diagram as the law of one sampled block.
 
     Parameters
@@ -131,6 +134,8 @@ def discrete_functions(
     Returns
     -------
     BlockFunctions
+    tuple of str
+        Inputs in the diagram that nothing drives.
 
     Raises
     ------
@@ -139,14 +144,14 @@ def discrete_functions(
 
     Examples
     --------
-    >>> law = discrete_functions(ct.tf([1.0], [1.0, -0.5], 0.1), "lag", {}, Rules("error"))
+    >>> law, _ = discrete_functions(ct.tf([1.0], [1.0, -0.5], 0.1), "lag", {}, Rules("error"))
     >>> law.dynamics(0, 2.0, 1.0, []).full().item()
     2.0
     """
     flat = _assemble(system, path, given, rules)
     if flat.dt == 0.0:
         raise ValueError(f"block {path}: expected a discrete system with dt > 0, got a continuous one")
-    return law_of(flat)
+    return law_of(flat), flat.undriven
 
 
 def _assemble(
@@ -157,8 +162,12 @@ def _assemble(
     record: Sequence[str] = (),
 ) -> FlatModel:
     dt = _time_base(system, name)
+    linear = isinstance(system, ct.StateSpace | ct.TransferFunction)
+    if linear and not isinstance(system, ct.InterconnectedSystem) and not record:
+        return _linear(system, name, dt)
     wiring = wire(system, given, rules)
     labels = [*_labels(system, len(wiring.outputs)), *_recorded(wiring, record)]
+    _refuse_shared(wiring.blocks)
     scalar, wiring.blocks = _expanded(wiring.blocks)
     prefix = isinstance(system, ct.InterconnectedSystem)
     states = [() if b.period else _named(b, b.functions.states, prefix) for b in wiring.blocks]
@@ -202,7 +211,7 @@ def _assemble(
         for i, block in enumerate(wiring.blocks)
         if not block.period and block.functions.states
     ]
-    tasks = _tasks(wiring, symbols, evaluation, build)
+    tasks, turns = _tasks(wiring, symbols, evaluation, build)
     events, conditions = _events(wiring, symbols, evaluation, build, prefix)
     return FlatModel(
         name=name,
@@ -221,6 +230,47 @@ def _assemble(
         callbacks=tuple(callback for block in wiring.blocks for callback in block.functions.callbacks),
         events=events,
         conditions=conditions,
+        turns=turns,
+        undriven=tuple(wiring.undriven),
+    )
+
+
+def _refuse_shared(blocks: Sequence[Block]) -> None:
+    """A block that keeps something from call to call stands in a diagram once."""
+    owners: dict[object, str] = {}
+    for block in blocks:
+        for running in {callback.running for callback in block.functions.callbacks} - {None}:
+            if (other := owners.setdefault(running, block.path)) != block.path:
+                reason = block.functions.callbacks[0].reason
+                raise ValueError(
+                    f"blocks {other} and {block.path} are one and the same, with a state of its own ({reason}): "
+                    "import it twice, or give the diagram a copy (copy.deepcopy)"
+                )
+
+
+def _linear(system: ct.StateSpace | ct.TransferFunction, name: str, dt: float) -> FlatModel:
+    """One linear system: its functions are made where they are asked for, since a run needs the matrices alone."""
+    path = system.name or "system"
+    space = state_space(system, path)
+    matrices = Matrices(*(np.asarray(M, dtype=float) for M in (space.A, space.B, space.C, space.D)))
+    states, inputs, outputs = (
+        tuple(Variable(label) for label in labels)
+        for labels in (space.state_labels, system.input_labels, _labels(system, space.noutputs))
+    )
+    for what, variables in (("states", states), ("inputs", inputs), ("outputs", outputs)):
+        _check_unique(what, variables, name)
+    return FlatModel(
+        name=name,
+        states=states,
+        inputs=inputs,
+        outputs=outputs,
+        parameters=(),
+        held=(),
+        dynamics=partial(linear_function, "dynamics", _ARGUMENTS, matrices.A, matrices.B),
+        output=partial(linear_function, "output", _ARGUMENTS, matrices.C, matrices.D),
+        dt=dt,
+        order=(path,),
+        matrices=None if dt > 0.0 else matrices,
     )
 
 
@@ -324,10 +374,20 @@ class _Builder:
         held, *starts = ca.vertsplit(z, self._borders)
         borders = [border - self._borders[1] for border in self._borders[1:]]
         taus = ca.vertsplit(self._unknowns(*outer, held, *starts), borders) if needed else starts
-        return ca.Function(name, [*outer, z], [inner(*outer, held, *taus)], list(_ARGUMENTS), ["value"])
+        value = inner(*outer, held, *taus)
+        if needed:  # a comparison takes a not-a-number for a side, and would go on
+            for i, tau in enumerate(taus, start=len(arguments)):
+                rows = np.unique(inner.jac_sparsity(0, i).row()).astype(int)
+                missing = np.zeros(value.numel())
+                missing[rows] = np.nan
+                value += ca.if_else(ca.sum1(ca.fabs(tau)) < np.inf, np.zeros(value.numel()), missing)
+        return ca.Function(name, [*outer, z], [value], list(_ARGUMENTS), ["value"])
 
 
-def _tasks(wiring: Wiring, symbols: Symbols, evaluation: Evaluation, build: _Builder) -> tuple[Task, ...]:
+def _tasks(
+    wiring: Wiring, symbols: Symbols, evaluation: Evaluation, build: _Builder
+) -> tuple[tuple[Task, ...], tuple[int, ...]]:
+    """The tasks in their order, and their turns where each once will not do."""
     tasks, blocks = [], []
     for i, block in enumerate(wiring.blocks):
         if not block.period:
@@ -360,6 +420,9 @@ def _tasks(wiring: Wiring, symbols: Symbols, evaluation: Evaluation, build: _Bui
     parts = components(range(len(tasks)), needs)
     for part in parts:
         if len(part) > 1 or part[0] in edges[part[0]]:
+            turns = _turns(tasks) if any(block.functions.callbacks for block in wiring.blocks) else ()
+            if turns:
+                return tuple(tasks), turns
             way = cycle(part, needs)
             hops = [
                 f"{blocks[a].path}.{blocks[a].functions.outputs[edges[b][a][0] - tasks[a].held.start].name} -> "
@@ -371,7 +434,29 @@ def _tasks(wiring: Wiring, symbols: Symbols, evaluation: Evaluation, build: _Bui
                 'at its instant before (a unit delay; g="hold" for g of a filter), or, if its outputs have nothing to '
                 "do with each other, make one block of each"
             )
-    return tuple(tasks[part[0]] for part in parts)
+    return tuple(tasks[part[0]] for part in parts), ()
+
+
+def _turns(tasks: Sequence[Task]) -> tuple[int, ...]:
+    """Tasks one after the other, each as often as outputs of it wait for others; empty where outputs wait in a ring."""
+    waiting: dict[int, set[int]] = {}
+    for task in tasks:
+        reads = dependencies(task.signals, 4).astype(int)
+        needed = task.law.feedthrough.astype(int) @ reads
+        waiting |= {task.held.start + row: set(np.flatnonzero(needed[row])) for row in range(len(needed))}
+    turns: list[int] = []
+    while waiting:
+        before = len(waiting)
+        for i, task in enumerate(tasks):
+            own = [k for k in range(task.held.start, task.held.stop) if k in waiting]
+            ready = [k for k in own if not waiting[k] & waiting.keys()]
+            if ready:
+                turns.append(i)
+                for k in ready:
+                    del waiting[k]
+        if len(waiting) == before:
+            return ()
+    return tuple(turns)
 
 
 def _events(

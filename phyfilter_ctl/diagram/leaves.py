@@ -18,7 +18,7 @@ from .branches import DefaultsError
 from .probing import different_defaults
 from .tracing import trace
 
-__all__ = ["block_functions", "linear_functions", "with_values"]
+__all__ = ["block_functions", "linear_function", "linear_functions", "state_space", "with_values"]
 
 
 @runtime_checkable
@@ -66,21 +66,13 @@ def block_functions(
         return _with_events(system, path, given, missing)
     if isinstance(system, ct.InputOutputSystem) and isinstance(system, _HasFunctions):
         return with_values(system.functions, {**getattr(system, "params", {}), **given})
-    if isinstance(system, ct.TransferFunction):
-        try:
-            system = ct.tf2ss(system)
-        except (ValueError, NotImplementedError) as error:
-            raise ValueError(
-                f"block {path}: python-control finds no state space for the transfer function ({error}); it must be "
-                "proper, and several inputs or outputs need one block each or a state space"
-            ) from error
-    if isinstance(system, ct.StateSpace):
-        return linear_functions(system, path)
+    if isinstance(system, ct.TransferFunction | ct.StateSpace):
+        return linear_functions(state_space(system, path), path)
     if isinstance(system, ct.NonlinearIOSystem):
         return trace(system, path, given, missing)
     raise TypeError(
         f"block {path}: expected a python-control system (StateSpace, TransferFunction, NonlinearIOSystem, "
-        f"InterconnectedSystem), got {type(system).__name__}; a delay is ct.pade(T, n) or a sampled block"
+        f"InterconnectedSystem), got {type(system).__name__}; a delay is phyfilter_ctl.transport_delay"
     )
 
 
@@ -127,6 +119,45 @@ def _on(function: ca.Function, own: Sequence[Variable], shared: Sequence[Variabl
     return ca.Function(function.name(), [t, x, u, p], function.call([t, x, u, read]))
 
 
+def state_space(system: ct.StateSpace | ct.TransferFunction, path: str) -> ct.StateSpace:
+    """A linear block as a state space with real, finite matrices.
+
+    Parameters
+    ----------
+    system : control.StateSpace or control.TransferFunction
+    path : str
+        Name of the block in messages.
+
+    Returns
+    -------
+    control.StateSpace
+
+    Raises
+    ------
+    ValueError
+        For an improper transfer function, one of several inputs or outputs that python-control cannot convert, or
+        matrices that are not real and finite.
+
+    Examples
+    --------
+    >>> state_space(ct.tf([1.0], [1.0, 2.0]), "lag").A.tolist()
+    [[-2.0]]
+    """
+    if isinstance(system, ct.StateSpace):
+        space = system
+    else:
+        try:
+            space = cast(ct.StateSpace, ct.tf2ss(system))
+        except (ValueError, NotImplementedError) as error:
+            raise ValueError(
+                f"block {path}: python-control finds no state space for the transfer function ({error}); it must be "
+                "proper, and several inputs or outputs need one block each or a state space"
+            ) from error
+    if not all(np.isrealobj(M) and np.all(np.isfinite(M)) for M in (space.A, space.B, space.C, space.D)):
+        raise ValueError(f"block {path}: its state-space matrices are not real and finite")
+    return space
+
+
 def linear_functions(system: ct.StateSpace, path: str) -> BlockFunctions:
     """x' = A x + B u, y = C x + D u with the zeros left out.
 
@@ -150,23 +181,43 @@ def linear_functions(system: ct.StateSpace, path: str) -> BlockFunctions:
     >>> linear_functions(ct.ss([[-1.0]], [[1.0]], [[1.0]], [[0.0]]), "lag").feedthrough.tolist()
     [[False]]
     """
-    n, m, k = system.nstates, system.ninputs, system.noutputs
-    matrices = (system.A, system.B, system.C, system.D)
-    if not all(np.isrealobj(M) and np.all(np.isfinite(M)) for M in matrices):
-        raise ValueError(f"block {path}: its state-space matrices are not real and finite")
-    A, B, C, D = (
-        _sparse(M, rows, columns)
-        for M, rows, columns in zip(matrices, (n, n, k, k), (n, m, n, m), strict=True)
-    )
-    t, x, u, p = ca.SX.sym("t"), ca.SX.sym("x", n), ca.SX.sym("u", m), ca.SX(0, 1)
+    system = state_space(system, path)
     return BlockFunctions(
         states=tuple(Variable(label) for label in system.state_labels),
         inputs=tuple(Variable(label) for label in system.input_labels),
         outputs=tuple(Variable(label) for label in system.output_labels),
         parameters=(),
-        dynamics=ca.Function("dynamics", [t, x, u, p], [ca.densify(ca.mtimes(A, x) + ca.mtimes(B, u))]),
-        output=ca.Function("output", [t, x, u, p], [ca.densify(ca.mtimes(C, x) + ca.mtimes(D, u))]),
+        dynamics=linear_function("dynamics", "txup", system.A, system.B),
+        output=linear_function("output", "txup", system.C, system.D),
     )
+
+
+def linear_function(
+    name: str, letters: Sequence[str], by_state: ArrayLike, by_input: ArrayLike
+) -> ca.Function:
+    """(t, x, u, ...) -> M x + N u; there is nothing in further arguments.
+
+    Parameters
+    ----------
+    name : str
+    letters : sequence of str
+        Of the arguments.
+    by_state, by_input : (k, n), (k, m) arrays
+
+    Returns
+    -------
+    casadi.Function
+
+    Examples
+    --------
+    >>> linear_function("f", "txup", np.array([[2.0]]), np.array([[1.0]]))(0, 3, 4, []).full().item()
+    10.0
+    """
+    (rows, n), m = np.shape(by_state), np.shape(by_input)[1]
+    x, u = ca.SX.sym("x", n), ca.SX.sym("u", m)
+    value = ca.mtimes(_sparse(by_state, rows, n), x) + ca.mtimes(_sparse(by_input, rows, m), u)
+    arguments = [ca.SX.sym("t"), x, u, *(ca.SX(0, 1) for _ in letters[3:])]
+    return ca.Function(name, arguments, [ca.densify(value)], list(letters), ["value"])
 
 
 def _sparse(matrix: ArrayLike, rows: int, columns: int) -> ca.DM:

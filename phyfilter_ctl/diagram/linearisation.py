@@ -62,8 +62,11 @@ def linear_model(flat: Equations, x0: FloatArray, u0: FloatArray, p: FloatArray,
     Raises
     ------
     ValueError
-        For a sampled block without a continuous equivalent, or no solution for the outputs of those there are.
+        For a sampled block without a continuous equivalent, a block that raises, or no solution for the outputs of
+        those there are.
     """
+    for callback in flat.callbacks:
+        callback.failure = ""
     equivalents = []
     for task in flat.tasks:
         if task.continuous is None:
@@ -111,6 +114,9 @@ def linear_model(flat: Equations, x0: FloatArray, u0: FloatArray, p: FloatArray,
     B = np.vstack([Bu + Ez @ Zu, Bs @ (Gu + Gz @ Zu)])
     C = np.hstack([Cx + Fz @ Zx, Fz @ Zs])
     D = Du + Fz @ Zu
+    raised = next((callback for callback in flat.callbacks if callback.failure), None)
+    if raised is not None:
+        raise ValueError(f"block {raised.block}, which runs as Python, raised {raised.failure}")
     names = [v.name for v in flat.states]
     names += [
         f"{task.name}.{v.name}" for task, e in zip(flat.tasks, equivalents, strict=True) for v in e.states

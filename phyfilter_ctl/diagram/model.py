@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 
 import control as ct
@@ -50,6 +51,14 @@ class FlatModel(Equations):
     events : tuple of FlatEvent
     conditions : casadi.Function, optional
         (t, x, u, p, z) -> the conditions of the events; None where there are none.
+    turns : tuple of int
+        Which tasks put out at a coinciding instant, one after the other, where one of them has to more than once, since
+        some of its outputs wait for a task that waits for others of it. Empty: each once, in their order; models with C
+        code have no other.
+    undriven : tuple of str
+        Inputs of blocks that nothing drives, ``block.input``: they are 0 (``flatten(..., unconnected="zero")``).
+    matrices : Matrices, optional
+        A, B, C, D of what is a continuous linear system as a whole.
 
     Notes
     -----
@@ -60,6 +69,8 @@ class FlatModel(Equations):
     Where no solution of a nonlinear algebraic loop is found, all that depends on it is not-a-number.
     """
 
+    undriven: tuple[str, ...] = ()
+
     @property
     def feedthrough(self) -> NDArray[np.bool_]:
         """Which input acts on which output without delay, (outputs, inputs)."""
@@ -69,6 +80,12 @@ class FlatModel(Equations):
     def memories(self) -> tuple[Memory, ...]:
         """Of blocks that keep something from event to event beside their states, such as imported FMUs."""
         return tuple(event.memory for event in self.events if event.memory is not None)
+
+    @property
+    def exclusive(self) -> tuple[Callable[[], AbstractContextManager[object]], ...]:
+        """What a run enters before it begins: blocks that keep something from call to call are had by one at a time."""
+        callbacks = [callback.running for callback in self.callbacks if callback.running is not None]
+        return tuple(dict.fromkeys([*(memory.running for memory in self.memories), *callbacks]))
 
     @property
     def is_linear(self) -> bool:

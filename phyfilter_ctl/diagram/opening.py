@@ -37,7 +37,7 @@ class SignalMargin(LoopMargins):
         L, with the return difference I + L; None where a sampled loop is opened at a signal that acts between the
         instants.
     about : str
-        Where a sampled diagram was linearised, and whether it is at rest there.
+        Where a sampled diagram was linearised, whether it is at rest there, and which inputs nothing drives.
     _known : MarginSearch, optional
         What is known beyond L.
 
@@ -108,7 +108,8 @@ def open_loop(
     Notes
     -----
     A signal d is added at the place and the sum r before it read: r = -L (r + d). So the diagram stays closed and the
-    point of linearisation is its own; L follows from the closed system r = T d as -T (I + T)^-1. Sampled blocks
+    point of linearisation is its own; L follows from the closed system r = T d as -T (I + T)^-1. An input of a block
+    that nothing drives is 0: only the loop counts, so what comes from outside need not be wired. Sampled blocks
     count as their continuous equivalents: what hold and sampling cost is in
     :func:`phyfilter_ctl.simulation.sampled_open_loop`, not here.
 
@@ -123,7 +124,6 @@ def open_loop(
     """
     signals = signals_of(signal)
     p = len(signals)
-    # What drives no input is 0, as where the diagram came from.
     flat = flatten(probed(system, signals), unconnected="zero")
     closed = flat.linearize(x0, probed_inputs(system, u0, p), params, t)
     A, B, C, D = (np.asarray(part, dtype=float) for part in (closed.A, closed.B, closed.C, closed.D))

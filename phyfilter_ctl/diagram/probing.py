@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 import warnings
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -248,18 +248,25 @@ class Reference:
 
     def evaluate(self, point: Point) -> FloatArray:
         """The entries; all infinite where the function refuses the point, since not-a-number is an answer."""
-        begin = time.perf_counter()
+        return self.evaluate_all([point])[0]
+
+    def evaluate_all(self, points: Iterable[Point]) -> list[FloatArray]:
+        """The entries at some points, one after the other."""
         with warnings.catch_warnings(), np.errstate(all="ignore"):
             warnings.simplefilter("ignore")
-            try:
-                return self.call(point.t, point.x.copy(), point.u.copy(), point.values)
-            except DefaultsError:
-                raise
-            except Exception as error:
-                self.failure = self.failure or error
-                return np.full(self._size, np.inf)
-            finally:
-                self.seconds = max(self.seconds, time.perf_counter() - begin)
+            return [self._entries(point) for point in points]
+
+    def _entries(self, point: Point) -> FloatArray:
+        begin = time.perf_counter()
+        try:
+            return self.call(point.t, point.x.copy(), point.u.copy(), point.values)
+        except DefaultsError:
+            raise
+        except Exception as error:
+            self.failure = self.failure or error
+            return np.full(self._size, np.inf)
+        finally:
+            self.seconds = max(self.seconds, time.perf_counter() - begin)
 
     def depends(self, points: Sequence[Point]) -> NDArray[np.bool_]:
         """Which input changes which entry at some point, (entries, inputs)."""

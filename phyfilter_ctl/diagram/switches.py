@@ -41,6 +41,8 @@ _BEYOND = 1e-9
 # Times that all switches are looked at when some are decided: one that slides acts on the others.
 _PASSES = 3
 _NEVER = 1e300  # s: no time yet
+# In place of 1 for a sign that slides: one that is 0 since nothing moves its level.
+_RESTS = 2
 _SIGNALS = (0, 1, 2, 4)  # t, x, u and z
 _MOVING = 0b111  # t, x and u change between instants
 
@@ -80,7 +82,13 @@ def located(flat: FlatModel) -> FlatModel:
     ['v.switch']
     """
     functions = _functions(flat)
-    if flat.dt > 0.0 or flat.loops or flat.memories or not flat.states:
+    if (
+        any(event.switch for event in flat.events)
+        or flat.dt > 0.0
+        or flat.loops
+        or flat.memories
+        or not flat.states
+    ):
         return flat
     try:
         dynamics = flat.dynamics if flat.dynamics.is_a("SXFunction") else flat.dynamics.expand()
@@ -191,7 +199,12 @@ def _jumps(flat: FlatModel, structure: Structure, i: int, level: ca.SX, dynamics
     )
     size = 1.0 + np.abs(near[1]).max(axis=0) + np.abs(np.vstack(place[:3])).max(axis=0)
     jump = np.abs(near[0])
-    there = (jump > _JUMP * size) & (np.abs(far[0] - near[0]) <= 0.25 * jump)
+    # The level gets to both sides of the border there: one that is 0 at its least is no switch.
+    passes = np.ones(_POINTS, dtype=bool)
+    for sign in (-1.0, 1.0):
+        beyond = -np.asarray(towards(*moved(sign * _BESIDE[0] * direction))[1], dtype=float).ravel()
+        passes &= np.abs(sign * beyond / _BESIDE[0] - 1.0) <= 0.5
+    there = passes & (jump > _JUMP * size) & (np.abs(far[0] - near[0]) <= 0.25 * jump)
     return bool((there & (np.abs(left) <= _JUMP * size)).any())
 
 
@@ -249,8 +262,7 @@ class _Located:
         self._blended = [dynamics, *(ca.densify(r) for r in frozen.results[1 : 2 + tasks]), ca.densify(rates)]
         self._core = ca.Function("core", symbols, [*self._blended, ca.densify(sizes), frozen.levels])
         acts = [bool(ca.depends_on(rates[j], m[j])) for j in range(self._count)]
-        slides = [j for j in range(self._count) if acts[j] or self._switches[j].at_border == "between"]
-        self._sliding = slides[:_MOST_SLIDING]
+        self._sliding = [j for j in range(self._count) if acts[j]][:_MOST_SLIDING]
         self._slide = self._field()
 
     def _field(self) -> ca.Function:
@@ -262,7 +274,14 @@ class _Located:
         ranges = ca.vertcat(
             *(ca.if_else(s[j] < 0, self._range(j, levels[j]), n[j]) for j in range(self._count))
         )
-        below = self._positions(ranges)
+        below = ca.vertcat(
+            *(
+                ca.if_else(s[j] == _RESTS, 0, position)
+                if self._switches[j].at_border == "between"
+                else position
+                for j, position in enumerate(ca.vertsplit(self._positions(ranges)))
+            )
+        )
         base = self._core(*arguments, below)
         results, (sizes, levels) = list(base[:-2]), base[-2:]
         changes = []
@@ -271,7 +290,7 @@ class _Located:
             above[j] = self._switches[j].value(ranges[j] + 1)
             values = self._core(*arguments, above)
             changes.append([a - b for a, b in zip(values[: len(results)], results, strict=True)])
-        slides = [s[j] > 0.5 for j in self._sliding]
+        slides = [s[j] == 1 for j in self._sliding]
         shares = self._shares(results[-1], [change[-1] for change in changes], slides)
         for k, change in enumerate(changes):
             for i, part in enumerate(change):
@@ -298,9 +317,7 @@ class _Located:
             for b in range(count):
                 both = ca.logic_and(slides[a], slides[b])
                 matrix[a, b] = ca.if_else(both, changes[b][j], 1 if a == b else 0)
-            still = ca.logic_and(slides[a], changes[a][j] == 0)  # neither side moves it: in the middle
-            matrix[a, a] = ca.if_else(still, 1, matrix[a, a])
-            right[a] = ca.if_else(slides[a], ca.if_else(still, 0.5, -rates[j]), 0)
+            right[a] = ca.if_else(slides[a], -rates[j], 0)
         if count == 0:
             return ca.SX(0, 1)
         return right / matrix[0, 0] if count == 1 else ca.solve(matrix, right)
@@ -331,7 +348,10 @@ class _Located:
             if j in self._sliding:
                 share = (at.shares[j] + _BEYOND) * (1 + _BEYOND - at.shares[j])
                 near = 1 - ca.fabs(level - (n[j] + 1)) / _allowed(t, _OFF, at.pulls[j], at.sizes[j])
-                inside = ca.if_else(s[j] > 0.5, ca.fmin(share, near), inside)
+                inside = ca.if_else(s[j] == 1, ca.fmin(share, near), inside)
+            if switch.at_border == "between":
+                rest = 1 - ca.fabs(level - (n[j] + 1)) / _allowed(t, _OFF, 0, at.sizes[j])
+                inside = ca.if_else(s[j] == _RESTS, rest, inside)
             found.append(ca.if_else(s[j] < 0, -1, inside))
         return ca.vertcat(*found)
 
@@ -349,34 +369,32 @@ class _Located:
         border = ca.floor(level + 0.5) if whole else ca.SX(0)
         rates = []
         for side in (border - 1, border):
-            ranges, slides = ca.SX(n), ca.SX(s)
-            ranges[j], slides[j] = side, 0
-            rates.append(self._point(*point, ranges, slides).rates[j])
+            ranges, sliding = ca.SX(n), ca.SX(s)
+            ranges[j], sliding[j] = side, 0
+            rates.append(self._point(*point, ranges, sliding).rates[j])
         below, above = rates
         speed = ca.fmax(ca.fabs(below), ca.fabs(above))
         near = ca.fabs(level - border) <= _allowed(t, _NEAR, speed, at.sizes[j])
         up, down = above > 0, below < 0
-        # Where both sides lead away, on to the other one; where both lead to the border, there.
+        slides = j in self._sliding
+        held = ca.logic_and(ca.logic_and(below >= 0, above <= 0), ca.logic_or(below > 0, above < 0))
+        # Where both sides lead away, on to the other one; where both lead to the border, there. Where neither moves it,
+        # or a side has no value, it is what the instruction says.
         across = ca.if_else(ca.logic_and(s[j] == 0, n[j] >= border), border - 1, border)
-        still = {"below": border - 1, "above": border, "between": border - 1}[switch.at_border]
-        rests = ca.logic_and(below == 0, above == 0)
-        range_there = ca.if_else(
-            up,
-            ca.if_else(down, across, border),
-            ca.if_else(down, border - 1, ca.if_else(rests, still, border - 1)),
-        )
-        slides_there = ca.logic_not(ca.logic_or(up, down))
-        if j not in self._sliding:
-            range_there = ca.if_else(ca.logic_and(slides_there, ca.logic_not(rests)), across, range_there)
-            slides_there = ca.SX(0)
-        elif switch.at_border != "between":
-            slides_there = ca.logic_and(slides_there, ca.logic_not(rests))
+        still = border if switch.at_border == "above" else border - 1
+        range_there = ca.if_else(held, border - 1 if slides else across, still)
+        range_there = ca.if_else(down, border - 1, range_there)
+        range_there = ca.if_else(up, ca.if_else(down, across, border), range_there)
+        slides_there = ca.logic_and(held, slides)
+        if switch.at_border == "between":
+            rests = ca.logic_not(ca.logic_or(ca.logic_or(up, down), held))
+            slides_there = ca.if_else(rests, _RESTS, slides_there)
         far = self._range(j, level)
         wrong = ca.logic_not(self._consistent(t, at, n, s)[j] > 0)
-        ranges, slides = ca.SX(n), ca.SX(s)
+        ranges, sliding = ca.SX(n), ca.SX(s)
         ranges[j] = ca.if_else(wrong, ca.if_else(near, range_there, far), n[j])
-        slides[j] = ca.if_else(wrong, ca.logic_and(near, slides_there), s[j])
-        return [ranges, slides]
+        sliding[j] = ca.if_else(wrong, ca.if_else(near, slides_there, 0), s[j])
+        return [ranges, sliding]
 
     def _unknowns(self) -> ca.Function:
         """(t, x, u, p, z) -> ranges and slides; those that are consistent stay."""
@@ -468,7 +486,7 @@ class _Located:
         )
 
 
-def _allowed(t: ca.SX, within: tuple[float, float], rate: ca.SX, size: ca.SX) -> ca.SX:
+def _allowed(t: ca.SX, within: tuple[float, float], rate: ca.SX | float, size: ca.SX) -> ca.SX:
     """How far from its border a level may be."""
     part, seconds = within
     return (part * ca.fabs(t) + seconds) * rate + _ROUNDING * size + 1e-300

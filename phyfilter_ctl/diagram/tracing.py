@@ -135,8 +135,9 @@ def trace(
     missing, defaults = missing or {}, dict[str, object]()
     parts = _parts(system, path, missing, defaults)
     try:
+        points = probe_points(system, values, set())
         for part in parts:  # first, since a run on symbols would be kept too
-            _check_memory(part, probe_points(system, values, set()))
+            _check_memory(part, points)
         while True:
             try:
                 return _attempt(system, path, parts, values, known)
@@ -225,7 +226,7 @@ def _traced(part: _Part, symbols: _Symbols, points: Sequence[Point]) -> ca.Funct
             result = ca.densify(merged(found, part.size))
             traced = ca.Function(part.which, symbols.all, [result])
             probed = [*points, *more]
-            compare(traced, probed, [part.original.evaluate(point) for point in probed], tunable)
+            compare(traced, probed, part.original.evaluate_all(probed), tunable)
             return traced
         except _NewParametersError:
             raise
@@ -292,9 +293,9 @@ def _check_memory(part: _Part, points: Sequence[Point]) -> None:
     evaluate = part.original.evaluate
     first = evaluate(here)
     calls = _CALLS if part.original.seconds < _SLOW else 1
-    same = all(np.array_equal(first, evaluate(here), equal_nan=True) for _ in range(calls))
-    for point in others[:calls]:
-        evaluate(point)
+    again = part.original.evaluate_all([here] * calls)
+    same = all(np.array_equal(first, value, equal_nan=True) for value in again)
+    part.original.evaluate_all(others[:calls])
     near = _WARM * np.abs(first[np.isfinite(first)]).max(initial=0.0)
     if not same or not np.allclose(first, evaluate(here), rtol=0.0, atol=near, equal_nan=True):
         raise ValueError(

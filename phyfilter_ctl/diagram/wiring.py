@@ -67,6 +67,10 @@ class Wiring:
         Signals at the border of the diagram.
     traced : dict
         Functions of blocks by :func:`copy_key`.
+    starts : dict
+        Values of signals that nothing drives and that are not 0 for that.
+    undriven : list of str
+        Inputs of blocks that nothing drives, those of diagrams in sampled blocks among them.
     """
 
     names: list[str] = field(default_factory=list)
@@ -76,6 +80,8 @@ class Wiring:
     inputs: Sequence[int] = ()
     outputs: Sequence[int] = ()
     traced: dict[tuple[object, ...], BlockFunctions] = field(default_factory=dict)
+    starts: dict[int, float] = field(default_factory=dict)
+    undriven: list[str] = field(default_factory=list)
 
     def dependencies(self) -> list[list[int]]:
         """Signals that each signal needs at the same moment."""
@@ -98,13 +104,19 @@ class Rules(NamedTuple):
     unconnected : {"error", "zero"}
         What an input that nothing drives is.
     discrete : callable, optional
-        (diagram, path, parameter values, these rules) -> law of the sampled block around that diagram.
+        (diagram, path, parameter values, these rules) -> law of the sampled block around that diagram, and the inputs
+        in it that nothing drives.
     missing : mapping
         Values of parameters that blocks read and that have none.
     """
 
     unconnected: Unconnected
-    discrete: Callable[[ct.InputOutputSystem, str, Mapping[str, object], Rules], BlockFunctions] | None = None
+    discrete: (
+        Callable[
+            [ct.InputOutputSystem, str, Mapping[str, object], Rules], tuple[BlockFunctions, Sequence[str]]
+        ]
+        | None
+    ) = None
     missing: Mapping[str, object] = MappingProxyType({})
 
 
@@ -146,8 +158,11 @@ def wire(system: ct.InputOutputSystem, given: Mapping[str, object], rules: Rules
         for signal in block.inputs:
             del wiring.sums[signal]
     _check_names([block.path for block in wiring.blocks], "blocks")
-    if rules.unconnected == "error":
-        _check_driven(wiring)
+    _keep_starts(wiring)
+    missing = _undriven(wiring)
+    if missing and rules.unconnected == "error":
+        raise ValueError(_what_to_type(wiring, missing))
+    wiring.undriven += [wiring.names[signal] for signal in missing]
     return wiring
 
 
@@ -204,7 +219,8 @@ def _add_block(
 ) -> Block:
     if isinstance(system, SampledBlock):
         period, filter_law = system.period, system.filter
-        functions = _law(system, path, given, rules)
+        functions, undriven = _law(system, path, given, rules)
+        wiring.undriven += [f"{path}.{name}" for name in undriven]
         continuous = _continuous(system, functions, path)
     else:
         period, filter_law, continuous = 0.0, None, None
@@ -224,15 +240,17 @@ def _add_block(
     return wiring.blocks[-1]
 
 
-def _law(sampled: SampledBlock, path: str, given: Mapping[str, object], rules: Rules) -> BlockFunctions:
+def _law(
+    sampled: SampledBlock, path: str, given: Mapping[str, object], rules: Rules
+) -> tuple[BlockFunctions, Sequence[str]]:
     if sampled.law is not None:
-        return with_values(sampled.law, given)
+        return with_values(sampled.law, given), ()
     system = sampled.system
     if isinstance(system, ct.InterconnectedSystem):
         if rules.discrete is None:
             raise ValueError(f"block {path}: a diagram in a sampled block has to be flattened first")
         return rules.discrete(system, path, given, rules)
-    return block_functions(system, path, given, rules.missing)
+    return block_functions(system, path, given, rules.missing), ()
 
 
 def _continuous(sampled: SampledBlock, law: BlockFunctions, path: str) -> BlockFunctions:
@@ -321,24 +339,57 @@ def _check_single_drivers(diagram: ct.InterconnectedSystem, path: str) -> None:
             raise ValueError(f"output {label}{where} is driven by {' and by '.join(sources)}; {way_out}")
 
 
-def _check_driven(wiring: Wiring) -> None:
+def _keep_starts(wiring: Wiring) -> None:
+    """Inputs that nothing drives have their start values, where their block has it so."""
+    for block in wiring.blocks:
+        for signal, variable in zip(block.inputs, block.functions.inputs, strict=True):
+            if block.functions.keeps_starts and not _is_driven(wiring, signal):
+                wiring.sums[signal], wiring.starts[signal] = [], variable.start
+
+
+def _is_driven(wiring: Wiring, signal: int) -> bool:
+    if signal in wiring.producers or signal in wiring.inputs:
+        return True
+    return any(_is_driven(wiring, term) for term, _ in wiring.sums.get(signal, ()))
+
+
+def _undriven(wiring: Wiring) -> list[int]:
     followers: dict[int, list[int]] = {}
     for signal, terms in wiring.sums.items():
         for term, _ in terms:
             followers.setdefault(term, []).append(signal)
-    reached = set(wiring.producers) | set(wiring.inputs)
+    reached = set(wiring.producers) | set(wiring.inputs) | set(wiring.starts)
     pending = list(reached)
     while pending:
         for signal in followers.get(pending.pop(), ()):
             if signal not in reached:
                 reached.add(signal)
                 pending.append(signal)
-    missing = [wiring.names[s] for block in wiring.blocks for s in block.inputs if s not in reached]
-    if missing:
-        raise ValueError(
-            f"nothing drives {', '.join(missing)}; connect it, name it in inplist or inputs of the diagram, or let it "
-            'be zero with flatten(..., unconnected="zero")'
-        )
+    return [s for block in wiring.blocks for s in block.inputs if s not in reached]
+
+
+def _what_to_type(wiring: Wiring, missing: Sequence[int]) -> str:
+    """Which inputs nothing drives, how to drive them and how to leave them."""
+    undriven, models, label = set(missing), [], ""
+    for block in wiring.blocks:
+        open_inputs = [
+            v.name for s, v in zip(block.inputs, block.functions.inputs, strict=True) if s in undriven
+        ]
+        label = label or (open_inputs[0] if open_inputs else "")
+        learned = {v.name for v in block.functions.inputs if v.name.startswith("f_theta[")}
+        filters = all(v.name.startswith("f_hat[") for v in block.functions.outputs)
+        if learned and filters and learned <= set(open_inputs):
+            models.append((block.path, "sampled_block" if block.filter else "phyfilter_block"))
+    names = [wiring.names[s] for s in missing]
+    text = (
+        f"nothing drives {', '.join(names)}. To drive it, give interconnect "
+        f'connections=[["{names[0]}", "block.output"]], or an output of a block or an input of the diagram called '
+        f'"{label}" where it wires by name. To leave it 0, take flatten(diagram, unconnected="zero") for simulate and '
+        'the exports, and export_ssp(diagram, path, unconnected="zero")'
+    )
+    for path, maker in models:
+        text += f". Block {path} has no learned model: make it with {maker}(..., f_theta=False)"
+    return text
 
 
 def input_variables(wiring: Wiring, labels: Sequence[str]) -> tuple[Variable, ...]:

@@ -156,7 +156,9 @@ class LiveFilter:
         x : (n_x,) array or None
             The measurement; None: none came.
         g : (n_x,) array, optional
-            As for :meth:`SampledPhyFilter.step`: with ``g="hold"`` what acted over the step that ends now. None: 0.
+            With ``g="hold"``, ``step``, ``live.step`` and C take the g that acted since the last sample; ``run``,
+            blocks and FMUs take the g that acts from this sample on. With ``g="average"`` all take g at this sample.
+            None means 0.
         f_theta : (n_f,) array, optional
             Learned model now; None means 0.
         inertia : float, (n_x,) or (n_x, n_x) array, optional

@@ -29,17 +29,20 @@ def refuse_nonlinear(recursion: Recursion) -> None:
             )
 
 
-def signal_labels(n_x: int, n_f: int) -> tuple[list[str], list[str]]:
-    """Inputs and outputs."""
-    counts = (("x", n_x), ("g", n_x), ("f_theta", n_f))
+def signal_labels(n_x: int, n_f: int, f_theta: bool = True) -> tuple[list[str], list[str]]:
+    """Inputs and outputs, with or without f_theta."""
+    counts = (("x", n_x), ("g", n_x), ("f_theta", n_f if f_theta else 0))
     inputs = [f"{signal}[{i}]" for signal, count in counts for i in range(count)]
     return inputs, [f"f_hat[{i}]" for i in range(n_f)]
 
 
 def sampled_matrices(
-    recursion: Recursion, momentum: FloatArray, E_left: FloatArray
+    recursion: Recursion, momentum: FloatArray, E_left: FloatArray, f_theta: bool = True
 ) -> tuple[Matrices, FloatArray]:
-    """q_k: what samples up to k - 1 add to w_k. w_k = q_k + B P_0 in_k, q_{k+1} = A w_k + B (P_1 in_k + register)."""
+    """q_k: what samples up to k - 1 add to w_k. w_k = q_k + B P_0 in_k, q_{k+1} = A w_k + B (P_1 in_k + register).
+
+    in_k = (x, g, f_theta), or (x, g) without ``f_theta``, which is then 0.
+    """
     transitions = recursion.transitions
     dA, B, C = side_by_side(transitions * len(E_left) if len(transitions) == 1 else transitions)
     A = np.eye(len(dA)) + dA
@@ -47,10 +50,10 @@ def sampled_matrices(
     steps = recursion.sampling.delay_steps
     weights_g = windows.mean_weights(recursion.sampling.g, steps)
     weights_f = windows.mean_weights(recursion.sampling.f_theta, steps)
-    taps = max(2, len(weights_g), len(weights_f))
+    taps = max(2, len(weights_g), len(weights_f) if f_theta else 0)
     weights_g = np.pad(weights_g, (0, taps - len(weights_g)))
-    weights_f = np.pad(weights_f, (0, taps - len(weights_f)))
-    eye = np.eye(n_f)
+    weights_f = np.pad(weights_f, (0, max(0, taps - len(weights_f))))[:taps]
+    eye = np.eye(n_f)[:, : n_f if f_theta else 0]
     P = [
         np.hstack([0.0 * momentum, -wg * E_left, -wf * eye])
         for wg, wf in zip(weights_g, weights_f, strict=True)
@@ -59,7 +62,7 @@ def sampled_matrices(
     P[1][:, :n_x] -= momentum / recursion.sampling.dt
 
     # Register of the inputs in_{k-1}, in_{k-2}, ... that a delay still needs: r_1 is the newest.
-    width, kept = n_x + n_x + n_f, taps - 2
+    width, kept = n_x + n_x + eye.shape[1], taps - 2
     size = len(A) + kept * width
     state, inputs = np.zeros((size, size)), np.zeros((size, width))
     states = len(A)
@@ -92,6 +95,15 @@ def channel_counts(filters: int, direction: FloatArray | None, channels: int | N
     if filters not in (1, n_f):
         raise ValueError(f"{filters} filters for {n_f} channels: expected one, or one per channel")
     return n_x, n_f
+
+
+def checked_learned(f_theta: object) -> bool:
+    """Whether a block has inputs for f_theta."""
+    if not isinstance(f_theta, bool):
+        raise TypeError(
+            f"f_theta: expected True (the block has inputs for a learned model) or False (it has none), got {f_theta!r}"
+        )
+    return f_theta
 
 
 def constant_inertia(inertia: ArrayLike | None, n_x: int) -> FloatArray:

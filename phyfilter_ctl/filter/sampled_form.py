@@ -44,7 +44,9 @@ class SampledForm:
         x : (N, n_x) array
             Measured state; (N,) for one channel, as for the other signals.
         g : (N, n_x) array, optional
-            Known part of M x'; row k is its value from sample k on. None means 0.
+            Known part of M x'. With ``g="hold"``, ``run``, blocks and FMUs take the g that acts from this sample on
+            (row k from sample k on); ``step``, ``live.step`` and C take the g that acted since the last sample. With
+            ``g="average"`` all take g at this sample. None means 0.
         f_theta : (N, n_f) array, optional
             Learned model of f; None means 0.
         inertia : float, (n_x,), (n_x, n_x), (N, n_x) or (N, n_x, n_x) array, optional
@@ -133,7 +135,8 @@ class SampledForm:
         inertia0 : float, (n_x,) or (n_x, n_x) array, optional
             Inertia at the first sample, kept until ``step`` is given another; None means I.
         g0 : (n_x,) array, optional
-            g at the first sample, used by ``g="average"``; None takes the g of the first step.
+            g at the first sample, used by ``g="average"``; None takes the g of the first step. With ``g="hold"`` no g
+            has acted yet: ``step`` takes the g that acted since the last sample.
 
         Returns
         -------
@@ -177,9 +180,9 @@ class SampledForm:
         x : (n_x,) array
             Measurement now.
         g : (n_x,) array, optional
-            ``g="hold"``: the value held over the step that ends now, that is the command sent at the sample before;
-            so the command of this sample may depend on the f_hat returned here. ``g="average"``: the value now.
-            None means 0.
+            With ``g="hold"``, ``step``, ``live.step`` and C take the g that acted since the last sample, that is the
+            command sent then, so the command of this sample may depend on the f_hat returned here; ``run``, blocks and
+            FMUs take the g that acts from this sample on. With ``g="average"`` all take g at this sample. None means 0.
         f_theta : (n_f,) array, optional
             Learned model now; None means 0.
         inertia : float, (n_x,) or (n_x, n_x) array, optional

@@ -36,7 +36,9 @@ class Sampling:
         "tustin": the trapezoidal rule.
     g, f_theta : {"hold", "average"}
         What the signal does between samples: "hold" (a command held by an actuator) or "average" (a smooth signal
-        known at both ends of the step).
+        known at both ends of the step). With ``g="hold"``, ``run``, blocks and FMUs take the g that acts from this
+        sample on; ``step``, ``live.step`` and C take the g that acted since the last sample. With ``g="average"`` all
+        take g at this sample.
     precision : {"float64", "float32"}
         Arithmetic of ``step``. In float32 every state carries a compensation word, so that nothing is lost over
         days; ``run`` rounds inputs, coefficients and outputs alike and carries the states in double.

@@ -90,6 +90,7 @@ class ModelPart(Part):
                 self._x, np.zeros(0), (t, t + h), (self._u, self._u), np.zeros(0)
             )
         except StepError as error:
+            self._t, self._x = error.time, self._integrator.x
             raise self._stopped(error) from error
         self._t = t + h
 
@@ -101,6 +102,8 @@ class ModelPart(Part):
     def happen(self, t: float) -> bool:
         """Discrete inputs that changed, and clocks that were triggered."""
         watch = self._integrator.watch
+        if self._over:
+            return False
         before = len(watch.log) if watch is not None else 0
         try:
             self._x = self._integrator.happen(self._x, np.zeros(0), t, self._u)
@@ -153,7 +156,14 @@ class ModelPart(Part):
         return Integrator(self._flat, p, Limits(_MOST_STEPS), rtol=_RTOL, atol=_ATOL, until=until)
 
     def _stopped(self, error: StepError) -> FmuError:
-        ended = any(memory.ended for memory in self._flat.memories)
+        ended = self._over
         raised = next((callback.failure for callback in self._flat.callbacks if callback.failure), "")
         detail = f"{raised}; {error}" if raised else str(error)
-        return FmuError(self.name, "integrate", "ended" if ended else "error", detail)
+        return FmuError(
+            self.name, "integrate", "ended" if ended else "error", detail, error.time if ended else None
+        )
+
+    @property
+    def _over(self) -> bool:
+        """Whether the FMU has ended the run."""
+        return any(memory.ended for memory in self._flat.memories)

@@ -143,7 +143,10 @@ class Part(Protocol):
         raise KeyError(label)
 
     def advance(self, t: float, h: float, *, final: bool) -> None:
-        """Step from t to t + h; ``final`` where no state of a time before t will be restored."""
+        """Step from t to t + h; ``final`` where no state of a time before t will be restored.
+
+        Where the part ends the run at t + h, the error that it raises says so; it then still has outputs there.
+        """
         ...
 
     @property

@@ -19,6 +19,7 @@ from .cosimulation_part import Part
 from .cosimulation_system import SystemPart
 from .foreign import Isolation
 from .importing import import_fmu
+from .importing_blocks import input_starts
 from .importing_model import FmuModel
 from .importing_steps import FmuSteps
 from .inspect import Kind, Scalar
@@ -26,7 +27,7 @@ from .instance import FmuError, FmuInstance
 from .signals import Signals, recorded
 from .units import FmuUnit, understood_unit
 from .unpacked import UnpackedFmu
-from .values import Opaque, by_element, numbers_among, opaque
+from .values import Opaque, by_element, opaque
 
 __all__ = ["FmuPart", "SystemPart", "make_part"]
 
@@ -86,20 +87,8 @@ class FmuPart(Part):
         self.inputs: tuple[str, ...] = self.input_signals.labels
         self.outputs: tuple[str, ...] = self.output_signals.labels
         description = fmu.description
-        starts = {
-            label: float(value)
-            for entry in description.of("input")
-            for label, value in zip(
-                entry.labels, entry.starts or entry.items[:1] * len(entry.labels), strict=False
-            )
-            if not isinstance(value, str | bytes)
-        }
-        # The FMU alone knows how arrays start that have another size than by default.
-        resized = [entry for entry in description.of("input") if 1 < len(entry.start) != len(entry.labels)]
-        unsaid = {label for entry in resized for label in entry.labels} - values.keys()
-        self._unsaid: NDArray[np.bool_] = np.array([label in unsaid for label in self.inputs], bool)
-        starts |= numbers_among(description, values)
-        self.start: FloatArray = np.array([starts.get(label, 0.0) for label in self.inputs])
+        self.start: FloatArray = input_starts(description, self.inputs, values)
+        self._unsaid: NDArray[np.bool_] = np.isnan(self.start)
         self.feedthrough: NDArray[np.bool_] = description.feedthrough(self.inputs, self.outputs)
         self.can_go_back: bool = self.instance.ability.state
         self.variable_step: bool = self.instance.ability.variable_step
@@ -118,6 +107,7 @@ class FmuPart(Part):
             zip(self.inputs + self.outputs, self.input_signals.units + self.output_signals.units, strict=True)
         )
         self.slope_signals: Slopes | None = self._slope_signals()
+        self._over = False  # it has ended the run, and takes no more inputs
 
     def _slope_signals(self) -> Slopes | None:
         places = np.flatnonzero(self.moving)
@@ -189,6 +179,7 @@ class FmuPart(Part):
 
     def initialise(self, start_time: float, stop_time: float) -> None:
         """Enter the initialisation with the parameters and start values."""
+        self._over = False
         self.instance.initialise(
             start_time,
             stop_time=stop_time,
@@ -204,6 +195,8 @@ class FmuPart(Part):
 
     def put(self, u: FloatArray) -> None:
         """Set all inputs."""
+        if self._over:
+            return
         try:
             self.input_signals.write(self.instance, u)
         except ValueError as error:
@@ -246,7 +239,11 @@ class FmuPart(Part):
 
     def advance(self, t: float, h: float, *, final: bool) -> None:
         """One step of the FMU."""
-        self.instance.do_step(t, h, final=final)
+        try:
+            self.instance.do_step(t, h, final=final)
+        except FmuError as error:
+            self._over = error.ends_at(t + h, h)
+            raise
 
     @property
     def has_events(self) -> bool:
@@ -256,7 +253,7 @@ class FmuPart(Part):
     def happen(self, t: float) -> bool:
         """Clocks that tick at t, and discrete inputs that changed."""
         self.instance.time = t
-        return self.instance.happen()
+        return not self._over and self.instance.happen()
 
     @property
     def clocks(self) -> tuple[tuple[str, ...], tuple[str, ...]]:
@@ -283,6 +280,7 @@ class FmuPart(Part):
 
     def restore(self, state: object) -> None:
         """Put a state of the FMU back."""
+        self._over = False
         self.instance.restore(state)
 
     def forget(self, state: object) -> None:

@@ -109,6 +109,7 @@ class Run:
     message: str = ""
     master: str = "Python"
     _wrong: StuckError | None = None
+    _ended: FmuError | None = None  # at the end of the present step, whose outputs are still wanted
 
     def __post_init__(self) -> None:
         self._close_loops(self.wiring.through)
@@ -157,6 +158,8 @@ class Run:
                     self.texts.record()
                     self.refuse_nonfinite(end)
                     bar.update()
+                    if self._ended is not None:
+                        raise self._ended
             except StuckError as error:
                 self.message = str(error)
 
@@ -305,12 +308,12 @@ class Run:
             for i in range(len(self.parts)) if lines is not None else ():
                 self._give(i, self.u, lines, h)
             for part in self.parts:
-                part.advance(t, h, final=final)
+                self._step(part, t, h, final=final)
         else:
             for i in self.sequence:
                 self._give(i, self._wired(self.y, t), lines, h)
                 self.texts.hand_on(self.parts[i])
-                self.parts[i].advance(t, h, final=final)
+                self._step(self.parts[i], t, h, final=final)
                 if lines is not None:
                     self._arrive(i, lines, h)
                 place = self.wiring.output_slices[i]
@@ -321,6 +324,14 @@ class Run:
         if lines is not None:
             self._slope = (self.y - lines.y) / h
         self._happen(end)
+
+    def _step(self, part: Part, t: float, h: float, *, final: bool) -> None:
+        try:
+            part.advance(t, h, final=final)
+        except FmuError as error:
+            if not error.ends_at(t + h, h):
+                raise
+            self._ended = error
 
     def _lines(self, t: float, end: float) -> _Lines:
         outside = self.outside
@@ -367,6 +378,8 @@ class Run:
             self.steps += 1
             if b < end:
                 self.refuse_nonfinite(b)
+                if self._ended is not None:
+                    raise self._ended
 
     def _controlled(self, t: float, end: float, control: StepControl, span: float) -> None:
         while t < end:
@@ -386,6 +399,8 @@ class Run:
             if accepted:
                 t = target
                 self.steps += 1
+                if self._ended is not None and t < end:
+                    raise self._ended
             else:
                 self.rejected += 1
                 if control.step < SMALLEST * span:
@@ -418,4 +433,5 @@ class Run:
             part.restore(saved)
         self.clocks.forget()
         self.texts.forget()
+        self._ended = None
         self.u, self.y, self._slope = state[1].copy(), state[2].copy(), state[3].copy()

@@ -94,7 +94,8 @@ def _how_it_runs(interface: FmuInterface) -> list[str]:
     if interface.simulation and model.communication:
         sentences.append(
             "Co-simulation: one sample per communication step, over the time that has passed, on the inputs set before "
-            f"the step; nominally {model.communication:g} s."
+            f"the step; nominally {model.communication:g} s. Set the inputs of the step's end: with those of its "
+            "beginning f_hat is a communication step late, and the first sample counts twice."
         )
     if model.tasks:
         listed = ", ".join(f"{name} every {period:g} s" for name, period in model.tasks)

@@ -144,6 +144,13 @@ def export_fmu(
     Co-simulation: inputs are constant over a communication step (FMI 2: or of given slope). Outputs are evaluated when
     asked for, so they follow inputs that are set at the same point. A step on an input that is not finite is discarded.
 
+    A sampled filter takes its samples at the start and at the end of each communication step, on the inputs set before
+    that step. With ``g="hold"``, ``run``, blocks and FMUs take the g that acts from this sample on; ``step``,
+    ``live.step`` and C take the g that acted since the last sample. With ``g="average"`` all take g at this sample. A
+    master that sets the inputs of the step's beginning, as FMPy does, gets f_hat a communication step late, and the
+    first sample counts twice. Nothing is late where the inputs of the step's end are set, in model exchange, or with
+    ``rate="fixed"`` in Event Mode of FMI 3.
+
     References
     ----------
     .. [1] Functional Mock-up Interface Specification, versions 2.0.5 and 3.0.2, and FMI Layered Standard for XCP,

@@ -46,8 +46,9 @@ def import_fmu(
     path : str or Path
     kind : {"me", "cs", "se"}, optional
         Model exchange gives a continuous system (its states and derivatives are python-control's), co-simulation a
-        discrete one (the FMU integrates itself), scheduled execution too (its partitions are activated as their clocks
-        tick). None: model exchange if the FMU has it and has no event indicators, else the first of the others.
+        discrete one (the FMU integrates itself; ``sampled_block(block)`` takes it into a continuous diagram), scheduled
+        execution too (its partitions are activated as their clocks tick). None: model exchange if the FMU has it and
+        has no event indicators, else the first of the others.
     name : str, optional
         Of the block; the model's name by default.
     step : float, optional
@@ -80,7 +81,8 @@ def import_fmu(
     FmuModel or FmuSteps
         Its inputs and outputs are the FMU's (an array ``x`` as ``x[0]``, ``x[1]``, ...; a dot in a name, which
         python-control does not allow, becomes an underscore), ``params`` its numeric parameters, ``units`` their
-        units.
+        units, ``start_state`` and ``start_inputs`` their start values. Inputs that nothing drives keep those in
+        :func:`simulate`.
 
     Raises
     ------
@@ -94,6 +96,8 @@ def import_fmu(
     >>> block = import_fmu("drone.fmu", kind="me")                                  # doctest: +SKIP
     >>> simulate(ct.interconnect([block, controller]), timepts, inputs)             # doctest: +SKIP
     >>> ct.input_output_response(block, timepts, inputs, block.start_state)       # doctest: +SKIP
+    >>> engine = sampled_block(import_fmu("engine.fmu", kind="cs", step=0.01))      # doctest: +SKIP
+    >>> simulate(ct.interconnect([engine, shaft]), timepts, inputs)                 # doctest: +SKIP
     """
     if kind not in (None, "me", "cs", "se"):
         raise ValueError(f'kind: expected "me", "cs" or "se", got {kind!r}')

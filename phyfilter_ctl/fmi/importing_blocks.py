@@ -2,12 +2,20 @@
 
 from __future__ import annotations
 
+import threading
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import AbstractContextManager
+from typing import cast
 
+import casadi as ca
 import control as ct
+import numpy as np
+from numpy.typing import NDArray
 
 from .._sections import FloatArray
+from ..blocks.functions import Variable
+from ..blocks.interpreted import Interpreted
 from .clock_schedule import ClockTimes
 from .inspect import FmuDescription, Kind, Scalar
 from .instance import FmuInstance
@@ -15,9 +23,13 @@ from .signals import Signals, recorded
 from .unpacked import UnpackedFmu
 from .values import by_element, numbers_among
 
-__all__ = ["FmuBlock", "ct_names"]
+__all__ = ["FmuBlock", "ct_names", "input_starts"]
 
 _NUMERIC = ("Float64", "Float32", "Int", "UInt", "Enumeration", "Boolean")
+_REMEDY = (
+    "Its binary cannot be merged into other code: hand over the rest as an FMU of its own and both as a package "
+    "(cut_diagram, write_ssp), or run the diagram with simulate"
+)
 
 
 class FmuBlock(ct.NonlinearIOSystem, ABC):
@@ -49,12 +61,17 @@ class FmuBlock(ct.NonlinearIOSystem, ABC):
     instance : FmuInstance
     units : dict of str to str
         Unit by input, output, state and parameter, where the FMU gives one.
+    lock : threading.RLock
+        Held by the run that has the instance.
 
     Notes
     -----
     Made by :func:`import_fmu`. A copy (python-control makes one where a system is used twice) is an instance of its
     own. The instance is freed and its files removed with the block, or by :meth:`close`.
     """
+
+    start_state: FloatArray
+    """Start values of its states, for ``initial_state`` of python-control's simulations; (n,)."""
 
     def __init__(
         self,
@@ -100,7 +117,13 @@ class FmuBlock(ct.NonlinearIOSystem, ABC):
         self.units: dict[str, str] = {key: others[key] for key in [*states, *numbers] if others.get(key)}
         self.units |= {key: unit for key, unit in units.items() if unit}
         self._in_force: dict[str, float] = {}
-        self._running = False
+        self._running = self._used = False
+        self.lock: threading.RLock = threading.RLock()
+
+    @property
+    def labels(self) -> tuple[tuple[str, ...], tuple[str, ...]]:
+        """The FMU's own names of the inputs and the outputs."""
+        return self._inputs.labels, self._outputs.labels
 
     @property
     def description(self) -> FmuDescription:
@@ -165,6 +188,14 @@ class FmuBlock(ct.NonlinearIOSystem, ABC):
         """Initialise anew: the one way to change a fixed parameter."""
         # python-control passes the parameters of all blocks to each of them.
         values = {key: params.get(key, value) for key, value in self.params.items()}
+        if self._used:  # a new run: after Reset some FMUs start elsewhere than a fresh instance does
+            self._used = self._running = False
+            held, name, kind = self.instance.inputs, self.instance.name, self.instance.kind
+            self.instance.close()
+            self.instance = FmuInstance(self._fmu, kind, name, self._clocks)
+            self.instance.inputs = held  # the block writes to this one
+            if held is not None:
+                held.release()
         if self._running:
             self._running = False
             self.instance.reset()
@@ -176,6 +207,65 @@ class FmuBlock(ct.NonlinearIOSystem, ABC):
         self._in_force = values
         self._running = True
 
+    def _let_go(self) -> None:
+        """It starts anew where it is used next."""
+        self._used = self._used or self._running
+        self._running = False
+
+    def callback(
+        self,
+        which: str,
+        evaluate: Callable[[float, FloatArray, FloatArray, Mapping[str, float]], FloatArray],
+        size: int,
+        depends: NDArray[np.bool_] | None = None,
+        running: Callable[[], AbstractContextManager[object]] | None = None,
+    ) -> ca.Function:
+        """A function (t, x, u, p) of the block that CasADi calls back.
+
+        Parameters
+        ----------
+        which : str
+            Name of the function.
+        evaluate : callable
+            (t, x, u, params) -> ``size`` numbers.
+        size : int
+        depends, running
+            As for ``Interpreted``.
+
+        Returns
+        -------
+        casadi.Function
+        """
+        keys = list(self.params)
+        sizes = (self.nstates or 0, len(self._inputs), len(keys))
+        if not size:
+            symbols = [ca.SX.sym(letter, count) for letter, count in zip("txup", (1, *sizes), strict=True)]
+            return ca.Function(which, symbols, [ca.SX(0, 1)])
+        function = Interpreted(
+            which,
+            lambda t, x, u, p: evaluate(t, x, u, dict(zip(keys, p.tolist(), strict=True))),
+            (*sizes, size),
+            self.name or "fmu",
+            f"it is the imported FMU {self.description.path}",
+            depends,
+            remedy=_REMEDY,
+            running=running,
+        )
+        return cast(ca.Function, function)
+
+    def variables(self, labels: Sequence[str], starts: Sequence[float]) -> tuple[Variable, ...]:
+        """States, inputs, outputs or parameters as a diagram has them.
+
+        Parameters
+        ----------
+        labels : sequence of str
+        starts : sequence of float
+        """
+        return tuple(
+            Variable(label, float(start), self.units.get(label, ""))
+            for label, start in zip(labels, starts, strict=True)
+        )
+
     def _in_full(self, values: Mapping[str, float]) -> dict[str, Scalar]:
         """Parameters with all the digits that they were given."""
         exact = {key: given for key, (number, given) in self._exact.items() if values.get(key) == number}
@@ -184,6 +274,35 @@ class FmuBlock(ct.NonlinearIOSystem, ABC):
     def _changed(self, params: Mapping[str, float]) -> dict[str, float]:
         wanted = {key: params.get(key, value) for key, value in self.params.items()}
         return {key: value for key, value in wanted.items() if value != self._in_force.get(key)}
+
+
+def input_starts(
+    description: FmuDescription, labels: Sequence[str], given: Mapping[str, Scalar]
+) -> FloatArray:
+    """Start values of inputs: as given, else as the description says, else not-a-number: then the FMU alone knows.
+
+    Parameters
+    ----------
+    description : FmuDescription
+    labels : sequence of str
+    given : dict
+        By element.
+
+    Returns
+    -------
+    (len(labels),) array
+    """
+    starts = {
+        label: float(value)
+        for entry in description.of("input")
+        if not 1 < len(entry.start) != len(entry.labels)  # an array of another size than by default
+        for label, value in zip(
+            entry.labels, entry.starts or entry.items[:1] * len(entry.labels), strict=False
+        )
+        if not isinstance(value, str | bytes)
+    }
+    starts |= numbers_among(description, given)
+    return np.array([starts.get(label, np.nan) for label in labels])
 
 
 def ct_names(labels: Sequence[str]) -> list[str]:

@@ -2,22 +2,19 @@
 
 from __future__ import annotations
 
-import threading
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from typing import Literal, cast
+from typing import Literal
 
-import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
 from .._sections import FloatArray
-from ..blocks.functions import BlockEvent, BlockFunctions, Variable
+from ..blocks.functions import BlockEvent, BlockFunctions
 from ..blocks.interpreted import Interpreted
 from .clock_schedule import ClockTimes
-from .importing_blocks import FmuBlock
+from .importing_blocks import FmuBlock, input_starts
 from .inspect import Scalar
-from .instance import FmuError, FmuInstance
+from .instance import FmuError
 from .signals import Signals, recorded
 from .unpacked import UnpackedFmu
 
@@ -25,10 +22,6 @@ __all__ = ["FmuModel"]
 
 # What the integrator's arithmetic may leave between a time and the event that it was to meet.
 _ROUNDING = 1e-12
-_REMEDY = (
-    "Its binary cannot be merged into other code: hand over the rest as an FMU of its own and both as a package "
-    "(cut_diagram, write_ssp), or run the diagram with simulate"
-)
 
 
 class FmuModel(FmuBlock):
@@ -83,19 +76,12 @@ class FmuModel(FmuBlock):
             clocks=clocks,
         )
         self._events: Literal["raise", "ignore"] = events
-        self._used = False
         self._restart(start_time, self.params)
         present = self._inputs.read(self.instance)
         if self.instance.inputs is not None:
             self.instance.inputs.adopt(present)
-        starts = {
-            label: float(value)
-            for entry in self.description.of("input")
-            for label, value in zip(entry.labels, entry.starts, strict=False)
-            if len(entry.starts) == len(entry.labels) and not isinstance(value, str | bytes)
-        }
-        own = zip(self._inputs.labels, present.tolist(), strict=True)
-        self.start_inputs: FloatArray = np.array([starts.get(label, value) for label, value in own])
+        starts = input_starts(self.description, self._inputs.labels, self._fixed)
+        self.start_inputs: FloatArray = np.where(np.isnan(starts), present, starts)
         self._has_events: bool = (
             self.description.event_indicators > 0
             or self.instance.next_event is not None
@@ -106,7 +92,6 @@ class FmuModel(FmuBlock):
         self.start_state.flags.writeable = False
         self._begins, self._latest = start_time, self.start_inputs
         self._start_values = {entry.name for entry in self.description.variables if entry.start}
-        self.lock: threading.RLock = threading.RLock()
 
     @property
     def has_events(self) -> bool:
@@ -123,11 +108,6 @@ class FmuModel(FmuBlock):
         """Equations and events as functions that CasADi calls back; new ones each time, on this one instance."""
         return _functions(self)
 
-    @property
-    def labels(self) -> tuple[tuple[str, ...], tuple[str, ...]]:
-        """The FMU's own names of the inputs and the outputs."""
-        return self._inputs.labels, self._outputs.labels
-
     def rewind(self, t: float | None) -> None:
         """It starts anew where it is used next.
 
@@ -138,25 +118,7 @@ class FmuModel(FmuBlock):
         """
         self._begins = self._start_time if t is None else t
         self.instance.next_event = None
-        self._used = self._used or self._running
-        self._running = False
-
-    def _restart(
-        self,
-        time: float,
-        params: Mapping[str, float],
-        starts: Mapping[str, float] | None = None,
-        inputs: FloatArray | None = None,
-    ) -> None:
-        if self._used:  # a new run: after Reset some FMUs start elsewhere than a fresh instance does
-            self._used = False
-            held, name = self.instance.inputs, self.instance.name
-            self.instance.close()
-            self.instance: FmuInstance = FmuInstance(self._fmu, "me", name, self._clocks)
-            self.instance.inputs = held  # the block writes to this one
-            if held is not None:
-                held.release()
-        super()._restart(time, params, starts, inputs)
+        self._let_go()
 
     def start_at(self, x: FloatArray, u: FloatArray, params: Mapping[str, float]) -> FloatArray:
         """Initialise with these inputs, from x where that is not the FMU's own start; returns where it starts.
@@ -218,6 +180,10 @@ class FmuModel(FmuBlock):
         params : mapping
         """
         self.move(t, x, u, params)
+        return self._outputs.read(self.instance)
+
+    def outputs_now(self) -> FloatArray:
+        """Outputs as the FMU stands."""
         return self._outputs.read(self.instance)
 
     def __deepcopy__(self, memo: dict[int, object]) -> FmuModel:
@@ -291,6 +257,7 @@ class _FmuMemory:
         self._block = block
         self._fresh = False
         self._ended = ""
+        self._final = np.zeros(0)  # outputs where the FMU asked to end the run
 
     @property
     def ended(self) -> str:
@@ -324,7 +291,14 @@ class _FmuMemory:
             return np.append(block.start_at(x, u, params), 0.0)
         event = self.next_event
         block.move(event if abs(event - t) <= _ROUNDING * max(abs(t), 1.0) else t, x, u, params)
-        return self._answer(block.instance.run_events(), t)
+        end = block.instance.run_events()
+        self._say(end, t)
+        # An FMU that asks to end the run tells its outputs, and no more states.
+        return np.append(x if end else block.instance.states(), float(end))
+
+    def output(self, t: float, x: FloatArray, u: FloatArray, params: Mapping[str, float]) -> FloatArray:
+        """Outputs between events, and the last ones of an FMU that asked to end the run."""
+        return self._final if self._ended else self._block.outputs_at(t, x, u, params)
 
     def condition(self, t: float, x: FloatArray, u: FloatArray, params: Mapping[str, float]) -> FloatArray:
         """Event indicators; 0 counts as below 0, as FMI has it."""
@@ -344,14 +318,9 @@ class _FmuMemory:
         inputs = self._block.instance.inputs
         return np.array([float(not self._fresh and inputs is not None and inputs.would_change(u))])
 
-    def _answer(self, end: bool, t: float) -> FloatArray:
-        self._say(end, t)
-        # An FMU that asks to end the run answers no more.
-        x = np.zeros(self._block.nstates or 0) if end else self._block.instance.states()
-        return np.append(x, float(end))
-
     def _say(self, end: bool, t: float) -> None:
         if end:
+            self._final = self._block.outputs_now()
             self._ended = f"block {self._block.name}: the FMU asked to end the run at t = {t:.9g} s"
 
 
@@ -368,62 +337,30 @@ def _functions(block: FmuModel) -> BlockFunctions:
         Callbacks into the FMU, which stay in force as long as they are held. They move one and the same instance.
     """
     memory = _FmuMemory(block)
-    name = block.name or "fmu"
-    parameters = [
-        Variable(key, float(value), block.units.get(key, "")) for key, value in block.params.items()
-    ]
-    keys = [variable.name for variable in parameters]
-    sizes = (len(block.state_labels), len(block.input_labels), len(keys))
-    reason = f"it is the imported FMU {block.description.path}"
-
-    def callback(
-        which: str,
-        evaluate: Callable[[float, FloatArray, FloatArray, Mapping[str, float]], FloatArray],
-        size: int,
-        depends: NDArray[np.bool_] | None = None,
-    ) -> ca.Function:
-        if not size:
-            symbols = [ca.SX.sym(letter, count) for letter, count in zip("txup", (1, *sizes), strict=True)]
-            return ca.Function(which, symbols, [ca.SX(0, 1)])
-        function = Interpreted(
-            which,
-            lambda t, x, u, p: evaluate(t, x, u, dict(zip(keys, p.tolist(), strict=True))),
-            (*sizes, size),
-            name,
-            reason,
-            depends,
-            remedy=_REMEDY,
-        )
-        callbacks.append(function)
-        return cast(ca.Function, function)
-
-    callbacks: list[Interpreted] = []
+    states, size = len(block.state_labels), len(block.output_labels)
     description = block.description
     through = description.feedthrough(*block.labels)
     wants_steps = description.kinds["me"].completed_step
     event = BlockEvent(
         "event",
         0,
-        callback("condition", memory.condition, description.event_indicators),
-        callback("event", memory.happen, sizes[0] + 1),
+        block.callback("condition", memory.condition, description.event_indicators),
+        block.callback("event", memory.happen, states + 1),
         memory,
-        callback("completed", memory.completed, 1) if wants_steps else None,
-        callback("changed", memory.changed, 1) if block.has_discrete_inputs else None,
+        block.callback("completed", memory.completed, 1) if wants_steps else None,
+        block.callback("changed", memory.changed, 1) if block.has_discrete_inputs else None,
     )
+    dynamics = block.callback("update", block.rates_at, states)
+    output = block.callback("output", memory.output, size, through)
+    made = (dynamics, output, event.condition, event.reset, event.completed, event.changed)
     return BlockFunctions(
-        states=_variables(block, block.state_labels, block.start_state),
-        inputs=_variables(block, block.input_labels, block.start_inputs),
-        outputs=_variables(block, block.output_labels, np.zeros(block.noutputs or 0)),
-        parameters=tuple(parameters),
-        dynamics=callback("update", block.rates_at, sizes[0]),
-        output=callback("output", block.outputs_at, block.noutputs or 0, through),
-        callbacks=tuple(callbacks),
+        states=block.variables(block.state_labels, block.start_state.tolist()),
+        inputs=block.variables(block.input_labels, block.start_inputs.tolist()),
+        outputs=block.variables(block.output_labels, [0.0] * size),
+        parameters=block.variables(list(block.params), list(block.params.values())),
+        dynamics=dynamics,
+        output=output,
+        callbacks=tuple(function for function in made if isinstance(function, Interpreted)),
         events=(event,),
-    )
-
-
-def _variables(block: FmuModel, labels: Sequence[str], starts: FloatArray) -> tuple[Variable, ...]:
-    return tuple(
-        Variable(label, float(start), block.units.get(label, ""))
-        for label, start in zip(labels, starts, strict=True)
+        keeps_starts=True,
     )

@@ -25,6 +25,7 @@ from .unpacked import UnpackedFmu
 __all__ = ["FmuError", "InstanceCalls", "Snapshot"]
 
 T = TypeVar("T")
+_SAME_TIME = 1e-6  # part of a step
 _LAST_TIME, _TERMINATED = 2, 3  # of fmi2StatusKind
 
 
@@ -40,6 +41,8 @@ class FmuError(RuntimeError):
         process ended (isolated FMUs).
     detail : str
         What the FMU logged, or what to do.
+    ended_at : float, optional
+        With status "ended": the time in seconds that the FMU came to.
 
     Attributes
     ----------
@@ -49,11 +52,25 @@ class FmuError(RuntimeError):
 
     results: ct.TimeResponseData | None = None
 
-    def __init__(self, instance: str, call: str, status: str, detail: str = "") -> None:
+    def __init__(
+        self, instance: str, call: str, status: str, detail: str = "", ended_at: float | None = None
+    ) -> None:
         super().__init__(f"FMU {instance!r}: {call}: {status}{f': {detail}' if detail else ''}")
         self.instance = instance
         self.call = call
         self.status = status
+        self.ended_at = ended_at
+
+    def ends_at(self, t: float, h: float) -> bool:
+        """Whether it says that the FMU ended the run at a time, the end of a step: it then has outputs for that time.
+
+        Parameters
+        ----------
+        t : float
+        h : float
+            Length of the step that ends there.
+        """
+        return self.ended_at is not None and abs(self.ended_at - t) <= _SAME_TIME * h
 
 
 @dataclass(frozen=True, eq=False)
@@ -261,7 +278,7 @@ class InstanceCalls:
         t : float
         """
         function = f"fmi{self.description.fmi[0]}DoStep"
-        return FmuError(self.name, function, "ended", f"the FMU asks to end the run at t = {t:g}")
+        return FmuError(self.name, function, "ended", f"the FMU asks to end the run at t = {t:.9g}", t)
 
     def _vector(self, function: Callable[..., object], name: str, count: int) -> FloatArray:
         if count == 0:

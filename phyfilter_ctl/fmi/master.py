@@ -46,6 +46,7 @@ _STEP, _SLOPES = 2, 5  # calls: get, set, step, save, restore, slopes
 _CALLBACK = ct.CFUNCTYPE(ct.c_int64, ct.c_int64, ct.c_int64, ct.c_double, ct.c_double)
 _FILES = ("pf_master.h", "pf_master.c", "pf_master_values.c")
 _CHUNK = 0.05  # s of running between two updates of the progress bar
+_ENDED_AT_END = 2  # of a part
 _PIECE = 20_000  # steps of a call
 
 
@@ -159,6 +160,7 @@ class FastMaster:
         self._chosen = np.array(list(run.chosen.values()), np.int64)
         self._states: list[object] = [None] * len(self._parts)
         self._raised: BaseException | None = None
+        self._ended: dict[int, FmuError] = {}
         self._tasks: tuple[Callable[[int, float, float], None], ...] = (
             self._put, self._get, self._step, self._step_back, self._incline, self._save, self._restore,
             self._forget, self._transition, self._outside, self._solve, self._settle,
@@ -260,6 +262,8 @@ class FastMaster:
         master, run = self._record[0], self._run
         place, t = int(master["failed_place"]), float(master["failed_time"])
         part = run.parts[int(master["failed_part"])]
+        if code == _TERMINATED and part.in_python:
+            raise self._ended[int(master["failed_part"])]
         if code in (_STUCK, _RAISED) or (code == _CALL_FAILED and part.in_python):
             assert self._raised is not None
             raise self._raised
@@ -300,10 +304,20 @@ class FastMaster:
         self._run.y[self._run.wiring.output_slices[p]] = self._run.parts[p].get()
 
     def _step(self, p: int, t: float, end: float) -> None:
-        self._run.parts[p].advance(t, end - t, final=True)
+        self._advance(p, t, end, final=True)
 
     def _step_back(self, p: int, t: float, end: float) -> None:
-        self._run.parts[p].advance(t, end - t, final=False)
+        self._advance(p, t, end, final=False)
+
+    def _advance(self, p: int, t: float, end: float, *, final: bool) -> None:
+        """A step, whose outputs are still wanted where the part ends the run at its end."""
+        try:
+            self._run.parts[p].advance(t, end - t, final=final)
+        except FmuError as error:
+            if not error.ends_at(end, end - t):
+                raise
+            self._ended[p] = error
+            self._parts[p]["terminated"], self._parts[p]["reached"] = _ENDED_AT_END, end
 
     def _incline(self, p: int, t: float, end: float) -> None:
         self._run.parts[p].incline(self._vectors["u_slope"][self._run.wiring.input_slices[p]])

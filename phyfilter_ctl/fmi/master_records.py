@@ -30,9 +30,9 @@ _PART = np.dtype(
     [
         (name, np.int64)
         for name in (
-            "kind", "instance", "step", "save", "restore", "forget", "ended", "slopes", "inputs", "outputs", "sloped",
-            "n_inputs", "n_outputs", "u_begin", "u_end", "y_begin", "y_end", "feedthrough", "follows", "changed",
-            "stale", "state", "status", "terminated", "code",
+            "kind", "instance", "step", "save", "restore", "forget", "ended", "told", "slopes", "inputs", "outputs",
+            "sloped", "n_inputs", "n_outputs", "u_begin", "u_end", "y_begin", "y_end", "feedthrough", "follows",
+            "changed", "stale", "state", "status", "terminated", "code",
         )
     ]
     + [("reached", np.float64)]
@@ -187,6 +187,7 @@ class Records:
             entry[field], entry[f"n_{field}"] = self.address(groups), len(groups)
         if two:
             entry["ended"] = instance.function_address("fmi2GetBooleanStatus")
+            entry["told"] = instance.function_address("fmi2GetRealStatus")
         if part.slope_signals is not None:
             places, references, orders, values = part.slope_signals
             group = np.zeros(1, _GROUP)

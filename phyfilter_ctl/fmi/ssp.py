@@ -11,6 +11,7 @@ import control as ct
 import lxml.etree as etree
 from fmpy.ssp.ssd import validate_tree
 
+from ..diagram import flatten
 from .archive_write import write_archive
 from .cosimulation_wiring import Wire
 from .export import export_fmu
@@ -39,6 +40,7 @@ def export_ssp(
     parameters: Mapping[str, Scalar] | None = None,
     stop_time: float | None = None,
     system_connectors: bool = False,
+    unconnected: Literal["error", "zero"] = "error",
 ) -> Path:
     """Export a diagram as a system structure package: one co-simulation FMU per part, and their wiring.
 
@@ -64,6 +66,8 @@ def export_ssp(
         Whether inputs and outputs of the diagram become connectors of the package, as FMPy needs them to drive inputs.
         ecos, libcosim and OMSimulator open no package whose connections go through them; without, the names of the
         diagram's inputs and outputs stand in an annotation, which :func:`cosimulate` reads.
+    unconnected : {"error", "zero"}
+        Inputs of blocks that nothing drives: refused, or 0, as for :func:`phyfilter_ctl.flatten`.
 
     Returns
     -------
@@ -87,9 +91,8 @@ def export_ssp(
         fmus = {}
         for part, piece in cut.parts.items():
             fmus[part] = Path(folder, f"{part}.fmu")
-            export_fmu(
-                piece, fmus[part], fmi=fmi, kinds=("cs",), platforms=platforms, name=part, arrays=False
-            )
+            flat = flatten(piece, unconnected=unconnected)
+            export_fmu(flat, fmus[part], fmi=fmi, kinds=("cs",), platforms=platforms, name=part, arrays=False)
         return write_ssp(
             target,
             fmus,

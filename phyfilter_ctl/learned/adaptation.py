@@ -109,7 +109,9 @@ class AdaptiveChebyshev:
     adapt_constant : bool
         Whether the entry of T_0 is estimated too, for models whose f is scaled by something else than d.
     g : {"hold", "average"}
-        How g goes on between samples: held by an actuator, or smooth.
+        How g goes on between samples: held by an actuator, or smooth. With "hold", ``run``, ``step`` and the block take
+        the g that acts from this sample on: the state keeps it. So this ``step`` takes another g than
+        :meth:`SampledPhyFilter.step`. With "average" all take g at this sample.
 
     Raises
     ------
@@ -204,7 +206,7 @@ class AdaptiveChebyshev:
         state : AdaptationState
             From :meth:`start` or the step before.
         z, x, g : array_like
-            As for :meth:`start`, at this sample.
+            As for :meth:`start`, at this sample; with ``g="hold"`` the g that acts from this sample on.
 
         Raises
         ------

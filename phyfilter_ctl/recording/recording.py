@@ -39,7 +39,7 @@ class Recording(Parts, Stored):
     x : array_like, shape (N, n_x)
         Measured signal, one column a channel.
     g : array_like, shape (N, n_x), optional
-        Known part of M x', in the unit of M x'.
+        Known part of M x', in the unit of M x'. Where it is held, row k is the g that acts from sample k on.
     f_theta : array_like, shape (N, n_x), optional
         Output of a learned model of f, same unit.
     label : array_like, shape (N, n_x), optional

@@ -12,15 +12,15 @@ from numpy.typing import NDArray
 from .._sections import FloatArray
 from ..diagram import FlatModel
 from ..diagram.fixed_step import rates
-from .chains import Call
+from .chains import BASE, LEVELS, Call, Chain
 from .dormand_prince import dormand_prince
 from .events import EndlessEventsError, EventWatch, RunEndedError
 from .limits import LOOKED_AT, Limits, chattering
 from .pair import Pair, sizes
 from .rosenbrock import rosenbrock
-from .steps import KEPT, compose, kinds_of, renewed
+from .steps import KEPT, SYMBOLS, Layout, Results, at_node, compose, cut, kinds_of, renewed
 
-__all__ = ["Control", "Integrator", "StepError"]
+__all__ = ["Control", "Integrator", "Leaps", "StepError"]
 
 Control = Literal["adaptive", "stiff", "auto"]
 
@@ -127,8 +127,24 @@ class Integrator:
         self.pair = pair
         self._q[2:] = pair.inside * self._tolerance
         self._trial = Call(pair.trial, [*self._given, self._first])
-        after, _, stages, _ = self._trial.results
-        self._dense = Call(pair.dense, [*self._given, after, stages])
+        self._dense: Call | None = None
+
+    @property
+    def longest(self) -> float:
+        """Of the steps, in seconds."""
+        return self._max_step
+
+    @property
+    def tolerance(self) -> FloatArray:
+        """rtol and atol that a step gets."""
+        return self._q[2:].copy()
+
+    def spent(self, steps: int) -> bool:
+        """Counts steps that are made elsewhere; False where they may not be made."""
+        if steps > self._limits.left or self._limits.spend(steps):
+            return False
+        self.steps += steps
+        return True
 
     @property
     def chattering(self) -> str:
@@ -237,7 +253,12 @@ class Integrator:
                 np.searchsorted(times, before) if remembers else np.searchsorted(times, later, side="right")
             )
             if stop > done:
-                inside[done:stop] = self._states((times[done:stop] - t) / h)
+                before_end = (
+                    done + int(np.searchsorted(times[done:stop], later)) if crossing is None else stop
+                )
+                if before_end > done:
+                    inside[done:before_end] = self._states((times[done:before_end] - t) / h)
+                inside[before_end:stop] = after[0]
                 for row in range(done, stop) if remembers else ():
                     at = self._u + (times[row] - t) * self._rate
                     self.outputs_inside[row] = self.output(times[row], inside[row], self._z, at)
@@ -318,6 +339,18 @@ class Integrator:
             raise StepError(str(error), float(self._q[0]), inside, "") from error
 
     @property
+    def x(self) -> FloatArray:
+        """x where the run stands."""
+        return self._x.copy()
+
+    @property
+    def last_outputs(self) -> FloatArray | None:
+        """y where a block asked to end the run, which it still knows; None where none did."""
+        if not any(memory.ended for memory in self._flat.memories):
+            return None
+        return self.output(float(self._q[0]), self._x, self._z, self._u)
+
+    @property
     def held(self) -> FloatArray:
         """z as it is now."""
         return self._z.copy()
@@ -353,6 +386,9 @@ class Integrator:
 
     def _states(self, part: FloatArray) -> FloatArray:
         """x at parts (k,) of the step tried last, (k, n_x)."""
+        if self._dense is None:
+            after, _, stages, _ = self._trial.results
+            self._dense = Call(self.pair.dense(), [*self._given, after, stages])
         return self._x + self.pair.evaluate(self._dense()[0], part)
 
     def _first_step(self, length: float) -> float:
@@ -363,3 +399,69 @@ class Integrator:
         size, speed = np.sqrt(np.mean((self._x / scale) ** 2)), np.sqrt(np.mean((self._first / scale) ** 2))
         h = 0.01 * size / speed if size > 1e-5 and speed > 1e-5 else 1e-6
         return float(min(h, length))
+
+
+@lru_cache(maxsize=KEPT)
+def _leap(flat: FlatModel, trial: ca.Function) -> ca.Function:
+    """From a node to the next in one step: (state, data, p and tolerances) -> state, (state at the node, error)."""
+    layout, n_p = Layout(flat), len(flat.parameters)
+    n_x, _, n_z = layout.sizes
+    node = at_node(flat) if flat.tasks or flat.unknowns is not None else None
+
+    def body(state: ca.SX, data: ca.SX, p: ca.SX) -> Results:
+        given, tolerance = cut(p, slice(n_p)), cut(p, slice(n_p, None))
+        if node is not None:
+            state, _ = node(state, data, given)
+        x, s, z = (
+            cut(state, part)
+            for part in (slice(n_x), slice(n_x, -n_z or None), slice(layout.state - n_z, None))
+        )
+        t, h, begin, end = data[0], data[1], cut(data, layout.input(0)), cut(data, layout.input(2))
+        first = flat.dynamics(t, x, begin, given, z)
+        after, error, *_ = trial(x, ca.vertcat(t, h, tolerance), begin, (end - begin) / h, given, z, first)
+        later = renewed(flat, t + h, after, end, given, z)
+        return ca.vertcat(after, s, later), ca.vertcat(state, error)
+
+    return compose("pf_leap", [layout.state, layout.data, n_p + 2], body, SYMBOLS[1:])
+
+
+class Leaps:
+    """Steps from node to node, many in one call, as long as error control accepts each of them.
+
+    Where nodes are close, such as kinks of inputs and instants of sampled blocks, one step leads from each to the next.
+
+    Parameters
+    ----------
+    flat : FlatModel
+        Without events.
+    integrator : Integrator
+        Whose method and tolerances they take.
+    p : (n_p,) array
+    """
+
+    MOST = BASE ** (LEVELS - 1)
+
+    def __init__(self, flat: FlatModel, integrator: Integrator, p: FloatArray) -> None:
+        self._flat, self._integrator, self._p = flat, integrator, p
+        self._chain: Chain | None = None
+        self.size = 0
+        """Steps to try next; 0 until a single one has passed an interval."""
+
+    def encourage(self) -> None:
+        """A step has passed an interval at its first trial."""
+        self.size = max(self.size, BASE)
+
+    def run(self, state: FloatArray, data: FloatArray) -> tuple[int, FloatArray]:
+        """How many steps were accepted, and the states at their nodes and at the one after, (accepted + 1, n)."""
+        trial = self._integrator.pair.trial
+        if not len(data) or not self._integrator.spent(len(data)):
+            self.size = 0
+            return 0, state[None]
+        leap = _leap(self._flat, trial)
+        if self._chain is None or self._chain.step is not leap:
+            self._chain = Chain(leap, state, np.concatenate([self._p, self._integrator.tolerance]))
+        self._chain.state = state
+        found = self._chain.run(data)
+        good = int(np.argmin(np.append(found[:, -1] < 1.0, False)))
+        self.size = min(BASE * self.size, self.MOST) if good == len(data) else 0
+        return good, np.vstack([found[:, :-1], self._chain.state])[: good + 1]

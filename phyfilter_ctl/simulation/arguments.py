@@ -132,7 +132,7 @@ def start_vector(flat: FlatModel, initial_state: Start | None) -> FloatArray:
     else:
         given = (
             np.concatenate([np.ravel(_signals.real("initial_state", part)) for part in initial_state])
-            if isinstance(initial_state, (list, tuple)) and initial_state
+            if isinstance(initial_state, (list, tuple)) and not all(map(np.isscalar, initial_state))
             else _signals.real("initial_state", initial_state)
         )
         if given.ndim == 0:

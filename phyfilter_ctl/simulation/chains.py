@@ -14,6 +14,7 @@ __all__ = ["Call", "Chain", "bind"]
 
 BASE = 10
 LEVELS = 4  # 1, 10, 100 and 1000 steps in one call
+_WORTH = 5  # calls of a longer chain
 
 
 @lru_cache(maxsize=256)
@@ -27,7 +28,7 @@ def _chained(step: ca.Function, level: int) -> ca.Function:
     data = ca.MX.sym("data", part.size1_in(1), BASE * width)
     records, now = [], state
     for columns in ca.horzsplit(data, width):
-        now, record = part(now, columns, p)
+        now, record = part.call([now, columns, p], level == 1 and part.is_a("MXFunction"), False)
         records.append(record)
     return ca.Function(f"pf_chain{level}", [state, data, p], [now, ca.horzcat(*records)])
 
@@ -78,6 +79,8 @@ class Chain:
         done = 0
         for level in reversed(range(LEVELS)):
             size = BASE**level
+            if level > 1 and level not in self._buffers and len(data) - done < _WORTH * size:
+                continue  # the function would cost more to make than it saves
             while len(data) - done >= size:
                 self._call(level, data[done : done + size], records[done : done + size])
                 done += size

@@ -20,9 +20,7 @@ __all__ = ["compiles", "run_compiled"]
 
 # Statuses of a run that was not going to end.
 _GIVEN_UP = (3, 4, 101)
-_WAY_OUT = (
-    "max_steps and time_limit allow more; for a stiff diagram try method='exact' where fast parts are linear"
-)
+_WAY_OUT = "max_steps and time_limit allow more; for a stiff diagram try method='stiff'"
 
 
 def compiles(flat: FlatModel) -> bool:

@@ -1,28 +1,22 @@
 """How long a run will take in the virtual machine, in C and in numpy: which of them ``backend="auto"`` takes.
 
-Rates were measured once, against the time of one scalar operation in CasADi's virtual machine; that time is measured on
-each machine at first use.
+A fixed rule: its rates were measured once, and the same call takes the same backend wherever there is a compiler.
 """
 
 from __future__ import annotations
 
-from functools import lru_cache
-from time import thread_time
 from typing import NamedTuple
 
-import casadi as ca
 import numpy as np
 
 from ..diagram import FlatModel
 from .arguments import Run
-from .chains import bind
 from .steps import has_common_parts
 
 __all__ = ["Cost", "expected_cost", "operations"]
 
-# All in scalar operations of the virtual machine, of which the machine on which they were measured did one in 1.35 ns;
-# one of the probe, each of which waits for the one before, in 4 ns.
-_REFERENCE, _PROBED = 1.35e-9, 4.0e-9
+# Seconds of a scalar operation of the virtual machine; what follows is in such operations.
+_OPERATION = 1.35e-9
 # The functions of a step with error control, at all and for each operation of the diagram, with the search for common
 # parts and without; those of a fixed step.
 _MAKING, _MAKING_EACH, _MAKING_APART, _FIXED_MAKING = 11e6, 250e3, 30e3, 0.25
@@ -35,7 +29,6 @@ _C_STAGES, _C_OPERATION, _C_ROW = 7.0 * 4.0, 0.25, 1.5e3
 _STEPS_PER_RADIAN = 0.5
 # And radians of it in a step of fixed length, which takes four evaluations and one of the outputs.
 _RADIANS, _FIXED_STAGES = 0.2, 5.0
-_PROBE, _CALLS = 4000, 20
 
 
 class Cost(NamedTuple):
@@ -59,28 +52,6 @@ class Cost(NamedTuple):
                f"{self.c:.2g} s in C with its compilation"  # fmt: skip
 
 
-@lru_cache(maxsize=1)
-def _operation() -> float:
-    """Seconds of a scalar operation here: the measured one times what the probe takes more or less."""
-    x = ca.SX.sym("x", 8)
-    value = x
-    for k in range(_PROBE // 16):
-        value = value * (0.5 + 1e-6 * k) + x
-    function = ca.Function("probe", [x], [value])
-    buffer, trigger = function.buffer()
-    given, result = np.ones((8, 1)), np.zeros((8, 1))
-    bind(buffer.set_arg, 0, given)
-    bind(buffer.set_res, 0, result)
-    trigger()
-    times = []
-    for _ in range(5):
-        begin = thread_time()
-        for _ in range(_CALLS):
-            trigger()
-        times.append((thread_time() - begin) / _CALLS)
-    return _REFERENCE * min(times) / function.n_instructions() / _PROBED
-
-
 def operations(flat: FlatModel) -> float:
     """Of one evaluation of a diagram, its sampled blocks included; infinite where they cannot be counted."""
     functions = [flat.dynamics, flat.output, *(task.signals for task in flat.tasks)]
@@ -91,7 +62,7 @@ def operations(flat: FlatModel) -> float:
 
 
 def expected_cost(
-    flat: FlatModel, run: Run, rate: float, *, fixed: bool, max_step: float | None, runs: int, threads: int
+    flat: FlatModel, run: Run, rate: float, *, fixed: bool, max_step: float | None, runs: int
 ) -> Cost:
     """Seconds that a run, or several like it, will take.
 
@@ -105,8 +76,6 @@ def expected_cost(
         Steps of fixed length.
     max_step : float or None
     runs : int
-    threads : int
-        That run them.
     """
     length = float(run.times[-1] - run.times[0])
     instants = sum(length / task.period for task in flat.tasks)
@@ -123,14 +92,12 @@ def expected_cost(
         each = 1e3  # instructions of unknown size
     made = _FIXED_MAKING if fixed else 1.0
     once = steps * (_FIXED_STAGES * each if fixed else _STAGES * each + _OVERHEAD)
-    share = max(runs / min(threads, runs), 1.0)
     making = _MAKING_EACH if has_common_parts(flat) else _MAKING_APART
-    vm = made * (_MAKING + making * each) + share * (once + rows * each)
+    vm = made * (_MAKING + making * each) + runs * (once + rows * each)
     c = _COMPILE + _COMPILE_EACH * each
     stages = _FIXED_STAGES if fixed else _C_STAGES
-    c += share * (_C_OPERATION * each * (stages * steps + rows) + rows * _C_ROW)
-    unit = _operation()
-    return Cost(vm * unit, c * unit, steps)
+    c += runs * (_C_OPERATION * each * (stages * steps + rows) + rows * _C_ROW)
+    return Cost(vm * _OPERATION, c * _OPERATION, steps)
 
 
 def _kinks(run: Run) -> int:

@@ -49,7 +49,8 @@ def refuse_events(flat: FlatModel, what: str) -> None:
     if flat.events:
         raise ValueError(
             f"{what} passes over the events of {flat.name} ({', '.join(event.name for event in flat.events)}): "
-            "expected a diagram without, such as the block's equations between events, its attribute system"
+            "expected a diagram without, such as the block's equations between events, its attribute system; or, for a "
+            "switch in the equations, a smooth one, np.tanh(v / width) for np.sign(v)"
         )
 
 

@@ -6,12 +6,13 @@ from dataclasses import dataclass
 from time import monotonic
 
 import numpy as np
+from tqdm import tqdm
 
 from .._sections import FloatArray
 from ..diagram import FlatModel
 from .arguments import Run
 
-__all__ = ["LOOKED_AT", "Limits", "chattering", "steps_allowed"]
+__all__ = ["LOOKED_AT", "Limits", "chattering", "diverged", "progress_bar", "steps_allowed"]
 
 # Steps allowed where nobody says it: of error control, and of fixed length; and for each node of the run.
 _ADAPTIVE_STEPS, _FIXED_STEPS, _NODE_STEPS = 1_000_000, 100_000_000, 20
@@ -85,3 +86,23 @@ def chattering(flat: FlatModel, slopes: FloatArray, trials: int) -> str:
         f"{slopes[:, i].min():.3g} and {slopes[:, i].max():.3g} from step to step, a sliding mode of a switch that "
         "acts on it. Give the switch a boundary layer (x / (abs(x) + eps), a saturation) or hysteresis, or sample it"
     )
+
+
+def diverged(flat: FlatModel, x: FloatArray, failed_at: float) -> str:
+    """What to say of a state that is no longer finite."""
+    known = x[np.all(np.isfinite(x), axis=1)]
+    which = ""
+    if len(known) and known.shape[1]:
+        which = f"; the largest state before was {flat.states[int(np.argmax(np.abs(known[-1])))].name}"
+    return (
+        f"the state is no longer finite at t = {failed_at:.9g} s{which}. Either the diagram is unstable, or the step "
+        "is too long for it: try a smaller max_step, method='adaptive', or 'stiff' where fast modes die out"
+    )
+
+
+def progress_bar(run: Run, progress: bool) -> tqdm:
+    """Over the seconds of a run."""
+    return tqdm(
+        total=float(run.times[-1] - run.times[0]), disable=not progress, unit="s", desc="simulated",
+        bar_format="{desc}: {percentage:3.0f}%|{bar}| {n:.1f}/{total:.1f} s [{elapsed}<{remaining}]",
+    )  # fmt: skip

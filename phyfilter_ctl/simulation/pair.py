@@ -38,8 +38,8 @@ class Pair(NamedTuple):
     trial : casadi.Function
         Stage and first slope -> x at its end, error over the tolerance, stages (n_x, k), and the slope there, or the
         first again where there is none.
-    dense : casadi.Function
-        Stage, x at the end, stages -> coefficients of the polynomial.
+    dense : callable
+        Makes the function stage, x at the end, stages -> coefficients of the polynomial; not every run looks inside.
     evaluate : callable
         Coefficients, parts (k,) of the step -> changes of x (k, n_x).
     """
@@ -49,5 +49,5 @@ class Pair(NamedTuple):
     inside: float
     factors: tuple[float, float, float]
     trial: ca.Function
-    dense: ca.Function
+    dense: Callable[[], ca.Function]
     evaluate: Callable[[FloatArray, FloatArray], FloatArray]

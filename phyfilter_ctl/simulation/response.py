@@ -142,7 +142,10 @@ def response_of(
     """Time-major arrays as a response."""
     x, y, steps, message, failed_at, events = outcome
     raised = next((c for c in flat.callbacks if c.failure), None)
-    if message and raised is not None:
+    ended = next((c.ended for c in flat.callbacks if c.ended), "")
+    if ended:  # nothing else went wrong: what follows of it is no news
+        message = ended
+    elif message and raised is not None:
         message = f"block {raised.block}, which runs as Python, raised {raised.failure}; {message}"
     return SimulationResponse(
         run.times, y.T, states=x.T, inputs=run.inputs.T,
@@ -157,7 +160,7 @@ def shares_of(flat: FlatModel) -> Callable[[], dict[str, float]]:
     begin = time.perf_counter()
     before = [callback.seconds for callback in flat.callbacks]
     for callback in flat.callbacks:
-        callback.failure = ""
+        callback.failure = callback.ended = ""
 
     def shares() -> dict[str, float]:
         total = max(time.perf_counter() - begin, 1e-9)

@@ -11,7 +11,7 @@ Differential Equations II", IV.7,
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import lru_cache
+from functools import lru_cache, partial
 
 import casadi as ca
 import numpy as np
@@ -137,4 +137,4 @@ def _inside(coefficients: FloatArray, part: FloatArray) -> FloatArray:
 
 def rosenbrock(flat: FlatModel) -> Pair:
     """The pair for a model."""
-    return Pair("stiff", 5, 0.3, (0.9, 0.2, 6.0), _trial(flat), _interpolant(flat), _inside)
+    return Pair("stiff", 5, 0.3, (0.9, 0.2, 6.0), _trial(flat), partial(_interpolant, flat), _inside)

@@ -169,6 +169,8 @@ def sampled_open_loop(
 
     Notes
     -----
+    An input of a block that nothing drives is 0: only the loop counts, so what comes from outside need not be wired.
+
     What is added at the signal is held from instant to instant. So L is that of the diagram where the signal itself is
     held, or only sampled blocks read it; where a continuous block drives a continuous one, it is that of a loop with a
     hold in this place. The closed loop that belongs to it, and whether that is stable, is the diagram's in any case.

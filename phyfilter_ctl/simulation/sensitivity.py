@@ -15,6 +15,7 @@ from .._sections import FloatArray
 from ..blocks.functions import Variable
 from ..diagram import FlatModel
 from ..diagram.naming import override
+from ..diagram.switches import located
 from ..results import Result
 from .arguments import Inputs, Interpolation, Parameters, Start, prepare
 from .events import refuse_events
@@ -96,7 +97,7 @@ def sensitivity(
     (('rate',), 0.367879)
     """
     flat = as_flat(sys)
-    refuse_events(flat, "sensitivity")
+    refuse_events(located(flat), "sensitivity")
     run = prepare(flat, timepts, inputs, initial_state, params, interpolation)
     if max_step is not None and not max_step > 0.0:
         raise ValueError(f"max_step: expected a positive number of seconds or None, got {max_step!r}")
@@ -106,7 +107,7 @@ def sensitivity(
     if flat.dt > 0.0:
         pieces = discrete_pieces(flat, run)
     else:
-        longest = default_step(flat, run, without_linear=False) if max_step is None else max_step
+        longest = default_step(flat, run) if max_step is None else max_step
         pieces = fixed_pieces(flat, run, "rk4", longest)
     state = start_state(flat, run.start)
     seeds = np.zeros((len(parameters) + len(starts), len(state)))

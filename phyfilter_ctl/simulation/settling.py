@@ -18,7 +18,7 @@ from ..results import Result
 from .arguments import Run
 from .chains import Chain
 from .events import refuse_events
-from .exponential import has_linear_states
+from .flow import is_flow
 from .hyperperiod import Instants, instants_of
 from .periodic import Flow, Instant, PeriodicModel
 from .steplength import default_step
@@ -139,7 +139,7 @@ def settled(
         )
     drift = float(np.max(np.abs(later - state) / (1.0 + np.abs(state)), initial=0.0))
     names = {variable.name: float(value) for variable, value in zip(flat.states, state, strict=False)}
-    point = OperatingPoint(time, names, drift, has_linear_states(flat))
+    point = OperatingPoint(time, names, drift, is_flow(flat))
     return _linearized(flat, instants, time, state, u, p), point
 
 
@@ -149,9 +149,7 @@ def _run(
     """The state at the end of a run, before what is due there."""
     n_x = len(flat.states)
     run = Run(np.array(span), np.tile(u, (2, 1)), state[:n_x], p, "hold")
-    method, longest = (
-        ("exact", None) if has_linear_states(flat) else ("rk4", default_step(flat, run, without_linear=False))
-    )
+    method, longest = ("exact", None) if is_flow(flat) else ("rk4", default_step(flat, run))
     pieces = list(fixed_pieces(flat, run, method, longest and _COARSER * longest))
     for i, (step, parameters, data, _) in enumerate(pieces):
         chain = Chain(step, state, parameters)
@@ -162,7 +160,7 @@ def _run(
 
 @lru_cache(maxsize=KEPT)
 def _without_tasks(flat: FlatModel) -> FlatModel:
-    return replace(flat, tasks=())
+    return replace(flat, tasks=(), turns=())
 
 
 @lru_cache(maxsize=KEPT)

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from ..analysis.margins.matrix_search import MatrixSearch
 from ..analysis.margins.scalar_search import Bound, MarginSearch, ScalarSearch
 from ..analysis.margins.statespace import StateSpaceLoop
-from ..diagram import SignalMargin, open_loop
+from ..diagram import FlatModel, SignalMargin, open_loop
 from ..diagram.opening import signals_of
 from .periodic import Matrix, scaled
 from .sampled_loop import OpenedLoop, opened_loop, probed_flat
@@ -42,9 +42,10 @@ def signal_margin(
     -------
     SignalMargin
         With sampled blocks that of the sampled loop, with hold and delays: stable if the spectral radius over the
-        common period is below 1; delays within a step are exact. ``about`` says where it was linearised. A signal that
-        goes from a continuous block to a continuous one past the sampled blocks acts between the instants too: gain and
-        phase margin are exact (eigenvalues with the factor inside the loop), the others nan.
+        common period is below 1; delays within a step are exact. ``about`` says where it was linearised, and which
+        inputs of blocks nothing drives, so that they are 0. A signal that goes from a continuous block to a continuous
+        one past the sampled blocks acts between the instants too: gain and phase margin are exact (eigenvalues with the
+        factor inside the loop), the others nan.
 
     Raises
     ------
@@ -67,15 +68,20 @@ def signal_margin(
     if not flat.tasks:
         if settle:
             raise ValueError(f"{flat.name} has no sampled blocks: settle is for those")
-        return SignalMargin(named, open_loop(system, signals, x0=x0, u0=u0, params=params, t=t))
+        linear = open_loop(system, signals, x0=x0, u0=u0, params=params, t=t)
+        return SignalMargin(named, linear, _undriven(flat))
     if t:
         raise ValueError(f"t: a diagram with sampled blocks starts at 0, got {t}; let it settle instead")
     loop = opened_loop(system, signals, x0, u0, settle, params)
-    about = loop.gain.point.describe()
+    about = "; ".join(part for part in (loop.gain.point.describe(), _undriven(flat)) if part)
     if loop.kind == "between":
         places = " or ".join(task.name for task in flat.tasks)
         return SignalMargin(named, None, about, _between(loop, places))
     return SignalMargin(named, loop.gain, about, _search(loop))
+
+
+def _undriven(flat: FlatModel) -> str:
+    return f"nothing drives {', '.join(flat.undriven)}, taken as 0" if flat.undriven else ""
 
 
 def _search(loop: OpenedLoop) -> MarginSearch:

@@ -23,9 +23,8 @@ from . import compiled, vm
 from .algebraic import jumps, unsolved
 from .arguments import Inputs, Interpolation, Parameters, Run, Start, prepare
 from .cost import expected_cost
-from .exponential import has_linear_states, is_driven_by_lines, linear_part
+from .flow import is_flow, run_flow, runs_in_numpy, suits
 from .limits import Limits, steps_allowed
-from .linear import is_plain, run_linear, suits
 from .response import Backend, SimulationResponse, response_of, shares_of, with_outputs_checked
 from .steplength import default_step
 
@@ -33,8 +32,6 @@ __all__ = ["as_flat", "simulate", "simulate_batch"]
 
 MethodChoice = Literal["auto", "rk4", "adaptive", "stiff", "exact"]
 BackendChoice = Literal["auto", "vm", "c", "numpy"]
-# The exponential method with more coupled states costs more in the virtual machine than it saves.
-_LARGEST_GROUP = 200
 # Time constants of the fastest decaying mode that a run is long, and those for each of its nodes, to call it stiff.
 _STIFF_STEPS, _STIFF_NODE_STEPS = 30_000.0, 100.0
 # Jobs for each worker of another process.
@@ -121,16 +118,16 @@ def simulate(
         "rk4": classical Runge-Kutta, equal steps between events (times and instants of sampled blocks). "adaptive":
         Dormand-Prince with error control, 8(5,3) in the virtual machine and 5(4) in C; starts anew at instants and at
         kinks of the inputs. "stiff": Rosenbrock with error control, Rodas5P (G. Steinebach, BIT 63, 27, 2023).
-        "exact": exponential Runge-Kutta of fourth order, exact for parts of df/dx that are constant. "auto": exact for
-        a diagram linear in its states that straight lines drive, else adaptive; in the virtual machine it goes over to
+        "exact": matrix exponentials from instant to instant, for diagrams affine in states, inputs, time and held
+        outputs between them. "auto": exact for such a diagram, else adaptive; in the virtual machine it goes over to
         stiff where the fastest decaying mode, measured on the way, bounds the steps.
     backend : {"auto", "vm", "c", "numpy"}
-        CasADi's virtual machine, C compiled on the spot (kept for the next run), or, for affine
-        diagrams without sampled blocks, one product of a matrix by the state for each time. "auto": what is
+        CasADi's virtual machine, C compiled on the spot (kept for the next run), or, for "exact" without sampled
+        blocks, one product of a matrix by the state for each time. "auto": what is
         predicted to take least time, C where a compiler is found; ``explanation`` of the response says why.
     max_step : float, optional
-        Longest step in seconds. None: for "rk4" and for the nonlinear parts of "exact", 0.2 of the time constant of
-        the fastest pole at the start, and never beyond the next event; for "adaptive", no bound.
+        Longest step in seconds. None: for "rk4", 0.2 of the time constant of the fastest pole at the start, and never
+        beyond the next event; for the others, no bound.
     rtol, atol : float
         Adaptive: error of a step relative to, and beside, the size of the states.
     interpolation : {"linear", "hold"}
@@ -249,7 +246,7 @@ def simulate_batch(
             "processes cannot be given; workers= runs a batch in threads of this one"
         )
     runs = [prepare(flat, timepts, u, x0, p, interpolation) for u, x0, p in arguments]
-    decided = _decided(flat, runs[0], options, len(runs), chosen.size)
+    decided = _decided(flat, runs[0], options, len(runs))
     try:
         with tqdm(total=len(runs), disable=not progress, unit="run") as bar:
             answers: list[SimulationResponse] = []
@@ -284,38 +281,41 @@ def as_flat(sys: ct.InputOutputSystem | FlatModel, params: Parameters | None = N
     return sys if isinstance(sys, FlatModel) else flatten(sys, params=params)
 
 
-def _decided(flat: FlatModel, run: Run, options: Options, runs: int, threads: int = 1) -> Options:
+def _decided(flat: FlatModel, run: Run, options: Options, runs: int) -> Options:
     """Options without "auto"."""
     method, backend, why = options.method, options.backend, ""
-    if method == "auto":
-        exact = backend != "c" and (is_plain(flat, run, options.max_step) or _is_exact(flat))
-        method = "exact" if exact else "auto"
+    if method == "exact" and flat.states and flat.dt == 0.0 and not is_flow(flat):
+        raise ValueError(
+            f"method='exact': {flat.name} is not affine in its states, inputs, time and held outputs between instants, "
+            "or has switches or events there; take method='stiff' for fast modes, or 'adaptive'"
+        )
+    exact = (
+        is_flow(flat) and backend != "c" and (method == "exact" or (method == "auto" and suits(flat, run)))
+    )
+    method = "exact" if exact else method
     if flat.events:
-        if options.method == "exact" or (options.method == "rk4" and backend != "c"):
+        if method == "rk4" and backend != "c":
             raise ValueError(
-                f"method={options.method!r} steps over the events of {flat.name}: expected 'auto', 'adaptive' or "
-                "'stiff', or 'rk4' with backend='c'"
+                f"method='rk4' steps over the events of {flat.name}: expected 'auto', 'adaptive' or 'stiff', or 'rk4' "
+                "with backend='c'"
             )
-        method = "auto" if method == "exact" else method
         if backend == "auto":
             backend, why = "vm", "vm: it records the events"
     if (not flat.states and not flat.memories) or flat.dt > 0.0:
         method = "rk4"  # nothing to integrate
-    if backend == "numpy" and not (method == "exact" and is_plain(flat, run, options.max_step)):
+    if backend == "numpy" and not (exact and runs_in_numpy(flat)):
         raise ValueError(
-            "backend='numpy': expected an affine diagram without sampled blocks and nonlinear algebraic loops, and "
-            "times of few different distances; take backend='auto'"
+            "backend='numpy': expected an affine diagram without sampled blocks and nonlinear algebraic loops; take "
+            "backend='auto'"
         )
     if backend == "auto" and method == "exact":
-        backend = "numpy" if suits(flat, run, options.max_step, runs) else "vm"
-        why = f"{backend}: the diagram is linear in its states, {len(run.times)} times"
+        backend = "numpy" if runs_in_numpy(flat) else "vm"
+        why = f"{backend}: the diagram is affine between instants, {len(run.times)} times"
     elif backend == "auto" and method == "stiff":
         backend, why = "vm", "vm: stiff"
     elif backend == "auto":
         decaying, fastest = _rates(flat, run)
-        cost = expected_cost(
-            flat, run, fastest, fixed=method == "rk4", max_step=options.max_step, runs=runs, threads=threads
-        )
+        cost = expected_cost(flat, run, fastest, fixed=method == "rk4", max_step=options.max_step, runs=runs)
         if method == "auto" and _starts_stiff(flat, run, decaying):
             backend, why = "vm", f"vm: stiff, a mode decays at {decaying:.3g} 1/s"
         else:
@@ -324,11 +324,6 @@ def _decided(flat: FlatModel, run: Run, options: Options, runs: int, threads: in
     if backend == "c" and method == "auto":
         method = "adaptive"
     return replace(options, method=method, backend=backend, explanation=why or f"{backend}: asked for")
-
-
-def _is_exact(flat: FlatModel) -> bool:
-    small = max((len(group) for group in linear_part(flat).groups), default=0) <= _LARGEST_GROUP
-    return small and has_linear_states(flat) and is_driven_by_lines(flat)
 
 
 def _rates(flat: FlatModel, run: Run) -> tuple[float, float]:
@@ -353,8 +348,8 @@ def _stiff_steps(flat: FlatModel, run: Run) -> float:
 
 def _simulate(flat: FlatModel, run: Run, options: Options, progress: bool) -> SimulationResponse:
     with ExitStack() as stack:
-        for memory in flat.memories:
-            stack.enter_context(memory.running())
+        for running in flat.exclusive:
+            stack.enter_context(running())
         return _run(flat, run, options, progress)
 
 
@@ -364,8 +359,8 @@ def _run(flat: FlatModel, run: Run, options: Options, progress: bool) -> Simulat
     shares = shares_of(flat)
     longest = options.max_step
     limits = Limits(steps_allowed(flat, run, options.max_steps, controlled), options.time_limit)
-    if longest is None and not controlled and flat.dt == 0.0 and options.backend != "numpy":
-        longest = default_step(flat, run, without_linear=method == "exact")
+    if longest is None and method == "rk4" and flat.dt == 0.0:
+        longest = default_step(flat, run)
     model = located(flat) if controlled and options.backend != "c" and flat.dt == 0.0 else flat
     if options.backend == "c":
         assert method in ("rk4", "adaptive")
@@ -393,7 +388,7 @@ def _run(flat: FlatModel, run: Run, options: Options, progress: bool) -> Simulat
             progress=progress,
         )
     elif options.backend == "numpy":
-        outcome = run_linear(flat, run, limits)
+        outcome = run_flow(flat, run, limits, progress)
     else:
         pieces = vm.fixed_pieces(flat, run, method, longest)
         outcome, _ = vm.run_pieces(flat, run, pieces, limits=limits, progress=progress)

@@ -8,7 +8,6 @@ from scipy.sparse import csc_array
 from ..diagram import FlatModel
 from ..diagram.fixed_step import fastest_modes, state_jacobian
 from .arguments import Run
-from .exponential import linear_part
 from .steps import start_state
 
 __all__ = ["default_step"]
@@ -18,23 +17,15 @@ __all__ = ["default_step"]
 _REACH = 0.2
 
 
-def default_step(flat: FlatModel, run: Run, *, without_linear: bool) -> float | None:
-    """A fifth of the shortest time constant at the start of the run; None where there is none.
-
-    ``without_linear`` leaves out what the exponential method integrates exactly.
-    """
-    if not flat.states or (without_linear and linear_part(flat).complete):
+def default_step(flat: FlatModel, run: Run) -> float | None:
+    """A fifth of the shortest time constant at the start of the run; None where there is none."""
+    if not flat.states:
         return None
     held = start_state(flat, run.start)[len(run.start) :]
     z = held[len(held) - len(flat.held) :]
     values = state_jacobian(flat)(run.times[0], run.start, run.inputs[0], run.parameters, z)
     rows, columns = (np.array(part, dtype=np.intp) for part in values.sparsity().get_triplet())
     entries = np.array(values.nonzeros(), dtype=float)
-    if without_linear:
-        part = linear_part(flat)
-        known = set(zip(part.rows.tolist(), part.columns.tolist(), strict=True))
-        kept = [pair not in known for pair in zip(rows.tolist(), columns.tolist(), strict=True)]
-        rows, columns, entries = rows[kept], columns[kept], entries[kept]
     matrix = csc_array((entries, (rows, columns)), shape=(len(flat.states),) * 2)
     if not np.all(np.isfinite(entries)):
         return None

@@ -13,10 +13,12 @@ from typing import TypeAlias, cast
 
 import casadi as ca
 import numpy as np
+from numpy.typing import NDArray
 
 from .._sections import FloatArray
 from ..blocks.functions import dependencies
 from ..diagram import FlatModel
+from .arguments import Run
 
 __all__ = [
     "Layout",
@@ -28,6 +30,7 @@ __all__ = [
     "full_step",
     "has_common_parts",
     "kinds_of",
+    "outputs_at",
     "renewed",
     "split_step",
     "start_state",
@@ -167,7 +170,8 @@ def at_node(flat: FlatModel) -> ca.Function:
         x, s, z = _split(flat, state)
         t, u = data[0], cut(data, layout.input(0))
         due = cut(data, layout.due)
-        for i, task in enumerate(flat.tasks):
+        for i in flat.turns or range(len(flat.tasks)):
+            task = flat.tasks[i]
             v = task.signals(t, x, u, p, z)
             out = ca.if_else(due[i], task.law.output(t, s[i], v, cut(p, task.parameters)), cut(z, task.held))
             z = ca.vertcat(cut(z, slice(task.held.start)), out, cut(z, slice(task.held.stop, None)))
@@ -223,9 +227,12 @@ def full_step(node: ca.Function, advance: ca.Function) -> ca.Function:
 
     def body(state: ca.SX, data: ca.SX, p: ca.SX) -> Results:
         state, record = node(state, data, cut(p, slice(node.size1_in(2))))
-        return advance(state, data, p), record
+        (after,) = advance.call([state, data, p], not advance.is_a("SXFunction"), False)
+        return after, record
 
-    return compose("pf_step", [advance.size1_in(i) for i in range(3)], body)
+    # Matrix products of a flow stay whole in MX; SX would make one instruction of each entry.
+    kinds = SYMBOLS if advance.is_a("SXFunction") else SYMBOLS[1:]
+    return compose("pf_step", [advance.size1_in(i) for i in range(3)], body, kinds)
 
 
 @lru_cache(maxsize=KEPT)
@@ -239,3 +246,31 @@ def split_step(node: ca.Function, advance: ca.Function, flag: int) -> ca.Functio
     state, data, p = (MX.sym(f"i{i}", advance.size1_in(i)) for i in range(3))
     after, record = chosen(data[flag] > 0.5, state, data, cut(p, slice(sizes[2])))
     return ca.Function("pf_split_step", [state, data, p], [advance(after, data, p), record])
+
+
+def outputs_at(
+    flat: FlatModel, run: Run, x: FloatArray, z: FloatArray, good: NDArray[np.bool_]
+) -> FloatArray:
+    """Outputs at all times at once; the sampled blocks have run."""
+    y = np.full((len(x), len(flat.outputs)), np.nan)
+    size = 256
+    mapped = _mapped(flat, size)
+    for start in range(0, len(x), size):
+        rows = slice(start, start + size)
+        parts = [run.times[rows, None], x[rows], run.inputs[rows], None, z[rows]]
+        count = len(run.times[rows])
+        filled = [
+            run.parameters
+            if part is None
+            else np.vstack([part, np.repeat(part[-1:], size - count, axis=0)]).T
+            for part in parts
+        ]
+        filled[3] = np.repeat(run.parameters[:, None], size, axis=1)
+        y[rows] = np.asarray(mapped(*filled), dtype=float).T[:count]
+    y[~good] = np.nan
+    return y
+
+
+@lru_cache(maxsize=KEPT)
+def _mapped(flat: FlatModel, size: int) -> ca.Function:
+    return flat.output.map(size)

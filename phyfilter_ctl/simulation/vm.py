@@ -3,45 +3,37 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from functools import lru_cache
-from itertools import pairwise
 from typing import Literal, NamedTuple
 
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
-from tqdm import tqdm
 
 from .._sections import FloatArray
 from ..diagram import FlatModel
-from .adaptive import Control, Integrator, StepError
+from .adaptive import Control, Integrator, Leaps, StepError
 from .arguments import Run
 from .chains import Chain
-from .exponential import advance_exponential, tables
-from .limits import Limits
+from .flow import advance_flow, step_lengths, tables
+from .limits import Limits, diverged, progress_bar
 from .response import Method, Outcome
 from .schedule import WINDOW, Nodes, Steps, nodes, steps_between
-from .steps import KEPT, Layout, advance_rk4, at_node, discrete_step, full_step, split_step, start_state
+from .steps import Layout, advance_rk4, at_node, discrete_step, full_step, outputs_at, split_step, start_state
 
 __all__ = [
     "Piece",
     "chattering_from",
     "discrete_pieces",
-    "diverged",
     "fixed_pieces",
-    "outputs_at",
     "run_adaptive",
     "run_pieces",
-    "step_lengths",
 ]
 
-# Steps whose lengths agree to this use one set of matrices: the times themselves are no better known.
-_SAME_LENGTH = 1e-12
 # Steps that show whether something chatters.
 _DIAGNOSIS = 3000
 _STIFF = (
-    "The diagram is stiff or has a singularity there: try method='stiff', method='exact' where its fast parts are "
-    "linear, larger rtol and atol, or method='rk4' with a max_step you choose; max_steps and time_limit allow more"
+    "The diagram is stiff or has a singularity there: try method='stiff', larger rtol and atol, or method='rk4' with a "
+    "max_step you choose; max_steps and time_limit allow more"
 )
 
 
@@ -57,24 +49,35 @@ class Piece(NamedTuple):
 def fixed_pieces(
     flat: FlatModel, run: Run, method: Literal["rk4", "exact"], max_step: float | None
 ) -> Iterator[Piece]:
-    """RK4 or the exponential method, in steps no longer than ``max_step`` between nodes."""
+    """RK4 or the exact flow, in steps no longer than ``max_step`` between nodes."""
     layout = Layout(flat)
+    node = at_node(flat)
     for window in nodes(run.times, [task.period for task in flat.tasks]):
         for steps in steps_between(window, max_step):
             data = _data(layout, run, window, steps)
-            p, capacity = run.parameters, 1
-            if method == "exact":
-                lengths, data[:, layout.table] = step_lengths(data[:, 1], run.times)
-                columns = tables(flat, run.parameters, lengths.tolist())
-                capacity = 1 << (len(lengths) - 1).bit_length()
-                columns = np.vstack([columns, np.zeros((capacity - len(columns), columns.shape[1]))])
-                p = np.concatenate([p, columns.ravel()])
-                advance = advance_exponential(flat, capacity)
-            else:
-                advance = advance_rk4(flat)
-            node = at_node(flat)
-            step = full_step(node, advance) if steps.first.all() else split_step(node, advance, layout.node)
-            yield Piece(step, p, data, np.where(steps.first, window.row[steps.node], -1))
+            rows = np.where(steps.first, window.row[steps.node], -1)
+
+            def joined(advance: ca.Function, first: NDArray[np.bool_] = steps.first) -> ca.Function:
+                return full_step(node, advance) if first.all() else split_step(node, advance, layout.node)
+
+            if method == "rk4":
+                yield Piece(joined(advance_rk4(flat)), run.parameters, data, rows)
+                continue
+            # The step of no length that ends a run is apart: the others often need one matrix alone.
+            last = len(data) - int(len(data) > 1 and data[-1, 1] == 0.0)
+            for part in (slice(last), slice(last, None)):
+                if len(data[part]):
+                    advance, p = _flowing(flat, run, data[part])
+                    yield Piece(joined(advance), p, data[part], rows[part])
+
+
+def _flowing(flat: FlatModel, run: Run, data: FloatArray) -> tuple[ca.Function, FloatArray]:
+    """The exact step, and its parameters with a table for each length in the data, whose numbers are filled in."""
+    lengths, data[:, Layout(flat).table] = step_lengths(data[:, 1], run.times)
+    pattern, columns = tables(flat, run.parameters, lengths)
+    capacity = 1 << (len(lengths) - 1).bit_length()
+    columns = np.vstack([columns, np.zeros((capacity - len(columns), columns.shape[1]))])
+    return advance_flow(flat, pattern.tobytes(), capacity), np.concatenate([run.parameters, columns.ravel()])
 
 
 def discrete_pieces(flat: FlatModel, run: Run) -> Iterator[Piece]:
@@ -106,7 +109,7 @@ def run_pieces(
     state = start_state(flat, run.start) if state is None else state
     chain: Chain | None = None
     count, message, failed_at = 0, "", np.inf
-    with _bar(run, progress) as bar:
+    with progress_bar(run, progress) as bar:
         for step, p, data, rows in pieces:
             granted, refusal = limits.grant(len(data)) if limits is not None else (len(data), "")
             if refusal:
@@ -142,18 +145,6 @@ def run_pieces(
     return outcome, record[:, n_x + n_y :]
 
 
-def diverged(flat: FlatModel, x: FloatArray, failed_at: float) -> str:
-    """What to say of a state that is no longer finite."""
-    known = x[np.all(np.isfinite(x), axis=1)]
-    which = ""
-    if len(known) and known.shape[1]:
-        which = f"; the largest state before was {flat.states[int(np.argmax(np.abs(known[-1])))].name}"
-    return (
-        f"the state is no longer finite at t = {failed_at:.9g} s{which}. Either the diagram is unstable, or the step "
-        "is too long for it: try a smaller max_step, method='exact' where fast parts are linear, or method='adaptive'"
-    )
-
-
 def run_adaptive(
     flat: FlatModel,
     run: Run,
@@ -181,8 +172,11 @@ def run_adaptive(
         if flat.tasks or (flat.unknowns is not None and not flat.loops)
         else None
     )
+    leaps = (
+        Leaps(flat, integrator, run.parameters) if n_x and integrator.watch is None and y is None else None
+    )
     failed_at, message = np.inf, ""
-    with _bar(run, progress) as bar:
+    with progress_bar(run, progress) as bar:
         try:
             state[:n_x] = integrator.begin(
                 state[:n_x], state[n_x + n_s :], float(run.times[0]), run.inputs[0]
@@ -194,12 +188,29 @@ def run_adaptive(
             data = _data(layout, run, window, next(steps_between(window, None, size=len(window.due) + 1)))
             breaks = _breaks(layout, window, data)
             later = np.zeros(0, dtype=np.intp)
+            place, passed = 0, False
             try:
-                for first, stop in pairwise(breaks):
-                    if chain is not None:
+                while place < len(breaks) - 1:
+                    first, stop = breaks[place : place + 2]
+                    if leaps is not None and not passed and leaps.size:
+                        ready = min(leaps.size, _apart(breaks, place, data, integrator.longest))
+                        taken, states = leaps.run(state, data[first : first + ready])
+                        rows = window.row[first : first + taken]
+                        x[rows[rows >= 0]], z[rows[rows >= 0]] = (
+                            states[:taken][rows >= 0][:, part]
+                            for part in (slice(n_x), slice(n_x + n_s, None))
+                        )
+                        # The node after the last step that was taken has been passed where a step was refused there.
+                        state, passed = states[taken], taken < ready
+                        place += taken
+                        if taken or passed:
+                            continue
+                    place += 1
+                    if chain is not None and not passed:
                         chain.state = state
                         chain.run(data[first : first + 1])
                         state = chain.state
+                    passed = False
                     held = state[n_x + n_s :]
                     begin, end = float(window.times[first]), float(window.times[stop])
                     rows = window.row[first:stop]
@@ -211,10 +222,13 @@ def run_adaptive(
                     if y is not None and end == begin:
                         y[rows] = integrator.output(begin, state[:n_x], held, u[0])
                     if (n_x or y is not None) and end > begin:
+                        count = integrator.steps
                         state[:n_x], x[later] = integrator.run(
                             state[:n_x], held, (begin, end), u, run.times[later]
                         )
                         z[later], state[n_x + n_s :] = integrator.held_inside, integrator.held
+                        if leaps is not None and integrator.steps == count + 1:
+                            leaps.encourage()
                         if y is not None:
                             y[later] = integrator.outputs_inside
             except StepError as error:
@@ -222,6 +236,11 @@ def run_adaptive(
                 if y is not None and integrator.outputs_inside is not None:
                     y[later[: len(error.inside)]] = integrator.outputs_inside[: len(error.inside)]
                 failed_at = error.time
+                row = int(np.argmin(np.abs(run.times - failed_at)))
+                same = abs(run.times[row] - failed_at) <= _SAME_LENGTH * max(abs(failed_at), 1.0)
+                last = integrator.last_outputs if same else None
+                if y is not None and last is not None:
+                    x[row], y[row] = integrator.x, last
                 message = (
                     str(error) if error.advice is not None else f"{error}. {integrator.chattering or _STIFF}"
                 )
@@ -232,6 +251,18 @@ def run_adaptive(
     found = outputs_at(flat, run, x, z, good) if y is None else y
     outcome = Outcome(x, found, integrator.steps, message, failed_at, happened)
     return outcome, integrator.pair.method
+
+
+def _apart(breaks: list[int], place: int, data: FloatArray, longest: float) -> int:
+    """How many intervals from one node to the next follow a break, which one step each may pass."""
+    first = breaks[place]
+    ends = np.array(breaks[place + 1 : place + 1 + Leaps.MOST])
+    good = (
+        (ends == first + 1 + np.arange(len(ends)))
+        & (data[ends - 1, 1] > 0.0)
+        & (data[ends - 1, 1] <= longest)
+    )
+    return int(np.argmin(np.append(good, False)))
 
 
 def chattering_from(flat: FlatModel, run: Run, t: float, x: FloatArray) -> str:
@@ -268,34 +299,6 @@ def _breaks(layout: Layout, window: Nodes, data: FloatArray) -> list[int]:
     return [*np.flatnonzero(new).tolist(), len(new)]
 
 
-def outputs_at(
-    flat: FlatModel, run: Run, x: FloatArray, z: FloatArray, good: NDArray[np.bool_]
-) -> FloatArray:
-    """Outputs at all times at once; the sampled blocks have run."""
-    y = np.full((len(x), len(flat.outputs)), np.nan)
-    size = 256
-    mapped = _mapped(flat, size)
-    for start in range(0, len(x), size):
-        rows = slice(start, start + size)
-        parts = [run.times[rows, None], x[rows], run.inputs[rows], None, z[rows]]
-        count = len(run.times[rows])
-        filled = [
-            run.parameters
-            if part is None
-            else np.vstack([part, np.repeat(part[-1:], size - count, axis=0)]).T
-            for part in parts
-        ]
-        filled[3] = np.repeat(run.parameters[:, None], size, axis=1)
-        y[rows] = np.asarray(mapped(*filled), dtype=float).T[:count]
-    y[~good] = np.nan
-    return y
-
-
-@lru_cache(maxsize=KEPT)
-def _mapped(flat: FlatModel, size: int) -> ca.Function:
-    return flat.output.map(size)
-
-
 def _data(layout: Layout, run: Run, window: Nodes, steps: Steps) -> FloatArray:
     """Data columns of steps, row by row."""
     data = np.zeros((len(steps.times), layout.data))
@@ -313,22 +316,3 @@ def _data(layout: Layout, run: Run, window: Nodes, steps: Steps) -> FloatArray:
     data[:, layout.due] = window.due[steps.node] & steps.first[:, None]
     data[:, layout.node] = steps.first
     return data
-
-
-def step_lengths(h: FloatArray, times: FloatArray) -> tuple[FloatArray, NDArray[np.intp]]:
-    """The different step lengths, and which of them each step has."""
-    order = np.argsort(h)
-    ranked = h[order]
-    slack = _SAME_LENGTH * ranked[1:] + 8 * np.finfo(float).eps * np.abs(times).max()
-    group = np.concatenate([[0], np.cumsum(np.diff(ranked) > slack)])
-    index = np.empty(len(h), dtype=np.intp)
-    index[order] = group
-    counts = np.bincount(group)
-    return np.bincount(group, ranked) / counts, index
-
-
-def _bar(run: Run, progress: bool) -> tqdm:
-    return tqdm(
-        total=float(run.times[-1] - run.times[0]), disable=not progress, unit="s", desc="simulated",
-        bar_format="{desc}: {percentage:3.0f}%|{bar}| {n:.1f}/{total:.1f} s [{elapsed}<{remaining}]",
-    )  # fmt: skip

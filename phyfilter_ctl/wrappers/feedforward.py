@@ -61,7 +61,8 @@ class FeedForward(Generic[Y]):
     Parameters
     ----------
     live : LiveFilter
-        With ``g="hold"``, else ValueError: commands are held between samples.
+        With ``g="hold"``, else ValueError: commands are held between samples. The command is the one that acts from
+        this sample on; what it makes of g is kept for the next one.
     model : LoopModel
 
     Examples

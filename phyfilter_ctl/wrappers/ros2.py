@@ -50,7 +50,7 @@ class ForceEstimator:
         self._origin: int | None = None
 
     def on_force(self, message: Stamped) -> None:
-        """A WrenchStamped message: the force commanded from now on."""
+        """A WrenchStamped message: the force that acts from now on, to be told after the velocity of that time."""
         self._force = self.weight + self._vector(message, "wrench", "force")
 
     def on_velocity(self, message: Stamped) -> Array:

@@ -6,7 +6,7 @@ import control as ct
 import numpy as np
 import pytest
 
-from phyfilter_ctl import PhyFilter
+from phyfilter_ctl import PhyFilter, phyfilter_block, sampled_block, signal_margin
 from phyfilter_ctl.diagram import flatten
 
 
@@ -81,12 +81,72 @@ def test_unconnected_input():
     two = static(lambda t, x, u, params: u[0] + u[1], "two", inputs=["y", "d"], outputs="z")
     with pytest.warns(UserWarning, match="Unused input"):
         sys = ct.interconnect([lag("lag", "u", "y"), two], inputs="u", outputs="z", name="open")
-    with pytest.raises(ValueError, match=r"nothing drives two\.d; .*unconnected=\"zero\""):
+    with pytest.raises(ValueError, match=r"nothing drives two\.d\..*unconnected=\"zero\"") as refusal:
         flatten(sys)
+    assert "f_theta=False" not in str(refusal.value)
     flat = flatten(sys, unconnected="zero")
+    assert flat.undriven == ("two.d",)
     assert float(flat.output(0, [3.0], [1.0], [], [])) == float(sys.output(0, [3.0], [1.0])[0])
     with pytest.raises(ValueError, match="unconnected: expected"):
         flatten(sys, unconnected="ignore")
+
+
+MAKERS = {
+    "phyfilter_block": lambda **options: phyfilter_block(PhyFilter([20.0]), 2, name="filter", **options),
+    "sampled_block": lambda **options: sampled_block(
+        PhyFilter([20.0]).sampled(0.01), 2, name="filter", **options
+    ),
+}
+
+
+@pytest.mark.parametrize("maker", MAKERS)
+@pytest.mark.filterwarnings("ignore:Unused")
+def test_what_the_refusal_says_to_type_works(maker):
+    """Each of its three ways out, typed as it stands there."""
+    signals = [f"filter.{letter}[{i}]" for letter in "xg" for i in (0, 1)]
+    named = {"inplist": signals, "inputs": 4, "outlist": ["filter.f_hat[0]"], "outputs": ["f_hat"]}
+    blocks = [MAKERS[maker](), ct.ss([], [], [], np.ones((2, 1)), outputs=["a", "b"], name="model")]
+    with pytest.raises(ValueError, match=r"nothing drives filter\.f_theta\[0\], filter\.f_theta") as refusal:
+        flatten(ct.interconnect(blocks[:1], **named))
+    said = str(refusal.value)
+    assert 'connections=[["filter.f_theta[0]", "block.output"]]' in said
+    assert f"Block filter has no learned model: make it with {maker}(..., f_theta=False)" in said
+    wires = [["filter.f_theta[0]", "model.a"], ["filter.f_theta[1]", "model.b"]]
+    driven = named | {"inplist": [*signals, "model.u[0]"], "inputs": 5}
+    assert flatten(ct.interconnect(blocks, connections=wires, **driven)).undriven == ()
+    left = flatten(ct.interconnect(blocks[:1], **named), unconnected="zero")
+    assert left.undriven == ("filter.f_theta[0]", "filter.f_theta[1]")
+    assert flatten(ct.interconnect([MAKERS[maker](f_theta=False)], **named)).undriven == ()
+
+
+@pytest.mark.filterwarnings("ignore:Unused")
+def test_undriven_in_a_sampled_diagram():
+    parts = [phyfilter_block(PhyFilter([20.0]).sampled(0.01), 1, name="filter")]
+    ends = {
+        "inplist": ["filter.x[0]", "filter.g[0]"],
+        "inputs": 2,
+        "outlist": ["filter.f_hat[0]"],
+        "outputs": 1,
+    }
+    computer = sampled_block(ct.interconnect(parts, **ends, name="computer"))
+    with pytest.raises(
+        ValueError, match=r"nothing drives filter\.f_theta.*with phyfilter_block\(\.\.\., f_theta"
+    ):
+        flatten(computer)
+    assert flatten(computer, unconnected="zero").undriven == ("computer.filter.f_theta[0]",)
+
+
+@pytest.mark.filterwarnings("ignore:Unused")
+def test_a_margin_says_what_it_took_as_zero():
+    plant = ct.ss([[-1.0]], [[1.0, 1.0]], [[1.0]], [[0.0, 0.0]], inputs=["v", "d"], outputs="y", name="plant")
+    add = ct.summing_junction(inputs=["u", "r"], output="v", name="add")
+    law = ct.ss([], [], [], [[-2.0]], inputs="y", outputs="u", name="law")
+    held = sampled_block(ct.ss([], [], [], [[-2.0]], 0.01, inputs="y", outputs="u", name="law"))
+    for controller in (law, held):
+        about = signal_margin(
+            ct.interconnect([plant, add, controller], inputs="r", outputs="y"), "law.u"
+        ).about
+        assert "nothing drives plant.d, taken as 0" in about
 
 
 def test_unconnected_input_of_a_diagram_inside():

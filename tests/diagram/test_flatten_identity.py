@@ -1,5 +1,7 @@
 """Flattened diagrams against python-control, and against algebra by hand where python-control is wrong."""
 
+import dataclasses
+import pickle
 import warnings
 
 import control as ct
@@ -434,3 +436,26 @@ def test_a_filter_is_a_block_like_any_other():
     s = 3.0j
     assert flatten(F).linearize()(s) == pytest.approx(F(s), rel=1e-12)
     assert flatten(1.0 - F).linearize()(s) == pytest.approx(1.0 - F(s), rel=1e-9)
+
+
+@pytest.mark.parametrize("dt", [0.0, 0.1])
+def test_one_linear_system_has_functions_when_they_are_asked_for(dt):
+    """By themselves, pickled, and as a block of a diagram."""
+    rng = np.random.default_rng(8)
+    A, B, C, D = (rng.normal(size=shape) for shape in ((4, 4), (4, 2), (3, 4), (3, 2)))
+    system = ct.ss(A, B, C, D, dt, name="box", inputs=["a", "b"], outputs=3)
+    alone = flatten(system)
+    inside = flatten(ct.InterconnectedSystem([system], inplist=[(0, 0), (0, 1)], outlist=[(0, 0), (0, 1), (0, 2)],
+                                             inputs=2, outputs=3, dt=dt, name="around"))  # fmt: skip
+    x, u = rng.normal(size=4), rng.normal(size=2)
+    for flat in (
+        alone,
+        pickle.loads(pickle.dumps(flatten(system))),
+        dataclasses.replace(alone, name="other"),
+        inside,
+    ):
+        np.testing.assert_allclose(at(flat.dynamics, 0.0, x, u, []), A @ x + B @ u, rtol=1e-13, atol=1e-13)
+        np.testing.assert_allclose(at(flat.output, 0.0, x, u, []), C @ x + D @ u, rtol=1e-13, atol=1e-13)
+    assert [v.name for v in alone.states] == system.state_labels
+    assert [v.name for v in (*alone.inputs, *alone.outputs)] == [*system.input_labels, *system.output_labels]
+    assert (alone.order, alone.dt, alone.is_linear) == (("box",), dt, True)

@@ -125,3 +125,28 @@ def test_a_loop_without_a_solution_is_refused():
     """y = -2 sign(y) + 0.5 is -1.5 for y > 0 and 2.5 for y < 0."""
     with pytest.raises(ValueError, match="block"):
         pf.simulate(loop(lambda y: -2.0 * np.sign(y) + 0.5), [0.0, 1.0])
+
+
+def test_what_depends_on_an_unsolved_loop_is_no_number():
+    """y = 0 for y > 1, else x: no solution from x = 1 on, and the comparison alone would go on with x."""
+    law = ct.nlsys(
+        None,
+        lambda t, x, u, p: [np.where(u[0] > 1.0, 0.0, u[1])],
+        inputs=["y", "x"],
+        outputs=["o"],
+        name="law",
+    )
+    ramp = ct.nlsys(
+        lambda t, x, u, p: [0.5], lambda t, x, u, p: [x[0]], inputs=0, outputs=["x"], states=1, name="ramp"
+    )
+    diagram = ct.interconnect(
+        [law, ramp],
+        connections=[["law.y", "law.o"], ["law.x", "ramp.x"]],
+        inputs=[],
+        outlist=["law.o"],
+        name="diagram",
+    )
+    found = pf.simulate(diagram, np.linspace(0.0, 4.0, 9), None, [0.2])
+    assert not found.success
+    np.testing.assert_allclose(np.ravel(found.outputs)[:4], [0.2, 0.45, 0.7, 0.95], rtol=1e-12)
+    assert "law.y" in found.message

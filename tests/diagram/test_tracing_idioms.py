@@ -523,6 +523,30 @@ def test_callback_that_fails_says_so():
     assert "block plant, which runs as Python, raised ValueError: beyond the stop" in str(response.message)
 
 
+def test_two_callbacks_stay_two():
+    """CasADi's search for common subexpressions takes functions of one name for one."""
+
+    def rising(factor):
+        def output(t, x, u, params):
+            return [factor * np.linalg.eigvals(np.diag(u)).real[0]]
+
+        return ct.nlsys(None, output, inputs="u", outputs="y", name=f"by{factor}")
+
+    lag = ct.nlsys(lambda t, x, u, p: [u[0] + 10.0 * u[1]], None, inputs=2, outputs=1, states=1, name="lag")
+    once, thrice = rising(1), rising(3)
+    diagram = ct.interconnect(
+        [once, thrice, lag],
+        connections=[["lag.u[0]", "by1.y"], ["lag.u[1]", "by3.y"]],
+        inplist=["by1.u", "by3.u"],
+        inputs=2,
+        outlist=["by1.y", "by3.y", "lag.y[0]"],
+        outputs=3,
+    )
+    times = np.linspace(0.0, 1.0, 5)
+    found = pf.simulate(diagram, times, [2.0, 5.0]).outputs
+    np.testing.assert_allclose(found, [0.0 * times + 2.0, 0.0 * times + 15.0, 152.0 * times], rtol=1e-9)
+
+
 @pytest.mark.slow
 def test_callback_without_feedthrough_makes_no_loop():
     plant = ct.nlsys(

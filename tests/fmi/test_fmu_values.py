@@ -150,6 +150,7 @@ def test_the_flag_that_says_whether_there_is_a_way_back(build, in_c, monkeypatch
     block.step(np.zeros(2))
     assert block.messages[-1] == "[ok] step: no way back"
     block.dynamics(0.01, [1.0], np.zeros(2))
+    block.output(0.02, [2.0], np.zeros(2))
     assert block.messages[-1] == "[ok] step: may go back", "python-control may ask for the step before"
 
 

@@ -131,7 +131,8 @@ def test_in_a_co_simulation(path):
     assert np.max(np.abs(np.asarray(response.outputs - expected)[:3])) < EXACT
     ended = cosimulate({"ball": path}, [], timepts=times, parameters={"ball.last": 3})
     assert "asked to end the run at t = 0.75 s" in ended.message
-    assert np.isfinite(ended.outputs[:, :15]).all()
+    assert np.isfinite(ended.outputs[:, :16]).all(), "with the point at which it ended"
+    assert np.isnan(ended.outputs[:, 16:]).all()
     with pytest.raises(ValueError, match="ball cannot put back a state"):
         cosimulate({"ball": path}, [], timepts=times, tolerance=1e-3)
 

@@ -29,7 +29,8 @@ PARTS = {"plant": ["plant"], "controller": ["pd"], "filter": ["filter"]}
 ORDER_ONE = 0.2
 
 
-def diagram():
+def diagram(drive=True, **options):
+    """With ``drive`` the learned model is an input of the whole."""
     plant = ct.nlsys(
         lambda t, x, u, p: np.array(
             [x[1], (u[0] + u[1] - 0.8 * x[1] * abs(x[1]) - np.sin(x[0])) / p.get("m", 1.5)]
@@ -52,7 +53,7 @@ def diagram():
     )
     sampled = PhyFilter([400.0, 40.0]).sampled(0.02)
     return ct.interconnect(
-        [plant, controller, sampled_block(sampled, channels=1, inertia=1.5, name="filter")],
+        [plant, controller, sampled_block(sampled, channels=1, inertia=1.5, name="filter", **options)],
         connections=[
             ["plant.f", "pd.f"],
             ["pd.q", "plant.q"],
@@ -61,8 +62,8 @@ def diagram():
             ["filter.x[0]", "plant.v"],
             ["filter.g[0]", "pd.f"],
         ],
-        inplist=["pd.ref", "plant.w", "filter.f_theta[0]"],
-        inputs=["ref", "w", "f_theta"],
+        inplist=["pd.ref", "plant.w", *(["filter.f_theta[0]"] if drive else [])],
+        inputs=["ref", "w", *(["f_theta"] if drive else [])],
         outlist=["plant.q", "plant.v", "filter.f_hat[0]"],
         outputs=["q", "v", "f_hat"],
         name="loop",
@@ -98,6 +99,22 @@ def test_converges_to_the_diagram(packages, monolith, name, scheme):
         errors.append(np.max(np.abs(np.asarray(found.outputs) - monolith), axis=1))
     ratios = np.divide(errors[:-1], errors[1:])
     assert np.all(np.abs(ratios - 2.0) < ORDER_ONE), ratios
+
+
+@pytest.mark.filterwarnings("ignore:Unused input")
+def test_without_a_learned_model(packages, tmp_path):
+    """Left out of the block, or left at 0: the numbers are those of a model that is held at 0 from outside."""
+    together = {"plant": ["plant"], "control": ["pd", "filter"]}
+    with pytest.raises(ValueError, match=r"nothing drives filter\.f_theta\[0\].*export_ssp.*f_theta=False"):
+        export_ssp(diagram(drive=False), tmp_path / "refused.ssp", split=together, fmi="3.0")
+    out = export_ssp(diagram(drive=False, f_theta=False), tmp_path / "out.ssp", split=together, fmi="3.0")
+    left = export_ssp(
+        diagram(drive=False), tmp_path / "left.ssp", split=together, fmi="3.0", unconnected="zero"
+    )
+    expected = cosimulate(packages["two"], timepts=T, step=0.005, inputs=INPUTS).outputs
+    for package in (out, left):
+        found = cosimulate(package, timepts=T, step=0.005, inputs=INPUTS).outputs
+        np.testing.assert_allclose(found, expected, rtol=0, atol=1e-12)
 
 
 def test_fmpy_runs_it_too(packages, monolith):

@@ -30,7 +30,7 @@ def test_cost_counts_steps_and_runs_and_not_rows():
     """Twice as fast, twice as long or twice as many is twice the steps; rows alone cost next to nothing."""
     flat = flatten(network(20))
     few, many = np.linspace(0.0, 10.0, 11), np.linspace(0.0, 10.0, 1001)
-    options = {"fixed": False, "max_step": None, "runs": 1, "threads": 1}
+    options = {"fixed": False, "max_step": None, "runs": 1}
     once = expected_cost(flat, run_of(flat, few), 100.0, **options)
     assert expected_cost(flat, run_of(flat, few), 200.0, **options).steps == 2.0 * once.steps
     assert expected_cost(flat, run_of(flat, 2.0 * few), 100.0, **options).steps == 2.0 * once.steps

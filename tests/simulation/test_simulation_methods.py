@@ -6,12 +6,15 @@ import control as ct
 import mpmath
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
+from scipy.linalg import expm
 from scipy.optimize import brentq
 from scipy.signal import cont2discrete, dlsim
 
+from phyfilter_ctl.blocks import sampled_block
 from phyfilter_ctl.diagram import flatten
 from phyfilter_ctl.simulation import simulate
-from phyfilter_ctl.simulation.exponential import linear_part, tables
+from phyfilter_ctl.simulation.flow import tables
 
 # Sums of a few dozen rounded numbers of size 1.
 ROUNDING = 1e-13
@@ -24,8 +27,7 @@ def order_of(error):
     return np.log2(np.array(error[:-1]) / np.array(error[1:]))
 
 
-@pytest.mark.parametrize("method", ["rk4", "exact"])
-def test_fourth_order(method):
+def test_fourth_order():
     """x' = -x^2 + t has a Riccati solution; a tight adaptive run of python-control stands for it."""
     system = ct.nlsys(
         lambda t, x, u, p: [-x[0] ** 2 - 3.0 * x[0] + t * x[1], -2.0 * x[1] + u[0] * np.cos(x[0])], None,
@@ -41,7 +43,7 @@ def test_fourth_order(method):
     ).states[:, -1]
     errors = [
         np.abs(
-            simulate(system, times, [0.0, 2.0], [1.0, -1.0], method=method, max_step=0.1 / 2**i).states[:, -1] - exact
+            simulate(system, times, [0.0, 2.0], [1.0, -1.0], method="rk4", max_step=0.1 / 2**i).states[:, -1] - exact
         ).max()
         for i in range(4)
     ]  # fmt: skip
@@ -110,38 +112,59 @@ def _foh_offset(A, B, h):
     return h * total @ B
 
 
-def test_linear_parts_of_a_nonlinear_diagram_bear_large_steps():
-    """A stiff linear actuator before a soft nonlinear plant: the step follows the plant alone."""
-    actuator = ct.tf([5000.0], [1.0, 5000.0], inputs="u", outputs="f", name="actuator")
-    soft = ct.nlsys(
-        lambda t, x, u, p: [u[0] - x[0] ** 3], None, inputs="f", outputs="x", states="x", name="soft"
-    )
-    system = flatten(ct.interconnect([actuator, soft], inputs="u", outputs="x", name="both"))
-    times = np.linspace(0.0, 3.0, 61)
-    u = np.sin(times)
-    tight = simulate(system, times, u, method="adaptive", rtol=1e-11, atol=1e-13)
-    large = simulate(system, times, u, method="exact", max_step=0.05)
-    assert large.steps < 100 < tight.steps
-    np.testing.assert_allclose(large.outputs, tight.outputs, atol=2e-6)
-    assert not simulate(system, times, u, method="rk4", max_step=0.05).success
-    assert simulate(system, times, u, method="rk4").success  # its default step keeps to the fastest pole
+def held(signal, factor=1.0):
+    """x' = factor x + signal under a sampled gain -1."""
+    plant = ct.nlsys(lambda t, x, u, p: [factor * x[0] + signal(t, x[0], u[0])], None, inputs="v", outputs="x",
+                     states=1, name="plant")  # fmt: skip
+    law = sampled_block(ct.ss([], [], [], [[-1.0]], 0.1, inputs="x", outputs="v", name="law"), name="law")
+    return ct.interconnect([plant, law], inputs=None, outputs="x", name="loop")
 
 
-def test_only_what_is_constant_counts_as_linear():
-    varying = ct.nlsys(
-        lambda t, x, u, p: [p["a"] * x[0] + x[1] * t, u[0] * x[1], -p["a"] * x[2]], None,
-        inputs=1, outputs=3, states=3, params={"a": -3.0}, name="varying",
-    )  # fmt: skip
-    part = linear_part(flatten(varying))
-    assert sorted(zip(part.rows.tolist(), part.columns.tolist(), strict=True)) == [(0, 0), (2, 2)]
-    assert [group.tolist() for group in part.groups] == [[0], [2]]
-    assert not part.complete
+@pytest.mark.parametrize(
+    ("signal", "exact"),
+    [
+        (lambda t, x, v: 3.0 * v + 2.0 * t + 1.0, True),
+        (lambda t, x, v: np.where(v < 0.5, 1.0, 2.0), False),
+        (lambda t, x, v: np.where(x < 0.5, 1.0, 2.0), False),
+        (lambda t, x, v: np.sign(x), False),
+        (lambda t, x, v: v * x, False),
+        (lambda t, x, v: v * t, False),
+        (lambda t, x, v: np.sin(t), False),
+        (lambda t, x, v: v**2, False),
+    ],
+)
+def test_exact_is_for_affine_diagrams_only(signal, exact):
+    """Jointly in states, time, inputs and held outputs; others are refused, and not taken by "auto"."""
+    system = held(signal)
+    times = np.linspace(0.0, 1.0, 21)
+    assert (simulate(system, times, None, 0.3, backend="vm").method == "exact") is exact
+    if not exact:
+        with pytest.raises(ValueError, match=r"method='exact': loop is not affine .* take method='stiff'"):
+            simulate(system, times, None, 0.3, method="exact")
+
+
+def test_flow_under_a_sampled_law_by_hand():
+    """x' = -2 x + 3 v + 2 t + 1 between instants, its solution written out; times fall between the instants too."""
+    times = np.sort(np.concatenate([0.1 * np.arange(9), [0.033, 0.25, 0.712]]))
+    ours = simulate(held(lambda t, x, v: 3.0 * v + 2.0 * t + 1.0, -2.0), times, None, 0.3).states[0]
+    x, expected = 0.3, []
+    for k in range(8):
+        v, begin = -x, 0.1 * k
+
+        def at(t, x=x, v=v, begin=begin):
+            # A particular solution is t + 3 v / 2.
+            return t + 1.5 * v + (x - begin - 1.5 * v) * np.exp(-2.0 * (t - begin))
+
+        expected += [at(t) for t in times if begin - 1e-9 < t < begin + 0.1 - 1e-9]
+        x = at(begin + 0.1)
+    np.testing.assert_allclose(ours, [*expected, x], atol=ROUNDING)
 
 
 def test_matrices_keep_uncoupled_states_apart():
     blocks = [ct.tf([1.0], [1.0, 1.0 + i], inputs="u", outputs=f"y{i}", name=f"lag{i}") for i in range(50)]
     system = flatten(ct.interconnect(blocks, inputs="u", outputs=[f"y{i}" for i in range(50)], name="many"))
-    assert tables(system, np.zeros(0), [0.1]).shape == (1, 50 * 8)
+    # Of each lag e^{A h}, and what the input before and after adds.
+    assert tables(system, np.zeros(0), np.array([0.1])).columns.shape == (1, 50 * 3)
     times = np.linspace(0.0, 1.0, 11)
     rates = 1.0 + np.arange(50)[:, None]
     np.testing.assert_allclose(
@@ -167,7 +190,7 @@ def test_adaptive_keeps_its_tolerance(rtol):
                                atol=10.0 * rtol)  # fmt: skip
 
 
-@pytest.mark.parametrize("method", ["rk4", "exact", "adaptive"])
+@pytest.mark.parametrize("method", ["rk4", "adaptive"])
 def test_newton_inside(method):
     """A nonlinear algebraic loop e = r - g (y + y^3), y = x + e / 5, solved at every stage: RK4 by hand with brentq."""
     lag = ct.nlsys(lambda t, x, u, p: [-x[0] + u[0]], lambda t, x, u, p: [x[0] + 0.2 * u[0]], inputs="e", outputs="y",
@@ -211,11 +234,12 @@ def test_straight_inputs_are_not_cut_into_pieces():
     assert coarse.steps >= 2000
 
 
-def test_variable_steps_of_the_exact_method_share_functions():
-    """Instants of several rates make several step lengths, more than one set of matrices in one function."""
+@pytest.mark.parametrize("backend", ["vm", "numpy"])
+def test_steps_of_several_lengths(backend):
+    """Five lengths of steps, a set of matrices for each."""
     rng = np.random.default_rng(4)
     times = np.cumsum(rng.integers(1, 6, 300)) * 0.01
-    response = simulate(ct.tf([9.0], [1.0, 2.0, 9.0]), times, 1.0, method="exact")
+    response = simulate(ct.tf([9.0], [1.0, 2.0, 9.0]), times, 1.0, method="exact", backend=backend)
     t = times - times[0]
     w = np.sqrt(8.0)
     exact = 1.0 - np.exp(-t) * (np.cos(w * t) + np.sin(w * t) / w)
@@ -238,3 +262,63 @@ def test_linear_states_behind_a_nonlinear_drive_are_integrated_to_tolerance(driv
     )
     response = simulate(lag, [0.0, 1.0], [0.0, 2.0])
     assert response.outputs[-1] == pytest.approx(end, abs=1e-7)
+
+
+def swing(t, x, u, p):
+    return [x[1], u[0] - p["pull"] * np.sin(x[0]) - 0.2 * x[1]]
+
+
+@pytest.mark.parametrize("interpolation", ["linear", "hold"])
+def test_one_step_from_kink_to_kink_keeps_the_tolerance(interpolation):
+    """Of 250 kinks most are passed by one step; a burst in the middle and jumps of the input ask for more."""
+    system = ct.nlsys(swing, None, inputs=1, outputs=2, states=2, params={"pull": 9.8}, name="swing")
+    times = np.linspace(0.0, 5.0, 251)
+    u = np.sin(times) + np.where(np.abs(times - 2.5) < 0.1, 500.0, 0.0) + np.sign(np.sin(3.0 * times))
+    x, expected = np.array([0.4, 0.0]), [[0.4, 0.0]]
+    for k in range(250):
+        begin, end = times[k : k + 2]
+        rise = (u[k + 1] - u[k]) / (end - begin) * (interpolation == "linear")
+        solved = solve_ivp(
+            lambda t, x, k=k, begin=begin, rise=rise: swing(t, x, [u[k] + rise * (t - begin)], {"pull": 9.8}),
+            (begin, end), x, "DOP853", rtol=1e-11, atol=1e-11,
+        )  # fmt: skip
+        x = solved.y[:, -1]
+        expected.append(x)
+    for method in ("adaptive", "stiff"):
+        ours = simulate(
+            system, times, u, [0.4, 0.0], method=method, backend="vm", interpolation=interpolation, rtol=1e-8,
+            atol=1e-10,
+        )  # fmt: skip
+        assert ours.steps > 260
+        # The pendulum turns over at 100 rad/s: the error of its rate, 1e-8 of that, adds up over a second.
+        np.testing.assert_allclose(ours.states.T, expected, rtol=1e-7, atol=2e-6)
+
+
+def test_steps_from_node_to_node_count_as_steps():
+    system = ct.nlsys(swing, None, inputs=1, outputs=2, states=2, params={"pull": 9.8}, name="swing")
+    times = np.linspace(0.0, 20.0, 2001)
+    free = simulate(system, times, np.sin(times), method="adaptive", backend="vm")
+    short = simulate(system, times, np.sin(times), method="adaptive", backend="vm", max_steps=1500)
+    assert free.steps < 2050
+    assert not short.success
+    assert 14.5 < short.failed_at < 15.0
+    reached = times <= short.failed_at
+    np.testing.assert_array_equal(short.states[:, reached], free.states[:, reached])
+    fine = simulate(system, times, np.sin(times), method="adaptive", backend="vm", max_step=0.004)
+    assert fine.steps >= 3 * 2000
+
+
+def test_steps_in_blocks_are_those_one_by_one():
+    """A growing, an undamped and a fast mode; 1,237 steps against powers of an exponential by SciPy."""
+    A = np.array([[0.1, 0.3, 0.0], [0.0, 0.0, 4.0], [0.2, -4.0, -30.0]])
+    B, start = np.array([[1.0], [0.5], [-2.0]]), np.array([1.0, -1.0, 0.5])
+    times = 0.01 * np.arange(1238)
+    u = np.random.default_rng(2).normal(size=1238)
+    ours = simulate(ct.ss(A, B, np.eye(3), np.zeros((3, 1))), times, u, start)
+    whole = np.zeros((5, 5))
+    whole[:3, :3], whole[:3, 3:4], whole[3, 4] = A, B, 1.0
+    power, x = expm(0.01 * whole), start
+    for k in range(1238):
+        np.testing.assert_allclose(ours.states[:, k], x, rtol=1e-11, atol=1e-11)
+        if k < 1237:
+            x = (power @ np.concatenate([x, [u[k], (u[k + 1] - u[k]) / 0.01]]))[:3]

@@ -215,3 +215,17 @@ def test_fmus_locate_them_too(fmi, tmp_path):
         found = fmpy.simulate_fmu(path, stop_time=1.86, output_interval=0.31, fmi_type=kind)
         t, x = (np.asarray(found[name], dtype=float) for name in (found.dtype.names or ())[:2])
         np.testing.assert_allclose(x, t + np.clip(t - 1.0, 0.0, None), atol=1e-9)
+
+
+def test_sensitivities_do_not_pass_over_jumps():
+    law = ct.nlsys(
+        lambda t, x, u, p: [-p["c"] * np.sign(x[0])],
+        None,
+        inputs=0,
+        outputs=1,
+        states=["v"],
+        params={"c": 0.1},
+        name="s",
+    )
+    with pytest.raises(ValueError, match=r"passes over the events of s \(v.switch\)"):
+        pf.sensitivity(law, [0.0, 1.0], None, [1.0], by=["c"])

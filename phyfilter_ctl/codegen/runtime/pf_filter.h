@@ -37,15 +37,16 @@
  *   wing_start(self, x0, f_hat0, f_theta0, M0, g0)
  *       The first sample; all but x0 may be NULL. Optional: the first step or output does it too, at f_hat = f_theta.
  *   wing_step(self, x, g, f_theta, M, f_hat)
- *       One sample after a nominal step. g, as of SampledPhyFilter.step: where it is held, the one that acted over the
- *       step that ends now. M: its entries row by row; NULL keeps the last one (I at first); not looked at unless
- *       INERTIA_INPUT. f_hat may be the same memory as f_theta.
+ *       One sample after a nominal step. g, as of SampledPhyFilter.step: where it is held, the g that acted since the
+ *       last sample (SampledPhyFilter.run, blocks and FMUs take the g that acts from this sample on); where it is
+ *       averaged, g at this sample. M: its entries row by row; NULL keeps the last one (I at first); not looked at
+ *       unless INERTIA_INPUT. f_hat may be the same memory as f_theta.
  *   wing_step_after(self, x, g, f_theta, M, dt, f_hat)      The same after dt seconds (VARIABLE).
  *   wing_output(self, x, g, f_theta, M, f_hat), wing_output_after(self, x, g, f_theta, M, dt, f_hat),
  *   wing_remember(self, g)
  *       The two phases of a block in a diagram. output puts f_hat out; a held g is the one last remembered, not the one
  *       given (but at the first sample, which keeps it). remember, once all blocks have put out, takes the g that
- *       acts from now on; nothing where g is averaged.
+ *       acts from this sample on; nothing where g is averaged.
  *   wing_shift_x(self, dx)               The estimate of x jumped by dx: a reset, not an acceleration.
  *   wing_set_limit(self, limit)          N_F bounds (LIMIT).
  *   wing_set_g_limit(self, low, high)    N_X ends each, between which every g given is clipped (G_LIMIT).

@@ -6,8 +6,9 @@
  *   #include "pf_filter_model.h"
  *
  * defines `const pf_model wing_model`. u: x, g, f_theta, the inertia if it is an input; y: f_hat; p, where TUNABLE: a of
- * all filters, b of all, limit, g_low, g_high; s: w of the sections. At a sample a held g is that of the sample before: f_hat does not
- * depend on g without delay. b[0] of a low-pass filter (b = a[0], 0, ...) follows a[0] unless b is set with it.
+ * all filters, b of all, limit, g_low, g_high; s: w of the sections. A held g is the g that acts from this sample on: it
+ * is kept for the next one, and f_hat does not depend on g without delay. b[0] of a low-pass filter (b = a[0], 0, ...)
+ * follows a[0] unless b is set with it.
  */
 #include <string.h>
 

@@ -52,7 +52,8 @@ typedef struct {
 /* 0 or why the filter refuses its parameters (pf_filter_message). `longest` is 20 nominal steps until it is set. */
 int PF_P(guard_init)(PF_P(guard) *self, const PF_P(params) *params);
 
-/* One sample taken at `time` (us). Returns the health; f_hat is always written, and may be the memory of f_theta. */
+/* One sample taken at `time` (us). g as for the filter's step: where it is held, the g that acted since the last
+ * sample. Returns the health; f_hat is always written, and may be the memory of f_theta. */
 uint32_t PF_P(guard_step)(PF_P(guard) *self, uint64_t time, const PF_P(real) *x, const PF_P(real) *g,
                           const PF_P(real) *f_theta, const PF_P(real) *inertia, PF_P(real) *f_hat);
 

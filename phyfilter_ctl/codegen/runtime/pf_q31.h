@@ -17,8 +17,8 @@
  *   wing_init(self, params)              First of all. Not 0: the filter must not be used.
  *   wing_reset(self)                     Forgets all samples.
  *   wing_step(self, x, g, f_theta, f_hat)
- *       One sample, wing_N of each. g: where it is held, the one that acted over the step that ends now. The first
- *       one starts the filter: f_hat = f_theta. f_hat may be the same memory as f_theta.
+ *       One sample, wing_N of each. g: where it is held, the g that acted since the last sample; where it is averaged,
+ *       g at this sample. The first one starts the filter: f_hat = f_theta. f_hat may be the same memory as f_theta.
  *   wing_shift_x(self, dx)               The estimate of x jumped by dx: a reset, not an acceleration.
  *
  * They return 0 or flags below. An input out of its range counts as the end of it.

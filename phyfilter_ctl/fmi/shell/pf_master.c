@@ -53,6 +53,21 @@ static bool asks_to_end(const Part *part)
   return part->ended && ((Ask)part->ended)(part->instance, terminated, &answer) <= STATUS_WARNING && answer;
 }
 
+/* FMI 2.0: the time that it came to in a step that was discarded; the begin of the step where it does not say. */
+static double came_to(const Part *part, double t)
+{
+  typedef int (*Ask)(void *, int, double *);
+  const int last_time = 2; /* of fmi2StatusKind */
+  double answer = t;
+  return ((Ask)part->told)(part->instance, last_time, &answer) <= STATUS_WARNING ? answer : t;
+}
+
+static int64_t where_ended(const Part *part, double t, double end)
+{
+  const double same = 1e-6; /* part of a step */
+  return fabs(part->reached - end) <= same * (end - t) ? ENDED_AT_END : ENDED;
+}
+
 static void do_step(Master *m, int64_t p, double t, double end, bool final)
 {
   typedef int (*Two)(void *, double, double, int);
@@ -60,7 +75,7 @@ static void do_step(Master *m, int64_t p, double t, double end, bool final)
   Part *part = &m->parts[p];
   const double rest = 1e-9 * (end - t);
   double before = t;
-  part->terminated = 0;
+  part->terminated = RUNS;
   part->status = 0;
   part->code = FINE;
   switch (part->kind) {
@@ -73,7 +88,10 @@ static void do_step(Master *m, int64_t p, double t, double end, bool final)
     return;
   case FMI2:
     part->status = ((Two)part->step)(part->instance, t, end - t, final);
-    part->terminated = part->status == STATUS_DISCARD && asks_to_end(part);
+    if (part->status != STATUS_DISCARD || !asks_to_end(part)) return;
+    part->reached = came_to(part, t);
+    part->terminated = where_ended(part, t, end);
+    if (part->terminated == ENDED_AT_END) part->status = 0;
     return;
   default: break;
   }
@@ -83,7 +101,7 @@ static void do_step(Master *m, int64_t p, double t, double end, bool final)
     part->status = ((Three)part->step)(part->instance, before, end - before, final, &event, &terminate, &early,
                                        &part->reached);
     if (part->status > STATUS_WARNING || !(early || terminate)) return;
-    part->terminated = terminate;
+    part->terminated = terminate ? where_ended(part, t, end) : RUNS;
     if (part->reached <= before) part->status = terminate ? 0 : STATUS_DISCARD;
     if (terminate || part->reached <= before) return;
     before = part->reached;
@@ -95,7 +113,7 @@ static int64_t stepped(Master *m, int64_t p, double t)
   const Part *part = &m->parts[p];
   if (part->code) return part->code;
   if (part->status > STATUS_WARNING) return pf_master_failed(m, p, CALL_STEP, 0, part->status, t);
-  if (part->terminated) {
+  if (part->terminated == ENDED) {
     pf_master_failed(m, p, CALL_STEP, 0, 0, part->reached);
     return TERMINATED;
   }
@@ -277,6 +295,17 @@ static int64_t advance(Master *m, double t, double end, bool final)
   return FINE;
 }
 
+/* After a step: whether a part ended the run at its end. */
+static int64_t over(Master *m)
+{
+  for (int64_t p = 0; p < m->n_parts; p++)
+    if (m->parts[p].terminated == ENDED_AT_END) {
+      pf_master_failed(m, p, CALL_STEP, 0, 0, m->parts[p].reached);
+      return TERMINATED;
+    }
+  return FINE;
+}
+
 /* -- step control ----------------------------------------------------------------------------------------------- */
 
 typedef int (*OfState)(void *, void **);
@@ -307,6 +336,7 @@ static int64_t back(Master *m, double t)
   for (int64_t p = 0; p < m->n_parts; p++) {
     Part *part = &m->parts[p];
     part->stale = 0;
+    part->terminated = RUNS;
     if (part->kind == LINEAR) memcpy(part->x, part->saved_x, (size_t)part->n_x * sizeof(double));
     else if (part->kind == IN_PYTHON) {
       if ((code = m->python(PY_RESTORE, p, t, t))) return code;
@@ -391,6 +421,7 @@ static int64_t controlled(Master *m, double t, double end)
     if (accepted) {
       t = target;
       m->steps++;
+      if (t < end && (code = over(m))) return code;
     } else {
       m->rejected++;
       if (m->step < m->smallest) {
@@ -417,7 +448,7 @@ PF_API int64_t pf_master_run(Master *m, const double *points, int64_t n, const u
     if (code) break;
     if (keep[k])
       for (int64_t j = 0; j < n_chosen; j++) *rows++ = m->y[chosen[j]];
-    code = finite(m, points[k + 1]);
+    if (!(code = finite(m, points[k + 1]))) code = over(m);
   }
 #ifndef _WIN32
   if (m->pool) end_pool(m->pool);

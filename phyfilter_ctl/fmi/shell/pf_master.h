@@ -11,6 +11,8 @@ enum { FINE, CALL_FAILED, OUT_OF_RANGE, STEP_TOO_SMALL, TERMINATED, NOT_FINITE, 
 enum { CALL_GET, CALL_SET, CALL_STEP, CALL_SAVE, CALL_RESTORE, CALL_SLOPES };
 enum { STATUS_WARNING = 1, STATUS_DISCARD = 2, STATUS_FATAL = 4 };
 enum { IN_PYTHON, LINEAR, FMI2, FMI3 };
+/* Where a part ended the run; at the end of its step, its outputs there are still wanted. */
+enum { RUNS, ENDED, ENDED_AT_END };
 /* PY_STEP_BACK: a step from whose start or before a state may be put back. */
 enum {
   PY_PUT, PY_GET, PY_STEP, PY_STEP_BACK, PY_SLOPES, PY_SAVE, PY_RESTORE, PY_FORGET, PY_TRANSITION, PY_OUTSIDE, PY_LOOP,
@@ -32,7 +34,7 @@ typedef struct {                /* variables of one type */
 typedef struct {
   int64_t kind;
   void *instance;
-  Function step, save, restore, forget, ended, slopes;
+  Function step, save, restore, forget, ended, told, slopes;
   Group *inputs, *outputs, *sloped;
   int64_t n_inputs, n_outputs, u_begin, u_end, y_begin, y_end;
   int64_t feedthrough, follows, changed, stale; /* follows: takes slopes; stale: inputs have moved since they were set */

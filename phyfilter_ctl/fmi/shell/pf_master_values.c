@@ -106,6 +106,10 @@ int64_t pf_master_put(Master *m, int64_t p, double t)
 {
   Part *part = &m->parts[p];
   const size_t bytes = (size_t)(part->u_end - part->u_begin) * sizeof(double);
+  if (part->terminated) { /* takes no more inputs */
+    part->changed = 0;
+    return FINE;
+  }
   part->changed = part->stale || memcmp(m->u + part->u_begin, m->v + part->u_begin, bytes) != 0;
   if (!part->changed) return FINE;
   part->stale = 0;

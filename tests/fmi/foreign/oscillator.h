@@ -25,6 +25,10 @@
 #ifndef ENDS_AT
 #define ENDS_AT 1e300 /* a step past this time ends there, and the run with it */
 #endif
+#ifndef ENDS_ON
+#define ENDS_ON 1e300 /* a step that comes to this time ends the run there; no input is taken from then on */
+#endif
+#define ENDED(m) ((m)->time >= ENDS_ON - 1e-9)
 #ifndef RETURNS_AT
 #define RETURNS_AT 1e300 /* a step past this time returns early, there (FMI 3.0) */
 #endif

@@ -74,6 +74,7 @@ fmi2Status fmi2GetReal(fmi2Component c, const fmi2ValueReference vr[], size_t n,
 }
 
 fmi2Status fmi2SetReal(fmi2Component c, const fmi2ValueReference vr[], size_t n, const fmi2Real value[]) {
+  if (ENDED(MODEL(c))) return fmi2Error;
   for (size_t i = 0; i < n; i++)
     if (!set(MODEL(c), vr[i], &value[i])) return fmi2Error;
   return fmi2OK;
@@ -252,7 +253,7 @@ fmi2Status fmi2DoStep(fmi2Component c, fmi2Real t, fmi2Real h, fmi2Boolean final
   mischief(&self->m, t + h);
   advance(&self->m, h);
   self->m.count++;
-  return fmi2OK;
+  return ENDED(&self->m) ? fmi2Discard : fmi2OK;
 }
 
 fmi2Status fmi2CancelStep(fmi2Component c) {
@@ -270,7 +271,7 @@ STATUS(fmi2GetIntegerStatus, fmi2Integer)
 STATUS(fmi2GetStringStatus, fmi2String)
 
 fmi2Status fmi2GetBooleanStatus(fmi2Component c, const fmi2StatusKind kind, fmi2Boolean *value) {
-  *value = kind == fmi2Terminated && MODEL(c)->time >= ENDS_AT;
+  *value = kind == fmi2Terminated && (MODEL(c)->time >= ENDS_AT || ENDED(MODEL(c)));
   return fmi2OK;
 }
 

@@ -90,6 +90,7 @@ EXPORT fmi3Status fmi3GetFloat64(fmi3Instance c, const fmi3ValueReference vr[], 
 EXPORT fmi3Status fmi3SetFloat64(fmi3Instance c, const fmi3ValueReference vr[], size_t n, const fmi3Float64 value[],
                                  size_t room) {
   size_t used = 0;
+  if (ENDED(MODEL(c))) return fmi3Error;
   for (size_t i = 0; i < n; i++) {
     const int count = set(MODEL(c), vr[i], value + used);
     if (!count) return fmi3Error;
@@ -240,6 +241,7 @@ EXPORT fmi3Status fmi3DoStep(fmi3Instance c, fmi3Float64 t, fmi3Float64 h, fmi3B
   advance(&self->m, h);
   self->m.count++;
   *reached = t + h;
+  *end = ENDED(&self->m);
   return fmi3OK;
 }
 

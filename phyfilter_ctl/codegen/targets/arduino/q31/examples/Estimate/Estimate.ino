@@ -4,7 +4,7 @@
 static @name@ filter;
 static uint32_t last;
 
-// Your sensor and your known force go here: integers with @name@_X_FRACTION and @name@_G_FRACTION fractional bits.
+// Your sensor and your known force go here, g is @which_g@: integers with @name@_X_FRACTION and @name@_G_FRACTION fractional bits.
 static void measure(int32_t *x, int32_t *g) {
   for (int i = 0; i < @name@_N; i++) x[i] = g[i] = 0;
 }

@@ -6,7 +6,7 @@
 
 static @name@_guard guard;
 
-/* Your sensor and your known force go here. */
+/* Your sensor and your known force go here: g is @which_g@. */
 static void measure(@name@_real *x, @name@_real *g)
 {
 	for (int i = 0; i < @name@_N_X; i++) {
