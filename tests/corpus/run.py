@@ -24,6 +24,7 @@ from typing import Any
 import numpy as np
 
 import phyfilter_ctl as pf
+from phyfilter_ctl.codegen import CompilerError
 from phyfilter_ctl.fmi import FmuSolver
 from tests.corpus.system import Array, System
 from tests.corpus.systems import FAMILIES, all_systems
@@ -52,7 +53,8 @@ class Cell:
 
     Parameters
     ----------
-    outcome : {"right", "wrong", "status"}
+    outcome : {"right", "wrong", "status", "crash"}
+        A crash is an exception that is no refusal.
     error : float
         Largest error over the one allowed; NaN for a status.
     message : str
@@ -67,6 +69,10 @@ class Cell:
 
 class RefusedError(Exception):
     """A status in place of an answer."""
+
+
+# What a refusal may be.
+REFUSALS = (RefusedError, ValueError, TypeError, CompilerError)
 
 
 class Case:
@@ -204,12 +210,15 @@ def _fmu(version: str, kind: str) -> Callable[[Case, Any, Path], Array]:
                 dtype=[("time", float), *((name, float) for name in names)],
             )
         messages: list[str] = []
-        found = fmpy.simulate_fmu(
-            str(path), fmi_type={"cs": "CoSimulation", "me": "ModelExchange"}[kind], start_time=case.times[0],
-            stop_time=case.times[-1], output_interval=case.times[1] - case.times[0], solver="CVode",
-            relative_tolerance=CVODE_TOLERANCE, start_values=starts, input=signals, timeout=TIME_LIMIT,
-            logger=lambda *arguments: messages.append(str(arguments[-1])),
-        )  # fmt: skip
+        try:
+            found = fmpy.simulate_fmu(
+                str(path), fmi_type={"cs": "CoSimulation", "me": "ModelExchange"}[kind], start_time=case.times[0],
+                stop_time=case.times[-1], output_interval=case.times[1] - case.times[0], solver="CVode",
+                relative_tolerance=CVODE_TOLERANCE, start_values=starts, input=signals, timeout=TIME_LIMIT,
+                logger=lambda *arguments: messages.append(str(arguments[-1])),
+            )  # fmt: skip
+        except Exception as error:  # FMPy raises plain ones
+            raise RefusedError(f"FMPy: {error}") from error
         rows = [
             np.flatnonzero(np.abs(found["time"] - t) < 1e-9 * max(1.0, case.times[-1])) for t in case.times
         ]
@@ -342,7 +351,8 @@ def judged(case: Case, route: str, model: Any, folder: Path) -> Cell:
     except Exception as error:
         text = " ".join(str(error).split())
         kind = "" if isinstance(error, RefusedError) else f"{type(error).__name__}: "
-        return Cell("status", message=kind + text, seconds=time.perf_counter() - begin)
+        outcome = "status" if isinstance(error, REFUSALS) else "crash"
+        return Cell(outcome, message=kind + text, seconds=time.perf_counter() - begin)
     seconds = time.perf_counter() - begin
     if case.expected is None:
         finite = bool(np.all(np.isfinite(found)))
@@ -403,8 +413,8 @@ def examined(system: System, routes: Iterable[str]) -> dict[str, Cell]:
 def shown(cell: Cell | None) -> str:
     if cell is None:
         return "."
-    if cell.outcome == "status":
-        return "status"
+    if cell.outcome in ("status", "crash"):
+        return cell.outcome.upper() if cell.outcome == "crash" else "status"
     return f"{'' if cell.outcome == 'right' else 'WRONG '}{cell.error:.2g}"
 
 
@@ -432,7 +442,7 @@ def report(
     solvable = {each.name for each in systems if each.solvable}
     for route in routes:
         cells = {name: row[route] for name, row in table.items() if route in row}
-        bad = [name for name, cell in cells.items() if cell.outcome == "wrong"]
+        bad = [name for name, cell in cells.items() if cell.outcome in ("wrong", "crash")]
         statuses = [name for name, cell in cells.items() if cell.outcome == "status"]
         missing = [name for name in statuses if name in solvable]
         asked = sum(name in solvable for name in cells)
@@ -445,7 +455,7 @@ def report(
             f"{route:14}{right:7}{len(bad):7}{len(statuses):8}{f'{len(missing)} ({share:.1f} %)':>23}"
             f"{worst:13.2g}{seconds:9.1f}"
         )
-    lines.append(f"errors are shares of what is allowed; {wrong} cells wrong")
+    lines.append(f"errors are shares of what is allowed; {wrong} cells wrong or crashed")
     return "\n".join(lines), wrong
 
 
@@ -455,7 +465,7 @@ def failures(table: dict[str, dict[str, Cell]], systems: Sequence[System]) -> li
     for each in systems:
         for route, cell in table[each.name].items():
             missing = cell.outcome == "status" and each.solvable and route not in OPTIONAL
-            if cell.outcome == "wrong" or missing:
+            if cell.outcome in ("wrong", "crash") or missing:
                 lines.append(
                     f"{each.family:12} {each.name:32} {route:12} {cell.outcome:7} {cell.error:9.3g} "
                     f"{cell.message[:220]}"
