@@ -1,7 +1,7 @@
 """One run after another beside python-control: a diagram simulated for the first time, once more, and again and again.
 
 Both sides get the same python-control system, the same times and inputs, and python-control's own tolerances (RK45,
-rtol 1e-3, atol 1e-6); errors are those of the first output at all times against a reference of its own. No compiler is found.
+rtol 1e-3, atol 1e-6); errors are those of the first output against a reference of its own. No compiler is found.
 Linear systems are held against ``forced_response``; a sampled law, for which python-control has no block, against its
 plant discretised and closed by hand, which ``input_output_response`` then runs step by step, and where the law is
 linear too (LTI) against ``forced_response`` of the whole, the discretisation not counted.
