@@ -1,9 +1,10 @@
 """One run after another beside python-control: a diagram simulated for the first time, once more, and again and again.
 
 Both sides get the same python-control system, the same times and inputs, and python-control's own tolerances (RK45,
-rtol 1e-3, atol 1e-6); errors are those of the states at all times against a reference of its own. No compiler is found.
+rtol 1e-3, atol 1e-6); errors are those of the first output against a reference of its own. No compiler is found.
 Linear systems are held against ``forced_response``; a sampled law, for which python-control has no block, against its
-plant discretised and closed by hand, which ``input_output_response`` then runs step by step.
+plant discretised and closed by hand, which ``input_output_response`` then runs step by step, and where the law is
+linear too (LTI) against ``forced_response`` of the whole, the discretisation not counted.
 
 ``first``: the first such system in a process that has run another one before; ``one-shot``: a further such system,
 flattened and run at once; ``warm``: the same system (here: flattened) again. Milliseconds of processor time of one
@@ -127,6 +128,11 @@ def sampled_twin(n: int) -> ct.InterconnectedSystem:
     return ct.interconnect([plant, law, error], inputs="r", outputs="y", name="loop", dt=PERIOD)
 
 
+def closed_twin(n: int) -> ct.StateSpace:
+    """The discretised loop as one linear system, which only linear laws have."""
+    return ct.linearize(sampled_twin(n), np.zeros(n + 1), 0.0)
+
+
 def response(system: Any, row: Row) -> ct.TimeResponseData:
     given = row.inputs if len(row.inputs) else 0.0
     return ct.input_output_response(system, row.times, given, row.start)
@@ -218,19 +224,12 @@ def rows() -> list[Row]:
             Row(f"linear, {n} states", t10, np.sin(t10)[None], [0.0] * n, made, made, forced, stepped(n))
         )
     for n in (6, 30):
-        ours, twin = loop_makers(n)
-        found.append(
-            Row(
-                f"sampled law, {n} states",
-                t5,
-                np.sin(t5)[None],
-                [0.0] * (n + 1),
-                ours,
-                twin,
-                response,
-                looped(n),
-            )
-        )
+        ours, twin, closed = loop_makers(n)
+        start = [0.0] * (n + 1)
+        found += [
+            Row(f"sampled law, {n} states", t5, np.sin(t5)[None], start, ours, twin, response, looped(n)),
+            Row(f"sampled law, {n}, LTI", t5, np.sin(t5)[None], start, ours, closed, forced, looped(n)),
+        ]
     return found
 
 
@@ -238,8 +237,8 @@ def linear_maker(n: int) -> Callable[[], ct.InputOutputSystem]:
     return lambda: linear(n)
 
 
-def loop_makers(n: int) -> tuple[Callable[[], Any], Callable[[], Any]]:
-    return lambda: sampled_loop(n), lambda: sampled_twin(n)
+def loop_makers(n: int) -> tuple[Callable[[], Any], ...]:
+    return lambda: sampled_loop(n), lambda: sampled_twin(n), lambda: closed_twin(n)
 
 
 def simulate(system: Any, row: Row) -> ct.TimeResponseData:
