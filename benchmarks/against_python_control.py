@@ -282,6 +282,7 @@ def warm_up(side: str) -> None:
     """Other systems of each kind, so that imports and the first use of each library are behind."""
     t = np.linspace(0.0, 1.0, 11)
     ones: Any = np.ones(11)
+    wave: Any = np.sin(t)
     lag = ct.ss([[-1.0, 1.0], [0.0, -3.0]], [[0.0], [1.0]], [[1.0, 0.0]], 0.0)
     drag = ct.nlsys(
         lambda t, x, u, params: [u[0] - x[0] ** 3], None, inputs=1, outputs=1, states=1, name="drag"
@@ -289,10 +290,10 @@ def warm_up(side: str) -> None:
     discrete = ct.ss(0.5, 1.0, 1.0, 0.0, 0.1)
     if side == "ours":
         pf.simulate(lag, t, 1.0)
-        pf.simulate(drag, t, 1.0, backend="vm")
+        pf.simulate(drag, t, wave)
         return
     ct.forced_response(lag, t, ones)
-    ct.input_output_response(drag, t, ones)
+    ct.input_output_response(drag, t, wave)
     ct.input_output_response(discrete, t, ones)
 
 

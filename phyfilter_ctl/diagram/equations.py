@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import cast
 
 import casadi as ca
 import numpy as np
@@ -14,7 +14,7 @@ from ..blocks.functions import BlockFunctions, Memory, Variable
 from ..blocks.interpreted import Interpreted
 from ..blocks.sampled import FilterLaw
 
-__all__ = ["AlgebraicLoop", "Equations", "FlatEvent", "Late", "Matrices", "Task"]
+__all__ = ["AlgebraicLoop", "Equations", "FlatEvent", "Task", "late"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,7 +105,7 @@ class FlatEvent:
     switch: bool = False
 
 
-class Late:
+class _Late:
     """A function of a flat model, or what makes it when it is first asked for."""
 
     def __set_name__(self, owner: type, name: str) -> None:
@@ -119,17 +119,24 @@ class Late:
             found = vars(model)[self._name] = found()
         return found
 
-    def __set__(self, model: object, value: ca.Function | Callable[[], ca.Function]) -> None:
+    def __set__(self, model: object, value: object) -> None:
         vars(model)[self._name] = value
 
 
-class Matrices(NamedTuple):
-    """x' = A x + B u, y = C x + D u."""
+def late(make: Callable[[], ca.Function]) -> ca.Function:
+    """A function of a flat model that is made when it is first asked for.
 
-    A: NDArray[np.float64]
-    B: NDArray[np.float64]
-    C: NDArray[np.float64]
-    D: NDArray[np.float64]
+    Parameters
+    ----------
+    make : callable
+        Of a module, since models are pickled.
+
+    Returns
+    -------
+    casadi.Function
+        To be given to the model.
+    """
+    return cast(ca.Function, make)
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,8 +149,8 @@ class Equations:
     outputs: tuple[Variable, ...]
     parameters: tuple[Variable, ...]
     held: tuple[Variable, ...]
-    dynamics: Late = Late()
-    output: Late = Late()
+    dynamics: ca.Function = cast(ca.Function, _Late())  # noqa: RUF009
+    output: ca.Function = cast(ca.Function, _Late())  # noqa: RUF009
     tasks: tuple[Task, ...] = ()
     loops: tuple[AlgebraicLoop, ...] = ()
     unknowns: ca.Function | None = None
@@ -153,4 +160,4 @@ class Equations:
     events: tuple[FlatEvent, ...] = ()
     conditions: ca.Function | None = None
     turns: tuple[int, ...] = ()
-    matrices: Matrices | None = None
+    matrices: tuple[NDArray[np.float64], ...] | None = None

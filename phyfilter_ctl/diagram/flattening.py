@@ -16,7 +16,7 @@ import numpy as np
 
 from ..blocks.functions import BlockFunctions, Variable, dependencies
 from .discrete import law_of
-from .equations import AlgebraicLoop, FlatEvent, Matrices
+from .equations import AlgebraicLoop, FlatEvent, late
 from .evaluation import Evaluation, Symbols, call_block, evaluate
 from .leaves import linear_function, state_space
 from .loops import Expression, newton_function
@@ -48,7 +48,7 @@ def flatten(
         Name of the model; None takes the system's.
     unconnected : {"error", "zero"}
         Inputs of blocks that nothing drives: refused, or 0 as in python-control, whatever the block has as their
-        start; ``undriven`` of the model names them.
+        start; ``undriven`` of the model names them. Those of an imported FMU keep their starts.
     params : mapping, optional
         Values of parameters that blocks read and that have none of their own: ``params["umax"]`` of a block made
         without ``params=``. Those that have one are given to :func:`simulate`.
@@ -252,7 +252,7 @@ def _linear(system: ct.StateSpace | ct.TransferFunction, name: str, dt: float) -
     """One linear system: its functions are made where they are asked for, since a run needs the matrices alone."""
     path = system.name or "system"
     space = state_space(system, path)
-    matrices = Matrices(*(np.asarray(M, dtype=float) for M in (space.A, space.B, space.C, space.D)))
+    A, B, C, D = (np.asarray(M, dtype=float) for M in (space.A, space.B, space.C, space.D))
     states, inputs, outputs = (
         tuple(Variable(label) for label in labels)
         for labels in (space.state_labels, system.input_labels, _labels(system, space.noutputs))
@@ -266,11 +266,11 @@ def _linear(system: ct.StateSpace | ct.TransferFunction, name: str, dt: float) -
         outputs=outputs,
         parameters=(),
         held=(),
-        dynamics=partial(linear_function, "dynamics", _ARGUMENTS, matrices.A, matrices.B),
-        output=partial(linear_function, "output", _ARGUMENTS, matrices.C, matrices.D),
+        dynamics=late(partial(linear_function, "dynamics", _ARGUMENTS, A, B)),
+        output=late(partial(linear_function, "output", _ARGUMENTS, C, D)),
         dt=dt,
         order=(path,),
-        matrices=None if dt > 0.0 else matrices,
+        matrices=None if dt > 0.0 else (A, B, C, D),
     )
 
 

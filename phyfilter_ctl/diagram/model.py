@@ -57,7 +57,7 @@ class FlatModel(Equations):
         code have no other.
     undriven : tuple of str
         Inputs of blocks that nothing drives, ``block.input``: they are 0 (``flatten(..., unconnected="zero")``).
-    matrices : Matrices, optional
+    matrices : tuple of arrays, optional
         A, B, C, D of what is a continuous linear system as a whole.
 
     Notes

@@ -121,7 +121,7 @@ def is_affine(function: ca.Function, signals: Sequence[int]) -> bool:
     False
     """
     try:
-        expanded = function if function.is_a("SXFunction") else function.expand()
+        expanded = _scalar(function)
     except RuntimeError:
         return False
     if not has_switches(expanded):
@@ -159,7 +159,14 @@ def structure_of(function: ca.Function, signals: Sequence[int]) -> Structure:
     RuntimeError
         For a function that has no scalar instructions: with a solver, an interpolant or a callback inside.
     """
-    return _Walk(function if function.is_a("SXFunction") else function.expand(), signals).structure()
+    return _Walk(_scalar(function), signals).structure()
+
+
+def _scalar(function: ca.Function) -> ca.Function:
+    expanded = function if function.is_a("SXFunction") else function.expand()
+    if any(expanded.instruction_id(k) == _OP["CALL"] for k in range(expanded.n_instructions())):
+        raise RuntimeError(f"{function.name()} calls a function that cannot be looked into")
+    return expanded
 
 
 class _Walk:

@@ -140,9 +140,10 @@ def trace(
             _check_memory(part, points)
         while True:
             try:
-                return _attempt(system, path, parts, values, known)
+                return _attempt(system, path, parts, values, known, points)
             except _NewParametersError as more:
                 values |= more.noted
+                points = probe_points(system, values, set())
                 known |= set(more.noted)
                 defaults |= {name: value for name, value in more.noted.items() if name not in missing}
     except DefaultsError as error:
@@ -172,13 +173,15 @@ def _attempt(
     parts: Sequence[_Part],
     values: Mapping[str, object],
     known: set[str],
+    plain: Sequence[Point],
 ) -> BlockFunctions:
     """Every function with as few integers as constants as it needs, else as a callback."""
     integers = [name for name, value in values.items() if has_integers(value)]
     choices = [set[str](), *({name} for name in integers), *([set(integers)] if len(integers) > 1 else [])]
     tried = []
     for constant in choices:
-        points, symbols = probe_points(system, values, constant), _symbols(system, values, constant)
+        points = probe_points(system, values, constant) if constant else plain
+        symbols = _symbols(system, values, constant)
         functions, failures = dict[str, ca.Function](), dict[str, str]()
         for part in parts:
             try:

@@ -66,8 +66,12 @@ def _renewed(flat: FlatModel) -> ca.Function:
 
 
 @lru_cache(maxsize=KEPT)
-def _slope(flat: FlatModel) -> ca.Function:
-    return compose("pf_slope", sizes(flat), lambda x, q, u, rate, p, z: (flat.dynamics(q[0], x, u, p, z),))
+def _dense(flat: FlatModel) -> ca.Function:
+    """(t, x, u, p, z) -> x' with its zeros."""
+    if flat.dynamics.sparsity_out(0).is_dense():
+        return flat.dynamics
+    lengths = [flat.dynamics.size1_in(i) for i in range(5)]
+    return compose("pf_slope", lengths, lambda t, x, u, p, z: (flat.dynamics(t, x, u, p, z),))
 
 
 class Integrator:
@@ -107,7 +111,8 @@ class Integrator:
         self._u, self._rate = np.zeros(n_u), np.zeros(n_u)
         self._z, self._first = np.zeros(len(flat.held)), np.zeros(n_x)
         self._given = [self._x, self._q, self._u, self._rate, np.array(p, dtype=float), self._z]
-        self._slope = Call(_slope(flat), self._given)
+        t, p = self._q[:1], self._given[4]
+        self._slope = Call(_dense(flat), [t, self._x, self._u, p, self._z])
         self._renewed = None if flat.unknowns is None else Call(_renewed(flat), self._given)
         self._max_step = np.inf if max_step is None else max_step
         self._h, self._accepted = 0.0, 0

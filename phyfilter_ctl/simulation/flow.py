@@ -31,6 +31,7 @@ from .schedule import nodes
 from .steps import KEPT, SYMBOLS, Layout, Results, compose, cut, outputs_at, renewed
 
 __all__ = [
+    "SAME_LENGTH",
     "advance_flow",
     "exponential_step",
     "is_flow",
@@ -42,7 +43,7 @@ __all__ = [
 ]
 
 # Lengths that agree to this are one: the times themselves are no better known.
-_SAME_LENGTH = 1e-12
+SAME_LENGTH = 1e-12
 # Cubes of the states that A couples, over all lengths, whose exponentials cost less than other methods would.
 _MOST_CUBES = 1e9
 # The series ends where its terms are less than this, relative.
@@ -97,7 +98,7 @@ def step_lengths(h: FloatArray, times: FloatArray) -> tuple[FloatArray, NDArray[
         return np.full(min(len(h), 1), h.mean() if len(h) else 0.0), np.zeros(len(h), dtype=np.intp)
     order = np.argsort(h)
     ranked = h[order]
-    slack = _SAME_LENGTH * ranked[1:] + rounding
+    slack = SAME_LENGTH * ranked[1:] + rounding
     group = np.concatenate([[0], np.cumsum(np.diff(ranked) > slack)])
     index = np.empty(len(h), dtype=np.intp)
     index[order] = group
@@ -124,7 +125,7 @@ def _flow(flat: FlatModel, parameters: bytes) -> Flow:
     if flat.matrices is None:
         A, B = affine_part(flat.dynamics, np.frombuffer(parameters))
     else:
-        A, B = flat.matrices.A, _by_input(flat.matrices.B)
+        A, B = flat.matrices[0], _by_input(flat.matrices[1])
     return Flow(A, B, _groups(A))
 
 
@@ -383,5 +384,5 @@ def _has_affine_outputs(flat: FlatModel) -> bool:
 @lru_cache(maxsize=_KEPT_MATRICES)
 def _output_matrices(flat: FlatModel, parameters: bytes) -> tuple[FloatArray, FloatArray]:
     if flat.matrices is not None:
-        return flat.matrices.C, _by_input(flat.matrices.D)
+        return flat.matrices[2], _by_input(flat.matrices[3])
     return affine_part(flat.output, np.frombuffer(parameters))

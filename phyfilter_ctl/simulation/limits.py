@@ -20,7 +20,7 @@ _ADAPTIVE_STEPS, _FIXED_STEPS, _NODE_STEPS = 1_000_000, 100_000_000, 20
 LOOKED_AT = 64
 # A derivative chatters that goes up and down this often over its range, which is that part of its size, at the cost of
 # so many trials a step: those that meet a jump are rejected.
-_TURNS, _RANGE, _TRIALS = 8.0, 0.05, 1.3
+_TURNS, _RANGE, _TRIALS = 8.0, 0.05, 1.2
 
 
 def steps_allowed(flat: FlatModel, run: Run, max_steps: int | None, adaptive: bool) -> int:

@@ -14,7 +14,7 @@ from ..diagram import FlatModel
 from .adaptive import Control, Integrator, Leaps, StepError
 from .arguments import Run
 from .chains import Chain
-from .flow import advance_flow, step_lengths, tables
+from .flow import SAME_LENGTH, advance_flow, step_lengths, tables
 from .limits import Limits, diverged, progress_bar
 from .response import Method, Outcome
 from .schedule import WINDOW, Nodes, Steps, nodes, steps_between
@@ -31,8 +31,6 @@ __all__ = [
 
 # Steps that show whether something chatters.
 _DIAGNOSIS = 3000
-# A run ended at a time of the record if it ended no further from it, over the size of the time.
-_SAME_INSTANT = 1e-12
 _STIFF = (
     "The diagram is stiff or has a singularity there: try method='stiff', larger rtol and atol, or method='rk4' with a "
     "max_step you choose; max_steps and time_limit allow more"
@@ -239,7 +237,7 @@ def run_adaptive(
                     y[later[: len(error.inside)]] = integrator.outputs_inside[: len(error.inside)]
                 failed_at = error.time
                 row = int(np.argmin(np.abs(run.times - failed_at)))
-                same = abs(run.times[row] - failed_at) <= _SAME_INSTANT * max(abs(failed_at), 1.0)
+                same = abs(run.times[row] - failed_at) <= SAME_LENGTH * max(abs(failed_at), 1.0)
                 last = integrator.last_outputs if same else None
                 if y is not None and last is not None:
                     x[row], y[row] = integrator.x, last
