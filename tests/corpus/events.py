@@ -376,7 +376,7 @@ def _stick_by_hand() -> System:
 
     events = [
         pf.event(lambda t, x, u, p: np.where(np.abs(x[2]) > 0.5, -1.0, np.abs(force(t)) - rest),
-                 lambda t, x, u, p: [x[0], 0.0, np.sign(force(t))], direction="rising", name="breaks away"),
+                 lambda t, x, u, p: [x[0], 0.0, np.sign(force(t))], direction="rising", name="breaks_away"),
         pf.event(lambda t, x, u, p: np.where(np.abs(x[2]) > 0.5, x[1] * x[2], 1.0),
                  lambda t, x, u, p: [x[0], 0.0, 0.0], direction="falling", name="stops"),
     ]  # fmt: skip
