@@ -78,6 +78,48 @@ def test_ever_shorter_bounces_end_the_run(backend, message):
     assert answer.outputs[0, 1] >= 0.0
 
 
+@pytest.mark.parametrize("restitution", [0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7])
+@pytest.mark.parametrize(
+    "way", [{"method": "adaptive", "backend": "vm"}, {"method": "stiff"}, {"backend": "c"}]
+)
+def test_no_ball_falls_through_the_ground(restitution, way):
+    """Its bounces outrun the rounding of time at t_0 (1 + 2 e / (1 - e)), before a count of events does."""
+    falling = ct.nlsys(
+        lambda t, x, u, p: [x[1], -models.GRAVITY],
+        None,
+        inputs=0,
+        outputs=2,
+        states=2,
+        params={"e": 0.5},
+        name="ball",
+    )
+    hit = pf.event(
+        lambda t, x, u, p: x[0], lambda t, x, u, p: [x[0], -p["e"] * x[1]], direction="falling", name="hit"
+    )
+    answer = pf.simulate(
+        pf.hybrid(falling, [hit]), [0.0, 8.0], None, [1.0, 0.0], params={"e": restitution}, **way
+    )
+    assert not answer.success
+    ends = np.sqrt(2 / models.GRAVITY) * (1 + 2 * restitution / (1 - restitution))
+    assert answer.failed_at == pytest.approx(ends, abs=1e-9)
+    assert "hit" in answer.message
+
+
+@pytest.mark.parametrize("drift", [0.3, -0.3, 0.9])
+def test_an_event_lands_just_past_0(drift):
+    """The sign that a reset sees there is the new one: on 0 itself it would switch the relay off, and x would go on."""
+    drive = ct.nlsys(
+        lambda t, x, u, p: [drift - x[1], 0.0], None, inputs=0, outputs=2, states=2, name="drive"
+    )
+    relay = pf.hybrid(
+        drive, [pf.event(lambda t, x, u, p: x[0], lambda t, x, u, p: [x[0], np.sign(x[0])], name="switch")]
+    )
+    for backend in ("vm", "c"):
+        answer = pf.simulate(relay, [0.0, 2.0], None, [-0.5, -1.0], backend=backend)
+        assert not answer.success
+        assert answer.failed_at == pytest.approx(0.5 / (1.0 + drift), abs=1e-9)
+
+
 @pytest.mark.slow
 def test_ball_that_comes_to_rest():
     answer = pf.simulate(
