@@ -72,8 +72,8 @@ static int missed(const look *at) {
     const pf_real beyond = (pf_real)at->events->directions[i] * at->g[i];
     if (!side->back) continue;
     if (beyond < 0) side->back = 0;
-    if (beyond > 1000 * side->depth && beyond > LOST * side->largest && at->h > at->events->clock(at->way->self)->soon)
-      return i;
+    if (at->h > 0.0 && !(at->h > at->events->clock(at->way->self)->soon)) continue;
+    if (beyond > 1000 * side->depth && beyond > LOST * side->largest) return i;
   }
   return -1;
 }

@@ -304,8 +304,9 @@ int pf_events_seen(const pf_model *model, void *self, pf_real *work, pf_time t, 
   const look at = look_at(&way, work, PF_RK4, t, 0.0);
   const int status = model->events->conditions(self, t, way.x, at.g);
   *due = !status && first_fired(&at, at.g) >= 0;
-  if (!status && !*due) see(&at, at.g);
-  return status;
+  if (status || *due) return status;
+  see(&at, at.g);
+  return missed(&at) < 0 ? PF_OK : PF_ENDLESS_EVENTS;
 }
 #endif
 
