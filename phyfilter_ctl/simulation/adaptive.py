@@ -31,6 +31,8 @@ _FORESEEN_AFTER, _DOUBTS, _HOPELESS = 512, 4, 10.0
 # not accuracy bounds an explicit step (Dormand and Prince's 8(5,3) pair is stable up to about 6 on the real axis). Two
 # in a row make a diagram stiff.
 _MEASURED_AFTER, _STIFF = 25, 3.5
+# The largest h abs(lambda) of steps whose inside is wanted to the tolerance.
+_INSIDE = 5.0
 _TIME_ROUNDING, _LEAST_STEP = 10 * np.finfo(float).eps, 1e-250
 
 
@@ -120,6 +122,8 @@ class Integrator:
         self._mark, self._doubts = (0.0, 0), 0
         self._logged, self._busy = 0, ""
         self._undecided, self._stiff = control == "auto", 0
+        # An explicit method that was asked for: how long its steps may be for the polynomial inside.
+        self._bounded, self._longest = control == "adaptive" and not flat.callbacks, np.inf
         self.steps: int = 0
         # z at the times inside the last interval
         self.held_inside: FloatArray = np.zeros((0, len(flat.held)))
@@ -184,6 +188,11 @@ class Integrator:
         self._doubts = self._doubts + 1 if hopeless else 0
         return self._doubts >= _DOUBTS
 
+    def _bound(self) -> None:
+        """Keeps steps where the method is stable: beside a mode that has died out the end of a longer one may pass."""
+        x, q, u, _, p, z = self._given
+        self._longest = _INSIDE / max(rates(self._flat, float(q[0]), x, u, p, z)[1], 1e-300)
+
     def _measure(self, h: float) -> None:
         """Goes over to the stiff method where stability bounds the explicit steps."""
         x, q, u, _, p, z = self._given
@@ -226,7 +235,7 @@ class Integrator:
         while t < end:
             known = end if self.watch is None else min(end, self.watch.next_event)
             left = known - t
-            wanted = min(self._h, self._max_step)
+            wanted = min(self._h, self._max_step, self._longest)
             h = left if wanted >= left * (1 - 1e-9) else left / 2 if wanted > left / 2 else wanted
             refusal = self._limits.spend(1)
             if refusal:
@@ -285,6 +294,8 @@ class Integrator:
             done = self._note_outputs(t, inside, times, done)
             if self._undecided and len(self._x) and self._accepted % _MEASURED_AFTER == 0:
                 self._measure(h)
+            elif self._bounded and len(self._x) and (self._accepted - 1) % _MEASURED_AFTER == 0:
+                self._bound()
         return self._x.copy(), inside
 
     def begin(self, x: FloatArray, z: FloatArray, t: float, u: FloatArray) -> FloatArray:
@@ -449,7 +460,7 @@ class Leaps:
     def __init__(self, flat: FlatModel, integrator: Integrator, p: FloatArray) -> None:
         self._flat, self._integrator, self._p = flat, integrator, p
         self._chain: Chain | None = None
-        self.size = 0
+        self.size: int = 0
         """Steps to try next; 0 until a single one has passed an interval."""
 
     def encourage(self) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from time import monotonic
+from typing import NoReturn
 
 import numpy as np
 from tqdm import tqdm
@@ -100,7 +101,7 @@ def diverged(flat: FlatModel, x: FloatArray, failed_at: float) -> str:
     )
 
 
-def progress_bar(run: Run, progress: bool) -> tqdm:
+def progress_bar(run: Run, progress: bool) -> tqdm[NoReturn]:
     """Over the seconds of a run."""
     return tqdm(
         total=float(run.times[-1] - run.times[0]), disable=not progress, unit="s", desc="simulated",
