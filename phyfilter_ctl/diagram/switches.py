@@ -44,7 +44,7 @@ _NEVER = 1e300  # s: no time yet
 # In place of 1 for a sign that slides: one that is 0 since nothing moves its level.
 _RESTS = 2
 _SIGNALS = (0, 1, 2, 4)  # t, x, u and z
-_MOVING = 0b111  # t, x and u change between instants
+_TIME, _MOVING = 0b1, 0b111  # t; t, x and u, which change between instants
 
 
 class _Frozen(NamedTuple):
@@ -59,12 +59,14 @@ class _Frozen(NamedTuple):
 
 
 @lru_cache(maxsize=64)
-def located(flat: FlatModel) -> FlatModel:
+def located(flat: FlatModel, timed: bool = True) -> FlatModel:
     """A model without jumps between its events.
 
     Parameters
     ----------
     flat : FlatModel
+    timed : bool
+        Locate the switches of time too; their ranges count periods, which single precision loses after a while.
 
     Returns
     -------
@@ -99,7 +101,8 @@ def located(flat: FlatModel) -> FlatModel:
         structure = structure_of(whole, _SIGNALS)
     except (RuntimeError, NotImplementedError):
         return flat
-    chosen = [switch for switch in _jumping(flat, structure) if switch.on & _MOVING]
+    ignored = 0 if timed else _TIME
+    chosen = [s for s in _jumping(flat, structure) if s.on & _MOVING and not s.on & ignored]
     if not 0 < len(chosen) <= _MOST:
         return flat
     return _Located(_frozen(flat, structure, chosen)).model()
