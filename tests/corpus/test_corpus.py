@@ -1,4 +1,4 @@
-"""The corpus in the suite: a few systems always, all without compiler with -m slow, C and FMUs with -m release.
+"""The corpus in the suite: a few systems always, five families without compiler with -m slow, all of it with -m release.
 
 The whole of it, with its table, is ``python -m tests.corpus --fmu``.
 """
@@ -12,6 +12,7 @@ from tests.corpus.random_systems import random_system
 from tests.corpus.reference import Exit, Hybrid, filippov, smooth, stepped, switched
 from tests.corpus.run import MOST_AMPLIFIED, SHORT_ROUTES, Case, examined, main
 from tests.corpus.systems import FAMILIES, all_systems
+from tests.cpu_budget import release_but
 
 # What the reference may be off where a closed form is known: it is asked for 1e-11 a step.
 EXACT = 1e-9
@@ -81,7 +82,7 @@ def test_size():
     assert sum(bool(each.source) for each in systems) >= 40
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_answers_are_well_posed():
     amplified = {each.name: Case(each).amplification for each in all_systems()}
     assert {name: value for name, value in amplified.items() if value > MOST_AMPLIFIED} == {}
@@ -93,8 +94,9 @@ def test_short(system):
     assert cells["simulate"].outcome == ("right" if system.solvable else "status"), cells["simulate"].message
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("family", FAMILIES)
+@pytest.mark.parametrize(
+    "family", release_but({"events", "friction", "loops", "motors", "switches"}, FAMILIES)
+)
 def test_family(family):
     for system in FAMILIES[family]:
         assert_none_wrong(system, examined(system, SHORT_ROUTES))
