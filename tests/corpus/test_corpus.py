@@ -1,4 +1,4 @@
-"""The corpus in the suite: a few systems always, five families without compiler with -m slow, all of it with -m release.
+"""The corpus in the suite: a few systems always, five families without a compiler with -m slow, all with -m release.
 
 The whole of it, with its table, is ``python -m tests.corpus --fmu``.
 """
