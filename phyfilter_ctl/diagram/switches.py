@@ -41,6 +41,7 @@ _BEYOND = 1e-9
 # Times that all switches are looked at when some are decided: one that slides acts on the others.
 _PASSES = 3
 _NEVER = 1e300  # s: no time yet
+_INSIDE = 1e-30  # of a condition on the border: not 0, in float too
 # In place of 1 for a sign that slides: one that is 0 since nothing moves its level.
 _RESTS = 2
 _SIGNALS = (0, 1, 2, 4)  # t, x, u and z
@@ -455,7 +456,9 @@ class _Located:
 
         rest = iter(plain)
         conditions = [] if flat.conditions is None else [next(rest)]
-        conditions.append(self._consistent(t, at, n, s))
+        # On a border that nothing moves it from a switch stays: to be past it, it has to be beyond.
+        consistent = self._consistent(t, at, n, s)
+        conditions.append(consistent + _INSIDE * (consistent == 0))
         events = [
             dataclasses.replace(
                 event,

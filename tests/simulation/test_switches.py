@@ -229,3 +229,16 @@ def test_sensitivities_do_not_pass_over_jumps():
     )
     with pytest.raises(ValueError, match=r"passes over the events of s \(v.switch\)"):
         pf.sensitivity(law, [0.0, 1.0], None, [1.0], by=["c"])
+
+
+@pytest.mark.parametrize("way", ["as called", "stiff", "c"])
+def test_inputs_that_stand_on_a_border(way):
+    """A gear that is a whole number, and a threshold of 0 at 0: nothing moves them, so nothing happens."""
+    law = ct.nlsys(
+        lambda t, x, u, p: [[1.0, 2.0, 5.0, 1.0][int(u[0])] - x[0] + (3.0 if u[1] > 0 else 0.0)], None,
+        inputs=["gear", "boost"], outputs=["v"], states=1, name="car",
+    )  # fmt: skip
+    t = np.linspace(0.0, 2.0, 5)
+    found = pf.simulate(law, t, [np.full(5, 2.0), np.zeros(5)], [0.0], **WAYS[way])
+    assert found.success, found.message
+    np.testing.assert_allclose(np.ravel(found.outputs), 5.0 * (1.0 - np.exp(-t)), atol=KEPT)
