@@ -128,7 +128,11 @@ def diagram_model(
         raise ValueError(
             f"block {callback.block} runs as Python, for which there is no C code: {callback.reason}. {callback.remedy}"
         )
-    flat = located(as_sampled(flat), timed=real == "double")
+    flat = as_sampled(flat)
+    if (
+        real == "double"
+    ):  # float loses what places a switch: ranges that count periods, levels at their borders
+        flat = located(flat)
     prefix = model_identifier(flat.name) if name is None else checked_identifier(name)
     functions = flat_functions(flat)
     parts = _Parts(flat.parameters)

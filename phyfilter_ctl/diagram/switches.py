@@ -45,7 +45,7 @@ _INSIDE = 1e-30  # of a condition on the border: not 0, in float too
 # In place of 1 for a sign that slides: one that is 0 since nothing moves its level.
 _RESTS = 2
 _SIGNALS = (0, 1, 2, 4)  # t, x, u and z
-_TIME, _MOVING = 0b1, 0b111  # t; t, x and u, which change between instants
+_MOVING = 0b111  # t, x and u change between instants
 
 
 class _Frozen(NamedTuple):
@@ -60,14 +60,12 @@ class _Frozen(NamedTuple):
 
 
 @lru_cache(maxsize=64)
-def located(flat: FlatModel, timed: bool = True) -> FlatModel:
+def located(flat: FlatModel) -> FlatModel:
     """A model without jumps between its events.
 
     Parameters
     ----------
     flat : FlatModel
-    timed : bool
-        Locate the switches of time too; their ranges count periods, which single precision loses after a while.
 
     Returns
     -------
@@ -84,7 +82,6 @@ def located(flat: FlatModel, timed: bool = True) -> FlatModel:
     >>> [event.name for event in located(flatten(mass)).events]
     ['v.switch']
     """
-    functions = _functions(flat)
     if (
         any(event.switch for event in flat.events)
         or flat.dt > 0.0
@@ -98,12 +95,11 @@ def located(flat: FlatModel, timed: bool = True) -> FlatModel:
         if not has_switches(dynamics):
             return flat
         arguments = [ca.SX.sym(name, flat.dynamics.size1_in(i)) for i, name in enumerate("txupz")]
-        whole = ca.Function("whole", arguments, [ca.densify(f(*arguments)) for f in functions])
+        whole = ca.Function("whole", arguments, [ca.densify(f(*arguments)) for f in _functions(flat)])
         structure = structure_of(whole, _SIGNALS)
     except (RuntimeError, NotImplementedError):
         return flat
-    ignored = 0 if timed else _TIME
-    chosen = [s for s in _jumping(flat, structure) if s.on & _MOVING and not s.on & ignored]
+    chosen = [switch for switch in _jumping(flat, structure) if switch.on & _MOVING]
     if not 0 < len(chosen) <= _MOST:
         return flat
     return _Located(_frozen(flat, structure, chosen)).model()
