@@ -123,8 +123,8 @@ def test_ends_and_beginnings_are_bounded_whatever_their_number(flights, monkeypa
     found = stored.StoredFlights()
     for k, log in enumerate(flights):
         source = stored.Source("t", k, log.name, partial(stored.load, log, None, None, {}))
-        survey, correlated = stored.surveyed(source, flights=1, skip=False)
-        found.add(stored.StoredFlight(source, survey), correlated)
+        ((survey, correlated),) = stored.surveyed(source, flights=1, skip=False)
+        found.add(stored.StoredFlight(source.part(0), survey), correlated)
     assert sum(each.survey.end.nbytes for each in found) <= stored.ENDS
     end, complete = found[0].before(found[0].length)
     assert not complete

@@ -76,7 +76,7 @@ def _sums(flight: Flight, j: int) -> ChannelSums:
     if flight.g is None:
         return ChannelSums(duration, end, spread, len(own), squares, None, (0.0, 0.0, 0.0))
     g = flight.g[:, j]
-    integral = np.cumsum(steps * 0.5 * (g[1:] + g[:-1]))
+    integral = np.cumsum(steps * g[1:])
     d, integral = D - np.mean(D), integral - np.mean(integral)
     products = (float(d @ d), float(d @ integral), float(integral @ integral))
     known = (int(np.sum(counts)), float(np.sum(g[counts] ** 2)))

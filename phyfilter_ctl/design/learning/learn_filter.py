@@ -33,7 +33,7 @@ from .in_loop import keep_limits
 from .label_check import label_faults, label_sums
 from .levenberg import Descent
 from .reading import Logs, OnBad, Reading, read_flight
-from .residuals import Flight, refuse_uninformative
+from .residuals import Flight, gap_notes, other_channels, refuse_uninformative
 from .result import LearnEvent, LearnResult
 from .search import Search
 from .sensitivity import Data
@@ -278,6 +278,8 @@ def learn(
         flights, skipped = reading.flights("logs", logs, entries)
         refuse_uninformative(flights, n)
         tests, bad = ([], ()) if held_out is None else reading.flights("held_out", held_out, None)
+        if tests and (fault := other_channels(tests[0], flights[0])):
+            raise ValueError(f"held_out: {fault}")
         given = _starts(start, n)
         notes = _notes(flights, label_offset)
         recorder = _Recorder(callback)
@@ -293,7 +295,7 @@ def learn(
             orders,
             flights,
             tests,
-            replace(sampling, dt=flights[0].dt),
+            replace(sampling, dt=_step(flights)),
             E,
             label_offset,
             wiener,
@@ -328,6 +330,11 @@ def _worthwhile(flights: Sequence[Flight], orders: Sequence[int], form: Form) ->
     return len(orders) > 1 or sum(flight.samples for flight in flights) < _SHORT * coefficients
 
 
+def _step(flights: Sequence[Flight]) -> float:
+    """Of the first flight; of one with gaps the step of its longest part."""
+    return max((f for f in flights if f.log == flights[0].log), key=lambda flight: flight.length).dt
+
+
 def _notes(flights: Sequence[Flight], offset: bool) -> tuple[str, ...]:
     """What to know of the logs; faults of their labels are warned of."""
     sums = flights.sums if isinstance(flights, StoredFlights) else [label_sums(flight) for flight in flights]
@@ -335,7 +342,7 @@ def _notes(flights: Sequence[Flight], offset: bool) -> tuple[str, ...]:
     for fault in faults:
         warnings.warn(fault, stacklevel=3)
     missing = [] if any(flight.has_g for flight in flights) else ["no g: M x' is taken as f"]
-    return (*missing, *faults)
+    return (*missing, *gap_notes(flights), *faults)
 
 
 class _CancelledError(Exception):
@@ -369,7 +376,7 @@ def _search(
     structure: Structure,
     pull: float,
 ) -> Search:
-    longest = max(float(flight.dt * flight.length) for flight in flights)
+    longest = max(float((flight.mean_step or flight.dt) * flight.length) for flight in flights)
     step = max(flight.longest_step for flight in flights)
     shortest = min(flight.dt for flight in flights)
     floor = max(

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias, cast
 from ...execution import Executor, Report
 from ...logfiles import read_recording
 from ...recording import Recording
-from .residuals import Flight, flights_of
+from .residuals import Flight, flights_of, other_channels, other_time_units
 from .stored import Answer, OneFlight, Source, StoredFlight, StoredFlights, load, serve, surveyed
 
 if TYPE_CHECKING:
@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 __all__ = ["Logs", "OnBad", "Reading", "files_of", "read_flight"]
 
 Logs: TypeAlias = OneFlight | Sequence[OneFlight] | Callable[[], Iterable[Recording]]
+Bad: TypeAlias = tuple[tuple[str, str], ...]
 OnBad = Literal["raise", "skip"]
 
 # Flights that a function makes are not counted beforehand.
@@ -71,9 +72,7 @@ class Reading:
         """Started when the first flight is read."""
         return self.stack.enter_context(Executor(self.workers, scheduler=self.scheduler))
 
-    def flights(
-        self, name: str, logs: Logs, weights: Sequence[Any] | None
-    ) -> tuple[Sequence[Flight], tuple[tuple[str, str], ...]]:
+    def flights(self, name: str, logs: Logs, weights: Sequence[Any] | None) -> tuple[Sequence[Flight], Bad]:
         """Flights, whose signals are in memory or not, and the bad ones that were left out.
 
         Raises
@@ -91,20 +90,47 @@ class Reading:
         ):
             stored = _stored_flights(self, found, weights)
         else:
-            return self._at_hand(cast("list[Recording]", found), weights)
-        return stored, tuple(stored.skipped)
+            return self._of_one_clock(
+                name, found, *self._at_hand(name, cast("list[Recording]", found), weights)
+            )
+        return self._of_one_clock(name, stored.names, stored, tuple(stored.skipped))
+
+    def _of_one_clock(
+        self, name: str, logs: Sequence[OneFlight], flights: Sequence[Flight], bad: Bad
+    ) -> tuple[Sequence[Flight], Bad]:
+        """Flights without those whose times are in another unit than most, which are bad."""
+        faults = other_time_units(flights)
+        named = {i: _name(logs[i], i) for i in faults}
+        if faults and (not self.skip or len(faults) == len({flight.log for flight in flights})):
+            i, fault = next(iter(faults.items()))
+            raise ValueError(f"{name}: {named[i]}: {fault}")
+        if not faults:
+            return flights, bad
+        if isinstance(flights, StoredFlights):
+            flights.leave_out(faults)
+            kept: Sequence[Flight] = flights
+        else:
+            kept = [flight for flight in flights if flight.log not in faults]
+        return kept, (*bad, *((named[i], fault) for i, fault in faults.items()))
 
     def _at_hand(
-        self, logs: list[Recording], weights: Sequence[Any] | None
-    ) -> tuple[list[Flight], tuple[tuple[str, str], ...]]:
+        self, name: str, logs: list[Recording], weights: Sequence[Any] | None
+    ) -> tuple[list[Flight], Bad]:
         if not self.skip:
-            return flights_of(logs, weights=weights, **self.options), ()
+            found = flights_of(logs, weights=weights, **self.options)
+            for part in found:
+                if fault := other_channels(part, found[0]):
+                    raise ValueError(f"{name}: log {part.log} {fault}")
+            return found, ()
         entries = [1.0] * len(logs) if weights is None else weights
-        found: list[Flight] = []
+        found = list[Flight]()
         bad: list[tuple[str, str]] = []
         for i, (log, entry) in enumerate(zip(logs, entries, strict=True)):
             try:
-                found.append(load(log, self.read, entry, dict(self.options)))
+                parts = load(log, self.read, entry, dict(self.options))
+                if fault := other_channels(parts[0], (found or parts)[0]):
+                    raise ValueError(fault)
+                found += [replace(part, log=i) for part in parts]
             except ValueError as error:
                 bad.append((_name(log, i), str(error)))
         _refuse_empty(found, bad)
@@ -195,17 +221,17 @@ def _made_flights(
 
 
 def _gathered(how: Reading, sources: Sequence[Source], answers: Iterable[Answer]) -> StoredFlights:
-    found = StoredFlights()
+    found = StoredFlights(sources)
     for i, answer in enumerate(answers):
         if not isinstance(answer, str):
-            survey, correlated = answer
-            if found.flights and survey.shape[1] != found.flights[0].survey.shape[1]:
-                answer = (
-                    f"has {survey.shape[1]} channels, {', '.join(survey.channels)}, where "
-                    f"{found.flights[0].source.name} has {', '.join(found.flights[0].channels)}"
-                )
+            parts = [
+                (StoredFlight(sources[i].part(k), survey), sums) for k, (survey, sums) in enumerate(answer)
+            ]
+            if fault := other_channels(parts[0][0], (found.flights or [parts[0][0]])[0]):
+                answer = fault
             else:
-                found.add(StoredFlight(sources[i], survey), correlated)
+                for part, sums in parts:
+                    found.add(part, sums)
         if isinstance(answer, str):
             if not how.skip:
                 raise ValueError(f"{sources[i].name}: {answer}")
@@ -249,7 +275,7 @@ class _Made:
                 self.known[-1], token=f"{token}, survey", load=partial(load, log, read_flight, None, options)
             )
 
-    def _load(self, index: int, options: dict[str, Any]) -> Flight:
+    def _load(self, index: int, options: dict[str, Any]) -> list[Flight]:
         if index < self._next:
             self._logs, self._next = iter(self.make()), 0
         for log in self._logs:
