@@ -297,7 +297,7 @@ def _array(value: np.ndarray) -> str:
 
 
 def _counted(value: Any) -> str:
-    kinds = {type(entry).__name__ for entry in value}
+    kinds = {type(entry).__name__ for entry in (value.values() if isinstance(value, Mapping) else value)}
     return f"{len(value)} entries of type {' or '.join(sorted(kinds)[:3])}"
 
 

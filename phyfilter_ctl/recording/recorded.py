@@ -21,8 +21,8 @@ from .resampling import Pick
 _UNIFORM = 1e-6
 _ROUNDING = 4.0 * np.finfo(float).eps
 
-# A step that is so many medians long is a gap: samples are missing, or the clock jumped. Of so many samples one is a gap
-# at most, or such steps are how the log is sampled.
+# A step that is so many medians long is a gap: samples are missing, or the clock jumped. Of so many samples one is a
+# gap at most, or such steps are how the log is sampled.
 _GAP, _RARE, _FEW_GAPS = 3.0, 100, 3
 
 NonFinite = Literal["raise", "keep"]

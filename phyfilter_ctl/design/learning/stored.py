@@ -23,7 +23,7 @@ from ...execution import Executor
 from ...filter.sampling import Method
 from ...recording import Recording
 from .correlation import MOST_LAGS, Correlations, Stretch, reduced
-from .label_check import ChannelSums, label_sums
+from .label_check import FlightSums, label_sums
 from .residuals import BEGINNINGS, Flight, flights_of
 
 __all__ = [
@@ -108,7 +108,7 @@ class Survey(NamedTuple):
     beginning: Flight
     end: FloatArray
     totals: tuple[FloatArray, FloatArray]
-    sums: tuple[ChannelSums, ...]
+    sums: FlightSums
     channels: tuple[str, ...]
     mean_step: float
     gap: float
@@ -363,7 +363,7 @@ class StoredFlights(Sequence[Flight]):
         self._totals = [total for total in self._totals if total.stretches[0].flight.log not in logs]
 
     @property
-    def sums(self) -> list[tuple[ChannelSums, ...]]:
+    def sums(self) -> list[FlightSums]:
         """What their labels are checked by."""
         return [flight.survey.sums for flight in self.flights]
 
