@@ -197,7 +197,8 @@ def estimate(
     both share a band, ``noise.status`` is NOT_IDENTIFIED, and the suggestion is the filter that predicts x best.
 
     f_hat is meant for the end of each step, delays of x included (``filter`` sampled with ``delay``). A g that acts
-    later than it is recorded is part of f, and no figure here counts that: ``notes`` say by how much it seems late. That g reacts to the noise of x does no harm.
+    later than it is recorded is part of f, and no figure here counts that: ``notes`` say how late it seems. That g
+    reacts to the noise of x does no harm.
 
     Examples
     --------

@@ -91,7 +91,7 @@ def label_factor_fault(
     Parameters
     ----------
     sums : sequence of tuple of WindowSums
-        Of recordings, looked at together and then one by one.
+        Of recordings, looked at one by one and then together.
     j : int
     channels : sequence of str
     step : float
@@ -100,13 +100,16 @@ def label_factor_fault(
     several = [own for own in sums if own]
     if not several:
         return ""
+    if len(several) > 1:
+        faults = [found for own in several if (found := _first_fault(own, j, channels, step))]
+        if faults:
+            return f"{faults[0]} (in {len(faults)} of {len(several)} flights)"
     fewest = min(len(own) for own in several)
-    together = [_added([own[k] for own in several]) for k in range(fewest)]
-    for parts in (together, *(several if len(several) > 1 else ())):
-        for part in parts:
-            if found := _factor_fault(part, j, channels, step):
-                return found
-    return ""
+    return _first_fault([_added([own[k] for own in several]) for k in range(fewest)], j, channels, step)
+
+
+def _first_fault(parts: Sequence[WindowSums], j: int, channels: Sequence[str], step: float) -> str:
+    return next(filter(None, (_factor_fault(part, j, channels, step) for part in parts)), "")
 
 
 def _added(parts: Sequence[WindowSums]) -> WindowSums:
@@ -144,10 +147,10 @@ def _factor_fault(part: WindowSums, j: int, channels: Sequence[str], step: float
     if high / off >= 1.0 / _FACTOR and low * off <= _FACTOR:
         return ""
     factor = float(np.sqrt(low * high))
-    clock = f"steps of {step:.4g} s, if times are ms; " if step > 1.0 and factor < 1.0 else ""
+    clock = f", or times in ms, of which steps are {step:.4g} s" if step > 1.0 and factor < 1.0 else ""
     return (
-        f"the label of {channels[j]} is M x' - g times {1.0 / factor:.3g} {said}: another unit of "
-        f"{clock}x, M, g or the label"
+        f"the label of {channels[j]} is M x' - g times {1.0 / factor:.3g} {said}: another unit of x, M, g or the label"
+        f"{clock}"
     )
 
 

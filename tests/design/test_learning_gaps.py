@@ -1,4 +1,4 @@
-"""Clocks that jump, samples that are lost, flights of another clock: what is learned does not change, and it is said."""
+"""Clocks that jump, samples that are lost, flights of another clock: what is learned stays, and it is said."""
 
 from functools import partial
 
@@ -99,7 +99,7 @@ def test_a_flight_in_milliseconds_is_named_or_left_out():
     assert [name for name, _ in found.skipped] == ["late"]
     stored = learn([*good, lambda: late], 1, on_bad="skip", workers=1, **QUICK)
     assert stored.filter.a[0] == pytest.approx(found.filter.a[0], rel=1e-9)
-    with pytest.raises(ValueError, match="good 0: its steps are 0.01 s, those of other flights 10 s"):
+    with pytest.raises(ValueError, match=r"good 0: its steps are 0\.01 s, those of other flights 10 s"):
         learn([good[0], late], 1, on_bad="skip", **QUICK)
 
 
