@@ -303,7 +303,7 @@ def _counted(value: Any) -> str:
 
 def _short(text: str, value: Any) -> str:
     text = " ".join(text.split())
-    if len(text) <= _WIDTH:
+    if len(text) <= (_TEXT if isinstance(value, Mapping) else _WIDTH):
         return text
     return _counted(value) if isinstance(value, Sequence | Set | Mapping) else f"{type(value).__name__}(...)"
 

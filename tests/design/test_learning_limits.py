@@ -244,3 +244,41 @@ def test_commands_beyond_the_actuators_are_learned_from_as_the_filter_will_take_
         learn(log, 1, channels=[0], g_limit=ends)
     alone = learn(log, 1, channels=[0], g_limit=(-1.0, 1.5), starts=0, wiener=False)
     assert alone.filter.a[0] == pytest.approx(30.0, rel=1e-6)
+
+
+# -- what is asked for in another way ------------------------------------------------------------------------
+
+
+def test_of_several_orders_those_without_a_score_are_named():
+    result = learn(flight(0), [1, 2, 3], starts=0, wiener=False)
+    assert result.order_used == 1
+    assert "1 to 1" not in result.message
+    assert "the lowest of 1, 2, 3" in result.message or "the best of 1 to" in result.message
+
+
+@pytest.mark.parametrize(
+    ("given", "error", "words"),
+    [
+        (
+            {"order": "auto"},
+            TypeError,
+            r"order: expected a whole number, or several .* range\(1, 7\), got 'auto'",
+        ),
+        ({"order": 1.0}, TypeError, r"order: expected a whole number, .* got 1\.0"),
+        (
+            {"logs": {"a": flight(0)}},
+            TypeError,
+            r"logs: expected Recordings, .* got dict; .* list\(logs\.values\(\)\)",
+        ),
+        ({"logs": "folder/*.csv"}, ValueError, r"folder/\*\.csv: no such file; of a pattern give sorted"),
+        ({"channels": "vx"}, ValueError, r"channels: .* got 'vx'; one is \['vx'\]"),
+        (
+            {"logs": flight(0).with_signals(label=None)},
+            ValueError,
+            r"no label.*estimate\(log\), or smooth_label\(log\)",
+        ),
+    ],
+)
+def test_wrong_arguments_are_named_with_what_to_give(given, error, words):
+    with pytest.raises(error, match=words):
+        learn(**({"logs": flight(0), "order": 1} | given))

@@ -25,6 +25,7 @@ from ...execution import Report, silent
 from ...filter import PhyFilter, Sampling
 from ...filter.sampling import Method, Rule
 from ...recording import Recording
+from ...results import Status
 from .answer import Asked, answer, rmse
 from .constraints import LoopConstraint
 from .coordinates import FASTEST
@@ -97,10 +98,10 @@ def learn(
     Parameters
     ----------
     logs : Recording, path, or sequence of Recording, path or function () -> Recording
-        Flights with a label, the true f = M x' - g; they stay apart. A missing f_theta or g is 0. Steps may differ,
-        within a flight and between flights. Files are read when they are needed, not kept; of a folder every table
-        (Parquet, Arrow, Feather, CSV) is a flight. Or one function () -> iterable of Recording, called anew for every
-        pass.
+        Flights with a label, the true f = M x' - g, of the same channels; they stay apart. A missing f_theta or g is 0.
+        Steps may differ, within a flight and between flights. Files are read when they are needed, not kept; of a
+        folder every table (Parquet, Arrow, Feather, CSV) is a flight. Or one function () -> iterable of Recording,
+        called anew for every pass.
     order : int or sequence of int
         Order n of D, 1 to 12. Lower orders are learned on the way. Of several orders, ``range(1, 7)``, the one that
         cross-validation chooses is returned.
@@ -178,7 +179,8 @@ def learn(
     on_bad : {"raise", "skip"}
         What a flight does that cannot be read or has no label: an error, or an entry of ``result.skipped``.
     workers : int, optional
-        Processes that read files; None means one per core, 1 reads them here.
+        Processes that read files; 1 reads them here. None means one per core, or 1 where all are files of 64 MB at most
+        together.
     scheduler : str or distributed.Client, optional
         Of a Dask cluster whose workers read the files instead, by the same paths.
     report : callable
@@ -199,8 +201,9 @@ def learn(
     Warns
     -----
     UserWarning
-        If a label cannot be f: over whole flights its mean is not that of M x' - g, or it differs by g itself. If
-        flights disagree.
+        If a label cannot be f: over whole flights its mean is not that of M x' - g, it differs by g itself, or it is of
+        another unit, sign or channel. If g acts later than it is logged. If
+        flights disagree. If no filter keeps the limits of ``loop``.
 
     Notes
     -----
@@ -213,6 +216,9 @@ def learn(
     Flights of equal steps are reduced to correlations once, exactly, so a step costs as many operations as the filter
     remembers samples, whatever the length and number of flights. Unequal steps and weights of single samples are
     summed sample by sample; there the trials run on the mean step (and weighted signals), the answer does not.
+
+    A log is cut at gaps in its times, steps over 3 times the median (:attr:`Recording.gaps`): the filter begins at rest
+    after each. It stays one flight in folds and scores. ``result.sampled()`` has the median step of the first flight.
 
     Conditions on F are linear in N and hold exactly (least squares with equality constraints). With limits on single
     poles or given ones D is a product of sections instead, in a box of its own.
@@ -314,6 +320,8 @@ def learn(
                 lambda found: _scores(found, search, asked),
                 offset=label_offset,
             )
+    if result.status is Status.INFEASIBLE:
+        warnings.warn(result.message, stacklevel=2)
     for note in result.notes[len(notes) :]:
         warnings.warn(note, stacklevel=2)
     return result
@@ -401,8 +409,13 @@ def _search(
 
 
 def _orders(order: SupportsIndex | Sequence[SupportsIndex]) -> tuple[int, ...]:
-    given = order if isinstance(order, Sequence | np.ndarray) else [order]
-    found = tuple(sorted({operator.index(n) for n in given}))
+    given = order if isinstance(order, Sequence | np.ndarray) and not isinstance(order, str) else [order]
+    try:
+        found = tuple(sorted({operator.index(n) for n in given}))
+    except TypeError:
+        raise TypeError(
+            f"order: expected a whole number, or several to choose from as range(1, 7), got {order!r}"
+        ) from None
     if not found or not 1 <= found[0] <= found[-1] <= HIGHEST_ORDER:
         raise ValueError(f"order: expected 1 to {HIGHEST_ORDER}, got {order}")
     return found

@@ -7,8 +7,8 @@ import sys
 import uuid
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias, cast
 
@@ -27,6 +27,8 @@ Logs: TypeAlias = OneFlight | Sequence[OneFlight] | Callable[[], Iterable[Record
 Bad: TypeAlias = tuple[tuple[str, str], ...]
 OnBad = Literal["raise", "skip"]
 
+# Bytes of all files below which one process reads them sooner than several do that have to start.
+_SMALL = 64 << 20
 # Flights that a function makes are not counted beforehand.
 _FLIGHTS_MADE = 1 << 6
 _TABLES = (".parquet", ".pq", ".arrow", ".feather", ".csv")
@@ -67,10 +69,16 @@ class Reading:
     scheduler: str | Client | None
     report: Report
 
-    @cached_property
-    def executor(self) -> Executor:
-        """Started when the first flight is read."""
-        return self.stack.enter_context(Executor(self.workers, scheduler=self.scheduler))
+    executors: list[Executor] = field(default_factory=list)
+
+    def executor(self, logs: Sequence[OneFlight]) -> Executor:
+        """Started when the first flights are read; in this process where these are small."""
+        if not self.executors:
+            workers = self.workers
+            if workers is None and self.scheduler is None and _are_small(logs):
+                workers = 1
+            self.executors.append(self.stack.enter_context(Executor(workers, scheduler=self.scheduler)))
+        return self.executors[0]
 
     def flights(self, name: str, logs: Logs, weights: Sequence[Any] | None) -> tuple[Sequence[Flight], Bad]:
         """Flights, whose signals are in memory or not, and the bad ones that were left out.
@@ -151,6 +159,11 @@ def _listed(name: str, logs: object) -> list[OneFlight] | Callable[[], Iterable[
         found: list[OneFlight] = [*files_of(Path(logs))]
     elif isinstance(logs, Recording):
         found = [logs]
+    elif isinstance(logs, Mapping) or hasattr(logs, "columns"):
+        raise TypeError(
+            f"{name}: expected Recordings, files or a function, got {type(logs).__name__}; give the recordings of a "
+            "mapping as list(logs.values()), and of a table Recording.from_arrays(...)"
+        )
     elif isinstance(logs, Iterator):
         raise TypeError(
             f"{name}: an iterator or generator is used up after one pass, and learning makes several; give a function "
@@ -179,6 +192,8 @@ def files_of(path: Path) -> list[Path]:
     ValueError
         If a folder holds none.
     """
+    if any(sign in str(path) for sign in "*?") and not path.exists():
+        raise ValueError(f"{path}: no such file; of a pattern give sorted(Path('folder').glob('*.csv'))")
     if not path.is_dir() or (path / "metadata.yaml").is_file():  # a ROS 2 bag
         return [path]
     files = sorted(file for file in path.rglob("*") if file.suffix.lower() in _TABLES)
@@ -192,7 +207,8 @@ def _stored_flights(how: Reading, logs: list[OneFlight], weights: Sequence[Any] 
     if weights is not None and len(weights) != len(logs):
         raise ValueError(f"weights: expected one entry for each of the {len(logs)} logs, got {len(weights)}")
     token = uuid.uuid4().hex
-    serve(token, how.executor)
+    executor = how.executor(logs)
+    serve(token, executor)
     entries = [None] * len(logs) if weights is None else weights
     sources = [
         Source(token, i, _name(log, i), partial(load, log, how.read, entry, dict(how.options)))
@@ -200,7 +216,7 @@ def _stored_flights(how: Reading, logs: list[OneFlight], weights: Sequence[Any] 
     ]
     survey = partial(surveyed, flights=len(logs), skip=how.skip)
     names = [source.name for source in sources]
-    return _gathered(how, sources, how.executor.map(survey, sources, names=names, report=how.report))
+    return _gathered(how, sources, executor.map(survey, sources, names=names, report=how.report))
 
 
 def _made_flights(
@@ -238,6 +254,12 @@ def _gathered(how: Reading, sources: Sequence[Source], answers: Iterable[Answer]
             found.skipped.append((sources[i].name, answer))
     _refuse_empty(found.flights, found.skipped)
     return found
+
+
+def _are_small(logs: Sequence[OneFlight]) -> bool:
+    """Whether all are files that are read sooner than processes start."""
+    paths = [Path(log) for log in logs if isinstance(log, str | os.PathLike)]
+    return len(paths) == len(logs) and sum(p.stat().st_size for p in paths if p.is_file()) <= _SMALL
 
 
 def _refuse_empty(found: Sequence[Flight], bad: Sequence[tuple[str, str]]) -> None:

@@ -230,7 +230,8 @@ def flights_of(
             raise TypeError(f"logs: expected Recordings, got {type(log).__name__} at place {i}")
         if log.label is None:
             raise ValueError(
-                f"{named(log, i)} has no label: learning needs the true f; give label=, or label columns in the CSV"
+                f"{named(log, i)} has no label: learning needs the true f; give label=, or label columns in the CSV. "
+                "Without one: estimate(log), or smooth_label(log).recording, whose label comes out of x"
             )
         # Any filter will do: the measured residual does not depend on it.
         recursion = (
@@ -420,7 +421,8 @@ def _columns(log: Recording, i: int, channels: Sequence[int | str] | None) -> li
     if channels is None:
         return list(range(log.n_x))
     if isinstance(channels, str) or len(channels) == 0:
-        raise ValueError(f"channels: expected a sequence of numbers or names, got {channels!r}")
+        hint = f"; one is [{channels!r}]" if isinstance(channels, str) and channels else ""
+        raise ValueError(f"channels: expected a sequence of numbers or names, got {channels!r}{hint}")
     columns = []
     for entry in channels:
         if isinstance(entry, str):
