@@ -48,6 +48,7 @@ _KEPT = _ORDER + _LAGS + 2
 _MOST = 200_000  # steps to judge by
 _LIKELIER = 25.0  # logarithm of the likelihood ratio
 _LEAST_LAG = 0.5  # blocks
+_LONGEST = 20.0  # steps that a gap counts for
 _MOVED = 0.1  # share of f that a late g is taken for
 _GAINS = (0.5, 2.0)
 _ROUNDS, _RIDGE, _TAPERED = 3, 1e-9, 0.5
@@ -59,7 +60,7 @@ _ROUNDS, _RIDGE, _TAPERED = 3, 1e-9, 0.5
 class WindowSums(NamedTuple):
     """Products of window means about their means, for one length of window."""
 
-    count: int
+    windows: int
     uu: FloatArray  # (K,)
     ul: FloatArray  # (K, K)
     ll: FloatArray  # (K,)
@@ -113,8 +114,8 @@ def _first_fault(parts: Sequence[WindowSums], j: int, channels: Sequence[str], s
 
 
 def _added(parts: Sequence[WindowSums]) -> WindowSums:
-    count, uu, ul, ll = zip(*parts, strict=True)
-    return WindowSums(sum(count), np.sum(uu, axis=0), np.sum(ul, axis=0), np.sum(ll, axis=0))
+    windows, uu, ul, ll = zip(*parts, strict=True)
+    return WindowSums(sum(windows), np.sum(uu, axis=0), np.sum(ul, axis=0), np.sum(ll, axis=0))
 
 
 def _factor_fault(part: WindowSums, j: int, channels: Sequence[str], step: float) -> str:
@@ -134,7 +135,7 @@ def _factor_fault(part: WindowSums, j: int, channels: Sequence[str], step: float
         )
     if not _is_sure(own, part):
         return ""
-    said = f"over {part.count} windows (correlation {own:.2f})"
+    said = f"over {part.windows} windows (correlation {own:.2f})"
     if own < -_UNLIKE:
         return (
             f"the label of {channels[j]} is of the other sign than M x' - g {said}: check the sign of the label and "
@@ -155,7 +156,7 @@ def _factor_fault(part: WindowSums, j: int, channels: Sequence[str], step: float
 
 
 def _z(correlation: float, part: WindowSums) -> float:
-    return abs(correlation) * float(np.sqrt(part.count / max(1.0 - correlation**2, 1e-12)))
+    return abs(correlation) * float(np.sqrt(part.windows / max(1.0 - correlation**2, 1e-12)))
 
 
 def _is_sure(correlation: float, part: WindowSums) -> bool:
@@ -168,7 +169,7 @@ def _is_sure(correlation: float, part: WindowSums) -> bool:
 class LagSums(NamedTuple):
     """Correlations of one channel at lags up to 73 blocks either way."""
 
-    count: int
+    blocks: int
     block: float  # s
     vv: FloatArray
     vg: FloatArray  # sum v_(k+l) g_k
@@ -218,11 +219,13 @@ def lag_sums(v: FloatArray, g: FloatArray, h: float, steps: FloatArray | None = 
 
 
 def _even(values: FloatArray, steps: FloatArray, h: float) -> FloatArray:
-    """Means over equal steps of what is constant over unequal ones."""
+    """Means over equal steps of what is constant over unequal ones; long gaps are short ones here."""
+    steps = np.minimum(steps, _LONGEST * h)
     times = np.concatenate([[0.0], np.cumsum(steps)])
     sums = np.vstack([np.zeros((1, values.shape[1])), np.cumsum(values * steps[:, None], axis=0)])
     grid = np.arange(0.0, times[-1], h)
-    return np.diff(np.stack([np.interp(grid, times, column) for column in sums.T], axis=1), axis=0) / h
+    at = np.stack([np.interp(grid, times, column) for column in sums.T], axis=1)
+    return (at[1:] - at[:-1]) / h
 
 
 def late_g(sums: Sequence[LagSums], size: float) -> Late | None:
@@ -238,7 +241,7 @@ def late_g(sums: Sequence[LagSums], size: float) -> Late | None:
     alike = [part for part in sums if abs(part.block - sums[0].block) < 0.01 * sums[0].block]
     if not alike:
         return None
-    count = sum(part.count for part in alike)
+    count = sum(part.blocks for part in alike)
     vv, vg, gg = (np.sum([getattr(part, name) for part in alike], axis=0) for name in ("vv", "vg", "gg"))
     if not gg[_KEPT] > 0.0:
         return None

@@ -250,10 +250,15 @@ def test_commands_beyond_the_actuators_are_learned_from_as_the_filter_will_take_
 
 
 def test_of_several_orders_those_without_a_score_are_named():
-    result = learn(flight(0), [1, 2, 3], starts=0, wiener=False)
+    x = np.cumsum(np.random.default_rng(0).standard_normal((2000, 1)), axis=0)
+    log = Recording.from_arrays(x=x, dt=H, label=PhyFilter([20.0]).sampled(H).run(x))
+    result = learn(log, [1, 2, 3], starts=0, wiener=False)
     assert result.order_used == 1
-    assert "1 to 1" not in result.message
-    assert "the lowest of 1, 2, 3" in result.message or "the best of 1 to" in result.message
+    assert result.message.startswith("order 1: the lowest of 1, 2, 3; cross-validated RMSE")
+    assert "2, 3: not scored" in result.message
+    two = learn(flight(0), [1, 2, 3], starts=0, wiener=False)
+    assert "as good as the best of 1 to 2;" in two.message
+    assert "; 3: not scored" in two.message
 
 
 @pytest.mark.parametrize(

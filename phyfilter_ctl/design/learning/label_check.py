@@ -66,7 +66,7 @@ def label_sums(flight: Flight) -> FlightSums:
     steps = None if flight.steps is None else flight.steps[1:]
     counts = np.ones(len(u), dtype=bool)
     if flight.sample_weights is not None:
-        used = (flight.sample_weights > 0.0).all(axis=1)
+        used = np.all(flight.sample_weights > 0.0, axis=1)
         counts = used[1:] & used[:-1]
     lags: tuple[LagSums, ...] = ()
     if flight.g is not None and counts.all():

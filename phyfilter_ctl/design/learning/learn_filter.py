@@ -409,7 +409,7 @@ def _search(
 
 
 def _orders(order: SupportsIndex | Sequence[SupportsIndex]) -> tuple[int, ...]:
-    given = order if isinstance(order, Sequence | np.ndarray) and not isinstance(order, str) else [order]
+    given = order if isinstance(order, Sequence | np.ndarray) else [order]
     try:
         found = tuple(sorted({operator.index(n) for n in given}))
     except TypeError:
