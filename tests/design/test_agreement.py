@@ -82,7 +82,10 @@ def test_one_wrong_flight_among_good_ones_is_told():
 @pytest.mark.parametrize(
     "loop", [{}, {"compensated": 1.0}, {"damped": 6.0}, {"compensated": 0.7, "damped": 3.0}]
 )
-@pytest.mark.parametrize("noise", [1e-5, 2e-3, 2e-2])
+@pytest.mark.parametrize(
+    "noise",
+    [pytest.param(1e-5, marks=pytest.mark.slow), 2e-3, pytest.param(2e-2, marks=pytest.mark.slow)],
+)
 def test_sound_recordings_in_and_out_of_loops_raise_no_alarm(loop, noise):
     log = pf.Recording.from_arrays(**flight(3, noise=noise, **loop))
     with warnings.catch_warnings():
