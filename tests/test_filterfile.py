@@ -75,6 +75,7 @@ def sampled_filters(draw: st.DrawFn) -> SampledPhyFilter:
 # -- round trips ------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.filterwarnings("ignore:.*F = 0 is saved")
 @given(filter=filters())
 def test_a_filter_comes_back_bit_for_bit(tmp_path_factory, filter: PhyFilter) -> None:
     path = tmp_path_factory.getbasetemp() / "filter.toml"

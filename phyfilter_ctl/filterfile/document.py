@@ -30,6 +30,7 @@ from __future__ import annotations
 
 import json
 import os
+import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -147,6 +148,11 @@ def save(
     OSError
         If the file cannot be written.
 
+    Warns
+    -----
+    UserWarning
+        If F = 0.
+
     Examples
     --------
     >>> import pathlib, tempfile
@@ -179,6 +185,12 @@ def save(
     if signals is not None:
         _refuse_disagreement(filter, signals)
     _refuse_many([entry.order for entry in _filters(filter)])
+    if not any(np.any(entry.b) for entry in _filters(filter)):
+        warnings.warn(
+            f"{os.fspath(path)}: F = 0 is saved, which estimates nothing beyond f_theta: what learning returns where "
+            "no filter keeps the limits of a loop",
+            stacklevel=2,
+        )
     data = _text(filter, signals).encode()
     refuse_oversize(data)
     with replacing(path) as file:
