@@ -41,7 +41,6 @@ from numpy.typing import ArrayLike
 from .. import _signals
 from .._output import replacing
 from ..filter import FilterBank, PhyFilter, SampledPhyFilter, Sampling
-from ..recording import checks
 from .table import TomlTable, parsed, refuse_oversize
 
 __all__ = ["Signals", "load", "load_signals", "save"]
@@ -112,7 +111,7 @@ class Signals:
         unit_f: str = "",
         inertia: ArrayLike | None = None,
     ) -> None:
-        names = checks.channel_names(channels, len(channels))
+        names = _signals.channel_names(channels, len(channels))
         for key, unit in (("unit_x", unit_x), ("unit_g", unit_g), ("unit_f", unit_f)):
             if not isinstance(unit, str):
                 raise TypeError(f"{key}: expected text, got {unit!r}")
