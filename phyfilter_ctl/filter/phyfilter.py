@@ -35,7 +35,7 @@ from . import matching, retuning
 from .live import LiveFilter
 from .live_policy import LivePolicy
 from .loop import FilterState
-from .matrices import continuous_state_space
+from .matrices import channel_counts, continuous_state_space
 from .rational import Rational
 from .recursion import Chain, Recursion, transition
 from .sampled_form import SampledForm
@@ -386,13 +386,13 @@ class SampledPhyFilter(SampledForm):
         new = new_filter if isinstance(new_filter, SampledPhyFilter) else self.with_filter(new_filter)
         return retuning.retune(self.recursion, state, new.recursion)
 
-    def live(self, channels: int, policy: LivePolicy | None = None) -> LiveFilter:
+    def live(self, channels: int | None = None, policy: LivePolicy | None = None) -> LiveFilter:
         """A loop's object that takes samples as they come: with time stamps, jitter, gaps, bad values, restarts.
 
         Parameters
         ----------
-        channels : int
-            Number n_x of channels of x.
+        channels : int, optional
+            Number n_x of channels of x; needed where neither ``sampling``, E nor one filter per channel tells it.
         policy : LivePolicy, optional
             What it does about samples that are no good; by default it keeps f_hat - f_theta for 20 nominal steps, then
             lets it decay as fast as the filter forgets.
@@ -412,7 +412,8 @@ class SampledPhyFilter(SampledForm):
         >>> live.step(0.0, [0.0, 0.0, 0.0]).tolist()
         [0.0, 0.0, 0.0]
         """
-        return LiveFilter(self, channels, LivePolicy() if policy is None else policy)
+        n_x, _ = channel_counts(len(self.filters), self.E, self.sampling.channels_or(channels))
+        return LiveFilter(self, n_x, LivePolicy() if policy is None else policy)
 
     # -- equality and text --------------------------------------------------------------------------------------
 
