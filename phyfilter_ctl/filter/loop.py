@@ -73,6 +73,8 @@ def start(
     of_f = (*x.shape[:-1], recursion.channels(x.shape[-1]))
     f_theta = np.zeros(of_f, dtype) if f_theta0 is None else _vector("f_theta0", f_theta0, of_f, dtype)
     g = None if g0 is None else _vector("g0", g0, x.shape, dtype)
+    if inertia0 is None and not isinstance(recursion.sampling.inertia, str):
+        inertia0 = recursion.sampling.inertia
     inertia = None if inertia0 is None else _inertia("inertia0", inertia0, x)
     f_hat = f_theta if f_hat0 is None else _vector("f_hat0", f_hat0, of_f, dtype)
     named = {"x0": x, "f_theta0": f_theta, "f_hat0": f_hat, "g0": g, "inertia0": inertia}
@@ -129,7 +131,10 @@ def checked_sample(
         )
     g = recursion.acting(g)
     if inertia is None:
-        return x, g, f_theta, state.inertia, _all_usable(x, g, f_theta)
+        if state.inertia is None:
+            inertia = recursion.sampling.inertia_or(None)
+        if inertia is None:
+            return x, g, f_theta, state.inertia, _all_usable(x, g, f_theta)
     M = _inertia("inertia", inertia, x)
     return x, g, f_theta, M, _all_usable(x, g, f_theta) and usable(M)
 

@@ -52,6 +52,7 @@ def checked_signals(
 ) -> tuple[Array, Array, Array, Array | None]:
     """x, the g that acts (N, n_x), f_theta (N, n_f) and the inertia in the filter's precision, shapes checked."""
     dtype = np.dtype(recursion.sampling.precision)
+    inertia = recursion.sampling.inertia_or(inertia)
     x = _signal("x", x, dtype)
     N, n_x = x.shape
     n_f = recursion.channels(n_x)
