@@ -55,11 +55,7 @@ class PriorMargin(RatioMargins):
         mu at which gain, phase, delay, modulus and disk margins are taken.
     loop : Loop
         The characteristic function on the boundary of stability.
-    filter : PhyFilter or SampledPhyFilter
-        As it runs.
     """
-
-    filter: PhyFilter | SampledPhyFilter
 
     def inertia(self, M_hat: ArrayLike, M: ArrayLike) -> InertiaVerdict:
         """Whether the loop is stable for one pair of inertia matrices.
