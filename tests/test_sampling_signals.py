@@ -143,3 +143,19 @@ def test_states_saved_before_a_filter_had_an_inertia_still_open(tmp_path: Path) 
     assert json.loads(path.read_text())["filter"]["inertia"] == 2.0
     with pytest.raises(ValueError, match=r"filter\.inertia"):
         F.sampled(0.01, inertia=3.0).live(3).restore(path)
+
+
+def test_a_filter_retuned_goes_on_with_the_inertia_of_the_new_one() -> None:
+    light, heavy = F.sampled(0.01, inertia=2.0), F.sampled(0.01, inertia=4.0)
+    live = light.live(3)
+    for k in range(3):
+        live.step(0.01 * k, X[k])
+    before, kept = live.state, light.retune(live.state, light)
+    np.testing.assert_array_equal(kept.inertia, before.inertia)
+    live.retune(heavy)
+    _, expected = heavy.step(live.state, X[3], inertia=4.0)
+    np.testing.assert_array_equal(live.step(0.03, X[3]), expected)
+    assert live.state.inertia is not None
+    assert live.state.inertia.tolist() == [4.0] * 3
+    own, _ = light.step(before, X[3], inertia=7.0)  # given at a step: kept, as nothing else was said since
+    np.testing.assert_array_equal(light.retune(own, PhyFilter([5.0])).inertia, [7.0] * 3)
