@@ -24,6 +24,8 @@ class LoopMargin(RatioMargins):
         mu = M_hat / M at which gain, phase, delay, modulus and disk margins are taken.
     loop : Loop
         The characteristic function on the boundary of stability.
+    filter : PhyFilter or SampledPhyFilter
+        As it runs.
     """
 
 

@@ -55,6 +55,8 @@ class PriorMargin(RatioMargins):
         mu at which gain, phase, delay, modulus and disk margins are taken.
     loop : Loop
         The characteristic function on the boundary of stability.
+    filter : PhyFilter or SampledPhyFilter
+        As it runs.
     """
 
     def inertia(self, M_hat: ArrayLike, M: ArrayLike) -> InertiaVerdict:
