@@ -244,7 +244,7 @@ def test_reads_what_a_person_writes(tmp_path: Path) -> None:
     )
     again = load(path)
     # Poles typed to ten digits count before coefficients.
-    assert again == PhyFilter.from_poles([-20.0, -20.00000001]).sampled(0.002)
+    assert again == PhyFilter.from_poles([-20.0, -20.00000001]).sampled(0.002, units={"x": "m/s"})
     assert load_signals(path).unit_x == "m/s"
 
 

@@ -16,12 +16,13 @@ from .paper_form import PaperFilter, PaperMatrices, PaperState
 from .phyfilter import PhyFilter, SampledPhyFilter
 from .recursion import Chain, Recursion, StepConstants
 from .sampled_form import SampledForm
-from .sampling import Sampling
+from .sampling import InertiaInput, Sampling, SamplingOptions
 
 __all__ = [
     "Chain",
     "FilterBank",
     "FilterState",
+    "InertiaInput",
     "Interval",
     "LiveFilter",
     "LiveHealth",
@@ -36,6 +37,7 @@ __all__ = [
     "SampledForm",
     "SampledPhyFilter",
     "Sampling",
+    "SamplingOptions",
     "StepConstants",
     "stack",
 ]

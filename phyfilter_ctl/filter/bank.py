@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import overload
+from typing import Unpack, overload
 
 import control as ct
 from numpy.typing import ArrayLike
 
 from . import matching
 from .matrices import continuous_state_space
-from .phyfilter import PhyFilter, SampledPhyFilter, differences
-from .sampling import Sampling
+from .phyfilter import PhyFilter, SampledPhyFilter, differences, sampling_of
+from .sampling import Method, Rule, Sampling, SamplingOptions
 
 __all__ = ["FilterBank", "SampledBank", "stack"]
 
@@ -44,15 +44,24 @@ class FilterBank(tuple[PhyFilter, ...]):
 
     __slots__ = ()
 
-    def sampled(self, sampling: Sampling | float, *, E: ArrayLike | None = None) -> SampledBank:
+    def sampled(
+        self,
+        dt: float | Sampling,
+        method: Method | None = None,
+        g: Rule = "hold",
+        f_theta: Rule = "average",
+        *,
+        E: ArrayLike | None = None,
+        **options: Unpack[SamplingOptions],
+    ) -> SampledBank:
         """The filters on sampled data, all with the same options.
 
         Parameters
         ----------
-        sampling, E
-            As for :class:`SampledPhyFilter`.
+        dt, method, g, f_theta, E, **options
+            As for :meth:`PhyFilter.sampled`.
         """
-        return SampledBank(self, sampling, E=E)
+        return SampledBank(self, sampling_of(self, dt, method, g, f_theta, options), E=E)
 
     def to_ss(self) -> ct.StateSpace:
         """All channels as one python-control state space, as ``PhyFilter.state_space`` has them.

@@ -65,7 +65,7 @@ class Recorded:
         channels = _signals.labels(x) if channels is None else channels
         x = checks.measured(x)
         n, n_x = x.shape
-        names = checks.channel_names(channels, n_x)
+        names = _signals.channel_names(channels, n_x)
         times = _signals.sample_times("times", times, n)
         x = checks.usable_or_nan("x", x, names, finite=finite)
         signals = {"g": g, "f_theta": f_theta, "label": label}
