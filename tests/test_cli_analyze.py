@@ -145,7 +145,7 @@ def test_data_from_a_flight(sampled, tmp_path, capsys):
     ("arguments", "message"),
     [
         (["--residual", "1"], "K=D"),
-        (["--slope", "-1"], "0 or more"),
+        (["--slope", "-1"], ">= 0"),
         (["--delay", "-1", "--lag", "0.1"], "delay"),
         (["--log", "nothing.csv"], "nothing.csv"),
         (["--picture", "page.txt"], "ends in"),
