@@ -282,7 +282,7 @@ def _fed_back(filter: PhyFilter, h: float, late: int, w: float) -> float:
 @pytest.mark.parametrize("order", [2, 4])
 @pytest.mark.parametrize("late", [0, 3])
 def test_lead_makes_up_for_hold_and_delay(order: int, late: int) -> None:
-    """3 Hz at 100 Hz: without a lead w h/2 = 0.094 is left of it, with it the gain of hold and mean, (w h)^2/12 = 0.003."""
+    """3 Hz at 100 Hz: without a lead w h/2 = 0.094 is left of it, with it what the gains leave, (w h)^2/12 = 0.003."""
     w, h = hz(3.0), 0.01
     edges = w / 1.5, 1.5 * w
     lag = (0.5 + late) * h

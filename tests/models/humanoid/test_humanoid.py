@@ -184,6 +184,14 @@ def test_elliptic_cones_hold_the_feet(humanoid, points):
     assert held.slide < 2.0 * creeping.slide / rules.contacts.impratio
 
 
+def test_a_force_is_not_held_by_feet_that_slide(humanoid, points):
+    """Pyramidal cones creep: the robot stands, at another place than it stood."""
+    crept = trial.run(humanoid, points, 20.0, duration=20.0, noise=0.0, filter=trial.phyfilter(20.0))
+    assert crept.stood
+    assert crept.slide > params.params().trial.slide
+    assert not crept.held
+
+
 def test_bisection_brackets_the_limit(humanoid, far):
     force, capped = limits.largest_force(humanoid, far, 1.0, mode="alone", duration=4.0, seeds=(0,))
     step = params.params().trial.resolution
