@@ -249,8 +249,7 @@ def score(
     groups = [Group(method.policies(plan.seeds), method.choice) for method in methods.values()]
 
     def on(cases: Sequence[Case], terrain: Terrain | None, far: float) -> list[Outcome]:
-        several = terrain is not None and terrain.count > 1
-        at = phases(count=terrain.count) if several else begin
+        at = begin if terrain is None or terrain.count == 1 else phases(count=terrain.count)
         return walk(
             groups, cases, starts=at, terrain=terrain, duration=plan.duration, far=far, threads=threads
         )

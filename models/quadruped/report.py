@@ -83,7 +83,7 @@ def table(found: Comparison) -> str:
 def _over_grounds(found: Comparison) -> list[str]:
     """Paired differences from the first method on the same grounds, where there are several."""
     plan = found.plan
-    kinds = [kind for kind in plan.terrains if kind in RANDOM and plan.grounds > 1]
+    kinds: list[Kind] = [kind for kind in plan.terrains if kind in RANDOM and plan.grounds > 1]
     if not kinds:
         return []
     first, *others = found.scores
