@@ -138,7 +138,7 @@ def test_force_is_estimated(humanoid, points, force):
     assert np.abs(found.f_hat[before]).max() < 1e-6  # the twin is the robot while nothing pulls
 
 
-def test_ninety_newtons_that_rise_are_held_with_the_filter_only(humanoid, far):
+def test_ninety_newtons_that_rise_are_stood_with_the_filter_only(humanoid, far):
     options = {
         "rise": params.params().trial.rise,
         "duration": 6.0,
@@ -148,9 +148,9 @@ def test_ninety_newtons_that_rise_are_held_with_the_filter_only(humanoid, far):
     alone = trial.run(humanoid, far, 90.0, mode="alone", **options)
     off_the_motors = trial.run(humanoid, far, 90.0, mode="torque", **options)
     filtered = trial.run(humanoid, far, 90.0, **options)
-    assert not alone.held
-    assert not off_the_motors.held
-    assert filtered.held
+    assert not alone.stood
+    assert not off_the_motors.stood
+    assert filtered.stood
     assert filtered.centre[-1, 1] < -0.1
 
 
