@@ -98,6 +98,7 @@ class TrialRules:
     onset: float
     rise: float
     fallen: float
+    slide: float
     tuning_seeds: tuple[int, ...]
     test_seeds: tuple[int, ...]
     resolution: float

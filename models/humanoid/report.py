@@ -23,7 +23,8 @@ def table(found: Comparison) -> str:
         f"sudden or rising over {rules.rise:g} s, trials of {found.duration:g} s, {humanoid.friction} friction cones, "
         f"velocity noise {found.noise:g}; y: across the body, -y: away from it",
         "",
-        f"largest force held with {len(rules.test_seeds)} seeds of the noise, in N (in steps of "
+        f"largest force held with {len(rules.test_seeds)} seeds of the noise, no foot sliding more than "
+        f"{100.0 * rules.slide:g} cm, in N (in steps of "
         f"{rules.resolution:g}, largest tried {found.schedules[next(iter(found.schedules))].forces[-1]:g})",
         f"{'stance':<10}{'tips at':>10}"
         + "".join(f"{p + ', ' + m:>20}" for p in PROFILES for m in ("LQR", "PhyFilter")),
@@ -42,7 +43,7 @@ def table(found: Comparison) -> str:
         "",
         "tips at: static limit of the upright posture taken as rigid, centre of pressure at the edge of the feet.",
         "Beyond it a slow force is held by leaning; a sudden one would need a step, and this robot takes none.",
-        "Single trials: first seed; slide: of the feet, to the end. Pyramidal cones give way slowly to a steady force.",
+        "Single trials: first seed; slide: of the foot that slid most. Pyramidal cones creep under a steady force.",
     ]
     if found.trials:
         lines += [
@@ -65,7 +66,9 @@ def _force(force: float, capped: bool) -> str:
 
 
 def _fate(trial: Trial) -> str:
-    return "held" if trial.held else f"falls at {trial.time[-1]:.1f} s"
+    if not trial.stood:
+        return f"falls at {trial.time[-1]:.1f} s"
+    return "held" if trial.held else f"slides {100.0 * trial.slide:.0f} cm"
 
 
 def figures(found: Comparison) -> dict[str, object]:
@@ -102,6 +105,7 @@ def figures(found: Comparison) -> dict[str, object]:
                 "force_n": force,
                 "mode": mode,
                 "held": trial.held,
+                "stood": trial.stood,
                 "end_s": float(trial.time[-1]),
                 "estimate_n": mean_estimate(trial) if mode == "filter" else None,
                 "slide_m": trial.slide,

@@ -34,7 +34,7 @@ class Trial:
 
     Attributes
     ----------
-    held : bool
+    stood : bool
         Whether the robot stood to the end.
     time : (N,) array
         s, to the end or to the fall.
@@ -47,10 +47,10 @@ class Trial:
     control : (N,) array
         Greatest share of a motor's torque that was asked for.
     slide : float
-        How far the feet's centre has moved at the end, m.
+        How far the foot that moved most is from its place at the end, m.
     """
 
-    held: bool
+    stood: bool
     time: FloatArray
     force: FloatArray
     f_hat: FloatArray
@@ -58,6 +58,11 @@ class Trial:
     q: FloatArray
     control: FloatArray
     slide: float
+
+    @property
+    def held(self) -> bool:
+        """Whether the robot stood to the end with its feet where they were, within the slide of ``params.toml``."""
+        return self.stood and self.slide <= params().trial.slide
 
 
 def phyfilter(a0: float | None = None, order: int | None = None) -> PhyFilter:
@@ -164,7 +169,7 @@ def run(
     steps = round(duration / h)
     rows: list[tuple[float, float, float]] = []
     centre, q = [], []
-    held = True
+    stood = True
     for k in range(steps):
         since = k * h - rules.onset
         pull = 0.0 if since < -1e-9 else force * (min(1.0, since / rise) if rise else 1.0)
@@ -173,12 +178,12 @@ def run(
         centre.append(robot.data.subtree_com[1] - robot.origin)
         q.append(robot.data.qpos.copy())
         if centre[-1][2] < rules.fallen * centre[0][2] or not np.isfinite(q[-1]).all():
-            held = False
+            stood = False
             break
     table = np.array(rows)
     time: FloatArray = np.arange(1, len(rows) + 1, dtype=float) * h
     return Trial(
-        held, time, table[:, 0], table[:, 1], np.array(centre), np.array(q), table[:, 2], robot.slide
+        stood, time, table[:, 0], table[:, 1], np.array(centre), np.array(q), table[:, 2], robot.slide
     )
 
 
@@ -228,9 +233,9 @@ class _Robot:
 
     @property
     def slide(self) -> float:
-        """Horizontal way of the feet's centre from its place at the start, m."""
-        centre = self.humanoid.corners(self.data).mean(axis=(0, 1))
-        return float(np.hypot(*(centre - self.origin)[:2]))
+        """Horizontal way from its place at the start of the foot that moved most, m."""
+        moved = (self.humanoid.corners(self.data) - self.schedule.upright.posture.feet).mean(axis=1)
+        return float(np.linalg.norm(moved[:, :2], axis=1).max())
 
     def _measured(self, velocity: FloatArray) -> FloatArray:
         if not self.noise:

@@ -191,6 +191,7 @@ def _plan(options: Namespace) -> Plan:
         difficulties=tuple(options.difficulty or ((0.4,) if quick else test.difficulties)),
         duration=test.duration,
         terrains=kinds[:1] if quick and options.terrain is None else kinds,
+        grounds=2 if quick else test.grounds,
         contact=options.contact,
     )
 

@@ -18,7 +18,7 @@ from .gait import trot
 from .loop import JointLoop, paper_filter
 from .methods import METHODS, Method, told
 from .params import Params, params
-from .terrain import KINDS, Kind, Terrain
+from .terrain import KINDS, RANDOM, Kind, Terrain
 
 __all__ = [
     "TERRAINS",
@@ -54,6 +54,8 @@ class Plan:
     duration : float
         Of a walk, s.
     terrains : tuple of str
+    grounds : int
+        So many of each kind that is random; every robot then walks on each once, from another phase.
     contact : {"omitted", "known", "estimated"}, optional
         What all filters are told of the forces on the feet; None: what each was chosen with.
 
@@ -71,6 +73,7 @@ class Plan:
     difficulties: tuple[float, ...]
     duration: float
     terrains: tuple[Kind, ...] = TERRAINS
+    grounds: int = 1
     contact: Contact | None = None
 
     def __post_init__(self) -> None:
@@ -79,6 +82,8 @@ class Plan:
             raise ValueError(
                 f"methods: expected some of {', '.join(METHODS)}, got {', '.join(unknown) or 'none'}"
             )
+        if self.grounds < 1:
+            raise ValueError(f"grounds: expected at least 1, got {self.grounds}")
         if self.phases < 1 or not self.seeds or not self.payloads or not self.speeds:
             raise ValueError("expected at least one phase, seed, payload and speed")
         _ = self.cases  # checks payloads and speeds
@@ -113,7 +118,8 @@ class Scores:
     push : (policies, phases) array
         1 where the robot kept standing.
     terrain : dict
-        Kind to (difficulties, policies, phases) of 1 where it passed.
+        Kind to (difficulties, policies, walks) of 1 where it passed: walks from several phases on one ground, or one
+        walk on each of several grounds.
     estimate : (payloads,) array
         Mean |f_hat|, N m.
     trace : Trace
@@ -243,8 +249,9 @@ def score(
     groups = [Group(method.policies(plan.seeds), method.choice) for method in methods.values()]
 
     def on(cases: Sequence[Case], terrain: Terrain | None, far: float) -> list[Outcome]:
+        at = begin if terrain is None or terrain.count == 1 else phases(count=terrain.count)
         return walk(
-            groups, cases, starts=begin, terrain=terrain, duration=plan.duration, far=far, threads=threads
+            groups, cases, starts=at, terrain=terrain, duration=plan.duration, far=far, threads=threads
         )
 
     report("flat")
@@ -253,7 +260,8 @@ def score(
     for kind in plan.terrains:
         for difficulty in plan.difficulties:
             report(f"{kind} {difficulty:g}")
-            rows = on([Case()], Terrain(kind, difficulty, terrain_seed), params().test.distance)
+            ground = Terrain(kind, difficulty, terrain_seed, plan.grounds if kind in RANDOM else 1)
+            rows = on([Case()], ground, params().test.distance)
             for entry, row in zip(passed, rows, strict=True):
                 far = row.distance[0] >= params().test.distance
                 entry[kind].append((far & ~row.fallen[0]).astype(float))

@@ -174,6 +174,7 @@ class Judged:
     strength: float
     distance: float
     difficulties: tuple[float, ...]
+    grounds: int
 
 
 @dataclass(frozen=True)

@@ -23,11 +23,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import RegularGridInterpolator
 
-__all__ = ["COLUMNS", "HALF_TILE", "KINDS", "LANE", "LEVELS", "Kind", "Terrain", "tile_centre"]
+__all__ = ["COLUMNS", "HALF_TILE", "KINDS", "LANE", "LEVELS", "RANDOM", "Kind", "Terrain", "tile_centre"]
 
 FloatArray = NDArray[np.float64]
 Kind = Literal["flat", "stairs", "rough", "wave", "gravel", "tall", "slope", "descent", "tiles"]
 KINDS: tuple[Kind, ...] = get_args(Kind)
+# Of random heights: every seed is another ground. The others are one ground each.
+RANDOM: tuple[Kind, ...] = ("rough", "gravel")
 
 # Grid of the height fields, m; robots that leave the lane leave the field.
 _CELL = 0.06

@@ -220,7 +220,15 @@ def lowpass(
     return place_poles(poles * cutoff, numerator=kind)
 
 
-def bandpass(order: SupportsIndex, low: float, high: float, *, family: Family = "butterworth") -> PhyFilter:
+def bandpass(
+    order: SupportsIndex,
+    low: float,
+    high: float,
+    *,
+    family: Family = "butterworth",
+    dt: float = 0.0,
+    delay: float = 0.0,
+) -> PhyFilter:
     """Return the band-pass filter with the edges low and high.
 
     Parameters
@@ -231,21 +239,34 @@ def bandpass(order: SupportsIndex, low: float, high: float, *, family: Family = 
         Band edges in rad/s, low < high, where |F| = 1/sqrt(2). At the centre sqrt(low high) F = 1.
     family : "binomial", "butterworth", "bessel" or "itae"
         Family of the prototype.
+    dt : float
+        Interval in s over which the fed-back estimate is held; 0 for one that acts without a hold.
+    delay : float
+        Known delay in s with which the fed-back estimate acts, beside the hold.
 
     Returns
     -------
     PhyFilter
-        With b_0 = 0: what is constant in the residual is left alone.
+        With b_0 = 0: what is constant in the residual is left alone. Order 2 with a lead has no coefficient left for
+        that: F(0) = -(high - low) sin(w T)/w, in the notation below.
 
     Raises
     ------
     ValueError
-        If the order is odd or below 2, an edge is not positive, low >= high, or the family is unknown.
+        If the order is odd or below 2, an edge is not positive, low >= high, the family is unknown, an interval or
+        delay is negative, or they ask for a lead of a quarter of the centre's period and more.
 
     Notes
     -----
     General form of the paper's supplement with N = k s^(n/2). The low-pass to band-pass change
     s -> (s^2 + low high)/((high - low) s) is made on the poles (scipy.signal.lp2bp_zpk), which are kept exactly.
+
+    A hold lags by dt/2: fed back, 1 - F exp(-s T) of a force at the centre w is left over, T = dt/2 + delay, which is
+    w T where F = 1. With ``dt`` or ``delay`` F(j w) = exp(j w T), by
+
+        N = k s^(n/2) (cos(w T) + sin(w T) s/w),    n = 2: N = k (cos(w T) s - w sin(w T)).
+
+    The poles stay. What the hold's gain leaves is (w dt)^2/12 at most.
 
     Examples
     --------
@@ -254,6 +275,12 @@ def bandpass(order: SupportsIndex, low: float, high: float, *, family: Family = 
     [0.707107, 1.0, 0.707107]
     >>> band.b.round(9).tolist()
     [0.0, 5.0]
+
+    Held for 20 ms and 10 ms late, so 20 ms ahead:
+
+    >>> ahead = bandpass(4, 4.0, 9.0, dt=0.02, delay=0.01)
+    >>> abs(ahead(6j) * np.exp(-6j * 0.02) - 1.0).round(12).item()
+    0.0
     """
     n = _order(order)
     if n % 2:
@@ -267,9 +294,26 @@ def bandpass(order: SupportsIndex, low: float, high: float, *, family: Family = 
     poles = poles / _half_power(PhyFilter.from_poles(poles))
     gain = float(np.prod(-poles).real)
     _, band, k = signal.lp2bp_zpk(np.zeros(0), poles, gain, wo=float(np.sqrt(low * high)), bw=high - low)
+    centre = float(np.sqrt(low * high))
+    lead = centre * _lag(dt, delay, centre)
     b = np.zeros(n)
-    b[n // 2] = k.real
+    b[n // 2] = k.real * np.cos(lead)
+    if n > 2:
+        b[n // 2 + 1] = k.real * np.sin(lead) / centre
+    else:
+        b[0] -= k.real * np.sin(lead) * centre
     return PhyFilter.from_poles(band, b)
+
+
+def _lag(dt: float, delay: float, centre: float) -> float:
+    """By which a held and delayed estimate comes late, s."""
+    lag = 0.5 * _signals.number("dt", dt, "s", least=0.0) + _signals.number("delay", delay, "s", least=0.0)
+    if centre * lag >= 0.5 * np.pi:
+        raise ValueError(
+            f"dt, delay: expected dt/2 + delay below a quarter of the centre's period, {0.5 * np.pi / centre:g} s, got "
+            f"{lag:g} s; sample faster, or choose a lower band"
+        )
+    return lag
 
 
 def _cancelling(a: FloatArray, kind: int, frequencies: FloatArray) -> FloatArray:

@@ -232,6 +232,8 @@ def test_half_power_by_another_route() -> None:
         (lambda: bandpass(1, 1.0, 2.0), "even order .*, got 1; use 2"),
         (lambda: bandpass(2, 2.0, 2.0), "expected low < high, got 2 and 2"),
         (lambda: bandpass(2, -1.0, 2.0), "low: expected a positive frequency"),
+        (lambda: bandpass(2, 1.0, 2.0, dt=-0.1), "dt: expected"),
+        (lambda: bandpass(2, 1.0, 4.0, delay=1.0), "dt, delay: expected .* below .* 0.785398 s, got 1 s"),
         (lambda: place_poles([-1.0, 2.0]), "not Hurwitz: pole 2"),
         (lambda: place_poles([-1 + 1j]), "no conjugate"),
         (lambda: place_poles([]), "at least one pole"),
@@ -254,3 +256,46 @@ def test_refusals(call, message: str) -> None:
 def test_order_is_an_integer(order: object) -> None:
     with pytest.raises(TypeError, match="order: expected an integer"):
         lowpass(order, 1.0)
+
+
+def _fed_back(filter: PhyFilter, h: float, late: int, w: float) -> float:
+    """Greatest speed that a force sin(w t) on a unit mass leaves, over that without compensation, at the samples.
+
+    The estimate is taken off the force, held and ``late`` steps late: x integrates force and command exactly.
+    """
+    sampled = filter.sampled(h)
+    n = round(60.0 / h)
+    force = np.diff(-np.cos(w * h * np.arange(n + 1)) / w)
+    x, commands = 0.0, [0.0] * (late + 1)
+    state = sampled.start([0.0], f_hat0=[0.0])
+    speeds = []
+    for k in range(n):
+        acting = commands[k]
+        x += h * acting + float(force[k])
+        state, f_hat = sampled.step(state, [x], [acting])
+        commands.append(-float(f_hat[0]))
+        speeds.append(x)
+    last = np.array(speeds[n // 2 :])
+    return float(np.ptp(last)) / (2.0 / w)
+
+
+@pytest.mark.parametrize("order", [2, 4])
+@pytest.mark.parametrize("late", [0, 3])
+def test_lead_makes_up_for_hold_and_delay(order: int, late: int) -> None:
+    """3 Hz at 100 Hz: without a lead w h/2 = 0.094 is left of it, with it what the gains leave, (w h)^2/12 = 0.003."""
+    w, h = hz(3.0), 0.01
+    edges = w / 1.5, 1.5 * w
+    lag = (0.5 + late) * h
+    plain = _fed_back(bandpass(order, *edges), h, late, w)
+    ahead = _fed_back(bandpass(order, *edges, dt=h, delay=late * h), h, late, w)
+    assert plain == pytest.approx(2.0 * np.sin(0.5 * w * lag), rel=0.06)  # the gain, and grid of the samples
+    assert ahead < 2.0 * (w * h) ** 2 / 12.0
+
+
+@pytest.mark.parametrize("order", [2, 4, 6])
+def test_lead_keeps_the_poles_and_without_one_nothing_changes(order: int) -> None:
+    plain, ahead = bandpass(order, 4.0, 9.0), bandpass(order, 4.0, 9.0, dt=0.02, delay=0.01)
+    np.testing.assert_array_equal(ahead.a, plain.a)
+    np.testing.assert_array_equal(bandpass(order, 4.0, 9.0, dt=0.0, delay=0.0).b, plain.b)
+    assert ahead(6j) == pytest.approx(np.exp(6j * 0.02), rel=1e-12)
+    assert ahead(0.0) == pytest.approx(-5.0 * np.sin(0.12) / 6.0 if order == 2 else 0.0, abs=1e-12)

@@ -97,6 +97,7 @@ def mixed(moving):
     return log, parts, (times, M, loads, rates, densities, sds, measured), model
 
 
+@pytest.mark.filterwarnings("ignore:the innovations' mean square")  # any numbers do
 @pytest.mark.parametrize(("causal", "moving"), [(False, True), (True, False)])
 def test_estimates_are_gaussian_conditioning(causal, moving):
     log, parts, (times, M, loads, rates, densities, sds, measured), model = mixed(moving)
@@ -274,6 +275,7 @@ def test_motion_tells_weight_from_wind():
     assert np.sqrt(np.mean(error**2)) < 0.5 * np.sqrt(np.mean((found.f_hat - wind) ** 2))
 
 
+@pytest.mark.filterwarnings("ignore:the innovations' mean square")  # any numbers do
 def test_information_is_that_of_generalised_least_squares():
     """Of two regressors under a coloured force: Phi' V^-1 Phi, V the covariance of x, and a hundredth of the priors"""
     rng, h, n = np.random.default_rng(5), 0.05, 60

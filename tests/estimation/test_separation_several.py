@@ -37,6 +37,7 @@ def two(n=(25, 31)):
     return logs, parts, made
 
 
+@pytest.mark.filterwarnings("ignore:the innovations' mean square")  # any numbers do
 @pytest.mark.parametrize("causal", [False, True])
 def test_estimates_are_gaussian_conditioning_of_all(causal):
     logs, parts, ((seen, of_c, chance), (other, of_other, more)) = two()
@@ -76,6 +77,7 @@ def test_estimates_are_gaussian_conditioning_of_all(causal):
     assert sum(one.log_likelihood for one in found) == pytest.approx(-0.5 * whole, rel=DENSE)
 
 
+@pytest.mark.filterwarnings("ignore:the innovations' mean square")  # any numbers do
 def test_the_order_does_not_matter():
     logs, parts, _ = two((25, 31))
     first = separate(logs, parts, noise=S)

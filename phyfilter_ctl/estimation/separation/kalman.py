@@ -17,6 +17,9 @@ from .structure import Moments, Samples, Working, moments
 __all__ = ["Course", "Forward", "Later", "added", "forward", "smoothed", "started", "transition"]
 
 
+_ANEW = 100.0  # deviation of x over a reset, over the jump
+
+
 @dataclass(frozen=True, eq=False)
 class Course:
     """Means (N, ..., n) and covariances (N, ..., n, n) of the state (x, c) at the samples."""
@@ -152,6 +155,9 @@ def forward(
     for k in range(m):
         scale = working.scale((before.mean if about is None else about[k])[..., n_x:])
         Q = added(steps[which[k]], push[k], scale)
+        if data.reset is not None and data.reset[k]:
+            # What x is after a reset, its sample alone says.
+            Q[..., :n_x, :n_x] += np.diag((_ANEW * (data.x[k + 1] - data.x[k])) ** 2 + np.diag(data.R))
         before = _measured(before, data.x[k + 1], data.R, H, F[k], Q, dx[k])
         found.append(before)
     gain, S_inverse, innovation = (

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import cast, overload
 
 import numpy as np
@@ -20,11 +22,15 @@ from .found import Ends, PartEstimate, Separation
 from .identifiability import Identifiability, identifiability
 from .kalman import Course, Forward, Later, forward, smoothed, started
 from .parts import AddedInertia, ModelScale, Part, Payload, Regressor
+from .sensitivity import sensitivity as _sensitivity
 from .structure import Samples, Structure, Working, samples_of, structure_of
 
 __all__ = ["fractions", "separate"]
 
 _WHITE = 4.0  # deviations of the mean square of the innovations beyond which the model is doubted
+_WRONG = 10.0  # mean square of the innovations from which it is warned
+_AT_REST = 2.0  # deviations of the noise, of all of x
+_SHOWN = 5  # times of resets in a note
 _LEAST = 20  # samples
 
 
@@ -38,6 +44,7 @@ def separate(
     fraction: float | Mapping[str, float] = 0.5,
     g: Rule = "hold",
     shared: Sequence[str] | None = None,
+    sensitivity: bool = True,
 ) -> Separation: ...
 
 
@@ -51,6 +58,7 @@ def separate(
     fraction: float | Mapping[str, float] = 0.5,
     g: Rule = "hold",
     shared: Sequence[str] | None = None,
+    sensitivity: bool = True,
 ) -> tuple[Separation, ...]: ...
 
 
@@ -63,6 +71,7 @@ def separate(
     fraction: float | Mapping[str, float] = 0.5,
     g: Rule = "hold",
     shared: Sequence[str] | None = None,
+    sensitivity: bool = True,
 ) -> Separation | tuple[Separation, ...]:
     """What the residual f - f_theta of M x' = g + f is made of: every part with its uncertainty, or what it hides in.
 
@@ -85,6 +94,9 @@ def separate(
     shared : sequence of str, optional
         Names of the parts, constant ones, that are the same in all of several recordings; None: payload, added inertia,
         regressors and scales of models, as far as they do not drift. The others begin anew in each.
+    sensitivity : bool
+        Whether ``notes`` say which parameters leave their intervals where a random or steady force is declared with
+        three times or a third of its deviation or bandwidth, and the data fit as well. Takes a filter's run for each.
 
     Returns
     -------
@@ -97,8 +109,14 @@ def separate(
     TypeError
         If an argument is of another kind.
     ValueError
-        If there are fewer than 20 samples or there are gaps, the parts do not fit the recording or, of several, each
+        If there are fewer than 20 samples or there are gaps, an inertia is asked for where neither g nor f_theta is
+        recorded, the parts do not fit the recording or, of several, each
         other, a shared part is not constant, or an option is out of range.
+
+    Warns
+    -----
+    UserWarning
+        If the mean square of the innovations is above 10: the parts are not those of the data.
 
     Notes
     -----
@@ -115,6 +133,9 @@ def separate(
     priors is taken out of the posterior first. What is not identified is reported in the sums that are, along the
     eigenvectors of that covariance in units of the prior. Random forces are known by their bandwidths and deviations;
     these are believed, and ``consistency`` says how well they fit.
+
+    A step over which x jumps as no force can move it, alone among its neighbours, is an estimator's reset: what x is
+    after it, its sample alone says, and ``notes`` give the time.
 
     Examples
     --------
@@ -169,12 +190,20 @@ def separate(
         raise ValueError(
             "recording: expected one inertia in all of them, got several, and a part that adds to it"
         )
+    for log in logs:
+        _refuse_unforced(structure, log)
     working = Working.of(structure, data[0].rho)
     runs, courses = _courses(working, data, common, causal=causal)
     found = tuple(
         _separation(log, own, Ends.of(working, one, run, course), level, shares, causal=causal)
         for log, own, one, run, course, level in zip(logs, each, data, runs, courses, levels, strict=True)
     )
+    if sensitivity:
+        last = found[-1]
+        identified = np.array(list(last.identifiability.identified.values()))
+        sd = np.sqrt(np.maximum(np.diag(last._ends.covariance[-1]), 0.0))
+        depends = tuple(_sensitivity(working, data, common, identified, sd))
+        found = tuple(replace(one, notes=one.notes + depends) for one in found)
     return found[0] if single else found
 
 
@@ -184,6 +213,14 @@ def _usable(log: Recording) -> None:
     refuse_gaps(log.name, log.missing)
     if log.n < _LEAST:
         raise ValueError(f"recording: expected at least {_LEAST} samples, got {log.n}")
+
+
+def _refuse_unforced(structure: Structure, log: Recording) -> None:
+    if structure.theta is not None and log.g is None and log.f_theta is None:
+        raise ValueError(
+            f"recording: expected g, the known forces that move what {structure.labels[structure.theta]} resists, got "
+            "neither g nor f_theta; see with_signals(g=...), zeros where there are none"
+        )
 
 
 def _parts_of_each(
@@ -230,6 +267,13 @@ def _separation(
     log: Recording, parts: Sequence[Part], ends: Ends, level: FloatArray, shares: FloatArray, *, causal: bool
 ) -> Separation:
     working, run = ends.working, ends.run
+    square = float(np.mean(run.whitened**2))
+    if square > _WRONG:
+        warnings.warn(
+            f"the innovations' mean square is {square:.3g} and should be 1: the parts are not those of the data, and "
+            "what is called identified is not; see notes",
+            stacklevel=3,
+        )
     P, turned = ends.working_covariance, ends.turned
     elapsed = log.times - log.times[0]
     asked = slice(-1, None) if causal else slice(None)
@@ -239,7 +283,6 @@ def _separation(
         known = identifiability(working, P, elapsed, ends.c[-1], shares, turned[-1])[1]
     total, sd = ends.force([True] * len(parts))
     model = 0.0 if log.f_theta is None else log.f_theta
-    square = float(np.mean(run.whitened**2))
     return Separation(
         log,
         {part.name: _part(ends, report, known, i) for i, part in enumerate(parts)},
@@ -250,7 +293,7 @@ def _separation(
         float(run.log_likelihood),
         square,
         causal,
-        tuple(_notes(square, run.whitened.size, report)),
+        tuple(_notes(square, run.whitened.size, report) + _of_motion(log, ends)),
         ends,
     )
 
@@ -370,4 +413,23 @@ def _notes(square: float, count: int, report: Identifiability) -> list[str]:
         )
     if hidden := [label for label, fine in report.identified.items() if not fine]:
         found.append(f"not identified: {', '.join(hidden)}")
+    return found
+
+
+def _of_motion(log: Recording, ends: Ends) -> list[str]:
+    """What the recording itself is: at rest, or reset by its estimator."""
+    data, found = ends.data, []
+    if ends.structure.theta is not None and np.all(
+        np.std(data.x, axis=0) <= _AT_REST * np.sqrt(np.diag(data.R))
+    ):
+        found.append(
+            "x does not move beyond its noise: a vehicle that never left the ground is carried by it, and no part "
+            "can be told from that; cut to where it moves"
+        )
+    if data.reset is not None:
+        times = ", ".join(f"{t:.6g}" for t in log.times[1:][data.reset][:_SHOWN])
+        more = ", ..." if data.reset.sum() > _SHOWN else ""
+        found.append(
+            f"x jumps as no force can move it, as by an estimator's reset; steps taken out, up to t = {times}{more} s"
+        )
     return found

@@ -22,6 +22,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import median_filter
 
 from ... import _signals
 from ..._sections import FloatArray
@@ -44,6 +45,8 @@ __all__ = [
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(12)
 _PROPORTIONAL = 1e-6  # of J, by which it may differ from rho M
 LEAST_SHARE = 0.01  # of M in M + theta J: no payload of a hundred times the vehicle
+_RESET = 10.0  # usual deviations of a step: a reset of x
+_ROBUST = 1.4826  # standard deviation of a Gaussian over the median of its magnitude
 _FEW = 4.0  # rate h up to which a dozen nodes integrate to the last digit
 
 
@@ -260,6 +263,8 @@ class Samples:
         L at the samples.
     M_end : (N, n_x, n_x) array
         M at the samples.
+    reset : (m,) bool array or None
+        Steps over which an estimator reset x; None: none.
     """
 
     x: FloatArray
@@ -272,6 +277,20 @@ class Samples:
     force_end: FloatArray
     load_end: FloatArray
     M_end: FloatArray
+    reset: NDArray[np.bool_] | None = None
+
+
+def resets(rest: FloatArray, h: FloatArray, sd: FloatArray) -> NDArray[np.bool_]:
+    """Which of m steps an estimator reset x over: one step alone that no force and no noise explains.
+
+    ``rest`` (m, n_x) is by how much x moved beyond what is known, ``sd`` (n_x,) the noise of x. A force that sets in
+    moves all steps that follow, a single wrong sample two of them; neither is a reset.
+    """
+    beside = np.abs(rest - median_filter(rest, size=(5, 1), mode="nearest"))
+    usual = np.maximum(_ROBUST * np.median(beside, axis=0), np.sqrt(2.0) * sd)
+    far = np.any(beside > _RESET * usual * np.maximum(h / np.median(h), 1.0)[:, None], axis=1)
+    near = np.concatenate([[False], far[:-1]]) | np.concatenate([far[1:], [False]])
+    return far & ~near
 
 
 def samples_of(
@@ -300,17 +319,21 @@ def samples_of(
         load[:, :, structure.theta] = force - structure.weight / rho
         load_end[:, :, structure.theta] = force_end - structure.weight / rho
     into_x = np.linalg.inv(M_end.mean(axis=0))
+    R = into_x @ np.diag(noise**2) @ into_x.T
+    rest = np.diff(log.x, axis=0) - (h[:, None] * force) @ into_x.T
+    reset = resets(rest, h, np.sqrt(np.diag(R)))
     return Samples(
         log.x,
         h,
         h[:, None] * force,
         load,
         M,
-        into_x @ np.diag(noise**2) @ into_x.T,
+        R,
         rho,
         force_end,
         load_end,
         M_end,
+        reset if reset.any() else None,
     )
 
 

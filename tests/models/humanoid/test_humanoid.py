@@ -138,7 +138,7 @@ def test_force_is_estimated(humanoid, points, force):
     assert np.abs(found.f_hat[before]).max() < 1e-6  # the twin is the robot while nothing pulls
 
 
-def test_ninety_newtons_that_rise_are_held_with_the_filter_only(humanoid, far):
+def test_ninety_newtons_that_rise_are_stood_with_the_filter_only(humanoid, far):
     options = {
         "rise": params.params().trial.rise,
         "duration": 6.0,
@@ -148,9 +148,9 @@ def test_ninety_newtons_that_rise_are_held_with_the_filter_only(humanoid, far):
     alone = trial.run(humanoid, far, 90.0, mode="alone", **options)
     off_the_motors = trial.run(humanoid, far, 90.0, mode="torque", **options)
     filtered = trial.run(humanoid, far, 90.0, **options)
-    assert not alone.held
-    assert not off_the_motors.held
-    assert filtered.held
+    assert not alone.stood
+    assert not off_the_motors.stood
+    assert filtered.stood
     assert filtered.centre[-1, 1] < -0.1
 
 
@@ -182,6 +182,14 @@ def test_elliptic_cones_hold_the_feet(humanoid, points):
     )
     assert held.held
     assert held.slide < 2.0 * creeping.slide / rules.contacts.impratio
+
+
+def test_a_force_is_not_held_by_feet_that_slide(humanoid, points):
+    """Pyramidal cones creep: the robot stands, at another place than it stood."""
+    crept = trial.run(humanoid, points, 20.0, duration=20.0, noise=0.0, filter=trial.phyfilter(20.0))
+    assert crept.stood
+    assert crept.slide > params.params().trial.slide
+    assert not crept.held
 
 
 def test_bisection_brackets_the_limit(humanoid, far):

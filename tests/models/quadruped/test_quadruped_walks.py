@@ -16,12 +16,14 @@ from phyfilter_ctl.cli import main
 pytest.importorskip("mujoco", reason="mujoco is not installed: nothing walks")
 
 ROOM = f"{models.__name__}.quadruped"
+comparison = importlib.import_module(f"{ROOM}.comparison")
 environment = importlib.import_module(f"{ROOM}.environment")
 evaluation = importlib.import_module(f"{ROOM}.evaluation")
 loop = importlib.import_module(f"{ROOM}.loop")
 methods = importlib.import_module(f"{ROOM}.methods")
 params = importlib.import_module(f"{ROOM}.params")
 policy = importlib.import_module(f"{ROOM}.policy")
+report = importlib.import_module(f"{ROOM}.report")
 terrain = importlib.import_module(f"{ROOM}.terrain")
 training = importlib.import_module(f"{ROOM}.training")
 
@@ -194,11 +196,31 @@ def test_report_picture_and_figures(tmp_path: Path, capsys):
     )
     text, figures = capsys.readouterr().out, json.loads(target.read_text())
     assert "paper, 60 % payload: at most 0.2 m/s" in text
-    assert "part of 2 walks by chance: up to 0.35" in text
+    assert "mean over 2 grounds with 95 % of these policies" in text
+    assert np.shape(figures["methods"]["filter"]["terrain_success_by_walk"]["gravel"]) == (1, 1, 2)
     assert picture.stat().st_size > 10_000
     assert figures["methods"]["filter"]["payload_error"][0] < figures["methods"]["base"]["payload_error"][0]
     assert figures["methods"]["filter"]["terrain_success"]["gravel"] == [1.0]
     assert set(figures["steps_per_second"]) == {"robots", "mujoco", "loop", "filter"}
+
+
+def test_each_random_ground_is_walked_on_once():
+    """Walks are counted by ground, not by phases on one ground."""
+    plan = comparison.Plan(("base",), (0,), 2, (0.0,), (1.0,), (0.8,), 2.0, ("rough",), grounds=2)
+    both = comparison.score({"base": methods.METHODS["base"]}, plan)["base"].terrain["rough"]
+    assert both.shape == (1, 1, 2)
+    with pytest.raises(ValueError, match="grounds: expected at least 1, got 0"):
+        replace(plan, grounds=0)
+
+
+def test_intervals_are_over_grounds():
+    values = np.array([0.0, 0.0, 1.0, 1.0])
+    low, high = report.mean_interval(values)
+    assert low == pytest.approx(0.0)
+    assert high == pytest.approx(1.0)
+    many = report.mean_interval(np.repeat(values, 25))
+    # 1.96 sqrt(1/4/100) about 1/2; the bootstrap's grid and draws are within 0.01.
+    assert many == pytest.approx((0.402, 0.598), abs=0.015)
 
 
 @pytest.mark.usefixtures("flawless")
