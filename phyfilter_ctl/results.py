@@ -134,16 +134,35 @@ class Result:
         names = self._figures or tuple(field.name for field in _shown(self))
         return {name: plain(getattr(self, name), infinite=True) for name in names}
 
+    def describe(self) -> str:
+        """The figures as text, one line each.
+
+        Returns
+        -------
+        str
+
+        Examples
+        --------
+        >>> from phyfilter_ctl import PhyFilter, error_variance
+        >>> print(error_variance(PhyFilter([20.0]).sampled(0.01), noise=0.01).describe().splitlines()[0])
+        noise               0.0380594...
+        """
+        return "\n".join(f"{name.replace('_', ' '):<20}{_in_words(value)}" for name, value in self._shown())
+
+    def _shown(self) -> list[tuple[str, object]]:
+        """The answer, by name: figures that follow from the fields too."""
+        names = self._figures or tuple(field.name for field in _shown(self) if field.repr)
+        return [(name, getattr(self, name)) for name in names]
+
     def __repr__(self) -> str:
-        lines = [f"    {f.name}={summary(getattr(self, f.name))},\n" for f in _shown(self) if f.repr]
+        lines = [f"    {name}={summary(value)},\n" for name, value in self._shown()]
         return f"{type(self).__name__}(\n{''.join(lines)})"
 
     def _repr_html_(self) -> str:
         rows = [
-            f"<tr><th style='text-align:left'>{html.escape(f.name)}</th>"
-            f"<td style='text-align:left'>{html.escape(_in_words(getattr(self, f.name)))}</td></tr>"
-            for f in _shown(self)
-            if f.repr
+            f"<tr><th style='text-align:left'>{html.escape(name)}</th>"
+            f"<td style='text-align:left'>{html.escape(_in_words(value))}</td></tr>"
+            for name, value in self._shown()
         ]
         return f"<table><caption>{type(self).__name__}</caption>{''.join(rows)}</table>"
 
