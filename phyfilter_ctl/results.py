@@ -145,7 +145,7 @@ class Result:
         --------
         >>> from phyfilter_ctl import PhyFilter, error_variance
         >>> print(error_variance(PhyFilter([20.0]).sampled(0.01), noise=0.01).describe().splitlines()[0])
-        noise               0.0380594...
+        noise               0.0361335
         """
         return "\n".join(f"{name.replace('_', ' '):<20}{_in_words(value)}" for name, value in self._shown())
 
