@@ -135,6 +135,8 @@ def main(options: argparse.Namespace) -> int:
     check_target(options.fmu, suffixes=(".fmu",))
     check_target(options.ssp, suffixes=(".ssp",))
     system, signals = _read(options)
+    if options.ssp:
+        _refuse_single(system)  # before the first file is written
     written: dict[str, object] = {}
     if options.fmu:
         written["fmu"] = str(_fmu(options, system, signals))
@@ -215,13 +217,16 @@ def _fmu(options: argparse.Namespace, system: System, signals: filterfile.Signal
     )
 
 
-def _ssp(options: argparse.Namespace, system: System) -> Path:
-    from ..fmi import export_ssp
-
+def _refuse_single(system: System) -> None:
     if not isinstance(system, ct.InterconnectedSystem):
         raise ValueError(
             "--ssp: expected a model that is a diagram of several blocks; export a filter with --fmu"
         )
+
+
+def _ssp(options: argparse.Namespace, system: System) -> Path:
+    from ..fmi import export_ssp
+
     split: dict[str, list[str]] | None = None
     if options.split:
         split = {}
