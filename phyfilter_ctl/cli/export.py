@@ -136,7 +136,7 @@ def main(options: argparse.Namespace) -> int:
     check_target(options.ssp, suffixes=(".ssp",))
     system, signals = _read(options)
     if options.ssp:
-        _refuse_single(system)  # before the first file is written
+        _as_diagram(system)  # refused before the first file is written
     written: dict[str, object] = {}
     if options.fmu:
         written["fmu"] = str(_fmu(options, system, signals))
@@ -217,11 +217,12 @@ def _fmu(options: argparse.Namespace, system: System, signals: filterfile.Signal
     )
 
 
-def _refuse_single(system: System) -> None:
+def _as_diagram(system: System) -> ct.InterconnectedSystem:
     if not isinstance(system, ct.InterconnectedSystem):
         raise ValueError(
             "--ssp: expected a model that is a diagram of several blocks; export a filter with --fmu"
         )
+    return system
 
 
 def _ssp(options: argparse.Namespace, system: System) -> Path:
@@ -236,7 +237,7 @@ def _ssp(options: argparse.Namespace, system: System) -> Path:
                 raise ValueError(f"--split: expected PART=BLOCK,BLOCK, got {entry!r}")
             split[part] = blocks.split(",")
     return export_ssp(
-        system,
+        _as_diagram(system),
         options.ssp,
         split=split,
         fmi=options.fmi or "2.0",
