@@ -10,8 +10,10 @@ from scipy.linalg import solve_continuous_lyapunov, solve_discrete_lyapunov
 
 from .. import _sections
 from .._sections import FloatArray
+from .._signals import number
 from ..filter import PhyFilter, SampledPhyFilter
 from ..results import Result
+from .bounds.implementation import projection
 from .channels import per_channel
 
 __all__ = ["Variance", "error_variance", "gauss_markov"]
@@ -102,7 +104,7 @@ def error_variance(
     residual : control system, optional
         Shaping filter of gamma = f - f_theta, from unit white noise; strictly proper and stable.
     inertia : float
-        M_hat, by which noise of x counts.
+        M_hat, by which noise of x counts; of a filter with E times norm2(E^+), the worst direction of f.
 
     Returns
     -------
@@ -129,14 +131,15 @@ def error_variance(
     """
     shape = None if residual is None else shaping("residual", residual)
     if isinstance(filter, SampledPhyFilter):
-        if not isinstance(noise, int | float):
+        if isinstance(noise, ct.StateSpace | ct.TransferFunction):
             raise ValueError("noise: expected a standard deviation for a sampled filter, got a system")
-        from_noise = _sampled_noise(filter, _positive(noise)) if noise else 0.0
+        from_noise = _sampled_noise(filter, _positive(noise))
         parts = (0.0, 0.0) if shape is None else _sampled_residual(filter, shape)
     else:
         from_noise = _noise(filter, noise)
         parts = (0.0, 0.0) if shape is None else _residual(filter, shape)
-    return Variance(from_noise * inertia**2, *parts)
+    size = number("inertia", inertia, least=0.0) * projection(filter)
+    return Variance(from_noise * size**2, *parts)
 
 
 def _residual(filter: PhyFilter, shape: ct.StateSpace) -> tuple[float, float]:
@@ -151,7 +154,7 @@ def _residual(filter: PhyFilter, shape: ct.StateSpace) -> tuple[float, float]:
 def _noise(filter: PhyFilter, noise: float | Shape) -> float:
     A, equilibrium, C = filter.sections
     B = -A @ equilibrium
-    if isinstance(noise, int | float):
+    if not isinstance(noise, ct.StateSpace | ct.TransferFunction):
         density = _positive(noise)
         if density == 0.0:
             return 0.0
@@ -222,9 +225,7 @@ def _steady(A: FloatArray, B: FloatArray) -> FloatArray:
 
 
 def _positive(noise: float) -> float:
-    if not (np.isfinite(noise) and noise >= 0.0):
-        raise ValueError(f"noise: expected 0 or more, got {noise}")
-    return float(noise)
+    return number("noise", noise, least=0.0)
 
 
 def shaping(name: str, system: Shape) -> ct.StateSpace:

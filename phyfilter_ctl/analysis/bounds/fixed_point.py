@@ -231,6 +231,8 @@ def fixed_point(sampled: SampledPhyFilter, *, x: float, g: float = 0.0, f_theta:
 
     Raises
     ------
+    TypeError
+        For a filter that is not sampled.
     ValueError
         For an option that integers do not have, ranges that are not positive (x) or negative, and where 32 bits do
         not hold the signals: a step so long that a pole's factor is beyond 2, or h (g + f_theta) beyond 2^30 times x.
@@ -259,6 +261,10 @@ def fixed_point(sampled: SampledPhyFilter, *, x: float, g: float = 0.0, f_theta:
 
 
 def _check(sampled: SampledPhyFilter) -> None:
+    if not isinstance(sampled, SampledPhyFilter):
+        raise TypeError(
+            f"sampled: expected a SampledPhyFilter, got {type(sampled).__name__}; take filter.sampled(dt)"
+        )
     sampling = sampled.sampling
     refused = {
         "several filters": len(sampled.filters) > 1,

@@ -18,11 +18,11 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ..._signals import number
-from ...filter import SampledPhyFilter
+from ...filter import PhyFilter, SampledPhyFilter
 from .rounding import AXES, rounding_error
 from .sampled_kernels import SampledKernels
 
-__all__ = ["Implementation", "Run"]
+__all__ = ["Implementation", "Run", "projection"]
 
 # Means over one period of |v - what the rule takes| for a window that begins inside a step: hold, straight lines.
 _LATE_LINES = 1.0 / 3.0
@@ -151,7 +151,9 @@ class Run:
 
     def terms(self) -> dict[str, float]:
         """Error from each, by name; those that are 0 are left out."""
-        of_u, of_x = self.kernels.estimate().upper, self.kernels.noise().upper
+        of_f, of_x = self.kernels.estimate().upper, self.kernels.noise().upper
+        through = projection(self.sampled)  # of g and x, not of f_theta
+        of_u, of_x = through * of_f, through * of_x
         b, M, V = self.bounds, self.inertia, self.rate
         turning = b.inertia.get(1, 0.0)  # |M_hat'|, which is no matter where it is bounded by its second only
 
@@ -165,10 +167,10 @@ class Run:
         early = b.g.get(1, 0.0) + turning * V
         found = {
             "g between samples": of_u * self._between("g"),
-            "f_theta between samples": of_u * self._between("f_theta"),
+            "f_theta between samples": of_f * self._between("f_theta"),
             "inertia between samples": of_u * self._turning() + of_u * turning * self.noise,
             "jitter": like_noise(b.jitter * V)
-            + (of_u * early + (1.0 + of_u) * b.f_theta.get(1, 0.0)) * b.jitter,
+            + (of_u * early + (1.0 + of_f) * b.f_theta.get(1, 0.0)) * b.jitter,
             "delay": delay,
             "quantisation": like_noise(0.5 * b.x_step) + of_u * 0.5 * b.g_step,
             "rounding": self._rounding(of_u, of_x),
@@ -208,6 +210,8 @@ class Run:
         b = self.bounds
         if 0 not in b.x:
             return b.rounding
+        if self.sampled.E is not None:
+            raise ValueError("x[0]: the bound of the rounding is for filters without E; leave it out")
         if self.sampled.sampling.delay:
             raise ValueError("x[0]: the bound of the rounding is for filters without delay; leave it out")
         sizes = (b.x[0], self.rate, b.g.get(0, 0.0), b.f_theta.get(0, 0.0), self.inertia)
@@ -276,3 +280,14 @@ class Run:
 
 def _primed(name: str, k: int) -> str:
     return name + "'" * k
+
+
+def projection(filter: PhyFilter | SampledPhyFilter) -> float:
+    """Norm2 of E^+, by which what enters through x and g counts in f_hat; 1 without E.
+
+    Parameters
+    ----------
+    filter : PhyFilter or SampledPhyFilter
+    """
+    E = filter.E if isinstance(filter, SampledPhyFilter) else None
+    return 1.0 if E is None else float(np.linalg.norm(np.linalg.pinv(E), 2))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from functools import cached_property
 from typing import Literal, NamedTuple
 
@@ -13,12 +13,12 @@ from numpy.typing import ArrayLike
 
 from ... import _signals
 from ..._sections import FloatArray
-from ...filter import PhyFilter, SampledPhyFilter
+from ...filter import PhyFilter, SampledPhyFilter, Sampling
 from ...results import Result
 from . import kernels
 from .kernels import Certificate, Kernel
 from .sampled_kernels import SampledKernels
-from .together import Together
+from .together import Together, together_of
 
 __all__ = ["BoundResult", "Method", "QuadraticProof"]
 
@@ -136,16 +136,27 @@ class BoundResult(Result):
             return False
         return len(self.residual) == 1 or (self.course is not None and self.certificate.gap <= _ATTAINED)
 
-    @property
+    @cached_property
     def between_samples(self) -> float:
         """Bound at every time, for a sampled filter whose correction f_hat - f_theta is held between its samples.
 
-        For a bounded gamma the same; else larger by what gamma can move in a step, which without a bound of gamma' has
-        no end.
+        The bound of the same filter one step later: an estimate held until t_k + tau is late by tau, and a residual
+        that is largest inside a step can stay there until its end. Infinite where neither gamma nor gamma' is bounded.
+        Bounds of derivatives above the second are left out of it, since a residual that stays breaks them.
         """
-        if isinstance(self.system, SampledPhyFilter) and self.derivative:
-            return self.bound + self.system.dt * self.residual.get(1, float("inf"))
-        return self.bound
+        sampled = self.system
+        if not isinstance(sampled, SampledPhyFilter) or set(self.residual) == {0}:
+            return self.bound
+        options = {e.name: getattr(sampled.sampling, e.name) for e in fields(sampled.sampling)}
+        options["delay"] += sampled.dt
+        late = SampledPhyFilter(sampled.filter, Sampling(**options))
+        given = {k: value for k, value in self.residual.items() if k <= 2}
+        kernel = SampledKernels(late)
+        found = [kernel.error(k).upper * given[k] for k in given if k <= kernel.highest]
+        if found and len(given) > 1 and (course := together_of(late, given)) is not None:
+            found.append(course.upper)
+        intrinsic = min(found, default=float("inf"))
+        return self.bound - self.intrinsic + max(self.intrinsic, intrinsic)
 
     def describe(self) -> str:
         """The bound, its parts and what it rests on, in a few lines.
@@ -254,12 +265,18 @@ class BoundResult(Result):
         k = self.derivative
         assert k is not None
         assert isinstance(self.system, PhyFilter)
-        total = self.prior + self.noise + self.residual[k] * kernel.running(t)
+        grown = self.residual[k] * kernel.running(t)
+        total = grown
         for j, value in (initial or {}).items():
             if not 0 <= j < k:
                 raise ValueError(f"initial: expected derivatives 0 ... {k - 1}, got {j}")
             total = total + value * np.abs(kernels.error_kernel(self.system, j + 1).at(t))
-        return total
+        if self.course is not None and set(self.residual) == {0, 1} and self.system.type:
+            # A residual that was constant before keeps both bounds; what the filter does not know of it decays.
+            start = self.residual[0] if k == 0 else (initial or {}).get(0, 0.0)
+            forgotten = start * np.abs(kernels.error_kernel(self.system, 1).at(t))
+            total = np.minimum(total, self.intrinsic + forgotten)
+        return self.prior + self.noise + total
 
     def plot(self) -> ct.ControlPlot:
         """Impulse response from the bounded derivative to the error, and how the bound builds up.

@@ -19,12 +19,15 @@ from math import factorial
 import numpy as np
 
 from ..._sections import FloatArray
-from .cells import Cells
+from ...filter import PhyFilter, SampledPhyFilter
+from . import kernels
+from .cells import Cells, continuous_cells, sampled_cells
 from .grid import Grid
 from .kernel_split import least_split
+from .sampled_kernels import SampledKernels
 from .worst_course import worst_course
 
-__all__ = ["Together", "together"]
+__all__ = ["Together", "together", "together_of"]
 
 # Cells of the linear programmes; how close below and above shall come. Else cells are cut where the course leaves one
 # bound for another, as often as this; where that would be too many, all are finer once.
@@ -95,3 +98,21 @@ def together(cells: Cells, bounds: Mapping[int, float]) -> Together | None:
             finer = Grid.of(cells, bounds, 2 * _CELLS)
         grid = finer
     return best
+
+
+def together_of(filter: PhyFilter | SampledPhyFilter, given: Mapping[int, float]) -> Together | None:
+    """The enclosure for |gamma^(k)| <= given[k]; None where the kernel is too long or the solver gives up.
+
+    Parameters
+    ----------
+    filter : PhyFilter or SampledPhyFilter
+    given : dict of int to float
+    """
+    lowest = min(given)
+    if isinstance(filter, SampledPhyFilter):
+        cells = sampled_cells(SampledKernels(filter), lowest)
+    else:
+        cells = continuous_cells(kernels.error_kernel(filter, lowest))
+    if cells is None:
+        return None
+    return together(cells, {k - lowest: value * cells.unit ** (k - lowest) for k, value in given.items()})

@@ -7,15 +7,15 @@ from typing import get_args
 
 import numpy as np
 
+from ..._signals import number
 from ...filter import PhyFilter, SampledPhyFilter
 from ..channels import per_channel
 from . import kernels, quadratic
-from .cells import continuous_cells, sampled_cells
-from .implementation import Implementation, Run
+from .implementation import Implementation, Run, projection
 from .kernels import Certificate, Kernel
 from .result import BoundResult, Method, QuadraticProof
 from .sampled_kernels import SampledKernels
-from .together import Together, together
+from .together import together_of
 
 __all__ = ["ultimate_bound"]
 
@@ -47,13 +47,14 @@ def ultimate_bound(
         delta_k: bounds of the k-th derivative of gamma = f - f_theta (2-norm), e.g. ``{0: 4.0, 1: 12.0}``; of a sampled
         filter k = 0 and 1 count, with method="matched" and no delay all up to its type.
     inertia_error : float
-        delta_M: bound of M - M_hat in the spectral norm.
+        delta_M: bound of M - M_hat in the spectral norm; with ``rate``, by which it counts.
     rate : float
         delta_x: bound of |x'|.
     noise : float
         Bound of the noise of x.
     inertia : float
-        |M_hat| in the spectral norm, by which noise of x counts.
+        |M_hat| in the spectral norm, by which noise of x counts. With E all that enters through x and g counts
+        times norm2(E^+), E^+ its pseudo-inverse.
     method : {"exact", "ellipsoid", "lyapunov", "lyapunov-raw"}
         "exact": the L1 norm of the impulse response, attained by a bang-bang residual; of several derivatives a linear
         programme, enclosed from both sides. "ellipsoid": the best invariant
@@ -69,9 +70,11 @@ def ultimate_bound(
 
     Raises
     ------
+    TypeError
+        For a bound that is not a number.
     ValueError
-        For negative bounds, no residual at all, or bounds of derivatives only beyond the type of the filter: then the
-        error grows without bound.
+        For negative bounds, an ``inertia_error`` without ``rate``, no residual at all, or bounds of derivatives only
+        beyond the type of the filter: then the error grows without bound.
 
     Notes
     -----
@@ -99,7 +102,10 @@ def ultimate_bound(
     given = _checked(
         residual, {"inertia_error": inertia_error, "rate": rate, "noise": noise, "inertia": inertia}
     )
-    prior, heard = inertia_error * rate, noise * inertia
+    if inertia_error and not rate:
+        raise ValueError("inertia_error: what it does grows with |x'|; give its bound too, rate=...")
+    through = projection(filter)
+    prior, heard = through * inertia_error * rate, through * noise * inertia
     if isinstance(filter, SampledPhyFilter):
         if method != "exact":
             raise ValueError(
@@ -129,7 +135,7 @@ def ultimate_bound(
         noise_gain = _gain_of(kernels.noise_kernel(filter), method, filter) if heard else 0.0
     best = min(usable, key=lambda k: gains[k] * given[k])
     intrinsic, certificate = gains[best] * given[best], enclosures.get(best)
-    course = _together(filter, given) if method == "exact" and len(given) > 1 and intrinsic > 0.0 else None
+    course = together_of(filter, given) if method == "exact" and len(given) > 1 and intrinsic > 0.0 else None
     if course is not None and certificate is not None:
         intrinsic = min(intrinsic, course.upper)
         certificate = certificate._replace(
@@ -151,17 +157,6 @@ def ultimate_bound(
         assumed,
         course,
     )
-
-
-def _together(filter: PhyFilter | SampledPhyFilter, given: Mapping[int, float]) -> Together | None:
-    lowest = min(given)
-    if isinstance(filter, SampledPhyFilter):
-        cells = sampled_cells(SampledKernels(filter), lowest)
-    else:
-        cells = continuous_cells(kernels.error_kernel(filter, lowest))
-    if cells is None:
-        return None
-    return together(cells, {k - lowest: value * cells.unit ** (k - lowest) for k, value in given.items()})
 
 
 def _gain_of(kernel: Kernel, method: Method, filter: PhyFilter) -> float:
@@ -189,15 +184,16 @@ def _gain(
 
 def _checked(residual: Mapping[int, float], others: Mapping[str, float]) -> dict[int, float]:
     for name, value in others.items():
-        if not (np.isfinite(value) and value >= 0.0):
-            raise ValueError(f"{name}: expected a bound of 0 or more, got {value}")
+        number(name, value, least=0.0)
+    if not isinstance(residual, Mapping):
+        raise ValueError(
+            f"residual: expected bounds by order of derivative, e.g. {{1: 2.0}}, got {residual!r}"
+        )
     given: dict[int, float] = {}
     for k, value in residual.items():
         if not (isinstance(k, int | np.integer) and k >= 0):
             raise ValueError(f"residual: expected derivative orders 0, 1, ..., got {k!r}")
-        if not (np.isfinite(value) and value >= 0.0):
-            raise ValueError(f"residual[{k}]: expected a bound of 0 or more, got {value}")
-        given[int(k)] = float(value)
+        given[int(k)] = number(f"residual[{k}]", value, least=0.0)
     if not given:
         raise ValueError(
             "residual: expected a bound of gamma or of a derivative of it, e.g. {1: 2.0}; got none"
