@@ -1,6 +1,7 @@
 # What `phyfilter_ctl` offers, and where it lives: read by type checkers, and at run time by `__init__.py`.
 
 from .analysis import (
+    Analysis,
     BandwidthLimit,
     BoundResult,
     DiskMargin,
@@ -18,6 +19,7 @@ from .analysis import (
     TrackingDeviation,
     TrackingTube,
     Variance,
+    analyze,
     disk_margin,
     error_budget,
     error_variance,
@@ -108,6 +110,7 @@ from .simulation import (
 )
 
 __all__ = [
+    "Analysis",
     "BandwidthLimit",
     "BlockFunctions",
     "BoundResult",
@@ -156,6 +159,7 @@ __all__ = [
     "TrackingTube",
     "Variable",
     "Variance",
+    "analyze",
     "bandpass",
     "compare_estimators",
     "cosimulate",

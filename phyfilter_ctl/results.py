@@ -297,13 +297,13 @@ def _array(value: np.ndarray) -> str:
 
 
 def _counted(value: Any) -> str:
-    kinds = {type(entry).__name__ for entry in value}
+    kinds = {type(entry).__name__ for entry in (value.values() if isinstance(value, Mapping) else value)}
     return f"{len(value)} entries of type {' or '.join(sorted(kinds)[:3])}"
 
 
 def _short(text: str, value: Any) -> str:
     text = " ".join(text.split())
-    if len(text) <= _WIDTH:
+    if len(text) <= (_TEXT if isinstance(value, Mapping) else _WIDTH):
         return text
     return _counted(value) if isinstance(value, Sequence | Set | Mapping) else f"{type(value).__name__}(...)"
 

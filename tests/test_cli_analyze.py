@@ -2,6 +2,7 @@
 
 import json
 
+import control as ct
 import numpy as np
 import pytest
 
@@ -47,8 +48,6 @@ def test_page_of_a_continuous_filter(continuous, tmp_path, capsys):
     expected = ultimate_bound(f, residual={1: 3.0}, inertia_error=0.1, rate=2.0)
     assert figures["bound"]["bound"] == expected.bound
     assert figures["bound"]["prior"] == expected.prior
-    import control as ct
-
     lag = ct.tf([1.0], [0.05, 1.0])
     assert figures["inner_loop"]["modulus_margin"] == prior_margin(f, actuator=lag).modulus_margin
     assert (
@@ -72,7 +71,12 @@ def test_page_says_whether_the_inertia_may_move(continuous, capsys):
 
 
 def test_page_of_a_sampled_filter(sampled, capsys):
-    assert main(["analyze", sampled, "--residual", "0=4", "1=12", "--noise", "0.01"]) == 0
+    assert (
+        main(
+            ["analyze", sampled, "--residual", "0=4", "1=12", "--noise", "0.01", "--noise-deviation", "0.003"]
+        )
+        == 0
+    )
     text = capsys.readouterr().out
     for words in (
         "between samples",
@@ -121,7 +125,10 @@ def test_page_of_a_saturated_loop(sampled, capsys):
         main(["analyze", sampled, "--slope", "3", "--kp", "1000", "--kd", "1"]) == 0
     )  # unstable: nothing to promise
     page = capsys.readouterr().out
-    assert page.startswith("Unstable with the outer gains. Without them: Stable. Tolerates ")
+    assert page.startswith("Unstable with the outer gains: ")
+    assert "Stable. Tolerates" not in page
+    assert "Error at most" not in page
+    assert "largest error" not in page
     assert "position error" not in page
 
 
@@ -139,6 +146,45 @@ def test_data_from_a_flight(sampled, tmp_path, capsys):
     assert low < value < high
     assert value == pytest.approx(0.002, rel=0.1)
     assert figures["bound"]["derivative"] == 1
+    # A deviation is no bound: it is stated by itself, as that of f_hat.
+    assert figures["bound"]["noise"] == 0.0
+    spread = pf.error_variance(pf.load(sampled), noise=value).noise ** 0.5
+    assert figures["noise_deviation"] == pytest.approx(spread, rel=1e-12)
+    assert f"Noise of f_hat {spread:.4g} (1 sigma)" in figures["headline"]
+
+
+def test_the_headline_is_the_least_of_all_loops(continuous, capsys):
+    """The complete loop tolerates less delay, the inner one less mass here; the command line prints the library's."""
+    assert main(["analyze", continuous, "--lag", "0.1", "--delay", "0.02", "--kp", "10", "--kd", "6"]) == 0
+    headline = capsys.readouterr().out.splitlines()[0]
+    loop = {"actuator": ct.tf(1, [0.1, 1]), "delay": 0.02}
+    found = pf.analyze(pf.load(continuous), kp=10.0, kd=6.0, **loop)
+    assert headline == found.headline
+    assert found.complete_loop is not None
+    stable = [each.is_stable for each in (found.inner_loop, found.complete_loop)]
+    assert found.is_stable == all(stable)
+
+
+def test_inertia_of_the_file_counts_in_every_line(tmp_path):
+    """Twelve times the inertia, twelve times the noise of x in f_hat, as a bound and as a deviation."""
+    filter = pf.lowpass(2, 20.0)
+    settings = {"residual": {1: 3.0}, "noise": 0.01, "noise_deviation": 0.003}
+    path = tmp_path / "heavy.toml"
+    pf.save(path, filter.sampled(0.01, inertia=12.0, units={"f": "N"}))
+    one, own = pf.analyze(filter.sampled(0.01), **settings), pf.analyze(pf.load(path), **settings)
+    told = pf.analyze(filter.sampled(0.01), inertia=12.0, **settings)
+    assert own.bound.noise == told.bound.noise == pytest.approx(12.0 * one.bound.noise, rel=1e-12)
+    assert own.noise_deviation == told.noise_deviation == pytest.approx(12.0 * one.noise_deviation, rel=1e-12)
+    assert "Error at most" in own.headline
+    assert " N while" in own.headline
+
+
+def test_a_loop_that_diverges_promises_nothing():
+    found = pf.analyze(pf.lowpass(2, 20.0).sampled(0.01), kp=1000.0, kd=1.0, residual={1: 3.0})
+    assert found.inner_loop.is_stable
+    assert not found.is_stable
+    assert found.bound is None
+    assert found.headline.startswith("Unstable")
 
 
 @pytest.mark.parametrize(

@@ -21,7 +21,7 @@ from .arrays import (
     unusable,
     usable,
 )
-from .containers import labels
+from .containers import channel_names, labels
 from .numbers import count, in_both, number
 from .times import duration, interval, refuse_ticks, refuse_unordered, sample_times, seconds
 
@@ -30,6 +30,7 @@ __all__ = [
     "Given",
     "Where",
     "array",
+    "channel_names",
     "count",
     "duration",
     "filled",

@@ -13,7 +13,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["are_whole", "contained", "contained_times", "from_calendar", "labels", "text_advice"]
+__all__ = [
+    "are_whole",
+    "channel_names",
+    "contained",
+    "contained_times",
+    "from_calendar",
+    "labels",
+    "text_advice",
+]
 
 # What a dimension of samples is called; samples come first.
 _SAMPLES = frozenset({"t", "time", "times", "timepts", "sample", "samples"})
@@ -78,6 +86,25 @@ def contained_times(name: str, values: Any) -> Any:
             "columns, or its index"
         )
     return contained(name, values)
+
+
+def channel_names(channels: Sequence[str] | None, n_x: int) -> tuple[str, ...]:
+    """n_x different names that can stand in the header of a file."""
+    if channels is None:
+        return tuple(f"x[{i}]" for i in range(n_x))
+    if isinstance(channels, str) or not all(isinstance(name, str) for name in channels):
+        raise TypeError(f"channels: expected {n_x} names, got {channels!r}")
+    names = tuple(channels)
+    if len(names) != n_x:
+        raise ValueError(
+            f"channels: expected {n_x} names, one for every column of x, got {len(names)}: {names}"
+        )
+    if len(set(names)) < n_x:
+        raise ValueError(f"channels: expected different names, got {names}")
+    for name in names:
+        if not name or name != name.strip() or not name.isprintable():
+            raise ValueError(f"channels: expected printable names without spaces around them, got {name!r}")
+    return names
 
 
 def labels(values: Any) -> tuple[str, ...] | None:

@@ -35,10 +35,13 @@ from .margins import (
     saturation_margin,
 )
 from .poles import PolesAndZeros, PoleZeroMap, pole_zero_map
+from .summary import Analysis, analyze
 from .tubes import TrackingDeviation, TrackingTube, tracking_deviation, tracking_tube
 from .variance import Variance, error_variance, gauss_markov
+from .verdict import Sentence
 
 __all__ = [
+    "Analysis",
     "BandwidthLimit",
     "BoundResult",
     "Certificate",
@@ -62,11 +65,13 @@ __all__ = [
     "QuadraticProof",
     "RatioMargins",
     "SaturationMargin",
+    "Sentence",
     "Surroundings",
     "Together",
     "TrackingDeviation",
     "TrackingTube",
     "Variance",
+    "analyze",
     "configuration_hull",
     "disk_margin",
     "error_budget",

@@ -30,12 +30,12 @@ from .bounds.sampled_kernels import _absolute, _lyapunov, _size
 from .margins.sampled import SampledLoop
 from .variance import discretised
 
-__all__ = ["Noisy", "Source", "Told", "TrackingLoop"]
+__all__ = ["Noisy", "Output", "Source", "Told", "TrackingLoop"]
 
 Told = Literal["commanded", "applied"]
 Source = Literal["residual", "actuation"]
 Noisy = Literal["velocity", "position"]
-Output = Literal["position", "command"]
+Output = Literal["position", "command", "estimate"]
 
 _GAP = 1e-6
 _MOST_STEPS = 2_000_000
@@ -112,13 +112,15 @@ class TrackingLoop:
         return np.stack([seen - self.loop.kd * of_v, -seen])
 
     def row(self, output: Output) -> FloatArray:
-        """c of the position error, or of the fed back command."""
-        m = len(self.loop.plant[0]) - 2
+        """c of the position error, of the fed back command, or of f_hat."""
+        m, C = len(self.loop.plant[0]) - 2, self.sampled.transition[2]
         row = np.zeros(len(self.A))
         if output == "position":
             row[m + 1] = self.ratio
+        elif output == "command":
+            row[m + 2 + len(C)] = 1.0
         else:
-            row[m + 2 + len(self.sampled.transition[0])] = 1.0
+            row[m + 2 : m + 2 + len(C)] = C
         return row
 
     # -- kernels ------------------------------------------------------------------------------------------------

@@ -28,7 +28,8 @@ from ..results import Result
 from .margins.prior import _positive
 from .margins.ratio_margins import build_loop
 from .margins.sampled import SampledLoop
-from .tracking_loop import Noisy, Source, Told, TrackingLoop
+from .options import assumed, inertia_of
+from .tracking_loop import Noisy, Output, Source, Told, TrackingLoop
 from .variance import Shape, shaping
 
 __all__ = ["TrackingDeviation", "TrackingTube", "tracking_deviation", "tracking_tube"]
@@ -48,27 +49,46 @@ class TrackingTube(Result):
         What each of residual, actuation, noise and position_noise adds to ``radius`` and ``command``.
     derivatives : dict of str to list of int
         Which derivative of each part of residual and actuation counts: of several bounds, the one that gives least.
-    command_limit : float
-        Of the part of the command that is fed back.
+    estimate_parts : dict of str to float
+        What each of them adds to ``estimate``.
+    command_limit, estimate_limit : float
+        Of the part of the command that is fed back, and of f_hat.
+    assumptions : tuple of str
+        What is taken for granted of the options of the filter.
     given : dict of str to list of dict of int to float
         Bounds on the derivatives of each part, per unit of M_hat.
     _loop : TrackingLoop
         The sampled loop and its kernels.
     """
 
-    _figures = ("radius", "parts", "derivatives", "command", "command_parts", "command_limit", "is_linear")
+    _figures = (
+        "radius",
+        "is_linear",
+        "parts",
+        "derivatives",
+        "command",
+        "command_parts",
+        "command_limit",
+        "estimate",
+        "estimate_limit",
+        "assumptions",
+    )
 
     parts: dict[str, float]
     derivatives: dict[str, list[int]]
     command_parts: dict[str, float]
+    estimate_parts: dict[str, float]
     command_limit: float
+    estimate_limit: float
+    assumptions: tuple[str, ...]
     given: dict[Source, list[dict[int, float]]] = field(repr=False)
     _loop: TrackingLoop = field(repr=False)
 
     @property
     def radius(self) -> float:
-        """Largest error of position at the samples, once the start is forgotten."""
-        return float(sum(self.parts.values()))
+        """Largest error of position at the samples, once the start is forgotten; inf where nothing is proved, since the
+        command or f_hat may meet a limit."""
+        return float(sum(self.parts.values())) if self.is_linear else float("inf")
 
     @property
     def command(self) -> float:
@@ -76,9 +96,15 @@ class TrackingTube(Result):
         return float(sum(self.command_parts.values()))
 
     @property
+    def estimate(self) -> float:
+        """Largest |f_hat|, in units of f."""
+        return float(sum(self.estimate_parts.values()))
+
+    @property
     def is_linear(self) -> bool:
-        """Whether the command stays within its limit, so that the loop is the linear one and the tube is proved."""
-        return self.command <= self.command_limit
+        """Whether command and f_hat stay within their limits, so that the loop is the linear one and the tube is
+        proved."""
+        return self.command <= self.command_limit and self.estimate <= self.estimate_limit
 
     def envelope(
         self, times: ArrayLike, *, position: float = 0.0, velocity: float = 0.0, residual: float = 0.0
@@ -117,13 +143,24 @@ class TrackingTube(Result):
         -------
         str
         """
-        lines = {"radius": f"{self.radius:.4g}"}
+        lines = {"radius": f"{self.radius:.4g}" if self.is_linear else "not proved"}
         lines |= {f"  {name.replace('_', ' ')}": f"{value:.4g}" for name, value in self.parts.items()}
-        lines["command"] = f"{self.command:.4g}"
-        if np.isfinite(self.command_limit):
-            held = "within" if self.is_linear else "BEYOND: the tube is not proved; see saturation_margin"
-            lines["its limit"] = f"{self.command_limit:.4g}, {held}"
+        for name in ("command", "estimate"):
+            most, limit = getattr(self, name), getattr(self, f"{name}_limit")
+            lines[name] = f"{most:.4g}"
+            if np.isfinite(limit):
+                lines[f"  limit of {name}"] = f"{limit:.4g}, {self._met(most, limit)}"
+        if self.assumptions:
+            lines["taken for granted"] = "; ".join(self.assumptions)
         return "\n".join(f"{name:<20}{text}" for name, text in lines.items())
+
+    @staticmethod
+    def _met(most: float, limit: float) -> str:
+        if most <= limit:
+            return "kept"
+        if np.isfinite(most):
+            return "which the bound exceeds: the tube is not proved; see saturation_margin"
+        return "with no bound on f itself: the tube is not proved; give residual and actuation with 0: ..."
 
 
 def tracking_tube(
@@ -137,10 +174,10 @@ def tracking_tube(
     position_noise: float = 0.0,
     actuator: ct.TransferFunction | ct.StateSpace | None = None,
     delay: float = 0.0,
-    inertia: float = 1.0,
+    inertia: float | None = None,
     inertia_ratio: float = 1.0,
     g: Told = "commanded",
-    command_limit: float = np.inf,
+    command_limit: float | None = None,
     dt: float | None = None,
 ) -> TrackingTube:
     """Largest error of position of the complete sampled loop, for a residual of bounded derivatives.
@@ -162,13 +199,14 @@ def tracking_tube(
         The same for d: what the actuator does beyond ``actuator``, gains, lags and feed-forward that it misses.
     noise, position_noise : float
         Bounds on the noise of x and of the position.
-    inertia : float
-        M_hat: f, d and v are in its unit times that of x'.
+    inertia : float, optional
+        M_hat: d and v are in its unit times that of x'. None: the filter's own, else 1.
     g : {"commanded", "applied"}
         What the filter is told: v, or the force a + d that acts, lag and all.
-    command_limit : float
-        What the actuator has for v. The tube is that of a linear loop: it is proved while the command stays within, and
-        ``is_linear`` tells whether it does, by its own bound.
+    command_limit : float, optional
+        What the actuator has for v. The tube is that of a linear loop: it is proved while v stays within this and f_hat
+        within the ``limit`` of the filter, both by their own bounds (which need a bound on f itself), and ``is_linear``
+        says whether they do. None: the ``g_limit`` of the filter for v alone, else no limit.
 
     Returns
     -------
@@ -178,11 +216,13 @@ def tracking_tube(
     ------
     ValueError
         As for :func:`loop_margin`; for a loop that is not stable, or a derivative of which no bound alone bounds the
-        error: 2 and above, since a held command stays half a step behind a ramp; 1 of a d that the filter is told.
+        error: 2 and above, since a held command stays half a step behind a ramp; 1 of a d that the filter is told; for
+        an E of several rows; for a ``g_limit`` with ``g="applied"`` or without 0 in it and no ``command_limit``.
 
     Notes
     -----
     At the samples; f and d go on in between. Exact for each term alone, to 1e-6: some course of it reaches the radius.
+    With a filter of one channel and E, f counts as E f, and f_hat goes back as E f_hat.
 
     Examples
     --------
@@ -194,27 +234,67 @@ def tracking_tube(
     (0.101, 0.011)
     """
     loop = _loop(filter, kp, kd, actuator, delay, inertia_ratio, inertia, g, dt)
+    assumptions = assumed(loop.sampled, counted=("limit", "g_limit"))
+    limits, more = _limits(loop, command_limit)
+    M, direction = loop.inertia, _direction(loop.sampled)
     given: dict[Source, list[dict[int, float]]] = {}
     parts: dict[str, float] = {}
     used: dict[str, list[int]] = {}
-    commands: dict[str, float] = {}
-    for source, bounds in zip(_SOURCES, (residual, actuation), strict=True):
-        given[source] = _bounds(source, bounds, inertia)
+    others: dict[Output, dict[str, float]] = {"command": {}, "estimate": {}}
+    for source, bounds, scale in zip(_SOURCES, (residual, actuation), (direction, 1.0), strict=True):
+        given[source] = _bounds(source, bounds, M / scale)
         used[source] = [_least(loop, source, one) for one in given[source]]
         if given[source]:
             pairs = list(zip(used[source], given[source], strict=True))
             parts[source] = sum(loop.gain(source, k, "position") * one[k] for k, one in pairs)
-            # The command follows f itself, of which a bound on a derivative says nothing.
+            # Command and f_hat follow f itself, of which a bound on a derivative says nothing.
             sizes = [one.get(0, np.inf) for one in given[source]]
-            commands[source] = inertia * loop.gain(source, 0, "command") * sum(sizes)
+            for output, into in others.items():
+                into[source] = M * loop.gain(source, 0, output) * sum(sizes)
     for name, of, size in zip(("noise", "position_noise"), _NOISY, (noise, position_noise), strict=True):
         if _signals.number(name, size, "", least=0.0):
             parts[name] = loop.noise_gain(of, "position") * size
-            commands[name] = inertia * loop.noise_gain(of, "command") * size
-    limit = float(command_limit)
-    if not limit > 0.0:
-        raise ValueError(f"command_limit: expected a positive force, got {command_limit}")
-    return TrackingTube(parts, used, commands, limit, given, loop)
+            for output, into in others.items():
+                into[name] = M * loop.noise_gain(of, output) * size
+    estimate = {name: value / direction for name, value in others["estimate"].items()}
+    return TrackingTube(parts, used, others["command"], estimate, *limits, (*assumptions, *more), given, loop)
+
+
+def _limits(loop: TrackingLoop, command: float | None) -> tuple[tuple[float, float], tuple[str, ...]]:
+    """Of the command that is fed back and of f_hat, and what is taken for granted of them."""
+    sampling, said = loop.sampled.sampling, ()
+    estimate = np.inf if sampling.limit is None else float(np.min(sampling.limit))
+    if command is not None:
+        if not (most := float(command)) > 0.0:
+            raise ValueError(f"command_limit: expected a positive force, got {command}")
+    elif sampling.g_limit is None:
+        most = np.inf
+    elif loop.told == "applied":
+        raise ValueError(
+            "g_limit: clips what the filter is told, which is a measured force here; leave it out"
+        )
+    else:
+        low, high = sampling.g_limit
+        most = float(min(np.min(high), np.min(-low)))
+        said = ("g is the command that is fed back alone",)
+        if most <= 0.0:
+            raise ValueError(
+                f"g_limit: expected 0 between its ends, got {low} and {high}: say with command_limit how much of it "
+                "the feedback has"
+            )
+    return (most, estimate), said
+
+
+def _direction(sampled: SampledPhyFilter) -> float:
+    """|E| of one channel: f counts as E f."""
+    if sampled.E is None:
+        return 1.0
+    if sampled.E.shape[0] != 1:
+        raise ValueError(
+            f"E: expected one channel, got {sampled.E.shape[0]}: what E does not span is not fed back; give the filter "
+            "of the channel without E"
+        )
+    return float(np.linalg.norm(sampled.E, 2))
 
 
 @dataclass(frozen=True, repr=False)
@@ -227,12 +307,15 @@ class TrackingDeviation(Result):
         Of the error of position, from each of them.
     command : float
         Of the part of the command that is fed back, from all.
+    assumptions : tuple of str
+        What is taken for granted of the options of the filter.
     """
 
     residual: float
     actuation: float
     noise: float
     command: float
+    assumptions: tuple[str, ...] = ()
 
     @property
     def position(self) -> float:
@@ -268,7 +351,7 @@ def tracking_deviation(
     position_noise: float = 0.0,
     actuator: ct.TransferFunction | ct.StateSpace | None = None,
     delay: float = 0.0,
-    inertia: float = 1.0,
+    inertia: float | None = None,
     inertia_ratio: float = 1.0,
     g: Told = "commanded",
     dt: float | None = None,
@@ -306,14 +389,17 @@ def tracking_deviation(
     loop = _loop(filter, kp, kd, actuator, delay, inertia_ratio, inertia, g, dt)
     rows = np.stack([loop.row("position"), loop.row("command")])
     totals = {}
-    for source, shape in zip(_SOURCES, (residual, actuation), strict=True):
+    for source, shape, scale in zip(
+        _SOURCES, (residual, actuation), (_direction(loop.sampled), 1.0), strict=True
+    ):
         if shape is None:
             totals[source] = np.zeros(2)
         elif isinstance(shape, ct.StateSpace | ct.TransferFunction):
-            totals[source] = loop.shaped(source, shaping(source, shape), rows) / inertia**2
+            totals[source] = loop.shaped(source, shaping(source, shape), rows)
         else:
             covariance = _signals.array(source, shape, ("L",))
-            totals[source] = np.array([loop.covered(source, covariance, c) for c in rows]) / inertia**2
+            totals[source] = np.array([loop.covered(source, covariance, c) for c in rows])
+        totals[source] *= (scale / loop.inertia) ** 2
     totals["noise"] = np.zeros(2)
     for of, size in zip(_NOISY, (noise, position_noise), strict=True):
         first, then = loop.noise(of)
@@ -321,8 +407,8 @@ def tracking_deviation(
         P = solve_discrete_lyapunov(loop.A, np.outer(drive, drive))
         totals["noise"] += size**2 * ((rows @ first) ** 2 + np.einsum("ij,jk,ik->i", rows, P, rows))
     deviations = {name: float(np.sqrt(max(value[0], 0.0))) for name, value in totals.items()}
-    command = inertia * float(np.sqrt(sum(max(value[1], 0.0) for value in totals.values())))
-    return TrackingDeviation(**deviations, command=command)
+    command = loop.inertia * float(np.sqrt(sum(max(value[1], 0.0) for value in totals.values())))
+    return TrackingDeviation(**deviations, command=command, assumptions=assumed(loop.sampled))
 
 
 def _loop(
@@ -332,7 +418,7 @@ def _loop(
     actuator: ct.TransferFunction | ct.StateSpace | None,
     delay: float,
     ratio: float,
-    inertia: float,
+    inertia: float | None,
     told: Told,
     dt: float | None,
 ) -> TrackingLoop:
@@ -347,9 +433,7 @@ def _loop(
         raise ValueError("filter: expected no delay of the measurement; count it to the delay of the command")
     if not kp > 0.0:
         raise ValueError(f"kp: expected a positive gain, got {kp}: without it nothing holds the position")
-    found = TrackingLoop(
-        sampled, loop, _positive(ratio), _signals.number("inertia", inertia, "", above=0.0), told
-    )
+    found = TrackingLoop(sampled, loop, _positive(ratio), inertia_of(sampled, inertia), told)
     radius = float(np.abs(np.linalg.eigvals(found.A)).max())
     if radius >= 1.0:
         raise ValueError(

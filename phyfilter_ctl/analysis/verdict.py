@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Literal, NamedTuple
 
 import numpy as np
 
 from ..filter import PhyFilter
 from .frequency import frequency_response
-from .margins import PriorMargin
+from .margins.ratio_margins import RatioMargins
 
-__all__ = ["Sentence", "on_error", "on_limit", "on_loop"]
+__all__ = ["Sentence", "on_error", "on_limit", "on_loop", "on_loops"]
 
 _EXACT = 1e-9  # relative: what is a round number but for rounding is not rounded down
 
@@ -23,12 +24,12 @@ class Sentence(NamedTuple):
     level: Literal["good", "warn", "bad"] = "good"
 
 
-def on_loop(margin: PriorMargin, delay_margin: float) -> list[Sentence]:
+def on_loop(margin: RatioMargins, delay_margin: float) -> list[Sentence]:
     """Whether the loop is stable with f_hat fed back, and what it tolerates, rounded to the safe side.
 
     Parameters
     ----------
-    margin : PriorMargin
+    margin : PriorMargin or LoopMargin
         At the inertia ratio that is taken for granted.
     delay_margin : float
         In s; inf for any delay.
@@ -51,12 +52,38 @@ def on_loop(margin: PriorMargin, delay_margin: float) -> list[Sentence]:
     ratio = margin.inertia_ratio
     inside = [ends for ends in margin.stable_ratios if ends[0] < ratio < ends[1]]
     if margin.is_stable and inside:
-        more = "any delay" if math.isinf(delay_margin) else f"{_time(delay_margin)} more delay"
-        return [Sentence("Stable."), Sentence(f"Tolerates {more}, {_masses(*inside[0])}.")]
-    found = ["Unstable with f̂ fed back: lower the bandwidth, or shorten lag and delay."]
+        return _tolerates(delay_margin, *inside[0])
+    found = [f"Unstable {_closed(margin)}, or shorten lag and delay."]
     if margin.stable_ratios:
         found.append(f"Stable for {' or '.join(_masses(*ends) for ends in margin.stable_ratios)} only.")
     return [Sentence(text, "bad") for text in found]
+
+
+def on_loops(loops: Sequence[RatioMargins]) -> list[Sentence]:
+    """The same of several loops with one filter in them: the least that any of them tolerates.
+
+    Parameters
+    ----------
+    loops : sequence of margins
+        All at one inertia ratio.
+
+    Returns
+    -------
+    list of Sentence
+    """
+    for loop in loops:
+        said = on_loop(loop, loop.delay_margin)
+        if said[0].level == "bad":
+            return said
+    ratio = loops[0].inertia_ratio
+    inside = [next(ends for ends in loop.stable_ratios if ends[0] < ratio < ends[1]) for loop in loops]
+    low, high = max(low for low, _ in inside), min(high for _, high in inside)
+    return _tolerates(min(loop.delay_margin for loop in loops), low, high)
+
+
+def _tolerates(delay_margin: float, low: float, high: float) -> list[Sentence]:
+    more = "any delay" if math.isinf(delay_margin) else f"{_time(delay_margin)} more delay"
+    return [Sentence("Stable."), Sentence(f"Tolerates {more}, {_masses(low, high)}.")]
 
 
 def on_error(bound: float | None, unit: str, slope: float | None = None, why: str = "") -> Sentence:
@@ -131,6 +158,11 @@ def on_limit(filter: PhyFilter, kind: Literal["error", "estimate"], omega: float
         above = _safe(excess, up=True, digits=2)
         return Sentence(f"{above} dB above your limit on {name} at {grid[worst]:.3g} rad/s.", "bad")
     return Sentence(f"{_safe(-excess, up=False, digits=2)} dB below your limit on {name}.")
+
+
+def _closed(margin: RatioMargins) -> str:
+    outer = margin.loop.kp or margin.loop.kd
+    return f"with {'the outer gains' if outer else 'f̂ fed back'}: lower the bandwidth{' or the gains' if outer else ''}"
 
 
 def _masses(low: float, high: float) -> str:

@@ -14,7 +14,7 @@ from .. import _sections
 from .._sections import FloatArray
 from ..analysis import frequency_response
 from ..design.placement import Family, bandpass, lowpass, numerator_of_type, place_poles
-from ..filter import FilterBank, PhyFilter, SampledPhyFilter
+from ..filter import FilterBank, InertiaInput, PhyFilter, SampledPhyFilter, Sampling, SamplingOptions
 from ..filter.sampling import Method
 from ..results import plain
 from .checking import Fields, MessageError, real, shown
@@ -24,6 +24,7 @@ __all__ = [
     "Assumptions",
     "Design",
     "Numerator",
+    "Signals",
     "design_of_family",
     "read_design",
     "read_designs",
@@ -38,6 +39,8 @@ _LARGEST_ZERO = 1e7  # rad/s
 _MOST_LIMITS = 64  # entries in the drawn limits, all levels together
 _LIMIT_DEPTH = 4
 _LARGEST_ASSUMED = 1e12
+MOST_CHANNELS = 12
+_SIGNALS = ("channels", "inertia", "units")
 
 # "damped": complex pairs of one damping ratio and one natural frequency. The rest are those of the library.
 FAMILIES: tuple[str, ...] = (*get_args(Family), "damped", "bandpass")
@@ -112,6 +115,37 @@ class Assumptions:
         return dict(vars(self))
 
 
+@dataclass(frozen=True)
+class Signals:
+    """What a file, or an open log, says of the signals: it goes with what is saved and exported.
+
+    Parameters
+    ----------
+    options : SamplingOptions
+        channels, inertia and units, as JSON holds them; those that are known.
+    E : list of list of float, optional
+        Direction in which f acts.
+    """
+
+    options: SamplingOptions = field(default_factory=SamplingOptions)
+    E: list[list[float]] | None = None
+
+    @classmethod
+    def of(cls, filter: SampledPhyFilter) -> Signals:
+        """Those of a filter.
+
+        Parameters
+        ----------
+        filter : SampledPhyFilter
+        """
+        kept = {key: plain(value) for key, value in filter.sampling.unusual.items() if key in _SIGNALS}
+        return cls(cast(SamplingOptions, kept), None if filter.E is None else filter.E.tolist())
+
+    def as_json(self) -> dict[str, object]:
+        """As a message has it."""
+        return {**self.options} | ({} if self.E is None else {"E": self.E})
+
+
 @dataclass(frozen=True, eq=False)
 class Design:
     """A filter being designed.
@@ -129,6 +163,8 @@ class Design:
     assume : Assumptions
     limits : mapping or None
         Limits that are drawn; kept as they came.
+    signals : Signals
+        Channels, inertia, units and E, for what is saved and exported; figures are of one channel per unit of inertia.
     """
 
     poles: tuple[complex, ...] = (-20.0 + 0.0j, -20.0 + 0.0j)
@@ -137,6 +173,7 @@ class Design:
     method: Method = "matched"
     assume: Assumptions = field(default_factory=Assumptions)
     limits: Mapping[str, object] | None = None
+    signals: Signals = field(default_factory=Signals)
 
     def with_filter(self, filter: PhyFilter | FilterBank | SampledPhyFilter) -> Design:
         """The same sampling and assumptions around another filter.
@@ -144,7 +181,7 @@ class Design:
         Parameters
         ----------
         filter : PhyFilter or SampledPhyFilter (a bank is refused)
-            Sampled: one filter for all channels; its step and method are taken over.
+            Sampled: one filter for all channels; its step, method and signals are taken over.
 
         Raises
         ------
@@ -165,7 +202,8 @@ class Design:
                     "otherwise"
                 )
             usual = filter.sampling.method == filter.filter.sampled(filter.dt).sampling.method
-            design = replace(self, dt=filter.dt, method="matched" if usual else filter.sampling.method)
+            method = "matched" if usual else filter.sampling.method
+            design = replace(self, dt=filter.dt, method=method, signals=Signals.of(filter))
             return design.with_filter(filter.filter)
         size = np.abs(filter.poles)
         if filter.order > HIGHEST_ORDER or size.min() < SLOWEST or size.max() > FASTEST:
@@ -210,6 +248,13 @@ class Design:
         return self.filter.sampled(dt, None if self.method == "matched" else self.method)
 
     @property
+    def handed_over(self) -> SampledPhyFilter:
+        """F as it is saved and exported: with its channels, inertia, units and E; raises as ``sampled``."""
+        sampled = self.sampled
+        sampling = replace(sampled.sampling, **self.signals.options)
+        return SampledPhyFilter(sampled.filters, sampling, E=self.signals.E)
+
+    @property
     def unmatched(self) -> str:
         """Why the exact method stands for the matched one; empty where it does not have to."""
         if self.method != "matched":
@@ -231,7 +276,7 @@ class Design:
         return {
             "poles": plain(self.poles),
             "numerator": self.numerator.as_json(),
-            "sampling": {"dt": self.dt, "method": self.method},
+            "sampling": {"dt": self.dt, "method": self.method, **self.signals.as_json()},
             "assume": self.assume.as_json(),
             "limits": self.limits,
         }
@@ -255,7 +300,7 @@ def read_design(message: Fields) -> Design:
     poles = fields.points("poles", 1, HIGHEST_ORDER, size=FASTEST)
     _check_poles(fields, poles)
     sampling = fields.fields("sampling")
-    sampling.only("dt", "method")
+    sampling.only("dt", "method", *_SIGNALS, "E")
     method = sampling.choice("method", get_args(Method)) if "method" in sampling else "matched"
     design = Design(
         tuple(poles),
@@ -264,12 +309,54 @@ def read_design(message: Fields) -> Design:
         cast(Method, method),
         _assumptions(fields.fields("assume")) if "assume" in fields else Assumptions(),
         _limits(fields) if "limits" in fields else None,
+        _signals(sampling),
     )
     try:
         _ = design.filter
     except ValueError as error:
         raise fields.error("poles", str(error)) from error
+    try:
+        one = Sampling(design.dt, **design.signals.options)
+        _ = SampledPhyFilter(PhyFilter([1.0]), one, E=design.signals.E)
+    except (TypeError, ValueError) as error:
+        raise fields.error("sampling", str(error)) from error
     return design
+
+
+def _signals(sampling: Fields) -> Signals:
+    """Channels, inertia, units and E of a message; the library checks that they belong together."""
+    options: SamplingOptions = {}
+    if "channels" in sampling:
+        named = isinstance(sampling.get("channels"), list)
+        options["channels"] = (
+            sampling.texts("channels", 1, MOST_CHANNELS)
+            if named
+            else sampling.integer("channels", 1, MOST_CHANNELS)
+        )
+    if "inertia" in sampling:
+        value = sampling.get("inertia")
+        if isinstance(value, str):
+            options["inertia"] = sampling.choice("inertia", get_args(InertiaInput))
+        elif isinstance(value, list):
+            rows = bool(value) and isinstance(value[0], list)
+            options["inertia"] = (
+                _matrix(sampling, "inertia")
+                if rows
+                else sampling.numbers("inertia", 1, MOST_CHANNELS, size=_LARGEST_ASSUMED)
+            )
+        else:
+            options["inertia"] = sampling.number("inertia", -_LARGEST_ASSUMED, _LARGEST_ASSUMED)
+    if "units" in sampling:
+        units = sampling.fields("units")
+        units.only("x", "g", "f")
+        options["units"] = {key: units.text(key) for key in ("x", "g", "f") if key in units}
+    return Signals(options, _matrix(sampling, "E") if "E" in sampling else None)
+
+
+def _matrix(fields: Fields, key: str) -> list[list[float]]:
+    rows = fields.listed(key, 1, MOST_CHANNELS)
+    inside = Fields({str(i): row for i, row in enumerate(rows)}, f"{fields.where}{key}.")
+    return [inside.numbers(str(i), 1, MOST_CHANNELS, size=_LARGEST_ASSUMED) for i in range(len(rows))]
 
 
 def read_designs(message: Fields, most: int) -> list[Design]:

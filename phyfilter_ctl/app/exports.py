@@ -11,20 +11,25 @@ import re
 import tempfile
 import zipfile
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path, PurePosixPath
 from typing import cast, get_args
+
+import numpy as np
 
 from .. import filterfile
 from ..codegen import CompilerError, export_c, export_target, find_compiler
 from ..codegen.export_target import Target
 from ..codegen.identifiers import model_identifier
 from ..codegen.target_autopilots import check_autopilot
-from ..filter import FilterBank, PhyFilter, SampledPhyFilter
+from ..filter import FilterBank, InertiaInput, PhyFilter, SampledPhyFilter, Sampling, SamplingOptions
+from ..recording import Recording
+from ..recording.checks import inertia_varies
 from .checking import MessageError
-from .designs import Design
+from .designs import Design, Signals
 from .python_text import family_of
 
-__all__ = ["KINDS", "abilities", "exchange", "export", "opened", "saved", "titled"]
+__all__ = ["KINDS", "abilities", "channels_of", "exchange", "export", "opened", "saved", "titled", "with_log"]
 
 _TARGETS: tuple[Target, ...] = get_args(Target)
 KINDS: tuple[str, ...] = ("fmu2", "fmu3", "c", *_TARGETS)
@@ -66,7 +71,7 @@ def exchange(design: Design, channels: int) -> dict[str, object]:
     Returns
     -------
     dict
-        name, as files have it; exports, a list of kind, able and why.
+        name, as files have it; exports, a list of kind, able and why; channels.
     """
     can = abilities()
     found: list[dict[str, object]] = []
@@ -74,7 +79,7 @@ def exchange(design: Design, channels: int) -> dict[str, object]:
         why = "" if kind not in ("fmu2", "fmu3") or can["fmu"] else str(can["why"])
         why = why or _refusal(design, kind, channels)
         found.append({"kind": kind, "able": not why, "why": why})
-    return {"name": _title(design, ""), "exports": found}
+    return {"name": _title(design, ""), "exports": found, "channels": channels}
 
 
 def titled(design: Design, name: str, *told: object) -> tuple[str, str]:
@@ -95,6 +100,84 @@ def titled(design: Design, name: str, *told: object) -> tuple[str, str]:
     return _title(design, name), _digest(design, *told)
 
 
+def with_log(design: Design, log: Recording | None, channels: int | None) -> Design:
+    """The design with the channels, inertia and unit of the open log where it has none of its own.
+
+    An inertia that changes during the log comes with every sample of what is exported.
+
+    Parameters
+    ----------
+    design : Design
+    log : Recording or None
+    channels : int, optional
+        Asked for.
+
+    Raises
+    ------
+    MessageError
+        If the channels that are asked for contradict those of the design, or the inertia of the log.
+    """
+    own = Sampling(1.0, **design.signals.options)
+    n_x = own.n_x if design.signals.E is None else len(design.signals.E)
+    if channels is not None and n_x not in (None, channels):
+        raise MessageError("channels", f"the design is for {n_x} channels, got {channels}")
+    if log is None or n_x not in (None, log.n_x):
+        return design
+    options: SamplingOptions = {}
+    if own.channels is None and channels in (None, log.n_x):
+        options["channels"] = list(log.channels)
+    if own.inertia is None and log.inertia is not None:
+        options["inertia"] = _inertia(log)
+        if np.ndim(log.inertia) and channels not in (None, log.n_x):
+            raise MessageError(
+                "channels", f"the log has an inertia for each of its {log.n_x} channels, got {channels}"
+            )
+    if not own.units.get("x") and log.unit:
+        options["units"] = {**own.units, "x": log.unit}
+    merged: SamplingOptions = {**design.signals.options, **options}
+    return replace(design, signals=replace(design.signals, options=merged))
+
+
+def channels_of(design: Design, channels: int | None) -> int:
+    """Number of channels of what is exported: those asked for, those of the design, or 1.
+
+    Parameters
+    ----------
+    design : Design
+        As :func:`with_log` gives it.
+    channels : int, optional
+        Asked for.
+    """
+    E, known = design.signals.E, Sampling(1.0, **design.signals.options).n_x
+    return channels or known or (1 if E is None else len(E))
+
+
+def _inertia(log: Recording) -> float | list[float] | list[list[float]] | InertiaInput:
+    M = log.inertia
+    assert M is not None
+    if inertia_varies(M, log.n):
+        if np.any(M[0] != M):
+            return "diagonal" if M.ndim == 2 else "full"
+        M = M[0]
+    return M.tolist()
+
+
+def _states(design: Design) -> list[str]:
+    """What a file that leaves says of its signals."""
+    sampling = Sampling(1.0, **design.signals.options)
+    M = sampling.inertia
+    said = (
+        "M_hat = 1"
+        if M is None
+        else "M_hat with every sample"
+        if isinstance(M, str)
+        else f"M_hat = {M.tolist()}"
+    )
+    parts = [said, ", ".join(sampling.names), *(f"{name} in {unit}" for name, unit in sampling.units.items())]
+    parts += [] if design.signals.E is None else [f"E = {design.signals.E}"]
+    return [f"It has {'; '.join(filter(None, parts))}."]
+
+
 def saved(design: Design, name: str) -> dict[str, object]:
     """The reply to op "save": the TOML file of :func:`phyfilter_ctl.save`, the sampling with it where it is stable.
 
@@ -107,16 +190,16 @@ def saved(design: Design, name: str) -> dict[str, object]:
     Returns
     -------
     dict
-        name, digest, mime, base64.
+        name, digest, mime, base64; messages, what the file says of inertia, channels and units.
     """
     system: PhyFilter | SampledPhyFilter = design.filter
     with suppress(ValueError):  # forward Euler that diverges: the filter alone
-        system = design.sampled
+        system = design.handed_over
     with _private_folder() as folder:
         path = Path(folder, "filter.toml")
         filterfile.save(path, system)
         title, digest = _title(design, name.removesuffix(".toml")), _digest(design)
-        return _download(f"{title}-{digest}.toml", digest, path.read_bytes())
+        return _download(f"{title}-{digest}.toml", digest, path.read_bytes()) | {"messages": _states(design)}
 
 
 def opened(text: str, like: Design) -> tuple[Design, list[str]]:
@@ -164,7 +247,7 @@ def export(design: Design, kind: str, channels: int, name: str = "") -> dict[str
     Returns
     -------
     dict
-        name, digest, mime, base64.
+        name, digest, mime, base64, messages as :func:`saved`.
 
     Raises
     ------
@@ -173,13 +256,14 @@ def export(design: Design, kind: str, channels: int, name: str = "") -> dict[str
     ValueError
         If the sampled filter is unstable.
     """
-    sampled = design.sampled
+    sampled = design.handed_over
     symbol = _symbol(name)
     title, digest = _title(design, name), _digest(design, channels, symbol)
     with _private_folder() as folder:
         if kind in ("fmu2", "fmu3"):
             data = _fmu(sampled, kind, channels, symbol, Path(folder, f"{symbol}.fmu"))
-            return _download(f"{title}-{digest}-fmi{kind[-1]}.fmu", digest, data)
+            reply = _download(f"{title}-{digest}-fmi{kind[-1]}.fmu", digest, data)
+            return reply | {"messages": _states(design)}
         if why := _refusal(design, kind, channels):
             raise MessageError("kind", why)
         place = Path(folder, symbol)
@@ -187,7 +271,8 @@ def export(design: Design, kind: str, channels: int, name: str = "") -> dict[str
             export_c(sampled, place, channels=channels, name=symbol)
         else:
             export_target(sampled, cast(Target, kind), place, channels=channels, name=symbol)
-        return _download(f"{title}-{digest}-{kind}.zip", digest, _zipped(place))
+        reply = _download(f"{title}-{digest}-{kind}.zip", digest, _zipped(place))
+        return reply | {"messages": _states(design)}
 
 
 # -- inside -----------------------------------------------------------------------------------------------------
@@ -209,7 +294,7 @@ def _fmu(sampled: SampledPhyFilter, kind: str, channels: int, symbol: str, path:
 def _refusal(design: Design, kind: str, channels: int) -> str:
     """Why a kind cannot take this design; empty where it can."""
     try:
-        sampled = design.sampled
+        sampled = design.handed_over
     except ValueError as error:
         return _line(str(error))
     if kind not in _VEHICLES:
@@ -219,7 +304,7 @@ def _refusal(design: Design, kind: str, channels: int) -> str:
     if not design.filter.is_lowpass:
         return "The poles become parameters of the vehicle, so N must be a₀ alone: choose the low-pass numerator."
     try:
-        check_autopilot(kind, sampled, "phyfilter", channels, None)
+        check_autopilot(kind, sampled, "phyfilter", channels, sampled.sampling.inertia)
     except ValueError as error:
         if kind == "crazyflie" and "rate" in str(error):
             return (
@@ -240,6 +325,7 @@ def _title(design: Design, name: str) -> str:
 def _digest(design: Design, *given: object) -> str:
     """What no other design's files have in their names."""
     told = (design.filter.a.tolist(), design.filter.b.tolist(), design.dt, design.method, *given)
+    told += tuple(design.signals.as_json().items())
     return hashlib.sha256(repr(told).encode()).hexdigest()[:_DIGEST]
 
 
@@ -252,8 +338,8 @@ def _symbol(name: str) -> str:
 def _dropped(system: PhyFilter | FilterBank | SampledPhyFilter) -> list[str]:
     if not isinstance(system, SampledPhyFilter):
         return []
-    changed = [name for name in system.sampling.unusual if name != "method"]
-    changed += [] if system.E is None else ["E"]
+    kept = {"method", *Signals.of(system).options}
+    changed = [name for name in system.sampling.unusual if name not in kept]
     if not changed:
         return []
     return [f"The file also sets {', '.join(changed)}, which this page does not show and does not keep."]

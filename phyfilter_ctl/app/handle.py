@@ -27,10 +27,10 @@ learn     order, form                                 job
 job       job                                         state, curve, message, design
 cancel    job                                         state, curve, message
 python    design                                      text
-save      design, name                                name, mime, base64
+save      design, name                                name, mime, base64, messages
 open      name, text                                  design, messages
-exports   design, channels                            name, exports
-export    design, kind, channels, name                name, mime, base64
+exports   design, channels                            name, exports, channels
+export    design, kind, channels, name                name, mime, base64, messages
 compare   designs                                     compared
 report    design, format, name                        name, mime, base64
 meet      design, trade, form, delay_margin, ratios   job
@@ -57,7 +57,15 @@ from ..filter import FilterBank, PhyFilter, SampledPhyFilter
 from ..recording import Recording
 from . import answers, exports, importing, logs, loop_views, sessions
 from .checking import Fields, MessageError
-from .designs import FAMILIES, HIGHEST_ORDER, Design, design_of_family, read_design, read_designs
+from .designs import (
+    FAMILIES,
+    HIGHEST_ORDER,
+    MOST_CHANNELS,
+    Design,
+    design_of_family,
+    read_design,
+    read_designs,
+)
 from .inbox import Inbox
 from .jobs import LearningJob
 from .meeting import Meetings
@@ -69,7 +77,6 @@ __all__ = ["Session", "handle"]
 _LARGEST_LOG = 20_000_000  # characters
 _LATEST = 1e12  # s; times may count from 1970
 _LARGEST_FILE = 200_000
-_MOST_CHANNELS = 12
 _MOST_COMPARED = 12
 _WISHES = ("design", "trade", "form", "delay_margin", "ratios")
 _LONGEST_ERROR = 600
@@ -321,7 +328,7 @@ def _forget(session: Session, fields: Fields) -> Reply:
 
 def _estimate(session: Session, fields: Fields) -> Reply:
     design = read_design(fields)
-    channel = fields.integer("channel", 0, _MOST_CHANNELS - 1) if "channel" in fields else 0
+    channel = fields.integer("channel", 0, MOST_CHANNELS - 1) if "channel" in fields else 0
     log, job = session.log, session.job
     if log is None:
         raise ValueError("no log is open: drop a CSV file first")
@@ -351,7 +358,8 @@ def _python(session: Session, fields: Fields) -> Reply:
 
 
 def _save(session: Session, fields: Fields) -> Reply:
-    return exports.saved(read_design(fields), _name(fields))
+    design = exports.with_log(read_design(fields), session.log, None)
+    return exports.saved(design, _name(fields))
 
 
 def _open(session: Session, fields: Fields) -> Reply:
@@ -362,7 +370,7 @@ def _open(session: Session, fields: Fields) -> Reply:
 
 
 def _exports(session: Session, fields: Fields) -> Reply:
-    return exports.exchange(read_design(fields), _channels(fields))
+    return exports.exchange(*_handed_over(session, fields))
 
 
 def _session(session: Session, fields: Fields) -> Reply:
@@ -370,8 +378,8 @@ def _session(session: Session, fields: Fields) -> Reply:
 
 
 def _export(session: Session, fields: Fields) -> Reply:
-    design = read_design(fields)
-    return exports.export(design, fields.choice("kind", exports.KINDS), _channels(fields), _name(fields))
+    design, channels = _handed_over(session, fields)
+    return exports.export(design, fields.choice("kind", exports.KINDS), channels, _name(fields))
 
 
 def _report(session: Session, fields: Fields) -> Reply:
@@ -420,8 +428,11 @@ _OPERATIONS: Mapping[str, tuple[Callable[[Session, Fields], Reply], tuple[str, .
 # -- inside -----------------------------------------------------------------------------------------------------
 
 
-def _channels(fields: Fields) -> int:
-    return fields.integer("channels", 1, _MOST_CHANNELS) if "channels" in fields else 1
+def _handed_over(session: Session, fields: Fields) -> tuple[Design, int]:
+    """The design with what it and the open log say of the signals, and its number of channels."""
+    asked = fields.integer("channels", 1, MOST_CHANNELS) if "channels" in fields else None
+    design = exports.with_log(read_design(fields), session.log, asked)
+    return design, exports.channels_of(design, asked)
 
 
 def _name(fields: Fields) -> str:

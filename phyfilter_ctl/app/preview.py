@@ -30,6 +30,11 @@ _EVEN = 1e-3  # by which a step may leave the median, relative, in a text of few
 _TICKS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 _WORDS = {"s": "seconds", "ms": "milliseconds", "us": "microseconds", "ns": "nanoseconds"}
 _UNIT_IN_NAME = re.compile(r"[ _]*[\[(][^\])]*[\])]$")
+# What ends a column's name and can be nothing but a unit.
+_ENDINGS = {
+    **{"kmh": "km/h", "kph": "km/h", "mps": "m/s", "cmps": "cm/s", "mmps": "mm/s", "mm": "mm", "cm": "cm"},
+    **{"dps": "deg/s", "deg": "deg", "rpm": "rpm", "kN": "kN", "mN": "mN"},
+}
 _TEXTS = ("csv",)
 _PREFIXES = {"label": "label_", "g": "g_", "f_theta": "f_theta_"}
 _MASS = re.compile(r"(m|mass|m_hat|inertia|weight_kg|mass_kg)", re.IGNORECASE)
@@ -140,7 +145,10 @@ def columns_of(source: Source) -> tuple[str, list[Column]]:
         kinds = [_holds_numbers(table, [row[k] for row in rows]) for k in range(len(table.header))]
         return "csv", [
             Column(
-                name, column_unit(name), kinds[k], tuple(row[k][:_LONGEST_CELL] for row in rows[:SHOWN_ROWS])
+                name,
+                column_unit(name) or _unit_of_ending(name),
+                kinds[k],
+                tuple(row[k][:_LONGEST_CELL] for row in rows[:SHOWN_ROWS]),
             )
             for k, name in enumerate(table.header)
         ]
@@ -176,6 +184,11 @@ def _fields(log: LogFile) -> Iterator[Column]:
         for name in names:
             key = f"{topic.name}/{name}" if several else name
             yield Column(key, units.get(re.sub(r"\[\d+\]$", "", name), ""), True, ())
+
+
+def _unit_of_ending(name: str) -> str:
+    """Unit that ends a column's name, as in ``speed_kmh``; nothing where there is none that cannot mean another."""
+    return _ENDINGS.get(name.strip().rpartition("_")[2], "") if "_" in name else ""
 
 
 def base_name(key: str) -> str:

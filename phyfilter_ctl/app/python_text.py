@@ -65,11 +65,12 @@ def python_text(design: Design) -> str:
     made = f"pf.{named.call}" if named is not None else _by_poles(design)
     lines = ["import phyfilter_ctl as pf", "", f"filter = {made}"]
     try:
-        method = design.sampled.sampling.method
+        sampled = design.handed_over
     except ValueError as error:
         lines.append(f"# {' '.join(str(error).split())}")
     else:
-        lines.append(f"sampled = filter.sampled({design.dt!r}, method={method!r})")
+        said = "".join(f", {name}={value!r}" for name, value in design.signals.as_json().items())
+        lines.append(f"sampled = filter.sampled({design.dt!r}, method={sampled.sampling.method!r}{said})")
     return "\n".join(lines) + "\n"
 
 

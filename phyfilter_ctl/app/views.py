@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._sections import FloatArray
+from ..filter import Sampling
 from ..recording import Recording
 from .designs import Design
 
@@ -110,9 +111,10 @@ def run(log: Recording, design: Design, channel: int, seen: slice) -> FloatArray
     early = int(np.searchsorted(log.times, log.times[seen.start] - _FADES / slowest))
     part = slice(early, seen.stop)
     # An inertia may couple the channels; without one each stands alone.
-    pick = slice(channel, channel + 1) if log.inertia is None else slice(None)
-    whole = part == slice(0, log.n)
-    inertia = log.inertia if whole or log.inertia is None else log.segment(part.start, part.stop).inertia
+    inertia = own_inertia(design, log) if log.inertia is None else log.inertia
+    pick = slice(channel, channel + 1) if inertia is None else slice(None)
+    if log.inertia is not None and part != slice(0, log.n):
+        inertia = log.segment(part.start, part.stop).inertia
     f_hat = design.sampled_at(log.dt).run(
         log.x[part, pick],
         None if log.g is None else log.g[part, pick],
@@ -120,7 +122,20 @@ def run(log: Recording, design: Design, channel: int, seen: slice) -> FloatArray
         inertia,
         None if log.is_uniform else log.times[part],
     )
-    return np.asarray(f_hat[seen.start - early :, 0 if log.inertia is None else channel], dtype=float)
+    return np.asarray(f_hat[seen.start - early :, 0 if inertia is None else channel], dtype=float)
+
+
+def own_inertia(design: Design, log: Recording) -> FloatArray | None:
+    """The design's constant inertia, where it has one of the log's size.
+
+    Parameters
+    ----------
+    design : Design
+    log : Recording
+    """
+    sampling = Sampling(log.dt, **design.signals.options)
+    fits = sampling.n_x in (None, log.n_x)
+    return sampling.inertia if fits and isinstance(sampling.inertia, np.ndarray) else None
 
 
 class Views:

@@ -111,11 +111,12 @@ def phyfilter_block(
         A continuous filter gives a continuous block, a sampled one a discrete block at its rate; a sequence one
         filter per channel.
     channels : int, optional
-        Number n_x of channels of x; needed where neither E nor one filter per channel tells it.
+        Number n_x of channels of x; needed where neither the filter's ``sampling``, E nor one filter per channel tells
+        it.
     name : str
         Name of the block.
     inertia : float, (n_x,) or (n_x, n_x) array, optional
-        Constant inertia M_hat; None means I.
+        Constant inertia M_hat; None takes that of a sampled filter's ``sampling``, else I.
     f_theta : bool
         Whether the block has inputs for a learned model. False where there is none: f_theta is then 0, and nothing has
         to be wired to it.
@@ -157,6 +158,7 @@ def phyfilter_block(
     if isinstance(filter, SampledPhyFilter):
         refuse_nonlinear(filter.recursion)
         filters, direction = filter.filters, filter.E
+        channels, inertia = filter.sampling.channels_or(channels), filter.sampling.inertia_or(inertia)
     else:
         filters = (filter,) if isinstance(filter, PhyFilter) else tuple(filter)
         direction = None

@@ -286,10 +286,11 @@ def sampled_block(
     system : SampledPhyFilter, discrete python-control system or BlockFunctions
         What the block does at its instants.
     channels : int, optional
-        Number n_x of channels of x of a filter; needed where neither E nor one filter per channel tells it.
+        Number n_x of channels of x of a filter; needed where neither its ``sampling``, E nor one filter per channel
+        tells it.
     inertia : float, (n_x,) or (n_x, n_x) array, {"scalar", "diagonal", "full"}, optional
         Inertia M_hat of a filter. Constant; or which kind of M(t) is an input of the block: one number M[0], a diagonal
-        M[0] ... M[n_x-1], or a matrix M[0,0], M[0,1] ... row by row. None means I.
+        M[0] ... M[n_x-1], or a matrix M[0,0], M[0,1] ... row by row. None takes that of its ``sampling``, else I.
     f_theta : bool, optional
         Whether a filter has inputs for a learned model; None means True. False where there is none: f_theta is then 0,
         and nothing has to be wired to it.
@@ -380,7 +381,9 @@ def _filter_block(
     f_theta: bool,
     name: str,
 ) -> SampledBlock:
+    channels = sampled.sampling.channels_or(channels)
     n_x, _ = channel_counts(len(sampled.filters), sampled.E, channels)
+    inertia = sampled.sampling.inertia if inertia is None else inertia
     law = FilterLaw(sampled, n_x, _checked_inertia(inertia, n_x), f_theta)
     functions = filter_law(sampled, n_x, inertia=law.inertia, f_theta=f_theta)
     block = _law_block(functions, sampled.dt, name)

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import argparse
-import math
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import control as ct
@@ -19,15 +19,7 @@ from .implementation import read_implementation
 
 if TYPE_CHECKING:
     from .._sections import FloatArray
-    from ..analysis import (
-        BoundResult,
-        FilterResponse,
-        InertiaCertificate,
-        LoopMargin,
-        PriorMargin,
-        SaturationMargin,
-        TrackingTube,
-    )
+    from ..analysis import Analysis
     from ..design.optimal import ResidualStatistics
 
 __all__ = ["add_arguments", "main"]
@@ -40,7 +32,7 @@ _EPILOG = """examples:
   phyfilter-ctl analyze filter.toml --slope 3 --noise 0.01          with |gamma'| <= 3 and noise of x
   phyfilter-ctl analyze filter.toml --slope 3 --rate 2 --implementation g.1=48 jitter=1e-4 x_step=0.001
   phyfilter-ctl analyze filter.toml --lag 0.1 --delay 0.02 --kp 10 --kd 6 --picture report.png
-  phyfilter-ctl analyze filter.toml --log flight.csv --x vx,vy,vz   noise and bounds estimated from a flight
+  phyfilter-ctl analyze filter.toml --log flight.csv --x vx,vy,vz   slope and noise estimated from a flight
   phyfilter-ctl analyze filter.toml --slope 3 --report report.html  verdict, figures and pictures on one page"""
 
 
@@ -58,17 +50,21 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="K=D",
         help="bounds of derivatives of gamma by order: 0=4 1=12",
     )
+    data.add_argument("--noise", type=float, default=0.0, metavar="B", help="bound of the noise of x")
     data.add_argument(
-        "--noise", type=float, default=0.0, metavar="S", help="bound, and deviation, of the noise of x"
+        "--noise-deviation",
+        type=float,
+        default=0.0,
+        metavar="S",
+        help="standard deviation of the noise of x, independent from sample to sample; part of no bound",
     )
     data.add_argument("--inertia-error", type=float, default=0.0, metavar="D", help="bound of |M - M_hat|")
-    data.add_argument("--rate", type=float, default=0.0, metavar="R", help="bound of |x'|")
+    data.add_argument("--rate", type=float, metavar="R", help="bound of |x'|; --inertia-error needs it")
     data.add_argument(
         "--inertia",
         type=float,
-        default=1.0,
         metavar="M",
-        help="|M_hat|, by which noise of x counts (default 1)",
+        help="|M_hat|, by which noise of x counts (default: the file's, else 1)",
     )
     data.add_argument(
         "--implementation",
@@ -80,7 +76,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "f_theta.0 for the rounding, or rounding as fixed point has it, f for a limit of f_hat",
     )
     data.add_argument(
-        "--log", nargs="+", default=[], metavar="CSV", help="estimate slope and noise from flights"
+        "--log",
+        nargs="+",
+        default=[],
+        metavar="CSV",
+        help="estimate the slope and the deviation of the noise from flights",
     )
     data.add_argument("--x", default="vx,vy,vz", metavar="C,C,...", help="columns of x (default vx,vy,vz)")
     data.add_argument("--f-theta", metavar="C,C,...", help="columns of f_theta (default: none)")
@@ -113,136 +113,57 @@ def main(options: argparse.Namespace) -> int:
     ValueError, OSError
         If the options are wrong or a file cannot be read or written.
     """
+    from ..analysis import analyze
     from ..design.optimal import residual_statistics
-    from .channels import by_channel, figures_below, responses, text_of
+    from .channels import by_channel, figures_below, text_of
 
     check_target(options.picture, suffixes=(".png", ".pdf", ".svg"))
     check_target(options.report, suffixes=(".html", ".pdf"))
     channels = by_channel(filterfile.load(options.file), filterfile.load_signals(options.file).channels)
     statistics = residual_statistics([_log(path, options) for path in options.log]) if options.log else None
-    residual, noise = _bounds(options, statistics)
-    pages = {each.name: _page(each, residual, noise, options) for each in responses(channels)}
+    residual = _residual(options, statistics)
+    deviation = options.noise_deviation
+    if statistics is not None and not deviation:
+        deviation = statistics.noise.value
+    settings = {
+        "kp": options.kp or 0.0,
+        "kd": options.kd or 0.0,
+        "actuator": None if options.lag is None else ct.tf([1.0], [options.lag, 1.0]),
+        "delay": options.delay,
+        "residual": residual,
+        "noise": options.noise,
+        "inertia_error": options.inertia_error,
+        "rate": options.rate,
+        "inertia": options.inertia,
+        "ratios": options.inertia_ratio,
+        "implementation": read_implementation(options.implementation) if residual else None,
+    }
+    pages = {}
+    for name, system in channels.items():
+        of_samples = deviation if isinstance(system, SampledPhyFilter) or options.noise_deviation else 0.0
+        pages[name] = analyze(system, noise_deviation=of_samples, **settings)
     if options.json is not None:
-        figures = figures_below({name: page.figures(statistics) for name, page in pages.items()})
-        write_json(options.json, figures)
+        figures = {name: page.to_dict() | {"statistics": statistics} for name, page in pages.items()}
+        write_json(options.json, figures_below(figures))
+    told = [] if statistics is None else _from_flights(statistics)
     if options.json != "-":
-        print(text_of({name: _text(page, statistics) for name, page in pages.items()}))
+        print(text_of({name: "\n".join([page.describe(), *told]) for name, page in pages.items()}))
     if options.picture is not None:
-        _draw(list(pages.values()), options)
+        _draw(pages, options)
     if options.report is not None:
         from .analyze_report import write_report
 
-        told = {
-            name: (page.response, page.inner, page.bound, _text(page, None)) for name, page in pages.items()
-        }
-        write_report(told, residual, noise, options)
+        write_report(pages, residual, options)
     return 0
 
 
-@dataclass(frozen=True)
-class _Page:
-    """What one filter promises."""
-
-    response: FilterResponse
-    bound: BoundResult | None
-    deviation: float | None
-    inner: PriorMargin
-    outer: LoopMargin | None
-    saturated: dict[str, SaturationMargin]
-    tube: TrackingTube | None
-    inertia: dict[str, InertiaCertificate]
-
-    def figures(self, statistics: ResidualStatistics | None) -> dict[str, object]:
-        """What the JSON holds."""
-        system = self.response.system
-        return {
-            "filter": system if isinstance(system, PhyFilter) else system.filter,
-            "bandwidth": self.response.bandwidth,
-            "error_peak": self.response.error_peak.value,
-            "noise_gain": self.response.noise_gain,
-            "statistics": statistics,
-            "bound": self.bound,
-            "noise_deviation": self.deviation,
-            "inner_loop": self.inner,
-            "complete_loop": self.outer,
-            "saturated_loop": self.saturated or None,
-            "tracking": self.tube,
-            "moving_inertia": self.inertia or None,
-        }
-
-
-def _page(
-    response: FilterResponse, residual: dict[int, float], noise: float, options: argparse.Namespace
-) -> _Page:
-    from ..analysis import (
-        error_variance,
-        loop_margin,
-        moving_inertia,
-        prior_margin,
-        saturation_margin,
-        tracking_tube,
-        ultimate_bound,
-    )
-
-    system = response.system
-    bound = None
-    if residual:
-        bound = ultimate_bound(
-            system,
-            residual=residual,
-            noise=noise,
-            inertia_error=options.inertia_error,
-            rate=options.rate,
-            inertia=options.inertia,
-            implementation=read_implementation(options.implementation),
-        )
-    deviation = None
-    if noise and isinstance(system, SampledPhyFilter):
-        deviation = math.sqrt(error_variance(system, noise=noise).noise)
-    actuator = None if options.lag is None else ct.tf([1.0], [options.lag, 1.0])
-    inner = prior_margin(system, actuator=actuator, delay=options.delay)
-    inertia = {}
-    if options.inertia_ratio is not None:
-        loop = {"ratios": options.inertia_ratio, "actuator": actuator, "delay": options.delay}
-        inertia = {
-            "constant M": moving_inertia(system, **loop, rate=0.0),
-            "M of any speed": moving_inertia(system, **loop),
-        }
-    outer, saturated, tube = None, {}, None
-    if options.kp is not None or options.kd is not None:
-        kp, kd, delay = options.kp or 0.0, options.kd or 0.0, options.delay
-        outer = loop_margin(system, kp=kp, kd=kd, actuator=actuator, delay=delay)
-        saturated = {
-            g: saturation_margin(system, kp=kp, kd=kd, actuator=actuator, delay=delay, g=g)
-            for g in ("saturated", "commanded")
-        }
-        told = {k: size for k, size in residual.items() if k <= 1}
-        if told and outer.is_stable and _has_tube(system, kp):
-            tube = tracking_tube(
-                system,
-                kp=kp,
-                kd=kd,
-                actuator=actuator,
-                delay=delay,
-                residual=told,
-                noise=noise,
-                inertia=options.inertia,
-            )
-    return _Page(response, bound, deviation, inner, outer, saturated, tube, inertia)
-
-
-def _has_tube(system: PhyFilter | SampledPhyFilter, kp: float) -> bool:
-    """Whether there is a tube of the position: for a sampled filter that is told a held command."""
-    sampled = isinstance(system, SampledPhyFilter)
-    return kp > 0.0 and sampled and system.sampling.g == "hold" and not system.sampling.delay
-
-
-def _draw(pages: list[_Page], options: argparse.Namespace) -> None:
+def _draw(named: Mapping[str, Analysis], options: argparse.Namespace) -> None:
     import matplotlib
 
     matplotlib.use("Agg")
     from ..plots import analysis_plot, frequency_unit
 
+    pages = list(named.values())
     omega, unit = pages[0].response.omega, frequency_unit(options.hz)
     growths: list[tuple[FloatArray, FloatArray, float]] = []
     for page in pages:
@@ -253,10 +174,11 @@ def _draw(pages: list[_Page], options: argparse.Namespace) -> None:
         ):
             times = np.linspace(0.0, 0.6 * page.bound.certificate.horizon, 500)
             growths.append((times, page.bound.envelope(times), page.bound.bound))
-    loops = {"inner loop": [page.inner.sensitivity(omega) for page in pages]}
-    if outer := [page.outer.sensitivity(omega) for page in pages if page.outer is not None]:
+    loops = {"inner loop": [page.inner_loop.sensitivity(omega) for page in pages]}
+    if outer := [page.complete_loop.sensitivity(omega) for page in pages if page.complete_loop is not None]:
         loops["complete loop"] = outer
-    curves = [page.response.curve(page.response.label_in(*unit)) for page in pages]
+    responses = [replace(page.response, name=name) for name, page in named.items()]
+    curves = [response.curve(response.label_in(*unit)) for response in responses]
     plot = analysis_plot(curves, omega, loops, growths, dB=options.db, Hz=options.hz)
     write_figure(options.picture, plot.figure)
 
@@ -273,9 +195,7 @@ def _log(path: str, options: argparse.Namespace) -> Recording:
     )
 
 
-def _bounds(
-    options: argparse.Namespace, statistics: ResidualStatistics | None
-) -> tuple[dict[int, float], float]:
+def _residual(options: argparse.Namespace, statistics: ResidualStatistics | None) -> dict[int, float]:
     residual: dict[int, float] = {}
     for entry in options.residual:
         order, _, value = entry.partition("=")
@@ -285,75 +205,19 @@ def _bounds(
             raise ValueError(f"--residual: expected K=D such as 1=12, got {entry!r}") from error
     if options.slope is not None:
         residual[1] = options.slope
-    if statistics is None:
-        return residual, options.noise
-    return residual or {1: statistics.slope.value}, options.noise or statistics.noise.value
+    return residual if residual or statistics is None else {1: statistics.slope.value}
 
 
-# -- figures and text -------------------------------------------------------------------------------------------
-
-
-def _text(page: _Page, statistics: ResidualStatistics | None) -> str:
-    system, bound = page.response.system, page.bound
-    lines = [_verdict(page), "", (system if isinstance(system, PhyFilter) else system.filter).describe()]
-    if isinstance(system, SampledPhyFilter):
-        lines.append(f"{'sampled':<12}every {system.dt:g} s, {system.sampling.method}")
-    if statistics is not None:
-        share = 100.0 * statistics.slope.share
-        lines += [
-            "",
-            f"from the flights ({100.0 * statistics.confidence:g} % confidence)",
-            _line(
-                "noise of x",
-                f"{statistics.noise.value:.4g}  ({statistics.noise.low:.4g} to {statistics.noise.high:.4g})",
-            ),
-            _line(
-                "residual",
-                f"deviation {statistics.deviation.value:.4g}, time constant {statistics.time_constant.value:.4g} s",
-            ),
-            _line(
-                "largest |gamma'|",
-                f"{statistics.slope.value:.4g}; {share:.3g} % of {statistics.block:.3g} s stay below",
-            ),
-        ]
-    if bound is not None:
-        lines += ["", "largest error f - f_hat"]
-        lines += ["  " + line for line in bound.describe().splitlines()]
-    if page.deviation is not None:
-        lines.append(_line("noise of f_hat", f"{page.deviation:.4g} (standard deviation)"))
-    lines += ["", "inner loop: f_hat fed back", *("  " + line for line in page.inner.describe().splitlines())]
-    for name, found in page.inertia.items():
-        low, high = found.ratios
-        lines.append(_line(name, f"{found.status} for M_hat/M from {low:.4g} to {high:.4g}; {found.message}"))
-    if page.outer is not None:
-        lines += [
-            "",
-            "complete loop: with the outer gains",
-            *("  " + line for line in page.outer.describe().splitlines()),
-        ]
-        excess = {g: f"{found.command_excess:.4g}" for g, found in page.saturated.items() if found.is_stable}
-        if excess:
-            told = f"{excess['saturated']} times its limit if told what acts, {excess['commanded']} if the command"
-            lines.append(_line("command up to", f"{told}: stable"))
-    if page.tube is not None:
-        lines.append(
-            _line("position error", f"{page.tube.radius:.4g} at most, while |f| is bounded as gamma is")
-        )
-    return "\n".join(lines)
-
-
-def _verdict(page: _Page) -> str:
-    """What it amounts to, of the complete loop's stability too where there is one."""
-    from ..analysis.verdict import on_error, on_loop
-
-    sentences = on_loop(page.inner, page.inner.delay_margin)
-    if page.bound is not None and page.inner.is_stable:
-        sentences.append(on_error(page.bound.bound, ""))
-    text = " ".join(sentence.text for sentence in sentences)
-    if page.outer is not None and not page.outer.is_stable:
-        return f"Unstable with the outer gains. Without them: {text}"
-    return text
-
-
-def _line(name: str, text: str) -> str:
-    return f"  {name:<18}{text}"
+def _from_flights(statistics: ResidualStatistics) -> list[str]:
+    """What the flights say, as lines."""
+    noise, slope, said = statistics.noise, statistics.slope, 100.0 * statistics.confidence
+    lines = {
+        "noise of x": f"deviation {noise.value:.4g}  ({noise.low:.4g} to {noise.high:.4g})",
+        "residual": f"deviation {statistics.deviation.value:.4g}, time constant {statistics.time_constant.value:.4g} s",
+        "largest |gamma'|": f"{slope.value:.4g}; {100.0 * slope.share:.3g} % of {statistics.block:.3g} s stay below",
+    }
+    return [
+        "",
+        f"from the flights ({said:g} % confidence)",
+        *(f"  {k:<18}{text}" for k, text in lines.items()),
+    ]

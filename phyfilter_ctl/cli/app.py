@@ -25,7 +25,7 @@ _EPILOG = """examples:
   phyfilter-ctl app --no-browser --port 8765            print the address only, at a port of your choice
   phyfilter-ctl app --out exported                      keep a copy of every download in that folder"""
 
-_COLUMNS = ("time", "time_unit", "x", "label", "g", "f_theta", "inertia")
+_COLUMNS = ("time", "time_unit", "x", "label", "g", "f_theta", "inertia", "unit_x", "unit_f")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -55,6 +55,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     columns.add_argument("--g", metavar="C,C,...", help="known part of M x'")
     columns.add_argument("--f-theta", metavar="C,C,...", help="learned model's estimate of f")
     columns.add_argument("--inertia", metavar="M,... | C,...", help="M: numbers or columns (default 1)")
+    for signal in ("x", "f"):
+        columns.add_argument(
+            f"--unit-{signal}",
+            metavar="UNIT",
+            help=f"of {signal}, such as {'km/h' if signal == 'x' else 'kN'}, turned into SI (default: as columns say)",
+        )
 
 
 def main(options: argparse.Namespace) -> int:
@@ -120,7 +126,9 @@ def _log(options: argparse.Namespace) -> tuple[Recording | None, list[str]]:
     }
     inertia = () if options.inertia in (None, "none") else _numbers(names_of("--inertia", options.inertia))
     x = tuple(names_of("--x", options.x))
-    roles = Roles(x, options.time, options.time_unit, signals, inertia)
+    units = {"x": options.unit_x, "f": options.unit_f}
+    units = {signal: unit for signal, unit in units.items() if unit is not None}
+    roles = Roles(x, options.time, options.time_unit, signals, inertia, units)
     return import_log(source, roles)
 
 

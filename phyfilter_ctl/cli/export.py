@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Literal
 
 import control as ct
-from numpy.typing import ArrayLike
 
 from .. import filterfile, models
 from .._output import add_json, check_target, write_json
@@ -152,7 +151,6 @@ def main(options: argparse.Namespace) -> int:
     return 0
 
 
-InertiaInput = Literal["scalar", "diagonal", "full"]
 System = ct.InputOutputSystem | PhyFilter | FilterBank | SampledPhyFilter
 
 
@@ -180,13 +178,6 @@ def _channels(options: argparse.Namespace, signals: filterfile.Signals | None) -
     return options.channels if options.channels is not None else named or None
 
 
-def _inertia(
-    options: argparse.Namespace, signals: filterfile.Signals | None
-) -> ArrayLike | InertiaInput | None:
-    """The kind that becomes an input, else what the file says of the inertia."""
-    return options.inertia if options.inertia is not None or signals is None else signals.inertia
-
-
 def _platforms(options: argparse.Namespace) -> tuple[str, ...] | Literal["all"]:
     if options.platform == ["all"]:
         return "all"
@@ -205,7 +196,7 @@ def _fmu(options: argparse.Namespace, system: System, signals: filterfile.Signal
         name=options.name,
         channels=_channels(options, signals),
         max_channels=options.max_channels,
-        inertia=_inertia(options, signals),
+        inertia=options.inertia,
         rate=options.rate,
         signals=signals,
         arrays=not options.scalars,
@@ -250,7 +241,7 @@ def _c(options: argparse.Namespace, system: System, signals: filterfile.Signals 
         ranges=_ranges(options),
         name=options.name,
         channels=_channels(options, signals),
-        inertia=_inertia(options, signals),
+        inertia=options.inertia,
         signals=signals,
         tunable=not options.fixed,
         variable=not options.fixed,
@@ -273,7 +264,7 @@ def _target(options: argparse.Namespace, system: System, signals: filterfile.Sig
         ranges=_ranges(options),
         name=options.name,
         channels=_channels(options, signals),
-        inertia=_inertia(options, signals),
+        inertia=options.inertia,
         signals=signals,
     )
 

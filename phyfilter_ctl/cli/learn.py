@@ -140,7 +140,8 @@ def main(options: argparse.Namespace) -> int:
     )
     groups = {name: [name] for name in channels} if options.per_channel else {"": channels}
     with _Interrupt() as interrupt, warnings.catch_warnings():
-        warnings.filterwarnings("ignore", "the label of|flights disagree", UserWarning)  # among the notes
+        # Among the notes and messages.
+        warnings.filterwarnings("ignore", "the label of|g of|flights disagree|no filter up to", UserWarning)
         rows = {name: _learned(options, group, logs, held_out, interrupt) for name, group in groups.items()}
     if not all(rows.values()):
         raise KeyboardInterrupt

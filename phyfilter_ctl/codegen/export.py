@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from ..diagram import FlatModel, flatten
 from ..filter import FilterBank, PhyFilter, SampledPhyFilter
-from ..filterfile import Signals
+from ..filterfile import Signals, settled_signals
 from .export_diagram import export_diagram
 from .export_filter import export_filter
 
@@ -50,7 +50,8 @@ def export_c(
     name : str, optional
         Prefix of all symbols, a C identifier.
     channels, inertia, signals
-        Of a filter: number of channels of x; constant inertia or the kind that is an input; names and units.
+        Of a filter: number of channels of x; constant inertia or the kind that is an input; names and units. What is
+        not given comes from ``signals``, then from the filter's ``sampling``; without an inertia anywhere M_hat = I.
         With ``g="hold"``, ``step``, ``live.step`` and C take the g that acted since the last sample; ``run``, blocks
         and FMUs take the g that acts from this sample on. With ``g="average"`` all take g at this sample.
     tunable : bool
@@ -91,8 +92,9 @@ def export_c(
     if isinstance(system, PhyFilter | FilterBank):
         raise TypeError("a continuous filter has no steps: expected a sampled one, filter.sampled(dt)")
     if isinstance(system, SampledPhyFilter):
-        known = system.E.shape[0] if system.E is not None else len(system.filters)
-        named = len(signals.channels) if signals is not None and signals.channels else known
+        named = settled_signals(system, signals)
+        known = system.sampling.channels_or(channels) or len(named.channels)
+        known = known or (system.E.shape[0] if system.E is not None else len(system.filters))
         if step is not None or substeps != 1 or operating_points:
             raise ValueError(
                 "step, substeps and operating_points are those of a diagram; a filter has its dt"
@@ -100,7 +102,7 @@ def export_c(
         return export_filter(
             system,
             folder,
-            named if channels is None else channels,
+            known,
             real=real,
             ranges=ranges,
             inertia=inertia,

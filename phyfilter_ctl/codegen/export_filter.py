@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..analysis import fixed_point
 from ..filter import SampledPhyFilter
-from ..filterfile import Signals
+from ..filterfile import Signals, settled_inertia, settled_signals
 from .export_folder import own_order, own_symbols, write_folder
 from .filter_source import FilterSource, InertiaInput, braces, filter_source, which_g
 from .fixed_source import fixed_source
@@ -106,9 +106,10 @@ def export_filter(
     ranges : mapping of str to float, optional
         Of "q31": largest |x|, |g| and |f_theta|, as :func:`fixed_point`.
     inertia, name, variable, tunable, past
-        As :func:`filter_source`. For the smallest and fastest code, ``variable=False, tunable=False``.
+        As :func:`filter_source`; an inertia that is not given is that of ``signals`` or of the filter's ``sampling``.
+        For the smallest and fastest code, ``variable=False, tunable=False``.
     signals : Signals, optional
-        Names of the channels and units, for the comments.
+        Names of the channels and units, for the comments, besides those in ``sampling``.
 
     Returns
     -------
@@ -138,6 +139,8 @@ def export_filter(
             "ranges: expected with real='q31', and only there: the largest |x|, |g| and |f_theta|, such as "
             "ranges={'x': 10.0, 'g': 20.0, 'f_theta': 20.0}"
         )
+    signals = settled_signals(sampled, signals)
+    inertia = settled_inertia(sampled, inertia, signals)
     if ranges is not None:
         return write_folder(folder, _fixed(sampled, channels, ranges, inertia, name, signals))
     if real is not None:
@@ -169,7 +172,10 @@ def _fixed(
     if unknown or "x" not in ranges:
         raise ValueError(f"ranges: expected x, and g and f_theta where they are not 0, got {sorted(ranges)}")
     if inertia is not None:
-        raise ValueError("q31 has no inertia: expected None; give M x as x, or export float or double")
+        raise ValueError(
+            "q31 has no inertia, and the filter or the call gives one: give M x as x to a filter without, or export "
+            "float or double"
+        )
     return fixed_source(fixed_point(sampled, **ranges), channels, name=name, signals=signals)
 
 

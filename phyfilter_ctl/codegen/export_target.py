@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 
 from ..diagram import FlatModel
 from ..filter import SampledPhyFilter
-from ..filterfile import Signals
+from ..filterfile import Signals, settled_inertia, settled_signals
 from .export import export_c
 from .export_folder import write_folder
 from .filter_guard import guard_costs, guard_sources, guard_stack
@@ -122,6 +122,9 @@ def export_target(
     if real == "q31" and target not in ("arduino", "cmake"):
         raise ValueError(f"{target}: expected real='double' or 'float'; q31 is for arduino and cmake")
     if target in _AUTOPILOTS:
+        if isinstance(system, SampledPhyFilter):
+            channels = system.sampling.channels_or(channels)
+            inertia = settled_inertia(system, inertia, settled_signals(system, signals))
         check_autopilot(target, system, name or "phyfilter", channels, inertia)
         real, channels = real or ("double" if target == "ros2" else "float"), 3
     if target == "rust" and not isinstance(system, SampledPhyFilter):

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from .._sections import FloatArray
 from ..blocks.functions import Variable
 from ..filter import PhyFilter, SampledPhyFilter
-from ..filterfile import Signals
+from ..filterfile import Signals, settled_inertia, settled_signals
 from .filter_source import LEAST, InertiaInput, braces, filter_source, inertia_kind, runtime_files
 from .identifiers import checked_identifier
 from .model import CModel
@@ -42,7 +42,8 @@ def filter_model(
     channels : int
         Number n_x of channels of x.
     inertia : float, (n_x,) or (n_x, n_x) array, {"scalar", "diagonal", "full"} or None
-        Constant inertia; or, for a sampled filter, the kind of inertia that is an input; or None for I.
+        Constant inertia; or, for a sampled filter, the kind of inertia that is an input; None takes that of ``signals``
+        or of the filter's ``sampling``, else I.
     name : str
         C identifier.
     rate : {"communication", "fixed"}
@@ -51,7 +52,7 @@ def filter_model(
     tunable : bool
         Whether a, b and the limits are parameters.
     signals : Signals, optional
-        Names of the channels and units.
+        Names of the channels, units and the inertia, besides those in ``sampling``.
 
     Returns
     -------
@@ -83,7 +84,8 @@ def filter_model(
     (['w[0,0]', 'w[0,1]', 'w[1,0]', 'w[1,1]'], ['a[0]', 'a[1]', 'b[0]', 'b[1]'])
     """
     name = checked_identifier(name)
-    signals = Signals() if signals is None else signals
+    signals = settled_signals(filter, signals)
+    inertia = settled_inertia(filter, inertia, signals)
     if signals.channels and len(signals.channels) != channels:
         raise ValueError(
             f"signals: {len(signals.channels)} names for {channels} channels; expected {channels}"

@@ -59,7 +59,9 @@ def check_autopilot(
     if channels not in (None, _AXES):
         raise ValueError(f"{target}: the velocity has {_AXES} channels, got channels={channels}")
     if inertia is not None:
-        raise ValueError(f"{target}: the module works per unit of mass; leave the inertia out")
+        raise ValueError(
+            f"{target}: the module works per unit of mass; leave the inertia out, of the call and of the filter"
+        )
     stack, room = guard_stack(system.order), _STACKS.get(target)
     if room is not None and stack > room - _CALLERS:
         raise ValueError(

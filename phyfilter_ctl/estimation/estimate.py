@@ -17,12 +17,13 @@ from ..design.optimal import Interval
 from ..filter import FilterBank, PhyFilter, SampledPhyFilter, stack
 from ..filter.sampling import Rule
 from ..recording import Recording
+from ..recording.agreement import lag_sums, late_g, late_text
 from ..results import Result
 from .levels import separate
 from .noise import given_noise
 from .prediction import Prediction, prediction
 from .spectrum import NoiseLevel, ResidualSpectrum
-from .steps import steps_of
+from .steps import Steps, mean_g, steps_of
 from .suggestion import Search, Suggestion, Unlabelled, suggest
 
 __all__ = ["Estimate", "checked_logs", "estimate", "sampled_for"]
@@ -148,6 +149,7 @@ def estimate(
     horizon: float = 0.2,
     confidence: float = 0.95,
     noise: NoiseLevel | ArrayLike | None = None,
+    dt: float | None = None,
     g: Rule = "hold",
     f_theta: Rule = "average",
 ) -> Estimate:
@@ -158,7 +160,7 @@ def estimate(
     recordings : Recording or sequence of Recording
         Of one robot: x, and what is known of M x' = g + f. Steps may differ, gaps are longer steps.
     filter : PhyFilter, FilterBank or SampledPhyFilter, optional
-        None takes the one suggested. What is not sampled is sampled at the median step.
+        None takes the one suggested. What is not sampled is sampled at ``dt``.
     orders : sequence of int
         Orders to suggest from.
     horizon : float
@@ -169,6 +171,9 @@ def estimate(
         Of M x, by :func:`measurement_noise` (a stretch at rest) or :func:`known_noise` (covariance, spectrum), or the
         deviation of white noise, such as ``smooth_label(log).noise``. None finds it in the recordings: white, else an
         autoregression.
+    dt : float, optional
+        Step in s of a filter that is not sampled yet. None takes that of the recordings, the median one of each, which
+        must agree to 2 %.
     g, f_theta : {"hold", "average"}
         Between samples, as for :class:`Sampling`; a SampledPhyFilter has its own.
 
@@ -182,7 +187,8 @@ def estimate(
         If an argument is of another kind.
     ValueError
         If there are fewer than 100 steps in all, the recordings have different channels, the filter has a direction E
-        or it or the noise another number of channels, or an option is out of range.
+        or it or the noise another number of channels, the recordings have steps of their own and the filter none, or an
+        option is out of range.
 
     Notes
     -----
@@ -191,7 +197,8 @@ def estimate(
     both share a band, ``noise.status`` is NOT_IDENTIFIED, and the suggestion is the filter that predicts x best.
 
     f_hat is meant for the end of each step, delays of x included (``filter`` sampled with ``delay``). A g that acts
-    later than it is recorded is part of f: shift it first. That g reacts to the noise of x does no harm.
+    later than it is recorded is part of f, and no figure here counts that: ``notes`` say how late it seems. That g
+    reacts to the noise of x does no harm.
 
     Examples
     --------
@@ -215,7 +222,7 @@ def estimate(
     if not orders:
         raise ValueError("orders: expected at least one, got none")
     horizon = _signals.duration("horizon", horizon)
-    sampled = sampled_for(filter, logs, g, f_theta)
+    sampled = sampled_for(filter, logs, g, f_theta, dt)
     parts = steps_of(logs, sampled)
     several = separate(parts, given_noise(noise, logs), confidence)
     shared = sampled.with_filter(sampled.filters[0])  # the suggestion is one filter for all channels
@@ -240,7 +247,11 @@ def estimate(
         spectrum,
         suggestion,
         test,
-        (*_rate(sampled, logs), *_notes(level, suggestion, spectrum, test, error, given=filter is not None)),
+        (
+            *_late(logs, sampled, parts, missed),
+            *_rate(sampled, logs),
+            *_notes(level, suggestion, spectrum, test, error, given=filter is not None),
+        ),
     )
 
 
@@ -265,9 +276,14 @@ def sampled_for(
     logs: Sequence[Recording],
     g: Rule,
     f_theta: Rule,
+    dt: float | None = None,
 ) -> SampledPhyFilter:
     """The filter at the rate of the recordings; any one where there is none yet, for its sampling."""
     if isinstance(filter, SampledPhyFilter):
+        if dt is not None:
+            raise ValueError(
+                "dt: expected it without a sampled filter, which has its own; leave one of the two out"
+            )
         if filter.E is not None:
             raise ValueError(
                 "filter: expected one without a direction E, for f has as many channels as x here"
@@ -275,7 +291,15 @@ def sampled_for(
         return filter
     if filter is not None and not isinstance(filter, PhyFilter | FilterBank):
         raise TypeError(f"filter: expected a PhyFilter or a SampledPhyFilter, got {type(filter).__name__}")
-    dt = _step(logs)
+    if dt is None:
+        dt = _step(logs)
+        if other := [log.dt for log in logs if abs(log.dt / dt - 1.0) > _SAME_RATE]:
+            raise ValueError(
+                f"recordings: their steps differ, {min(log.dt for log in logs):.6g} s to "
+                f"{max(log.dt for log in logs):.6g} s ({len(other)} of {len(logs)} are off the median): at which step "
+                "will the filter run? Give estimate(..., dt=), a filter that is sampled, or recordings by "
+                "log.resample(dt)"
+            )
     if isinstance(filter, FilterBank):
         return stack([entry.sampled(dt, g=g, f_theta=f_theta) for entry in filter])
     return (filter or PhyFilter([1.0])).sampled(dt, g=g, f_theta=f_theta)
@@ -290,6 +314,21 @@ def _run(sampled: SampledPhyFilter, log: Recording) -> FloatArray:
 def _step(logs: Sequence[Recording]) -> float:
     """Of the recordings, to twelve digits: times rarely give it to the last bit, and people read a filter's file."""
     return float(f"{np.median([log.dt for log in logs]):.12g}")
+
+
+def _late(
+    logs: Sequence[Recording], sampled: SampledPhyFilter, parts: Sequence[Steps], missed: FloatArray
+) -> list[str]:
+    """Channels whose g acts later than it is recorded."""
+    sums = []
+    for log, part in zip(logs, parts, strict=True):
+        if (g := mean_g(log, sampled, part)) is not None:
+            sums.append(lag_sums(part.u, g, part.dt, None if part.uniform else part.h[:, 0]))
+    found = []
+    for j, name in enumerate(logs[0].channels):
+        if late := late_g([own[j] for own in sums if own], float(missed[j])):
+            found.append(late_text(late, name))
+    return found
 
 
 def _rate(sampled: SampledPhyFilter, logs: Sequence[Recording]) -> list[str]:

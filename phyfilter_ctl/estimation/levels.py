@@ -195,7 +195,7 @@ def _roughest(
 ) -> Levels:
     count = bands.counts.sum(axis=0)
     means, order = (bands.sums.sum(axis=0) / count[:, None]).T, len(points[0]) - 3
-    width = [spread(column, confidence) for column in np.array([each.steepness for each in without]).T]
+    width = [spread(values, confidence) for values in np.array([each.steepness for each in without]).T]
     low = np.maximum(levels.steepness - width, STEEPNESS[0])
     force = bool(np.isfinite(points[0][0]))
     found = [

@@ -24,6 +24,7 @@ __all__ = [
     "filtered",
     "jackknife",
     "least",
+    "mean_g",
     "spread",
     "steps_of",
     "stretches",
@@ -147,6 +148,14 @@ def steps_of(logs: Sequence[Recording], sampled: SampledPhyFilter) -> list[Steps
             "apart; give recordings with motion in them, and check that the columns are the right ones"
         )
     return found
+
+
+def mean_g(log: Recording, sampled: SampledPhyFilter, part: Steps) -> FloatArray | None:
+    """Means (m, n_x) of g over the steps of a recording; None where it has no g, or gaps of its own."""
+    if log.g is None:
+        return None
+    u, samples = _residuals(sampled, log.with_signals(f_theta=None))
+    return part.moved - u if len(samples) == len(part.samples) else None
 
 
 def _residuals(sampled: SampledPhyFilter, log: Recording) -> tuple[FloatArray, NDArray[np.intp]]:

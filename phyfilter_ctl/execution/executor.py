@@ -59,7 +59,7 @@ class Executor:
         Here: None means one per core; 1 runs the jobs one after the other in this process.
     kind : {"processes", "threads"}
         Threads suit jobs that release Python's lock (compiled simulations), and anything that cannot be pickled.
-        Processes suit the others, such as reading files. Their jobs are pickled; functions must be those of a module.
+        Processes suit the others, such as reading files. Their jobs are pickled, lambdas included.
         They do not import the script that starts them, so it needs no ``if __name__ == "__main__"``.
     scheduler : str or distributed.Client, optional
         Of a Dask cluster, such as "tcp://127.0.0.1:8786", whose workers do the jobs instead; they need this package.
@@ -129,7 +129,7 @@ class Executor:
         Parameters
         ----------
         work : callable
-            Job -> answer. For processes and clusters a function of a module, or a ``functools.partial`` of one.
+            Job -> answer. For clusters a function of a module of theirs, or a ``functools.partial`` of one.
         jobs : sequence
         names : sequence of str, optional
             Of the jobs, for reports, errors and the checkpoint; None means their numbers.
@@ -202,7 +202,7 @@ class Executor:
         if self.kind == "threads":
             return self._threads.submit(work, job)
         if self._processes is None:
-            self._processes = Processes()
+            self._processes = Processes(self.workers)
         return self._threads.submit(self._processes.run, work, job)
 
     def __enter__(self) -> Self:

@@ -14,18 +14,21 @@ from .loop import FilterState, Interval
 from .lti import Roots
 from .paper_form import PaperFilter, PaperMatrices, PaperState
 from .phyfilter import PhyFilter, SampledPhyFilter
+from .record import Log
 from .recursion import Chain, Recursion, StepConstants
 from .sampled_form import SampledForm
-from .sampling import Sampling
+from .sampling import InertiaInput, Sampling, SamplingOptions
 
 __all__ = [
     "Chain",
     "FilterBank",
     "FilterState",
+    "InertiaInput",
     "Interval",
     "LiveFilter",
     "LiveHealth",
     "LivePolicy",
+    "Log",
     "PaperFilter",
     "PaperMatrices",
     "PaperState",
@@ -36,6 +39,7 @@ __all__ = [
     "SampledForm",
     "SampledPhyFilter",
     "Sampling",
+    "SamplingOptions",
     "StepConstants",
     "stack",
 ]

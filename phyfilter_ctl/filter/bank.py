@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import overload
 
@@ -11,8 +11,8 @@ from numpy.typing import ArrayLike
 
 from . import matching
 from .matrices import continuous_state_space
-from .phyfilter import PhyFilter, SampledPhyFilter, differences
-from .sampling import Sampling
+from .phyfilter import PhyFilter, SampledPhyFilter, differences, sampling_of
+from .sampling import InertiaInput, Method, NonFinite, Precision, Rule, Sampling, SamplingOptions
 
 __all__ = ["FilterBank", "SampledBank", "stack"]
 
@@ -44,15 +44,41 @@ class FilterBank(tuple[PhyFilter, ...]):
 
     __slots__ = ()
 
-    def sampled(self, sampling: Sampling | float, *, E: ArrayLike | None = None) -> SampledBank:
+    def sampled(
+        self,
+        dt: float | Sampling,
+        method: Method | None = None,
+        g: Rule = "hold",
+        f_theta: Rule = "average",
+        *,
+        precision: Precision = "float64",
+        E: ArrayLike | None = None,
+        delay: float = 0.0,
+        limit: ArrayLike | None = None,
+        g_limit: tuple[ArrayLike, ArrayLike] | ArrayLike | None = None,
+        nonfinite: NonFinite = "raise",
+        channels: int | Sequence[str] | None = None,
+        inertia: ArrayLike | InertiaInput | None = None,
+        units: Mapping[str, str] | None = None,
+    ) -> SampledBank:
         """The filters on sampled data, all with the same options.
 
         Parameters
         ----------
-        sampling, E
-            As for :class:`SampledPhyFilter`.
+        dt, method, g, f_theta, precision, E, delay, limit, g_limit, nonfinite, channels, inertia, units
+            As for :meth:`PhyFilter.sampled`.
         """
-        return SampledBank(self, sampling, E=E)
+        options: SamplingOptions = {
+            "precision": precision,
+            "delay": delay,
+            "limit": limit,
+            "g_limit": g_limit,
+            "nonfinite": nonfinite,
+            "channels": channels,
+            "inertia": inertia,
+            "units": units,
+        }
+        return SampledBank(self, sampling_of(self, dt, method, g, f_theta, options), E=E)
 
     def to_ss(self) -> ct.StateSpace:
         """All channels as one python-control state space, as ``PhyFilter.state_space`` has them.

@@ -49,6 +49,7 @@ def _identity(recursion: Recursion) -> dict[str, Any]:
             "C": [chain.C.tolist() for chain in recursion.chains],
         }
         | ({} if sampling.g_limit is None else {"g_limit": sampling.g_limit.tolist()})
+        | ({} if sampling.inertia is None else {"inertia": sampling.inertia})
     )
 
 
@@ -76,6 +77,8 @@ def parsed_state(
     mine = json.loads(json.dumps(_identity(recursion)))
     theirs = document["filter"]
     for key in (*mine, *(theirs if isinstance(theirs, dict) else ())):
+        if key == "inertia" and isinstance(theirs, dict) and key not in theirs:
+            continue  # saved before a filter had one: the state says which it took
         saved = theirs.get(key, "nothing") if isinstance(theirs, dict) else theirs
         if key not in mine or saved != mine[key]:
             raise ValueError(

@@ -73,7 +73,9 @@ def start(
     of_f = (*x.shape[:-1], recursion.channels(x.shape[-1]))
     f_theta = np.zeros(of_f, dtype) if f_theta0 is None else _vector("f_theta0", f_theta0, of_f, dtype)
     g = None if g0 is None else _vector("g0", g0, x.shape, dtype)
-    inertia = None if inertia0 is None else _inertia("inertia0", inertia0, x)
+    if inertia0 is None and not isinstance(recursion.sampling.inertia, str):
+        inertia0 = recursion.sampling.inertia
+    inertia = None if inertia0 is None else checked_inertia("inertia0", inertia0, x)
     f_hat = f_theta if f_hat0 is None else _vector("f_hat0", f_hat0, of_f, dtype)
     named = {"x0": x, "f_theta0": f_theta, "f_hat0": f_hat, "g0": g, "inertia0": inertia}
     for name, values in named.items():
@@ -129,8 +131,11 @@ def checked_sample(
         )
     g = recursion.acting(g)
     if inertia is None:
-        return x, g, f_theta, state.inertia, _all_usable(x, g, f_theta)
-    M = _inertia("inertia", inertia, x)
+        if state.inertia is None:
+            inertia = recursion.sampling.inertia_or(None)
+        if inertia is None:
+            return x, g, f_theta, state.inertia, _all_usable(x, g, f_theta)
+    M = checked_inertia("inertia", inertia, x)
     return x, g, f_theta, M, _all_usable(x, g, f_theta) and usable(M)
 
 
@@ -269,7 +274,7 @@ def _given(name: str, values: ArrayLike, dtype: np.dtype) -> Array:
     return real(name, values, dtype)
 
 
-def _inertia(name: str, inertia: ArrayLike, x: Array) -> Array:
+def checked_inertia(name: str, inertia: ArrayLike, x: Array) -> Array:
     """A number for all, a diagonal for all or for each system, or full matrices, for x (..., n_x)."""
     M, n_x = _given(name, inertia, x.dtype), x.shape[-1]
     if M.ndim == 0:

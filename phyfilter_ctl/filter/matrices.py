@@ -90,7 +90,9 @@ def channel_counts(filters: int, direction: FloatArray | None, channels: int | N
     if n_x is None:
         raise ValueError("channels: expected the number of channels of x; one filter alone does not tell it")
     if channels is not None and channels != n_x:
-        raise ValueError(f"channels: {channels} contradicts the {n_x} rows of E")
+        raise ValueError(
+            f"channels: {channels} contradicts the {n_x} {'filters' if direction is None else 'rows of E'}"
+        )
     n_f = direction.shape[1] if direction is not None else n_x
     if filters not in (1, n_f):
         raise ValueError(f"{filters} filters for {n_f} channels: expected one, or one per channel")
@@ -131,6 +133,7 @@ def sampled_state_space(
     """See :meth:`SampledPhyFilter.to_ss`."""
     refuse_nonlinear(recursion)
     count, direction = len(recursion.chains), recursion.E
+    channels, inertia = recursion.sampling.channels_or(channels), recursion.sampling.inertia_or(inertia)
     alone = channels is None and count == 1 and direction is None
     n_x, n_f = channel_counts(count, direction, 1 if alone else channels)
     E_left = np.eye(n_x) if recursion.E_left is None else recursion.E_left

@@ -20,7 +20,7 @@ dA = (I - A h/2)^{-1} A h.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -34,13 +34,13 @@ from . import matching, retuning
 from .live import LiveFilter
 from .live_policy import LivePolicy
 from .loop import FilterState
-from .matrices import continuous_state_space
+from .matrices import channel_counts, continuous_state_space
 from .rational import Rational
 from .recursion import Chain, Recursion, transition
 from .sampled_form import SampledForm
-from .sampling import Method, NonFinite, Precision, Rule, Sampling
+from .sampling import InertiaInput, Method, NonFinite, Precision, Rule, Sampling, SamplingOptions
 
-__all__ = ["PhyFilter", "SampledPhyFilter", "chain_of", "differences"]
+__all__ = ["PhyFilter", "SampledPhyFilter", "chain_of", "differences", "sampling_of"]
 
 
 @dataclass(frozen=True, init=False, eq=False, repr=False)
@@ -123,7 +123,7 @@ class PhyFilter(Rational):
 
     def sampled(
         self,
-        dt: float,
+        dt: float | Sampling,
         method: Method | None = None,
         g: Rule = "hold",
         f_theta: Rule = "average",
@@ -134,16 +134,21 @@ class PhyFilter(Rational):
         limit: ArrayLike | None = None,
         g_limit: tuple[ArrayLike, ArrayLike] | ArrayLike | None = None,
         nonfinite: NonFinite = "raise",
+        channels: int | Sequence[str] | None = None,
+        inertia: ArrayLike | InertiaInput | None = None,
+        units: Mapping[str, str] | None = None,
     ) -> SampledPhyFilter:
         """The filter on sampled data.
 
         Parameters
         ----------
-        dt, g, f_theta, precision, delay, limit, g_limit, nonfinite
-            As for :class:`Sampling`, which says what each means and raises.
+        dt : float or Sampling
+            Sampling interval in seconds; or all options at once, with nothing but E beside it.
         method : {"exact", "matched", "euler", "tustin"}, optional
             As for :class:`Sampling`. None chooses "matched" where exact sampling would lose what F promises, that is
             for a type of 2 and more and for zeros of 1 - F at +-j w, else "exact"; what was chosen is in ``sampling``.
+        g, f_theta, precision, delay, limit, g_limit, nonfinite, channels, inertia, units
+            As for :class:`Sampling`, which says what each means and raises.
         E
             As for :class:`SampledPhyFilter`.
 
@@ -153,19 +158,49 @@ class PhyFilter(Rational):
         PhyFilter(a=[20.0]).sampled(0.002)
         >>> PhyFilter([400.0, 40.0], [400.0, 40.0]).sampled(0.002)  # of type 2
         PhyFilter(a=[400.0, 40.0], b=[400.0, 40.0]).sampled(0.002, method='matched')
+
+        With the inertia 2 kg a force of 6 N is found as such, on every road that the filter takes:
+
+        >>> force = PhyFilter([20.0]).sampled(0.5, inertia=2.0, units={"x": "m/s", "f": "N"})
+        >>> force.run([[0.0], [1.5], [3.0]]).ravel().round(3).tolist()
+        [0.0, 6.0, 6.0]
         """
-        sampling = Sampling(
-            dt,
-            method or "exact",
-            g,
-            f_theta,
-            precision=precision,
-            delay=delay,
-            limit=limit,
-            g_limit=g_limit,
-            nonfinite=nonfinite,
-        )
-        return SampledPhyFilter(self, sampling if method else _keeping_zeros([self], sampling), E=E)
+        options: SamplingOptions = {
+            "precision": precision,
+            "delay": delay,
+            "limit": limit,
+            "g_limit": g_limit,
+            "nonfinite": nonfinite,
+            "channels": channels,
+            "inertia": inertia,
+            "units": units,
+        }
+        return SampledPhyFilter(self, sampling_of([self], dt, method, g, f_theta, options), E=E)
+
+
+def sampling_of(
+    filters: Sequence[PhyFilter],
+    dt: float | Sampling,
+    method: Method | None,
+    g: Rule,
+    f_theta: Rule,
+    options: SamplingOptions,
+) -> Sampling:
+    """The options that :meth:`PhyFilter.sampled` is given, with the method that these filters need.
+
+    Raises
+    ------
+    ValueError
+        As :class:`Sampling`, and for options beside a Sampling, which has them already.
+    """
+    if isinstance(dt, Sampling):
+        beside = Sampling(dt.dt, method or "exact", g, f_theta, **options).unusual
+        if beside or method:
+            given = ", ".join(beside) or "method"
+            raise ValueError(f"{given}: expected no options beside a Sampling; give them to the Sampling")
+        return dt
+    sampling = Sampling(dt, method or "exact", g, f_theta, **options)
+    return sampling if method else _keeping_zeros(filters, sampling)
 
 
 @dataclass(frozen=True, init=False, eq=False, repr=False)
@@ -253,12 +288,16 @@ class SampledPhyFilter(SampledForm):
     @property
     def by_channel(self) -> tuple[SampledPhyFilter, ...]:
         """Each filter by itself, with the limits of its channel; one entry where all channels share a filter."""
-        limit, ends, many = self.sampling.limit, self.sampling.g_limit, len(self.filters) > 1
-        own = [self.sampling] * len(self.filters)
-        if many and limit is not None and limit.ndim:
-            own = [replace(one, limit=bound) for one, bound in zip(own, limit, strict=True)]
-        if many and ends is not None and ends.ndim > 1 and self.E is None:
-            own = [replace(one, g_limit=pair) for one, pair in zip(own, ends.T, strict=True)]
+        if len(self.filters) == 1:
+            return (SampledPhyFilter(self.filters, self.sampling, E=self.E),)
+        if self.E is not None:
+            limit = self.sampling.limit
+            own = [
+                replace(self.sampling, limit=limit[i] if limit is not None and limit.ndim else limit)
+                for i in range(len(self.filters))
+            ]
+        else:
+            own = [self.sampling.alone(i) for i in range(len(self.filters))]
         return tuple(SampledPhyFilter(F, one, E=self.E) for F, one in zip(self.filters, own, strict=True))
 
     @property
@@ -362,13 +401,13 @@ class SampledPhyFilter(SampledForm):
         new = new_filter if isinstance(new_filter, SampledPhyFilter) else self.with_filter(new_filter)
         return retuning.retune(self.recursion, state, new.recursion)
 
-    def live(self, channels: int, policy: LivePolicy | None = None) -> LiveFilter:
+    def live(self, channels: int | None = None, policy: LivePolicy | None = None) -> LiveFilter:
         """A loop's object that takes samples as they come: with time stamps, jitter, gaps, bad values, restarts.
 
         Parameters
         ----------
-        channels : int
-            Number n_x of channels of x.
+        channels : int, optional
+            Number n_x of channels of x; needed where neither ``sampling``, E nor one filter per channel tells it.
         policy : LivePolicy, optional
             What it does about samples that are no good; by default it keeps f_hat - f_theta for 20 nominal steps, then
             lets it decay as fast as the filter forgets.
@@ -388,7 +427,8 @@ class SampledPhyFilter(SampledForm):
         >>> live.step(0.0, [0.0, 0.0, 0.0]).tolist()
         [0.0, 0.0, 0.0]
         """
-        return LiveFilter(self, channels, LivePolicy() if policy is None else policy)
+        n_x, _ = channel_counts(len(self.filters), self.E, self.sampling.channels_or(channels))
+        return LiveFilter(self, n_x, LivePolicy() if policy is None else policy)
 
     # -- equality and text --------------------------------------------------------------------------------------
 

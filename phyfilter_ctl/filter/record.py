@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from typing import NoReturn
+from typing import NoReturn, Protocol, TypeGuard
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -20,6 +20,53 @@ _STAMP_ROUNDING = 8 * np.finfo(float).eps
 _REPAIR = "repair the record, or use nonfinite='hold' to carry over gaps"
 
 Array = NDArray[np.floating]
+
+
+class Log(Protocol):
+    """What a recording holds that a filter runs on; that of :mod:`phyfilter_ctl.recording` does."""
+
+    @property
+    def x(self) -> FloatArray: ...
+    @property
+    def g(self) -> FloatArray | None: ...
+    @property
+    def f_theta(self) -> FloatArray | None: ...
+    @property
+    def inertia(self) -> FloatArray | None: ...
+    @property
+    def times(self) -> FloatArray: ...
+    @property
+    def channels(self) -> tuple[str, ...]: ...
+    @property
+    def unit(self) -> str: ...
+
+
+def is_log(x: ArrayLike | Log) -> TypeGuard[Log]:
+    """Whether it is a recording, not a signal."""
+    return all(hasattr(x, name) for name in ("x", "g", "f_theta", "inertia", "times", "channels", "unit"))
+
+
+def run_log(recursion: Recursion, log: Log) -> Array:
+    """See :meth:`SampledPhyFilter.run`."""
+    sampling = recursion.sampling
+    if sampling.names != log.channels and set(sampling.names) == set(log.channels):
+        raise ValueError(
+            f"channels: the recording has {', '.join(log.channels)}, which the filter has in another order: "
+            f"{', '.join(sampling.names)}"
+        )
+    unit = sampling.units.get("x", "")
+    if unit and log.unit and unit != log.unit:
+        raise ValueError(
+            f"units: the filter has x in {unit}, the recording in {log.unit}; convert the recording"
+        )
+    return run(recursion, log.x, log.g, log.f_theta, log.inertia, _own_times(log, sampling.dt))
+
+
+def _own_times(log: Log, dt: float) -> FloatArray | None:
+    """None where they are every dt."""
+    elapsed = log.times - log.times[0]
+    even = np.max(np.abs(elapsed - dt * np.arange(len(elapsed)))) <= 1e-6 * dt
+    return None if even else log.times
 
 
 def run(
@@ -52,6 +99,7 @@ def checked_signals(
 ) -> tuple[Array, Array, Array, Array | None]:
     """x, the g that acts (N, n_x), f_theta (N, n_f) and the inertia in the filter's precision, shapes checked."""
     dtype = np.dtype(recursion.sampling.precision)
+    inertia = recursion.sampling.inertia_or(inertia)
     x = _signal("x", x, dtype)
     N, n_x = x.shape
     n_f = recursion.channels(n_x)

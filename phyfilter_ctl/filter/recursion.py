@@ -192,6 +192,7 @@ class Recursion:
         n_x = len(self.E) if self.E is not None else known
         if n_x is not None:
             _check_ends(ends, n_x)
+            sampling.check_channels(n_x)
         self.check_step(sampling.dt)
 
     # -- channels -----------------------------------------------------------------------------------------------
@@ -211,8 +212,9 @@ class Recursion:
         Raises
         ------
         ValueError
-            If it contradicts E, the filters or the limit.
+            If it contradicts the channels of the sampling, E, the filters or the limit.
         """
+        self.sampling.check_channels(n_x)
         n_f, limit = n_x, self.sampling.limit
         if self.E is not None:
             if len(self.E) != n_x:

@@ -23,7 +23,7 @@ import numpy as np
 from scipy.linalg import solve_triangular
 
 from .._sections import FloatArray, chain, covariance
-from .loop import FilterState, check_state
+from .loop import FilterState, check_state, checked_inertia
 from .recursion import Chain, Recursion
 
 # Below this part of its diagonal entry a pivot is rounding, amplified (order 20 and up): the state follows from others.
@@ -54,6 +54,9 @@ def retune(recursion: Recursion, state: FilterState, new: Recursion) -> FilterSt
         for name in ("x", "g", "f_theta", "inertia")
         if (value := getattr(state, name)) is not None
     }
+    now, M = recursion.sampling, new.sampling.inertia
+    if isinstance(M, np.ndarray) and not np.array_equal(M, now.inertia if now.inertia is not None else 1.0):
+        cast["inertia"] = checked_inertia("inertia", M, state.x.astype(dtype))
     return state._replace(**cast, w=kept, carry=carry)
 
 

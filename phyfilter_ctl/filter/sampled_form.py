@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import cast
+
 import control as ct
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -9,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from . import loop, record
 from .loop import FilterState
 from .matrices import sampled_state_space
+from .record import Log
 from .recursion import Recursion
 from .sampling import Sampling
 
@@ -28,7 +31,7 @@ class SampledForm:
 
     def run(
         self,
-        x: ArrayLike,
+        x: ArrayLike | Log,
         g: ArrayLike | None = None,
         f_theta: ArrayLike | None = None,
         inertia: ArrayLike | None = None,
@@ -41,8 +44,9 @@ class SampledForm:
 
         Parameters
         ----------
-        x : (N, n_x) array
-            Measured state; (N,) for one channel, as for the other signals.
+        x : (N, n_x) array, or a recording
+            Measured state; (N,) for one channel, as for the other signals. A recording brings x, g, f_theta, times and,
+            before that of the filter, its inertia.
         g : (N, n_x) array, optional
             Known part of M x'. With ``g="hold"``, ``run``, blocks and FMUs take the g that acts from this sample on
             (row k from sample k on); ``step``, ``live.step`` and C take the g that acted since the last sample. With
@@ -50,7 +54,8 @@ class SampledForm:
         f_theta : (N, n_f) array, optional
             Learned model of f; None means 0.
         inertia : float, (n_x,), (n_x, n_x), (N, n_x) or (N, n_x, n_x) array, optional
-            Model M_hat of the inertia: scalar, diagonal or full, constant or per sample; None means I.
+            Model M_hat of the inertia: scalar, diagonal or full, constant or per sample; None takes that of
+            ``sampling``, else I.
         times : (N,) array, optional
             Sampling instants where they are not every ``dt``: seconds, timedelta64, or datetime64 and datetime
             objects counted from the first, with time zones in UTC.
@@ -63,12 +68,13 @@ class SampledForm:
         Raises
         ------
         TypeError
-            For a signal that is not of real numbers (a frame's columns are named), and times that are text, or with
-            and without a time zone.
+            For a signal that is not of real numbers (a frame's columns are named), times that are text, or with
+            and without a time zone, and signals beside a recording.
         ValueError
             For wrong shapes, an ambiguous inertia (2-D with N == n_x), times that stand still or run back (row
-            named) or are whole numbers that count no seconds, a sample that is not finite, is masked or is beyond
-            1e150 under ``nonfinite="raise"`` (row and signal named), or a step at which forward Euler diverges.
+            named) or are whole numbers that count no seconds, a recording in another unit or with its channels in
+            another order, a sample that is not finite, is masked or is beyond 1e150 under ``nonfinite="raise"`` (row
+            and signal named), or a step at which forward Euler diverges.
 
         Examples
         --------
@@ -76,7 +82,14 @@ class SampledForm:
         >>> PhyFilter([20.0]).sampled(0.01).run([[0.0], [0.01], [0.02]], f_theta=[[1.0], [1.0], [1.0]]).ravel()
         array([1., 1., 1.])
         """
-        return record.run(self.recursion, x, g, f_theta, inertia, times)
+        if record.is_log(x):
+            if any(signal is not None for signal in (g, f_theta, inertia, times)):
+                raise TypeError(
+                    "g, f_theta, inertia, times: expected none beside a recording, which has its own; change "
+                    "those with recording.with_signals, or give x and all signals as arrays"
+                )
+            return record.run_log(self.recursion, x)
+        return record.run(self.recursion, cast(ArrayLike, x), g, f_theta, inertia, times)
 
     def held(
         self,
@@ -133,7 +146,7 @@ class SampledForm:
         f_theta0 : (n_f,) array, optional
             f_theta at the first sample; None means 0.
         inertia0 : float, (n_x,) or (n_x, n_x) array, optional
-            Inertia at the first sample, kept until ``step`` is given another; None means I.
+            Inertia at the first sample, kept until ``step`` is given another; None takes that of ``sampling``, else I.
         g0 : (n_x,) array, optional
             g at the first sample, used by ``g="average"``; None takes the g of the first step. With ``g="hold"`` no g
             has acted yet: ``step`` takes the g that acted since the last sample.
@@ -240,9 +253,9 @@ class SampledForm:
         Parameters
         ----------
         channels : int, optional
-            Number n_x of channels of x; None means as many as E or one filter per channel tell, else 1.
+            Number n_x of channels of x; None means as many as ``sampling``, E or one filter per channel tell, else 1.
         inertia : float, (n_x,) or (n_x, n_x) array, optional
-            Constant inertia M_hat; None means I.
+            Constant inertia M_hat; None takes that of ``sampling``, else I.
 
         Returns
         -------

@@ -2,23 +2,40 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
-from typing import Literal, get_args
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields, replace
+from typing import Literal, TypedDict, cast, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from .._sections import FloatArray
-from .._signals import LARGEST, duration, interval, number, real
+from .._signals import LARGEST, channel_names, count, duration, interval, number, real
+from .._signals import inertia as signal_inertia
 
-__all__ = ["Method", "NonFinite", "Precision", "Rule", "Sampling"]
+__all__ = ["InertiaInput", "Method", "NonFinite", "Precision", "Rule", "Sampling", "SamplingOptions"]
 
 Method = Literal["exact", "matched", "euler", "tustin"]
 Rule = Literal["hold", "average"]
 Precision = Literal["float64", "float32"]
 NonFinite = Literal["raise", "hold"]
+InertiaInput = Literal["scalar", "diagonal", "full"]
 
+_SIGNALS = ("x", "g", "f")  # that have units
 _CHOICES = {"method": Method, "g": Rule, "f_theta": Rule, "precision": Precision, "nonfinite": NonFinite}
+
+
+class SamplingOptions(TypedDict, total=False):
+    """Options of :class:`Sampling` that are given by name."""
+
+    precision: Precision
+    delay: float
+    limit: ArrayLike | None
+    g_limit: tuple[ArrayLike, ArrayLike] | ArrayLike | None
+    nonfinite: NonFinite
+    channels: int | Sequence[str] | None
+    inertia: ArrayLike | InertiaInput | None
+    units: Mapping[str, str] | None
 
 
 @dataclass(frozen=True, init=False, eq=False, repr=False)
@@ -55,11 +72,22 @@ class Sampling:
         it, "hold" keeps the estimate of the residual, f_hat - f_theta, for that sample and for as long as none is
         good (f_theta, where it is bad too, is its last good value), says so, and takes the gap as one longer step.
         There is no longest gap: :meth:`SampledPhyFilter.live` has one.
+    channels : int or sequence of str, optional
+        Number n_x of channels of x, or their names. None: as many as the signals have.
+    inertia : float, (n_x,) or (n_x, n_x) array, or {"scalar", "diagonal", "full"}, optional
+        Model M_hat of the inertia, where it is constant; or which kind of it comes with every sample. Records, loops,
+        blocks, files, FMUs and C code take it from here; what a call is given, and a recording's own, goes before.
+        None means I.
+    units : mapping of str to str, optional
+        Units of "x", of "g" (and of M x') and of "f" (f_theta and f_hat too). They label files, FMUs and C code; no
+        number is converted.
 
     Raises
     ------
+    TypeError
+        For names and units that are no text.
     ValueError
-        For options out of range, a low that is not below its high.
+        For options out of range, a low that is not below its high, an inertia of another size than the channels.
 
     Examples
     --------
@@ -67,6 +95,8 @@ class Sampling:
     Sampling(0.002, g='average', limit=2.0)
     >>> Sampling(0.002) == Sampling(2e-3, delay=0.0)
     True
+    >>> Sampling(0.01, channels=["vx", "vy"], inertia=1.2, units={"x": "m/s", "f": "N"}).n_x
+    2
     """
 
     dt: float
@@ -78,6 +108,9 @@ class Sampling:
     limit: FloatArray | None
     g_limit: FloatArray | None
     nonfinite: NonFinite
+    channels: int | tuple[str, ...] | None
+    inertia: FloatArray | InertiaInput | None
+    units: Mapping[str, str]
 
     def __init__(
         self,
@@ -91,6 +124,9 @@ class Sampling:
         limit: ArrayLike | None = None,
         g_limit: tuple[ArrayLike, ArrayLike] | ArrayLike | None = None,
         nonfinite: NonFinite = "raise",
+        channels: int | Sequence[str] | None = None,
+        inertia: ArrayLike | InertiaInput | None = None,
+        units: Mapping[str, str] | None = None,
     ) -> None:
         dt = duration("dt", dt)
         delay = number("delay", interval("delay", delay), "s", least=0.0)
@@ -100,7 +136,26 @@ class Sampling:
             raise ValueError(f"delay: expected less than {LARGEST:g} s, got {delay}")
         bound = None if limit is None else _bound(limit)
         ends = None if g_limit is None else _ends(g_limit)
-        values = (dt, method, g, f_theta, precision, delay, bound, ends, nonfinite)
+        if channels is not None:
+            named = not isinstance(channels, int | np.integer)
+            channels = (
+                channel_names(channels, len(channels)) or None if named else count("channels", channels)
+            )
+        M = None if inertia is None else _inertia(inertia, _number(channels))
+        values = (
+            dt,
+            method,
+            g,
+            f_theta,
+            precision,
+            delay,
+            bound,
+            ends,
+            nonfinite,
+            channels,
+            M,
+            _units(units),
+        )
         for entry, value in zip(fields(self), values, strict=True):
             object.__setattr__(self, entry.name, value)
         for name, choices in _CHOICES.items():
@@ -111,6 +166,88 @@ class Sampling:
     def delay_steps(self) -> float:
         """The delay in nominal steps."""
         return self.delay / self.dt
+
+    @property
+    def n_x(self) -> int | None:
+        """Number of channels of x, as ``channels`` or the size of the inertia tell it."""
+        of_inertia = (
+            self.inertia.shape[0] if isinstance(self.inertia, np.ndarray) and self.inertia.ndim else None
+        )
+        return _number(self.channels) or of_inertia
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the channels of x; empty where there are none."""
+        return self.channels if isinstance(self.channels, tuple) else ()
+
+    def inertia_or(self, given: ArrayLike | None) -> ArrayLike | None:
+        """The inertia that counts: what a call is given, else the constant one from here, else None for I.
+
+        Raises
+        ------
+        ValueError
+            If none is given where one comes with every sample.
+        """
+        if given is not None or not isinstance(self.inertia, str):
+            return self.inertia if given is None else given
+        raise ValueError(
+            f"inertia: expected M_hat, which the filter takes with every sample (inertia={self.inertia!r}), got none; "
+            "give it, or sample the filter with a constant one"
+        )
+
+    def channels_or(self, given: int | None) -> int | None:
+        """The number of channels that counts: what a call is given, else the one known here.
+
+        Raises
+        ------
+        ValueError
+            If the two contradict each other.
+        """
+        if given is not None and self.n_x not in (None, given):
+            raise ValueError(
+                f"channels: the filter is for {self.n_x} ({self._why_n_x}), got {given}; leave channels out"
+            )
+        return self.n_x if given is None else given
+
+    @property
+    def _why_n_x(self) -> str:
+        if self.names:
+            return ", ".join(self.names)
+        return "channels" if self.channels is not None else "the size of its inertia"
+
+    def check_channels(self, n_x: int) -> None:
+        """Raise where x has another number of channels than is known here.
+
+        Parameters
+        ----------
+        n_x : int
+
+        Raises
+        ------
+        ValueError
+        """
+        if self.n_x not in (None, n_x):
+            raise ValueError(f"x has {n_x} channels but the filter is for {self.n_x} ({self._why_n_x})")
+
+    def alone(self, i: int) -> Sampling:
+        """The options of one channel by itself, where channels do not share a direction E.
+
+        Of a full inertia it has the entry on the diagonal: what couples channels is in none of them alone.
+
+        Parameters
+        ----------
+        i : int
+        """
+        limit, ends, M = self.limit, self.g_limit, self.inertia
+        if isinstance(M, np.ndarray) and M.ndim:
+            M = M[i] if M.ndim == 1 else M[i, i]
+        return replace(
+            self,
+            limit=limit[i] if limit is not None and limit.ndim else limit,
+            g_limit=ends[:, i] if ends is not None and ends.ndim > 1 else ends,
+            channels=(self.names[i],) if self.names else None if self.channels is None else 1,
+            inertia=M,
+        )
 
     def differences(self, other: Sampling) -> dict[str, object]:
         """Options that differ from those of another, with their values here.
@@ -144,6 +281,35 @@ class Sampling:
 
 def _plain(value: object) -> object:
     return value.tolist() if isinstance(value, np.ndarray) else value
+
+
+def _number(channels: int | tuple[str, ...] | None) -> int | None:
+    return len(channels) if isinstance(channels, tuple) else channels
+
+
+def _inertia(given: ArrayLike | InertiaInput, n_x: int | None) -> FloatArray | InertiaInput:
+    """M_hat, () or (n_x,) or (n_x, n_x), read-only; or the kind that is an input."""
+    if isinstance(given, str):
+        if given not in get_args(InertiaInput):
+            raise ValueError(
+                f"inertia: expected one of {', '.join(get_args(InertiaInput))} or numbers, got {given!r}"
+            )
+        return cast(InertiaInput, given)
+    M = real("inertia", given)
+    M = signal_inertia("inertia", M, n_x or (len(M) if M.ndim and len(M) else 1))
+    M.flags.writeable = False
+    return M
+
+
+def _units(units: Mapping[str, str] | None) -> Mapping[str, str]:
+    """Units by signal, none of them empty, always in one order."""
+    given = {} if units is None else dict(units)
+    if unknown := set(given) - set(_SIGNALS):
+        raise ValueError(f"units: expected units of {', '.join(_SIGNALS)}, got one of {sorted(unknown)[0]!r}")
+    for name, unit in given.items():
+        if not isinstance(unit, str):
+            raise TypeError(f"units: expected text for {name}, got {unit!r}")
+    return {name: given[name] for name in _SIGNALS if given.get(name)}
 
 
 def _bound(limit: ArrayLike) -> FloatArray:

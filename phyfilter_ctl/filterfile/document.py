@@ -21,6 +21,8 @@
     channels = ["x", "y", "z"]
     units = { x = "m/s", g = "N", f = "N" }
     inertia = 1.2                            # or [1.2, 1.2, 1.3], or a matrix
+                                             # of a [sampled] filter also: channels = 3, their number, and inertia =
+                                             # "scalar", "diagonal" or "full", which comes with every sample
 
 Filters of their own for every channel, sampled or not, have a, b and poles in one ``[[filters]]`` table a channel
 instead. Unknown keys, unknown versions and numbers that are not finite (but for limits of ``inf``) are refused.
@@ -30,8 +32,9 @@ from __future__ import annotations
 
 import json
 import os
+import warnings
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -40,11 +43,10 @@ from numpy.typing import ArrayLike
 
 from .. import _signals
 from .._output import replacing
-from ..filter import FilterBank, PhyFilter, SampledPhyFilter, Sampling
-from ..recording import checks
+from ..filter import FilterBank, InertiaInput, PhyFilter, SampledPhyFilter, Sampling, SamplingOptions
 from .table import TomlTable, parsed, refuse_oversize
 
-__all__ = ["Signals", "load", "load_signals", "save"]
+__all__ = ["Signals", "load", "load_signals", "save", "settled_inertia", "settled_signals"]
 
 FORMAT = "phyfilter"
 VERSION = 1
@@ -65,6 +67,7 @@ _LIMITS = ("limit", "g_limit")
 _SAMPLED_KEYS = ("dt", *_CHOICES, "E", "delay", *_LIMITS)
 _SIGNAL_KEYS = ("channels", "units", "inertia")
 _UNIT_KEYS = ("x", "g", "f")
+_NOTHING = ((), "", None)  # where a signal has no name, no unit, no inertia
 Filter = PhyFilter | FilterBank | SampledPhyFilter
 # Poles of all filters of a file together: finding them is what takes time.
 _MOST_POLES = 1024
@@ -73,6 +76,8 @@ _MOST_POLES = 1024
 @dataclass(frozen=True, init=False)
 class Signals:
     """The signals a filter is meant for: a note beside its coefficients.
+
+    A sampled filter has them in its ``Sampling``, and needs no such note; where it has both they must agree.
 
     Parameters
     ----------
@@ -112,7 +117,7 @@ class Signals:
         unit_f: str = "",
         inertia: ArrayLike | None = None,
     ) -> None:
-        names = checks.channel_names(channels, len(channels))
+        names = _signals.channel_names(channels, len(channels))
         for key, unit in (("unit_x", unit_x), ("unit_g", unit_g), ("unit_f", unit_f)):
             if not isinstance(unit, str):
                 raise TypeError(f"{key}: expected text, got {unit!r}")
@@ -135,17 +140,22 @@ def save(
         Written over if it exists.
     filter : PhyFilter, FilterBank or SampledPhyFilter
     signals : Signals, optional
-        Names, units and inertia to note beside it.
+        Names, units and inertia to note beside it, besides those that a sampled filter has in its ``Sampling``.
 
     Raises
     ------
     TypeError
         If ``filter`` or ``signals`` is something else.
     ValueError
-        If the filter and ``signals`` disagree about the number of channels, or the file would be one that :func:`load`
-        refuses for its size.
+        If the filter and ``signals`` disagree about the channels, a unit or the inertia, or the file would be one that
+        :func:`load` refuses for its size.
     OSError
         If the file cannot be written.
+
+    Warns
+    -----
+    UserWarning
+        If F = 0.
 
     Examples
     --------
@@ -176,9 +186,15 @@ def save(
         raise TypeError(f"filter: expected a PhyFilter, a SampledPhyFilter or a stack, got {filter!r}{hint}")
     if not (signals is None or isinstance(signals, Signals)):
         raise TypeError(f"signals: expected Signals or None, got {signals!r}")
-    if signals is not None:
-        _refuse_disagreement(filter, signals)
+    signals = settled_signals(filter, signals)
+    _refuse_disagreement(filter, signals)
     _refuse_many([entry.order for entry in _filters(filter)])
+    if not any(np.any(entry.b) for entry in _filters(filter)):
+        warnings.warn(
+            f"{os.fspath(path)}: F = 0 is saved, which estimates nothing beyond f_theta: what learning returns where "
+            "no filter keeps the limits of a loop",
+            stacklevel=2,
+        )
     data = _text(filter, signals).encode()
     refuse_oversize(data)
     with replacing(path) as file:
@@ -195,7 +211,8 @@ def load(path: str | os.PathLike[str]) -> PhyFilter | FilterBank | SampledPhyFil
     Returns
     -------
     PhyFilter, FilterBank or SampledPhyFilter
-        Equal to the one saved, bit for bit.
+        Equal to the one saved, bit for bit; a sampled one with the names, units and inertia of ``[signals]`` in its
+        ``Sampling``.
 
     Raises
     ------
@@ -249,6 +266,71 @@ def load_signals(path: str | os.PathLike[str]) -> Signals:
     return _read(Path(path))[1]
 
 
+def settled_inertia(
+    filter: object, inertia: ArrayLike | InertiaInput | None, signals: Signals
+) -> ArrayLike | InertiaInput | None:
+    """The inertia that counts: what a call is given, else what comes with every sample, else what is noted.
+
+    Parameters
+    ----------
+    filter : PhyFilter, FilterBank, SampledPhyFilter or sequence of PhyFilter
+    inertia : float, (n_x,) or (n_x, n_x) array, {"scalar", "diagonal", "full"}, optional
+    signals : Signals
+        As :func:`settled_signals` gives them.
+    """
+    if inertia is not None or signals.inertia is not None or not isinstance(filter, SampledPhyFilter):
+        return signals.inertia if inertia is None else inertia
+    return filter.sampling.inertia
+
+
+def settled_signals(filter: object, signals: Signals | None) -> Signals:
+    """Names, units and inertia that count: what a sampled filter has in its Sampling, and what is noted beside it.
+
+    Parameters
+    ----------
+    filter : PhyFilter, FilterBank, SampledPhyFilter or sequence of PhyFilter
+    signals : Signals, optional
+
+    Returns
+    -------
+    Signals
+        Without the inertia where that comes with every sample.
+
+    Raises
+    ------
+    ValueError
+        If the two contradict each other.
+
+    Examples
+    --------
+    >>> sampled = PhyFilter([20.0]).sampled(0.01, inertia=5.0, units={"x": "m/s"})
+    >>> settled_signals(sampled, Signals(["u", "v"])).inertia
+    5.0
+    >>> settled_signals(sampled, Signals(inertia=2.0))
+    Traceback (most recent call last):
+        ...
+    ValueError: inertia: the filter has 5.0, its signals have 2.0; say it once
+    """
+    noted = Signals() if signals is None else signals
+    if not isinstance(filter, SampledPhyFilter):
+        return noted
+    sampling = filter.sampling
+    constant = None if isinstance(sampling.inertia, str) else sampling.inertia
+    own = Signals(
+        sampling.names, **{f"unit_{key}": unit for key, unit in sampling.units.items()}, inertia=constant
+    )
+    found = dict(vars(noted))
+    for key, mine in vars(own).items():
+        if mine in _NOTHING:
+            continue
+        if found[key] not in (*_NOTHING, mine):
+            raise ValueError(f"{key}: the filter has {mine}, its signals have {found[key]}; say it once")
+        found[key] = mine
+    if found["channels"]:
+        sampling.check_channels(len(found["channels"]))
+    return Signals(**found)
+
+
 # -- writing ----------------------------------------------------------------------------------------------------
 
 
@@ -258,7 +340,7 @@ def _filters(filter: Filter) -> tuple[PhyFilter, ...]:
     return filter.filters if isinstance(filter, SampledPhyFilter) else filter
 
 
-def _text(filter: Filter, signals: Signals | None) -> str:
+def _text(filter: Filter, signals: Signals) -> str:
     head = {"format": FORMAT, "version": VERSION}
     filters = _filters(filter)
     if len(filters) == 1 and not isinstance(filter, FilterBank):
@@ -268,8 +350,8 @@ def _text(filter: Filter, signals: Signals | None) -> str:
         blocks += [f"{_title(entry)}[[filters]]\n{_lines(_coefficients(entry))}" for entry in filters]
     if isinstance(filter, SampledPhyFilter):
         blocks.append("[sampled]\n" + _lines(_options(filter)))
-    if signals is not None:
-        blocks.append("[signals]\n" + _lines(_noted(signals)))
+    if noted := _noted(filter, signals):
+        blocks.append("[signals]\n" + _lines(noted))
     return "\n".join(blocks)
 
 
@@ -302,18 +384,24 @@ def _kept_by_reading(filter: PhyFilter) -> bool:
 def _options(sampled: SampledPhyFilter) -> dict[str, object]:
     sampling = sampled.sampling
     table = {key: getattr(sampling, key) for key in _ALWAYS}
-    return table | sampling.unusual | ({} if sampled.E is None else {"E": sampled.E.tolist()})
+    unusual = {key: value for key, value in sampling.unusual.items() if key not in _SIGNAL_KEYS}
+    return table | unusual | ({} if sampled.E is None else {"E": sampled.E.tolist()})
 
 
-def _noted(signals: Signals) -> dict[str, object]:
+def _noted(filter: Filter, signals: Signals) -> dict[str, object]:
+    sampling = filter.sampling if isinstance(filter, SampledPhyFilter) else None
     table: dict[str, object] = {}
     if signals.channels:
         table["channels"] = list(signals.channels)
+    elif sampling is not None and sampling.channels is not None:
+        table["channels"] = sampling.n_x
     units = {key: unit for key in _UNIT_KEYS if (unit := getattr(signals, f"unit_{key}"))}
     if units:
         table["units"] = units
     if signals.inertia is not None:
         table["inertia"] = signals.inertia
+    elif sampling is not None and isinstance(sampling.inertia, str):
+        table["inertia"] = sampling.inertia
     return table
 
 
@@ -347,12 +435,37 @@ def _read(path: Path) -> tuple[Filter, Signals]:
         filter = FilterBank(filters) if "filters" in top else filters[0]
     signals = Signals()
     if "signals" in top:
-        signals = _read_signals(top.table("signals"))
+        table = top.table("signals")
+        sampled = filter if isinstance(filter, SampledPhyFilter) else None
+        options: SamplingOptions = {} if sampled is None else _read_options(table)
+        signals = _read_signals(table, *options)
         try:
             _refuse_disagreement(filter, signals)
+            if sampled is not None:
+                filter = replace(sampled, sampling=_with_signals(sampled.sampling, options, signals))
         except ValueError as error:
             raise top.error("signals", str(error)) from error
     return filter, signals
+
+
+def _with_signals(sampling: Sampling, options: SamplingOptions, signals: Signals) -> Sampling:
+    units = {key: unit for key in _UNIT_KEYS if (unit := getattr(signals, f"unit_{key}"))}
+    noted: SamplingOptions = {
+        "channels": signals.channels or None,
+        "inertia": signals.inertia,
+        "units": units,
+    }
+    return replace(sampling, **(noted | options))
+
+
+def _read_options(table: TomlTable) -> SamplingOptions:
+    """What only a sampled filter's signals may say: a number of channels, a kind of inertia."""
+    options: SamplingOptions = {}
+    if isinstance(table.values.get("channels"), int):
+        options["channels"] = table.integer("channels")
+    if isinstance(table.values.get("inertia"), str):
+        options["inertia"] = table.text("inertia")
+    return options
 
 
 def _read_filters(top: TomlTable) -> tuple[PhyFilter, ...]:
@@ -396,15 +509,18 @@ def _read_sampled(table: TomlTable, filters: tuple[PhyFilter, ...]) -> SampledPh
         raise ValueError(f"{table.file}: [sampled] {error}") from error
 
 
-def _read_signals(table: TomlTable) -> Signals:
+def _read_signals(table: TomlTable, *known: str) -> Signals:
+    """The table as Signals, but for keys that are known already."""
     table.refuse_unknown(_SIGNAL_KEYS)
     units: dict[str, str] = {}
     if "units" in table:
         inner = table.table("units")
         inner.refuse_unknown(_UNIT_KEYS)
         units = {f"unit_{key}": inner.text(key) for key in _UNIT_KEYS if key in inner}
-    channels = table.texts("channels") if "channels" in table else ()
-    inertia = table.numbers_of_any_shape("inertia") if "inertia" in table else None
+    channels = table.texts("channels") if "channels" in table and "channels" not in known else ()
+    inertia = None
+    if "inertia" in table and "inertia" not in known:
+        inertia = table.numbers_of_any_shape("inertia")
     try:
         return Signals(channels, **units, inertia=inertia)
     except (TypeError, ValueError) as error:

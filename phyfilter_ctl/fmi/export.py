@@ -22,7 +22,7 @@ from ..codegen.model import CModel
 from ..diagram import FlatModel, flatten
 from ..diagram.fixed_step import largest_stable_step, refuse_unstable_step
 from ..filter import PhyFilter, SampledPhyFilter
-from ..filterfile import Signals
+from ..filterfile import Signals, settled_inertia, settled_signals
 from .archive_write import write_archive
 from .build import build_binaries, platform_names
 from .calibration import calibration_entries
@@ -81,17 +81,19 @@ def export_fmu(
     name : str, optional
         Model identifier, a C identifier. By default the diagram's name or "phyfilter".
     channels : int, optional
-        Of a filter: number n_x of channels of x. By default those that E, the limit or ``signals`` tell, else 1.
+        Of a filter: number n_x of channels of x. By default those that its ``sampling``, E, the limit or ``signals``
+        tell, else 1.
     max_channels : int, optional
         Of a filter, FMI 3: importers choose the number of channels up to this one, by the structural parameter
         ``channels`` in Configuration Mode; arrays have its length. The memory and the time of a step are those of
         ``max_channels``.
     inertia : float, (n_x,) or (n_x, n_x) array, {"scalar", "diagonal", "full"} or None
-        Of a filter: constant inertia; or, where it is sampled, the kind that is an input; or None for I.
+        Of a filter: constant inertia; or, where it is sampled, the kind that is an input. None takes that of
+        ``signals``, then of its ``sampling``, else I.
     rate : {"communication", "fixed"}
         A sampled filter takes one sample per communication step, over the time that has passed; or every dt seconds.
     signals : Signals, optional
-        Of a filter: names of channels and units.
+        Of a filter: names of channels, units and the inertia, besides those in its ``sampling``.
     solver : FmuSolver, optional
         Of co-simulation with continuous states. By default RK4 in steps of 1 ms, shorter where poles are
         fast. A step at which a mode that decays at the start would grow is refused.
@@ -170,15 +172,17 @@ def export_fmu(
         recorded = len(system.outputs) - int(external or 0)
     elif record:
         raise ValueError("record belongs to diagrams and blocks of python-control, whose signals have names")
+    if isinstance(system, SampledPhyFilter):
+        channels = system.sampling.channels_or(channels)
     room = channels
     if xcp and max_channels is not None:
         raise ValueError(
             "xcp gives every signal one address: expected a fixed number of channels, give channels"
         )
     if max_channels is not None:
-        room, channels = room_for(
-            system, channels, max_channels, inertia, signals, grouped=arrays and fmi == "3.0"
-        )
+        noted = settled_signals(system, signals)
+        M = settled_inertia(system, inertia, noted)
+        room, channels = room_for(system, channels, max_channels, M, noted, grouped=arrays and fmi == "3.0")
     model, filters = _c_model(system, name, room, inertia, rate, signals)
     if solver is None and isinstance(system, FlatModel):
         solver = FmuSolver(step=min(1e-3, _OF_STABLE * largest_stable_step(system).seconds))

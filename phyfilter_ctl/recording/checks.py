@@ -32,25 +32,6 @@ def measured(values: ArrayLike, *, copy: bool = True) -> FloatArray:
     return x
 
 
-def channel_names(channels: Sequence[str] | None, n_x: int) -> tuple[str, ...]:
-    """n_x different names that can stand in the header of a file."""
-    if channels is None:
-        return tuple(f"x[{i}]" for i in range(n_x))
-    if isinstance(channels, str) or not all(isinstance(name, str) for name in channels):
-        raise TypeError(f"channels: expected {n_x} names, got {channels!r}")
-    names = tuple(channels)
-    if len(names) != n_x:
-        raise ValueError(
-            f"channels: expected {n_x} names, one for every column of x, got {len(names)}: {names}"
-        )
-    if len(set(names)) < n_x:
-        raise ValueError(f"channels: expected different names, got {names}")
-    for name in names:
-        if not name or name != name.strip() or not name.isprintable():
-            raise ValueError(f"channels: expected printable names without spaces around them, got {name!r}")
-    return names
-
-
 def usable_or_nan(
     name: str, values: FloatArray, columns: Sequence[str] | None, *, finite: bool
 ) -> FloatArray:

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from .._sections import FloatArray
 from ..filter import PhyFilter, record
 from ..recording import Recording
+from ..recording.agreement import label_factor_fault, lag_sums, late_g, late_text, window_sums
 from ..results import Result
 
 __all__ = ["Finding", "Suspicion", "Windows", "findings_of"]
@@ -60,6 +61,7 @@ class Suspicion(StrEnum):
         "the label repeats the noise of x, so scores favour filters that pass it: take an independent sensor, or a "
         "two-sided smoother of x",
     )
+    LATE_G = "late_g", "log what the actuators do, or shift g by that before"
     WRONG_FRAME = "wrong_frame", "declare the convention that fits, or turn the signal before"
     WRONG_MASS = "wrong_mass", "weigh the robot, or check the unit and the model of the thrust"
     GAPS = "gaps", 'run a filter with nonfinite="hold", learn from recording.pieces(), or fix the log'
@@ -136,12 +138,17 @@ class Windows:
 
 def windows_of(log: Recording) -> list[Windows]:
     """Of the longest piece, at each length; as many steps as it takes to judge."""
-    pieces = log.pieces() if log.missing.any() else (log,)
-    if not pieces:
+    piece = _longest(log)
+    if piece is None:
         return []
-    piece = max(pieces, key=len)[: int(_MOST_STEPS)]
     lengths = dict.fromkeys(max(length, 3.0 * piece.dt) for length in _WINDOWS)
     return [found for length in lengths if (found := Windows.of(piece, length)) is not None]
+
+
+def _longest(log: Recording) -> Recording | None:
+    """The longest piece without gaps, as far as it takes to judge; None where there is none."""
+    pieces = log.pieces() if log.missing.any() else (log,)
+    return max(pieces, key=len)[: int(_MOST_STEPS)] if pieces else None
 
 
 def findings_of(recording: Recording, *, time_unit_known: bool = False) -> tuple[Finding, ...]:
@@ -175,9 +182,14 @@ def findings_of(recording: Recording, *, time_unit_known: bool = False) -> tuple
         return tuple(found)  # nothing else can be judged
     windows = windows_of(recording)
     if recording.label is not None:
-        checks = [_label_misfit(recording, windows), _label_is_derivative(recording)]
+        checks = [
+            _label_misfit(recording, windows) or _label_factor(recording),
+            _label_is_derivative(recording),
+        ]
     else:
         checks = [_wrong_frame(windows), _wrong_mass(windows)]
+    if not any(checks):
+        checks = [_late_g(recording, windows)]
     return (*found, *(finding for finding in checks if finding is not None))
 
 
@@ -279,6 +291,18 @@ def _smooth(values: FloatArray) -> FloatArray:
     return 0.25 * (values[:-2] + 2.0 * values[1:-1] + values[2:])
 
 
+def _label_factor(log: Recording) -> Finding | None:
+    """The label is of another unit or channel."""
+    piece = _longest(log)
+    if piece is None or piece.label is None:
+        return None
+    slope = _slopes(piece) - (0.0 if piece.g is None else piece.g[:-1])
+    sums = [window_sums(slope, 0.5 * (piece.label[1:] + piece.label[:-1]), np.diff(piece.times))]
+    faults = (label_factor_fault(sums, j, log.channels, log.dt) for j in range(log.n_x))
+    said = next(filter(None, faults), "")
+    return Finding(Suspicion.LABEL_MISFIT, said) if said else None
+
+
 # -- without a label ------------------------------------------------------------------------------------------------
 
 
@@ -293,6 +317,23 @@ def _wrong_frame(windows: Sequence[Windows]) -> Finding | None:
         if fits[name] < _CLEARLY_BETTER * given:
             said = f"rms of M x' - g is {given:.3g}, but {fits[name]:.3g} with {name}"
             return _finding(Suspicion.WRONG_FRAME, said)
+    return None
+
+
+def _late_g(log: Recording, windows: Sequence[Windows]) -> Finding | None:
+    """M x' follows g later."""
+    piece = _longest(log)
+    if piece is None or piece.g is None or not windows:
+        return None
+    label = 0.0 if piece.label is None else 0.5 * (piece.label[1:] + piece.label[:-1])
+    g = piece.g[:-1]
+    sums = lag_sums(
+        _slopes(piece) - g - label, g, piece.dt, None if piece.is_uniform else np.diff(piece.times)
+    )
+    force = windows[-1].slope - (0.0 if windows[-1].g is None else windows[-1].g)
+    for j, own in enumerate(sums):
+        if late := late_g([own], rms(force[:, j])):
+            return Finding(Suspicion.LATE_G, late_text(late, log.channels[j]))
     return None
 
 

@@ -74,7 +74,50 @@ def test_steady_error_and_largest_command():
     assert both.is_linear
     tight = tube(CASES[0], residual={0: 1.0}, command_limit=1.0)
     assert not tight.is_linear
-    assert "BEYOND" in tight.describe()
+    assert "not proved" in tight.describe()
+    assert tight.radius == np.inf
+
+
+def test_a_limit_of_f_hat_is_counted():
+    """A force of 1 N that f_hat may answer with 0.001 N only: the position strays as without the filter."""
+    filter, settings = PhyFilter([8.0]), {"kp": 10.0, "kd": 6.0, "residual": {0: 1.0}}
+    free = tracking_tube(filter.sampled(0.01), **settings)
+    wide = tracking_tube(filter.sampled(0.01, limit=1.5, g_limit=(-2.5, 2.5)), **settings)
+    assert wide.radius == free.radius
+    assert 1.0 <= free.estimate <= 1.5
+    tight = tracking_tube(filter.sampled(0.01, limit=0.001), **settings)
+    assert not tight.is_linear
+    assert tight.radius == np.inf
+    assert "limit of estimate" in tight.describe()
+    slope = tracking_tube(filter.sampled(0.01, limit=0.5), kp=10.0, kd=6.0, residual={1: 0.1})
+    assert "no bound on f itself" in slope.describe()
+    held = tracking_tube(filter.sampled(0.01, g_limit=(-0.5, 3.0)), **settings)
+    assert held.command_limit == 0.5
+    assert not held.is_linear
+    with pytest.raises(ValueError, match="g_limit"):
+        tracking_tube(filter.sampled(0.01, g_limit=(1.0, 3.0)), **settings)
+    with pytest.raises(ValueError, match="g_limit"):
+        tracking_tube(filter.sampled(0.01, g_limit=(-1.0, 3.0)), g="applied", **settings)
+
+
+def test_inertia_and_direction_of_the_filter_count():
+    """A filter that knows M_hat and E answers as one that is given M_hat, for a force of E f."""
+    filter, settings = PhyFilter([8.0]), {"kp": 10.0, "kd": 6.0, "noise": 0.01}
+    own = filter.sampled(0.01, inertia=4.0, E=[[0.1]])
+    told = tracking_tube(filter.sampled(0.01), inertia=4.0, residual={0: 0.1, 1: 2.0}, **settings)
+    found = tracking_tube(own, residual={0: 1.0, 1: 20.0}, **settings)
+    assert found.parts == pytest.approx(told.parts, rel=1e-12)
+    assert found.command == pytest.approx(told.command, rel=1e-12)
+    assert found.estimate == pytest.approx(10.0 * told.estimate, rel=1e-12)
+    gusts = gauss_markov(1.0, 0.5)
+    spread = {"kp": 10.0, "kd": 6.0, "noise": 0.01}
+    one = tracking_deviation(own, residual=gusts, **spread)
+    two = tracking_deviation(filter.sampled(0.01), inertia=4.0, residual=gauss_markov(0.1, 0.5), **spread)
+    assert (one.residual, one.noise, one.command) == pytest.approx(
+        (two.residual, two.noise, two.command), rel=1e-9
+    )
+    with pytest.raises(ValueError, match="E: expected one channel"):
+        tracking_tube(filter.sampled(0.01, E=[[1.0], [0.0]]), residual={0: 1.0}, **settings)
 
 
 @pytest.mark.parametrize("told", ["commanded", "applied"])

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import argparse
 import base64
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,6 +12,7 @@ from designer_messages import answered, message_of, refused
 
 from phyfilter_ctl.app import Session
 from phyfilter_ctl.app.imports import free_memory
+from phyfilter_ctl.cli import app as command
 
 N = 60
 T_US = 1_700_000_000_000_000 + 10_000 * np.arange(N)
@@ -206,3 +209,29 @@ def test_the_example_says_that_it_is_simulated():
     assert "Simulated" in reply["log"]["name"]
     assert "not a recording" in reply["messages"][0]
     assert answered(session, "estimate", design=message_of([-20.0]))["rmse"] > 0.0
+
+
+@pytest.mark.parametrize(
+    ("column", "typed", "factor"), [("speed_kmh", "", 3.6), ("speed [km/h]", "", 3.6), ("speed", "km/h", 3.6)]
+)
+def test_the_command_and_the_dialog_convert_alike(
+    column: str, typed: str, factor: float, tmp_path: Path
+) -> None:
+    path = tmp_path / "cart.csv"
+    rows = [f"{0.01 * k:.2f},{factor * V[k]:.12g},{1e-3 * A[k]:.12g}" for k in range(N)]
+    path.write_text("\n".join([f"t,{column},force", *rows]) + "\n")
+    parser = argparse.ArgumentParser()
+    command.add_arguments(parser)
+    options = ["--log", str(path), "--x", column, "--label", "force", "--unit-f", "kN"]
+    log, said = command._log(parser.parse_args(options + (["--unit-x", typed] if typed else [])))
+    session = Session()
+    send(session, "cart.csv", path.read_text())
+    units = {"unit_f": "kN"} | ({"unit_x": typed} if typed else {})
+    reply = answered(session, "import", time="t", time_unit="s", x=[column], label=["force"], **units)
+    assert said == reply["messages"]
+    assert any("km/h was taken as 0.277778 m/s" in message for message in said)
+    for each in (log, session.log):
+        assert each is not None
+        assert each.unit == "m/s"
+        np.testing.assert_allclose(each.x[:, 0], V, atol=PARSED)
+        np.testing.assert_allclose(each.label[:, 0], A, atol=PARSED)

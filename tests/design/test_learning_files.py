@@ -13,6 +13,7 @@ import pytest
 
 from phyfilter_ctl import Recording, learn
 from phyfilter_ctl.design.learning import stored
+from phyfilter_ctl.execution.processes import Processes
 from phyfilter_ctl.logfiles import read_recording
 
 # Files hold the numbers bit for bit. What is left: the trials begin where what was kept of the flights does.
@@ -123,8 +124,8 @@ def test_ends_and_beginnings_are_bounded_whatever_their_number(flights, monkeypa
     found = stored.StoredFlights()
     for k, log in enumerate(flights):
         source = stored.Source("t", k, log.name, partial(stored.load, log, None, None, {}))
-        survey, correlated = stored.surveyed(source, flights=1, skip=False)
-        found.add(stored.StoredFlight(source, survey), correlated)
+        ((survey, correlated),) = stored.surveyed(source, flights=1, skip=False)
+        found.add(stored.StoredFlight(source.part(0), survey), correlated)
     assert sum(each.survey.end.nbytes for each in found) <= stored.ENDS
     end, complete = found[0].before(found[0].length)
     assert not complete
@@ -249,3 +250,11 @@ def test_processes_and_a_cluster_find_the_same_numbers_though_a_worker_is_killed
         found = learn(files, 2, form="general", read=read, scheduler=client, report=report)
         assert killed.is_set()
     same(expected, found, 0.0)
+
+
+def test_small_files_are_read_in_this_process(flights, files, monkeypatch):
+    """Processes take seconds to start and these files milliseconds to read."""
+    started = []
+    monkeypatch.setattr(Processes, "__init__", lambda self: started.append(self))
+    same(learn(flights, 1, **FEW), learn(files, 1, read=from_csv, **FEW))
+    assert not started

@@ -18,6 +18,7 @@ from phyfilter_ctl import (
 from phyfilter_ctl.analysis import frequency_response, largest_bandwidth
 from phyfilter_ctl.analysis.margins.slopes import modulus_at, touches
 from phyfilter_ctl.blocks import phyfilter_block, sampled_block, wired
+from phyfilter_ctl.filterfile import save
 from phyfilter_ctl.simulation import FilterPlace
 
 H = 0.01
@@ -92,12 +93,20 @@ def test_a_filter_that_keeps_the_limits_is_left_as_it_is(log):
     assert found.loop.binding == ()
 
 
-def test_what_no_filter_keeps_is_infeasible_and_nothing_is_fed_back(log):
-    found = learn(log, 1, loop=LoopConstraint(**LOOP, modulus_margin=0.9), **PLAIN)
+def test_what_no_filter_keeps_is_infeasible_and_nothing_is_fed_back(log, tmp_path):
+    with pytest.warns(UserWarning, match="no filter up to order 1 keeps the limits, F = 0 is returned"):
+        found = learn(log, 1, loop=LoopConstraint(**LOOP, modulus_margin=0.9), **PLAIN)
     assert found.status is Status.INFEASIBLE
+    with pytest.raises(ValueError, match="sampled: no filter up to order 1 keeps the limits"):
+        found.sampled()
+    with pytest.warns(UserWarning, match="F = 0 is saved"):
+        save(tmp_path / "nothing.toml", found.filter)
+    assert "modulus margin" in repr(found.loop)
+    assert "type str" not in repr(found.loop)
     assert not np.any(found.filter.b)
     assert "lower the outer gains" in found.message
-    slow = learn(log, 1, loop=LoopConstraint(noise_gain=1e-3), **PLAIN)
+    with pytest.warns(UserWarning, match="longer flights"):
+        slow = learn(log, 1, loop=LoopConstraint(noise_gain=1e-3), **PLAIN)
     assert slow.status is Status.INFEASIBLE
     assert "longer flights" in slow.message
 

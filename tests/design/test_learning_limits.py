@@ -118,10 +118,11 @@ def test_no_pole_is_slower_than_the_longest_flight_shows(form):
 def test_the_choice_among_orders_and_forms_leaves_such_filters_out():
     """The label is five times M x': order 1 in the general form fits it, with F(0) = 5."""
     logs = [flight(seed, lambda f, g: 5.0 * f) for seed in range(2)]
-    rows = [
-        Row(1, "general", learn(logs, 1, form="general", dc_gain=None, wiener=False)),
-        Row(1, "lowpass", learn(logs, 1, wiener=False)),
-    ]
+    with pytest.warns(UserWarning, match="M x' - g times"):  # not what is asked here
+        rows = [
+            Row(1, "general", learn(logs, 1, form="general", dc_gain=None, wiener=False)),
+            Row(1, "lowpass", learn(logs, 1, wiener=False)),
+        ]
     assert rows[0].result.status == "not_identified"
     assert rows[0].result.rmse < rows[1].result.rmse
     assert best_of(rows) is rows[1]
@@ -243,3 +244,46 @@ def test_commands_beyond_the_actuators_are_learned_from_as_the_filter_will_take_
         learn(log, 1, channels=[0], g_limit=ends)
     alone = learn(log, 1, channels=[0], g_limit=(-1.0, 1.5), starts=0, wiener=False)
     assert alone.filter.a[0] == pytest.approx(30.0, rel=1e-6)
+
+
+# -- what is asked for in another way ------------------------------------------------------------------------
+
+
+def test_of_several_orders_those_without_a_score_are_named():
+    x = np.cumsum(np.random.default_rng(0).standard_normal((2000, 1)), axis=0)
+    log = Recording.from_arrays(x=x, dt=H, label=PhyFilter([20.0]).sampled(H).run(x))
+    result = learn(log, [1, 2, 3], starts=0, wiener=False)
+    assert result.order_used == 1
+    assert result.message.startswith("order 1: the lowest of 1, 2, 3; cross-validated RMSE")
+    assert "2, 3: not scored" in result.message
+    two = learn(flight(0), [1, 2, 3], starts=0, wiener=False)
+    assert "as good as the best of 1 to 2;" in two.message
+    assert "; 3: not scored" in two.message
+
+
+@pytest.mark.parametrize(
+    ("given", "error", "words"),
+    [
+        (
+            {"order": "auto"},
+            TypeError,
+            r"order: expected a whole number, or several .* range\(1, 7\), got 'auto'",
+        ),
+        ({"order": 1.0}, TypeError, r"order: expected a whole number, .* got 1\.0"),
+        (
+            {"logs": {"a": flight(0)}},
+            TypeError,
+            r"logs: expected Recordings, .* got dict; .* list\(logs\.values\(\)\)",
+        ),
+        ({"logs": "folder/*.csv"}, ValueError, r"folder/\*\.csv: no such file; of a pattern give sorted"),
+        ({"channels": "vx"}, ValueError, r"channels: .* got 'vx'; one is \['vx'\]"),
+        (
+            {"logs": flight(0).with_signals(label=None)},
+            ValueError,
+            r"no label.*estimate\(log\), or smooth_label\(log\)",
+        ),
+    ],
+)
+def test_wrong_arguments_are_named_with_what_to_give(given, error, words):
+    with pytest.raises(error, match=words):
+        learn(**({"logs": flight(0), "order": 1} | given))

@@ -34,5 +34,20 @@ def killed_once(job: tuple[str, int]) -> tuple[int, int]:
     return number, os.getpid()
 
 
+def with_lock(lock: object, number: int) -> int:
+    return number
+
+
 def killed_always(number: int) -> int:
     os._exit(7)
+
+
+class AwkwardError(Exception):
+    """Cannot be made again from its arguments."""
+
+    def __init__(self, first: int, second: int) -> None:
+        super().__init__(f"{first} and {second}")
+
+
+def awkward(number: int) -> int:
+    raise AwkwardError(number, number + 1)

@@ -28,8 +28,6 @@ class LoopMargin(RatioMargins):
         As it runs.
     """
 
-    filter: PhyFilter | SampledPhyFilter
-
 
 @per_channel
 def loop_margin(

@@ -118,7 +118,7 @@ class _Question:
         motion: InertiaMotion | None = None,
         only: tuple[str, ...] = (),
     ) -> InertiaCertificate:
-        known = [_FORCES, *only]
+        known = [_FORCES, *only, *self.margins[0].assumptions]
         if self.M_hat.size > 1:
             known.append("M symmetric, M_hat constant")
         opening = None
@@ -240,6 +240,8 @@ def _checked(
 ) -> _Question:
     if (ratios is None) == (vertices is None):
         raise ValueError("ratios, vertices: expected one of the two, the set in which the inertia moves")
+    if vertices is not None and M_hat is None and isinstance(filter, SampledPhyFilter):
+        M_hat = filter.sampling.inertia_or(None)
     if (vertices is None) != (M_hat is None):
         raise ValueError("M_hat: goes with vertices, and only with them; ratios are of M_hat/M already")
     several = channels_of(filter)

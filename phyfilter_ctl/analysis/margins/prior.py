@@ -59,8 +59,6 @@ class PriorMargin(RatioMargins):
         As it runs.
     """
 
-    filter: PhyFilter | SampledPhyFilter
-
     def inertia(self, M_hat: ArrayLike, M: ArrayLike) -> InertiaVerdict:
         """Whether the loop is stable for one pair of inertia matrices.
 

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 from ... import _signals
 from ..._sections import ComplexArray, FloatArray
 from ...filter import PhyFilter, SampledPhyFilter
+from ..options import assumed
 from . import sweep
 from ._continuous import ContinuousLoop
 from .actuator import checked_actuator, checked_number
@@ -40,6 +41,8 @@ class RatioMargins(LoopMargins):
         The mu at which gain, phase, delay, modulus and disk margins are taken.
     loop : Loop
         The characteristic function on the boundary of stability.
+    filter : PhyFilter or SampledPhyFilter
+        As it runs.
 
     Notes
     -----
@@ -51,10 +54,16 @@ class RatioMargins(LoopMargins):
     |(M - M_hat) M_hat^-1| below the modulus margin in the spectral norm.
     """
 
-    _figures = ("inertia_ratio", "stable_ratios", *LoopMargins._figures)
+    _figures = ("inertia_ratio", "stable_ratios", *LoopMargins._figures, "assumptions")
 
     inertia_ratio: float
     loop: Loop = field(repr=False)
+    filter: PhyFilter | SampledPhyFilter
+
+    @property
+    def assumptions(self) -> tuple[str, ...]:
+        """What is taken for granted of the options of the filter."""
+        return assumed(self.filter)
 
     # -- over all ratios ----------------------------------------------------------------------------------------
 

@@ -32,6 +32,7 @@ from ..._sections import ComplexArray, FloatArray
 from ...filter import PhyFilter, SampledPhyFilter
 from ...results import Result
 from ..channels import per_channel
+from ..options import assumed
 from . import sweep
 from .prior import _positive
 from .ratio_margins import build_loop
@@ -62,13 +63,26 @@ class SaturationMargin(Result):
         As it runs.
     """
 
-    _figures = ("g", "inertia_ratio", "is_stable", "least_gain", "command_excess", "frequency")
+    _figures = (
+        "g",
+        "inertia_ratio",
+        "is_stable",
+        "least_gain",
+        "command_excess",
+        "frequency",
+        "assumptions",
+    )
 
     g: KnownActuation
     inertia_ratio: float
     loop: Loop = field(repr=False)
     numerator: Callable[[FloatArray], ComplexArray] = field(repr=False)
     filter: PhyFilter | SampledPhyFilter = field(repr=False)
+
+    @property
+    def assumptions(self) -> tuple[str, ...]:
+        """What is taken for granted of the options of the filter."""
+        return assumed(self.filter, counted=("g_limit",))
 
     @cached_property
     def is_stable(self) -> bool:
@@ -162,7 +176,7 @@ def saturation_margin(
     Raises
     ------
     TypeError, ValueError
-        As for :func:`loop_margin`, and for another ``g``.
+        As for :func:`loop_margin`, for another ``g``, and for a filter with ``g_limit`` under g="commanded".
 
     Notes
     -----
@@ -183,5 +197,7 @@ def saturation_margin(
     system, loop = build_loop(filter, actuator, delay, dt, kp, kd)
     if g not in get_args(KnownActuation):
         raise ValueError(f"g: expected 'saturated' or 'commanded', got {g!r}")
+    if g == "commanded":
+        assumed(system, refused={"g_limit": "the filter is told what its limit leaves; use g='saturated'"})
     numerator = loop.normalisation if g == "saturated" else loop.error
     return SaturationMargin(g, _positive(inertia_ratio), loop, numerator, system)

@@ -82,6 +82,16 @@ class Loop(Swept, Protocol):
         """Seconds of delay."""
         ...
 
+    @property
+    def kp(self) -> float:
+        """Outer gain on the position, in 1/s^2."""
+        ...
+
+    @property
+    def kd(self) -> float:
+        """Outer gain on the velocity, in 1/s."""
+        ...
+
     def roots(self, ratio: complex) -> ComplexArray | None:
         """Closed-loop poles at a ratio mu, in rad/s or as z; None where there are infinitely many."""
         ...

@@ -63,9 +63,9 @@
  * @property {string[]} messages
  */
 /** @typedef {{log: LogSummary, messages: string[]}} Opened */
-/** @typedef {{name: string, mime: string, base64: string, written?: string}} Download */
+/** @typedef {{name: string, mime: string, base64: string, written?: string, messages?: string[]}} Download */
 /** @typedef {{kind: string, able: boolean, why: string}} Exportable */
-/** @typedef {{name: string, exports: Exportable[]}} Exchange */
+/** @typedef {{name: string, exports: Exportable[], channels: number}} Exchange */
 /**
  * A filter of a front; its figures for the assumed noise and slope.
  * @typedef {{design: DesignData, noise: number, bound: number, bandwidth: number, delay_margin: number | null}} FrontPoint

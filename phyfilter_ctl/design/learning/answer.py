@@ -119,7 +119,7 @@ def _judged(
         return Status.CANCELLED, verdict.message_of(Status.CANCELLED, used, top, search)
     if len(asked.orders) > 1 and orders:
         status = verdict.status_of(search.best[used], used, used, search)
-        message = verdict.by_folds(orders, used, used, False)
+        message = verdict.of_several(orders, used, asked.orders)
         if status is not Status.CONVERGED:
             message += "; " + verdict.message_of(status, used, used, search)
         return status, message

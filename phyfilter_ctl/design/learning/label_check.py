@@ -5,7 +5,8 @@ Integrated from the start of a flight, label and M x' - g may differ by the nois
     D_k = int (label - f_theta - u) dt = noise of M x,
 
 whatever the flight does and however noisy x is. So D grows with time where the label has another mean, and with the
-integral of g where the label still holds g.
+integral of g where the label still holds g. What windows say of its unit, sign and channel, and whether g acts late, is
+in ``recording.agreement``.
 """
 
 from __future__ import annotations
@@ -15,6 +16,15 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ...recording.agreement import (
+    LagSums,
+    WindowSums,
+    label_factor_fault,
+    lag_sums,
+    late_g,
+    late_text,
+    window_sums,
+)
 from .residuals import Flight
 
 # A mean below this share of the target's deviation is less than 1 % of its power: the fit hardly sees it.
@@ -39,25 +49,49 @@ class ChannelSums(NamedTuple):
     products: tuple[float, float, float]  # D D, D int g, int g int g
 
 
-def label_sums(flight: Flight) -> tuple[ChannelSums, ...]:
-    """Of every channel; none for a flight that is too short to tell, or does not take part."""
+class FlightSums(NamedTuple):
+    """What is needed of one flight; empty of one that is too short to tell, or does not take part."""
+
+    channels: tuple[ChannelSums, ...] = ()
+    windows: tuple[WindowSums, ...] = ()
+    lags: tuple[LagSums, ...] = ()
+    step: float = 0.0
+
+
+def label_sums(flight: Flight) -> FlightSums:
+    """Of every channel of a flight."""
     if not flight.takes_part or flight.length <= 2:
-        return ()
-    return tuple(_sums(flight, j) for j in range(flight.u.shape[1]))
+        return FlightSums()
+    u, label = flight.u[1:], 0.5 * (flight.target[1:] + flight.target[:-1])
+    steps = None if flight.steps is None else flight.steps[1:]
+    counts = np.ones(len(u), dtype=bool)
+    if flight.sample_weights is not None:
+        used = np.all(flight.sample_weights > 0.0, axis=1)
+        counts = used[1:] & used[:-1]
+    lags: tuple[LagSums, ...] = ()
+    if flight.g is not None and counts.all():
+        lags = lag_sums(u - label, flight.g[1:], flight.dt, steps)
+    kept = None if steps is None else steps[counts]
+    windows = window_sums(u[counts], label[counts], kept)
+    return FlightSums(tuple(_sums(flight, j) for j in range(flight.u.shape[1])), windows, lags, flight.dt)
 
 
-def label_faults(
-    sums: Sequence[tuple[ChannelSums, ...]], channels: Sequence[str], *, offset: bool = False
-) -> list[str]:
-    """What is wrong with the labels of flights, in words, channel by channel; an empty list where nothing is.
+def label_faults(sums: Sequence[FlightSums], channels: Sequence[str], *, offset: bool = False) -> list[str]:
+    """What is wrong with the labels and g of flights, in words, channel by channel; an empty list where nothing is.
 
     With ``offset`` they may be off by a constant a flight.
     """
     found = []
+    windows, step = [own.windows for own in sums], max((own.step for own in sums), default=0.0)
     for j, name in enumerate(channels):
-        parts = [own[j] for own in sums if own and own[j].duration > 0.0]
-        if parts and (fault := _held(parts, name) or ("" if offset else _offset(parts, name))):
+        parts = [own.channels[j] for own in sums if own.channels and own.channels[j].duration > 0.0]
+        if not parts:
+            continue
+        fault = _held(parts, name) or label_factor_fault(windows, j, channels, step)
+        if fault := fault or ("" if offset else _offset(parts, name)):
             found.append(fault)
+        elif late := late_g([own.lags[j] for own in sums if own.lags], _deviation(parts)):
+            found.append(late_text(late, name))
     return found
 
 
@@ -76,7 +110,7 @@ def _sums(flight: Flight, j: int) -> ChannelSums:
     if flight.g is None:
         return ChannelSums(duration, end, spread, len(own), squares, None, (0.0, 0.0, 0.0))
     g = flight.g[:, j]
-    integral = np.cumsum(steps * 0.5 * (g[1:] + g[:-1]))
+    integral = np.cumsum(steps * g[1:])
     d, integral = D - np.mean(D), integral - np.mean(integral)
     products = (float(d @ d), float(d @ integral), float(integral @ integral))
     known = (int(np.sum(counts)), float(np.sum(g[counts] ** 2)))

@@ -25,6 +25,7 @@ from ...execution import Report, silent
 from ...filter import PhyFilter, Sampling
 from ...filter.sampling import Method, Rule
 from ...recording import Recording
+from ...results import Status
 from .answer import Asked, answer, rmse
 from .constraints import LoopConstraint
 from .coordinates import FASTEST
@@ -33,7 +34,7 @@ from .in_loop import keep_limits
 from .label_check import label_faults, label_sums
 from .levenberg import Descent
 from .reading import Logs, OnBad, Reading, read_flight
-from .residuals import Flight, refuse_uninformative
+from .residuals import Flight, gap_notes, other_channels, refuse_uninformative
 from .result import LearnEvent, LearnResult
 from .search import Search
 from .sensitivity import Data
@@ -97,10 +98,10 @@ def learn(
     Parameters
     ----------
     logs : Recording, path, or sequence of Recording, path or function () -> Recording
-        Flights with a label, the true f = M x' - g; they stay apart. A missing f_theta or g is 0. Steps may differ,
-        within a flight and between flights. Files are read when they are needed, not kept; of a folder every table
-        (Parquet, Arrow, Feather, CSV) is a flight. Or one function () -> iterable of Recording, called anew for every
-        pass.
+        Flights with a label, the true f = M x' - g, of the same channels; they stay apart. A missing f_theta or g is 0.
+        Steps may differ, within a flight and between flights. Files are read when they are needed, not kept; of a
+        folder every table (Parquet, Arrow, Feather, CSV) is a flight. Or one function () -> iterable of Recording,
+        called anew for every pass.
     order : int or sequence of int
         Order n of D, 1 to 12. Lower orders are learned on the way. Of several orders, ``range(1, 7)``, the one that
         cross-validation chooses is returned.
@@ -178,7 +179,8 @@ def learn(
     on_bad : {"raise", "skip"}
         What a flight does that cannot be read or has no label: an error, or an entry of ``result.skipped``.
     workers : int, optional
-        Processes that read files; None means one per core, 1 reads them here.
+        Processes that read files; 1 reads them here. None means one per core, or 1 where all are files of 64 MB at most
+        together.
     scheduler : str or distributed.Client, optional
         Of a Dask cluster whose workers read the files instead, by the same paths.
     report : callable
@@ -199,8 +201,9 @@ def learn(
     Warns
     -----
     UserWarning
-        If a label cannot be f: over whole flights its mean is not that of M x' - g, or it differs by g itself. If
-        flights disagree.
+        If a label cannot be f: over whole flights its mean is not that of M x' - g, it differs by g itself, or it is of
+        another unit, sign or channel. If g acts later than it is logged. If
+        flights disagree. If no filter keeps the limits of ``loop``.
 
     Notes
     -----
@@ -213,6 +216,9 @@ def learn(
     Flights of equal steps are reduced to correlations once, exactly, so a step costs as many operations as the filter
     remembers samples, whatever the length and number of flights. Unequal steps and weights of single samples are
     summed sample by sample; there the trials run on the mean step (and weighted signals), the answer does not.
+
+    A log is cut at gaps in its times, steps over 3 times the median (:attr:`Recording.gaps`): the filter begins at rest
+    after each. It stays one flight in folds and scores. ``result.sampled()`` has the median step of the first flight.
 
     Conditions on F are linear in N and hold exactly (least squares with equality constraints). With limits on single
     poles or given ones D is a product of sections instead, in a box of its own.
@@ -278,6 +284,8 @@ def learn(
         flights, skipped = reading.flights("logs", logs, entries)
         refuse_uninformative(flights, n)
         tests, bad = ([], ()) if held_out is None else reading.flights("held_out", held_out, None)
+        if tests and (fault := other_channels(tests[0], flights[0])):
+            raise ValueError(f"held_out: {fault}")
         given = _starts(start, n)
         notes = _notes(flights, label_offset)
         recorder = _Recorder(callback)
@@ -293,7 +301,7 @@ def learn(
             orders,
             flights,
             tests,
-            replace(sampling, dt=flights[0].dt),
+            replace(sampling, dt=_step(flights)),
             E,
             label_offset,
             wiener,
@@ -312,6 +320,8 @@ def learn(
                 lambda found: _scores(found, search, asked),
                 offset=label_offset,
             )
+    if result.status is Status.INFEASIBLE:
+        warnings.warn(result.message, stacklevel=2)
     for note in result.notes[len(notes) :]:
         warnings.warn(note, stacklevel=2)
     return result
@@ -328,6 +338,11 @@ def _worthwhile(flights: Sequence[Flight], orders: Sequence[int], form: Form) ->
     return len(orders) > 1 or sum(flight.samples for flight in flights) < _SHORT * coefficients
 
 
+def _step(flights: Sequence[Flight]) -> float:
+    """Of the first flight; of one with gaps the step of its longest part."""
+    return max((f for f in flights if f.log == flights[0].log), key=lambda flight: flight.length).dt
+
+
 def _notes(flights: Sequence[Flight], offset: bool) -> tuple[str, ...]:
     """What to know of the logs; faults of their labels are warned of."""
     sums = flights.sums if isinstance(flights, StoredFlights) else [label_sums(flight) for flight in flights]
@@ -335,7 +350,7 @@ def _notes(flights: Sequence[Flight], offset: bool) -> tuple[str, ...]:
     for fault in faults:
         warnings.warn(fault, stacklevel=3)
     missing = [] if any(flight.has_g for flight in flights) else ["no g: M x' is taken as f"]
-    return (*missing, *faults)
+    return (*missing, *gap_notes(flights), *faults)
 
 
 class _CancelledError(Exception):
@@ -369,7 +384,7 @@ def _search(
     structure: Structure,
     pull: float,
 ) -> Search:
-    longest = max(float(flight.dt * flight.length) for flight in flights)
+    longest = max(float((flight.mean_step or flight.dt) * flight.length) for flight in flights)
     step = max(flight.longest_step for flight in flights)
     shortest = min(flight.dt for flight in flights)
     floor = max(
@@ -395,7 +410,12 @@ def _search(
 
 def _orders(order: SupportsIndex | Sequence[SupportsIndex]) -> tuple[int, ...]:
     given = order if isinstance(order, Sequence | np.ndarray) else [order]
-    found = tuple(sorted({operator.index(n) for n in given}))
+    try:
+        found = tuple(sorted({operator.index(n) for n in given}))
+    except TypeError:
+        raise TypeError(
+            f"order: expected a whole number, or several to choose from as range(1, 7), got {order!r}"
+        ) from None
     if not found or not 1 <= found[0] <= found[-1] <= HIGHEST_ORDER:
         raise ValueError(f"order: expected 1 to {HIGHEST_ORDER}, got {order}")
     return found

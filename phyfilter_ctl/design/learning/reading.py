@@ -7,15 +7,15 @@ import sys
 import uuid
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias, cast
 
 from ...execution import Executor, Report
 from ...logfiles import read_recording
 from ...recording import Recording
-from .residuals import Flight, flights_of
+from .residuals import Flight, flights_of, other_channels, other_time_units
 from .stored import Answer, OneFlight, Source, StoredFlight, StoredFlights, load, serve, surveyed
 
 if TYPE_CHECKING:
@@ -24,8 +24,11 @@ if TYPE_CHECKING:
 __all__ = ["Logs", "OnBad", "Reading", "files_of", "read_flight"]
 
 Logs: TypeAlias = OneFlight | Sequence[OneFlight] | Callable[[], Iterable[Recording]]
+Bad: TypeAlias = tuple[tuple[str, str], ...]
 OnBad = Literal["raise", "skip"]
 
+# Bytes of all files below which one process reads them sooner than several do that have to start.
+_SMALL = 64 << 20
 # Flights that a function makes are not counted beforehand.
 _FLIGHTS_MADE = 1 << 6
 _TABLES = (".parquet", ".pq", ".arrow", ".feather", ".csv")
@@ -66,14 +69,18 @@ class Reading:
     scheduler: str | Client | None
     report: Report
 
-    @cached_property
-    def executor(self) -> Executor:
-        """Started when the first flight is read."""
-        return self.stack.enter_context(Executor(self.workers, scheduler=self.scheduler))
+    executors: list[Executor] = field(default_factory=list)
 
-    def flights(
-        self, name: str, logs: Logs, weights: Sequence[Any] | None
-    ) -> tuple[Sequence[Flight], tuple[tuple[str, str], ...]]:
+    def executor(self, logs: Sequence[OneFlight]) -> Executor:
+        """Started when the first flights are read; in this process where these are small."""
+        if not self.executors:
+            workers = self.workers
+            if workers is None and self.scheduler is None and _are_small(logs):
+                workers = 1
+            self.executors.append(self.stack.enter_context(Executor(workers, scheduler=self.scheduler)))
+        return self.executors[0]
+
+    def flights(self, name: str, logs: Logs, weights: Sequence[Any] | None) -> tuple[Sequence[Flight], Bad]:
         """Flights, whose signals are in memory or not, and the bad ones that were left out.
 
         Raises
@@ -91,20 +98,47 @@ class Reading:
         ):
             stored = _stored_flights(self, found, weights)
         else:
-            return self._at_hand(cast("list[Recording]", found), weights)
-        return stored, tuple(stored.skipped)
+            return self._of_one_clock(
+                name, found, *self._at_hand(name, cast("list[Recording]", found), weights)
+            )
+        return self._of_one_clock(name, stored.names, stored, tuple(stored.skipped))
+
+    def _of_one_clock(
+        self, name: str, logs: Sequence[OneFlight], flights: Sequence[Flight], bad: Bad
+    ) -> tuple[Sequence[Flight], Bad]:
+        """Flights without those whose times are in another unit than most, which are bad."""
+        faults = other_time_units(flights)
+        named = {i: _name(logs[i], i) for i in faults}
+        if faults and (not self.skip or len(faults) == len({flight.log for flight in flights})):
+            i, fault = next(iter(faults.items()))
+            raise ValueError(f"{name}: {named[i]}: {fault}")
+        if not faults:
+            return flights, bad
+        if isinstance(flights, StoredFlights):
+            flights.leave_out(faults)
+            kept: Sequence[Flight] = flights
+        else:
+            kept = [flight for flight in flights if flight.log not in faults]
+        return kept, (*bad, *((named[i], fault) for i, fault in faults.items()))
 
     def _at_hand(
-        self, logs: list[Recording], weights: Sequence[Any] | None
-    ) -> tuple[list[Flight], tuple[tuple[str, str], ...]]:
+        self, name: str, logs: list[Recording], weights: Sequence[Any] | None
+    ) -> tuple[list[Flight], Bad]:
         if not self.skip:
-            return flights_of(logs, weights=weights, **self.options), ()
+            found = flights_of(logs, weights=weights, **self.options)
+            for part in found:
+                if fault := other_channels(part, found[0]):
+                    raise ValueError(f"{name}: log {part.log} {fault}")
+            return found, ()
         entries = [1.0] * len(logs) if weights is None else weights
-        found: list[Flight] = []
+        found = list[Flight]()
         bad: list[tuple[str, str]] = []
         for i, (log, entry) in enumerate(zip(logs, entries, strict=True)):
             try:
-                found.append(load(log, self.read, entry, dict(self.options)))
+                parts = load(log, self.read, entry, dict(self.options))
+                if fault := other_channels(parts[0], (found or parts)[0]):
+                    raise ValueError(fault)
+                found += [replace(part, log=i) for part in parts]
             except ValueError as error:
                 bad.append((_name(log, i), str(error)))
         _refuse_empty(found, bad)
@@ -125,6 +159,11 @@ def _listed(name: str, logs: object) -> list[OneFlight] | Callable[[], Iterable[
         found: list[OneFlight] = [*files_of(Path(logs))]
     elif isinstance(logs, Recording):
         found = [logs]
+    elif isinstance(logs, Mapping) or hasattr(logs, "columns"):
+        raise TypeError(
+            f"{name}: expected Recordings, files or a function, got {type(logs).__name__}; give the recordings of a "
+            "mapping as list(logs.values()), and of a table Recording.from_arrays(...)"
+        )
     elif isinstance(logs, Iterator):
         raise TypeError(
             f"{name}: an iterator or generator is used up after one pass, and learning makes several; give a function "
@@ -153,6 +192,8 @@ def files_of(path: Path) -> list[Path]:
     ValueError
         If a folder holds none.
     """
+    if any(sign in str(path) for sign in "*?") and not path.exists():
+        raise ValueError(f"{path}: no such file; of a pattern give sorted(Path('folder').glob('*.csv'))")
     if not path.is_dir() or (path / "metadata.yaml").is_file():  # a ROS 2 bag
         return [path]
     files = sorted(file for file in path.rglob("*") if file.suffix.lower() in _TABLES)
@@ -166,7 +207,8 @@ def _stored_flights(how: Reading, logs: list[OneFlight], weights: Sequence[Any] 
     if weights is not None and len(weights) != len(logs):
         raise ValueError(f"weights: expected one entry for each of the {len(logs)} logs, got {len(weights)}")
     token = uuid.uuid4().hex
-    serve(token, how.executor)
+    executor = how.executor(logs)
+    serve(token, executor)
     entries = [None] * len(logs) if weights is None else weights
     sources = [
         Source(token, i, _name(log, i), partial(load, log, how.read, entry, dict(how.options)))
@@ -174,7 +216,7 @@ def _stored_flights(how: Reading, logs: list[OneFlight], weights: Sequence[Any] 
     ]
     survey = partial(surveyed, flights=len(logs), skip=how.skip)
     names = [source.name for source in sources]
-    return _gathered(how, sources, how.executor.map(survey, sources, names=names, report=how.report))
+    return _gathered(how, sources, executor.map(survey, sources, names=names, report=how.report))
 
 
 def _made_flights(
@@ -195,23 +237,29 @@ def _made_flights(
 
 
 def _gathered(how: Reading, sources: Sequence[Source], answers: Iterable[Answer]) -> StoredFlights:
-    found = StoredFlights()
+    found = StoredFlights(sources)
     for i, answer in enumerate(answers):
         if not isinstance(answer, str):
-            survey, correlated = answer
-            if found.flights and survey.shape[1] != found.flights[0].survey.shape[1]:
-                answer = (
-                    f"has {survey.shape[1]} channels, {', '.join(survey.channels)}, where "
-                    f"{found.flights[0].source.name} has {', '.join(found.flights[0].channels)}"
-                )
+            parts = [
+                (StoredFlight(sources[i].part(k), survey), sums) for k, (survey, sums) in enumerate(answer)
+            ]
+            if fault := other_channels(parts[0][0], (found.flights or [parts[0][0]])[0]):
+                answer = fault
             else:
-                found.add(StoredFlight(sources[i], survey), correlated)
+                for part, sums in parts:
+                    found.add(part, sums)
         if isinstance(answer, str):
             if not how.skip:
                 raise ValueError(f"{sources[i].name}: {answer}")
             found.skipped.append((sources[i].name, answer))
     _refuse_empty(found.flights, found.skipped)
     return found
+
+
+def _are_small(logs: Sequence[OneFlight]) -> bool:
+    """Whether all are files that are read sooner than processes start."""
+    paths = [Path(log) for log in logs if isinstance(log, str | os.PathLike)]
+    return len(paths) == len(logs) and sum(p.stat().st_size for p in paths if p.is_file()) <= _SMALL
 
 
 def _refuse_empty(found: Sequence[Flight], bad: Sequence[tuple[str, str]]) -> None:
@@ -249,7 +297,7 @@ class _Made:
                 self.known[-1], token=f"{token}, survey", load=partial(load, log, read_flight, None, options)
             )
 
-    def _load(self, index: int, options: dict[str, Any]) -> Flight:
+    def _load(self, index: int, options: dict[str, Any]) -> list[Flight]:
         if index < self._next:
             self._logs, self._next = iter(self.make()), 0
         for log in self._logs:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 from types import NoneType
 from typing import Protocol, TypeVar
 
@@ -22,11 +23,16 @@ from ...recording.checks import refuse_gaps
 _CONSTANT = 1e-9
 # Samples that standard errors look at; of longer data the beginning of each flight.
 BEGINNINGS = 100_000
+# A part between gaps has even steps where they agree with the log's to this; times far from 0 are rounded.
+_SAME_STEP = 1e-3
+# Flights whose steps differ from those of most by this factor are in another unit of time.
+_OTHER_UNIT = 100.0
+_LOST = 0.01  # share by which the mean step exceeds the median where samples are lost
 
 
 @dataclass(frozen=True, eq=False)
 class Flight:
-    """One flight, reduced to the channels that take part.
+    """One flight, or what is of it between two gaps in its times, reduced to the channels that take part.
 
     Attributes
     ----------
@@ -35,7 +41,7 @@ class Flight:
     target : (m, K) array
         gamma* = label - f_theta at sample k + 1.
     dt : float
-        Step in s; the mean one where they differ.
+        Step in s; the median one of the log where they differ.
     steps : (m,) array or None
         Steps in s where they differ.
     weight : float
@@ -43,9 +49,15 @@ class Flight:
     sample_weights : (m, K) array or None
         How much each sample counts beside that.
     g : (m, K) array or None
-        g at sample k + 1, where the log has one.
+        Mean of g over step k, where the log has one.
     channels : tuple of str
         Their names.
+    log : int
+        Place of its log among all.
+    mean_step : float
+        Mean step in s of the log between its gaps; 0 for ``dt``.
+    gap : float
+        Length in s of the gap before it; 0 where a log begins.
     """
 
     u: FloatArray
@@ -57,6 +69,9 @@ class Flight:
     sample_weights: FloatArray | None = field(default_factory=NoneType)
     g: FloatArray | None = field(default_factory=NoneType)
     channels: tuple[str, ...] = ()
+    log: int = 0
+    mean_step: float = 0.0
+    gap: float = 0.0
 
     @property
     def executor(self) -> Executor | None:
@@ -123,9 +138,17 @@ class Flight:
     def levelled(self) -> Flight:
         """The flight as if its steps were equal and the weights, slowly varying, part of the signals."""
         if self.sample_weights is None:
-            return Flight(self.u, self.target, self.dt, None, self.weight)
+            return replace(self, dt=self.mean_step or self.dt, steps=None, g=None)
         root = np.sqrt(self.sample_weights)
-        return Flight(root * self.u, root * self.target, self.dt, None, self.weight)
+        return replace(
+            self,
+            u=root * self.u,
+            target=root * self.target,
+            dt=self.mean_step or self.dt,
+            steps=None,
+            sample_weights=None,
+            g=None,
+        )
 
     def beginning(self, count: int) -> Flight:
         """A copy of its first steps, so many, without g."""
@@ -133,7 +156,7 @@ class Flight:
         u, target, steps, weights = (None if each is None else each[:count].copy() for each in signals)
         assert u is not None
         assert target is not None
-        return Flight(u, target, self.dt, steps, self.weight, weights, None, self.channels)
+        return replace(self, u=u, target=target, steps=steps, sample_weights=weights, g=None)
 
     def totals(self, first: int, last: int) -> tuple[FloatArray, FloatArray]:
         """Sums (K,) of u and of gamma* over steps ``first`` to ``last - 1``."""
@@ -173,7 +196,8 @@ def flights_of(
     g_limit: tuple[ArrayLike, ArrayLike] | None = None,
     E: ArrayLike | None = None,
 ) -> list[Flight]:
-    """Residuals and targets of logs; the first sample of each, where f_hat = f_theta, is left out.
+    """Residuals and targets of logs, cut at gaps in time; the first sample of each part, where f_hat = f_theta, is left
+    out.
 
     Parameters
     ----------
@@ -206,25 +230,47 @@ def flights_of(
             raise TypeError(f"logs: expected Recordings, got {type(log).__name__} at place {i}")
         if log.label is None:
             raise ValueError(
-                f"{named(log, i)} has no label: learning needs the true f; give label=, or label columns in the CSV"
+                f"{named(log, i)} has no label: learning needs the true f; give label=, or label columns in the CSV. "
+                "Without one: estimate(log), or smooth_label(log).recording, whose label comes out of x"
             )
         # Any filter will do: the measured residual does not depend on it.
         recursion = (
             PhyFilter([1.0])
-            .sampled(
-                log.duration / (log.n - 1), "exact", g=g, f_theta=f_theta, delay=delay, g_limit=g_limit, E=E
-            )
+            .sampled(log.dt, "exact", g=g, f_theta=f_theta, delay=delay, g_limit=g_limit, E=E)
             .recursion
         )
         columns = _columns(log, i, channels) if E is None else _all_of(recursion, log, channels)
         weight, own = (1.0, None) if weights is None else _weight(weights[i], log, i, len(columns))
-        u, target, dt, steps = _reduced(log, log.label, columns, recursion)
-        known = None
-        if log.g is not None:
-            acting = np.asarray(recursion.acting(log.g), dtype=float)
-            known = _onto_f(recursion, acting)[1:, columns].copy()
         names = tuple(log.channels[k] if E is None else f"f[{k}]" for k in columns)
-        found.append(Flight(u, target, dt, steps, weight, own, known, names))
+        steps, gaps = np.diff(log.times), log.gaps
+        mean = 0.0 if log.is_uniform else float(np.mean(np.delete(steps, gaps)))
+        edges = [0, *(gaps + 1).tolist(), log.n]
+        for first, last in pairwise(edges):
+            if last - first < 2:
+                continue
+            part = log if not len(gaps) else log.segment(first, last)
+            assert part.label is not None
+            u, target, dt, differing = _reduced(part, part.label, columns, recursion)
+            known = None
+            if part.g is not None:
+                # What the filter takes off M x' for g, a delay of x included.
+                bare = part.with_signals(g=None)
+                known = _reduced(bare, part.label, columns, recursion)[0] - u
+            found.append(
+                Flight(
+                    u,
+                    target,
+                    dt,
+                    differing,
+                    weight,
+                    None if own is None else own[first : last - 1],
+                    known,
+                    names,
+                    i,
+                    mean,
+                    float(steps[first - 1]) if first else 0.0,
+                )
+            )
     if not any(flight.takes_part for flight in found):
         raise ValueError("weights: all are 0, nothing to fit; give at least one flight a positive weight")
     return found
@@ -242,10 +288,10 @@ def measured_residuals(
     """
     if not logs:
         raise ValueError("logs: expected at least one")
-    found, h = [], logs[0].duration / (logs[0].n - 1)
+    found, h = [], logs[0].dt
     for i, log in enumerate(logs):
         columns = _columns(log, i, channels)
-        recursion = PhyFilter([1.0]).sampled(log.duration / (log.n - 1), "exact").recursion
+        recursion = PhyFilter([1.0]).sampled(log.dt, "exact").recursion
         u, _, dt, steps = _reduced(log, log.x, columns, recursion)
         if steps is not None or abs(dt - h) > 1e-6 * h:
             raise ValueError(
@@ -254,6 +300,56 @@ def measured_residuals(
             )
         found.append(u)
     return found, h
+
+
+def other_channels(flight: Flight, first: Flight) -> str:
+    """What is wrong with the channels of a flight beside those of the first, in words; empty where they agree."""
+    if flight.channels == first.channels:
+        return ""
+    return (
+        f"has {len(flight.channels)} channels, {', '.join(flight.channels)}, where the first flight has "
+        f"{', '.join(first.channels)}; choose those that all have by channels=[names]"
+    )
+
+
+def other_time_units(flights: Sequence[Flight]) -> dict[int, str]:
+    """By log: what is wrong with flights whose steps are a hundred times those of most, or a hundredth.
+
+    Of two kinds that are equally many all are named.
+    """
+    steps = {flight.log: flight.dt for flight in flights}
+    found = {
+        log: [other for other in steps.values() if not 1.0 / _OTHER_UNIT < other / dt < _OTHER_UNIT]
+        for log, dt in steps.items()
+    }
+    return {
+        log: (
+            f"its steps are {steps[log]:.4g} s, those of other flights {others[0]:.4g} s: times in another unit? Give "
+            "it, as by read=partial(read_recording, time_unit='ms') or Recording.from_csv(..., scale={'t': 1e-3})"
+        )
+        for log, others in found.items()
+        if 2 * len(others) >= len(steps)
+    }
+
+
+def gap_notes(flights: Sequence[Flight]) -> tuple[str, ...]:
+    """What was made of gaps in time and of steps that differ, in words."""
+    found = []
+    after = [flight for flight in flights if flight.gap > 0.0]
+    if after:
+        longest = max(after, key=lambda flight: flight.gap)
+        found.append(
+            f"{len(after)} gaps in the times of {len({f.log for f in after})} of {len({f.log for f in flights})} "
+            f"flights (steps over 3 times the median), the longest {longest.gap:.4g} s in flight {longest.log}: each "
+            "part begins at rest, as a flight does"
+        )
+    lost = [f for f in flights if abs(f.mean_step / f.dt - 1.0) > _LOST and f.mean_step > 0.0]
+    if lost:
+        found.append(
+            f"steps of flight {lost[0].log} differ: their mean is {lost[0].mean_step:.6g} s, their median "
+            f"{lost[0].dt:.6g} s is taken as the filter's; samples are lost"
+        )
+    return tuple(found)
 
 
 def refuse_uninformative(flights: Sequence[Flight], order: int) -> None:
@@ -291,9 +387,11 @@ def _is_constant(values: FloatArray) -> bool:
 def _reduced(
     log: Recording, label: FloatArray, columns: list[int], recursion: Recursion
 ) -> tuple[FloatArray, FloatArray, float, FloatArray | None]:
-    """u, gamma*, the (mean) step, and the steps where they differ."""
+    """u, gamma*, the (median) step, and the steps where they differ."""
     refuse_gaps(log.name, log.missing)
-    steps = None if log.is_uniform else np.diff(log.times)
+    typical = recursion.sampling.dt
+    even = log.is_uniform and abs(log.dt - typical) <= _SAME_STEP * typical
+    steps = None if even else np.diff(log.times)
     f_theta = None if log.f_theta is None else _onto_f(recursion, log.f_theta)
     if recursion.sampling.delay:
         u, _ = record.step_residuals(recursion, log.x, log.g, f_theta, log.inertia, log.times)
@@ -303,7 +401,7 @@ def _reduced(
     target = _onto_f(recursion, label)
     target = target if f_theta is None else target - f_theta
     own = target[1:, columns].copy()
-    return np.ascontiguousarray(u[:, columns], dtype=float), own, recursion.sampling.dt, steps
+    return np.ascontiguousarray(u[:, columns], dtype=float), own, log.dt if even else typical, steps
 
 
 def _onto_f(recursion: Recursion, values: FloatArray) -> FloatArray:
@@ -323,7 +421,8 @@ def _columns(log: Recording, i: int, channels: Sequence[int | str] | None) -> li
     if channels is None:
         return list(range(log.n_x))
     if isinstance(channels, str) or len(channels) == 0:
-        raise ValueError(f"channels: expected a sequence of numbers or names, got {channels!r}")
+        hint = f"; one is [{channels!r}]" if isinstance(channels, str) and channels else ""
+        raise ValueError(f"channels: expected a sequence of numbers or names, got {channels!r}{hint}")
     columns = []
     for entry in channels:
         if isinstance(entry, str):

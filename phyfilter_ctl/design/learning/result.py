@@ -101,7 +101,8 @@ class LearnResult(Result):
     wiener : WienerFloor or None
         The causal Wiener filter and the comparison with it.
     sampling : Sampling
-        Sampling interval of the first flight, and the options the filter was learned for.
+        Sampling interval of the first flight, the median one where steps differ, and the options the filter was
+        learned for.
     E : (n_x, n_f) array or None
         Direction in which f acts.
     slowest : float
@@ -158,7 +159,14 @@ class LearnResult(Result):
         Returns
         -------
         SampledPhyFilter
+
+        Raises
+        ------
+        ValueError
+            If no filter keeps the limits of the loop: F = 0 is not one to run.
         """
+        if self.status is Status.INFEASIBLE:
+            raise ValueError(f"sampled: {self.message}")
         # Twelve digits: times of a recording rarely give the interval to the last bit.
         step = float(f"{self.dt:.12g}") if dt is None else dt
         return SampledPhyFilter(self.filter, replace(self.sampling, dt=step), E=self.E)

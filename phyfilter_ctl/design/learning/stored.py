@@ -9,7 +9,7 @@ whatever the length and number of the flights, unless a filter remembers more th
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache, partial
 from pathlib import Path
@@ -23,7 +23,7 @@ from ...execution import Executor
 from ...filter.sampling import Method
 from ...recording import Recording
 from .correlation import MOST_LAGS, Correlations, Stretch, reduced
-from .label_check import ChannelSums, label_sums
+from .label_check import FlightSums, label_sums
 from .residuals import BEGINNINGS, Flight, flights_of
 
 __all__ = [
@@ -67,13 +67,29 @@ class Source:
     token: str
     index: int
     name: str = field(compare=False)
-    load: Callable[[], Flight] = field(compare=False)
-    how: str = ""  # it was changed
+    load: Callable[[], Any] = field(compare=False)  # the parts between gaps; of a part or a change one Flight
+    how: str = ""  # which part, and what was changed
+
+    def part(self, k: int) -> Source:
+        """Part k between gaps of the flight."""
+        return replace(self, how=f"part {k}", load=partial(_part, self, k))
 
 
 @lru_cache(maxsize=2)
 def _loaded(source: Source) -> Flight:
     return source.load()
+
+
+@lru_cache(maxsize=1)
+def _parts(source: Source) -> list[Flight]:
+    return source.load()
+
+
+def _part(source: Source, k: int) -> Flight:
+    parts = _parts(source)
+    if k >= len(parts):
+        raise ValueError(f"{source.name}: changed while learn was reading it; start again")
+    return parts[k]
 
 
 class Survey(NamedTuple):
@@ -92,16 +108,18 @@ class Survey(NamedTuple):
     beginning: Flight
     end: FloatArray
     totals: tuple[FloatArray, FloatArray]
-    sums: tuple[ChannelSums, ...]
+    sums: FlightSums
     channels: tuple[str, ...]
+    mean_step: float
+    gap: float
 
     def bare(self, **changed: Any) -> Survey:
         """Without signals."""
         return self._replace(beginning=self.beginning.beginning(0), end=self.end[:0], **changed)
 
 
-# What a survey finds: also the correlations and squares of a plain flight. Or why it is bad.
-Answer: TypeAlias = tuple[Survey, tuple[FloatArray, float] | None] | str
+# What a survey finds of every part between gaps: also the correlations and squares of a plain flight. Or why it is bad.
+Answer: TypeAlias = list[tuple[Survey, tuple[FloatArray, float] | None]] | str
 
 
 class StoredFlight(Flight):
@@ -119,6 +137,7 @@ class StoredFlight(Flight):
 
     def __init__(self, source: Source, survey: Survey) -> None:
         known = {"dt": survey.dt, "weight": survey.weight, "channels": survey.channels}
+        known |= {"log": source.index, "mean_step": survey.mean_step, "gap": survey.gap}
         self.__dict__.update(known, source=source, survey=survey)
 
     def __getattr__(self, name: str) -> Any:
@@ -205,9 +224,10 @@ class StoredFlight(Flight):
 
     def levelled(self) -> Flight:
         """As of a flight in memory, done when it is read."""
-        return self._derived("levelled", Flight.levelled, is_even=True, is_weighted=False)
+        dt = self.mean_step or self.dt
+        return self._derived("levelled", Flight.levelled, dt=dt, is_even=True, is_weighted=False)
 
-    def _derived(self, how: str, make: Callable[[Flight], Flight], **known: bool) -> StoredFlight:
+    def _derived(self, how: str, make: Callable[[Flight], Flight], **known: Any) -> StoredFlight:
         """A flight that is made of this one when it is read."""
         source = self._source(how, make)
         found = _loaded(source) if self.is_weighted else None
@@ -215,6 +235,7 @@ class StoredFlight(Flight):
         return StoredFlight(source, self.survey.bare(**known, totals=totals))
 
     def _source(self, how: str, make: Callable[[Flight], Flight]) -> Source:
+        how = f"{self.source.how}, {how}"
         return replace(self.source, how=how, load=partial(_made_of, self.source, make))
 
 
@@ -230,27 +251,33 @@ def _made_of(source: Source, make: Callable[[Flight], Flight]) -> Flight:
     return make(_loaded(source))
 
 
-def load(log: OneFlight, read: Callable[[Path], Recording], weight: Any, options: dict[str, Any]) -> Flight:
-    """One flight in memory, read or made where it is not yet."""
+def load(
+    log: OneFlight, read: Callable[[Path], Recording], weight: Any, options: dict[str, Any]
+) -> list[Flight]:
+    """The parts between gaps of one flight in memory, read or made where it is not yet."""
     if isinstance(log, str | os.PathLike):
         log = read(Path(log))
     elif callable(log):
         log = log()
     weight = 1.0 if weight is None else weight
     if np.any(weight):
-        return flights_of([log], weights=[weight], **options)[0]
-    return replace(flights_of([log], **options)[0], weight=0.0)
+        return flights_of([log], weights=[weight], **options)
+    return [replace(part, weight=0.0) for part in flights_of([log], **options)]
 
 
 def surveyed(source: Source, *, flights: int, skip: bool) -> Answer:
     """Read one of so many flights."""
     try:
-        flight = _loaded(source)
+        parts = _parts(source)
     except (ValueError, TypeError, OSError) as error:
         if skip:
             return str(error)
         text = str(error)
         raise ValueError(text if source.name in text else f"{source.name}: {text}") from error
+    return [_survey(part, flights) for part in parts]
+
+
+def _survey(flight: Flight, flights: int) -> tuple[Survey, tuple[FloatArray, float] | None]:
     m, count = flight.u.shape
     kept = min(m, max(1, ENDS // flights // (8 * count)))
     survey = Survey(
@@ -269,6 +296,8 @@ def surveyed(source: Source, *, flights: int, skip: bool) -> Answer:
         flight.totals(0, m),
         label_sums(flight),
         flight.channels,
+        flight.mean_step,
+        flight.gap,
     )
     if not (flight.takes_part and flight.is_plain):
         return survey, None
@@ -302,11 +331,14 @@ class StoredFlights(Sequence[Flight]):
 
     Attributes
     ----------
+    sources : sequence of Source
+        Of all logs.
     flights : list of StoredFlight
     skipped : list of (str, str)
         Bad ones that were left out, and why.
     """
 
+    sources: Sequence[Source] = ()
     flights: list[StoredFlight] = field(default_factory=list)
     skipped: list[tuple[str, str]] = field(default_factory=list)
     _totals: list[_Total] = field(default_factory=list)
@@ -321,7 +353,17 @@ class StoredFlights(Sequence[Flight]):
         return iter(self.flights)
 
     @property
-    def sums(self) -> list[tuple[ChannelSums, ...]]:
+    def names(self) -> list[str]:
+        """Of all logs."""
+        return [source.name for source in self.sources]
+
+    def leave_out(self, logs: Collection[int]) -> None:
+        """Drop the flights of some logs, whose steps are not those of others."""
+        self.flights = [flight for flight in self.flights if flight.log not in logs]
+        self._totals = [total for total in self._totals if total.stretches[0].flight.log not in logs]
+
+    @property
+    def sums(self) -> list[FlightSums]:
         """What their labels are checked by."""
         return [flight.survey.sums for flight in self.flights]
 

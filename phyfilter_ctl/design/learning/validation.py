@@ -177,10 +177,9 @@ def by_flight(
     """The learned filter, the one learned without and the one learned from each flight; empty for one flight, or more
     than 32."""
     taking = [flight for flight in flights if flight.takes_part]
-    if not 2 <= len(taking) <= _MOST_FLIGHTS:
+    if not 2 <= len({flight.log for flight in taking}) <= _MOST_FLIGHTS:
         return ()
     folds = Folds.of(taking, search.method, lags, offset=offset, by_flight=True)
-    places = {id(flight): i for i, flight in enumerate(flights)}
     n, shared = best.chain.order, search.filter(best)
     found = []
     for fold in range(folds.count):
@@ -188,7 +187,7 @@ def by_flight(
             refitted(search, data, n, [best.theta]) or best
             for data in (folds.without(fold), folds.data([fold]))
         )
-        place = places[id(folds.stretches(fold)[0].flight)]
+        place = folds.stretches(fold)[0].flight.log
         filters = [shared, search.filter(others), search.filter(own)]
         rmse = np.sqrt(folds.errors(filters, fold) / folds.weights[fold])
         found.append(FlightScore(place, *map(float, rmse)))

@@ -11,7 +11,7 @@ from .result import error_peak, is_identified
 from .search import Best, Search
 from .validation import FlightScore, OrderScore
 
-__all__ = ["ADDS_NOTHING", "by_folds", "disagreement", "message_of", "status_of"]
+__all__ = ["ADDS_NOTHING", "by_folds", "disagreement", "message_of", "of_several", "status_of"]
 
 # An order that lowers the squared error by less than this share adds nothing.
 ADDS_NOTHING = 1e-4
@@ -61,6 +61,20 @@ def by_folds(orders: Sequence[OrderScore], used: int, asked: int, rejected: bool
         f"order {used}: the lowest that is as good as the best of {orders[0].order} to {orders[-1].order}; "
         f"cross-validated RMSE {chosen.held_out_rmse:.4g}, the least {best.held_out_rmse:.4g} with order {best.order}"
     )
+
+
+def of_several(orders: Sequence[OrderScore], used: int, asked: Sequence[int]) -> str:
+    """The choice among orders that were asked for, in words, those named that were not worth a score."""
+    scored = {score.order: score for score in orders}
+    left = [n for n in asked if n not in scored]
+    if len(scored) > 1:
+        said = by_folds(orders, used, used, False)
+    else:
+        said = f"order {used}: the lowest of {', '.join(map(str, asked))}; "
+        said += f"cross-validated RMSE {scored[used].held_out_rmse:.4g}"
+    if not left:
+        return said
+    return f"{said}; {', '.join(map(str, left))}: not scored, for the squared error hardly falls or F is not identified"
 
 
 def disagreement(flights: Sequence[FlightScore]) -> tuple[str, ...]:

@@ -49,7 +49,12 @@ export class Exports {
       "aria-label": "Channels of the export",
       "data-test": "channels",
     });
-    this.channels.addEventListener("change", () => void this.ask());
+    /** Whether the number was chosen here; else it is that of the design or of the open log. */
+    this.chosen = false;
+    this.channels.addEventListener("change", () => {
+      this.chosen = true;
+      void this.ask();
+    });
     this.why = h("ul", { class: "pf-refusals", "data-test": "export-refusals", role: "status" });
     this.buttons = new Map(
       Object.keys(NAMES).map((kind) => [kind, button(`export-${kind}`, NAMES[kind], () => void this.take(kind))]),
@@ -82,20 +87,26 @@ export class Exports {
     return count;
   }
 
+  /** Number of channels that was chosen; null: Python takes that of the design, of the open log, or 1. */
+  asked() {
+    return this.chosen ? this.count() : null;
+  }
+
   /** What Python can make of the design as it is. */
   async ask() {
     const { app } = this;
     const reply = await app.link.ask(
       "exports",
-      { design: app.design.data(), channels: this.count() },
+      { design: app.design.data(), channels: this.asked() },
       { latest: true },
     );
     if (app.ok(reply)) this.show(reply);
   }
 
   /** @param {Exchange} exchange */
-  show({ name, exports }) {
+  show({ name, exports, channels }) {
     this.name.placeholder = name;
+    if (!this.chosen) this.channels.value = String(channels);
     this.refused = new Map(exports.filter(({ able }) => !able).map(({ kind, why }) => [kind, why]));
     for (const [kind, each] of this.buttons) {
       each.setAttribute("aria-disabled", String(this.refused.has(kind)));
@@ -125,19 +136,22 @@ export class Exports {
       ? await app.link.ask("report", { ...asked, format: kind })
       : kind === "toml"
         ? await app.link.ask("save", asked)
-        : await app.link.ask("export", { ...asked, kind, channels: this.count() });
-    if (app.ok(reply)) download(app, reply);
+        : await app.link.ask("export", { ...asked, kind, channels: this.asked() });
+    if (!app.ok(reply)) return;
+    download(app, reply);
+    for (const message of reply.messages ?? []) app.say(message);
   }
 
   // -- kept in the session ----------------------------------------------------------------------------------------
 
   get() {
-    return { name: this.name.value, channels: this.count() };
+    return { name: this.name.value, channels: this.asked() };
   }
 
   /** @param {any} kept */
   set(kept) {
     this.name.value = typeof kept?.name === "string" ? kept.name.slice(0, 60) : "";
+    this.chosen = Number(kept?.channels) > 1;
     this.channels.value = String(Number(kept?.channels) || 1);
     this.count();
   }

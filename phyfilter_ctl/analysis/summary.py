@@ -1,0 +1,346 @@
+"""What a filter promises, on one page: response, error, noise, and the margins of every loop that it is in."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import control as ct
+import numpy as np
+from numpy.typing import ArrayLike
+
+from .. import _signals
+from ..filter import PhyFilter, SampledPhyFilter
+from ..results import Result
+from .bounds import BoundResult, Implementation, ultimate_bound
+from .channels import Filter, per_channel
+from .frequency import FilterResponse, frequency_response
+from .margins import (
+    InertiaCertificate,
+    SaturationMargin,
+    loop_margin,
+    moving_inertia,
+    prior_margin,
+    saturation_margin,
+)
+from .margins.ratio_margins import RatioMargins
+from .options import inertia_of
+from .tubes import TrackingTube, tracking_tube
+from .variance import error_variance
+from .verdict import Sentence, on_error, on_loops
+
+__all__ = ["Analysis", "analyze"]
+
+# A zero of 1 - F is on the imaginary axis if its real part is no more than this share of it.
+_ON_AXIS = 1e-6
+# What a filter passes of a constant, as a share of its peak, below which it is a band-pass.
+_BAND = 1e-6
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Analysis(Result):
+    """What one filter promises; made by :func:`analyze`.
+
+    Parameters
+    ----------
+    response : FilterResponse
+    bound : BoundResult or None
+        Of the error; None without a bound on the residual, or where a loop is not stable.
+    noise_deviation : float or None
+        Standard deviation that the noise of x gives f_hat; None where that of the noise is not known.
+    inner_loop, complete_loop : margins or None
+        With f_hat fed back; with the outer gains too, where there are some.
+    saturated_loop : dict of str to SaturationMargin
+        By what the filter is told.
+    tracking : TrackingTube or None
+    moving_inertia : dict of str to InertiaCertificate
+        For a constant M and for one of any speed.
+    blocked : dict of float to float
+        By frequency in rad/s: where 1 - F blocks the residual, or a band-pass passes it, the share that the sampled
+        loop with f_hat fed back leaves of it, since a held command lags by half a step.
+    slope : float or None
+        The \\|gamma'\\| that alone the bound takes for granted.
+    unit : str
+        Of f, where the filter knows it.
+    """
+
+    _figures = (
+        "filter",
+        "headline",
+        "is_stable",
+        "bandwidth",
+        "error_peak",
+        "noise_gain",
+        "bound",
+        "noise_deviation",
+        "inner_loop",
+        "complete_loop",
+        "saturated_loop",
+        "tracking",
+        "moving_inertia",
+        "blocked",
+        "unit",
+    )
+
+    response: FilterResponse
+    bound: BoundResult | None
+    noise_deviation: float | None
+    inner_loop: RatioMargins
+    complete_loop: RatioMargins | None
+    saturated_loop: Mapping[str, SaturationMargin]
+    tracking: TrackingTube | None
+    moving_inertia: Mapping[str, InertiaCertificate]
+    blocked: Mapping[float, float]
+    slope: float | None
+    unit: str
+
+    @property
+    def system(self) -> Filter:
+        """The filter as it runs."""
+        return self.response.system
+
+    @property
+    def filter(self) -> PhyFilter:
+        """Its coefficients."""
+        return self.system if isinstance(self.system, PhyFilter) else self.system.filter
+
+    @property
+    def loops(self) -> tuple[RatioMargins, ...]:
+        """Every loop that was analysed."""
+        return (self.inner_loop,) if self.complete_loop is None else (self.inner_loop, self.complete_loop)
+
+    @property
+    def is_stable(self) -> bool:
+        """Whether every loop is."""
+        return all(loop.is_stable for loop in self.loops)
+
+    @property
+    def bandwidth(self) -> float:
+        """In rad/s."""
+        return self.response.bandwidth
+
+    @property
+    def error_peak(self) -> float:
+        """Maximum of |1 - F|."""
+        return self.response.error_peak.value
+
+    @property
+    def noise_gain(self) -> float:
+        """As :attr:`FilterResponse.noise_gain`."""
+        return self.response.noise_gain
+
+    @property
+    def verdict(self) -> list[Sentence]:
+        """The headline in sentences: the least of all loops, then the error."""
+        said = on_loops(self.loops)
+        if self.bound is not None:
+            said.append(on_error(self.bound.bound, self.unit, self.slope))
+        if self.noise_deviation is not None and self.is_stable:
+            unit = f" {self.unit}" if self.unit else ""
+            said.append(
+                Sentence(f"Noise of f_hat {self.noise_deviation:.4g}{unit} (1 sigma), beside any bound.")
+            )
+        return said
+
+    @property
+    def headline(self) -> str:
+        """The verdict as text."""
+        return " ".join(sentence.text for sentence in self.verdict)
+
+    def describe(self) -> str:
+        """The page as text.
+
+        Returns
+        -------
+        str
+        """
+        lines = [self.headline, "", self.filter.describe()]
+        if isinstance(self.system, SampledPhyFilter):
+            lines.append(f"{'sampled':<12}every {self.system.dt:g} s, {self.system.sampling.method}")
+        return "\n".join([*lines, *self.details()])
+
+    def details(self) -> list[str]:
+        """Lines of the page below the filter: error, noise, loops, tube."""
+        unit = f" {self.unit}" if self.unit else ""
+        lines = []
+        if self.bound is not None:
+            lines += ["", f"largest error f - f_hat{f' in {self.unit}' if self.unit else ''}"]
+            lines += ["  " + line for line in self.bound.describe().splitlines()]
+        if self.noise_deviation is not None:
+            lines.append(_line("noise of f_hat", f"{self.noise_deviation:.4g}{unit} (1 sigma)"))
+        for omega, left in self.blocked.items():
+            lines.append(
+                _line("left when fed back", f"{left:.3g} at {_signals.in_both(omega)}, held commands")
+            )
+        lines += ["", "inner loop: f_hat fed back", *_indented(self.inner_loop)]
+        for name, found in self.moving_inertia.items():
+            low, high = found.ratios
+            lines.append(
+                _line(name, f"{found.status} for M_hat/M from {low:.4g} to {high:.4g}; {found.message}")
+            )
+        if self.complete_loop is not None:
+            lines += ["", "complete loop: with the outer gains", *_indented(self.complete_loop)]
+            excess = {
+                g: f"{each.command_excess:.4g}" for g, each in self.saturated_loop.items() if each.is_stable
+            }
+            if "saturated" in excess:
+                known = f"{excess['saturated']} times its limit if told what acts"
+                known += f", {excess['commanded']} if the command" if "commanded" in excess else ""
+                lines.append(_line("command up to", f"{known}: stable"))
+        if self.tracking is not None:
+            radius = (
+                f"{self.tracking.radius:.4g} at most"
+                if self.tracking.is_linear
+                else "not proved: a limit may be met"
+            )
+            lines.append(_line("position error", f"{radius}, while |f| is bounded as gamma is"))
+        if granted := self.inner_loop.assumptions:
+            lines.append(_line("taken for granted", "; ".join(granted)))
+        return lines
+
+
+@per_channel
+def analyze(
+    filter: PhyFilter | SampledPhyFilter,
+    *,
+    kp: float = 0.0,
+    kd: float = 0.0,
+    actuator: ct.TransferFunction | ct.StateSpace | None = None,
+    delay: float = 0.0,
+    residual: Mapping[int, float] | None = None,
+    noise: float = 0.0,
+    noise_deviation: float = 0.0,
+    inertia_error: float = 0.0,
+    rate: float | None = None,
+    inertia: ArrayLike | None = None,
+    ratios: Sequence[float] | None = None,
+    implementation: Implementation | None = None,
+) -> Analysis:
+    """What a filter promises: error, noise, and what the loops that it is in tolerate.
+
+    The headline is the least of all loops: with outer gains the delay and the masses that both the inner and the
+    complete loop tolerate, and where one of them is not stable no error is promised.
+
+    Parameters
+    ----------
+    filter : PhyFilter, SampledPhyFilter or several
+        A sampled one as it runs. Several, by ``stack`` or as a sequence: the answer is a ``PerChannel``, and every
+        other argument one for all or a list.
+    kp, kd, actuator, delay
+        The loop, as for :func:`loop_margin`; without gains f_hat alone is fed back.
+    residual, inertia_error, rate, implementation
+        What the error is bounded for, as for :func:`ultimate_bound`.
+    noise : float
+        Bound of the noise of x: part of the bound of the error.
+    noise_deviation : float
+        Standard deviation of independent noise of the samples of x, for a sampled filter. No part of a bound: noise of
+        a known deviation has none.
+    inertia : float, (n,) or (n, n) array_like, optional
+        M_hat, in the spectral norm, by which noise of x counts. None: the filter's own, else 1.
+    ratios : (low, high), optional
+        Whether M_hat/M may be anywhere in between, constant and moving at any speed.
+
+    Returns
+    -------
+    Analysis, or PerChannel of it
+
+    Raises
+    ------
+    TypeError, ValueError
+        As for :func:`ultimate_bound`, :func:`loop_margin` and :func:`moving_inertia`; for a ``noise_deviation`` of a
+        continuous filter.
+
+    Examples
+    --------
+    The complete loop tolerates less than the inner one, and is what is promised:
+
+    >>> import control as ct
+    >>> lag = ct.tf(1, [0.1, 1])
+    >>> analyze(PhyFilter([12.0]), actuator=lag, delay=0.02).headline
+    'Stable. Tolerates 74 ms more delay, masses from 0.233 times yours.'
+    >>> analyze(PhyFilter([12.0]), kp=10.0, kd=6.0, actuator=lag, delay=0.02, residual={1: 3.0}).headline
+    'Stable. Tolerates 6.64 ms more delay, masses 0.718 to 5.54 times yours. Error at most 0.25 while |γ′| ≤ 3 per s.'
+    """
+    M = inertia_of(filter, inertia)
+    response = frequency_response(filter)
+    loop = {"actuator": actuator, "delay": delay}
+    inner = prior_margin(filter, **loop)
+    complete, saturated = None, {}
+    if kp or kd:
+        complete = loop_margin(filter, kp=kp, kd=kd, **loop)
+        clipped = isinstance(filter, SampledPhyFilter) and filter.sampling.g_limit is not None
+        saturated = {
+            g: saturation_margin(filter, kp=kp, kd=kd, g=g, **loop)
+            for g in (("saturated",) if clipped else ("saturated", "commanded"))
+        }
+    stable = inner.is_stable and (complete is None or complete.is_stable)
+    bound = None
+    if residual:
+        bound = ultimate_bound(
+            filter,
+            residual=residual,
+            noise=noise,
+            inertia_error=inertia_error,
+            inertia=M,
+            implementation=implementation,
+            **({} if rate is None else {"rate": rate}),
+        )
+    deviation = None
+    if noise_deviation:
+        if not isinstance(filter, SampledPhyFilter):
+            raise ValueError("noise_deviation: is of samples; take filter.sampled(dt)")
+        deviation = float(np.sqrt(error_variance(filter, noise=noise_deviation, inertia=M).noise))
+    tube, seen = None, {k: size for k, size in (residual or {}).items() if k <= 1}
+    if seen and stable and complete is not None and kp > 0.0 and _has_tube(filter):
+        tube = tracking_tube(filter, kp=kp, kd=kd, residual=seen, noise=noise, inertia=M, **loop)
+    moving = {}
+    if ratios is not None:
+        moving = {
+            "constant M": moving_inertia(filter, ratios=ratios, rate=0.0, **loop),
+            "M of any speed": moving_inertia(filter, ratios=ratios, **loop),
+        }
+    units = filter.sampling.units if isinstance(filter, SampledPhyFilter) else {}
+    return Analysis(
+        response,
+        bound if stable else None,
+        deviation,
+        inner,
+        complete,
+        saturated,
+        tube,
+        moving,
+        _blocked(filter, response, complete or inner) if stable else {},
+        residual[1] if residual and set(residual) == {1} else None,
+        units.get("f", ""),
+    )
+
+
+def _has_tube(filter: PhyFilter | SampledPhyFilter) -> bool:
+    """Whether there is a tube of the position: for a sampled filter that is told a held command."""
+    sampled = isinstance(filter, SampledPhyFilter)
+    alone = sampled and (filter.E is None or filter.E.shape[0] == 1)
+    return alone and filter.sampling.g == "hold" and not filter.sampling.delay and not filter.sampling.g_limit
+
+
+def _blocked(
+    filter: PhyFilter | SampledPhyFilter, response: FilterResponse, loop: RatioMargins
+) -> dict[float, float]:
+    """Share left of the residual by the sampled loop where F itself would leave none."""
+    if not isinstance(filter, SampledPhyFilter):
+        return {}
+    roots = np.roots(filter.filter.error_numerator[::-1])
+    on_axis = (roots.imag > 0.0) & (np.abs(roots.real) <= _ON_AXIS * np.abs(roots))
+    found = {float(omega) for omega in roots.imag[on_axis]}
+    if abs(filter.filter.dc_gain) <= _BAND * response.peak.value:
+        found.add(response.peak.omega)
+    below = np.array(sorted(omega for omega in found if 0.0 < omega < response.nyquist))
+    left = loop.sensitivity(below) if len(below) else below
+    return dict(zip(below.tolist(), left.tolist(), strict=True))
+
+
+def _indented(result: RatioMargins) -> list[str]:
+    return ["  " + line for line in result.describe().splitlines()]
+
+
+def _line(name: str, text: str) -> str:
+    return f"  {name:<18}{text}"
