@@ -351,7 +351,7 @@ def test_the_textbook_radius_depends_on_coordinates():
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ({"residual": {0: -1.0}}, "0 or more"),
+        ({"residual": {0: -1.0}}, ">= 0"),
         ({"residual": {}}, "got none"),
         ({"residual": {0.5: 1.0}}, "derivative orders"),
         ({"residual": {2: 1.0}}, "infinite: the filter is of type 1"),
