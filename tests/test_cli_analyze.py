@@ -191,7 +191,7 @@ def test_a_loop_that_diverges_promises_nothing():
     ("arguments", "message"),
     [
         (["--residual", "1"], "K=D"),
-        (["--slope", "-1"], "0 or more"),
+        (["--slope", "-1"], ">= 0"),
         (["--delay", "-1", "--lag", "0.1"], "delay"),
         (["--log", "nothing.csv"], "nothing.csv"),
         (["--picture", "page.txt"], "ends in"),
