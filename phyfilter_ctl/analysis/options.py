@@ -93,8 +93,10 @@ def inertia_of(filter: PhyFilter | SampledPhyFilter, given: ArrayLike | None) ->
     """
     M = filter.sampling.inertia_or(given) if isinstance(filter, SampledPhyFilter) else given
     values = _signals.real("inertia", 1.0 if M is None else M)
-    size = float(np.linalg.norm(values, 2)) if values.ndim == 2 else float(np.max(np.abs(values)))
-    return _signals.number("inertia", size, "", above=0.0)
+    if values.ndim != 2:
+        _signals.number("inertia", float(np.min(values)), above=0.0)
+    size = float(np.linalg.norm(values, 2)) if values.ndim == 2 else float(np.max(values))
+    return _signals.number("inertia", size, above=0.0)
 
 
 class InputGains(NamedTuple):
