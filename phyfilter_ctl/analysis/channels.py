@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from functools import wraps
 from typing import Any, Concatenate, ParamSpec, Protocol, TypeVar, overload
 
 import numpy as np
+from numpy.typing import ArrayLike
 
+from .. import _signals
+from .._sections import FloatArray
 from ..filter import FilterBank, PhyFilter, SampledBank, SampledPhyFilter
 from ..results import PerChannel, Result
 
@@ -19,9 +22,18 @@ _R = TypeVar("_R", bound=Result, covariant=True)
 
 
 def channels_of(system: object) -> list[tuple[str, Filter]] | None:
-    """Several filters one by one, those of one system named by channel; None of what is not several."""
+    """Several filters one by one, those of one system named by channel; None of what is not several.
+
+    With E a channel's filter takes its own row of E^+, as the one column that has this row as its pseudo-inverse.
+    """
     if isinstance(system, FilterBank) or (isinstance(system, SampledPhyFilter) and len(system.filters) > 1):
-        filters = system if isinstance(system, FilterBank) else system.by_channel
+        filters: Iterable[Filter] = system if isinstance(system, FilterBank) else system.by_channel
+        if isinstance(system, SampledPhyFilter) and system.E is not None:
+            columns = [np.linalg.pinv(row[None]) for row in np.linalg.pinv(system.E)]
+            filters = [
+                SampledPhyFilter(one.filter, one.sampling, E=E)
+                for one, E in zip(system.by_channel, columns, strict=True)
+            ]
         return [(f"channel {i}", entry) for i, entry in enumerate(filters)]
     if isinstance(system, Sequence) and system and all(isinstance(entry, Filter) for entry in system):
         return [("", entry) for entry in system]
@@ -46,6 +58,8 @@ def per_channel(function: Callable[Concatenate[Filter, _P], _R]) -> PerFilter[_P
         filters = channels_of(filter)
         if filters is None:
             return function(filter, *args, **kwargs)
+        if np.ndim(kwargs.get("inertia", 1.0)) == 2:
+            kwargs["inertia"] = _of_channels(kwargs["inertia"], filter)
         spread = {name: _spread(name, value, len(filters)) for name, value in kwargs.items()}
         return PerChannel(
             function(entry, *args, **{name: values[i] for name, values in spread.items()})
@@ -55,8 +69,16 @@ def per_channel(function: Callable[Concatenate[Filter, _P], _R]) -> PerFilter[_P
     return answer
 
 
+def _of_channels(M: ArrayLike, filter: object) -> FloatArray:
+    """What of a full inertia each channel of a system hears: the sizes of its rows (n,). The matrix where E takes a row
+    of it, or the filters are no channels of one system."""
+    given = _signals.real("inertia", M)
+    together = isinstance(filter, SampledPhyFilter) and filter.E is None
+    return np.linalg.norm(given, axis=1) if together or isinstance(filter, FilterBank) else given
+
+
 def _spread(name: str, value: Any, count: int) -> Sequence[Any]:
-    if not (isinstance(value, list | tuple) or (isinstance(value, np.ndarray) and value.ndim)):
+    if not (isinstance(value, list | tuple) or (isinstance(value, np.ndarray) and value.ndim == 1)):
         return [value] * count
     if len(value) != count:
         raise ValueError(

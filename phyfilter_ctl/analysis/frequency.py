@@ -19,6 +19,7 @@ from .._sections import ComplexArray, FloatArray
 from ..filter import PhyFilter, SampledBank, SampledPhyFilter
 from . import _paths, _resolvent, grids
 from .channels import Filter, channels_of
+from .options import input_gains
 
 __all__ = ["FilterResponse", "FilterResponseList", "Peak", "frequency_response"]
 
@@ -60,7 +61,8 @@ class FilterResponse:
     -----
     A sampled filter sees a continuous gamma e^(j omega t) through its average over the step, (1 - e^(-j omega h)) /
     (j omega h), and a signal above the Nyquist frequency at its alias, which a response over omega cannot show: the
-    figures hold for signals below Nyquist. Limits, float32 rounding and E (which only projects) do not enter.
+    figures hold for signals below Nyquist. Limits and float32 rounding do not enter. The responses are of one channel
+    with M_hat = I and without E: what x, noise and g make of f_hat is E^+ M_hat, or E^+, times them.
 
     Examples
     --------
@@ -213,7 +215,9 @@ class FilterResponse:
 
     @cached_property
     def noise_gain(self) -> float:
-        """What white sensor noise on x leaves in f_hat.
+        """What white sensor noise on x leaves in f_hat, in the direction that has most.
+
+        The filter's own E and inertia (1 where it comes with every sample) count, by norm2(E^+ M_hat).
 
         Sampled: standard deviation of f_hat per standard deviation of noise that is independent from sample to
         sample, in 1/s, exact (the noise in x_k enters u_k and u_{k+1} with opposite signs). Continuous: the square
@@ -226,7 +230,7 @@ class FilterResponse:
         Both from a Lyapunov equation of the chain of sections, the discrete one after a bilinear change that keeps
         the delta form.
         """
-        return _paths.noise_gain(self.system)
+        return _paths.noise_gain(self.system) * input_gains(self.system, None, needed=False).x
 
     @property
     def label(self) -> str:

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping
 from dataclasses import fields
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -21,7 +22,7 @@ from numpy.typing import ArrayLike
 from .. import _signals
 from ..filter import PhyFilter, SampledPhyFilter, Sampling
 
-__all__ = ["assumed", "inertia_of"]
+__all__ = ["InputGains", "assumed", "inertia_of", "input_gains"]
 
 # Of a filter that has it; what is not here has no effect where it is not counted.
 _TAKEN_FOR_GRANTED = {
@@ -92,5 +93,66 @@ def inertia_of(filter: PhyFilter | SampledPhyFilter, given: ArrayLike | None) ->
     """
     M = filter.sampling.inertia_or(given) if isinstance(filter, SampledPhyFilter) else given
     values = _signals.real("inertia", 1.0 if M is None else M)
-    size = float(np.linalg.norm(values, 2)) if values.ndim == 2 else float(np.max(np.abs(values)))
-    return _signals.number("inertia", size, "", above=0.0)
+    if values.ndim != 2:
+        _signals.number("inertia", float(np.min(values)), above=0.0)
+    size = float(np.linalg.norm(values, 2)) if values.ndim == 2 else float(np.max(values))
+    return _signals.number("inertia", size, above=0.0)
+
+
+class InputGains(NamedTuple):
+    """By what x' and g enter the filter, whose residual is E^+ (M_hat x' - g) - f_theta, in the spectral norm.
+
+    Attributes
+    ----------
+    x : float
+        norm2(E^+ M_hat): what of x counts in f, noise included.
+    g : float
+        norm2(E^+): what of g counts in f, and of all other forces, a wrong inertia's too.
+    inertia : float
+        norm2(M_hat).
+    """
+
+    x: float
+    g: float
+    inertia: float
+
+
+def input_gains(
+    filter: PhyFilter | SampledPhyFilter, inertia: ArrayLike | None, *, needed: bool = True
+) -> InputGains:
+    """What M_hat and E make of the signals on their way into the filter.
+
+    Parameters
+    ----------
+    filter : PhyFilter or SampledPhyFilter
+    inertia : float, (n_x,) or (n_x, n_x) array_like, optional
+        M_hat; None: the filter's own, else 1.
+    needed : bool
+        Whether anything counts by M_hat; if not, one that comes with every sample may be left out.
+
+    Returns
+    -------
+    InputGains
+
+    Raises
+    ------
+    TypeError, ValueError
+        For an inertia that is not of positive size or does not fit E, or that is missing where it is needed.
+
+    Examples
+    --------
+    >>> sampled = PhyFilter([20.0]).sampled(0.01, E=[[0.1], [0.0]], inertia=[2.0, 3.0])
+    >>> tuple(round(gain, 9) for gain in input_gains(sampled, None))
+    (20.0, 10.0, 3.0)
+    """
+    E = filter.E if isinstance(filter, SampledPhyFilter) else None
+    if isinstance(filter, SampledPhyFilter) and (needed or not isinstance(filter.sampling.inertia, str)):
+        inertia = filter.sampling.inertia_or(inertia)
+    M = 1.0 if inertia is None else inertia
+    size = inertia_of(filter, M)
+    if E is None:
+        return InputGains(size, 1.0, size)
+    E_left, M = np.linalg.pinv(E), _signals.inertia("inertia", M, len(E))
+    # A diagonal scales the columns of E^+.
+    heard = E_left @ M if M.ndim == 2 else E_left * M
+    return InputGains(float(np.linalg.norm(heard, 2)), float(np.linalg.norm(E_left, 2)), size)

@@ -262,6 +262,8 @@ def analyze(
     'Stable. Tolerates 6.64 ms more delay, masses 0.718 to 5.54 times yours. Error at most 0.25 while |γ′| ≤ 3 per s.'
     """
     M = inertia_of(filter, inertia)
+    if inertia_error and not rate:
+        raise ValueError("inertia_error: what it does grows with |x'|; give its bound too, rate=...")
     response = frequency_response(filter)
     loop = {"actuator": actuator, "delay": delay}
     inner = prior_margin(filter, **loop)
@@ -281,15 +283,15 @@ def analyze(
             residual=residual,
             noise=noise,
             inertia_error=inertia_error,
-            inertia=M,
+            inertia=inertia,
             implementation=implementation,
-            **({} if rate is None else {"rate": rate}),
+            rate=rate or 0.0,
         )
     deviation = None
     if noise_deviation:
         if not isinstance(filter, SampledPhyFilter):
             raise ValueError("noise_deviation: is of samples; take filter.sampled(dt)")
-        deviation = float(np.sqrt(error_variance(filter, noise=noise_deviation, inertia=M).noise))
+        deviation = float(np.sqrt(error_variance(filter, noise=noise_deviation, inertia=inertia).noise))
     tube, seen = None, {k: size for k, size in (residual or {}).items() if k <= 1}
     if seen and stable and complete is not None and kp > 0.0 and _has_tube(filter):
         tube = tracking_tube(filter, kp=kp, kd=kd, residual=seen, noise=noise, inertia=M, **loop)

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import control as ct
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.linalg import solve_continuous_lyapunov, solve_discrete_lyapunov
 
 from .. import _sections
@@ -13,8 +14,8 @@ from .._sections import FloatArray
 from .._signals import number
 from ..filter import PhyFilter, SampledPhyFilter
 from ..results import Result
-from .bounds.implementation import projection
 from .channels import per_channel
+from .options import input_gains
 
 __all__ = ["Variance", "error_variance", "gauss_markov"]
 
@@ -89,7 +90,7 @@ def error_variance(
     *,
     noise: float | Shape = 0.0,
     residual: Shape | None = None,
-    inertia: float = 1.0,
+    inertia: ArrayLike | None = None,
 ) -> Variance:
     """Steady variances of one channel.
 
@@ -103,8 +104,8 @@ def error_variance(
         density in units of x per sqrt(Hz), or the shaping filter of coloured noise (from unit white noise to x).
     residual : control system, optional
         Shaping filter of gamma = f - f_theta, from unit white noise; strictly proper and stable.
-    inertia : float
-        M_hat, by which noise of x counts; of a filter with E times norm2(E^+), the worst direction of f.
+    inertia : float, (n_x,) or (n_x, n_x) array_like, optional
+        M_hat, by which noise of x counts. None: the filter's own, else 1.
 
     Returns
     -------
@@ -120,6 +121,9 @@ def error_variance(
     -----
     C P C' with P from the Lyapunov equation of filter and shaping filter together; for the sampled filter the
     covariance of the residual and of its average over a step is exact (Van Loan, IEEE TAC 23 (3), 1978).
+
+    Noise, independent from axis to axis, has the covariance c E^+ M_hat M_hat' E^+' in f_hat, c the variance of one
+    channel with M_hat = 1. Its largest eigenvalue is given, c norm2(E^+ M_hat)^2: of the direction that has most.
 
     Examples
     --------
@@ -138,7 +142,7 @@ def error_variance(
     else:
         from_noise = _noise(filter, noise)
         parts = (0.0, 0.0) if shape is None else _residual(filter, shape)
-    size = number("inertia", inertia, least=0.0) * projection(filter)
+    size = input_gains(filter, inertia, needed=from_noise > 0.0).x
     return Variance(from_noise * size**2, *parts)
 
 

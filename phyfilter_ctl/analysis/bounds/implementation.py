@@ -6,6 +6,8 @@ the bounds of ``sampled_kernels`` are for; the rest is a disturbance of u, or no
 * a disturbance d of u: ||h||_1 |d|, h the impulse response of the recursion;
 * noise v of x: ||h_i - h_(i-1)||_1 |M_hat| |v| / h, and ||h||_1 |M_hat'| |v| where M_hat moves.
 
+With E what comes from x and g passes E^+ on its way to u: |E^+ M_hat| for |M_hat|, |E^+| times all other forces.
+
 The disturbances are kernels against what is bounded (Peano's): the mean of g over a step less g at its beginning is
 the integral of (1 - s/h) g'(s) ds, at most h/2 |g'|; less the mean of both ends h/4 |g'| or h^2/12 |g''|.
 """
@@ -18,11 +20,12 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ..._signals import number
-from ...filter import PhyFilter, SampledPhyFilter
+from ...filter import SampledPhyFilter
+from ..options import InputGains
 from .rounding import AXES, rounding_error
 from .sampled_kernels import SampledKernels
 
-__all__ = ["Implementation", "Run", "projection"]
+__all__ = ["Implementation", "Run"]
 
 # Means over one period of |v - what the rule takes| for a window that begins inside a step: hold, straight lines.
 _LATE_LINES = 1.0 / 3.0
@@ -113,15 +116,17 @@ class Run:
     ----------
     kernels : SampledKernels
     bounds : Implementation
-    rate, noise, inertia : float
-        |x'|, noise of x, |M_hat|.
+    rate, noise : float
+        |x'|, noise of x.
+    gains : InputGains
+        What M_hat and E make of x and g.
     """
 
     kernels: SampledKernels
     bounds: Implementation
     rate: float
     noise: float
-    inertia: float
+    gains: InputGains
 
     def __post_init__(self) -> None:
         needs = [name for name in ("jitter", "delay_error") if getattr(self.bounds, name)]
@@ -152,18 +157,17 @@ class Run:
     def terms(self) -> dict[str, float]:
         """Error from each, by name; those that are 0 are left out."""
         of_f, of_x = self.kernels.estimate().upper, self.kernels.noise().upper
-        through = projection(self.sampled)  # of g and x, not of f_theta
-        of_u, of_x = through * of_f, through * of_x
-        b, M, V = self.bounds, self.inertia, self.rate
+        of_u = of_f * self.gains.g  # of forces that pass E^+, as f_theta does not
+        b, V = self.bounds, self.rate
         turning = b.inertia.get(1, 0.0)  # |M_hat'|, which is no matter where it is bounded by its second only
 
         def like_noise(size: float) -> float:
-            return (of_x * M + of_u * turning) * size
+            return (of_x * self.gains.x + of_u * turning) * size
 
         late = b.delay_error * V
         delay = like_noise(late)
         if 2 in b.x:
-            delay = min(delay, of_u * M * b.x[2] * b.delay_error)
+            delay = min(delay, of_f * self.gains.x * b.x[2] * b.delay_error)
         early = b.g.get(1, 0.0) + turning * V
         found = {
             "g between samples": of_u * self._between("g"),
@@ -173,7 +177,7 @@ class Run:
             + (of_u * early + (1.0 + of_f) * b.f_theta.get(1, 0.0)) * b.jitter,
             "delay": delay,
             "quantisation": like_noise(0.5 * b.x_step) + of_u * 0.5 * b.g_step,
-            "rounding": self._rounding(of_u, of_x),
+            "rounding": self._rounding(of_f, of_x),
             "limit": self._beyond_limit(),
         }
         return {name: float(value) for name, value in found.items() if value > 0.0}
@@ -206,16 +210,14 @@ class Run:
             raise ValueError("inertia: expected the bound of |M_hat'| too, {1: ...}")
         return min(found, default=0.0)
 
-    def _rounding(self, of_u: float, of_x: float) -> float:
+    def _rounding(self, of_f: float, of_x: float) -> float:
         b = self.bounds
         if 0 not in b.x:
             return b.rounding
-        if self.sampled.E is not None:
-            raise ValueError("x[0]: the bound of the rounding is for filters without E; leave it out")
         if self.sampled.sampling.delay:
             raise ValueError("x[0]: the bound of the rounding is for filters without delay; leave it out")
-        sizes = (b.x[0], self.rate, b.g.get(0, 0.0), b.f_theta.get(0, 0.0), self.inertia)
-        return rounding_error(self.kernels, sizes, of_u, of_x)
+        sizes = (b.x[0], self.rate, b.g.get(0, 0.0), b.f_theta.get(0, 0.0))
+        return rounding_error(self.kernels, sizes, self.gains, of_f, of_x)
 
     def _beyond_limit(self) -> float:
         """A projection on a convex set brings nothing further from a point of it, and f is that far from the set."""
@@ -280,14 +282,3 @@ class Run:
 
 def _primed(name: str, k: int) -> str:
     return name + "'" * k
-
-
-def projection(filter: PhyFilter | SampledPhyFilter) -> float:
-    """Norm2 of E^+, by which what enters through x and g counts in f_hat; 1 without E.
-
-    Parameters
-    ----------
-    filter : PhyFilter or SampledPhyFilter
-    """
-    E = filter.E if isinstance(filter, SampledPhyFilter) else None
-    return 1.0 if E is None else float(np.linalg.norm(np.linalg.pinv(E), 2))

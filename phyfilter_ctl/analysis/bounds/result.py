@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Literal, NamedTuple
 
@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from ... import _signals
 from ..._sections import FloatArray
-from ...filter import PhyFilter, SampledPhyFilter, Sampling
+from ...filter import PhyFilter, SampledPhyFilter
 from ...results import Result
 from . import kernels
 from .kernels import Certificate, Kernel
@@ -79,6 +79,8 @@ class BoundResult(Result):
         one.
     course : Together or None
         Of several derivatives, the enclosure and the worst course that :meth:`worst_residual` gives.
+    jitter : float
+        How far in s a sampling instant may be off the grid.
     """
 
     _figures = (
@@ -113,6 +115,7 @@ class BoundResult(Result):
     covered: tuple[str, ...] = ()
     assumptions: tuple[str, ...] = ()
     course: Together | None = field(default=None, repr=False)
+    jitter: float = field(default=0.0, repr=False)
 
     @property
     def parts(self) -> dict[str, float]:
@@ -142,21 +145,25 @@ class BoundResult(Result):
 
         The bound of the same filter one step later: an estimate held until t_k + tau is late by tau, and a residual
         that is largest inside a step can stay there until its end. Infinite where neither gamma nor gamma' is bounded.
-        Bounds of derivatives above the second are left out of it, since a residual that stays breaks them.
+        Bounds of derivatives above the second are left out of it, since a residual that stays breaks them. Of samples
+        that jitter an estimate is held longer by the jitter, and may come before its place on the grid.
         """
         sampled = self.system
         if not isinstance(sampled, SampledPhyFilter) or set(self.residual) == {0}:
             return self.bound
-        options = {e.name: getattr(sampled.sampling, e.name) for e in fields(sampled.sampling)}
-        options["delay"] += sampled.dt
-        late = SampledPhyFilter(sampled.filter, Sampling(**options))
+        sampling = sampled.sampling
+        later = replace(sampling, delay=sampling.delay + sampling.dt + self.jitter)
+        late = SampledPhyFilter(sampled.filter, later, E=sampled.E)
         given = {k: value for k, value in self.residual.items() if k <= 2}
         kernel = SampledKernels(late)
         found = [kernel.error(k).upper * given[k] for k in given if k <= kernel.highest]
         if found and len(given) > 1 and (course := together_of(late, given)) is not None:
             found.append(course.upper)
-        intrinsic = min(found, default=float("inf"))
-        return self.bound - self.intrinsic + max(self.intrinsic, intrinsic)
+        held = min(found, default=float("inf"))
+        early = self.intrinsic + (self.jitter * given.get(1, float("inf")) if self.jitter else 0.0)
+        if 0 in given:  # the gain is the same at any delay
+            early = max(self.intrinsic, min(early, kernel.error(0).upper * given[0]))
+        return self.bound - self.intrinsic + max(early, held)
 
     def describe(self) -> str:
         """The bound, its parts and what it rests on, in a few lines.
@@ -253,6 +260,10 @@ class BoundResult(Result):
         ValueError
             For a sampled filter, or an initial derivative out of range.
 
+        Notes
+        -----
+        It tends to ``bound``. Of several derivatives gamma is taken to have kept the bounds before the start too.
+
         Examples
         --------
         >>> from phyfilter_ctl import PhyFilter, ultimate_bound
@@ -260,23 +271,30 @@ class BoundResult(Result):
         >>> result.envelope([0.0, 0.05, 1.0], initial={0: 2.0}).round(4).tolist()
         [2.0, 0.7674, 0.05]
         """
-        kernel = self._kernel
         t = _signals.array("times", _signals.seconds("times", times), ("N",))
         k = self.derivative
         assert k is not None
         assert isinstance(self.system, PhyFilter)
-        grown = self.residual[k] * kernel.running(t)
-        total = grown
+        total = self.prior + self.noise + self._grown(t)
         for j, value in (initial or {}).items():
             if not 0 <= j < k:
                 raise ValueError(f"initial: expected derivatives 0 ... {k - 1}, got {j}")
             total = total + value * np.abs(kernels.error_kernel(self.system, j + 1).at(t))
-        if self.course is not None and set(self.residual) == {0, 1} and self.system.type:
-            # A residual that was constant before keeps both bounds; what the filter does not know of it decays.
-            start = self.residual[0] if k == 0 else (initial or {}).get(0, 0.0)
-            forgotten = start * np.abs(kernels.error_kernel(self.system, 1).at(t))
-            total = np.minimum(total, self.intrinsic + forgotten)
-        return self.prior + self.noise + total
+        return total
+
+    def _grown(self, t: FloatArray) -> FloatArray:
+        """Bound of what gamma makes of the error since a start from 0, (N,).
+
+        The error of a filter that has always run, which is within ``intrinsic``, less what its past still makes of it:
+        at most delta_k times what is left of the kernel's integral.
+        """
+        assert self.derivative is not None
+        kernel, size = self._kernel, self.residual[self.derivative]
+        whole, grown = kernel.l1, kernel.running(t)
+        if len(self.residual) == 1:
+            return size * grown
+        left = whole.upper - grown + (whole.upper - whole.lower)
+        return np.minimum(size * grown, self.intrinsic + size * left)
 
     def plot(self) -> ct.ControlPlot:
         """Impulse response from the bounded derivative to the error, and how the bound builds up.
@@ -293,7 +311,7 @@ class BoundResult(Result):
         return plots.bound_plot(
             t,
             kernel.at(t),
-            self.residual[self.derivative] * kernel.running(t),
+            self._grown(t),
             self.derivative,
             self.intrinsic,
         )

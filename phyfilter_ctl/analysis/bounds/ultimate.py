@@ -6,12 +6,14 @@ from collections.abc import Mapping
 from typing import get_args
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ..._signals import number
 from ...filter import PhyFilter, SampledPhyFilter
 from ..channels import per_channel
+from ..options import input_gains
 from . import kernels, quadratic
-from .implementation import Implementation, Run, projection
+from .implementation import Implementation, Run
 from .kernels import Certificate, Kernel
 from .result import BoundResult, Method, QuadraticProof
 from .sampled_kernels import SampledKernels
@@ -28,14 +30,15 @@ def ultimate_bound(
     inertia_error: float = 0.0,
     rate: float = 0.0,
     noise: float = 0.0,
-    inertia: float = 1.0,
+    inertia: ArrayLike | None = None,
     method: Method = "exact",
     implementation: Implementation | None = None,
 ) -> BoundResult:
     """Bound of |f - f_hat| after all transients.
 
-    ``|f_err| <= min_k ||(1 - F) / s^k||_1 delta_k + ||F||_1 delta_M delta_x + ||s F||_1 |M_hat| |nu|``, the first term
-    of several derivatives less: the largest error of a residual that keeps all their bounds at once.
+    ``|f_err| <= min_k ||(1 - F) / s^k||_1 delta_k + ||F||_1 |E^+| delta_M delta_x + ||s F||_1 |E^+ M_hat| |nu|``, the
+    first term of several derivatives less: the largest error of a residual that keeps all their bounds at once.
+    Without E, E^+ is I.
 
     Parameters
     ----------
@@ -52,9 +55,9 @@ def ultimate_bound(
         delta_x: bound of |x'|.
     noise : float
         Bound of the noise of x.
-    inertia : float
-        |M_hat| in the spectral norm, by which noise of x counts. With E all that enters through x and g counts
-        times norm2(E^+), E^+ its pseudo-inverse.
+    inertia : float, (n_x,) or (n_x, n_x) array_like, optional
+        M_hat, by which noise of x counts, in the spectral norm: a number, a diagonal, a matrix. None: the filter's own,
+        else 1.
     method : {"exact", "ellipsoid", "lyapunov", "lyapunov-raw"}
         "exact": the L1 norm of the impulse response, attained by a bang-bang residual; of several derivatives a linear
         programme, enclosed from both sides. "ellipsoid": the best invariant
@@ -71,7 +74,7 @@ def ultimate_bound(
     Raises
     ------
     TypeError
-        For a bound that is not a number.
+        For a bound that is not a number, or bounds of the residual that are not by order.
     ValueError
         For negative bounds, an ``inertia_error`` without ``rate``, no residual at all, or bounds of derivatives only
         beyond the type of the filter: then the error grows without bound.
@@ -99,13 +102,13 @@ def ultimate_bound(
     """
     if method not in get_args(Method):
         raise ValueError(f"method: expected one of {', '.join(get_args(Method))}, got {method!r}")
-    given = _checked(
-        residual, {"inertia_error": inertia_error, "rate": rate, "noise": noise, "inertia": inertia}
-    )
+    inertia_error = number("inertia_error", inertia_error, least=0.0)
+    rate, noise = number("rate", rate, least=0.0), number("noise", noise, least=0.0)
+    given = _checked(residual)
     if inertia_error and not rate:
         raise ValueError("inertia_error: what it does grows with |x'|; give its bound too, rate=...")
-    through = projection(filter)
-    prior, heard = through * inertia_error * rate, through * noise * inertia
+    inputs = input_gains(filter, inertia, needed=bool(noise or implementation))
+    prior, heard = inputs.g * inertia_error * rate, inputs.x * noise
     if isinstance(filter, SampledPhyFilter):
         if method != "exact":
             raise ValueError(
@@ -117,7 +120,7 @@ def ultimate_bound(
         gains = {k: enclosure.upper for k, enclosure in enclosures.items()}
         prior_gain = sampled.estimate().upper if prior else 0.0
         noise_gain = sampled.noise().upper if heard else 0.0
-        run = Run(sampled, implementation or Implementation(), rate, noise, inertia)
+        run = Run(sampled, implementation or Implementation(), rate, noise, inputs)
         terms, covered, assumed = run.terms(), run.covered(), run.assumed()
         proofs: dict[int, QuadraticProof] = {}
     else:
@@ -156,6 +159,7 @@ def ultimate_bound(
         covered,
         assumed,
         course,
+        0.0 if implementation is None else implementation.jitter,
     )
 
 
@@ -182,11 +186,9 @@ def _gain(
     return abs(kernel.gain) * (abs(kernel.direct) + found.gain), QuadraticProof(found.P, decay)
 
 
-def _checked(residual: Mapping[int, float], others: Mapping[str, float]) -> dict[int, float]:
-    for name, value in others.items():
-        number(name, value, least=0.0)
+def _checked(residual: Mapping[int, float]) -> dict[int, float]:
     if not isinstance(residual, Mapping):
-        raise ValueError(
+        raise TypeError(
             f"residual: expected bounds by order of derivative, e.g. {{1: 2.0}}, got {residual!r}"
         )
     given: dict[int, float] = {}
