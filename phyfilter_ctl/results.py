@@ -11,7 +11,7 @@ import math
 from collections.abc import Mapping, Sequence, Set
 from dataclasses import Field, fields, is_dataclass
 from enum import Enum, StrEnum
-from typing import Any, ClassVar, TypeVar
+from typing import Any, ClassVar, TypeGuard, TypeVar
 
 import numpy as np
 
@@ -113,8 +113,10 @@ class Result:
 
     __slots__ = ()
 
-    # What to_dict gives, properties too; () for all fields.
+    # What to_dict, repr and describe give, properties too; () for all fields.
     _figures: ClassVar[tuple[str, ...]] = ()
+    # Those that a result shows where it is an entry of another one; its status is shown in any case.
+    _answer: ClassVar[tuple[str, ...]] = ()
 
     def to_dict(self) -> dict[str, Any]:
         """What JSON can hold of it.
@@ -135,7 +137,7 @@ class Result:
         return {name: plain(getattr(self, name), infinite=True) for name in names}
 
     def describe(self) -> str:
-        """The figures as text, one line each.
+        """The figures as text, one line each; without those that are empty.
 
         Returns
         -------
@@ -143,11 +145,14 @@ class Result:
 
         Examples
         --------
-        >>> from phyfilter_ctl import PhyFilter, error_variance
-        >>> print(error_variance(PhyFilter([20.0]).sampled(0.01), noise=0.01).describe().splitlines()[0])
-        noise               0.0361335
+        >>> from phyfilter_ctl import PhyFilter, Recording
+        >>> log = Recording.from_arrays(x=np.zeros((3, 1)), dt=0.1, label=np.ones((3, 1)))
+        >>> print(log.compare({"nothing": np.zeros((3, 1))}).describe())
+        channels            x[0]
+        rmse                {'nothing': 1}
+        channel rmse        {'nothing': array([1])}
         """
-        return "\n".join(f"{name.replace('_', ' '):<20}{_in_words(value)}" for name, value in self._shown())
+        return in_lines({name.replace("_", " "): _in_words(value) for name, value in self._shown()})
 
     def _shown(self) -> list[tuple[str, object]]:
         """The answer, by name: figures that follow from the fields too."""
@@ -292,10 +297,14 @@ def summary(value: object) -> str:
     if isinstance(value, float | complex | np.floating | np.complexfloating):
         return f"{value:.6g}"
     if isinstance(value, Result):
-        found = getattr(value, "status", None)
-        return f"{type(value).__name__}({'' if found is None else f'status={summary(found)}, '}...)"
+        names = [*(["status"] if hasattr(value, "status") else []), *value._answer]
+        shown = "".join(f"{name}={summary(getattr(value, name))}, " for name in names)
+        return f"{type(value).__name__}({shown}...)"
     if isinstance(value, Mapping) and len(value) <= _LISTED:
         return _short("{" + ", ".join(f"{key!r}: {summary(v)}" for key, v in value.items()) + "}", value)
+    if _are_texts(value):
+        text = f"({', '.join(map(repr, value))}{',' if len(value) == 1 else ''})"
+        return text if len(text) <= _TEXT else text[: _TEXT - 3] + "..."
     if isinstance(value, Mapping | Sequence | Set):
         if isinstance(value, Mapping) or len(value) > _LISTED:
             return _counted(value)
@@ -327,5 +336,44 @@ def _short(text: str, value: Any) -> str:
     return _counted(value) if isinstance(value, Sequence | Set | Mapping) else f"{type(value).__name__}(...)"
 
 
+def _are_texts(value: object) -> TypeGuard[tuple[str, ...]]:
+    return isinstance(value, tuple) and bool(value) and all(isinstance(entry, str) for entry in value)
+
+
 def _in_words(value: object) -> str:
-    return f"{value}: {value.meaning}" if isinstance(value, Status) else summary(value)
+    """As :func:`summary`, for people: empty where there is nothing to say."""
+    if isinstance(value, Status):
+        return f"{value}: {value.meaning}"
+    if isinstance(value, str):
+        return value if len(value) <= _TEXT else value[: _TEXT - 3] + "..."
+    if _are_texts(value):
+        return "; ".join(value)
+    if value is None or (isinstance(value, np.ndarray | Sequence | Mapping | Set) and len(value) == 0):
+        return ""
+    if isinstance(value, np.ndarray) and value.ndim == 1 and value.size <= _LISTED:
+        return ", ".join(map(summary, value.tolist()))
+    if isinstance(value, tuple) and len(value) <= _LISTED:
+        return ", ".join(map(summary, value))
+    return summary(value)
+
+
+def in_lines(figures: Mapping[str, str]) -> str:
+    """Names and texts, one line each; without those that are empty.
+
+    Examples
+    --------
+    >>> print(in_lines({"radius": "0.2 m", "limit": ""}))
+    radius              0.2 m
+    """
+    return "\n".join(f"{name:<20}{text}" for name, text in figures.items() if text)
+
+
+def with_unit(value: float, unit: str) -> str:
+    """A figure to four digits, with its unit where it has one.
+
+    Examples
+    --------
+    >>> with_unit(0.25, "N"), with_unit(0.25, "")
+    ('0.25 N', '0.25')
+    """
+    return f"{value:.4g} {unit}".strip()

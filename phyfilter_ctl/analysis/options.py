@@ -23,7 +23,7 @@ from numpy.typing import ArrayLike
 from .. import _signals
 from ..filter import PhyFilter, SampledPhyFilter, Sampling
 
-__all__ = ["InputGains", "assumed", "inertia_of", "input_gains"]
+__all__ = ["InputGains", "assumed", "inertia_of", "input_gains", "units_of"]
 
 # Of a filter that has it; what is not here has no effect where it is not counted.
 _TAKEN_FOR_GRANTED = {
@@ -73,6 +73,25 @@ def assumed(
         if name in _TAKEN_FOR_GRANTED and name not in counted:
             said.append(_TAKEN_FOR_GRANTED[name])
     return tuple(said)
+
+
+def units_of(filter: PhyFilter | SampledPhyFilter) -> Mapping[str, str]:
+    """Units of x, g and f, those that the filter knows.
+
+    Parameters
+    ----------
+    filter : PhyFilter or SampledPhyFilter
+
+    Returns
+    -------
+    mapping of str to str
+
+    Examples
+    --------
+    >>> dict(units_of(PhyFilter([20.0]).sampled(0.01, units={"f": "N"})))
+    {'f': 'N'}
+    """
+    return filter.sampling.units if isinstance(filter, SampledPhyFilter) else {}
 
 
 def inertia_of(filter: PhyFilter | SampledPhyFilter, given: ArrayLike | None) -> float:

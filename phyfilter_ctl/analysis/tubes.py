@@ -24,11 +24,11 @@ from scipy.stats import norm
 from .. import _signals
 from .._sections import FloatArray
 from ..filter import PhyFilter, SampledPhyFilter
-from ..results import Result
+from ..results import Result, in_lines, with_unit
 from .margins.prior import _positive
 from .margins.ratio_margins import build_loop
 from .margins.sampled import SampledLoop
-from .options import assumed, inertia_of
+from .options import assumed, inertia_of, units_of
 from .tracking_loop import Noisy, Output, Source, Told, TrackingLoop
 from .variance import Shape, shaping
 
@@ -73,6 +73,7 @@ class TrackingTube(Result):
         "estimate_limit",
         "assumptions",
     )
+    _answer = ("radius",)
 
     parts: dict[str, float]
     derivatives: dict[str, list[int]]
@@ -143,16 +144,16 @@ class TrackingTube(Result):
         -------
         str
         """
-        lines = {"radius": f"{self.radius:.4g}" if self.is_linear else "not proved"}
-        lines |= {f"  {name.replace('_', ' ')}": f"{value:.4g}" for name, value in self.parts.items()}
+        units = units_of(self._loop.sampled)
+        position, f = _position_unit(units), units.get("f", "")
+        lines = {"radius": with_unit(self.radius, position) if self.is_linear else "not proved"}
+        lines |= {f"  {n.replace('_', ' ')}": with_unit(value, position) for n, value in self.parts.items()}
         for name in ("command", "estimate"):
             most, limit = getattr(self, name), getattr(self, f"{name}_limit")
-            lines[name] = f"{most:.4g}"
+            lines[name] = with_unit(most, f)
             if np.isfinite(limit):
-                lines[f"  limit of {name}"] = f"{limit:.4g}, {self._met(most, limit)}"
-        if self.assumptions:
-            lines["taken for granted"] = "; ".join(self.assumptions)
-        return "\n".join(f"{name:<20}{text}" for name, text in lines.items())
+                lines[f"  limit of {name}"] = f"{with_unit(limit, f)}, {self._met(most, limit)}"
+        return in_lines(lines | {"taken for granted": "; ".join(self.assumptions)})
 
     @staticmethod
     def _met(most: float, limit: float) -> str:
@@ -309,13 +310,49 @@ class TrackingDeviation(Result):
         Of the part of the command that is fed back, from all.
     assumptions : tuple of str
         What is taken for granted of the options of the filter.
+    units : dict of str to str
+        Of x and f, where the filter knows them; position is in that of x times s.
     """
+
+    _figures = ("position", "residual", "actuation", "noise", "command", "assumptions", "units")
+    _answer = ("position",)
 
     residual: float
     actuation: float
     noise: float
     command: float
     assumptions: tuple[str, ...] = ()
+    units: Mapping[str, str] = field(default_factory=dict)
+
+    def describe(self) -> str:
+        """The standard deviations as text, one line each.
+
+        Returns
+        -------
+        str
+
+        Examples
+        --------
+        >>> from phyfilter_ctl import PhyFilter, tracking_deviation
+        >>> filter = PhyFilter([5.0]).sampled(0.01, units={"x": "m/s", "f": "N"})
+        >>> print(tracking_deviation(filter, kp=10.0, kd=6.0, noise=0.01).describe())
+        position            0.0006435 m (1 sigma)
+          residual          0 m
+          actuation         0 m
+          noise             0.0006435 m
+        command             0.1117 N (1 sigma)
+        """
+        position = _position_unit(self.units)
+        figures = {
+            "position": self.position,
+            "  residual": self.residual,
+            "  actuation": self.actuation,
+            "  noise": self.noise,
+        }
+        lines = {name: with_unit(value, position) for name, value in figures.items()}
+        lines["position"] += " (1 sigma)"
+        lines["command"] = f"{with_unit(self.command, self.units.get('f', ''))} (1 sigma)"
+        return in_lines(lines | {"taken for granted": "; ".join(self.assumptions)})
 
     @property
     def position(self) -> float:
@@ -408,7 +445,15 @@ def tracking_deviation(
         totals["noise"] += size**2 * ((rows @ first) ** 2 + np.einsum("ij,jk,ik->i", rows, P, rows))
     deviations = {name: float(np.sqrt(max(value[0], 0.0))) for name, value in totals.items()}
     command = loop.inertia * float(np.sqrt(sum(max(value[1], 0.0) for value in totals.values())))
-    return TrackingDeviation(**deviations, command=command, assumptions=assumed(loop.sampled))
+    return TrackingDeviation(
+        **deviations, command=command, assumptions=assumed(loop.sampled), units=units_of(loop.sampled)
+    )
+
+
+def _position_unit(units: Mapping[str, str]) -> str:
+    """That of x times s."""
+    x = units.get("x", "")
+    return x.removesuffix("/s") if x.endswith("/s") else f"{x} s" if x else ""
 
 
 def _loop(

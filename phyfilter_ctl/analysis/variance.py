@@ -13,9 +13,9 @@ from .. import _sections
 from .._sections import FloatArray
 from .._signals import number
 from ..filter import PhyFilter, SampledPhyFilter
-from ..results import Result
+from ..results import Result, in_lines, with_unit
 from .channels import per_channel
-from .options import input_gains
+from .options import assumed, input_gains, units_of
 
 __all__ = ["Variance", "error_variance", "gauss_markov"]
 
@@ -34,11 +34,20 @@ class Variance(Result):
         Of f - f_hat, from the residual.
     residual_estimate : float
         Of f_hat - f_theta, from the residual.
+    unit : str
+        Of f, where the filter knows it; the variances are in its square.
+    assumptions : tuple of str
+        What is taken for granted of the options of the filter.
     """
+
+    _figures = ("noise", "residual_error", "residual_estimate", "error", "estimate", "unit", "assumptions")
+    _answer = ("error",)
 
     noise: float
     residual_error: float
     residual_estimate: float
+    unit: str = ""
+    assumptions: tuple[str, ...] = ()
 
     @property
     def error(self) -> float:
@@ -49,6 +58,27 @@ class Variance(Result):
     def estimate(self) -> float:
         """Of f_hat - f_theta."""
         return self.noise + self.residual_estimate
+
+    def describe(self) -> str:
+        """The standard deviations as text, one line each: square roots of the variances, in units of f.
+
+        Returns
+        -------
+        str
+
+        Examples
+        --------
+        >>> filter = PhyFilter([20.0]).sampled(0.002, units={"f": "N"})
+        >>> print(error_variance(filter, noise=0.001).describe())
+        error               0.0198 N (1 sigma)
+          noise             0.0198 N
+          residual          0 N
+        estimate            0.0198 N (1 sigma)
+        """
+        figures = {"error": self.error, "  noise": self.noise, "  residual": self.residual_error}
+        lines = {name: with_unit(value**0.5, self.unit) for name, value in figures.items()}
+        lines["error"] += " (1 sigma)"
+        return in_lines(lines | {"estimate": f"{with_unit(self.estimate**0.5, self.unit)} (1 sigma)"})
 
 
 def gauss_markov(deviation: float, time_constant: float) -> ct.StateSpace:
@@ -143,7 +173,7 @@ def error_variance(
         from_noise = _noise(filter, noise)
         parts = (0.0, 0.0) if shape is None else _residual(filter, shape)
     size = input_gains(filter, inertia, needed=from_noise > 0.0).x
-    return Variance(from_noise * size**2, *parts)
+    return Variance(from_noise * size**2, *parts, unit=units_of(filter).get("f", ""), assumptions=assumed(filter))
 
 
 def _residual(filter: PhyFilter, shape: ct.StateSpace) -> tuple[float, float]:

@@ -277,7 +277,7 @@ class Run:
         )
         if sampling.limit is not None and b.f is None:
             said.append("f_hat stays within its limit, or |f| does")
-        return tuple(said)
+        return (*said, *assumed(self.sampled, counted=("limit",)))
 
 
 def _primed(name: str, k: int) -> str:

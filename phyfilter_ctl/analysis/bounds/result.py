@@ -15,6 +15,7 @@ from ... import _signals
 from ..._sections import FloatArray
 from ...filter import PhyFilter, SampledPhyFilter
 from ...results import Result
+from ..options import units_of
 from . import kernels
 from .kernels import Certificate, Kernel
 from .sampled_kernels import SampledKernels
@@ -99,7 +100,9 @@ class BoundResult(Result):
         "certificate",
         "covered",
         "assumptions",
+        "unit",
     )
+    _answer = ("bound",)
 
     system: PhyFilter | SampledPhyFilter
     method: Method
@@ -131,6 +134,11 @@ class BoundResult(Result):
     def bound(self) -> float:
         """Sum of the parts."""
         return sum(self.parts.values())
+
+    @property
+    def unit(self) -> str:
+        """Of f, where the filter knows it."""
+        return units_of(self.system).get("f", "")
 
     @property
     def exact(self) -> bool:
@@ -176,9 +184,10 @@ class BoundResult(Result):
         from              derivative 1 of gamma; attained by a bang-bang residual
         """
         parts = [f"{name} {value:.4g}" for name, value in self.parts.items() if value] or ["nothing"]
-        lines = [_line("bound", f"{self.bound:.6g} = {' + '.join(parts)}")]
+        unit = f" {self.unit}" if self.unit else ""
+        lines = [_line("bound", f"{self.bound:.6g}{unit} = {' + '.join(parts)}")]
         if isinstance(self.system, SampledPhyFilter):
-            lines.append(_line("between samples", f"{self.between_samples:.6g}"))
+            lines.append(_line("between samples", f"{self.between_samples:.6g}{unit}"))
         if self.derivative is not None:
             if self.course is not None and self.certificate is not None:
                 orders = " and ".join(map(str, sorted(self.residual)))

@@ -10,7 +10,7 @@ import numpy as np
 
 from ... import _signals
 from ...filter import FilterBank, PhyFilter, SampledPhyFilter
-from ...results import PerChannel, Result, Status
+from ...results import PerChannel, Result, Status, in_lines
 from .actuator import checked_number
 from .complete import loop_margin
 
@@ -42,11 +42,36 @@ class BandwidthLimit(Result):
         What was found, and what to try.
     """
 
+    _answer = ("limit",)
+
     limit: float
     islands: tuple[tuple[float, float], ...]
     modulus_margin: float
     status: Status
     message: str
+
+    def describe(self) -> str:
+        """The limit as text, one line each.
+
+        Returns
+        -------
+        str
+
+        Examples
+        --------
+        >>> limit = largest_bandwidth(lambda w: PhyFilter([w]), delay=0.02, modulus_margin=0.5)
+        >>> print(limit.describe().splitlines()[0])
+        bandwidth up to     35.06 rad/s (5.58 Hz), with a modulus margin of 0.5 or more
+        """
+        asked = (
+            f"with a modulus margin of {self.modulus_margin:g} or more" if self.modulus_margin else "stable"
+        )
+        islands = "; ".join(f"{low:.4g} ... {high:.4g} rad/s" for low, high in self.islands)
+        limit = f"{_signals.in_both(self.limit)}, {asked}" if np.isfinite(self.limit) else "none"
+        status = f"{self.status}: {self.status.meaning}"
+        return in_lines(
+            {"bandwidth up to": limit, "islands above": islands, "status": status, "": self.message}
+        )
 
 
 def largest_bandwidth(

@@ -8,7 +8,7 @@ import control as ct
 import numpy as np
 
 from ... import _signals
-from ...results import Result
+from ...results import Result, in_lines
 from .matrix_search import MatrixSearch
 from .scalar_search import MarginSearch
 
@@ -37,10 +37,37 @@ class DiskMargin(Result):
     """
 
     _figures = ("alpha", "skew", "frequency", "gain_margin", "phase_margin")
+    _answer = ("alpha",)
 
     alpha: float
     skew: float
     frequency: float
+
+    def describe(self) -> str:
+        """The margin as text, one line each.
+
+        Returns
+        -------
+        str
+
+        Examples
+        --------
+        >>> import control as ct
+        >>> print(disk_margin(ct.tf(1, [1, 1, 0])).describe())
+        alpha               0.8944 of skew 0, at 1 rad/s (0.159 Hz)
+        gain                0.382 to 2.618 times in every channel
+        phase               48.19 deg in every channel
+        """
+        if not self.alpha > 0.0:
+            return in_lines({"alpha": "0: unstable" if self.alpha == 0.0 else "cannot be computed"})
+        low, high = self.gain_margin
+        return in_lines(
+            {
+                "alpha": f"{self.alpha:.4g} of skew {self.skew:g}, at {_signals.in_both(self.frequency)}",
+                "gain": f"{low:.4g} to {high:.4g} times in every channel",
+                "phase": f"{np.rad2deg(self.phase_margin):.4g} deg in every channel",
+            }
+        )
 
     @property
     def gain_margin(self) -> tuple[float, float]:

@@ -37,6 +37,7 @@ class LoopMargins(Result):
         "sensitivity_peak",
         "disk",
     )
+    _answer = ("is_stable", "delay_margin", "modulus_margin")
 
     @cached_property
     def _search(self) -> MarginSearch:

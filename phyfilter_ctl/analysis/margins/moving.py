@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from ... import _signals
 from ..._sections import FloatArray
 from ...filter import FilterBank, PhyFilter, SampledPhyFilter
-from ...results import Result, Status
+from ...results import Result, Status, in_lines
 from ..channels import Filter, channels_of
 from . import _inequalities, _inertia, switching
 from ._continuous import ContinuousLoop
@@ -83,6 +83,33 @@ class InertiaCertificate(Result):
     opening: ct.StateSpace | None = field(repr=False)
     assumptions: tuple[str, ...]
     message: str
+
+    def describe(self) -> str:
+        """What is decided, as text, one line each.
+
+        Returns
+        -------
+        str
+
+        Examples
+        --------
+        >>> print(moving_inertia(PhyFilter([5.0]).sampled(0.01), ratios=(0.5, 1.5)).describe().split("\nholds")[0])
+        status              proven: it holds, and what proves it is in the result
+        M_hat/M             0.5 to 1.5, at any speed
+        by                  common quadratic
+        as                  V = x' P x falls for every motion within the ratios, at any speed
+        """
+        low, high = self.ratios
+        speed = "at any speed" if self.rate is None else f"|d ln M/dt| up to {self.rate:g} 1/s"
+        return in_lines(
+            {
+                "status": f"{self.status}: {self.status.meaning}",
+                "M_hat/M": f"{low:.4g} to {high:.4g}, {'constant' if self.rate == 0.0 else speed}",
+                "by": self.method,
+                "as": self.message,
+                "holds for": "; ".join(self.assumptions),
+            }
+        )
 
 
 @dataclass(frozen=True, eq=False)

@@ -72,6 +72,7 @@ class SaturationMargin(Result):
         "frequency",
         "assumptions",
     )
+    _answer = ("is_stable", "command_excess")
 
     g: KnownActuation
     inertia_ratio: float
