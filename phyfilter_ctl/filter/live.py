@@ -28,7 +28,7 @@ from . import loop, retuning
 from .live_policy import MEANING, LiveHealth, LivePolicy, completed
 from .live_state import parsed_state, written_state
 from .loop import FilterState
-from .recursion import Recursion, output
+from .recursion import GAP_ROUNDING, Recursion, output
 from .sampled_form import SampledForm
 
 __all__ = ["LiveFilter"]
@@ -99,7 +99,7 @@ class LiveFilter:
         self._worst = health.worst_gap
         self._dt = self.recursion.sampling.dt
         self._usual = 1.5 * self._dt  # a longer step has lost samples in it
-        self._longest = self.policy.longest_gap or 0.0
+        self._longest = (self.policy.longest_gap or 0.0) * GAP_ROUNDING
         self._fresh = not health.accepted or math.isnan(
             health.time
         )  # go on from the next good sample, without a step to it
@@ -289,9 +289,7 @@ class LiveFilter:
             self._note("gap", self._time)
         self._worst = max(self._worst, before + h)
         self._scale(self.policy.share(self._kind, before + h))
-        state = self._state._replace(x=x, g=g, f_theta=f_theta, inertia=M, held=False, gap=0.0, past=())
-        self._state = state
-        self._f_hat = self.recursion.limited(f_theta + output(state.w, state.carry, self.recursion.nominal.C))
+        self._state, self._f_hat = loop.resume(self.recursion, self._state, x, g, f_theta, M)
         self._accepted += 1
         self._fresh, self._held, self._late = False, False, _NONE_LATE
         self._forget_repeats()
