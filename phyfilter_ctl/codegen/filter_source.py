@@ -345,6 +345,8 @@ def wrapped(line: str, width: int = 110) -> list[str]:
 
 def _header(name: str, sampled: SampledPhyFilter, options: dict[str, int], signals: Signals) -> str:
     defines = "\n".join(f"#define {name}_{option} {value}" for option, value in options.items())
+    if options["VARIABLE"] or options["HOLD_BAD"]:
+        defines += f"\n#define {name}_LONGEST {sampled.recursion.longest_gap / sampled.dt!r}"
     if options["CONSTANT"]:
         single = bool(options["FLOAT"])
         rate = kept(np.asarray(1.0 / sampled.dt), "float" if single else "double")

@@ -9,7 +9,9 @@ import pytest
 from numpy.typing import NDArray
 
 import phyfilter_ctl as pf
+from filter_harness import CFilter, compile_filters
 from phyfilter_ctl import PhyFilter, SampledPhyFilter
+from phyfilter_ctl.codegen.filter_source import filter_source
 
 FloatArray = NDArray[np.floating]
 
@@ -82,10 +84,42 @@ def by_live(sampled: SampledPhyFilter, log: Log) -> FloatArray:
     return np.array([live.step(*row) for row in rows])
 
 
+def in_c(sampled: SampledPhyFilter, log: Log, library: CFilter) -> FloatArray:
+    g0 = None if sampled.sampling.g == "hold" else log.g[0]
+    assert library.start(log.x[0], None, log.f_theta[0], None, g0) == 0
+    found = [log.f_theta[0]]
+    for k, g in enumerate(given(log, sampled)[1:], 1):
+        code, f_hat = library.step(log.x[k], g, log.f_theta[k], dt=float(log.times[k] - log.times[k - 1]))
+        assert code == 0
+        found.append(f_hat)
+    return np.array(found)
+
+
+def two_poles(options: dict[str, object], **more: object) -> SampledPhyFilter:
+    return PhyFilter.from_poles([-8.0, -12.0]).sampled(DT, nonfinite="hold", **options, **more)  # pyright: ignore
+
+
+@pytest.fixture(scope="module")
+def libraries(tmp_path_factory: pytest.TempPathFactory) -> list[CFilter]:
+    sources = [
+        filter_source(two_poles(options), name=f"gap{k}", channels=1, variable=True)
+        for k, options in enumerate(OPTIONS)
+    ]
+    library = compile_filters(sources, tmp_path_factory.mktemp("gaps"))
+    return [CFilter(library, source) for source in sources]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("k", range(len(OPTIONS)), ids=[str(options) for options in OPTIONS])
+def test_c_goes_on_as_the_record_does(k: int, libraries: list[CFilter]) -> None:
+    log, sampled = log_of(), two_poles(OPTIONS[k])
+    np.testing.assert_allclose(in_c(sampled, log, libraries[k]), by_run(sampled, log), rtol=0.0, atol=SAME)
+
+
 @pytest.mark.parametrize("options", OPTIONS, ids=str)
 def test_every_route_goes_on_alike_after_gaps_jumps_and_bad_samples(options: dict[str, object]) -> None:
     log = log_of()
-    sampled = PhyFilter.from_poles([-8.0, -12.0]).sampled(DT, nonfinite="hold", **options)  # pyright: ignore
+    sampled = two_poles(options)
     run = by_run(sampled, log)
     for route in (by_step, by_live):
         np.testing.assert_allclose(route(sampled, log), run, rtol=0.0, atol=SAME)
@@ -102,7 +136,7 @@ def test_a_gap_gives_no_jump_of_the_estimate() -> None:
 
 def test_after_a_gap_the_estimate_is_that_of_the_last_good_sample_before_it() -> None:
     log = log_of()
-    f_hat = by_run(PhyFilter.from_poles([-8.0, -12.0]).sampled(DT, nonfinite="hold"), log) - log.f_theta
+    f_hat = by_run(two_poles({}), log) - log.f_theta
     first = int(np.flatnonzero(np.diff(log.times) > 100.0)[0]) + 1
     assert f_hat[first] == pytest.approx(f_hat[first - 1], abs=1e-12)
     assert f_hat[240] == pytest.approx(f_hat[199], abs=1e-12)
