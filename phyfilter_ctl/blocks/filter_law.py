@@ -262,7 +262,14 @@ class _Sections(NamedTuple):
 
 
 def _longer_step(
-    memory: _Memory, sections: _Sections, sampling: Sampling, w: ca.SX, u: Any, known: Any, gap: ca.SX, holding: ca.SX
+    memory: _Memory,
+    sections: _Sections,
+    sampling: Sampling,
+    w: ca.SX,
+    u: Any,
+    known: Any,
+    gap: ca.SX,
+    holding: ca.SX,
 ) -> ca.SX:
     """Change of w over the steps since the last good sample, and what is carried along while samples are held."""
     total, steps = memory.state(_labels("gap_mean", len(known))), gap + 1.0

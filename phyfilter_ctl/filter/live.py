@@ -6,7 +6,8 @@ f_hat - f_theta, the estimate of the residual, is kept for the longest gap and t
     f_hat = f_theta + s C w,    s = 1 up to the longest gap T, then e^(-(gap - T) / decay_time), 1 or 0
 
 The first good sample within T closes the gap as one longer step, whose residual is exact where g and f_theta are. After
-a longer one the filter goes on from the new sample with the states s w: what happened meanwhile is not guessed.
+a longer one the filter goes on from the new sample with the states s w: what happened meanwhile is not guessed. All
+other routes do the same with s = 1 and the default longest gap.
 """
 
 from __future__ import annotations

@@ -17,6 +17,10 @@ TimeUnit = Literal["s", "ms", "us", "ns"]
 
 _TICKS: dict[str, float] = {"s": 1.0, "ms": 1e3, "us": 1e6, "ns": 1e9}
 _GAP = 3.0  # a step this many times the median is a gap
+_JUMP, _JUMP_STEPS = (
+    60.0,
+    200.0,
+)  # and one of so many seconds and so many medians a clock that was set, as for LivePolicy
 _SHORTEST, _LONGEST = 10e-6, 1.0  # of a sampling interval that nobody asks about, s
 
 _TIME_NAMES = {"t", "time", "times", "timestamp", "timestamps", "stamp", "timepts", "datetime"}
@@ -36,9 +40,13 @@ class Clock:
     dt : float
         Median step forwards, s; NaN where there is none.
     gaps : int
-        Steps of more than 3 dt.
+        Steps of more than 3 dt that are no jumps.
     longest : float
-        Longest step, s.
+        Longest step that is no jump, s.
+    jumps : int
+        Steps forwards of more than 60 s and 200 dt: the clock was set, or the log goes on after a pause.
+    jumped : float
+        Longest of those, s; 0 without one.
     backwards, duplicates, missing : int
         Steps back, steps of length zero, times that are no numbers.
 
@@ -55,6 +63,8 @@ class Clock:
     dt: float
     gaps: int
     longest: float
+    jumps: int
+    jumped: float
     backwards: int
     duplicates: int
     missing: int
@@ -66,12 +76,16 @@ class Clock:
         steps = np.diff(known)
         forwards = steps[steps > 0.0]
         dt = float(np.median(forwards)) if len(forwards) else float("nan")
+        jumped = is_jump(forwards, dt)
+        usual = forwards[~jumped]
         return cls(
             first=float(known[0]) if len(known) else float("nan"),
             last=float(known[-1]) if len(known) else float("nan"),
             dt=dt,
-            gaps=int(np.count_nonzero(forwards > _GAP * dt)) if len(forwards) else 0,
-            longest=float(forwards.max()) if len(forwards) else float("nan"),
+            gaps=int(np.count_nonzero(usual > _GAP * dt)),
+            longest=float(usual.max()) if len(usual) else float("nan"),
+            jumps=int(np.count_nonzero(jumped)),
+            jumped=float(forwards[jumped].max(initial=0.0)),
             backwards=int(np.count_nonzero(steps < 0.0)),
             duplicates=int(np.count_nonzero(steps == 0.0)),
             missing=len(times) - len(known),
@@ -87,6 +101,11 @@ class Clock:
             found.append(f"dt {self.dt:.3g} s is above 1 s: a slow topic, or a wrong unit of time?")
         if self.gaps:
             found.append(f"{_counted(self.gaps, 'gap')}, the longest {self.longest:.3g} s")
+        if self.jumps:
+            found.append(
+                f"the clock jumps ahead {_counted(self.jumps, 'time')}, by up to {self.jumped:.6g} s: it was set, or "
+                "the log goes on after a pause"
+            )
         if self.backwards:
             found.append(f"the clock runs back {_counted(self.backwards, 'time')}")
         if self.duplicates:
@@ -94,6 +113,11 @@ class Clock:
         if self.missing:
             found.append(f"{_counted(self.missing, 'sample')} without a time")
         return tuple(found)
+
+
+def is_jump(steps: FloatArray, dt: float) -> NDArray[np.bool_]:
+    """Which steps (m,) are no gap but a clock that was set, or a log that goes on; ``dt`` is the usual step in s."""
+    return np.asarray(steps > max(_JUMP, _JUMP_STEPS * dt))
 
 
 def _counted(n: int, word: str) -> str:

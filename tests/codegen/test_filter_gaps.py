@@ -148,7 +148,9 @@ def test_a_record_that_is_whole_is_run_over_a_gap_alike() -> None:
     log = log_of()
     good = np.isfinite(log.x[:, 0]) & np.isfinite(log.g[:, 0])
     whole = Log(*(part[good] for part in log))
-    runs = [by_run(PhyFilter.from_poles([-8.0]).sampled(DT, nonfinite=rule), whole) for rule in ("raise", "hold")]
+    runs = [
+        by_run(PhyFilter.from_poles([-8.0]).sampled(DT, nonfinite=rule), whole) for rule in ("raise", "hold")
+    ]
     np.testing.assert_array_equal(*runs)
     found = by_run(PhyFilter.from_poles([-8.0]).sampled(DT), whole)
     assert found[-1, 0] == pytest.approx(whole.force[-1, 0], abs=0.5)
