@@ -194,8 +194,8 @@ def _jumps(log: Recording, gaps: np.ndarray) -> list[str]:
         return []
     k = int(np.argmax(jumped))
     return [
-        f"The clock jumps ahead by {steps[k]:.6g} s after {log.times[gaps[k]]:.6g} s: the estimate goes on from the next "
-        "sample. Draw a part to see more."
+        f"The clock jumps ahead by {steps[k]:.6g} s after {log.times[gaps[k]]:.6g} s: the estimate goes on from the "
+        "next sample. Draw a part to see more."
     ]
 
 

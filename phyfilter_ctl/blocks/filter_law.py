@@ -191,7 +191,8 @@ class _Memory:
     ) -> tuple[ca.SX, ca.SX]:
         """A signal with bad entries filled by the last good ones, and its weighted mean with the samples before.
 
-        Before the first instant, and that after a gap, it was what it is then, ``first``. ``age``: how many instants back it is kept from.
+        Before the first instant, and that after a gap, it was what it is then, ``first``. ``age``: how many instants
+        back it is kept from.
         """
         size = now.shape[0]
         count = max(len(weights) - 1, int(self.guarded)) if size else 0

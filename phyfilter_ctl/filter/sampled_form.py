@@ -71,9 +71,9 @@ class SampledForm:
             and without a time zone, and signals beside a recording.
         ValueError
             For wrong shapes, an ambiguous inertia (2-D with N == n_x), times that stand still or run back (row
-            named), have steps most of which are gaps or are whole numbers that count no seconds, a recording in another unit or with its channels in
-            another order, a sample that is not finite, is masked or is beyond 1e150 under ``nonfinite="raise"`` (row
-            and signal named), or a step at which forward Euler diverges.
+            named), have steps most of which are gaps or are whole numbers that count no seconds, a recording in
+            another unit or with its channels in another order, a sample that is not finite, is masked or is beyond
+            1e150 under ``nonfinite="raise"`` (row and signal named), or a step at which forward Euler diverges.
 
         Examples
         --------

@@ -6,10 +6,10 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
+from filter_harness import CFilter, compile_filters
 from numpy.typing import NDArray
 
 import phyfilter_ctl as pf
-from filter_harness import CFilter, compile_filters
 from phyfilter_ctl import PhyFilter, SampledPhyFilter
 from phyfilter_ctl.codegen.filter_source import filter_source
 
