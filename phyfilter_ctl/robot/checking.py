@@ -68,7 +68,7 @@ def _stretch(recording: Recording) -> tuple[float, float]:
     ends = np.flatnonzero((steps > _GAP * recording.dt) | recording.missing[1:] | recording.missing[:-1])
     edges = np.concatenate([[-1], ends, [recording.n - 1]])
     longest = int(np.argmax(np.diff(edges)))
-    first, last = recording.times[edges[longest] + 1], recording.times[edges[longest + 1]]
+    first, last = (float(recording.times[k]) for k in (edges[longest] + 1, edges[longest + 1]))
     middle = 0.5 * (first + last)
     return max(first, middle - 0.5 * _STRETCH), min(last, middle + 0.5 * _STRETCH)
 

@@ -151,7 +151,7 @@ def test_a_record_that_is_whole_is_run_over_a_gap_alike() -> None:
     runs = [
         by_run(PhyFilter.from_poles([-8.0]).sampled(DT, nonfinite=rule), whole) for rule in ("raise", "hold")
     ]
-    np.testing.assert_array_equal(*runs)
+    np.testing.assert_array_equal(runs[0], runs[1])
     found = by_run(PhyFilter.from_poles([-8.0]).sampled(DT), whole)
     assert found[-1, 0] == pytest.approx(whole.force[-1, 0], abs=0.5)
 

@@ -24,6 +24,7 @@
  *   #define wing_CONSTANT 0         1: the numbers stay in wing_parameters, for no others; then with wing_RATE, 1 / dt;
  *                                   none of VARIABLE, TUNABLE, HOLD_BAD, PAST
  *   #define wing_LONGEST 20.0       with VARIABLE or HOLD_BAD: nominal steps without a good sample that make one step
+ *   #define wing_LONG_STEPS 0       with them, 1: every good sample after a good one makes a step, however long
  *   #define PF_NAME wing
  *   #include "pf_filter.h"
  *

@@ -350,6 +350,11 @@ static inline void PF_P(residual_)(const PF_NAME *self, const PF_T *x, const PF_
 
 /* Whether the last good sample is too long ago, h seconds after the last one, to make one step. */
 static int PF_P(is_gap_)(const PF_NAME *self, double h) {
+#if PF_P(LONG_STEPS) && !PF_ALIGNED
+  return 0;
+#elif PF_P(LONG_STEPS)
+  if (self->gap == 0.0) return 0;
+#endif
 #if PF_ALIGNED
   h += self->gap;
 #endif
