@@ -147,8 +147,9 @@ dress(axis, "A constant push, found and cancelled")
 
 # %%
 path = Path(tempfile.mkdtemp()) / "type2.toml"
-signals = pf.Signals(["vx", "vy"], unit_x="m/s", unit_g="N", unit_f="N")
-pf.save(path, type2.sampled(dt, g="average"), signals=signals)
+units = {"x": "m/s", "g": "N", "f": "N"}
+sampled = type2.sampled(dt, g="average", channels=["vx", "vy"], units=units)
+pf.save(path, sampled)
 print(path.read_text())
 kept = pf.load(path)
 
@@ -156,7 +157,7 @@ kept = pf.load(path)
 # The figures this notebook stands for:
 
 # %%
-assert kept == type2.sampled(dt, g="average")
+assert kept == sampled
 assert rmse(estimates["low-pass"]) < 0.35 * rmse(estimates["model alone"])
 assert rmse(estimates["type 2"]) < 0.25 * rmse(estimates["model alone"])
 assert abs(response.outputs[1, -1] - 3.0) < 1e-3

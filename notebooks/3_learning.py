@@ -148,7 +148,8 @@ dress(axis, "Swept by hand, learned, and what is possible")
 
 # %%
 path = Path(tempfile.mkdtemp()) / "learned.toml"
-pf.save(path, result.filter.sampled(dt), signals=pf.Signals(["vx", "vy"], unit_x="m/s", unit_f="N"))
+sampled = result.filter.sampled(dt, channels=["vx", "vy"], units={"x": "m/s", "f": "N"})
+pf.save(path, sampled)
 print(path.read_text())
 again = pf.load(path)
 
@@ -159,7 +160,7 @@ again = pf.load(path)
 # The figures this notebook stands for:
 
 # %%
-assert again == result.filter.sampled(dt)
+assert again == sampled
 assert abs(rmse(result.filter, log) - result.rmse) < 1e-9 * result.rmse  # the filter, run
 costs = [table["general", order].rmse for order in (1, 2, 3, 4)]
 assert np.all(np.diff(costs) <= 1e-9)

@@ -7,14 +7,14 @@ from typing import TYPE_CHECKING
 
 from ..filter import PhyFilter, SampledPhyFilter
 from ..recording import Recording
-from .designs import Assumptions, Design, Numerator
+from .designs import Assumptions, Design, Numerator, Signals
 from .handle import Session, handle
 from .jobs import LearningJob
 
 if TYPE_CHECKING:
     from .widget import Designer
 
-__all__ = ["Assumptions", "Design", "LearningJob", "Numerator", "Session", "designer", "handle"]
+__all__ = ["Assumptions", "Design", "LearningJob", "Numerator", "Session", "Signals", "designer", "handle"]
 
 
 def designer(

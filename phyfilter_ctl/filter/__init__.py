@@ -14,6 +14,7 @@ from .loop import FilterState, Interval
 from .lti import Roots
 from .paper_form import PaperFilter, PaperMatrices, PaperState
 from .phyfilter import PhyFilter, SampledPhyFilter
+from .record import Log
 from .recursion import Chain, Recursion, StepConstants
 from .sampled_form import SampledForm
 from .sampling import InertiaInput, Sampling, SamplingOptions
@@ -27,6 +28,7 @@ __all__ = [
     "LiveFilter",
     "LiveHealth",
     "LivePolicy",
+    "Log",
     "PaperFilter",
     "PaperMatrices",
     "PaperState",

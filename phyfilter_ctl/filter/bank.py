@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Unpack, overload
+from typing import overload
 
 import control as ct
 from numpy.typing import ArrayLike
@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from . import matching
 from .matrices import continuous_state_space
 from .phyfilter import PhyFilter, SampledPhyFilter, differences, sampling_of
-from .sampling import Method, Rule, Sampling, SamplingOptions
+from .sampling import InertiaInput, Method, NonFinite, Precision, Rule, Sampling, SamplingOptions
 
 __all__ = ["FilterBank", "SampledBank", "stack"]
 
@@ -51,16 +51,33 @@ class FilterBank(tuple[PhyFilter, ...]):
         g: Rule = "hold",
         f_theta: Rule = "average",
         *,
+        precision: Precision = "float64",
         E: ArrayLike | None = None,
-        **options: Unpack[SamplingOptions],
+        delay: float = 0.0,
+        limit: ArrayLike | None = None,
+        g_limit: tuple[ArrayLike, ArrayLike] | ArrayLike | None = None,
+        nonfinite: NonFinite = "raise",
+        channels: int | Sequence[str] | None = None,
+        inertia: ArrayLike | InertiaInput | None = None,
+        units: Mapping[str, str] | None = None,
     ) -> SampledBank:
         """The filters on sampled data, all with the same options.
 
         Parameters
         ----------
-        dt, method, g, f_theta, E, **options
+        dt, method, g, f_theta, precision, E, delay, limit, g_limit, nonfinite, channels, inertia, units
             As for :meth:`PhyFilter.sampled`.
         """
+        options: SamplingOptions = {
+            "precision": precision,
+            "delay": delay,
+            "limit": limit,
+            "g_limit": g_limit,
+            "nonfinite": nonfinite,
+            "channels": channels,
+            "inertia": inertia,
+            "units": units,
+        }
         return SampledBank(self, sampling_of(self, dt, method, g, f_theta, options), E=E)
 
     def to_ss(self) -> ct.StateSpace:

@@ -20,10 +20,9 @@ dA = (I - A h/2)^{-1} A h.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Unpack
 
 import control as ct
 import numpy as np
@@ -39,7 +38,7 @@ from .matrices import channel_counts, continuous_state_space
 from .rational import Rational
 from .recursion import Chain, Recursion, transition
 from .sampled_form import SampledForm
-from .sampling import Method, Rule, Sampling, SamplingOptions
+from .sampling import InertiaInput, Method, NonFinite, Precision, Rule, Sampling, SamplingOptions
 
 __all__ = ["PhyFilter", "SampledPhyFilter", "chain_of", "differences", "sampling_of"]
 
@@ -129,8 +128,15 @@ class PhyFilter(Rational):
         g: Rule = "hold",
         f_theta: Rule = "average",
         *,
+        precision: Precision = "float64",
         E: ArrayLike | None = None,
-        **options: Unpack[SamplingOptions],
+        delay: float = 0.0,
+        limit: ArrayLike | None = None,
+        g_limit: tuple[ArrayLike, ArrayLike] | ArrayLike | None = None,
+        nonfinite: NonFinite = "raise",
+        channels: int | Sequence[str] | None = None,
+        inertia: ArrayLike | InertiaInput | None = None,
+        units: Mapping[str, str] | None = None,
     ) -> SampledPhyFilter:
         """The filter on sampled data.
 
@@ -141,9 +147,8 @@ class PhyFilter(Rational):
         method : {"exact", "matched", "euler", "tustin"}, optional
             As for :class:`Sampling`. None chooses "matched" where exact sampling would lose what F promises, that is
             for a type of 2 and more and for zeros of 1 - F at +-j w, else "exact"; what was chosen is in ``sampling``.
-        g, f_theta, **options
-            precision, delay, limit, g_limit, nonfinite, channels, inertia, units: as for :class:`Sampling`, which says
-            what each means and raises.
+        g, f_theta, precision, delay, limit, g_limit, nonfinite, channels, inertia, units
+            As for :class:`Sampling`, which says what each means and raises.
         E
             As for :class:`SampledPhyFilter`.
 
@@ -160,6 +165,16 @@ class PhyFilter(Rational):
         >>> force.run([[0.0], [1.5], [3.0]]).ravel().round(3).tolist()
         [0.0, 6.0, 6.0]
         """
+        options: SamplingOptions = {
+            "precision": precision,
+            "delay": delay,
+            "limit": limit,
+            "g_limit": g_limit,
+            "nonfinite": nonfinite,
+            "channels": channels,
+            "inertia": inertia,
+            "units": units,
+        }
         return SampledPhyFilter(self, sampling_of([self], dt, method, g, f_theta, options), E=E)
 
 

@@ -41,7 +41,7 @@ class Log(Protocol):
     def unit(self) -> str: ...
 
 
-def is_log(x: object) -> TypeGuard[Log]:
+def is_log(x: ArrayLike | Log) -> TypeGuard[Log]:
     """Whether it is a recording, not a signal."""
     return all(hasattr(x, name) for name in ("x", "g", "f_theta", "inertia", "times", "channels", "unit"))
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import cast
+
 import control as ct
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -88,7 +90,7 @@ class SampledForm:
                     "those with recording.with_signals, or give x and all signals as arrays"
                 )
             return record.run_log(self.recursion, x)
-        return record.run(self.recursion, x, g, f_theta, inertia, times)
+        return record.run(self.recursion, cast(ArrayLike, x), g, f_theta, inertia, times)
 
     def held(
         self,

@@ -219,6 +219,10 @@ class Sampling:
     def check_channels(self, n_x: int) -> None:
         """Raise where x has another number of channels than is known here.
 
+        Parameters
+        ----------
+        n_x : int
+
         Raises
         ------
         ValueError
