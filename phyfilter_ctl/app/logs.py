@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 
 from .._sections import FloatArray
-from ..logfiles.clock import is_jump
 from ..logfiles.suggestions import is_force
 from ..recording import Recording
+from ..recording.checks import is_jump
 from ..results import plain
 from .checking import MessageError, shown
 from .designs import Design

@@ -12,15 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._sections import FloatArray
+from ..recording.checks import is_jump
 
 TimeUnit = Literal["s", "ms", "us", "ns"]
 
 _TICKS: dict[str, float] = {"s": 1.0, "ms": 1e3, "us": 1e6, "ns": 1e9}
 _GAP = 3.0  # a step this many times the median is a gap
-_JUMP, _JUMP_STEPS = (
-    60.0,
-    200.0,
-)  # and one of so many seconds and so many medians a clock that was set, as for LivePolicy
 _SHORTEST, _LONGEST = 10e-6, 1.0  # of a sampling interval that nobody asks about, s
 
 _TIME_NAMES = {"t", "time", "times", "timestamp", "timestamps", "stamp", "timepts", "datetime"}
@@ -113,11 +110,6 @@ class Clock:
         if self.missing:
             found.append(f"{_counted(self.missing, 'sample')} without a time")
         return tuple(found)
-
-
-def is_jump(steps: FloatArray, dt: float) -> NDArray[np.bool_]:
-    """Which steps (m,) are no gap but a clock that was set, or a log that goes on; ``dt`` is the usual step in s."""
-    return np.asarray(steps > max(_JUMP, _JUMP_STEPS * dt))
 
 
 def _counted(n: int, word: str) -> str:

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from .._sections import FloatArray
 from ..filter import PhyFilter, record
-from ..logfiles.clock import is_jump
 from ..recording import Recording
+from ..recording.checks import is_jump
 from ..results import Result
 
 __all__ = ["Finding", "Suspicion", "Windows", "findings_of"]

@@ -227,7 +227,9 @@ def test_start_at_an_estimate(tmp_path, precision):
 
 
 def test_what_is_refused_changes_nothing(tmp_path):
-    limited = GENERAL.sampled(40.0 * H, "euler", limit=2.0, g="average", g_limit=(-1.0, 1.0))  # diverges at 50 H
+    limited = GENERAL.sampled(
+        40.0 * H, "euler", limit=2.0, g="average", g_limit=(-1.0, 1.0)
+    )  # diverges at 50 H
     _, ours = simple(tmp_path, limited)
     ours.start(X[0, :2], None, F_THETA[0, :2])
     ours.step(X[1, :2], G[1, :2], F_THETA[1, :2])

@@ -86,6 +86,12 @@ def test_a_jump_is_no_gap_of_a_logs_clock(cart):
     )
 
 
+def test_a_recording_says_so_too(cart):
+    said = Robot.load(cart.parent / "robot.toml").read(cart).describe()
+    assert "gaps      none" in said
+    assert "jumps     1 of the clock, the first ahead by 3600.01 s after 29.99 s" in said
+
+
 def test_a_gap_stays_a_gap():
     t = np.r_[0.0:5.0:0.01, 6.0:10.0:0.01]
     log = pf.Recording.from_arrays(x=np.sin(t), times=t)
