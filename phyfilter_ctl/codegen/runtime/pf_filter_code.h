@@ -533,8 +533,10 @@ PF_INLINE int PF_P(take_)(PF_NAME *self, const PF_T *x_now, const PF_T *g, const
     return PF_FILTER_NOT_FINITE;
 #endif
   }
-#if PF_WIDE
-  const int gap = PF_P(is_gap_)(self, h);
+#if PF_P(HOLD_BAD)
+  const int gap = (!nominal || self->gap != 0.0) && PF_P(is_gap_)(self, h);
+#elif PF_WIDE
+  const int gap = !nominal && PF_P(is_gap_)(self, h);
 #else
   const int gap = 0;
 #endif
