@@ -21,7 +21,7 @@ import numpy as np
 
 from ..._signals import number
 from ...filter import SampledPhyFilter
-from ..options import InputGains
+from ..options import InputGains, assumed
 from .rounding import AXES, rounding_error
 from .sampled_kernels import SampledKernels
 
