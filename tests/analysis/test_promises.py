@@ -104,6 +104,7 @@ def test_no_error_is_above_its_bound_at_any_time(plant, seed):
     signs = np.append(0.0, -np.sign(answer[::-1]))
     noise = nu * np.outer(signs, right[0])
     moved = rng.integers(-parts, parts + 1, N + 1)
+    moved[0] = 0  # where the simulation begins
     all_times, samples, rate = flown(
         F, h, E_left, M_hat, M_hat + wrong, gamma @ E.T + g, gamma, g, noise, late, moved
     )
