@@ -173,7 +173,9 @@ def error_variance(
         from_noise = _noise(filter, noise)
         parts = (0.0, 0.0) if shape is None else _residual(filter, shape)
     size = input_gains(filter, inertia, needed=from_noise > 0.0).x
-    return Variance(from_noise * size**2, *parts, unit=units_of(filter).get("f", ""), assumptions=assumed(filter))
+    return Variance(
+        from_noise * size**2, *parts, unit=units_of(filter).get("f", ""), assumptions=assumed(filter)
+    )
 
 
 def _residual(filter: PhyFilter, shape: ct.StateSpace) -> tuple[float, float]:

@@ -13,9 +13,11 @@ _NO_EFFECT = {
     # Both are known, whatever they are between the samples: they leave no residual but in the bound.
     "f_theta": set(ANALYSES) - {"ultimate_bound"},
     "g": {"frequency_response", "error_variance"},
+    # The circle criterion is for what any limit leaves of the command, which such a filter is told.
+    "g_limit": {"saturation_margin"},
 }
 # Loops are per unit of M_hat, along what E spans.
-_LOOPS = {"prior_margin", "loop_margin", "saturation_margin", "largest_bandwidth", "moving_inertia"}
+_LOOPS = {"prior_margin", "loop_margin", "saturation_margin", "moving_inertia"}
 _NO_EFFECT |= {"inertia": _LOOPS, "E": _LOOPS}
 _MUST_COUNT = ("ultimate_bound", "error_variance", "tracking_tube", "tracking_deviation")
 
