@@ -85,7 +85,7 @@ def test_another_gain_at_rest_is_approached(old, new):
     assert abs(float(C @ state.w[0]) - old.dc_gain) <= rounding
     _, f_hat = advance(other, state, np.ones((100, 1)))
     assert np.all(np.abs(f_hat - new.dc_gain) <= abs(old.dc_gain - new.dc_gain) + rounding)
-    settled = other.step(state, [0.0], [-1.0], [0.0], dt=60.0 / float(np.min(-new.poles.real)))[1]
+    settled = new.sampled(60.0 / float(np.min(-new.poles.real))).step(state, [0.0], [-1.0], [0.0])[1]
     assert abs(float(settled[0]) - new.dc_gain) <= rounding
 
 

@@ -19,7 +19,7 @@ from .._sections import ComplexArray, FloatArray
 from ..filter import PhyFilter, SampledBank, SampledPhyFilter
 from . import _paths, _resolvent, grids
 from .channels import Filter, channels_of
-from .options import input_gains
+from .options import assumed, input_gains
 
 __all__ = ["FilterResponse", "FilterResponseList", "Peak", "frequency_response"]
 
@@ -130,6 +130,11 @@ class FilterResponse:
             return self.F if output == "f_hat" else self.error
         value = _paths.to_estimate(self.system, self.omega, input)
         return value if output == "f_hat" else -value
+
+    @property
+    def assumptions(self) -> tuple[str, ...]:
+        """What is taken for granted of the options of the filter."""
+        return assumed(self.system)
 
     @property
     def nyquist(self) -> float:

@@ -5,7 +5,8 @@ The analyses are of a linear filter on good samples. Every field of ``Sampling``
 * counted: it changes the figures, as it changes the filter;
 * refused: the figures would be of another system;
 * named: it is taken for granted, in ``assumptions`` of the result;
-* without effect on what is asked, such as units.
+* without effect on what is asked: units; what a bad sample does, of which there are none; rounding in float32, which
+  states carry along, but for ``ultimate_bound``, which names it.
 
 ``tests/analysis/test_options.py`` goes over all fields and all analyses and finds out which.
 """
@@ -28,10 +29,7 @@ __all__ = ["InputGains", "assumed", "inertia_of", "input_gains", "units_of"]
 _TAKEN_FOR_GRANTED = {
     "limit": "f_hat stays within its limit",
     "g_limit": "g stays within its limits",
-    "precision": "rounding in float32 is left out",
-    "nonfinite": "every sample is good",
 }
-_USUAL = {"precision": "float64", "nonfinite": "raise"}
 
 
 def assumed(
@@ -68,8 +66,7 @@ def assumed(
         return ()
     said = []
     for name in (entry.name for entry in fields(Sampling)):
-        value = getattr(filter.sampling, name)
-        if value is None or (name in _USUAL and value == _USUAL[name]):
+        if getattr(filter.sampling, name) is None:
             continue
         if refused and name in refused:
             raise ValueError(f"{name}: {refused[name]}")

@@ -15,7 +15,7 @@ from .._signals import number
 from ..filter import PhyFilter, SampledPhyFilter
 from ..results import Result, in_lines, with_unit
 from .channels import per_channel
-from .options import input_gains, units_of
+from .options import assumed, input_gains, units_of
 
 __all__ = ["Variance", "error_variance", "gauss_markov"]
 
@@ -36,15 +36,18 @@ class Variance(Result):
         Of f_hat - f_theta, from the residual.
     unit : str
         Of f, where the filter knows it; the variances are in its square.
+    assumptions : tuple of str
+        What is taken for granted of the options of the filter.
     """
 
-    _figures = ("noise", "residual_error", "residual_estimate", "error", "estimate", "unit")
+    _figures = ("noise", "residual_error", "residual_estimate", "error", "estimate", "unit", "assumptions")
     _answer = ("error",)
 
     noise: float
     residual_error: float
     residual_estimate: float
     unit: str = ""
+    assumptions: tuple[str, ...] = ()
 
     @property
     def error(self) -> float:
@@ -170,7 +173,7 @@ def error_variance(
         from_noise = _noise(filter, noise)
         parts = (0.0, 0.0) if shape is None else _residual(filter, shape)
     size = input_gains(filter, inertia, needed=from_noise > 0.0).x
-    return Variance(from_noise * size**2, *parts, unit=units_of(filter).get("f", ""))
+    return Variance(from_noise * size**2, *parts, unit=units_of(filter).get("f", ""), assumptions=assumed(filter))
 
 
 def _residual(filter: PhyFilter, shape: ct.StateSpace) -> tuple[float, float]:

@@ -15,7 +15,7 @@ from ..logfiles.clock import TimeUnit
 from ..recording import Recording
 from . import logs
 from .checking import Fields
-from .imports import import_log, read_roles
+from .imports import force_unit, import_log, read_roles
 from .inbox import LARGEST_PIECE, Inbox
 from .preview import preview
 
@@ -78,10 +78,12 @@ def preview_(session: Holder, fields: Fields) -> Reply:
 
 def import_(session: Holder, fields: Fields) -> Reply:
     """Open the file that was sent, with the roles of its columns."""
-    log, messages = import_log(session.inbox.source, read_roles(fields))
+    roles = read_roles(fields)
+    log, messages = import_log(session.inbox.source, roles)
+    unit = force_unit(session.inbox.source, roles)
     session.set_log(log)
     session.inbox.close()
-    return {"log": logs.summary(log), "messages": messages}
+    return {"log": {**logs.summary(log), "unit_f": unit}, "messages": messages}
 
 
 def example(session: Holder, fields: Fields) -> Reply:
@@ -144,7 +146,7 @@ def measured(session: Holder, fields: Fields) -> Reply:
         "slope": float(f"{slope:.4g}"),
         "noise": float(f"{noise:.4g}"),
         "messages": [
-            f"Over {over}: step {log.dt:.4g} s; noise of x {noise:.3g}, the likeliest white noise; largest slope of "
+            f"Over {over}: step {log.dt:.4g} s; noise of M x {noise:.3g}, the likeliest white noise; largest slope of "
             f"the {what}{minus} {slope:.3g}, as changes over {steps * log.dt:.3g} s."
         ],
     }

@@ -23,7 +23,7 @@ from .checking import Fields, MessageError, shown
 from .inbox import Source
 from .preview import base_name, columns_of, roles_of, table_of, times_of
 
-__all__ = ["Roles", "import_log", "read_roles", "usual_roles"]
+__all__ = ["Roles", "force_unit", "import_log", "read_roles", "usual_roles"]
 
 _MOST_COLUMNS = 64  # of a signal; an inertia may be a matrix
 MOST_CHANNELS = 12
@@ -208,6 +208,19 @@ def import_log(source: Source, roles: Roles) -> tuple[Recording, list[str]]:
     return log, [*said, *(f"{finding.message}." for finding in findings_of(log, time_unit_known=True))]
 
 
+def force_unit(source: Source, roles: Roles) -> str:
+    """SI name of the unit of label, g and f_theta, as the user or the columns say; empty where neither does.
+
+    Parameters
+    ----------
+    source : Source
+    roles : Roles
+    """
+    units = {column.key: column.unit for column in columns_of(source)[1]}
+    given = roles.units.get("f", "")
+    return _si(given, gravity=True)[1] if given else _factors(dict(roles.signals), units, {})[1]["f"]
+
+
 def _channels(keys: Sequence[str]) -> list[str]:
     """Short names where they differ."""
     short = [base_name(key) for key in keys]
@@ -315,7 +328,7 @@ def _factors(
 ) -> tuple[dict[str, FloatArray], dict[str, str], list[str]]:
     """Factors to SI of the columns of each signal, SI names of the units of x and f, and what is said of it."""
     factors: dict[str, FloatArray] = {}
-    names: dict[str, str] = {"x": ""}
+    names: dict[str, str] = {"x": "", "f": ""}
     said: list[str] = []
     for signal, keys in wanted.items():
         of = "x" if signal == "x" else "f"
@@ -329,8 +342,8 @@ def _factors(
             )
         factors[signal] = np.array([factor for factor, _ in read])
         name = read[0][1]
-        if signal == "x":
-            names["x"] = name
+        if signal == "x" or (signal in _DATA and not names["f"]):
+            names[of] = name
         if np.any(factors[signal] != 1.0):
             said.append(f"{signal}: {found[0]} was taken as {factors[signal][0]:.6g} {name}.")
         elif found[0] and name == found[0] and unit_definition(found[0]).exponents is None:

@@ -9,7 +9,9 @@ from pathlib import Path
 import numpy as np
 
 from .._sections import FloatArray
+from ..logfiles.suggestions import is_force
 from ..recording import Recording
+from ..recording.checks import is_jump
 from ..results import plain
 from .checking import MessageError, shown
 from .designs import Design
@@ -22,6 +24,7 @@ _MOST_CHANNELS = 12
 _MOST_SAMPLES = 2_000_000
 _DRAWN = 1500
 _SAME_STEP = 1e-3
+_GAP = 3.0  # medians: lines break at a longer step
 _HEAD = 100_000  # characters in which the header must stand
 _DERIVED = ("label_", "g_", "f_theta_", "feature_", "inertia_")
 
@@ -155,16 +158,25 @@ def estimate(
     else:
         keep = _kept(log, channel, seen, mine, over, views, design)
     messages = []
+    gaps = np.flatnonzero(np.diff(log.times) > _GAP * log.dt)
+    messages += _jumps(log, gaps)
     if abs(log.dt - design.dt) > _SAME_STEP * design.dt:
         messages.append(
             f"The log has a step of {log.dt:.4g} s, which the estimate takes; the design has {design.dt:.4g} s."
         )
     errors = _errors(log, design, channel, mine, over, views)
+    # Between two samples that are drawn lies a gap: a point without a value breaks the lines there.
+    breaks = np.flatnonzero(np.diff(np.searchsorted(gaps, keep))) + 1
+    t = np.insert(log.times[keep], breaks, 0.5 * (log.times[keep[breaks - 1]] + log.times[keep[breaks]]))
+
+    def drawn(values: FloatArray) -> object:
+        return plain(np.insert(np.asarray(values, dtype=float), breaks, np.nan))
+
     return {
-        "t": plain(log.times[keep]),
-        "f_hat": None if mine is None else plain(mine[keep - over.start]),
-        "f_theta": None if f_theta is None else plain(f_theta[keep]),
-        "label": None if label is None else plain(label[keep]),
+        "t": plain(t),
+        "f_hat": None if mine is None else drawn(mine[keep - over.start]),
+        "f_theta": None if f_theta is None else drawn(f_theta[keep]),
+        "label": None if label is None else drawn(label[keep]),
         "rmse": errors[0],
         "rmse_model": errors[1],
         "wiener": None if wiener is None or over != slice(0, log.n) else wiener[channel],
@@ -172,6 +184,19 @@ def estimate(
         "pending": mine is None,
         "messages": messages,
     }
+
+
+def _jumps(log: Recording, gaps: np.ndarray) -> list[str]:
+    """What is said of a clock that was set."""
+    steps = np.diff(log.times)[gaps]
+    jumped = is_jump(steps, log.dt)
+    if not jumped.any():
+        return []
+    k = int(np.argmax(jumped))
+    return [
+        f"The clock jumps ahead by {steps[k]:.6g} s after {log.times[gaps[k]]:.6g} s: the estimate goes on from the "
+        "next sample. Draw a part to see more."
+    ]
 
 
 def _kept(
@@ -265,7 +290,7 @@ def _signals(columns: Sequence[str]) -> tuple[list[str], list[str] | None]:
     labels |= {c: f"a{c[1:]}" for c in columns if c[:1] == "v" and f"a{c[1:]}" in columns and c not in labels}
     if labels:
         return list(labels), list(labels.values())
-    return [c for c in columns if not c.startswith(_DERIVED)], None
+    return [c for c in columns if not c.startswith(_DERIVED) and not is_force(c)], None
 
 
 def _some(names: Sequence[str]) -> str:

@@ -14,6 +14,7 @@ from .._sections import FloatArray
 from ..logfiles import LogFile, open_log, suggestions
 from ..logfiles.clock import TimeUnit, column_unit, time_column, unit_of_name
 from ..logfiles.formats import FORMATS, format_of
+from ..logfiles.suggestions import is_force
 from ..recording.csvfile import CsvFile, dialect, open_csv
 from ..results import plain
 from .inbox import Source
@@ -330,7 +331,11 @@ def _by_names(keys: Mapping[str, str]) -> dict[str, list[str]]:
         x = next(([lower[n] for n in names] for names in _VELOCITIES if all(n in lower for n in names)), [])
     if not x:
         known = (*_PREFIXES.values(), "feature_", "inertia_")
-        rest = [name for name in keys if not name.startswith(known) and not _MASS.fullmatch(name)]
+        rest = [
+            name
+            for name in keys
+            if not name.startswith(known) and not _MASS.fullmatch(name) and not is_force(name)
+        ]
         x = rest if len(rest) <= _ALONE else []
     found = {"x": x, "label": labels}
     for signal in ("g", "f_theta"):

@@ -6,11 +6,12 @@ remembers what it was given; every option acts as there. Two things are arranged
 * Means over a (delayed) step are fixed weights of the present sample and of those before it, kept in registers.
 * Where samples may be held (``nonfinite="hold"``), the residual of the longer step is only known when the gap ends. The
   recursion is linear in it, so the free motions of the state and of the equilibrium, (e^{At} - I) w and
-  (e^{At} - I) equilibrium, are carried along meanwhile, and a gap may last as long as it likes.
+  (e^{At} - I) equilibrium, are carried along meanwhile. After the longest gap they are dropped: there is no such step.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
@@ -21,7 +22,7 @@ from numpy.typing import NDArray
 from .._sections import FloatArray
 from ..filter import Chain, Recursion, SampledPhyFilter, Sampling, StepConstants, windows
 from ..filter.matrices import signal_labels
-from ..filter.recursion import applied, increment, mean, momentum, output, residual
+from ..filter.recursion import GAP_ROUNDING, applied, increment, mean, momentum, output, residual
 from .functions import BlockFunctions, Variable
 
 __all__ = ["filter_inputs", "filter_law"]
@@ -93,6 +94,19 @@ def filter_law(
     if sampling.g == "hold":  # over the step that ends now the g of the instant before acted
         acting, weights_g = memory.state(_labels("g", channels)), weights_g[1:]
         memory.becomes(acting, g)
+    if memory.guarded:
+        same = _all_finite(x, model, M)
+        good = ca.logic_and(same, _all_finite(acting))
+        keep = ca.if_else(memory.started, good, ca.logic_and(same, _all_finite(g)))
+        accepted, gap = memory.state(["accepted"]), memory.state(["gap"])
+        memory.becomes(accepted, ca.logic_or(accepted, keep))
+        update, holding = ca.logic_and(accepted, good), ca.logic_and(accepted, ca.logic_not(good))
+        longest = math.floor(recursion.longest_gap * GAP_ROUNDING / sampling.dt)
+        resumes = ca.logic_and(update, gap >= longest)
+        memory.fresh = ca.logic_or(memory.fresh, resumes)
+        update = ca.logic_and(update, ca.logic_not(resumes))
+    else:
+        keep, update, gap, holding = ca.SX(1), memory.started, ca.SX(0), ca.SX(0)
     weights_f = windows.mean_weights(sampling.f_theta, sampling.delay_steps)
     weights_M = windows.mean_weights("hold", sampling.delay_steps)[1:]  # its value at one time
     _, g_mean = memory.signal("g", acting, weights_g, first=g, age=int(sampling.g == "hold"))
@@ -106,20 +120,12 @@ def filter_law(
     means = _entries(g_mean), _entries(f_mean), None if recursion.E_left is None else recursion.E_left.T
     u = residual(slope / sampling.dt, *means)
     if memory.guarded:
-        same = _all_finite(x, model, M)
-        good = ca.logic_and(same, _all_finite(acting))
-        keep = ca.if_else(memory.started, good, ca.logic_and(same, _all_finite(g)))
-        accepted = memory.state(["accepted"])
-        memory.becomes(accepted, ca.logic_or(accepted, keep))
-        update = ca.logic_and(accepted, good)
         known = -residual(_entries(ca.SX.zeros(channels)), *means)
-        holding = ca.logic_and(accepted, ca.logic_not(good))
-        change = _longer_step(memory, sections, sampling, w, u, known, holding)
+        change = _longer_step(memory, sections, sampling, w, u, known, gap, holding)
     else:
-        keep, update = ca.SX(1), memory.started
         change = sections.column(increment(sections.grid(w), u, sections.constants))
     memory.becomes(x_before, ca.if_else(keep, x, x_before))
-    M_then = ca.if_else(memory.started, M_now, M_filled)  # before the first instant it was what it is then
+    M_then = ca.if_else(memory.fresh, M_filled, M_now)  # before that instant it was what it is then
     memory.becomes(M_before, ca.if_else(keep, M_then, M_before))
     w_next = w + ca.if_else(update, change, 0.0)
     memory.becomes(w, w_next)
@@ -160,6 +166,7 @@ class _Memory:
         self._symbols: list[ca.SX] = []
         self._next: list[ca.SX] = []
         self.started = self.state(["started"])
+        self.fresh = ca.logic_not(self.started)  # whether what was before this instant is not known
 
     def state(self, names: Sequence[str], start: float = 0.0) -> ca.SX:
         """A new state; say with :meth:`becomes` what it becomes."""
@@ -184,7 +191,8 @@ class _Memory:
     ) -> tuple[ca.SX, ca.SX]:
         """A signal with bad entries filled by the last good ones, and its weighted mean with the samples before.
 
-        Before the first instant it was what it is then, ``first``. ``age``: how many instants back it is kept from.
+        Before the first instant, and that after a gap, it was what it is then, ``first``. ``age``: how many instants
+        back it is kept from.
         """
         size = now.shape[0]
         count = max(len(weights) - 1, int(self.guarded)) if size else 0
@@ -194,7 +202,7 @@ class _Memory:
         if self.guarded and size:
             now, first = _where_finite(now, past[0]), _where_finite(first, ca.SX(start))
         for register, newer in zip(past, [now, *past], strict=False):
-            self.becomes(register, ca.if_else(self.started, newer, first))
+            self.becomes(register, ca.if_else(self.fresh, first, newer))
         mean = ca.SX.zeros(size)
         for weight, value in zip(weights, [now, *past], strict=False):
             mean += float(weight) * value if weight else 0.0
@@ -255,11 +263,17 @@ class _Sections(NamedTuple):
 
 
 def _longer_step(
-    memory: _Memory, sections: _Sections, sampling: Sampling, w: ca.SX, u: Any, known: Any, holding: ca.SX
+    memory: _Memory,
+    sections: _Sections,
+    sampling: Sampling,
+    w: ca.SX,
+    u: Any,
+    known: Any,
+    gap: ca.SX,
+    holding: ca.SX,
 ) -> ca.SX:
     """Change of w over the steps since the last good sample, and what is carried along while samples are held."""
-    gap, total = memory.state(["gap"]), memory.state(_labels("gap_mean", len(known)))
-    steps = gap + 1.0
+    total, steps = memory.state(_labels("gap_mean", len(known))), gap + 1.0
     memory.becomes(gap, ca.if_else(holding, steps, 0.0))
     memory.becomes(total, ca.if_else(holding, total + ca.vertcat(*known), 0.0))
     u = (u - _entries(total)) / _entries(steps)

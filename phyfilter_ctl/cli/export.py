@@ -134,6 +134,8 @@ def main(options: argparse.Namespace) -> int:
     check_target(options.fmu, suffixes=(".fmu",))
     check_target(options.ssp, suffixes=(".ssp",))
     system, signals = _read(options)
+    if options.ssp:
+        _as_diagram(system)  # refused before the first file is written
     written: dict[str, object] = {}
     if options.fmu:
         written["fmu"] = str(_fmu(options, system, signals))
@@ -206,13 +208,17 @@ def _fmu(options: argparse.Namespace, system: System, signals: filterfile.Signal
     )
 
 
-def _ssp(options: argparse.Namespace, system: System) -> Path:
-    from ..fmi import export_ssp
-
+def _as_diagram(system: System) -> ct.InterconnectedSystem:
     if not isinstance(system, ct.InterconnectedSystem):
         raise ValueError(
             "--ssp: expected a model that is a diagram of several blocks; export a filter with --fmu"
         )
+    return system
+
+
+def _ssp(options: argparse.Namespace, system: System) -> Path:
+    from ..fmi import export_ssp
+
     split: dict[str, list[str]] | None = None
     if options.split:
         split = {}
@@ -222,7 +228,7 @@ def _ssp(options: argparse.Namespace, system: System) -> Path:
                 raise ValueError(f"--split: expected PART=BLOCK,BLOCK, got {entry!r}")
             split[part] = blocks.split(",")
     return export_ssp(
-        system,
+        _as_diagram(system),
         options.ssp,
         split=split,
         fmi=options.fmi or "2.0",

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from .._intake import check_count
 from .._output import check_target, write_figure, write_json, write_text
 
 if TYPE_CHECKING:
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
 __all__ = ["isolated", "run"]
 
 _ENDED = "to end the run at"
+_MOST_STEPS = 20_000_000
 
 
 def isolated(options: argparse.Namespace) -> bool | Isolation:
@@ -66,6 +68,7 @@ def run(options: argparse.Namespace) -> int:
         raise ValueError(
             f"expected --stop after {start:g} s and --step within the run, got {stop:g} and {step:g}"
         )
+    check_count((stop - start) / step, _MOST_STEPS, "steps; choose --stop and --step")
     times = start + step * np.arange(round((stop - start) / step) + 1, dtype=np.float64)
     try:
         result = (_exchanged if exchange else _cosimulated)(options, times)

@@ -109,7 +109,13 @@ def _sampled_model(
         raise ValueError(f"rate: expected 'communication' or 'fixed', got {rate!r}")
     communication = rate == "communication"
     source = filter_source(
-        sampled, channels, name=name, inertia=inertia, variable=communication, tunable=tunable
+        sampled,
+        channels,
+        name=name,
+        inertia=inertia,
+        variable=communication,
+        tunable=tunable,
+        long_steps=communication,
     )
     code = f"""\
 #include "pf_ieee.h"

@@ -93,6 +93,7 @@ def filter_source(
     fixed: bool = False,
     past: int | None = None,
     signals: Signals | None = None,
+    long_steps: bool = False,
 ) -> FilterSource:
     """The C sources of a sampled filter.
 
@@ -118,6 +119,9 @@ def filter_source(
         shorter than dt.
     signals : Signals, optional
         Names of the channels and units, for the comments.
+    long_steps : bool
+        Whether every good sample after a good one makes a step, however long, as an FMU's communication steps do; then
+        only bad samples make gaps.
 
     Returns
     -------
@@ -182,7 +186,7 @@ def filter_source(
     if tunable:
         runtime += ["pf_filter_retune.h", "pf_roots.c"]
     sources = {
-        f"{name}.h": _header(name, sampled, options, Signals() if signals is None else signals),
+        f"{name}.h": _header(name, sampled, options, Signals() if signals is None else signals, long_steps),
         f"{name}.c": _code(name, numbers),
         **runtime_files(runtime),
     }
@@ -343,8 +347,13 @@ def wrapped(line: str, width: int = 110) -> list[str]:
 # -- text -----------------------------------------------------------------------------------------------------------
 
 
-def _header(name: str, sampled: SampledPhyFilter, options: dict[str, int], signals: Signals) -> str:
+def _header(
+    name: str, sampled: SampledPhyFilter, options: dict[str, int], signals: Signals, long_steps: bool
+) -> str:
     defines = "\n".join(f"#define {name}_{option} {value}" for option, value in options.items())
+    if options["VARIABLE"] or options["HOLD_BAD"]:
+        longest = sampled.recursion.longest_gap / sampled.dt
+        defines += f"\n#define {name}_LONGEST {longest!r}\n#define {name}_LONG_STEPS {int(long_steps)}"
     if options["CONSTANT"]:
         single = bool(options["FLOAT"])
         rate = kept(np.asarray(1.0 / sampled.dt), "float" if single else "double")

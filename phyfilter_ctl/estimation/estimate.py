@@ -15,7 +15,7 @@ from .. import _signals
 from .._sections import FloatArray
 from ..design.optimal import Interval
 from ..filter import FilterBank, PhyFilter, SampledPhyFilter, stack
-from ..filter.sampling import Rule
+from ..filter.sampling import NonFinite, Rule
 from ..recording import Recording
 from ..recording.agreement import lag_sums, late_g, late_text
 from ..results import Result
@@ -160,7 +160,8 @@ def estimate(
     recordings : Recording or sequence of Recording
         Of one robot: x, and what is known of M x' = g + f. Steps may differ, gaps are longer steps.
     filter : PhyFilter, FilterBank or SampledPhyFilter, optional
-        None takes the one suggested. What is not sampled is sampled at ``dt``.
+        None takes the one suggested. What is not sampled is sampled at ``dt``, with ``nonfinite="hold"`` where a
+        recording misses samples.
     orders : sequence of int
         Orders to suggest from.
     horizon : float
@@ -300,9 +301,11 @@ def sampled_for(
                 "will the filter run? Give estimate(..., dt=), a filter that is sampled, or recordings by "
                 "log.resample(dt)"
             )
+    # It runs on the log that it came from: where that misses samples, it holds.
+    hold: NonFinite = "hold" if any(log.missing.any() for log in logs) else "raise"
     if isinstance(filter, FilterBank):
-        return stack([entry.sampled(dt, g=g, f_theta=f_theta) for entry in filter])
-    return (filter or PhyFilter([1.0])).sampled(dt, g=g, f_theta=f_theta)
+        return stack([entry.sampled(dt, g=g, f_theta=f_theta, nonfinite=hold) for entry in filter])
+    return (filter or PhyFilter([1.0])).sampled(dt, g=g, f_theta=f_theta, nonfinite=hold)
 
 
 def _run(sampled: SampledPhyFilter, log: Recording) -> FloatArray:

@@ -6,7 +6,8 @@ f_hat - f_theta, the estimate of the residual, is kept for the longest gap and t
     f_hat = f_theta + s C w,    s = 1 up to the longest gap T, then e^(-(gap - T) / decay_time), 1 or 0
 
 The first good sample within T closes the gap as one longer step, whose residual is exact where g and f_theta are. After
-a longer one the filter goes on from the new sample with the states s w: what happened meanwhile is not guessed.
+a longer one the filter goes on from the new sample with the states s w: what happened meanwhile is not guessed. All
+other routes do the same with s = 1 and the default longest gap.
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ from . import loop, retuning
 from .live_policy import MEANING, LiveHealth, LivePolicy, completed
 from .live_state import parsed_state, written_state
 from .loop import FilterState
-from .recursion import Recursion, output
+from .recursion import GAP_ROUNDING, Recursion, output
 from .sampled_form import SampledForm
 
 __all__ = ["LiveFilter"]
@@ -99,7 +100,7 @@ class LiveFilter:
         self._worst = health.worst_gap
         self._dt = self.recursion.sampling.dt
         self._usual = 1.5 * self._dt  # a longer step has lost samples in it
-        self._longest = self.policy.longest_gap or 0.0
+        self._longest = (self.policy.longest_gap or 0.0) * GAP_ROUNDING
         self._fresh = not health.accepted or math.isnan(
             health.time
         )  # go on from the next good sample, without a step to it
@@ -289,9 +290,7 @@ class LiveFilter:
             self._note("gap", self._time)
         self._worst = max(self._worst, before + h)
         self._scale(self.policy.share(self._kind, before + h))
-        state = self._state._replace(x=x, g=g, f_theta=f_theta, inertia=M, held=False, gap=0.0, past=())
-        self._state = state
-        self._f_hat = self.recursion.limited(f_theta + output(state.w, state.carry, self.recursion.nominal.C))
+        self._state, self._f_hat = loop.resume(self.recursion, self._state, x, g, f_theta, M)
         self._accepted += 1
         self._fresh, self._held, self._late = False, False, _NONE_LATE
         self._forget_repeats()

@@ -6,8 +6,6 @@ import math
 from dataclasses import dataclass, field, replace
 from typing import Literal, get_args
 
-import numpy as np
-
 from .. import _signals
 from ..results import Result
 from .recursion import Recursion
@@ -97,10 +95,7 @@ def completed(policy: LivePolicy, recursion: Recursion) -> LivePolicy:
     """The policy with the times that it left open."""
     dt, longest, decay = recursion.sampling.dt, policy.longest_gap, policy.decay_time
     if longest is None:
-        longest = 20.0 * dt
-        if recursion.sampling.method == "euler":
-            poles = np.concatenate([chain.poles for chain in recursion.chains])
-            longest = max(2.0 * dt, min(longest, 0.9 * float(np.min(-2.0 * poles.real / np.abs(poles) ** 2))))
+        longest = recursion.longest_gap
     if longest < 2.0 * dt:
         raise ValueError(f"longest_gap: expected at least two nominal steps, {2.0 * dt:g} s, got {longest:g}")
     recursion.check_step(longest)

@@ -101,6 +101,8 @@ def step(
     check_state(recursion, state)
     x, g, f_theta, M, good = checked_sample(recursion, state, x, g, f_theta, inertia)
     h = recursion.sampling.dt if dt is None or dt == recursion.sampling.dt else _step_length(recursion, dt)
+    if good and recursion.is_gap(state.gap + h):
+        return resume(recursion, state, x, g, f_theta, M)
     if good:
         return take(recursion, state, x, g, f_theta, M, h)
     if recursion.sampling.nonfinite == "raise":
@@ -108,6 +110,8 @@ def step(
             if signal is not None:
                 refuse_unusable(name, signal, advice=_SKIP)
     state = hold(recursion, state, g, f_theta, M, h)
+    if recursion.is_gap(state.gap):
+        state = state._replace(past=())  # no step will close that gap
     return state, recursion.limited(state.f_theta + output(state.w, state.carry, recursion.nominal.C))
 
 
@@ -157,6 +161,14 @@ def take(
     w, carry = advance(state.w, state.carry, u, constants)
     f_hat = f_theta + output(w, carry, constants.C)
     return FilterState(w, carry, x, g, f_theta, M, False, 0.0, past), recursion.limited(f_hat)
+
+
+def resume(
+    recursion: Recursion, state: FilterState, x: Array, g: Array, f_theta: Array, M: Array | None
+) -> tuple[FilterState, Array]:
+    """A good sample after a gap: the filter goes on from it with the states that it has, without a step to it."""
+    state = state._replace(x=x, g=g, f_theta=f_theta, inertia=M, held=False, gap=0.0, past=())
+    return state, recursion.limited(f_theta + output(state.w, state.carry, recursion.nominal.C))
 
 
 def _all_usable(x: Array, g: Array, f_theta: Array) -> bool:
@@ -302,5 +314,6 @@ def _step_length(recursion: Recursion, dt: float) -> float:
         raise ValueError(
             f"dt: expected the positive length of the step in seconds, got {dt}; time runs forwards"
         )
-    recursion.check_step(dt)
+    if not recursion.is_gap(dt):
+        recursion.check_step(dt)
     return dt

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from typing import NoReturn, Protocol, TypeGuard
+from typing import NamedTuple, NoReturn, Protocol, TypeGuard
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -83,11 +83,25 @@ def run(
     held = held_samples(recursion, *signals)
     if held.any() and recursion.sampling.nonfinite == "raise":
         _refuse_nonfinite(recursion, *signals)
-    if recursion.sampling.delay or held.any():
+    if recursion.sampling.delay or held.any() or _has_gaps(recursion, stamps):
         f_hat = _run_aligned(recursion, *signals, stamps, held)
     else:
         f_hat = _run_plain(recursion, *signals, stamps)
     return recursion.limited(f_hat, out=f_hat)
+
+
+def _has_gaps(recursion: Recursion, stamps: FloatArray | None) -> bool:
+    """Whether the times have a step after which the filter starts again; most of them are none."""
+    if stamps is None or len(stamps) < 2:
+        return False
+    steps = np.diff(stamps)
+    usual = float(np.median(steps))
+    if recursion.is_gap(usual):
+        raise ValueError(
+            f"times: expected steps of about {recursion.sampling.dt:g} s, for which the filter is sampled, got "
+            f"{usual:g} s, a gap each; give them in seconds, or sample the filter at the step that they have"
+        )
+    return bool(recursion.is_gap(steps).any())
 
 
 def checked_signals(
@@ -182,37 +196,60 @@ def _run_aligned(
     stamps: FloatArray | None,
     held: NDArray[np.bool_],
 ) -> Array:
-    """With a delay, or with gaps: a held sample makes the step to the next good one longer."""
+    """With a delay, or with gaps: a held sample makes the step to the next good one longer, a longer gap has none."""
     f_theta = windows.fill_forward(f_theta)
     behind = np.zeros(f_theta.shape)  # f_hat - f_theta
     rows = np.flatnonzero(~held)
     if len(rows) > 1:
-        u, times = _aligned_residual(recursion, x, g, f_theta, M, stamps, rows)
-        steps: FloatArray | None = None if stamps is None and not held.any() else np.diff(times)
-        for part, y in respond(recursion, len(u), u.shape[1], lambda chunk: u[chunk], steps):
-            behind[rows[1:][part]] = y
+        grid = stamps if stamps is not None else np.asarray(recursion.sampling.dt * np.arange(len(x)), float)
+        steps = np.diff(grid[rows])
+        gaps = recursion.is_gap(steps)
+        aligned = _Aligned.of(recursion, x, g, f_theta, M, grid)
+        pieces = np.split(rows, np.flatnonzero(gaps) + 1)
+        u = np.concatenate([aligned.residual(piece) for piece in pieces])
+        ends, even = rows[1:][~gaps], stamps is None and not held.any()
+        for part, y in respond(
+            recursion, len(u), u.shape[1], lambda chunk: u[chunk], None if even else steps[~gaps]
+        ):
+            behind[ends[part]] = y
+        held = held.copy()
+        held[rows[1:][gaps]] = True
     if held.any():  # the estimate of the residual stays while samples are held
         behind = behind[np.maximum.accumulate(np.where(held, 0, np.arange(len(x))))]
     return np.add(f_theta, behind, out=np.empty_like(f_theta), casting="same_kind")
 
 
-def _aligned_residual(
-    recursion: Recursion,
-    x: Array,
-    g: Array,
-    f_theta: Array,
-    M: Array | None,
-    stamps: FloatArray | None,
-    rows: NDArray[np.intp],
-) -> tuple[Array, FloatArray]:
-    """u of the steps between the samples ``rows``, f_theta without gaps, and the times of those samples."""
-    acting = windows.fill_forward(np.concatenate([g[:1], g[:-1]]) if recursion.sampling.g == "hold" else g)
-    M = None if M is None else windows.fill_forward(M, 1.0)
-    grid: FloatArray = (recursion.sampling.dt * np.arange(len(x))).astype(float) if stamps is None else stamps
-    g_pair = (acting[1:] if recursion.sampling.g == "hold" else acting[:-1], acting[1:])
-    f_pair = (f_theta[:-1], f_theta[:-1] if recursion.sampling.f_theta == "hold" else f_theta[1:])
-    ends, dx = grid[rows] - recursion.sampling.delay, np.diff(x[rows], axis=0)
-    return windows.late_residual(recursion, grid, ends, dx, g_pair, f_pair, M), grid[rows]
+class _Aligned(NamedTuple):
+    """A record whose signals are known between all samples, good or not; x only at good ones."""
+
+    recursion: Recursion
+    x: Array
+    g: tuple[Array, Array]  # at the beginning and at the end of each interval
+    f_theta: tuple[Array, Array]
+    M: Array | None
+    grid: FloatArray
+
+    @classmethod
+    def of(
+        cls, recursion: Recursion, x: Array, g: Array, f_theta: Array, M: Array | None, grid: FloatArray
+    ) -> _Aligned:
+        """Of a record; f_theta has no gaps any more."""
+        hold, hold_f = (rule == "hold" for rule in (recursion.sampling.g, recursion.sampling.f_theta))
+        acting = windows.fill_forward(np.concatenate([g[:1], g[:-1]]) if hold else g)
+        M = None if M is None else windows.fill_forward(M, 1.0)
+        g_pair = (acting[1:] if hold else acting[:-1], acting[1:])
+        return cls(recursion, x, g_pair, (f_theta[:-1], f_theta[:-1] if hold_f else f_theta[1:]), M, grid)
+
+    def residual(self, rows: NDArray[np.intp]) -> Array:
+        """u of the steps between the samples ``rows``; what was before the first of them is not known any more."""
+        known = slice(rows[0], rows[-1] + 1)
+        within = slice(rows[0], rows[-1])
+        g, f_theta = ([part[within] for part in pair] for pair in (self.g, self.f_theta))
+        M = self.M if self.M is None or len(self.M) == 1 else self.M[known]
+        if len(rows) < 2:
+            return self.f_theta[0][:0]
+        ends, dx = self.grid[rows] - self.recursion.sampling.delay, np.diff(self.x[rows], axis=0)
+        return windows.late_residual(self.recursion, self.grid[known], ends, dx, g, f_theta, M)
 
 
 def step_residuals(
@@ -233,8 +270,7 @@ def step_residuals(
         return measured_residual(recursion, x, g, f_theta, M, np.diff(times), slice(0, len(x) - 1)), rows
     if len(rows) < 2:
         return f_theta[:0], rows
-    f_theta = windows.fill_forward(f_theta)
-    return _aligned_residual(recursion, x, g, f_theta, M, times, rows)[0], rows
+    return _Aligned.of(recursion, x, g, windows.fill_forward(f_theta), M, times).residual(rows), rows
 
 
 def respond(

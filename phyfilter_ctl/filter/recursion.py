@@ -23,6 +23,7 @@ from .blocked import BlockKernel
 from .sampling import Method, Rule, Sampling
 
 __all__ = [
+    "GAP_ROUNDING",
     "Chain",
     "Recursion",
     "StepConstants",
@@ -41,6 +42,9 @@ Array = NDArray[np.floating]
 # Steps near the nominal one by a Taylor series of |A d| <= 0.5: the first power left out is 0.5**17 / 17! = 2e-20.
 _SERIES_NORM = 0.5
 _POWERS = np.arange(17.0)
+
+_LONGEST_GAP = 20.0  # nominal steps
+GAP_ROUNDING = 1.0 + 1e-6  # times are sums of steps
 
 
 class StepConstants(NamedTuple):
@@ -366,6 +370,28 @@ class Recursion:
     def slowest(self) -> float:
         """Least |p| of all poles in rad/s."""
         return min(float(np.min(np.abs(chain.poles))) for chain in self.chains)
+
+    @cached_property
+    def longest_gap(self) -> float:
+        """Seconds between two good samples up to which they make one step.
+
+        20 nominal steps; with forward Euler fewer, as many as are stable as one.
+        """
+        dt = self.sampling.dt
+        if self.sampling.method != "euler":
+            return _LONGEST_GAP * dt
+        poles = np.concatenate([chain.poles for chain in self.chains])
+        stable = 0.9 * float(np.min(-2.0 * poles.real / np.abs(poles) ** 2))
+        return max(2.0 * dt, min(_LONGEST_GAP * dt, stable))
+
+    def is_gap(self, length: ArrayLike) -> NDArray[np.bool_]:
+        """Whether the filter starts again after so many seconds without a good sample, ``longest_gap`` or more.
+
+        Parameters
+        ----------
+        length : float or (m,) array
+        """
+        return np.asarray(length) > self.longest_gap * GAP_ROUNDING
 
     def check_step(self, dt: float) -> None:
         """Refuse a step at which forward Euler would diverge, |1 + p h| >= 1.

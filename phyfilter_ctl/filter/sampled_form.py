@@ -58,7 +58,8 @@ class SampledForm:
             ``sampling``, else I.
         times : (N,) array, optional
             Sampling instants where they are not every ``dt``: seconds, timedelta64, or datetime64 and datetime
-            objects counted from the first, with time zones in UTC.
+            objects counted from the first, with time zones in UTC. After more than 20 nominal steps without a good
+            sample the filter goes on from the next one, without a step to it.
 
         Returns
         -------
@@ -72,9 +73,9 @@ class SampledForm:
             and without a time zone, and signals beside a recording.
         ValueError
             For wrong shapes, an ambiguous inertia (2-D with N == n_x), times that stand still or run back (row
-            named) or are whole numbers that count no seconds, a recording in another unit or with its channels in
-            another order, a sample that is not finite, is masked or is beyond 1e150 under ``nonfinite="raise"`` (row
-            and signal named), or a step at which forward Euler diverges.
+            named), have steps most of which are gaps or are whole numbers that count no seconds, a recording in
+            another unit or with its channels in another order, a sample that is not finite, is masked or is beyond
+            1e150 under ``nonfinite="raise"`` (row and signal named), or a step at which forward Euler diverges.
 
         Examples
         --------

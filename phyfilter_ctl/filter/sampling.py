@@ -71,7 +71,8 @@ class Sampling:
         What a sample does that is NaN, infinite, masked or beyond 1e150. It never enters the state: "raise" refuses
         it, "hold" keeps the estimate of the residual, f_hat - f_theta, for that sample and for as long as none is
         good (f_theta, where it is bad too, is its last good value), says so, and takes the gap as one longer step.
-        There is no longest gap: :meth:`SampledPhyFilter.live` has one.
+        After more than 20 nominal steps without a good sample, times that jump included, there is no such step under
+        either: the filter goes on from the next good sample (``docs/loops.md``).
     channels : int or sequence of str, optional
         Number n_x of channels of x, or their names. None: as many as the signals have.
     inertia : float, (n_x,) or (n_x, n_x) array, or {"scalar", "diagonal", "full"}, optional

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import lxml.etree as etree
+
+from .._intake import check_name
 
 __all__ = ["FmuKind", "read_kind"]
 
@@ -75,14 +78,24 @@ def read_kind(element: etree._Element) -> FmuKind:
     ----------
     element : Element
         ``ModelExchange``, ``CoSimulation`` or ``ScheduledExecution``.
+
+    Raises
+    ------
+    ValueError
+        If the model identifier, of which the path of the binary is made, is no plain name; if the fixed internal step
+        is no positive number that divides a second into less than 2^53 steps.
     """
 
     def flag(*names: str) -> bool:
         return any(element.get(name) in ("true", "1") for name in names)
 
     fixed = element.get("fixedInternalStepSize")
+    if fixed is not None and not 2.0**-53 < float(fixed) < math.inf:
+        raise ValueError(
+            f"{element.tag}: fixedInternalStepSize: expected seconds between 2^-53 and infinity, got {fixed}"
+        )
     return FmuKind(
-        identifier=element.get("modelIdentifier", ""),
+        identifier=check_name(element.get("modelIdentifier", ""), f"{element.tag}: modelIdentifier"),
         state=flag("canGetAndSetFMUstate", "canGetAndSetFMUState"),
         serialize=flag("canSerializeFMUstate", "canSerializeFMUState"),
         directional_derivatives=flag("providesDirectionalDerivative", "providesDirectionalDerivatives"),

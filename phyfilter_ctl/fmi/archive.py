@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 import re
 import shutil
 import stat
@@ -11,7 +12,8 @@ import zipfile
 import zlib
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import zip_longest
 from pathlib import Path
 from xml.parsers import expat
 
@@ -63,6 +65,17 @@ class ArchiveLimits:
     xml: int = 64 << 20
     scalars: int = 1_000_000
 
+    def after(self, folder: Path) -> ArchiveLimits:
+        """What is left of the size for archives inside one that is unpacked.
+
+        Parameters
+        ----------
+        folder : Path
+            With all that was unpacked so far.
+        """
+        taken = sum(path.stat().st_size for path in folder.rglob("*") if path.is_file())
+        return replace(self, size=max(self.size - taken, 0))
+
 
 def archive_entries(path: str | Path, limits: ArchiveLimits | None = None) -> tuple[zipfile.ZipInfo, ...]:
     """Directory of an archive, refused as a whole if one entry is not harmless.
@@ -77,7 +90,7 @@ def archive_entries(path: str | Path, limits: ArchiveLimits | None = None) -> tu
     ValueError
         If the file is no archive; if an entry would be written outside its folder (absolute paths, drive letters,
         "..", backslashes), is a link or a device, is encrypted or compressed in an unusual way; if two entries have
-        the same name, also but for the case; if a limit is exceeded.
+        the same name, also but for the case, and not the same content; if a limit is exceeded.
     FileNotFoundError
         If there is no such file.
     """
@@ -296,18 +309,27 @@ def _checked(path: Path, archive: zipfile.ZipFile, limits: ArchiveLimits) -> tup
         raise ValueError(f"{path}: {len(entries)} entries, expected at most {limits.entries}")
     seen: dict[str, str] = {}
     folders: dict[str, str] = {}
-    for entry in entries:
+    first: dict[str, zipfile.ZipInfo] = {}
+    for entry in list(entries):
         problem = _unsafe_name(entry) or _unusual(entry, limits)
         if problem:
             raise ValueError(f"{path}: entry {entry.orig_filename!r} {problem}; refused")
         key = entry.filename.rstrip("/").casefold()
-        if key in seen and not (
-            entry.is_dir() and seen[key] == entry.filename
-        ):  # a folder named again does no harm
+        # A folder named again does no harm, nor does a file that is there twice with one content.
+        if key in seen and seen[key] == entry.filename:
+            known = first[key]
+            if (
+                not entry.is_dir()
+                and _content(entry) == _content(known)
+                and _same(path, archive, known, entry, limits)
+            ):
+                entries.remove(entry)
+                continue
+        if key in seen and not (entry.is_dir() and seen[key] == entry.filename):
             raise ValueError(
                 f"{path}: two entries of one name, {seen[key]!r} and {entry.filename!r}; refused"
             )
-        seen[key] = entry.filename
+        seen[key], first[key] = entry.filename, entry
         parents = key.split("/")[: None if entry.is_dir() else -1]
         folders.update({"/".join(parents[: i + 1]): entry.filename for i in range(len(parents))})
     for entry in entries:
@@ -318,6 +340,17 @@ def _checked(path: Path, archive: zipfile.ZipFile, limits: ArchiveLimits) -> tup
     if total > limits.size:
         raise ValueError(f"{path}: {total} bytes unpacked, expected at most {limits.size}; refused")
     return tuple(entries)
+
+
+def _content(entry: zipfile.ZipInfo) -> tuple[int, int]:
+    return entry.file_size, entry.CRC
+
+
+def _same(
+    path: Path, archive: zipfile.ZipFile, one: zipfile.ZipInfo, other: zipfile.ZipInfo, limits: ArchiveLimits
+) -> bool:
+    pieces = (_pieces(path, archive, entry, limits, limits.size) for entry in (one, other))
+    return all(a == b for a, b in zip_longest(*pieces))
 
 
 def _unsafe_name(entry: zipfile.ZipInfo) -> str:
@@ -340,8 +373,8 @@ def _unsafe_name(entry: zipfile.ZipInfo) -> str:
         or len(name) > _LONGEST_PATH
     ):
         return f"has a name longer than {_LONGEST} bytes, or a path longer than {_LONGEST_PATH}, which no disk takes"
-    if any(part.endswith((".", " ")) for part in parts):
-        return "has a name that ends in a dot or a space, which some systems drop"
+    if any(part.endswith((".", " ") if os.name == "nt" else " ") for part in parts):
+        return "has a name that ends in a dot or a space, which this system may drop"
     return ""
 
 

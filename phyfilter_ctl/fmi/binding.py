@@ -14,6 +14,7 @@ import fmpy
 from fmpy import fmi2, fmi3
 from fmpy.fmi1 import _FMU
 
+from .._intake import inside
 from .messages import MessageLog, fmi2_callbacks
 
 __all__ = ["BindingError", "bind"]
@@ -247,6 +248,10 @@ def bind(
     BindingError
     """
     library = _library(Path(folder), identifier, fmi)
+    if not inside(library, Path(folder)):
+        raise BindingError(
+            "load the binary", f"modelIdentifier {identifier!r}: expected a library inside the FMU; refused"
+        )
     try:
         fmu = _CLASSES[fmi, kind](
             guid=token,

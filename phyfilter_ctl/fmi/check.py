@@ -49,9 +49,9 @@ def check(
     atol: float = 1e-6,
     run: bool = True,
     limits: ArchiveLimits | None = None,
-    isolated: bool | Isolation = False,
+    isolated: bool | Isolation = True,
 ) -> CheckReport:
-    """Check an FMU. **With** ``run`` **its code is run**, in this process or with ``isolated`` in one of its own.
+    """Check an FMU. **With** ``run`` **its code is run**, in a process of its own unless ``isolated`` is False.
 
     Validated are: the archive; the description against its schema, names, units, start values and the completeness of
     its structure; then, for each kind it offers, that it starts and runs, that the state can be taken and put back bit
@@ -73,6 +73,7 @@ def check(
         What the archive may hold at most.
     isolated : bool or Isolation
         Whether the FMU runs in a process of its own, and within which limits of time; then a crash is a finding too.
+        False runs foreign code in the caller's process, with all that it may do there.
 
     Returns
     -------

@@ -153,6 +153,10 @@ class Checker:
                 self.error(str(error))
         except (ValueError, OSError) as error:
             self.error(str(error))
+        except (ArithmeticError, MemoryError, RecursionError) as error:
+            self.error(
+                f"a number or a nesting that this machine cannot hold: {type(error).__name__}: {error}"
+            )
 
     def lacks(self, error: FmuError) -> bool:
         """Whether an FMU fails for what this machine has not: a library that it links, the tool that it says it needs.

@@ -57,6 +57,11 @@ def read_clocks(root: etree._Element) -> tuple[FmuClock, ...]:
     root : Element
         ``fmiModelDescription``, of FMI 3.0.
 
+    Raises
+    ------
+    ValueError
+        If the resolution of a clock is not above zero.
+
     Examples
     --------
     >>> text = (
@@ -73,6 +78,10 @@ def read_clocks(root: etree._Element) -> tuple[FmuClock, ...]:
     for entry in root.iterfind("ModelVariables/Clock"):
         said = {**dict(types.get(entry.get("declaredType"), entry).attrib), **dict(entry.attrib)}
         resolution = float(said.get("resolution", "nan"))
+        if resolution <= 0.0:
+            raise ValueError(
+                f"Clock {said['name']}: resolution: expected a number > 0, got {said['resolution']}"
+            )
         decimal, counter = said.get("intervalDecimal"), said.get("intervalCounter")
         interval = float(decimal) if decimal else float(counter) / resolution if counter else math.nan
         shift = said.get("shiftDecimal") or float(said.get("shiftCounter", "0")) / resolution

@@ -139,12 +139,15 @@ class ForeignFmu:
             return None
         self._waiting, self._arrays = [], b""
         answer, back = self._exchange(calls, data)
-        found, _ = decoded(answer["results"], back)
-        changeable = [value for value in arguments if isinstance(value, ctypes.Array)]
-        results = found[: len(found) - len(changeable)]
-        for old, new in zip(changeable, found[len(results) :], strict=True):
-            old[:] = new
-        return tuple(results) if answer["several"] else results[0]
+        try:
+            found, _ = decoded(answer["results"], back)
+            changeable = [value for value in arguments if isinstance(value, ctypes.Array)]
+            results = found[: len(found) - len(changeable)]
+            for old, new in zip(changeable, found[len(results) :], strict=True):
+                old[:] = new
+            return tuple(results) if answer["several"] else results[0]
+        except (EOFError, LookupError, TypeError, ValueError) as error:
+            raise self._gone("it answered something else than the results of a call") from error
 
     def _exchange(self, message: object, arrays: bytes = b"") -> tuple[dict[str, Any], bytes]:
         asked, answers = self._process.stdin, self._process.stdout
@@ -156,6 +159,8 @@ class ForeignFmu:
                 send(asked.fileno(), message, arrays)
                 while True:
                     answer, back = receive(answers.fileno())
+                    if not isinstance(answer, dict):
+                        raise EOFError("no frame")
                     if "log" not in answer:
                         break
                     self._log.messages.append(str(answer["log"]))
@@ -164,16 +169,20 @@ class ForeignFmu:
             finally:
                 self._called = None
         if "failed" in answer:
-            raise BindingError(answer["call"], answer["failed"])
+            raise BindingError(str(answer.get("call")), str(answer["failed"]))
         if "status" in answer:
-            raise FMICallException(function=answer["function"], status=answer["status"])
+            if not isinstance(answer["status"], int):
+                raise self._gone("it answered a status that is no number")
+            raise FMICallException(function=str(answer.get("function")), status=answer["status"])
         return answer, back
 
-    def _gone(self) -> ForeignProcessError:
+    def _gone(self, why: str = "") -> ForeignProcessError:
         self._end()
         if self._late:
             return ForeignProcessError("time limit", self._late)
-        return ForeignProcessError("crashed", f"its process ended: {_ending(self._process.returncode)}")
+        return ForeignProcessError(
+            "crashed", why or f"its process ended: {_ending(self._process.returncode)}"
+        )
 
     def _end(self) -> None:
         self._ended.set()

@@ -12,6 +12,8 @@ import os
 import struct
 from typing import Any
 
+from phyfilter_ctl._intake import check_count
+
 __all__ = ["COMPONENT", "Component", "decoded", "encoded", "receive", "send"]
 
 _HEAD = struct.Struct("<II")
@@ -66,7 +68,7 @@ def receive(descriptor: int) -> tuple[Any, bytes]:
     body = _exactly(descriptor, sum(lengths))
     try:
         return json.loads(body[: lengths[0]]), body[lengths[0] :]
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise EOFError("no frame") from error
 
 
@@ -115,14 +117,27 @@ def decoded(words: list[Any], arrays: bytes, component: object = None) -> tuple[
     arrays : bytes
     component : object
         What stands for the instance here.
+
+    Raises
+    ------
+    EOFError
+        If they are no arguments or results of :func:`encoded`.
     """
+    try:
+        return _decoded(words, arrays, component)
+    except (TypeError, ValueError, LookupError, OverflowError, MemoryError) as error:
+        raise EOFError("no frame") from error
+
+
+def _decoded(words: list[Any], arrays: bytes, component: object) -> tuple[list[Any], bytes]:
     result: list[Any] = []
     at = 0
     for word in words:
         if not isinstance(word, dict):
             result.append(word)
         elif "array" in word:
-            kind = _TYPES[word["array"]] * word["length"]
+            length = check_count(word["length"], len(arrays) - at, "elements of an array")
+            kind = _TYPES[word["array"]] * length
             result.append(kind.from_buffer_copy(arrays, at))
             at += ctypes.sizeof(kind)
         elif "pointer" in word:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import math
 import re
 import tempfile
 import zipfile
@@ -18,6 +19,7 @@ import numpy as np
 from fmpy.model_description import ModelDescription, ModelVariable
 from numpy.typing import NDArray
 
+from .._intake import check_count, limited
 from ..results import plain
 from .abilities import FmuKind, read_kind
 from .archive import ArchiveLimits, parse_xml, read_entries, refuse_sizes
@@ -273,7 +275,29 @@ def describe(path: str | Path, *, limits: ArchiveLimits | None = None) -> FmuDes
             target.write_bytes(data)
         model = read_description(Path(folder), str(path))
     refuse_sizes(path, [(entry.name or "", entry.shape or ()) for entry in model.modelVariables], limits)
-    return _described(path, root, model, entries)
+    with limited(str(path)):
+        found = _described(path, root, model, entries)
+    _refuse_numbers(found, limits or ArchiveLimits())
+    return found
+
+
+def _refuse_numbers(found: FmuDescription, limits: ArchiveLimits) -> None:
+    """Times that no run can have, and counts that no memory holds."""
+    for key, value in (("startTime", found.start_time), ("stopTime", found.stop_time)):
+        if value is not None and not math.isfinite(value):
+            raise ValueError(
+                f"{found.path}: DefaultExperiment: {key}: expected finite seconds, got {value:g}"
+            )
+    if found.step is not None and not 0.0 < found.step < math.inf:
+        raise ValueError(
+            f"{found.path}: DefaultExperiment: stepSize: expected seconds > 0, got {found.step:g}"
+        )
+    step = found.communication_step
+    if step and found.stop_time is not None and found.stop_time - (found.start_time or 0.0) > 2.0**53 * step:
+        raise ValueError(
+            f"{found.path}: DefaultExperiment: more than 2^53 steps of {step:g} s up to {found.stop_time:g} s; refused"
+        )
+    check_count(found.event_indicators, limits.scalars, f"event indicators in {found.path}")
 
 
 def _described(

@@ -11,6 +11,7 @@ import control as ct
 import lxml.etree as etree
 from fmpy.ssp.ssd import validate_tree
 
+from .._intake import check_name
 from ..diagram import flatten
 from .archive_write import write_archive
 from .cosimulation_wiring import Wire
@@ -149,9 +150,11 @@ def write_ssp(
     Raises
     ------
     ValueError
-        If a name is unknown or an input is driven twice.
+        If a name is unknown or an input is driven twice; if that of a part, which becomes its file's, is no plain name.
     """
     target = _target(path)
+    for part in fmus:
+        check_name(part, f"{target}: a part")
     descriptions = {part: describe(file) for part, file in fmus.items()}
     ends = [(wire.sink, "input") for wire in wires] + [(wire.source, "output") for wire in wires]
     ends += [(sink, "input") for sinks in (inputs or {}).values() for sink in sinks]

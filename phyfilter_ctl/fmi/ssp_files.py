@@ -33,6 +33,7 @@ class SspFiles:
 
     def __init__(self, path: Path, folder: Path, limits: ArchiveLimits | None) -> None:
         self.folder: Path = folder
+        self._whole = folder
         self._path, self._limits = path, limits
         self._trees: dict[Path, etree._Element] = {}
         self._valid: set[Path] = set()
@@ -123,7 +124,8 @@ class SspFiles:
         """
         if package not in self._unpacked:
             folder = Path(tempfile.mkdtemp(dir=self.folder))
-            unpack(package, folder, self._limits)
+            # What all packages unpack counts against one limit.
+            unpack(package, folder, (self._limits or ArchiveLimits()).after(self._whole))
             self._unpacked[package] = folder
         self.folder = self._unpacked[package]
         return self.folder / "SystemStructure.ssd"

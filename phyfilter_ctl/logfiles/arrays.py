@@ -149,6 +149,11 @@ def _hdf5(path: Path) -> _Groups:
     def visit(name: str, item: object) -> None:
         if not isinstance(item, h5py.Dataset) or name.startswith("#refs#"):
             return
+        if item.external or item.is_virtual:
+            raise ValueError(
+                f"{name!r} takes its numbers from another file, which is not read; copy them into this one "
+                "(h5repack, or a new dataset)"
+            )
         group, _, own = name.rpartition("/")
         if item.dtype.names is not None:  # a table of its own
             for column in item.dtype.names:

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._sections import FloatArray
+from ..recording.checks import is_jump
 
 TimeUnit = Literal["s", "ms", "us", "ns"]
 
@@ -36,9 +37,13 @@ class Clock:
     dt : float
         Median step forwards, s; NaN where there is none.
     gaps : int
-        Steps of more than 3 dt.
+        Steps of more than 3 dt that are no jumps.
     longest : float
-        Longest step, s.
+        Longest step that is no jump, s.
+    jumps : int
+        Steps forwards of more than 60 s and 200 dt: the clock was set, or the log goes on after a pause.
+    jumped : float
+        Longest of those, s; 0 without one.
     backwards, duplicates, missing : int
         Steps back, steps of length zero, times that are no numbers.
 
@@ -55,6 +60,8 @@ class Clock:
     dt: float
     gaps: int
     longest: float
+    jumps: int
+    jumped: float
     backwards: int
     duplicates: int
     missing: int
@@ -66,12 +73,16 @@ class Clock:
         steps = np.diff(known)
         forwards = steps[steps > 0.0]
         dt = float(np.median(forwards)) if len(forwards) else float("nan")
+        jumped = is_jump(forwards, dt)
+        usual = forwards[~jumped]
         return cls(
             first=float(known[0]) if len(known) else float("nan"),
             last=float(known[-1]) if len(known) else float("nan"),
             dt=dt,
-            gaps=int(np.count_nonzero(forwards > _GAP * dt)) if len(forwards) else 0,
-            longest=float(forwards.max()) if len(forwards) else float("nan"),
+            gaps=int(np.count_nonzero(usual > _GAP * dt)),
+            longest=float(usual.max()) if len(usual) else float("nan"),
+            jumps=int(np.count_nonzero(jumped)),
+            jumped=float(forwards[jumped].max(initial=0.0)),
             backwards=int(np.count_nonzero(steps < 0.0)),
             duplicates=int(np.count_nonzero(steps == 0.0)),
             missing=len(times) - len(known),
@@ -87,6 +98,11 @@ class Clock:
             found.append(f"dt {self.dt:.3g} s is above 1 s: a slow topic, or a wrong unit of time?")
         if self.gaps:
             found.append(f"{_counted(self.gaps, 'gap')}, the longest {self.longest:.3g} s")
+        if self.jumps:
+            found.append(
+                f"the clock jumps ahead {_counted(self.jumps, 'time')}, by up to {self.jumped:.6g} s: it was set, or "
+                "the log goes on after a pause"
+            )
         if self.backwards:
             found.append(f"the clock runs back {_counted(self.backwards, 'time')}")
         if self.duplicates:

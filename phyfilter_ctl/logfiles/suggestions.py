@@ -95,6 +95,45 @@ _KNOWN: tuple[tuple[str, str, str, str], ...] = (
 )
 
 
+_AXIS = r"(_?[xyz\d])?(\[\d+\])?"
+_VELOCITY = re.compile(
+    rf"(v|vel|velocity|speed|omega|w|rate|gyro|qd|dq){_AXIS}(_(m_s|mps|kmh|km_h|rad_s|deg_s|rpm))?",
+    re.IGNORECASE,
+)
+_FORCE = re.compile(
+    rf"(f|force|thrust|torque|tau|effort|moment|u|cmd|command){_AXIS}(_(n|kn|nm|n_m|lbf))?", re.IGNORECASE
+)
+_UNITS = {
+    "m/s": _VELOCITY,
+    "km/h": _VELOCITY,
+    "rad/s": _VELOCITY,
+    "deg/s": _VELOCITY,
+    "N": _FORCE,
+    "N m": _FORCE,
+}
+
+
+def is_velocity(name: str, unit: str = "") -> bool:
+    """Whether a field's unit, or its name, is that of a velocity."""
+    return _is(_VELOCITY, name, unit)
+
+
+def is_force(name: str, unit: str = "") -> bool:
+    """Whether a field's unit, or its name, is that of a force, a torque or a command.
+
+    Examples
+    --------
+    >>> is_force("force_N"), is_force("thrust"), is_force("fuel"), is_force("speed", "m/s")
+    (True, True, False, False)
+    """
+    return _is(_FORCE, name, unit)
+
+
+def _is(kind: re.Pattern[str], name: str, unit: str) -> bool:
+    base = re.sub(r" *[\[(][^\d\])][^\])]*[\])]$", "", name).strip()
+    return _UNITS[unit] is kind if unit in _UNITS else bool(kind.fullmatch(base))
+
+
 def suggestions(log: LogFile) -> tuple[Suggestion, ...]:
     """Fields that may be x, what g is made of, or a label: known ones of PX4, ArduPilot, ROS and the Crazyflie.
 

@@ -10,6 +10,9 @@ from numpy.typing import ArrayLike, NDArray
 from .. import _signals
 from .._sections import FloatArray
 
+# A step that long, in s and in usual steps, is a clock that was set, as for LivePolicy.
+_JUMP, _JUMP_STEPS = 60.0, 200.0
+
 
 def fraction_of(fraction: float) -> float:
     """A share strictly between 0 and 1."""
@@ -55,6 +58,11 @@ def signal(
         return None
     array = _signals.array(name, columned(name, values, shape[1]), shape, beside="x", finite=False)
     return usable_or_nan(name, array, channels, finite=finite)
+
+
+def is_jump(steps: FloatArray, dt: float) -> NDArray[np.bool_]:
+    """Which steps (m,) are no gap but a clock that was set, or a log that goes on; ``dt`` is the usual step in s."""
+    return np.asarray(steps > max(_JUMP, _JUMP_STEPS * dt))
 
 
 def refuse_gaps(name: str, missing: NDArray[np.bool_]) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from .checks import inertia_varies
+from .checks import inertia_varies, is_jump
 from .recorded import Recorded
 
 __all__ = ["description"]
@@ -35,8 +35,9 @@ def description(log: Recorded) -> str:
 def _timing(log: Recorded) -> dict[str, str]:
     steps = np.diff(log.times)
     median = float(np.median(steps))
-    long = steps > _GAP * median
-    off = steps[~long] - median  # never empty: no more than half of the steps exceed the median
+    jumps = is_jump(steps, median)
+    long = (steps > _GAP * median) & ~jumps
+    off = steps[~long & ~jumps] - median  # never empty: no more than half of the steps exceed the median
     found = {
         "rate": f"{1.0 / median:.6g} Hz (median step {median:.6g} s), "
         + ("uniform" if log.is_uniform else "steps differ"),
@@ -45,10 +46,15 @@ def _timing(log: Recorded) -> dict[str, str]:
     }
     if long.any():
         missing = int(np.sum(np.rint(steps[long] / median) - 1))
-        worst = int(np.argmax(steps))
+        worst = int(np.argmax(np.where(long, steps, 0.0)))
         found["gaps"] = (
             f"{int(long.sum())}, {missing} sample{'s' if missing > 1 else ''} missing; the longest "
             f"{steps[worst]:.6g} s, after {log.times[worst]:.6g} s"
+        )
+    if jumps.any():
+        k = int(np.argmax(jumps))
+        found["jumps"] = (
+            f"{int(jumps.sum())} of the clock, the first ahead by {steps[k]:.6g} s after {log.times[k]:.6g} s"
         )
     return found
 

@@ -21,6 +21,7 @@ __all__ = ["RobotCheck", "checked"]
 _STRETCH = 30.0  # s of the log by which conventions are judged
 _CLEARLY_BETTER = 0.7  # share of the misfit that another convention leaves
 _MASS = 0.2  # relative
+_GAP = 3.0  # medians: a longer step ends a part
 
 
 @dataclass(frozen=True, repr=False)
@@ -50,8 +51,7 @@ def checked(robot: Reading, log: LogFile) -> RobotCheck:
     found = list(findings_of(recording, time_unit_known=known))
     misfits: dict[str, float] = {}
     if "g" in robot.model and not any(f.suspicion is Suspicion.TIME_UNIT for f in found):
-        middle = 0.5 * (recording.times[0] + recording.times[-1])
-        part = _Part(log, middle - 0.5 * _STRETCH, middle + 0.5 * _STRETCH)
+        part = _Part(log, *_stretch(recording))
         misfits = _misfits(robot, part)
         finding = _wrong_convention(misfits)
         found = [f for f in found if f.suspicion is not Suspicion.WRONG_FRAME or finding is None]
@@ -60,6 +60,17 @@ def checked(robot: Reading, log: LogFile) -> RobotCheck:
         if mass is not None:
             found = [f for f in found if f.suspicion is not Suspicion.WRONG_MASS] + [mass]
     return RobotCheck(recording, tuple(found), misfits)
+
+
+def _stretch(recording: Recording) -> tuple[float, float]:
+    """First and last time of the middle of the longest part in which nothing is missing and no clock jumps."""
+    steps = np.diff(recording.times)
+    ends = np.flatnonzero((steps > _GAP * recording.dt) | recording.missing[1:] | recording.missing[:-1])
+    edges = np.concatenate([[-1], ends, [recording.n - 1]])
+    longest = int(np.argmax(np.diff(edges)))
+    first, last = (float(recording.times[k]) for k in (edges[longest] + 1, edges[longest + 1]))
+    middle = 0.5 * (first + last)
+    return max(first, middle - 0.5 * _STRETCH), min(last, middle + 0.5 * _STRETCH)
 
 
 class _Part(LogFile):

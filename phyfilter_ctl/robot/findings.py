@@ -17,6 +17,7 @@ from .._sections import FloatArray
 from ..filter import PhyFilter, record
 from ..recording import Recording
 from ..recording.agreement import label_factor_fault, lag_sums, late_g, late_text, window_sums
+from ..recording.checks import is_jump
 from ..results import Result
 
 __all__ = ["Finding", "Suspicion", "Windows", "findings_of"]
@@ -64,6 +65,10 @@ class Suspicion(StrEnum):
     LATE_G = "late_g", "log what the actuators do, or shift g by that before"
     WRONG_FRAME = "wrong_frame", "declare the convention that fits, or turn the signal before"
     WRONG_MASS = "wrong_mass", "weigh the robot, or check the unit and the model of the thrust"
+    CLOCK_JUMP = (
+        "clock_jump",
+        "the clock was set, or the log goes on after a pause: filters go on from the next sample; learn from the parts",
+    )
     GAPS = "gaps", 'run a filter with nonfinite="hold", learn from recording.pieces(), or fix the log'
 
     def __new__(cls, word: str, meaning: str = "") -> Suspicion:
@@ -176,7 +181,12 @@ def findings_of(recording: Recording, *, time_unit_known: bool = False) -> tuple
     found: list[Finding] = []
     if not (time_unit_known or _SHORTEST <= recording.dt <= _LONGEST):
         found.append(_time_unit(recording))
-    if gaps := int(recording.missing.sum()):
+    steps = np.diff(recording.times)
+    if len(jumps := np.flatnonzero(is_jump(steps, recording.dt))):
+        k = int(jumps[0])
+        said = f"the times jump ahead {len(jumps)} time{'s' if len(jumps) > 1 else ''}, first by {steps[k]:.6g} s after"
+        found.append(_finding(Suspicion.CLOCK_JUMP, f"{said} {recording.times[k]:.6g} s"))
+    if gaps := int(recording.missing.sum() - recording.missing[jumps].sum()):
         found.append(_finding(Suspicion.GAPS, f"{gaps} of {recording.n} rows miss a signal"))
     if found and found[0].suspicion is Suspicion.TIME_UNIT:
         return tuple(found)  # nothing else can be judged

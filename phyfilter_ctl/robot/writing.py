@@ -2,32 +2,33 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import json
+import re
+from collections.abc import Callable, Mapping, Sequence
 from textwrap import wrap
 from typing import TYPE_CHECKING
 
 from ..filterfile.table import parsed
-from .document import FORMAT, VERSION, preset_path, presets
+from ..logfiles.suggestions import is_force, is_velocity
+from .document import FORMAT, VERSION, factor_of, preset_path, presets
 
 if TYPE_CHECKING:
-    from ..logfiles import LogFile, Topic
+    from ..logfiles import Field, LogFile, Topic
 
 __all__ = ["describe_log"]
 
 _WIDE = 110
-_FORM = """
+_IN_SPACE = """
 [constants]
 mass = "FILL IN"    # kg
 gravity = 9.80665    # m/s^2
 
-[signals.v]    # FILL IN: the velocity
-{topic}fields = ["vx", "vy", "vz"]
-unit = "m/s"
-frame = "ENU"    # or NED, NWU; FLU, FRD of the body
+[signals.v]
+{v}
+frame = "ENU"    # FILL IN: or NED, NWU; FLU, FRD of the body
 
 [signals.force]    # FILL IN: the known force, or what it is made of
-{topic}fields = ["fx", "fy", "fz"]
-unit = "N"
+{force}
 frame = "ENU"
 between = "hold"    # or "linear"
 
@@ -37,6 +38,24 @@ unit = "m/s"
 M = "mass"
 g = "force - [0, 0, mass * gravity]"
 """
+_ALONG = """
+[constants]
+mass = "FILL IN"    # kg; of what turns, kg m^2
+
+[signals.v]{v_note}
+{v}
+{force}
+[model]
+x = "v"
+unit = "{unit}"
+M = "mass"
+"""
+_FORCE = """
+[signals.force]    # FILL IN: whether it is the known force
+{force}
+between = "hold"    # or "linear"
+"""
+_SPACE = 3  # axes
 
 
 def describe_log(log: LogFile) -> str:
@@ -116,8 +135,53 @@ def _from_preset(name: str, log: LogFile) -> list[str]:
 
 
 def _form(log: LogFile) -> list[str]:
-    topic = max(log.topics, key=lambda t: t.count).name
-    return _FORM.format(topic=f'topic = "{topic}"\n' if len(log.topics) > 1 else "").splitlines()
+    """By names and units of the log's fields: velocities along axes with gravity, else what there is."""
+    most = max(log.topics, key=lambda t: t.count)
+    v_topic, v = _of_kind(log, is_velocity)
+    f_topic, force = _of_kind(log, is_force)
+    in_space = len(v) == _SPACE and all(re.sub(r"[\[(].*", "", f.name).strip()[-1:] in "xyz" for f in v)
+    if in_space:
+        force = force if len(force) == _SPACE else ()
+        return _IN_SPACE.format(
+            v=_signal(log, v_topic or most, v, "m/s"),
+            force=_signal(log, f_topic or most, force, "N", ("fx", "fy", "fz")),
+        ).splitlines()
+    own = v[0].unit if v and v[0].unit and factor_of(v[0].unit) else "m/s"
+    frame = '\nframe = "none"' if len(v) == _SPACE else ""
+    known = len(force) in (1, len(v)) and bool(force)
+    frame_g = '\nframe = "none"' if len(force) == _SPACE else ""
+    text = _ALONG.format(
+        v_note="" if v else "    # FILL IN: the velocity",
+        v=_signal(log, v_topic or most, v, own, ("FILL IN",)) + frame,
+        force=_FORCE.format(force=_signal(log, f_topic or most, force, "N") + frame_g) if known else "",
+        unit=own,
+    )
+    lines = text.splitlines()
+    return (
+        [*lines, 'g = "force"']
+        if known
+        else [*lines, '# g = "..."    # the known part of M x\', where there is one']
+    )
+
+
+def _of_kind(log: LogFile, is_kind: Callable[[str, str], bool]) -> tuple[Topic | None, tuple[Field, ...]]:
+    """The topic with most samples that has such fields, and those, no arrays."""
+    found = [(t, tuple(f for f in t.fields if not f.shape and is_kind(f.name, f.unit))) for t in log.topics]
+    return max((each for each in found if each[1]), key=lambda each: each[0].count, default=(None, ()))
+
+
+def _signal(
+    log: LogFile, topic: Topic, fields: Sequence[Field], unit: str, missing: Sequence[str] = ()
+) -> str:
+    """Where a signal is and its unit: what the log says, else a guess to be looked at."""
+    names = [f.name for f in fields] or list(missing)
+    lines = [f"topic = {json.dumps(topic.name)}"] if len(log.topics) > 1 else []
+    lines.append(f"field = {json.dumps(names[0])}" if len(names) == 1 else f"fields = {json.dumps(names)}")
+    said = fields[0].unit if fields and len({f.unit for f in fields}) == 1 else ""
+    lines.append(
+        f'unit = "{said}"' if said and factor_of(said) else f'unit = "{unit}"    # FILL IN: or another'
+    )
+    return "\n".join(lines)
 
 
 def _contents(log: LogFile) -> list[str]:

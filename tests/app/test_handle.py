@@ -534,3 +534,22 @@ def test_a_refused_design_leaves_the_current_one():
 
 def test_reply_without_a_readable_id_or_op():
     assert reply_to(Session(), "nothing")["op"] is None
+
+
+def test_lines_break_where_the_clock_jumps():
+    """A point without a value lies in the gap, for every curve; what is said names the jump."""
+    log = flight(2000)
+    times = log.times.copy()
+    times[1200:] += 3600.0
+    times[300:] += 0.5
+    session = Session(log=Recording.from_arrays(x=log.x, times=times, label=log.label))
+    reply = answered(session, "estimate", design=DESIGNS["one pole"])
+    found = [k for k, value in enumerate(reply["f_hat"]) if value is None]
+    assert [k for k, value in enumerate(reply["label"]) if value is None] == found
+    inside = [reply["t"][k] for k in found]
+    assert [times[299] < inside[0] < times[300], times[1199] < inside[1] < times[1200], len(found)] == [
+        True,
+        True,
+        2,
+    ]
+    assert any("jumps ahead by 3600" in message for message in reply["messages"])

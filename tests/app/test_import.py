@@ -74,6 +74,7 @@ def test_a_table_of_28_columns_is_shown_whole_and_opened_in_si():
     assert log.inertia is not None
     np.testing.assert_allclose(log.inertia, 1.5)
     assert any("mm/s was taken as 0.001 m/s" in text for text in reply["messages"])
+    assert reply["log"]["unit_f"] == "N"
 
 
 @pytest.mark.parametrize(
@@ -97,6 +98,7 @@ def test_what_a_column_of_times_counts(name, step, unit, recognised):
 @pytest.mark.parametrize(
     ("header", "roles"),
     [
+        ("t,speed,force_N", {"x": ["speed"]}),
         ("t,vx,vy,vz,ax,ay,az", {"x": ["vx", "vy", "vz"], "label": ["ax", "ay", "az"]}),
         (
             "t,q,label_q,g_q,f_theta_q",

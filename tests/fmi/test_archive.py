@@ -45,7 +45,7 @@ def link(name, target):
         ("resources\\outside.txt", "backslash"),
         ("resources//outside.txt", "empty part"),
         ("./outside.txt", "empty part"),
-        ("resources/outside.txt.", "ends in a dot"),
+        ("resources/outside.txt ", "ends in a dot"),
         ("resources/a\nb", "control character"),
         ("resources/" + "a" * 256, "longer than 255 bytes"),
     ],

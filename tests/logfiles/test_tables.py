@@ -163,3 +163,22 @@ def test_matlab_7_3_is_hdf5_inside(tmp_path: Path) -> None:
     log = pf.open_log(path)
     assert log.format == "mat"
     np.testing.assert_array_equal(log.read("flight").values, Q)
+
+
+def test_numbers_of_another_file_are_not_read(tmp_path: Path) -> None:
+    secret = tmp_path / "secret.bin"
+    secret.write_bytes(np.arange(50.0).tobytes())
+    outside, layout = tmp_path / "outside.h5", h5py.VirtualLayout((50,), float)
+    with h5py.File(outside, "w") as file:
+        file["time_s"] = 0.01 * np.arange(50)
+        file.create_dataset("v", (50,), float, external=[(str(secret), 0, h5py.h5f.UNLIMITED)])
+    with h5py.File(tmp_path / "source.h5", "w") as file:
+        file["v"] = V
+    layout[:] = h5py.VirtualSource(str(tmp_path / "source.h5"), "v", (50,))
+    virtual = tmp_path / "virtual.h5"
+    with h5py.File(virtual, "w") as file:
+        file["time_s"] = 0.01 * np.arange(50)
+        file.create_virtual_dataset("v", layout)
+    for path in (outside, virtual):
+        with pytest.raises(ValueError, match="'v' takes its numbers from another file, which is not read"):
+            pf.open_log(path)

@@ -175,5 +175,6 @@ def test_a_first_file_is_one_that_loads_once_it_is_filled_in(load):
         load(text)
     assert isinstance(load(text.replace('"FILL IN"', "1.5")), Robot)
     own = describe_log(log_of("mine.ulg", topics()))
-    assert "[signals.v]    # FILL IN" in own
+    assert 'fields = ["vx", "vy", "vz"]' in own
+    assert "[signals.force]    # FILL IN" in own  # u is one command, no force along three axes
     assert isinstance(load(own.replace('"FILL IN"', "1.5")), Robot)

@@ -21,7 +21,7 @@ import numpy as np
 
 from ..._signals import number
 from ...filter import SampledPhyFilter
-from ..options import InputGains
+from ..options import InputGains, assumed
 from .rounding import AXES, rounding_error
 from .sampled_kernels import SampledKernels
 
@@ -277,7 +277,7 @@ class Run:
         )
         if sampling.limit is not None and b.f is None:
             said.append("f_hat stays within its limit, or |f| does")
-        return tuple(said)
+        return (*said, *assumed(self.sampled, counted=("limit",)))
 
 
 def _primed(name: str, k: int) -> str:

@@ -73,6 +73,11 @@ export async function lookAt(app, file) {
  */
 async function opened(app, { log, messages }, file, columns) {
   app.openLog({ ...log, messages });
+  if (log.unit_f) {
+    const { design } = app;
+    const { assume, ...rest } = design.data();
+    design.adopt({ ...rest, assume: { ...assume, unit: log.unit_f } }, design.family);
+  }
   app.say(`Opened ${log.name}.`);
   if (!file) return;
   const sha256 = await digestOf(file);

@@ -49,6 +49,7 @@
  * @property {number} samples
  * @property {number} dt
  * @property {boolean} has_label
+ * @property {string} [unit_f] of f, as the columns or the user say
  * @property {string[]} [messages] what was done to read it, and what is odd about it
  */
 /** @typedef {"x" | "label" | "g" | "f_theta" | "inertia"} RoleName */

@@ -23,6 +23,8 @@
  *   #define wing_TUNABLE 1          a and b while running
  *   #define wing_CONSTANT 0         1: the numbers stay in wing_parameters, for no others; then with wing_RATE, 1 / dt;
  *                                   none of VARIABLE, TUNABLE, HOLD_BAD, PAST
+ *   #define wing_LONGEST 20.0       with VARIABLE or HOLD_BAD: nominal steps without a good sample that make one step
+ *   #define wing_LONG_STEPS 0       with them, 1: every good sample after a good one makes a step, however long
  *   #define PF_NAME wing
  *   #include "pf_filter.h"
  *
@@ -57,7 +59,8 @@
  *
  * All but reset and remember return 0 or a code below; then nothing has changed, f_hat neither. With HOLD_BAD a sample
  * that is not finite is no error: f_hat - f_theta stays, however long the gap, self->held is 1, and the gap becomes
- * part of one longer step.
+ * part of one longer step. After more than LONGEST nominal steps there is no such step: the filter goes on from the good
+ * sample with the f_hat - f_theta that it had.
  *
  * Delay: PAST intervals are kept, enough for nominal steps. Where shorter steps need more, the two neighbours that are
  * shortest together become one of the same integral; the averages lose detail finer than delay / PAST, nothing else.

@@ -345,6 +345,39 @@ static inline void PF_P(residual_)(const PF_NAME *self, const PF_T *x, const PF_
   }
 }
 
+#if PF_WIDE
+#define PF_GAP_ROUNDING 1.000001 /* a gap is a sum of steps */
+
+/* Whether the last good sample is too long ago, h seconds after the last one, to make one step. */
+static int PF_P(is_gap_)(const PF_NAME *self, double h) {
+#if PF_P(LONG_STEPS) && !PF_ALIGNED
+  return 0;
+#elif PF_P(LONG_STEPS)
+  if (self->gap == 0.0) return 0;
+#endif
+#if PF_ALIGNED
+  h += self->gap;
+#endif
+  return h > PF_P(LONGEST) * PF_GAP_ROUNDING * self->dt;
+}
+#undef PF_GAP_ROUNDING
+
+/* f_hat where there is no step: the estimate of the residual stays. */
+PF_RARE void PF_P(keep_)(const PF_NAME *self, const PF_T *f_theta, PF_T *f_hat) {
+  for (int i = 0; i < PF_N_F; i++) {
+    PF_T y = 0;
+    for (int j = 0; j < PF_N; j++) {
+#if PF_P(FLOAT)
+      y += (self->w[i][j] + self->carry[i][j]) * self->C[PF_BANK(i)][j];
+#else
+      y += self->w[i][j] * self->C[PF_BANK(i)][j];
+#endif
+    }
+    f_hat[i] = PF_P(limited_)(self, i, f_theta[i] + y);
+  }
+}
+#endif
+
 #if PF_ALIGNED
 #include "pf_filter_late.h"
 #endif
@@ -441,6 +474,24 @@ PF_RARE int PF_P(begin_)(PF_NAME *self, const PF_T *x, const PF_T *g, const PF_T
   return PF_FILTER_OK;
 }
 
+#if PF_WIDE
+/* A good sample after a gap: the filter goes on from it with the states that it has, without a step to it. */
+PF_RARE int PF_P(resume_)(PF_NAME *self, const PF_T *f_theta, const PF_T *inertia, PF_T *f_hat) {
+#if PF_ALIGNED
+  memset(self->sum_g, 0, sizeof self->sum_g);
+  memset(self->sum_f_theta, 0, sizeof self->sum_f_theta);
+  PF_P(copy_)(inertia, self->inertia_then, PF_ENTRIES);
+#else
+  (void)inertia;
+#endif
+#if PF_P(PAST)
+  self->count = 0;
+#endif
+  PF_P(keep_)(self, f_theta, f_hat);
+  return PF_FILTER_OK;
+}
+#endif
+
 /* One sample after h seconds; a nominal step needs no look at h. */
 PF_INLINE int PF_P(take_)(PF_NAME *self, const PF_T *x_now, const PF_T *g, const PF_T *f_theta_now,
                           const PF_T *inertia, int nominal, double h, PF_T *f_hat) {
@@ -482,23 +533,31 @@ PF_INLINE int PF_P(take_)(PF_NAME *self, const PF_T *x_now, const PF_T *g, const
     return PF_FILTER_NOT_FINITE;
 #endif
   }
+#if PF_P(HOLD_BAD)
+  const int gap = (!nominal || self->gap != 0.0) && PF_P(is_gap_)(self, h);
+#elif PF_WIDE
+  const int gap = !nominal && PF_P(is_gap_)(self, h);
+#else
+  const int gap = 0;
+#endif
 #if PF_P(PAST)
-  h = PF_P(aligned_residual_)(self, x, g, f_theta, inertia, h, u);
+  if (!gap) h = PF_P(aligned_residual_)(self, x, g, f_theta, inertia, h, u);
   nominal = nominal && h == self->dt;
 #elif PF_P(HOLD_BAD)
-  if (self->gap != 0.0) {
+  if (self->gap != 0.0 && !gap) {
     h = PF_P(aligned_residual_)(self, x, g, f_theta, inertia, h, u);
     nominal = 0;
   }
 #endif
 #if PF_WIDE
-  if (!nominal && h != self->dt) {
+  if (!nominal && !gap && h != self->dt) {
     PF_P(prepare_)(self, h);
     dA = (const PF_T(*)[PF_N][PF_N])self->dA_other;
   }
 #else
   (void)nominal;
   (void)h;
+  (void)gap;
 #endif
   PF_P(copy_)(x, self->x, PF_N_X);
 #if PF_P(G_AVERAGE) || PF_P(HOLD_BAD)
@@ -516,6 +575,9 @@ PF_INLINE int PF_P(take_)(PF_NAME *self, const PF_T *x_now, const PF_T *g, const
   self->gap = 0.0;
 #endif
   PF_P(copy_)(f_theta, self->f_theta, PF_N_F);
+#if PF_WIDE
+  if (gap) return PF_P(resume_)(self, f_theta, inertia, f_hat);
+#endif
   PF_P(advance_)(self, dA, u, f_theta, f_hat);
   return PF_FILTER_OK;
 }
@@ -540,7 +602,8 @@ int PF_P(step_after)(PF_NAME *self, const PF_T *x, const PF_T *g, const PF_T *f_
   if (!(dt > 0.0) || !(dt < 1e30)) return PF_FILTER_STEP;
 #if PF_P(METHOD) == 1
   for (int i = 0; i < PF_BANKS; i++)
-    if (pf_euler_diverges((int)self->order[i], &self->poles[i][0][0], dt)) return PF_FILTER_STEP;
+    if (!PF_P(is_gap_)(self, dt) && pf_euler_diverges((int)self->order[i], &self->poles[i][0][0], dt))
+      return PF_FILTER_STEP;
 #endif
   return PF_P(take_)(self, x, g, f_theta, inertia, 0, dt, f_hat);
 }

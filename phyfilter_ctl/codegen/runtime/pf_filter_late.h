@@ -184,17 +184,7 @@ PF_RARE int PF_P(hold_)(PF_NAME *self, const PF_T *g, const PF_T *f_theta, const
 #endif
   self->has_g = self->held = 1;
   self->gap += h;
-  for (int i = 0; i < PF_N_F; i++) {
-    PF_T y = 0;
-    for (int j = 0; j < PF_N; j++) {
-#if PF_P(FLOAT)
-      y += (self->w[i][j] + self->carry[i][j]) * self->C[PF_BANK(i)][j];
-#else
-      y += self->w[i][j] * self->C[PF_BANK(i)][j];
-#endif
-    }
-    f_hat[i] = PF_P(limited_)(self, i, kept_f[i] + y);
-  }
+  PF_P(keep_)(self, kept_f, f_hat);
   return PF_FILTER_OK;
 }
 #endif

@@ -1,7 +1,7 @@
 /* A filter behind real signals: what a flight controller needs around it, the same on every target.
  *
- * Time stamps are integers in microseconds. A sample that is late or missing makes one longer step; time that stands
- * still, runs back or jumps starts the filter again at rest on its last estimate; samples that are not finite leave the
+ * Time stamps are integers in microseconds. A sample that is late or missing makes one longer step; where time stands
+ * still, runs back or jumps the filter goes on from the sample with the states that it has; samples that are not finite leave the
  * correction f_hat - f_theta where it is. Parameters come from another thread, by double buffer with version and
  * CRC-32, must have all poles in the open left half plane, and take over without a jump. Bits that flip are found: in
  * the coefficients by their CRC-32 (wing_guard_check, at any slow rate), in the states by a bound on the correction that
@@ -18,7 +18,7 @@ enum { /* health of the last step, flags */
   PF_HEALTH_OK = 0,
   PF_HEALTH_MISSED = 1,     /* samples were missing before this one: one longer step made up for them */
   PF_HEALTH_NOT_FINITE = 2, /* a number was not finite: the correction is held */
-  PF_HEALTH_TIME = 4,       /* time stood still, ran back or jumped: started again from the last estimate */
+  PF_HEALTH_TIME = 4,       /* time stood still, ran back or jumped: no step, the estimate stays */
   PF_HEALTH_LIMIT = 8,      /* f_hat is at its limit */
   PF_HEALTH_REFUSED = 16,   /* new parameters were damaged, of another version or not stable: the old ones stay */
   PF_HEALTH_STATE = 32,     /* the correction, before its limit, is not plausible: started again from f_theta */
@@ -44,7 +44,7 @@ typedef struct {
   PF_P(real) correction[PF_P(N_F)];   /* f_hat - f_theta of the last good step */
   PF_P(real) f_theta[PF_P(N_F)];      /* last that was finite */
   uint64_t time;                      /* us, of the last good sample */
-  uint32_t longest;                   /* us, without a sample: longer is a jump */
+  uint32_t longest;                   /* us, without a sample: longer is a jump; more than LONGEST nominal steps are no step anyhow */
   uint32_t health, repaired;
   uint32_t missed, bad, jumps, refused, implausible; /* counts since init */
 } PF_P(guard);

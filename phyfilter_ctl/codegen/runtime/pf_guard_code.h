@@ -181,7 +181,8 @@ static int PF_P(guard_take_)(PF_P(guard) *self, uint64_t time, const PF_P(real) 
   if (!self->running) return PF_P(step)(&self->filter, x, g, f_theta, inertia, f_hat);
   if (!self->filter.started) return PF_P(guard_resume_)(self, x, g, f_theta, inertia, f_hat); /* repaired */
   if (time <= self->time || time - self->time > self->longest) {
-    code = PF_P(guard_resume_)(self, x, g, f_theta, inertia, f_hat);
+    /* As after any gap: no step, and the states stay. */
+    code = PF_P(step_after)(&self->filter, x, g, f_theta, inertia, 2.0 * PF_P(LONGEST) * h, f_hat);
     if (!code) *health |= PF_HEALTH_TIME, self->jumps++;
     return code;
   }

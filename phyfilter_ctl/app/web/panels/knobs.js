@@ -135,11 +135,11 @@ const ROWS = [
   },
   {
     key: "noise",
-    label: "Noise of x, sd",
+    label: "Noise of M x, sd",
     unit: (f) => `${f}·s`,
     factor: 1,
     range: [0, 1e12],
-    title: "Standard deviation of the white noise on every sample of x",
+    title: "Standard deviation of the white noise on every sample of M x: that of x times the inertia",
   },
   {
     key: "ratio",

@@ -1,0 +1,34 @@
+"""The rule for options: counted, refused or named, whatever is added to ``Sampling``."""
+
+from __future__ import annotations
+
+from options_table import ANALYSES, CHANGES, cell, options
+
+# Signals from outside the loop, or what only labels or treats bad samples.
+_NO_EFFECT = {
+    "units": set(ANALYSES),
+    "channels": set(ANALYSES),
+    "nonfinite": set(ANALYSES),
+    "precision": set(ANALYSES) - {"ultimate_bound"},
+    # Both are known, whatever they are between the samples: they leave no residual but in the bound.
+    "f_theta": set(ANALYSES) - {"ultimate_bound"},
+    "g": {"frequency_response", "error_variance"},
+}
+# Loops are per unit of M_hat, along what E spans.
+_LOOPS = {"prior_margin", "loop_margin", "saturation_margin", "largest_bandwidth", "moving_inertia"}
+_NO_EFFECT |= {"inertia": _LOOPS, "E": _LOOPS}
+_MUST_COUNT = ("ultimate_bound", "error_variance", "tracking_tube", "tracking_deviation")
+
+
+def test_every_option_has_a_change_to_try():
+    assert set(options()) == set(CHANGES)
+
+
+def test_every_option_is_counted_refused_or_named():
+    found = {(option, name): cell(name, option) for option in options() for name in ANALYSES}
+    silent = {key for key, what in found.items() if what == "-"}
+    allowed = {(option, name) for option, names in _NO_EFFECT.items() for name in names}
+    assert silent == allowed
+    assert all(found[option, name] == "counted" for option in ("E", "inertia") for name in _MUST_COUNT)
+    assert all(found["delay", name] == "counted" for name in ("ultimate_bound", "error_variance", *_LOOPS))
+    assert all(found[option, "tracking_tube"] == "counted" for option in ("limit", "g_limit"))
