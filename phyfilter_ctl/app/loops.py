@@ -136,6 +136,14 @@ class _ReadOff:
     def delay(self) -> float:
         return self.exact.loop.delay
 
+    @property
+    def kp(self) -> float:
+        return self.exact.loop.kp
+
+    @property
+    def kd(self) -> float:
+        return self.exact.loop.kd
+
     @cached_property
     def _splines(self) -> CubicSpline:
         return CubicSpline(np.log(self.grid), np.stack(self._on_grid, axis=1))
@@ -221,10 +229,12 @@ def assumed_loop(design: Design, sampled: SampledPhyFilter | None) -> AssumedLoo
     exact = runs_sampled(design, sampled)
     note = loop_note(exact)
     try:
-        margin = margin_of(design, sampled)
-        margin = read_off(margin) if exact else margin
+        as_run = margin_of(design, sampled)
+        margin = read_off(as_run) if exact else as_run
         distance = f"; {_distance(margin)}" if margin.is_stable and margin.stable_ratios else ""
-        return AssumedLoop(note, margin, *phase_and_delay(margin), distance)
+        phase, delay = phase_and_delay(margin)
+        # A promise: what a part of a step changes counts, which is less than a delay as of whole steps by up to a half.
+        return AssumedLoop(note, margin, phase, as_run.delay_margin if exact else delay, distance)
     except (ValueError, LinAlgError, FloatingPointError):
         return AssumedLoop(UNSEARCHED)
 

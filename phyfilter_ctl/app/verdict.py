@@ -31,7 +31,8 @@ def verdict(
         None where forward Euler diverges.
     loop : AssumedLoop
     bounds : sequence of float or None
-        Certified bounds of the error, continuous and sampled; None or nan where there is none.
+        Certified bounds of the error, continuous and sampled; None or nan where there is none. The last that there is
+        counts: that of the filter as it runs.
 
     Returns
     -------
@@ -52,7 +53,7 @@ def verdict(
         why = (
             "F(0) is not 1, so the error grows with a residual that grows" if design.filter.type == 0 else ""
         )
-        found.append(on_error(max(known, default=None), assume.unit, assume.slope, why))
+        found.append(on_error(known[-1] if known else None, assume.unit, assume.slope, why))
     for kind in _LIMITS:
         limit = _limit(design.limits, kind)
         if limit is not None:
