@@ -205,7 +205,7 @@ class ContinuousLoop(sweep.Remembered):
         if roots is None:
             q, p = self.factors
             return zeros_on_the_right(q, p, self.delay, complex(ratio), self.grid[:: self._thin])
-        return int(np.count_nonzero(roots.real >= 0.0))
+        return sweep.count_unstable(roots, sampled=False)
 
     @cached_property
     def _thin(self) -> int:

@@ -219,9 +219,8 @@ class SampledLoop(sweep.Remembered):
         """Number of closed-loop poles that are not inside the unit circle."""
         if self.delay + self.sampled.sampling.delay > _LONG * self.sampled.dt:
             return self._outside(complex(ratio))
-        delta = np.linalg.eigvals(self.matrix(ratio))
-        # |1 + d|^2 - 1 without the subtraction.
-        return int(np.count_nonzero(2.0 * delta.real + np.abs(delta) ** 2 >= 0.0))
+        delta = np.linalg.eigvals(self.matrix(ratio)).astype(np.complex128)
+        return sweep.count_unstable(delta, sampled=True)
 
     def _outside(self, ratio: complex) -> int | None:
         """The same by the turns of chi about 0 along the unit circle: a long delay makes the matrix large.
