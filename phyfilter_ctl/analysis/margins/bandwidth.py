@@ -72,8 +72,8 @@ def largest_bandwidth(
         As for :func:`loop_margin`; both gains 0 leaves the inner loop.
     modulus_margin : float
         Least distance of the open loop from -1 that is asked for, in [0, 1). 0.5, the default, holds the peak of the
-        sensitivity at 2, as in :class:`~phyfilter_ctl.LoopConstraint`. 0 asks for stability alone: a filter of that bandwidth is at
-        the limit of stability and no design.
+        sensitivity at 2, as in :class:`~phyfilter_ctl.LoopConstraint`. 0 asks for stability alone: a filter of that
+        bandwidth is at the limit of stability and no design.
     low, high : float
         Range of bandwidths to search in rad/s.
 
@@ -85,7 +85,8 @@ def largest_bandwidth(
     Raises
     ------
     TypeError, ValueError
-        As for :func:`loop_margin`; if ``make`` is a filter and no callable, the range is empty or the modulus margin out of range; and what ``make`` raises.
+        As for :func:`loop_margin`; if ``make`` is a filter and no callable, the range is empty or the modulus margin
+        out of range; and what ``make`` raises.
 
     Notes
     -----
