@@ -203,3 +203,18 @@ def test_a_loop_that_diverges_promises_nothing():
 def test_wrong_options(continuous, arguments, message, capsys):
     assert main(["analyze", continuous, *arguments]) == 2
     assert message in capsys.readouterr().err
+
+
+def test_g_of_the_loops(sampled, tmp_path, capsys):
+    """The command line says what the library says, in figures, text and report."""
+    report = tmp_path / "page.html"
+    loop = ["--lag", "0.05", "--delay", "0.01", "--kp", "10", "--kd", "6", "--g", "applied"]
+    assert main(["analyze", sampled, *loop, "--json", "-", "--report", str(report)]) == 0
+    figures = json.loads(capsys.readouterr().out)
+    f = pf.load(sampled)
+    expected = loop_margin(f, kp=10.0, kd=6.0, actuator=ct.tf(1, [0.05, 1]), delay=0.01, g="applied")
+    assert figures["g"] == "applied"
+    assert figures["complete_loop"]["modulus_margin"] == expected.modulus_margin
+    assert "what acts" in report.read_text()
+    assert main(["analyze", sampled, *loop, "--inertia-ratio", "0.5", "2"]) == 2
+    assert "leave ratios out" in capsys.readouterr().err

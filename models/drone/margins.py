@@ -127,10 +127,16 @@ def predicted(position_bandwidth: float) -> Prediction:
     lag = ct.tf(1, [vehicle.motor_lag, 1])
     late = vehicle.delay + 0.5 * dt
     return Prediction(
-        largest_bandwidth(_first, actuator=lag, delay=late).limit,
-        largest_bandwidth(_first, kp=kp, kd=kd, actuator=lag, delay=late).limit,
+        largest_bandwidth(_first, actuator=lag, delay=late, modulus_margin=0.0).limit,
+        largest_bandwidth(_first, kp=kp, kd=kd, actuator=lag, delay=late, modulus_margin=0.0).limit,
         largest_bandwidth(
-            lambda w: _first(w).sampled(dt, g="hold"), kp=kp, kd=kd, actuator=lag, delay=vehicle.delay, dt=dt
+            lambda w: _first(w).sampled(dt, g="hold"),
+            kp=kp,
+            kd=kd,
+            actuator=lag,
+            delay=vehicle.delay,
+            dt=dt,
+            modulus_margin=0.0,
         ).limit,
     )
 

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping
 from dataclasses import fields
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -23,7 +23,10 @@ from numpy.typing import ArrayLike
 from .. import _signals
 from ..filter import PhyFilter, SampledPhyFilter, Sampling
 
-__all__ = ["InputGains", "assumed", "inertia_of", "input_gains", "units_of"]
+__all__ = ["InputGains", "Told", "assumed", "inertia_of", "input_gains", "units_of"]
+
+# What a filter in a loop is told: the command, or the force that acts, lag and delay of the actuator and all.
+Told = Literal["commanded", "applied"]
 
 # Of a filter that has it; what is not here has no effect where it is not counted.
 _TAKEN_FOR_GRANTED = {

@@ -24,7 +24,7 @@ from .margins import (
     saturation_margin,
 )
 from .margins.ratio_margins import RatioMargins
-from .options import inertia_of
+from .options import Told, inertia_of
 from .tubes import TrackingTube, tracking_tube
 from .variance import error_variance
 from .verdict import Sentence, on_error, on_loops
@@ -67,6 +67,7 @@ class Analysis(Result):
     _figures = (
         "filter",
         "headline",
+        "g",
         "is_stable",
         "bandwidth",
         "error_peak",
@@ -108,6 +109,11 @@ class Analysis(Result):
     def loops(self) -> tuple[RatioMargins, ...]:
         """Every loop that was analysed."""
         return (self.inner_loop,) if self.complete_loop is None else (self.inner_loop, self.complete_loop)
+
+    @property
+    def g(self) -> Told:
+        """What the filter is told in the loops."""
+        return self.inner_loop.g
 
     @property
     def is_stable(self) -> bool:
@@ -183,6 +189,8 @@ class Analysis(Result):
             excess = {
                 g: f"{each.command_excess:.4g}" for g, each in self.saturated_loop.items() if each.is_stable
             }
+            if "applied" in excess:
+                lines.append(_line("command up to", f"{excess['applied']} times its limit: stable"))
             if "saturated" in excess:
                 known = f"{excess['saturated']} times its limit if told what acts"
                 known += f", {excess['commanded']} if the command" if "commanded" in excess else ""
@@ -214,6 +222,7 @@ def analyze(
     rate: float | None = None,
     inertia: ArrayLike | None = None,
     ratios: Sequence[float] | None = None,
+    g: Told = "commanded",
     implementation: Implementation | None = None,
 ) -> Analysis:
     """What a filter promises: error, noise, and what the loops that it is in tolerate.
@@ -238,7 +247,9 @@ def analyze(
     inertia : float, (n,) or (n, n) array_like, optional
         M_hat, in the spectral norm, by which noise of x counts. None: the filter's own, else 1.
     ratios : (low, high), optional
-        Whether M_hat/M may be anywhere in between, constant and moving at any speed.
+        Whether M_hat/M may be anywhere in between, constant and moving at any speed; with the command as g.
+    g : {"commanded", "applied"}
+        What the filter is told in the loops, as for :func:`loop_margin`.
 
     Returns
     -------
@@ -248,7 +259,7 @@ def analyze(
     ------
     TypeError, ValueError
         As for :func:`ultimate_bound`, :func:`loop_margin` and :func:`moving_inertia`; for a ``noise_deviation`` of a
-        continuous filter.
+        continuous filter, and for ``ratios`` with ``g="applied"``.
 
     Examples
     --------
@@ -264,16 +275,22 @@ def analyze(
     M = inertia_of(filter, inertia)
     if inertia_error and not rate:
         raise ValueError("inertia_error: what it does grows with |x'|; give its bound too, rate=...")
+    if ratios is not None and g != "commanded":
+        raise ValueError(
+            f"ratios: whether M may move is known for the command as g, got g={g!r}; leave ratios out and see the "
+            "stable ratios of the inner loop for a constant M"
+        )
     response = frequency_response(filter)
     loop = {"actuator": actuator, "delay": delay}
-    inner = prior_margin(filter, **loop)
+    inner = prior_margin(filter, g=g, **loop)
     complete, saturated = None, {}
     if kp or kd:
-        complete = loop_margin(filter, kp=kp, kd=kd, **loop)
+        complete = loop_margin(filter, kp=kp, kd=kd, g=g, **loop)
         clipped = isinstance(filter, SampledPhyFilter) and filter.sampling.g_limit is not None
+        commanded = ("saturated",) if clipped else ("saturated", "commanded")
         saturated = {
-            g: saturation_margin(filter, kp=kp, kd=kd, g=g, **loop)
-            for g in (("saturated",) if clipped else ("saturated", "commanded"))
+            known: saturation_margin(filter, kp=kp, kd=kd, g=known, **loop)
+            for known in (("applied",) if g == "applied" else commanded)
         }
     stable = inner.is_stable and (complete is None or complete.is_stable)
     bound = None
@@ -294,7 +311,7 @@ def analyze(
         deviation = float(np.sqrt(error_variance(filter, noise=noise_deviation, inertia=inertia).noise))
     tube, seen = None, {k: size for k, size in (residual or {}).items() if k <= 1}
     if seen and stable and complete is not None and kp > 0.0 and _has_tube(filter):
-        tube = tracking_tube(filter, kp=kp, kd=kd, residual=seen, noise=noise, inertia=M, **loop)
+        tube = tracking_tube(filter, kp=kp, kd=kd, residual=seen, noise=noise, inertia=M, g=g, **loop)
     moving = {}
     if ratios is not None:
         moving = {
@@ -319,8 +336,9 @@ def analyze(
 
 def _has_tube(filter: PhyFilter | SampledPhyFilter) -> bool:
     """Whether there is a tube of the position: for a sampled filter that is told a held command."""
-    sampled = isinstance(filter, SampledPhyFilter)
-    alone = sampled and (filter.E is None or filter.E.shape[0] == 1)
+    if not isinstance(filter, SampledPhyFilter):
+        return False
+    alone = filter.E is None or filter.E.shape[0] == 1
     return alone and filter.sampling.g == "hold" and not filter.sampling.delay and not filter.sampling.g_limit
 
 

@@ -28,11 +28,11 @@ from .._sections import FloatArray
 from ..filter import SampledPhyFilter
 from .bounds.sampled_kernels import _absolute, _lyapunov, _size
 from .margins.sampled import SampledLoop
+from .options import Told
 from .variance import discretised
 
 __all__ = ["Noisy", "Output", "Source", "Told", "TrackingLoop"]
 
-Told = Literal["commanded", "applied"]
 Source = Literal["residual", "actuation"]
 Noisy = Literal["velocity", "position"]
 Output = Literal["position", "command", "estimate"]

@@ -10,6 +10,7 @@ import numpy as np
 
 from ..filter import PhyFilter
 from .frequency import frequency_response
+from .margins import LoopMargin
 from .margins.ratio_margins import RatioMargins
 
 __all__ = ["Sentence", "on_error", "on_limit", "on_loop", "on_loops"]
@@ -161,7 +162,7 @@ def on_limit(filter: PhyFilter, kind: Literal["error", "estimate"], omega: float
 
 
 def _closed(margin: RatioMargins) -> str:
-    outer = margin.loop.kp or margin.loop.kd
+    outer = isinstance(margin, LoopMargin)
     return f"with {'the outer gains' if outer else 'f̂ fed back'}: lower the bandwidth{' or the gains' if outer else ''}"
 
 

@@ -136,14 +136,6 @@ class _ReadOff:
     def delay(self) -> float:
         return self.exact.loop.delay
 
-    @property
-    def kp(self) -> float:
-        return self.exact.loop.kp
-
-    @property
-    def kd(self) -> float:
-        return self.exact.loop.kd
-
     @cached_property
     def _splines(self) -> CubicSpline:
         return CubicSpline(np.log(self.grid), np.stack(self._on_grid, axis=1))

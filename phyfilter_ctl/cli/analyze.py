@@ -90,6 +90,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     loop.add_argument("--kp", type=float, metavar="K", help="outer gain on position per unit inertia, 1/s^2")
     loop.add_argument("--kd", type=float, metavar="K", help="outer gain on velocity per unit inertia, 1/s")
     loop.add_argument(
+        "--g",
+        choices=("commanded", "applied"),
+        default="commanded",
+        help="what the filter is told: the command (default), or the force that acts, lag and delay and all",
+    )
+    loop.add_argument(
         "--inertia-ratio",
         nargs=2,
         type=float,
@@ -136,6 +142,7 @@ def main(options: argparse.Namespace) -> int:
         "rate": options.rate,
         "inertia": options.inertia,
         "ratios": options.inertia_ratio,
+        "g": options.g,
         "implementation": read_implementation(options.implementation) if residual else None,
     }
     pages = {}

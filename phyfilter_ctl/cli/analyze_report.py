@@ -53,6 +53,7 @@ def _page(name: str, found: Analysis, residual: dict[int, float], options: argpa
             ("noise of x", f"{options.noise:g} at most"),
             ("actuator lag", f"{options.lag or 0.0:g} s"),
             ("delay", f"{options.delay:g} s"),
+            ("filter is told", "the command" if options.g == "commanded" else "what acts"),
         ],
         curve=found.response.curve("this filter"),
         step=np.array(step_response(filter, settling_time(filter))),

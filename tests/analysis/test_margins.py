@@ -486,7 +486,7 @@ def simulated_limit(delay: float, kp: float, kd: float, candidates: np.ndarray) 
 @pytest.mark.parametrize("gains", ["inner", "pd"])
 def test_largest_bandwidth_against_a_simulated_search(gains: str):
     kp, kd = GAINS[gains]
-    found = largest_bandwidth(first, kp=kp, kd=kd, actuator=LAG, delay=0.02)
+    found = largest_bandwidth(first, kp=kp, kd=kd, actuator=LAG, delay=0.02, modulus_margin=0.0)
     assert (found.status, found.islands) == ("limited", ())
     candidates = found.limit * np.linspace(0.9, 1.1, 41)
     assert simulated_limit(0.02, kp, kd, candidates) == pytest.approx(found.limit, rel=SIMULATED)
@@ -494,24 +494,58 @@ def test_largest_bandwidth_against_a_simulated_search(gains: str):
 
 def test_largest_bandwidth_in_closed_form():
     """Inner loop, n = 1: arctan(T omega) + d omega = pi/2, w = omega |1 + j T omega|."""
-    found = largest_bandwidth(first, actuator=LAG, delay=0.02)
+    found = largest_bandwidth(first, actuator=LAG, delay=0.02, modulus_margin=0.0)
     omega = brentq(lambda v: np.arctan(0.1 * v) + 0.02 * v - 0.5 * np.pi, 1.0, 70.0, xtol=1e-13)
     assert found.limit == pytest.approx(omega * np.hypot(1.0, 0.1 * omega), rel=1e-8)
 
 
 @pytest.mark.slow
 def test_the_inner_loop_alone_overestimates():
-    complete = largest_bandwidth(first, kp=10.0, kd=6.0, actuator=LAG, delay=0.02).limit
-    inner = largest_bandwidth(first, actuator=LAG, delay=0.02).limit
+    complete = largest_bandwidth(first, kp=10.0, kd=6.0, actuator=LAG, delay=0.02, modulus_margin=0.0).limit
+    inner = largest_bandwidth(first, actuator=LAG, delay=0.02, modulus_margin=0.0).limit
     assert 1.7 < inner / complete < 4.7
 
 
 def test_largest_bandwidth_with_a_modulus_margin():
-    wanted = 0.5
-    found = largest_bandwidth(first, kp=10.0, kd=6.0, actuator=LAG, delay=0.02, modulus_margin=wanted)
-    at = loop_margin(PhyFilter([found.limit]), kp=10.0, kd=6.0, actuator=LAG, delay=0.02)
-    assert at.modulus_margin == pytest.approx(wanted, abs=1e-6)
-    assert found.limit < largest_bandwidth(first, kp=10.0, kd=6.0, actuator=LAG, delay=0.02).limit
+    loop = {"kp": 10.0, "kd": 6.0, "actuator": LAG, "delay": 0.02}
+    found = largest_bandwidth(first, **loop)
+    assert found.modulus_margin == 0.5
+    at = loop_margin(PhyFilter([found.limit]), **loop)
+    assert at.modulus_margin == pytest.approx(0.5, abs=1e-6)
+    assert found.limit < largest_bandwidth(first, modulus_margin=0.0, **loop).limit
+
+
+@pytest.mark.parametrize("wanted", [0.0, 0.5])
+@pytest.mark.parametrize("dt", [None, 0.01])
+def test_a_loop_on_the_boundary_is_not_borne(wanted: float, dt: float | None):
+    """kp alone and an ideal actuator: closed-loop poles at +-2j for every bandwidth; sampled they are outside."""
+    found = largest_bandwidth(first, kp=4.0, dt=dt, modulus_margin=wanted)
+    assert (found.status, found.islands) == ("infeasible", ())
+    assert f"modulus margin 0, {wanted:g} is asked for" in found.message
+
+
+@pytest.mark.parametrize("kp", [1e-4, 4.0, 1e4])
+@pytest.mark.parametrize("n", [1, 4])
+def test_poles_on_the_axis_are_not_stable(kp: float, n: int):
+    for w in np.geomspace(0.1, 1e3, 41):
+        margin = loop_margin(repeated(n, w), kp=kp, kd=0.0)
+        assert not margin.is_stable
+        assert margin.modulus_margin == 0.0
+        assert not margin.stable(1.0)
+
+
+@pytest.mark.parametrize("dt", [None, 1e-3])
+def test_slow_and_lightly_damped_loops_are_stable(dt: float | None):
+    """The boundary is relative to the pole: 0.05 rad/s next to a lag of 10 us, damping 1e-4 at 0.05 rad/s."""
+    fast = ct.tf(1, [1e-5, 1])
+    assert prior_margin(PhyFilter([0.05]), actuator=fast, dt=dt).is_stable
+    # Held for a step and lagging, the command costs kp (h/2 + T) of damping.
+    late = (0.5 * dt if dt else 0.0) + 1e-5
+    damped = loop_margin(
+        PhyFilter([5.0]), kp=0.05**2, kd=2.0 * 1e-4 * 0.05 + 0.05**2 * late, actuator=fast, dt=dt
+    )
+    assert damped.is_stable
+    assert not loop_margin(PhyFilter([5.0]), kp=0.05**2, kd=0.0, actuator=fast, dt=dt).is_stable
 
 
 def test_bandwidth_status():
@@ -530,8 +564,8 @@ def test_islands_are_reported():
     def family(w: float) -> PhyFilter:
         return PhyFilter([5.0 + 55.0 * np.exp(-((np.log(w / 10.0) / 0.1) ** 2))])
 
-    found = largest_bandwidth(family, actuator=LAG, delay=0.02, low=1.0, high=100.0)
-    borne = largest_bandwidth(first, actuator=LAG, delay=0.02).limit
+    found = largest_bandwidth(family, actuator=LAG, delay=0.02, modulus_margin=0.0, low=1.0, high=100.0)
+    borne = largest_bandwidth(first, actuator=LAG, delay=0.02, modulus_margin=0.0).limit
     half = 0.1 * np.sqrt(np.log(55.0 / (borne - 5.0)))
     assert found.status == "limited"
     assert found.limit == pytest.approx(10.0 * np.exp(-half), rel=1e-7)
@@ -594,6 +628,11 @@ ONE = PhyFilter([20.0])
         (lambda: loop_margin(ONE, kp=1.0, kd=float("inf")), ValueError, "kd"),
         (lambda: largest_bandwidth(first, low=2.0, high=1.0), ValueError, "low < high"),
         (lambda: largest_bandwidth(first, modulus_margin=1.0), ValueError, "modulus_margin"),
+        (
+            lambda: largest_bandwidth(ONE, kp=1.0),
+            TypeError,
+            "make: expected a callable.*got PhyFilter; write",
+        ),
         (
             lambda: prior_margin(ONE, actuator=ct.tf(1, [1e-14, 2e-14, 1]), delay=10.0).stable_ratios,
             ValueError,

@@ -274,7 +274,15 @@ def test_order_of_the_closed_loop():
 @pytest.mark.slow
 def test_largest_bandwidth_sampled_tends_to_the_continuous_one():
     lag = ct.tf(1, [0.1, 1])
-    options = {"kp": 10.0, "kd": 6.0, "actuator": lag, "delay": 0.02, "low": 5.0, "high": 60.0}
+    options = {
+        "kp": 10.0,
+        "kd": 6.0,
+        "actuator": lag,
+        "delay": 0.02,
+        "modulus_margin": 0.0,
+        "low": 5.0,
+        "high": 60.0,
+    }
     continuous = largest_bandwidth(lambda w: PhyFilter([w]), **options).limit
     fast = largest_bandwidth(lambda w: PhyFilter([w]), dt=1e-3, **options).limit
     slow = largest_bandwidth(lambda w: PhyFilter([w]), dt=1e-2, **options).limit

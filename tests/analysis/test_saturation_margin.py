@@ -142,7 +142,7 @@ def test_what_is_unstable_or_wrong():
     assert not lost.is_stable
     assert np.isnan(lost.command_excess)
     assert "unstable" in lost.describe()
-    with pytest.raises(ValueError, match="g: expected 'saturated' or 'commanded', got 'hold'"):
+    with pytest.raises(ValueError, match="g: expected 'saturated', 'commanded', 'applied', got 'hold'"):
         saturation_margin(FIRST, g="hold")  # type: ignore[arg-type]  # wrong on purpose
     with pytest.raises(ValueError, match="use g='hold'"):
         saturation_margin(FIRST.sampled(0.01, g="average"))

@@ -21,10 +21,19 @@ from ._factors import Factors, roots_of, trimmed
 from ._winding import zeros_on_the_right
 from .actuator import Actuator
 
-__all__ = ["ContinuousLoop"]
+__all__ = ["ContinuousLoop", "phase_slope"]
 
 # Roots with a smaller real part, relative, turn the phase at one frequency only.
 _ON_AXIS = 1e-12
+
+
+def phase_slope(factors: Factors, omega: FloatArray) -> FloatArray:
+    """Derivative of the phase by the frequency in rad/s; roots on the axis turn it at one frequency only."""
+    slope = np.zeros(len(omega))
+    for sign, roots in ((1.0, factors.zeros), (-1.0, factors.poles)):
+        for root in roots[np.abs(roots.real) > _ON_AXIS * np.abs(roots)]:
+            slope -= sign * root.real / np.abs(1j * omega - root) ** 2
+    return slope
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,25 +148,26 @@ class ContinuousLoop(sweep.Remembered):
         omega = np.union1d(
             omega, np.append(np.linspace(inner, outer, 100), 1e3 * max(outer, float(omega[-1])))
         )
-        q, p = self.factors
-        s = (1j * omega).astype(np.complex128)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            gain = np.nan_to_num(np.abs(p(s) / q(s)), nan=0.0)
-        later = np.maximum.accumulate(gain[::-1])[::-1]
+        least, most = self._gains(omega)
+        later = np.maximum.accumulate(most[::-1])[::-1]
         # What lies beyond the end needs larger ratios than the first crossing in the tail.
-        first = np.min(gain[(omega >= inner) & (omega <= outer)])
+        first = np.min(least[(omega >= inner) & (omega <= outer)])
         enough = np.flatnonzero((omega >= outer) & (later <= first))
         k = int(enough[0]) if len(enough) else len(omega) - 1
         return start, float(omega[k]), 1.0 / float(later[k]) if later[k] else float("inf")
 
-    def _phase_slope(self, omega: FloatArray) -> FloatArray:
-        """Derivative of the phase of P/Q without the delay."""
+    def _gains(self, omega: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """What |P/Q| is between."""
         q, p = self.factors
-        slope = np.zeros(len(omega))
-        for sign, roots in ((1.0, p.zeros), (-1.0, p.poles), (-1.0, q.zeros), (1.0, q.poles)):
-            for root in roots[np.abs(roots.real) > _ON_AXIS * np.abs(roots)]:
-                slope -= sign * root.real / np.abs(1j * omega - root) ** 2
-        return slope
+        s = (1j * omega).astype(np.complex128)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            gain = np.nan_to_num(np.abs(p(s) / q(s)), nan=0.0)
+        return gain, gain
+
+    def _phase_slope(self, omega: FloatArray) -> FloatArray:
+        """Derivative of the phase of P/Q without the delay, or more."""
+        q, p = self.factors
+        return phase_slope(p, omega) - phase_slope(q, omega)
 
     @cached_property
     def grid(self) -> FloatArray:
@@ -205,7 +215,7 @@ class ContinuousLoop(sweep.Remembered):
         if roots is None:
             q, p = self.factors
             return zeros_on_the_right(q, p, self.delay, complex(ratio), self.grid[:: self._thin])
-        return int(np.count_nonzero(roots.real >= 0.0))
+        return sweep.count_unstable(roots, sampled=False)
 
     @cached_property
     def _thin(self) -> int:

@@ -88,8 +88,8 @@ def trimmed(ascending: FloatArray, poles: ComplexArray) -> FloatArray:
     return kept
 
 
-def roots_of(ascending: FloatArray) -> tuple[float, ComplexArray]:
-    """Leading coefficient and roots of a polynomial, roots at s = 0 exact; (0, none) for the zero polynomial."""
+def roots_of(ascending: FloatArray | ComplexArray) -> tuple[float, ComplexArray]:
+    """Leading coefficient, real, and roots of a polynomial, roots at s = 0 exact; (0, none) for the zero polynomial."""
     used = np.flatnonzero(ascending)
     if len(used) == 0:
         return 0.0, np.zeros(0, dtype=np.complex128)
@@ -98,4 +98,4 @@ def roots_of(ascending: FloatArray) -> tuple[float, ComplexArray]:
     # In s / scale first and last coefficient have one size.
     scale = float(abs(core[0] / core[-1])) ** (1.0 / max(len(core) - 1, 1))
     roots = np.roots((core / core[-1] * scale ** (np.arange(len(core)) - (len(core) - 1.0)))[::-1]) * scale
-    return float(core[-1]), np.concatenate([np.zeros(first), roots]).astype(np.complex128)
+    return float(core[-1].real), np.concatenate([np.zeros(first), roots]).astype(np.complex128)

@@ -83,11 +83,11 @@ def largest_bandwidth(
     delay: float = 0.0,
     dt: float | None = None,
     inertia_ratio: float = 1.0,
-    modulus_margin: float = 0.0,
+    modulus_margin: float = 0.5,
     low: float = 0.1,
     high: float = 1e3,
 ) -> BandwidthLimit:
-    """Largest bandwidth for which the complete loop is stable, or keeps a modulus margin.
+    """Largest bandwidth for which the complete loop keeps a modulus margin, or at least is stable.
 
     Parameters
     ----------
@@ -96,7 +96,9 @@ def largest_bandwidth(
     kp, kd, actuator, delay, dt, inertia_ratio
         As for :func:`loop_margin`; both gains 0 leaves the inner loop.
     modulus_margin : float
-        Least distance of the open loop from -1 that is asked for, in [0, 1); 0 asks for stability alone.
+        Least distance of the open loop from -1 that is asked for, in [0, 1). 0.5, the default, holds the peak of the
+        sensitivity at 2, as in :class:`~phyfilter_ctl.LoopConstraint`. 0 asks for stability alone: a filter of that
+        bandwidth is at the limit of stability and no design.
     low, high : float
         Range of bandwidths to search in rad/s.
 
@@ -108,7 +110,8 @@ def largest_bandwidth(
     Raises
     ------
     TypeError, ValueError
-        As for :func:`loop_margin`; if the range is empty or the modulus margin out of range; and what ``make`` raises.
+        As for :func:`loop_margin`; if ``make`` is a filter and no callable, the range is empty or the modulus margin
+        out of range; and what ``make`` raises.
 
     Notes
     -----
@@ -117,13 +120,21 @@ def largest_bandwidth(
 
     Examples
     --------
-    First order behind a lag of 100 ms and 20 ms of delay, kp/kd = 10/6:
+    First order behind a lag of 50 ms and 10 ms of delay, kp/kd = 10/4; and what it could be at the limit of stability:
 
     >>> import control as ct
-    >>> found = largest_bandwidth(lambda w: PhyFilter([w]), kp=10.0, kd=6.0, actuator=ct.tf(1, [0.1, 1]), delay=0.02)
+    >>> loop = {"kp": 10.0, "kd": 4.0, "actuator": ct.tf(1, [0.05, 1]), "delay": 0.01}
+    >>> found = largest_bandwidth(lambda w: PhyFilter([w]), **loop)
     >>> round(found.limit, 2), found.islands
-    (16.92, ())
+    (11.5, ())
+    >>> round(largest_bandwidth(lambda w: PhyFilter([w]), modulus_margin=0.0, **loop).limit, 2)
+    77.87
     """
+    if isinstance(make, PhyFilter | SampledPhyFilter) or not callable(make):
+        raise TypeError(
+            f"make: expected a callable from a bandwidth to a filter, got {type(make).__name__}; "
+            "write lambda w: pf.lowpass(1, w), or take loop_margin for one filter"
+        )
     low, high = checked_number("low", low, least=0.0), checked_number("high", high, least=0.0)
     if not 0.0 < low < high:
         raise ValueError(f"low, high: expected 0 < low < high, got {low:g} and {high:g} rad/s")
@@ -151,8 +162,10 @@ def largest_bandwidth(
     intervals = _intervals(spare, points, values)
     if not intervals or intervals[0][0] > low:
         islands = "" if not intervals else f"; borne are {_text(intervals)}"
+        kept = values[0] + wanted
         message = (
-            f"the lowest bandwidth, {low:g} rad/s, is not borne{islands}; lower the gains or start lower"
+            f"the lowest bandwidth, {low:g} rad/s, is not borne: modulus margin {kept:.4g}, {wanted:g} is asked for"
+            f"{islands}; lower the gains or start lower"
         )
         return BandwidthLimit(float("nan"), tuple(intervals), wanted, Status.INFEASIBLE, message)
     (_, limit), *islands = intervals

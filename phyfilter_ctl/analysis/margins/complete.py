@@ -8,6 +8,7 @@ import control as ct
 
 from ...filter import PhyFilter, SampledPhyFilter
 from ..channels import per_channel
+from ..options import Told
 from .prior import _positive
 from .ratio_margins import RatioMargins, build_loop
 
@@ -16,7 +17,7 @@ __all__ = ["LoopMargin", "loop_margin"]
 
 @dataclass(frozen=True, eq=False, repr=False)
 class LoopMargin(RatioMargins):
-    """Margins of 1 + F (mu Act - 1) + mu Act (Kp/s^2 + Kd/s) = 0; made by :func:`loop_margin`.
+    """Margins of 1 + F (mu Act - g/v) + mu Act (Kp/s^2 + Kd/s) = 0; made by :func:`loop_margin`.
 
     Parameters
     ----------
@@ -38,6 +39,7 @@ def loop_margin(
     actuator: ct.TransferFunction | ct.StateSpace | None = None,
     delay: float = 0.0,
     inertia_ratio: float = 1.0,
+    g: Told = "commanded",
     dt: float | None = None,
 ) -> LoopMargin:
     """Margins of the complete loop: f_hat fed back inside an outer loop on position and velocity.
@@ -54,6 +56,9 @@ def loop_margin(
         As for :func:`prior_margin`.
     inertia_ratio : float
         mu at which gain, phase, delay, modulus and disk margins are taken.
+    g : {"commanded", "applied"}
+        What the filter is told: the command v, or the force Act e^(-s delay) v that acts, lag and delay and all: a
+        measured motor current times the torque constant, say; sampled, its mean over the step.
 
     Returns
     -------
@@ -62,12 +67,20 @@ def loop_margin(
     Raises
     ------
     TypeError, ValueError
-        As for :func:`prior_margin`, and if a gain is negative.
+        As for :func:`prior_margin`, and if a gain is negative; with ``g="applied"`` for a delay of the measurement.
 
     Notes
     -----
     x is the velocity. Sampled, the outer loop acts on the samples of position and velocity, late like the filter's if
     that has a delay. :func:`prior_margin` alone overestimates the limits where the actuator lags.
+
+    Told what acts, the loop is
+
+        1 + Act e^(-s delay) [(mu - 1) F + mu (Kp/s^2 + Kd/s)] = 0
+
+    and with an exact inertia the filter is not in it. Gain, phase, delay, modulus and disk margins are those of this
+    loop opened at the command, at ``inertia_ratio``; a gain of the actuator is told too, so that the gain margin and
+    ``stable_ratios``, over mu, are two things here. A current that reads wrong by a gain is not covered.
 
     Examples
     --------
@@ -77,6 +90,12 @@ def loop_margin(
     >>> lag = ct.tf(1, [0.1, 1])
     >>> [loop_margin(PhyFilter([w]), kp=10.0, kd=6.0, actuator=lag, delay=0.02).is_stable for w in (15.0, 20.0)]
     [True, False]
+
+    A filter that is told what acts may be faster, as far as the inertia is known:
+
+    >>> found = loop_margin(PhyFilter([20.0]), kp=10.0, kd=6.0, actuator=lag, delay=0.02, g="applied")
+    >>> found.is_stable, [tuple(round(ratio, 2) for ratio in ends) for ends in found.stable_ratios]
+    (True, [(0.26, 5.89)])
     """
-    system, loop = build_loop(filter, actuator, delay, dt, kp, kd)
+    system, loop = build_loop(filter, actuator, delay, dt, kp, kd, g)
     return LoopMargin(_positive(inertia_ratio), loop, system)

@@ -14,6 +14,7 @@ from ..._sections import ComplexArray
 from ...filter import PhyFilter, SampledPhyFilter
 from ...results import Result
 from ..channels import per_channel
+from ..options import Told
 from . import _inertia
 from .actuator import checked_number
 from .ratio_margins import RatioMargins, build_loop
@@ -247,9 +248,11 @@ class PriorMargin(RatioMargins):
             raise ValueError(
                 f"a deviation from M_hat needs the margins at inertia_ratio = 1, got {self.inertia_ratio:g}"
             )
-        fine = relative < self.modulus_margin
-        sign = "<" if fine else ">="
-        message = f"|M - M_hat| |M_hat^-1| = {relative:.4g} {sign} modulus margin {self.modulus_margin:.4g}"
+        # min |Q + P|/|Q|: with the command as g the modulus margin.
+        limit = self._over_ratios.disk(1.0).value if self.is_stable else 0.0
+        fine = relative < limit
+        sign, name = "<" if fine else ">=", "modulus margin" if self.g == "commanded" else "1/max |S|,"
+        message = f"|M - M_hat| |M_hat^-1| = {relative:.4g} {sign} {name} {limit:.4g}"
         ends = [1.0 / (1.0 + relative), 1.0 / (1.0 - relative) if relative < 1.0 else np.inf]
         return InertiaVerdict(fine, "small gain", np.array(ends, dtype=np.complex128), message)
 
@@ -262,6 +265,7 @@ def prior_margin(
     delay: float = 0.0,
     dt: float | None = None,
     inertia_ratio: float = 1.0,
+    g: Told = "commanded",
 ) -> PriorMargin:
     """How wrong the modelled inertia may be with f_hat fed back, tau = tau_0 - f_hat.
 
@@ -281,6 +285,8 @@ def prior_margin(
         Sampling interval in seconds: for a PhyFilter short for ``filter.sampled(dt)``.
     inertia_ratio : float
         mu at which gain, phase, delay, modulus and disk margins are taken.
+    g : {"commanded", "applied"}
+        What the filter is told, as for :func:`loop_margin`: with "applied" 1 + Act e^(-s delay) (mu - 1) F = 0.
 
     Returns
     -------
@@ -318,7 +324,7 @@ def prior_margin(
     disk margin       1.923 at 1571 rad/s (250 Hz): 0.01961 to 51.01 times with 87.75 deg
     sensitivity       peak 1.02
     """
-    system, loop = build_loop(filter, actuator, delay, dt)
+    system, loop = build_loop(filter, actuator, delay, dt, told=g)
     return PriorMargin(_positive(inertia_ratio), loop, system)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import get_args
 
 import control as ct
 import numpy as np
@@ -12,8 +13,9 @@ from numpy.typing import ArrayLike
 from ... import _signals
 from ..._sections import ComplexArray, FloatArray
 from ...filter import PhyFilter, SampledPhyFilter
-from ..options import assumed
+from ..options import Told, assumed
 from . import sweep
+from ._applied import AppliedLoop, opened
 from ._continuous import ContinuousLoop
 from .actuator import checked_actuator, checked_number
 from .loop_margins import LoopMargins
@@ -50,15 +52,23 @@ class RatioMargins(LoopMargins):
     L = mu Act e^(-s delay) (F + K)/(1 - F), and the sensitivity 1/(1 + L) is also what the loop leaves of the residual:
     1 - F for an ideal actuator at mu = 1. Gain margins and stable ratios are one thing: an actuator gain acts as mu.
 
-    For matrices: with ``inertia_ratio`` = 1 the loop stays stable for every M, symmetric or not, with
-    |(M - M_hat) M_hat^-1| below the modulus margin in the spectral norm.
+    With ``g`` "applied" L = Act e^(-s delay) ((mu - 1) F + mu K): an actuator gain is no ratio, and the loop leaves
+    |1 - Act e^(-s delay) F| / |1 + L| of the residual.
+
+    For matrices: with ``inertia_ratio`` = 1 and the command as g the loop stays stable for every M, symmetric or not,
+    with |(M - M_hat) M_hat^-1| below the modulus margin in the spectral norm.
     """
 
-    _figures = ("inertia_ratio", "stable_ratios", *LoopMargins._figures, "assumptions")
+    _figures = ("g", "inertia_ratio", "stable_ratios", *LoopMargins._figures, "assumptions")
 
     inertia_ratio: float
     loop: Loop = field(repr=False)
     filter: PhyFilter | SampledPhyFilter
+
+    @property
+    def g(self) -> Told:
+        """What the filter is told: "commanded" or "applied"."""
+        return "applied" if opened(self.loop, self.inertia_ratio)[0] is not self.loop else "commanded"
 
     @property
     def assumptions(self) -> tuple[str, ...]:
@@ -74,12 +84,12 @@ class RatioMargins(LoopMargins):
         With delay there are infinitely many; given are those up to a frequency beyond which poles only leave, and a
         few beyond it.
         """
-        return tuple(self._search.crossings)
+        return tuple(self._over_ratios.crossings)
 
     @cached_property
     def stable_ratios(self) -> tuple[tuple[float, float], ...]:
         """Open intervals (low, high) of mu > 0 for which the loop is stable, ascending; high may be inf."""
-        return self._search.intervals
+        return self._over_ratios.intervals
 
     @property
     def min_ratio(self) -> float:
@@ -130,7 +140,7 @@ class RatioMargins(LoopMargins):
         return self.loop.roots(self.inertia_ratio)
 
     def sensitivity(self, omega: ArrayLike) -> FloatArray:
-        """|1/(1 + L)|: what the loop leaves of the residual, over frequency.
+        """|Q|/|Q + mu P|: what the loop leaves of the residual, over frequency; |1/(1 + L)| with the command as g.
 
         Parameters
         ----------
@@ -168,13 +178,19 @@ class RatioMargins(LoopMargins):
         ranges = ", ".join(f"{low:.4g} ... {high:.4g}" for low, high in self.stable_ratios) or "none"
         lines = super()._lines()
         answer = "stable" if lines.pop("stable") == "yes" else "unstable"
-        return {"stable M_hat/M": ranges, f"at M_hat/M = {self.inertia_ratio:g}": answer} | lines
+        told = {} if self.g == "commanded" else {"filter is told": "what acts"}
+        return told | {"stable M_hat/M": ranges, f"at M_hat/M = {self.inertia_ratio:g}": answer} | lines
 
     @cached_property
     def _search(self) -> ScalarSearch:
         loop, ratio = self.loop, self.inertia_ratio
         delayed = (lambda: _sampled_delay_margin(loop, ratio)) if isinstance(loop, SampledLoop) else None
-        return ScalarSearch(loop, ratio, delayed)
+        return ScalarSearch(*opened(loop, ratio), delayed)
+
+    @cached_property
+    def _over_ratios(self) -> ScalarSearch:
+        """The gain of this one is mu."""
+        return self._search if self.g == "commanded" else ScalarSearch(self.loop, self.inertia_ratio)
 
     def _stable_around_one(self) -> tuple[float, float]:
         inside = (each for each in self.stable_ratios if each[0] < 1.0 < each[1])
@@ -188,17 +204,21 @@ def build_loop(
     dt: float | None,
     kp: float = 0.0,
     kd: float = 0.0,
+    told: Told = "commanded",
 ) -> tuple[PhyFilter | SampledPhyFilter, ContinuousLoop | SampledLoop]:
     """The filter as it runs, and its loop; all arguments checked."""
     if not isinstance(filter, PhyFilter | SampledPhyFilter):
         raise TypeError(f"filter: expected a PhyFilter or a SampledPhyFilter, got {type(filter).__name__}")
+    if told not in get_args(Told):
+        raise ValueError(f"g: expected {' or '.join(map(repr, get_args(Told)))}, got {told!r}")
     act = checked_actuator(actuator)
     delay = checked_number("delay", delay, least=0.0, unit=" s")
     kp = checked_number("kp", kp, least=0.0, unit=" 1/s^2")
     kd = checked_number("kd", kd, least=0.0, unit=" 1/s")
     if isinstance(filter, PhyFilter):
         if dt is None:
-            return filter, ContinuousLoop(filter, act, delay, kp, kd)
+            kind = AppliedLoop if told == "applied" else ContinuousLoop
+            return filter, kind(filter, act, delay, kp, kd)
         filter = filter.sampled(dt)
     elif dt is not None and dt != filter.dt:
         raise ValueError(f"dt: {dt:g} s contradicts the {filter.dt:g} s of the sampled filter; leave dt out")
@@ -207,7 +227,12 @@ def build_loop(
             f"g={filter.sampling.g!r}: the command fed back is held between samples, and g='average' would need the "
             "command that is computed from its own result; use g='hold'"
         )
-    return filter, SampledLoop(filter, act, delay, kp, kd)
+    if told == "applied" and filter.sampling.delay:
+        raise ValueError(
+            f"filter: the measurement is {filter.sampling.delay:g} s late, with g='applied' expected 0; count it to "
+            "the delay of the command"
+        )
+    return filter, SampledLoop(filter, act, delay, kp, kd, told)
 
 
 def _sampled_delay_margin(loop: SampledLoop, ratio: float) -> Bound:
@@ -219,7 +244,7 @@ def _sampled_delay_margin(loop: SampledLoop, ratio: float) -> Bound:
         later = loop.later(part * h)
         if later.unstable(ratio) != 0:
             return part, NONE
-        omega, lag = sweep.lag_to_instability(later, ratio)
+        omega, lag = sweep.lag_to_instability(*opened(later, ratio))
         if not len(omega):
             return float("inf"), NONE
         k = int(np.argmin(lag / omega))

@@ -3,7 +3,8 @@
     chi(z) = 1 - F_d(z) m(z) + mu [F_d(z) (1 - 1/z)/h X(z) + Kd X(z) + Kp Y(z)]
 
 F_d: from the measured residual to f_hat; m: mean of the held command over the step that ends now; X, Y: from the
-command to measured velocity and position of a unit mass behind hold, delay and actuator, all exact.
+command to measured velocity and position of a unit mass behind hold, delay and actuator, all exact. Where the filter is
+told the force that acts, m is the mean of that over the step, (1 - 1/z)/h X(z).
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from ..._sections import ComplexArray, FloatArray, expm1
 from ...filter import SampledPhyFilter
 from ...filter.windows import mean_weights
 from .. import _paths, _resolvent
+from ..options import Told
 from . import sweep
 from ._factors import roots_of, trimmed
 from .actuator import Actuator
@@ -33,13 +35,14 @@ _MOST_HALVINGS = 40
 
 @dataclass(frozen=True, eq=False)
 class SampledLoop(sweep.Remembered):
-    """Sampled filter, actuator, delay of the command and outer gains kp, kd per unit mass."""
+    """Sampled filter, actuator, delay of the command, outer gains kp, kd per unit mass, and what the filter is told."""
 
     sampled: SampledPhyFilter
     actuator: Actuator
     delay: float
     kp: float
     kd: float
+    told: Told = "commanded"
 
     @property
     def nyquist(self) -> float:
@@ -137,7 +140,14 @@ class SampledLoop(sweep.Remembered):
         if self.kp or self.kd:
             X = change / delta
             outer = (self.kd * X + self.kp * (drive[m + 1] + h * X) / delta) * late
-        return missing, back * change / h * late, outer
+        through = back * change / h * late
+        return (through - 1.0 if self.told == "applied" else missing), through, outer
+
+    def gain(self, omega: FloatArray, ratio: float) -> ComplexArray:
+        """Of the loop opened at the command at a ratio, (K,), for a filter that is told what acts."""
+        F, _ = _paths._recursion(self.sampled, omega)
+        _, through, outer = self.surroundings(omega)
+        return (ratio - 1.0) * F * through + ratio * outer
 
     def error(self, omega: FloatArray) -> ComplexArray:
         """Q, (K,)."""
@@ -154,6 +164,8 @@ class SampledLoop(sweep.Remembered):
             return 0.0, 1.0
         F = self.sampled.filter.dc_gain
         gain = self.actuator.numerator[0] / self.actuator.denominator[0]
+        if self.told == "applied":
+            return float(1.0 - F * gain), float(F * gain)
         return (0.0 if self.sampled.filter.type else 1.0 - F), float(F * gain)
 
     @cached_property
@@ -198,7 +210,10 @@ class SampledLoop(sweep.Remembered):
         unit = np.eye(size, dtype=np.result_type(type(ratio), float))
         w, sent = unit[plant : plant + n], unit[plant + n :]
 
-        u = (ratio / h) * unit[m] - weights[1:] @ sent[: len(weights) - 1]
+        if self.told == "applied":
+            u = ((ratio - 1.0) / h) * unit[m]
+        else:
+            u = (ratio / h) * unit[m] - weights[1:] @ sent[: len(weights) - 1]
         change = dA @ w - np.outer(dA @ equilibrium, u)
         command = -C @ (w + change)
         for state, gain in zip(range(m + 1, plant), (self.kd, self.kp), strict=False):
@@ -219,9 +234,8 @@ class SampledLoop(sweep.Remembered):
         """Number of closed-loop poles that are not inside the unit circle."""
         if self.delay + self.sampled.sampling.delay > _LONG * self.sampled.dt:
             return self._outside(complex(ratio))
-        delta = np.linalg.eigvals(self.matrix(ratio))
-        # |1 + d|^2 - 1 without the subtraction.
-        return int(np.count_nonzero(2.0 * delta.real + np.abs(delta) ** 2 >= 0.0))
+        delta = np.linalg.eigvals(self.matrix(ratio)).astype(np.complex128)
+        return sweep.count_unstable(delta, sampled=True)
 
     def _outside(self, ratio: complex) -> int | None:
         """The same by the turns of chi about 0 along the unit circle: a long delay makes the matrix large.

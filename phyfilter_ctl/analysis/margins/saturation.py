@@ -4,7 +4,8 @@ The command v goes through sigma(v) to actuator and plant. Opened there, with ch
 K = Kp/s^2 + Kd/s, the closed loop answers something added to v by
 
     g is the command v          S = (1 - F) / chi,    the filter takes v - sigma(v) for a force
-    g is what acts, sigma(v)    S = 1 / chi           the filter knows; F itself runs on the truth
+    g is sigma(v)               S = 1 / chi           the filter knows; F itself runs on the truth
+    g is Act sigma(v)           S = 1 / chi           with chi = 1 + Act e^(-s delay) ((mu - 1) F + mu K)
 
 and sees the saturation's dead zone v - sigma(v) through 1 - S. For a dead zone in the sector [0, 1 - k], that is sigma
 in [k, 1], the circle criterion asks for Re(1 - S) < 1/(1 - k) at all frequencies: with m = min Re S,
@@ -40,7 +41,7 @@ from .sweep import Loop
 
 __all__ = ["KnownActuation", "SaturationMargin", "saturation_margin"]
 
-KnownActuation = Literal["saturated", "commanded"]
+KnownActuation = Literal["saturated", "commanded", "applied"]
 # Share of 1 that m may be below 0 by rounding: S itself is of size 1.
 _ROUNDING = 1e-12
 
@@ -51,7 +52,7 @@ class SaturationMargin(Result):
 
     Parameters
     ----------
-    g : {"saturated", "commanded"}
+    g : {"saturated", "commanded", "applied"}
         What the filter is told.
     inertia_ratio : float
         mu = M_hat / M.
@@ -133,7 +134,11 @@ class SaturationMargin(Result):
         -------
         str
         """
-        known = "what acts" if self.g == "saturated" else "the command, not what acts"
+        known = {
+            "saturated": "what acts",
+            "commanded": "the command, not what acts",
+            "applied": "what acts, lag and delay and all",
+        }[self.g]
         lines = {"told to the filter": known, f"at M_hat/M = {self.inertia_ratio:g}": "stable"}
         if not self.is_stable:
             lines[f"at M_hat/M = {self.inertia_ratio:g}"] = "unstable"
@@ -166,9 +171,9 @@ def saturation_margin(
     kp, kd, actuator, delay, inertia_ratio, dt
         As for :func:`loop_margin`; without kp and kd the loop through the filter alone. The saturation comes before
         delay and actuator.
-    g : {"saturated", "commanded"}
-        What the filter is told: what the saturation leaves of the command, as with ``Sampling.g_limit``, or the
-        command itself.
+    g : {"saturated", "commanded", "applied"}
+        What the filter is told: what the saturation leaves of the command, as with ``Sampling.g_limit``, the command
+        itself, or the force that acts behind saturation, lag and delay, as for :func:`loop_margin`.
 
     Returns
     -------
@@ -195,10 +200,11 @@ def saturation_margin(
     >>> [round(saturation_margin(F, kp=10.0, kd=6.0, g=g).command_excess, 1) for g in ("saturated", "commanded")]
     [8.4, 8.0]
     """
-    system, loop = build_loop(filter, actuator, delay, dt, kp, kd)
     if g not in get_args(KnownActuation):
-        raise ValueError(f"g: expected 'saturated' or 'commanded', got {g!r}")
+        raise ValueError(f"g: expected {', '.join(map(repr, get_args(KnownActuation)))}, got {g!r}")
+    told = "applied" if g == "applied" else "commanded"
+    system, loop = build_loop(filter, actuator, delay, dt, kp, kd, told)
     if g == "commanded":
         assumed(system, refused={"g_limit": "the filter is told what its limit leaves; use g='saturated'"})
-    numerator = loop.normalisation if g == "saturated" else loop.error
+    numerator = loop.error if g == "commanded" else loop.normalisation
     return SaturationMargin(g, _positive(inertia_ratio), loop, numerator, system)

@@ -102,4 +102,5 @@ class StateSpaceLoop(sweep.Remembered):
         if 1.0 + ratio * self._matrices[3][0, 0] == 0.0:
             return None
         roots = self.roots(ratio)
-        return int(np.count_nonzero(np.abs(roots) >= 1.0 if self._step else roots.real >= 0.0))
+        sampled = bool(self._step)
+        return sweep.count_unstable(roots - 1.0 if sampled else roots, sampled=sampled)

@@ -17,6 +17,7 @@ __all__ = [
     "Crossing",
     "Loop",
     "Remembered",
+    "count_unstable",
     "gain_crossings",
     "grid",
     "intervals",
@@ -37,6 +38,9 @@ _ROOT = 1e-15
 _MOST_STEPS = 60
 # Ratios that agree to this are one crossing (found from two sides); ratios below it are 0, above the other one inf.
 SAME = 1e-10
+# A pole with less damping than this is on the boundary of stability: rounding moves it by some 1e-14 of its size, and
+# no plant is known to 1e-9. Relative to the pole, so that a slow one in a fast loop is stable.
+_UNDAMPED = 1e-9
 _ENDLESS = 1e12
 
 
@@ -82,16 +86,6 @@ class Loop(Swept, Protocol):
         """Seconds of delay."""
         ...
 
-    @property
-    def kp(self) -> float:
-        """Outer gain on the position, in 1/s^2."""
-        ...
-
-    @property
-    def kd(self) -> float:
-        """Outer gain on the velocity, in 1/s."""
-        ...
-
     def roots(self, ratio: complex) -> ComplexArray | None:
         """Closed-loop poles at a ratio mu, in rad/s or as z; None where there are infinitely many."""
         ...
@@ -114,6 +108,14 @@ class Remembered(ABC):
     def __call__(self, omega: FloatArray) -> tuple[ComplexArray, ComplexArray]:
         """Q and P at frequencies in rad/s, each (K,)."""
         return self._on_grid if omega is vars(self).get("grid") else self._evaluate(omega)
+
+
+def count_unstable(poles: ComplexArray, *, sampled: bool) -> int:
+    """Number of poles that are not stable, those on the boundary among them; sampled, the poles are z - 1."""
+    size = np.abs(poles)
+    # |1 + d|^2 - 1 without the subtraction.
+    beyond = poles.real + 0.5 * size**2 if sampled else poles.real
+    return int(np.count_nonzero(beyond >= -_UNDAMPED * size))
 
 
 class Crossing(NamedTuple):
