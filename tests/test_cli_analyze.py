@@ -9,6 +9,7 @@ import pytest
 import phyfilter_ctl as pf
 from phyfilter_ctl.analysis import loop_margin, prior_margin, ultimate_bound
 from phyfilter_ctl.cli import main
+from phyfilter_ctl.filterfile import Signals
 
 
 @pytest.fixture
@@ -177,6 +178,23 @@ def test_inertia_of_the_file_counts_in_every_line(tmp_path):
     assert own.noise_deviation == told.noise_deviation == pytest.approx(12.0 * one.noise_deviation, rel=1e-12)
     assert "Error at most" in own.headline
     assert " N while" in own.headline
+
+
+def test_inertia_noted_in_the_file_of_a_continuous_filter_counts(tmp_path, capsys):
+    filter, path = pf.lowpass(2, 20.0), tmp_path / "noted.toml"
+    pf.save(path, filter, signals=Signals(["v"], unit_f="N", inertia=5.0))
+    assert main(["analyze", str(path), "--slope", "3", "--noise", "0.01", "--json", "-"]) == 0
+    figures = json.loads(capsys.readouterr().out)
+    one = pf.ultimate_bound(filter, residual={1: 3.0}, noise=0.01)
+    assert figures["bound"]["noise"] == pytest.approx(5.0 * one.noise, rel=1e-12)
+    assert " N while" in figures["headline"]
+    two = pf.stack([filter, pf.lowpass(1, 8.0)])
+    pf.save(path, two, signals=Signals(["a", "b"], inertia=[2.0, 3.0]))
+    assert main(["analyze", str(path), "--slope", "3", "--noise", "0.01", "--json", "-"]) == 0
+    found = json.loads(capsys.readouterr().out)["channels"]
+    for name, each, M in zip("ab", two, (2.0, 3.0), strict=True):
+        noise = pf.ultimate_bound(each, residual={1: 3.0}, noise=0.01).noise
+        assert found[name]["bound"]["noise"] == pytest.approx(M * noise, rel=1e-12)
 
 
 def test_a_loop_that_diverges_promises_nothing():

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import control as ct
 import numpy as np
+from numpy.typing import ArrayLike
 
 from .. import filterfile
 from .._output import add_json, check_target, write_figure, write_json
@@ -125,7 +126,8 @@ def main(options: argparse.Namespace) -> int:
 
     check_target(options.picture, suffixes=(".png", ".pdf", ".svg"))
     check_target(options.report, suffixes=(".html", ".pdf"))
-    channels = by_channel(filterfile.load(options.file), filterfile.load_signals(options.file).channels)
+    signals = filterfile.load_signals(options.file)
+    channels = by_channel(filterfile.load(options.file), signals.channels)
     statistics = residual_statistics([_log(path, options) for path in options.log]) if options.log else None
     residual = _residual(options, statistics)
     deviation = options.noise_deviation
@@ -140,15 +142,21 @@ def main(options: argparse.Namespace) -> int:
         "noise": options.noise,
         "inertia_error": options.inertia_error,
         "rate": options.rate,
-        "inertia": options.inertia,
         "ratios": options.inertia_ratio,
         "g": options.g,
         "implementation": read_implementation(options.implementation) if residual else None,
     }
     pages = {}
-    for name, system in channels.items():
-        of_samples = deviation if isinstance(system, SampledPhyFilter) or options.noise_deviation else 0.0
-        pages[name] = analyze(system, noise_deviation=of_samples, **settings)
+    for i, (name, system) in enumerate(channels.items()):
+        sampled = isinstance(system, SampledPhyFilter)  # it knows its inertia and units itself
+        noted = None if sampled else _noted_inertia(signals.inertia, i if name else None)
+        page = analyze(
+            system,
+            noise_deviation=deviation if sampled or options.noise_deviation else 0.0,
+            inertia=noted if options.inertia is None else options.inertia,
+            **settings,
+        )
+        pages[name] = page if sampled else replace(page, unit=signals.unit_f)
     if options.json is not None:
         figures = {name: page.to_dict() | {"statistics": statistics} for name, page in pages.items()}
         write_json(options.json, figures_below(figures))
@@ -162,6 +170,14 @@ def main(options: argparse.Namespace) -> int:
 
         write_report(pages, residual, options)
     return 0
+
+
+def _noted_inertia(inertia: ArrayLike | None, channel: int | None) -> ArrayLike | None:
+    """What the file of a continuous filter notes of M_hat, of one channel where each has a filter of its own."""
+    if inertia is None or channel is None or not np.ndim(inertia):
+        return inertia
+    M = np.asarray(inertia)
+    return M[channel] if M.ndim == 1 else M[channel, channel]
 
 
 def _draw(named: Mapping[str, Analysis], options: argparse.Namespace) -> None:
