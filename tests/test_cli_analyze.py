@@ -197,6 +197,17 @@ def test_inertia_noted_in_the_file_of_a_continuous_filter_counts(tmp_path, capsy
         assert found[name]["bound"]["noise"] == pytest.approx(M * noise, rel=1e-12)
 
 
+def test_a_filter_with_limits_has_a_page():
+    filter = pf.lowpass(2, 20.0)
+    limited = filter.sampled(0.01, limit=0.5, g_limit=(-2.0, 3.0), delay=0.01)
+    found = pf.analyze(limited, kp=10.0, kd=6.0, residual={1: 3.0})
+    assert found.tracking is None
+    assert "taken for granted f_hat stays within its limit; g stays within its limits" in found.describe()
+    late = pf.analyze(filter.sampled(0.01, delay=0.01), kp=10.0, kd=6.0, residual={1: 3.0})
+    assert late.tracking is not None
+    assert late.tracking.is_linear
+
+
 def test_a_loop_that_diverges_promises_nothing():
     found = pf.analyze(pf.lowpass(2, 20.0).sampled(0.01), kp=1000.0, kd=1.0, residual={1: 3.0})
     assert found.inner_loop.is_stable

@@ -310,7 +310,7 @@ def analyze(
             raise ValueError("noise_deviation: is of samples; take filter.sampled(dt)")
         deviation = float(np.sqrt(error_variance(filter, noise=noise_deviation, inertia=inertia).noise))
     tube, seen = None, {k: size for k, size in (residual or {}).items() if k <= 1}
-    if seen and stable and complete is not None and kp > 0.0 and _has_tube(filter):
+    if seen and stable and complete is not None and kp > 0.0 and _has_tube(filter, g):
         tube = tracking_tube(filter, kp=kp, kd=kd, residual=seen, noise=noise, inertia=M, g=g, **loop)
     moving = {}
     if ratios is not None:
@@ -334,12 +334,13 @@ def analyze(
     )
 
 
-def _has_tube(filter: PhyFilter | SampledPhyFilter) -> bool:
+def _has_tube(filter: PhyFilter | SampledPhyFilter, g: Told) -> bool:
     """Whether there is a tube of the position: for a sampled filter that is told a held command."""
     if not isinstance(filter, SampledPhyFilter):
         return False
     alone = filter.E is None or filter.E.shape[0] == 1
-    return alone and filter.sampling.g == "hold" and not filter.sampling.delay and not filter.sampling.g_limit
+    sampling, known = filter.sampling, g == "commanded"
+    return alone and sampling.g == "hold" and (known or not sampling.delay) and sampling.g_limit is None
 
 
 def _blocked(

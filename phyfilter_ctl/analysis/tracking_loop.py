@@ -4,7 +4,8 @@
 
 with p and x the errors of position and velocity, f the residual that the filter is to find, d what the actuator does
 beyond its model, v the part of the command that is fed back, held between the samples. The filter is told v
-("commanded") or a + d, the force that acts ("applied"). Everything in units of M_hat.
+("commanded") or a + d, the force that acts ("applied"). Everything in units of M_hat. With a delay of the measurement x
+and p are those that the samples show, a command acts later by as much, and the filter delays v as it does g.
 
 Between two samples f and d act on the plant as they are: a unit impulse tau seconds before a sample changes the state
 there by b_0 + tau b_1, so that the kernel to an output c is
@@ -26,6 +27,7 @@ from scipy.linalg import solve_discrete_lyapunov
 
 from .._sections import FloatArray
 from ..filter import SampledPhyFilter
+from ..filter.windows import mean_weights
 from .bounds.sampled_kernels import _absolute, _lyapunov, _size
 from .margins.sampled import SampledLoop
 from .options import Told
@@ -71,7 +73,8 @@ class TrackingLoop:
         transition, newer, older, whole = self.loop.plant
         h, mu = self.sampled.dt, self.ratio
         dA, equilibrium, C = self.sampled.transition
-        m, n, sent = len(transition) - 2, len(dA), whole + 2
+        weights = mean_weights("hold", self.sampled.sampling.delay / h)[1:]  # of v_(k-1), v_(k-2), ...
+        m, n, sent = len(transition) - 2, len(dA), max(whole + 2, len(weights))
         size = m + 2 + n + sent
         unit = np.eye(size)
         plant, w, v = slice(0, m + 2), slice(m + 2, m + 2 + n), slice(m + 2 + n, size)
@@ -81,7 +84,7 @@ class TrackingLoop:
         after[plant, plant] = np.eye(m + 2) + transition
         after[plant] += np.outer(newer, unit[v][whole]) + np.outer(older, unit[v][whole + 1])
         moved = (after[m] - unit[m]) / h  # what acted, mean over the step
-        u = mu * moved - (unit[v][0] if self.told == "commanded" else moved)
+        u = mu * moved - (weights @ unit[v][: len(weights)] if self.told == "commanded" else moved)
         after[w] = (np.eye(n) + dA) @ unit[w] - np.outer(dA @ equilibrium, u)
         after[v][1:] = unit[v][:-1]
         of_v = unit[v][0]

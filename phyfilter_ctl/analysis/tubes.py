@@ -188,7 +188,7 @@ def tracking_tube(
     Parameters
     ----------
     filter : PhyFilter or SampledPhyFilter
-        One filter; a continuous one with ``dt``. With ``g="hold"`` and no delay of the measurement.
+        One filter; a continuous one with ``dt``. With ``g="hold"``; a delay of the measurement with g="commanded" only.
     kp, kd, actuator, delay, inertia_ratio, dt
         As for :func:`loop_margin`; kp above 0.
     residual : mapping of int to float, or sequence of them
@@ -222,7 +222,8 @@ def tracking_tube(
 
     Notes
     -----
-    At the samples; f and d go on in between. Exact for each term alone, to 1e-6: some course of it reaches the radius.
+    At the instants that the samples show, earlier by a delay of the measurement; f and d go on in between. Exact for
+    each term alone, to 1e-6: some course of it reaches the radius.
     With a filter of one channel and E, f counts as E f, and f_hat goes back as E f_hat.
 
     Examples
@@ -474,8 +475,8 @@ def _loop(
         )
     if told not in get_args(Told):
         raise ValueError(f"g: expected {' or '.join(map(repr, get_args(Told)))}, got {told!r}")
-    if sampled.sampling.delay:
-        raise ValueError("filter: expected no delay of the measurement; count it to the delay of the command")
+    if sampled.sampling.delay and told == "applied":
+        raise ValueError("delay: a force that is measured on time beside an x that is late is not covered")
     if not kp > 0.0:
         raise ValueError(f"kp: expected a positive gain, got {kp}: without it nothing holds the position")
     found = TrackingLoop(sampled, loop, _positive(ratio), inertia_of(sampled, inertia), told)

@@ -32,5 +32,5 @@ def test_every_option_is_counted_refused_or_named():
     allowed = {(option, name) for option, names in _NO_EFFECT.items() for name in names}
     assert silent == allowed
     assert all(found[option, name] == "counted" for option in ("E", "inertia") for name in _MUST_COUNT)
-    assert all(found["delay", name] == "counted" for name in ("ultimate_bound", "error_variance", *_LOOPS))
+    assert all(found["delay", name] == "counted" for name in (*_MUST_COUNT, *_LOOPS))
     assert all(found[option, "tracking_tube"] == "counted" for option in ("limit", "g_limit"))

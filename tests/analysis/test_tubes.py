@@ -120,11 +120,16 @@ def test_inertia_and_direction_of_the_filter_count():
         tracking_tube(filter.sampled(0.01, E=[[1.0], [0.0]]), residual={0: 1.0}, **settings)
 
 
-@pytest.mark.parametrize("told", ["commanded", "applied"])
-def test_flights_stay_within_and_come_near(told):
-    """Worst courses of each term by the kernel's signs, flown by the filter's own steps and a plant by expm."""
+@pytest.mark.parametrize(
+    ("told", "late"), [("commanded", 0), ("applied", 0), ("commanded", 2), ("commanded", 5)]
+)
+def test_flights_stay_within_and_come_near(told, late):
+    """Worst courses of each term by the kernel's signs, flown by the filter's own steps and a plant by expm.
+
+    x and the position are measured late, by so many halves of a step.
+    """
     h, kp, kd, lag, M = 0.01, 8.0, 5.0, 0.04, 3.0
-    filter = PhyFilter([6.0]).sampled(h)
+    filter = PhyFilter([6.0]).sampled(h, delay=0.5 * late * h)
     settings = {"kp": kp, "kd": kd, "actuator": ct.tf(1.0, [lag, 1.0]), "delay": h, "inertia": M, "g": told}
     found = tracking_tube(
         filter, residual={0: 3.0}, actuation={0: 0.5}, noise=0.01, position_noise=0.002, **settings
@@ -132,20 +137,23 @@ def test_flights_stay_within_and_come_near(told):
     motion = np.zeros((6, 6))  # position, velocity, lag's force, its integral, command, f + d
     motion[0, 1], motion[1, 2], motion[1, 5], motion[3, 2] = 1.0, 1.0 / M, 1.0 / M, 1.0
     motion[2, 2], motion[2, 4] = -1.0 / lag, 1.0 / lag
-    step = expm(motion * h)
+    half = expm(motion * h / 2.0)
 
     def flown(f, d, n_x, n_p):
         z, state, g, sent, positions = np.zeros(6), filter.start([n_x[0]], inertia0=M), 0.0, [0.0, 0.0], []
+        passed = [np.zeros(6)] * (late + 1)
         for k in range(len(n_x)):
-            f_hat = 0.0
+            f_hat, (p, x) = 0.0, passed[-1 - late][:2]
             if k:
-                state, out = filter.step(state, [z[1] + n_x[k]], [g])
+                state, out = filter.step(state, [x + n_x[k]], [g])
                 f_hat = float(out[0])
-            v = -M * (kp * (z[0] + n_p[k]) + kd * (z[1] + n_x[k])) - f_hat
+            v = -M * (kp * (p + n_p[k]) + kd * (x + n_x[k])) - f_hat
             sent = [v, sent[0]]
-            positions.append(z[0])
+            positions.append(p)
             z[3:] = 0.0, sent[1], f[k] + d[k]
-            z = step @ z
+            for _ in range(2):
+                z = half @ z
+                passed.append(z)
             g = v if told == "commanded" else z[3] / h + d[k]
         return np.array(positions)
 
@@ -251,8 +259,8 @@ def test_what_is_refused():
         )
     with pytest.raises(ValueError, match="g: expected 'commanded' or 'applied', got 'told'"):
         tracking_tube(FIRST, residual={0: 1.0}, g="told", **settings)  # type: ignore[arg-type]  # on purpose
-    with pytest.raises(ValueError, match="no delay of the measurement"):
-        tracking_tube(FIRST.sampled(0.01, delay=0.02), kp=10.0, kd=6.0, residual={0: 1.0})
+    with pytest.raises(ValueError, match="delay: "):
+        tracking_tube(FIRST.sampled(0.01, delay=0.02), kp=10.0, kd=6.0, g="applied", residual={0: 1.0})
     with pytest.raises(ValueError, match="command_limit: expected a positive force"):
         tracking_tube(FIRST, residual={0: 1.0}, command_limit=0.0, **settings)
     with pytest.raises(ValueError, match="probability: expected one between"):
