@@ -80,7 +80,13 @@ def test_one_wrong_flight_among_good_ones_is_told():
 
 
 @pytest.mark.parametrize(
-    "loop", [{}, {"compensated": 1.0}, {"damped": 6.0}, {"compensated": 0.7, "damped": 3.0}]
+    "loop",
+    [
+        pytest.param({}, marks=pytest.mark.slow),
+        pytest.param({"compensated": 1.0}, marks=pytest.mark.slow),
+        pytest.param({"damped": 6.0}, marks=pytest.mark.slow),
+        {"compensated": 0.7, "damped": 3.0},
+    ],
 )
 @pytest.mark.parametrize(
     "noise",
@@ -98,7 +104,9 @@ def test_sound_recordings_in_and_out_of_loops_raise_no_alarm(loop, noise):
     ]
 
 
-@pytest.mark.parametrize("loop", [{}, {"compensated": 1.0, "damped": 3.0}])
+@pytest.mark.parametrize(
+    "loop", [pytest.param({}, marks=pytest.mark.slow), {"compensated": 1.0, "damped": 3.0}]
+)
 def test_a_late_g_is_told_by_learn_estimate_and_the_check(loop):
     log = pf.Recording.from_arrays(**flight(4, late=0.02, **loop))
     with pytest.warns(UserWarning, match="g of v[xy] seems late by 20 ms"):
