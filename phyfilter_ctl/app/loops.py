@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
 
@@ -14,6 +14,8 @@ from scipy.interpolate import CubicSpline
 
 from .._sections import ComplexArray, FloatArray
 from ..analysis import PriorMargin, prior_margin
+from ..analysis.margins.ratio_margins import sampled_delay_margin
+from ..analysis.margins.sampled import SampledLoop
 from ..filter import SampledPhyFilter
 from .designs import Design
 
@@ -225,8 +227,13 @@ def assumed_loop(design: Design, sampled: SampledPhyFilter | None) -> AssumedLoo
         margin = read_off(as_run) if exact else as_run
         distance = f"; {_distance(margin)}" if margin.is_stable and margin.stable_ratios else ""
         phase, delay = phase_and_delay(margin)
-        # A promise: what a part of a step changes counts, which is less than a delay as of whole steps by up to a half.
-        return AssumedLoop(note, margin, phase, as_run.delay_margin if exact else delay, distance)
+        loop = as_run.loop
+        if isinstance(loop, SampledLoop) and margin.is_stable:
+            # A promise: what a part of a step changes counts, up to half a step less than a delay as of whole ones.
+            delay = sampled_delay_margin(
+                loop, as_run.inertia_ratio, lambda later: _ReadOff(replace(as_run, loop=later))
+            ).value
+        return AssumedLoop(note, margin, phase, delay, distance)
     except (ValueError, LinAlgError, FloatingPointError):
         return AssumedLoop(UNSEARCHED)
 

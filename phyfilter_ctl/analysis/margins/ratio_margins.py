@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import get_args
@@ -21,9 +22,9 @@ from .actuator import checked_actuator, checked_number
 from .loop_margins import LoopMargins
 from .sampled import SampledLoop
 from .scalar_search import NONE, Bound, ScalarSearch
-from .sweep import Crossing, Loop
+from .sweep import Crossing, Loop, Swept
 
-__all__ = ["RatioMargins", "build_loop"]
+__all__ = ["RatioMargins", "build_loop", "sampled_delay_margin"]
 
 # Fractions of a step at which the search for the delay margin of a sampled loop looks.
 _FRACTIONS = 4
@@ -184,7 +185,7 @@ class RatioMargins(LoopMargins):
     @cached_property
     def _search(self) -> ScalarSearch:
         loop, ratio = self.loop, self.inertia_ratio
-        delayed = (lambda: _sampled_delay_margin(loop, ratio)) if isinstance(loop, SampledLoop) else None
+        delayed = (lambda: sampled_delay_margin(loop, ratio)) if isinstance(loop, SampledLoop) else None
         return ScalarSearch(*opened(loop, ratio), delayed)
 
     @cached_property
@@ -235,8 +236,13 @@ def build_loop(
     return filter, SampledLoop(filter, act, delay, kp, kd, told)
 
 
-def _sampled_delay_margin(loop: SampledLoop, ratio: float) -> Bound:
-    """Whole steps only turn the loop, so the gain crossings of each part of a step tell how many it tolerates."""
+def sampled_delay_margin(
+    loop: SampledLoop, ratio: float, read: Callable[[Loop], Swept] = lambda loop: loop
+) -> Bound:
+    """Whole steps only turn the loop, so the gain crossings of each part of a step tell how many it tolerates.
+
+    ``read`` makes of a loop what its crossings are searched on: one that is quicker, say.
+    """
     h = np.pi / loop.nyquist
 
     def first_loss(part: float) -> tuple[float, float]:
@@ -244,7 +250,8 @@ def _sampled_delay_margin(loop: SampledLoop, ratio: float) -> Bound:
         later = loop.later(part * h)
         if later.unstable(ratio) != 0:
             return part, NONE
-        omega, lag = sweep.lag_to_instability(*opened(later, ratio))
+        view, gain = opened(later, ratio)
+        omega, lag = sweep.lag_to_instability(read(view), gain)
         if not len(omega):
             return float("inf"), NONE
         k = int(np.argmin(lag / omega))

@@ -78,16 +78,17 @@ export function takeDropped(app) {
 }
 
 /** Hand a file that Python made over to the browser. @param {App} app @param {Download} file */
-export function download(app, { name, mime, base64, written }) {
+export function download(app, { name, mime, base64, written, messages = [] }) {
   const bytes = Uint8Array.from(atob(base64), (letter) => letter.charCodeAt(0));
-  handOver(app, name, mime, bytes, written ? `, and is ${written}` : "");
+  handOver(app, name, mime, bytes, written ? `, and is ${written}` : "", messages);
 }
 
 /**
  * Hand a file over to the browser.
  * @param {App} app @param {string} name @param {string} mime @param {Uint8Array<ArrayBuffer>} bytes @param {string} [also]
+ * @param {string[]} [messages] what the file states
  */
-export function handOver(app, name, mime, bytes, also = "") {
+export function handOver(app, name, mime, bytes, also = "", messages = []) {
   const address = URL.createObjectURL(new Blob([bytes], { type: mime }));
   const link = h("a", { href: address, download: name });
   app.root.append(link);
@@ -95,5 +96,5 @@ export function handOver(app, name, mime, bytes, also = "") {
   link.remove();
   setTimeout(() => URL.revokeObjectURL(address), 10_000);
   const size = short(Math.max(bytes.length / 1000, 0.1), 3);
-  app.say(`${name}, ${size} kB, is with your downloads${also}.`);
+  app.say([`${name}, ${size} kB, is with your downloads${also}.`, ...messages].join(" "));
 }

@@ -137,9 +137,7 @@ export class Exports {
       : kind === "toml"
         ? await app.link.ask("save", asked)
         : await app.link.ask("export", { ...asked, kind, channels: this.asked() });
-    if (!app.ok(reply)) return;
-    download(app, reply);
-    for (const message of reply.messages ?? []) app.say(message);
+    if (app.ok(reply)) download(app, reply);
   }
 
   // -- kept in the session ----------------------------------------------------------------------------------------
