@@ -7,9 +7,9 @@ script that starts them.
 from __future__ import annotations
 
 import os
-import pickle
 import signal
 from collections.abc import Callable
+from multiprocessing.reduction import ForkingPickler
 from threading import Lock
 from typing import Any, TypeVar
 
@@ -56,7 +56,9 @@ class Processes:
                         f"perhaps; try fewer workers): {broken}"
                     ) from None
                 continue
-            except pickle.PicklingError as problem:
+            except Exception as problem:
+                if type(problem).__name__ != "PicklingError":
+                    raise
                 raise TypeError(
                     "work: worker processes get what they run, and send what they answer, by pickle, and this cannot "
                     f"be pickled ({problem}); give workers=1"
@@ -108,7 +110,7 @@ def _answered(work: Callable[[Job], Answer], job: Job) -> tuple[Answer | None, E
         return work(job), None
     except Exception as error:  # whatever it is, it is raised where the answer is waited for
         try:
-            pickle.loads(pickle.dumps(error))  # some exceptions cannot be made again from their arguments
+            ForkingPickler.loads(ForkingPickler.dumps(error))  # pyright: ignore  # some exceptions cannot be made again from their arguments
         except Exception:  # their own code runs here, and may raise anything
             return None, RuntimeError(f"{type(error).__name__}: {error}")
         return None, error
