@@ -19,6 +19,9 @@ Job = TypeVar("Job")
 Answer = TypeVar("Answer")
 
 _ATTEMPTS = 3
+# As multiprocessing talks to its own processes.
+_dumps = ForkingPickler.dumps
+_loads = ForkingPickler.loads  # pyright: ignore[reportAttributeAccessIssue] # a builtin, which is not bound
 _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
 # One thread each, and one heap: those of glibc's threads and Arrow's pool keep what jobs free from one another.
 _ENVIRONMENT = {
@@ -56,8 +59,8 @@ class Processes:
                         f"perhaps; try fewer workers): {broken}"
                     ) from None
                 continue
-            except Exception as problem:
-                if type(problem).__name__ != "PicklingError":
+            except Exception as problem:  # of the way there or back: what the job raises is in its answer
+                if self._closed:
                     raise
                 raise TypeError(
                     "work: worker processes get what they run, and send what they answer, by pickle, and this cannot "
@@ -110,7 +113,7 @@ def _answered(work: Callable[[Job], Answer], job: Job) -> tuple[Answer | None, E
         return work(job), None
     except Exception as error:  # whatever it is, it is raised where the answer is waited for
         try:
-            ForkingPickler.loads(ForkingPickler.dumps(error))  # pyright: ignore  # some exceptions cannot be made again from their arguments
+            _loads(_dumps(error))  # some exceptions cannot be made again from their arguments
         except Exception:  # their own code runs here, and may raise anything
             return None, RuntimeError(f"{type(error).__name__}: {error}")
         return None, error

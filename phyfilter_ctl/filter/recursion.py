@@ -44,6 +44,7 @@ _SERIES_NORM = 0.5
 _POWERS = np.arange(17.0)
 
 _LONGEST_GAP = 20.0  # nominal steps
+_BELOW_STABLE = 1.0 - 1e-5  # of the longest step that is stable: GAP_ROUNDING beyond it still is
 GAP_ROUNDING = 1.0 + 1e-6  # times are sums of steps
 
 
@@ -375,13 +376,13 @@ class Recursion:
     def longest_gap(self) -> float:
         """Seconds between two good samples up to which they make one step.
 
-        20 nominal steps; with forward Euler fewer, as many as are stable as one.
+        20 nominal steps; with forward Euler no more than are stable as one step.
         """
         dt = self.sampling.dt
         if self.sampling.method != "euler":
             return _LONGEST_GAP * dt
         poles = np.concatenate([chain.poles for chain in self.chains])
-        stable = 0.9 * float(np.min(-2.0 * poles.real / np.abs(poles) ** 2))
+        stable = _BELOW_STABLE * float(np.min(-2.0 * poles.real / np.abs(poles) ** 2))
         return max(2.0 * dt, min(_LONGEST_GAP * dt, stable))
 
     def is_gap(self, length: ArrayLike) -> NDArray[np.bool_]:

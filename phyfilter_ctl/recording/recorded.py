@@ -21,9 +21,6 @@ from .resampling import Pick
 _UNIFORM = 1e-6
 _ROUNDING = 4.0 * np.finfo(float).eps
 
-# A step that is so many medians long is a gap: samples are missing, or the clock jumped. Of so many samples one is a
-# gap at most, or such steps are how the log is sampled.
-_GAP, _RARE, _FEW_GAPS = 3.0, 100, 3
 
 NonFinite = Literal["raise", "keep"]
 
@@ -183,23 +180,6 @@ class Recorded:
         if self.is_uniform:
             return self.duration / (self.n - 1)
         return float(np.median(np.diff(self.times)))
-
-    @cached_property
-    def gaps(self) -> NDArray[np.intp]:
-        """Samples (m,) after which the times jump: the next step is longer than 3 times the median.
-
-        Where more than one step in 100 (and more than three) is that long the log is sampled unevenly, and none is a
-        gap.
-
-        Examples
-        --------
-        >>> from phyfilter_ctl.recording import Recording
-        >>> Recording([0.0, 0.1, 0.2, 600.2, 600.3], [0.0, 0.1, 0.3, 0.4, 0.5]).gaps.tolist()
-        [2]
-        """
-        steps = np.diff(self.times)
-        found = np.flatnonzero(steps > _GAP * (1.0 + _UNIFORM) * np.median(steps))
-        return found if len(found) <= max(_FEW_GAPS, self.n // _RARE) else found[:0]
 
     def speed(self, percentile: float = 99.0) -> float:
         """Percentile over the samples of \\|x\\|, the Euclidean norm over the channels, in the unit of x.

@@ -124,8 +124,8 @@ def test_ends_and_beginnings_are_bounded_whatever_their_number(flights, monkeypa
     found = stored.StoredFlights()
     for k, log in enumerate(flights):
         source = stored.Source("t", k, log.name, partial(stored.load, log, None, None, {}))
-        ((survey, correlated),) = stored.surveyed(source, flights=1, skip=False)
-        found.add(stored.StoredFlight(source.part(0), survey), correlated)
+        survey, correlated = stored.surveyed(source, flights=1, skip=False)
+        found.add(stored.StoredFlight(source, survey), correlated)
     assert sum(each.survey.end.nbytes for each in found) <= stored.ENDS
     end, complete = found[0].before(found[0].length)
     assert not complete
@@ -255,6 +255,6 @@ def test_processes_and_a_cluster_find_the_same_numbers_though_a_worker_is_killed
 def test_small_files_are_read_in_this_process(flights, files, monkeypatch):
     """Processes take seconds to start and these files milliseconds to read."""
     started = []
-    monkeypatch.setattr(Processes, "__init__", lambda self: started.append(self))
+    monkeypatch.setattr(Processes, "__init__", lambda self, workers: started.append(workers))
     same(learn(flights, 1, **FEW), learn(files, 1, read=from_csv, **FEW))
     assert not started

@@ -10,8 +10,8 @@ from phyfilter_ctl import PhyFilter, Recording, learn
 H = 0.01
 POLE = 40.0
 QUICK = {"starts": 0, "wiener": False, "cross_validate": False}
-# A part that begins at rest where the label's filter does not errs for some time constants of 25 ms in 60 s.
-RESTARTED = 0.01
+# One step of 6000 is left out at a gap.
+LEFT_OUT = 1e-3
 # Of a noisy label: the standard error of the pole is 0.7 % here.
 NOISY = 0.03
 
@@ -43,7 +43,7 @@ def whole():
 @pytest.mark.parametrize("jump", [5.0, 600.0, 3600.0])
 def test_a_jump_of_the_clock_changes_nothing(whole, jump):
     found = learn(log(clock(jump)), 1, **QUICK)
-    assert found.filter.a[0] == pytest.approx(whole.filter.a[0], rel=RESTARTED)
+    assert found.filter.a[0] == pytest.approx(whole.filter.a[0], rel=LEFT_OUT)
     assert found.status == whole.status == "converged"
     assert found.sampled().dt == pytest.approx(H, rel=1e-9)
     (note,) = [note for note in found.notes if "gap" in note]
@@ -78,12 +78,16 @@ def test_weights_folds_and_files_take_the_parts_of_a_log_as_one_flight(tmp_path)
     )
 
 
-def test_common_long_steps_are_how_a_log_is_sampled():
-    rng = np.random.default_rng(2)
-    times = np.cumsum(np.where(rng.random(300) < 0.2, 10.0, 1.0))
-    assert len(Recording(times, times).gaps) == 0
-    assert Recording([0.0, 1.0, 2.0, 3.0, 9.0], np.zeros(5)).gaps.tolist() == [3]
-    assert Recording([0.0, 1.0, 2.0, 3.0, 6.0], np.zeros(5)).gaps.tolist() == []
+@pytest.mark.parametrize("delay", [0.0, 1.5 * H])
+@pytest.mark.parametrize("step", [5.0 * H, 30.0 * H, 600.0])
+def test_a_filter_is_learned_back_over_what_run_makes_of_a_gap(step, delay):
+    """5 steps are one longer step, 30 and more none, in ``run`` as in ``learn``."""
+    times = clock(step - H)
+    x, f_theta = signals()[0], np.sin(3.0 * H * np.arange(6000))[:, None] * [1.0, 0.5]
+    label = PhyFilter([POLE]).sampled(H, delay=delay).run(x, f_theta=f_theta, times=times)
+    found = learn(Recording(times, x, f_theta=f_theta, label=label), 1, delay=delay, **QUICK)
+    assert found.filter.a[0] == pytest.approx(POLE, rel=1e-6)
+    assert found.rmse < 1e-6 * np.std(label)
 
 
 # -- flights that are not of one kind ------------------------------------------------------------------------

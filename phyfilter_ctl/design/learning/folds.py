@@ -92,7 +92,7 @@ class Folds:
                 kinds.append([flight])
         kinds.sort(key=lambda kind: -sum(flight.samples for flight in kind))
         ordered = [flight for kind in kinds for flight in kind]
-        folds = [[*map(_whole, log)] for log in _by_log(ordered)] if by_flight else _folds(ordered)
+        folds = [[_whole(flight)] for flight in ordered] if by_flight else _folds(ordered)
         groups = []
         for kind in kinds:
             members = {id(flight) for flight in kind}
@@ -190,10 +190,9 @@ def _whole(flight: Flight) -> Stretch:
 def _folds(flights: Sequence[Flight]) -> list[list[Stretch]]:
     """Whole flights, or contiguous blocks of about one size, dealt out to the folds."""
     folds: list[list[Stretch]] = [[] for _ in range(MOST)]
-    logs = _by_log(flights)
-    if len(logs) >= _WHOLE_FLIGHTS:
-        for log in sorted(logs, key=lambda log: -sum(flight.samples for flight in log)):
-            min(folds, key=lambda fold: sum(part.samples for part in fold)).extend(map(_whole, log))
+    if len(flights) >= _WHOLE_FLIGHTS:
+        for flight in sorted(flights, key=lambda flight: -flight.samples):
+            min(folds, key=lambda fold: sum(part.samples for part in fold)).append(_whole(flight))
         return [fold for fold in folds if fold]
     total = sum(flight.samples for flight in flights)
     dealt = 0
@@ -205,14 +204,6 @@ def _folds(flights: Sequence[Flight]) -> list[list[Stretch]]:
             folds[dealt % MOST].append(Stretch(flight, int(first), int(last), flight.weight))
             dealt += 1
     return [fold for fold in folds if fold]
-
-
-def _by_log(flights: Sequence[Flight]) -> list[list[Flight]]:
-    """The parts between gaps of each log."""
-    found: dict[int, list[Flight]] = {}
-    for flight in flights:
-        found.setdefault(flight.log, []).append(flight)
-    return list(found.values())
 
 
 def _by_flight(stretches: Sequence[Stretch]) -> list[list[Stretch]]:

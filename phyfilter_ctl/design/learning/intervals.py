@@ -96,7 +96,7 @@ def intervals_of(flights: Sequence[Flight], search: Search, best: Best, *, offse
     mean = squares / weight
     # The last column is that of the mean square itself.
     q = [np.column_stack([part[1][:, :-1], part[1][:, -1] - mean * part[4]]) for part in parts]
-    B, degrees, kind = _long_run(q, [flight.log for flight in taking])
+    B, degrees, kind = _long_run(q)
     inverse = _inverse(A)
     covariance = share * inverse @ B[:-1, :-1] @ inverse
     t = float(stdtrit(degrees, 0.5 + 0.5 * _LEVEL))
@@ -144,17 +144,12 @@ def _scores(
     return A, q, float(np.sum(w * e * e)), float(np.sum(w)), w.sum(axis=1)
 
 
-def _long_run(parts: Sequence[FloatArray], logs: Sequence[int]) -> tuple[FloatArray, float, str]:
+def _long_run(parts: Sequence[FloatArray]) -> tuple[FloatArray, float, str]:
     """Covariance of the sum of all q (m, p), degrees of freedom, and what was taken as independent."""
-    count = len(set(logs))
-    if count >= _CLUSTERS:
-        sums = np.array(
-            [
-                np.sum([q.sum(axis=0) for q, own in zip(parts, logs, strict=True) if own == log], axis=0)
-                for log in dict.fromkeys(logs)
-            ]
-        )
-        return count / (count - 1.0) * sums.T @ sums, count - 1.0, f"{count} flights"
+    if len(parts) >= _CLUSTERS:
+        sums = np.array([q.sum(axis=0) for q in parts])
+        factor = len(parts) / (len(parts) - 1.0)
+        return factor * sums.T @ sums, len(parts) - 1.0, f"{len(parts)} flights"
     samples = sum(len(q) for q in parts)
     reach = _bandwidth(parts, samples)
     B = np.sum([_bartlett(q, min(reach, len(q))) for q in parts], axis=0)

@@ -217,8 +217,8 @@ def learn(
     remembers samples, whatever the length and number of flights. Unequal steps and weights of single samples are
     summed sample by sample; there the trials run on the mean step (and weighted signals), the answer does not.
 
-    A log is cut at gaps in its times, steps over 3 times the median (:attr:`Recording.gaps`): the filter begins at rest
-    after each. It stays one flight in folds and scores. ``result.sampled()`` has the median step of the first flight.
+    Over a gap in the times, more than 20 steps, the filter makes no step and goes on from the next sample, as ``run``
+    does. ``result.sampled()`` has the median step of the first flight.
 
     Conditions on F are linear in N and hold exactly (least squares with equality constraints). With limits on single
     poles or given ones D is a product of sections instead, in a box of its own.
@@ -301,7 +301,7 @@ def learn(
             orders,
             flights,
             tests,
-            replace(sampling, dt=_step(flights)),
+            replace(sampling, dt=flights[0].dt),
             E,
             label_offset,
             wiener,
@@ -336,11 +336,6 @@ def _worthwhile(flights: Sequence[Flight], orders: Sequence[int], form: Form) ->
     """Whether folds decide something: several orders, or a short log."""
     coefficients = max(orders) * (2 if form == "general" else 1)
     return len(orders) > 1 or sum(flight.samples for flight in flights) < _SHORT * coefficients
-
-
-def _step(flights: Sequence[Flight]) -> float:
-    """Of the first flight; of one with gaps the step of its longest part."""
-    return max((f for f in flights if f.log == flights[0].log), key=lambda flight: flight.length).dt
 
 
 def _notes(flights: Sequence[Flight], offset: bool) -> tuple[str, ...]:

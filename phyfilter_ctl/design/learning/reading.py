@@ -126,19 +126,19 @@ class Reading:
     ) -> tuple[list[Flight], Bad]:
         if not self.skip:
             found = flights_of(logs, weights=weights, **self.options)
-            for part in found:
-                if fault := other_channels(part, found[0]):
-                    raise ValueError(f"{name}: log {part.log} {fault}")
+            for flight in found:
+                if fault := other_channels(flight, found[0]):
+                    raise ValueError(f"{name}: log {flight.log} {fault}")
             return found, ()
         entries = [1.0] * len(logs) if weights is None else weights
         found = list[Flight]()
         bad: list[tuple[str, str]] = []
         for i, (log, entry) in enumerate(zip(logs, entries, strict=True)):
             try:
-                parts = load(log, self.read, entry, dict(self.options))
-                if fault := other_channels(parts[0], (found or parts)[0]):
+                flight = load(log, self.read, entry, dict(self.options))
+                if fault := other_channels(flight, (found or [flight])[0]):
                     raise ValueError(fault)
-                found += [replace(part, log=i) for part in parts]
+                found.append(replace(flight, log=i))
             except ValueError as error:
                 bad.append((_name(log, i), str(error)))
         _refuse_empty(found, bad)
@@ -240,14 +240,12 @@ def _gathered(how: Reading, sources: Sequence[Source], answers: Iterable[Answer]
     found = StoredFlights(sources)
     for i, answer in enumerate(answers):
         if not isinstance(answer, str):
-            parts = [
-                (StoredFlight(sources[i].part(k), survey), sums) for k, (survey, sums) in enumerate(answer)
-            ]
-            if fault := other_channels(parts[0][0], (found.flights or [parts[0][0]])[0]):
+            survey, sums = answer
+            flight = StoredFlight(sources[i], survey)
+            if fault := other_channels(flight, (found.flights or [flight])[0]):
                 answer = fault
             else:
-                for part, sums in parts:
-                    found.add(part, sums)
+                found.add(flight, sums)
         if isinstance(answer, str):
             if not how.skip:
                 raise ValueError(f"{sources[i].name}: {answer}")
@@ -297,7 +295,7 @@ class _Made:
                 self.known[-1], token=f"{token}, survey", load=partial(load, log, read_flight, None, options)
             )
 
-    def _load(self, index: int, options: dict[str, Any]) -> list[Flight]:
+    def _load(self, index: int, options: dict[str, Any]) -> Flight:
         if index < self._next:
             self._logs, self._next = iter(self.make()), 0
         for log in self._logs:

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from types import NoneType
-from typing import Protocol, TypeVar
+from typing import NamedTuple, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -32,12 +32,13 @@ _LOST = 0.01  # share by which the mean step exceeds the median where samples ar
 
 @dataclass(frozen=True, eq=False)
 class Flight:
-    """One flight, or what is of it between two gaps in its times, reduced to the channels that take part.
+    """One flight, reduced to the channels that take part.
 
     Attributes
     ----------
     u : (m, K) array
-        Measured residual of step k, from sample k to sample k + 1.
+        Measured residual of step k, from sample k to sample k + 1. Where the filter makes no step, over a gap, there is
+        none.
     target : (m, K) array
         gamma* = label - f_theta at sample k + 1.
     dt : float
@@ -56,8 +57,8 @@ class Flight:
         Place of its log among all.
     mean_step : float
         Mean step in s of the log between its gaps; 0 for ``dt``.
-    gap : float
-        Length in s of the gap before it; 0 where a log begins.
+    gaps : tuple of float
+        Lengths in s of its gaps.
     """
 
     u: FloatArray
@@ -71,7 +72,7 @@ class Flight:
     channels: tuple[str, ...] = ()
     log: int = 0
     mean_step: float = 0.0
-    gap: float = 0.0
+    gaps: tuple[float, ...] = ()
 
     @property
     def executor(self) -> Executor | None:
@@ -196,8 +197,7 @@ def flights_of(
     g_limit: tuple[ArrayLike, ArrayLike] | None = None,
     E: ArrayLike | None = None,
 ) -> list[Flight]:
-    """Residuals and targets of logs, cut at gaps in time; the first sample of each part, where f_hat = f_theta, is left
-    out.
+    """Residuals and targets of logs, without the first sample, where f_hat = f_theta, and those after a gap.
 
     Parameters
     ----------
@@ -241,36 +241,32 @@ def flights_of(
         )
         columns = _columns(log, i, channels) if E is None else _all_of(recursion, log, channels)
         weight, own = (1.0, None) if weights is None else _weight(weights[i], log, i, len(columns))
-        names = tuple(log.channels[k] if E is None else f"f[{k}]" for k in columns)
-        steps, gaps = np.diff(log.times), log.gaps
-        mean = 0.0 if log.is_uniform else float(np.mean(np.delete(steps, gaps)))
-        edges = [0, *(gaps + 1).tolist(), log.n]
-        for first, last in pairwise(edges):
-            if last - first < 2:
-                continue
-            part = log if not len(gaps) else log.segment(first, last)
-            assert part.label is not None
-            u, target, dt, differing = _reduced(part, part.label, columns, recursion)
-            known = None
-            if part.g is not None:
-                # What the filter takes off M x' for g, a delay of x included.
-                bare = part.with_signals(g=None)
-                known = _reduced(bare, part.label, columns, recursion)[0] - u
-            found.append(
-                Flight(
-                    u,
-                    target,
-                    dt,
-                    differing,
-                    weight,
-                    None if own is None else own[first : last - 1],
-                    known,
-                    names,
-                    i,
-                    mean,
-                    float(steps[first - 1]) if first else 0.0,
-                )
+        steps = np.diff(log.times)
+        gaps = np.flatnonzero(recursion.is_gap(steps))
+        parts = [
+            _reduced(log.segment(first, last) if len(gaps) else log, columns, recursion)
+            for first, last in pairwise([0, *(gaps + 1).tolist(), log.n])
+            if last > first + 1
+        ]
+        of_g = [part.g for part in parts if part.g is not None]
+        made = np.delete(steps, gaps)
+        even = all(part.steps is None for part in parts)
+        longest = max(parts, key=lambda part: len(part.u))
+        found.append(
+            Flight(
+                np.concatenate([part.u for part in parts]),
+                np.concatenate([part.target for part in parts]),
+                longest.dt if even else log.dt,
+                None if even else made,
+                weight,
+                None if own is None else np.delete(own, gaps, axis=0),
+                np.concatenate(of_g) if of_g else None,
+                tuple(log.channels[k] if E is None else f"f[{k}]" for k in columns),
+                i,
+                0.0 if log.is_uniform else float(np.mean(made)),
+                tuple(steps[gaps].tolist()),
             )
+        )
     if not any(flight.takes_part for flight in found):
         raise ValueError("weights: all are 0, nothing to fit; give at least one flight a positive weight")
     return found
@@ -292,7 +288,7 @@ def measured_residuals(
     for i, log in enumerate(logs):
         columns = _columns(log, i, channels)
         recursion = PhyFilter([1.0]).sampled(log.dt, "exact").recursion
-        u, _, dt, steps = _reduced(log, log.x, columns, recursion)
+        u, _, dt, steps, _ = _reduced(log, columns, recursion, log.x)
         if steps is not None or abs(dt - h) > 1e-6 * h:
             raise ValueError(
                 f"{named(log, i)}: expected equal steps of {h:.6g} s; make them so by "
@@ -335,13 +331,14 @@ def other_time_units(flights: Sequence[Flight]) -> dict[int, str]:
 def gap_notes(flights: Sequence[Flight]) -> tuple[str, ...]:
     """What was made of gaps in time and of steps that differ, in words."""
     found = []
-    after = [flight for flight in flights if flight.gap > 0.0]
-    if after:
-        longest = max(after, key=lambda flight: flight.gap)
+    lengths = {flight.log: flight.gaps for flight in flights if flight.gaps}
+    if lengths:
+        log, longest = max(
+            ((log, max(of_log)) for log, of_log in lengths.items()), key=lambda entry: entry[1]
+        )
         found.append(
-            f"{len(after)} gaps in the times of {len({f.log for f in after})} of {len({f.log for f in flights})} "
-            f"flights (steps over 3 times the median), the longest {longest.gap:.4g} s in flight {longest.log}: each "
-            "part begins at rest, as a flight does"
+            f"{sum(map(len, lengths.values()))} gaps in the times of {len(lengths)} of {len(flights)} flights, the "
+            f"longest {longest:.4g} s in flight {log}: there the filter makes no step, and goes on from the next sample"
         )
     lost = [f for f in flights if abs(f.mean_step / f.dt - 1.0) > _LOST and f.mean_step > 0.0]
     if lost:
@@ -384,24 +381,41 @@ def _is_constant(values: FloatArray) -> bool:
     return bool(np.all(high - low <= _CONSTANT * np.maximum(np.abs(low), np.abs(high))))
 
 
+class _Reduced(NamedTuple):
+    """What is between two gaps: u, gamma*, the step, the steps where they differ, what g takes off u."""
+
+    u: FloatArray
+    target: FloatArray
+    dt: float
+    steps: FloatArray | None
+    g: FloatArray | None
+
+
 def _reduced(
-    log: Recording, label: FloatArray, columns: list[int], recursion: Recursion
-) -> tuple[FloatArray, FloatArray, float, FloatArray | None]:
-    """u, gamma*, the (median) step, and the steps where they differ."""
+    log: Recording, columns: list[int], recursion: Recursion, label: FloatArray | None = None
+) -> _Reduced:
     refuse_gaps(log.name, log.missing)
     typical = recursion.sampling.dt
     even = log.is_uniform and abs(log.dt - typical) <= _SAME_STEP * typical
     steps = None if even else np.diff(log.times)
     f_theta = None if log.f_theta is None else _onto_f(recursion, log.f_theta)
-    if recursion.sampling.delay:
-        u, _ = record.step_residuals(recursion, log.x, log.g, f_theta, log.inertia, log.times)
-    else:
-        signals = record.checked_signals(recursion, log.x, log.g, f_theta, log.inertia)
-        u = record.measured_residual(recursion, *signals, steps, slice(0, log.n - 1))
+
+    def residual(g: FloatArray | None) -> FloatArray:
+        if recursion.sampling.delay:
+            u, _ = record.step_residuals(recursion, log.x, g, f_theta, log.inertia, log.times)
+        else:
+            signals = record.checked_signals(recursion, log.x, g, f_theta, log.inertia)
+            u = record.measured_residual(recursion, *signals, steps, slice(0, log.n - 1))
+        return np.ascontiguousarray(u[:, columns], dtype=float)
+
+    label = log.label if label is None else label
+    assert label is not None
     target = _onto_f(recursion, label)
     target = target if f_theta is None else target - f_theta
-    own = target[1:, columns].copy()
-    return np.ascontiguousarray(u[:, columns], dtype=float), own, log.dt if even else typical, steps
+    u = residual(log.g)
+    # What the filter takes off M x' for g, a delay of x included.
+    known = None if log.g is None else residual(None) - u
+    return _Reduced(u, target[1:, columns].copy(), log.dt if even else typical, steps, known)
 
 
 def _onto_f(recursion: Recursion, values: FloatArray) -> FloatArray:

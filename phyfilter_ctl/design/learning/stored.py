@@ -67,29 +67,13 @@ class Source:
     token: str
     index: int
     name: str = field(compare=False)
-    load: Callable[[], Any] = field(compare=False)  # the parts between gaps; of a part or a change one Flight
-    how: str = ""  # which part, and what was changed
-
-    def part(self, k: int) -> Source:
-        """Part k between gaps of the flight."""
-        return replace(self, how=f"part {k}", load=partial(_part, self, k))
+    load: Callable[[], Flight] = field(compare=False)
+    how: str = ""  # it was changed
 
 
 @lru_cache(maxsize=2)
 def _loaded(source: Source) -> Flight:
     return source.load()
-
-
-@lru_cache(maxsize=1)
-def _parts(source: Source) -> list[Flight]:
-    return source.load()
-
-
-def _part(source: Source, k: int) -> Flight:
-    parts = _parts(source)
-    if k >= len(parts):
-        raise ValueError(f"{source.name}: changed while learn was reading it; start again")
-    return parts[k]
 
 
 class Survey(NamedTuple):
@@ -111,15 +95,15 @@ class Survey(NamedTuple):
     sums: FlightSums
     channels: tuple[str, ...]
     mean_step: float
-    gap: float
+    gaps: tuple[float, ...]
 
     def bare(self, **changed: Any) -> Survey:
         """Without signals."""
         return self._replace(beginning=self.beginning.beginning(0), end=self.end[:0], **changed)
 
 
-# What a survey finds of every part between gaps: also the correlations and squares of a plain flight. Or why it is bad.
-Answer: TypeAlias = list[tuple[Survey, tuple[FloatArray, float] | None]] | str
+# What a survey finds: also the correlations and squares of a plain flight. Or why it is bad.
+Answer: TypeAlias = tuple[Survey, tuple[FloatArray, float] | None] | str
 
 
 class StoredFlight(Flight):
@@ -137,7 +121,7 @@ class StoredFlight(Flight):
 
     def __init__(self, source: Source, survey: Survey) -> None:
         known = {"dt": survey.dt, "weight": survey.weight, "channels": survey.channels}
-        known |= {"log": source.index, "mean_step": survey.mean_step, "gap": survey.gap}
+        known |= {"log": source.index, "mean_step": survey.mean_step, "gaps": survey.gaps}
         self.__dict__.update(known, source=source, survey=survey)
 
     def __getattr__(self, name: str) -> Any:
@@ -235,7 +219,6 @@ class StoredFlight(Flight):
         return StoredFlight(source, self.survey.bare(**known, totals=totals))
 
     def _source(self, how: str, make: Callable[[Flight], Flight]) -> Source:
-        how = f"{self.source.how}, {how}"
         return replace(self.source, how=how, load=partial(_made_of, self.source, make))
 
 
@@ -251,33 +234,27 @@ def _made_of(source: Source, make: Callable[[Flight], Flight]) -> Flight:
     return make(_loaded(source))
 
 
-def load(
-    log: OneFlight, read: Callable[[Path], Recording], weight: Any, options: dict[str, Any]
-) -> list[Flight]:
-    """The parts between gaps of one flight in memory, read or made where it is not yet."""
+def load(log: OneFlight, read: Callable[[Path], Recording], weight: Any, options: dict[str, Any]) -> Flight:
+    """One flight in memory, read or made where it is not yet."""
     if isinstance(log, str | os.PathLike):
         log = read(Path(log))
     elif callable(log):
         log = log()
     weight = 1.0 if weight is None else weight
     if np.any(weight):
-        return flights_of([log], weights=[weight], **options)
-    return [replace(part, weight=0.0) for part in flights_of([log], **options)]
+        return flights_of([log], weights=[weight], **options)[0]
+    return replace(flights_of([log], **options)[0], weight=0.0)
 
 
 def surveyed(source: Source, *, flights: int, skip: bool) -> Answer:
     """Read one of so many flights."""
     try:
-        parts = _parts(source)
+        flight = _loaded(source)
     except (ValueError, TypeError, OSError) as error:
         if skip:
             return str(error)
         text = str(error)
         raise ValueError(text if source.name in text else f"{source.name}: {text}") from error
-    return [_survey(part, flights) for part in parts]
-
-
-def _survey(flight: Flight, flights: int) -> tuple[Survey, tuple[FloatArray, float] | None]:
     m, count = flight.u.shape
     kept = min(m, max(1, ENDS // flights // (8 * count)))
     survey = Survey(
@@ -297,7 +274,7 @@ def _survey(flight: Flight, flights: int) -> tuple[Survey, tuple[FloatArray, flo
         label_sums(flight),
         flight.channels,
         flight.mean_step,
-        flight.gap,
+        flight.gaps,
     )
     if not (flight.takes_part and flight.is_plain):
         return survey, None

@@ -177,7 +177,7 @@ def by_flight(
     """The learned filter, the one learned without and the one learned from each flight; empty for one flight, or more
     than 32."""
     taking = [flight for flight in flights if flight.takes_part]
-    if not 2 <= len({flight.log for flight in taking}) <= _MOST_FLIGHTS:
+    if not 2 <= len(taking) <= _MOST_FLIGHTS:
         return ()
     folds = Folds.of(taking, search.method, lags, offset=offset, by_flight=True)
     n, shared = best.chain.order, search.filter(best)

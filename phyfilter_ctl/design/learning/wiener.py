@@ -144,6 +144,8 @@ def _errors(part: Stretch, responses: Sequence[FloatArray], offset: bool) -> Flo
 
 def _taps(parts: Sequence[Correlations], length: int) -> FloatArray:
     r, c = np.sum([part.sequences[:, :length] for part in parts], axis=0)
+    if r[0] == 0.0:  # none of these samples counts: they know of no response
+        return np.zeros(length)
     r[0] *= 2.0 * (1.0 + _RIDGE)  # stored halved
     return np.asarray(solve_toeplitz(r, c), dtype=float)
 
