@@ -56,7 +56,7 @@ class Processes:
                 if self._closed or alone:
                     raise RuntimeError(
                         f"the worker process of a job ended {attempt} times without an answer (for want of memory "
-                        f"perhaps; try fewer workers): {broken}"
+                        f"perhaps; try fewer workers): {' '.join(str(broken).split())}"
                     ) from None
                 continue
             except Exception as problem:  # of the way there or back: what the job raises is in its answer
