@@ -144,7 +144,7 @@ class Analysis(Result):
         if self.noise_deviation is not None and self.is_stable:
             unit = f" {self.unit}" if self.unit else ""
             said.append(
-                Sentence(f"Noise of f_hat {self.noise_deviation:.4g}{unit} (1 sigma), beside any bound.")
+                Sentence(f"Noise of f_hat {self.noise_deviation:.4g}{unit} (1 sigma), part of no bound.")
             )
         return said
 
