@@ -187,7 +187,9 @@ def test_forward_euler_must_survive_the_longest_gap():
         PhyFilter([30.0]).sampled(H, "euler").live(1, LivePolicy(longest_gap=0.1))
     euler = PhyFilter([30.0]).sampled(H, "euler")
     policy = euler.live(1).policy
-    assert policy.longest_gap == pytest.approx(0.9 * 2.0 / 30.0)
+    assert (
+        0.9999 * 2.0 / 30.0 < policy.longest_gap < 2.0 / 30.0
+    )  # what is stable as one step, as for every route
     assert policy.decay_time == pytest.approx(1.0 / 30.0)
     with pytest.raises(ValueError, match="forward Euler diverges"):
         euler.live(1).retune(PhyFilter([40.0]).sampled(H, "euler"))

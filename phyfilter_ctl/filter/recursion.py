@@ -379,11 +379,15 @@ class Recursion:
         20 nominal steps; with forward Euler no more than are stable as one step.
         """
         dt = self.sampling.dt
+        return max(2.0 * dt, min(_LONGEST_GAP * dt, _BELOW_STABLE * self.stable_step))
+
+    @cached_property
+    def stable_step(self) -> float:
+        """Seconds below which a step is stable: infinite but for forward Euler, |1 + p h| < 1."""
         if self.sampling.method != "euler":
-            return _LONGEST_GAP * dt
+            return float("inf")
         poles = np.concatenate([chain.poles for chain in self.chains])
-        stable = _BELOW_STABLE * float(np.min(-2.0 * poles.real / np.abs(poles) ** 2))
-        return max(2.0 * dt, min(_LONGEST_GAP * dt, stable))
+        return float(np.min(-2.0 * poles.real / np.abs(poles) ** 2))
 
     def is_gap(self, length: ArrayLike) -> NDArray[np.bool_]:
         """Whether the filter starts again after so many seconds without a good sample, ``longest_gap`` or more.
@@ -410,10 +414,10 @@ class Recursion:
             growth = np.abs(1.0 + chain.poles * dt)
             worst = int(np.argmax(growth))
             if growth[worst] >= 1.0:
-                largest = float(np.min(-2.0 * chain.poles.real / np.abs(chain.poles) ** 2))
                 raise ValueError(
                     f"forward Euler diverges: |1 + p h| = {growth[worst]:.4g} >= 1 for the pole "
-                    f"{chain.poles[worst]:.6g} rad/s at h = {dt:g} s; expected h < {largest:.4g} s; use method='exact'"
+                    f"{chain.poles[worst]:.6g} rad/s at h = {dt:g} s; expected h < {self.stable_step:.4g} s; "
+                    "use method='exact'"
                 )
 
     def _rounded(self, values: FloatArray) -> FloatArray:
