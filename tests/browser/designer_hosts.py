@@ -33,6 +33,7 @@ CHROMIUM = os.environ.get("PHYFILTER_CHROMIUM") or next(
 )
 SOON = 20_000.0  # ms; a loaded machine
 LONG = 60_000.0  # ms; JupyterLab starts, a compiler runs
+RESTS = 500.0  # ms without a question: the page has asked all it wanted to
 # Figures are shown with four digits.
 SHOWN = 6e-4
 
@@ -73,6 +74,13 @@ class Watched:
     page: Any
     requested: set[str] = field(default_factory=set)
     complaints: list[str] = field(default_factory=list)
+    under_way: set[Any] = field(default_factory=set)
+    """Requests that have no answer yet."""
+
+    def __post_init__(self) -> None:
+        self.page.on("request", lambda request: self.under_way.add(request))
+        for end in ("requestfinished", "requestfailed"):
+            self.page.on(end, lambda request: self.under_way.discard(request))
 
     def __call__(self, name: str) -> Any:
         return self.page.locator(f'[data-test="{name}"]')
@@ -136,6 +144,19 @@ class Watched:
         """Python has answered for the design on the screen."""
         # The page's policy forbids what Playwright's own wait_for_function does.
         self.until(lambda: "pf-stale" not in (self("designer").get_attribute("class") or ""))
+
+    def idle(self) -> None:
+        """Python has answered, and the page has asked nothing since: an end of the server cuts nothing off."""
+        self.settled()
+        since = time.monotonic()
+
+        def rests() -> bool:
+            nonlocal since
+            if self.under_way:
+                since = time.monotonic()
+            return time.monotonic() - since > RESTS / 1e3
+
+        self.until(rests)
 
     def until(self, holds: Callable[[], bool], limit: float = SOON) -> None:
         before = time.monotonic()

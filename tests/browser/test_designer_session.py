@@ -153,7 +153,7 @@ def test_a_server_killed_in_a_drag_and_started_again_loses_nothing(browser: Any,
                 other("open-file").set_input_files(str(path))
                 other.until(lambda words=words: words in other.text("status"))
                 assert shown(other) == dragged
-            other.settled()  # nothing is under way that the end of the server would cut off
+            other.idle()
             second.process.kill()
             second.process.wait()
             other.until(lambda: not other("away").is_visible())
