@@ -275,8 +275,11 @@ def describe(path: str | Path, *, limits: ArchiveLimits | None = None) -> FmuDes
             target.write_bytes(data)
         model = read_description(Path(folder), str(path))
     refuse_sizes(path, [(entry.name or "", entry.shape or ()) for entry in model.modelVariables], limits)
-    with limited(str(path)):
-        found = _described(path, root, model, entries)
+    try:
+        with limited("modelDescription.xml"):
+            found = _described(path, root, model, entries)
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from error
     _refuse_numbers(found, limits or ArchiveLimits())
     return found
 

@@ -31,6 +31,12 @@ pytestmark = [
 # What a browser says of a server that has gone.
 GONE = ("ERR_CONNECTION_REFUSED", "401 (Unauthorized)", "ERR_EMPTY_RESPONSE", "ERR_CONNECTION_RESET")
 
+# A busy page: its timers are late.
+LATE = """() => {
+  const own = window.setTimeout;
+  window.setTimeout = (work, wait = 0) => own(work, wait + 150);
+}"""
+
 
 def kept(page: Watched) -> dict[str, Any]:
     """What the browser keeps of this tab."""
@@ -208,6 +214,7 @@ def test_esc_takes_back_what_is_being_done(browser: Any, served: Served) -> None
         keys.press("Escape")
         page.until(lambda: page("cutoff").input_value() == cutoff)
         mouse.move(box["x"] + 0.9 * box["width"], box["y"] + 0.5 * box["height"], steps=2)
+        page.page.evaluate(LATE)
         mouse.up()
         page.frame()
         assert page("cutoff").input_value() == cutoff

@@ -1,6 +1,7 @@
 """Hostile and damaged archives are refused before anything is written."""
 
 import io
+import re
 import stat
 import struct
 import zipfile
@@ -227,6 +228,20 @@ def test_one_wrong_byte_in_the_xml(tmp_path_factory, data):
     path = archive(tmp_path_factory.mktemp("xml") / "x.fmu", ("modelDescription.xml", bytes(text)))
     message = refusal(path)
     assert message is None or str(path) in message
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "words"),
+    [
+        ('modelIdentifier="o', 'modelIdentifier="&gt;', "expected a name without a path"),
+        ('modelIdentifier="o', 'fixedInternalStepSize="-1" modelIdentifier="o', "fixedInternalStepSize"),
+    ],
+)
+def test_what_the_schema_allows_and_the_reader_does_not_names_the_file(tmp_path, before, after, words):
+    text = description("3.0").replace(before, after)
+    path = archive(tmp_path / "x.fmu", ("modelDescription.xml", text.encode()))
+    with pytest.raises(ValueError, match=re.escape(str(path)) + ".*" + words):
+        describe(path)
 
 
 def test_description_of_both_versions(tmp_path):

@@ -90,6 +90,7 @@ export function logSlider(design, test, label, [low, high], set, what) {
   });
   /** @type {AbortController | null} of a pull, or of a burst of keys */
   let pull = null;
+  let pulls = 0; // by a pointer
   let pulled = false; // by a pointer, which may have given up and still be down
   let given = false; // up
   let shown = "";
@@ -103,12 +104,19 @@ export function logSlider(design, test, label, [low, high], set, what) {
     design.cancel();
     element.value = shown;
   };
-  element.addEventListener("pointerdown", () => (pulled = true));
+  element.addEventListener("pointerdown", () => {
+    pulls += 1;
+    pulled = true;
+    given = false;
+  });
   for (const name of ["pointerup", "pointercancel"])
     element.addEventListener(name, () => {
       if (given) element.value = shown;
-      // The change that a pull ends with comes after it.
-      setTimeout(() => (pulled = given = false));
+      // The change that a pull ends with comes after it, and perhaps the next pull before that.
+      const own = pulls;
+      setTimeout(() => {
+        if (own === pulls) pulled = given = false;
+      });
     });
   element.addEventListener("input", () => {
     if (given) return;
