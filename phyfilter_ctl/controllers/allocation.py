@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import reduce
+
 import numpy as np
 
 from ..plants.algebra import Array, Scalar
@@ -20,7 +22,8 @@ def allocate(thrust: Scalar, torque: Array, *, arm: Scalar, torque_ratio: Scalar
 
     Within the limits it is A^-1 (T, tau) with A of :func:`phyfilter_ctl.plants.allocation_matrix`. Beyond them, in this
     order: the torque about x and y is scaled down until it fits into the range of a rotor; the thrust is moved to where
-    that torque has room; the torque about z takes what is left.
+    that torque has room, beside as much of the wanted torque about z as makes room; the torque about z takes what is
+    left.
 
     Parameters
     ----------
@@ -55,23 +58,32 @@ def allocate(thrust: Scalar, torque: Array, *, arm: Scalar, torque_ratio: Scalar
     lever = arm / np.sqrt(2.0)
     tilt = (_SIGNS[1] * torque[0] + _SIGNS[2] * torque[1]) / (4.0 * lever)
     # Opposite rotors differ by twice their share, so that a share beyond half the range does not fit.
-    tilt = tilt * np.fmin(1.0, 0.5 * rotor_max / np.fmax(_largest(tilt), _TINY))
-    room = _largest(tilt)
-    base = np.fmin(np.fmax(0.25 * thrust, room), rotor_max - room) + tilt
-    up, down = rotor_max - base, base
+    tilt = tilt * np.fmin(1.0, 0.5 * rotor_max / np.fmax(_largest([tilt[i] for i in range(4)]), _TINY))
     turning = _SIGNS[3] > 0.0
+    with_it, against = (_largest([tilt[i] for i in range(4) if turning[i] == sign]) for sign in (True, False))
+    wanted = 0.25 * torque[2] / torque_ratio
+    least = _room(with_it, against, wanted)
+    most = rotor_max - _room(against, with_it, wanted)
+    base = np.fmin(np.fmax(0.25 * thrust, least), most) + tilt
+    up, down = rotor_max - base, base
     highest = _least([up[i] if turning[i] else down[i] for i in range(4)])
     lowest = _least([down[i] if turning[i] else up[i] for i in range(4)])
-    yaw = np.fmin(np.fmax(0.25 * torque[2] / torque_ratio, -lowest), highest)
+    yaw = np.fmin(np.fmax(wanted, -lowest), highest)
     # Rounding alone can leave the range here.
     return np.fmin(np.fmax(base + _SIGNS[3] * yaw, 0.0), rotor_max)
 
 
-def _largest(values: Array) -> Array:
-    a, b, c, d = (np.fabs(values[i]) for i in range(4))
-    return np.fmax(np.fmax(a, b), np.fmax(c, d))
+def _room(helped: Array, burdened: Array, wanted: Array) -> Array:
+    """What a rotor needs towards a limit, with the part of the wanted yaw that helps one diagonal more than it burdens
+    the other."""
+    even = 0.5 * (helped - burdened)
+    yaw = np.fmin(np.fmax(even, np.fmin(wanted, 0.0)), np.fmax(wanted, 0.0))
+    return np.fmax(helped - yaw, burdened + yaw)
+
+
+def _largest(values: list[Array]) -> Array:
+    return reduce(np.fmax, [np.fabs(value) for value in values])
 
 
 def _least(values: list[Array]) -> Array:
-    a, b, c, d = values
-    return np.fmin(np.fmin(a, b), np.fmin(c, d))
+    return reduce(np.fmin, values)
