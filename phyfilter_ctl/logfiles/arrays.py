@@ -1,4 +1,4 @@
-"""MATLAB's .mat (scipy; version 7.3 by h5py) and HDF5: a group, or a struct, with a vector of times is a topic."""
+"""MATLAB's .mat (version 4 by scipy, 7.3 by h5py) and HDF5: a group, or a struct, with a vector of times is a topic."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from .._sections import FloatArray
 from .clock import Times, column_times, column_unit, time_column
 from .contents import Column, Contents, Table
 from .formats import format_of
+from .matlab import Values, read_arrays
 from .tables import TABLE
 
 _WIDEST = 256  # columns of a matrix
@@ -116,26 +117,24 @@ def _is_version_7_3(path: Path) -> bool:
 
 
 def _matlab(path: Path) -> _Groups:
-    from scipy.io import loadmat
-
+    with path.open("rb") as file:
+        old = 0 in file.read(4)  # version 4
     groups: dict[str, dict[str, _Array]] = {}
-    for group, name, value in _members(loadmat(path, simplify_cells=True), ""):
-        array = np.squeeze(np.asarray(value))
-        if array.dtype.kind in "biuf" and array.ndim:
+    for group, name, array in _version_4(path) if old else read_arrays(path):
+        shape = tuple(k for k in array.shape if k != 1)
+        if shape:
             groups.setdefault(group or TABLE, {})[name] = _Array(
-                array.shape, array.dtype, "", lambda a=array: a
+                shape, array.dtype, "", lambda a=array: np.squeeze(a.get())
             )
     return groups
 
 
-def _members(struct: Mapping[str, object], at: str) -> Iterator[tuple[str, str, object]]:
-    for name, value in struct.items():
-        if name.startswith("__"):
-            continue
-        if isinstance(value, dict):
-            yield from _members(value, f"{at}.{name}" if at else name)
-        else:
-            yield at, name, value
+def _version_4(path: Path) -> Iterator[tuple[str, str, Values]]:
+    from scipy.io import loadmat
+
+    for name, value in loadmat(path).items():
+        if isinstance(value, np.ndarray) and value.dtype.kind in "biuf":
+            yield "", name, Values(value.shape, value.dtype, value.ravel(order="F"))
 
 
 # -- HDF5 -------------------------------------------------------------------------------------------------------------
