@@ -113,7 +113,7 @@ def _by_rows(values: NDArray[np.generic], n: int) -> NDArray[np.generic]:
 
 def _is_version_7_3(path: Path) -> bool:
     with path.open("rb") as file:
-        return b"MATLAB 7.3" in file.read(128)
+        return file.read(128)[124:126] in (b"\x00\x02", b"\x02\x00")  # whatever the text before says
 
 
 def _matlab(path: Path) -> _Groups:
