@@ -289,9 +289,9 @@ def main() -> int:
         if options.baseline and outcomes:
             baseline[room] = {"count": options.count, "seed": options.seed, "score": score(outcomes)}
             _write(baseline)
+        if options.json:  # after each room: a long search may be ended
+            options.json.write_text(json.dumps(shown, indent=1), encoding="utf-8")
         worse += filter(None, [lowered(baseline, room, options.count, options.seed, score(outcomes))])
-    if options.json:
-        options.json.write_text(json.dumps(shown, indent=1), encoding="utf-8")
     print(*worse, sep="\n", end="\n" * bool(worse))
     return int(bool(worse))
 
