@@ -263,7 +263,7 @@ def test_bad_input_is_one_line_and_status_2(arguments, message, tmp_path, monkey
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize("arguments", [[], ["walk"], ["run"], ["run", "nothing"], ["design", "--polse", "1"]])
+@pytest.mark.parametrize("arguments", [["walk"], ["run", "nothing"], ["design", "--polse", "1"]])
 def test_unknown_words_are_one_line_and_status_2(arguments, capsys):
     with pytest.raises(SystemExit) as stop:
         main(arguments)

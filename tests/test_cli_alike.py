@@ -5,7 +5,10 @@ from __future__ import annotations
 import argparse
 import json
 import math
+import os
 import shutil
+import subprocess
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -120,6 +123,51 @@ def shape(value: object) -> object:
     if isinstance(value, dict):
         return {key: shape(entry) for key, entry in value.items()}
     return [shape(entry) for entry in value] if isinstance(value, list) else type(value).__name__
+
+
+# Asks in one process for the help of every command, makes typing errors in each, and says what any of them imported.
+_ASKED = """
+import contextlib, io, json, sys
+from phyfilter_ctl.cli import describe_commands, main
+HEAVY = ("numpy", "scipy", "control", "casadi", "matplotlib")
+names = [name.split()[1:] for name in describe_commands()]
+asked = [[*name, "--help"] for name in names]
+asked += [[*name, "--no-such-option"] for name in names]
+asked += [[], ["no_such_command"], ["design"], ["design", "--family", "bessel"], ["export", "filter.toml"], ["learn"]]
+asked += [["analyze", "x.toml", "--picture", "x.txt"], ["fmu", "run"], ["log", "label"], ["run", "no_such_model"]]
+seen = {}
+for arguments in asked:
+    with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
+        try:
+            status = main(arguments)
+        except SystemExit as ended:
+            status = ended.code
+    seen[" ".join(arguments)] = [status, [name for name in HEAVY if name in sys.modules]]
+print(json.dumps(seen))
+"""
+
+
+def test_help_and_typing_errors_import_no_library() -> None:
+    """What takes seconds is imported where work begins."""
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
+    told = subprocess.run([sys.executable, "-c", _ASKED], env=environment, stdout=subprocess.PIPE, check=True)
+    seen = json.loads(told.stdout)
+    assert len(seen) > 40
+    for arguments, (status, imported) in seen.items():
+        assert imported == [], arguments
+        assert status == (0 if arguments.endswith("--help") or not arguments else 2), arguments
+
+
+@pytest.mark.parametrize("words", ["", "fmu", "run", "log"])
+def test_a_bare_command_prints_its_help(words: str, capsys: pytest.CaptureFixture[str]) -> None:
+    shown = []
+    for arguments in (words.split(), [*words.split(), "--help"]):
+        with pytest.raises(SystemExit) as ended:
+            main(arguments)
+        assert not ended.value.code
+        shown.append(capsys.readouterr())
+    assert shown[0] == shown[1]
+    assert shown[0].out.startswith(f"usage: phyfilter-ctl {words}".strip())
 
 
 def test_infinite_and_absent_differ() -> None:

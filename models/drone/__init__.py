@@ -9,14 +9,18 @@ from argparse import ArgumentParser, Namespace
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from phyfilter_ctl.study import Executor, Outputs, Report, add_output_options
+import lazy_loader
 
-from .diagram import build
+from phyfilter_ctl.study import Outputs, add_output_options
 
 if TYPE_CHECKING:
+    from phyfilter_ctl.study import Executor, Report
+
     from .comparison import Comparison
+    from .diagram import build
 
 __all__ = ["add_arguments", "build", "main"]
+__getattr__, _, _ = lazy_loader.attach(__name__, submod_attrs={"diagram": ["build"]})
 
 # Of --quick: flights and their length in s.
 _QUICK_SEEDS, _QUICK_DURATION = 4, 14.0
@@ -233,6 +237,8 @@ def _cosimulate(options: Namespace, outputs: Outputs) -> None:
 
 def _executor(options: Namespace) -> Executor:
     """One job after the other here, each over the cores; or the cluster."""
+    from phyfilter_ctl.study import Executor
+
     return Executor(1) if options.scheduler is None else Executor(scheduler=options.scheduler)
 
 

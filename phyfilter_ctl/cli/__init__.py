@@ -55,6 +55,9 @@ _RUN_EPILOG = """examples:
   phyfilter-ctl run drone
   phyfilter-ctl run acceleration --help"""
 
+# What is nothing without a further word shows its help.
+_BARE = ([], ["run"], ["fmu"], ["log"])
+
 # Values that begin with a minus sign would be taken for options.
 _SIGNED = ("--poles", "--poles-hz")
 
@@ -112,6 +115,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     arguments = _with_signed_values(sys.argv[1:] if argv is None else argv)
     if (words := " ".join(arguments[:2])) in _COMMANDS:
         arguments[:2] = [words]
+    if arguments in _BARE:
+        arguments.append("--help")
     try:
         with _flushed_output(), noted_writes() as written:
             options = _parser(arguments).parse_args(arguments)

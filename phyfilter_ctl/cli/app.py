@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import get_args
+from typing import TYPE_CHECKING, get_args
 
-from .. import filterfile
-from ..logfiles.clock import TimeUnit
-from ..recording import Recording
+from .._choices import TimeUnit
 from .columns import names_of
+
+if TYPE_CHECKING:
+    from ..recording import Recording
 
 __all__ = ["add_arguments", "main"]
 
@@ -79,6 +80,7 @@ def main(options: argparse.Namespace) -> int:
         raise ValueError(
             f"the designer's page needs {error.name}, which is not installed: pip install 'phyfilter-ctl[app]'"
         ) from error
+    from .. import filterfile
     from ..app import Session
     from ..app.sessions import load_session, recording_beside
 

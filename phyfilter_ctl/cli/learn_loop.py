@@ -5,8 +5,6 @@ from __future__ import annotations
 import argparse
 from typing import TYPE_CHECKING
 
-import control as ct
-
 if TYPE_CHECKING:
     from ..design.learning import LoopConstraint
 
@@ -38,6 +36,8 @@ def loop_of(options: argparse.Namespace) -> LoopConstraint | None:
     ValueError
         For a loop without a margin, or a number out of range.
     """
+    import control as ct
+
     from ..design.learning import LoopConstraint
 
     if options.margin is None:

@@ -14,12 +14,11 @@ from scipy import signal
 from scipy.optimize import brentq
 
 from .. import _signals
+from .._choices import Family
 from .._sections import ComplexArray, FloatArray
 from ..filter import PhyFilter
 
 __all__ = ["Family", "bandpass", "hz", "lowpass", "numerator_of_type", "place_poles"]
-
-Family = Literal["binomial", "butterworth", "bessel", "itae"]
 
 # ITAE standard forms with a_0 = 1: the inner coefficients a_1 ... a_{n-1} of D that minimise the integral of t |e|
 # for a step into 1/D (the criterion of Graham and Lathrop, 1953; their figures came from an analogue computer and

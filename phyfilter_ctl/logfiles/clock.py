@@ -6,15 +6,14 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
-from typing import Literal, get_args
+from typing import get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
+from .._choices import TimeUnit
 from .._sections import FloatArray
 from ..recording.checks import is_jump
-
-TimeUnit = Literal["s", "ms", "us", "ns"]
 
 _TICKS: dict[str, float] = {"s": 1.0, "ms": 1e3, "us": 1e6, "ns": 1e9}
 _GAP = 3.0  # a step this many times the median is a gap

@@ -9,10 +9,11 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from .._output import add_json, add_quiet, check_target, write_figure, write_json
-from ..execution import Report, progress
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+    from ..execution import Report
 
 __all__ = ["Outputs", "add_output_options"]
 
@@ -93,6 +94,8 @@ class Outputs:
         total : int
             Number of steps.
         """
+        from ..execution import progress
+
         return progress(total, self.quiet)
 
     def publish(self, table: str, figures: object, draw: Callable[[], Figure] | None = None) -> None:
