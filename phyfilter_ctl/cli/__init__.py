@@ -4,9 +4,13 @@ from __future__ import annotations
 
 import argparse
 import difflib
+import math
 import os
 import re
+import signal
 import sys
+import threading
+import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from importlib import import_module
@@ -34,7 +38,7 @@ _EPILOG = """examples:
   phyfilter-ctl COMMAND --help                                 all options of a command, with examples
 
 exit status: 0 done; 1 an FMU is wrong, or its run failed (fmu check, fmu run); 2 an argument or an input is wrong;
-130 stopped by Ctrl+C; 141 the reader of the output has closed it"""
+130 stopped by Ctrl+C, 143 by SIGTERM, 129 by SIGHUP; 141 the reader of the output has closed it"""
 
 # Modules of this room, and what their commands are for; one of two words is in a module such as log_resample.
 _COMMANDS = {
@@ -64,6 +68,14 @@ _SIGNED = ("--poles", "--poles-hz")
 
 # Status of a process that SIGPIPE ended, 128 + 13.
 _SIGPIPE = 141
+
+
+# A shell's `timeout` sends its signal to the process and to its group: what comes within so many s is the same one.
+_SAME_SIGNAL = 1.0
+
+
+class _EndedError(SystemExit):
+    """A signal has asked the process to end; its status is that of a shell, 128 + the number."""
 
 
 class _NobodyReadsError(Exception):
@@ -102,7 +114,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     -------
     int
         0; 2 where an argument or an input is wrong, with one line on standard error; 141, as a shell says of SIGPIPE,
-        where standard output is a pipe that nobody reads any more.
+        where standard output is a pipe that nobody reads any more; 130, 143 or 129 where Ctrl-C, SIGTERM or SIGHUP
+        stopped the work.
 
     Examples
     --------
@@ -118,7 +131,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     if arguments in _BARE:
         arguments.append("--help")
     try:
-        with _flushed_output(), noted_writes() as written:
+        with _ending_on_signals(), _flushed_output(), noted_writes() as written:
             options = _parser(arguments).parse_args(arguments)
             check_target(getattr(options, "json", None))
             status = int(options.job(options))
@@ -130,9 +143,33 @@ def main(argv: Sequence[str] | None = None) -> int:
     except (ValueError, TypeError, OSError) as error:
         print(f"phyfilter-ctl: error: {_one_line(error)}", file=sys.stderr)
         return 2
-    except KeyboardInterrupt:
+    except (KeyboardInterrupt, _EndedError) as end:
         print("phyfilter-ctl: stopped", file=sys.stderr)
-        return 130
+        return int(end.code or 1) if isinstance(end, _EndedError) else 130
+
+
+@contextmanager
+def _ending_on_signals() -> Iterator[None]:
+    """Let SIGTERM and SIGHUP end the work as Ctrl-C does: from within, so that files are tidied and processes ended."""
+    last = -math.inf
+
+    def end(number: int, frame: object) -> None:
+        nonlocal last
+        before, last = last, time.monotonic()
+        if last - before > _SAME_SIGNAL:
+            raise _EndedError(128 + number)
+
+    # Python lets only the main thread ask for signals; one that is ignored, as under nohup, or taken stays so.
+    numbers = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
+    mine = threading.current_thread() is threading.main_thread()
+    taken = [number for number in numbers if mine and signal.getsignal(number) is signal.SIG_DFL]
+    for number in taken:
+        signal.signal(number, end)
+    try:
+        yield
+    finally:
+        for number in taken:
+            signal.signal(number, signal.SIG_DFL)
 
 
 @contextmanager

@@ -65,7 +65,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def main(options: argparse.Namespace) -> int:
-    """Run ``phyfilter-ctl app`` until Ctrl-C; return the exit status.
+    """Run ``phyfilter-ctl app`` until a signal ends it; return the exit status.
 
     Raises
     ------

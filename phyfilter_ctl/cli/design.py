@@ -203,8 +203,8 @@ def _source(options: argparse.Namespace) -> str:
         raise ValueError(f"{excess[0]} does not go with {'a filter file' if source == 'file' else source}")
     if source == "--slope" and options.noise is None:
         raise ValueError("--slope needs --noise, the bound of the noise of x")
-    if source == "--bandpass" and len(options.bandpass) != 2:
-        raise ValueError(f"--bandpass: expected LOW,HIGH, got {len(options.bandpass)} numbers")
+    if source == "--bandpass" and (count := len(options.bandpass or [])) != 2:
+        raise ValueError(f"--bandpass: expected LOW,HIGH, got {count} numbers")
     if source == "--family":
         for name in ("--order", "--cutoff"):
             if not _given(options, (name,)):
