@@ -111,7 +111,9 @@ def test_a_full_disk_behind_standard_output_is_one_line(monkeypatch, capfd):
     with Path("/dev/full").open("w") as full, monkeypatch.context() as patch:
         patch.setattr("sys.stdout", full)
         assert main(["design", "--poles", "-20,-20"]) == 2
-    assert capfd.readouterr().err == "phyfilter-ctl: error: No space left on device\n"
+    assert capfd.readouterr().err == "phyfilter-ctl: error: standard output: No space left on device\n"
+    assert main(["design", "--poles", "-20", "--json", "/dev/full", "--quiet"]) == 2
+    assert capfd.readouterr().err == "phyfilter-ctl: error: /dev/full: No space left on device\n"
 
 
 @pytest.mark.parametrize(

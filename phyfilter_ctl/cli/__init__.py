@@ -185,6 +185,7 @@ def _flushed_output() -> Iterator[None]:
                 os.dup2(nothing.fileno(), sys.stdout.fileno())  # Python will try once more
             if isinstance(error, BrokenPipeError):
                 raise _NobodyReadsError from None
+            error.filename = error.filename or "standard output"
             raise
 
 
