@@ -11,7 +11,7 @@ import signal
 import sys
 import threading
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from contextlib import contextmanager
 from importlib import import_module
 from pathlib import Path
@@ -19,6 +19,7 @@ from typing import NoReturn
 
 from .. import __version__, models
 from .._output import add_quiet, check_target, noted_writes
+from .wording import in_options
 
 __all__ = ["describe_commands", "main"]
 
@@ -130,9 +131,11 @@ def main(argv: Sequence[str] | None = None) -> int:
         arguments[:2] = [words]
     if arguments in _BARE:
         arguments.append("--help")
+    known: Collection[str] = ()
     try:
         with _ending_on_signals(), _flushed_output(), noted_writes() as written:
             options = _parser(arguments).parse_args(arguments)
+            known = options.known
             check_target(getattr(options, "json", None))
             status = int(options.job(options))
             if not (options.quiet or options.job.__module__.endswith(".export")):
@@ -141,7 +144,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     except _NobodyReadsError:
         return _SIGPIPE
     except (ValueError, TypeError, OSError) as error:
-        print(f"phyfilter-ctl: error: {_one_line(error)}", file=sys.stderr)
+        text = _one_line(error)
+        told = text if isinstance(error, OSError) else in_options(text, known)
+        print(f"phyfilter-ctl: error: {told}", file=sys.stderr)
         return 2
     except (KeyboardInterrupt, _EndedError) as end:
         print("phyfilter-ctl: stopped", file=sys.stderr)
@@ -221,17 +226,19 @@ def _parser(arguments: Sequence[str] | None) -> argparse.ArgumentParser:
             module = import_module(f".{name.replace(' ', '_')}", __name__)
             module.add_arguments(command)
             command.set_defaults(job=module.main)
-            _add_quiet(command)
+            _finish(command)
     return parser
 
 
-def _add_quiet(parser: argparse.ArgumentParser) -> None:
-    """Add ``--quiet`` to a command, to each of its jobs where it has some, unless it is there."""
+def _finish(parser: argparse.ArgumentParser) -> None:
+    """Add ``--quiet`` to a command, to each of its jobs where it has some, unless it is there; note its options."""
     below = [action for action in parser._actions if isinstance(action, argparse._SubParsersAction)]
     for job in (job for action in below for job in action.choices.values()):
-        _add_quiet(job)
-    if not below and "--quiet" not in parser._option_string_actions:
-        add_quiet(parser)
+        _finish(job)
+    if not below:
+        if "--quiet" not in parser._option_string_actions:
+            add_quiet(parser)
+        parser.set_defaults(known=frozenset(parser._option_string_actions))
 
 
 def _add_run(commands: argparse._SubParsersAction[_Parser], arguments: Sequence[str] | None) -> None:
@@ -249,7 +256,7 @@ def _add_run(commands: argparse._SubParsersAction[_Parser], arguments: Sequence[
             model = models.load(name)
             model.add_arguments(parser)
             parser.set_defaults(job=model.main)
-            _add_quiet(parser)
+            _finish(parser)
 
 
 def describe_commands() -> dict[str, str]:

@@ -352,7 +352,13 @@ def _prototype(n: int, family: str) -> ComplexArray:
     if family == "butterworth":
         return np.asarray(signal.buttap(n)[1], dtype=np.complex128)
     if family == "bessel":
-        return np.asarray(signal.besselap(n, norm="phase")[1], dtype=np.complex128)
+        try:
+            with np.errstate(all="ignore"):  # on the way to the error
+                return np.asarray(signal.besselap(n, norm="phase")[1], dtype=np.complex128)
+        except RuntimeError as error:
+            raise ValueError(
+                f"order: the poles of Bessel's order {n} cannot be told; expected a lower one"
+            ) from error
     if family == "itae":
         if n not in _ITAE:
             raise ValueError(f"order: ITAE forms are tabulated for orders 1 ... {max(_ITAE)}, got {n}")
