@@ -106,10 +106,12 @@ def add_arguments(parser: ArgumentParser) -> None:
     parser.add_argument(
         "--out",
         metavar="DIR",
-        default="drone_filter",
-        help="where the tuned filter goes, as FMU and C (default drone_filter; none: nowhere)",
+        default="drone_run",
+        help="folder of what a run leaves: the picture, unless --picture puts it elsewhere, and the tuned filter as "
+        "FMU and C (default drone_run; none: nothing is left)",
     )
     add_output_options(parser, "drone", description=_DESCRIPTION, examples=_EXAMPLES)
+    parser.set_defaults(picture=None)  # drone.png, there
 
 
 def main(options: Namespace) -> int:
@@ -121,7 +123,7 @@ def main(options: Namespace) -> int:
         If options or recordings are wrong, the circle cannot be flown, or a file cannot be read or written.
     """
     _check(options)
-    outputs = Outputs.of(options)
+    outputs = _outputs(options)
     if options.replay:
         _replay(options, outputs)
     elif options.tune:
@@ -133,6 +135,13 @@ def main(options: Namespace) -> int:
     else:
         _compare(options, outputs)
     return 0
+
+
+def _outputs(options: Namespace) -> Outputs:
+    """The picture in the folder of --out, unless it is asked for by its name."""
+    if options.picture is not None or options.out == "none":
+        return Outputs.of(options)
+    return Outputs(options.json, "drone.png", options.quiet, folder=options.out)
 
 
 def _check(options: Namespace) -> None:
