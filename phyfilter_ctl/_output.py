@@ -7,6 +7,7 @@ another process by a lock that every writer holds on its temporary, and which en
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import re
@@ -34,6 +35,7 @@ __all__ = [
     "add_quiet",
     "check_folder",
     "check_target",
+    "naming",
     "noted_writes",
     "replacing",
     "replacing_folder",
@@ -45,6 +47,8 @@ __all__ = [
 
 _MARK_BYTES = 6
 _MARK = re.compile(rf"[0-9a-f]{{{2 * _MARK_BYTES}}}\.tmp")
+# Errors of a write that name no file, for it is open by then: a full disk or share of it, a file too large.
+_FULL = frozenset(number for name in ("ENOSPC", "EDQUOT", "EFBIG") if (number := getattr(errno, name, None)))
 # Targets written in this context, as their caller named them; None where nobody asked.
 _noted: ContextVar[list[Path] | None] = ContextVar("_noted", default=None)
 
@@ -57,6 +61,17 @@ def noted_writes() -> Iterator[list[Path]]:
         yield paths
     finally:
         _noted.reset(token)
+
+
+@contextmanager
+def naming(path: str | os.PathLike[str]) -> Iterator[None]:
+    """Name what was being written where the disk turns out to be full within the block."""
+    try:
+        yield
+    except OSError as error:
+        if error.filename is None and error.errno in _FULL:
+            error.filename = os.fspath(path)
+        raise
 
 
 def _note(path: str | os.PathLike[str]) -> None:
@@ -182,14 +197,14 @@ def replacing(path: str | os.PathLike[str], *, follow_links: bool = True) -> Ite
         If the folder does not exist or cannot be written to.
     """
     if follow_links and os.path.exists(path) and not (os.path.isfile(path) or os.path.isdir(path)):
-        with open(path, "wb") as file:
+        with naming(path), open(path, "wb") as file:
             yield file
         return
     target = Path(os.path.realpath(path) if follow_links else path)
     _remove_leftovers(target)
     part, file = _new_file(target)
     try:
-        with file:
+        with naming(path), file:
             with suppress(FileNotFoundError):
                 shutil.copymode(target, part)
             yield file
@@ -226,7 +241,8 @@ def replacing_folder(path: str | os.PathLike[str]) -> Iterator[Path]:
     try:
         new = part / "new"
         new.mkdir()
-        yield new
+        with naming(path):
+            yield new
         if target.exists():
             os.replace(target, part / "old")
         os.replace(new, target)

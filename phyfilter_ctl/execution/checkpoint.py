@@ -8,6 +8,8 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
+from .._output import naming
+
 __all__ = ["Checkpoint"]
 
 Answer = TypeVar("Answer")
@@ -100,7 +102,7 @@ class Checkpoint(Generic[Answer]):
         self.answers[job] = answer
 
     def _write(self, entry: Mapping[str, Any], mode: str) -> None:
-        with self.path.open(mode, encoding="utf-8") as file:
+        with naming(self.path), self.path.open(mode, encoding="utf-8") as file:
             file.write(json.dumps(entry, allow_nan=False) + "\n")
             file.flush()
             os.fsync(file.fileno())

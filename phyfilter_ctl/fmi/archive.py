@@ -19,6 +19,8 @@ from xml.parsers import expat
 
 import lxml.etree as etree
 
+from .._output import naming
+
 __all__ = [
     "ArchiveLimits",
     "archive_entries",
@@ -171,7 +173,7 @@ def unpack(path: str | Path, folder: Path, limits: ArchiveLimits | None = None) 
                 target.mkdir(parents=True, exist_ok=True)
                 continue
             target.parent.mkdir(parents=True, exist_ok=True)
-            with target.open("xb") as file:
+            with naming(target), target.open("xb") as file:
                 for piece in _pieces(path, archive, entry, limits, left):
                     left -= len(piece)
                     file.write(piece)
