@@ -85,7 +85,7 @@ def test_kinds_are_drawn_in_equal_shares_and_again_by_the_seed() -> None:
         assert each.applied(source) != source
         assert each.before in "\n".join(source.splitlines()[each.line - 1 :])
     with pytest.raises(
-        ValueError, match=r"there is no phyfilter_ctl/attic; expected one of _intake, .* filter,"
+        ValueError, match=r"there is no phyfilter_ctl/attic; expected one of .*_intake, .* filter,"
     ):
         command.room_files(root, "attic")
 
