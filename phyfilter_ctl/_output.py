@@ -7,6 +7,7 @@ another process by a lock that every writer holds on its temporary, and which en
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import re
@@ -34,6 +35,7 @@ __all__ = [
     "add_quiet",
     "check_folder",
     "check_target",
+    "naming",
     "noted_writes",
     "replacing",
     "replacing_folder",
@@ -43,6 +45,8 @@ __all__ = [
     "write_text",
 ]
 
+# No space left, a quota or the largest size of a file is reached: what Python raises without a name.
+_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 _MARK_BYTES = 6
 _MARK = re.compile(rf"[0-9a-f]{{{2 * _MARK_BYTES}}}\.tmp")
 # Targets written in this context, as their caller named them; None where nobody asked.
@@ -62,6 +66,36 @@ def noted_writes() -> Iterator[list[Path]]:
 def _note(path: str | os.PathLike[str]) -> None:
     if (paths := _noted.get()) is not None and Path(path) not in paths:
         paths.append(Path(path))
+
+
+@contextmanager
+def naming(path: str | os.PathLike[str]) -> Iterator[None]:
+    """Where the disk is full, the error names the file.
+
+    Parameters
+    ----------
+    path : str or path
+        As its caller named it.
+
+    Raises
+    ------
+    OSError
+        In place of one without a name.
+
+    Examples
+    --------
+    >>> with naming("flight.csv"):
+    ...     raise OSError(errno.ENOSPC, "No space left on device")
+    Traceback (most recent call last):
+    ...
+    OSError: [Errno 28] No space left on device: 'flight.csv'
+    """
+    try:
+        yield
+    except OSError as error:
+        if error.filename is None and error.errno in _FULL:
+            raise OSError(error.errno, error.strerror, os.fspath(path)) from error
+        raise
 
 
 def check_target(path: str | None, *, suffixes: Sequence[str] = ()) -> None:
@@ -179,17 +213,17 @@ def replacing(path: str | os.PathLike[str], *, follow_links: bool = True) -> Ite
     Raises
     ------
     OSError
-        If the folder does not exist or cannot be written to.
+        If the folder does not exist or cannot be written to, or the disk is full: the file is named.
     """
     if follow_links and os.path.exists(path) and not (os.path.isfile(path) or os.path.isdir(path)):
-        with open(path, "wb") as file:
+        with naming(path), open(path, "wb") as file:
             yield file
         return
     target = Path(os.path.realpath(path) if follow_links else path)
     _remove_leftovers(target)
     part, file = _new_file(target)
     try:
-        with file:
+        with naming(path), file:
             with suppress(FileNotFoundError):
                 shutil.copymode(target, part)
             yield file
@@ -218,7 +252,7 @@ def replacing_folder(path: str | os.PathLike[str]) -> Iterator[Path]:
     Raises
     ------
     OSError
-        If the parent does not exist or cannot be written to.
+        If the parent does not exist or cannot be written to, or the disk is full: the folder is named.
     """
     target = Path(os.path.realpath(path))
     _remove_leftovers(target)
@@ -226,7 +260,8 @@ def replacing_folder(path: str | os.PathLike[str]) -> Iterator[Path]:
     try:
         new = part / "new"
         new.mkdir()
-        yield new
+        with naming(path):
+            yield new
         if target.exists():
             os.replace(target, part / "old")
         os.replace(new, target)

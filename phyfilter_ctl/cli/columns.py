@@ -11,6 +11,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from .. import filterfile
+from .._intake import LARGEST
 from .._sections import FloatArray
 from ..logfiles import read_recording
 from ..recording import Recording
@@ -19,6 +20,7 @@ from ..robot import Suspicion, findings_of
 __all__ = [
     "COLUMNS",
     "add_columns",
+    "add_largest",
     "constant_inertia",
     "names_of",
     "plausibility",
@@ -56,9 +58,21 @@ def add_columns(
     columns.add_argument("--features", metavar="C,C,...", help="what --model takes (default feature_0, ...)")
     columns.add_argument("--inertia", metavar="M,... | C,...", help="M: numbers or columns (default 1)")
     columns.add_argument("--delimiter", default=",", metavar="CHAR", help="between columns (default ,)")
+    add_largest(columns)
     columns.add_argument("--g-rule", choices=_RULES, default="hold", help="g between samples (default hold)")
     columns.add_argument(
         "--f-theta-rule", choices=_RULES, default="average", help="f_theta between samples (default average)"
+    )
+
+
+def add_largest(parser: argparse.ArgumentParser | argparse._ArgumentGroup) -> None:
+    """Add ``--largest``, alike for every command that reads logs."""
+    parser.add_argument(
+        "--largest",
+        type=int,
+        default=LARGEST,
+        metavar="BYTES",
+        help="memory that one reading of a log may take (default: 1 GiB); more is refused",
     )
 
 
@@ -87,8 +101,15 @@ def read_columns(path: str | Path, options: argparse.Namespace) -> Recording:
     if Path(path).suffix.lower() in _TABLES:
         if options.dt is not None:
             raise ValueError(f"{path}: --dt is for CSV files without times; this table has a column of them")
-        unit = options.time_unit
-        log = read_recording(path, time=options.time, time_unit=unit, x=x, inertia=inertia, **signals)
+        log = read_recording(
+            path,
+            time=options.time,
+            time_unit=options.time_unit,
+            x=x,
+            inertia=inertia,
+            largest=options.largest,
+            **signals,
+        )
     else:
         log = Recording.from_csv(
             path,

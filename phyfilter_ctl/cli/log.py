@@ -10,6 +10,7 @@ from ..logfiles import LogFile, Topic, open_log, suggestions
 from ..logfiles.clock import TimeUnit
 from ..results import plain
 from ..robot import describe_log
+from .columns import add_largest
 
 __all__ = ["add_arguments", "main"]
 
@@ -37,6 +38,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--time", metavar="COLUMN", help="a table's column of times (default: the one called so)"
     )
+    add_largest(parser)
     output = parser.add_mutually_exclusive_group()
     add_json(output)
     output.add_argument(
@@ -52,7 +54,7 @@ def main(options: argparse.Namespace) -> int:
     ValueError, OSError
         If the file cannot be read, or its unit of time has to be given.
     """
-    log = open_log(options.file, time_unit=options.time_unit, time=options.time)
+    log = open_log(options.file, time_unit=options.time_unit, time=options.time, largest=options.largest)
     if options.describe:
         print(describe_log(log), end="")
     else:

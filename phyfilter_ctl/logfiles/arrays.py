@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import io
 import math
+import struct
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from mmap import ACCESS_READ, mmap
 from pathlib import Path
 
 import numpy as np
@@ -14,9 +17,13 @@ from .._sections import FloatArray
 from .clock import Times, column_times, column_unit, time_column
 from .contents import Column, Contents, Table
 from .formats import format_of
+from .sizes import check_size, inflated
 from .tables import TABLE
 
 _WIDEST = 256  # columns of a matrix
+_HEAD = 128  # bytes of a .mat file before its variables
+_MATRIX, _PACKED = 14, 15  # kinds of elements
+_OBJECT = 256  # bytes that a matrix takes in memory beside its numbers
 
 
 @dataclass(frozen=True)
@@ -28,14 +35,19 @@ class _Array:
     unit: str
     get: Callable[[], NDArray[np.generic]]
 
+    @property
+    def size(self) -> int:
+        """Bytes that it takes once it is read; as floats, where those are larger."""
+        return math.prod(self.shape) * max(self.dtype.itemsize, 8)
+
 
 _Groups = Mapping[str, Mapping[str, _Array]]
 
 
-def read(path: Path, time_unit: str | None, time: str | None) -> Contents:
+def read(path: Path, time_unit: str | None, time: str | None, largest: int) -> Contents:
     """Topics by the path of their group; what has no times, or other numbers of them, is left out and said."""
     form = format_of(path)
-    groups = _hdf5(path) if form == "hdf5" or _is_version_7_3(path) else _matlab(path)
+    groups = _hdf5(path, largest) if form == "hdf5" or _is_version_7_3(path) else _matlab(path, largest)
     timed = {name: arrays for name, arrays in groups.items() if time is None or time in arrays}
     chosen: dict[str, str] = {}
     without: list[str] = []
@@ -49,8 +61,11 @@ def read(path: Path, time_unit: str | None, time: str | None) -> Contents:
         raise ValueError(
             "; ".join(without) or f"no group has {'arrays of numbers' if time is None else repr(time)}"
         )
+    check_size(
+        sum(groups[name][key].size for name, key in chosen.items()), largest, "the times of all topics"
+    )
     times = _common({name: (key, groups[name][key]) for name, key in chosen.items()}, time_unit)
-    tables = {name: _table(groups[name], chosen[name], times[name].seconds) for name in chosen}
+    tables = {name: _table(groups[name], chosen[name], times[name].seconds, largest) for name in chosen}
     notes = {found.note for found in times.values()}
     return Contents(form, tables, None, (*sorted(notes), *(f"left out, {why}" for why in without)))
 
@@ -72,7 +87,7 @@ def _common(clocks: Mapping[str, tuple[str, _Array]], unit: str | None) -> dict[
     }
 
 
-def _table(arrays: Mapping[str, _Array], time: str, times: FloatArray) -> Table:
+def _table(arrays: Mapping[str, _Array], time: str, times: FloatArray, largest: int) -> Table:
     n = len(times)
     columns: list[Column] = []
     notes: list[str] = []
@@ -89,7 +104,9 @@ def _table(arrays: Mapping[str, _Array], time: str, times: FloatArray) -> Table:
 
     def load(names: Sequence[str]) -> FloatArray:
         sources = [name if name in arrays else name[: name.rindex("[")] for name in names]
-        read = {source: _by_rows(np.squeeze(arrays[source].get()), n) for source in dict.fromkeys(sources)}
+        needed = list(dict.fromkeys(sources))
+        check_size(sum(arrays[source].size for source in needed), largest, ", ".join(map(repr, needed[:5])))
+        read = {source: _by_rows(np.squeeze(arrays[source].get()), n) for source in needed}
         picked = [
             read[source] if name == source else read[source][:, int(name[len(source) + 1 : -1])]
             for name, source in zip(names, sources, strict=True)
@@ -115,17 +132,52 @@ def _is_version_7_3(path: Path) -> bool:
         return b"MATLAB 7.3" in file.read(128)
 
 
-def _matlab(path: Path) -> _Groups:
+def _matlab(path: Path, largest: int) -> _Groups:
     from scipy.io import loadmat
 
     groups: dict[str, dict[str, _Array]] = {}
-    for group, name, value in _members(loadmat(path, simplify_cells=True), ""):
-        array = np.squeeze(np.asarray(value))
-        if array.dtype.kind in "biuf" and array.ndim:
-            groups.setdefault(group or TABLE, {})[name] = _Array(
-                array.shape, array.dtype, "", lambda a=array: a
-            )
+    for part in _variables(path, largest):
+        for group, name, value in _members(loadmat(io.BytesIO(part), simplify_cells=True), ""):
+            array = np.squeeze(np.asarray(value))
+            if array.dtype.kind in "biuf" and array.ndim:
+                groups.setdefault(group or TABLE, {})[name] = _Array(
+                    array.shape, array.dtype, "", lambda a=array: a
+                )
     return groups
+
+
+def _variables(path: Path, largest: int) -> Iterator[bytes]:
+    """Files of one variable each, unpacked; of version 4, which packs nothing, the whole.
+
+    MAT-File Format, MathWorks: a version-5 file is a head of 128 bytes and elements of a kind, a length and data; one
+    of kind 15 holds another, packed by zlib. Version 4 has a zero in its first four bytes.
+    """
+    with path.open("rb") as file, mmap(file.fileno(), 0, access=ACCESS_READ) as data:
+        if b"\0" in data[:4]:
+            yield data[:]
+            return
+        head, at, left = data[:_HEAD], _HEAD, largest
+        order = "<" if head.endswith(b"IM") else ">"
+        while at + 8 <= len(data):
+            kind, size = struct.unpack_from(f"{order}II", data, at)
+            element = data[at : at + 8 + size]
+            if kind == _PACKED:
+                element = inflated(element[8:], left, "its packed variables")
+            left -= len(element) + _OBJECT * _matrices(element, order, left // _OBJECT)
+            check_size(largest - left, largest, "its variables")
+            yield head + element
+            at += 8 + size
+
+
+def _matrices(element: bytes, order: str, most: int) -> int:
+    """Matrices in a matrix, such as the fields of a struct and what stands in cells; counted up to a number."""
+    at = count = 0
+    while at + 8 <= len(element) and count <= most:
+        kind, size = struct.unpack_from(f"{order}II", element, at)
+        count += kind == _MATRIX
+        # A matrix holds elements; what is short stands within the head of its element.
+        at += 8 if kind == _MATRIX or kind >> 16 else 8 + size + -size % 8
+    return count
 
 
 def _members(struct: Mapping[str, object], at: str) -> Iterator[tuple[str, str, object]]:
@@ -141,7 +193,7 @@ def _members(struct: Mapping[str, object], at: str) -> Iterator[tuple[str, str, 
 # -- HDF5 -------------------------------------------------------------------------------------------------------------
 
 
-def _hdf5(path: Path) -> _Groups:
+def _hdf5(path: Path, largest: int) -> _Groups:
     import h5py
 
     groups: dict[str, dict[str, _Array]] = {}
@@ -154,6 +206,7 @@ def _hdf5(path: Path) -> _Groups:
                 f"{name!r} takes its numbers from another file, which is not read; copy them into this one "
                 "(h5repack, or a new dataset)"
             )
+        check_size(math.prod(item.chunks or ()) * item.dtype.itemsize, largest, f"a chunk of {name!r}")
         group, _, own = name.rpartition("/")
         if item.dtype.names is not None:  # a table of its own
             for column in item.dtype.names:

@@ -17,12 +17,18 @@ from .clock import column_times, column_unit, time_column
 from .contents import Column, Contents, Table
 from .formats import format_of
 from .records import side_by_side
+from .sizes import check_size
 from .tables import TABLE
 
+_WIDEST = 256  # elements of a list that become columns
 
-def read(path: Path, time_unit: str | None, time: str | None) -> Contents:
+
+def read(path: Path, time_unit: str | None, time: str | None, largest: int) -> Contents:
     """The table; columns that hold no numbers are left out, nulls are NaN."""
     parquet = format_of(path) == "parquet"
+    if parquet:
+        metadata = pq.read_metadata(path)
+        check_size(8 * metadata.num_rows, largest, "a column")
     schema = pq.read_schema(path) if parquet else _arrow(path).schema
     calendar = [f.name for f in schema if pa.types.is_timestamp(f.type) or pa.types.is_duration(f.type)]
     chosen = time_column(schema.names, calendar, time)
@@ -42,7 +48,7 @@ def read(path: Path, time_unit: str | None, time: str | None) -> Contents:
     columns: list[Column] = []
     left_out: list[str] = []
     for f in schema:
-        listed = pa.types.is_fixed_size_list(f.type)
+        listed = pa.types.is_fixed_size_list(f.type) and f.type.list_size <= _WIDEST
         if f.name == chosen:
             continue
         if not _is_number(f.type.value_type if listed else f.type):
