@@ -117,6 +117,17 @@ def hdf5_external(path: Path) -> Path:
     return path
 
 
+def hdf5_packed(path: Path) -> Path:
+    """A chunk of 8 kB that unpacks to 16 MB."""
+    import h5py
+
+    with h5py.File(path, "w") as file:
+        file["t_s"] = np.arange(1000.0)
+        made = file.create_dataset("v", (1000,), "f8", chunks=(1000,), compression="gzip")
+        made.id.write_direct_chunk((0,), zlib.compress(bytes(1 << 24)))
+    return path
+
+
 def hdf5_matrix(path: Path) -> Path:
     """Times that fit, and a matrix beside them that does not."""
     import h5py
@@ -234,6 +245,18 @@ def parquet(path: Path) -> Path:
     return path
 
 
+def arrow(path: Path, is_file: bool) -> Path:
+    """8 MB of zeros in a few kB, as a file or a stream."""
+    import pyarrow as pa
+
+    table = pa.table({"t_s": np.arange(500_000.0), "v": np.zeros(500_000)})
+    options = pa.ipc.IpcWriteOptions(compression="zstd")
+    new = pa.ipc.new_file if is_file else pa.ipc.new_stream
+    with new(str(path), table.schema, options=options) as writer:
+        writer.write_table(table)
+    return path
+
+
 # -- other files ------------------------------------------------------------------------------------------------------
 
 
@@ -345,6 +368,7 @@ INDICATORS = 'numberOfEventIndicators="{}"'
 LOGS = [
     ("HDF5, another file's bytes", "a.h5", hdf5_external, "from another file", "h5py"),
     ("HDF5, a wide matrix", "a.h5", hdf5_matrix, "allow more by largest", "h5py"),
+    ("HDF5, a chunk of 16 MB", "a.h5", hdf5_packed, "bytes of memory for a chunk of '/v'", "h5py"),
     ("MAT 7.3, 8 GB in 4 kB", "a.mat", hdf5, "bytes of memory", "h5py"),
     ("MAT, 16 MB in 16 kB", "a.mat", mat_zeros, "its packed variables", "scipy"),
     ("MAT, 100000 cells", "a.mat", mat_cells, "its variables", "scipy"),
@@ -358,6 +382,14 @@ LOGS = [
     ("ROS 2, a packed message", "a", partial(bag2, mode="MESSAGE"), "a packed message", "rosbags"),
     ("ROS 2, a packed file", "a", partial(bag2, mode="FILE"), r"db3\.zstd", "rosbags"),
     ("MCAP, a chunk of 64 MB", "a", mcap, "a packed chunk", "rosbags"),
+    ("Arrow, 8 MB packed", "a.arrow", partial(arrow, is_file=True), "8000000 bytes .*packed col", "pyarrow"),
+    (
+        "Arrow, a packed stream",
+        "a.arrow",
+        partial(arrow, is_file=False),
+        "8000000 bytes .*packed col",
+        "pyarrow",
+    ),
     ("Parquet, a million ones", "a.parquet", parquet, "bytes of memory", "pyarrow"),
 ]
 

@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from mmap import ACCESS_READ, mmap
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +21,12 @@ from .formats import format_of
 from .sizes import check_size, inflated
 from .tables import TABLE
 
+if TYPE_CHECKING:
+    import h5py
+
 _WIDEST = 256  # columns of a matrix
+_DEFLATE, _CHECKSUM = 1, 3  # HDF5's numbers of its filters zlib and Fletcher-32
+_DEFLATED = 1033  # bytes that zlib makes of one, at most
 _HEAD = 128  # bytes of a .mat file before its variables
 _MATRIX, _PACKED = 14, 15  # kinds of elements
 _OBJECT = 256  # bytes that a matrix takes in memory beside its numbers
@@ -212,14 +218,17 @@ def _hdf5(path: Path, largest: int) -> _Groups:
             for column in item.dtype.names:
                 if item.dtype[column].kind in "biuf" and not item.dtype[column].shape:
                     array = _Array(
-                        item.shape, item.dtype[column], "", lambda c=column: _hdf5_values(path, name, c)
+                        item.shape,
+                        item.dtype[column],
+                        "",
+                        lambda c=column: _hdf5_values(path, name, c, largest),
                     )
                     groups.setdefault(name, {})[column] = array
         elif item.dtype.kind in "biuf" and item.shape and item.attrs.get("MATLAB_class") != b"char":
             shape = tuple(k for k in item.shape if k != 1)
             unit = item.attrs.get("unit", item.attrs.get("units", ""))
             unit = unit.decode("utf-8", "replace") if isinstance(unit, bytes) else str(unit)
-            array = _Array(shape, item.dtype, unit, lambda: _hdf5_values(path, name, None))
+            array = _Array(shape, item.dtype, unit, lambda: _hdf5_values(path, name, None, largest))
             groups.setdefault(group or TABLE, {})[own] = array
 
     with h5py.File(path, "r") as file:
@@ -227,10 +236,37 @@ def _hdf5(path: Path, largest: int) -> _Groups:
     return groups
 
 
-def _hdf5_values(path: Path, name: str, column: str | None) -> NDArray[np.generic]:
+def _hdf5_values(path: Path, name: str, column: str | None, largest: int) -> NDArray[np.generic]:
     import h5py
 
     with h5py.File(path, "r") as file:
         item = file[name]
         assert isinstance(item, h5py.Dataset)
+        if item.chunks and path.stat().st_size * _DEFLATED > largest:
+            _check_chunks(item, largest)
         return np.squeeze(item[() if column is None else column])
+
+
+def _check_chunks(item: h5py.Dataset, largest: int) -> None:
+    """Refuse chunks that unpack to more than allowed: HDF5 unpacks whatever comes."""
+    pipeline = item.id.get_create_plist()
+    filters = [pipeline.get_filter(k)[0] for k in range(pipeline.get_nfilters())]
+    if _DEFLATE not in filters:
+        return
+    if filters.count(_DEFLATE) > 1 or filters[-1] not in (
+        _DEFLATE,
+        _CHECKSUM,
+    ):
+        raise ValueError(
+            f"{item.name!r}: expected zlib once, and last but for a checksum, got the filters {filters}; pack it anew "
+            "by h5repack"
+        )
+    large: list[tuple[int, ...]] = []
+
+    def note(chunk: h5py.h5d.StoreInfo) -> None:
+        if chunk.size * _DEFLATED > largest:
+            large.append(chunk.chunk_offset)
+
+    item.id.chunk_iter(note)
+    for offset in large:
+        inflated(item.id.read_direct_chunk(offset)[1], largest, f"a chunk of {item.name!r}")
