@@ -86,6 +86,7 @@ def test_a_filter_comes_back_bit_for_bit(tmp_path_factory, filter: PhyFilter) ->
     assert load_signals(path) == Signals()
 
 
+@pytest.mark.filterwarnings("ignore:.*F = 0 is saved")
 @settings(max_examples=60)
 @given(sampled=sampled_filters())
 def test_a_sampled_filter_comes_back_bit_for_bit(tmp_path_factory, sampled: SampledPhyFilter) -> None:

@@ -1,13 +1,10 @@
-"""MATLAB's .mat (scipy; version 7.3 by h5py) and HDF5: a group, or a struct, with a vector of times is a topic."""
+"""MATLAB's .mat (version 4 by scipy, 7.3 by h5py) and HDF5: a group, or a struct, with a vector of times is a topic."""
 
 from __future__ import annotations
 
-import io
 import math
-import struct
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from mmap import ACCESS_READ, mmap
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -18,6 +15,7 @@ from .._sections import FloatArray
 from .clock import Times, column_times, column_unit, time_column
 from .contents import Column, Contents, Table
 from .formats import format_of
+from .matlab import Values, read_arrays
 from .sizes import check_size, inflated
 from .tables import TABLE
 
@@ -27,9 +25,6 @@ if TYPE_CHECKING:
 _WIDEST = 256  # columns of a matrix
 _DEFLATE, _CHECKSUM = 1, 3  # HDF5's numbers of its filters zlib and Fletcher-32
 _DEFLATED = 1033  # bytes that zlib makes of one, at most
-_HEAD = 128  # bytes of a .mat file before its variables
-_MATRIX, _PACKED = 14, 15  # kinds of elements
-_OBJECT = 256  # bytes that a matrix takes in memory beside its numbers
 
 
 @dataclass(frozen=True)
@@ -135,65 +130,28 @@ def _by_rows(values: NDArray[np.generic], n: int) -> NDArray[np.generic]:
 
 def _is_version_7_3(path: Path) -> bool:
     with path.open("rb") as file:
-        return b"MATLAB 7.3" in file.read(128)
+        return file.read(128)[124:126] in (b"\x00\x02", b"\x02\x00")  # whatever the text before says
 
 
 def _matlab(path: Path, largest: int) -> _Groups:
-    from scipy.io import loadmat
-
+    with path.open("rb") as file:
+        old = 0 in file.read(4)  # version 4
     groups: dict[str, dict[str, _Array]] = {}
-    for part in _variables(path, largest):
-        for group, name, value in _members(loadmat(io.BytesIO(part), simplify_cells=True), ""):
-            array = np.squeeze(np.asarray(value))
-            if array.dtype.kind in "biuf" and array.ndim:
-                groups.setdefault(group or TABLE, {})[name] = _Array(
-                    array.shape, array.dtype, "", lambda a=array: a
-                )
+    for group, name, array in _version_4(path) if old else read_arrays(path, largest):
+        shape = tuple(k for k in array.shape if k != 1)
+        if shape:
+            groups.setdefault(group or TABLE, {})[name] = _Array(
+                shape, array.dtype, "", lambda a=array: np.squeeze(a.get())
+            )
     return groups
 
 
-def _variables(path: Path, largest: int) -> Iterator[bytes]:
-    """Files of one variable each, unpacked; of version 4, which packs nothing, the whole.
+def _version_4(path: Path) -> Iterator[tuple[str, str, Values]]:
+    from scipy.io import loadmat
 
-    MAT-File Format, MathWorks: a version-5 file is a head of 128 bytes and elements of a kind, a length and data; one
-    of kind 15 holds another, packed by zlib. Version 4 has a zero in its first four bytes.
-    """
-    with path.open("rb") as file, mmap(file.fileno(), 0, access=ACCESS_READ) as data:
-        if b"\0" in data[:4]:
-            yield data[:]
-            return
-        head, at, left = data[:_HEAD], _HEAD, largest
-        order = "<" if head.endswith(b"IM") else ">"
-        while at + 8 <= len(data):
-            kind, size = struct.unpack_from(f"{order}II", data, at)
-            element = data[at : at + 8 + size]
-            if kind == _PACKED:
-                element = inflated(element[8:], left, "its packed variables")
-            left -= len(element) + _OBJECT * _matrices(element, order, left // _OBJECT)
-            check_size(largest - left, largest, "its variables")
-            yield head + element
-            at += 8 + size
-
-
-def _matrices(element: bytes, order: str, most: int) -> int:
-    """Matrices in a matrix, such as the fields of a struct and what stands in cells; counted up to a number."""
-    at = count = 0
-    while at + 8 <= len(element) and count <= most:
-        kind, size = struct.unpack_from(f"{order}II", element, at)
-        count += kind == _MATRIX
-        # A matrix holds elements; what is short stands within the head of its element.
-        at += 8 if kind == _MATRIX or kind >> 16 else 8 + size + -size % 8
-    return count
-
-
-def _members(struct: Mapping[str, object], at: str) -> Iterator[tuple[str, str, object]]:
-    for name, value in struct.items():
-        if name.startswith("__"):
-            continue
-        if isinstance(value, dict):
-            yield from _members(value, f"{at}.{name}" if at else name)
-        else:
-            yield at, name, value
+    for name, value in loadmat(path).items():
+        if isinstance(value, np.ndarray) and value.dtype.kind in "biuf":
+            yield "", name, Values(value.shape, value.dtype, value.ravel(order="F"))
 
 
 # -- HDF5 -------------------------------------------------------------------------------------------------------------

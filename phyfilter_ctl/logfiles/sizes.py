@@ -13,7 +13,6 @@ __all__ = ["check_size", "check_unpacked", "inflated", "unpacked"]
 
 _ADVICE = "where you trust the file, allow more by largest (--largest), or read fewer fields"
 _PIECE = 1 << 24  # bytes that are unpacked at a time
-_SLICE = 1 << 14  # bytes that are given to zlib at a time: at most 1032 times as many come out
 # What a byte can become at most: what cannot become too large need not be tried.
 _RATIOS = {"lz4": 256, "zstd": 1 << 15}
 
@@ -91,7 +90,7 @@ def unpacked(data: bytes, kind: str, largest: int, what: str) -> Iterator[bytes]
             check_size(total, largest, what)
             yield piece
             if not unpacker.eof and unpacker.needs_input:
-                raise ValueError(f"{what} is cut off")
+                raise ValueError(f"{what} breaks off")
         data = unpacker.unused_data or b""
 
 
@@ -124,11 +123,14 @@ def inflated(data: bytes, largest: int, what: str) -> bytes:
     Raises
     ------
     ValueError
-        If it is too large.
+        If it is too large, damaged, or ends too early.
     """
-    unpacker, parts, total = zlib.decompressobj(), list[bytes](), 0
-    for k in range(0, len(data), _SLICE):
-        parts.append(unpacker.decompress(data[k : k + _SLICE]))
-        total += len(parts[-1])
-        check_size(total, largest, what)
-    return b"".join(parts)
+    unpacker = zlib.decompressobj()
+    try:
+        found = unpacker.decompress(data, largest + 1)
+    except zlib.error as error:
+        raise ValueError(f"{what} is damaged: {error}") from error
+    check_size(len(found), largest, f"{what}, or more")
+    if not unpacker.eof:
+        raise ValueError(f"{what} breaks off")
+    return found

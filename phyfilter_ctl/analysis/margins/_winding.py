@@ -16,8 +16,9 @@ __all__ = ["zeros_on_the_right"]
 
 # Pieces shorter than this share of their frequency that still cannot be certified have a zero on the axis, to rounding.
 _SHORTEST = 1e-13
-# Pieces times factors beyond which the count is refused: some thousand turns of the delay for any order.
-_MOST_WORK = 2**18
+# Pieces times factors beyond which the count is refused: ten thousand turns of the delay for any order, and a slow
+# passage of 0 at 1e-6 of the loop's size.
+_MOST_WORK = 2**20
 # Rounding of psi itself, relative to |q| + |mu p|.
 _ROUNDING = 1e-13
 
@@ -69,8 +70,8 @@ def zeros_on_the_right(q: Factors, p: Factors, delay: float, ratio: complex, gri
         if pieces * (len(q.poles) + len(p.poles)) > _MOST_WORK:
             raise ValueError(
                 f"the poles of this loop take more than {pieces} pieces of the frequency axis to count: its delay of "
-                f"{delay:g} s is too long against {last:.3g} rad/s, where it ends; shorten the delay, or leave out "
-                "dynamics that are that much faster"
+                f"{delay:g} s is too long against {last:.3g} rad/s, where it ends, or it lies next to the limit of "
+                "stability; shorten the delay, leave out dynamics that are that much faster, or change the ratio"
             )
         middle = 0.5 * (low + high)
         value = curve(middle)
