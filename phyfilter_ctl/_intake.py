@@ -68,7 +68,7 @@ def inside(path: Path, folder: Path) -> bool:
     return path.resolve().is_relative_to(folder.resolve())
 
 
-def check_count(count: float, most: int, what: str) -> int:
+def check_count(count: float, most: int, what: str, advice: str = "") -> int:
     """A number of things that memory is taken for, as a whole number.
 
     Parameters
@@ -77,6 +77,8 @@ def check_count(count: float, most: int, what: str) -> int:
     most : int
     what : str
         What is counted, for the message.
+    advice : str
+        What to do where the number is meant, for the message.
 
     Raises
     ------
@@ -95,7 +97,7 @@ def check_count(count: float, most: int, what: str) -> int:
     if not (math.isfinite(count) and count >= 0):
         raise ValueError(f"{count} {what}, expected 0 to {most}; refused")
     if count > most:
-        raise ValueError(f"{int(count)} {what}, expected at most {most}; refused")
+        raise ValueError(f"{int(count)} {what}, expected at most {most}; {advice or 'refused'}")
     return int(count)
 
 

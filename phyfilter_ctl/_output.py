@@ -63,20 +63,39 @@ def noted_writes() -> Iterator[list[Path]]:
         _noted.reset(token)
 
 
+def _note(path: str | os.PathLike[str]) -> None:
+    if (paths := _noted.get()) is not None and Path(path) not in paths:
+        paths.append(Path(path))
+
+
 @contextmanager
 def naming(path: str | os.PathLike[str]) -> Iterator[None]:
-    """Name what was being written where the disk turns out to be full within the block."""
+    """Where the disk is full, the error names the file.
+
+    Parameters
+    ----------
+    path : str or path
+        As its caller named it.
+
+    Raises
+    ------
+    OSError
+        In place of one without a name.
+
+    Examples
+    --------
+    >>> with naming("flight.csv"):
+    ...     raise OSError(errno.ENOSPC, "No space left on device")
+    Traceback (most recent call last):
+    ...
+    OSError: [Errno 28] No space left on device: 'flight.csv'
+    """
     try:
         yield
     except OSError as error:
         if error.filename is None and error.errno in _FULL:
-            error.filename = os.fspath(path)
+            raise OSError(error.errno, error.strerror, os.fspath(path)) from error
         raise
-
-
-def _note(path: str | os.PathLike[str]) -> None:
-    if (paths := _noted.get()) is not None and Path(path) not in paths:
-        paths.append(Path(path))
 
 
 def check_target(path: str | None, *, suffixes: Sequence[str] = ()) -> None:
@@ -194,7 +213,7 @@ def replacing(path: str | os.PathLike[str], *, follow_links: bool = True) -> Ite
     Raises
     ------
     OSError
-        If the folder does not exist or cannot be written to.
+        If the folder does not exist or cannot be written to, or the disk is full: the file is named.
     """
     if follow_links and os.path.exists(path) and not (os.path.isfile(path) or os.path.isdir(path)):
         with naming(path), open(path, "wb") as file:
@@ -233,7 +252,7 @@ def replacing_folder(path: str | os.PathLike[str]) -> Iterator[Path]:
     Raises
     ------
     OSError
-        If the parent does not exist or cannot be written to.
+        If the parent does not exist or cannot be written to, or the disk is full: the folder is named.
     """
     target = Path(os.path.realpath(path))
     _remove_leftovers(target)

@@ -9,6 +9,7 @@ from types import EllipsisType
 from typing import TYPE_CHECKING, Any, Protocol, get_args
 
 from .._choices import TimeUnit
+from .._intake import LARGEST
 
 if TYPE_CHECKING:
     from .. import filterfile
@@ -18,6 +19,7 @@ if TYPE_CHECKING:
 __all__ = [
     "COLUMNS",
     "add_columns",
+    "add_largest",
     "constant_inertia",
     "names_of",
     "plausibility",
@@ -55,9 +57,21 @@ def add_columns(
     columns.add_argument("--features", metavar="C,C,...", help="what --model takes (default feature_0, ...)")
     columns.add_argument("--inertia", metavar="M,... | C,...", help="M: numbers or columns (default 1)")
     columns.add_argument("--delimiter", default=",", metavar="CHAR", help="between columns (default ,)")
+    add_largest(columns)
     columns.add_argument("--g-rule", choices=_RULES, default="hold", help="g between samples (default hold)")
     columns.add_argument(
         "--f-theta-rule", choices=_RULES, default="average", help="f_theta between samples (default average)"
+    )
+
+
+def add_largest(parser: argparse.ArgumentParser | argparse._ArgumentGroup) -> None:
+    """Add ``--largest``, alike for every command that reads logs."""
+    parser.add_argument(
+        "--largest",
+        type=int,
+        default=LARGEST,
+        metavar="BYTES",
+        help="memory that one reading of a log may take (default: 1 GiB); more is refused",
     )
 
 
@@ -89,8 +103,15 @@ def read_columns(path: str | Path, options: argparse.Namespace) -> Recording:
     if Path(path).suffix.lower() in _TABLES:
         if options.dt is not None:
             raise ValueError(f"{path}: --dt is for CSV files without times; this table has a column of them")
-        unit = options.time_unit
-        log = read_recording(path, time=options.time, time_unit=unit, x=x, inertia=inertia, **signals)
+        log = read_recording(
+            path,
+            time=options.time,
+            time_unit=options.time_unit,
+            x=x,
+            inertia=inertia,
+            largest=options.largest,
+            **signals,
+        )
     else:
         log = Recording.from_csv(
             path,

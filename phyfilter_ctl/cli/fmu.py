@@ -87,6 +87,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="NAME=S[,S...]",
         help="times in s at which a triggered clock ticks; interval in s of a clock that has none of its own",
     )
+    run.add_argument(
+        "--max-steps", type=int, default=20_000_000, metavar="N", help="most steps (default: 20000000)"
+    )
     run.add_argument("--out", metavar="FILE.csv", help="outputs over time; - for standard output")
     run.add_argument("--picture", metavar="FILE", help="outputs as png, pdf or svg")
     for job in (check, run):

@@ -26,7 +26,6 @@ if TYPE_CHECKING:
 __all__ = ["isolated", "run"]
 
 _ENDED = "to end the run at"
-_MOST_STEPS = 20_000_000
 
 
 def isolated(options: argparse.Namespace) -> bool | Isolation:
@@ -68,7 +67,8 @@ def run(options: argparse.Namespace) -> int:
         raise ValueError(
             f"expected --stop after {start:g} s and --step within the run, got {stop:g} and {step:g}"
         )
-    check_count((stop - start) / step, _MOST_STEPS, "steps; choose --stop and --step")
+    advice = "choose --stop and --step, or allow more by --max-steps"
+    check_count((stop - start) / step, options.max_steps, f"steps of {options.file}", advice)
     times = start + step * np.arange(round((stop - start) / step) + 1, dtype=np.float64)
     try:
         result = (_exchanged if exchange else _cosimulated)(options, times)

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, get_args
 
 from .._choices import TimeUnit
 from .._output import add_json, write_json
+from .columns import add_largest
 
 if TYPE_CHECKING:
     from ..logfiles import LogFile, Topic
@@ -37,6 +38,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--time", metavar="COLUMN", help="a table's column of times (default: the one called so)"
     )
+    add_largest(parser)
     output = parser.add_mutually_exclusive_group()
     add_json(output)
     output.add_argument(
@@ -55,7 +57,7 @@ def main(options: argparse.Namespace) -> int:
     from ..logfiles import open_log
     from ..robot import describe_log
 
-    log = open_log(options.file, time_unit=options.time_unit, time=options.time)
+    log = open_log(options.file, time_unit=options.time_unit, time=options.time, largest=options.largest)
     if options.describe:
         print(describe_log(log), end="")
     else:

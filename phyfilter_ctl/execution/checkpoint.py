@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
-from .._output import naming
+from .._output import naming, write_text
 
 __all__ = ["Checkpoint"]
 
@@ -72,22 +72,26 @@ class Checkpoint(Generic[Answer]):
         text = self.path.read_text(encoding="utf-8") if self.path.exists() else ""
         whole = text[: text.rfind("\n") + 1]
         if not whole:
-            self._write(head, "w")
+            write_text(str(self.path), _line(head))
             return
         for number, line in enumerate(whole.splitlines(), 1):
             try:
                 entry = json.loads(line)
-            except ValueError as error:
+            except (ValueError, RecursionError) as error:
                 raise ValueError(f"{self.path}: line {number} is no JSON ({error}); delete it") from error
             if number == 1 and entry != head:
                 raise ValueError(
                     f"{self.path}: answers of another study, {line[:200]}; expected {json.dumps(head)[:200]}: give "
                     "another file, or delete this one"
                 )
+            if number > 1 and not (isinstance(entry, dict) and set(entry) == {"job", "answer"}):
+                raise ValueError(
+                    f"{self.path}: line {number}: expected job and answer, got {line[:80]}; delete it"
+                )
             if number > 1:
                 self.answers[entry["job"]] = from_json(entry["answer"])
         if whole != text:
-            self.path.write_text(whole, encoding="utf-8")
+            write_text(str(self.path), whole)
 
     def add(self, job: str, answer: Answer) -> None:
         """Keep an answer.
@@ -98,11 +102,12 @@ class Checkpoint(Generic[Answer]):
             Its name.
         answer : object
         """
-        self._write({"job": job, "answer": self._to_json(answer)}, "a")
-        self.answers[job] = answer
-
-    def _write(self, entry: Mapping[str, Any], mode: str) -> None:
-        with naming(self.path), self.path.open(mode, encoding="utf-8") as file:
-            file.write(json.dumps(entry, allow_nan=False) + "\n")
+        with naming(self.path), self.path.open("a", encoding="utf-8") as file:
+            file.write(_line({"job": job, "answer": self._to_json(answer)}))
             file.flush()
             os.fsync(file.fileno())
+        self.answers[job] = answer
+
+
+def _line(entry: Mapping[str, Any]) -> str:
+    return json.dumps(entry, allow_nan=False) + "\n"

@@ -195,10 +195,13 @@ def extracted(path: str | Path, limits: ArchiveLimits | None = None) -> Iterator
     ------
     ValueError
         As for :func:`unpack`.
+    OSError
+        If the disk of temporary files is full: the folder is named.
     """
     folder = Path(tempfile.mkdtemp(prefix="phyfilter-"))
     try:
-        unpack(path, folder, limits)
+        with naming(folder):
+            unpack(path, folder, limits)
         yield folder
     finally:
         shutil.rmtree(folder, ignore_errors=True)

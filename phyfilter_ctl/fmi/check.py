@@ -73,7 +73,8 @@ def check(
         What the archive may hold at most.
     isolated : bool or Isolation
         Whether the FMU runs in a process of its own, and within which limits of time; then a crash is a finding too.
-        False runs foreign code in the caller's process, with all that it may do there.
+        False runs foreign code in the caller's process, with all that it may do there. SECURITY.md says what a
+        process of its own fences.
 
     Returns
     -------

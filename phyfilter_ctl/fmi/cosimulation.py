@@ -182,8 +182,9 @@ def cosimulate(
         Show a progress bar.
     limits : ArchiveLimits, optional
     isolated : bool or Isolation
-        Whether each FMU file runs in a process of its own, and within which limits of time. Blocks from
-        :func:`import_fmu` run as they were imported.
+        Whether each FMU file runs in a process of its own, and within which limits of time; that costs one exchange
+        between processes a step, 0.3 to 0.6 ms. SECURITY.md says what it fences. Blocks from :func:`import_fmu` run
+        as they were imported.
     clocks : dict of str to float or sequence of float, optional
         By ``part.clock``: for clocks whose interval is the importer's to choose, that in seconds; for triggered ones
         the times at which they tick. Periodic and countdown clocks tick as their FMU says.

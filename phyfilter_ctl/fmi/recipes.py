@@ -27,7 +27,6 @@ from __future__ import annotations
 
 import importlib
 import tempfile
-import tomllib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -40,7 +39,7 @@ from .._sections import FloatArray
 from ..blocks import phyfilter_block
 from ..filter import FilterBank, PhyFilter, SampledPhyFilter
 from ..filterfile import Signals, load, load_signals
-from ..filterfile.table import TomlTable
+from ..filterfile.table import TomlTable, parsed
 from ..simulation import simulate
 from .check import CheckReport, check
 from .export import export_fmu
@@ -114,11 +113,7 @@ def read_recipe(folder: str | Path) -> Recipe:
     """
     folder = Path(folder)
     file = folder / "recipe.toml"
-    try:
-        values = tomllib.loads(file.read_text(encoding="utf-8"))
-    except tomllib.TOMLDecodeError as error:
-        raise ValueError(f"{file}: no TOML file: {error}") from error
-    top = TomlTable(file, "", values)
+    top = TomlTable(file, "", parsed(file))
     if top.text("format") != FORMAT or top.integer("version") != VERSION:
         raise top.error(
             "format", f"expected {FORMAT!r} of version {VERSION}: not a recipe this library reads"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import os
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -78,8 +79,12 @@ def opened_ssp(path: str | Path, *, limits: ArchiveLimits | None = None) -> Iter
     with extracted(path, limits) as folder:
         files = SspFiles(path, folder, limits)
         reader = _Reader(path, files, limits)
-        root, system = reader.document(folder / "SystemStructure.ssd")
-        reader.system("", system)
+        try:
+            root, system = reader.document(folder / "SystemStructure.ssd")
+            reader.system("", system)
+        except ValueError as error:  # of a part: named by where it was unpacked
+            text = str(error).replace(f"{folder}{os.sep}", "")
+            raise ValueError(text if str(path) in text else f"{path}: {text}") from error
         experiment = root.find("ssd:DefaultExperiment", NAMESPACES)
         yield reader.result(root.get("name", path.stem), system, experiment)
 

@@ -13,24 +13,31 @@ from numpy.typing import NDArray
 from pyarrow import feather
 
 from .._sections import FloatArray
+from .arrow_sizes import unpacked_size
 from .clock import column_times, column_unit, time_column
 from .contents import Column, Contents, Table
 from .formats import format_of
 from .records import side_by_side
+from .sizes import check_size
 from .tables import TABLE
 
+_WIDEST = 256  # elements of a list that become columns
 
-def read(path: Path, time_unit: str | None, time: str | None) -> Contents:
+
+def read(path: Path, time_unit: str | None, time: str | None, largest: int) -> Contents:
     """The table; columns that hold no numbers are left out, nulls are NaN."""
     parquet = format_of(path) == "parquet"
-    schema = pq.read_schema(path) if parquet else _arrow(path).schema
+    if parquet:
+        metadata = pq.read_metadata(path)
+        check_size(8 * metadata.num_rows, largest, "a column")
+    schema = pq.read_schema(path) if parquet else _arrow(path, largest).schema
     calendar = [f.name for f in schema if pa.types.is_timestamp(f.type) or pa.types.is_duration(f.type)]
     chosen = time_column(schema.names, calendar, time)
 
     def table(names: Sequence[str]) -> pa.Table:
         names = list(dict.fromkeys(names))
         if not parquet:
-            return _arrow(path).select(names)
+            return _arrow(path, largest).select(names)
         with pq.ParquetFile(path) as file:
             return file.read(columns=names)
 
@@ -42,7 +49,7 @@ def read(path: Path, time_unit: str | None, time: str | None) -> Contents:
     columns: list[Column] = []
     left_out: list[str] = []
     for f in schema:
-        listed = pa.types.is_fixed_size_list(f.type)
+        listed = pa.types.is_fixed_size_list(f.type) and f.type.list_size <= _WIDEST
         if f.name == chosen:
             continue
         if not _is_number(f.type.value_type if listed else f.type):
@@ -94,11 +101,16 @@ def _unit(field: pa.Field) -> str:
     return said or column_unit(field.name)
 
 
-def _arrow(path: Path) -> pa.Table:
+def _arrow(path: Path, largest: int) -> pa.Table:
     """A file or a stream, mapped; Feather of version 1 too."""
     with path.open("rb") as file:
         head = file.read(4)
-    if head in (b"ARRO", b"FEA1"):
+    if head == b"FEA1":
         return feather.read_table(path, memory_map=True)
-    with pa.memory_map(str(path)) as source, pa.ipc.open_stream(source) as stream:
-        return stream.read_all()
+    with pa.memory_map(str(path)) as source:
+        data, is_file = source.read_buffer(), head == b"ARRO"
+        check_size(unpacked_size(data, is_file=is_file), largest, "its packed columns")
+        with (pa.ipc.open_file if is_file else pa.ipc.open_stream)(data) as reader:
+            table = reader.read_all()
+    table.validate()
+    return table

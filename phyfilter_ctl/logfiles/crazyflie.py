@@ -37,7 +37,7 @@ class _Event:
     offsets: list[int] = field(default_factory=list)
 
 
-def read(path: Path, time_unit: str | None, time: str | None) -> Contents:
+def read(path: Path, time_unit: str | None, time: str | None, largest: int) -> Contents:
     """Events by name; a file that was cut is read up to there."""
     data = path.read_bytes()
     version, kinds = struct.unpack_from("<HH", data, 1)

@@ -55,7 +55,7 @@ class _Message:
     factors: dict[str, float]
 
 
-def read(path: Path, time_unit: str | None, time: str | None) -> Contents:
+def read(path: Path, time_unit: str | None, time: str | None, largest: int) -> Contents:
     """Messages by name, instances as ``IMU[0]``; a file that was cut is read up to there."""
     from pymavlink.DFReader import DFReader_binary
 

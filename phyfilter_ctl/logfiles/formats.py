@@ -10,7 +10,7 @@ from pathlib import Path
 
 from .contents import Contents
 
-Reader = Callable[[Path, str | None, str | None], Contents]
+Reader = Callable[[Path, str | None, str | None, int], Contents]
 
 
 @dataclass(frozen=True)
@@ -22,7 +22,7 @@ class Format:
     table: bool = False
 
     def reader(self) -> Reader:
-        """Its function ``read(path, time_unit, time)``."""
+        """Its function ``read(path, time_unit, time, largest)``."""
         return import_module(f".{self.module}", __package__).read
 
 

@@ -15,11 +15,13 @@ from pathlib import Path
 
 import numpy as np
 
+from .._intake import LARGEST
 from .._sections import FloatArray
 from . import clock as clocks
 from .clock import Clock, TimeUnit
 from .contents import TIME, Column, Contents, Dropout, Table
 from .formats import FORMATS, format_of
+from .sizes import check_size
 
 __all__ = ["Field", "LogFile", "Signal", "Topic", "open_log"]
 
@@ -108,6 +110,8 @@ class LogFile:
         What the reader has to say of the whole file.
     dropouts : tuple of Dropout
         Where the recorder noted what it lost.
+    largest : int
+        Bytes that one reading may take in memory.
     topics : tuple of Topic
     """
 
@@ -117,6 +121,7 @@ class LogFile:
     notes: tuple[str, ...]
     dropouts: tuple[Dropout, ...]
     _tables: Mapping[str, Table] = field(repr=False)
+    largest: int = LARGEST
 
     @cached_property
     def topics(self) -> tuple[Topic, ...]:
@@ -145,7 +150,8 @@ class LogFile:
         Raises
         ------
         ValueError
-            If there is no such topic, field or clock, or the file is broken where they stand.
+            If there is no such topic, field or clock, the file is broken where they stand, or they take more memory
+            than ``largest``.
         OSError
             If the file cannot be read any more.
 
@@ -183,6 +189,7 @@ class LogFile:
         if not names:
             return Signal(table.times.copy(), np.empty((len(table.times), 0)), (), ())
         with refusing(self.path, self.format):
+            check_size(8 * len(table.times) * (len(names) + 1), self.largest, f"topic {topic!r}")
             values = table.load(names if clock is None else (*names, clock))
         own = table.times.copy() if clock is None else values[:, -1].copy()
         return Signal(own, values[:, : len(names)], names, tuple(columns[name].unit for name in names))
@@ -196,7 +203,11 @@ class LogFile:
 
 
 def open_log(
-    path: str | os.PathLike[str], *, time_unit: TimeUnit | None = None, time: str | None = None
+    path: str | os.PathLike[str],
+    *,
+    time_unit: TimeUnit | None = None,
+    time: str | None = None,
+    largest: int = LARGEST,
 ) -> LogFile:
     """Open a log: its format is told by its first bytes, then by its name.
 
@@ -208,6 +219,9 @@ def open_log(
         What a table's column of times counts, where the file does not say it.
     time : str, optional
         Name of a table's column of times; None for the one that is called so.
+    largest : int
+        Bytes that one quantity of the file (times, what one reading asks for, an unpacked part) may take in memory.
+        What takes more is refused before it is read.
 
     Returns
     -------
@@ -218,8 +232,8 @@ def open_log(
     OSError
         If it cannot be read.
     ValueError
-        If its format is not known or needs a package that is not installed, it is broken, or its unit of time has to be
-        given, or may not be.
+        If its format is not known or needs a package that is not installed, it is broken, takes more memory than
+        ``largest``, or its unit of time has to be given, or may not be.
 
     Examples
     --------
@@ -238,10 +252,12 @@ def open_log(
     if not found.table and (time_unit is not None or time is not None):
         raise ValueError(f"{path}: a {name} log says its times itself; leave time_unit and time out")
     with refusing(path, name):
-        contents: Contents = found.reader()(path, time_unit, time)
+        contents: Contents = found.reader()(path, time_unit, time, largest)
     if not contents.tables:
         raise ValueError(f"{path}: the {name} log holds no samples")
-    return LogFile(path, contents.format, contents.start, contents.notes, contents.dropouts, contents.tables)
+    return LogFile(
+        path, contents.format, contents.start, contents.notes, contents.dropouts, contents.tables, largest
+    )
 
 
 @contextlib.contextmanager

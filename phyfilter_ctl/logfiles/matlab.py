@@ -6,15 +6,16 @@ scipy's own reader, compiled, crashes the process on some damaged files. Version
 from __future__ import annotations
 
 import math
-import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .._intake import LARGEST, check_count
+from .sizes import check_size, inflated
 
 __all__ = ["Values", "read_arrays"]
 
@@ -24,6 +25,8 @@ _STRUCT = 2
 _CLASSES = {6: "f8", 7: "f4", 8: "i1", 9: "u1", 10: "i2", 11: "u2", 12: "i4", 13: "u4", 14: "i8", 15: "u8"}
 _COMPLEX = 8  # a flag
 _DEEPEST = 32  # structs in structs
+_NONE = (0, b"")  # an element that is not there
+_MOST_FIELDS = 100_000
 
 
 @dataclass(frozen=True)
@@ -38,7 +41,7 @@ class Values:
         return self.stored.astype(self.dtype).reshape(self.shape, order="F")
 
 
-def read_arrays(path: Path) -> Iterator[tuple[str, str, Values]]:
+def read_arrays(path: Path, largest: int = LARGEST) -> Iterator[tuple[str, str, Values]]:
     """The struct that an array lies in, "" outside of structs, its name, and the array.
 
     Cells, texts, sparse and complex arrays, objects and arrays of several structs are passed over.
@@ -46,6 +49,8 @@ def read_arrays(path: Path) -> Iterator[tuple[str, str, Values]]:
     Parameters
     ----------
     path : Path
+    largest : int
+        Bytes that all arrays together may take in memory.
 
     Raises
     ------
@@ -56,26 +61,17 @@ def read_arrays(path: Path) -> Iterator[tuple[str, str, Values]]:
     if len(data) < 128 or data[126:128] not in (b"IM", b"MI"):
         raise ValueError("no header of a .mat file of version 5")
     order = "<" if data[126:128] == b"IM" else ">"
+    taken = 0
     for kind, body in _elements(data[128:], order):
         if kind == _COMPRESSED:
-            inside = list(_elements(_inflated(body), order))
+            inside = list(islice(_elements(inflated(body, largest - taken, "a compressed array"), order), 2))
             if len(inside) != 1:
-                raise ValueError(f"a compressed array holds {len(inside)} elements, expected one")
+                raise ValueError(f"a compressed array holds {len(inside) or 'no'} elements, expected one")
             ((kind, body),) = inside
+        taken += len(body)
+        check_size(taken, largest, "its arrays")
         if kind == _MATRIX:
-            yield from _arrays(body, order, "", "", 0)
-
-
-def _inflated(body: bytes) -> bytes:
-    stream = zlib.decompressobj()
-    try:
-        data = stream.decompress(body, LARGEST + 1)
-    except zlib.error as error:
-        raise ValueError(f"a compressed array is damaged: {error}") from error
-    check_count(len(data), LARGEST, "bytes in a compressed array, or more,")
-    if not stream.eof:
-        raise ValueError("a compressed array breaks off")
-    return data
+            yield from _arrays(body, order, largest)
 
 
 def _elements(data: bytes, order: str) -> Iterator[tuple[int, bytes]]:
@@ -105,29 +101,33 @@ def _numbers(element: tuple[int, bytes], order: str) -> NDArray[np.generic]:
     return np.frombuffer(body, order + _STORED[kind])
 
 
-def _arrays(body: bytes, order: str, struct: str, name: str, depth: int) -> Iterator[tuple[str, str, Values]]:
-    parts = list(_elements(body, order))
-    if len(parts) < 3:
+def _arrays(
+    body: bytes, order: str, largest: int, struct: str = "", name: str = "", depth: int = 0
+) -> Iterator[tuple[str, str, Values]]:
+    parts = _elements(body, order)
+    head = list(islice(parts, 3))
+    if len(head) < 3:
         return  # an empty array, or what MATLAB keeps for itself
-    flags = int(_numbers(parts[0], order)[0])
-    shape = tuple(int(k) for k in _numbers(parts[1], order))
+    flags = int(_numbers(head[0], order)[0])
+    shape = tuple(int(k) for k in _numbers(head[1], order))
     count = math.prod(shape)
-    name = name or parts[2][1].decode("utf-8", "replace")
+    name = name or head[2][1].decode("utf-8", "replace")
     if not name or min(shape, default=0) < 0:
         return
     found = flags & 0xFF
     if found == _STRUCT and count == 1:
         if depth == _DEEPEST:
             raise ValueError(f"structs more than {_DEEPEST} deep")
-        for field, part in zip(_names(parts[3], parts[4], order), parts[5:], strict=True):
+        for field, part in zip(_names(next(parts, _NONE), next(parts, _NONE), order), parts, strict=True):
             if part[0] == _MATRIX:
-                yield from _arrays(part[1], order, f"{struct}.{name}" if struct else name, field, depth + 1)
+                inner = f"{struct}.{name}" if struct else name
+                yield from _arrays(part[1], order, largest, inner, field, depth + 1)
     elif found in _CLASSES and not flags >> 8 & _COMPLEX:
-        stored = _numbers(parts[3], order)
+        stored = _numbers(next(parts, _NONE), order)
         if stored.size != count:
             raise ValueError(f"{name}: {shape} asks for {count} numbers, got {stored.size}")
         dtype = np.dtype(_CLASSES[found])
-        check_count(count * dtype.itemsize, LARGEST, f"bytes in {name!r}")
+        check_size(count * dtype.itemsize, largest, repr(name))
         yield struct, name, Values(shape, dtype, stored)
 
 
@@ -136,6 +136,7 @@ def _names(length: tuple[int, bytes], names: tuple[int, bytes], order: str) -> l
     width, text = int(_numbers(length, order)[0]), names[1]
     if width <= 0 or len(text) % width:
         raise ValueError(f"field names of {width} characters in {len(text)}")
+    check_count(len(text) // width, _MOST_FIELDS, "fields of a struct")
     return [
         text[at : at + width].split(b"\0")[0].decode("utf-8", "replace") for at in range(0, len(text), width)
     ]

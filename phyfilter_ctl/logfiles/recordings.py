@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 from numpy.typing import ArrayLike
 
+from .._intake import LARGEST
 from ..recording import Recording
 from ..recording.columns import VELOCITIES, inertia_option, wanted_columns, with_inertia
 from .clock import TimeUnit
@@ -37,6 +38,7 @@ def read_recording(
     inertia: ArrayLike | EllipsisType | None = ...,
     channels: Sequence[str] | None = None,
     unit: str | None = None,
+    largest: int = LARGEST,
 ) -> Recording:
     """A recording from a table of any format that :func:`open_log` reads.
 
@@ -53,6 +55,8 @@ def read_recording(
         Names of the channels; None means the columns of x.
     unit : str, optional
         Unit of x; None means m/s for the default columns, else none.
+    largest : int
+        Bytes that the file may take in memory, as for :func:`open_log`.
 
     Returns
     -------
@@ -63,7 +67,8 @@ def read_recording(
     OSError
         If the file cannot be read.
     ValueError
-        If it is no table, lacks a column, has no unit of time, or a value is missing.
+        If it is no table, lacks a column, has no unit of time, takes more memory than ``largest``, or a value is
+        missing.
 
     Examples
     --------
@@ -74,7 +79,7 @@ def read_recording(
     ...     read_recording(path, x=["v"], unit="m/s")
     Recording('short': 2 samples of v [m/s], 0.01 s, dt 0.01 s; label)
     """
-    log = open_log(path, time=time, time_unit=time_unit)
+    log = open_log(path, time=time, time_unit=time_unit, largest=largest)
     if not FORMATS[log.format].table:
         raise ValueError(
             f"{path}: a {log.format} log has topics on clocks of their own: say what they are in a robot file, and "

@@ -22,12 +22,17 @@ from .._sections import FloatArray
 from . import units
 from .clock import since, utc_of
 from .contents import TIME, Column, Contents, Table
+from .packed_bags import check_packed, limit_chunks
+from .sizes import check_size
 
 if TYPE_CHECKING:
     from rosbags.highlevel import AnyReader
     from rosbags.typesys.store import Typestore
 
 _WIDEST = 256  # elements of an array that become columns: no images, no clouds
+_NO_MEMBER = "structure_needs_at_least_one_member"  # rosbags' own, of no byte in ROS 1
+_MOST_MESSAGES = 4096  # in an array of fixed length
+_MESSAGE = 64  # bytes that the times of a message take
 _STAMP = "header.stamp"
 _TIME_TYPE = "builtin_interfaces/msg/Time"
 _HEADER_TYPE = "std_msgs/msg/Header"
@@ -51,28 +56,33 @@ def _usual() -> Typestore:
 
 
 @contextmanager
-def _opened(path: Path) -> Iterator[tuple[AnyReader, bool]]:
-    """A reader, and whether the bag says what its messages hold."""
+def _opened(path: Path, largest: int) -> Iterator[tuple[AnyReader, bool]]:
+    """A reader, and whether the bag says what its messages hold; what is packed may become so large."""
     from rosbags.highlevel import AnyReader
 
     if path.is_file() and path.suffix.lower() not in (".bag", ".db3", ".mcap"):
         raise ValueError(
             f"rename it: rosbags tells bags by .bag, .db3 or .mcap, and this one ends in {path.suffix!r}"
         )
+    check_packed(path, largest)
     reader = AnyReader([path], default_typestore=_usual())
     with reader:
+        for each in reader.readers:
+            limit_chunks(each, largest)
+        _refuse_weightless(reader.typestore)
         yield reader, any(connection.msgdef.data for connection in reader.connections)
 
 
-def read(path: Path, time_unit: str | None, time: str | None) -> Contents:
+def read(path: Path, time_unit: str | None, time: str | None, largest: int) -> Contents:
     """Topics by name; those whose messages cannot be read are left out, and said."""
     from rosbags.serde import SerdeError
 
     topics: dict[str, _Topic] = {}
     left_out: dict[str, str] = {}
-    with _opened(path) as (reader, described):
+    with _opened(path, largest) as (reader, described):
         store, ros2 = reader.typestore, reader.is2
-        for connection, received, data in reader.messages():
+        for count, (connection, received, data) in enumerate(reader.messages(), start=1):
+            check_size(_MESSAGE * count, largest, "its messages")
             name = connection.topic
             topic = topics.get(name)
             if topic is None:
@@ -92,12 +102,38 @@ def read(path: Path, time_unit: str | None, time: str | None) -> Contents:
             if topic.stamped:
                 topic.stamps.append(_stamp(data, ros2))
     zero = min((topic.received[0] for topic in topics.values()), default=0)
-    tables = {name: _table(path, name, topic, store, zero) for name, topic in sorted(topics.items())}
+    tables = {name: _table(path, name, topic, store, zero, largest) for name, topic in sorted(topics.items())}
     notes = [f"left out, {name}: {why}" for name, why in left_out.items()]
     if not described and topics:
         notes.append("the bag does not define its messages: they are taken for those of ROS 2 Humble")
     form = {".bag": "rosbag1", ".mcap": "mcap"}.get(path.suffix.lower(), "rosbag2")
     return Contents(form, tables, utc_of(zero // 1000), tuple(notes))
+
+
+def _refuse_weightless(store: Typestore) -> None:
+    """Refuse definitions by which a few bytes become any number of messages.
+
+    Lists of messages without a byte, whose number is said and bounded by nothing; and long arrays of messages, for each
+    element of which rosbags writes a line of code.
+    """
+
+    @cache
+    def weighs(kind: str) -> bool:
+        return any(
+            name != _NO_MEMBER and (not isinstance(detail, str) or weighs(detail))
+            for name, (_, detail) in store.fielddefs[kind][1]
+        )
+
+    for kind, (_, fields) in store.fielddefs.items():
+        for name, (_, detail) in fields:
+            if isinstance(detail, str) or not isinstance(detail[0], tuple):  # one message, one number
+                continue
+            (_, element), length = detail
+            if isinstance(element, str) and (int(length) > _MOST_MESSAGES or not weighs(element)):
+                raise ValueError(
+                    f"{kind}: field {name!r}: expected a list of messages with fields, or at most {_MOST_MESSAGES} of "
+                    f"them, got {element}[{length or ''}]"
+                )
 
 
 def _stamped(store: Typestore, kind: str) -> bool:
@@ -146,7 +182,7 @@ def _leaves(
             left_out.append(f"{path} ({len(value)} elements{'' if len(value) else ' in the first message'})")
 
 
-def _table(path: Path, name: str, topic: _Topic, store: Typestore, zero: int) -> Table:
+def _table(path: Path, name: str, topic: _Topic, store: Typestore, zero: int, largest: int) -> Table:
     left_out: list[str] = []
     leaves = {leaf.path: leaf for leaf in _leaves(store, topic.kind, topic.first, "", "", left_out)}
     notes = [topic.kind]
@@ -160,7 +196,7 @@ def _table(path: Path, name: str, topic: _Topic, store: Typestore, zero: int) ->
     def load(names: Sequence[str]) -> FloatArray:
         places = [_place(leaves, each) for each in names]
         wanted = list(dict.fromkeys(leaf for leaf, _ in places))
-        values = dict(zip(wanted, _values(path, name, wanted, zero), strict=True))
+        values = dict(zip(wanted, _values(path, name, wanted, zero, largest), strict=True))
         found = {len(value) for value in values.values()}
         if found - {len(times)}:  # its index and its messages disagree
             raise ValueError(
@@ -189,10 +225,10 @@ def _lag(stamps: NDArray[np.int64], received: NDArray[np.int64]) -> str:
     )
 
 
-def _values(path: Path, name: str, leaves: Sequence[_Leaf], zero: int) -> list[FloatArray]:
+def _values(path: Path, name: str, leaves: Sequence[_Leaf], zero: int, largest: int) -> list[FloatArray]:
     """Of each leaf, shape (N,) or (N, width)."""
     get = attrgetter(*(leaf.path for leaf in leaves))
-    with _opened(path) as (reader, _):
+    with _opened(path, largest) as (reader, _):
         connections = [c for c in reader.connections if c.topic == name]
         rows = [get(reader.deserialize(data, c.msgtype)) for c, _, data in reader.messages(connections)]
     columns = [rows] if len(leaves) == 1 else list(zip(*rows, strict=True))

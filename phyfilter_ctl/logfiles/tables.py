@@ -17,7 +17,7 @@ TABLE = "table"  # the one topic of a table
 _CALENDAR = re.compile(r"(\d{4}-\d\d-\d\d[T ]\d\d:\d\d(?::\d\d(?:\.\d{1,9})?)?) ?(Z|UTC|[+-]\d\d:?\d\d)?")
 
 
-def read(path: Path, time_unit: str | None, time: str | None) -> Contents:
+def read(path: Path, time_unit: str | None, time: str | None, largest: int) -> Contents:
     """The table; columns of text are left out, empty fields are NaN."""
     file = open_csv(path, *dialect(path))
     numeric = file.numeric()

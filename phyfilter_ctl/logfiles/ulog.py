@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from datetime import datetime
 from mmap import ACCESS_READ, mmap
 from pathlib import Path
@@ -21,11 +21,12 @@ if TYPE_CHECKING:
     from pyulog import ULog
 
 _LARGEST = 10_000  # bytes of a message that pyulog believes
+_MOST = 0xFFFF  # bytes of a message
 _HEADER = 16  # bytes before the first message
 _GPS = ("vehicle_gps_position", "sensor_gps")
 
 
-def read(path: Path, time_unit: str | None, time: str | None) -> Contents:
+def read(path: Path, time_unit: str | None, time: str | None, largest: int) -> Contents:
     """Topics by name, further instances as ``name[1]``; a file that was cut is read up to there."""
     from pyulog import ULog
 
@@ -71,18 +72,50 @@ def _column(topic: str, field: str, kind: str) -> Column:
 
 
 def _check_definitions(path: Path) -> None:
-    """Refuse a file that ends before its data begin: on some of them pyulog reads the end for ever."""
+    """Refuse a file that ends before its data begin: on some of them pyulog reads the end for ever.
+
+    And topics of more elements than a message has bytes, of which pyulog would make a list each.
+    """
+    formats: dict[str, list[tuple[str, int]]] = {}
     with path.open("rb") as file, mmap(file.fileno(), 0, access=ACCESS_READ) as data:
         at = _HEADER
         while at + 3 <= len(data):
             size, kind = data[at] | data[at + 1] << 8, data[at + 2]
             if kind in b"ALC":
-                return
-            if at + 3 + size > len(data):
                 break
+            if at + 3 + size > len(data):
+                at = len(data)
+                break
+            if kind in b"F":
+                name, fields, *_ = [*data[at + 3 : at + 3 + size].decode("utf-8", "replace").split(":"), ""]
+                formats[name] = [_type(field) for field in fields.split(";") if field]
             damaged = kind not in b"FIMPQB" and (kind == 0 or size == 0 or size > _LARGEST)
             at += 1 if damaged else 3 + size  # as pyulog goes on
-        raise ValueError("cut off or damaged within its definitions, before any data")
+        if at + 3 > len(data):
+            raise ValueError("cut off or damaged within its definitions, before any data")
+    for name in formats:
+        if _elements(name, formats, _MOST) > _MOST:
+            raise ValueError(
+                f"format {name[:60]!r}: expected at most {_MOST} elements, as a message has bytes"
+            )
+
+
+def _type(field: str) -> tuple[str, int]:
+    """Kind and number of a field such as ``float[4] q``."""
+    kind, _, length = field.partition(" ")[0].partition("[")
+    return kind, int(length.partition("]")[0] or 1)
+
+
+def _elements(name: str, formats: Mapping[str, Sequence[tuple[str, int]]], most: int) -> int:
+    """Elements of a format with those of the formats in it; one that holds itself has more than any."""
+    count = 0
+    for kind, length in formats[name]:
+        count += length * (
+            _elements(kind, formats, most - 1 - count) if kind in formats and count < most else 1
+        )
+        if count > most:
+            break
+    return max(count, 1)
 
 
 def _is_cut(path: Path) -> bool:

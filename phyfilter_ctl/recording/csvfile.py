@@ -27,6 +27,7 @@ __all__ = ["CsvFile", "dialect", "open_csv", "write_csv"]
 # utf-8-sig reads UTF-8 with and without the byte-order mark that spreadsheets put in front.
 _ENCODING = "utf-8-sig"
 _SHOWN = 60  # characters of an offending text that an error repeats
+_LONGEST = 1 << 22  # bytes of a line
 _LARGE = 1 << 22  # bytes from which on polars, where it is installed, is worth its import
 _DELIMITERS = (";", "\t", "|", ",", " ")
 _SAMPLED = 100  # rows that say which columns hold numbers
@@ -218,7 +219,8 @@ def dialect(path: Path) -> tuple[str, str]:
     """
     try:
         with path.open(encoding=_ENCODING) as file:
-            lines = [line.rstrip("\n") for line in islice(filter(_holds_data, file), 10)]
+            head = io.StringIO(file.read(_LONGEST))  # lines too long for it are open_csv's to refuse
+            lines = [line.rstrip("\n") for line in islice(filter(_holds_data, head), 10)]
     except UnicodeDecodeError:
         return ",", "."  # open_csv says what is wrong with it
     best, most = ",", 1
@@ -238,15 +240,16 @@ def open_csv(path: Path, delimiter: str, decimal: str = ".") -> CsvFile:
     Raises
     ------
     ValueError
-        If the file is no UTF-8 text, is empty, has no header or nothing but a header, or names a column twice.
+        If the file is no UTF-8 text, has a line of more than 4 MiB, is empty, has no header or nothing but a header, or
+        names a column twice.
     """
     _check_delimiter(delimiter)
     try:
+        _refuse_other_text(path)
         with path.open(encoding=_ENCODING) as file:
             lines = ((number, line) for number, line in enumerate(file, start=1) if _holds_data(line))
             number, line = next(lines, (0, ""))
             has_rows = next(lines, None) is not None
-        _refuse_other_text(path)
     except UnicodeDecodeError as error:
         raise ValueError(
             f"{path}: not UTF-8 text ({error.reason} at byte {error.start}); save it as UTF-8"
@@ -264,11 +267,13 @@ def open_csv(path: Path, delimiter: str, decimal: str = ".") -> CsvFile:
 
 
 def _refuse_other_text(path: Path) -> None:
-    """Find text that is not UTF-8 here and not half-way."""
+    """Find text that is not UTF-8, and lines that no table has, here and not half-way."""
     decoder = codecs.getincrementaldecoder("utf-8")()
     with path.open("rb") as file:
-        while block := file.read(_LARGE):
+        while block := file.read(_LONGEST):
             decoder.decode(block)
+            if len(block) == _LONGEST and b"\n" not in block and b"\r" not in block:
+                raise ValueError(f"{path}: expected lines of at most {_LONGEST} bytes, got a longer one")
     decoder.decode(b"", final=True)
 
 

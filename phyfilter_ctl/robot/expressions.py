@@ -8,6 +8,7 @@ matrix with a vector.
 from __future__ import annotations
 
 import ast
+import math
 import operator
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -15,6 +16,7 @@ from functools import cached_property
 
 import numpy as np
 
+from .._intake import LARGEST, check_count, limited
 from .._sections import FloatArray
 from .frames import rotated
 
@@ -25,6 +27,7 @@ Function = Callable[..., FloatArray]
 Evaluated = Callable[[Values], FloatArray]
 
 _LONGEST = 4000  # characters
+_SHOWN = 60  # of them, in a message
 _DAMAGE = (SyntaxError, ValueError, RecursionError, MemoryError)
 
 
@@ -39,8 +42,17 @@ def _aligned(*values: FloatArray) -> list[FloatArray]:
     return [v.reshape(len(v), *[1] * (most - v.ndim), *v.shape[1:]) for v in values]
 
 
+def _fits(shape: Sequence[int]) -> None:
+    check_count(8 * math.prod(shape), LARGEST, f"bytes for a value of shape {tuple(shape)}, samples first")
+
+
 def _elementwise(function: Function) -> Function:
-    return lambda *values: np.asarray(function(*_aligned(*values)), dtype=float)
+    def of(*values: FloatArray) -> FloatArray:
+        aligned = _aligned(*values)
+        _fits(np.broadcast_shapes(*(value.shape for value in aligned)))
+        return np.asarray(function(*aligned), dtype=float)
+
+    return of
 
 
 def _over_vector(function: Callable[..., FloatArray]) -> Function:
@@ -57,10 +69,12 @@ def _matmul(A: FloatArray, b: FloatArray) -> FloatArray:
         return (A @ b[..., None])[..., 0]
     if A.ndim == b.ndim == 2:
         return np.sum(A * b, axis=-1)
+    _fits((max(len(A), len(b)), *A.shape[1:-1], *b.shape[2:]))
     return A @ b
 
 
 def _diagonal(vector: FloatArray) -> FloatArray:
+    _fits((*vector.shape, vector.shape[-1]))
     return vector[:, :, None] * np.eye(vector.shape[1])
 
 
@@ -167,14 +181,16 @@ class Expression:
         try:
             with np.errstate(all="ignore"):  # what is not finite is told by those who know why
                 return self._evaluate(values)
-        except (ValueError, IndexError) as error:
-            raise ValueError(f"{self.text!r}: {error}") from error
+        except (ValueError, IndexError, OverflowError, MemoryError, RecursionError) as error:
+            text = self.text if len(self.text) <= _SHOWN else f"{self.text[:_SHOWN]}..."
+            raise ValueError(f"{text!r}: {error or 'out of memory'}") from error
 
 
 def _made(node: ast.expr, functions: Functions) -> Evaluated:
     """A function of the values for one part of the grammar; what is not named here is not let in."""
     if isinstance(node, ast.Constant) and type(node.value) in (int, float):
-        number = constant(float(node.value))  # pyright: ignore[reportArgumentType]
+        with limited("a number"):
+            number = constant(float(node.value))  # pyright: ignore[reportArgumentType]
         return lambda values: number
     if isinstance(node, ast.Name):
         name = node.id
@@ -233,4 +249,5 @@ def _stacked(*parts: FloatArray) -> FloatArray:
     if len({part.shape[1:] for part in parts}) > 1:
         raise ValueError(f"[..]: expected entries of one shape, got {[part.shape[1:] for part in parts]}")
     n = max(map(len, parts))
+    _fits((n, len(parts), *parts[0].shape[1:]))
     return np.stack([np.broadcast_to(part, (n, *part.shape[1:])) for part in parts], axis=1)

@@ -73,7 +73,12 @@ class Reading:
         """
         log = self.opened(log)
         tracks = self._tracks(log)
-        return self._recording(tracks, Path(log.path).stem)
+        try:
+            return self._recording(tracks, Path(log.path).stem)
+        except ValueError as error:
+            if str(self.path) in str(error):
+                raise
+            raise ValueError(f"{self.path}: {error}") from error
 
     @cached_property
     def _texts(self) -> dict[str, str]:
@@ -101,12 +106,12 @@ class Reading:
                 waiting += self._needs.get(name, ())
         return [name for name in self.signals if name in seen]
 
-    def _evaluated(self, text: str) -> Evaluated:
-        """An expression as a function of the values of the signals."""
+    def _evaluated(self, key: str) -> Evaluated:
+        """What a part of the model says, as a function of the values of the signals."""
 
         def of(signals: Mapping[str, FloatArray]) -> FloatArray:
             values = {name: constant(value) for name, value in self.constants.items()} | dict(signals)
-            waiting = [(text, "")]
+            waiting = [(self._text(key), "")]
             while waiting:
                 current, name = waiting[-1]
                 needed = [n for n in Expression(current, self.functions).names if n not in values]
@@ -114,7 +119,11 @@ class Reading:
                     waiting += [(self.expressions[n], n) for n in needed]
                     continue
                 waiting.pop()
-                result = Expression(current, self.functions)(values)
+                try:
+                    result = Expression(current, self.functions)(values)
+                except ValueError as error:
+                    where = f"expressions.{name}" if name else f"model.{key}"
+                    raise ValueError(f"{self.path}: {where}: {error}") from error
                 if not name:
                     return result
                 values[name] = result
@@ -181,7 +190,7 @@ class Reading:
             from ..learned import learned_model
 
             path = self.path.parent / self._text("f_theta_file")
-            features, model = self._evaluated(self._text("features")), learned_model(path)
+            features, model = self._evaluated("features"), learned_model(path)
 
             def predicted(signals: Mapping[str, FloatArray]) -> FloatArray:
                 z = _columned(features(signals))
@@ -192,7 +201,7 @@ class Reading:
                 return found
 
             return self._bases([self._text("features")]), predicted
-        return self._bases([self._text(key)]), self._evaluated(self._text(key))
+        return self._bases([self._text(key)]), self._evaluated(key)
 
     def _sampled(self, tracks: Mapping[str, Track], times: FloatArray, key: str) -> FloatArray:
         names, evaluate = self._function(key)

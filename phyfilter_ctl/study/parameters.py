@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-import tomllib
+import math
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import fields
 from functools import cache
 from pathlib import Path
 from typing import Any, TypeVar, get_type_hints
+
+from .._intake import limited
+from ..filterfile.table import TomlTable, parsed
 
 __all__ = ["parameter_file", "read_parameters"]
 
@@ -56,7 +59,8 @@ def read_parameters(path: str | Path, kind: type[T], *, defaults: str | Path | N
     OSError
         If there is no such file.
     ValueError
-        If it is no TOML; for tables or keys that are missing or unknown, or a number without unit or reason.
+        If it is no TOML; for tables or keys that are missing or unknown, or a number that is not finite, or has no unit
+        or reason.
 
     Examples
     --------
@@ -88,19 +92,17 @@ def read_parameters(path: str | Path, kind: type[T], *, defaults: str | Path | N
 
 
 def _toml(path: Path) -> dict[str, Any]:
-    try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
-    except ValueError as error:
-        raise ValueError(f"{path.name}: no TOML file: {error}") from error
+    top = TomlTable(path, "", parsed(path))
+    return {name: top.table(name).values for name in top.values}
 
 
 def _table(where: str, table: Mapping[str, Mapping[str, Any]], kind: type[T]) -> T:
     names = [entry.name for entry in fields(kind)]  # pyright: ignore[reportArgumentType] - a dataclass by contract
     _expect_keys(where, "keys", names, table)
     for name, entry in table.items():
-        if set(entry) != _ENTRY or not (entry["unit"] and entry["reason"]):
-            raise ValueError(f"{where} {name}: expected value, unit and reason, got {sorted(entry)}")
-    return kind(**{name: _frozen(table[name]["value"]) for name in names})
+        if not isinstance(entry, dict) or set(entry) != _ENTRY or not (entry["unit"] and entry["reason"]):
+            raise ValueError(f"{where} {name}: expected value, unit and reason, got {str(entry)[:60]}")
+    return kind(**{name: _frozen(f"{where} {name}", table[name]["value"]) for name in names})
 
 
 def _expect_keys(where: str, what: str, expected: Iterable[str], got: Iterable[str]) -> None:
@@ -109,5 +111,10 @@ def _expect_keys(where: str, what: str, expected: Iterable[str], got: Iterable[s
         raise ValueError(f"{where}: expected the {what} {', '.join(wanted)}, got {', '.join(given)}")
 
 
-def _frozen(value: Any) -> Any:
-    return tuple(_frozen(entry) for entry in value) if isinstance(value, list) else value
+def _frozen(where: str, value: Any) -> Any:
+    if isinstance(value, list):
+        return tuple(_frozen(where, entry) for entry in value)
+    with limited(where):
+        if isinstance(value, int | float) and not math.isfinite(value):
+            raise ValueError(f"{where}: expected finite numbers, got {value}")
+    return value

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -13,6 +12,7 @@ from numpy.typing import ArrayLike
 
 from .. import _signals
 from ..execution import Executor, Report, silent
+from ..filterfile.table import TomlTable, parsed
 
 __all__ = ["TunedMethod", "command_jitter", "fastest", "least_error", "read_tuned", "tuned_text"]
 
@@ -219,17 +219,20 @@ def read_tuned(
     Raises
     ------
     ValueError
-        If a method or a number of one is missing.
+        If it is no TOML, or a method or a number of one is missing or no number.
     """
-    data, found = tomllib.loads(path.read_text(encoding="utf-8")), (*_FIGURES, "interior")
-    missing = [name for name in methods if name not in data] or [
-        f"{key} of {name}" for name in methods for key in (*gains, *found) if key not in data[name]
+    top, found = TomlTable(path, "", parsed(path)), (*_FIGURES, "interior")
+    tables = {name: top.table(name) for name in methods if name in top}
+    missing = [name for name in methods if name not in tables] or [
+        f"{key} of {name}" for name in methods for key in (*gains, *found) if key not in tables[name]
     ]
     if missing:
         raise ValueError(f"{path.name}: no entry for {', '.join(missing)}; {command} makes them")
     return {
         name: TunedMethod(
-            make(name, *(data[name][gain] for gain in gains)), *(data[name][key] for key in found)
+            make(name, *(table.number(gain) for gain in gains)),
+            *(table.number(key) for key in _FIGURES),
+            interior=table.values["interior"] is True,
         )
-        for name in methods
+        for name, table in tables.items()
     }

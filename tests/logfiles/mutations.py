@@ -23,10 +23,12 @@ import phyfilter_ctl as pf
 PACKAGES = {
     **{"ulog": "pyulog", "dataflash": "pymavlink", "crazyflie": "numpy", "csv": "numpy"},
     **{"bag": "rosbags", "db3": "rosbags", "mcap": "rosbags", "parquet": "pyarrow", "feather": "pyarrow"},
+    **{"bz2.bag": "rosbags", "lz4.bag": "rosbags", "zstd.mcap": "rosbags"},
     **{"hdf5": "h5py", "mat": "scipy"},
 }
 _MEMORY = 4 << 30  # bytes
 _LONGEST = 300  # s that an example may take
+_LENGTHS = [1 << 16, 1 << 24, 10**9, (1 << 31) - 1, (1 << 32) - 1, 1 << 40, (1 << 63) - 1, (1 << 64) - 1]
 _ROWS = 20
 
 
@@ -51,12 +53,13 @@ def sound(kind: str, folder: Path) -> bytes:
         from tests.logfiles.test_crazyflie import usd
 
         return usd(2)
-    if kind in ("bag", "db3", "mcap"):
+    packed, _, ending = kind.rpartition(".")
+    if ending in ("bag", "db3", "mcap"):
         from tests.logfiles.test_rosbag import write
 
         names = {"bag": "rosbag1", "db3": "rosbag2 sqlite3", "mcap": "rosbag2 mcap"}
-        made = write(path, names[kind], count=_ROWS)
-        return (made if made.is_file() else next(made.glob(f"*.{kind}"))).read_bytes()
+        made = write(path, names[ending], count=_ROWS, packed=packed.upper())
+        return (made if made.is_file() else next(made.glob(f"*.{ending}"))).read_bytes()
     if kind in ("parquet", "feather"):
         import pyarrow as pa
         from pyarrow import feather, parquet
@@ -82,11 +85,11 @@ def sound(kind: str, folder: Path) -> bytes:
 
 
 def mutated(data: bytes, rng: np.random.Generator) -> bytes:
-    """A few bytes set, bits turned, stretches dropped, doubled or zeroed; or the end cut off."""
+    """A few bytes set, bits turned, stretches dropped, doubled or zeroed, lengths enlarged; or the end cut off."""
     out = bytearray(data)
     for _ in range(int(rng.integers(1, 6))):
         at, length = int(rng.integers(len(out) or 1)), int(rng.integers(1, 40))
-        match int(rng.integers(7)):
+        match int(rng.integers(8)):
             case 0 if out:
                 out[at] = int(rng.integers(256))
             case 1 if out:
@@ -99,6 +102,10 @@ def mutated(data: bytes, rng: np.random.Generator) -> bytes:
                 out[at : at + length] = bytes(min(length, len(out) - at))
             case 5:
                 out[at : at + 4] = rng.integers(256, size=4, dtype=np.uint8).tobytes()
+            case 6:
+                large, width = _LENGTHS[int(rng.integers(len(_LENGTHS)))], int(rng.choice([4, 8]))
+                order = "little" if rng.integers(4) else "big"
+                out[at : at + width] = (large % (1 << 8 * width)).to_bytes(width, order)
             case _ if rng.integers(4) == 0:
                 del out[at:]
     return bytes(out)
@@ -115,6 +122,8 @@ def outcome(path: Path) -> str:
     except (ValueError, OSError) as error:
         if str(path) not in str(error):
             raise AssertionError("the file is not named") from error
+        if "MemoryError" in str(error):
+            raise AssertionError("memory was asked for before the file was refused") from error
         return "refused"
     return "read"
 

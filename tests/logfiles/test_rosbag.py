@@ -13,7 +13,7 @@ import pytest
 pytest.importorskip("rosbags")
 
 from rosbags.rosbag1 import Writer as Writer1
-from rosbags.rosbag2 import StoragePlugin
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
 from rosbags.rosbag2 import Writer as Writer2
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
@@ -34,17 +34,21 @@ def late(k: int) -> int:
     return 12_000_000 + 1_000_000 * (k % 3)
 
 
-def write(path: Path, kind: str, count: int = 100) -> Path:
-    """A bag with an IMU, joints, text, poses and a message of the robot's own."""
+def write(path: Path, kind: str, count: int = 100, packed: str = "") -> Path:
+    """A bag with an IMU, joints, text, poses and a message of the robot's own; its chunks packed by a format."""
     ros1 = kind == "rosbag1"
     store = get_typestore(Stores.ROS1_NOETIC if ros1 else Stores.ROS2_HUMBLE)
     store.register(get_types_from_msg("float32[4] speed\nbool armed\nstring mode\n", OWN))
     types = store.types
     if ros1:
         writer, path = Writer1(path.with_suffix(".bag")), path.with_suffix(".bag")
+        if packed:
+            writer.set_compression(Writer1.CompressionFormat[packed])
     else:
         storage = StoragePlugin.MCAP if kind.endswith("mcap") else StoragePlugin.SQLITE3
         writer = Writer2(path, version=9, storage_plugin=storage)
+        if packed:
+            writer.set_compression(CompressionMode.STORAGE, CompressionFormat[packed])
     vector, quaternion = types["geometry_msgs/msg/Vector3"], types["geometry_msgs/msg/Quaternion"]
 
     def header(ns: int) -> object:

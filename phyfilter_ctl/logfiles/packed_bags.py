@@ -1,0 +1,115 @@
+"""Packed parts of bags, which rosbags unpacks whole: none becomes larger than allowed.
+
+Chunks of ROS 1 bags are bounded while they are unpacked; those of MCAP, and packed files and messages of ROS 2 bags,
+are tried before. Formats: http://wiki.ros.org/Bags/Format/2.0, https://mcap.dev/spec.
+"""
+
+from __future__ import annotations
+
+import struct
+from functools import partial
+from mmap import ACCESS_READ, mmap
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from .sizes import check_size, check_unpacked, unpacked
+
+if TYPE_CHECKING:
+    from rosbags.rosbag1 import Reader as Reader1
+    from rosbags.rosbag2 import Reader as Reader2
+
+__all__ = ["check_packed", "limit_chunks"]
+
+_MCAP, _ZSTD = b"\x89MCAP0\r\n", b"\x28\xb5\x2f\xfd"
+_CHUNK = 6  # kind of an MCAP record
+_FRAME = 4  # bytes by which a zstd frame is known
+_CHUNK_HEAD = 40  # bytes of a chunk's record: two times, two sizes, a checksum and two lengths
+
+
+def check_packed(path: Path, largest: int) -> None:
+    """Try what is unpacked while a bag is opened.
+
+    Parameters
+    ----------
+    path : Path
+        A file, or the folder of a ROS 2 bag.
+    largest : int
+        Bytes that a packed part may become.
+
+    Raises
+    ------
+    ValueError
+        If one becomes more.
+    OSError
+        If a file cannot be read.
+    """
+    for file in sorted(path.iterdir()) if path.is_dir() else [path]:
+        if not (file.is_file() and file.stat().st_size):
+            continue
+        with file.open("rb") as stream, mmap(stream.fileno(), 0, access=ACCESS_READ) as data:
+            if data[:_FRAME] == _ZSTD:
+                check_unpacked(data[:], "zstd", largest, file.name)
+            elif data[: len(_MCAP)] == _MCAP:
+                _check_records(data, largest)
+
+
+def _check_records(data: mmap, largest: int) -> None:
+    at = len(_MCAP)
+    while at + 9 <= len(data):
+        size = int.from_bytes(data[at + 1 : at + 9], "little")
+        if data[at] == _CHUNK and size >= _CHUNK_HEAD:
+            length = int.from_bytes(data[at + 37 : at + 41], "little")
+            kind, begin = data[at + 41 : at + 41 + length], at + 49 + length
+            (packed,) = struct.unpack_from("<Q", data, begin - 8) if begin <= len(data) else (0,)
+            _check_chunk(data[begin : begin + packed], kind, largest)
+        at += 9 + size
+
+
+def _check_chunk(data: bytes, kind: bytes, largest: int) -> None:
+    if kind in (b"lz4", b"zstd"):
+        check_unpacked(data, kind.decode(), largest, "a packed chunk")
+
+
+def limit_chunks(reader: Reader1 | Reader2, largest: int) -> None:
+    """Bound what an open bag unpacks while its messages are read.
+
+    Parameters
+    ----------
+    reader : rosbags reader of ROS 1 or ROS 2
+        Its chunks are told to unpack no more.
+    largest : int
+        Bytes that one part may become.
+
+    Raises
+    ------
+    ValueError
+        If a part of a ROS 2 bag becomes more.
+    """
+    from rosbags.rosbag1 import Reader as Reader1
+
+    if isinstance(reader, Reader1):
+        _limit_ros1(reader, largest)
+        return
+    storage = reader.storage
+    for each in getattr(storage, "storages", [storage]):
+        if getattr(storage.metadata, "compression_mode", None) == "message":
+            for _, _, data in each.messages(each.connections):
+                check_unpacked(data, "zstd", largest, "a packed message")
+        for chunk in getattr(each, "chunks", ()):  # where the index says that they stand
+            check_size(chunk.compressed_size, largest, "a chunk")
+            each.bio.seek(chunk.chunk_start_offset + 9 + _CHUNK_HEAD + len(chunk.compression))
+            _check_chunk(each.bio.read(chunk.compressed_size), chunk.compression.encode(), largest)
+
+
+def _limit_ros1(reader: Reader1, largest: int) -> None:
+    from rosbags.rosbag1.reader import decompressors
+
+    kinds = {function: name for name, function in decompressors.items() if name != "none"}
+    for place, chunk in reader.chunks.items():
+        kind = kinds.get(chunk.decompressor)
+        if kind is not None:
+            reader.chunks[place] = chunk._replace(decompressor=partial(_unpacked, kind=kind, largest=largest))
+
+
+def _unpacked(data: bytes, *, kind: str, largest: int) -> bytes:
+    return b"".join(unpacked(data, kind, largest, "a packed chunk"))
