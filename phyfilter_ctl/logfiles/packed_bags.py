@@ -6,7 +6,6 @@ are tried before. Formats: http://wiki.ros.org/Bags/Format/2.0, https://mcap.dev
 
 from __future__ import annotations
 
-import struct
 from functools import partial
 from mmap import ACCESS_READ, mmap
 from pathlib import Path
@@ -22,6 +21,7 @@ __all__ = ["check_packed", "limit_chunks"]
 
 _MCAP, _ZSTD = b"\x89MCAP0\r\n", b"\x28\xb5\x2f\xfd"
 _CHUNK = 6  # kind of an MCAP record
+_END = 28  # bytes from where the file's end says where its summary begins
 _FRAME = 4  # bytes by which a zstd frame is known
 _CHUNK_HEAD = 40  # bytes of a chunk's record: two times, two sizes, a checksum and two lengths
 
@@ -54,15 +54,21 @@ def check_packed(path: Path, largest: int) -> None:
 
 
 def _check_records(data: mmap, largest: int) -> None:
-    at = len(_MCAP)
-    while at + 9 <= len(data):
-        size = int.from_bytes(data[at + 1 : at + 9], "little")
-        if data[at] == _CHUNK and size >= _CHUNK_HEAD:
-            length = int.from_bytes(data[at + 37 : at + 41], "little")
-            kind, begin = data[at + 41 : at + 41 + length], at + 49 + length
-            (packed,) = struct.unpack_from("<Q", data, begin - 8) if begin <= len(data) else (0,)
-            _check_chunk(data[begin : begin + packed], kind, largest)
-        at += 9 + size
+    """The records of an MCAP file, and those of its summary where the end of the file says that it stands."""
+    summary = int.from_bytes(data[-_END : -_END + 8], "little")
+    for at in (len(_MCAP), *([summary] if len(_MCAP) < summary < len(data) else [])):
+        while at + 9 <= len(data):
+            size = int.from_bytes(data[at + 1 : at + 9], "little")
+            if at + 9 + size > len(data):
+                raise ValueError(
+                    f"no readable mcap log: a record of {size} bytes reaches beyond the end of the file"
+                )
+            if data[at] == _CHUNK and size >= _CHUNK_HEAD:
+                length = int.from_bytes(data[at + 37 : at + 41], "little")
+                kind, begin = data[at + 41 : at + 41 + length], at + 49 + length
+                packed = int.from_bytes(data[begin - 8 : begin], "little")
+                _check_chunk(data[begin : begin + packed], kind, largest)
+            at += 9 + size
 
 
 def _check_chunk(data: bytes, kind: bytes, largest: int) -> None:

@@ -26,7 +26,7 @@ PACKAGES = {
     **{"bz2.bag": "rosbags", "lz4.bag": "rosbags", "zstd.mcap": "rosbags"},
     **{"hdf5": "h5py", "mat": "scipy"},
 }
-_MEMORY = 4 << 30  # bytes
+_MEMORY = 8 << 30  # bytes: a length of 32 bits may be asked for, which takes nothing until it is filled
 _LONGEST = 300  # s that an example may take
 _LENGTHS = [1 << 16, 1 << 24, 10**9, (1 << 31) - 1, (1 << 32) - 1, 1 << 40, (1 << 63) - 1, (1 << 64) - 1]
 _ROWS = 20
