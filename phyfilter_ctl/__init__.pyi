@@ -67,7 +67,7 @@ from .design import (
     numerator_of_type,
     place_poles,
 )
-from .diagram import FlatModel, flatten
+from .diagram import FlatModel, between, flatten
 from .estimation import (
     Estimate,
     Separation,
@@ -161,6 +161,7 @@ __all__ = [
     "Variance",
     "analyze",
     "bandpass",
+    "between",
     "compare_estimators",
     "cosimulate",
     "designer",
