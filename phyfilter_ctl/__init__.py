@@ -18,6 +18,7 @@ run it          :class:`SampledPhyFilter` (``PhyFilter.sampled``), :func:`stack`
 connect it      :func:`phyfilter_block`, :func:`sampled_block`, :func:`learned_block`, :func:`plant`: python-control
                 systems, wired with ``control.interconnect``; :func:`lookup_table`,
                 :func:`transport_delay`
+draw it         :func:`draw`: block diagrams as pictures
 events          :func:`hybrid`, :func:`event`: impacts, switches, contact
 simulate        :func:`flatten`, :func:`simulate`, :func:`simulate_batch`, :func:`sensitivity`
 hand it over    :func:`export_c`, :func:`export_target`, :func:`export_fmu`, :func:`export_ssp`

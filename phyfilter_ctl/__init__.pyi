@@ -68,6 +68,7 @@ from .design import (
     place_poles,
 )
 from .diagram import FlatModel, between, flatten
+from .drawing import Drawing, draw
 from .estimation import (
     Estimate,
     Separation,
@@ -115,6 +116,7 @@ __all__ = [
     "BlockFunctions",
     "BoundResult",
     "DiskMargin",
+    "Drawing",
     "ErrorBudget",
     "Estimate",
     "FilterBank",
@@ -166,6 +168,7 @@ __all__ = [
     "cosimulate",
     "designer",
     "disk_margin",
+    "draw",
     "error_budget",
     "error_variance",
     "estimate",
