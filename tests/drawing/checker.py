@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import re
 from collections import defaultdict
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import combinations, pairwise
@@ -18,14 +18,14 @@ import numpy as np
 
 from tests.drawing.reading import Box, Drawn, letters_box, read
 
-# px. Coordinates are written to a hundredth, and half a line's width is 0.7.
-SAME, TOUCHING = 0.02, 0.7
+# px: of the geometry; of the SVG, which has tenths; half a line's width.
+SAME, WRITTEN, TOUCHING = 0.02, 0.051, 0.7
 # px: a sign stands beside its port.
 NEAR = 16.0
-# Kinds whose texts stand inside their box; signs and names of others stand beside it.
+# Kinds whose texts stand inside their box, or wholly outside; signs and names of others stand beside it.
 BOXES = {"block", "fraction", "integrator", "delay", "curve", "filter", "learned", "diagram"}
 # Kinds that are drawn as a closed shape of the size of their box.
-SHAPES = BOXES | {"gain", "sum", "frame"}
+SHAPES = BOXES | {"gain", "sum", "frame", "undriven"}
 # Of a gain, as printed: half a digit of the third.
 PRINTED = 6e-3
 RAISED = str.maketrans("⁰¹²³⁴⁵⁶⁷⁸⁹⁻", "0123456789-")
@@ -134,7 +134,7 @@ def _overlaps(sheet: Sheet) -> Iterator[Fault]:
         p, q = Box(*a.box), Box(*b.box)
         for inner, outer in ((a, b), (b, a)):
             if outer.kind == "frame" and outer.name in sheet.around(inner):
-                if not Box(*outer.box).holds(Box(*inner.box)):
+                if not Box(*outer.box).grown(SAME).holds(Box(*inner.box)):
                     yield Fault("overlap", f"{inner.name} leaves the frame {outer.name}")
                 break
         else:
@@ -258,15 +258,16 @@ def _texts(sheet: Sheet) -> Iterator[Fault]:
     placed = [(node, text, _text_box(text)) for node in sheet.nodes for text in node.texts]
     everything = Box(0.0, 0.0, sheet.drawing.width, sheet.drawing.height)
     for node, text, box in placed:
-        if node.kind in BOXES and not Box(*node.box).grown(SAME).holds(box):
+        own = Box(*node.box)
+        if node.kind in BOXES and own.overlaps(box) and not own.grown(SAME).holds(box):
             yield Fault("text outside", f"{text.text!r} of {node.kind} {node.name}")
         if not everything.grown(SAME).holds(box):
             yield Fault("text outside", f"{text.text!r} leaves the picture")
     for letters in sheet.drawn.texts:
         if not everything.grown(SAME).holds(letters.box):
             yield Fault("text outside", f"{letters.text!r} leaves the picture")
-    for a, b in combinations(sheet.drawn.texts, 2):
-        if a.box.grown(-TOUCHING).overlaps(b.box.grown(-TOUCHING)):
+    for a, b in combinations(sorted(sheet.drawn.texts, key=lambda letters: letters.box.x0), 2):
+        if b.box.x0 < a.box.x1 and a.box.grown(-TOUCHING).overlaps(b.box.grown(-TOUCHING)):
             yield Fault("text on text", f"{a.text!r} on {b.text!r}")
 
 
@@ -312,32 +313,31 @@ def _as_drawn(sheet: Sheet) -> Iterator[Fault]:
         yield Fault("as drawn", f"{signal} is drawn with a curve")
     told: dict[str, list[Line]] = defaultdict(list)
     for line in sheet.lines:
-        told[sheet.drawing.wires[line.net].signal].append(line)
+        wire = sheet.drawing.wires[line.net]
+        told[";".join(wire.names) or wire.signal].append(line)
     seen: dict[str, list[Line]] = defaultdict(list)
     for signal, x0, y0, x1, y1 in drawn.lines:
         seen[signal].append(Line(0, *sorted_ends((x0, y0), (x1, y1))))
     for signal in told.keys() | seen.keys():
-        if not _same(merged(told[signal]), merged(seen[signal])):
+        if not _alike(merged(told[signal]), merged(seen[signal])):
             yield Fault("as drawn", f"lines of {signal}")
     dots = [dot for wire in sheet.drawing.wires for dot in wire.dots]
-    if not _same(sorted(dots), sorted(drawn.dots)):
+    if not _alike(dots, drawn.dots):
         yield Fault("as drawn", f"{len(dots)} dots, {len(drawn.dots)} drawn, or elsewhere")
     for node in sheet.nodes:
-        if node.kind in SHAPES and not any(_same([node.box], [shape]) for shape in drawn.shapes):
+        if node.kind in SHAPES and not any(_near(node.box, shape) for shape in drawn.shapes):
             yield Fault("as drawn", f"no shape for the box of {node.kind} {node.name}")
-    texts = [
-        *(text for node in sheet.nodes for text in node.texts),
-        *(t for w in sheet.drawing.wires for t in w.texts),
-    ]
+    there: dict[tuple[Any, ...], list[tuple[float, ...]]] = defaultdict(list)
+    for letters in drawn.texts:
+        there[_look(letters)].append((letters.x, letters.y, letters.size))
+    texts = [text for thing in (*sheet.nodes, *sheet.drawing.wires) for text in thing.texts]
     for text in texts:
-        same = (
-            letters.text == text.text
-            and _same([(text.x, text.y, text.size)], [(letters.x, letters.y, letters.size)])
-            and (letters.anchor, letters.bold, letters.italic) == (text.anchor, text.bold, text.italic)
-            for letters in drawn.texts
-        )
-        if not any(same):
+        if not any(_near((text.x, text.y, text.size), place) for place in there[_look(text)]):
             yield Fault("as drawn", f"text {text.text!r}")
+
+
+def _look(text: Any) -> tuple[Any, ...]:
+    return text.text, text.anchor, text.bold, text.italic
 
 
 def merged(lines: list[Line]) -> list[tuple[float, ...]]:
@@ -348,22 +348,28 @@ def merged(lines: list[Line]) -> list[tuple[float, ...]]:
         for line in lines:
             if line.flat == flat:
                 row, a, b = (line.y0, line.x0, line.x1) if flat else (line.x0, line.y0, line.y1)
-                key = next((key for key in rows if abs(key - row) <= SAME), row)
+                key = next((key for key in rows if abs(key - row) <= WRITTEN), row)
                 rows[key].append((a, b))
         for row, spans in rows.items():
             spans.sort()
             start, stop = spans[0]
             for a, b in spans[1:]:
-                if a > stop + SAME:
+                if a > stop + WRITTEN:
                     found.append((flat, row, start, stop))
                     start, stop = a, b
                 stop = max(stop, b)
             found.append((flat, row, start, stop))
-    return sorted(found)
+    return found
 
 
-def _same(a: Any, b: Any) -> bool:
-    return np.shape(a) == np.shape(b) and bool(np.allclose(a, b, rtol=0.0, atol=SAME))
+def _alike(a: Sequence[Sequence[float]], b: Sequence[Sequence[float]]) -> bool:
+    """Whether both have the same places, in whatever order."""
+    return len(a) == len(b) and all(any(_near(p, q) for q in b) for p in a)
+
+
+def _near(a: Sequence[float], b: Sequence[float]) -> bool:
+    """Equal as far as the SVG has them."""
+    return all(abs(p - q) <= WRITTEN for p, q in zip(a, b, strict=True))
 
 
 def _maps(sheet: Sheet, system: ct.InterconnectedSystem) -> Iterator[Fault]:
@@ -375,16 +381,14 @@ def _maps(sheet: Sheet, system: ct.InterconnectedSystem) -> Iterator[Fault]:
     into = np.hstack([connect, entering])
     out = np.hstack([leaving[:, :n_y], np.zeros((len(leaving), entering.shape[1]))])
     out += leaving[:, n_y:] @ into if leaving.shape[1] == n_y + n_u else 0.0
-    for name, given, map in zip(
-        ("connect", "input", "output"), sheet.drawing.maps, (connect, entering, out), strict=True
-    ):
-        if not _same(given, map):
-            yield Fault("maps", f"Drawing.maps differs from {name}_map")
     try:
-        got = read_back(sheet, system)
+        told, got = sheet.drawing.maps, read_back(sheet, system)
     except (KeyError, ValueError, RecursionError) as error:
         yield Fault("maps", f"cannot be read back: {type(error).__name__} {str(error)[:80]}")
         return
+    for name, map, given in zip(("connect", "input", "output"), (connect, entering, out), told, strict=True):
+        if np.shape(given) != map.shape or not np.allclose(given, map, rtol=0.0, atol=1e-12):
+            yield Fault("maps", f"Drawing.maps differs from {name}_map")
     for name, map, back in zip(("connections and inputs", "outputs"), (into, out), got, strict=True):
         if not np.allclose(back, map, rtol=PRINTED, atol=1e-12):
             yield Fault("maps", f"{name}: off at {np.argwhere(np.abs(back - map) > PRINTED).tolist()[:4]}")

@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 import unicodedata
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, cached_property
 from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
@@ -54,7 +54,7 @@ class Letters:
     bold: bool
     italic: bool
 
-    @property
+    @cached_property
     def box(self) -> Box:
         return letters_box(self.text, self.x, self.y, self.size, self.anchor, self.bold, self.italic)
 
@@ -195,6 +195,8 @@ class _Reader:
             else:
                 self.shapes.append(Box(x - rx, y - ry, x + rx, y + ry))
             return
+        if tag == "rect" and element.get("width") == "100%":
+            return  # the paper
         if tag == "rect":
             x, y = number("x") + at[0], number("y") + at[1]
             self.shapes.append(Box(x, y, x + number("width"), y + number("height")))
@@ -202,7 +204,9 @@ class _Reader:
         for points, closed, straight in _strokes(tag, element):
             moved = [(x + at[0], y + at[1]) for x, y in points]
             if signal and straight and not closed:
-                self.lines += [(signal, *a, *b) for a, b in pairwise(moved) if a != b]
+                # A slanted stroke across a wire says that it is a vector.
+                level = ((a, b) for a, b in pairwise(moved) if (a[0] == b[0]) != (a[1] == b[1]))
+                self.lines += [(signal, *a, *b) for a, b in level]
             elif signal and not straight:
                 self.crooked.append(signal)
             elif closed and not signal:
