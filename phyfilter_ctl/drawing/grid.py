@@ -1,13 +1,10 @@
-"""Parts and lanes of wires in columns, and their order from top to bottom."""
+"""Parts, and lanes of the wires that pass them, in columns."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import NamedTuple
-
-import numpy as np
-from numpy.typing import NDArray
 
 from .bodies import Body, Sides
 from .ranking import Ranks
@@ -16,7 +13,6 @@ from .reading import Edge, Scheme
 __all__ = ["Grid", "Item", "Joint", "Link", "Turn", "grid_of"]
 
 _LANE = 3.0  # px: half of a lane
-_SWEEPS = 6
 # Weights of wires that are made straight one after the other.
 _MAIN, _LONG, _LANES, _FORWARD, _BELOW = 100, 40, 12, 10, 6
 
@@ -41,6 +37,7 @@ class Joint(NamedTuple):
     item: int
     bank: int
     dy: float
+    port: tuple[str, int] | None = None  # of a part: "in" or "out", and its number
 
 
 class Link(NamedTuple):
@@ -69,8 +66,8 @@ class Grid:
     ----------
     items : tuple of Item
         Those of the parts first, in their order.
-    columns : tuple of tuples of int
-        Numbers of the items from top to bottom.
+    columns : tuple of tuples of tuples of int
+        From top to bottom: numbers of items that stay together.
     channels : tuple of tuples of Joint
         Channel c is left of column c.
     links : tuple of Link
@@ -81,16 +78,32 @@ class Grid:
     """
 
     items: tuple[Item, ...]
-    columns: tuple[tuple[int, ...], ...]
+    columns: tuple[tuple[tuple[int, ...], ...], ...]
     channels: tuple[tuple[Joint, ...], ...]
     links: tuple[Link, ...]
     turns: tuple[Turn, ...]
     nets: tuple[tuple[tuple[int, int], tuple[Edge, ...]], ...]
     attached: frozenset[int]
 
+    def ordered(
+        self, columns: Sequence[Sequence[Sequence[int]]], heights: Mapping[tuple[int, str, int], float]
+    ) -> Grid:
+        """With other orders of the columns, and ports at other heights: (part, "in" or "out", number) -> dy."""
+
+        def moved(joint: Joint) -> Joint:
+            dy = joint.dy if joint.port is None else heights.get((joint.item, *joint.port), joint.dy)
+            return joint._replace(dy=dy)
+
+        return replace(
+            self,
+            columns=tuple(tuple(map(tuple, column)) for column in columns),
+            channels=tuple(tuple(map(moved, joints)) for joints in self.channels),
+            links=tuple(link._replace(one=moved(link.one), other=moved(link.other)) for link in self.links),
+        )
+
 
 def grid_of(scheme: Scheme, ranks: Ranks, sides: Sides, bodies: Sequence[Body], *, near: bool) -> Grid:
-    """Items, lanes included, ordered so that few wires cross.
+    """Items, lanes included, in their columns.
 
     Parameters
     ----------
@@ -151,7 +164,7 @@ def grid_of(scheme: Scheme, ranks: Ranks, sides: Sides, bodies: Sequence[Body], 
             continue
         leftward = source in mirrored
         begin = ranks.columns[source] + (0 if leftward else 1)
-        start = Joint(net, source, 1 if leftward else -1, bodies[source].outputs[output])
+        start = Joint(net, source, 1 if leftward else -1, bodies[source].outputs[output], ("out", output))
         channels[begin].append(start)
         lanes: dict[tuple[int, int], int] = {}
         for e in edges:
@@ -166,7 +179,7 @@ def grid_of(scheme: Scheme, ranks: Ranks, sides: Sides, bodies: Sequence[Body], 
                 end = Joint(net, turn, 1 if begin <= column else -1, 0.0)
             else:
                 end_channel = column + 1 if t in mirrored else column
-                end = Joint(net, t, -1 if t in mirrored else 1, bodies[t].inputs[e.input])
+                end = Joint(net, t, -1 if t in mirrored else 1, bodies[t].inputs[e.input], ("in", e.input))
             joint, way = start, 1 if end_channel > begin else -1
             for c in range(begin, end_channel) if way > 0 else range(begin - 1, end_channel - 1, -1):
                 here = c if way > 0 else c + 1
@@ -184,113 +197,12 @@ def grid_of(scheme: Scheme, ranks: Ranks, sides: Sides, bodies: Sequence[Body], 
     table: list[list[list[int]]] = [[] for _ in range(count)]
     for at, unit in units.items():
         table[items[at].column].append(unit)
-    ordered = _ordered(table, items, channels, ranks)
-    columns = tuple(tuple(item for unit in column for item in unit) for column in ordered)
-    every = tuple(((s, o), tuple(e)) for (s, o), e in nets.items())
     return Grid(
-        tuple(items), columns, tuple(map(tuple, channels)), tuple(links), tuple(turns), every,
+        tuple(items),
+        tuple(tuple(map(tuple, column)) for column in table),
+        tuple(map(tuple, channels)),
+        tuple(links),
+        tuple(turns),
+        tuple((source, tuple(edges)) for source, edges in nets.items()),
         frozenset(attached),
-    )  # fmt: skip
-
-
-class _Chords(NamedTuple):
-    """Wires of a channel as chords of a circle, down its left bank and up its right one: ends by item."""
-
-    items: NDArray[np.int64]  # (chords, 2)
-    right: NDArray[np.bool_]
-    dy: NDArray[np.float64]
-    other: NDArray[np.bool_]  # (chords, chords): of different nets
-
-
-def _chords(joints: Sequence[Joint]) -> _Chords:
-    first: dict[int, Joint] = {}
-    pairs = []
-    for joint in joints:
-        if joint.net in first:
-            pairs.append((first[joint.net], joint))
-        first.setdefault(joint.net, joint)
-    table = np.array([[(j.item, j.bank > 0, j.dy) for j in pair] for pair in pairs], dtype=float).reshape(
-        -1, 2, 3
     )
-    net = np.array([pair[0].net for pair in pairs], dtype=int)
-    return _Chords(
-        table[:, :, 0].astype(int), table[:, :, 1] > 0, table[:, :, 2] / 1e4, net[:, None] != net[None, :]
-    )
-
-
-def _crossings(chords: _Chords, place: NDArray[np.float64]) -> int:
-    if len(chords.items) < 2:
-        return 0
-    ring = place[chords.items] + chords.dy
-    ring = np.where(chords.right, 1e6 - ring, ring)
-    a, b = ring.min(axis=1), ring.max(axis=1)
-    return int(np.count_nonzero((a[:, None] < a) & (a < b[:, None]) & (b[:, None] < b) & chords.other))
-
-
-def _ordered(
-    table: list[list[list[int]]], items: Sequence[Item], channels: Sequence[Sequence[Joint]], ranks: Ranks
-) -> list[list[list[int]]]:
-    """Units of the columns by barycentres of their wires, neighbours exchanged where that saves crossings."""
-    chords = [_chords(joints) for joints in channels]
-    place = np.zeros(len(items))
-    low = {at: max(items[i].low for i in unit) for column in table for unit in column for at in unit[:1]}
-
-    def number(column: list[list[int]]) -> None:
-        for spot, item in enumerate(i for unit in column for i in unit):
-            place[item] = spot
-
-    def near(c: int) -> int:
-        return _crossings(chords[c], place) + _crossings(chords[c + 1], place)
-
-    for column in table:
-        column.sort(key=lambda unit: (low[unit[0]], not any(items[i].part in ranks.main for i in unit)))
-        number(column)
-    best, least = [list(column) for column in table], sum(_crossings(c, place) for c in chords)
-    for sweep in range(_SWEEPS):
-        if least == 0:
-            break
-        onward = sweep % 2 == 0
-        for c in range(len(table)) if onward else range(len(table) - 1, -1, -1):
-            pulls = _pulls(channels[c if onward else c + 1], items, place, table)
-            size = max(len(table[c]), 1)
-
-            def middle(unit: list[int], pulls=pulls, size=size) -> tuple[int, float]:
-                found = [pull for i in unit for pull in pulls.get(i, ())]
-                return low[unit[0]], float(np.mean(found)) if found else place[unit[0]] / size
-
-            table[c].sort(key=middle)
-            number(table[c])
-        for c, column in enumerate(table):
-            for i in range(len(column) - 1):
-                if low[column[i][0]] != low[column[i + 1][0]]:
-                    continue
-                before = near(c)
-                if not before:
-                    break
-                column[i], column[i + 1] = column[i + 1], column[i]
-                number(column)
-                if near(c) >= before:
-                    column[i], column[i + 1] = column[i + 1], column[i]
-                    number(column)
-        total = sum(_crossings(c, place) for c in chords)
-        if total < least:
-            best, least = [list(column) for column in table], total
-    return best
-
-
-def _pulls(
-    joints: Sequence[Joint],
-    items: Sequence[Item],
-    place: NDArray[np.float64],
-    table: Sequence[Sequence[object]],
-) -> dict[int, list[float]]:
-    """Where, from 0 to 1, the other ends of each item's wires are in a channel."""
-    first: dict[int, Joint] = {}
-    found: dict[int, list[float]] = {}
-    for joint in joints:
-        other = first.setdefault(joint.net, joint)
-        if other.bank != joint.bank:
-            for a, b in ((joint, other), (other, joint)):
-                size = max(len(table[items[b.item].column]), 1)
-                found.setdefault(a.item, []).append((place[b.item] + b.dy / 2000) / size)
-    return found

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from itertools import pairwise
 
 import numpy as np
@@ -31,10 +32,11 @@ def heights_of(grid: Grid) -> FloatArray:
     blocks = _Blocks(len(grid.items))
     for column in grid.columns:
         line = [0.0]
-        for a, b in pairwise(column):
+        line_up = [item for unit in column for item in unit]
+        for a, b in pairwise(line_up):
             one, other = grid.items[a], grid.items[b]
             line.append(line[-1] + one.down + other.up + _separation(one, other))
-        blocks.separate(column, np.array(line))
+        blocks.separate(line_up, np.array(line))
     for exact in (True, False):
         for link in sorted(grid.links, key=lambda link: (-link.weight, link.channel)):
             one, other = link.one, link.other
@@ -63,7 +65,7 @@ class _Blocks:
         np.fill_diagonal(self._least, 0.0)
         self._alive = np.ones(count, dtype=bool)
 
-    def separate(self, items: tuple[int, ...], y: FloatArray) -> None:
+    def separate(self, items: Sequence[int], y: FloatArray) -> None:
         """Distances of items in one column, which are the least ones."""
         at = np.array(items, dtype=int)
         i, j = np.triu_indices(len(at), 1)

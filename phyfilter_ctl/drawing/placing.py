@@ -9,10 +9,23 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from .bodies import NOTE, PORT, RADIUS, TITLE, Body, Sides, body_of, is_circle, sides_of, wire_names
+from .bodies import (
+    NOTE,
+    PORT,
+    RADIUS,
+    TITLE,
+    Body,
+    Sides,
+    body_of,
+    is_circle,
+    ports_named,
+    sides_of,
+    wire_names,
+)
 from .grid import Grid, grid_of
 from .heights import heights_of
 from .names import runs, text_width
+from .ordering import ordered
 from .ranking import Ranks, ranks_of
 from .reading import Part, Scheme
 from .tracks import Channel, channel_of
@@ -159,7 +172,9 @@ def _placed(
         _frame_body(inner[k]) if k in inner else body_of(part, k, sides)
         for k, part in enumerate(scheme.parts)
     )
-    grid = grid_of(scheme, ranks, sides, bodies, near=not framed)
+    loose = {k for k, part in enumerate(scheme.parts) if k not in inner and ports_named(part)}
+    grid = ordered(grid_of(scheme, ranks, sides, bodies, near=not framed), ranks.main, loose)
+    bodies = tuple(_reordered(body, k, grid) if k in loose else body for k, body in enumerate(bodies))
     y = heights_of(grid)
     channels = [channel_of(joints, y) for joints in grid.channels]
     across = _Across(scheme, ranks, sides, bodies, grid, y, channels, wishes, framed)
@@ -182,6 +197,21 @@ def _placed(
         float(height),
         inner,
     )
+
+
+def _reordered(body: Body, k: int, grid: Grid) -> Body:
+    """With its ports where the grid has them; those without wires take what is free."""
+    dys = []
+    for kind, old in (("in", body.inputs), ("out", body.outputs)):
+        moved = {
+            joint.port[1]: joint.dy
+            for joints in grid.channels
+            for joint in joints
+            if joint.item == k and joint.port is not None and joint.port[0] == kind
+        }
+        free = [dy for dy in old if dy not in moved.values()]
+        dys.append(tuple(moved[n] if n in moved else free.pop(0) for n in range(len(old))))
+    return body._replace(inputs=dys[0], outputs=dys[1])
 
 
 def _frame_body(plan: Plan) -> Body:
