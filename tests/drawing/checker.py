@@ -28,6 +28,7 @@ BOXES = {"block", "fraction", "integrator", "delay", "curve", "filter", "learned
 SHAPES = BOXES | {"gain", "sum", "frame", "undriven"}
 # Of a gain, as printed: half a digit of the third.
 PRINTED = 6e-3
+SIGNS = ("−", "-", "+")
 RAISED = str.maketrans("⁰¹²³⁴⁵⁶⁷⁸⁹⁻", "0123456789-")
 
 
@@ -266,9 +267,23 @@ def _texts(sheet: Sheet) -> Iterator[Fault]:
     for letters in sheet.drawn.texts:
         if not everything.grown(SAME).holds(letters.box):
             yield Fault("text outside", f"{letters.text!r} leaves the picture")
+    for node, text, box in placed:
+        yield from _struck(sheet, f"{text.text!r} of {node.name}", text, box)
+    for wire in sheet.drawing.wires:
+        for text in wire.texts:
+            yield from _struck(sheet, f"{text.text!r} on {wire.signal}", text, _text_box(text))
     for a, b in combinations(sorted(sheet.drawn.texts, key=lambda letters: letters.box.x0), 2):
         if b.box.x0 < a.box.x1 and a.box.grown(-TOUCHING).overlaps(b.box.grown(-TOUCHING)):
             yield Fault("text on text", f"{a.text!r} on {b.text!r}")
+
+
+def _struck(sheet: Sheet, what: str, text: Any, box: Box) -> Iterator[Fault]:
+    """Lines through a text; the ink of a sign is in the middle of its box."""
+    if text.text.strip() in SIGNS:
+        box = box._replace(y0=text.y - 0.55 * text.size, y1=text.y - 0.1 * text.size)
+    box = box.grown(-TOUCHING)
+    if any(line.box.grown(SAME).overlaps(box) for line in sheet.lines):
+        yield Fault("text struck", what)
 
 
 def _text_box(text: Any) -> Box:
@@ -277,7 +292,7 @@ def _text_box(text: Any) -> Box:
 
 def _signs(sheet: Sheet) -> Iterator[Fault]:
     """A minus beside each port that subtracts, none beside the others of its sum."""
-    minuses = [letters.box for letters in sheet.drawn.texts if letters.text.strip() in ("-", "−", "–")]
+    minuses = [letters.box for letters in sheet.drawn.texts if letters.text.strip() in SIGNS[:2]]
     middles = [((box.x0 + box.x1) / 2, (box.y0 + box.y1) / 2) for box in minuses]
     for node in sheet.nodes:
         ports = [port for port in node.ports if port.direction == "in"]

@@ -150,14 +150,18 @@ def _base(label: str) -> str:
 
 
 def suite(count: int) -> list[tuple[str, dict[str, Any]]]:
-    """(name, arguments) of so many random diagrams: small ones in front, each kind in turn."""
+    """(name, arguments) of so many random diagrams, each kind in turn; of 40 or fewer all are small."""
     cases: list[tuple[str, dict[str, Any]]] = []
-    sizes = (2, 3, 4, 5, 6, 7, 8, 10) if count <= 40 else (2, 4, 6, 8, 12, 16, 20, 25, 30, 40)
+    sizes, most = (
+        ((2, 3, 4, 5, 6, 7, 8, 10), 4) if count <= 40 else ((2, 4, 6, 8, 12, 16, 20, 25, 30, 40), 20)
+    )
     for seed in range(count):
-        given: dict[str, Any] = {"seed": seed, "count": sizes[seed // 4 % len(sizes)]}
         kind = ("scalar", "vector", "nested", "nested vector")[seed % 4]
-        given |= {"size": 3} if "vector" in kind else {}
-        given |= {"nested": 2} if "nested" in kind else {}
-        given["count"] = min(given["count"], 20) if kind != "scalar" else given["count"]
+        blocks = sizes[seed // 4 % len(sizes)]
+        given: dict[str, Any] = {"seed": seed, "count": blocks if kind == "scalar" else min(blocks, 2 * most)}
+        if "vector" in kind:
+            given["size"] = 3
+        if "nested" in kind:
+            given |= {"nested": 2, "count": min(given["count"], most)}
         cases.append((f"{kind}, {given['count']} blocks, seed {seed}", given))
     return cases

@@ -114,6 +114,18 @@ def texts_enlarged(drawing: Any) -> Faulty:
                 yield f"{node.name}: {text.text}", with_node(drawing, k, texts=texts)
 
 
+def texts_struck(drawing: Any) -> Faulty:
+    """A text on the middle of the first wire, where there is room for half of it on either side."""
+    (x0, y), (x1, _) = next(
+        (a, b) for wire in drawing.wires for stroke in wire.lines for a, b in pairwise(stroke) if a[1] == b[1]
+    )
+    for k, node in enumerate(drawing.nodes):
+        for i, text in enumerate(node.texts):
+            moved = replace(text, x=(x0 + x1) / 2, y=y + 0.3 * text.size, anchor="middle")
+            texts = (*node.texts[:i], moved, *node.texts[i + 1 :])
+            yield f"{node.name}: {text.text}", with_node(drawing, k, texts=texts)
+
+
 def signs_turned(drawing: Any) -> Faulty:
     for k, node in enumerate(drawing.nodes):
         for i, port in enumerate(node.ports):
@@ -146,6 +158,7 @@ PUT_IN = {
     kind.__name__: kind
     for kind in (
         segments_dropped, segments_moved, blocks_moved, boxes_shrunk, boxes_grown_over_neighbours, texts_enlarged,
+        texts_struck,
         signs_turned, dots_lost, ends_lost, ends_exchanged,
     )
 }  # fmt: skip
