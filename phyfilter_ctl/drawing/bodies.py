@@ -82,7 +82,7 @@ def body_of(part: Part, k: int, sides: Sides) -> Body:
     if part.kind in ("input", "output"):
         zero = (0.0,)
         return Body(
-            text_width(label(part)) + 8, 10, 10, zero if part.inputs else (), zero if part.outputs else ()
+            text_width(label(part)) + 8, 8, 10, zero if part.inputs else (), zero if part.outputs else ()
         )
     if is_circle(part, k, sides):
         return Body(2 * RADIUS, RADIUS, RADIUS, (0.0,) * len(part.inputs), (0.0,))
@@ -186,8 +186,9 @@ def sides_of(scheme: Scheme, ranks: Ranks) -> dict[tuple[int, int], str]:
         )
         if not ahead or len(fed) > 1:
             continue
-        free = ["W", "N"] if fed else ["W", "N", "S"]
-        found |= {(k, e.input): "S" for e in fed} | {
+        back = "N" if fed and (fed[0].source, fed[0].output) in ranks.above else "S"
+        free = ["W", "S" if back == "N" else "N"] if fed else ["W", "N", "S"]
+        found |= {(k, e.input): back for e in fed} | {
             (k, e.input): side for e, side in zip(ahead, free, strict=False)
         }
     return found

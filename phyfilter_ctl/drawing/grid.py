@@ -14,7 +14,7 @@ __all__ = ["Grid", "Item", "Joint", "Link", "Turn", "grid_of"]
 
 _LANE = 3.0  # px: half of a lane
 # Weights of wires that are made straight one after the other.
-_MAIN, _LONG, _LANES, _FORWARD, _BELOW = 100, 40, 12, 10, 6
+_MAIN, _FROM_INPUT, _LONG, _LANES, _FORWARD, _BELOW = 100, 90, 40, 12, 10, 6
 
 
 class Item(NamedTuple):
@@ -26,7 +26,7 @@ class Item(NamedTuple):
     column: int
     up: float
     down: float
-    low: int  # 0, or 1 for what stays below the forward path
+    low: int  # 0, or 1 for what stays below the forward path, -1 for what stays above
     terminal: bool = False
 
 
@@ -162,7 +162,7 @@ def grid_of(scheme: Scheme, ranks: Ranks, sides: Sides, bodies: Sequence[Body], 
             attached.add(source)
             turns.append(Turn(net, source, first.target, first.input))
             continue
-        leftward = source in mirrored
+        leftward, above = source in mirrored, (source, output) in ranks.above
         begin = ranks.columns[source] + (0 if leftward else 1)
         start = Joint(net, source, 1 if leftward else -1, bodies[source].outputs[output], ("out", output))
         channels[begin].append(start)
@@ -184,7 +184,13 @@ def grid_of(scheme: Scheme, ranks: Ranks, sides: Sides, bodies: Sequence[Body], 
             for c in range(begin, end_channel) if way > 0 else range(begin - 1, end_channel - 1, -1):
                 here = c if way > 0 else c + 1
                 if (c, way) not in lanes:
-                    at = lanes[c, way] = lane("lane", -1, net, c, int(way < 0 or low or source in mirrored))
+                    at = lanes[c, way] = lane(
+                        "lane",
+                        -1,
+                        net,
+                        c,
+                        -1 if way < 0 and above else int(way < 0 or low or source in mirrored),
+                    )
                     units[at] = [at]
                     channels[here].append(Joint(net, at, way, 0.0))
                     channels[here + way].append(Joint(net, at, -way, 0.0))
@@ -193,7 +199,9 @@ def grid_of(scheme: Scheme, ranks: Ranks, sides: Sides, bodies: Sequence[Body], 
                 joint = Joint(net, lanes[c, way], -way, 0.0)
             channels[end_channel].append(end)
             straight = source in ranks.main and t in ranks.main and e not in ranks.back
-            links.append(Link(_MAIN if straight else _BELOW if low else _FORWARD, end_channel, joint, end))
+            weight = _FROM_INPUT if parts[source].kind == "input" else _MAIN
+            weight = weight if straight else _BELOW if low else _FORWARD
+            links.append(Link(weight, end_channel, joint, end))
     table: list[list[list[int]]] = [[] for _ in range(count)]
     for at, unit in units.items():
         table[items[at].column].append(unit)

@@ -13,7 +13,7 @@ from .grid import Grid, Item, Joint
 __all__ = ["heights_of"]
 
 FloatArray = NDArray[np.float64]
-_GAP, _THIN, _TERMINALS = 22.0, 8.0, 4.0  # px between parts, beside lanes, between terminals
+_GAP, _THIN, _TERMINALS = 22.0, 8.0, 2.0  # px between parts, beside lanes, between terminals
 _TURN = 9.0  # px between a turn and its sum, beside half a lane: room for the arrow and the sign
 _LEVEL = 1e-6
 

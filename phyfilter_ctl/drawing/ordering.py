@@ -88,7 +88,11 @@ class _Search:
         ]
         self._channel = [c for c, joints in enumerate(grid.channels) for _ in joints]
         self._place = np.zeros(len(grid.items))
-        self._low = {unit: max(grid.items[i].low for i in unit) for column in grid.columns for unit in column}
+        self._low = {
+            unit: max((grid.items[i].low for i in unit), key=abs)
+            for column in grid.columns
+            for unit in column
+        }
         self._unit = {i: unit for unit in self._low for i in unit}
         self._table: list[Units] = []
         for column in grid.columns:
@@ -212,7 +216,11 @@ class _Search:
                 for c in columns:
                     mine = [unit for unit in self._table[c] if unit in units]
                     rest = [unit for unit in self._table[c] if unit not in units]
-                    split = 0 if top else sum(not self._low[unit] for unit in rest)
+                    split = (
+                        sum(self._low[unit] < 0 for unit in rest)
+                        if top
+                        else sum(self._low[unit] <= 0 for unit in rest)
+                    )
                     self._table[c][:] = [*rest[:split], *mine, *rest[split:]]
                     self._number(self._table[c])
                 if (after := self._crossings(channels)) < before:

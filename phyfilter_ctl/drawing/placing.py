@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -36,6 +37,7 @@ FloatArray = NDArray[np.float64]
 ARROW = 9.0
 _MARGIN = 8.0  # px around the picture
 _FOOT = 10.0  # px below what is in a frame
+_SMALL = 24  # parts: up to so many, ways round are tried out for crossings
 
 
 class Wishes(NamedTuple):
@@ -89,32 +91,25 @@ class Plan:
     height: float
     inner: Mapping[int, Plan]
 
+    @cached_property
+    def crossings(self) -> int:
+        """How often wires cross on this level."""
+        flat = [(net, *s) for net, some in enumerate(self.lines) for s in some]
+        if not flat:
+            return 0
+        net, x0, y0, x1, y1 = np.array(flat).T
+        h, v = np.flatnonzero(y1 - y0 < x1 - x0), np.flatnonzero(y1 - y0 >= x1 - x0)
+        across = (x0[h, None] < x0[v]) & (x0[v] < x1[h, None]) & (y0[v] < y0[h, None]) & (y0[h, None] < y1[v])
+        return int(np.count_nonzero(across & (net[h, None] != net[v])))
+
     def mirrored(self) -> Plan:
         """As seen in a mirror: signals go left."""
         w = self.width
-        ranks = Ranks(
-            self.ranks.columns,
-            frozenset(range(len(self.bodies))) - self.ranks.mirrored,
-            self.ranks.back,
-            self.ranks.main,
-        )
+        ranks = replace(self.ranks, mirrored=frozenset(range(len(self.bodies))) - self.ranks.mirrored)
         lines = tuple(tuple(Segment(w - s.x1, s.y0, w - s.x0, s.y1) for s in some) for some in self.lines)
         dots = tuple(tuple((w - x, y) for x, y in some) for some in self.dots)
         inner = {k: plan.mirrored() for k, plan in self.inner.items()}
-        return Plan(
-            self.scheme,
-            ranks,
-            self.sides,
-            self.bodies,
-            self.grid,
-            w - self.x,
-            self.y,
-            lines,
-            dots,
-            w,
-            self.height,
-            inner,
-        )
+        return replace(self, ranks=ranks, x=w - self.x, lines=lines, dots=dots, inner=inner)
 
 
 def place(scheme: Scheme, wishes: Wishes, *, framed: bool = False) -> Plan:
@@ -143,10 +138,50 @@ def place(scheme: Scheme, wishes: Wishes, *, framed: bool = False) -> Plan:
             (k, place(p.inner, wishes, framed=True)) for k, p in enumerate(scheme.parts) if p.inner
         )
     }
-    sides = sides_of(scheme, ranks)
-    plan = _placed(scheme, ranks, sides, inner, wishes, framed)
-    better = _entered_from_below(plan, sides)
-    return plan if better == sides else _placed(scheme, ranks, better, inner, wishes, framed)
+    try_out = _Trial(scheme, inner, wishes, framed)
+    best = try_out(ranks, {})
+    if best.crossings and len(scheme.parts) <= _SMALL:
+        for loops in _feedback(scheme, ranks):
+            other = try_out(replace(best.ranks, above=best.ranks.above | loops), {})
+            best = other if other.crossings < best.crossings else best
+        for turn in best.grid.turns:
+            key = turn.part, turn.input
+            if best.grid.items[turn.item].kind == "part" and best.crossings and best.sides.get(key) == "N":
+                other = try_out(best.ranks, {key: "S"})
+                best = other if other.crossings < best.crossings else best
+    return best
+
+
+def _feedback(scheme: Scheme, ranks: Ranks) -> list[frozenset[tuple[int, int]]]:
+    """Wires that lead back past the forward path alone: all of them, then each."""
+    nets = dict.fromkeys(
+        (e.source, e.output)
+        for e in sorted(ranks.back)
+        if e.source not in ranks.mirrored and e.target not in ranks.mirrored
+    )
+    return [frozenset(nets), *(frozenset([net]) for net in nets)] if len(nets) > 1 else [frozenset(nets)]
+
+
+@dataclass(frozen=True, eq=False)
+class _Trial:
+    """A level with some wires above, and some terminals at other sides of their sums."""
+
+    scheme: Scheme
+    inner: Mapping[int, Plan]
+    wishes: Wishes
+    framed: bool
+
+    def __call__(self, ranks: Ranks, sides: Sides) -> Plan:
+        usual = sides_of(self.scheme, ranks)
+        taken = {(k, side) for (k, _), side in usual.items()}
+        wanted = usual | {key: side for key, side in sides.items() if (key[0], side) not in taken}
+        plan = _placed(self.scheme, ranks, wanted, self.inner, self.wishes, self.framed)
+        better = _entered_from_below(plan, wanted)
+        return (
+            plan
+            if better == wanted
+            else _placed(self.scheme, ranks, better, self.inner, self.wishes, self.framed)
+        )
 
 
 def _entered_from_below(plan: Plan, sides: Sides) -> dict[tuple[int, int], str]:

@@ -31,12 +31,15 @@ class Ranks:
         Wires that lead back.
     main : frozenset of int
         Parts on the way to the main output.
+    above : frozenset of (part, output)
+        Wires that lead back above the forward path.
     """
 
     columns: tuple[int, ...]
     mirrored: frozenset[int]
     back: frozenset[Edge]
     main: frozenset[int]
+    above: frozenset[tuple[int, int]] = frozenset()
 
 
 def linear_order(cost: NDArray[np.float64], tries: int) -> list[int]:

@@ -19,8 +19,14 @@ __all__ = ["Symbol", "gain_symbol", "symbol_of"]
 FloatArray = NDArray[np.float64]
 _ORDER = 4  # of a transfer function that is written out
 _NOISE = 1e-9  # of the largest coefficient: what conversions leave
-_CURVE = 41  # points of a characteristic
-_BEND = 1e-3  # of its range: what a straight line may be off
+_AXIS = np.linspace(-1.0, 1.0, 61)  # of a characteristic
+_REACHES = [
+    digit * 10.0**decade for decade in range(-3, 5) for digit in (1.0, 2.0, 5.0)
+]  # ranges of its input
+_BEND, _CLEAR = (
+    1e-3,
+    0.3,
+)  # what a straight line may be off, of its range; how much of the largest bend is shown
 
 
 class Symbol(NamedTuple):
@@ -63,7 +69,7 @@ def symbol_of(block: Any, inputs: Sequence[Pin], outputs: Sequence[Pin]) -> Symb
     if isinstance(block, SampledBlock) and block.filter is not None:
         found = _filter(block.filter.sampled.filters)
     elif isinstance(block, PhyFilterBlock):
-        found = Symbol("filter", note=_bandwidth(np.asarray(block.A), block.dt or 0.0))
+        found = Symbol("filter", note=_bandwidth(np.asarray(block.A), block.dt or 0.0, block.noutputs))
     elif isinstance(block, ct.InterconnectedSystem):
         found = Symbol("diagram")
     rate = (
@@ -144,31 +150,40 @@ def _about(orders: Sequence[int], rates: Sequence[float]) -> str:
     return f"order {', '.join(map(str, orders))}, {' … '.join(span)} rad/s"
 
 
-def _bandwidth(A: FloatArray, dt: float) -> str:
+def _bandwidth(A: FloatArray, dt: float, channels: int) -> str:
     poles = np.linalg.eigvals(A) if A.size else np.zeros(0)
     if dt:
         poles = np.log(poles[abs(poles) > _NOISE].astype(complex)) / dt
     rates = abs(poles)
-    return f"{len(A)} states, {number(float(rates.min()))} rad/s" if len(rates) else ""
+    return _about([len(A) // channels], sorted(rates.tolist())[:1]) if len(rates) else ""
 
 
 def _characteristic(block: Any) -> tuple[tuple[float, float], ...]:
-    """Of a function of one signal, over the range where it bends most; none where it cannot be had or is straight."""
-    best, bend = (), _BEND
-    for decade in range(-3, 4):
-        u = np.linspace(-1.0, 1.0, _CURVE) * 2.0 * 10.0**decade
-        try:
-            with np.errstate(all="ignore"):
-                y = np.array(
-                    [float(np.squeeze(block._out(0.0, np.zeros(0), np.array([value])))) for value in u]
-                )
-        except Exception:  # a block's own function: whatever it raises, it has no characteristic
+    """Of a function of one signal, where it begins to bend; none where it cannot be had or is straight."""
+
+    def values(inputs: FloatArray) -> FloatArray:
+        with np.errstate(all="ignore"):
+            found = [float(np.squeeze(block._out(0.0, np.zeros(0), np.array([u])))) for u in inputs]
+        if not np.isfinite(found).all():
+            raise ValueError("not finite")
+        return np.array(found)
+
+    try:
+        wide = 10.0 ** (np.arange(-18, 31) / 6.0)
+        u = np.concatenate([-wide[::-1], [0.0], wide])
+        y = values(u)
+        bends = {reach: _bend(np.interp(reach * _AXIS, u, y)) for reach in _REACHES}
+        most = max(bends.values())
+        if most < _BEND:
             return ()
-        if not np.isfinite(y).all() or not np.ptp(y):
-            continue
-        line = np.polyval(np.polyfit(u, y, 1), u)
-        off = float(abs(y - line).max() / np.ptp(y))
-        if off > bend * 1.2:
-            scale = max(abs(y).max(), 1e-30)
-            best, bend = tuple(zip((u / u[-1]).tolist(), (y / scale).tolist(), strict=True)), off
-    return best
+        reach = next(reach for reach, bend in bends.items() if bend > _CLEAR * most)
+        y = values(reach * _AXIS)
+    except Exception:  # a block's own function: whatever it raises, its characteristic is not known
+        return ()
+    return tuple(zip(_AXIS.tolist(), (y / max(abs(y).max(), 1e-30)).tolist(), strict=True))
+
+
+def _bend(y: FloatArray) -> float:
+    """How far a characteristic is from a straight line, of its range."""
+    line = np.polyval(np.polyfit(_AXIS, y, 1), _AXIS)
+    return float(abs(y - line).max() / np.ptp(y)) if np.ptp(y) else 0.0
