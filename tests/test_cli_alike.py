@@ -38,6 +38,7 @@ COMMANDS: dict[str, list[str]] = {
     "fmu check": ["FMU", "--no-run"],
     "fmu run": ["FMU", "--stop", "0.1"],
     "fmu recipes": ["recipes"],
+    "draw": ["acceleration", "--out", "loop.svg"],
 }
 CHEAP = {"design", "analyze", "log", "log resample"}
 

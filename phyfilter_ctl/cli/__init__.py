@@ -36,6 +36,7 @@ _EPILOG = """examples:
   phyfilter-ctl export filter.toml --fmu filter.fmu --c firmware --channels 3
                                                                hand it over: FMU, SSP, C
   phyfilter-ctl fmu check model.fmu                            describe, check, run FMUs of any tool
+  phyfilter-ctl draw drone --depth 1 -o drone.svg              a block diagram as textbooks draw it
   phyfilter-ctl COMMAND --help                                 all options of a command, with examples
 
 exit status: 0 done; 1 an FMU is wrong, or its run failed (fmu check, fmu run); 2 an argument or an input is wrong;
@@ -52,6 +53,7 @@ _COMMANDS = {
     "analyze": "what a filter promises: bounds, noise, margins",
     "export": "hand a filter or a model over: FMU, SSP, C",
     "fmu": "describe, check and run FMUs of any tool",
+    "draw": "the block diagram of a filter, a model, an FMU, a package or your own",
     "app": "design interactively, on a page in the browser",
     "completion": "lines for a shell that complete this command",
 }

@@ -1,0 +1,130 @@
+"""pf.draw: any system as a block diagram."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from typing import Any, Literal
+
+import numpy as np
+
+from .bodies import NOTE
+from .composing import composed, texts_of
+from .names import number, text_width
+from .painting import svg_of
+from .picture import Drawing
+from .placing import Plan, Wishes, place
+from .reading import Scheme, read
+
+__all__ = ["draw"]
+
+_MOST = 400  # parts of one level
+
+
+def draw(
+    system: Any,
+    depth: int = 0,
+    *,
+    outputs: Literal["border", "near"] | None = None,
+    below: Collection[str] = (),
+    ahead: Collection[str] = (),
+    values: Mapping[str, float] | None = None,
+) -> Drawing:
+    """A system as a block diagram, as control textbooks draw it.
+
+    Inputs stand left, outputs right, the forward path is one straight line; what lies only in the feedback path stands
+    below it, mirrored.
+
+    Parameters
+    ----------
+    system : control.InputOutputSystem
+        A diagram of ``control.interconnect``, ``control.feedback`` or ``control.series``, or a single block.
+    depth : int
+        How many levels of diagrams inside are opened; the others are boxes with a double border.
+    outputs : {"border", "near"}, optional
+        Whether outputs stand at the right border or beside what they show; None: near where there are more than 8.
+    below, ahead : collection of str
+        Names of blocks that stand in the feedback path, or in the forward path, where the drawing finds otherwise.
+    values : mapping of str to float, optional
+        Numbers written on wires by their signals, such as an operating point.
+
+    Returns
+    -------
+    Drawing
+        Shown by notebooks; ``save`` writes SVG, PNG or PDF.
+
+    Raises
+    ------
+    TypeError
+        For something that is no system.
+    ValueError
+        For a depth below 0, blocks or signals that are not there, or more parts on a level than can be read.
+
+    Notes
+    -----
+    ``control.feedback`` and ``control.series`` of transfer functions or state-space systems compute one system and keep
+    nothing of its parts: that is drawn as the one block it is. Of ``control.interconnect`` all is kept.
+
+    Examples
+    --------
+    >>> import control as ct
+    >>> C = ct.tf([2.0, 1.0], [1.0, 0.0], inputs="e", outputs="u", name="PI")
+    >>> P = ct.tf([4.0], [1.0, 2.0], inputs="u", outputs="y", name="plant")
+    >>> error = ct.summing_junction(["r", "-y"], "e", name="error")
+    >>> picture = draw(ct.interconnect([error, C, P], inputs="r", outputs="y"))
+    >>> picture.signals
+    ('error.e', 'PI.u', 'plant.y')
+    """
+    import control as ct
+
+    if not isinstance(system, ct.InputOutputSystem):
+        raise TypeError(f"system: expected a python-control system, got {type(system).__name__}")
+    if isinstance(depth, bool) or not isinstance(depth, int | np.integer) or depth < 0:
+        raise ValueError(f"depth: expected a whole number, 0 or more, got {depth!r}")
+    scheme = read(system, int(depth))
+    _check_size(scheme)
+    numbers = {name: number(float(value), 4) for name, value in (values or {}).items()}
+    wishes = Wishes(
+        {None: None, "near": True, "border": False}[outputs], frozenset(below), frozenset(ahead), numbers
+    )
+    return _drawing(place(scheme, wishes), numbers, system.name or "system")
+
+
+def _drawing(plan: Plan, values: Mapping[str, str], title: str) -> Drawing:
+    found = composed(plan, values)
+    legend = _rates(plan)
+    height = plan.height + (18 if legend else 0)
+    width = max(plan.width, text_width(legend, NOTE) + 16)
+    texts = texts_of(legend, 8, height - 8, "start", NOTE) if legend else ()
+    signals = tuple(dict.fromkeys(name for wire in found.wires for name in wire.names))
+    svg = svg_of(found.nodes, found.wires, texts, width, height, title)
+    return Drawing(svg, found.nodes, found.wires, width, height, signals, texts)
+
+
+def _check_size(scheme: Scheme) -> None:
+    if len(scheme.parts) > _MOST:
+        raise ValueError(
+            f"system: expected at most {_MOST} blocks, sums and terminals on one level, got {len(scheme.parts)}: put "
+            "groups of them into diagrams of their own and draw with depth=0, or draw these one by one"
+        )
+    for part in scheme.parts:
+        if part.inner:
+            _check_size(part.inner)
+
+
+def _rates(plan: Plan) -> str:
+    """Of several rates: which blocks run at which."""
+    found: dict[float, list[str]] = {}
+
+    def gather(plan: Plan) -> None:
+        for k, part in enumerate(plan.scheme.parts):
+            if part.symbol.period:
+                found.setdefault(part.symbol.period, []).append(part.name)
+            if k in plan.inner:
+                gather(plan.inner[k])
+
+    gather(plan)
+    if len(found) < 2:
+        return ""
+    return "   ".join(
+        f"{number(period * 1e3, 4)} ms: {', '.join(names)}" for period, names in sorted(found.items())
+    )
