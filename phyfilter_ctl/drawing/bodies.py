@@ -35,6 +35,7 @@ RADIUS = 11.0
 TITLE = 22.0  # height of a frame's name
 ROW = 20.0  # from port to port
 _CURVE_BOX, _FRACTION, _LINE = 44.0, 44.0, 32.0
+_STUB = 3.0  # px of wire in front of a frame's border, where a terminal goes unnamed
 _MOST_TERMS = 3  # of a sum that is a circle
 
 Sides = Mapping[tuple[int, int], str]
@@ -52,6 +53,8 @@ class Body(NamedTuple):
 
 def label(part: Part) -> tuple[Run, ...]:
     """A terminal's name, or a block's."""
+    if part.silent:
+        return ()
     pin = (*part.inputs, *part.outputs)[0] if part.kind in ("input", "output") else None
     return runs(pin.name, FONT) if pin else caption(part.name, NAME)
 
@@ -82,7 +85,11 @@ def body_of(part: Part, k: int, sides: Sides) -> Body:
     if part.kind in ("input", "output"):
         zero = (0.0,)
         return Body(
-            text_width(label(part)) + 8, 8, 10, zero if part.inputs else (), zero if part.outputs else ()
+            text_width(label(part)) + (_STUB if part.silent else 8),
+            8,
+            10,
+            zero if part.inputs else (),
+            zero if part.outputs else (),
         )
     if is_circle(part, k, sides):
         return Body(2 * RADIUS, RADIUS, RADIUS, (0.0,) * len(part.inputs), (0.0,))

@@ -48,6 +48,8 @@ class Part:
     inputs, outputs : tuple of Pin
     inner : Scheme, optional
         Of a diagram that is opened.
+    silent : bool
+        Whether a terminal at a frame's border goes unnamed, since a port at the other end of its wire has its name.
     """
 
     name: str
@@ -55,6 +57,7 @@ class Part:
     inputs: tuple[Pin, ...] = ()
     outputs: tuple[Pin, ...] = ()
     inner: Scheme | None = None
+    silent: bool = False
 
     @property
     def kind(self) -> str:
