@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 from .names import Run, caption, runs, text_width
 from .ranking import Ranks
-from .reading import Part, Pin, Scheme
+from .reading import Edge, Part, Pin, Scheme
 
 __all__ = [
     "FONT",
@@ -158,26 +158,25 @@ def sides_of(scheme: Scheme, ranks: Ranks) -> dict[tuple[int, int], str]:
             continue
         mirrored = k in ranks.mirrored
 
-        def terminal(e) -> bool:
+        def terminal(e: Edge) -> bool:
             return scheme.parts[e.source].kind == "input"
 
         fed = [e for e in wires if e in ranks.back or ((e.source in ranks.mirrored) != mirrored)]
-        if mirrored:  # along the row, from the blocks above, inputs from below
-            line = sorted(
-                wires,
-                key=lambda e: (
-                    terminal(e),
-                    e.source not in ranks.mirrored,
-                    -ranks.columns[e.source],
-                    e.input,
-                ),
-            )
+        if (
+            mirrored
+        ):  # the nearest in the row along it, others of the row from below, what is ahead from above
+
+            def place(e: Edge) -> tuple[bool, bool, int, int]:
+                column, inside = ranks.columns[e.source], e.source in ranks.mirrored
+                return terminal(e), not inside, column if inside else -column, e.input
+
+            line = sorted(wires, key=place)
             if terminal(line[0]):
                 continue
-            taken: list[str] = []
-            for e in line:
-                wanted = ("S", "N") if terminal(e) else ("W", "N", "S")
-                side = next((s for s in wanted if s not in taken), None)
+            taken = ["W"]
+            for e in line[1:]:
+                below = terminal(e) or e.source in ranks.mirrored
+                side = next((s for s in (("S", "N") if below else ("N", "S")) if s not in taken), None)
                 taken += [side] if side else []
             if len(taken) == len(line):
                 found |= {(k, e.input): side for e, side in zip(line, taken, strict=True)}

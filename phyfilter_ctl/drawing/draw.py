@@ -13,7 +13,8 @@ from .names import number, text_width
 from .painting import svg_of
 from .picture import Drawing
 from .placing import Plan, Wishes, place
-from .reading import Scheme, read
+from .reading import Scheme, Sketch, read
+from .sketches import sketched
 
 __all__ = ["draw"]
 
@@ -36,8 +37,10 @@ def draw(
 
     Parameters
     ----------
-    system : control.InputOutputSystem
-        A diagram of ``control.interconnect``, ``control.feedback`` or ``control.series``, or a single block.
+    system : control.InputOutputSystem or other
+        A diagram of ``control.interconnect``, ``control.feedback`` or ``control.series``, or a single block. Also a
+        PhyFilter, FilterBank or SampledPhyFilter: in the loop of its equation; a FlatModel or FmuDescription: its
+        inputs and outputs; the path of an FMU, of a package of FMUs (.ssp), or of a filter's file (.toml).
     depth : int
         How many levels of diagrams inside are opened; the others are boxes with a double border.
     outputs : {"border", "near"}, optional
@@ -55,9 +58,10 @@ def draw(
     Raises
     ------
     TypeError
-        For something that is no system.
+        For something that cannot be drawn.
     ValueError
-        For a depth below 0, blocks or signals that are not there, or more parts on a level than can be read.
+        For a depth below 0, blocks or signals that are not there, more parts on a level than can be read, or a path
+        with another ending; and what reading the file raises.
 
     Notes
     -----
@@ -76,8 +80,12 @@ def draw(
     """
     import control as ct
 
-    if not isinstance(system, ct.InputOutputSystem):
-        raise TypeError(f"system: expected a python-control system, got {type(system).__name__}")
+    system = sketched(system) or system
+    if not isinstance(system, ct.InputOutputSystem | Sketch):
+        raise TypeError(
+            "system: expected a python-control system, a filter, a FlatModel, an FMU's description or the path of an "
+            f"FMU, a package or a filter's file, got {type(system).__name__}"
+        )
     if isinstance(depth, bool) or not isinstance(depth, int | np.integer) or depth < 0:
         raise ValueError(f"depth: expected a whole number, 0 or more, got {depth!r}")
     scheme = read(system, int(depth))
