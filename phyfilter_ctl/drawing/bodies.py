@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from itertools import zip_longest
 from typing import NamedTuple
 
 from .names import Run, caption, runs, text_width
@@ -22,7 +21,10 @@ __all__ = [
     "body_of",
     "is_circle",
     "label",
+    "ports_named",
     "sides_of",
+    "titled",
+    "wire_names",
 ]
 
 FONT, NAME, PORT, NOTE = (
@@ -35,6 +37,7 @@ RADIUS = 11.0
 TITLE = 22.0  # height of a frame's name
 ROW = 20.0  # from port to port
 _CURVE_BOX, _FRACTION, _LINE = 44.0, 44.0, 32.0
+_MARKED = ("filter", "learned")  # kinds with a mark in their corner
 _STUB = 3.0  # px of wire in front of a frame's border, where a terminal goes unnamed
 _MOST_TERMS = 3  # of a sum that is a circle
 
@@ -65,6 +68,13 @@ def ports_named(part: Part) -> bool:
         part.kind in ("block", "diagram", "filter", "learned", "curve", "delay")
         and max(len(part.inputs), len(part.outputs)) > 1
     )
+
+
+def titled(part: Part) -> bool:
+    """Whether a block's name stands above it."""
+    if part.kind == "sum" or ports_named(part):
+        return False
+    return part.kind == "gain" or bool(part.symbol.lines or part.symbol.curve)
 
 
 def is_circle(part: Part, k: int, sides: Sides) -> bool:
@@ -116,14 +126,14 @@ def body_of(part: Part, k: int, sides: Sides) -> Body:
     elif part.symbol.curve:
         width = height = _CURVE_BOX
     elif ports_named(part):
-        pairs = zip_longest(
-            *([text_width(runs(pin.name, PORT)) for pin in side] for side in (part.inputs, part.outputs)),
-            fillvalue=0.0,
+        wide = (
+            max((text_width(runs(pin.name, PORT)) for pin in side), default=0.0)
+            for side in (part.inputs, part.outputs)
         )
-        width, height = max(max(a + b for a, b in pairs) + 28, named + 20), rows * ROW + 24
+        width, height = max(sum(wide) + 28, named + (44 if part.kind in _MARKED else 20)), rows * ROW + 24
         shift, title, above = 9.0, 0.0, 0.0
     else:
-        width, height, above = max(named + 22, 50.0), 40.0, 0.0
+        width, height, above = max(named + (44 if part.kind in _MARKED else 22), 50.0), 40.0, 0.0
     width = max(width, noted + 4)
     dys = [
         tuple((i - (len(side) - 1) / 2) * ROW + shift + title for i in range(len(side)))

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Literal, NamedTuple
 
-from .bodies import FONT, NAME, NOTE, PORT, RADIUS, TITLE, is_circle, label, ports_named, wire_names
+from .bodies import FONT, NAME, NOTE, PORT, RADIUS, TITLE, is_circle, label, ports_named, titled, wire_names
 from .names import Run, runs, text_width
 from .picture import Node, Port, Shape, Text, Wire
 from .placing import ARROW, Plan
@@ -266,7 +266,7 @@ def _block(
     """Texts and shapes of a block, and the box that wires keep out of."""
     symbol, half = part.symbol, width / 2
     lower = 13.0 if symbol.note and part.kind != "sum" else 0.0
-    upper = 15.0 if part.name and _titled(part) else 0.0
+    upper = 15.0 if part.name and titled(part) else 0.0
     box = x - half, y - up + upper, x + half, y + down - lower
     texts: tuple[Text, ...] = ()
     if upper:
@@ -307,13 +307,6 @@ def _block(
     elif part.kind in ("filter", "learned"):
         shapes.append(_mark(part.kind, box))
     return texts, tuple(shapes), box
-
-
-def _titled(part: Part) -> bool:
-    """Whether a block's name stands above it."""
-    if part.kind == "sum" or ports_named(part):
-        return False
-    return part.kind == "gain" or bool(part.symbol.lines or part.symbol.curve)
 
 
 def _raised(line: str) -> tuple[Run, ...]:

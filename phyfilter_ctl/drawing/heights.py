@@ -15,7 +15,7 @@ __all__ = ["heights_of"]
 FloatArray = NDArray[np.float64]
 # px between parts, beside lanes, beside terminals, between them, and from a terminal to the sum below or above it.
 _GAP, _THIN, _BESIDE, _TERMINALS, _TIED = 22.0, 8.0, 10.0, 2.0, 18.0
-_TURN = 9.0  # px between a turn and its sum, beside half a lane: room for the arrow and the sign
+_TURN = 14.0  # px between a turn and its sum, beside half a lane: room for the arrow and the sign
 _LEVEL = 1e-6
 
 

@@ -19,8 +19,10 @@ from .bodies import (
     Sides,
     body_of,
     is_circle,
+    label,
     ports_named,
     sides_of,
+    titled,
     wire_names,
 )
 from .grid import Grid, grid_of
@@ -354,6 +356,19 @@ class _Across:
                 8.0,
             )
         )
+        if titled(part):  # a name may be wider than its block
+            named = text_width(label(part)) / 2
+            add(
+                _Box(
+                    group,
+                    y - body.up,
+                    y - body.up + 15,
+                    self._shift[k] - named,
+                    self._shift[k] + named,
+                    3.0,
+                    2.0,
+                )
+            )
         flip = k in self._ranks.mirrored
         for n, dy in enumerate(body.inputs):
             if self._sides.get((k, n), "W") == "W" and part.kind != "input":
