@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from itertools import zip_longest
 from typing import NamedTuple
 
 from .names import Run, caption, runs, text_width
 from .ranking import Ranks
-from .reading import Part, Pin, Scheme
+from .reading import Edge, Part, Pin, Scheme
 
 __all__ = [
     "FONT",
@@ -22,7 +21,10 @@ __all__ = [
     "body_of",
     "is_circle",
     "label",
+    "ports_named",
     "sides_of",
+    "titled",
+    "wire_names",
 ]
 
 FONT, NAME, PORT, NOTE = (
@@ -35,6 +37,8 @@ RADIUS = 11.0
 TITLE = 22.0  # height of a frame's name
 ROW = 20.0  # from port to port
 _CURVE_BOX, _FRACTION, _LINE = 44.0, 44.0, 32.0
+_MARKED = ("filter", "learned")  # kinds with a mark in their corner
+_STUB = 3.0  # px of wire in front of a frame's border, where a terminal goes unnamed
 _MOST_TERMS = 3  # of a sum that is a circle
 
 Sides = Mapping[tuple[int, int], str]
@@ -52,6 +56,8 @@ class Body(NamedTuple):
 
 def label(part: Part) -> tuple[Run, ...]:
     """A terminal's name, or a block's."""
+    if part.silent:
+        return ()
     pin = (*part.inputs, *part.outputs)[0] if part.kind in ("input", "output") else None
     return runs(pin.name, FONT) if pin else caption(part.name, NAME)
 
@@ -62,6 +68,13 @@ def ports_named(part: Part) -> bool:
         part.kind in ("block", "diagram", "filter", "learned", "curve", "delay")
         and max(len(part.inputs), len(part.outputs)) > 1
     )
+
+
+def titled(part: Part) -> bool:
+    """Whether a block's name stands above it."""
+    if part.kind == "sum" or ports_named(part):
+        return False
+    return part.kind == "gain" or bool(part.symbol.lines or part.symbol.curve)
 
 
 def is_circle(part: Part, k: int, sides: Sides) -> bool:
@@ -82,7 +95,11 @@ def body_of(part: Part, k: int, sides: Sides) -> Body:
     if part.kind in ("input", "output"):
         zero = (0.0,)
         return Body(
-            text_width(label(part)) + 8, 8, 10, zero if part.inputs else (), zero if part.outputs else ()
+            text_width(label(part)) + (_STUB if part.silent else 8),
+            8,
+            10,
+            zero if part.inputs else (),
+            zero if part.outputs else (),
         )
     if is_circle(part, k, sides):
         return Body(2 * RADIUS, RADIUS, RADIUS, (0.0,) * len(part.inputs), (0.0,))
@@ -109,14 +126,14 @@ def body_of(part: Part, k: int, sides: Sides) -> Body:
     elif part.symbol.curve:
         width = height = _CURVE_BOX
     elif ports_named(part):
-        pairs = zip_longest(
-            *([text_width(runs(pin.name, PORT)) for pin in side] for side in (part.inputs, part.outputs)),
-            fillvalue=0.0,
+        wide = (
+            max((text_width(runs(pin.name, PORT)) for pin in side), default=0.0)
+            for side in (part.inputs, part.outputs)
         )
-        width, height = max(max(a + b for a, b in pairs) + 28, named + 20), rows * ROW + 24
+        width, height = max(sum(wide) + 28, named + (44 if part.kind in _MARKED else 20)), rows * ROW + 24
         shift, title, above = 9.0, 0.0, 0.0
     else:
-        width, height, above = max(named + 22, 50.0), 40.0, 0.0
+        width, height, above = max(named + (44 if part.kind in _MARKED else 22), 50.0), 40.0, 0.0
     width = max(width, noted + 4)
     dys = [
         tuple((i - (len(side) - 1) / 2) * ROW + shift + title for i in range(len(side)))
@@ -151,26 +168,25 @@ def sides_of(scheme: Scheme, ranks: Ranks) -> dict[tuple[int, int], str]:
             continue
         mirrored = k in ranks.mirrored
 
-        def terminal(e) -> bool:
+        def terminal(e: Edge) -> bool:
             return scheme.parts[e.source].kind == "input"
 
         fed = [e for e in wires if e in ranks.back or ((e.source in ranks.mirrored) != mirrored)]
-        if mirrored:  # along the row, from the blocks above, inputs from below
-            line = sorted(
-                wires,
-                key=lambda e: (
-                    terminal(e),
-                    e.source not in ranks.mirrored,
-                    -ranks.columns[e.source],
-                    e.input,
-                ),
-            )
+        if (
+            mirrored
+        ):  # the nearest in the row along it, others of the row from below, what is ahead from above
+
+            def place(e: Edge) -> tuple[bool, bool, int, int]:
+                column, inside = ranks.columns[e.source], e.source in ranks.mirrored
+                return terminal(e), not inside, column if inside else -column, e.input
+
+            line = sorted(wires, key=place)
             if terminal(line[0]):
                 continue
-            taken: list[str] = []
-            for e in line:
-                wanted = ("S", "N") if terminal(e) else ("W", "N", "S")
-                side = next((s for s in wanted if s not in taken), None)
+            taken = ["W"]
+            for e in line[1:]:
+                below = terminal(e) or e.source in ranks.mirrored
+                side = next((s for s in (("S", "N") if below else ("N", "S")) if s not in taken), None)
                 taken += [side] if side else []
             if len(taken) == len(line):
                 found |= {(k, e.input): side for e, side in zip(line, taken, strict=True)}

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Literal, NamedTuple
 
-from .bodies import FONT, NAME, NOTE, PORT, RADIUS, TITLE, is_circle, label, ports_named, wire_names
+from .bodies import FONT, NAME, NOTE, PORT, RADIUS, TITLE, is_circle, label, ports_named, titled, wire_names
 from .names import Run, runs, text_width
 from .picture import Node, Port, Shape, Text, Wire
 from .placing import ARROW, Plan
@@ -38,6 +38,9 @@ def texts_of(
     return tuple(found)
 
 
+Feeds = Mapping[str, tuple[str, tuple[str, ...]]]
+
+
 def composed(
     plan: Plan,
     values: Mapping[str, str],
@@ -46,6 +49,7 @@ def composed(
     dy: float = 0.0,
     path: str = "",
     frame: str | None = None,
+    feeds: Feeds | None = None,
 ) -> Composed:
     """Everything on a level at its place.
 
@@ -60,18 +64,22 @@ def composed(
         In front of the names.
     frame : str, optional
         Node of the frame that it stands in.
+    feeds : mapping, optional
+        Of the frame's inputs: name and entries of the wires that come in.
     """
     level = _Level(plan, dx, dy, path, frame)
     nodes = [level.node(k) for k in range(len(plan.scheme.parts))]
-    wires = [level.wire(net, nodes, values) for net in range(len(plan.grid.nets))]
+    wires = [level.wire(net, nodes, values, feeds or {}) for net in range(len(plan.grid.nets))]
     stubs = [stub for k in range(len(nodes)) for stub in level.undriven(k, nodes[k])]
     nodes += [node for node, _ in stubs]
     wires += [wire for _, wire in stubs]
     for k, inside in plan.inner.items():
         box = nodes[k].box
-        found = composed(
-            inside, values, dx=box[0], dy=box[1] + TITLE, path=f"{nodes[k].name}.", frame=nodes[k].name
-        )
+        name = nodes[k].name
+        fed = {
+            port: (wire.signal, wire.names) for wire in wires for node, port in wire.targets if node == name
+        }
+        found = composed(inside, values, dx=box[0], dy=box[1] + TITLE, path=f"{name}.", frame=name, feeds=fed)
         nodes += found.nodes
         wires += found.wires
     return Composed(tuple(nodes), tuple(wires))
@@ -129,6 +137,9 @@ class _Level:
         ports = self._ports(k)
         if part.kind in ("input", "output"):
             texts, shapes = texts_of(label(part), x, y + 4.5, "middle"), ()
+            if part.silent:  # the wire goes on to the border
+                thick = "thick" if (*part.inputs, *part.outputs)[0].size > 1 else "curve"
+                shapes = (Shape(((box[0], y), (box[2], y)), thick),)
         elif part.kind == "frame":
             texts = texts_of(label(part), box[0] + 6, box[1] + 14, "start")
             shapes = (_rectangle(box, "frame"),)
@@ -139,7 +150,7 @@ class _Level:
             texts, shapes, box = _block(part, self._flipped(k), x, y, body.up, body.down, body.width, ports)
         return Node(self._names[k], part.kind, box, texts, ports, self._frame, part.symbol.gain, shapes)
 
-    def wire(self, net: int, nodes: Sequence[Node], values: Mapping[str, str]) -> Wire:
+    def wire(self, net: int, nodes: Sequence[Node], values: Mapping[str, str], feeds: Feeds) -> Wire:
         plan = self._plan
         (source, output), edges = plan.grid.nets[net]
         part = plan.scheme.parts[source]
@@ -156,10 +167,16 @@ class _Level:
         names = pin.signals if all("." in name for name in pin.signals) else ()
         entries = pin.signals or (f"{nodes[source].name}.{start.name}",)
         signal = entries[0] if len(entries) == 1 else f"{entries[0].rpartition('[')[0] or entries[0]}"
+        if part.kind == "input" and start.name in feeds:
+            signal, names = feeds[start.name]
         value = next((values[s] for s in (signal, *entries[:1], pin.name) if s in values), "")
         shown = wire_names(part, pin)
-        texts, slash = _wire_texts(start, pin.name if shown else "", pin.size, value)
-        heads = tuple(_arrow(port) for _, port in targets)
+        texts, slash = _wire_texts(start, pin.name if shown else "", 1 if part.silent else pin.size, value)
+        heads = tuple(
+            _arrow(port)
+            for e, (_, port) in zip(edges, targets, strict=True)
+            if not plan.scheme.parts[e.target].silent
+        )
         return Wire(
             signal, (nodes[source].name, start.name), tuple((node.name, port.name) for node, port in targets), lines,
             pin.size, forward, dots, names, texts, heads + slash,
@@ -249,7 +266,7 @@ def _block(
     """Texts and shapes of a block, and the box that wires keep out of."""
     symbol, half = part.symbol, width / 2
     lower = 13.0 if symbol.note and part.kind != "sum" else 0.0
-    upper = 15.0 if part.name and _titled(part) else 0.0
+    upper = 15.0 if part.name and titled(part) else 0.0
     box = x - half, y - up + upper, x + half, y + down - lower
     texts: tuple[Text, ...] = ()
     if upper:
@@ -290,13 +307,6 @@ def _block(
     elif part.kind in ("filter", "learned"):
         shapes.append(_mark(part.kind, box))
     return texts, tuple(shapes), box
-
-
-def _titled(part: Part) -> bool:
-    """Whether a block's name stands above it."""
-    if part.kind == "sum" or ports_named(part):
-        return False
-    return part.kind == "gain" or bool(part.symbol.lines or part.symbol.curve)
 
 
 def _raised(line: str) -> tuple[Run, ...]:

@@ -13,11 +13,13 @@ from .names import number, text_width
 from .painting import svg_of
 from .picture import Drawing
 from .placing import Plan, Wishes, place
-from .reading import Scheme, read
+from .reading import Scheme, Sketch, read
+from .sketches import sketched
 
 __all__ = ["draw"]
 
-_MOST = 400  # parts of one level
+_MOST = 150  # blocks of one level
+_OUTPUTS = {None: None, "near": True, "border": False}
 
 
 def draw(
@@ -36,8 +38,10 @@ def draw(
 
     Parameters
     ----------
-    system : control.InputOutputSystem
-        A diagram of ``control.interconnect``, ``control.feedback`` or ``control.series``, or a single block.
+    system : control.InputOutputSystem or other
+        A diagram of ``control.interconnect``, ``control.feedback`` or ``control.series``, or a single block. Also a
+        PhyFilter, FilterBank or SampledPhyFilter: in the loop of its equation; a FlatModel or FmuDescription: its
+        inputs and outputs; the path of an FMU, of a package of FMUs (.ssp), or of a filter's file (.toml).
     depth : int
         How many levels of diagrams inside are opened; the others are boxes with a double border.
     outputs : {"border", "near"}, optional
@@ -55,9 +59,10 @@ def draw(
     Raises
     ------
     TypeError
-        For something that is no system.
+        For something that cannot be drawn.
     ValueError
-        For a depth below 0, blocks or signals that are not there, or more parts on a level than can be read.
+        For a depth below 0, blocks or signals that are not there, more parts on a level than can be read, or a path
+        with another ending; and what reading the file raises.
 
     Notes
     -----
@@ -76,17 +81,37 @@ def draw(
     """
     import control as ct
 
-    if not isinstance(system, ct.InputOutputSystem):
-        raise TypeError(f"system: expected a python-control system, got {type(system).__name__}")
+    system = sketched(system) or system
+    if not isinstance(system, ct.InputOutputSystem | Sketch):
+        raise TypeError(
+            "system: expected a python-control system, a filter, a FlatModel, an FMU's description or the path of an "
+            f"FMU, a package or a filter's file, got {type(system).__name__}"
+        )
     if isinstance(depth, bool) or not isinstance(depth, int | np.integer) or depth < 0:
         raise ValueError(f"depth: expected a whole number, 0 or more, got {depth!r}")
-    scheme = read(system, int(depth))
-    _check_size(scheme)
+    if outputs not in _OUTPUTS:
+        raise ValueError(f"outputs: expected 'border', 'near' or None, got {outputs!r}")
+    _check_size(system, int(depth))
     numbers = {name: number(float(value), 4) for name, value in (values or {}).items()}
-    wishes = Wishes(
-        {None: None, "near": True, "border": False}[outputs], frozenset(below), frozenset(ahead), numbers
-    )
-    return _drawing(place(scheme, wishes), numbers, system.name or "system")
+    scheme = read(system, int(depth))
+    names = _names(scheme)
+    for option, given in (("below", below), ("ahead", ahead)):
+        if unknown := sorted(set(given) - names):
+            raise ValueError(
+                f"{option}: no block is called {unknown[0]!r}; there are {', '.join(sorted(names))}"
+            )
+    wishes = Wishes(_OUTPUTS[outputs], frozenset(below), frozenset(ahead), numbers)
+    drawing = _drawing(place(scheme, wishes), numbers, system.name or "system")
+    known = {name for wire in drawing.wires for name in (wire.signal, *wire.names)}
+    if unknown := sorted(set(numbers) - known):
+        raise ValueError(f"values: no wire is called {unknown[0]!r}; there are {', '.join(sorted(known))}")
+    return drawing
+
+
+def _names(scheme: Scheme) -> set[str]:
+    """Of all blocks that are drawn."""
+    blocks = [part for part in scheme.parts if part.name and part.kind not in ("input", "output")]
+    return {part.name for part in blocks}.union(*(_names(part.inner) for part in blocks if part.inner))
 
 
 def _drawing(plan: Plan, values: Mapping[str, str], title: str) -> Drawing:
@@ -100,15 +125,15 @@ def _drawing(plan: Plan, values: Mapping[str, str], title: str) -> Drawing:
     return Drawing(svg, found.nodes, found.wires, width, height, signals, texts)
 
 
-def _check_size(scheme: Scheme) -> None:
-    if len(scheme.parts) > _MOST:
+def _check_size(system: Any, depth: int) -> None:
+    blocks = getattr(system, "syslist", ())
+    if len(blocks) > _MOST:
         raise ValueError(
-            f"system: expected at most {_MOST} blocks, sums and terminals on one level, got {len(scheme.parts)}: put "
-            "groups of them into diagrams of their own and draw with depth=0, or draw these one by one"
+            f"system: expected at most {_MOST} blocks on a level, got {len(blocks)} in {system.name!r}: put groups of "
+            "them into diagrams of their own, which depth=0 draws as one block each, or draw parts of it"
         )
-    for part in scheme.parts:
-        if part.inner:
-            _check_size(part.inner)
+    for block in blocks if depth else ():
+        _check_size(block, depth - 1)
 
 
 def _rates(plan: Plan) -> str:

@@ -13,8 +13,9 @@ from .grid import Grid, Item, Joint
 __all__ = ["heights_of"]
 
 FloatArray = NDArray[np.float64]
-_GAP, _THIN, _TERMINALS = 22.0, 8.0, 2.0  # px between parts, beside lanes, between terminals
-_TURN = 9.0  # px between a turn and its sum, beside half a lane: room for the arrow and the sign
+# px between parts, beside lanes, beside terminals, between them, and from a terminal to the sum below or above it.
+_GAP, _THIN, _BESIDE, _TERMINALS, _TIED = 22.0, 8.0, 10.0, 2.0, 18.0
+_TURN = 14.0  # px between a turn and its sum, beside half a lane: room for the arrow and the sign
 _LEVEL = 1e-6
 
 
@@ -35,7 +36,12 @@ def heights_of(grid: Grid) -> FloatArray:
         line_up = [item for unit in column for item in unit]
         for a, b in pairwise(line_up):
             one, other = grid.items[a], grid.items[b]
-            line.append(line[-1] + one.down + other.up + _separation(one, other))
+            line.append(
+                line[-1]
+                + one.down
+                + other.up
+                + _separation(one, other, tied=not grid.attached.isdisjoint((a, b)))
+            )
         blocks.separate(line_up, np.array(line))
     for exact in (True, False):
         for link in sorted(grid.links, key=lambda link: (-link.weight, link.channel)):
@@ -46,13 +52,17 @@ def heights_of(grid: Grid) -> FloatArray:
     return y - min((y[i] - item.up for i, item in enumerate(grid.items)), default=0.0)
 
 
-def _separation(one: Item, other: Item) -> float:
+def _separation(one: Item, other: Item, *, tied: bool) -> float:
     kinds = {one.kind, other.kind}
     if "turn" in kinds:
         return _TURN if "part" in kinds else _THIN
     if "lane" in kinds:
         return _THIN
-    return _TERMINALS if one.terminal and other.terminal else _GAP
+    if tied and one.terminal != other.terminal:  # a terminal above or below its sum
+        return _TIED
+    if one.terminal or other.terminal:
+        return _TERMINALS if one.terminal and other.terminal else _BESIDE
+    return _GAP
 
 
 class _Blocks:

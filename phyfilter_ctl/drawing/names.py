@@ -75,7 +75,7 @@ def runs(name: str, size: float) -> tuple[Run, ...]:
 def caption(name: str, size: float) -> tuple[Run, ...]:
     """A block's name: K_p has an index, force_filter is two words."""
     head = name.split("_")[0]
-    if len(head) <= 2 or head in _GREEK:
+    if len(head) == 1 or head in _GREEK:
         return runs(name, size)
     return (Run(cut(name).replace("_", " "), size),)
 

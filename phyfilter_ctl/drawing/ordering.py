@@ -13,7 +13,8 @@ from .grid import Grid, Joint
 __all__ = ["ordered"]
 
 _SWEEPS = 6
-_SMALL = 1e-4  # of an item's place: a px of a port's height
+_PX = 1e-4  # of an item's place: a px of a port's height
+_FEW = 8  # crossings: with so many at most a second start may find a better order
 
 Units = list[tuple[int, ...]]
 
@@ -54,7 +55,20 @@ def ordered(grid: Grid, main: Collection[int], loose: Collection[int]) -> Grid:
     -------
     Grid
     """
-    search = _Search(grid, main, loose)
+    found = _searched(_Search(grid, main, loose, main_first=True))
+    if 0 < found.crossings <= _FEW:
+        other = _searched(_Search(grid, main, loose, main_first=False))
+        found = other if other.crossings < found.crossings else found
+    return grid.ordered(found.table, found.heights)
+
+
+class _Found(NamedTuple):
+    table: list[Units]
+    heights: dict[tuple[int, str, int], float]
+    crossings: int
+
+
+def _searched(search: _Search) -> _Found:
     best, least = search.state(), search.total()
     for sweep in range(_SWEEPS):
         if not least:
@@ -66,22 +80,18 @@ def ordered(grid: Grid, main: Collection[int], loose: Collection[int]) -> Grid:
             search.move_wires()
         if (total := search.total()) < least:
             best, least = search.state(), total
-    table, dy = best
-    heights = {
-        (joint.item, *joint.port): round(float(dy[j]) / _SMALL, 6)
-        for j, joint in enumerate(search.joints)
-        if joint.port is not None and joint.item in loose
-    }
-    return grid.ordered(table, heights)
+    return _Found(*best, least)
 
 
 class _Search:
     """Columns and heights of ports while they change."""
 
-    def __init__(self, grid: Grid, main: Collection[int], loose: Collection[int]) -> None:
-        self._items, self._channels = grid.items, grid.channels
+    def __init__(
+        self, grid: Grid, main: Collection[int], loose: Collection[int], *, main_first: bool
+    ) -> None:
+        self._items, self._loose = grid.items, loose
         self.joints = [joint for joints in grid.channels for joint in joints]
-        self._dy = np.array([joint.dy for joint in self.joints]) * _SMALL
+        self._dy = np.array([joint.dy for joint in self.joints]) * _PX
         starts = np.cumsum([0, *map(len, grid.channels)])
         self._chords = [
             _chords(joints, int(start)) for joints, start in zip(grid.channels, starts[:-1], strict=True)
@@ -96,8 +106,9 @@ class _Search:
         self._unit = {i: unit for unit in self._low for i in unit}
         self._table: list[Units] = []
         for column in grid.columns:
+            ahead = {unit: any(grid.items[i].part in main for i in unit) == main_first for unit in column}
             self._table.append(
-                sorted(column, key=lambda u: (self._low[u], not any(grid.items[i].part in main for i in u)))
+                sorted(column, key=lambda unit, ahead=ahead: (self._low[unit], not ahead[unit]))
             )
             self._number(self._table[-1])
         ports: dict[tuple[int, str], dict[int, list[int]]] = {}  # joints of each port of loose parts
@@ -116,8 +127,14 @@ class _Search:
                 found.setdefault(joint.net, []).append(self._unit[joint.item])
         return [list(dict.fromkeys(units)) for units in found.values()]
 
-    def state(self) -> tuple[list[Units], NDArray[np.float64]]:
-        return [list(column) for column in self._table], self._dy.copy()
+    def state(self) -> tuple[list[Units], dict[tuple[int, str, int], float]]:
+        """The columns, and the heights of ports of loose parts."""
+        heights = {
+            (joint.item, *joint.port): round(float(self._dy[j]) / _PX, 6)
+            for j, joint in enumerate(self.joints)
+            if joint.port is not None and joint.item in self._loose
+        }
+        return [list(column) for column in self._table], heights
 
     def total(self) -> int:
         return self._crossings(range(len(self._chords)))
@@ -216,11 +233,7 @@ class _Search:
                 for c in columns:
                     mine = [unit for unit in self._table[c] if unit in units]
                     rest = [unit for unit in self._table[c] if unit not in units]
-                    split = (
-                        sum(self._low[unit] < 0 for unit in rest)
-                        if top
-                        else sum(self._low[unit] <= 0 for unit in rest)
-                    )
+                    split = sum(self._low[unit] < (0 if top else 1) for unit in rest)
                     self._table[c][:] = [*rest[:split], *mine, *rest[split:]]
                     self._number(self._table[c])
                 if (after := self._crossings(channels)) < before:

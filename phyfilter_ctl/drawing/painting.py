@@ -13,20 +13,20 @@ if TYPE_CHECKING:
 
 __all__ = ["figure_of", "svg_of"]
 
-_THIN, _THICK = 1.3, 2.6  # px: wires, and wires of vectors
+_THIN, _THICK = 1.3, 2.3  # px: wires, and wires of vectors
 _STYLE = """
 .pf-diagram{--ink:#141414;--paper:#fff;--pane:#f3f5f9;--edge:#6b7280;background:var(--paper)}
 @media(prefers-color-scheme:dark){.pf-diagram{--ink:#e8e8e8;--paper:#181a1e;--pane:#22262d;--edge:#8b94a3}}
 .pf-diagram path,.pf-diagram circle{stroke:var(--ink);fill:none;stroke-width:1.3}
 .pf-diagram .wire{stroke-linecap:square}.pf-diagram .block{fill:var(--paper)}
 .pf-diagram .frame{fill:var(--pane);stroke:var(--edge);stroke-width:1;stroke-dasharray:5 3}
-.pf-diagram .thin{stroke-width:.8}.pf-diagram .solid{fill:var(--ink);stroke:none}
+.pf-diagram .thin{stroke-width:.8}.pf-diagram .thick{stroke-width:2.3}.pf-diagram .solid{fill:var(--ink);stroke:none}
 .pf-diagram text{font-family:Helvetica,Arial,"Liberation Sans",sans-serif;fill:var(--ink)}
 """.strip().replace("\n", "")
 # As in the style sheet: face, line, width.
 _LOOK = {
     "block": ("white", "#141414", 1.3), "frame": ("#f3f5f9", "#6b7280", 1.0), "thin": ("none", "#141414", 0.8),
-    "curve": ("none", "#141414", 1.3), "solid": ("#141414", "none", 0.0),
+    "curve": ("none", "#141414", 1.3), "thick": ("none", "#141414", 2.3), "solid": ("#141414", "none", 0.0),
 }  # fmt: skip
 
 

@@ -50,7 +50,7 @@ class Shape:
     ----------
     points : tuple of (x, y)
         One of a circle.
-    style : {"block", "frame", "thin", "curve", "solid"}
+    style : {"block", "frame", "thin", "curve", "thick", "solid"}
     closed : bool
     radius : float
         Of a circle in px.

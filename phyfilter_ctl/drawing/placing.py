@@ -19,8 +19,10 @@ from .bodies import (
     Sides,
     body_of,
     is_circle,
+    label,
     ports_named,
     sides_of,
+    titled,
     wire_names,
 )
 from .grid import Grid, grid_of
@@ -37,6 +39,7 @@ FloatArray = NDArray[np.float64]
 ARROW = 9.0
 _MARGIN = 8.0  # px around the picture
 _FOOT = 10.0  # px below what is in a frame
+_NEAR, _NEAR_ENDS = 18.0, 60.0  # px: parts, and terminals, of a column that are nearer than that line up
 _SMALL = 24  # parts: up to so many, ways round are tried out for crossings
 
 
@@ -135,21 +138,43 @@ def place(scheme: Scheme, wishes: Wishes, *, framed: bool = False) -> Plan:
     inner = {
         k: (plan.mirrored() if k in ranks.mirrored else plan)
         for k, plan in (
-            (k, place(p.inner, wishes, framed=True)) for k, p in enumerate(scheme.parts) if p.inner
+            (k, place(_named_once(p.inner), wishes, framed=True))
+            for k, p in enumerate(scheme.parts)
+            if p.inner
         )
     }
     try_out = _Trial(scheme, inner, wishes, framed)
     best = try_out(ranks, {})
     if best.crossings and len(scheme.parts) <= _SMALL:
-        for loops in _feedback(scheme, ranks):
-            other = try_out(replace(best.ranks, above=best.ranks.above | loops), {})
-            best = other if other.crossings < best.crossings else best
+        flipped: Sides = {}
         for turn in best.grid.turns:
             key = turn.part, turn.input
             if best.grid.items[turn.item].kind == "part" and best.crossings and best.sides.get(key) == "N":
-                other = try_out(best.ranks, {key: "S"})
-                best = other if other.crossings < best.crossings else best
+                other = try_out(ranks, {**flipped, key: "S"})
+                if other.crossings < best.crossings:
+                    best, flipped = other, {**flipped, key: "S"}
+        for loops in _feedback(scheme, ranks) if best.crossings else ():
+            other = try_out(replace(best.ranks, above=best.ranks.above | loops), flipped)
+            best = other if other.crossings < best.crossings else best
     return best
+
+
+def _named_once(scheme: Scheme) -> Scheme:
+    """Of a frame: terminals whose wire ends, or ends everywhere, at ports of their name stay without one."""
+    parts = list(scheme.parts)
+    for k, part in enumerate(parts):
+        if part.kind == "input":
+            ends = [(parts[e.target], parts[e.target].inputs[e.input]) for e in scheme.edges if e.source == k]
+        elif part.kind == "output":
+            ends = [
+                (parts[e.source], parts[e.source].outputs[e.output]) for e in scheme.edges if e.target == k
+            ]
+        else:
+            continue
+        name = (*part.inputs, *part.outputs)[0].name
+        if ends and all(ports_named(other) and pin.name == name for other, pin in ends):
+            parts[k] = replace(part, silent=True)
+    return replace(scheme, parts=tuple(parts))
 
 
 def _feedback(scheme: Scheme, ranks: Ranks) -> list[frozenset[tuple[int, int]]]:
@@ -189,13 +214,9 @@ def _entered_from_below(plan: Plan, sides: Sides) -> dict[tuple[int, int], str]:
     found = dict(sides)
     for e in plan.scheme.edges:
         t = e.target
-        free = "S" not in [side for (k, _), side in found.items() if k == t]
-        if (
-            found.get((t, e.input)) == "N"
-            and free
-            and t not in plan.ranks.mirrored
-            and plan.y[e.source] > plan.y[t] + 5
-        ):
+        if e in plan.ranks.back or found.get((t, e.input)) != "N" or t in plan.ranks.mirrored:
+            continue
+        if (t, "S") not in {(k, side) for (k, _), side in found.items()} and plan.y[e.source] > plan.y[t] + 5:
             found[t, e.input] = "S"
     return found
 
@@ -319,6 +340,8 @@ class _Across:
         else:
             group = self._of_item.get(k, -1)
             group = self._group(2 * column + 1.0) if group < 0 else group
+            if part.kind in ("input", "output"):  # they line up at the edge where their wires are
+                self._shift[k] = half if (part.kind == "output") != (k in self._ranks.mirrored) else -half
         self._of_item[k] = group
         x0, x1 = self._shift[k] - half, self._shift[k] + half
         add = self._boxes.append
@@ -333,6 +356,19 @@ class _Across:
                 8.0,
             )
         )
+        if titled(part):  # a name may be wider than its block
+            named = text_width(label(part)) / 2
+            add(
+                _Box(
+                    group,
+                    y - body.up,
+                    y - body.up + 15,
+                    self._shift[k] - named,
+                    self._shift[k] + named,
+                    3.0,
+                    2.0,
+                )
+            )
         flip = k in self._ranks.mirrored
         for n, dy in enumerate(body.inputs):
             if self._sides.get((k, n), "W") == "W" and part.kind != "input":
@@ -376,8 +412,27 @@ class _Across:
         right = -_pushed(-last, far.T, order[::-1])
         first[self._right] = right[self._right]
         middle = (_pushed(first, far, order) + right) / 2
+        self._align(middle, far, first, last)
         x = np.array([middle[self._of_item.get(i, 0)] for i in range(len(self._grid.items))]) + self._shift
         return x, {key: float(middle[g]) for key, g in self._trunks.items()}, width
+
+    def _align(self, x: FloatArray, far: FloatArray, first: FloatArray, last: FloatArray) -> None:
+        """Parts of one column that stand nearly below each other stand right below each other, where that can be."""
+        columns: dict[tuple[int, str], set[int]] = {}
+        for k, part in enumerate(self._scheme.parts):
+            group = self._of_item[k]
+            if k not in self._grid.attached and group not in (self._left, self._right):
+                kind = part.kind if part.kind in ("input", "output") else ""
+                columns.setdefault((self._grid.items[k].column, kind), set()).add(group)
+        for (_, kind), groups in columns.items():
+            line = sorted(groups, key=lambda g: (float(x[g]), g))
+            while line:
+                near = [g for g in line if x[g] - x[line[0]] < (_NEAR_ENDS if kind else _NEAR)]
+                line = line[len(near) :]
+                low = max(max(first[g], float(np.max(x + far[:, g]))) for g in near)
+                high = min(min(last[g], float(np.min(x - far[g]))) for g in near)
+                if len(near) > 1 and low <= high:
+                    x[near] = min(max(float(np.mean(x[near])), low), high)
 
 
 def _pushed(first: FloatArray, far: FloatArray, order: NDArray[np.int64]) -> FloatArray:

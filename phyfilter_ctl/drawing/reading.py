@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .names import base_and_index, vector_starts
-from .symbols import Symbol, gain_symbol, symbol_of
+from .symbols import Box, Symbol, gain_symbol, symbol_of
 
-__all__ = ["Edge", "Part", "Pin", "Scheme", "read"]
+__all__ = ["Edge", "Part", "Pin", "Scheme", "Sketch", "read"]
 
 FloatArray = NDArray[np.float64]
 Cuts = tuple[frozenset[int], frozenset[int]]
@@ -38,6 +38,23 @@ class Edge(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
+class Sketch:
+    """Boxes and wires, as an interconnected system of python-control has them."""
+
+    name: str
+    syslist: tuple[Box, ...]
+    connect_map: NDArray[np.float64]
+    input_map: NDArray[np.float64]
+    output_map: NDArray[np.float64]
+    input_labels: tuple[str, ...]
+    output_labels: tuple[str, ...]
+
+    @property
+    def noutputs(self) -> int:
+        return len(self.output_labels)
+
+
+@dataclass(frozen=True, eq=False)
 class Part:
     """A terminal, a block, or a sum or gain that is on the wires alone (``name`` is then empty).
 
@@ -48,6 +65,8 @@ class Part:
     inputs, outputs : tuple of Pin
     inner : Scheme, optional
         Of a diagram that is opened.
+    silent : bool
+        Whether a terminal at a frame's border goes unnamed, since a port at the other end of its wire has its name.
     """
 
     name: str
@@ -55,6 +74,7 @@ class Part:
     inputs: tuple[Pin, ...] = ()
     outputs: tuple[Pin, ...] = ()
     inner: Scheme | None = None
+    silent: bool = False
 
     @property
     def kind(self) -> str:
@@ -84,7 +104,7 @@ def read(system: Any, depth: int = 0, path: str = "", cuts: Cuts = (frozenset(),
 
     Parameters
     ----------
-    system : control.InputOutputSystem
+    system : control.InputOutputSystem or Sketch
     depth : int
         How many levels of diagrams inside are opened.
     path : str
@@ -98,7 +118,7 @@ def read(system: Any, depth: int = 0, path: str = "", cuts: Cuts = (frozenset(),
     """
     import control as ct
 
-    opened = isinstance(system, ct.InterconnectedSystem)
+    opened = isinstance(system, ct.InterconnectedSystem | Sketch)
     level = _level_of(system) if opened else _alone(system)
     rows, columns = level.starts(system, cuts)
     inner: dict[int, Scheme] = {}

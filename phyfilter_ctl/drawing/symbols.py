@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -14,7 +15,7 @@ from .names import number, polynomial
 if TYPE_CHECKING:
     from .reading import Pin
 
-__all__ = ["Symbol", "gain_symbol", "symbol_of"]
+__all__ = ["Box", "Symbol", "filter_note", "gain_symbol", "rate_note", "symbol_of"]
 
 FloatArray = NDArray[np.float64]
 _ORDER = 4  # of a transfer function that is written out
@@ -41,6 +42,24 @@ class Symbol(NamedTuple):
     period: float = 0.0
 
 
+@dataclass(frozen=True)
+class Box:
+    """A block by its name, labels and symbol."""
+
+    name: str
+    input_labels: tuple[str, ...]
+    output_labels: tuple[str, ...]
+    symbol: Symbol
+
+    @property
+    def ninputs(self) -> int:
+        return len(self.input_labels)
+
+    @property
+    def noutputs(self) -> int:
+        return len(self.output_labels)
+
+
 def gain_symbol(factor: float) -> Symbol:
     """Of a constant factor."""
     return Symbol("gain", (number(factor),), gain=factor)
@@ -61,23 +80,26 @@ def symbol_of(block: Any, inputs: Sequence[Pin], outputs: Sequence[Pin]) -> Symb
     """
     import control as ct
 
+    if isinstance(block, Box):
+        return block.symbol
     period = float(getattr(block, "period", 0.0) or (block.dt if block.dt not in (None, 0, True) else 0.0))
     inside = getattr(block, "system", None)
     found = _symbol(
         inside if inside is not None and isinstance(block, SampledBlock) else block, inputs, outputs
     )
     if isinstance(block, SampledBlock) and block.filter is not None:
-        found = _filter(block.filter.sampled.filters)
+        found = Symbol("filter", note=filter_note(block.filter.sampled.filters))
     elif isinstance(block, PhyFilterBlock):
         found = Symbol("filter", note=_bandwidth(np.asarray(block.A), block.dt or 0.0, block.noutputs))
     elif isinstance(block, ct.InterconnectedSystem):
         found = Symbol("diagram")
-    rate = (
-        (f"T = {number(period * 1e3, 4)} ms" if period < 1 else f"T = {number(period, 4)} s")
-        if period
-        else ""
-    )
-    return found._replace(note=", ".join(filter(None, (found.note, rate))), period=period)
+    notes = [found.note] if found.note else []
+    return found._replace(note=", ".join([*notes, rate_note(period)] if period else notes), period=period)
+
+
+def rate_note(period: float) -> str:
+    """Of seconds between the instants of a block."""
+    return f"T = {number(period * 1e3, 4)} ms" if period < 1 else f"T = {number(period, 4)} s"
 
 
 def _symbol(block: Any, inputs: Sequence[Pin], outputs: Sequence[Pin]) -> Symbol:
@@ -139,10 +161,10 @@ def _cleaned(coefficients: FloatArray) -> FloatArray:
     return trimmed if len(trimmed) else np.zeros(1)
 
 
-def _filter(filters: Sequence[Any]) -> Symbol:
+def filter_note(filters: Sequence[Any]) -> str:
+    """Orders and slowest poles of filters."""
     orders = sorted({entry.order for entry in filters})
-    rates = sorted({float(abs(entry.poles[0])) for entry in filters})
-    return Symbol("filter", note=_about(orders, rates))
+    return _about(orders, sorted({float(abs(entry.poles[0])) for entry in filters}))
 
 
 def _about(orders: Sequence[int], rates: Sequence[float]) -> str:
