@@ -80,7 +80,6 @@ def test_depth_opens_what_is_inside(folder: Path, capsys: pytest.CaptureFixture[
 
 
 @pytest.mark.slow
-@pytest.mark.xfail(reason="pf.draw takes no paths of FMUs and packages yet", strict=True)
 def test_fmus_and_packages(folder: Path):
     assert main(["design", "--poles", "-20", "--dt", "0.01", "--out", "filter.toml", "--quiet"]) == 0
     assert main(["export", "filter.toml", "--fmu", "filter.fmu", "--channels", "2", "--quiet"]) == 0

@@ -20,8 +20,6 @@ from tests.drawing.gallery import CASES
 ROOT = Path(__file__).resolve().parents[2]
 DEFAULT, DEEP = 40, 200
 LARGE = {"drone", "drone, opened", "arm, opened", "random, 40 blocks"}
-# Faults that are known and not yet repaired: as soon as one is, its line here fails.
-OPEN = {"arm, opened": "a vector's size, 3, on the name of a port, wind"}
 # What a child prints, under another hash seed.
 DIGESTS = """
 from tests.drawing.test_properties import digests
@@ -65,14 +63,9 @@ def test_the_suite_has_what_it_says():
     assert any(len(periods) > 1 for periods in rates)
 
 
-def marked(name: str) -> list[pytest.MarkDecorator]:
-    marks = [pytest.mark.slow] * (name in LARGE)
-    if name in OPEN:
-        marks.append(pytest.mark.xfail(reason=OPEN[name], strict=True))
-    return marks
-
-
-@pytest.mark.parametrize("name", [pytest.param(name, marks=marked(name)) for name in CASES])
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=[pytest.mark.slow] * (name in LARGE)) for name in CASES]
+)
 def test_known_diagrams(name: str):
     case = CASES[name]
     system = case.build()
