@@ -137,7 +137,8 @@ def _read(options: argparse.Namespace) -> tuple[list[Recording], list[str]]:
         raise ValueError(
             f"--robot and --{given[0]}: expected one of them; the robot file says what the signals are"
         )
-    checks = [Robot.load(options.robot).check(path) for path in options.logs]
+    robot = Robot.load(options.robot)
+    checks = [robot.check(robot.opened(path, options.largest)) for path in options.logs]
     doubts = [f"{check.recording.name}: {finding}" for check in checks for finding in check.findings]
     return [check.recording for check in checks], doubts
 
