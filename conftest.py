@@ -7,18 +7,22 @@ from __future__ import annotations
 
 import doctest
 import gc
+import importlib
 import os
 import sys
 from collections.abc import Generator, Iterator
 from functools import cache
+from pathlib import Path
+from types import ModuleType
 
 # Before anything imports numpy: two workers with two threads each wait for one another. A setting from outside stays.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import hypothesis
 import pytest
+from _pytest.doctest import DoctestModule
 
-pytest_plugins = ["tests.cpu_budget"]
+pytest_plugins = ["tests.cpu_budget", "tests.skips"]
 
 # How long an example takes to draw says how busy the machine is.
 _CALM = {"deadline": None, "database": None, "suppress_health_check": [hypothesis.HealthCheck.too_slow]}
@@ -44,6 +48,10 @@ def quick_compiler(request: pytest.FixtureRequest) -> Iterator[None]:
         if quick and not _why_not() and len(command := find_compiler().command) == 1:
             patch.setenv("CC", f"""sh -c 'exec {command[0]} "$@" -O0' {command[0]}""")
         yield
+
+
+# In the message of what an extra brings, and how to install it.
+_EXTRA = "pip install 'phyfilter-ctl["
 
 
 @cache
@@ -72,12 +80,49 @@ def _missing(error: BaseException | None) -> str:
         seen.add(id(cause))
         if isinstance(cause, CompilerError) and str(cause).startswith("no C compiler"):
             return _why_not()
-        if isinstance(cause, ImportError) and " needs the extra " in str(cause):
+        if isinstance(cause, ImportError) and (" needs the extra " in str(cause) or _EXTRA in str(cause)):
             return str(cause)
         if isinstance(cause, doctest.UnexpectedException):
             causes.append(cause.exc_info[1])
         causes += [cause.__cause__, cause.__context__]
     return ""
+
+
+class _Doctests(DoctestModule):
+    """Examples of a module under the name by which people import it: the models at the top are in the package too."""
+
+    def _getobj(self) -> ModuleType:
+        parts = self.path.relative_to(self.config.rootpath).with_suffix("").parts
+        name = ".".join(("phyfilter_ctl", *parts) if parts[0] == "models" else parts)
+        try:
+            return importlib.import_module(name.removesuffix(".__init__"))
+        except ImportError as error:
+            missing = _missing(error)
+            if (
+                isinstance(error, ModuleNotFoundError)
+                and (error.name or "").partition(".")[0] != "phyfilter_ctl"
+            ):
+                missing = f"{name} needs {error.name}, which is not installed"
+            if missing:
+                pytest.skip(missing, allow_module_level=True)
+            raise
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_collect_file(
+    file_path: Path, parent: pytest.Collector
+) -> Generator[None, list[pytest.Collector], list[pytest.Collector]]:
+    """Take examples of the package's modules as above; an import that fails for another reason is an error."""
+    ours = (
+        file_path.is_relative_to(parent.config.rootpath)
+        and file_path.relative_to(parent.config.rootpath).parts[0]
+    )
+    return [
+        _Doctests.from_parent(parent, path=file_path)
+        if isinstance(each, DoctestModule) and ours in ("models", "phyfilter_ctl")
+        else each
+        for each in (yield)
+    ]
 
 
 @pytest.fixture(autouse=True)

@@ -12,12 +12,13 @@ what it missed  :func:`estimate`: the force in recordings, which filter shows it
                 learned model pays
 what of it      :func:`separate`: payload, wind, drag, a model's scale, or only their sum
 understand it   :func:`frequency_response`, :func:`ultimate_bound`, :func:`error_variance`, :func:`prior_margin`,
-                :func:`loop_margin`, :func:`saturation_margin`, :func:`signal_margin`, :func:`tracking_tube`;
-                designs from them: :mod:`phyfilter_ctl.design.optimal`
+                :func:`loop_margin`, :func:`saturation_margin`, :func:`signal_margin`, :func:`between`,
+                :func:`tracking_tube`; designs from them: :mod:`phyfilter_ctl.design.optimal`
 run it          :class:`SampledPhyFilter` (``PhyFilter.sampled``), :func:`stack`
 connect it      :func:`phyfilter_block`, :func:`sampled_block`, :func:`learned_block`, :func:`plant`: python-control
                 systems, wired with ``control.interconnect``; :func:`lookup_table`,
                 :func:`transport_delay`
+draw it         :func:`draw`: block diagrams as pictures
 events          :func:`hybrid`, :func:`event`: impacts, switches, contact
 simulate        :func:`flatten`, :func:`simulate`, :func:`simulate_batch`, :func:`sensitivity`
 hand it over    :func:`export_c`, :func:`export_target`, :func:`export_fmu`, :func:`export_ssp`

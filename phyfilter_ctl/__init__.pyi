@@ -67,7 +67,8 @@ from .design import (
     numerator_of_type,
     place_poles,
 )
-from .diagram import FlatModel, flatten
+from .diagram import FlatModel, between, flatten
+from .drawing import Drawing, draw
 from .estimation import (
     Estimate,
     Separation,
@@ -115,6 +116,7 @@ __all__ = [
     "BlockFunctions",
     "BoundResult",
     "DiskMargin",
+    "Drawing",
     "ErrorBudget",
     "Estimate",
     "FilterBank",
@@ -161,10 +163,12 @@ __all__ = [
     "Variance",
     "analyze",
     "bandpass",
+    "between",
     "compare_estimators",
     "cosimulate",
     "designer",
     "disk_margin",
+    "draw",
     "error_budget",
     "error_variance",
     "estimate",

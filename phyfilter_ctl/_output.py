@@ -45,10 +45,10 @@ __all__ = [
     "write_text",
 ]
 
-# No space left, a quota or the largest size of a file is reached: what Python raises without a name.
-_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 _MARK_BYTES = 6
 _MARK = re.compile(rf"[0-9a-f]{{{2 * _MARK_BYTES}}}\.tmp")
+# Errors of a write that name no file, for it is open by then: a full disk or share of it, a file too large.
+_FULL = frozenset(number for name in ("ENOSPC", "EDQUOT", "EFBIG") if (number := getattr(errno, name, None)))
 # Targets written in this context, as their caller named them; None where nobody asked.
 _noted: ContextVar[list[Path] | None] = ContextVar("_noted", default=None)
 

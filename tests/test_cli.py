@@ -111,7 +111,9 @@ def test_a_full_disk_behind_standard_output_is_one_line(monkeypatch, capfd):
     with Path("/dev/full").open("w") as full, monkeypatch.context() as patch:
         patch.setattr("sys.stdout", full)
         assert main(["design", "--poles", "-20,-20"]) == 2
-    assert capfd.readouterr().err == "phyfilter-ctl: error: No space left on device\n"
+    assert capfd.readouterr().err == "phyfilter-ctl: error: standard output: No space left on device\n"
+    assert main(["design", "--poles", "-20", "--json", "/dev/full", "--quiet"]) == 2
+    assert capfd.readouterr().err == "phyfilter-ctl: error: /dev/full: No space left on device\n"
 
 
 @pytest.mark.parametrize(
@@ -263,7 +265,7 @@ def test_bad_input_is_one_line_and_status_2(arguments, message, tmp_path, monkey
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize("arguments", [[], ["walk"], ["run"], ["run", "nothing"], ["design", "--polse", "1"]])
+@pytest.mark.parametrize("arguments", [["walk"], ["run", "nothing"], ["design", "--polse", "1"]])
 def test_unknown_words_are_one_line_and_status_2(arguments, capsys):
     with pytest.raises(SystemExit) as stop:
         main(arguments)

@@ -5,7 +5,10 @@ from __future__ import annotations
 import argparse
 import json
 import math
+import os
 import shutil
+import subprocess
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -35,6 +38,7 @@ COMMANDS: dict[str, list[str]] = {
     "fmu check": ["FMU", "--no-run"],
     "fmu run": ["FMU", "--stop", "0.1"],
     "fmu recipes": ["recipes"],
+    "draw": ["acceleration", "--out", "loop.svg"],
 }
 CHEAP = {"design", "analyze", "log", "log resample"}
 
@@ -120,6 +124,98 @@ def shape(value: object) -> object:
     if isinstance(value, dict):
         return {key: shape(entry) for key, entry in value.items()}
     return [shape(entry) for entry in value] if isinstance(value, list) else type(value).__name__
+
+
+# Asks in one process for the help of every command, makes typing errors in each, and says what any of them imported.
+_ASKED = """
+import contextlib, io, json, sys
+from phyfilter_ctl.cli import describe_commands, main
+HEAVY = ("numpy", "scipy", "control", "casadi", "matplotlib")
+names = [name.split()[1:] for name in describe_commands()]
+asked = [[*name, "--help"] for name in names]
+asked += [[*name, "--no-such-option"] for name in names]
+asked += [[], ["no_such_command"], ["design"], ["design", "--family", "bessel"], ["export", "filter.toml"], ["learn"]]
+asked += [["analyze", "x.toml", "--picture", "x.txt"], ["fmu", "run"], ["log", "label"], ["run", "no_such_model"]]
+seen = {}
+for arguments in asked:
+    with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
+        try:
+            status = main(arguments)
+        except SystemExit as ended:
+            status = ended.code
+    seen[" ".join(arguments)] = [status, [name for name in HEAVY if name in sys.modules]]
+print(json.dumps(seen))
+"""
+
+
+def test_help_and_typing_errors_import_no_library() -> None:
+    """What takes seconds is imported where work begins."""
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
+    told = subprocess.run([sys.executable, "-c", _ASKED], env=environment, stdout=subprocess.PIPE, check=True)
+    seen = json.loads(told.stdout)
+    assert len(seen) > 40
+    for arguments, (status, imported) in seen.items():
+        assert imported == [], arguments
+        assert status == (0 if arguments.endswith("--help") or not arguments else 2), arguments
+
+
+@pytest.mark.parametrize("words", ["", "fmu", "run", "log"])
+def test_a_bare_command_prints_its_help(words: str, capsys: pytest.CaptureFixture[str]) -> None:
+    shown = []
+    for arguments in (words.split(), [*words.split(), "--help"]):
+        with pytest.raises(SystemExit) as ended:
+            main(arguments)
+        assert not ended.value.code
+        shown.append(capsys.readouterr())
+    assert shown[0] == shown[1]
+    assert shown[0].out.startswith(f"usage: phyfilter-ctl {words}".strip())
+
+
+# What the library says of its arguments, and what the command line makes of it.
+SAID = {
+    "design --poles -20 --dt -1": "--dt: expected a finite number > 0 s",
+    "design --poles -20 --at -1": "--at: expected finite frequencies",
+    "design --poles -20 --type 3": "--type: a filter of order 1",
+    "design --poles -20000 --dt 0.01 --method euler": "; use --method exact",
+    "design --family bessel --order 99 --cutoff 3": "--order: the poles",
+    "design --slope -1 --noise 1": "--slope: expected a positive bound",
+    "analyze FILTER --slope 3 --inertia-error 0.1": "--inertia-error: what it does grows",
+    "analyze FILTER --inertia-ratio 2 1": "--inertia-ratio: expected 0 < low <= high",
+    "analyze FILTER --lag -1": "--lag: pole",
+    "analyze SAMPLED --slope 3 --implementation x.1=1": "|x'| is --rate",
+    "estimate LOG": "name the columns by the options --time, --x, ... or",
+    "estimate LOG --x v --order 0": "--order: expected at least 1",
+    "estimate LOG --x v --noise -1": "--noise: expected finite numbers > 0",
+    "estimate TICKS --x v": "give them their unit, --time-unit ms, us, ns or s",
+    "learn LOG --x v --order 1 --form general --type 0": "with --dc-gain 1, got --type 0 with --dc-gain 1.0",
+    "learn LOG --x v --order 1 --margin 0.5 --loop-delay -1": "--loop-delay: expected a finite number",
+    "learn LOG --x v --order 1 --delay -1": "--delay: expected a finite number",
+    "learn LOG --x v --order 1 --margin 2": "--margin: expected a number in [0, 1)",
+    "log TICKS": "give --time-unit, one of s, ms, us, ns",
+    "log resample LOG --x v --dt -1 --out even.csv": "--dt: expected a finite number",
+    "log label LOG --x v --noise -1 --out labelled.csv": "--noise: expected a finite number",
+    "export SAMPLED --fmu a.fmu --clocks": "own (of a filter: --rate fixed)",
+    "export SAMPLED --c firmware --real q31": "such as --ranges x=10.0 g=20.0 f_theta=20.0",
+    "export SAMPLED --fmu a.fmu --platform vax": "--platform: expected 'all', 'native' or",
+    "fmu check absent.fmu --call-limit 0": "--call-limit",
+    "app --log LOG --x w --no-browser": "--x: there is no column 'w'",
+}
+
+
+def test_errors_name_options(files: dict[str, str], capsys: pytest.CaptureFixture[str]) -> None:
+    """And not the arguments of Python that the options give."""
+    assert main(["design", "--poles", "-20", "--out", "filter.toml", "--quiet"]) == 0
+    assert main(["design", "--poles", "-20", "--dt", "0.01", "--out", "sampled.toml", "--quiet"]) == 0
+    Path("ticks.csv").write_text("t,v\n" + "".join(f"{10_000 * k},{k}.5\n" for k in range(20)))
+    files |= {"SAMPLED": "sampled.toml", "TICKS": "ticks.csv"}
+    before = sorted(Path().iterdir())
+    capsys.readouterr()
+    for command, expected in SAID.items():
+        assert main([files.get(word, word) for word in command.split()]) == 2, command
+        said = capsys.readouterr().err
+        assert expected in said, command
+        assert said.count("\n") == 1, command
+    assert sorted(Path().iterdir()) == before
 
 
 def test_infinite_and_absent_differ() -> None:

@@ -71,7 +71,7 @@ def test_a_filter_is_judged_and_others_compared(
     [
         (["--x", "w"], "w"),
         (["--x", "v", "--out", "f.xlsx"], "expected a file that ends in .csv, .json, .parquet"),
-        (["--x", "v", "--order", "0"], "orders"),
+        (["--x", "v", "--order", "0"], "--order"),
         (["--x", "v", "--horizon", "1e3"], "horizon: expected less than the recordings last"),
     ],
 )

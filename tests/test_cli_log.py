@@ -48,7 +48,7 @@ def test_json_holds_the_same(tmp_path: Path, capsys: pytest.CaptureFixture[str])
     path = tmp_path / "a.csv"
     path.write_text("stamp,vx [m/s],vy,vz\n0,1,2,3\n4000,1,2,3\n")
     assert main(["log", str(path)]) == 2
-    assert "give time_unit (--time-unit): one of s, ms, us, ns" in capsys.readouterr().err
+    assert "give --time-unit, one of s, ms, us, ns" in capsys.readouterr().err
     assert main(["log", str(path), "--time-unit", "us", "--json", "-"]) == 0
     figures = json.loads(capsys.readouterr().out)
     (topic,) = figures["topics"]

@@ -203,6 +203,16 @@ def test_sizes_that_leave_double_precision_are_refused():
         PhyFilter([1e-200], [1e200])
 
 
+def test_far_beyond_the_poles_the_highest_powers_count():
+    """s^2 and s^4 overflow, F and 1 - F do not: b_2 / s^2 and 1 to some roundings, with b_3 = 0."""
+    filter = PhyFilter(PhyFilter.from_poles([-1.0, -2.0, -3.0, -4.0]).a, [1.0, 2.0, 1e10, 0.0])
+    for s in (1e150j, 1e150 + 1e150j):
+        assert filter(s) == pytest.approx(1e10 / s / s, rel=1e-14, abs=0.0)
+        assert filter.error(s) == pytest.approx(1.0, rel=1e-14)
+    both = filter([1e150j, 3.0j])  # beside one that does not overflow
+    assert both[1] == filter(3.0j)
+
+
 @pytest.mark.parametrize("b", [None, [400.0, 0.0], [400.0, 40.0], [300.0, 7.0]])
 @pytest.mark.parametrize("a", [[400.0, 40.0], [400.0003, 40.0], [399.9999, 40.00003]])
 def test_f_and_its_error_add_up_to_one(a, b):

@@ -123,6 +123,26 @@ def test_beyond_the_longest_gap_goes_the_policys_way(after, fault):
     assert f_hat == pytest.approx(2.0 + (2.0 * share - 2.0) * math.exp(-40.0 * H))
 
 
+@pytest.mark.parametrize("fault", ["missing", "lost"])
+@pytest.mark.parametrize(("gap", "closed"), [(10, True), (11, False)])
+def test_the_longest_gap_itself_is_closed_and_one_step_more_is_not(fault, gap, closed):
+    """Ten steps of 0.01 s sum up to a little more or less than 0.1 s: that is no gap beyond it."""
+    live = PhyFilter([40.0]).sampled(H).live(1, LivePolicy(longest_gap=10 * H, missing="reset"))
+    for k in range(100):
+        live.step(k * H, [2.0 * k * H])
+    for k in range(100, 99 + gap) if fault == "missing" else ():
+        assert live.step(k * H, None) == pytest.approx(2.0)
+    assert live.health.counts["gap"] == 0
+    back = 99 + gap
+    f_hat = live.step(back * H, [2.0 * 99 * H])  # it stood still meanwhile
+    assert live.health.counts["gap"] == (0 if closed else 1)
+    expected = (
+        2.0 * math.exp(-40.0 * gap * H) if closed else 0.0
+    )  # one longer step to a residual of 0, or anew
+    assert f_hat == pytest.approx([expected], abs=1e-12)
+    assert live.health.worst_gap == pytest.approx(gap * H)
+
+
 @pytest.mark.parametrize("clock", ["keep", "reset"])
 @pytest.mark.parametrize("jump", [1e6, -1e6, -0.05])
 def test_a_clock_that_is_set(clock, jump):

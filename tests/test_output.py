@@ -161,3 +161,29 @@ def test_what_is_no_file_is_written_to_and_not_replaced(tmp_path):
     finally:
         os.close(reader)
     assert pipe.is_fifo()
+
+
+_TOO_LARGE = """
+import resource
+resource.setrlimit(resource.RLIMIT_FSIZE, (1000, 1000))
+try:
+    with module[sys.argv[2]](target) as new:
+        new.write(bytes(10_000)) if sys.argv[2] == "replacing" else (new / "part").write_bytes(bytes(10_000))
+except OSError as error:
+    print(error.filename)
+"""
+
+
+@posix
+@pytest.mark.parametrize("kind", ["replacing", "replacing_folder"])
+def test_a_write_that_finds_no_room_names_its_target(tmp_path, kind):
+    """By the limit on the size of a file, which ends a write as a full disk does."""
+    target = tmp_path / "target"
+    told = subprocess.run(
+        [sys.executable, "-c", _START + _TOO_LARGE, str(target), kind],
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert told.stdout.strip() == str(target)
+    assert list(tmp_path.iterdir()) == []

@@ -10,21 +10,22 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from phyfilter_ctl.filterfile import load
-from phyfilter_ctl.recording import Recording
-from phyfilter_ctl.study import Outputs, add_output_options
+import lazy_loader
 
-from .diagram import build
+from phyfilter_ctl.study import Outputs, add_output_options
 
 if TYPE_CHECKING:
     from phyfilter_ctl.filter import FilterBank, PhyFilter, SampledPhyFilter
+    from phyfilter_ctl.recording import Recording
 
+    from .diagram import build
     from .experiment import Comparison
     from .learning import Convergence, Descent
     from .study import IntervalStudy, LearnedPoint, PoleMap
     from .tuning import Case
 
 __all__ = ["add_arguments", "build", "main"]
+__getattr__, _, _ = lazy_loader.attach(__name__, submod_attrs={"diagram": ["build"]})
 
 # Of the samples of the full generated flights, in --quick.
 _QUICK_SHARE = 0.25
@@ -87,6 +88,8 @@ def main(options: Namespace) -> int:
     ValueError, OSError
         If the options or the recordings are wrong, or a file cannot be read or written.
     """
+    from phyfilter_ctl.filterfile import load
+
     from . import learning, study
     from .experiment import QUICK, Effort, compare, steps
     from .params import params
@@ -143,6 +146,8 @@ def _check(options: Namespace) -> None:
 def _flights(options: Namespace) -> tuple[tuple[Recording, ...], tuple[Recording, ...], str]:
     """Training flights, test flights, and what they are."""
     if options.train is not None:
+        from phyfilter_ctl.recording import Recording
+
         train_logs, test_logs = (
             tuple(Recording.from_csv(path) for path in paths) for paths in (options.train, options.test)
         )

@@ -8,15 +8,19 @@ from __future__ import annotations
 from argparse import ArgumentParser, Namespace
 from typing import TYPE_CHECKING
 
-from phyfilter_ctl.study import Executor, Outputs, add_output_options
+import lazy_loader
 
-from .diagram import build
+from phyfilter_ctl.study import Outputs, add_output_options
 
 if TYPE_CHECKING:
+    from phyfilter_ctl.study import Executor
+
     from .comparison import Comparison
+    from .diagram import build
     from .params import Mission
 
 __all__ = ["add_arguments", "build", "main"]
+__getattr__, _, _ = lazy_loader.attach(__name__, submod_attrs={"diagram": ["build"]})
 
 _QUICK_SEEDS = 4
 
@@ -182,6 +186,8 @@ def _study(options: Namespace, outputs: Outputs) -> None:
 
 def _executor(options: Namespace) -> Executor:
     """One job after the other here, each over the cores; or the cluster."""
+    from phyfilter_ctl.study import Executor
+
     return Executor(1) if options.scheduler is None else Executor(scheduler=options.scheduler)
 
 

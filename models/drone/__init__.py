@@ -9,14 +9,18 @@ from argparse import ArgumentParser, Namespace
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from phyfilter_ctl.study import Executor, Outputs, Report, add_output_options
+import lazy_loader
 
-from .diagram import build
+from phyfilter_ctl.study import Outputs, add_output_options
 
 if TYPE_CHECKING:
+    from phyfilter_ctl.study import Executor, Report
+
     from .comparison import Comparison
+    from .diagram import build
 
 __all__ = ["add_arguments", "build", "main"]
+__getattr__, _, _ = lazy_loader.attach(__name__, submod_attrs={"diagram": ["build"]})
 
 # Of --quick: flights and their length in s.
 _QUICK_SEEDS, _QUICK_DURATION = 4, 14.0
@@ -102,10 +106,12 @@ def add_arguments(parser: ArgumentParser) -> None:
     parser.add_argument(
         "--out",
         metavar="DIR",
-        default="drone_filter",
-        help="where the tuned filter goes, as FMU and C (default drone_filter; none: nowhere)",
+        default="drone_run",
+        help="folder of what a run leaves: the picture, unless --picture puts it elsewhere, and the tuned filter as "
+        "FMU and C (default drone_run; none: nothing is left)",
     )
     add_output_options(parser, "drone", description=_DESCRIPTION, examples=_EXAMPLES)
+    parser.set_defaults(picture=None)  # drone.png, there
 
 
 def main(options: Namespace) -> int:
@@ -117,7 +123,7 @@ def main(options: Namespace) -> int:
         If options or recordings are wrong, the circle cannot be flown, or a file cannot be read or written.
     """
     _check(options)
-    outputs = Outputs.of(options)
+    outputs = _outputs(options)
     if options.replay:
         _replay(options, outputs)
     elif options.tune:
@@ -129,6 +135,13 @@ def main(options: Namespace) -> int:
     else:
         _compare(options, outputs)
     return 0
+
+
+def _outputs(options: Namespace) -> Outputs:
+    """The picture in the folder of --out, unless it is asked for by its name."""
+    if options.picture is not None or options.out == "none":
+        return Outputs.of(options)
+    return Outputs(options.json, "drone.png", options.quiet, folder=options.out)
 
 
 def _check(options: Namespace) -> None:
@@ -233,6 +246,8 @@ def _cosimulate(options: Namespace, outputs: Outputs) -> None:
 
 def _executor(options: Namespace) -> Executor:
     """One job after the other here, each over the cores; or the cluster."""
+    from phyfilter_ctl.study import Executor
+
     return Executor(1) if options.scheduler is None else Executor(scheduler=options.scheduler)
 
 

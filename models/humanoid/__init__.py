@@ -5,17 +5,17 @@ M q'' = g + f,   g from a nominal twin that is simulated one step from the true 
 
 from __future__ import annotations
 
+import math
 from argparse import ArgumentParser, Namespace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
-
-from phyfilter_ctl.design import hz
-from phyfilter_ctl.study import Executor, Outputs, add_output_options
+from phyfilter_ctl.study import Outputs, add_output_options
 
 if TYPE_CHECKING:
     import control as ct
+
+    from phyfilter_ctl.study import Executor
 
 __all__ = ["add_arguments", "build", "main"]
 
@@ -114,7 +114,7 @@ def add_arguments(parser: ArgumentParser) -> None:
     speed = parser.add_mutually_exclusive_group()
     speed.add_argument("--a0", type=float, metavar="A", help="the filter's poles lie at -A rad/s (default 3)")
     speed.add_argument(
-        "--a0-hz", dest="a0", type=lambda text: hz(float(text)), metavar="A", help="the same in Hz"
+        "--a0-hz", dest="a0", type=lambda text: math.tau * float(text), metavar="A", help="the same in Hz"
     )
     parser.add_argument("--order", type=int, metavar="N", help="of the filter (default 1)")
     parser.add_argument(
@@ -199,20 +199,20 @@ def _checked(options: Namespace) -> tuple[tuple[str, ...], float | None]:
         load(robot="berkeley", grip=name)
     if options.forces is None:
         options.forces = list(walk_params().trial.forces) if options.policy else [20.0, 90.0, -90.0]
-    if not np.isfinite(options.forces).all():
+    if not all(map(math.isfinite, options.forces)):
         raise ValueError(f"--forces: expected finite forces in N, got {options.forces}")
-    if options.a0 is not None and not (np.isfinite(options.a0) and options.a0 > 0.0):
+    if options.a0 is not None and not (math.isfinite(options.a0) and options.a0 > 0.0):
         raise ValueError(f"--a0: expected a positive number in rad/s, got {options.a0}")
     if options.order is not None and options.order < 1:
         raise ValueError(f"--order: expected 1 or more, got {options.order}")
-    if options.noise is not None and not (np.isfinite(options.noise) and options.noise >= 0.0):
+    if options.noise is not None and not (math.isfinite(options.noise) and options.noise >= 0.0):
         raise ValueError(f"--noise: expected 0 or more, got {options.noise}")
     if options.noise is not None and options.study:
         raise ValueError("--noise: the study has its own levels of noise; leave it out")
     load(options.gears, options.friction, robot=options.robot)
     rules = params().trial
     full = rules.onset + rules.rise
-    if options.duration is not None and not (np.isfinite(options.duration) and options.duration > full):
+    if options.duration is not None and not (math.isfinite(options.duration) and options.duration > full):
         raise ValueError(
             f"--duration: expected more than {full:g} s, when the slow force is there, got {options.duration}"
         )
@@ -220,6 +220,8 @@ def _checked(options: Namespace) -> tuple[tuple[str, ...], float | None]:
 
 
 def _executor(options: Namespace) -> Executor:
+    from phyfilter_ctl.study import Executor
+
     return Executor(None if options.scheduler else options.workers, scheduler=options.scheduler)
 
 

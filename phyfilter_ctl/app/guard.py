@@ -12,6 +12,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 __all__ = ["TOKEN_HEADER", "Guard", "RefusedError", "refusal"]
 
 TOKEN_HEADER = "x-phyfilter-token"
+MOST_HEADERS, LARGEST_HEAD = 64, 16_384  # of a request; bytes of them all
 _HEADERS = {
     "content-security-policy": "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; "
     "img-src 'self' data:; font-src 'none'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'",
@@ -94,6 +95,8 @@ class Guard:
         await self._app(scope, receive, send_guarded)
 
     def _check(self, method: str, headers: Headers) -> None:
+        if len(headers) > MOST_HEADERS or sum(map(len, (*headers.keys(), *headers.values()))) > LARGEST_HEAD:
+            raise RefusedError(431, f"expected at most {MOST_HEADERS} headers of {LARGEST_HEAD} bytes in all")
         host = _single(headers, "host")
         if host not in self._hosts:  # a foreign name that resolves to this machine
             raise RefusedError(403, f"wrong Host: expected {self._hosts[0]}")

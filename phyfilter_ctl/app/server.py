@@ -2,7 +2,8 @@
 
 What keeps others out: the socket is bound to 127.0.0.1; a random token, which travels in the fragment of the address
 and in a header, never in a cookie or a query; the Host and Origin of every request are compared; and a content
-security policy allows the page nothing but its own files and this server (guard.py).
+security policy allows the page nothing but its own files and this server (guard.py). Clients that dawdle are
+dropped (lines.py).
 """
 
 from __future__ import annotations
@@ -32,8 +33,9 @@ from threadpoolctl import threadpool_limits
 
 from .._output import replacing
 from . import exports
-from .guard import TOKEN_HEADER, Guard, RefusedError, refusal
+from .guard import LARGEST_HEAD, TOKEN_HEADER, Guard, RefusedError, refusal
 from .handle import Session, handle
+from .lines import Line
 from .modules import sent
 from .tabs import TAB_HEADER, Tabs, is_tab
 
@@ -289,7 +291,7 @@ def serve(
     browser: bool = True,
     token: str | None = None,
 ) -> None:
-    """Serve the designer on 127.0.0.1 until Ctrl-C, with one BLAS thread.
+    """Serve the designer on 127.0.0.1 until a signal ends it, with one BLAS thread.
 
     Prints the address, whose fragment is the token.
 
@@ -313,6 +315,8 @@ def serve(
         If ``port`` is no port or ``out`` is no folder.
     OSError
         If the port is taken.
+    KeyboardInterrupt
+        On Ctrl-C, once the server has closed.
     """
     if not 0 <= port <= 65535:
         raise ValueError(f"port: expected 0 to 65535, got {port}")
@@ -335,7 +339,8 @@ def serve(
             proxy_headers=False,
             ws="none",
             lifespan="on",
-            limit_concurrency=64,
+            http=Line,
+            h11_max_incomplete_event_size=LARGEST_HEAD,
             timeout_keep_alive=30,
             timeout_graceful_shutdown=1,
         )
@@ -343,8 +348,7 @@ def serve(
         print(f"the designer is at {address}\nCtrl-C ends it", flush=True)
         if browser:  # a browser that runs in the terminal would never return
             threading.Thread(target=webbrowser.open, args=(address,), daemon=True).start()
-        with contextlib.suppress(KeyboardInterrupt):  # uvicorn hands the signal on once it has closed
-            uvicorn.Server(config).run(sockets=[listener])
+        uvicorn.Server(config).run(sockets=[listener])  # hands a signal on once it has closed
 
 
 def _listen(listener: socket.socket, port: int) -> None:

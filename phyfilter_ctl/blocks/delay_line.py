@@ -169,7 +169,9 @@ def transport_delay(
     n, m = _degrees(order, numdeg)
     before = _signals.filled("start", start, (len(inputs),))
     functions = _continuous(inputs, results, seconds, (n, m), before, unit)
-    return FunctionBlock(functions, name, 0.0 if functions.states else None)
+    block = FunctionBlock(functions, name, 0.0 if functions.states else None)
+    block.symbol = f"delay\ne^−{seconds:g}s"
+    return block
 
 
 def _fine_steps(delay: float, dt: float) -> tuple[int, float]:

@@ -106,6 +106,7 @@ class FunctionBlock(ct.NonlinearIOSystem):
             name=name,
         )
         self.functions = functions
+        self.symbol: str = ""  # by which block diagrams show it: a kind of node, and its lines of text
         self._places = _places(functions.parameters)
         self._defaults = starts(functions.parameters)
         self._p = self._defaults

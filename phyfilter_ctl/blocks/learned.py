@@ -65,7 +65,9 @@ def learned_block(
         ca.Function("dynamics", symbols, [ca.DM(0, 1)]),
         ca.Function("output", symbols, [function(symbols[2])]),
     )
-    return FunctionBlock(functions, name, None)
+    block = FunctionBlock(functions, name, None)
+    block.symbol = "learned"
+    return block
 
 
 def labelled(what: str, letter: str, labels: Sequence[str] | None, count: int) -> tuple[Variable, ...]:

@@ -4,10 +4,14 @@ from __future__ import annotations
 
 import argparse
 import difflib
+import math
 import os
 import re
+import signal
 import sys
-from collections.abc import Iterator, Sequence
+import threading
+import time
+from collections.abc import Collection, Iterator, Sequence
 from contextlib import contextmanager
 from importlib import import_module
 from pathlib import Path
@@ -15,6 +19,7 @@ from typing import NoReturn
 
 from .. import __version__, models
 from .._output import add_quiet, check_target, noted_writes
+from .wording import in_options
 
 __all__ = ["describe_commands", "main"]
 
@@ -31,10 +36,11 @@ _EPILOG = """examples:
   phyfilter-ctl export filter.toml --fmu filter.fmu --c firmware --channels 3
                                                                hand it over: FMU, SSP, C
   phyfilter-ctl fmu check model.fmu                            describe, check, run FMUs of any tool
+  phyfilter-ctl draw drone --depth 1 -o drone.svg              a block diagram as textbooks draw it
   phyfilter-ctl COMMAND --help                                 all options of a command, with examples
 
 exit status: 0 done; 1 an FMU is wrong, or its run failed (fmu check, fmu run); 2 an argument or an input is wrong;
-130 stopped by Ctrl+C; 141 the reader of the output has closed it"""
+130 stopped by Ctrl+C, 143 by SIGTERM, 129 by SIGHUP; 141 the reader of the output has closed it"""
 
 # Modules of this room, and what their commands are for; one of two words is in a module such as log_resample.
 _COMMANDS = {
@@ -47,6 +53,7 @@ _COMMANDS = {
     "analyze": "what a filter promises: bounds, noise, margins",
     "export": "hand a filter or a model over: FMU, SSP, C",
     "fmu": "describe, check and run FMUs of any tool",
+    "draw": "the block diagram of a filter, a model, an FMU, a package or your own",
     "app": "design interactively, on a page in the browser",
     "completion": "lines for a shell that complete this command",
 }
@@ -55,12 +62,23 @@ _RUN_EPILOG = """examples:
   phyfilter-ctl run drone
   phyfilter-ctl run acceleration --help"""
 
+# What is nothing without a further word shows its help.
+_BARE = ([], ["run"], ["fmu"], ["log"])
+
 # Values that begin with a minus sign would be taken for options.
 _SIGNED = ("--poles", "--poles-hz")
 
 
 # Status of a process that SIGPIPE ended, 128 + 13.
 _SIGPIPE = 141
+
+
+# A shell's `timeout` sends its signal to the process and to its group: what comes within so many s is the same one.
+_SAME_SIGNAL = 1.0
+
+
+class _EndedError(SystemExit):
+    """A signal has asked the process to end; its status is that of a shell, 128 + the number."""
 
 
 class _NobodyReadsError(Exception):
@@ -99,7 +117,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     -------
     int
         0; 2 where an argument or an input is wrong, with one line on standard error; 141, as a shell says of SIGPIPE,
-        where standard output is a pipe that nobody reads any more.
+        where standard output is a pipe that nobody reads any more; 130, 143 or 129 where Ctrl-C, SIGTERM or SIGHUP
+        stopped the work.
 
     Examples
     --------
@@ -112,9 +131,13 @@ def main(argv: Sequence[str] | None = None) -> int:
     arguments = _with_signed_values(sys.argv[1:] if argv is None else argv)
     if (words := " ".join(arguments[:2])) in _COMMANDS:
         arguments[:2] = [words]
+    if arguments in _BARE:
+        arguments.append("--help")
+    known: Collection[str] = ()
     try:
-        with _flushed_output(), noted_writes() as written:
+        with _ending_on_signals(), _flushed_output(), noted_writes() as written:
             options = _parser(arguments).parse_args(arguments)
+            known = options.known
             check_target(getattr(options, "json", None))
             status = int(options.job(options))
             if not (options.quiet or options.job.__module__.endswith(".export")):
@@ -123,11 +146,37 @@ def main(argv: Sequence[str] | None = None) -> int:
     except _NobodyReadsError:
         return _SIGPIPE
     except (ValueError, TypeError, OSError) as error:
-        print(f"phyfilter-ctl: error: {_one_line(error)}", file=sys.stderr)
+        text = _one_line(error)
+        told = text if isinstance(error, OSError) else in_options(text, known)
+        print(f"phyfilter-ctl: error: {told}", file=sys.stderr)
         return 2
-    except KeyboardInterrupt:
+    except (KeyboardInterrupt, _EndedError) as end:
         print("phyfilter-ctl: stopped", file=sys.stderr)
-        return 130
+        return int(end.code or 1) if isinstance(end, _EndedError) else 130
+
+
+@contextmanager
+def _ending_on_signals() -> Iterator[None]:
+    """Let SIGTERM and SIGHUP end the work as Ctrl-C does: from within, so that files are tidied and processes ended."""
+    last = -math.inf
+
+    def end(number: int, frame: object) -> None:
+        nonlocal last
+        before, last = last, time.monotonic()
+        if last - before > _SAME_SIGNAL:
+            raise _EndedError(128 + number)
+
+    # Python lets only the main thread ask for signals; one that is ignored, as under nohup, or taken stays so.
+    numbers = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
+    mine = threading.current_thread() is threading.main_thread()
+    taken = [number for number in numbers if mine and signal.getsignal(number) is signal.SIG_DFL]
+    for number in taken:
+        signal.signal(number, end)
+    try:
+        yield
+    finally:
+        for number in taken:
+            signal.signal(number, signal.SIG_DFL)
 
 
 @contextmanager
@@ -143,6 +192,7 @@ def _flushed_output() -> Iterator[None]:
                 os.dup2(nothing.fileno(), sys.stdout.fileno())  # Python will try once more
             if isinstance(error, BrokenPipeError):
                 raise _NobodyReadsError from None
+            error.filename = error.filename or "standard output"
             raise
 
 
@@ -178,17 +228,19 @@ def _parser(arguments: Sequence[str] | None) -> argparse.ArgumentParser:
             module = import_module(f".{name.replace(' ', '_')}", __name__)
             module.add_arguments(command)
             command.set_defaults(job=module.main)
-            _add_quiet(command)
+            _finish(command)
     return parser
 
 
-def _add_quiet(parser: argparse.ArgumentParser) -> None:
-    """Add ``--quiet`` to a command, to each of its jobs where it has some, unless it is there."""
+def _finish(parser: argparse.ArgumentParser) -> None:
+    """Add ``--quiet`` to a command, to each of its jobs where it has some, unless it is there; note its options."""
     below = [action for action in parser._actions if isinstance(action, argparse._SubParsersAction)]
     for job in (job for action in below for job in action.choices.values()):
-        _add_quiet(job)
-    if not below and "--quiet" not in parser._option_string_actions:
-        add_quiet(parser)
+        _finish(job)
+    if not below:
+        if "--quiet" not in parser._option_string_actions:
+            add_quiet(parser)
+        parser.set_defaults(known=frozenset(parser._option_string_actions))
 
 
 def _add_run(commands: argparse._SubParsersAction[_Parser], arguments: Sequence[str] | None) -> None:
@@ -206,7 +258,7 @@ def _add_run(commands: argparse._SubParsersAction[_Parser], arguments: Sequence[
             model = models.load(name)
             model.add_arguments(parser)
             parser.set_defaults(job=model.main)
-            _add_quiet(parser)
+            _finish(parser)
 
 
 def describe_commands() -> dict[str, str]:

@@ -7,21 +7,17 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-import control as ct
-import numpy as np
-from numpy.typing import ArrayLike
-
-from .. import filterfile
 from .._output import add_json, check_target, write_figure, write_json
-from ..filter import PhyFilter, SampledPhyFilter
-from ..recording import Recording
 from .frequencies import add_picture_units
 from .implementation import read_implementation
 
 if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
     from .._sections import FloatArray
     from ..analysis import Analysis
     from ..design.optimal import ResidualStatistics
+    from ..recording import Recording
 
 __all__ = ["add_arguments", "main"]
 
@@ -120,12 +116,16 @@ def main(options: argparse.Namespace) -> int:
     ValueError, OSError
         If the options are wrong or a file cannot be read or written.
     """
-    from ..analysis import analyze
-    from ..design.optimal import residual_statistics
-    from .channels import by_channel, figures_below, text_of
-
     check_target(options.picture, suffixes=(".png", ".pdf", ".svg"))
     check_target(options.report, suffixes=(".html", ".pdf"))
+    import control as ct
+
+    from .. import filterfile
+    from ..analysis import analyze
+    from ..design.optimal import residual_statistics
+    from ..filter import SampledPhyFilter
+    from .channels import by_channel, figures_below, text_of
+
     signals = filterfile.load_signals(options.file)
     channels = by_channel(filterfile.load(options.file), signals.channels)
     statistics = residual_statistics([_log(path, options) for path in options.log]) if options.log else None
@@ -174,6 +174,8 @@ def main(options: argparse.Namespace) -> int:
 
 def _noted_inertia(inertia: ArrayLike | None, channel: int | None) -> ArrayLike | None:
     """What the file of a continuous filter notes of M_hat, of one channel where each has a filter of its own."""
+    import numpy as np
+
     if inertia is None or channel is None or not np.ndim(inertia):
         return inertia
     M = np.asarray(inertia)
@@ -182,8 +184,10 @@ def _noted_inertia(inertia: ArrayLike | None, channel: int | None) -> ArrayLike 
 
 def _draw(named: Mapping[str, Analysis], options: argparse.Namespace) -> None:
     import matplotlib
+    import numpy as np
 
     matplotlib.use("Agg")
+    from ..filter import PhyFilter
     from ..plots import analysis_plot, frequency_unit
 
     pages = list(named.values())
@@ -207,6 +211,8 @@ def _draw(named: Mapping[str, Analysis], options: argparse.Namespace) -> None:
 
 
 def _log(path: str, options: argparse.Namespace) -> Recording:
+    from ..recording import Recording
+
     return Recording.from_csv(
         path,
         x=options.x.split(","),

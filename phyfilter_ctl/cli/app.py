@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import get_args
+from typing import TYPE_CHECKING, get_args
 
-from .. import filterfile
-from ..logfiles.clock import TimeUnit
-from ..recording import Recording
+from .._choices import TimeUnit
 from .columns import names_of
+
+if TYPE_CHECKING:
+    from ..recording import Recording
 
 __all__ = ["add_arguments", "main"]
 
@@ -64,7 +65,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def main(options: argparse.Namespace) -> int:
-    """Run ``phyfilter-ctl app`` until Ctrl-C; return the exit status.
+    """Run ``phyfilter-ctl app`` until a signal ends it; return the exit status.
 
     Raises
     ------
@@ -79,6 +80,7 @@ def main(options: argparse.Namespace) -> int:
         raise ValueError(
             f"the designer's page needs {error.name}, which is not installed: pip install 'phyfilter-ctl[app]'"
         ) from error
+    from .. import filterfile
     from ..app import Session
     from ..app.sessions import load_session, recording_beside
 

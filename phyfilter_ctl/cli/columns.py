@@ -6,16 +6,15 @@ import argparse
 from collections.abc import Sequence
 from pathlib import Path
 from types import EllipsisType
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol, get_args
 
-import numpy as np
-
-from .. import filterfile
+from .._choices import TimeUnit
 from .._intake import LARGEST
-from .._sections import FloatArray
-from ..logfiles import read_recording
-from ..recording import Recording
-from ..robot import Suspicion, findings_of
+
+if TYPE_CHECKING:
+    from .. import filterfile
+    from .._sections import FloatArray
+    from ..recording import Recording
 
 __all__ = [
     "COLUMNS",
@@ -44,7 +43,7 @@ def add_columns(
     columns.add_argument("--time", metavar="COLUMN", help="times (default t)")
     columns.add_argument(
         "--time-unit",
-        choices=tuple(_TIME_UNITS),
+        choices=get_args(TimeUnit),
         help="of the times (default s; without it, steps below 10 us or above 1 s are refused)",
     )
     columns.add_argument("--dt", type=float, metavar="S", help=dt)
@@ -84,6 +83,9 @@ def read_columns(path: str | Path, options: argparse.Namespace) -> Recording:
     ValueError, OSError
         If the options contradict each other, or the file cannot be read.
     """
+    from ..logfiles import read_recording
+    from ..recording import Recording
+
     for name in ("time", "time_unit"):
         if getattr(options, name) is not None and options.dt is not None:
             option = f"--{name.replace('_', '-')}"
@@ -134,6 +136,8 @@ def plausibility(logs: Sequence[Recording], options: argparse.Namespace) -> list
     ValueError
         For steps of time that can hardly be seconds, unless their unit was given.
     """
+    from ..robot import Suspicion, findings_of
+
     known, found = options.time_unit is not None or options.dt is not None, list[str]()
     for log in logs:
         for finding in findings_of(log, time_unit_known=known):
@@ -194,6 +198,10 @@ class DescribedLog(Protocol):
 
 def signals_of(logs: Sequence[DescribedLog]) -> filterfile.Signals:
     """What a filter file notes beside a filter for these recordings."""
+    import numpy as np
+
+    from .. import filterfile
+
     inertias = [constant_inertia(log) for log in logs]
     first = inertias[0]
     same = first is not None and all(i is not None and np.array_equal(i, first) for i in inertias)
@@ -204,4 +212,4 @@ def constant_inertia(log: DescribedLog) -> FloatArray | None:
     """M of a flight where it is known and does not vary."""
     if log.inertia is None or log.inertia.ndim == 0 or len(log.inertia) != log.n:
         return log.inertia
-    return log.inertia[0] if np.all(log.inertia == log.inertia[0]) else None
+    return log.inertia[0] if (log.inertia == log.inertia[0]).all() else None

@@ -6,23 +6,16 @@ import argparse
 import math
 from typing import TYPE_CHECKING, get_args
 
-import numpy as np
-
-from .. import filterfile
+from .._choices import Family, Form, Method
 from .._output import add_json, check_target, write_figure, write_json
-from .._signals import in_both
-from ..design.learning import Form
-from ..design.placement import Family, bandpass, hz, lowpass, place_poles
-from ..filter import FilterBank, PhyFilter, SampledPhyFilter, Sampling
 from .frequencies import add_frequency, add_picture_units, complex_numbers, numbers
 
 if TYPE_CHECKING:
     from ..analysis.frequency import FilterResponse
     from ..design.optimal import LeastBound
+    from ..filter import FilterBank, PhyFilter, SampledPhyFilter
 
 __all__ = ["add_arguments", "main"]
-
-_METHODS = ("exact", "matched", "euler", "tustin")
 
 _DESCRIPTION = """Choose a filter F = N/D and see what it does: formula, poles, bandwidth, peaks, phase lag, noise gain.
 Frequencies are in rad/s; options that end in -hz take Hz. Give poles, or a family, or a band, or what is bounded, or
@@ -86,7 +79,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     sampling = parser.add_argument_group("sampled")
     sampling.add_argument("--dt", type=float, metavar="S", help="sampling interval in s")
     sampling.add_argument(
-        "--method", choices=_METHODS, help="discretisation (default matched where that keeps more than exact)"
+        "--method",
+        choices=get_args(Method),
+        help="discretisation (default matched where that keeps more than exact)",
     )
     output = parser.add_argument_group("output")
     add_frequency(
@@ -110,13 +105,15 @@ def main(options: argparse.Namespace) -> int:
     ValueError, OSError
         If the options are wrong or a file cannot be read or written.
     """
-    from .channels import by_channel, figures_below, responses, text_of
-
     picture = None if options.picture == "none" else options.picture
     check_target(options.out, suffixes=(".toml",))
     check_target(picture, suffixes=(".png", ".pdf", ".svg"))
+    source = _source(options)
+    from .. import filterfile
+    from .channels import by_channel, figures_below, responses, text_of
+
     promise = _promise(options)
-    system = _system(options, promise)
+    system = _system(source, options, promise)
     signals = filterfile.load_signals(options.file) if options.file is not None else filterfile.Signals()
     channels = by_channel(system, signals.channels)
     found = responses(channels)
@@ -155,8 +152,6 @@ def _promise(options: argparse.Namespace) -> LeastBound | None:
         return None
     from ..design.optimal import least_bound
 
-    if options.noise is None:
-        raise ValueError("--slope needs --noise, the bound of the noise of x")
     return least_bound(
         2 if options.order is None else options.order,
         residual={1: options.slope},
@@ -167,9 +162,11 @@ def _promise(options: argparse.Namespace) -> LeastBound | None:
 
 
 def _system(
-    options: argparse.Namespace, promise: LeastBound | None
+    source: str, options: argparse.Namespace, promise: LeastBound | None
 ) -> PhyFilter | FilterBank | SampledPhyFilter:
-    system = _chosen(options, promise)
+    from ..filter import FilterBank, SampledPhyFilter, Sampling
+
+    system = _chosen(source, options, promise)
     if isinstance(system, SampledPhyFilter):
         if options.dt is None and options.method is None:
             return system
@@ -177,17 +174,12 @@ def _system(
     if options.dt is not None:
         sampling = options.dt if options.method is None else Sampling(options.dt, options.method)
         return SampledPhyFilter(system, sampling)
-    if options.method is not None:
-        raise ValueError("--method needs --dt, the sampling interval in s")
     return system
 
 
-def _chosen(
-    options: argparse.Namespace, promise: LeastBound | None
-) -> PhyFilter | FilterBank | SampledPhyFilter:
-    """The filter before sampling."""
-    family: Family | None = options.family
-    if options.bandpass is None and family is not None:
+def _source(options: argparse.Namespace) -> str:
+    """Which of the options the filter comes from, once they go together."""
+    if options.bandpass is None and options.family is not None:
         source = "--family"
         given = [source, *_given(options, ("file", "--poles", "--slope"))]
     else:
@@ -209,26 +201,41 @@ def _chosen(
     shape += ["--family"] if source != "--family" else []
     if excess := [name for name in _given(options, tuple(shape)) if name not in allowed]:
         raise ValueError(f"{excess[0]} does not go with {'a filter file' if source == 'file' else source}")
-    if source == "file":
-        return filterfile.load(options.file)
+    if source == "--slope" and options.noise is None:
+        raise ValueError("--slope needs --noise, the bound of the noise of x")
+    if source == "--bandpass" and (count := len(options.bandpass or [])) != 2:
+        raise ValueError(f"--bandpass: expected LOW,HIGH, got {count} numbers")
+    if source == "--family":
+        for name in ("--order", "--cutoff"):
+            if not _given(options, (name,)):
+                raise ValueError(f"--family {options.family} needs {name}")
+        if len(options.cutoff) != 1:
+            raise ValueError(f"--cutoff: expected one frequency, got {len(options.cutoff)}")
+    if options.method is not None and options.dt is None:
+        raise ValueError("--method needs --dt, the sampling interval in s")
+    return source
+
+
+def _chosen(
+    source: str, options: argparse.Namespace, promise: LeastBound | None
+) -> PhyFilter | FilterBank | SampledPhyFilter:
+    """The filter before sampling."""
     if promise is not None:
         return promise.filter
+    from .. import filterfile
+    from ..design import bandpass, lowpass, place_poles
+
+    if source == "file":
+        return filterfile.load(options.file)
     if source == "--poles":
         kind = "lowpass" if options.type is None else options.type
         return place_poles(options.poles, numerator=kind, zeros_at=options.zeros_at or [])
     if source == "--bandpass":
-        edges: list[float] = options.bandpass or []
-        if len(edges) != 2:
-            raise ValueError(f"--bandpass: expected LOW,HIGH, got {len(edges)} numbers")
+        low, high = options.bandpass
         order = 2 if options.order is None else options.order
-        return bandpass(order, edges[0], edges[1], family=family or "butterworth")
-    for name in ("--order", "--cutoff"):
-        if not _given(options, (name,)):
-            raise ValueError(f"--family {family} needs {name}")
-    if len(options.cutoff) != 1:
-        raise ValueError(f"--cutoff: expected one frequency, got {len(options.cutoff)}")
+        return bandpass(order, low, high, family=options.family or "butterworth")
     kind = "lowpass" if options.type is None else options.type
-    return lowpass(options.order, options.cutoff[0], family=family or "binomial", numerator=kind)
+    return lowpass(options.order, options.cutoff[0], family=options.family, numerator=kind)
 
 
 def _given(options: argparse.Namespace, names: tuple[str, ...]) -> list[str]:
@@ -242,12 +249,14 @@ def _figures(
     system: PhyFilter | SampledPhyFilter, response: FilterResponse, at: list[float]
 ) -> dict[str, object]:
     """What the JSON holds; infinite ones are words, undefined ones null."""
+    from ..filter import PhyFilter, SampledPhyFilter
+
     filter = system if isinstance(system, PhyFilter) else system.filter
     if at:
         from ..analysis.frequency import frequency_response
 
         there = frequency_response(system, at)
-        values = zip(there.omega, np.abs(there.F), np.abs(there.error), there.phase_lag(), strict=True)
+        values = zip(there.omega, abs(there.F), abs(there.error), there.phase_lag(), strict=True)
         table = [
             dict(zip(("omega", "F", "error", "phase_lag"), map(float, row), strict=True)) for row in values
         ]
@@ -273,6 +282,10 @@ def _figures(
 
 
 def _text(response: FilterResponse, figures: dict[str, object]) -> str:
+    from .._signals import in_both
+    from ..design import hz
+    from ..filter import PhyFilter, SampledPhyFilter
+
     system = response.system
     filter = system if isinstance(system, PhyFilter) else system.filter
     low, high = response.band_edges

@@ -8,26 +8,15 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import control as ct
-import numpy as np
-
-from .. import filterfile
 from .._output import add_json, check_target, replacing, write_figure, write_json, write_text
-from .._signals import in_both
-from ..analysis import prior_margin
-from ..estimation import Estimate, EstimatorComparison, compare_estimators, estimate
-from ..filter import SampledPhyFilter
-from ..recording import Recording
-from ..recording.csvfile import write_csv
-from ..results import plain
-from ..robot import Robot
-from .channels import text_of
 from .columns import COLUMNS, add_columns, plausibility, read_columns, signals_of
 from .frequencies import add_picture_units
 
 if TYPE_CHECKING:
     from .._sections import FloatArray
     from ..analysis import PriorMargin
+    from ..estimation import Estimate, EstimatorComparison
+    from ..recording import Recording
 
 __all__ = ["add_arguments", "main"]
 
@@ -102,6 +91,9 @@ def main(options: argparse.Namespace) -> int:
     check_target(options.out, suffixes=_TABLES)
     check_target(options.save_filter, suffixes=(".toml",))
     check_target(options.picture, suffixes=(".png", ".pdf", ".svg"))
+    from .. import filterfile
+    from ..estimation import compare_estimators, estimate
+
     given = None if options.filter is None else filterfile.load(options.filter)
     logs, doubts = _read(options)
     rules = {"g": options.g_rule, "f_theta": options.f_theta_rule}
@@ -137,6 +129,8 @@ def _read(options: argparse.Namespace) -> tuple[list[Recording], list[str]]:
         raise ValueError(
             f"--robot and --{given[0]}: expected one of them; the robot file says what the signals are"
         )
+    from ..robot import Robot
+
     robot = Robot.load(options.robot)
     checks = [robot.check(robot.opened(path, options.largest)) for path in options.logs]
     doubts = [f"{check.recording.name}: {finding}" for check in checks for finding in check.findings]
@@ -147,6 +141,10 @@ def _margin(found: Estimate, options: argparse.Namespace) -> PriorMargin | None:
     """None where the loop is not one that can be told: g known at both ends of a step, a filter for each channel."""
     if found.filter.sampling.g == "average" or len(found.filter.filters) > 1:
         return None
+    import control as ct
+
+    from ..analysis import prior_margin
+
     actuator = None if options.lag is None else ct.tf([1.0], [options.lag, 1.0])
     return prior_margin(found.filter, actuator=actuator, delay=options.delay)
 
@@ -155,6 +153,11 @@ def _margin(found: Estimate, options: argparse.Namespace) -> PriorMargin | None:
 
 
 def _write_table(path: str, found: Estimate) -> None:
+    import numpy as np
+
+    from ..recording.csvfile import write_csv
+    from ..results import plain
+
     several, names = len(found.recordings) > 1, found.recordings[0].channels
     header = ["recording"] * several + ["t"] + [f"f_hat_{name}" for name in names]
     header += [f"deviation_{name}" for name in names]
@@ -227,6 +230,9 @@ def _missed(found: Estimate) -> list[str]:
 
 
 def _filter(found: Estimate, options: argparse.Namespace) -> list[str]:
+    from .._signals import in_both
+    from .channels import text_of
+
     best, mine = found.suggestion, found.error
     low, high = mine.low, mine.high
     tried = ", ".join(f"order {n}: {error:.4g} at {in_both(w)}" for n, (w, error) in best.orders.items())
@@ -299,6 +305,9 @@ def _loop(margin: PriorMargin | None, options: argparse.Namespace) -> list[str]:
 
 
 def _handover(found: Estimate, options: argparse.Namespace) -> list[str]:
+    from .. import filterfile
+    from ..filter import SampledPhyFilter
+
     file, channels = options.save_filter or options.filter, found.recordings[0].n_x
     first = [] if file else ["  (write it first: --save-filter filter.toml)"]
     file, words = file or "filter.toml", f"--channels {channels}"

@@ -4,13 +4,18 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
-import control as ct
-
-from .. import filterfile, models
+from .. import models
 from .._output import add_json, check_target, write_json
-from ..filter import FilterBank, PhyFilter, SampledPhyFilter
+
+if TYPE_CHECKING:
+    import control as ct
+
+    from .. import filterfile
+    from ..filter import FilterBank, PhyFilter, SampledPhyFilter
+
+    System = ct.InputOutputSystem | PhyFilter | FilterBank | SampledPhyFilter
 
 __all__ = ["add_arguments", "main"]
 
@@ -153,9 +158,6 @@ def main(options: argparse.Namespace) -> int:
     return 0
 
 
-System = ct.InputOutputSystem | PhyFilter | FilterBank | SampledPhyFilter
-
-
 def _read(options: argparse.Namespace) -> tuple[System, filterfile.Signals | None]:
     name: str = options.what
     if name in models.available() and not Path(name).is_file():
@@ -167,6 +169,9 @@ def _read(options: argparse.Namespace) -> tuple[System, filterfile.Signals | Non
         raise ValueError(
             f"{name}: neither a filter file nor a model; models are {', '.join(models.available())}"
         )
+    from .. import filterfile
+    from ..filter import SampledPhyFilter
+
     system = filterfile.load(name)
     if options.dt is not None:
         if isinstance(system, SampledPhyFilter):
@@ -209,6 +214,8 @@ def _fmu(options: argparse.Namespace, system: System, signals: filterfile.Signal
 
 
 def _as_diagram(system: System) -> ct.InterconnectedSystem:
+    import control as ct
+
     if not isinstance(system, ct.InterconnectedSystem):
         raise ValueError(
             "--ssp: expected a model that is a diagram of several blocks; export a filter with --fmu"
@@ -289,6 +296,8 @@ def _ranges(options: argparse.Namespace) -> dict[str, float] | None:
 
 
 def _with_steps(option: str, system: System) -> ct.InputOutputSystem | SampledPhyFilter:
+    from ..filter import FilterBank, PhyFilter
+
     if isinstance(system, PhyFilter | FilterBank):
         raise ValueError(f"{option}: expected a sampled filter; give the sampling interval with --dt")
     return system

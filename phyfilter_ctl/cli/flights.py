@@ -16,7 +16,7 @@ from ..execution import Executor, progress
 from ..recording import Recording
 from .columns import constant_inertia, plausibility, read_columns
 
-__all__ = ["Flights", "Summary", "add_reading", "read_flights", "read_labelled"]
+__all__ = ["Flights", "Summary", "read_flights", "read_labelled"]
 
 # Files of so many bytes together are kept in memory, where learning is fastest.
 _AT_HAND = 1 << 27
@@ -85,16 +85,6 @@ class Flights:
             return None
         squares = sum(each.squares[each.channels.index(name)] for each in self.summaries for name in channels)
         return float(np.sqrt(squares / (len(channels) * sum(each.n - 1 for each in self.summaries))))
-
-
-def add_reading(parser: argparse.ArgumentParser) -> None:
-    """Add the options of reading many files."""
-    reading = parser.add_argument_group("many files")
-    reading.add_argument("--skip-bad", action="store_true", help="report flights that are bad, and go on")
-    reading.add_argument("--workers", type=int, metavar="K", help="processes that read (default one a core)")
-    reading.add_argument(
-        "--scheduler", metavar="ADDRESS", help="of a Dask cluster that reads instead, as tcp://host:8786"
-    )
 
 
 def read_labelled(path: Path, options: argparse.Namespace) -> Recording:

@@ -7,7 +7,6 @@ import json
 from typing import TYPE_CHECKING
 
 from .._output import add_json, write_json
-from .fmu_run import isolated, run
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -117,6 +116,8 @@ def main(options: argparse.Namespace) -> int:
     ValueError, OSError
         If the options are wrong or a file cannot be read or written.
     """
+    from .fmu_run import run
+
     return {"describe": _describe, "check": _check, "run": run, "recipes": _recipes}[options.fmu_job](options)
 
 
@@ -137,6 +138,7 @@ def _publish(options: argparse.Namespace, text: object, figures: Callable[[], ob
 
 def _check(options: argparse.Namespace) -> int:
     from ..fmi import check
+    from .fmu_run import isolated
 
     report = check(
         options.file,

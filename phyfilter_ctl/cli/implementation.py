@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from ..analysis import Implementation
@@ -39,15 +39,8 @@ def read_implementation(entries: list[str]) -> Implementation | None:
     if not entries:
         return None
     largest = others.pop("f")
-    return Implementation(
-        g=signals["g"],
-        f_theta=signals["f_theta"],
-        x=signals["x"],
-        inertia=signals["inertia"],
-        f=None if math.isnan(largest) else largest,
-        jitter=others["jitter"],
-        delay_error=others["delay_error"],
-        x_step=others["x_step"],
-        g_step=others["g_step"],
-        rounding=others["rounding"],
-    )
+    bounds: dict[str, Any] = {**signals, **others}
+    try:
+        return Implementation(**bounds, f=None if math.isnan(largest) else largest)
+    except ValueError as error:
+        raise ValueError(f"--implementation: {error}") from error

@@ -11,30 +11,24 @@ from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 from types import TracebackType
-from typing import TYPE_CHECKING, Any, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, Protocol, TypeVar, get_args
 
-from tqdm import tqdm
-
-from .. import filterfile
+from .._choices import Form, Method
 from .._output import add_json, add_quiet, check_target, write_figure, write_json
-from ..filter import SampledPhyFilter, stack
-from ..results import Status
-from .channels import figures_below, responses, text_of
 from .columns import add_columns, names_of, signals_of
-from .flights import Flights, add_reading, read_flights, read_labelled
 from .frequencies import add_picture_units
 from .learn_loop import add_loop, loop_of
-from .learn_report import Row, best_of, figures_of, form_name, table_of, worse_than_none
 
 if TYPE_CHECKING:
-    from ..design.learning import Form, LearnEvent, LearnResult
+    from ..design.learning import LearnEvent, LearnResult
     from ..design.learning.stored import OneFlight
+    from ..filter import SampledPhyFilter
+    from .flights import Flights
+    from .learn_report import Row
 
 __all__ = ["add_arguments", "main"]
 
 _Number = TypeVar("_Number", float, complex)
-_FORMS = ("lowpass", "general")
-_METHODS = ("exact", "matched", "euler", "tustin")
 _HIGHEST_ORDER = 12
 _STOPPED = 130  # exit status after Ctrl-C, as of a shell
 
@@ -73,11 +67,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     kinds.add_argument(
         "--form",
         nargs="+",
-        choices=_FORMS,
+        choices=get_args(Form),
         help="N = a_0, or N free (default both; general alone with a type, zeros or another gain)",
     )
     _add_structure(parser)
-    kinds.add_argument("--method", choices=_METHODS, default="exact", help="discretisation (default exact)")
+    kinds.add_argument(
+        "--method", choices=get_args(Method), default="exact", help="discretisation (default exact)"
+    )
     kinds.add_argument("--starts", type=int, default=5, metavar="K", help="random starts (default 5)")
     kinds.add_argument("--seed", type=int, default=0, help="of the random starts (default 0)")
     kinds.add_argument("--channels", metavar="C,C,...", help="of x, that take part (default all)")
@@ -88,7 +84,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add_loop(parser)
     add_columns(parser)
-    add_reading(parser)
+    _add_reading(parser)
     output = parser.add_argument_group("output")
     output.add_argument("--out", metavar="FILTER.toml", help="write the best filter")
     output.add_argument("--picture", metavar="FILE", help="costs and frequency response as png, pdf or svg")
@@ -118,6 +114,15 @@ def _add_structure(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def _add_reading(parser: argparse.ArgumentParser) -> None:
+    reading = parser.add_argument_group("many files")
+    reading.add_argument("--skip-bad", action="store_true", help="report flights that are bad, and go on")
+    reading.add_argument("--workers", type=int, metavar="K", help="processes that read (default one a core)")
+    reading.add_argument(
+        "--scheduler", metavar="ADDRESS", help="of a Dask cluster that reads instead, as tcp://host:8786"
+    )
+
+
 def main(options: argparse.Namespace) -> int:
     """Run ``phyfilter-ctl learn``; return the exit status, 130 after Ctrl-C.
 
@@ -130,6 +135,12 @@ def main(options: argparse.Namespace) -> int:
     check_target(options.out, suffixes=(".toml",))
     check_target(picture, suffixes=(".png", ".pdf", ".svg"))
     _check(options)
+    from .. import filterfile
+    from ..results import Status
+    from .channels import figures_below, text_of
+    from .flights import read_flights
+    from .learn_report import best_of, figures_of, table_of, worse_than_none
+
     logs, held_out = read_flights(options.logs, options), read_flights(options.held_out, options)
     found = [text for each in (*logs.summaries, *held_out.summaries) for text in each.findings]
     found += [f"left out: {text}" for part in (logs, held_out) for text in part.skipped.values()]
@@ -174,6 +185,7 @@ def main(options: argparse.Namespace) -> int:
 def _axes(options: argparse.Namespace, channels: list[str], logs: Flights, best: Row) -> str:
     """What one filter each, or a matrix, would be worth."""
     from ..design.learning import learn, learn_axes
+    from .flights import read_labelled
 
     if channels != list(logs.summaries[0].channels):
         raise ValueError(
@@ -197,6 +209,8 @@ def _axes(options: argparse.Namespace, channels: list[str], logs: Flights, best:
 
 def _draw(picture: str, options: argparse.Namespace, best: dict[str, Row]) -> None:
     import matplotlib
+
+    from .channels import responses
 
     matplotlib.use("Agg")  # a file is all that is wanted; there may be no display
     if options.per_channel:
@@ -312,6 +326,8 @@ def _learned(
     held_out: Flights,
     interrupt: _Interrupt,
 ) -> list[Row]:
+    from tqdm import tqdm
+
     orders, forms = sorted(set(options.order)), _forms(options)
     rows: list[Row] = []
     # disable=None: off where standard error is not a terminal.
@@ -339,6 +355,8 @@ def _row(
     bar: _Bar,
 ) -> Row | None:
     from ..design.learning import learn
+    from .flights import read_labelled
+    from .learn_report import Row, form_name
 
     bar.set_description(f"{form_name(form)}, order {order}")
 
@@ -374,5 +392,7 @@ def _row(
 
 
 def _sampled(results: Sequence[LearnResult]) -> SampledPhyFilter:
+    from ..filter import stack
+
     parts = [result.sampled() for result in results]
     return parts[0] if len(parts) == 1 else stack(parts)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import TYPE_CHECKING
 
-import control as ct
+from .wording import in_options
 
 if TYPE_CHECKING:
     from ..design.learning import LoopConstraint
@@ -38,6 +38,8 @@ def loop_of(options: argparse.Namespace) -> LoopConstraint | None:
     ValueError
         For a loop without a margin, or a number out of range.
     """
+    import control as ct
+
     from ..design.learning import LoopConstraint
 
     if options.margin is None:
@@ -46,11 +48,14 @@ def loop_of(options: argparse.Namespace) -> LoopConstraint | None:
                 "--tracking, --lag, --loop-delay, --kp, --kd: expected --margin too, what the filter must keep there"
             )
         return None
-    return LoopConstraint(
-        kp=options.kp,
-        kd=options.kd,
-        actuator=None if options.lag is None else ct.tf([1.0], [options.lag, 1.0]),
-        delay=options.loop_delay,
-        modulus_margin=options.margin,
-        cost="tracking" if options.tracking else "estimation",
-    )
+    try:
+        return LoopConstraint(
+            kp=options.kp,
+            kd=options.kd,
+            actuator=None if options.lag is None else ct.tf([1.0], [options.lag, 1.0]),
+            delay=options.loop_delay,
+            modulus_margin=options.margin,
+            cost="tracking" if options.tracking else "estimation",
+        )
+    except ValueError as error:  # --delay is another one
+        raise ValueError(in_options(str(error), options.known - {"--delay"})) from error

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import argparse
-from typing import get_args
+from typing import TYPE_CHECKING, get_args
 
+from .._choices import TimeUnit
 from .._output import add_json, write_json
-from ..logfiles import LogFile, Topic, open_log, suggestions
-from ..logfiles.clock import TimeUnit
-from ..results import plain
-from ..robot import describe_log
 from .columns import add_largest
+
+if TYPE_CHECKING:
+    from ..logfiles import LogFile, Topic
 
 __all__ = ["add_arguments", "main"]
 
@@ -54,6 +54,9 @@ def main(options: argparse.Namespace) -> int:
     ValueError, OSError
         If the file cannot be read, or its unit of time has to be given.
     """
+    from ..logfiles import open_log
+    from ..robot import describe_log
+
     log = open_log(options.file, time_unit=options.time_unit, time=options.time, largest=options.largest)
     if options.describe:
         print(describe_log(log), end="")
@@ -67,6 +70,9 @@ def main(options: argparse.Namespace) -> int:
 
 def _figures(log: LogFile) -> dict[str, object]:
     """What the JSON holds."""
+    from ..logfiles import suggestions
+    from ..results import plain
+
     return {
         "path": str(log.path),
         "format": log.format,
@@ -79,6 +85,8 @@ def _figures(log: LogFile) -> dict[str, object]:
 
 
 def _text(log: LogFile) -> str:
+    from ..logfiles import suggestions
+
     spans = [topic.clock.last for topic in log.topics if topic.count]
     lines = [f"{log.path}: {log.format}, topics: {len(log.topics)}, {max(spans, default=0.0):.6g} s"]
     lines.append(f"time 0 is {log.start.isoformat() if log.start else 'of an unknown date'}")

@@ -4,10 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-import numpy as np
-
 from .._output import add_json, check_target, write_json
-from ..estimation import smooth_label
 from .columns import add_columns, plausibility, read_columns
 
 __all__ = ["add_arguments", "main"]
@@ -41,6 +38,10 @@ def main(options: argparse.Namespace) -> int:
         If the options or the recording are wrong, or a file cannot be read or written.
     """
     check_target(options.out, suffixes=(".csv",))
+    import numpy as np
+
+    from ..estimation import smooth_label
+
     log = read_columns(options.file, options)
     doubts = plausibility([log], options)
     found = smooth_label(log, noise=options.noise, g=options.g_rule)

@@ -14,12 +14,11 @@ from scipy import signal
 from scipy.optimize import brentq
 
 from .. import _signals
+from .._choices import Family
 from .._sections import ComplexArray, FloatArray
 from ..filter import PhyFilter
 
 __all__ = ["Family", "bandpass", "hz", "lowpass", "numerator_of_type", "place_poles"]
-
-Family = Literal["binomial", "butterworth", "bessel", "itae"]
 
 # ITAE standard forms with a_0 = 1: the inner coefficients a_1 ... a_{n-1} of D that minimise the integral of t |e|
 # for a step into 1/D (the criterion of Graham and Lathrop, 1953; their figures came from an analogue computer and
@@ -353,7 +352,13 @@ def _prototype(n: int, family: str) -> ComplexArray:
     if family == "butterworth":
         return np.asarray(signal.buttap(n)[1], dtype=np.complex128)
     if family == "bessel":
-        return np.asarray(signal.besselap(n, norm="phase")[1], dtype=np.complex128)
+        try:
+            with np.errstate(all="ignore"):  # on the way to the error
+                return np.asarray(signal.besselap(n, norm="phase")[1], dtype=np.complex128)
+        except RuntimeError as error:
+            raise ValueError(
+                f"order: the poles of Bessel's order {n} cannot be told; expected a lower one"
+            ) from error
     if family == "itae":
         if n not in _ITAE:
             raise ValueError(f"order: ITAE forms are tabulated for orders 1 ... {max(_ITAE)}, got {n}")

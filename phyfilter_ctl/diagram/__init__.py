@@ -4,7 +4,7 @@ from .discrete import as_sampled
 from .equations import AlgebraicLoop, FlatEvent
 from .flattening import flatten
 from .model import FlatModel, Task
-from .opening import SignalMargin, open_loop
+from .opening import SignalMargin, between, open_loop
 
 __all__ = [
     "AlgebraicLoop",
@@ -13,6 +13,7 @@ __all__ = [
     "SignalMargin",
     "Task",
     "as_sampled",
+    "between",
     "flatten",
     "open_loop",
 ]

@@ -71,6 +71,12 @@ class FlatModel(Equations):
 
     undriven: tuple[str, ...] = ()
 
+    def _repr_svg_(self) -> str:
+        """What notebooks show: its inputs and outputs."""
+        import phyfilter_ctl as pf  # the room that draws is a later one
+
+        return pf.draw(self).svg
+
     @property
     def feedthrough(self) -> NDArray[np.bool_]:
         """Which input acts on which output without delay, (outputs, inputs)."""

@@ -1,4 +1,4 @@
-"""A diagram with its loop opened at one signal or several: the loop gain there, and its margins."""
+"""A diagram probed at its signals: the loop gain where it is opened, its margins, and the way between two signals."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from ..analysis.margins.scalar_search import MarginSearch, ScalarSearch
 from ..analysis.margins.statespace import StateSpaceLoop
 from .flattening import flatten
 
-__all__ = ["SignalMargin", "open_loop"]
+__all__ = ["SignalMargin", "between", "open_loop"]
 
 _CUT = "opened_in", "opened_out"
 # Of I + T: beyond it the inverse is rounding.
@@ -138,6 +138,85 @@ def open_loop(
     )
 
 
+def between(
+    system: ct.InputOutputSystem,
+    source: str | Sequence[str],
+    target: str | Sequence[str],
+    *,
+    x0: ArrayLike | None = None,
+    u0: ArrayLike | None = None,
+    params: Mapping[str, ArrayLike] | None = None,
+    t: float = 0.0,
+) -> ct.StateSpace:
+    """Linear model of a diagram from one of its signals to another, all loops closed; Bode plots take it as it is.
+
+    Parameters
+    ----------
+    system : control.InterconnectedSystem
+        Any diagram that :func:`flatten` takes.
+    source : str or sequence of str
+        Where d is added: an input of the diagram, or ``block.signal`` as for :func:`open_loop` (an input of a block:
+        for that input alone; an output: behind it, for all that read it).
+    target : str or sequence of str
+        What is read: an output of the diagram, or ``block.signal``. An input is read as the block receives it, with d;
+        an output as the block puts it out, without. So the sensitivity S is from an input of a block to itself, and
+        S - 1 from an output to itself.
+    x0, u0, params, t
+        Point of linearisation, as for :meth:`FlatModel.linearize`.
+
+    Returns
+    -------
+    control.StateSpace
+        One input for each source and one output for each target, with their names and "_" for ".".
+
+    Raises
+    ------
+    TypeError
+        If the system is no diagram.
+    ValueError
+        If there is no such signal (those there are are named) or one is given twice; and what :func:`flatten` and
+        :meth:`FlatModel.linearize` raise.
+
+    Notes
+    -----
+    A name that the diagram has too is the diagram's. Sampled blocks count as their continuous equivalents, as for
+    :func:`open_loop`; :func:`phyfilter_ctl.linearize_sampled` counts hold and sampling.
+
+    Examples
+    --------
+    >>> plant = ct.tf([1.0], [1.0, 1.0], inputs="u", outputs="y", name="plant")
+    >>> control = ct.tf([3.0], [1.0], inputs="e", outputs="u", name="p")
+    >>> loop = ct.interconnect([plant, control, ct.summing_junction(["r", "-y"], "e", name="error")],
+    ...                        inputs="r", outputs="y")
+    >>> disturbance = between(loop, "plant.u", "plant.y")
+    >>> disturbance.poles().real.tolist(), float(disturbance.dcgain())
+    ([-4.0], 0.25)
+    >>> response = ct.frequency_response(between(loop, "r", ["plant.u", "plant.y"]), [1.0, 4.0, 10.0])
+    >>> response.magnitude.shape
+    (2, 1, 3)
+    """
+    sources, targets = signals_of(source), signals_of(target)
+    diagram = _diagram(system)
+    added = [name for name in sources if name not in diagram.input_labels]
+    read = [name for name in targets if name not in diagram.output_labels]
+    flat = flatten(probed(probed(diagram, added), read, received=True), unconnected="zero")
+    closed = flat.linearize(x0, probed_inputs(system, u0, len(added) + len(read)), params, t)
+    # Each probe has an input and an output, those of the targets last.
+    columns = [[*diagram.input_labels, *added].index(name) for name in sources]
+    rows = [[*diagram.output_labels, *("" for _ in added), *read].index(name) for name in targets]
+    return ct.StateSpace(
+        closed.A,
+        np.asarray(closed.B)[:, columns],
+        np.asarray(closed.C)[rows],
+        np.asarray(closed.D)[np.ix_(rows, columns)],
+        closed.dt,
+        states=closed.state_labels,
+        inputs=[name.replace(".", "_") for name in sources],
+        outputs=[name.replace(".", "_") for name in targets],
+        remove_useless_states=False,
+    )
+
+
 def signals_of(signal: str | Sequence[str]) -> tuple[str, ...]:
     """One signal or several as a tuple.
 
@@ -181,7 +260,9 @@ def loop_gain(
     return A - B @ inverse @ C, B @ inverse, -inverse @ C, inverse - np.eye(len(D))
 
 
-def probed(system: ct.InputOutputSystem, signals: Sequence[str]) -> ct.InterconnectedSystem:
+def probed(
+    system: ct.InputOutputSystem, signals: Sequence[str], *, received: bool = False
+) -> ct.InterconnectedSystem:
     """A diagram with last inputs d that are added at signals and last outputs that read the signals before them.
 
     Parameters
@@ -189,19 +270,26 @@ def probed(system: ct.InputOutputSystem, signals: Sequence[str]) -> ct.Interconn
     system : control.InterconnectedSystem
     signals : sequence of str
         As for :func:`open_loop`.
+    received : bool
+        Read inputs of blocks as the blocks receive them, with all that is added there.
 
     Raises
     ------
     TypeError, ValueError
         If the system is no diagram, or has no such signal.
     """
+    diagram = _diagram(system)
+    for signal in signals:
+        diagram = _probe(diagram, signal, signal, received)
+    return diagram
+
+
+def _diagram(system: ct.InputOutputSystem) -> ct.InterconnectedSystem:
     if not isinstance(system, ct.InterconnectedSystem):
         raise TypeError(
             f"system: expected a diagram made by control.interconnect, got {type(system).__name__}; a single block has "
-            "no loop to open"
+            "no signals inside"
         )
-    for signal in signals:
-        system = _probe(system, signal, signal)
     return system
 
 
@@ -228,14 +316,16 @@ def probed_inputs(system: ct.InputOutputSystem, u0: ArrayLike | None, count: int
     return np.append(inputs, np.zeros(count))
 
 
-def _probe(diagram: ct.InterconnectedSystem, place: str, signal: str) -> ct.InterconnectedSystem:
+def _probe(
+    diagram: ct.InterconnectedSystem, place: str, signal: str, received: bool
+) -> ct.InterconnectedSystem:
     """The diagram with a last input that is added at the place and a last output that reads the sum before it."""
     parts = list(diagram.syslist)
     index, kind, row = _find(diagram, place, signal)
     if kind == "inside":
         part = parts[index]
         assert isinstance(part, ct.InterconnectedSystem)
-        parts[index] = _probe(part, place[len(part.name) + 1 :], signal)
+        parts[index] = _probe(part, place[len(part.name) + 1 :], signal, received)
     inputs, outputs = (
         np.cumsum([0, *(getattr(p, n) for p in diagram.syslist)]) for n in ("ninputs", "noutputs")
     )
@@ -244,9 +334,12 @@ def _probe(diagram: ct.InterconnectedSystem, place: str, signal: str) -> ct.Inte
     )
     add, read = np.zeros(len(connect)), np.zeros(connect.shape[1] + len(connect))
     if kind == "input":
-        # Other inputs of the diagram that act there pass by: they are no part of the loop, nor of the linear model.
         add[inputs[index] + row] = 1.0
-        read[: connect.shape[1]] = connect[inputs[index] + row]
+        if received:
+            read[connect.shape[1] + inputs[index] + row] = 1.0
+        else:
+            # Other inputs of the diagram that act there pass by: they are no part of the loop, nor of its linear model.
+            read[: connect.shape[1]] = connect[inputs[index] + row]
     elif kind == "output":
         add[:] = connect[:, outputs[index] + row]
         read[outputs[index] + row] = 1.0

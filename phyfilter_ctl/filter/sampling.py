@@ -9,13 +9,13 @@ from typing import Literal, TypedDict, cast, get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
+from .._choices import Method
 from .._sections import FloatArray
 from .._signals import LARGEST, channel_names, count, duration, interval, number, real
 from .._signals import inertia as signal_inertia
 
 __all__ = ["InertiaInput", "Method", "NonFinite", "Precision", "Rule", "Sampling", "SamplingOptions"]
 
-Method = Literal["exact", "matched", "euler", "tustin"]
 Rule = Literal["hold", "average"]
 Precision = Literal["float64", "float32"]
 NonFinite = Literal["raise", "hold"]

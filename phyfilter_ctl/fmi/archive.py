@@ -173,7 +173,7 @@ def unpack(path: str | Path, folder: Path, limits: ArchiveLimits | None = None) 
                 target.mkdir(parents=True, exist_ok=True)
                 continue
             target.parent.mkdir(parents=True, exist_ok=True)
-            with target.open("xb") as file:
+            with naming(target), target.open("xb") as file:
                 for piece in _pieces(path, archive, entry, limits, left):
                     left -= len(piece)
                     file.write(piece)

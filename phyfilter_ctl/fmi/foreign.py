@@ -166,6 +166,9 @@ class ForeignFmu:
                     self._log.messages.append(str(answer["log"]))
             except (EOFError, OSError, ValueError) as error:  # ValueError: the pipe is closed
                 raise self._gone() from error
+            except BaseException:  # a signal: the answer is not waited for, and the next call would get it
+                self._end()
+                raise
             finally:
                 self._called = None
         if "failed" in answer:

@@ -6,15 +6,14 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
-from typing import Literal, get_args
+from typing import get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
+from .._choices import TimeUnit
 from .._sections import FloatArray
 from ..recording.checks import is_jump
-
-TimeUnit = Literal["s", "ms", "us", "ns"]
 
 _TICKS: dict[str, float] = {"s": 1.0, "ms": 1e3, "us": 1e6, "ns": 1e9}
 _GAP = 3.0  # a step this many times the median is a gap
@@ -224,7 +223,7 @@ def _question(values: NDArray[np.generic]) -> str:
     """What the steps would be in each unit, so that a person sees which is right."""
     steps = np.diff(values.astype(float))
     steps = steps[steps > 0.0]
-    advice = "give time_unit (--time-unit): one of s, ms, us, ns"
+    advice = "give time_unit=, one of s, ms, us, ns"
     if not len(steps):
         return f"the file does not say its unit; {advice}"
     dt = float(np.median(steps))
@@ -269,7 +268,7 @@ def time_column(names: Sequence[str], calendar: Sequence[str], time: str | None)
     if len(found) == 1:
         return found[0]
     which = f"{', '.join(map(repr, found))} may be the times" if found else "no column is known as the times"
-    raise ValueError(f"{which}; name it by time (--time), one of: {', '.join(names)}")
+    raise ValueError(f"{which}; name it by time=, one of: {', '.join(names)}")
 
 
 def _base(name: str) -> str:

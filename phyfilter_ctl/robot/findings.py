@@ -47,7 +47,7 @@ class Suspicion(StrEnum):
 
     TIME_UNIT = (
         "time_unit",
-        "give the unit of time: time_unit, --time-unit s|ms|us|ns, or a factor for the column",
+        "give the unit of time, time_unit='ms' (s, us, ns), or a factor for the column",
     )
     MISSING_G = (
         "missing_g",

@@ -12,38 +12,7 @@ table, JSON, picture         :func:`add_output_options`, :class:`Outputs`
 The systems in ``models/`` are studied with nothing else; :func:`phyfilter_ctl.fmi.hand_over` hands their parts over.
 """
 
-from ..execution import Checkpoint, Executor, Kind, Report, progress, silent
-from .comparison import Scores, score_methods
-from .flights import flight_signals, flight_times, realtime_factor, unit_noise
-from .outputs import Outputs, add_output_options
-from .parameters import parameter_file, read_parameters
-from .statistics import Interval, median_interval, reduction
-from .tuning import TunedMethod, command_jitter, fastest, least_error, read_tuned, tuned_text
+import lazy_loader
 
-__all__ = [
-    "Checkpoint",
-    "Executor",
-    "Interval",
-    "Kind",
-    "Outputs",
-    "Report",
-    "Scores",
-    "TunedMethod",
-    "add_output_options",
-    "command_jitter",
-    "fastest",
-    "flight_signals",
-    "flight_times",
-    "least_error",
-    "median_interval",
-    "parameter_file",
-    "progress",
-    "read_parameters",
-    "read_tuned",
-    "realtime_factor",
-    "reduction",
-    "score_methods",
-    "silent",
-    "tuned_text",
-    "unit_noise",
-]
+# The options of a study need none of what runs it: the help of a command is quick.
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

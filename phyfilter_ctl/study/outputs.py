@@ -6,13 +6,15 @@ from argparse import ArgumentParser, Namespace, RawDescriptionHelpFormatter
 from collections.abc import Callable
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING
 
-from .._output import add_json, add_quiet, check_target, write_figure, write_json
-from ..execution import Report, progress
+from .._output import add_json, add_quiet, check_folder, check_target, write_figure, write_json
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+    from ..execution import Report
 
 __all__ = ["Outputs", "add_output_options"]
 
@@ -33,7 +35,7 @@ def add_output_options(parser: ArgumentParser, name: str, *, description: str, e
     >>> parser = ArgumentParser(prog="cart")
     >>> add_output_options(parser, "cart", description="Push a cart.", examples="cart --quiet")
     >>> Outputs.of(parser.parse_args(["--json", "-"]))
-    Outputs(json='-', picture='cart.png', quiet=False)
+    Outputs(json='-', picture='cart.png', quiet=False, folder=None)
     """
     parser.description, parser.epilog = description, examples
     parser.formatter_class = RawDescriptionHelpFormatter
@@ -60,6 +62,8 @@ class Outputs:
         File of the picture; None: none.
     quiet : bool
         No progress bar.
+    folder : str, optional
+        Where the picture goes, made with it where it is not there; None: where the picture's own name says.
 
     Raises
     ------
@@ -70,9 +74,12 @@ class Outputs:
     json: str | None = None
     picture: str | None = None
     quiet: bool = False
+    folder: str | None = None
 
     def __post_init__(self) -> None:
         check_target(self.json)
+        if self.folder is not None:
+            check_folder(self.folder)
         check_target(self.picture, suffixes=(".png", ".pdf", ".svg"))
 
     @classmethod
@@ -93,6 +100,8 @@ class Outputs:
         total : int
             Number of steps.
         """
+        from ..execution import progress
+
         return progress(total, self.quiet)
 
     def publish(self, table: str, figures: object, draw: Callable[[], Figure] | None = None) -> None:
@@ -111,4 +120,7 @@ class Outputs:
         if self.json is not None:
             write_json(self.json, figures)
         if draw is not None and self.picture is not None:
-            write_figure(self.picture, draw())
+            figure, path = draw(), Path(self.folder or "", self.picture)
+            if self.folder is not None:
+                path.parent.mkdir(exist_ok=True)
+            write_figure(str(path), figure)

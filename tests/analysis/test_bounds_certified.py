@@ -8,6 +8,7 @@ import pytest
 
 import phyfilter_ctl as pf
 from phyfilter_ctl import ultimate_bound
+from phyfilter_ctl.analysis.bounds import kernels
 
 DIGITS = 60
 
@@ -121,3 +122,23 @@ def test_a_sampled_gain_is_enclosed():
                 total += mpmath.mpf(h) * (square if first * last < 0 else abs(first + last) / 2)
                 x = after
             assert mpmath.mpf(certificate.lower) <= total <= mpmath.mpf(certificate.upper)
+
+
+def test_poles_that_are_not_quite_those_of_a_widen_the_enclosure():
+    """By 1e-9, far more than other roundings: the area that a stands for is enclosed all the same."""
+    f = pf.place_poles([-0.25, -0.5, -2.0, -4.0])  # of product 1: speed 1, so that a is scaled already
+    off = pf.PhyFilter(f.a * (1.0 + 1e-9 * np.array([0.0, 1.0, -1.0, 1.0])))
+    certificate = kernels._kernel(f, 1.0, off.a, off.error_numerator[1:], 0.0, 1.0).l1
+    assert certificate.lower <= exact_area(off, 1) <= certificate.upper
+    assert certificate.rounding >= 1e-10 * certificate.upper
+
+
+def test_the_area_so_far_counts_what_was_left_out(monkeypatch):
+    """Ringing of which a part in a thousand is left out: the bound holds long after the last step too."""
+    monkeypatch.setattr(kernels, "_TAIL", 1e-3)
+    f = pf.place_poles([-0.05 + 1j, -0.05 - 1j])
+    kernel, exact = kernels.error_kernel(f, 1), exact_area(f, 1)
+    assert kernel.l1.tail > 1e-5 * kernel.l1.upper
+    running = kernel.running(np.array([0.5, 2.0]) * kernel.l1.horizon)
+    assert running[0] < exact <= running[1]
+    assert running[1] == pytest.approx(kernel.l1.upper, rel=1e-14)

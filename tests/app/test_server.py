@@ -16,6 +16,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -517,16 +518,36 @@ def told(session, message):
     reply = answer(session, message)
     return {**reply, "threads": max(p["num_threads"] for p in threadpool_info())}
 server.handle = told
-serve(Session(), browser=False)
-print("closed")
+try:
+    serve(Session(), browser=False)
+except KeyboardInterrupt:
+    print("closed")
+"""
+# Long enough for who is in no hurry on a busy machine; the tests wait for it.
+DAWDLING = 2.0
+_IMPATIENT = f"""
+import phyfilter_ctl.app.lines as lines
+import phyfilter_ctl.app.server as server
+server.BODY_SECONDS = {DAWDLING}
+lines.HEAD_SECONDS = lines.READ_SECONDS = {DAWDLING}
+lines.BODY_SECONDS = {2.0 * DAWDLING}
 """
 
 
 @pytest.fixture
 def served() -> Iterator[tuple[subprocess.Popen[str], int, str]]:
+    yield from running(_SERVE)
+
+
+@pytest.fixture
+def impatient() -> Iterator[tuple[subprocess.Popen[str], int, str]]:
+    yield from running(_IMPATIENT + _SERVE)
+
+
+def running(script: str) -> Iterator[tuple[subprocess.Popen[str], int, str]]:
     environment = {**os.environ, "PYTHONPATH": str(Path(phyfilter_ctl.__file__).parents[1])}
     process = subprocess.Popen(
-        [sys.executable, "-c", _SERVE],
+        [sys.executable, "-c", script],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
@@ -592,6 +613,85 @@ def test_the_real_server_answers_on_loopback_only_and_ends_cleanly(served):
     assert said.splitlines()[-1] == "closed"
     # A busy machine closes the idle line only as the time given to it runs out, and uvicorn says so.
     assert [line for line in complained.splitlines() if "graceful shutdown exceeded" not in line] == []
+
+
+HALF = b"GET / HTTP/1.1\r\nHost: 127.0.0.1:%d\r\nX-Half: "
+
+
+def line_to(port: int, sent: bytes, **size: int) -> socket.socket:
+    """A connection on which something has been sent."""
+    line = socket.socket()
+    if size:  # before it connects, or the window is agreed already
+        line.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, size["buffer"])
+    line.settimeout(SOON)
+    line.connect(("127.0.0.1", port))
+    line.sendall(sent)
+    return line
+
+
+def rest(line: socket.socket) -> bytes:
+    """All that comes until the other side closes; fails if it does not."""
+    got = bytearray()
+    try:
+        while part := line.recv(1 << 20):
+            got += part
+    except ConnectionError:  # what is dropped with bytes unread is reset
+        pass
+    line.close()
+    return bytes(got)
+
+
+def test_half_sent_headers_keep_nobody_out(served):
+    process, port, token = served
+    crowd = [line_to(port, HALF % port) for _ in range(150)]
+    assert over_http(port, token, hello())["ok"]
+    assert over_http(port, token, {"id": 1, "op": "design", "design": DESIGN})["ok"]
+    # Nor do bodies that do not come: strangers' are refused unread, and one who waits is not thrown out by the crowd.
+    posted = b"POST /message HTTP/1.1\r\nHost: 127.0.0.1:%d\r\nContent-Length: 9\r\n\r\n" % port
+    crowd += [line_to(port, posted) for _ in range(150)]
+    assert over_http(port, token, hello())["ok"]
+    many = b"".join(b"X-%d: y\r\n" % i for i in range(100))
+    for headers in (many, b"X-Long: " + b"y" * 20_000 + b"\r\n"):
+        refused = rest(line_to(port, b"GET / HTTP/1.1\r\nHost: 127.0.0.1:%d\r\n%s\r\n" % (port, headers)))
+        assert re.match(rb"HTTP/1.1 4(00|31) ", refused)
+    for line in crowd:
+        line.close()
+    assert over_http(port, token, hello())["ok"]
+    assert process.poll() is None
+
+
+@pytest.mark.slow
+def test_clients_that_dawdle_are_dropped(impatient):
+    """At each stage of a request; one that is prompt is answered meanwhile, over and over on one connection."""
+    _, port, token = impatient
+    head = b"POST /message HTTP/1.1\r\nHost: 127.0.0.1:%d\r\nOrigin: http://127.0.0.1:%d\r\n" % (port, port)
+    head += b"%s: %s\r\nContent-Type: application/json\r\n" % (TOKEN_HEADER.encode(), token.encode())
+    page = b"GET /designer.js HTTP/1.1\r\nHost: 127.0.0.1:%d\r\n" % port
+    began = time.monotonic()
+    silent = line_to(port, b"")
+    half = line_to(port, HALF % port)
+    body = line_to(port, head + b"Content-Length: 100\r\n\r\n{")
+    unasked = line_to(port, page + b"Content-Length: 100\r\n\r\n{")
+    again = line_to(port, page + b"\r\n" + HALF % port)
+    unread = line_to(port, (page + b"\r\n") * 100, buffer=10_000)
+    kept = http.client.HTTPConnection("127.0.0.1", port, timeout=SOON)
+    while time.monotonic() - began < DAWDLING:
+        with suppress(OSError):
+            half.sendall(b"y")  # a byte now and then is not enough
+        kept.request("GET", "/page.css", headers={"host": f"127.0.0.1:{port}"})
+        assert len(kept.getresponse().read()) > 100
+        time.sleep(0.1)
+    kept.close()
+    page_size = len(sent("designer.js"))
+    assert rest(silent) == b""
+    assert rest(half) == b""
+    assert rest(body).startswith(b"HTTP/1.1 408")
+    assert rest(unasked).startswith(b"HTTP/1.1 200")
+    assert rest(again).startswith(b"HTTP/1.1 200")
+    assert time.monotonic() - began < 2.0 * DAWDLING + SOON
+    time.sleep(max(0.0, began + 2.0 * DAWDLING - time.monotonic()))
+    assert len(rest(unread)) < 100 * page_size
+    assert over_http(port, token, hello())["ok"]
 
 
 def options(**given: object):

@@ -83,6 +83,18 @@ def test_gain_of_a_loop_that_is_a_parameter():
         flatten(loop(singular))
 
 
+def test_a_loop_undefined_where_it_is_tried_is_not_singular():
+    """y = sqrt(x - 100) (r - y), tried around x = 0 only: where it is defined it has its solution."""
+    t, x, u, p = ca.SX.sym("t"), ca.SX.sym("x"), ca.SX.sym("u"), ca.SX.sym("p", 0)
+    dynamics = ca.Function("dynamics", [t, x, u, p], [-x])
+    output = ca.Function("output", [t, x, u, p], [ca.sqrt(x - 100.0) * u])
+    variables = (Variable("x"),), (Variable("v"),), (Variable("y"),), ()
+    gain = function_block(BlockFunctions(*variables, dynamics, output), name="k")
+    flat = flatten(loop(gain))
+    assert np.isnan(at(flat.output, 0, [0.0], [3.0], []))
+    np.testing.assert_allclose(at(flat.output, 0, [104.0], [3.0], []), [2.0], rtol=ROUNDING)
+
+
 def test_loop_affine_with_state_dependent_gains_of_two_blocks():
     """y = M(x) v + x, v = r - K y with three signals: one small linear system per evaluation."""
 

@@ -9,7 +9,7 @@ import pytest
 from phyfilter_ctl import PhyFilter, phyfilter_block, signal_margin
 from phyfilter_ctl.analysis.margins import loop_margin, prior_margin
 from phyfilter_ctl.blocks import sampled_block
-from phyfilter_ctl.diagram.opening import open_loop
+from phyfilter_ctl.diagram.opening import between, open_loop
 
 # State space against transfer functions of order six.
 CLOSE = 1e-7
@@ -245,3 +245,78 @@ def test_bad_input():
         open_loop(
             ct.interconnect([same], inplist="same.s", outlist="same.s", inputs="a", outputs="b"), "same.s"
         )
+
+
+@pytest.mark.parametrize(
+    ("source", "target", "expected"),
+    [
+        ("r", "y", PLANT * PI / (1 + PLANT * PI)),
+        ("r", "pi.e", 1 / (1 + PLANT * PI)),
+        ("plant.u", "y", PLANT / (1 + PLANT * PI)),
+        ("plant.u", "plant.y", PLANT / (1 + PLANT * PI)),
+        ("plant.y", "pi.u", -PI / (1 + PLANT * PI)),
+        # An input as the block receives it, an output as the block puts it out: S, and S - 1.
+        ("plant.u", "plant.u", 1 / (1 + PLANT * PI)),
+        ("pi.u", "plant.u", 1 / (1 + PLANT * PI)),
+        ("plant.u", "pi.u", -PLANT * PI / (1 + PLANT * PI)),
+        ("plant.y", "plant.y", -PLANT * PI / (1 + PLANT * PI)),
+    ],
+)
+def test_between_two_signals_of_a_loop(source: str, target: str, expected: ct.TransferFunction):
+    same_response(between(unity(), source, target), expected)
+
+
+def test_between_inputs_of_blocks_that_read_one_output():
+    """Added at an output, d reaches all that read it; added at an input, that block alone."""
+    s = ct.tf("s")
+    force, inner = 1 / (0.1 * s + 1), ct.feedback(5 / (0.1 * s + 1) / (s + 0.2), 1)
+    position = 1 / (1 + 3 * inner / s)
+    same_response(between(cascade(), "integrator.v", "p"), ct.minreal(position / s, verbose=False))
+    # d passes to the position at once, and back through the inner loop.
+    at_both = (1 - inner) * position / s
+    same_response(between(cascade(), "mass.v", "p"), ct.minreal(at_both, verbose=False))
+    same_response(
+        between(cascade(), "inner.u", "motor.f"),
+        ct.minreal(force / (1 + 5 * force / (s + 0.2) * (1 + 3 / s)), verbose=False),
+    )
+
+
+def test_between_signals_of_diagrams_inside():
+    motor = ct.tf([1.0], [0.1, 1.0], inputs="u", outputs="f", name="motor")
+    mass = ct.tf([1.0], [1.0, 0.2], inputs="f", outputs="y", name="mass")
+    drive = ct.interconnect([motor, mass], inputs="u", outputs="y", name="drive")
+    outermost = ct.interconnect([unity(drive)], inplist="loop.r", outlist="loop.y", inputs="r", outputs="y")
+    G1, G2 = ct.tf([1.0], [0.1, 1.0]), ct.tf([1.0], [1.0, 0.2])
+    S = 1 / (1 + G1 * G2 * PI)
+    same_response(between(outermost, "loop.drive.mass.f", "loop.drive.y"), G2 * S)
+    same_response(between(outermost, "loop.drive.u", "loop.drive.motor.u"), S)
+    same_response(between(outermost, "r", "loop.drive.motor.f"), PI * G1 * S)
+
+
+def test_between_several_at_once_at_a_point():
+    """x' = u - x^3 under u = 4 (r - y): near x = 2 the slope is -12, and everything follows by hand."""
+    plant = ct.nlsys(
+        lambda t, x, u, params: [u[0] - x[0] ** 3], None, inputs="u", outputs="y", states="y", name="plant"
+    )
+    parts = [
+        plant,
+        ct.tf([4.0], [1.0], inputs="e", outputs="u", name="p"),
+        ct.summing_junction(["r", "-y"], "e", name="error"),
+    ]
+    loop = ct.interconnect(parts, inputs="r", outputs="y", name="loop")
+    model = between(loop, ["plant.u", "r"], ["y", "p.e"], x0=[2.0], u0=[4.0])
+    assert model.input_labels == ["plant_u", "r"]
+    assert model.output_labels == ["y", "p_e"]
+    np.testing.assert_allclose(model.dcgain(), np.array([[1.0, 4.0], [-1.0, 12.0]]) / 16.0, rtol=CLOSE)
+    np.testing.assert_allclose(model.poles(), [-16.0])
+
+
+def test_between_refuses_what_is_no_signal():
+    with pytest.raises(ValueError, match=r"plant\.v: no such signal; expected one of plant\.u"):
+        between(unity(), "r", "plant.v")
+    with pytest.raises(ValueError, match="expected one or several different signals"):
+        between(unity(), "r", ["y", "y"])
+    with pytest.raises(TypeError, match="a single block has no signals inside"):
+        between(ct.tf(PLANT), "u[0]", "y[0]")
+    with pytest.raises(ValueError, match=r"u0: expected shape \(1,\), got \(2,\)"):
+        between(unity(), "plant.u", "y", u0=[1.0, 2.0])

@@ -146,6 +146,12 @@ def test_what_shares_a_band_is_refused() -> None:
     assert any("give the noise" in note for note in found.notes)
 
 
+def test_a_record_without_noise_says_that_none_is_seen() -> None:
+    found = pf.estimate(pf.Recording.from_arrays(x=np.sin(5.0 * H * np.arange(600))[:, None], dt=H))
+    assert found.noise.status == "not_identified"
+    assert "up to the Nyquist frequency: no noise is seen; give the noise" in found.noise.message
+
+
 def test_noise_at_rest() -> None:
     v = 0.02 * autoregression(0.8, 4000, np.random.default_rng(1))
     found = measurement_noise(pf.Recording.from_arrays(x=v[:, None] + 3.0, dt=H), start=1.0)

@@ -134,6 +134,26 @@ def test_step_control_retries_what_an_fmu_discards(build):
         run({"a": picky, "b": build()}, step=0.05)
 
 
+def test_what_a_rejected_step_handed_on_is_handed_on_again():
+    """A part switches to 1 at 0.45 s, another integrates what it gets: it is 0.55 at 1 s, by the size of a step."""
+    switch = ct.nlsys(
+        lambda t, x, u, p: [1.0], lambda t, x, u, p: [np.where(x[0] >= 0.45, 1.0, 0.0)],
+        inputs=0, outputs="y", states=1, name="switch",
+    )  # fmt: skip
+    sum_ = ct.nlsys(
+        lambda t, x, u, p: [u[0]], lambda t, x, u, p: [x[0]], inputs="u", outputs="y", states=1, name="sum"
+    )
+    found = cosimulate(
+        {"a": switch, "b": sum_},
+        [("b.u", "a.y")],
+        timepts=np.linspace(0.0, 1.0, 6),
+        tolerance=1e-3,
+        outputs=["b.y"],
+    )
+    assert found.rejected > 0
+    assert found.outputs[0, -1] == pytest.approx(0.55, abs=2e-3)
+
+
 def test_step_control_needs_rollback(build):
     rigid = build(state=False, variable_step=False, defines=("NO_STATE",))
     with pytest.raises(ValueError, match=r"b cannot put back a state.*b cannot make steps of any length"):

@@ -6,6 +6,8 @@ import sys
 import threading
 import time
 import zipfile
+from contextlib import suppress
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,6 +16,7 @@ from foreign_ball import ball
 from phyfilter_ctl import simulate
 from phyfilter_ctl.cli import main
 from phyfilter_ctl.fmi import CosimulationResponse, FmuError, Isolation, check, cosimulate, import_fmu
+from tests.stopping import STATUS, below, linux, stopped
 
 T = np.linspace(0.0, 1.0, 11)
 ENDINGS = {"SEGFAULT": r"SIGSEGV", "ABORT": r"SIGABRT", "EXIT": r"exit\(3\)"}
@@ -65,6 +68,29 @@ def test_a_hang_ends_at_its_limit(build, isolation, match):
     path = evil(build, "HANG")
     assert assert_ends_with_results(path, match, build(), isolation).status == "time limit"
     assert time.monotonic() - began < 30.0
+
+
+@linux
+@pytest.mark.slow
+@pytest.mark.parametrize("number", STATUS)
+def test_a_command_that_is_stopped_ends_a_hanging_fmu(build, number, tmp_path):
+    """Its process goes, and what was unpacked: within seconds, though a call may last a minute."""
+    cpu = os.sysconf("SC_CLK_TCK")
+
+    def is_hanging(pid, temporary):
+        """Its process spends a second of CPU more than starting takes."""
+        for child in below(pid):
+            with suppress(OSError):
+                spent = (Path("/proc") / str(child) / "stat").read_text().rpartition(")")[2].split()[11]
+                if int(spent) > 3 * cpu:
+                    return True
+        return False
+
+    began = time.monotonic()
+    left = stopped(["fmu", "run", str(evil(build, "HANG")), "--stop", "1"], number, tmp_path, is_hanging)
+    assert left[2:] == ([], [])
+    assert left.status == STATUS[number], left.said
+    assert time.monotonic() - began < 40.0
 
 
 @pytest.mark.slow

@@ -8,7 +8,7 @@ from mpmath import mp, mpc, mpf
 
 import phyfilter_ctl as pf
 from phyfilter_ctl.design.adjoint.rollout import Rollout
-from phyfilter_ctl.filter.matching import followed_frequencies
+from phyfilter_ctl.filter.matching import followed_frequencies, matched_output
 from tests.cpu_budget import slow_but
 
 AT_THE_SAMPLES = 1e-10
@@ -149,3 +149,19 @@ def test_learning_by_gradients_refuses_it():
     sampled = designed(3, 2, 0).sampled(0.01)
     with pytest.raises(ValueError, match="got 'matched', whose output row follows from the zeros"):
         Rollout(sampled)
+
+
+@pytest.mark.parametrize(("damping", "kept"), [(1e-7, True), (1e-5, False), (1e-3, False)])
+def test_a_zero_beside_the_axis_is_followed_only_where_it_was_meant_to_be_on_it(damping, kept):
+    """1 - F = s (s^2 + 2 damping w s + w^2) / (s + 20)^3."""
+    a = np.array([8000.0, 1200.0, 60.0])
+    filter = pf.PhyFilter(a, a - [0.0, 16.0, 8.0 * damping])
+    assert followed_frequencies(filter) == pytest.approx([4.0] if kept else [], rel=1e-9)
+
+
+def test_a_step_too_long_for_the_states_is_refused():
+    """Of this filter the row grows 13 times at 0.15 s and 400 times at 0.25 s."""
+    filter = designed(3, 1, 1)
+    assert matched_output(filter, 0.15).shape == (3,)
+    with pytest.raises(ValueError, match=r"a step of 0.25 s is too long for poles of up to 20 rad/s"):
+        matched_output(filter, 0.25)

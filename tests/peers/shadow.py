@@ -1,7 +1,8 @@
 """What ``python -m tests.peers.control_examples`` runs: scripts, notebooks and tests in the shadow of simulate.
 
 Every nonlinear or interconnected system that python-control simulates there is simulated again, by python-control at
-tight tolerances, by phyfilter_ctl's virtual machine and by its C, and the answers are compared.
+tight tolerances, by phyfilter_ctl's virtual machine and by its C, and the answers are compared. The backend "draw"
+draws its block diagram instead and looks for faults.
 """
 
 from __future__ import annotations
@@ -26,6 +27,7 @@ import pytest
 
 import phyfilter_ctl as pf
 from phyfilter_ctl.codegen import CompilerError
+from tests.drawing.checker import faults
 
 REPORT, BACKENDS = "PHYFILTER_SHADOW_REPORT", "PHYFILTER_SHADOW_BACKENDS"
 EACH = "PHYFILTER_SHADOW_EACH"
@@ -143,6 +145,20 @@ def _verdict(
     }
 
 
+def _drawn(system: Any) -> dict[str, Any]:
+    """The system's block diagram, closed and opened one level, held against what a drawing must keep to."""
+    if not isinstance(system, ct.InterconnectedSystem):
+        return {"verdict": "refused", "why": "one block"}
+    try:
+        drawings, once = _measured(lambda: [pf.draw(system, depth=depth) for depth in (0, 1)])
+        _, warm = _measured(lambda: pf.draw(system))
+    except Exception as error:
+        return {"verdict": "crashed", "why": "".join(traceback.format_exception(error)[-3:])}
+    found = [*faults(drawings[0], system), *faults(drawings[1])]
+    why = "; ".join(f"{fault.kind}: {fault.what}" for fault in found)
+    return {"verdict": "wrong" if found else "equal", "why": why, "once": once, "warm": warm}
+
+
 @functools.wraps(_original)
 def shadowed(system: Any, *args: Any, **keywords: Any) -> Any:
     """``control.input_output_response`` with a second opinion written to the report."""
@@ -208,6 +224,9 @@ def _report(
         entry["skipped"] = f"{type(error).__name__}: {error}"
     else:
         for backend in os.environ.get(BACKENDS, "vm c").split():
+            if backend == "draw":
+                entry[backend] = _drawn(system)
+                continue
             entry[backend] = _verdict(
                 system, (times, inputs if inputs.size else None, start), params, backend, reference, tight
             )

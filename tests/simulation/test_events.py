@@ -10,6 +10,8 @@ import pytest
 
 import phyfilter_ctl as pf
 from phyfilter_ctl.codegen.compiler import compile_sources
+from phyfilter_ctl.simulation.adaptive import Integrator
+from phyfilter_ctl.simulation.limits import Limits
 
 STRICT = ["-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-Werror"]
 MAIN = """
@@ -57,6 +59,20 @@ def test_bouncing_ball():
     up = np.sqrt(2 * models.GRAVITY) * models.BOUNCE**k
     since = times - np.where(k > 0, hits[k - 1], -np.sqrt(2 / models.GRAVITY))
     close(answer.outputs[0], up * since - models.GRAVITY / 2 * since**2, atol=EXACT)
+
+
+def test_a_run_that_is_put_back_forgets_its_events():
+    """As after a step that the error rejects: the log has the bounces that count, each once."""
+    flat, none = pf.flatten(models.bouncing_ball()), np.zeros(0)
+    integrator = Integrator(flat, flat.start_parameters(), Limits(1000), **TIGHT)
+    first, _ = integrator.run(np.array([1.0, 0.0, 1.0]), none, (0.0, 1.0), (none, none), none)
+    saved, met = integrator.state, list(integrator.watch.log)
+    assert [name for _, name in met] == ["hit"]
+    for _ in range(2):
+        integrator.run(first, none, (1.0, 2.0), (none, none), none)
+        assert len(integrator.watch.log) > len(met)
+        integrator.state = saved
+        assert integrator.watch.log == met
 
 
 @pytest.mark.slow

@@ -119,6 +119,19 @@ def test_largest_stable_step(matrix, bound):
     assert largest_stable_step(pf.flatten(plant)).seconds == pytest.approx(bound, rel=DIGITS)
 
 
+@pytest.mark.parametrize("damping", [0.0, 1e-6, 1e-3, 0.1, 0.5, 0.8, 1.0])
+def test_the_largest_stable_step_is_the_first_at_which_a_mode_grows(damping):
+    """abs(R) along the ray of each eigenvalue -damping +- j sqrt(1 - damping^2), looked at in small steps."""
+    rate = np.sqrt(1.0 - damping**2)
+    plant = ct.ss(
+        [[-damping, rate], [-rate, -damping]], np.ones((2, 1)), np.ones((1, 2)), [[0.0]], name="plant"
+    )
+    bound = largest_stable_step(pf.flatten(plant)).seconds
+    w = np.linspace(0.0, 4.0, 4001)[1:] * complex(-damping, rate)
+    grows = np.abs(1.0 + w + w**2 / 2 + w**3 / 6 + w**4 / 24) > 1.0 + 1e-9
+    assert 0.001 * np.argmax(grows) <= bound <= 0.001 * (np.argmax(grows) + 1)
+
+
 def test_export_refuses_a_step_that_diverges(tmp_path):
     lag = ct.tf([1.0], [0.34e-3, 1.0], name="lag")
     with pytest.raises(ValueError, match=r"eigenvalue -2941.*at most 0.000946 s; give substeps=2"):

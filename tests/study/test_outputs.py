@@ -42,6 +42,19 @@ def test_table_figures_and_picture_go_where_they_are_asked_for(
     assert (tmp_path / "a.svg").is_file()
 
 
+def test_a_picture_in_a_folder_makes_it_once_there_is_one(tmp_path: Path) -> None:
+    folder = tmp_path / "run"
+    outputs = Outputs(picture="a.svg", quiet=True, folder=str(folder))
+    assert not folder.exists()
+    for _ in range(2):
+        outputs.publish("the table", {}, Figure)
+        assert [path.name for path in folder.iterdir()] == ["a.svg"]
+    with pytest.raises(FileNotFoundError, match="there is no folder"):
+        Outputs(picture="a.svg", folder=str(tmp_path / "absent" / "run"))
+    with pytest.raises(FileExistsError, match="is a file, expected a folder"):
+        Outputs(picture="a.svg", folder=str(folder / "a.svg"))
+
+
 def test_files_that_cannot_be_written_are_refused_first(tmp_path: Path) -> None:
     parser = ArgumentParser()
     add_output_options(parser, "cart", description="", examples="")

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ... import _signals
+from ..._choices import Form
 from ..._sections import FloatArray
 from ...execution import Executor
 from ...filter import PaperFilter, SampledPhyFilter, record
@@ -28,7 +29,6 @@ from .paper_rollout import PaperMap
 
 __all__ = ["Carry", "Cotangents", "Form", "Rollout", "RolloutInputs", "RolloutTrace"]
 
-Form = Literal["lowpass", "general"]
 Carry = Literal["exact", "none"]
 S = TypeVar("S")
 T = TypeVar("T")

@@ -13,18 +13,17 @@ from __future__ import annotations
 import operator
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal, SupportsIndex
+from typing import SupportsIndex
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ... import _signals
+from ..._choices import Form
 from ..._sections import ComplexArray, FloatArray, given_poles
 from ...filter import PhyFilter
 
 __all__ = ["FREE", "Form", "Structure", "structure_of"]
-
-Form = Literal["lowpass", "general"]
 
 # Damping ratio that complex poles keep where limits are set: a pole on the imaginary axis has no filter.
 _LEAST_DAMPING = 0.02

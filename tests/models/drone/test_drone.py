@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import importlib
 import json
 from dataclasses import replace
@@ -290,6 +291,7 @@ def test_comparison_is_the_same_by_any_number_of_workers() -> None:
         ),
         (["--tune", "--speed", "1", "--payload", "0.1", "0.2"], "--tune: --speed, --payload"),
         (["--picture", "flight.xyz"], "flight.xyz"),
+        (["--out", "absent/run"], "there is no folder absent"),
     ],
 )
 def test_bad_input_is_refused_before_anything_flies(
@@ -303,6 +305,31 @@ def test_bad_input_is_refused_before_anything_flies(
     assert main(["run", "drone", *arguments]) == 2
     assert message in capsys.readouterr().err
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("arguments", "folder", "picture"),
+    [
+        ([], "drone_run", "drone.png"),
+        (["--out", "mine"], "mine", "drone.png"),
+        (["--out", "mine", "--picture", "here.svg"], None, "here.svg"),
+        (["--picture", "none"], None, None),
+        (["--out", "none"], None, None),
+    ],
+)
+def test_a_run_leaves_its_files_in_one_folder(
+    arguments: list[str],
+    folder: str | None,
+    picture: str | None,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    drone = importlib.import_module("phyfilter_ctl.models.drone")
+    parser = argparse.ArgumentParser()
+    drone.add_arguments(parser)
+    outputs = drone._outputs(parser.parse_args(arguments))
+    assert (outputs.folder, outputs.picture) == (folder, picture)
 
 
 def test_methods_refuse_bad_gains() -> None:
