@@ -466,6 +466,17 @@ def labelled(path: Path) -> object:
     return command(["log", "label", str(path), "--x", "v", "--out", str(path.with_name("out.csv"))])
 
 
+def hdf5_and_robot(path: Path) -> Path:
+    robot_file('[model]\nx = "v"\n')(path.with_name("robot.toml"))
+    return hdf5_matrix(path)
+
+
+def estimated(path: Path) -> object:
+    """By the command that reads logs through a robot file."""
+    robot_path = str(path.with_name("robot.toml"))
+    return command(["estimate", str(path), "--robot", robot_path, "--order", "1", "--largest", "1000"])
+
+
 def cosimulated(path: Path) -> object:
     return cosimulate(path, timepts=TIMES)
 
@@ -478,6 +489,7 @@ def rows() -> list[Row]:
         Row("open_log", "HDF5, a chunk of 2 GB", "a chunk", into("a.h5", hdf5_chunk), pf.open_log, "h5py"),
         Row("read_recording", "HDF5, 8 GB in 4 kB", "bytes of memory", big, read_recording, "h5py"),
         Row("log", "HDF5, 8 GB in 4 kB", "--largest", big, lambda p: command(["log", str(p)]), "h5py"),
+        Row("estimate", "HDF5, a wide matrix", "--largest", into("a.h5", hdf5_and_robot), estimated, "h5py"),
         Row("log label", "HDF5, 8 GB in 4 kB", "--largest", big, labelled, "h5py"),
     ]
     found += [

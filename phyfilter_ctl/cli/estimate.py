@@ -131,7 +131,8 @@ def _read(options: argparse.Namespace) -> tuple[list[Recording], list[str]]:
         )
     from ..robot import Robot
 
-    checks = [Robot.load(options.robot).check(path) for path in options.logs]
+    robot = Robot.load(options.robot)
+    checks = [robot.check(robot.opened(path, options.largest)) for path in options.logs]
     doubts = [f"{check.recording.name}: {finding}" for check in checks for finding in check.findings]
     return [check.recording for check in checks], doubts
 

@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+import bz2
+import io
 import sys
 import zlib
-from collections.abc import Callable, Iterator
-from typing import Any
+from collections.abc import Iterator
+from importlib import import_module
+from typing import IO
 
 from .._intake import check_count
 
 __all__ = ["check_size", "check_unpacked", "inflated", "unpacked"]
 
 _ADVICE = "where you trust the file, allow more by largest (--largest), or read fewer fields"
+_ZSTD = "compression.zstd" if sys.version_info >= (3, 14) else "backports.zstd"
 _PIECE = 1 << 24  # bytes that are unpacked at a time
 # What a byte can become at most: what cannot become too large need not be tried.
 _RATIOS = {"lz4": 256, "zstd": 1 << 15}
@@ -45,20 +49,19 @@ allow more by largest (--largest), or read fewer fields
     check_count(size, largest, f"bytes of memory for {what}", _ADVICE)
 
 
-def _unpacker(kind: str) -> Callable[[], Any]:
+def _opened(data: bytes, kind: str, largest: int, what: str) -> IO[bytes]:
+    """What was packed, as a file; by whatever package the reader of bags brings."""
+    held = io.BytesIO(data)
     if kind == "bz2":
-        from bz2 import BZ2Decompressor
-
-        return BZ2Decompressor
-    if kind == "lz4":
-        from lz4.frame import LZ4FrameDecompressor
-
-        return LZ4FrameDecompressor
-    if sys.version_info >= (3, 14):
-        from compression.zstd import ZstdDecompressor
-    else:
-        from backports.zstd import ZstdDecompressor
-    return ZstdDecompressor
+        return bz2.BZ2File(held)
+    try:
+        module = import_module("lz4.frame" if kind == "lz4" else _ZSTD)
+    except ModuleNotFoundError:
+        if kind == "lz4":
+            check_size(_RATIOS[kind] * len(data), largest, f"{what}, or less")
+            return io.BytesIO(import_module("safelz4.frame").decompress(data))
+        return import_module("zstandard").ZstdDecompressor().stream_reader(held, read_across_frames=True)
+    return (module.LZ4FrameFile if kind == "lz4" else module.ZstdFile)(held)
 
 
 def unpacked(data: bytes, kind: str, largest: int, what: str) -> Iterator[bytes]:
@@ -80,18 +83,14 @@ def unpacked(data: bytes, kind: str, largest: int, what: str) -> Iterator[bytes]
         If more come out, or the data end too early.
     """
     total = 0
-    while data:
-        unpacker = _unpacker(kind)()
-        given, data = data, b""
-        while not unpacker.eof:
-            piece = unpacker.decompress(given, _PIECE)
-            given = b""
-            total += len(piece)
-            check_size(total, largest, what)
-            yield piece
-            if not unpacker.eof and unpacker.needs_input:
-                raise ValueError(f"{what} breaks off")
-        data = unpacker.unused_data or b""
+    with _opened(data, kind, largest, what) as file:
+        try:
+            while piece := file.read(_PIECE):
+                total += len(piece)
+                check_size(total, largest, what)
+                yield piece
+        except EOFError as error:
+            raise ValueError(f"{what} breaks off") from error
 
 
 def check_unpacked(data: bytes, kind: str, largest: int, what: str) -> None:

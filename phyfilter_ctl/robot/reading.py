@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, get_args
 
 import numpy as np
 
+from .._intake import LARGEST
 from .._sections import FloatArray
 from ..recording import Recording, checks
 from .clocks import Evaluated, Track, step_means, values_at
@@ -133,14 +134,14 @@ class Reading:
 
     # -- reading ------------------------------------------------------------------------------------------------
 
-    def opened(self, log: str | os.PathLike[str] | LogFile) -> LogFile:
-        """The log itself, or the one in a file."""
+    def opened(self, log: str | os.PathLike[str] | LogFile, largest: int = LARGEST) -> LogFile:
+        """The log itself, or the one in a file, which may take so many bytes of memory."""
         if isinstance(log, str | os.PathLike):
             from ..logfiles import open_log
             from ..logfiles.clock import TimeUnit
 
             unit = next((u for u in get_args(TimeUnit) if u == self.time_unit), None)
-            return open_log(log, time_unit=unit, time=self.time or None)
+            return open_log(log, time_unit=unit, time=self.time or None, largest=largest)
         return log
 
     def _tracks(self, log: LogFile) -> dict[str, Track]:

@@ -172,7 +172,17 @@ def test_numbers_that_cannot_be_are_findings(build, tmp_path, fmi, before, after
 def test_a_run_longer_than_memory_is_refused(build, tmp_path, capsys):
     fmu = changed(build(), tmp_path / "a.fmu", (EXPERIMENT, 'stopTime="1e9" stepSize="1e-6"'))
     assert main(["fmu", "run", str(fmu)]) == 2
-    assert "steps" in capsys.readouterr().err
+    said = capsys.readouterr().err
+    assert f"1000000000000000 steps of {fmu}, expected at most 20000000" in said
+    assert "--max-steps" in said
+
+
+def test_as_many_steps_as_are_allowed_are_run(build, capsys):
+    """Its default experiment has 200."""
+    assert main(["fmu", "run", str(build()), "--max-steps", "199"]) == 2
+    assert "200 steps" in capsys.readouterr().err
+    assert main(["fmu", "run", str(build()), "--max-steps", "200"]) == 0
+    assert "201 points" in capsys.readouterr().out
 
 
 def test_packages_inside_packages_share_one_limit(tmp_path):
