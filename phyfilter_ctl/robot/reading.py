@@ -135,7 +135,7 @@ class Reading:
     # -- reading ------------------------------------------------------------------------------------------------
 
     def opened(self, log: str | os.PathLike[str] | LogFile, largest: int = LARGEST) -> LogFile:
-        """The log itself, or the one in a file, which may take so many bytes of memory."""
+        """The log itself, or the one in a file, of which a reading may take ``largest`` bytes of memory."""
         if isinstance(log, str | os.PathLike):
             from ..logfiles import open_log
             from ..logfiles.clock import TimeUnit
