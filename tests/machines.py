@@ -255,9 +255,11 @@ def main() -> int:
         pythons = [version for version in PYTHONS if held(version)]
         if not pythons:
             parser.error(f"--turn: expected uv and one of Python {', '.join(PYTHONS)}, found none")
-        python, age = turn(asked.turn, pythons)
-        print(f"turn {asked.turn}: Python {python}, {age}, of Python {', '.join(pythons)}", flush=True)
-        asked.python, asked.resolution = [python], [age]
+        asked.python, asked.resolution = ([chosen] for chosen in turn(asked.turn, pythons))
+        print(
+            f"turn {asked.turn}: Python {asked.python[0]}, {asked.resolution[0]}, of Python {', '.join(pythons)}",
+            flush=True,
+        )
     rows = []
     with tempfile.TemporaryDirectory() as name:
         scratch = Path(name)
