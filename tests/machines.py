@@ -4,6 +4,9 @@
     python -m tests.machines --core-type Haswell Zen     with the kernels of three processors
     python -m tests.machines --python 3.11 3.13 --resolution lowest-direct highest
                                                          in environments made for it (needs uv)
+    python -m tests.machines --turn "$(git rev-list --count HEAD)"
+                                                         one Python and age of dependencies of those that are promised
+                                                         and held here; the next number takes the next one
     python -m tests.machines --bare                      no compiler, HOME, fonts, network, writable checkout
     python -m tests.machines --sensitive                 only what depends on rounding and training
     python -m tests.machines -- -n 0 tests/test_filter.py     these files, with these options of pytest
@@ -38,6 +41,8 @@ SENSITIVE = (
     "tests/baselines",
     "tests/models/test_acceleration.py",
 )
+# What is promised: every Python, with the oldest and newest dependencies.
+PYTHONS, AGES = ("3.11", "3.12", "3.13", "3.14"), ("lowest-direct", "highest")
 SHOWN = ("numpy", "scipy", "control", "casadi")
 _VERSIONS = f"from importlib.metadata import version; print(*map(version, {SHOWN!r}))"
 # A few products and factorisations: kernels of instructions the processor lacks die in them.
@@ -105,6 +110,25 @@ def installed(version: str) -> str:
     return str(found[-1]) if found else version
 
 
+def held(version: str) -> bool:
+    """Whether uv can make an environment of a version here."""
+    uv = shutil.which("uv")
+    return (
+        uv is not None
+        and subprocess.run([uv, "python", "find", installed(version)], capture_output=True).returncode == 0
+    )
+
+
+def turn(number: int, pythons: Sequence[str]) -> tuple[str, str]:
+    """Python and age of dependencies of a number: all of them in as many numbers one after the other.
+
+    >>> sorted(turn(number, PYTHONS) for number in range(100, 108)) == sorted(itertools.product(PYTHONS, AGES))
+    True
+    """
+    every = [(python, age) for age in AGES for python in pythons]
+    return every[number % len(every)]
+
+
 def interpreter(machine: Machine, scratch: Path) -> str:
     """The Python of a machine; made, with its dependencies, where another version or another age is asked for.
 
@@ -121,7 +145,8 @@ def interpreter(machine: Machine, scratch: Path) -> str:
                 "other versions need uv (pip install uv); without it leave --python and --resolution out"
             )
         made = [uv, "venv", "-q", "--python", installed(machine.python) or sys.executable, str(folder)]
-        age = ["--resolution", machine.resolution or "highest"]
+        # The oldest that has a wheel for this Python: older ones would be compiled, some from sources out of reach.
+        age = ["--resolution", machine.resolution or "highest", "--only-binary", ":all:"]
         install = [uv, "pip", "install", "-q", "--python", str(python), *age, "-e", f"{ROOT}[test]"]
         if subprocess.run(made, check=False).returncode:
             return ""
@@ -208,6 +233,12 @@ def main() -> int:
     parser.add_argument("--python", nargs="+", default=[""], help="versions or interpreters (needs uv)")
     parser.add_argument("--resolution", nargs="+", default=[""], choices=["", "lowest-direct", "highest"])
     parser.add_argument(
+        "--turn",
+        type=int,
+        metavar="N",
+        help="the N-th Python and resolution of those held here, round and round",
+    )
+    parser.add_argument(
         "--core-type", nargs="+", default=[""], help="OPENBLAS_CORETYPE, e.g. Haswell Zen Nehalem"
     )
     parser.add_argument("--threads", nargs="+", default=[""], help="BLAS threads")
@@ -218,6 +249,17 @@ def main() -> int:
     parser.add_argument("--environments", type=Path, help="folder that keeps environments for the next run")
     parser.add_argument("tests", nargs="*", help="files and options for pytest instead of the whole suite")
     asked = parser.parse_args()
+    if asked.turn is not None:
+        if asked.python != [""] or asked.resolution != [""]:
+            parser.error("--turn chooses Python and resolution: leave --python and --resolution out")
+        pythons = [version for version in PYTHONS if held(version)]
+        if not pythons:
+            parser.error(f"--turn: expected uv and one of Python {', '.join(PYTHONS)}, found none")
+        asked.python, asked.resolution = ([chosen] for chosen in turn(asked.turn, pythons))
+        print(
+            f"turn {asked.turn}: Python {asked.python[0]}, {asked.resolution[0]}, of Python {', '.join(pythons)}",
+            flush=True,
+        )
     rows = []
     with tempfile.TemporaryDirectory() as name:
         scratch = Path(name)

@@ -16,11 +16,11 @@ LEVELS = np.array([5.0, -0.25])  # exact in float32 too
 
 
 @st.composite
-def filters(draw, dc=True):
-    """Orders 1 to 6, also of repeated poles, damping from 0.05, frequencies of 1 to 100, any zeros; F(0) = 1 if dc."""
+def filters(draw, dc=True, frequencies=(2.0, 9.0, 20.0, 20.5, 200.0), damping=0.05):
+    """Orders 1 to 6, also of repeated poles, frequencies of 1 to 100, any zeros; F(0) = 1 if dc."""
     poles = []
     for _ in range(draw(st.integers(1, 4))):
-        omega, zeta = draw(st.sampled_from([2.0, 9.0, 20.0, 20.5, 200.0])), draw(st.floats(0.05, 1.2))
+        omega, zeta = draw(st.sampled_from(frequencies)), draw(st.floats(damping, 1.2))
         pair = omega * (-zeta + 1j * np.sqrt(complex(1.0 - zeta**2)))
         poles += [-omega] if pair.imag == 0.0 else [pair, pair.conjugate()]
     assume(len(poles) <= 6)
@@ -145,6 +145,38 @@ def test_a_moving_residual(name):
         ways["kept"] = state._replace(w=state.w + np.outer(f_hat[-1] - state.w @ C, equilibrium))
     errors = {way: np.sqrt(np.mean((advance(new, s, u[600:])[1] - u[600:]) ** 2)) for way, s in ways.items()}
     assert errors.pop("retune") <= 1.02 * min(errors.values())
+
+
+SLOW = 0.0125
+# Sums over samples are not integrals over time: of poles at up to half a sample.
+AS_SUMS = 0.02
+
+
+def restlessness(old, new, way):
+    """How far f_hat is from the new filter's that ran all the time: mean square over residuals, summed over time.
+
+    A random walk is steps at all times before the change, and white noise on it impulses: their squares add up.
+    """
+    slowest = float(min(np.abs(filter.poles.real).min() for filter in (old.filter, new.filter)))
+    N = int(6.0 / (slowest * SLOW))
+    since = np.tri(N)  # one column for each time of the step
+    state, f_hat = advance(old, old.start(np.zeros(N), f_hat0=np.zeros(N)), since)
+    ever, _ = advance(new, new.start(np.zeros(N), f_hat0=np.zeros(N)), since)
+    steps = np.subtract(*(advance(new, begun, np.ones((N, N)))[1] for begun in (way(state, f_hat[-1]), ever)))
+    impulses = np.diff(steps, axis=1) / SLOW / np.abs(new.filter.poles).min()
+    return float(np.sum(steps**2) + np.sum(impulses**2))
+
+
+@settings(max_examples=15, deadline=None)
+@given(*[filters(frequencies=(5.0, 9.0, 20.0, 20.5, 40.0), damping=0.4) for _ in range(2)])
+@example(PhyFilter.from_poles([-20.0] * 2), PhyFilter.from_poles([-20.0] * 3))
+@example(BUTTERWORTH, PhyFilter.from_poles([-20.0] * 3))
+def test_another_order_is_at_least_as_calm_as_a_start_at_rest(old, new):
+    assume(old.order != new.order)
+    old, new = old.sampled(SLOW), new.sampled(SLOW)
+    retuned = restlessness(old, new, lambda state, _: old.retune(state, new))
+    rest = restlessness(old, new, lambda state, f_hat: new.start(state.x, f_hat0=f_hat, g0=state.g))
+    assert retuned <= (1.0 + AS_SUMS) * rest
 
 
 @pytest.mark.parametrize("precision", ["float64", "float32"])

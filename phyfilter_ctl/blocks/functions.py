@@ -119,6 +119,8 @@ class BlockFunctions:
     events : tuple of BlockEvent
     keeps_starts : bool
         Whether inputs that nothing drives stay at their start values, as FMI has it, instead of being refused.
+    constants : tuple of (str, object)
+        Parameters that were read and are no numbers, such as a bool or a name: they stay as they were.
     """
 
     states: tuple[Variable, ...]
@@ -130,6 +132,7 @@ class BlockFunctions:
     callbacks: tuple[Interpreted, ...] = ()
     events: tuple[BlockEvent, ...] = ()
     keeps_starts: bool = False
+    constants: tuple[tuple[str, object], ...] = ()
 
     @property
     def feedthrough(self) -> NDArray[np.bool_]:

@@ -37,6 +37,8 @@ _MAIN = """\
  *
  * The first step is the start: f_hat = f_theta. A jump of the estimate of x (a reset): {name}_shift_x.
  */
+#include "pf_ieee.h"
+
 #include <stdio.h>
 
 #include "{name}.h"
@@ -72,6 +74,7 @@ _VECTORS = """\
 #define {capital}_SAMPLES {samples}
 #define {capital}_ALLOWED (({name}_real){allowed!r})
 
+#include "pf_ieee.h" /* tables follow */
 {arrays}
 #endif
 """

@@ -51,7 +51,8 @@ def flatten(
         start; ``undriven`` of the model names them. Those of an imported FMU keep their starts.
     params : mapping, optional
         Values of parameters that blocks read and that have none of their own: ``params["umax"]`` of a block made
-        without ``params=``. Those that have one are given to :func:`simulate`.
+        without ``params=``; and of those that are no numbers, such as ``params["correct"]`` of python-control's
+        estimators. Numbers that a block has are given to :func:`simulate`.
     record : sequence of str
         Inputs and outputs of blocks, ``block.signal``, that become outputs of the model behind the system's own;
         ``*`` stands for any text and ``?`` for a character.
@@ -232,6 +233,11 @@ def _assemble(
         conditions=conditions,
         turns=turns,
         undriven=tuple(wiring.undriven),
+        constants=tuple(
+            (f"{block.path}.{name}" if prefix else name, value)
+            for block in wiring.blocks
+            for name, value in block.functions.constants
+        ),
     )
 
 

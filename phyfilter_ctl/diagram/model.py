@@ -14,7 +14,7 @@ from .. import _signals
 from ..blocks.functions import Memory, Variable, dependencies
 from .equations import Equations, Task
 from .linearisation import is_linear, linear_model
-from .naming import override, table
+from .naming import override, table, without_constants
 
 __all__ = ["FlatModel", "Task"]
 
@@ -59,6 +59,8 @@ class FlatModel(Equations):
         Inputs of blocks that nothing drives, ``block.input``: they are 0 (``flatten(..., unconnected="zero")``).
     matrices : tuple of arrays, optional
         A, B, C, D of what is a continuous linear system as a whole.
+    constants : tuple of (str, object)
+        Parameters of blocks that are no numbers, ``block.name``, as they were when the model was made.
 
     Notes
     -----
@@ -70,6 +72,7 @@ class FlatModel(Equations):
     """
 
     undriven: tuple[str, ...] = ()
+    constants: tuple[tuple[str, object], ...] = ()
 
     def _repr_svg_(self) -> str:
         """What notebooks show: its inputs and outputs."""
@@ -122,7 +125,8 @@ class FlatModel(Equations):
         Raises
         ------
         ValueError
-            For names that are unknown or stand for several parameters, and values of the wrong shape.
+            For names that are unknown or stand for several parameters, values of the wrong shape, and what is no number
+            and was another thing when the model was made.
 
         Examples
         --------
@@ -133,7 +137,7 @@ class FlatModel(Equations):
         >>> flatten(plant * 3.0).start_parameters({"k": 5.0})
         array([5.])
         """
-        return override(self.parameters, overrides or {})
+        return override(self.parameters, without_constants(self.constants, overrides or {}))
 
     def linearize(
         self,

@@ -12,8 +12,9 @@ from numpy.typing import ArrayLike, NDArray
 from .. import _signals
 from ..blocks.functions import Variable
 from .equations import Equations
+from .probing import is_tunable
 
-__all__ = ["override", "table"]
+__all__ = ["override", "table", "without_constants"]
 
 
 def override(variables: Sequence[Variable], values: Mapping[str, ArrayLike]) -> NDArray[np.float64]:
@@ -47,6 +48,48 @@ def override(variables: Sequence[Variable], values: Mapping[str, ArrayLike]) -> 
             raise ValueError(f"parameter {name}: expected {len(places)} numbers, got shape {array.shape}")
         vector[places] = array.reshape(-1)
     return vector
+
+
+def without_constants(
+    constants: Sequence[tuple[str, object]], values: Mapping[str, ArrayLike]
+) -> dict[str, ArrayLike]:
+    """Values without those that are no numbers and that a model was made with.
+
+    Parameters
+    ----------
+    constants : sequence of (str, object)
+    values : mapping
+        By full name or by what stands after the block.
+
+    Returns
+    -------
+    dict
+
+    Raises
+    ------
+    ValueError
+        For another value than that of the model.
+
+    Examples
+    --------
+    >>> without_constants([("estimator.correct", False)], {"correct": False, "k": 2.0})
+    {'k': 2.0}
+    """
+    rest = dict(values)
+    for name, value in values.items():
+        found = (
+            []
+            if is_tunable(value)
+            else [fixed for known, fixed in constants if name in (known, _last(known))]
+        )
+        if any(not np.array_equal(*(np.asarray(v, dtype=object) for v in (fixed, value))) for fixed in found):
+            raise ValueError(
+                f"parameter {name}: the model was made with {found[0]!r}, which is no number and cannot change in a "
+                f"run, got {value!r}; give it to flatten(..., params=), or give the diagram itself to simulate"
+            )
+        if found:
+            del rest[name]
+    return rest
 
 
 def _places(names: Sequence[str], wanted: str) -> list[int]:

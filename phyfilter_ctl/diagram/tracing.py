@@ -91,7 +91,8 @@ def trace(
     given : mapping
         Parameter values set by the diagrams around the block; they go over its own.
     missing : mapping, optional
-        Values of parameters that the functions read and that neither the block nor a diagram has.
+        Values of parameters that the functions read and that neither the block nor a diagram has, or that are no
+        numbers.
 
     Returns
     -------
@@ -133,6 +134,11 @@ def trace(
     values = {**system.params, **given}
     known = set(system.params)
     missing, defaults = missing or {}, dict[str, object]()
+    values |= {  # what is no number cannot be changed later
+        name: missing[name]
+        for name, value in system.params.items()
+        if name in missing and not is_tunable(value)
+    }
     parts = _parts(system, path, missing, defaults)
     try:
         points = probe_points(system, values, set())
@@ -380,6 +386,9 @@ def _finished(
         dynamics=ca.Function("dynamics", [t, x, u, p], [results[0]]),
         output=ca.Function("output", [t, x, u, p], [results[1]]),
         callbacks=tuple(callbacks.values()),
+        constants=tuple(
+            (name, v) for name, v in symbols.values.items() if name in known and not is_tunable(v)
+        ),
     )
 
 

@@ -376,7 +376,8 @@ class SampledPhyFilter(SampledForm):
         Notes
         -----
         The new filter goes on from the state in which it would most likely be, had it run all the time, where the
-        residual is a random walk with white noise on it, as strong as the walk at the slowest pole of the new filter.
+        residual is a random walk with white noise on it, as strong as the walk at the slowest pole of the new filter;
+        of another order, from a mean of that state and rest on the present output that makes f_hat calmest then.
         So the estimate of a constant residual stays as it is for every change of poles, zeros, order or step, and a
         filter retuned to itself goes on as if nothing had been. The output is then brought back to where it was;
         what that takes dies away and is never larger than at first. Where F(0) changes, f_hat stays at the instant of

@@ -15,12 +15,17 @@ P_old and r = 1: nothing changes. The less the filters have in common, the neare
 filter got where it is says nothing of a slow one. What the last line adds to the output dies away as C e^(A t) P C', an
 autocovariance, so it is never larger than at first; that holds for F(0) = 0 too, where no multiple of e_new moves the
 output.
+
+Of another order, the new filter begins at w_rest + s (w_new - w_rest), where w_rest is a start at rest on the present
+output: e_new C_old w / F_old(0). With Q the observability Gramian of the new filter, s in 0 to 1 makes the mean of
+(w - w_all)' Q (w - w_all) least: the square, integrated over time, of how far f_hat is from where it would be, had the
+new filter run all the time (w_all). So on such residuals f_hat is at least as calm as after a start at rest.
 """
 
 from __future__ import annotations
 
 import numpy as np
-from scipy.linalg import solve_triangular
+from scipy.linalg import solve_continuous_lyapunov, solve_triangular
 
 from .._sections import FloatArray, chain, covariance
 from .loop import FilterState, check_state, checked_inertia
@@ -71,13 +76,32 @@ def moved(old: Chain, new: Chain, w: FloatArray) -> FloatArray:
     alike = (new.C @ across @ old.C) ** 2 / sizes if sizes > 0.0 else 0.0
     factors = _factors(P_old)
     weights = _solve(factors, chain(old.poles)[1])  # not as rounded: P knows those that are likely
-    level = w @ weights / (old.equilibrium @ weights)
-    deviation = w - level[..., None] * old.equilibrium
-    following = (across @ _solve(factors, deviation.reshape(-1, deviation.shape[-1]).T)).T
-    states = level[..., None] * new.equilibrium + alike * following.reshape(*w.shape[:-1], -1)
-    if size > 0.0:  # all but F = 0
-        states += ((w @ old.C - states @ new.C) / size)[..., None] * direction
-    return states
+
+    def kept(w: FloatArray, states: FloatArray) -> FloatArray:
+        if not size > 0.0:  # F = 0
+            return states
+        return states + ((w @ old.C - states @ new.C) / size)[..., None] * direction
+
+    def likely(w: FloatArray) -> FloatArray:
+        level = w @ weights / (old.equilibrium @ weights)
+        deviation = w - level[..., None] * old.equilibrium
+        following = (across @ _solve(factors, deviation.reshape(-1, deviation.shape[-1]).T)).T
+        states = level[..., None] * new.equilibrium + alike * following.reshape(*w.shape[:-1], -1)
+        return kept(w, states)
+
+    def rest(w: FloatArray) -> FloatArray:
+        return kept(w, (w @ old.C / gain)[..., None] * new.equilibrium)
+
+    gain = old.C @ old.equilibrium
+    if len(old.C) == len(new.C) or gain == 0.0:
+        return likely(w)
+    at_rest, beyond = rest(np.eye(len(old.C))).T, (likely(np.eye(len(old.C))) - rest(np.eye(len(old.C)))).T
+    seen = solve_continuous_lyapunov(new.A.T, -np.outer(new.C, new.C)) @ beyond
+    strength = float(np.sum(seen * (beyond @ P_old)))
+    if not 0.0 < strength < np.inf:  # both are one
+        return likely(w)
+    share = float(np.clip(np.sum(seen * (across - at_rest @ P_old)) / strength, 0.0, 1.0))
+    return share * likely(w) + (1.0 - share) * rest(w)
 
 
 def _chains(recursion: Recursion) -> list[Chain]:

@@ -147,8 +147,11 @@ def response_of(
         message = ended
     elif message and raised is not None:
         message = f"block {raised.block}, which runs as Python, raised {raised.failure}; {message}"
+    times, y, x, u = (
+        (part if run.shown is None else part[run.shown]) for part in (run.times, y, x, run.inputs)
+    )
     return SimulationResponse(
-        run.times, y.T, states=x.T, inputs=run.inputs.T,
+        times, y.T, states=x.T, inputs=u.T,
         labels=(_names(flat.outputs), _names(flat.states), _names(flat.inputs)), name=flat.name, method=method,
         backend=backend, steps=steps, message=message, failed_at=failed_at, squeeze=squeeze, notes=notes,
         explanation=explanation, callbacks=callbacks, events=events,

@@ -21,7 +21,7 @@ from ..diagram.switches import located
 from ..execution import Executor
 from . import compiled, vm
 from .algebraic import jumps, unsolved
-from .arguments import Inputs, Interpolation, Parameters, Run, Start, prepare
+from .arguments import Inputs, Interpolation, Parameters, Run, Start, completed, prepare
 from .cost import expected_cost
 from .flow import is_flow, run_flow, runs_in_numpy, suits
 from .limits import Limits, steps_allowed
@@ -94,6 +94,7 @@ def simulate(
     interpolation: Interpolation = "linear",
     max_steps: int | None = None,
     time_limit: float | None = None,
+    t_eval: ArrayLike | None = None,
     squeeze: bool | None = None,
     progress: bool = False,
 ) -> SimulationResponse:
@@ -102,18 +103,22 @@ def simulate(
     Parameters
     ----------
     sys : control.InputOutputSystem or FlatModel
-        Any python-control system, or what :func:`flatten` made of it (once, for many runs).
+        Any python-control system, or what :func:`flatten` made of it (once, for many runs). Of a block without numbers
+        of states, inputs or outputs these are taken from what is given.
     timepts : (N,) array
-        Seconds, increasing; need not be evenly spaced. A discrete diagram wants its sampling interval between them.
+        Seconds, increasing; need not be evenly spaced. A discrete diagram wants its sampling interval between them; one
+        with ``dt=True`` takes it from them.
         Sampled blocks have their first instant at the first time.
     inputs : number, (n_u, N) array, (N,) array or list, optional
         Inputs at the times; a number for all, or a list of numbers and arrays that are stacked. None means the defaults
         of the inputs (0 for python-control's).
     initial_state : array, list, mapping or number, optional
-        Start of the n_x states; a list of arrays is put together, a closing 0 fills the rest; a mapping changes the
-        named ones. None means the start values of the blocks (0 for python-control's).
+        Start of the n_x states; a list of arrays is put together, and where it is shorter the rest is 0, with a
+        ``UserWarning`` unless it ends in 0; a mapping changes the named ones. None means the start values of the
+        blocks (0 for python-control's).
     params : mapping, optional
-        Parameters by name, as for :meth:`FlatModel.start_parameters`.
+        Parameters by name, as for :meth:`FlatModel.start_parameters`; also what is no number, such as
+        ``{"correct": False}`` of python-control's estimators.
     method : {"auto", "rk4", "adaptive", "stiff", "exact"}
         "rk4": classical Runge-Kutta, equal steps between events (times and instants of sampled blocks). "adaptive":
         Dormand-Prince with error control, 8(5,3) in the virtual machine and 5(4) in C; starts anew at instants and at
@@ -137,6 +142,8 @@ def simulate(
         of fixed length 100 million.
     time_limit : float, optional
         Seconds of this machine's time that the run may take.
+    t_eval : (k,) array, optional
+        Times of the response, within ``timepts``, which are then those of the inputs only; None: the same.
     squeeze : bool, optional
         As for ``control.input_output_response``.
     progress : bool
@@ -166,9 +173,13 @@ def simulate(
     >>> response.outputs.round(6).tolist()
     [0.0, 0.632121, 0.864665]
     """
+    if squeeze is None and isinstance(sys, ct.NonlinearIOSystem) and None in (sys.ninputs, sys.noutputs):
+        squeeze = False  # as python-control, for which that is not of one input and one output
+    if not isinstance(sys, FlatModel):
+        sys = completed(sys, timepts if t_eval is None else t_eval, inputs, initial_state, params)
     flat = as_flat(sys, params)
     options = Options(method, backend, max_step, rtol, atol, squeeze, max_steps, time_limit)
-    run = prepare(flat, timepts, inputs, initial_state, params, interpolation)
+    run = prepare(flat, timepts, inputs, initial_state, params, interpolation, t_eval)
     return _simulate(flat, run, _decided(flat, run, options, 1), progress)
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from phyfilter_ctl import PhyFilter, stack
-from phyfilter_ctl.codegen.compiler import compile_sources
+from phyfilter_ctl.codegen.compiler import compile_sources, find_compiler
 from phyfilter_ctl.codegen.export import export_c
 from phyfilter_ctl.codegen.export_filter import export_filter
 from phyfilter_ctl.filterfile import Signals
@@ -49,6 +49,20 @@ def test_exported_folder_checks_itself(name, real, tmp_path):
     assert "40 samples" in answer.stdout
     worst = float(answer.stdout.split("within ")[1].split()[0])
     assert worst < 40 * np.finfo(np.float32 if real == "float" else float).eps
+
+
+@pytest.mark.parametrize("real", ["double", "float"])
+def test_constants_rounded_to_single_do_not_fail_the_check(real, tmp_path):
+    """ArduPilot's flag rounds no number of the recorded signals: the filter, which takes it back, is right."""
+    if "clang" in find_compiler().version:
+        pytest.skip("-fsingle-precision-constant is gcc's")
+    folder = export_filter(SECOND.sampled(H), tmp_path / "out", 3, real=real, name="wing")
+    files = {path.name: path.read_text() for path in folder.iterdir()}
+    flags = [*STRICT, "-fsingle-precision-constant"]
+    program = compile_sources(files, tmp_path / "wing", kind="program", flags=flags)
+    answer = subprocess.run([str(program)], capture_output=True, text=True, check=False)
+    assert answer.returncode == 0, answer.stdout
+    assert "40 samples" in answer.stdout
 
 
 def test_a_wrong_coefficient_is_found(tmp_path):

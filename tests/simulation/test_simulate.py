@@ -102,7 +102,7 @@ def test_starts_are_those_of_the_blocks_unless_given():
     assert simulate(flat, TIMES, 0.0, [3.0, 0]).states[:, 0].tolist() == [3.0, 0.0]
     assert simulate(flat, TIMES, 0.0, [np.array([3.0]), [4.0]]).states[:, 0].tolist() == [3.0, 4.0]
     assert simulate(flat, TIMES, 0.0, 0.0).states[:, 0].tolist() == [0.0, 0.0]
-    for wrong in ([1.0, 2.0, 3.0], [1.0], {"w": 1.0}, [np.nan, 0.0]):
+    for wrong in ([1.0, 2.0, 3.0], [], {"w": 1.0}, [np.nan, 0.0]):
         with pytest.raises(ValueError, match="initial_state: expected"):
             simulate(flat, TIMES, 0.0, wrong)
 
