@@ -198,7 +198,6 @@ SAID = {
     "export SAMPLED --c firmware --real q31": "such as --ranges x=10.0 g=20.0 f_theta=20.0",
     "export SAMPLED --fmu a.fmu --platform vax": "--platform: expected 'all', 'native' or",
     "fmu check absent.fmu --call-limit 0": "--call-limit",
-    "app --log LOG --x w --no-browser": "--x: there is no column 'w'",
 }
 
 
@@ -216,6 +215,12 @@ def test_errors_name_options(files: dict[str, str], capsys: pytest.CaptureFixtur
         assert expected in said, command
         assert said.count("\n") == 1, command
     assert sorted(Path().iterdir()) == before
+
+
+def test_the_designer_names_options_too(files: dict[str, str], capsys: pytest.CaptureFixture[str]) -> None:
+    pytest.importorskip("anyio")
+    assert main(["app", "--log", files["LOG"], "--x", "w", "--no-browser"]) == 2
+    assert "--x: there is no column 'w'" in capsys.readouterr().err
 
 
 def test_infinite_and_absent_differ() -> None:

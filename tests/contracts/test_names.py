@@ -20,6 +20,8 @@ NAMES = {
 }
 # FMI says parameters, as does a model of its theta; a sampled block's dt is that of the diagram around it.
 OTHERS = ("phyfilter_ctl.fmi.", ".with_parameters", "phyfilter_ctl.blocks.sampled.SampledBlock")
+# Beside timepts, and python-control's: the times of the response, where those of the inputs are others.
+BESIDE = {"phyfilter_ctl.simulation.simulate.simulate(t_eval=)"}
 
 
 @pytest.mark.parametrize("wanted", NAMES)
@@ -35,4 +37,4 @@ def test_one_thing_has_one_name(wanted: str) -> None:
         except ValueError:
             continue
         found += [f"{name}({other}=)" for other in NAMES[wanted] & set(signature.parameters)]
-    assert not found, f"write {wanted}"
+    assert not set(found) - BESIDE, f"write {wanted}"
