@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from argparse import ArgumentParser, Namespace
 from collections.abc import Mapping, Sequence
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -25,7 +26,7 @@ if TYPE_CHECKING:
     from .tuning import Case
 
 __all__ = ["add_arguments", "build", "main"]
-__getattr__, _, _ = lazy_loader.attach(__name__, submod_attrs={"diagram": ["build"]})
+__getattr__: Callable[[str], object] = lazy_loader.attach(__name__, submod_attrs={"diagram": ["build"]})[0]
 
 # Of the samples of the full generated flights, in --quick.
 _QUICK_SHARE = 0.25

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from .params import Mission
 
 __all__ = ["add_arguments", "build", "main"]
-__getattr__, _, _ = lazy_loader.attach(__name__, submod_attrs={"diagram": ["build"]})
+__getattr__: Callable[[str], object] = lazy_loader.attach(__name__, submod_attrs={"diagram": ["build"]})[0]
 
 _QUICK_SEEDS = 4
 
@@ -95,7 +95,8 @@ def main(options: Namespace) -> int:
 
 def _check_out(options: Namespace) -> None:
     """A folder that FMUs can go to, and a compiler to make them: before anything flies."""
-    from pathlib import Path
+    from collections.abc import Callable
+from pathlib import Path
 
     from phyfilter_ctl.codegen import find_compiler
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from argparse import ArgumentParser, Namespace
 from dataclasses import replace
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import lazy_loader
@@ -20,7 +21,7 @@ if TYPE_CHECKING:
     from .diagram import build
 
 __all__ = ["add_arguments", "build", "main"]
-__getattr__, _, _ = lazy_loader.attach(__name__, submod_attrs={"diagram": ["build"]})
+__getattr__: Callable[[str], object] = lazy_loader.attach(__name__, submod_attrs={"diagram": ["build"]})[0]
 
 # Of --quick: flights and their length in s.
 _QUICK_SEEDS, _QUICK_DURATION = 4, 14.0

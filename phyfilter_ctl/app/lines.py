@@ -34,6 +34,7 @@ class Line(H11Protocol):
     _since = 0.0
 
     def connection_made(self, transport: asyncio.Transport) -> None:
+        """A new connection; one of too many is dropped."""
         super().connection_made(transport)
         self._since = self.loop.time()
         self._watch()
@@ -43,10 +44,12 @@ class Line(H11Protocol):
             min(waiting, default=self, key=Line._patience).drop()
 
     def data_received(self, data: bytes) -> None:
+        """A part of a request has come."""
         super().data_received(data)
         self._watch()
 
     def on_response_complete(self) -> None:
+        """The next request has its own time."""
         super().on_response_complete()
         self._since = self.loop.time()
         if self.conn.their_state is h11.IDLE and not self.conn.trailing_data[0]:
@@ -56,15 +59,18 @@ class Line(H11Protocol):
             self._watch()
 
     def pause_writing(self) -> None:
+        """The client reads slowly: it has its time."""
         super().pause_writing()
         self._unread = self.loop.call_later(READ_SECONDS, self.drop)
 
     def resume_writing(self) -> None:
+        """The client has read."""
         super().resume_writing()
         if self._unread is not None:
             self._unread.cancel()
 
     def connection_lost(self, exc: Exception | None) -> None:
+        """Nothing is waited for any more."""
         self._cancel()
         if self._unread is not None:
             self._unread.cancel()

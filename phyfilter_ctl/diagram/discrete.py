@@ -102,6 +102,7 @@ def law_of(flat: FlatModel) -> BlockFunctions:
         dynamics=ca.Function("dynamics", [t, x, u, p], [flat.dynamics(t, x, u, p, z)]),
         output=ca.Function("output", [t, x, u, p], [flat.output(t, x, u, p, z)]),
         callbacks=flat.callbacks,
+        constants=flat.constants,
     )
 
 
@@ -119,4 +120,5 @@ def _with_unknowns(flat: FlatModel, unknowns: ca.Function) -> BlockFunctions:
         dynamics=ca.Function("dynamics", [t, s, u, p], [after]),
         output=ca.Function("output", [t, s, u, p], [flat.output(t, x, u, p, z)]),
         callbacks=flat.callbacks,
+        constants=flat.constants,
     )

@@ -77,18 +77,15 @@ def without_constants(
     """
     rest = dict(values)
     for name, value in values.items():
-        found = (
-            []
-            if is_tunable(value)
-            else [fixed for known, fixed in constants if name in (known, _last(known))]
-        )
-        if any(not np.array_equal(*(np.asarray(v, dtype=object) for v in (fixed, value))) for fixed in found):
-            raise ValueError(
-                f"parameter {name}: the model was made with {found[0]!r}, which is no number and cannot change in a "
-                f"run, got {value!r}; give it to flatten(..., params=), or give the diagram itself to simulate"
-            )
-        if found:
-            del rest[name]
+        if is_tunable(value):
+            continue
+        for fixed in (fixed for known, fixed in constants if name in (known, _last(known))):
+            if not np.array_equal(np.asarray(fixed, dtype=object), np.asarray(value, dtype=object)):
+                raise ValueError(
+                    f"parameter {name}: the model was made with {fixed!r}, which is no number and cannot change in a "
+                    f"run, got {value!r}; give it to flatten(..., params=), or give the diagram itself to simulate"
+                )
+            rest.pop(name, None)
     return rest
 
 

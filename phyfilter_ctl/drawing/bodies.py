@@ -78,6 +78,7 @@ def titled(part: Part) -> bool:
 
 
 def is_circle(part: Part, k: int, sides: Sides) -> bool:
+    """Whether part ``k`` is a sum each of whose inputs has a side of its own."""
     return part.kind == "sum" and all((k, n) in sides for n in range(len(part.inputs)))
 
 

@@ -112,7 +112,7 @@ class _Blocks:
         kept = np.flatnonzero(self._alive)
         new = np.zeros(len(self._alive), dtype=int)
         new[kept] = np.arange(len(kept))
-        self._block, self._least = new[self._block], self._least[np.ix_(kept, kept)]
+        self._block, self._least = new[self._block], self._least[kept][:, kept]
         self._alive = np.ones(len(kept), dtype=bool)
 
     def placed(self) -> FloatArray:

@@ -38,6 +38,7 @@ class Values:
     stored: NDArray[np.generic]
 
     def get(self) -> NDArray[np.generic]:
+        """The array in its class."""
         return self.stored.astype(self.dtype).reshape(self.shape, order="F")
 
 

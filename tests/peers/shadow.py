@@ -27,6 +27,7 @@ import pytest
 
 import phyfilter_ctl as pf
 from phyfilter_ctl.codegen import CompilerError
+from phyfilter_ctl.simulation.arguments import completed
 from tests.drawing.checker import faults
 
 REPORT, BACKENDS = "PHYFILTER_SHADOW_REPORT", "PHYFILTER_SHADOW_BACKENDS"
@@ -107,7 +108,8 @@ def _verdict(
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            flat, making = _measured(lambda: pf.flatten(system, unconnected="zero", params=params))
+            whole = completed(system, times, inputs, start, params)
+            flat, making = _measured(lambda: pf.flatten(whole, unconnected="zero", params=params))
             # What no block reads, python-control passes over and simulate refuses as a slip.
             # One name goes to all blocks that have it.
             spelt = {
@@ -141,7 +143,11 @@ def _verdict(
         "once": making + first,
         "warm": again,
         "callbacks": sorted(ours.callbacks),
-        "unread": sorted(name for name, full in spelt.items() if not full),
+        "unread": sorted(
+            name
+            for name, full in spelt.items()
+            if not full and not any(name in _spellings(fixed) for fixed, _ in flat.constants)
+        ),
     }
 
 

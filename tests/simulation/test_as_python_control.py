@@ -6,7 +6,7 @@ import control as ct
 import numpy as np
 import pytest
 
-from phyfilter_ctl import flatten, simulate, simulate_batch
+from phyfilter_ctl import flatten, sampled_block, simulate, simulate_batch
 
 T = np.linspace(0.0, 1.0, 11)
 U = np.sin(3.0 * T)
@@ -73,6 +73,25 @@ def test_what_is_no_number_goes_over_the_blocks_own():
         [block, OSCILLATOR], connections=[["oscillator", "block"]], inplist="block", outlist="oscillator"
     )
     same(loop, T, U, params={"kind": "integrator"})
+
+
+def test_what_is_no_number_reaches_into_a_sampled_diagram():
+    step = ct.nlsys(
+        lambda t, x, u, params: u if params.get("fast", True) else 0.5 * (x + u),
+        None,
+        inputs=1,
+        outputs=1,
+        states=1,
+        dt=0.1,
+        name="step",
+    )
+    gain = ct.ss([], [], [], [[2.0]], 0.1, name="gain")
+    law = ct.interconnect(
+        [gain, step], connections=[["step", "gain"]], inplist="gain", outlist="step", name="law"
+    )
+    block = sampled_block(law, name="law")
+    fast, slow = (simulate(block, T, 1.0, params={"fast": fast}).outputs[-1] for fast in (True, False))
+    np.testing.assert_allclose([fast, slow], [2.0, 2.0 - 2.0 * 0.5**10], rtol=1e-12)
 
 
 @pytest.mark.parametrize(
