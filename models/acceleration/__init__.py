@@ -6,8 +6,7 @@ x = v,   x' = f,   g = 0,   M = 1,   f_theta a network on a window of past veloc
 from __future__ import annotations
 
 from argparse import ArgumentParser, Namespace
-from collections.abc import Mapping, Sequence
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 

@@ -6,6 +6,7 @@ Force: x = m v, torque: x = J omega;   f_theta SEER-I, trained on the arm alone 
 from __future__ import annotations
 
 from argparse import ArgumentParser, Namespace
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import lazy_loader
@@ -95,8 +96,7 @@ def main(options: Namespace) -> int:
 
 def _check_out(options: Namespace) -> None:
     """A folder that FMUs can go to, and a compiler to make them: before anything flies."""
-    from collections.abc import Callable
-from pathlib import Path
+    from pathlib import Path
 
     from phyfilter_ctl.codegen import find_compiler
 

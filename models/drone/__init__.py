@@ -6,8 +6,8 @@ x = m v,   m v' = g + f,   g the thrust that acts, weight and drag,   f_theta SE
 from __future__ import annotations
 
 from argparse import ArgumentParser, Namespace
-from dataclasses import replace
 from collections.abc import Callable
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import lazy_loader
