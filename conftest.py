@@ -9,7 +9,9 @@ import doctest
 import gc
 import importlib
 import os
+import signal
 import sys
+import threading
 from collections.abc import Generator, Iterator
 from functools import cache
 from pathlib import Path
@@ -17,6 +19,13 @@ from types import ModuleType
 
 # Before anything imports numpy: two workers with two threads each wait for one another. A setting from outside stays.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+# A shell starts what runs in its background deaf to Ctrl-C, and commands that tests start and stop would be so too.
+if (
+    signal.getsignal(signal.SIGINT) is signal.SIG_IGN
+    and threading.current_thread() is threading.main_thread()
+):
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 import hypothesis
 import pytest
