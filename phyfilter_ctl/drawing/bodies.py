@@ -7,7 +7,8 @@ from typing import NamedTuple
 
 from .names import Run, caption, runs, text_width
 from .ranking import Ranks
-from .reading import Edge, Part, Pin, Scheme
+from .reading import Edge, Part, Scheme
+from .symbols import Pin
 
 __all__ = [
     "FONT",

@@ -6,8 +6,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Literal, NamedTuple
 
 from .bodies import FONT, NAME, NOTE, PORT, RADIUS, TITLE, is_circle, label, ports_named, titled, wire_names
+from .marks import Node, Port, Shape, Text, Wire
 from .names import Run, runs, text_width
-from .picture import Node, Port, Shape, Text, Wire
 from .placing import ARROW, Plan
 from .reading import Part
 

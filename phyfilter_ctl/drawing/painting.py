@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 from html import escape
 from typing import TYPE_CHECKING
 
-from .picture import Drawing, Node, Shape, Text, Wire
+from .marks import Node, Shape, Text, Wire
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -107,43 +107,47 @@ def _text(text: Text) -> str:
     return f'<text x="{text.x:.1f}" y="{text.y:.1f}" font-size="{text.size:.4g}"{extra}>{_safe(text.text)}</text>'
 
 
-def figure_of(drawing: Drawing) -> Figure:
+def figure_of(
+    nodes: Sequence[Node], wires: Sequence[Wire], texts: Sequence[Text], width: float, height: float
+) -> Figure:
     """The picture as a figure of matplotlib, in light colours.
 
     Parameters
     ----------
-    drawing : Drawing
+    nodes, wires, texts : sequences
+    width, height : float
+        In px.
     """
     from matplotlib.figure import Figure
     from matplotlib.patches import Circle, Polygon
 
     dots = 96.0
-    figure = Figure(figsize=(drawing.width / dots, drawing.height / dots))
-    axes = figure.add_axes((0.0, 0.0, 1.0, 1.0), xlim=(0.0, drawing.width), ylim=(drawing.height, 0.0))
+    figure = Figure(figsize=(width / dots, height / dots))
+    axes = figure.add_axes((0.0, 0.0, 1.0, 1.0), xlim=(0.0, width), ylim=(height, 0.0))
     axes.set_axis_off()
     points = 72.0 / dots
 
     def shape(entry: Shape, z: float) -> None:
-        face, line, width = _LOOK[entry.style]
-        look = {"facecolor": face, "edgecolor": line, "linewidth": width * points, "zorder": z}
+        face, line, thick = _LOOK[entry.style]
+        look = {"facecolor": face, "edgecolor": line, "linewidth": thick * points, "zorder": z}
         if entry.radius:
             axes.add_patch(Circle(entry.points[0], entry.radius, **look))
         elif entry.closed:
             patch = axes.add_patch(Polygon(entry.points, closed=True, **look))
             patch.set_linestyle((0, (5, 3)) if entry.style == "frame" else "solid")
         else:
-            axes.plot(*zip(*entry.points, strict=True), color=line, linewidth=width * points, zorder=z)
+            axes.plot(*zip(*entry.points, strict=True), color=line, linewidth=thick * points, zorder=z)
 
-    for node in drawing.nodes:
+    for node in nodes:
         for entry in node.shapes:
             shape(entry, 1.0 if node.kind == "frame" else 3.0)
-    for wire in drawing.wires:
-        width = (_THICK if wire.size > 1 else _THIN) * points
+    for wire in wires:
+        line_width = (_THICK if wire.size > 1 else _THIN) * points
         for line in wire.lines:
             axes.plot(
                 *zip(*line, strict=True),
                 color=_LOOK["block"][1],
-                linewidth=width,
+                linewidth=line_width,
                 zorder=2,
                 solid_capstyle="projecting",
             )
@@ -151,8 +155,8 @@ def figure_of(drawing: Drawing) -> Figure:
             shape(entry, 2.5)
         for dot in wire.dots:
             axes.add_patch(Circle(dot, 3.0, facecolor=_LOOK["block"][1], zorder=2.5))
-    every = [text for thing in (*drawing.nodes, *drawing.wires) for text in thing.texts]
-    for text in (*every, *drawing.texts):
+    every = [text for thing in (*nodes, *wires) for text in thing.texts]
+    for text in (*every, *texts):
         shown = text.text.replace("$", r"\$")
         axes.text(text.x, text.y, shown, fontsize=text.size * points, color=_LOOK["block"][1], zorder=4.0)
     return figure

@@ -10,22 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .names import base_and_index, vector_starts
-from .symbols import Box, Symbol, gain_symbol, symbol_of
+from .symbols import Box, Pin, Symbol, gain_symbol, symbol_of
 
-__all__ = ["Edge", "Part", "Pin", "Scheme", "Sketch", "read"]
+__all__ = ["Edge", "Part", "Scheme", "Sketch", "read"]
 
 FloatArray = NDArray[np.float64]
 Cuts = tuple[frozenset[int], frozenset[int]]
-
-
-class Pin(NamedTuple):
-    """An input or output of a part: the name that is drawn, labels of the system, full names, entries, sign."""
-
-    name: str
-    labels: tuple[str, ...]
-    signals: tuple[str, ...]
-    size: int
-    sign: int = 1
 
 
 class Edge(NamedTuple):

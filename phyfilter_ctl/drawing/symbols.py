@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,10 +12,7 @@ from numpy.typing import NDArray
 from ..blocks import PhyFilterBlock, SampledBlock
 from .names import number, polynomial
 
-if TYPE_CHECKING:
-    from .reading import Pin
-
-__all__ = ["Box", "Symbol", "filter_note", "gain_symbol", "rate_note", "symbol_of"]
+__all__ = ["Box", "Pin", "Symbol", "filter_note", "gain_symbol", "rate_note", "symbol_of"]
 
 FloatArray = NDArray[np.float64]
 _ORDER = 4  # of a transfer function that is written out
@@ -28,6 +25,16 @@ _BEND, _CLEAR = (
     1e-3,
     0.3,
 )  # what a straight line may be off, of its range; how much of the largest bend is shown
+
+
+class Pin(NamedTuple):
+    """An input or output of a part: the name that is drawn, labels of the system, full names, entries, sign."""
+
+    name: str
+    labels: tuple[str, ...]
+    signals: tuple[str, ...]
+    size: int
+    sign: int = 1
 
 
 class Symbol(NamedTuple):
@@ -185,7 +192,7 @@ def _characteristic(block: Any) -> tuple[tuple[float, float], ...]:
 
     def values(inputs: FloatArray) -> FloatArray:
         with np.errstate(all="ignore"):
-            found = [float(np.squeeze(block._out(0.0, np.zeros(0), np.array([u])))) for u in inputs]
+            found = [float(np.squeeze(block.output(0.0, np.zeros(0), np.array([u])))) for u in inputs]
         if not np.isfinite(found).all():
             raise ValueError("not finite")
         return np.array(found)
