@@ -122,7 +122,7 @@ class _Level:
                 else:
                     side = ("W" if side == "E" else "E") if self._flipped(k) else side
                     at = x + (half if side == "E" else -half), y + dy
-                found.append(Port(name, pin.labels, *at, side, direction, pin.sign))  # type: ignore[arg-type]
+                found.append(Port(name, pin.labels, *at, side, direction, pin.sign))  # type: ignore[arg-type]  # letters
         if k in plan.grid.attached:  # a terminal above or below its sum
             turn = next(turn for turn in plan.grid.turns if turn.item == k)
             below = plan.y[k] > plan.y[turn.part]

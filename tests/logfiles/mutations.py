@@ -26,7 +26,10 @@ PACKAGES = {
     **{"bz2.bag": "rosbags", "lz4.bag": "rosbags", "zstd.mcap": "rosbags"},
     **{"hdf5": "h5py", "mat": "scipy"},
 }
-_MEMORY = 8 << 30  # bytes: a length of 32 bits may be asked for, which takes nothing until it is filled
+_MEMORY = 4 << 30  # bytes
+_MEMORY_ROS1 = (
+    8 << 30
+)  # its reader asks for as many as a length of 32 bits says, which take nothing until they are filled
 _LONGEST = 300  # s that an example may take
 _LENGTHS = [1 << 16, 1 << 24, 10**9, (1 << 31) - 1, (1 << 32) - 1, 1 << 40, (1 << 63) - 1, (1 << 64) - 1]
 _ROWS = 20
@@ -132,7 +135,8 @@ def search(kind: str, count: int, seed: int) -> None:
     """Damage and read a log ``count`` times; say how it went."""
     import resource  # not on Windows
 
-    resource.setrlimit(resource.RLIMIT_AS, (_MEMORY, _MEMORY))
+    memory = _MEMORY_ROS1 if kind.endswith("bag") else _MEMORY
+    resource.setrlimit(resource.RLIMIT_AS, (memory, memory))
     tally: Counter[str] = Counter()
     slowest = (0.0, 0)
     with tempfile.TemporaryDirectory() as folder:
