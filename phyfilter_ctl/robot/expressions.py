@@ -28,7 +28,7 @@ Evaluated = Callable[[Values], FloatArray]
 
 _LONGEST = 4000  # characters
 _SHOWN = 60  # of them, in a message
-_DAMAGE = (SyntaxError, ValueError, RecursionError, MemoryError)
+_DEEP = (RecursionError, MemoryError)  # what a parser or a walk runs into
 
 
 def constant(value: float | list[float] | list[list[float]]) -> FloatArray:
@@ -153,15 +153,20 @@ class Expression:
             raise ValueError(f"expected an expression of at most {_LONGEST} characters, got {len(self.text)}")
         try:
             return ast.parse(self.text.strip(), mode="eval").body
-        except _DAMAGE as error:
+        except _DEEP as error:
+            raise self._too_deep() from error
+        except (SyntaxError, ValueError) as error:
             raise ValueError(f"no expression: {error}") from error
 
     @cached_property
     def _evaluate(self) -> Evaluated:
         try:
             return _made(self._tree, FUNCTIONS | dict(self.functions))
-        except RecursionError as error:
-            raise ValueError(f"expected an expression less deep: {self.text[:60]!r}...") from error
+        except _DEEP as error:
+            raise self._too_deep() from error
+
+    def _too_deep(self) -> ValueError:
+        return ValueError(f"expected an expression less deep: {self.text[:_SHOWN]!r}...")
 
     @cached_property
     def names(self) -> frozenset[str]:
