@@ -10,6 +10,7 @@ import importlib
 import inspect
 import os
 import re
+import runpy
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -49,7 +50,16 @@ include_patterns = [
     "CHANGELOG.md",
     "CONTRIBUTING.md",
 ]
-exclude_patterns = ["docs/conf.py", "docs/screenshots.py", ".*", "build", "dist", "out", "**/__pycache__"]
+exclude_patterns = [
+    "docs/conf.py",
+    "docs/drawings.py",
+    "docs/screenshots.py",
+    ".*",
+    "build",
+    "dist",
+    "out",
+    "**/__pycache__",
+]
 nitpicky = True
 # Types in docstrings are prose such as "(N, n_x) array"; only explicit roles must lead somewhere.
 nitpick_ignore_regex = [("py:(class|obj)", r".*")]
@@ -155,6 +165,11 @@ def _single_pages(app: Sphinx) -> None:
     for name, text in pages.items():
         if not (GENERATED / name).is_file() or (GENERATED / name).read_text(encoding="utf-8") != text:
             (GENERATED / name).write_text(text, encoding="utf-8")
+
+
+def _drawings(app: Sphinx) -> None:
+    """Draw the block diagrams of pages and docstrings anew."""
+    runpy.run_path(str(ROOT / "docs" / "drawings.py"))["write"]()
 
 
 def _page_of(room: str, name: str) -> str:
@@ -290,6 +305,7 @@ def setup(app: Sphinx) -> None:
     """Formulas as MathML, which browsers draw without any script; docstrings as they are meant."""
     app.add_html_math_renderer("mathml", (_inline, None), (_block, None))
     app.connect("builder-inited", _single_pages)
+    app.connect("builder-inited", _drawings)
     app.connect("source-read", _fill_in)
     app.connect("autodoc-skip-member", _skip)
     app.connect("autodoc-process-docstring", _escape, priority=100)

@@ -86,6 +86,12 @@ loop = ct.interconnect(
     outputs=["position", "f_hat"],
     name="cart_loop",
 )
+pf.draw(loop, below=["phyfilter"])
+
+# %% [markdown]
+# Drawn, the diagram shows what was wired. Flattened, it is one model:
+
+# %%
 model = pf.flatten(loop)
 print(model.describe())
 

@@ -131,6 +131,7 @@ loop = ct.interconnect(
 )
 package = pf.export_ssp(loop, folder / "cart.ssp", split={"body": ["cart"], "computer": ["pd", "phyfilter"]})
 print(f"{package.name}: {package.stat().st_size / 1e3:.0f} kB")
+pf.draw(package)
 
 # %% [markdown]
 # ## How often must they talk?

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Collection, Mapping
 from typing import Any, Literal
 
@@ -78,6 +79,9 @@ def draw(
     >>> picture = draw(ct.interconnect([error, C, P], inputs="r", outputs="y"))
     >>> picture.signals
     ('error.e', 'PI.u', 'plant.y')
+
+    .. image:: /docs/drawn/pi_loop.svg
+       :alt: the loop of this example
     """
     import control as ct
 
@@ -101,11 +105,16 @@ def draw(
                 f"{option}: no block is called {unknown[0]!r}; there are {', '.join(sorted(names))}"
             )
     wishes = Wishes(_OUTPUTS[outputs], frozenset(below), frozenset(ahead), numbers)
-    drawing = _drawing(place(scheme, wishes), numbers, system.name or "system")
+    drawing = _drawing(place(scheme, wishes), numbers, _title(system.name))
     known = {name for wire in drawing.wires for name in (wire.signal, *wire.names)}
     if unknown := sorted(set(numbers) - known):
         raise ValueError(f"values: no wire is called {unknown[0]!r}; there are {', '.join(sorted(known))}")
     return drawing
+
+
+def _title(name: str) -> str:
+    """None of the names that python-control counts up, so that one diagram is always drawn alike."""
+    return "block diagram" if re.fullmatch(r"(sys\[\d+\])?", name or "") else name
 
 
 def _names(scheme: Scheme) -> set[str]:

@@ -364,3 +364,10 @@ def test_a_drawing_is_what_it_was():
     one, two = pf.draw(sensor_loop()), pf.draw(sensor_loop())
     assert isinstance(one, Drawing)
     assert one == two
+
+
+def test_a_name_that_python_control_counted_up_is_no_title():
+    first, second = (pf.draw(ct.ss(-1.0, 1.0, 1.0, 0.0, name=None)) for _ in range(2))
+    assert "<title>block diagram</title>" in first.svg
+    assert first.svg.partition("<desc>")[0] == second.svg.partition("<desc>")[0]
+    assert "<title>servo</title>" in pf.draw(ct.ss(-1.0, 1.0, 1.0, 0.0, name="servo")).svg
