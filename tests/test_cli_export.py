@@ -1,6 +1,7 @@
 """export and fmu: what a user types, with a real compiler where one is there."""
 
 import json
+import os
 import shutil
 import subprocess
 from contextlib import redirect_stdout
@@ -47,6 +48,20 @@ def test_a_filter_as_fmu_and_back(wing, capsys):
     assert {"x[0]", "f_hat[1]"} <= {variable["name"] for variable in found["variables"]}
     assert main(["fmu", "check", wing, "--json", "-"]) == 0
     assert json.loads(capsys.readouterr().out)["ok"]
+
+
+@pytest.mark.skipif(os.name == "nt", reason="the compiler that fails here is a script of a shell")
+def test_a_compiler_that_fails_is_an_error_with_its_words(filter_file, tmp_path, monkeypatch, capsys):
+    failing = tmp_path / "cc"
+    failing.write_text("#!/bin/sh\necho no licence left >&2\nexit 3\n")
+    failing.chmod(0o755)
+    monkeypatch.setenv("CC", str(failing))
+    before = sorted(tmp_path.iterdir())
+    assert main(["export", filter_file, "--fmu", str(tmp_path / "wing.fmu")]) == 2
+    said = capsys.readouterr().err
+    assert said.startswith("phyfilter-ctl: error: C compiler")
+    assert "no licence left" in said
+    assert sorted(tmp_path.iterdir()) == before
 
 
 @pytest.mark.slow

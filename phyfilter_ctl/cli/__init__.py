@@ -116,9 +116,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     Returns
     -------
     int
-        0; 2 where an argument or an input is wrong, with one line on standard error; 141, as a shell says of SIGPIPE,
-        where standard output is a pipe that nobody reads any more; 130, 143 or 129 where Ctrl-C, SIGTERM or SIGHUP
-        stopped the work.
+        0; 2 where an argument or an input is wrong, with one line on standard error, or a compiler fails, with
+        its words; 141, as a shell says of SIGPIPE, where standard output is a pipe that nobody reads any more;
+        130, 143 or 129 where Ctrl-C, SIGTERM or SIGHUP stopped the work.
 
     Examples
     --------
@@ -149,6 +149,13 @@ def main(argv: Sequence[str] | None = None) -> int:
         text = _one_line(error)
         told = text if isinstance(error, OSError) else in_options(text, known)
         print(f"phyfilter-ctl: error: {told}", file=sys.stderr)
+        return 2
+    except RuntimeError as error:
+        from ..codegen import CompilerError
+
+        if not isinstance(error, CompilerError):
+            raise
+        print(f"phyfilter-ctl: error: {error}", file=sys.stderr)  # with what the compiler said, line by line
         return 2
     except (KeyboardInterrupt, _EndedError) as end:
         print("phyfilter-ctl: stopped", file=sys.stderr)

@@ -79,6 +79,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="CSV",
         help="estimate the slope and the deviation of the noise from flights",
     )
+    data.add_argument("--time", default="t", metavar="COLUMN", help="times of --log in s (default t)")
     data.add_argument("--x", default="vx,vy,vz", metavar="C,C,...", help="columns of x (default vx,vy,vz)")
     data.add_argument("--f-theta", metavar="C,C,...", help="columns of f_theta (default: none)")
     loop = parser.add_argument_group("the loop")
@@ -215,6 +216,7 @@ def _log(path: str, options: argparse.Namespace) -> Recording:
 
     return Recording.from_csv(
         path,
+        time=options.time,
         x=options.x.split(","),
         f_theta=None if options.f_theta is None else options.f_theta.split(","),
         label=None,
@@ -234,6 +236,8 @@ def _residual(options: argparse.Namespace, statistics: ResidualStatistics | None
             raise ValueError(f"--residual: expected K=D such as 1=12, got {entry!r}") from error
     if options.slope is not None:
         residual[1] = options.slope
+    if options.slope is not None and not options.slope >= 0.0:
+        raise ValueError(f"--slope: expected a bound >= 0, got {options.slope:g}")
     return residual if residual or statistics is None else {1: statistics.slope.value}
 
 

@@ -280,10 +280,18 @@ def _numbers(option: str, text: str | None, kind: type[_Number]) -> list[_Number
 
 def _forms(options: argparse.Namespace) -> tuple[Form, ...]:
     """The forms asked for; by default both, or the general one where the low-pass form has no such choice."""
-    if options.form is not None:
-        return tuple(dict.fromkeys(options.form))
-    chosen = options.type is not None or options.zeros_at or options.blocked_at
-    return ("general",) if chosen else ("lowpass", "general")
+    given = {
+        "--dc-gain": options.dc_gain.strip() != "1",
+        "--type": options.type is not None,
+        "--zeros-at": bool(options.zeros_at),
+        "--blocked-at": bool(options.blocked_at),
+    }
+    chosen = [option for option, there in given.items() if there]
+    if options.form is None:
+        return ("general",) if chosen else ("lowpass", "general")
+    if chosen and "general" not in options.form:
+        raise ValueError(f"{chosen[0]} is a choice of the general form: add --form general, or leave it out")
+    return tuple(dict.fromkeys(options.form))
 
 
 # -- learning ---------------------------------------------------------------------------------------------------
