@@ -21,7 +21,7 @@ FOLDER = Path(__file__).resolve().parent / "drawn"
 def _tf(
     numerator: list[float], denominator: list[float], input: str, output: str, name: str
 ) -> ct.TransferFunction:
-    return ct.tf(numerator, denominator, inputs=input, outputs=output, name=name)
+    return ct.TransferFunction(numerator, denominator, inputs=input, outputs=output, name=name)
 
 
 def _box(name: str, inputs: Mapping[str, int], outputs: Mapping[str, int]) -> ct.NonlinearIOSystem:
@@ -37,8 +37,27 @@ def _box(name: str, inputs: Mapping[str, int], outputs: Mapping[str, int]) -> ct
     )  # fmt: skip
 
 
-def _wires(channels: int, pairs: Sequence[tuple[str, str]]) -> list[list[str]]:
-    return [[f"{target}[{k}]", f"{source}[{k}]"] for target, source in pairs for k in range(channels)]
+def _loop(
+    name: str,
+    parts: Sequence[ct.InputOutputSystem],
+    pairs: Sequence[tuple[str, str]],
+    inputs: Sequence[str],
+    output: str,
+    channels: int,
+) -> ct.InterconnectedSystem:
+    """Blocks wired target from source, channel by channel, with inputs of three channels."""
+    free = [f"{each}[{k}]" for each in inputs for k in range(3)]
+    shown = [f"{output}[{k}]" for k in range(channels)]
+    wires = [[f"{target}[{k}]", f"{source}[{k}]"] for target, source in pairs for k in range(channels)]
+    return ct.interconnect(
+        parts,
+        connections=wires,
+        inplist=free,
+        inputs=[each.partition(".")[2] for each in free],
+        outlist=shown,
+        outputs=[each.partition(".")[2] for each in shown],
+        name=name,
+    )
 
 
 def pi_loop() -> pf.Drawing:
@@ -126,11 +145,7 @@ def autopilot() -> pf.Drawing:
         ("controller.v", "vehicle.v"), ("controller.f_hat", "wind.f_hat"), ("vehicle.thrust", "controller.thrust"),
         ("wind.x", "vehicle.v"), ("wind.g", "controller.thrust"),
     ]  # fmt: skip
-    free = [f"{name}[{k}]" for name in ("controller.setpoint", "vehicle.f") for k in range(3)]
-    loop = ct.interconnect(
-        parts, connections=_wires(3, pairs), inplist=free, inputs=[each.partition(".")[2] for each in free],
-        outlist=[f"vehicle.v[{k}]" for k in range(3)], outputs=[f"v[{k}]" for k in range(3)], name="autopilot",
-    )  # fmt: skip
+    loop = _loop("autopilot", parts, pairs, ("controller.setpoint", "vehicle.f"), "vehicle.v", 3)
     return pf.draw(loop, below=["wind"])
 
 
@@ -149,11 +164,7 @@ def quadruped() -> pf.Drawing:
         ("PD.q_rate", "robot.q_rate"), ("PD.f_hat", "filter.f_hat"), ("robot.tau", "PD.tau"), ("known.tau", "PD.tau"),
         ("known.q_rate", "robot.q_rate"), ("filter.x", "robot.q_rate"), ("filter.g", "known.g"),
     ]  # fmt: skip
-    free = [f"{name}[{k}]" for name in ("policy.command", "robot.load") for k in range(3)]
-    loop = ct.interconnect(
-        parts, connections=_wires(12, pairs), inplist=free, inputs=[each.partition(".")[2] for each in free],
-        outlist=[f"robot.q[{k}]" for k in range(12)], outputs=[f"q[{k}]" for k in range(12)], name="quadruped",
-    )  # fmt: skip
+    loop = _loop("quadruped", parts, pairs, ("policy.command", "robot.load"), "robot.q", 12)
     return pf.draw(loop, below=["filter", "known"])
 
 
