@@ -39,6 +39,7 @@ def read(path: Path, time_unit: str | None, time: str | None, largest: int) -> C
         if not parquet:
             return _arrow(path, largest).select(names)
         with pq.ParquetFile(path) as file:
+            check_size(_parquet_size(file.metadata, names), largest, f"the columns {', '.join(names)}")
             return file.read(columns=names)
 
     kind = schema.field(chosen).type
@@ -75,6 +76,14 @@ def read(path: Path, time_unit: str | None, time: str | None, largest: int) -> C
     notes = (f"left out, as no numbers: {', '.join(left_out)}",) if left_out else ()
     only = Table(tuple(columns), found.seconds, load, notes)
     return Contents("parquet" if parquet else "arrow", {TABLE: only}, found.start, (found.note,))
+
+
+def _parquet_size(metadata: pq.FileMetaData, names: Sequence[str]) -> int:
+    """Bytes of columns as they are read, all elements of a list: as the file says it, and no less than as doubles."""
+    groups = [metadata.row_group(k) for k in range(metadata.num_row_groups)]
+    parts = [group.column(j) for group in groups for j in range(group.num_columns)]
+    read = [part for part in parts if part.path_in_schema.partition(".")[0] in names]
+    return sum(max(part.total_uncompressed_size, 8 * part.num_values) for part in read)
 
 
 def _values(column: pa.ChunkedArray) -> NDArray[np.generic]:

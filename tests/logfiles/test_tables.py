@@ -182,3 +182,15 @@ def test_numbers_of_another_file_are_not_read(tmp_path: Path) -> None:
     for path in (outside, virtual):
         with pytest.raises(ValueError, match="'v' takes its numbers from another file, which is not read"):
             pf.open_log(path)
+
+
+def test_a_list_of_parquet_counts_with_all_its_elements(tmp_path: Path) -> None:
+    """One element of 256 is asked for; all are read."""
+    rows, width = 100, 256
+    wide = pa.FixedSizeListArray.from_arrays(pa.array(np.arange(float(rows * width))), width)
+    path = tmp_path / "wide.parquet"
+    pq.write_table(pa.table({"t": pa.array(0.01 * np.arange(rows)), "q": wide}), path, compression="zstd")
+    enough = 8 * rows * width * 2  # what the file keeps beside the numbers is less than they are
+    assert pf.open_log(path, time_unit="s", largest=enough).read("table", ["q[0]"]).values.shape == (rows, 1)
+    with pytest.raises(ValueError, match=r"wide\.parquet: .* bytes of memory for the columns q"):
+        pf.open_log(path, time_unit="s", largest=8 * rows * width // 2).read("table", ["q[0]"])
