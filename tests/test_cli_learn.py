@@ -92,6 +92,14 @@ def test_figures_are_those_of_learn(logs, capsys):
     assert figures["best"] == 2
 
 
+def test_a_choice_of_the_general_form_alone_leaves_the_low_pass_form_out(logs, capsys):
+    """And a gain of 1, however it is written, is none."""
+    arguments = ["learn", "one.csv", "--x", "px,py", "--order", "1", "--starts", "0", "--json", "-"]
+    for gain, forms in {"2": ["general"], "1.0": ["lowpass", "general"]}.items():
+        assert main([*arguments, "--dc-gain", gain]) == 0
+        assert [row["form"] for row in json.loads(capsys.readouterr().out)["filters"]] == forms
+
+
 FOLDER = ["learn", "day", "--held-out", "held.csv", "--x", "px,py"]
 FOLDER += ["--order", "1", "--form", "lowpass", "--starts", "0"]
 

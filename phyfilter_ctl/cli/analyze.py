@@ -235,9 +235,9 @@ def _residual(options: argparse.Namespace, statistics: ResidualStatistics | None
         except ValueError as error:
             raise ValueError(f"--residual: expected K=D such as 1=12, got {entry!r}") from error
     if options.slope is not None:
+        if not options.slope >= 0.0:
+            raise ValueError(f"--slope: expected a bound >= 0, got {options.slope:g}")
         residual[1] = options.slope
-    if options.slope is not None and not options.slope >= 0.0:
-        raise ValueError(f"--slope: expected a bound >= 0, got {options.slope:g}")
     return residual if residual or statistics is None else {1: statistics.slope.value}
 
 

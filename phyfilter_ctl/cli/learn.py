@@ -260,13 +260,17 @@ def _structure(options: argparse.Namespace, form: Form) -> dict[str, Any]:
     }
     if form == "lowpass":
         return found
-    free = options.dc_gain.strip().lower() in ("free", "none")
     return found | {
-        "dc_gain": None if free else _numbers("--dc-gain", options.dc_gain, float)[0],
+        "dc_gain": _dc_gain(options),
         "type": options.type,
         "zeros_at": _numbers("--zeros-at", options.zeros_at, float),
         "blocked_at": _numbers("--blocked-at", options.blocked_at, float),
     }
+
+
+def _dc_gain(options: argparse.Namespace) -> float | None:
+    free = options.dc_gain.strip().lower() in ("free", "none")
+    return None if free else _numbers("--dc-gain", options.dc_gain, float)[0]
 
 
 def _numbers(option: str, text: str | None, kind: type[_Number]) -> list[_Number]:
@@ -281,7 +285,7 @@ def _numbers(option: str, text: str | None, kind: type[_Number]) -> list[_Number
 def _forms(options: argparse.Namespace) -> tuple[Form, ...]:
     """The forms asked for; by default both, or the general one where the low-pass form has no such choice."""
     given = {
-        "--dc-gain": options.dc_gain.strip() != "1",
+        "--dc-gain": _dc_gain(options) != 1.0,
         "--type": options.type is not None,
         "--zeros-at": bool(options.zeros_at),
         "--blocked-at": bool(options.blocked_at),

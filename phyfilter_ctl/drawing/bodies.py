@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import NamedTuple
 
+from .marks import Side
 from .names import Run, caption, runs, text_width
 from .ranking import Ranks
 from .reading import Edge, Part, Scheme
@@ -42,7 +43,7 @@ _MARKED = ("filter", "learned")  # kinds with a mark in their corner
 _STUB = 3.0  # px of wire in front of a frame's border, where a terminal goes unnamed
 _MOST_TERMS = 3  # of a sum that is a circle
 
-Sides = Mapping[tuple[int, int], str]
+Sides = Mapping[tuple[int, int], Side]
 
 
 class Body(NamedTuple):
@@ -148,7 +149,7 @@ def _is_fraction(part: Part) -> bool:
     return len(part.symbol.lines) == 2 and part.symbol.lines[1] != "1"
 
 
-def sides_of(scheme: Scheme, ranks: Ranks) -> dict[tuple[int, int], str]:
+def sides_of(scheme: Scheme, ranks: Ranks) -> dict[tuple[int, int], Side]:
     """From where wires come to the sums: the forward path from behind (W), feedback from below, others from above.
 
     Parameters
@@ -161,7 +162,7 @@ def sides_of(scheme: Scheme, ranks: Ranks) -> dict[tuple[int, int], str]:
     dict
         (part, input) -> "W", "N" or "S", W standing for the back; without sums that are drawn as boxes.
     """
-    found: dict[tuple[int, int], str] = {}
+    found: dict[tuple[int, int], Side] = {}
     for k, part in enumerate(scheme.parts):
         wires = [e for e in scheme.edges if e.target == k]
         if part.kind != "sum" or not 2 <= len(part.inputs) <= _MOST_TERMS or len(wires) < len(part.inputs):
@@ -185,11 +186,11 @@ def sides_of(scheme: Scheme, ranks: Ranks) -> dict[tuple[int, int], str]:
             line = sorted(wires, key=place)
             if terminal(line[0]):
                 continue
-            taken = ["W"]
+            taken: list[Side] = ["W"]
             for e in line[1:]:
                 below = terminal(e) or e.source in ranks.mirrored
-                side = next((s for s in (("S", "N") if below else ("N", "S")) if s not in taken), None)
-                taken += [side] if side else []
+                order: list[Side] = ["S", "N"] if below else ["N", "S"]
+                taken += [side for side in order if side not in taken][:1]
             if len(taken) == len(line):
                 found |= {(k, e.input): side for e, side in zip(line, taken, strict=True)}
             continue
@@ -204,11 +205,10 @@ def sides_of(scheme: Scheme, ranks: Ranks) -> dict[tuple[int, int], str]:
         )
         if not ahead or len(fed) > 1:
             continue
-        back = "N" if fed and (fed[0].source, fed[0].output) in ranks.above else "S"
-        free = ["W", "S" if back == "N" else "N"] if fed else ["W", "N", "S"]
-        found |= {(k, e.input): back for e in fed} | {
-            (k, e.input): side for e, side in zip(ahead, free, strict=False)
-        }
+        back: Side = "N" if fed and (fed[0].source, fed[0].output) in ranks.above else "S"
+        free: list[Side] = ["W", "S" if back == "N" else "N"] if fed else ["W", "N", "S"]
+        found.update({(k, e.input): back for e in fed})
+        found.update({(k, e.input): side for e, side in zip(ahead, free, strict=False)})
     return found
 
 

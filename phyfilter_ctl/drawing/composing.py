@@ -6,10 +6,11 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Literal, NamedTuple
 
 from .bodies import FONT, NAME, NOTE, PORT, RADIUS, TITLE, is_circle, label, ports_named, titled, wire_names
-from .marks import Node, Port, Shape, Text, Wire
+from .marks import Direction, Node, Port, Shape, Side, Text, Wire
 from .names import Run, runs, text_width
 from .placing import ARROW, Plan
 from .reading import Part
+from .symbols import Pin
 
 __all__ = ["Composed", "composed", "texts_of"]
 
@@ -109,20 +110,21 @@ class _Level:
         plan, part, body = self._plan, self._plan.scheme.parts[k], self._plan.bodies[k]
         x, y = self._middle(k)
         half = body.width / 2
-        found = []
-        for direction, pins, heights in (
+        found: list[Port] = []
+        ends: tuple[tuple[Direction, Sequence[Pin], Sequence[float]], ...] = (
             ("in", part.inputs, body.inputs),
             ("out", part.outputs, body.outputs),
-        ):
+        )
+        for direction, pins, heights in ends:
             names = _unique(pin.name or "y" for pin in pins)
             for n, (pin, name, dy) in enumerate(zip(pins, names, heights, strict=True)):
-                side = plan.sides.get((k, n), "W") if direction == "in" else "E"
+                side: Side = plan.sides.get((k, n), "W") if direction == "in" else "E"
                 if side in ("N", "S"):
                     at = x, y + (-RADIUS if side == "N" else RADIUS)
                 else:
                     side = ("W" if side == "E" else "E") if self._flipped(k) else side
                     at = x + (half if side == "E" else -half), y + dy
-                found.append(Port(name, pin.labels, *at, side, direction, pin.sign))  # type: ignore[arg-type]  # letters
+                found.append(Port(name, pin.labels, *at, side, direction, pin.sign))
         if k in plan.grid.attached:  # a terminal above or below its sum
             turn = next(turn for turn in plan.grid.turns if turn.item == k)
             below = plan.y[k] > plan.y[turn.part]

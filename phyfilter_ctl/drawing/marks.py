@@ -8,6 +8,8 @@ from typing import Literal
 __all__ = ["Node", "Port", "Shape", "Text", "Wire"]
 
 Point = tuple[float, float]
+Side = Literal["W", "E", "N", "S"]
+Direction = Literal["in", "out"]
 
 
 @dataclass(frozen=True)
@@ -76,8 +78,8 @@ class Port:
     labels: tuple[str, ...]
     x: float
     y: float
-    side: Literal["W", "E", "N", "S"]
-    direction: Literal["in", "out"]
+    side: Side
+    direction: Direction
     sign: int = 1
 
 

@@ -27,6 +27,7 @@ from .bodies import (
 )
 from .grid import Grid, grid_of
 from .heights import heights_of
+from .marks import Side
 from .names import runs, text_width
 from .ordering import ordered
 from .ranking import Ranks, ranks_of
@@ -150,9 +151,10 @@ def place(scheme: Scheme, wishes: Wishes, *, framed: bool = False) -> Plan:
         for turn in best.grid.turns:
             key = turn.part, turn.input
             if best.grid.items[turn.item].kind == "part" and best.crossings and best.sides.get(key) == "N":
-                other = try_out(ranks, {**flipped, key: "S"})
+                turned: Sides = {**flipped, key: "S"}
+                other = try_out(ranks, turned)
                 if other.crossings < best.crossings:
-                    best, flipped = other, {**flipped, key: "S"}
+                    best, flipped = other, turned
         for loops in _feedback(scheme, ranks) if best.crossings else ():
             other = try_out(replace(best.ranks, above=best.ranks.above | loops), flipped)
             best = other if other.crossings < best.crossings else best
@@ -197,9 +199,9 @@ class _Trial:
     framed: bool
 
     def __call__(self, ranks: Ranks, sides: Sides) -> Plan:
-        usual = sides_of(self.scheme, ranks)
-        taken = {(k, side) for (k, _), side in usual.items()}
-        wanted = usual | {key: side for key, side in sides.items() if (key[0], side) not in taken}
+        wanted = sides_of(self.scheme, ranks)
+        taken = {(k, side) for (k, _), side in wanted.items()}
+        wanted.update({key: side for key, side in sides.items() if (key[0], side) not in taken})
         plan = _placed(self.scheme, ranks, wanted, self.inner, self.wishes, self.framed)
         better = _entered_from_below(plan, wanted)
         return (
@@ -209,7 +211,7 @@ class _Trial:
         )
 
 
-def _entered_from_below(plan: Plan, sides: Sides) -> dict[tuple[int, int], str]:
+def _entered_from_below(plan: Plan, sides: Sides) -> dict[tuple[int, int], Side]:
     """Sides of sums once it is known what stands below them."""
     found = dict(sides)
     for e in plan.scheme.edges:
