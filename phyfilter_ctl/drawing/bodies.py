@@ -190,7 +190,10 @@ def sides_of(scheme: Scheme, ranks: Ranks) -> dict[tuple[int, int], Side]:
             for e in line[1:]:
                 below = terminal(e) or e.source in ranks.mirrored
                 order: list[Side] = ["S", "N"] if below else ["N", "S"]
-                taken += [side for side in order if side not in taken][:1]
+                for side in order:
+                    if side not in taken:
+                        taken.append(side)
+                        break
             if len(taken) == len(line):
                 found |= {(k, e.input): side for e, side in zip(line, taken, strict=True)}
             continue
