@@ -88,7 +88,9 @@ def delay_line(
     if count < 0:
         raise ValueError(f"steps: expected 0 samples or more, got {count}")
     starts = _signals.filled("start", start, (len(inputs),)).tolist()
-    return sampled_block(_law(inputs, results, count, starts, unit), dt=dt, name=name)
+    block = sampled_block(_law(inputs, results, count, starts, unit), dt=dt, name=name)
+    block.symbol = f"delay\nz^−{count}" if count else ""
+    return block
 
 
 def transport_delay(

@@ -115,6 +115,7 @@ class SampledBlock(ct.NonlinearIOSystem):
         self.law = law
         self.filter = filter
         self.system = system
+        self.symbol: str = ""  # by which block diagrams show it: a kind of node, and its lines of text
 
     def __getstate__(self) -> dict[str, Any]:
         state = {name: value for name, value in vars(self).items() if name != "continuous"}

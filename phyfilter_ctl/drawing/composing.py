@@ -7,7 +7,7 @@ from typing import Literal, NamedTuple
 
 from .bodies import FONT, NAME, NOTE, PORT, RADIUS, TITLE, is_circle, label, ports_named, titled, wire_names
 from .marks import Direction, Node, Port, Shape, Side, Text, Wire
-from .names import Run, runs, text_width
+from .names import Run, runs, text_width, unit_text
 from .placing import ARROW, Plan
 from .reading import Part
 from .symbols import Pin
@@ -173,7 +173,8 @@ class _Level:
             signal, names = feeds[start.name]
         value = next((values[s] for s in (signal, *entries[:1], pin.name) if s in values), "")
         shown = wire_names(part, pin)
-        texts, slash = _wire_texts(start, pin.name if shown else "", 1 if part.silent else pin.size, value)
+        size, unit = (1, "") if part.silent else (pin.size, pin.unit)
+        texts, slash = _wire_texts(start, pin.name if shown else "", size, unit, value)
         heads = tuple(
             _arrow(port)
             for e, (_, port) in zip(edges, targets, strict=True)
@@ -240,7 +241,9 @@ def _arrow(port: Port) -> Shape:
     )
 
 
-def _wire_texts(start: Port, name: str, size: int, value: str) -> tuple[tuple[Text, ...], tuple[Shape, ...]]:
+def _wire_texts(
+    start: Port, name: str, size: int, unit: str, value: str
+) -> tuple[tuple[Text, ...], tuple[Shape, ...]]:
     if start.side not in ("E", "W"):
         return (texts_of(value, start.x + 5, start.y + 12, "start", NOTE), ()) if value else ((), ())
     way = 1.0 if start.side == "E" else -1.0
@@ -254,6 +257,9 @@ def _wire_texts(start: Port, name: str, size: int, value: str) -> tuple[tuple[Te
         x, y = start.x + way * (at + 3), start.y
         shapes = (Shape(((x - 3, y + 5), (x + 3, y - 5)), "thin"),)
         texts += texts_of(str(size), x + way * 4, y - 5, anchor, NOTE)
+        at += text_width(str(size), NOTE) + 12
+    if unit:
+        texts += texts_of(unit_text(unit), start.x + way * at, start.y - 5, anchor, NOTE)
     if value:
         texts += texts_of(value, start.x + way * 5, start.y + 12, anchor, NOTE)
     return texts, shapes

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from itertools import pairwise
 from typing import NamedTuple
 
-__all__ = ["Run", "caption", "cut", "number", "polynomial", "runs", "text_width"]
+__all__ = ["LEAST", "Run", "caption", "cut", "number", "polynomial", "runs", "text_width", "unit_text"]
 
 _GREEK = {
     "alpha": "α", "beta": "β", "gamma": "γ", "delta": "δ", "epsilon": "ε", "zeta": "ζ", "eta": "η", "theta": "θ",
@@ -18,6 +18,7 @@ _GREEK = {
 _RAISED = str.maketrans("0123456789-", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻")
 _SMALL, _LOWERED = 0.78, 3.0  # an index: its size beside its letter's, and how many px it stands below
 _HAT = "\u0302"
+LEAST = 9.0  # px: of the smallest text
 _LONGEST = 28  # characters of a name; beyond it is cut
 
 # Advance widths in thousandths of the size, of DejaVu Sans: Helvetica and its twins are narrower throughout.
@@ -68,7 +69,7 @@ def runs(name: str, size: float) -> tuple[Run, ...]:
         rest.remove("hat")
         head += _HAT
     low = ",".join(_GREEK.get(part, part) for part in rest if part)
-    parts = [Run(head, size), Run(low, size * _SMALL, _LOWERED), Run(bracket + index, size)]
+    parts = [Run(head, size), Run(low, max(size * _SMALL, LEAST), _LOWERED), Run(bracket + index, size)]
     return tuple(run for run in parts if run.text)
 
 
@@ -108,6 +109,18 @@ def number(value: float, digits: int = 3) -> str:
     mantissa, e, power = text.partition("e")
     mantissa = mantissa.replace("-", "−").replace("inf", "∞")
     return f"{mantissa}·10{str(int(power)).translate(_RAISED)}" if e else mantissa
+
+
+def unit_text(unit: str) -> str:
+    """A unit as it stands on a wire; "" of none.
+
+    Examples
+    --------
+    >>> unit_text("kg m/s^2"), unit_text("s^-1")
+    ('[kg·m/s²]', '[s⁻¹]')
+    """
+    raised = re.sub(r"\^(-?[0-9]+)", lambda found: found[1].translate(_RAISED), unit)
+    return f"[{cut(raised.replace(' ', '·'))}]" if unit else ""
 
 
 def polynomial(coefficients: Sequence[float], variable: str) -> str:

@@ -6,7 +6,10 @@ from collections.abc import Iterable, Sequence
 from html import escape
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from .marks import Node, Shape, Text, Wire
+from .names import LEAST
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -48,15 +51,21 @@ def svg_of(
     title : str
         For screen readers, beside a description of blocks and terminals.
     """
+    smallest = min((text.size for text in _texts(nodes, wires, texts)), default=LEAST)
     head = (
-        f'<svg xmlns="http://www.w3.org/2000/svg" class="pf-diagram" role="img" width="{width:.0f}" '
-        f'height="{height:.0f}" viewBox="0 0 {width:.1f} {height:.1f}">'
+        f'<svg xmlns="http://www.w3.org/2000/svg" class="pf-diagram" role="img" width="{np.ceil(width):.0f}" '
+        f'height="{np.ceil(height):.0f}" viewBox="0 0 {width:.1f} {height:.1f}" '
+        f'style="min-width:{np.ceil(width * LEAST / smallest):.0f}px">'
         f"<title>{_safe(title)}</title><desc>{_safe(_description(nodes))}</desc><style>{_STYLE}</style>"
         f'<rect width="100%" height="100%" style="fill:var(--paper)"/>'
     )
     frames = [_node(node) for node in nodes if node.kind == "frame"]
     others = [_node(node) for node in nodes if node.kind != "frame"]
     return "\n".join([head, *frames, *map(_wire, wires), *others, *map(_text, texts), "</svg>"])
+
+
+def _texts(nodes: Sequence[Node], wires: Sequence[Wire], texts: Sequence[Text]) -> list[Text]:
+    return [*(text for thing in (*nodes, *wires) for text in thing.texts), *texts]
 
 
 def _description(nodes: Iterable[Node]) -> str:
@@ -155,8 +164,7 @@ def figure_of(
             shape(entry, 2.5)
         for dot in wire.dots:
             axes.add_patch(Circle(dot, 3.0, facecolor=_LOOK["block"][1], zorder=2.5))
-    every = [text for thing in (*nodes, *wires) for text in thing.texts]
-    for text in (*every, *texts):
+    for text in _texts(nodes, wires, texts):
         shown = text.text.replace("$", r"\$")
         axes.text(text.x, text.y, shown, fontsize=text.size * points, color=_LOOK["block"][1], zorder=4.0)
     return figure

@@ -28,7 +28,7 @@ from .bodies import (
 from .grid import Grid, grid_of
 from .heights import heights_of
 from .marks import Side
-from .names import runs, text_width
+from .names import runs, text_width, unit_text
 from .ordering import ordered
 from .ranking import Ranks, ranks_of
 from .reading import Part, Scheme
@@ -455,6 +455,8 @@ def label_room(part: Part, n: int, values: Mapping[str, str]) -> float:
     room = text_width(runs(pin.name, PORT)) + 9 if wire_names(part, pin) else 0.0
     if pin.size > 1:
         room += text_width(str(pin.size), NOTE) + 14
+    if pin.unit and not part.silent:
+        room += text_width(unit_text(pin.unit), NOTE) + 9
     value = next((values[s] for s in (*pin.signals[:1], pin.name) if s in values), "")
     return max(room, text_width(value, NOTE) + 9 if value else 0.0)
 

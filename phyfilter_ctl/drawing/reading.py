@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .names import base_and_index, vector_starts
-from .symbols import Box, Pin, Symbol, gain_symbol, symbol_of
+from .symbols import Box, Pin, Symbol, common_unit, gain_symbol, symbol_of, units_of
 
 __all__ = ["Edge", "Part", "Scheme", "Sketch", "read"]
 
@@ -233,7 +233,11 @@ def _scheme(
     sources, targets = dict[int, tuple[int, int]](), dict[int, tuple[int, int]]()
 
     def pins(
-        labels: Sequence[str], first: int, sizes: Mapping[int, int], full: Sequence[str]
+        labels: Sequence[str],
+        first: int,
+        sizes: Mapping[int, int],
+        full: Sequence[str],
+        units: Sequence[str] = (),
     ) -> list[tuple[int, Pin]]:
         """Vectors among the signals of a part that begin at a row or column, by their first one."""
         starts = [s for s in sizes if first <= s < first + len(labels)]
@@ -246,7 +250,10 @@ def _scheme(
             name = base if len(inside) == size else labels[k]
             if 1 < size < len(inside):
                 name = f"{base}[{k - inside[0]}:{k - inside[0] + size}]"
-            found.append((s, Pin(name, tuple(labels[k : k + size]), tuple(full[k : k + size]), size)))
+            unit = common_unit(units[k : k + size])
+            found.append(
+                (s, Pin(name, tuple(labels[k : k + size]), tuple(full[k : k + size]), size, unit=unit))
+            )
         return found
 
     for s, pin in pins(system.input_labels, column, column_sizes, system.input_labels):
@@ -254,10 +261,10 @@ def _scheme(
         parts.append(Part(pin.labels[0], Symbol("input"), outputs=(pin,)))
     for k, part in enumerate(level.parts):
         (i, _), (o, _) = level.spans[k]
-        ins = pins(
-            part.input_labels, i, row_sizes, [f"{path}{part.name}.{label}" for label in part.input_labels]
-        )
-        outs = pins(part.output_labels, o, column_sizes, _drivers(part, f"{path}{part.name}"))
+        named = [f"{path}{part.name}.{label}" for label in part.input_labels]
+        ins = pins(part.input_labels, i, row_sizes, named, units_of(part, "in"))
+        drivers = _drivers(part, f"{path}{part.name}")
+        outs = pins(part.output_labels, o, column_sizes, drivers, units_of(part, "out"))
         symbol = Symbol("frame") if k in inner else symbol_of(part, [p for _, p in ins], [p for _, p in outs])
         sources |= {s: (len(parts), n) for n, (s, _) in enumerate(outs)}
         targets |= {s: (len(parts), n) for n, (s, _) in enumerate(ins)}
@@ -308,7 +315,24 @@ def _scheme(
         _within(set(columns), column, level.matrix.shape[1]),
         _within(set(rows), row, level.matrix.shape[0]),
     )
-    return Scheme(tuple(parts), tuple(edges), cuts)
+    return Scheme(tuple(_with_units(parts, edges)), tuple(edges), cuts)
+
+
+def _with_units(parts: Sequence[Part], edges: Sequence[Edge]) -> list[Part]:
+    """With the units of outputs that have none: that of all that read them and know theirs."""
+    readers: dict[tuple[int, int], set[str]] = {}
+    for e in edges:
+        readers.setdefault((e.source, e.output), set()).add(parts[e.target].inputs[e.input].unit)
+    return [
+        replace(
+            part,
+            outputs=tuple(
+                pin if pin.unit else pin._replace(unit=common_unit(readers.get((k, n), set()) - {""}))
+                for n, pin in enumerate(part.outputs)
+            ),
+        )
+        for k, part in enumerate(parts)
+    ]
 
 
 def _drivers(part: Any, path: str) -> list[str]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -14,6 +14,9 @@ from ..filter import FilterBank, PhyFilter, SampledPhyFilter
 from .names import polynomial
 from .reading import Sketch
 from .symbols import Box, Symbol, filter_note, rate_note
+
+if TYPE_CHECKING:
+    from ..fmi import FmuDescription
 
 __all__ = ["sketched"]
 
@@ -75,12 +78,13 @@ def sketched(thing: Any) -> Sketch | None:
         notes = [f"{len(thing.states)} states"] if thing.states else []
         note = ", ".join(notes + [rate_note(period) for period in periods])
         inputs, outputs = ([variable.name for variable in side] for side in (thing.inputs, thing.outputs))
-        return _of_one(thing.name, inputs, outputs, note)
+        units = {variable.name: variable.unit for variable in (*thing.inputs, *thing.outputs)}
+        return _of_one(thing.name, inputs, outputs, note, units)
     if isinstance(thing, FmuDescription):
         inputs, outputs = (
             [label for v in thing.of(side) for label in v.labels] for side in ("input", "output")
         )
-        return _of_one(thing.name, inputs, outputs, f"FMI {thing.fmi}")
+        return _of_one(thing.name, inputs, outputs, f"FMI {thing.fmi}", _units(thing))
     return None
 
 
@@ -98,8 +102,14 @@ def _of_file(path: Path) -> Sketch | None:
     raise ValueError(f"system: expected the path of an .fmu, an .ssp or a filter's .toml, got {path.name!r}")
 
 
-def _of_one(name: str, inputs: Sequence[str], outputs: Sequence[str], note: str) -> Sketch:
-    box = Box(name, tuple(inputs), tuple(outputs), Symbol("block", note=note))
+def _units(thing: FmuDescription) -> dict[str, str]:
+    return {label: variable.unit for variable in thing.variables for label in variable.labels}
+
+
+def _of_one(
+    name: str, inputs: Sequence[str], outputs: Sequence[str], note: str, units: Mapping[str, str]
+) -> Sketch:
+    box = Box(name, tuple(inputs), tuple(outputs), Symbol("block", note=note), units)
     wires = {f"{name}.{label}": {label: 1.0} for label in inputs}
     return _sketch(name, [box], wires, inputs, {label: {f"{name}.{label}": 1.0} for label in outputs})
 
@@ -115,7 +125,7 @@ def _of_package(path: Path) -> Sketch:
             ins, outs = (
                 tuple(label for v in found.of(side) for label in v.labels) for side in ("input", "output")
             )
-            boxes.append(Box(name, ins, outs, Symbol("block", note=f"FMI {found.fmi}")))
+            boxes.append(Box(name, ins, outs, Symbol("block", note=f"FMI {found.fmi}"), _units(found)))
         wires: dict[str, dict[str, float]] = {}
         for wire in system.wires:
             wires.setdefault(wire.sink, {})[wire.source] = wire.gain

@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..blocks import PhyFilterBlock, SampledBlock
+from .marks import Direction
 from .names import number, polynomial
 
-__all__ = ["Box", "Pin", "Symbol", "filter_note", "gain_symbol", "rate_note", "symbol_of"]
+__all__ = [
+    "Box", "Pin", "Symbol", "common_unit", "filter_note", "gain_symbol", "rate_note", "symbol_of", "units_of",
+]  # fmt: skip
 
 FloatArray = NDArray[np.float64]
 _ORDER = 4  # of a transfer function that is written out
@@ -28,13 +31,14 @@ _BEND, _CLEAR = (
 
 
 class Pin(NamedTuple):
-    """An input or output of a part: the name that is drawn, labels of the system, full names, entries, sign."""
+    """An input or output of a part: the name that is drawn, labels of the system, full names, entries, sign, unit."""
 
     name: str
     labels: tuple[str, ...]
     signals: tuple[str, ...]
     size: int
     sign: int = 1
+    unit: str = ""
 
 
 class Symbol(NamedTuple):
@@ -51,12 +55,13 @@ class Symbol(NamedTuple):
 
 @dataclass(frozen=True)
 class Box:
-    """A block by its name, labels and symbol."""
+    """A block by its name, labels, symbol, and units by label."""
 
     name: str
     input_labels: tuple[str, ...]
     output_labels: tuple[str, ...]
     symbol: Symbol
+    units: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def ninputs(self) -> int:
@@ -102,6 +107,39 @@ def symbol_of(block: Any, inputs: Sequence[Pin], outputs: Sequence[Pin]) -> Symb
         found = Symbol("diagram")
     notes = [found.note] if found.note else []
     return found._replace(note=", ".join([*notes, rate_note(period)] if period else notes), period=period)
+
+
+def common_unit(units: Iterable[str]) -> str:
+    """The one that all have; "" where there are several, or one has none."""
+    found = set(units)
+    return found.pop() if len(found) == 1 else ""
+
+
+def units_of(block: Any, direction: Direction) -> list[str]:
+    """Units of a block's inputs or outputs, as far as it, or what is inside it, knows them.
+
+    Parameters
+    ----------
+    block : control.InputOutputSystem or Box
+    direction : {"in", "out"}
+
+    Returns
+    -------
+    list of str
+        One a signal; "" where none is known.
+    """
+    import control as ct
+
+    labels = block.input_labels if direction == "in" else block.output_labels
+    if isinstance(block, ct.InterconnectedSystem):
+        inside = [unit for part in block.syslist for unit in units_of(part, direction)]
+        table = np.asarray(block.input_map).T if direction == "in" else np.asarray(block.output_map)
+        ends = [(row[: len(inside)], np.flatnonzero(row[: len(inside)])) for row in table]
+        return [common_unit(inside[j] for j in at) if (row[at] == 1.0).all() else "" for row, at in ends]
+    known = getattr(block, "functions", None) or getattr(block, "law", None)
+    variables = getattr(known, f"{direction}puts", ())
+    units = block.units if isinstance(block, Box) else {entry.name: entry.unit for entry in variables}
+    return [units.get(label, "") for label in labels]
 
 
 def rate_note(period: float) -> str:
@@ -157,8 +195,9 @@ def _fraction(block: Any) -> Symbol:
         return gain_symbol(float(numerator[0] / denominator[0]))
     variable = "z" if block.dt else "s"
     lines = polynomial(numerator.tolist(), variable), polynomial(denominator.tolist(), variable)
-    kind = "integrator" if lines == ("1", "s") else "delay" if lines == ("1", "z") else "fraction"
-    return Symbol(kind, lines)
+    if block.dt and lines[0] == "1" and not denominator[1:].any() and denominator[0] == 1.0:
+        return Symbol("delay", (f"z^−{len(denominator) - 1}",))
+    return Symbol("integrator" if lines == ("1", "s") else "fraction", lines)
 
 
 def _cleaned(coefficients: FloatArray) -> FloatArray:

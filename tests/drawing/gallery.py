@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import argparse
 import html
+import re
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -23,6 +24,8 @@ import phyfilter_ctl as pf
 from phyfilter_ctl import models
 from tests.drawing.checker import crossings, faults
 from tests.drawing.diagrams import random_diagram
+
+PAGE = 736.0  # px: the column of text of a page
 
 
 @dataclass(frozen=True)
@@ -291,6 +294,13 @@ CASES: dict[str, Case] = {
 }
 
 
+def _readable(drawing: pf.Drawing) -> tuple[float, float]:
+    """px of the smallest text shrunk to a page, and the width below which a page scrolls instead."""
+    sizes = [float(size) for size in re.findall(r'font-size="([0-9.]+)"', drawing.svg)]
+    found = re.search(r"min-width:([0-9]+)px", drawing.svg)
+    return min(sizes) * min(1.0, PAGE / drawing.width), float(found[1] if found else "nan")
+
+
 def main() -> int:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
@@ -311,7 +321,11 @@ def main() -> int:
         told = "".join(f"<li>{html.escape(f'{fault.kind}: {fault.what}')}</li>" for fault in found)
         limit = "" if case.crossings is None else f" (at most {case.crossings})"
         rows.append(f"<h2>{name}</h2><p>{crossed} crossings{limit}</p><ul>{told}</ul>{drawing.svg}")
-        print(f"{name:20} {len(found):3} faults, {crossed:3} crossings{limit}")
+        size, least = _readable(drawing)
+        print(
+            f"{name:20} {len(found):3} faults, {crossed:3} crossings{limit:13}  {drawing.width:5.0f} px wide, "
+            f"at {PAGE:.0f} px of a page its smallest text has {size:4.1f} px; scrolls below {least:4.0f} px"
+        )
     head = "<!doctype html><meta charset=utf-8><title>Block diagrams</title>"
     head += "<style>:root{color-scheme:light dark}</style>"
     (folder / "index.html").write_text(head + "\n".join(rows), encoding="utf-8")

@@ -188,6 +188,48 @@ def test_symbols():
     assert {"1", "z − 0.5", "T = 100 ms"} <= set(written(pf.draw(held)))
 
 
+def test_sampled_delays_are_powers_of_z_and_a_table_is_its_curve():
+    line = pf.blocks.delay_line(["u[0]", "u[1]"], 5, 0.002)
+    behind = ct.tf([1.0], [1.0, 0.0, 0.0, 0.0], 0.1, name="late", inputs="u", outputs="y")
+    for block, power in ((line, "−5"), (behind, "−3")):
+        picture = pf.draw(block)
+        assert picture.nodes[1].kind == "delay"
+        assert written(picture)[:5].count("z") == 1
+        assert power in written(picture)
+    table = pf.lookup_table([-2.0, 0.0, 1.0], [-1.0, 0.0, 4.0])
+    assert pf.draw(table).nodes[1].kind == "curve"
+
+
+def test_units_stand_on_wires_where_a_block_or_all_readers_know_them():
+    plant = pf.transport_delay(["force"], 0.02, outputs=["pushed"], unit="kg m/s^2", name="motor")
+    other = pf.transport_delay(["force"], 0.02, outputs=["copied"], unit="", name="probe")
+    picture = pf.draw(ct.interconnect([plant, other], inputs="force", outputs=["pushed", "copied"]))
+    units = {
+        entry.source[0]: [text.text for text in entry.texts if text.text.startswith("[")]
+        for entry in picture.wires
+    }
+    assert units == {"force (input)": ["[kg·m/s²]"], "motor": ["[kg·m/s²]"], "probe": []}
+    # Those of what is inside a closed diagram; a gain on the way has units of its own.
+    inside = ct.interconnect(
+        [plant], inputs=["u"], outputs=["y", "z"], name="drive",
+        connections=False, inplist=["motor.force"], outlist=["motor.pushed", ("motor", "pushed", 2.0)],
+    )  # fmt: skip
+    closed = pf.draw(ct.interconnect([inside], inplist=["drive.u"], outlist=["drive.y", "drive.z"]))
+    assert [text for text in written(closed) if text.startswith("[k")] == ["[kg·m/s²]"] * 2
+
+
+def test_a_wide_drawing_scrolls_before_its_text_is_smaller_than_nine_px():
+    blocks = [
+        tf(f"stage_{k}", [1.0], [1.0, 1.0], f"a_very_long_{k}", f"a_very_long_{k + 1}") for k in range(9)
+    ]
+    picture = pf.draw(ct.interconnect(blocks, inputs="a_very_long_0", outputs="a_very_long_9"))
+    least = float(picture.svg.partition("min-width:")[2].partition("px")[0])
+    smallest = min(text.size for entry in (*picture.nodes, *picture.wires) for text in entry.texts)
+    assert smallest >= 9.0
+    assert picture.width > 736.0
+    assert smallest * least / picture.width >= 9.0
+
+
 def test_a_learned_model_is_marked():
     from phyfilter_ctl.learned import Chebyshev
 
