@@ -12,7 +12,7 @@ from .placing import ARROW, Plan
 from .reading import Part
 from .symbols import Pin
 
-__all__ = ["Composed", "composed", "texts_of"]
+__all__ = ["Composed", "arrow", "block_marks", "composed", "texts_of", "unique", "wire_texts"]
 
 Anchor = Literal["start", "middle", "end"]
 Point = tuple[float, float]
@@ -90,7 +90,7 @@ class _Level:
     def __init__(self, plan: Plan, dx: float, dy: float, path: str, frame: str | None) -> None:
         self._plan, self._dx, self._dy, self._path, self._frame = plan, dx, dy, path, frame
         self._counts = dict[str, int]()
-        self._names = _unique(self._name(part) for part in plan.scheme.parts)
+        self._names = unique(self._name(part) for part in plan.scheme.parts)
 
     def _name(self, part: Part) -> str:
         if part.name:
@@ -116,7 +116,7 @@ class _Level:
             ("out", part.outputs, body.outputs),
         )
         for direction, pins, heights in ends:
-            names = _unique(pin.name or "y" for pin in pins)
+            names = unique(pin.name or "y" for pin in pins)
             for n, (pin, name, dy) in enumerate(zip(pins, names, heights, strict=True)):
                 side: Side = plan.sides.get((k, n), "W") if direction == "in" else "E"
                 if side in ("N", "S"):
@@ -149,7 +149,9 @@ class _Level:
             shapes = (Shape(((x, y),), "block", radius=RADIUS),)
             texts = tuple(t for p in ports if p.direction == "in" for t in _sign(p))
         else:
-            texts, shapes, box = _block(part, self._flipped(k), x, y, body.up, body.down, body.width, ports)
+            texts, shapes, box = block_marks(
+                part, self._flipped(k), x, y, body.up, body.down, body.width, ports
+            )
         return Node(self._names[k], part.kind, box, texts, ports, self._frame, part.symbol.gain, shapes)
 
     def wire(self, net: int, nodes: Sequence[Node], values: Mapping[str, str], feeds: Feeds) -> Wire:
@@ -174,9 +176,9 @@ class _Level:
         value = next((values[s] for s in (signal, *entries[:1], pin.name) if s in values), "")
         shown = wire_names(part, pin)
         size, unit = (1, "") if part.silent else (pin.size, pin.unit)
-        texts, slash = _wire_texts(start, pin.name if shown else "", size, unit, value)
+        texts, slash = wire_texts(start, pin.name if shown else "", size, unit, value)
         heads = tuple(
-            _arrow(port)
+            arrow(port)
             for e, (_, port) in zip(edges, targets, strict=True)
             if not plan.scheme.parts[e.target].silent
         )
@@ -206,7 +208,8 @@ class _Level:
         return found
 
 
-def _unique(names: Iterable[str]) -> list[str]:
+def unique(names: Iterable[str]) -> list[str]:
+    """Names, with a number where one comes again."""
     found: dict[str, None] = {}
     for name in names:
         n, candidate = 2, name
@@ -230,7 +233,8 @@ def _sign(port: Port) -> tuple[Text, ...]:
     return texts_of("+" if port.sign > 0 else "−", port.x + dx, port.y + dy, "middle", NAME)
 
 
-def _arrow(port: Port) -> Shape:
+def arrow(port: Port) -> Shape:
+    """The head of a wire's arrow at an input."""
     u, v = {"W": (1, 0), "E": (-1, 0), "N": (0, 1), "S": (0, -1)}[port.side]
     x, y = port.x, port.y
     back = x - ARROW * u, y - ARROW * v
@@ -241,9 +245,10 @@ def _arrow(port: Port) -> Shape:
     )
 
 
-def _wire_texts(
+def wire_texts(
     start: Port, name: str, size: int, unit: str, value: str
 ) -> tuple[tuple[Text, ...], tuple[Shape, ...]]:
+    """What stands on a wire where it begins: its name, size, unit and value, and the stroke of a vector."""
     if start.side not in ("E", "W"):
         return (texts_of(value, start.x + 5, start.y + 12, "start", NOTE), ()) if value else ((), ())
     way = 1.0 if start.side == "E" else -1.0
@@ -265,10 +270,14 @@ def _wire_texts(
     return texts, shapes
 
 
+# Where a port's name stands inside its block.
+_NAMED: Mapping[Side, tuple[float, float, Anchor]] = {
+    "W": (5.0, 4.0, "start"), "E": (-5.0, 4.0, "end"), "N": (0.0, 12.0, "middle"), "S": (0.0, -5.0, "middle"),
+}  # fmt: skip
 Drawn = tuple[tuple[Text, ...], tuple[Shape, ...], tuple[float, float, float, float]]
 
 
-def _block(
+def block_marks(
     part: Part, flip: bool, x: float, y: float, up: float, down: float, width: float, ports: Sequence[Port]
 ) -> Drawn:
     """Texts and shapes of a block, and the box that wires keep out of."""
@@ -295,8 +304,8 @@ def _block(
     elif ports_named(part):
         texts += texts_of(label(part), x, box[1] + 15, "middle")
         for port in ports:
-            at, anchor = (port.x + 5, "start") if port.side == "W" else (port.x - 5, "end")
-            texts += texts_of(runs(port.name, PORT), at, port.y + 4, anchor)
+            dx, dy, anchor = _NAMED[port.side]
+            texts += texts_of(runs(port.name, PORT), port.x + dx, port.y + dy, anchor)
     elif symbol.curve:
         shapes += _curve(symbol.curve, x, y, flip)
     elif len(symbol.lines) == 2 and symbol.lines[1] != "1":

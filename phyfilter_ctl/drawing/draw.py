@@ -9,13 +9,15 @@ from typing import Any, Literal
 import numpy as np
 
 from .bodies import NOTE
-from .composing import composed, texts_of
+from .composing import Composed, composed, texts_of
+from .given import as_given
+from .marks import Text
 from .names import number, text_width
 from .painting import svg_of
 from .picture import Drawing
 from .placing import Plan, Wishes, place
 from .reading import Scheme, Sketch, read
-from .sketches import sketched
+from .sketches import Package, sketched
 
 __all__ = ["draw"]
 
@@ -70,6 +72,11 @@ def draw(
     ``control.feedback`` and ``control.series`` of transfer functions or state-space systems compute one system and keep
     nothing of its parts: that is drawn as the one block it is. Of ``control.interconnect`` all is kept.
 
+    A package of FMUs whose description says where all its components stand (SSP 1.0, ElementGeometry) and whose
+    connections change nothing is drawn so, at a scale at which its names fit; inner systems stay closed. ``outputs``,
+    ``below`` or ``ahead`` ask for this layout instead. Units stand on wires where the block that drives a wire, or all
+    that read it, know them.
+
     Examples
     --------
     >>> import control as ct
@@ -97,6 +104,9 @@ def draw(
         raise ValueError(f"outputs: expected 'border', 'near' or None, got {outputs!r}")
     _check_size(system, int(depth))
     numbers = {name: number(float(value), 4) for name, value in (values or {}).items()}
+    if isinstance(system, Package) and system.geometry and not (outputs or below or ahead):
+        found, width, height = as_given(system, system.geometry, numbers)
+        return _checked(_painted(found, width, height, _title(system.name)), numbers)
     scheme = read(system, int(depth))
     names = _names(scheme)
     for option, given in (("below", below), ("ahead", ahead)):
@@ -105,7 +115,10 @@ def draw(
                 f"{option}: no block is called {unknown[0]!r}; there are {', '.join(sorted(names))}"
             )
     wishes = Wishes(_OUTPUTS[outputs], frozenset(below), frozenset(ahead), numbers)
-    drawing = _drawing(place(scheme, wishes), numbers, _title(system.name))
+    return _checked(_drawing(place(scheme, wishes), numbers, _title(system.name)), numbers)
+
+
+def _checked(drawing: Drawing, numbers: Mapping[str, str]) -> Drawing:
     known = {name for wire in drawing.wires for name in (wire.signal, *wire.names)}
     if unknown := sorted(set(numbers) - known):
         raise ValueError(f"values: no wire is called {unknown[0]!r}; there are {', '.join(sorted(known))}")
@@ -129,6 +142,12 @@ def _drawing(plan: Plan, values: Mapping[str, str], title: str) -> Drawing:
     height = plan.height + (18 if legend else 0)
     width = max(plan.width, text_width(legend, NOTE) + 16)
     texts = texts_of(legend, 8, height - 8, "start", NOTE) if legend else ()
+    return _painted(found, width, height, title, texts)
+
+
+def _painted(
+    found: Composed, width: float, height: float, title: str, texts: tuple[Text, ...] = ()
+) -> Drawing:
     signals = tuple(dict.fromkeys(name for wire in found.wires for name in wire.names))
     svg = svg_of(found.nodes, found.wires, texts, width, height, title)
     return Drawing(svg, found.nodes, found.wires, width, height, signals, texts)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-__all__ = ["Node", "Port", "Shape", "Text", "Wire"]
+__all__ = ["Node", "Point", "Port", "Shape", "Text", "Wire"]
 
 Point = tuple[float, float]
 Side = Literal["W", "E", "N", "S"]

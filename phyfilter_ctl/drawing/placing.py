@@ -34,7 +34,7 @@ from .ranking import Ranks, ranks_of
 from .reading import Part, Scheme
 from .tracks import Channel, channel_of
 
-__all__ = ["ARROW", "Plan", "Segment", "Wishes", "place"]
+__all__ = ["ARROW", "Plan", "Segment", "Wishes", "branches", "merged", "place"]
 
 FloatArray = NDArray[np.float64]
 ARROW = 9.0
@@ -250,7 +250,7 @@ def _placed(
         x,
         y + top,
         moved,
-        tuple(map(_dots, moved)),
+        tuple(map(branches, moved)),
         width,
         float(height),
         inner,
@@ -505,7 +505,7 @@ def _lines(
         found[turn.net].append(
             Segment(float(x[turn.part]), min(begin, end), float(x[turn.part]), max(begin, end))
         )
-    return [_merged(some) for some in found]
+    return [merged(some) for some in found]
 
 
 class _Levels:
@@ -537,7 +537,7 @@ class _Levels:
         return [entry for entry in self._known.values() if entry[2]]
 
 
-def _merged(segments: Sequence[Segment]) -> list[Segment]:
+def merged(segments: Sequence[Segment]) -> list[Segment]:
     """Pieces of one line as one."""
     lines: dict[tuple[bool, float], list[tuple[float, float]]] = {}
     for s in segments:
@@ -558,7 +558,7 @@ def _merged(segments: Sequence[Segment]) -> list[Segment]:
     return found
 
 
-def _dots(segments: Collection[Segment]) -> tuple[tuple[float, float], ...]:
+def branches(segments: Collection[Segment]) -> tuple[tuple[float, float], ...]:
     """Where three pieces or more of one wire meet."""
     found = []
     upright = [s for s in segments if s.x1 - s.x0 < 1e-6]

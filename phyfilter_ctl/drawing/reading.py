@@ -12,10 +12,11 @@ from numpy.typing import NDArray
 from .names import base_and_index, vector_starts
 from .symbols import Box, Pin, Symbol, common_unit, gain_symbol, symbol_of, units_of
 
-__all__ = ["Edge", "Part", "Scheme", "Sketch", "read"]
+__all__ = ["Edge", "Part", "Scheme", "Sketch", "read", "sketch_of"]
 
 FloatArray = NDArray[np.float64]
 Cuts = tuple[frozenset[int], frozenset[int]]
+Terms = Mapping[str, float]
 
 
 class Edge(NamedTuple):
@@ -42,6 +43,43 @@ class Sketch:
     @property
     def noutputs(self) -> int:
         return len(self.output_labels)
+
+
+def sketch_of(
+    name: str,
+    boxes: Sequence[Box],
+    wires: Mapping[str, Terms],
+    inputs: Sequence[str],
+    outputs: Mapping[str, Terms],
+) -> Sketch:
+    """A sketch of wires by name: what each input of a box, ``box.label``, and each output is the sum of.
+
+    Parameters
+    ----------
+    name : str
+    boxes : sequence of Box
+    wires, outputs : mapping of str to mapping of str to float
+        Factors of the sources, ``box.label`` or an input.
+    inputs : sequence of str
+    """
+    sinks = [f"{box.name}.{label}" for box in boxes for label in box.input_labels]
+    sources = [*(f"{box.name}.{label}" for box in boxes for label in box.output_labels), *inputs]
+    row, column = ({label: k for k, label in enumerate(labels)} for labels in (sinks, sources))
+    count = len(sources) - len(inputs)
+    driven, shown = np.zeros((len(sinks), len(sources))), np.zeros((len(outputs), len(sources)))
+    for sink, terms in wires.items():
+        for source, gain in terms.items():
+            driven[row[sink], column[source]] += gain
+    for k, terms in enumerate(outputs.values()):
+        for source, gain in terms.items():
+            shown[k, column[source]] += gain
+    # An output that shows an input: through an input of a box that it drives.
+    full = np.hstack([shown[:, :count], np.zeros((len(outputs), len(sinks)))])
+    for k, j in zip(*np.nonzero(shown[:, count:]), strict=True):
+        full[k, count + int(np.argmax(driven[:, count + j]))] = 1.0
+    return Sketch(
+        name, tuple(boxes), driven[:, :count], driven[:, count:], full, tuple(inputs), tuple(outputs)
+    )
 
 
 @dataclass(frozen=True, eq=False)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,46 +13,23 @@ import numpy as np
 from ..diagram import FlatModel
 from ..filter import FilterBank, PhyFilter, SampledPhyFilter
 from .names import polynomial
-from .reading import Sketch
+from .reading import Sketch, sketch_of
 from .symbols import Box, Symbol, filter_note, rate_note
 
 if TYPE_CHECKING:
     from ..fmi import FmuDescription
+    from ..fmi.ssp_geometry import SspGeometry
 
-__all__ = ["sketched"]
+__all__ = ["Package", "sketched"]
 
 _WRITTEN = 4  # order of a filter whose fraction is written out
 
 
-Terms = Mapping[str, float]
+@dataclass(frozen=True, eq=False)
+class Package(Sketch):
+    """A package of FMUs, and where its description says that everything stands."""
 
-
-def _sketch(
-    name: str,
-    boxes: Sequence[Box],
-    wires: Mapping[str, Terms],
-    inputs: Sequence[str],
-    outputs: Mapping[str, Terms],
-) -> Sketch:
-    """Of wires by name: what each input of a box, ``box.label``, and each output is the sum of."""
-    sinks = [f"{box.name}.{label}" for box in boxes for label in box.input_labels]
-    sources = [*(f"{box.name}.{label}" for box in boxes for label in box.output_labels), *inputs]
-    row, column = ({label: k for k, label in enumerate(labels)} for labels in (sinks, sources))
-    count = len(sources) - len(inputs)
-    driven, shown = np.zeros((len(sinks), len(sources))), np.zeros((len(outputs), len(sources)))
-    for sink, terms in wires.items():
-        for source, gain in terms.items():
-            driven[row[sink], column[source]] += gain
-    for k, terms in enumerate(outputs.values()):
-        for source, gain in terms.items():
-            shown[k, column[source]] += gain
-    # An output that shows an input: through an input of a box that it drives.
-    full = np.hstack([shown[:, :count], np.zeros((len(outputs), len(sinks)))])
-    for k, j in zip(*np.nonzero(shown[:, count:]), strict=True):
-        full[k, count + int(np.argmax(driven[:, count + j]))] = 1.0
-    return Sketch(
-        name, tuple(boxes), driven[:, :count], driven[:, count:], full, tuple(inputs), tuple(outputs)
-    )
+    geometry: SspGeometry | None = None
 
 
 def sketched(thing: Any) -> Sketch | None:
@@ -111,10 +89,10 @@ def _of_one(
 ) -> Sketch:
     box = Box(name, tuple(inputs), tuple(outputs), Symbol("block", note=note), units)
     wires = {f"{name}.{label}": {label: 1.0} for label in inputs}
-    return _sketch(name, [box], wires, inputs, {label: {f"{name}.{label}": 1.0} for label in outputs})
+    return sketch_of(name, [box], wires, inputs, {label: {f"{name}.{label}": 1.0} for label in outputs})
 
 
-def _of_package(path: Path) -> Sketch:
+def _of_package(path: Path) -> Package:
     from ..fmi import describe
     from ..fmi.ssp_read import opened_ssp
 
@@ -133,7 +111,8 @@ def _of_package(path: Path) -> Sketch:
             for wire in sinks:
                 wires.setdefault(wire.sink, {})[label] = wire.gain
         outputs = {label: {source: 1.0} for label, source in system.outputs.items()}
-        return _sketch(system.name, boxes, wires, tuple(system.inputs), outputs)
+        sketch = sketch_of(system.name, boxes, wires, tuple(system.inputs), outputs)
+        return Package(**vars(sketch), geometry=system.geometry)
 
 
 def _of_filter(filter: PhyFilter | FilterBank | SampledPhyFilter) -> Sketch:
@@ -180,4 +159,4 @@ def _of_filter(filter: PhyFilter | FilterBank | SampledPhyFilter) -> Sketch:
         }
         for some in (joined, shown)
     )
-    return _sketch("PhyFilter", boxes, wires, (*entries("u"), *entries("f")), outputs)
+    return sketch_of("PhyFilter", boxes, wires, (*entries("u"), *entries("f")), outputs)

@@ -18,7 +18,7 @@ from .cosimulation_wiring import Wire
 from .export import export_fmu
 from .inspect import FmuDescription, FmuVariable, Scalar, describe
 from .ssp_cut import cut_diagram
-from .ssp_read import SIGNALS
+from .ssp_geometry import SIGNALS, add_geometry, laid_out
 from .ssp_values import NAMESPACES
 from .units import FmuUnit
 
@@ -81,6 +81,8 @@ def export_ssp(
 
     Notes
     -----
+    Up to 150 parts are laid out as :func:`phyfilter_ctl.draw` does; other tools find the places as SSP's geometry.
+
     Where a part feeds another, the signal is held from one communication point to the next: the package converges to
     the diagram with the first order of the communication step. One thing stays different at any step: a sampled block
     with ``g="hold"`` whose g follows its own f_hat at once through another part remembers that g from before its new
@@ -170,6 +172,7 @@ def write_ssp(
     ends_of_whole = inputs or {}, outputs or {}
     shown = ends_of_whole if system_connectors else ({}, {})
     ssd = _structure(descriptions, fmus, wires, variables, *shown, name)
+    _add_layout(ssd[0], list(fmus), variables, wires, *ends_of_whole)
     if not system_connectors:
         _annotation(ssd[0], *ends_of_whole)
     if stop_time is not None:
@@ -230,6 +233,32 @@ def _structure(
     return root
 
 
+def _add_layout(
+    system: etree._Element,
+    fmus: Sequence[str],
+    variables: Mapping[tuple[str, str], FmuVariable],
+    wires: Sequence[Wire],
+    inputs: Mapping[str, Sequence[str]],
+    outputs: Mapping[str, str],
+) -> None:
+    """Where tools draw it: as ``phyfilter_ctl.draw`` would."""
+    found = {label: _split(label, fmus) for label, _ in variables}
+    ports = {part: ([], []) for part in fmus}
+    units: dict[str, dict[str, str]] = {part: {} for part in fmus}
+    for (label, kind), variable in variables.items():
+        part, signal = found[label]
+        ports[part][kind == "output"].append(signal)
+        units[part][signal] = variable.unit
+    pairs = [(found[wire.source], found[wire.sink]) for wire in wires]
+    pairs += [(("", label), found[sink]) for label, sinks in inputs.items() for sink in sinks]
+    pairs += [(found[source], ("", label)) for label, source in outputs.items()]
+    geometry = laid_out(
+        ports, pairs, [label for label, sinks in inputs.items() if sinks], list(outputs), units
+    )
+    if geometry is not None:
+        add_geometry(system, geometry)
+
+
 def _annotation(
     system: etree._Element, inputs: Mapping[str, Sequence[str]], outputs: Mapping[str, str]
 ) -> None:
@@ -259,10 +288,10 @@ def _connection(
 ) -> None:
     element = etree.SubElement(connections, f"{_SSD}Connection")
     for side, label in (("start", source), ("end", sink)):
-        owner = max((part for part in parts if label.startswith(f"{part}.")), key=len, default="")
+        owner, connector = _split(label, parts)
         if owner:
             element.set(f"{side}Element", owner)
-        element.set(f"{side}Connector", label.removeprefix(f"{owner}.") if owner else label)
+        element.set(f"{side}Connector", connector)
     if wire is not None and (wire.gain, wire.offset) != (1.0, 0.0):
         etree.SubElement(
             element,
@@ -272,6 +301,12 @@ def _connection(
         )
     if wire is not None and not wire.convert:
         element.set("suppressUnitConversion", "true")
+
+
+def _split(label: str, parts: Sequence[str]) -> tuple[str, str]:
+    """Part and signal of a label; "" and the label of the whole's own."""
+    owner = max((part for part in parts if label.startswith(f"{part}.")), key=len, default="")
+    return owner, label.removeprefix(f"{owner}.") if owner else label
 
 
 def _parameter_set(

@@ -15,14 +15,12 @@ from .archive import ArchiveLimits, extracted
 from .cosimulation_wiring import Wire
 from .inspect import FmuDescription, Scalar, describe
 from .ssp_files import SspFiles
+from .ssp_geometry import FMU_TYPES, SIGNALS, SspGeometry, read_geometry
 from .ssp_values import NAMESPACES, SspValue, parameter_values, transformation, unit_definitions
 from .units import AS_IS, FmuUnit, Linear, conversion, understood_unit
 
-__all__ = ["SIGNALS", "SspSystem", "opened_ssp"]
+__all__ = ["SspSystem", "opened_ssp"]
 
-# Annotation of a system: names for components' inputs and outputs, where it has no connectors of its own.
-SIGNALS = "urn:phyfilter-ctl:signals"
-_FMU_TYPES = (None, "application/x-fmu-sharedlibrary")
 _DEFINITION, _PACKAGE = "application/x-ssp-definition", "application/x-ssp-package"
 _VALUES = ("parameter", "structuralParameter", "constant")  # connectors that hand on values, not signals
 
@@ -48,6 +46,8 @@ class SspSystem:
     parameters : dict of str to number or text
         By ``component.variable``.
     start_time, stop_time : float or None
+    geometry : SspGeometry or None
+        Of its diagram, where the package has a whole one.
     """
 
     name: str
@@ -58,6 +58,7 @@ class SspSystem:
     parameters: Mapping[str, Scalar]
     start_time: float | None = None
     stop_time: float | None = None
+    geometry: SspGeometry | None = None
 
 
 @contextmanager
@@ -175,10 +176,10 @@ class _Reader:
 
     def _component(self, name: str, element: etree._Element) -> None:
         kind = element.get("type")
-        if kind not in (*_FMU_TYPES, _DEFINITION, _PACKAGE):
+        if kind not in (*FMU_TYPES, _DEFINITION, _PACKAGE):
             raise ValueError(f"{self.path}: {name}: component of type {kind!r}; expected an FMU or a system")
         file = self.files.within(self._attribute(element, "source"), name)
-        if kind in _FMU_TYPES:
+        if kind in FMU_TYPES:
             same = next((other for other, known in self.parts.items() if known == file), name)
             self.parts[name] = file
             self.descriptions[name] = self.descriptions.get(same) or describe(file, limits=self.limits)
@@ -319,7 +320,17 @@ class _Reader:
         start, stop = (None if text is None else float(text) for text in times)
         self._named(system, inputs, outputs)
         frozen = {label: tuple(found) for label, found in inputs.items()}
-        return SspSystem(name, self.parts, tuple(wires), frozen, outputs, self._parameters(), start, stop)
+        return SspSystem(
+            name,
+            self.parts,
+            tuple(wires),
+            frozen,
+            outputs,
+            self._parameters(),
+            start,
+            stop,
+            read_geometry(system),
+        )
 
     def _parameters(self) -> dict[str, Scalar]:
         """Values of the FMUs' variables; those for names that no FMU has are ignored, as SSP wants it."""
