@@ -6,10 +6,12 @@ are tried before. Formats: http://wiki.ros.org/Bags/Format/2.0, https://mcap.dev
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import partial
+from io import BufferedReader, FileIO
 from mmap import ACCESS_READ, mmap
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, Literal
 
 from .sizes import check_size, check_unpacked, unpacked
 
@@ -17,7 +19,7 @@ if TYPE_CHECKING:
     from rosbags.rosbag1 import Reader as Reader1
     from rosbags.rosbag2 import Reader as Reader2
 
-__all__ = ["check_packed", "limit_chunks"]
+__all__ = ["check_packed", "limit_chunks", "limit_reads"]
 
 _MCAP, _ZSTD = b"\x89MCAP0\r\n", b"\x28\xb5\x2f\xfd"
 _CHUNK = 6  # kind of an MCAP record
@@ -74,6 +76,44 @@ def _check_records(data: mmap, largest: int) -> None:
 def _check_chunk(data: bytes, kind: bytes, largest: int) -> None:
     if kind in (b"lz4", b"zstd"):
         check_unpacked(data, kind.decode(), largest, "a packed chunk")
+
+
+class _Bounded(BufferedReader):
+    """A file that takes no memory for more bytes than it still has."""
+
+    def __init__(self, raw: FileIO, size: int) -> None:
+        super().__init__(raw)
+        self._size = size
+
+    def read(self, size: int | None = -1, /) -> bytes:
+        left = max(0, self._size - self.tell())
+        return super().read(left if size is None or size < 0 else min(size, left))
+
+
+@dataclass(frozen=True)
+class _Source:
+    """A path as far as a reader of ROS 1 opens it."""
+
+    path: Path
+
+    def __str__(self) -> str:
+        return str(self.path)
+
+    def open(self, mode: Literal["rb"]) -> BufferedReader:
+        return _Bounded(FileIO(self.path, mode), self.path.stat().st_size)
+
+
+def limit_reads(reader: Any) -> None:
+    """Let a reader of a ROS 1 bag that is not yet open take no memory for lengths beyond the end of the file.
+
+    Parameters
+    ----------
+    reader : rosbags reader of ROS 1 or ROS 2
+    """
+    from rosbags.rosbag1 import Reader as Reader1
+
+    if isinstance(reader, Reader1):
+        reader.path = _Source(Path(str(reader.path)))  # pyright: ignore[reportAttributeAccessIssue]  # opened, and named in errors
 
 
 def limit_chunks(reader: Reader1 | Reader2, largest: int) -> None:

@@ -22,7 +22,7 @@ from .._sections import FloatArray
 from . import units
 from .clock import since, utc_of
 from .contents import TIME, Column, Contents, Table
-from .packed_bags import check_packed, limit_chunks
+from .packed_bags import check_packed, limit_chunks, limit_reads
 from .sizes import check_size
 
 if TYPE_CHECKING:
@@ -66,6 +66,8 @@ def _opened(path: Path, largest: int) -> Iterator[tuple[AnyReader, bool]]:
         )
     check_packed(path, largest)
     reader = AnyReader([path], default_typestore=_usual())
+    for each in reader.readers:
+        limit_reads(each)
     with reader:
         for each in reader.readers:
             limit_chunks(each, largest)

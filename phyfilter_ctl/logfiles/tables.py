@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from ..recording.csvfile import CsvFile, dialect, open_csv
 from .clock import column_times, column_unit, time_column
 from .contents import Column, Contents, Table
+from .sizes import check_size
 
 TABLE = "table"  # the one topic of a table
 
@@ -20,6 +21,7 @@ _CALENDAR = re.compile(r"(\d{4}-\d\d-\d\d[T ]\d\d:\d\d(?::\d\d(?:\.\d{1,9})?)?) 
 def read(path: Path, time_unit: str | None, time: str | None, largest: int) -> Contents:
     """The table; columns of text are left out, empty fields are NaN."""
     file = open_csv(path, *dialect(path))
+    check_size(8 * file.lines, largest, "a column")
     numeric = file.numeric()
     texts = [name for name in file.header if name not in numeric]
     calendar = [name for name in texts if _CALENDAR.fullmatch(file.first(name))]

@@ -49,6 +49,8 @@ class CsvFile:
         Number of the line that holds them, from 1; the rows follow.
     decimal : str
         "." or ",", in numbers.
+    lines : int
+        How many there are, at most.
     """
 
     path: Path
@@ -56,6 +58,7 @@ class CsvFile:
     header: tuple[str, ...]
     header_line: int
     decimal: str = "."
+    lines: int = 0
 
     def read(self, names: Sequence[str], *, gaps: bool = False) -> FloatArray:
         """The named columns, shape (N, len(names)); other columns may hold anything.
@@ -245,7 +248,7 @@ def open_csv(path: Path, delimiter: str, decimal: str = ".") -> CsvFile:
     """
     _check_delimiter(delimiter)
     try:
-        _refuse_other_text(path)
+        count = _lines(path)
         with path.open(encoding=_ENCODING) as file:
             lines = ((number, line) for number, line in enumerate(file, start=1) if _holds_data(line))
             number, line = next(lines, (0, ""))
@@ -263,18 +266,21 @@ def open_csv(path: Path, delimiter: str, decimal: str = ".") -> CsvFile:
         raise ValueError(f"{path}: line {number} names columns more than once: {', '.join(map(repr, twice))}")
     if not has_rows:
         raise ValueError(f"{path}: no rows follow the header on line {number}")
-    return CsvFile(path, delimiter, header, number, decimal)
+    return CsvFile(path, delimiter, header, number, decimal, count)
 
 
-def _refuse_other_text(path: Path) -> None:
-    """Find text that is not UTF-8, and lines that no table has, here and not half-way."""
+def _lines(path: Path) -> int:
+    """How many there are, at most; text that is not UTF-8, and lines that no table has, are found here."""
+    count = 1
     decoder = codecs.getincrementaldecoder("utf-8")()
     with path.open("rb") as file:
         while block := file.read(_LONGEST):
             decoder.decode(block)
+            count += max(block.count(b"\n"), block.count(b"\r"))
             if len(block) == _LONGEST and b"\n" not in block and b"\r" not in block:
                 raise ValueError(f"{path}: expected lines of at most {_LONGEST} bytes, got a longer one")
     decoder.decode(b"", final=True)
+    return count
 
 
 def _check_delimiter(delimiter: str) -> None:

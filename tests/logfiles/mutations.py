@@ -27,9 +27,6 @@ PACKAGES = {
     **{"hdf5": "h5py", "mat": "scipy"},
 }
 _MEMORY = 4 << 30  # bytes
-_MEMORY_ROS1 = (
-    8 << 30
-)  # its reader asks for as many as a length of 32 bits says, which take nothing until they are filled
 _LONGEST = 300  # s that an example may take
 _LENGTHS = [1 << 16, 1 << 24, 10**9, (1 << 31) - 1, (1 << 32) - 1, 1 << 40, (1 << 63) - 1, (1 << 64) - 1]
 _ROWS = 20
@@ -135,8 +132,7 @@ def search(kind: str, count: int, seed: int) -> None:
     """Damage and read a log ``count`` times; say how it went."""
     import resource  # not on Windows
 
-    memory = _MEMORY_ROS1 if kind.endswith("bag") else _MEMORY
-    resource.setrlimit(resource.RLIMIT_AS, (memory, memory))
+    resource.setrlimit(resource.RLIMIT_AS, (_MEMORY, _MEMORY))
     tally: Counter[str] = Counter()
     slowest = (0.0, 0)
     with tempfile.TemporaryDirectory() as folder:

@@ -184,6 +184,20 @@ def test_numbers_of_another_file_are_not_read(tmp_path: Path) -> None:
             pf.open_log(path)
 
 
+def test_a_csv_counts_by_its_lines_before_it_is_read(tmp_path: Path) -> None:
+    rows = 500
+    path = tmp_path / "long.csv"
+    path.write_text("t_s,v,w\n" + "".join(f"{0.01 * k!r},{k},{-k}\n" for k in range(rows)))
+    enough = 8 * (rows + 2)  # a line for the header, one that may lack its end
+    assert len(pf.open_log(path, largest=enough).topics) == 1
+    with pytest.raises(
+        ValueError, match=r"long\.csv: 4016 bytes of memory for a column, expected at most 4000"
+    ):
+        pf.open_log(path, largest=8 * rows)
+    with pytest.raises(ValueError, match=r"12000 bytes of memory for topic 'table'"):
+        pf.open_log(path, largest=enough).read("table")
+
+
 def test_a_list_of_parquet_counts_with_all_its_elements(tmp_path: Path) -> None:
     """One element of 256 is asked for; all are read."""
     rows, width = 100, 256
