@@ -203,6 +203,23 @@ SAID = {
     "export SAMPLED --c firmware --real q31": "such as --ranges x=10.0 g=20.0 f_theta=20.0",
     "export SAMPLED --fmu a.fmu --platform vax": "--platform: expected 'all', 'native' or",
     "fmu check absent.fmu --call-limit 0": "--call-limit",
+    # Of what nothing asked for would use.
+    "analyze FILTER --slope 3 --x v": "--x: nothing here would use it: it needs --log",
+    "analyze FILTER --slope 3 --time t": "--time: nothing here would use it: it needs --log",
+    "analyze FILTER --slope 3 --f-theta v": "--f-theta: nothing here would use it: it needs --log",
+    "analyze FILTER --implementation x=1": "--implementation: nothing here would use it: it needs a bound",
+    "analyze FILTER --slope 3 --residual 1=4": "--slope is --residual 1=D: expected one of them, got 3 and 4",
+    "analyze FILTER --slope 3 --hz": "--hz: nothing here would use it: it needs --picture",
+    "design --poles -20 --db": "--db: nothing here would use it: it needs --picture",
+    "estimate LOG --x v --hz": "--hz: nothing here would use it: it needs --picture",
+    "learn LOG --x v --order 1 --picture none --hz": "--hz: nothing here would use it: it needs --picture",
+    "learn LOG --x v --order 1 --compare-axes --per-channel": "leave --per-channel out",
+    "export SAMPLED --c firmware --clocks": "--clocks: nothing here would use it: it needs --fmu",
+    "export SAMPLED --c firmware --platform all": "--platform: nothing here would use it: it needs --fmu or --ssp",
+    "export SAMPLED --c firmware --rate fixed": "--rate: nothing here would use it: it needs --fmu",
+    "export SAMPLED --fmu a.fmu --real float": "--real: nothing here would use it: it needs --c or --target",
+    "export SAMPLED --fmu a.fmu --split a=b": "--split: nothing here would use it: it needs --ssp",
+    "export drone --ssp a.ssp --record plant.*": "--record: nothing here would use it: it needs --fmu",
 }
 
 

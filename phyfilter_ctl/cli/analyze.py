@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 from .._output import add_json, check_target, write_figure, write_json
 from .frequencies import add_picture_units
 from .implementation import read_implementation
+from .unused import refuse_units, refuse_unused
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -79,8 +80,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="CSV",
         help="estimate the slope and the deviation of the noise from flights",
     )
-    data.add_argument("--time", default="t", metavar="COLUMN", help="times of --log in s (default t)")
-    data.add_argument("--x", default="vx,vy,vz", metavar="C,C,...", help="columns of x (default vx,vy,vz)")
+    data.add_argument("--time", metavar="COLUMN", help="times of --log in s (default t)")
+    data.add_argument("--x", metavar="C,C,...", help="columns of x (default vx,vy,vz)")
     data.add_argument("--f-theta", metavar="C,C,...", help="columns of f_theta (default: none)")
     loop = parser.add_argument_group("the loop")
     loop.add_argument("--lag", type=float, metavar="S", help="first-order lag of the actuator in s")
@@ -119,6 +120,10 @@ def main(options: argparse.Namespace) -> int:
     """
     check_target(options.picture, suffixes=(".png", ".pdf", ".svg"))
     check_target(options.report, suffixes=(".html", ".pdf"))
+    refuse_units(options)
+    refuse_unused(options, dict.fromkeys(("time", "x", "f_theta"), (options.log, "--log")))
+    known = options.log or options.residual or options.slope is not None
+    refuse_unused(options, {"implementation": (known, "a bound: --slope, --residual or --log")})
     import control as ct
 
     from .. import filterfile
@@ -216,8 +221,8 @@ def _log(path: str, options: argparse.Namespace) -> Recording:
 
     return Recording.from_csv(
         path,
-        time=options.time,
-        x=options.x.split(","),
+        time=options.time or "t",
+        x=(options.x or "vx,vy,vz").split(","),
         f_theta=None if options.f_theta is None else options.f_theta.split(","),
         label=None,
         g=None,
@@ -237,6 +242,10 @@ def _residual(options: argparse.Namespace, statistics: ResidualStatistics | None
     if options.slope is not None:
         if not options.slope >= 0.0:
             raise ValueError(f"--slope: expected a bound >= 0, got {options.slope:g}")
+        if 1 in residual:
+            raise ValueError(
+                f"--slope is --residual 1=D: expected one of them, got {options.slope:g} and {residual[1]:g}"
+            )
         residual[1] = options.slope
     return residual if residual or statistics is None else {1: statistics.slope.value}
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, get_args
 from .._choices import Family, Form, Method
 from .._output import add_json, check_target, write_figure, write_json
 from .frequencies import add_frequency, add_picture_units, complex_numbers, numbers
+from .unused import refuse_units
 
 if TYPE_CHECKING:
     from ..analysis.frequency import FilterResponse
@@ -108,6 +109,7 @@ def main(options: argparse.Namespace) -> int:
     picture = None if options.picture == "none" else options.picture
     check_target(options.out, suffixes=(".toml",))
     check_target(picture, suffixes=(".png", ".pdf", ".svg"))
+    refuse_units(options)
     source = _source(options)
     from .. import filterfile
     from .channels import by_channel, figures_below, responses, text_of

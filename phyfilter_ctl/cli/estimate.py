@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 from .._output import add_json, check_target, replacing, write_figure, write_json, write_text
 from .columns import COLUMNS, add_columns, plausibility, read_columns, signals_of
 from .frequencies import add_picture_units
+from .unused import refuse_units
 
 if TYPE_CHECKING:
     from .._sections import FloatArray
@@ -91,6 +92,7 @@ def main(options: argparse.Namespace) -> int:
     check_target(options.out, suffixes=_TABLES)
     check_target(options.save_filter, suffixes=(".toml",))
     check_target(options.picture, suffixes=(".png", ".pdf", ".svg"))
+    refuse_units(options)
     from .. import filterfile
     from ..estimation import compare_estimators, estimate
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Literal
 
 from .. import models
 from .._output import add_json, check_target, write_json
+from .unused import refuse_unused
 
 if TYPE_CHECKING:
     import control as ct
@@ -63,7 +64,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     filters.add_argument(
         "--rate",
         choices=("communication", "fixed"),
-        default="communication",
         help="FMU of a sampled filter: a sample per communication step, or every dt (default communication)",
     )
     fmu = parser.add_argument_group("FMU and SSP")
@@ -74,7 +74,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     fmu.add_argument(
         "--platform",
         nargs="+",
-        default=["native"],
         metavar="NAME",
         help="native (default), all, none for sources only, or x86_64-linux, aarch64-linux, x86_64-windows, "
         "x86_64-darwin, aarch64-darwin",
@@ -88,7 +87,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     fmu.add_argument(
         "--record",
         nargs="+",
-        default=[],
         metavar="BLOCK.SIGNAL",
         help="FMU of a model: signals inside as local variables, such as 'plant.*'",
     )
@@ -138,6 +136,18 @@ def main(options: argparse.Namespace) -> int:
         raise ValueError("expected one of --fmu FILE, --ssp FILE, --c DIR and --target NAME DIR")
     check_target(options.fmu, suffixes=(".fmu",))
     check_target(options.ssp, suffixes=(".ssp",))
+    fmu, packed, code = (
+        (options.fmu, "--fmu"),
+        (options.fmu or options.ssp, "--fmu or --ssp"),
+        (options.c or options.target, "--c or --target"),
+    )
+    alone = ("rate", "kind", "record", "clocks", "scalars", "max_channels", "xcp")
+    refuse_unused(
+        options,
+        dict.fromkeys(alone, fmu)
+        | {"fmi": packed, "platform": packed, "split": (options.ssp, "--ssp")}
+        | {"real": code, "ranges": code, "fixed": code},
+    )
     system, signals = _read(options)
     if options.ssp:
         _as_diagram(system)  # refused before the first file is written
@@ -188,7 +198,7 @@ def _channels(options: argparse.Namespace, signals: filterfile.Signals | None) -
 def _platforms(options: argparse.Namespace) -> tuple[str, ...] | Literal["all"]:
     if options.platform == ["all"]:
         return "all"
-    return () if options.platform == ["none"] else tuple(options.platform)
+    return () if options.platform == ["none"] else tuple(options.platform or ["native"])
 
 
 def _fmu(options: argparse.Namespace, system: System, signals: filterfile.Signals | None) -> Path:
@@ -204,11 +214,11 @@ def _fmu(options: argparse.Namespace, system: System, signals: filterfile.Signal
         channels=_channels(options, signals),
         max_channels=options.max_channels,
         inertia=options.inertia,
-        rate=options.rate,
+        rate=options.rate or "communication",
         signals=signals,
         arrays=not options.scalars,
         clocks=options.clocks,
-        record=options.record,
+        record=options.record or [],
         xcp=options.xcp,
     )
 

@@ -18,6 +18,7 @@ from .._output import add_json, add_quiet, check_target, write_figure, write_jso
 from .columns import add_columns, names_of, signals_of
 from .frequencies import add_picture_units
 from .learn_loop import add_loop, loop_of
+from .unused import refuse_units
 
 if TYPE_CHECKING:
     from ..design.learning import LearnEvent, LearnResult
@@ -161,7 +162,7 @@ def main(options: argparse.Namespace) -> int:
         k: text for k, group in groups.items() if (text := worse_than_none(logs, held_out, group, best[k]))
     }
     found += [f"{name}: {text}" if name else text for name, text in worse.items()]
-    if options.compare_axes and not options.per_channel and not interrupt.asked:
+    if options.compare_axes and not interrupt.asked:
         found.append(_axes(options, channels, logs, best[""]))
     if options.json != "-":
         tables = {k: table_of(logs, held_out, group, rows[k], best[k]) for k, group in groups.items()}
@@ -225,6 +226,7 @@ def _draw(picture: str, options: argparse.Namespace, best: dict[str, Row]) -> No
 
 
 def _check(options: argparse.Namespace) -> None:
+    refuse_units(options)
     if wrong := [n for n in options.order if not 1 <= n <= _HIGHEST_ORDER]:
         raise ValueError(f"--order: expected 1 to {_HIGHEST_ORDER}, got {wrong[0]}")
     for name in ("starts", "seed"):
@@ -233,6 +235,10 @@ def _check(options: argparse.Namespace) -> None:
     if options.per_channel and options.channels is not None:
         raise ValueError(
             "--per-channel is of all channels: choose them by --x and --label instead of --channels"
+        )
+    if options.per_channel and options.compare_axes:
+        raise ValueError(
+            "--compare-axes scores one filter for all axes against one each: leave --per-channel out"
         )
     seen: set[Path] = set()
     for name in (*options.logs, *options.held_out):
