@@ -174,6 +174,14 @@ def test_late_and_double_samples_are_dropped():
     assert live.health.last["late"] == 3 * H
 
 
+def test_a_stamp_that_stays_late_is_no_clock_that_was_set_back():
+    """Three in a row are a clock only where they go on; one and the same stamp is sent again."""
+    live = PhyFilter([40.0]).sampled(H).live(1)
+    for k in [0, 1, 2, 3, 4, 2, 2, 2, 2]:
+        live.step(k * H, [0.0])
+    assert {kind: count for kind, count in live.health.counts.items() if count} == {"late": 4}
+
+
 def test_units_of_stamps_are_told():
     live = PhyFilter([40.0]).sampled(H).live(1)
     live.step(0, [0.0])

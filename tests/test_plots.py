@@ -153,6 +153,16 @@ def test_z_plane_whole_and_enlarged() -> None:
     assert axes.get_xlim() == (-1.15, 1.15)
     radii = [np.abs(points(line)) for line in axes.get_lines() if len(line.get_xdata()) == 721]
     np.testing.assert_allclose(radii[0], 1.0, atol=CLOSE)
+    # Each line of equal natural frequency begins on the unit circle where its name stands, and turns upwards.
+    named = [text for text in axes.texts if "rad/s" in text.get_text()]
+    assert len(named) == 2
+    curves = [points(line) for line in axes.get_lines() if len(line.get_xdata()) < 721]
+    for text in named:
+        angle = 0.05 * float(text.get_text().split()[0])
+        assert abs(complex(*text.xy) - np.exp(1j * angle)) < CLOSE
+        begins = [z for z in curves if abs(z[0] - np.exp(1j * angle)) < CLOSE]
+        assert begins
+        assert all(abs(z[1]) < 1.0 for z in begins)
     fast = pole_zero_map([SECOND.sampled(0.002), FOURTH.sampled(0.002)])
     plot = fast.plot()
     (near,) = plot.axes[:, 0]
