@@ -1,9 +1,10 @@
 """Twenty diagrams that a control engineer knows, drawn on one page to be looked at.
 
-    python -m tests.drawing.gallery FOLDER
+    python -m tests.drawing.gallery FOLDER [--screens]
 
 Writes FOLDER/index.html and one SVG a diagram, with its faults and crossings beside it; fails where a drawing has a
-fault or more crossings than it may have.
+fault or more crossings than it may have. ``--screens`` adds what Chromium shows of it: light.png and dark.png of the
+page, notebook.png of a notebook whose cells draw the servo and, wider than the page, the drone opened.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ from __future__ import annotations
 import argparse
 import html
 import re
+import shutil
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -301,12 +303,44 @@ def _readable(drawing: pf.Drawing) -> tuple[float, float]:
     return min(sizes) * min(1.0, PAGE / drawing.width), float(found[1] if found else "nan")
 
 
+def notebook() -> str:
+    """A notebook that draws, run and shown as JupyterLab's export shows it."""
+    import nbformat
+    from nbclient import NotebookClient
+    from nbconvert import HTMLExporter
+
+    cells = ["import phyfilter_ctl as pf\nfrom tests.drawing.gallery import CASES"]
+    cells += [f"pf.draw(CASES[{name!r}].build(), depth=1)" for name in ("servo, opened", "drone, opened")]
+    book = nbformat.v4.new_notebook(cells=[nbformat.v4.new_code_cell(text) for text in cells])
+    NotebookClient(book, kernel_name="python3").execute()
+    shown, _ = HTMLExporter().from_notebook_node(book)
+    return shown
+
+
+def photographed(folder: Path) -> None:
+    from playwright.sync_api import sync_playwright
+
+    found = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+    with sync_playwright() as started:
+        browser = started.chromium.launch(executable_path=found, args=["--no-sandbox"])
+        for name, page, scheme in (
+            ("light", "index", "light"), ("dark", "index", "dark"), ("notebook", "notebook", "light")
+        ):  # fmt: skip
+            shot = browser.new_page(color_scheme=scheme, viewport={"width": 1000, "height": 700})  # pyright: ignore[reportArgumentType]
+            shot.goto((folder / f"{page}.html").resolve().as_uri(), wait_until="domcontentloaded")
+            shot.screenshot(path=folder / f"{name}.png", full_page=True)
+            shot.close()
+        browser.close()
+
+
 def main() -> int:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("folder", type=Path)
-    folder: Path = parser.parse_args().folder
+    parser.add_argument("--screens", action="store_true", help="needs playwright, nbconvert and Chromium")
+    options = parser.parse_args()
+    folder: Path = options.folder
     folder.mkdir(parents=True, exist_ok=True)
     rows, bad = [], 0
     for name, case in CASES.items():
@@ -329,6 +363,9 @@ def main() -> int:
     head = "<!doctype html><meta charset=utf-8><title>Block diagrams</title>"
     head += "<style>:root{color-scheme:light dark}</style>"
     (folder / "index.html").write_text(head + "\n".join(rows), encoding="utf-8")
+    if options.screens:
+        (folder / "notebook.html").write_text(notebook(), encoding="utf-8")
+        photographed(folder)
     return int(bad > 0)
 
 
