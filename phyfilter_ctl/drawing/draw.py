@@ -16,12 +16,11 @@ from .names import number, text_width
 from .painting import svg_of
 from .picture import Drawing
 from .placing import Plan, Wishes, place
-from .reading import Scheme, Sketch, read
+from .reading import MOST, Scheme, Sketch, read
 from .sketches import Package, sketched
 
 __all__ = ["draw"]
 
-_MOST = 150  # blocks of one level
 _OUTPUTS = {None: None, "near": True, "border": False}
 
 
@@ -155,9 +154,9 @@ def _painted(
 
 def _check_size(system: Any, depth: int) -> None:
     blocks = getattr(system, "syslist", ())
-    if len(blocks) > _MOST:
+    if len(blocks) > MOST:
         raise ValueError(
-            f"system: expected at most {_MOST} blocks on a level, got {len(blocks)} in {system.name!r}: put groups of "
+            f"system: expected at most {MOST} blocks on a level, got {len(blocks)} in {system.name!r}: put groups of "
             "them into diagrams of their own, which depth=0 draws as one block each, or draw parts of it"
         )
     for block in blocks if depth else ():

@@ -83,18 +83,21 @@ def as_given(package: Package, geometry: SspGeometry, values: Mapping[str, str])
 
     nodes: list[Node] = []
     ends: dict[End, tuple[Node, Port]] = {}
-    for bundle in whole:
+    named = unique([*parts, *(f"{bundle.name} ({bundle.kind})" for bundle in whole)])
+    for bundle, called in zip(whole, named[len(parts) :], strict=True):
         x, y = px(bundle.at)
         way: Side = "W" if bundle.at[0] > middle else "E"
         box = (x - _wide(bundle), y - 8, x, y + 10) if way == "E" else (x, y - 8, x + _wide(bundle), y + 10)
         port = Port(bundle.name, bundle.labels, x, y, way, "out" if bundle.kind == "input" else "in")
         texts = texts_of(runs(bundle.name, FONT), (box[0] + box[2]) / 2, y + 4.5, "middle")
-        nodes.append(Node(f"{bundle.name} ({bundle.kind})", bundle.kind, box, texts, (port,)))
+        nodes.append(Node(called, bundle.kind, box, texts, (port,)))
         ends |= {("", label): (nodes[-1], port) for label in bundle.labels}
     for name, part in parts.items():
         low, high = geometry.places[name][:2], geometry.places[name][2:]
         (left, bottom), (right, top) = px(low), px(high)
-        own = [bundle for bundle in bundles if bundle.element == name]
+        own = sorted(
+            (b for b in bundles if b.element == name), key=lambda b: b.kind
+        )  # inputs first, as ports are
         ports = _ports(own, px, (left, top, right, bottom))
         up = (bottom - top) / 2
         texts, shapes, box = block_marks(
@@ -178,12 +181,14 @@ def _wires(
 ) -> tuple[Wire, ...]:
     """Connections from one connector as one wire; those of a vector's entries lie on each other."""
     nets: dict[tuple[str, str], dict[tuple[str, str], list[Point]]] = {}
-    entries: dict[tuple[str, str], dict[End, list[str]]] = {}
+    elements: dict[tuple[str, str], str] = {}
+    entries: dict[tuple[str, str], list[str]] = {}  # their units
     for (source, sink), line in geometry.lines.items():
         (a, start), (b, end) = ends[source], ends[sink]
-        nets.setdefault((a.name, start.name), {})[b.name, end.name] = [px(at) for at in line]
-        read = entries.setdefault((a.name, start.name), {}).setdefault(source, [])
-        read.append(units.get(source, "") or units.get(sink, ""))
+        key = a.name, start.name
+        elements[key] = source[0]
+        nets.setdefault(key, {})[b.name, end.name] = [px(at) for at in line]
+        entries.setdefault(key, []).append(units.get(source, "") or units.get(sink, ""))
     known = {(node.name, port.name): port for node, port in ends.values()}
     found = []
     for source, targets in nets.items():
@@ -196,12 +201,11 @@ def _wires(
             else:
                 slanted.append(((ax, ay), (bx, by)))
         joined = merged(flat)
-        owner = "" if source[0].endswith(" (input)") and ("", start.labels[0]) in ends else source[0]
+        owner = elements[source]
         names = tuple(f"{owner}.{label}" if owner else label for label in start.labels)
         signal = names[0] if len(names) == 1 else f"{owner}.{start.name}".removeprefix(".")
-        unit = common_unit(unit for some in entries[source].values() for unit in some)
         value = next((values[name] for name in (signal, *names) if name in values), "")
-        texts, slash = wire_texts(start, "", len(names), unit, value)
+        texts, slash = wire_texts(start, "", len(names), common_unit(entries[source]), value)
         found.append(
             Wire(
                 signal,

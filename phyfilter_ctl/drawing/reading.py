@@ -12,9 +12,10 @@ from numpy.typing import NDArray
 from .names import base_and_index, vector_starts
 from .symbols import Box, Pin, Symbol, common_unit, gain_symbol, symbol_of, units_of
 
-__all__ = ["Edge", "Part", "Scheme", "Sketch", "read", "sketch_of"]
+__all__ = ["MOST", "Edge", "Part", "Scheme", "Sketch", "read", "sketch_of"]
 
 FloatArray = NDArray[np.float64]
+MOST = 150  # blocks of one level that a picture shows
 Cuts = tuple[frozenset[int], frozenset[int]]
 Terms = Mapping[str, float]
 

@@ -11,7 +11,7 @@ import lxml.etree as etree
 from ..drawing.composing import composed
 from ..drawing.marks import Point
 from ..drawing.placing import Wishes, place
-from ..drawing.reading import Part, read, sketch_of
+from ..drawing.reading import MOST, Part, read, sketch_of
 from ..drawing.symbols import Box, Symbol
 from .ssp_values import NAMESPACES, transformation
 from .units import AS_IS
@@ -24,7 +24,6 @@ FMU_TYPES = (None, "application/x-fmu-sharedlibrary")
 
 _SSD = f"{{{NAMESPACES['ssd']}}}"
 _MM = 25.4 / 96.0  # a px of the layout
-_MOST = 150  # components that are laid out
 _SAME = 0.02  # px: what rounding in the layout leaves
 _FARTHEST = 1e7  # mm
 
@@ -82,7 +81,7 @@ def laid_out(
     SspGeometry or None
         None for more components than a picture shows. Entries of a vector that go one way stand at one point.
     """
-    if not 0 < len(ports) <= _MOST:
+    if not 0 < len(ports) <= MOST:
         return None
     wires = list(wires)
     boxes = [

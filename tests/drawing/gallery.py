@@ -326,7 +326,7 @@ def photographed(folder: Path) -> None:
         for name, page, scheme in (
             ("light", "index", "light"), ("dark", "index", "dark"), ("notebook", "notebook", "light")
         ):  # fmt: skip
-            shot = browser.new_page(color_scheme=scheme, viewport={"width": 1000, "height": 700})  # pyright: ignore[reportArgumentType]
+            shot = browser.new_page(color_scheme=scheme, viewport={"width": 1000, "height": 700})
             shot.goto((folder / f"{page}.html").resolve().as_uri(), wait_until="domcontentloaded")
             shot.screenshot(path=folder / f"{name}.png", full_page=True)
             shot.close()

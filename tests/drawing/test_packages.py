@@ -228,3 +228,29 @@ def test_without_a_canvas_it_is_what_the_elements_take(tmp_path):
     with opened_ssp(foreign(tmp_path, canvas="")) as found:
         assert found.geometry is not None
         assert found.geometry.canvas == (20, 0, 140, 40)
+
+
+def test_entries_of_one_vector_at_two_places_are_two_terminals(tmp_path):
+    part = fmu(tmp_path, "a", [f"u[{k}]" for k in range(4)], ["y"])
+    places = {0: 0.8, 1: 0.8, 2: 0.2, 3: 0.2}
+    ends = "".join(
+        f'<ssd:Connector name="r[{k}]" kind="input"><ssd:ConnectorGeometry x="0" y="{y}"/></ssd:Connector>'
+        for k, y in places.items()
+    )
+    head, _, _ = FOREIGN.partition("<ssd:Connectors>")
+    text = f"""{head}<ssd:Connectors>{ends}</ssd:Connectors><ssd:Elements>
+      <ssd:Component name="a" source="resources/a.fmu"><ssd:Connectors>{ends.replace("r[", "u[")}</ssd:Connectors>
+      <ssd:ElementGeometry x1="40" y1="0" x2="80" y2="60"/></ssd:Component></ssd:Elements><ssd:Connections>
+      {"".join(f'<ssd:Connection startConnector="r[{k}]" endElement="a" endConnector="u[{k}]"/>' for k in range(4))}
+      </ssd:Connections><ssd:SystemGeometry x1="0" y1="0" x2="100" y2="60"/></ssd:System>
+      </ssd:SystemStructureDescription>"""
+    path = tmp_path / "two.ssp"
+    with zipfile.ZipFile(path, "w") as archive:
+        archive.writestr("SystemStructure.ssd", text)
+        archive.write(part, "resources/a.fmu")
+    picture = pf.draw(path)
+    assert [entry.name for entry in picture.nodes] == ["r (input)", "r (input) 2", "a"]
+    assert {(wire.source[0], wire.targets, wire.size) for wire in picture.wires} == {
+        ("r (input)", (("a", "u"),), 2),
+        ("r (input) 2", (("a", "u 2"),), 2),
+    }
