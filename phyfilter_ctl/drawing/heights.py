@@ -95,13 +95,18 @@ class _Blocks:
             self._tie(a, b, float(min(max(wanted, low), high)))
 
     def _tie(self, a: int, b: int, distance: float) -> None:
+        # All distances are least ones before: only those that end or begin where b says more than a did can grow.
         least = self._least
-        np.maximum(least[:, a], least[:, b] - distance, out=least[:, a])
-        np.maximum(least[a], least[b] + distance, out=least[a])
+        down, up = least[:, b] - distance, least[b] + distance
+        rows, columns = np.flatnonzero(down > least[:, a]), np.flatnonzero(up > least[a])
+        np.maximum(least[:, a], down, out=least[:, a])
+        np.maximum(least[a], up, out=least[a])
         least[a, a] = 0.0
         self._alive[b] = False
         least[b, :] = least[:, b] = -np.inf
-        np.maximum(least, least[:, a, None] + least[None, a], out=least)
+        ends, starts = (np.flatnonzero(reached > -np.inf) for reached in (least[a], least[:, a]))
+        for i, j in (np.ix_(rows, ends), np.ix_(starts, columns)):
+            least[i, j] = np.maximum(least[i, j], least[i, a] + least[a, j])
         mine = self._block == b
         self._offset[mine] += distance
         self._block[mine] = a

@@ -81,7 +81,8 @@ def export_ssp(
 
     Notes
     -----
-    Up to 150 parts are laid out as :func:`phyfilter_ctl.draw` does; other tools find the places as SSP's geometry.
+    Up to 150 parts are laid out as :func:`phyfilter_ctl.draw` does, which takes seconds for more than 100; other tools
+    find the places as SSP's geometry.
 
     Where a part feeds another, the signal is held from one communication point to the next: the package converges to
     the diagram with the first order of the communication step. One thing stays different at any step: a sampled block
