@@ -45,9 +45,14 @@ SENSITIVE = (
 PYTHONS, AGES = ("3.11", "3.12", "3.13", "3.14"), ("lowest-direct", "highest")
 SHOWN = ("numpy", "scipy", "control", "casadi")
 _VERSIONS = f"from importlib.metadata import version; print(*map(version, {SHOWN!r}))"
-# A few products and factorisations: kernels of instructions the processor lacks die in them.
+# A few products and factorisations: kernels of instructions the processor lacks die in them, and so do those of AVX2 in
+# OpenBLAS 0.3.34 where the processor has AVX-512 (OpenMathLib/OpenBLAS issues 6013 and 6026: A A' overruns the stack;
+# numpy 2.5.2 to 2.5.5 bring it).
 _KERNELS = """
 import numpy, scipy.linalg
+for n, k in [(55, 165)] * 20 + [(n, k) for n in range(1, 130, 3) for k in (30, 80, 300)] + [(400, 80)] * 3:
+    a = numpy.random.default_rng(0).standard_normal((n, k))
+    a @ a.T, a.T @ a
 for n in (3, 64, 200):
     a = numpy.random.default_rng(0).standard_normal((n, n))
     for linalg in (numpy.linalg, scipy.linalg):
@@ -155,12 +160,12 @@ def interpreter(machine: Machine, scratch: Path) -> str:
 
 
 def kernels_run(machine: Machine, python: str) -> bool:
-    """Whether this processor has the instructions of the kernels asked for: without them a signal ends it."""
+    """Whether this processor can run the kernels asked for as this numpy brings them: a signal ends those it cannot."""
     if not machine.core_type:
         return True
     named = {**os.environ, "OPENBLAS_CORETYPE": machine.core_type}
     ended = subprocess.run([python, "-c", _KERNELS], env=named, capture_output=True).returncode
-    return ended not in (-signal.SIGILL, 0xC000001D)  # POSIX, Windows
+    return ended not in (-signal.SIGILL, -signal.SIGSEGV, -signal.SIGABRT, 0xC000001D, 0xC0000005)  # POSIX, Windows
 
 
 def run(machine: Machine, python: str, arguments: Sequence[str], scratch: Path) -> Outcome:
@@ -270,7 +275,10 @@ def main() -> int:
                 print(f"skipped: Python {machine.python} is not on this machine", flush=True)
                 continue
             if not kernels_run(machine, python):
-                print(f"skipped: this processor cannot run the kernels of {machine.core_type}", flush=True)
+                print(
+                    f"skipped: this processor cannot run the kernels of {machine.core_type} as numpy brings them",
+                    flush=True,
+                )
                 continue
             ask = "import platform; print(platform.python_version())"
             known = [
