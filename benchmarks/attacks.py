@@ -135,7 +135,7 @@ def attack(rng: np.random.Generator, sampled: pf.SampledPhyFilter, kind: Options
     steps = int(min(max(10.0 / (slow * h), 20.0), 300.0))
     parts = steps * FINE
     signs = [switching(rng, parts, count) for _ in range(4)]
-    result = pf.ultimate_bound(sampled, residual={kind.derivative: 1.0})
+    result = pf.error_bound(sampled, {kind.derivative: 1.0})
     t = part * (np.arange(parts) + 0.5)
     worst = result.worst_residual(np.append(t, t[-1] + 0.5 * part))[:-1]
     impulse = np.diff(sampled.run(h * np.arange(steps + 2.0))[:, 0])[:steps]  # answer to u = 1, then 0
@@ -200,14 +200,16 @@ def attack(rng: np.random.Generator, sampled: pf.SampledPhyFilter, kind: Options
         x={0: float(np.abs(seen).max())} if kind.precision == "float32" else {},
     )
     size = gamma.size if kind.derivative == 0 else gamma.slope(part)
-    bound = pf.ultimate_bound(
+    bound = pf.error_bound(
         sampled,
-        residual={kind.derivative: size},
-        noise=kind.noise,
-        rate=fastest,
+        pf.Bounded(
+            {kind.derivative: size},
+            noise=kind.noise,
+            inertia_error=kind.wrong,
+            rate=fastest,
+            implementation=implementation,
+        ),
         inertia=model_size,
-        inertia_error=kind.wrong,
-        implementation=implementation,
     ).bound
     error = np.abs(truth - estimate)[1:].max(axis=0)
     if kind.derivative == 0:  # gamma jumps: at a sample it is what it was just before
@@ -219,11 +221,11 @@ def attack(rng: np.random.Generator, sampled: pf.SampledPhyFilter, kind: Options
 
 def attack_continuous(rng: np.random.Generator, f: pf.PhyFilter, both: bool, count: int) -> Outcome:
     """|gamma'| <= 1, or |gamma| bounded as well, on straight lines through F, exactly."""
-    result = pf.ultimate_bound(f, residual={1: 1.0})
+    result = pf.error_bound(f, {1: 1.0})
     size = np.inf
     if both:
         size = result.bound * rng.uniform(0.2, 1.0)
-        result = pf.ultimate_bound(f, residual={0: size, 1: 1.0})
+        result = pf.error_bound(f, {0: size, 1: 1.0})
     part = min(0.1 / float(np.abs(f.poles).max()), 0.1 * size)
     parts = min(int(12.0 / (part * float(np.min(-f.poles.real)))), 6000)
     gamma = np.zeros((parts + 1, count))
@@ -253,7 +255,7 @@ def times() -> None:
             spent = []
             for _ in range(3):
                 begun = time.process_time()
-                pf.ultimate_bound(system, residual=residual)
+                pf.error_bound(system, residual)
                 spent.append(1e3 * (time.process_time() - begun))
             row.append(min(spent))
         print(f"{order:<24} " + " ".join(f"{value:12.2f}" for value in row))

@@ -30,15 +30,14 @@ from dataclasses import dataclass, replace
 from types import ModuleType
 from typing import Any, NamedTuple
 
-import control as ct
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import expm
 from scipy.signal import lfilter
 
-from phyfilter_ctl import LoopConstraint, Recording, SampledPhyFilter, learn, models
+from phyfilter_ctl import Loop, LoopGoal, Recording, SampledPhyFilter, learn, models
 from phyfilter_ctl.analysis import frequency_response
-from phyfilter_ctl.design.learning import LearnResult, LoopMarginsLike
+from phyfilter_ctl.design.learning import LearnResult, MarginsLike
 from phyfilter_ctl.diagram import flatten
 from phyfilter_ctl.plants.legged.simulator import simulator
 from phyfilter_ctl.simulation import simulate
@@ -63,7 +62,7 @@ def part(name: str) -> ModuleType:
     return importlib.import_module(f"{models.__name__}.{name}")
 
 
-class Loop(NamedTuple):
+class Timing(NamedTuple):
     """Step, outer gains, lag and delay."""
 
     dt: float
@@ -92,7 +91,7 @@ def gusts(dt: float, samples: int, noise: float, seed: int = 0) -> Recording:
 
 
 def flown(
-    filter: SampledPhyFilter, loop: Loop, f: FloatArray, noise: FloatArray, start: float = 0.0
+    filter: SampledPhyFilter, loop: Timing, f: FloatArray, noise: FloatArray, start: float = 0.0
 ) -> tuple[FloatArray, FloatArray]:
     """Speed and place (N, 2), and commands (N,), with a force and noise of the speed at the samples: lag, speed and
     place in ten exact steps a sample."""
@@ -123,11 +122,11 @@ def flown(
 def plain_stands(filter: SampledPhyFilter) -> bool:
     """A push of the velocity, then nothing but the loop."""
     nothing = np.zeros(round(SECONDS / filter.dt))
-    states, _ = flown(filter, Loop(DT, KP, KD, LAG, DELAY), nothing, nothing, PUSH)
+    states, _ = flown(filter, Timing(DT, KP, KD, LAG, DELAY), nothing, nothing, PUSH)
     return bool(np.all(np.abs(states[-1]) < BACK * PUSH))
 
 
-def drone_loop() -> tuple[LoopConstraint, float, Callable[[SampledPhyFilter], bool]]:
+def drone_loop() -> tuple[LoopGoal, float, Callable[[SampledPhyFilter], bool]]:
     """The vertical axis' constraint, the rate, and whether the simulated vehicle stands."""
 
     build, held_force = part("drone.diagram").build, part("drone.margins").held_force
@@ -175,8 +174,8 @@ def drone_loop() -> tuple[LoopConstraint, float, Callable[[SampledPhyFilter], bo
         quarter = len(swing) // 4
         return bool(swing[3 * quarter :].max() <= swing[quarter : 2 * quarter].max())
 
-    constraint = LoopConstraint(
-        kp=kp, kd=kd, actuator=ct.tf(1, [vehicle.motor_lag, 1]), delay=vehicle.delay, modulus_margin=MARGIN
+    constraint = LoopGoal(
+        Loop(kp, kd, actuator=vehicle.motor_lag, delay=vehicle.delay), modulus_margin=MARGIN
     )
     return constraint, dt, stands
 
@@ -191,7 +190,7 @@ class Standing:
     gain_margin: tuple[float, float] = (0.0, np.inf)
 
 
-def quadruped_loop() -> tuple[LoopConstraint, Sequence[Recording], Callable[[SampledPhyFilter], bool]]:
+def quadruped_loop() -> tuple[LoopGoal, Sequence[Recording], Callable[[SampledPhyFilter], bool]]:
     """Constraint by the linearised robot, walks to learn from, and whether the robot in MuJoCo stands."""
 
     stance, p = part("quadruped.stance"), part("quadruped.params").params()
@@ -200,7 +199,7 @@ def quadruped_loop() -> tuple[LoopConstraint, Sequence[Recording], Callable[[Sam
     mujoco = simulator("the quadruped's stance")
     kp, kd = p.control.kp, p.control.kd
 
-    def margins(filter: SampledPhyFilter) -> LoopMarginsLike:
+    def margins(filter: SampledPhyFilter) -> MarginsLike:
         (row,) = stance.study([stance.Case("", filter.filter, kp, kd)], plant=plant)
         return Standing(row.stands, row.modulus_margin)
 
@@ -223,12 +222,10 @@ def quadruped_loop() -> tuple[LoopConstraint, Sequence[Recording], Callable[[Sam
         return bool(max(speeds[-200:]) < 0.1)
 
     alone = stance.study([stance.Case("", None, kp, kd)], plant=plant)[0].modulus_margin
-    return LoopConstraint(modulus_margin=QUADRUPED_SHARE * alone, margins=margins), walk_logs(), stands
+    return LoopGoal(modulus_margin=QUADRUPED_SHARE * alone, margins=margins), walk_logs(), stands
 
 
-def learned(
-    logs: Recording | Sequence[Recording], n: int, form: str, loop: LoopConstraint | None
-) -> LearnResult:
+def learned(logs: Recording | Sequence[Recording], n: int, form: str, loop: LoopGoal | None) -> LearnResult:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)
         return learn(
@@ -247,7 +244,7 @@ def compare(
     name: str,
     logs: Recording | Sequence[Recording],
     kinds: Sequence[tuple[int, str]],
-    loop: LoopConstraint,
+    loop: LoopGoal,
     stands: Callable[[SampledPhyFilter], bool],
 ) -> bool:
     """Print the rows of a loop; whether all is as it should be."""
@@ -279,8 +276,8 @@ def tracked(
     name: str,
     log: Recording,
     kinds: Sequence[tuple[int, str]],
-    limits: LoopConstraint,
-    loop: Loop,
+    limits: LoopGoal,
+    loop: Timing,
     noise: float,
     seeds: Sequence[int],
 ) -> bool:
@@ -321,7 +318,7 @@ def main() -> int:
         f"{'loop':<10}{'form':<8}{'n':>2}  {'learned':<12}{'RMSE':>9}{'price':>10}{'margin':>10}{'flown':>8}"
         f"{'CPU s':>8}   poles"
     )
-    plain = LoopConstraint(kp=KP, kd=KD, actuator=ct.tf(1, [LAG, 1]), delay=DELAY, modulus_margin=MARGIN)
+    plain = LoopGoal(Loop(KP, KD, actuator=LAG, delay=DELAY), modulus_margin=MARGIN)
     kinds = [(1, "lowpass")] if quick else [(1, "lowpass"), (2, "lowpass"), (2, "general"), (3, "general")]
     good = compare("plain", gusts(DT, 1500 if quick else 3000, 3e-3), kinds, plain, plain_stands)
     loop, dt, stands = drone_loop()
@@ -337,10 +334,10 @@ def main() -> int:
     )
     kinds = [(2, "general")] if quick else [(1, "lowpass"), (2, "general"), (3, "general")]
     log, seeds = gusts(DT, 800 if quick else 3000, 3e-3), SEEDS[: 1 if quick else None]
-    good &= tracked("plain", log, kinds, plain, Loop(DT, KP, KD, LAG, DELAY), 3e-3, seeds)
+    good &= tracked("plain", log, kinds, plain, Timing(DT, KP, KD, LAG, DELAY), 3e-3, seeds)
     if not quick:
         motor = part("drone.params").params().vehicle
-        drone = Loop(dt, loop.kp, loop.kd, motor.motor_lag, motor.delay)
+        drone = Timing(dt, loop.loop.kp, loop.loop.kd, motor.motor_lag, motor.delay)
         good &= tracked(
             "drone", drone_log, [(1, "lowpass"), (2, "general"), (3, "general")], loop, drone, 3e-4, seeds
         )

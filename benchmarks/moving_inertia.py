@@ -16,7 +16,6 @@ import time
 from collections.abc import Callable
 from importlib.util import find_spec
 
-import control as ct
 import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
@@ -92,8 +91,8 @@ def simulated_growth(filter: pf.PhyFilter, motion: InertiaMotion, periods: int =
 def switching() -> None:
     """M within M_hat/8 and 8 M_hat, n = 3: every constant M is stable, switched every 68 ms it diverges."""
     filter = repeated(3, 20.0)
-    constant = pf.moving_inertia(filter, ratios=(1 / 8, 8.0), rate=0.0)
-    found = pf.moving_inertia(filter, ratios=(1 / 8, 8.0))
+    constant = pf.inertia_tolerance(filter, ratios=(1 / 8, 8.0), rate=0.0)
+    found = pf.inertia_tolerance(filter, ratios=(1 / 8, 8.0))
     A, B, C = loop_of(found)
     times = np.arange(0.002, 0.4, 0.002)
     grown = [
@@ -129,11 +128,11 @@ def largest(holds: Callable[[float], bool], low: float, high: float, steps: int)
 
 
 def proves(filter: pf.PhyFilter, degree: int) -> Callable[[float], bool]:
-    return lambda r: pf.moving_inertia(filter, ratios=(1 / r, r), degree=degree).status is PROVEN
+    return lambda r: pf.inertia_tolerance(filter, ratios=(1 / r, r), degree=degree).status is PROVEN
 
 
 def survives(filter: pf.PhyFilter) -> Callable[[float], bool]:
-    return lambda r: pf.moving_inertia(filter, ratios=(1 / r, r)).status is not REFUTED
+    return lambda r: pf.inertia_tolerance(filter, ratios=(1 / r, r)).status is not REFUTED
 
 
 def ranges(quick: bool) -> None:
@@ -149,7 +148,7 @@ def ranges(quick: bool) -> None:
     for n in range(1, 4 if quick else 5):
         for full in (False, True) if n > 1 and not quick else (False,):
             filter, begun = repeated(n, full=full), time.perf_counter()
-            stable = pf.prior_margin(filter).stable_ratios[0]
+            stable = pf.margins(filter).stable_ratios[0]
             constant = min(stable[1], 1.0 / stable[0] if stable[0] else np.inf)
             top = min(constant, 30.0)
             proven = [1.0]
@@ -181,7 +180,7 @@ def rates(quick: bool) -> None:
     print("n = 3, M_hat/M between 1/8 and 8, |d ln M/dt| up to a rate (over w)")
     for rate in values:
         begun = time.perf_counter()
-        found = pf.moving_inertia(filter, ratios=(1 / 8, 8.0), rate=rate)
+        found = pf.inertia_tolerance(filter, ratios=(1 / 8, 8.0), rate=rate)
         text = f"{len(found.knots)} knots" if found.status is PROVEN else ""
         if found.motion is not None:
             grown = simulated_growth(filter, found.motion)
@@ -199,15 +198,15 @@ def attacks(count: int) -> None:
     """Switching at random, periodically, greedily, and within steps, on what is proven: nothing may grow."""
     share, grown = count // 6, {}
     for n, r, degree in ((2, 5.8, 2), (3, 3.99, 2), (3, 5.0, 6), (4, 3.36, 2)):
-        found = pf.moving_inertia(repeated(n), ratios=(1 / r, r), degree=degree)
+        found = pf.inertia_tolerance(repeated(n), ratios=(1 / r, r), degree=degree)
         A, B, C = loop_of(found)
         flows = np.array([expm(0.05 * (A + mu * B @ C)) for mu in (1 / r, r)], dtype=np.float64)
         grown[f"n = {n}, r = {r:g}, {found.method}"] = (found.status, switched(flows, share, 1500, n))
     r, rate = 8.0, 0.5
-    found = pf.moving_inertia(repeated(3), ratios=(1 / r, r), rate=rate)
+    found = pf.inertia_tolerance(repeated(3), ratios=(1 / r, r), rate=rate)
     grown[f"n = 3, r = 8, rate {rate:g} w"] = (found.status, ramped(*loop_of(found), r, rate, share))
     sampled, lag = repeated(3, 20.0).sampled(0.004), 0.02
-    found = pf.moving_inertia(sampled, ratios=(1 / 2.3, 2.3), actuator=ct.tf(1, [lag, 1]))
+    found = pf.inertia_tolerance(sampled, pf.Loop(actuator=lag), ratios=(1 / 2.3, 2.3))
     grown["n = 3, sampled, lag, within steps"] = (
         found.status,
         within_steps(sampled, lag, 2.3, count - 5 * share),
@@ -304,7 +303,7 @@ def vertices_and_time(quick: bool) -> None:
             shapes = [np.diag(row) + 0.05 for row in np.exp(rng.uniform(-1.6, 1.6, (count, 2)))]
             vertices = np.array(shapes) * np.sqrt(np.outer([2.4, 0.06], [2.4, 0.06]))
             begun = time.perf_counter()
-            found = pf.moving_inertia(bank, vertices=vertices, M_hat=[2.4, 0.06])
+            found = pf.inertia_tolerance(bank, vertices=vertices, M_hat=[2.4, 0.06])
             cells.append(
                 f"{count:3} vertices {time.perf_counter() - begun:6.2f} s {found.status} ({found.method})"
             )

@@ -16,6 +16,7 @@ from collections.abc import Callable
 from importlib import import_module
 from importlib.util import find_spec
 from types import ModuleType
+from typing import Any
 
 import casadi as ca
 import control as ct
@@ -71,12 +72,17 @@ def report(
     for words, rate in (("constant", 0.0), ("any speed", None)):
         if words == "constant" and isinstance(filter, pf.FilterBank):
             continue
-        found = pf.moving_inertia(filter, ratios=(low, high), rate=rate, actuator=actuator, dt=dt)
+        found = pf.inertia_tolerance(filter, pf.Loop(actuator=actuator), ratios=(low, high), rate=rate, dt=dt)
         # The range holds more than the robot's own M: what is refuted for it is not proven for the robot.
         if found.status is not PROVEN and "model's" in name:
             MISSED.append(f"{name}, {words}")
         answers.append(f"{words} {'proven' if found.status is PROVEN else 'not proven'}")
     print(f"  {name:44} M_hat/M {low:6.3f} to {high:6.3f} ({sure}): {', '.join(answers)}")
+
+
+def held(margin: pf.FilterMargins, **sets: Any) -> Floats:
+    """Least and largest M_hat/M over a set of constant M."""
+    return pf.inertia_tolerance(margin.filter, margin.around, rate=0.0, **sets).ratios
 
 
 def platform(points: int) -> None:
@@ -108,10 +114,10 @@ def platform(points: int) -> None:
     ]
     vehicle = _of("aerial_manipulator", "vehicle")
     M_hat = np.array([*[vehicle.nominal_mass()] * 3, *vehicle.nominal_inertia()])
-    margin = pf.prior_margin(pf.PhyFilter([1.0]))
+    margin = pf.margins(pf.PhyFilter([1.0]))
     sure = points >= _ENOUGH
     found = [
-        margin.inertia_hull(M_hat, vertices, deviation=spread if sure else None).ratios.real
+        held(margin, M_hat=M_hat, vertices=vertices, within=spread if sure else None)
         for vertices, spread in sets
     ]
     verdict = min(each[0] for each in found), max(each[1] for each in found)
@@ -151,9 +157,9 @@ def arm_joints(points: int) -> None:
 
     vertices, spread = configuration_hull(inertia, low, high, points=points)
     home = joint_space_inertia(arm, np.asarray(arm.home)) + rotor
-    margin = pf.prior_margin(pf.PhyFilter([1.0]))
+    margin = pf.margins(pf.PhyFilter([1.0]))
     for words, M_hat in (("diagonal at home", np.diag(np.diag(home))), ("M at home", home)):
-        verdict = margin.inertia_hull(M_hat, vertices, deviation=spread).ratios.real
+        verdict = held(margin, M_hat=M_hat, vertices=vertices, within=spread)
         for n in (1, 2, 3):
             name = f"five joints, {words}, n = {n}, 20 rad/s"
             report(
@@ -183,22 +189,26 @@ def quadruped(points: int) -> None:
         lambda q: whole(np.tile([0.0, *q], 4))[6:9, 6:9], p.robot.lower[1:], p.robot.upper[1:], points=points
     )
     filter = pf.PhyFilter([p.filter.a0])
-    margin = pf.prior_margin(filter)
-    held = margin.inertia_hull(M_hat[:3], vertices, deviation=spread).ratios.real
+    margin = pf.margins(filter)
+    fixed = held(margin, M_hat=M_hat[:3], vertices=vertices, within=spread)
     rng, free = np.random.default_rng(0), []
     for _ in range(200 if points < 9 else 2000):
         M = whole(rng.uniform(np.tile(p.robot.lower, 4), np.tile(p.robot.upper, 4)))
         base, mixed, own = M[:6, :6], M[:6, 6:], M[6:, 6:]
-        free.append(margin.inertia(np.diag(M_hat), own - mixed.T @ np.linalg.solve(base, mixed)).ratios.real)
+        free.append(
+            held(margin, M_hat=np.diag(M_hat), vertices=[own - mixed.T @ np.linalg.solve(base, mixed)])
+        )
     print("quadruped, its constant diagonal M_hat, 200 Hz")
     loose = float(np.min(free)), float(np.max(free))
-    report("leg, trunk held, the model's 1 rad/s", filter, (held[0], held[1]), "everywhere", dt=p.control.dt)
+    report(
+        "leg, trunk held, the model's 1 rad/s", filter, (fixed[0], fixed[1]), "everywhere", dt=p.control.dt
+    )
     report("12 joints, trunk free, the model's 1 rad/s", filter, loose, "sampled only", dt=p.control.dt)
     for n, w in ((1, 20.0), (2, 20.0), (3, 20.0)):
         report(
             f"leg, trunk held, n = {n}, {w:g} rad/s",
             pf.PhyFilter.from_poles([-w] * n),
-            (held[0], held[1]),
+            (fixed[0], fixed[1]),
             "everywhere",
             dt=p.control.dt,
         )

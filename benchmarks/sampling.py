@@ -51,7 +51,7 @@ def figures(filter: pf.PhyFilter, h: float, method: Method) -> tuple[float, floa
         left(filter, h, method),
         response.peak.value,
         h * response.noise_gain,
-        pf.prior_margin(sampled).max_ratio,
+        pf.margins(sampled).max_ratio,
     )
 
 

@@ -94,7 +94,7 @@ def main() -> int:
     for name, filter in list(FILTERS.items())[: 1 if options.quick else None]:
         print(f"{name}\n{'':<42}{'error of f_hat':>16}{'command':>12}{'back after':>12}")
         for told in ("commanded", "saturated"):
-            margin = pf.saturation_margin(filter, kp=KP, kd=KD, dt=H, g=told)
+            margin = pf.saturation_margin(filter, pf.Loop(KP, KD), g=told, dt=H)
             print(
                 f"  told what is {told}: stable for commands up to {margin.command_excess:.2f} times the limit"
             )

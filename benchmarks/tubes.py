@@ -3,7 +3,7 @@
     python benchmarks/tubes.py           20 test flights of 30 s in wind with an unknown mass
     python benchmarks/tubes.py --quick   four of 14 s, nothing judged
 
-The observer of the drone study flies its circle. Per axis its loop is that of ``tracking_tube``: PD gains, 10 ms of
+The observer of the drone study flies its circle. Per axis its loop is that of ``tracking_error``: PD gains, 10 ms of
 delay, a lag for the actuator (the motors' vertically; 0.12 s horizontally, where the attitude loop turns the thrust:
 fitted to the six measuring flights), the filter told the force that acts. On the measuring flights (seeds 100 to 105)
 are measured: the residual f, split into a slow part (moving average over 0.3 s) with a bound on its slope and a rough
@@ -25,7 +25,6 @@ from dataclasses import dataclass
 from types import ModuleType
 from typing import Any
 
-import control as ct
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
@@ -95,20 +94,11 @@ def flown(method: Any, seeds: Sequence[int], duration: float | None) -> list[Axi
     return axes
 
 
-def settings(method: Any, i: int) -> dict[str, Any]:
-    """What tube and band of an axis need of the loop."""
-    values = parameters.params()
-    kp, kd, _ = method.gains
-    lag = values.vehicle.motor_lag if i == 2 else TURNING
-    return {
-        "kp": kp,
-        "kd": kd,
-        "actuator": ct.tf(1.0, [lag, 1.0]),
-        "delay": values.vehicle.delay,
-        "inertia": values.vehicle.mass,
-        "g": "applied",
-        "dt": values.sampling.dt,
-    }
+def loop_of(method: Any, i: int) -> pf.Loop:
+    """That of an axis."""
+    vehicle, (kp, kd, _) = parameters.params().vehicle, method.gains
+    lag = vehicle.motor_lag if i == 2 else TURNING
+    return pf.Loop(kp, kd, actuator=lag, delay=vehicle.delay, g="applied")
 
 
 def main() -> int:
@@ -121,31 +111,30 @@ def main() -> int:
     seeds, duration = (range(4), 14.0) if options.quick else (range(20), None)
     measured = flown(method, MEASURING[: 2 if options.quick else None], duration)
     tested = flown(method, seeds, duration)
-    filter, left = pf.PhyFilter([method.bandwidth]), 0
+    values, left = parameters.params(), 0
+    filter = pf.PhyFilter([method.bandwidth]).sampled(values.sampling.dt, inertia=values.vehicle.mass)
+    most = {"noise": SIGMAS * sensors.velocity, "position_noise": SIGMAS * sensors.position}
     heads = ("radius", "largest error", "bounds hold", "within", "own tubes", "95 % band", "within")
     print(f"{'':<4}" + "".join(f"{head:>14}" for head in heads))
     for i, (name, before, now) in enumerate(zip("xyz", measured, tested, strict=True)):
-        loop = settings(method, i)
-        noise = {"noise": SIGMAS * sensors.velocity, "position_noise": SIGMAS * sensors.position}
+        loop = loop_of(method, i)
 
-        def radius(bounds: Array, loop: dict[str, Any] = loop | noise) -> float:
+        def radius(bounds: Array, loop: pf.Loop = loop) -> float:
             slope, rough, d = bounds.tolist()
-            return pf.tracking_tube(
-                filter, residual=[{1: slope}, {0: rough}], actuation={0: d}, **loop
-            ).radius
+            met = pf.Bounded([{1: slope}, {0: rough}], actuation={0: d}, **most)
+            return pf.tracking_error(filter, loop, met).radius
 
         tube, own = radius(before.bounds.max(axis=0)), np.array([radius(row) for row in now.bounds])
         errors = np.abs(now.error).max(axis=1)
         kept = np.all(now.bounds <= before.bounds.max(axis=0), axis=1)
         left += int(np.sum(errors > own))
-        band = pf.tracking_deviation(
-            filter,
-            residual=before.autocovariance(before.f),
-            actuation=before.autocovariance(before.d),
+        met = pf.Gaussian(
+            before.autocovariance(before.f),
             noise=sensors.velocity,
+            actuation=before.autocovariance(before.d),
             position_noise=sensors.position,
-            **loop,
-        ).band(0.95)
+        )
+        band = pf.tracking_error(filter, loop, met).band(0.95)
         cells = (
             f"{tube:.3f} m",
             f"{errors.max():.3f} m",

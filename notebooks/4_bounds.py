@@ -31,7 +31,7 @@ plt.rc("axes", prop_cycle=plt.cycler(color=COLOURS))
 
 # %%
 filter = pf.lowpass(3, 20.0, family="butterworth")
-result = pf.ultimate_bound(filter, residual={1: 3.0})
+result = pf.error_bound(filter, {1: 3.0})
 print(f"|f - f_hat| <= {result.bound:.6f} N, certified to {result.certificate.gap:.1e}")
 
 t = np.linspace(0.0, 1.0, 4001)
@@ -47,7 +47,7 @@ _ = result.plot()
 
 # %%
 for method in ("exact", "ellipsoid", "lyapunov", "lyapunov-raw"):
-    print(f"{method:14}{pf.ultimate_bound(filter, residual={1: 3.0}, method=method).bound:12.4g} N")
+    print(f"{method:14}{pf.error_bound(filter, {1: 3.0}, method=method).bound:12.4g} N")
 
 # %% [markdown]
 # ## How wrong may the inertia be?
@@ -61,8 +61,8 @@ print(f"{'order':>5} {'ideal actuator':>16} {'50 ms lag, 10 ms delay':>24}")
 limits, lagging = {}, {}
 for order in (1, 2, 3, 4, 5):
     f = pf.place_poles([-20.0] * order)
-    limits[order] = pf.prior_margin(f).max_ratio
-    lagging[order] = pf.prior_margin(f, actuator=lag, delay=0.01).max_ratio
+    limits[order] = pf.margins(f).max_ratio
+    lagging[order] = pf.margins(f, pf.Loop(actuator=lag, delay=0.01)).max_ratio
     print(f"{order:5} {limits[order]:16.3f} {lagging[order]:24.3f}")
 
 # %% [markdown]
@@ -73,7 +73,8 @@ bandwidths = np.geomspace(1.0, 100.0, 25)
 figure, axis = plt.subplots(figsize=(8, 3), layout="constrained")
 for order in (1, 2, 3):
     allowed = [
-        pf.prior_margin(pf.place_poles([-p] * order), actuator=lag, delay=0.01).max_ratio for p in bandwidths
+        pf.margins(pf.place_poles([-p] * order), pf.Loop(actuator=lag, delay=0.01)).max_ratio
+        for p in bandwidths
     ]
     axis.loglog(bandwidths, allowed, label=f"n = {order}")
 axis.axhline(1.0, color="0.4", linestyle="--")
@@ -86,8 +87,8 @@ dress(axis, "Actuator with 50 ms lag and 10 ms delay")
 # The inner loop alone is optimistic: with an outer PD controller the complete loop sets the limit.
 
 # %%
-inner = pf.prior_margin(filter, actuator=lag, delay=0.01)
-complete = pf.loop_margin(filter, kp=10.0, kd=6.0, actuator=lag, delay=0.01)
+inner = pf.margins(filter, pf.Loop(actuator=lag, delay=0.01))
+complete = pf.margins(filter, pf.Loop(10.0, 6.0, actuator=lag, delay=0.01))
 print(inner.describe(), complete.describe(), sep="\n\n")
 
 # %% [markdown]

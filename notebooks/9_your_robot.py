@@ -123,13 +123,11 @@ sampled = filter.sampled(0.02, nonfinite="hold")
 f_hat = sampled.run(recording.x, recording.g, None, recording.inertia, recording.times)
 true = wind(recording.times)
 rms = np.sqrt(np.mean((f_hat - true)[50:] ** 2, axis=0))
-noise = float(np.sqrt(pf.error_variance(sampled, noise=0.005 * MASS).noise))
+noise = float(np.sqrt(pf.error_variance(sampled, pf.Gaussian(noise=0.005 * MASS)).noise))
 print(
     f"rms error {rms.round(3)} N, of which {noise:.3f} N is noise; wind {np.sqrt(np.mean(true**2, axis=0)).round(2)} N"
 )
-bound = [
-    pf.ultimate_bound(sampled, residual={1: slope}).bound for slope in (1.04, 0.54, 0.8)
-]  # N/s, of the wind
+bound = [pf.error_bound(sampled, {1: slope}).bound for slope in (1.04, 0.54, 0.8)]  # N/s, of the wind
 print("without noise at most", np.round(bound, 3), "N, by the wind's slope")
 now = np.minimum(np.round(recording.times / TICK).astype(int), len(acting) - 1)
 g_now = attitude(recording.times).apply(acting[now, None] * [0.0, 0.0, 1.0]) - [0.0, 0.0, MASS * GRAVITY]

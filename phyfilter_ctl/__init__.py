@@ -11,9 +11,10 @@ what it missed  :func:`estimate`: the force in recordings, which filter shows it
                 :func:`smooth_label`, :func:`measurement_noise`, :func:`known_noise`; :func:`model_value`: whether the
                 learned model pays
 what of it      :func:`separate`: payload, wind, drag, a model's scale, or only their sum
-understand it   :func:`frequency_response`, :func:`ultimate_bound`, :func:`error_variance`, :func:`prior_margin`,
-                :func:`loop_margin`, :func:`saturation_margin`, :func:`signal_margin`, :func:`between`,
-                :func:`tracking_tube`; designs from them: :mod:`phyfilter_ctl.design.optimal`
+understand it   :func:`frequency_response`, :func:`error_bound`, :func:`error_variance`, :func:`margins`,
+                :func:`inertia_tolerance`, :func:`saturation_margin`, :func:`largest_bandwidth`, :func:`tracking_error`,
+                :func:`analyze`, :func:`between`; what surrounds a filter: :class:`Loop`, :class:`Bounded`,
+                :class:`Gaussian`; designs from them: :mod:`phyfilter_ctl.design.optimal`
 run it          :class:`SampledPhyFilter` (``PhyFilter.sampled``), :func:`stack`
 connect it      :func:`phyfilter_block`, :func:`sampled_block`, :func:`learned_block`, :func:`plant`: python-control
                 systems, wired with ``control.interconnect``; :func:`lookup_table`,
@@ -36,6 +37,17 @@ the paper's     :mod:`phyfilter_ctl.models`
 
 import lazy_loader
 
+from ._renamed import former
+
 # A room is imported when one of its names is first used: the command's help needs none of them.
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+_named, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
 __version__ = "0.2.0"
+
+
+def __getattr__(name: str) -> object:
+    try:
+        return _named(name)
+    except AttributeError:
+        if name in __all__:
+            raise
+        return former(__name__, name)

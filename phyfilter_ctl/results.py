@@ -129,8 +129,8 @@ class Result:
 
         Examples
         --------
-        >>> from phyfilter_ctl import PhyFilter, ultimate_bound
-        >>> round(ultimate_bound(PhyFilter([20.0]), residual={1: 3.0}).to_dict()["bound"], 9)
+        >>> from phyfilter_ctl import PhyFilter, error_bound
+        >>> round(error_bound(PhyFilter([20.0]), {1: 3.0}).to_dict()["bound"], 9)
         0.15
         """
         names = self._figures or tuple(field.name for field in _shown(self))
@@ -180,8 +180,8 @@ class PerChannel(tuple[_Answer, ...]):
 
     Examples
     --------
-    >>> from phyfilter_ctl import PhyFilter, stack, ultimate_bound
-    >>> bounds = ultimate_bound(stack([PhyFilter([20.0]), PhyFilter([5.0])]), residual=[{1: 3.0}, {1: 1.0}])
+    >>> from phyfilter_ctl import PhyFilter, error_bound, stack
+    >>> bounds = error_bound(stack([PhyFilter([20.0]), PhyFilter([5.0])]), [{1: 3.0}, {1: 1.0}])
     >>> [round(each.bound, 9) for each in bounds]
     [0.15, 0.2]
     """

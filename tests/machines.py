@@ -165,7 +165,13 @@ def kernels_run(machine: Machine, python: str) -> bool:
         return True
     named = {**os.environ, "OPENBLAS_CORETYPE": machine.core_type}
     ended = subprocess.run([python, "-c", _KERNELS], env=named, capture_output=True).returncode
-    return ended not in (-signal.SIGILL, -signal.SIGSEGV, -signal.SIGABRT, 0xC000001D, 0xC0000005)  # POSIX, Windows
+    return ended not in (
+        -signal.SIGILL,
+        -signal.SIGSEGV,
+        -signal.SIGABRT,
+        0xC000001D,
+        0xC0000005,
+    )  # POSIX, Windows
 
 
 def run(machine: Machine, python: str, arguments: Sequence[str], scratch: Path) -> Outcome:

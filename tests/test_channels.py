@@ -112,11 +112,12 @@ def test_retuned_to_another_bank() -> None:
 def test_analysis_answers_channel_by_channel(system: FilterBank | SampledPhyFilter) -> None:
     parts = list(system) if isinstance(system, FilterBank) else list(system.by_channel)
     slopes = [{1: 3.0}, {1: 1.0}, {0: 2.0}]
-    bounds = pf.ultimate_bound(system, residual=slopes, noise=0.0, inertia_error=[0.1, 0.2, 0.0], rate=2.0)
-    variances = pf.error_variance(system, residual=pf.gauss_markov(1.0, 0.5), inertia=(1.0, 2.0, 3.0))
+    met = [pf.Bounded(k, inertia_error=e, rate=2.0) for k, e in zip(slopes, (0.1, 0.2, 0.0), strict=True)]
+    bounds = pf.error_bound(system, met)
+    variances = pf.error_variance(system, pf.Gaussian(pf.gauss_markov(1.0, 0.5)), inertia=(1.0, 2.0, 3.0))
     lag = ct.tf(1, [0.02, 1])
-    priors = pf.prior_margin(system, actuator=lag, delay=0.002)
-    loops = pf.loop_margin(system, kp=np.array([1.0, 2.0, 3.0]), kd=4.0, actuator=lag)
+    priors = pf.margins(system, pf.Loop(actuator=lag, delay=0.002))
+    loops = pf.margins(system, [pf.Loop(kp, 4.0, actuator=lag) for kp in (1.0, 2.0, 3.0)])
     for found in (bounds, variances, priors, loops):
         assert isinstance(found, PerChannel)
         assert len(found) == 3
@@ -124,15 +125,15 @@ def test_analysis_answers_channel_by_channel(system: FilterBank | SampledPhyFilt
         error = [0.1, 0.2, 0.0][i]
         assert (
             bounds[i].bound
-            == pf.ultimate_bound(part, residual=slopes[i], inertia_error=error, rate=2.0).bound
+            == pf.error_bound(part, pf.Bounded(slopes[i], inertia_error=error, rate=2.0)).bound
         )
-        alone = pf.error_variance(part, residual=pf.gauss_markov(1.0, 0.5), inertia=i + 1.0)
+        alone = pf.error_variance(part, pf.Gaussian(pf.gauss_markov(1.0, 0.5)), inertia=i + 1.0)
         assert variances[i].error == alone.error
-        assert priors[i].modulus_margin == pf.prior_margin(part, actuator=lag, delay=0.002).modulus_margin
-        assert loops[i].delay_margin == pf.loop_margin(part, kp=i + 1.0, kd=4.0, actuator=lag).delay_margin
+        assert priors[i].modulus_margin == pf.margins(part, pf.Loop(actuator=lag, delay=0.002)).modulus_margin
+        assert loops[i].delay_margin == pf.margins(part, pf.Loop(i + 1.0, 4.0, actuator=lag)).delay_margin
     assert list(bounds.to_dict()) == ["channel 0", "channel 1", "channel 2"]
     assert json.dumps(bounds.to_dict()["channel 1"]) == json.dumps(bounds[1].to_dict())
-    assert repr(bounds).startswith("channel 0: BoundResult(\n")
+    assert repr(bounds).startswith("channel 0: ErrorBound(\n")
     assert "channel 2" in bounds._repr_html_()
     budget = pf.error_budget(bounds)
     assert budget.names == ("channel 0", "channel 1", "channel 2")
@@ -142,13 +143,13 @@ def test_analysis_answers_channel_by_channel(system: FilterBank | SampledPhyFilt
 @pytest.mark.parametrize("system", [BANK, SAMPLED])
 def test_responses_and_poles_in_one_picture(system: FilterBank | SampledPhyFilter) -> None:
     parts = list(system) if isinstance(system, FilterBank) else list(system.by_channel)
-    responses, roots = pf.frequency_response(system, OMEGA), pf.pole_zero_map(system)
+    responses, roots = pf.frequency_response(system, OMEGA), pf.frequency_response(system).pole_zero_map
     assert isinstance(responses, FilterResponseList)
     for i, part in enumerate(parts):
         alone = pf.frequency_response(part, OMEGA)
         np.testing.assert_array_equal(responses[i].F, alone.F)
         assert responses[i].label == roots[i].label == f"channel {i}: {alone.label}"
-        np.testing.assert_array_equal(roots[i].poles, pf.pole_zero_map(part)[0].poles)
+        np.testing.assert_array_equal(roots[i].poles, pf.frequency_response(part).pole_zero_map[0].poles)
     for plot in (responses.plot(), roots.plot()):
         texts = [text.get_text() for text in plot.legend.get_texts()]
         assert all(each.label in texts for each in responses)
@@ -156,8 +157,8 @@ def test_responses_and_poles_in_one_picture(system: FilterBank | SampledPhyFilte
 
 
 def test_several_designs_are_a_sequence_without_channels() -> None:
-    bounds = pf.ultimate_bound(FILTERS, residual={1: 1.0})
-    assert [each.bound for each in bounds] == [pf.ultimate_bound(F, residual={1: 1.0}).bound for F in FILTERS]
+    bounds = pf.error_bound(FILTERS, {1: 1.0})
+    assert [each.bound for each in bounds] == [pf.error_bound(F, {1: 1.0}).bound for F in FILTERS]
     assert [each.name for each in pf.frequency_response(FILTERS, OMEGA)] == ["", "", ""]
 
 
@@ -166,9 +167,7 @@ def test_bandwidth_that_every_channel_bears() -> None:
     own = [
         pf.largest_bandwidth(
             lambda w, n=n: pf.lowpass(n, w),
-            kp=10.0,
-            kd=6.0,
-            actuator=lag,
+            pf.Loop(10.0, 6.0, actuator=lag),
             modulus_margin=0.0,
             low=8.0,
             high=40.0,
@@ -177,9 +176,7 @@ def test_bandwidth_that_every_channel_bears() -> None:
     ]
     both = pf.largest_bandwidth(
         lambda w: pf.stack([pf.lowpass(1, w), pf.lowpass(2, w)]),
-        kp=10.0,
-        kd=6.0,
-        actuator=lag,
+        pf.Loop(10.0, 6.0, actuator=lag),
         modulus_margin=0.0,
         low=8.0,
         high=40.0,
@@ -189,9 +186,9 @@ def test_bandwidth_that_every_channel_bears() -> None:
 
 def test_lists_of_another_length_are_refused() -> None:
     with pytest.raises(
-        ValueError, match="noise: expected one for all channels or one for each of the 3, got 2"
+        ValueError, match="disturbance: expected one for all channels or one for each of the 3, got 2"
     ):
-        pf.ultimate_bound(BANK, residual={1: 1.0}, noise=[0.1, 0.2])
+        pf.error_bound(BANK, [pf.Bounded({1: 1.0}, noise=noise) for noise in (0.1, 0.2)])
 
 
 # -- handed over --------------------------------------------------------------------------------------------------

@@ -181,7 +181,7 @@ SAID = {
     "design --slope -1 --noise 1": "--slope: expected a positive bound",
     "analyze FILTER --slope 3 --inertia-error 0.1": "--inertia-error: what it does grows",
     "analyze FILTER --inertia-ratio 2 1": "--inertia-ratio: expected 0 < low <= high",
-    "analyze FILTER --lag -1": "--lag: pole",
+    "analyze FILTER --lag -1": "--lag: expected a finite number >= 0",
     "analyze FILTER --slope -3": "--slope: expected a bound >= 0, got -3",
     "analyze FILTER --log LOG --x v --time clock": "no column 'clock'",
     "analyze FILTER --log LOG --x w": "name the columns by the options --time, --x, ... or",

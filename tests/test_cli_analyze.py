@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import phyfilter_ctl as pf
-from phyfilter_ctl.analysis import loop_margin, prior_margin, ultimate_bound
+from phyfilter_ctl import Bounded, Loop, error_bound, margins
 from phyfilter_ctl.cli import main
 from phyfilter_ctl.filterfile import Signals
 
@@ -47,14 +47,12 @@ def test_page_of_a_continuous_filter(continuous, tmp_path, capsys):
     assert main(["analyze", continuous, *arguments, "--json", "-", "--picture", str(picture)]) == 0
     figures = json.loads(capsys.readouterr().out)
     f = pf.lowpass(2, 20.0)
-    expected = ultimate_bound(f, residual={1: 3.0}, inertia_error=0.1, rate=2.0)
+    expected = error_bound(f, Bounded({1: 3.0}, inertia_error=0.1, rate=2.0))
     assert figures["bound"]["bound"] == expected.bound
     assert figures["bound"]["prior"] == expected.prior
     lag = ct.tf([1.0], [0.05, 1.0])
-    assert figures["inner_loop"]["modulus_margin"] == prior_margin(f, actuator=lag).modulus_margin
-    assert (
-        figures["complete_loop"]["delay_margin"] == loop_margin(f, kp=10.0, kd=6.0, actuator=lag).delay_margin
-    )
+    assert figures["inner_loop"]["modulus_margin"] == margins(f, Loop(actuator=lag)).modulus_margin
+    assert figures["complete_loop"]["delay_margin"] == margins(f, Loop(10.0, 6.0, actuator=lag)).delay_margin
     assert picture.stat().st_size > 10_000
 
 
@@ -96,11 +94,9 @@ def test_page_of_a_sampled_filter(sampled, capsys):
     assert "as long as        f_theta is linear between the samples" in text
     assert main(["analyze", sampled, *arguments, "--json", "-"]) == 0
     figures = json.loads(capsys.readouterr().out)["bound"]
-    expected = ultimate_bound(
+    expected = error_bound(
         pf.load(sampled),
-        residual={1: 4.0},
-        rate=2.0,
-        implementation=pf.Implementation(g={1: 48.0}, jitter=1e-4, x_step=0.001),
+        Bounded({1: 4.0}, rate=2.0, implementation=pf.Implementation(g={1: 48.0}, jitter=1e-4, x_step=0.001)),
     )
     assert figures["implementation"] == expected.implementation
     assert figures["covered"] == list(expected.covered)
@@ -112,10 +108,10 @@ def test_page_of_a_saturated_loop(sampled, capsys):
     assert main(["analyze", sampled, "--slope", "3", "--residual", "2=9", *loop, "--json", "-"]) == 0
     figures = json.loads(capsys.readouterr().out)
     f = pf.lowpass(2, 20.0).sampled(0.01)
-    tube = pf.tracking_tube(f, kp=10.0, kd=6.0, delay=0.01, residual={1: 3.0})
+    tube = pf.tracking_error(f, pf.Loop(10.0, 6.0, delay=0.01), {1: 3.0})
     assert figures["tracking"]["radius"] == tube.radius
     told, untold = (
-        pf.saturation_margin(f, kp=10.0, kd=6.0, delay=0.01, g=g).command_excess
+        pf.saturation_margin(f, pf.Loop(10.0, 6.0, delay=0.01), g=g).command_excess
         for g in ("saturated", "commanded")
     )
     assert figures["saturated_loop"]["commanded"]["command_excess"] == untold
@@ -150,7 +146,7 @@ def test_data_from_a_flight(sampled, tmp_path, capsys):
     assert figures["bound"]["derivative"] == 1
     # A deviation is no bound: it is stated by itself, as that of f_hat.
     assert figures["bound"]["noise"] == 0.0
-    spread = pf.error_variance(pf.load(sampled), noise=value).noise ** 0.5
+    spread = pf.error_variance(pf.load(sampled), pf.Gaussian(noise=value)).noise ** 0.5
     assert figures["noise_deviation"] == pytest.approx(spread, rel=1e-12)
     assert f"Noise of f_hat {spread:.4g} (1 sigma)" in figures["headline"]
 
@@ -161,9 +157,9 @@ def test_the_headline_is_the_least_of_all_loops(tmp_path, capsys):
     pf.save(path, filter)
     assert main(["analyze", str(path), "--lag", "0.1", "--delay", "0.02", "--kp", "10", "--kd", "6"]) == 0
     headline = capsys.readouterr().out.splitlines()[0]
-    loop = {"actuator": ct.tf(1, [0.1, 1]), "delay": 0.02}
-    assert headline == pf.analyze(filter, kp=10.0, kd=6.0, **loop).headline
-    inner, complete = prior_margin(filter, **loop), loop_margin(filter, kp=10.0, kd=6.0, **loop)
+    loop = Loop(10.0, 6.0, actuator=0.1, delay=0.02)
+    assert headline == pf.analyze(filter, loop).headline
+    inner, complete = margins(filter, loop.inner), margins(filter, loop)
     assert complete.delay_margin < inner.delay_margin  # that of the inner loop alone would promise too much
     delay, least, most = (float(text) for text in re.findall(r"\d+\.?\d*", headline))
     exact = min(each.delay_margin for each in (inner, complete))
@@ -179,7 +175,7 @@ def test_the_headline_is_the_least_of_all_loops(tmp_path, capsys):
 def test_inertia_of_the_file_counts_in_every_line(tmp_path):
     """Twelve times the inertia, twelve times the noise of x in f_hat, as a bound and as a deviation."""
     filter = pf.lowpass(2, 20.0)
-    settings = {"residual": {1: 3.0}, "noise": 0.01, "noise_deviation": 0.003}
+    settings = {"disturbance": pf.Bounded({1: 3.0}, noise=0.01), "noise_deviation": 0.003}
     path = tmp_path / "heavy.toml"
     pf.save(path, filter.sampled(0.01, inertia=12.0, units={"f": "N"}))
     one, own = pf.analyze(filter.sampled(0.01), **settings), pf.analyze(pf.load(path), **settings)
@@ -195,7 +191,7 @@ def test_inertia_noted_in_the_file_of_a_continuous_filter_counts(tmp_path, capsy
     pf.save(path, filter, signals=Signals(["v"], unit_f="N", inertia=5.0))
     assert main(["analyze", str(path), "--slope", "3", "--noise", "0.01", "--json", "-"]) == 0
     figures = json.loads(capsys.readouterr().out)
-    one = pf.ultimate_bound(filter, residual={1: 3.0}, noise=0.01)
+    one = pf.error_bound(filter, pf.Bounded({1: 3.0}, noise=0.01))
     assert figures["bound"]["noise"] == pytest.approx(5.0 * one.noise, rel=1e-12)
     assert " N while" in figures["headline"]
     two = pf.stack([filter, pf.lowpass(1, 8.0)])
@@ -203,23 +199,23 @@ def test_inertia_noted_in_the_file_of_a_continuous_filter_counts(tmp_path, capsy
     assert main(["analyze", str(path), "--slope", "3", "--noise", "0.01", "--json", "-"]) == 0
     found = json.loads(capsys.readouterr().out)["channels"]
     for name, each, M in zip("ab", two, (2.0, 3.0), strict=True):
-        noise = pf.ultimate_bound(each, residual={1: 3.0}, noise=0.01).noise
+        noise = pf.error_bound(each, pf.Bounded({1: 3.0}, noise=0.01)).noise
         assert found[name]["bound"]["noise"] == pytest.approx(M * noise, rel=1e-12)
 
 
 def test_a_filter_with_limits_has_a_page():
     filter = pf.lowpass(2, 20.0)
     limited = filter.sampled(0.01, limit=0.5, g_limit=(-2.0, 3.0), delay=0.01)
-    found = pf.analyze(limited, kp=10.0, kd=6.0, residual={1: 3.0})
+    found = pf.analyze(limited, pf.Loop(10.0, 6.0), {1: 3.0})
     assert found.tracking is None
     assert "taken for granted f_hat stays within its limit; g stays within its limits" in found.describe()
-    late = pf.analyze(filter.sampled(0.01, delay=0.01), kp=10.0, kd=6.0, residual={1: 3.0})
+    late = pf.analyze(filter.sampled(0.01, delay=0.01), pf.Loop(10.0, 6.0), {1: 3.0})
     assert late.tracking is not None
     assert late.tracking.is_linear
 
 
 def test_a_loop_that_diverges_promises_nothing():
-    found = pf.analyze(pf.lowpass(2, 20.0).sampled(0.01), kp=1000.0, kd=1.0, residual={1: 3.0})
+    found = pf.analyze(pf.lowpass(2, 20.0).sampled(0.01), pf.Loop(1000.0, 1.0), {1: 3.0})
     assert found.inner_loop.is_stable
     assert not found.is_stable
     assert found.bound is None
@@ -251,7 +247,7 @@ def test_g_of_the_loops(sampled, tmp_path, capsys):
     assert main(["analyze", sampled, *loop, "--json", "-", "--report", str(report)]) == 0
     figures = json.loads(capsys.readouterr().out)
     f = pf.load(sampled)
-    expected = loop_margin(f, kp=10.0, kd=6.0, actuator=ct.tf(1, [0.05, 1]), delay=0.01, g="applied")
+    expected = margins(f, Loop(10.0, 6.0, actuator=0.05, delay=0.01, g="applied"))
     assert figures["g"] == "applied"
     assert figures["complete_loop"]["modulus_margin"] == expected.modulus_margin
     assert "what acts" in report.read_text()

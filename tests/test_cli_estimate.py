@@ -6,7 +6,6 @@ import json
 from dataclasses import replace
 from pathlib import Path
 
-import control as ct
 import numpy as np
 import pytest
 from scipy.signal import lfilter
@@ -45,7 +44,7 @@ def test_everything_at_once(flight: str, tmp_path: Path, capsys: pytest.CaptureF
     np.testing.assert_array_equal(table["f_hat_v"], found.f_hat[0][:, 0])
     assert Path(png).stat().st_size > 10_000
     assert "f_hat helps" in text
-    margin = pf.prior_margin(found.filter, actuator=ct.tf([1.0], [0.05, 1.0]))
+    margin = pf.margins(found.filter, pf.Loop(actuator=0.05))
     assert f"{margin.min_ratio:.3g} to {margin.max_ratio:.3g} times the true one" in text
     command = next(line for line in text.splitlines() if "--c firmware" in line)
     assert main(command.replace("firmware", str(tmp_path / "firmware")).split()[1:]) == 0

@@ -8,11 +8,10 @@ import os
 import signal
 from pathlib import Path
 
-import control as ct
 import numpy as np
 import pytest
 
-from phyfilter_ctl import PhyFilter, Recording, filterfile, loop_margin
+from phyfilter_ctl import Loop, PhyFilter, Recording, filterfile, margins
 from phyfilter_ctl.cli import flights as in_files
 from phyfilter_ctl.cli import main
 from phyfilter_ctl.design import learning
@@ -443,9 +442,7 @@ def test_margin_is_kept_in_the_loop_and_its_price_is_said(logs, capsys):
     assert main(["learn", "one.csv", *options, "--margin", "0.5", *loop, "--out", "filter.toml"]) == 0
     assert "modulus margin binds" in capsys.readouterr().out
     (row,) = json.loads((logs / "figures.json").read_text())["filters"]
-    margin = loop_margin(
-        filterfile.load("filter.toml"), kp=10.0, kd=6.0, actuator=ct.tf(1, [0.05, 1]), delay=0.01
-    )
+    margin = margins(filterfile.load("filter.toml"), Loop(10.0, 6.0, actuator=0.05, delay=0.01))
     assert margin.modulus_margin >= 0.5
     assert row["loop"]["price"] > 0.0
     assert main(["learn", "one.csv", *options, "--margin", "0.95", *loop, "--out", "none.toml"]) != 0

@@ -10,7 +10,7 @@ import pytest
 from matplotlib.figure import Figure
 
 import phyfilter_ctl as pf
-from phyfilter_ctl.analysis import pole_zero_map
+from phyfilter_ctl import frequency_response
 from phyfilter_ctl.design.optimal import bound_trade_off, variance_trade_off
 from phyfilter_ctl.plots import (
     analysis_plot,
@@ -101,11 +101,13 @@ def test_faults_are_found() -> None:
     "drawn",
     [
         lambda: pf.frequency_response(MANY).plot(deg=True),
-        lambda: pole_zero_map(MANY[:2]).plot(),
-        lambda: pole_zero_map([pf.PhyFilter([8.0 + 4.0 * k]).sampled(0.002) for k in range(3)]).plot(),
+        lambda: frequency_response(MANY[:2]).pole_zero_map.plot(),
+        lambda: frequency_response(
+            [pf.PhyFilter([8.0 + 4.0 * k]).sampled(0.002) for k in range(3)]
+        ).pole_zero_map.plot(),
         lambda: bound_trade_off(2, residual={1: 8.0}, noise=0.01, points=9).plot(),
         lambda: variance_trade_off(2, residual=pf.gauss_markov(1.0, 0.5), noise=0.01, points=5).plot(),
-        lambda: pf.ultimate_bound(pf.lowpass(2, 20.0, numerator=2), residual={2: 8.0}).plot(),
+        lambda: pf.error_bound(pf.lowpass(2, 20.0, numerator=2), {2: 8.0}).plot(),
         lambda: analysis_plot(
             [pf.frequency_response(MANY[3]).curve()], T + 1.0, {"inner loop": [T + 1.0]}, []
         ),

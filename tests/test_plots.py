@@ -13,17 +13,19 @@ import pytest
 from matplotlib.text import Text
 
 from phyfilter_ctl import (
+    Bounded,
+    Gaussian,
     PhyFilter,
     bandpass,
+    error_bound,
     error_variance,
     frequency_response,
     gauss_markov,
     hz,
     lowpass,
     place_poles,
-    ultimate_bound,
 )
-from phyfilter_ctl.analysis import error_budget, pole_zero_map
+from phyfilter_ctl.analysis import error_budget
 from phyfilter_ctl.design.optimal import bound_trade_off
 from phyfilter_ctl.plots import (
     COLOURS,
@@ -102,7 +104,7 @@ def points(line) -> np.ndarray:
 
 
 def test_poles_in_the_s_plane() -> None:
-    found = pole_zero_map([FOURTH, SECOND, bandpass(2, 4.0, 9.0)])
+    found = frequency_response([FOURTH, SECOND, bandpass(2, 4.0, 9.0)]).pole_zero_map
     plot = found.plot(labels=["fourth", "second", "band"])
     assert plot.lines.shape == (3, 3)
     for row, entry in zip(plot.lines, found, strict=True):
@@ -121,7 +123,7 @@ def test_poles_in_the_s_plane() -> None:
 
 def test_zeros_are_zeros() -> None:
     for filter in (FOURTH, LEARNED, bandpass(2, 4.0, 9.0), place_poles([-3 + 4j, -3 - 4j], numerator=1)):
-        (entry,) = pole_zero_map(filter)
+        (entry,) = frequency_response(filter).pole_zero_map
         scale = float(np.max(np.abs(filter.poles)))
         for zeros, response in ((entry.zeros, filter), (entry.error_zeros, filter.error)):
             beside = np.abs(response(zeros + 0.1j * scale))
@@ -134,7 +136,7 @@ def test_zeros_are_zeros() -> None:
 def test_sampled_poles_and_zeros_rebuild_the_response(filter: PhyFilter, method) -> None:
     """F_d from its poles, its zeros and its value at one frequency is F_d at the others."""
     sampled = filter.sampled(0.01, method)
-    (entry,) = pole_zero_map(sampled)
+    (entry,) = frequency_response(sampled).pole_zero_map
     dA, equilibrium, C = sampled.transition
     omega = np.array([1.0, 5.0, 40.0, 200.0, 300.0])
     z = np.exp(1j * omega * sampled.dt)
@@ -147,7 +149,7 @@ def test_sampled_poles_and_zeros_rebuild_the_response(filter: PhyFilter, method)
 
 
 def test_z_plane_whole_and_enlarged() -> None:
-    slow = pole_zero_map([SECOND.sampled(0.05), FOURTH.sampled(0.05)]).plot()
+    slow = frequency_response([SECOND.sampled(0.05), FOURTH.sampled(0.05)]).pole_zero_map.plot()
     (axes,) = slow.axes[:, 0]
     assert axes.get_xlabel() == "Real part of $z$"
     assert axes.get_xlim() == (-1.15, 1.15)
@@ -163,7 +165,7 @@ def test_z_plane_whole_and_enlarged() -> None:
         begins = [z for z in curves if abs(z[0] - np.exp(1j * angle)) < CLOSE]
         assert begins
         assert all(abs(z[1]) < 1.0 for z in begins)
-    fast = pole_zero_map([SECOND.sampled(0.002), FOURTH.sampled(0.002)])
+    fast = frequency_response([SECOND.sampled(0.002), FOURTH.sampled(0.002)]).pole_zero_map
     plot = fast.plot()
     (near,) = plot.axes[:, 0]
     left, right = near.get_xlim()
@@ -181,7 +183,7 @@ def test_z_plane_whole_and_enlarged() -> None:
 
 
 def test_a_far_zero_is_at_the_rim_with_its_value() -> None:
-    plot = pole_zero_map(LEARNED).plot()
+    plot = frequency_response(LEARNED).pole_zero_map.plot()
     (axes,) = plot.axes[:, 0]
     inside, rim = plot.lines[0, 1]
     np.testing.assert_allclose(points(inside), [-13.1662], atol=1e-3)
@@ -192,15 +194,15 @@ def test_a_far_zero_is_at_the_rim_with_its_value() -> None:
 
 def test_poles_on_given_axes_and_refusals() -> None:
     figure, axes = plt.subplots()
-    assert pole_zero_map(SECOND).plot(axes).figure is figure
+    assert frequency_response(SECOND).pole_zero_map.plot(axes).figure is figure
     with pytest.raises(ValueError, match="expected all filters continuous or all sampled"):
-        pole_zero_map([SECOND, SECOND.sampled(0.01)]).plot()
+        frequency_response([SECOND, SECOND.sampled(0.01)]).pole_zero_map.plot()
     with pytest.raises(ValueError, match="labels: expected one for each of the 1 filters, got 2"):
-        pole_zero_map(SECOND).plot(labels=["a", "b"])
+        frequency_response(SECOND).pole_zero_map.plot(labels=["a", "b"])
     with pytest.raises(ValueError, match="each with a pole"):
         pole_plot([PoleSet("none", np.zeros(0, dtype=complex))])
     with pytest.raises(TypeError, match="expected a PhyFilter"):
-        pole_zero_map([])
+        frequency_response([])
 
 
 # -- magnitude with limits --------------------------------------------------------------------------------------------
@@ -249,8 +251,8 @@ def test_limits_refused(of, magnitude: float, low: float, high: float, message: 
 
 
 def test_budget_of_bounds_as_bars() -> None:
-    given = {"residual": {1: 8.0}, "noise": 0.01, "inertia_error": 0.05, "rate": 2.0}
-    bounds = {f"{w:g} rad/s": ultimate_bound(lowpass(2, w), **given) for w in (10.0, 20.0, 40.0)}
+    given = Bounded({1: 8.0}, noise=0.01, inertia_error=0.05, rate=2.0)
+    bounds = {f"{w:g} rad/s": error_bound(lowpass(2, w), given) for w in (10.0, 20.0, 40.0)}
     budget = error_budget(bounds, unit="m/s^2")
     np.testing.assert_allclose(budget.total, [entry.bound for entry in bounds.values()], rtol=1e-12)
     plot = budget.plot()
@@ -270,7 +272,7 @@ def test_budget_of_bounds_as_bars() -> None:
 
 def test_budget_over_bandwidth() -> None:
     designs = bound_trade_off(1, residual={1: 8.0}, noise=0.01, points=21)
-    bounds = [ultimate_bound(each, residual={1: 8.0}, noise=0.01) for each in designs.filters]
+    bounds = [error_bound(each, Bounded({1: 8.0}, noise=0.01)) for each in designs.filters]
     budget = error_budget(bounds[::-1], unit="N")
     assert budget.bandwidth is not None
     assert np.all(np.diff(budget.bandwidth) > 0.0)
@@ -294,7 +296,7 @@ def test_budget_over_bandwidth() -> None:
 
 def test_budget_of_variances() -> None:
     gamma = gauss_markov(1.0, 0.5)
-    found = {w: error_variance(lowpass(2, w), residual=gamma, noise=0.01) for w in (5.0, 20.0)}
+    found = {w: error_variance(lowpass(2, w), Gaussian(gamma, noise=0.01)) for w in (5.0, 20.0)}
     named = error_budget({f"{w:g} rad/s": entry for w, entry in found.items()}, unit="N")
     assert list(named.parts) == ["residual", "noise"], "there is no prior in a variance"
     np.testing.assert_allclose(named.total, [entry.error for entry in found.values()], rtol=1e-12)
@@ -304,11 +306,11 @@ def test_budget_of_variances() -> None:
 
 
 def test_budget_refusals() -> None:
-    bound = ultimate_bound(SECOND, residual={1: 8.0})
-    variance = error_variance(SECOND, noise=0.01)
+    bound = error_bound(SECOND, {1: 8.0})
+    variance = error_variance(SECOND, Gaussian(noise=0.01))
     with pytest.raises(ValueError, match="at least one"):
         error_budget([])
-    with pytest.raises(TypeError, match="all BoundResult or all Variance, got BoundResult, Variance"):
+    with pytest.raises(TypeError, match="all ErrorBound or all Variance, got ErrorBound, Variance"):
         error_budget([bound, variance])  # type: ignore[list-item]  # the mixture is what is refused
     with pytest.raises(ValueError, match="does not know its filter"):
         error_budget([variance])
@@ -419,7 +421,7 @@ def test_trade_off_and_bound_have_units() -> None:
     curve = designs.plot()
     np.testing.assert_array_equal(curve.lines[0, 0][0].get_xdata(), designs.following)
     np.testing.assert_array_equal(curve.lines[0, 0][0].get_ydata(), designs.noise)
-    bound = ultimate_bound(lowpass(2, 20.0, numerator=2), residual={2: 8.0})
+    bound = error_bound(lowpass(2, 20.0, numerator=2), {2: 8.0})
     course = bound.plot()
     assert course.axes[0, 0].get_ylabel() == "Response to $\\gamma^{(2)}$ [s]"
     np.testing.assert_allclose(course.lines[1, 0][0].get_ydata()[-1], bound.intrinsic, rtol=1e-3)

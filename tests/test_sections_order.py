@@ -13,7 +13,7 @@ import pytest
 from mpmath import mp
 from numpy.typing import NDArray
 
-from phyfilter_ctl import PhyFilter, SampledPhyFilter
+from phyfilter_ctl import Gaussian, PhyFilter, SampledPhyFilter
 from phyfilter_ctl.analysis import error_variance, frequency_response
 
 # Sampled F relative to its largest value: some tens of roundings, whatever lies between the poles.
@@ -107,7 +107,7 @@ def test_noise_variance_keeps_its_digits(order: int, decades: float) -> None:
         sampled = spread(order, decades, seed)
         _, expected = by_partial_fractions(sampled, np.zeros(0))
         assert frequency_response(sampled).noise_gain ** 2 == pytest.approx(expected, rel=VARIANCE)
-        assert error_variance(sampled, noise=1.0).noise == pytest.approx(expected, rel=VARIANCE)
+        assert error_variance(sampled, Gaussian(noise=1.0)).noise == pytest.approx(expected, rel=VARIANCE)
 
 
 @pytest.mark.parametrize("decades", APART)

@@ -24,8 +24,8 @@ from numpy.typing import NDArray
 from scipy.linalg import schur, solve_triangular
 from threadpoolctl import threadpool_limits
 
+from phyfilter_ctl import linearize_sampled
 from phyfilter_ctl.diagram import FlatModel, flatten
-from phyfilter_ctl.simulation import linearize_sampled
 from phyfilter_ctl.study import (
     Executor,
     Report,

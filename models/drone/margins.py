@@ -18,14 +18,14 @@ import control as ct
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from phyfilter_ctl import PhyFilter
+from phyfilter_ctl import Loop, PhyFilter, sampled_open_loop
 from phyfilter_ctl.analysis import largest_bandwidth
 from phyfilter_ctl.blocks import FunctionBlock
 from phyfilter_ctl.diagram import FlatModel, flatten
 from phyfilter_ctl.plants import Columns, plant, rotate, rotate_back
 from phyfilter_ctl.plants.algebra import Array
 from phyfilter_ctl.plants.factory import Results
-from phyfilter_ctl.simulation import sampled_open_loop, simulate
+from phyfilter_ctl.simulation import simulate
 
 from .diagram import build
 from .experiment import start_state
@@ -127,14 +127,11 @@ def predicted(position_bandwidth: float) -> Prediction:
     lag = ct.tf(1, [vehicle.motor_lag, 1])
     late = vehicle.delay + 0.5 * dt
     return Prediction(
-        largest_bandwidth(_first, actuator=lag, delay=late, modulus_margin=0.0).limit,
-        largest_bandwidth(_first, kp=kp, kd=kd, actuator=lag, delay=late, modulus_margin=0.0).limit,
+        largest_bandwidth(_first, Loop(actuator=lag, delay=late), modulus_margin=0.0).limit,
+        largest_bandwidth(_first, Loop(kp, kd, actuator=lag, delay=late), modulus_margin=0.0).limit,
         largest_bandwidth(
             lambda w: _first(w).sampled(dt, g="hold"),
-            kp=kp,
-            kd=kd,
-            actuator=lag,
-            delay=vehicle.delay,
+            Loop(kp, kd, actuator=lag, delay=vehicle.delay),
             dt=dt,
             modulus_margin=0.0,
         ).limit,

@@ -22,9 +22,9 @@ import control as ct
 import numpy as np
 from threadpoolctl import threadpool_limits
 
+from phyfilter_ctl import sampled_open_loop
 from phyfilter_ctl.analysis import frequency_response
 from phyfilter_ctl.learned import Chebyshev
-from phyfilter_ctl.simulation import sampled_open_loop
 from phyfilter_ctl.study import (
     Executor,
     Report,

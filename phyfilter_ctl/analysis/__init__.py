@@ -1,91 +1,75 @@
 """Analysis: what a filter does to signals."""
 
-from .bounds import (
-    BoundResult,
-    Certificate,
-    FixedPoint,
-    Implementation,
-    QuadraticProof,
-    Together,
-    fixed_point,
-    ultimate_bound,
-)
+from .._renamed import former
+from .bounds import Certificate, ErrorBound, FixedPoint, QuadraticProof, Together, error_bound, fixed_point
 from .budget import ErrorBudget, error_budget
 from .frequency import FilterResponse, FilterResponseList, Peak, frequency_response
 from .margins import (
     BandwidthLimit,
+    Characteristic,
     Crossing,
     DiskMargin,
+    FilterMargins,
     InertiaCertificate,
     InertiaMotion,
-    InertiaVerdict,
-    Loop,
-    LoopMargin,
-    LoopMargins,
-    PriorMargin,
-    RatioMargins,
+    Margins,
     SaturationMargin,
     Surroundings,
+    SystemMargins,
     configuration_hull,
-    disk_margin,
+    filter_margins,
+    inertia_tolerance,
     largest_bandwidth,
-    loop_margin,
-    moving_inertia,
-    prior_margin,
     saturation_margin,
 )
-from .poles import PolesAndZeros, PoleZeroMap, pole_zero_map
+from .poles import PolesAndZeros, PoleZeroMap
 from .summary import Analysis, analyze
-from .tubes import TrackingDeviation, TrackingTube, tracking_deviation, tracking_tube
-from .variance import Variance, error_variance, gauss_markov
+from .tracking_error import TrackingDeviation, TrackingTube, tracking_error
+from .variance import Variance, error_variance
 from .verdict import Sentence
 
 __all__ = [
     "Analysis",
     "BandwidthLimit",
-    "BoundResult",
     "Certificate",
+    "Characteristic",
     "Crossing",
     "DiskMargin",
+    "ErrorBound",
     "ErrorBudget",
+    "FilterMargins",
     "FilterResponse",
     "FilterResponseList",
     "FixedPoint",
-    "Implementation",
     "InertiaCertificate",
     "InertiaMotion",
-    "InertiaVerdict",
-    "Loop",
-    "LoopMargin",
-    "LoopMargins",
+    "Margins",
     "Peak",
     "PoleZeroMap",
     "PolesAndZeros",
-    "PriorMargin",
     "QuadraticProof",
-    "RatioMargins",
     "SaturationMargin",
     "Sentence",
     "Surroundings",
+    "SystemMargins",
     "Together",
     "TrackingDeviation",
     "TrackingTube",
     "Variance",
     "analyze",
     "configuration_hull",
-    "disk_margin",
+    "error_bound",
     "error_budget",
     "error_variance",
+    "filter_margins",
     "fixed_point",
     "frequency_response",
-    "gauss_markov",
+    "inertia_tolerance",
     "largest_bandwidth",
-    "loop_margin",
-    "moving_inertia",
-    "pole_zero_map",
-    "prior_margin",
     "saturation_margin",
-    "tracking_deviation",
-    "tracking_tube",
-    "ultimate_bound",
+    "tracking_error",
 ]
+
+
+def __getattr__(name: str) -> object:
+    return former(__name__, name)

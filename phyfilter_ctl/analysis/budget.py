@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from .. import _signals, plots
 from .._sections import FloatArray
 from ..results import PerChannel, Result
-from .bounds import BoundResult
+from .bounds import ErrorBound
 from .frequency import frequency_response
 from .variance import Variance
 
@@ -88,7 +88,7 @@ class ErrorBudget(Result):
 
 
 def error_budget(
-    results: Mapping[str, BoundResult] | Mapping[str, Variance] | Sequence[BoundResult] | Sequence[Variance],
+    results: Mapping[str, ErrorBound] | Mapping[str, Variance] | Sequence[ErrorBound] | Sequence[Variance],
     *,
     bandwidth: ArrayLike | None = None,
     unit: str = "",
@@ -97,7 +97,7 @@ def error_budget(
 
     Parameters
     ----------
-    results : mapping of str to, or sequence of, BoundResult or Variance
+    results : mapping of str to, or sequence of, ErrorBound or Variance
         A mapping names the designs, to be compared as bars, as a PerChannel does its channels; a sequence is drawn over
         bandwidth.
     bandwidth : (m,) array_like, optional
@@ -114,16 +114,15 @@ def error_budget(
     Raises
     ------
     TypeError
-        If the results are not all BoundResult or all Variance.
+        If the results are not all ErrorBound or all Variance.
     ValueError
         If there are none, or ``bandwidth`` is missing, of another length, not positive, or given for a mapping.
 
     Examples
     --------
-    >>> from phyfilter_ctl.analysis import ultimate_bound
-    >>> from phyfilter_ctl.filter import PhyFilter
+    >>> from phyfilter_ctl import Bounded, PhyFilter, error_bound
     >>> designs = {f"{w} rad/s": PhyFilter([w]) for w in (10.0, 20.0)}
-    >>> bounds = {name: ultimate_bound(f, residual={1: 8.0}, noise=0.01) for name, f in designs.items()}
+    >>> bounds = {name: error_bound(f, Bounded({1: 8.0}, noise=0.01)) for name, f in designs.items()}
     >>> budget = error_budget(bounds, unit="N")
     >>> budget.residual.round(6).tolist(), budget.noise.round(6).tolist()
     ([0.8, 0.4], [0.2, 0.4])
@@ -133,12 +132,12 @@ def error_budget(
     names = tuple(results) if isinstance(results, Mapping) else None
     found = list(results.values()) if isinstance(results, Mapping) else list(results)
     if not found:
-        raise ValueError("results: expected at least one BoundResult or Variance, got none")
-    bounds = [entry for entry in found if isinstance(entry, BoundResult)]
+        raise ValueError("results: expected at least one ErrorBound or Variance, got none")
+    bounds = [entry for entry in found if isinstance(entry, ErrorBound)]
     variances = [entry for entry in found if isinstance(entry, Variance)]
     if len(found) not in (len(bounds), len(variances)):
         raise TypeError(
-            "results: expected all BoundResult or all Variance, got "
+            "results: expected all ErrorBound or all Variance, got "
             + ", ".join(type(e).__name__ for e in found)
         )
     if bounds:
@@ -161,7 +160,7 @@ def error_budget(
     return ErrorBudget(kind, None, widths[order], parts[0], parts[1], parts[2], parts[3], unit)
 
 
-def _widths(bounds: Sequence[BoundResult], count: int, bandwidth: ArrayLike | None) -> FloatArray:
+def _widths(bounds: Sequence[ErrorBound], count: int, bandwidth: ArrayLike | None) -> FloatArray:
     if bandwidth is None:
         if not bounds:
             raise ValueError(

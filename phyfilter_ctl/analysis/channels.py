@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from functools import wraps
-from typing import Any, Concatenate, ParamSpec, Protocol, TypeVar, overload
+from inspect import signature
+from typing import Any, Concatenate, ParamSpec, Protocol, TypeVar, cast, overload
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -44,7 +45,9 @@ class PerFilter(Protocol[_P, _R]):
     """An analysis of one filter, or of several: then channel by channel, each argument one for all or a list."""
 
     @overload
-    def __call__(self, filter: SampledBank | Sequence[Filter], **arguments: object) -> PerChannel[_R]: ...
+    def __call__(
+        self, filter: SampledBank | Sequence[Filter], *arguments: object, **named: object
+    ) -> PerChannel[_R]: ...
 
     @overload
     def __call__(self, filter: Filter, *args: _P.args, **kwargs: _P.kwargs) -> _R: ...
@@ -52,17 +55,20 @@ class PerFilter(Protocol[_P, _R]):
 
 def per_channel(function: Callable[Concatenate[Filter, _P], _R]) -> PerFilter[_P, _R]:
     """Let an analysis of one filter answer for a bank of them too."""
+    parameters, alone = signature(function), cast(Callable[..., _R], function)
 
     @wraps(function)
     def answer(filter: Any, *args: Any, **kwargs: Any) -> Any:
         filters = channels_of(filter)
         if filters is None:
             return function(filter, *args, **kwargs)
-        if np.ndim(kwargs.get("inertia", 1.0)) == 2:
-            kwargs["inertia"] = _of_channels(kwargs["inertia"], filter)
-        spread = {name: _spread(name, value, len(filters)) for name, value in kwargs.items()}
+        given = parameters.bind(filter, *args, **kwargs).arguments
+        del given["filter"]
+        if np.ndim(given.get("inertia", 1.0)) == 2:
+            given["inertia"] = _of_channels(given["inertia"], filter)
+        spread = {name: _spread(name, value, len(filters)) for name, value in given.items()}
         return PerChannel(
-            function(entry, *args, **{name: values[i] for name, values in spread.items()})
+            alone(entry, **{name: values[i] for name, values in spread.items()})
             for i, (_, entry) in enumerate(filters)
         )
 
@@ -78,7 +84,8 @@ def _of_channels(M: ArrayLike, filter: object) -> FloatArray:
 
 
 def _spread(name: str, value: Any, count: int) -> Sequence[Any]:
-    if not (isinstance(value, list | tuple) or (isinstance(value, np.ndarray) and value.ndim == 1)):
+    several = isinstance(value, list | tuple) or (isinstance(value, np.ndarray) and value.ndim == 1)
+    if not several or (name == "ratios" and np.ndim(value) == 1):  # (low, high) is one for all
         return [value] * count
     if len(value) != count:
         raise ValueError(

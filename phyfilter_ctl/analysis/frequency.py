@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Literal, NamedTuple, cast, get_args, overload
+from typing import TYPE_CHECKING, Literal, NamedTuple, cast, get_args, overload
 
 import control as ct
 import numpy as np
@@ -20,6 +20,9 @@ from ..filter import PhyFilter, SampledBank, SampledPhyFilter
 from . import _paths, _resolvent, grids
 from .channels import Filter, channels_of
 from .options import assumed, input_gains
+
+if TYPE_CHECKING:
+    from .poles import PoleZeroMap
 
 __all__ = ["FilterResponse", "FilterResponseList", "Peak", "frequency_response"]
 
@@ -130,6 +133,13 @@ class FilterResponse:
             return self.F if output == "f_hat" else self.error
         value = _paths.to_estimate(self.system, self.omega, input)
         return value if output == "f_hat" else -value
+
+    @property
+    def pole_zero_map(self) -> PoleZeroMap:
+        """Poles and zeros of the filter, of F and of 1 - F; it draws itself too."""
+        from .poles import pole_zero_map  # its labels come from responses
+
+        return pole_zero_map(self.system)
 
     @property
     def assumptions(self) -> tuple[str, ...]:
@@ -347,6 +357,13 @@ class FilterResponse:
 
 class FilterResponseList(tuple[FilterResponse, ...]):
     """Responses of several filters over one axis; a tuple that can draw itself."""
+
+    @property
+    def pole_zero_map(self) -> PoleZeroMap:
+        """Poles and zeros of all of them."""
+        from .poles import PoleZeroMap
+
+        return PoleZeroMap(replace(each.pole_zero_map[0], name=each.name) for each in self)
 
     def plot(
         self,

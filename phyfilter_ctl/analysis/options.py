@@ -6,7 +6,7 @@ The analyses are of a linear filter on good samples. Every field of ``Sampling``
 * refused: the figures would be of another system;
 * named: it is taken for granted, in ``assumptions`` of the result;
 * without effect on what is asked: units; what a bad sample does, of which there are none; rounding in float32, which
-  states carry along, but for ``ultimate_bound``, which names it.
+  states carry along, but for ``error_bound``, which names it.
 
 ``tests/analysis/test_options.py`` goes over all fields and all analyses and finds out which.
 """
@@ -15,18 +15,16 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping
 from dataclasses import fields
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from .. import _signals
 from ..filter import PhyFilter, SampledPhyFilter, Sampling
+from ..values import Told
 
 __all__ = ["InputGains", "Told", "assumed", "inertia_of", "input_gains", "units_of"]
-
-# What a filter in a loop is told: the command, or the force that acts, lag and delay of the actuator and all.
-Told = Literal["commanded", "applied"]
 
 # Of a filter that has it; what is not here has no effect where it is not counted.
 _TAKEN_FOR_GRANTED = {

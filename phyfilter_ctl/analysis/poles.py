@@ -20,7 +20,7 @@ __all__ = ["PoleZeroMap", "PolesAndZeros", "pole_zero_map"]
 
 @dataclass(frozen=True, eq=False)
 class PolesAndZeros:
-    """Poles and zeros of one filter; made by :func:`pole_zero_map`.
+    """Poles and zeros of one filter; ``pole_zero_map`` of a response.
 
     Attributes
     ----------
@@ -107,12 +107,12 @@ def pole_zero_map(system: Filter | Sequence[Filter]) -> PoleZeroMap:
     Examples
     --------
     >>> filter = PhyFilter([400.0, 40.0], [400.0, 40.0])
-    >>> both = pole_zero_map([filter, PhyFilter([25.0, 6.0])])
+    >>> both = frequency_response([filter, PhyFilter([25.0, 6.0])]).pole_zero_map
     >>> both[0].zeros.real.tolist(), both[0].error_zeros.real.tolist()
     ([-10.0], [0.0, 0.0])
     >>> both[1].poles.tolist()
     [(-3+4j), (-3-4j)]
-    >>> pole_zero_map(filter.sampled(0.01, "euler"))[0].zeros.real.round(12).tolist()
+    >>> frequency_response(filter.sampled(0.01, "euler")).pole_zero_map[0].zeros.real.round(12).tolist()
     [0.0, 0.9]
     """
     filters = channels_of(system) or ([("", system)] if isinstance(system, Filter) else [])

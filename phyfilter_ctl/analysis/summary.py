@@ -3,29 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
-import control as ct
 import numpy as np
 from numpy.typing import ArrayLike
 
 from .. import _signals
 from ..filter import PhyFilter, SampledPhyFilter
 from ..results import Result
-from .bounds import BoundResult, Implementation, ultimate_bound
+from ..values import Bounded, Gaussian, Loop, Told
+from ..values.disturbance import bounded
+from .bounds import ErrorBound, error_bound
 from .channels import Filter, per_channel
 from .frequency import FilterResponse, frequency_response
-from .margins import (
-    InertiaCertificate,
-    SaturationMargin,
-    loop_margin,
-    moving_inertia,
-    prior_margin,
-    saturation_margin,
-)
-from .margins.ratio_margins import RatioMargins
-from .options import Told, inertia_of
-from .tubes import TrackingTube, tracking_tube
+from .margins import InertiaCertificate, SaturationMargin, inertia_tolerance, saturation_margin
+from .margins.filter_margins import FilterMargins, checked_loop, filter_margins
+from .margins.saturation import KnownActuation
+from .options import inertia_of
+from .tracking_error import TrackingTube, tracking_error
 from .variance import error_variance
 from .verdict import Sentence, on_error, on_loops
 
@@ -44,7 +39,7 @@ class Analysis(Result):
     Parameters
     ----------
     response : FilterResponse
-    bound : BoundResult or None
+    bound : ErrorBound or None
         Of the error; None without a bound on the residual, or where a loop is not stable.
     noise_deviation : float or None
         Standard deviation that the noise of x gives f_hat; None where that of the noise is not known.
@@ -84,10 +79,10 @@ class Analysis(Result):
     )
 
     response: FilterResponse
-    bound: BoundResult | None
+    bound: ErrorBound | None
     noise_deviation: float | None
-    inner_loop: RatioMargins
-    complete_loop: RatioMargins | None
+    inner_loop: FilterMargins
+    complete_loop: FilterMargins | None
     saturated_loop: Mapping[str, SaturationMargin]
     tracking: TrackingTube | None
     moving_inertia: Mapping[str, InertiaCertificate]
@@ -106,7 +101,7 @@ class Analysis(Result):
         return self.system if isinstance(self.system, PhyFilter) else self.system.filter
 
     @property
-    def loops(self) -> tuple[RatioMargins, ...]:
+    def loops(self) -> tuple[FilterMargins, ...]:
         """Every loop that was analysed."""
         return (self.inner_loop,) if self.complete_loop is None else (self.inner_loop, self.complete_loop)
 
@@ -210,20 +205,12 @@ class Analysis(Result):
 @per_channel
 def analyze(
     filter: PhyFilter | SampledPhyFilter,
+    loop: Loop | None = None,
+    disturbance: Bounded | Mapping[int, float] | None = None,
     *,
-    kp: float = 0.0,
-    kd: float = 0.0,
-    actuator: ct.TransferFunction | ct.StateSpace | None = None,
-    delay: float = 0.0,
-    residual: Mapping[int, float] | None = None,
-    noise: float = 0.0,
     noise_deviation: float = 0.0,
-    inertia_error: float = 0.0,
-    rate: float | None = None,
     inertia: ArrayLike | None = None,
     ratios: Sequence[float] | None = None,
-    g: Told = "commanded",
-    implementation: Implementation | None = None,
 ) -> Analysis:
     """What a filter promises: error, noise, and what the loops that it is in tolerate.
 
@@ -235,12 +222,10 @@ def analyze(
     filter : PhyFilter, SampledPhyFilter or several
         A sampled one as it runs. Several, by ``stack`` or as a sequence: the answer is a ``PerChannel``, and every
         other argument one for all or a list.
-    kp, kd, actuator, delay
-        The loop, as for :func:`loop_margin`; without gains f_hat alone is fed back.
-    residual, inertia_error, rate, implementation
-        What the error is bounded for, as for :func:`ultimate_bound`.
-    noise : float
-        Bound of the noise of x: part of the bound of the error.
+    loop : Loop, optional
+        Without gains f_hat alone is fed back.
+    disturbance : Bounded, or mapping of int to float, optional
+        What the error is bounded for; a mapping is the bounds of the residual alone. None: no bound.
     noise_deviation : float
         Standard deviation of independent noise of the samples of x, for a sampled filter. No part of a bound: noise of
         a known deviation has none.
@@ -248,8 +233,6 @@ def analyze(
         M_hat, in the spectral norm, by which noise of x counts. None: the filter's own, else 1.
     ratios : (low, high), optional
         Whether M_hat/M may be anywhere in between, constant and moving at any speed; with the command as g.
-    g : {"commanded", "applied"}
-        What the filter is told in the loops, as for :func:`loop_margin`.
 
     Returns
     -------
@@ -258,65 +241,56 @@ def analyze(
     Raises
     ------
     TypeError, ValueError
-        As for :func:`ultimate_bound`, :func:`loop_margin` and :func:`moving_inertia`; for a ``noise_deviation`` of a
-        continuous filter, and for ``ratios`` with ``g="applied"``.
+        As for :func:`error_bound`, :func:`~phyfilter_ctl.margins` and :func:`inertia_tolerance`; for a
+        ``noise_deviation`` of a continuous filter, and for ``ratios`` with ``g="applied"``.
 
     Examples
     --------
     The complete loop tolerates less than the inner one, and is what is promised:
 
-    >>> import control as ct
-    >>> lag = ct.tf(1, [0.1, 1])
-    >>> analyze(PhyFilter([12.0]), actuator=lag, delay=0.02).headline
+    >>> loop = Loop(10.0, 6.0, actuator=0.1, delay=0.02)
+    >>> analyze(PhyFilter([12.0]), loop.inner).headline
     'Stable. Tolerates 74 ms more delay, masses from 0.233 times yours.'
-    >>> analyze(PhyFilter([12.0]), kp=10.0, kd=6.0, actuator=lag, delay=0.02, residual={1: 3.0}).headline
+    >>> analyze(PhyFilter([12.0]), loop, {1: 3.0}).headline
     'Stable. Tolerates 6.64 ms more delay, masses 0.718 to 5.54 times yours. Error at most 0.25 while |γ′| ≤ 3 per s.'
     """
+    around = checked_loop(loop)
+    bounds = Bounded() if disturbance is None else bounded(disturbance)
     M = inertia_of(filter, inertia)
-    if inertia_error and not rate:
-        raise ValueError("inertia_error: what it does grows with |x'|; give its bound too, rate=...")
-    if ratios is not None and g != "commanded":
+    if ratios is not None and around.g != "commanded":
         raise ValueError(
-            f"ratios: whether M may move is known for the command as g, got g={g!r}; leave ratios out and see the "
-            "stable ratios of the inner loop for a constant M"
+            f"ratios: whether M may move is known for the command as g, got g={around.g!r}; leave ratios out and see "
+            "the stable ratios of the inner loop for a constant M"
         )
     response = frequency_response(filter)
-    loop = {"actuator": actuator, "delay": delay}
-    inner = prior_margin(filter, g=g, **loop)
+    inner = filter_margins(filter, around.inner)
     complete, saturated = None, {}
-    if kp or kd:
-        complete = loop_margin(filter, kp=kp, kd=kd, g=g, **loop)
+    if around.has_gains:
+        complete = filter_margins(filter, around)
         clipped = isinstance(filter, SampledPhyFilter) and filter.sampling.g_limit is not None
-        commanded = ("saturated",) if clipped else ("saturated", "commanded")
+        commanded: tuple[KnownActuation, ...] = ("saturated",) if clipped else ("saturated", "commanded")
         saturated = {
-            known: saturation_margin(filter, kp=kp, kd=kd, g=known, **loop)
-            for known in (("applied",) if g == "applied" else commanded)
+            known: saturation_margin(filter, around, g=known)
+            for known in (("applied",) if around.g == "applied" else commanded)
         }
     stable = inner.is_stable and (complete is None or complete.is_stable)
-    bound = None
-    if residual:
-        bound = ultimate_bound(
-            filter,
-            residual=residual,
-            noise=noise,
-            inertia_error=inertia_error,
-            inertia=inertia,
-            implementation=implementation,
-            rate=rate or 0.0,
-        )
+    bound = error_bound(filter, bounds, inertia=inertia) if any(bounds.parts) else None
     deviation = None
     if noise_deviation:
         if not isinstance(filter, SampledPhyFilter):
             raise ValueError("noise_deviation: is of samples; take filter.sampled(dt)")
-        deviation = float(np.sqrt(error_variance(filter, noise=noise_deviation, inertia=inertia).noise))
-    tube, seen = None, {k: size for k, size in (residual or {}).items() if k <= 1}
-    if seen and stable and complete is not None and kp > 0.0 and _has_tube(filter, g):
-        tube = tracking_tube(filter, kp=kp, kd=kd, residual=seen, noise=noise, inertia=M, g=g, **loop)
+        deviation = float(
+            np.sqrt(error_variance(filter, Gaussian(noise=noise_deviation), inertia=inertia).noise)
+        )
+    tube, seen = None, {k: size for part in bounds.parts for k, size in part.items() if k <= 1}
+    if seen and stable and complete is not None and around.kp > 0.0 and _has_tube(filter, around.g):
+        tube = tracking_error(filter, around, Bounded(seen, noise=bounds.noise), inertia=M)
     moving = {}
     if ratios is not None:
+        plain = replace(around.inner, inertia_ratio=1.0)
         moving = {
-            "constant M": moving_inertia(filter, ratios=ratios, rate=0.0, **loop),
-            "M of any speed": moving_inertia(filter, ratios=ratios, **loop),
+            "constant M": inertia_tolerance(filter, plain, ratios=ratios, rate=0.0),
+            "M of any speed": inertia_tolerance(filter, plain, ratios=ratios),
         }
     units = filter.sampling.units if isinstance(filter, SampledPhyFilter) else {}
     return Analysis(
@@ -329,7 +303,7 @@ def analyze(
         tube,
         moving,
         _blocked(filter, response, complete or inner) if stable else {},
-        residual[1] if residual and set(residual) == {1} else None,
+        bounds.slope,
         units.get("f", ""),
     )
 
@@ -344,7 +318,7 @@ def _has_tube(filter: PhyFilter | SampledPhyFilter, g: Told) -> bool:
 
 
 def _blocked(
-    filter: PhyFilter | SampledPhyFilter, response: FilterResponse, loop: RatioMargins
+    filter: PhyFilter | SampledPhyFilter, response: FilterResponse, loop: FilterMargins
 ) -> dict[float, float]:
     """Share left of the residual by the sampled loop where F itself would leave none."""
     if not isinstance(filter, SampledPhyFilter):
@@ -359,7 +333,7 @@ def _blocked(
     return dict(zip(below.tolist(), left.tolist(), strict=True))
 
 
-def _indented(result: RatioMargins) -> list[str]:
+def _indented(result: FilterMargins) -> list[str]:
     return ["  " + line for line in result.describe().splitlines()]
 
 

@@ -11,15 +11,14 @@ from scipy.linalg import solve_continuous_lyapunov, solve_discrete_lyapunov
 
 from .. import _sections
 from .._sections import FloatArray
-from .._signals import number
 from ..filter import PhyFilter, SampledPhyFilter
 from ..results import Result, in_lines, with_unit
+from ..values import Gaussian, Shape
+from ..values.disturbance import shaping
 from .channels import per_channel
 from .options import assumed, input_gains, units_of
 
-__all__ = ["Variance", "error_variance", "gauss_markov"]
-
-Shape = ct.StateSpace | ct.TransferFunction
+__all__ = ["Variance", "discretised", "error_variance"]
 
 
 @dataclass(frozen=True, repr=False)
@@ -69,7 +68,7 @@ class Variance(Result):
         Examples
         --------
         >>> filter = PhyFilter([20.0]).sampled(0.002, units={"f": "N"})
-        >>> print(error_variance(filter, noise=0.001).describe())
+        >>> print(error_variance(filter, Gaussian(noise=0.001)).describe())
         error               0.0198 N (1 sigma)
           noise             0.0198 N
           residual          0 N
@@ -81,45 +80,11 @@ class Variance(Result):
         return in_lines(lines | {"estimate": f"{with_unit(self.estimate**0.5, self.unit)} (1 sigma)"})
 
 
-def gauss_markov(deviation: float, time_constant: float) -> ct.StateSpace:
-    """Shaping filter of a first-order Gauss-Markov process: exponentially correlated, stationary.
-
-    Parameters
-    ----------
-    deviation : float
-        Its standard deviation.
-    time_constant : float
-        Seconds after which the correlation has fallen to 1/e.
-
-    Returns
-    -------
-    control.StateSpace
-        From unit white noise to the process.
-
-    Raises
-    ------
-    ValueError
-        Unless both are positive.
-
-    Examples
-    --------
-    >>> float(error_variance(PhyFilter([20.0]), residual=gauss_markov(1.0, 0.5)).residual_error.__round__(6))
-    0.090909
-    """
-    if not (deviation > 0.0 and time_constant > 0.0):
-        raise ValueError(
-            f"expected a positive deviation and time constant, got {deviation} and {time_constant}"
-        )
-    rate = 1.0 / time_constant
-    return ct.StateSpace([[-rate]], [[deviation * np.sqrt(2.0 * rate)]], [[1.0]], [[0.0]])
-
-
 @per_channel
 def error_variance(
     filter: PhyFilter | SampledPhyFilter,
+    disturbance: Gaussian,
     *,
-    noise: float | Shape = 0.0,
-    residual: Shape | None = None,
     inertia: ArrayLike | None = None,
 ) -> Variance:
     """Steady variances of one channel.
@@ -129,11 +94,9 @@ def error_variance(
     filter : PhyFilter, SampledPhyFilter or several
         Sampled: variances at the samples, the residual going on between them. Several, by ``stack`` or as a sequence:
         the answer is a ``PerChannel``, and every other argument one for all or a list.
-    noise : float or control system
-        Noise of x. Sampled: standard deviation of independent samples. Continuous: square root of the two-sided power
-        density in units of x per sqrt(Hz), or the shaping filter of coloured noise (from unit white noise to x).
-    residual : control system, optional
-        Shaping filter of gamma = f - f_theta, from unit white noise; strictly proper and stable.
+    disturbance : Gaussian
+        Residual and noise of x. Noise of a sampled filter: standard deviation of independent samples; continuous:
+        square root of the two-sided power density in units of x per sqrt(Hz), or the shaping filter of coloured noise.
     inertia : float, (n_x,) or (n_x, n_x) array_like, optional
         M_hat, by which noise of x counts. None: the filter's own, else 1.
 
@@ -143,9 +106,11 @@ def error_variance(
 
     Raises
     ------
+    TypeError
+        For a disturbance of another kind.
     ValueError
-        For a negative noise, an unstable or not strictly proper shaping filter, or white noise where s F has a direct
-        path (b_{n-1} != 0): its variance is infinite.
+        For white noise where s F has a direct path (b_{n-1} != 0), as its variance is infinite, coloured noise of a
+        sampled filter, autocovariances, or what only :func:`tracking_error` counts: actuation, position_noise.
 
     Notes
     -----
@@ -159,15 +124,26 @@ def error_variance(
     --------
     Independent noise of 1 mm/s at 500 Hz through a first-order filter of 20 rad/s:
 
-    >>> variance = error_variance(PhyFilter([20.0]).sampled(0.002), noise=0.001)
+    >>> variance = error_variance(PhyFilter([20.0]).sampled(0.002), Gaussian(noise=0.001))
     >>> round(variance.noise**0.5, 6)
     0.0198
     """
+    if not isinstance(disturbance, Gaussian):
+        raise TypeError(
+            f"disturbance: expected Gaussian(residual, noise=...), got {disturbance!r}; for bounds see error_bound"
+        )
+    if disturbance.actuation is not None or disturbance.position_noise:
+        raise ValueError("actuation, position_noise: do not enter the estimate's error; see tracking_error")
+    residual, noise = disturbance.residual, disturbance.noise
+    if residual is not None and not isinstance(residual, ct.StateSpace | ct.TransferFunction):
+        raise ValueError(
+            "residual: expected a shaping filter, got autocovariances; see tracking_error for those"
+        )
     shape = None if residual is None else shaping("residual", residual)
     if isinstance(filter, SampledPhyFilter):
         if isinstance(noise, ct.StateSpace | ct.TransferFunction):
             raise ValueError("noise: expected a standard deviation for a sampled filter, got a system")
-        from_noise = _sampled_noise(filter, _positive(noise))
+        from_noise = _sampled_noise(filter, noise)
         parts = (0.0, 0.0) if shape is None else _sampled_residual(filter, shape)
     else:
         from_noise = _noise(filter, noise)
@@ -191,7 +167,7 @@ def _noise(filter: PhyFilter, noise: float | Shape) -> float:
     A, equilibrium, C = filter.sections
     B = -A @ equilibrium
     if not isinstance(noise, ct.StateSpace | ct.TransferFunction):
-        density = _positive(noise)
+        density = noise
         if density == 0.0:
             return 0.0
         if filter.b[-1] != 0.0:
@@ -258,32 +234,3 @@ def discretised(F: FloatArray, Q: FloatArray, h: float) -> tuple[FloatArray, Flo
 
 def _steady(A: FloatArray, B: FloatArray) -> FloatArray:
     return np.asarray(solve_continuous_lyapunov(A, -B @ B.T))
-
-
-def _positive(noise: float) -> float:
-    return number("noise", noise, least=0.0)
-
-
-def shaping(name: str, system: Shape) -> ct.StateSpace:
-    """A shaping filter as a state space, checked: continuous, one output, strictly proper, stable."""
-    if not isinstance(system, ct.StateSpace | ct.TransferFunction):
-        raise ValueError(
-            f"{name}: expected a control.StateSpace or TransferFunction, got {type(system).__name__}"
-        )
-    shape = system if isinstance(system, ct.StateSpace) else ct.StateSpace(ct.tf2ss(system))
-    if shape.isdtime(strict=True):
-        raise ValueError(f"{name}: expected a continuous shaping filter, got one with dt = {shape.dt}")
-    if shape.noutputs != 1:
-        raise ValueError(
-            f"{name}: expected one output, got {shape.noutputs}; variances are those of one channel"
-        )
-    if np.any(shape.D != 0.0):
-        raise ValueError(
-            f"{name}: expected a strictly proper shaping filter; white noise has an infinite variance"
-        )
-    poles = np.linalg.eigvals(shape.A)
-    if np.any(poles.real >= 0.0):
-        raise ValueError(
-            f"{name}: expected a stable shaping filter, got a pole at {poles[np.argmax(poles.real)]:.6g}"
-        )
-    return shape

@@ -10,8 +10,7 @@ import numpy as np
 
 from ..filter import PhyFilter
 from .frequency import frequency_response
-from .margins import LoopMargin
-from .margins.ratio_margins import RatioMargins
+from .margins import FilterMargins
 
 __all__ = ["Sentence", "on_error", "on_limit", "on_loop", "on_loops"]
 
@@ -25,12 +24,12 @@ class Sentence(NamedTuple):
     level: Literal["good", "warn", "bad"] = "good"
 
 
-def on_loop(margin: RatioMargins, delay_margin: float) -> list[Sentence]:
+def on_loop(margin: FilterMargins, delay_margin: float) -> list[Sentence]:
     """Whether the loop is stable with f_hat fed back, and what it tolerates, rounded to the safe side.
 
     Parameters
     ----------
-    margin : PriorMargin or LoopMargin
+    margin : FilterMargins
         At the inertia ratio that is taken for granted.
     delay_margin : float
         In s; inf for any delay.
@@ -45,8 +44,8 @@ def on_loop(margin: RatioMargins, delay_margin: float) -> list[Sentence]:
 
     Examples
     --------
-    >>> from phyfilter_ctl import PhyFilter, prior_margin
-    >>> margin = prior_margin(PhyFilter.from_poles([-20.0] * 3))
+    >>> from phyfilter_ctl import PhyFilter, margins
+    >>> margin = margins(PhyFilter.from_poles([-20.0] * 3))
     >>> [each.text for each in on_loop(margin, margin.delay_margin)]
     ['Stable.', 'Tolerates 189 ms more delay, masses from 0.112 times yours.']
     """
@@ -60,7 +59,7 @@ def on_loop(margin: RatioMargins, delay_margin: float) -> list[Sentence]:
     return [Sentence(text, "bad") for text in found]
 
 
-def on_loops(loops: Sequence[RatioMargins]) -> list[Sentence]:
+def on_loops(loops: Sequence[FilterMargins]) -> list[Sentence]:
     """The same of several loops with one filter in them: the least that any of them tolerates.
 
     Parameters
@@ -161,8 +160,8 @@ def on_limit(filter: PhyFilter, kind: Literal["error", "estimate"], omega: float
     return Sentence(f"{_safe(-excess, up=False, digits=2)} dB below your limit on {name}.")
 
 
-def _closed(margin: RatioMargins) -> str:
-    outer = isinstance(margin, LoopMargin)
+def _closed(margin: FilterMargins) -> str:
+    outer = margin.around.has_gains
     return f"with {'the outer gains' if outer else 'f̂ fed back'}: lower the bandwidth{' or the gains' if outer else ''}"
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.linalg import LinAlgError
 
 from .._sections import ComplexArray, FloatArray
-from ..analysis import frequency_response, grids, ultimate_bound
+from ..analysis import error_bound, frequency_response, grids
 from ..analysis.frequency import FilterResponse
 from ..filter import PhyFilter, SampledPhyFilter
 from ..results import plain
@@ -257,7 +257,7 @@ def _bounds(design: Design, filter: PhyFilter, sampled: SampledPhyFilter | None)
         return [Figure(key, text, None, unit, note) for key, text in labels.items()]
     rings = bool(np.any(np.abs(filter.poles) > -_RINGING * filter.poles.real))
     try:
-        bound = ultimate_bound(filter, residual=residual, method="ellipsoid" if rings else "exact").bound
+        bound = error_bound(filter, residual, method="ellipsoid" if rings else "exact").bound
         note = "certified, not the least: a pole is hardly damped" if rings else "certified; attained"
     except (ValueError, LinAlgError):
         bound, note = float("nan"), "a pole is too little damped for a certificate"
@@ -276,7 +276,7 @@ def _sampled_bound(
         note = "too many samples to add up: see the bound of the continuous filter"
         return Figure("bound_sampled", label, None, unit, note)
     try:
-        found = ultimate_bound(sampled, residual=residual)
+        found = error_bound(sampled, residual)
     except (ValueError, LinAlgError):
         return Figure("bound_sampled", label, None, unit, "no certificate: see the continuous filter")
     return Figure(

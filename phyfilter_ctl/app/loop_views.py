@@ -19,7 +19,7 @@ from numpy.linalg import LinAlgError
 from scipy.optimize import linear_sum_assignment
 
 from .._sections import ComplexArray, FloatArray
-from ..analysis import PriorMargin
+from ..analysis import FilterMargins
 from ..analysis.margins.sampled import SampledLoop
 from ..filter import PhyFilter, SampledPhyFilter
 from ..results import plain
@@ -172,7 +172,7 @@ def _sampled(design: Design) -> SampledPhyFilter | None:
         return None
 
 
-def _gains(margin: PriorMargin, omega: FloatArray) -> tuple[ComplexArray, ComplexArray, ComplexArray]:
+def _gains(margin: FilterMargins, omega: FloatArray) -> tuple[ComplexArray, ComplexArray, ComplexArray]:
     """L, S and T."""
     Q, P = margin.loop(omega)
     P = margin.inertia_ratio * P
@@ -191,7 +191,7 @@ def _band(
     corners, lost = [], 0
     ends = [{getattr(each.assume, key) for each in members} for key in ("lag", "delay", "ratio")]
     exact = runs_sampled(design, sampled)
-    known: dict[tuple[float, float], PriorMargin] = {}
+    known: dict[tuple[float, float], FilterMargins] = {}
     for member in members:
         # A ratio only scales P: one evaluation of the loop for each lag and delay.
         timing = member.assume.lag, member.assume.delay

@@ -7,16 +7,16 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
 
-import control as ct
 import numpy as np
 from numpy.linalg import LinAlgError
 from scipy.interpolate import CubicSpline
 
 from .._sections import ComplexArray, FloatArray
-from ..analysis import PriorMargin, prior_margin
-from ..analysis.margins.ratio_margins import sampled_delay_margin
+from ..analysis import FilterMargins, filter_margins
+from ..analysis.margins.filter_margins import sampled_delay_margin
 from ..analysis.margins.sampled import SampledLoop
 from ..filter import SampledPhyFilter
+from ..values import Loop
 from .designs import Design
 
 __all__ = [
@@ -68,7 +68,9 @@ def loop_note(exact: bool) -> str:
     return "sampled loop" if exact else "continuous loop with one step more of delay"
 
 
-def margin_of(design: Design, sampled: SampledPhyFilter | None, *, exact: bool | None = None) -> PriorMargin:
+def margin_of(
+    design: Design, sampled: SampledPhyFilter | None, *, exact: bool | None = None
+) -> FilterMargins:
     """Prior margins of a design with the lag, delay and inertia ratio that are assumed.
 
     Parameters
@@ -81,7 +83,7 @@ def margin_of(design: Design, sampled: SampledPhyFilter | None, *, exact: bool |
 
     Returns
     -------
-    PriorMargin
+    FilterMargins
 
     Raises
     ------
@@ -90,12 +92,12 @@ def margin_of(design: Design, sampled: SampledPhyFilter | None, *, exact: bool |
     """
     assume = design.assume
     exact = runs_sampled(design, sampled) if exact is None else exact
-    return prior_margin(
-        sampled if exact and sampled is not None else design.filter,
-        actuator=ct.TransferFunction([1.0], [assume.lag, 1.0]) if assume.lag > 0.0 else None,
+    loop = Loop(
+        actuator=assume.lag,
         delay=assume.delay if exact else assume.delay + design.dt,
         inertia_ratio=assume.ratio,
     )
+    return filter_margins(sampled if exact and sampled is not None else design.filter, loop)
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,7 +109,7 @@ class _ReadOff:
     costs a millisecond whatever the number of points, and a search takes forty.
     """
 
-    exact: PriorMargin
+    exact: FilterMargins
 
     @property
     def nyquist(self) -> float:
@@ -159,27 +161,27 @@ class _ReadOff:
         return self.exact.loop.unstable(ratio)
 
 
-def read_off(margin: PriorMargin) -> PriorMargin:
+def read_off(margin: FilterMargins) -> FilterMargins:
     """The same margins, from one evaluation of the loop; its ``delay_margin`` is :func:`phase_and_delay`'s.
 
     Parameters
     ----------
-    margin : PriorMargin
+    margin : FilterMargins
         Of a sampled filter.
 
     Returns
     -------
-    PriorMargin
+    FilterMargins
     """
-    return PriorMargin(margin.inertia_ratio, _ReadOff(margin), margin.filter)
+    return FilterMargins(margin.inertia_ratio, _ReadOff(margin), margin.filter, margin.around)
 
 
-def phase_and_delay(margin: PriorMargin) -> tuple[float, float]:
+def phase_and_delay(margin: FilterMargins) -> tuple[float, float]:
     """Phase margin in degrees and delay margin in s from one search; 0 where the loop is unstable.
 
     Parameters
     ----------
-    margin : PriorMargin
+    margin : FilterMargins
 
     Returns
     -------
@@ -201,7 +203,7 @@ class AssumedLoop(NamedTuple):
     """The loop with f_hat fed back at the assumed ratio, lag and delay; no margin where it could not be searched."""
 
     note: str
-    margin: PriorMargin | None = None
+    margin: FilterMargins | None = None
     phase: float | None = None
     delay: float | None = None
     distance: str = ""
@@ -238,7 +240,7 @@ def assumed_loop(design: Design, sampled: SampledPhyFilter | None) -> AssumedLoo
         return AssumedLoop(UNSEARCHED)
 
 
-def _distance(margin: PriorMargin) -> str:
+def _distance(margin: FilterMargins) -> str:
     """How close the loop comes to -1, in words."""
     low, high = margin.disk.gain_margin
     return (

@@ -124,12 +124,11 @@ def main(options: argparse.Namespace) -> int:
     refuse_unused(options, dict.fromkeys(("time", "x", "f_theta"), (options.log, "--log")))
     known = options.log or options.residual or options.slope is not None
     refuse_unused(options, {"implementation": (known, "a bound: --slope, --residual or --log")})
-    import control as ct
-
     from .. import filterfile
     from ..analysis import analyze
     from ..design.optimal import residual_statistics
     from ..filter import SampledPhyFilter
+    from ..values import Bounded, Loop
     from .channels import by_channel, figures_below, text_of
 
     signals = filterfile.load_signals(options.file)
@@ -139,28 +138,25 @@ def main(options: argparse.Namespace) -> int:
     deviation = options.noise_deviation
     if statistics is not None and not deviation:
         deviation = statistics.noise.value
-    settings = {
-        "kp": options.kp or 0.0,
-        "kd": options.kd or 0.0,
-        "actuator": None if options.lag is None else ct.tf([1.0], [options.lag, 1.0]),
-        "delay": options.delay,
-        "residual": residual,
-        "noise": options.noise,
-        "inertia_error": options.inertia_error,
-        "rate": options.rate,
-        "ratios": options.inertia_ratio,
-        "g": options.g,
-        "implementation": read_implementation(options.implementation) if residual else None,
-    }
+    loop = Loop(options.kp or 0.0, options.kd or 0.0, options.lag, options.delay, g=options.g)
+    bounds = Bounded(
+        residual or {},
+        noise=options.noise,
+        inertia_error=options.inertia_error,
+        rate=options.rate,
+        implementation=read_implementation(options.implementation) if residual else None,
+    )
     pages = {}
     for i, (name, system) in enumerate(channels.items()):
         sampled = isinstance(system, SampledPhyFilter)  # it knows its inertia and units itself
         noted = None if sampled else _noted_inertia(signals.inertia, i if name else None)
         page = analyze(
             system,
+            loop,
+            bounds,
             noise_deviation=deviation if sampled or options.noise_deviation else 0.0,
             inertia=noted if options.inertia is None else options.inertia,
-            **settings,
+            ratios=options.inertia_ratio,
         )
         pages[name] = page if sampled else replace(page, unit=signals.unit_f)
     if options.json is not None:

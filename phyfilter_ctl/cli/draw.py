@@ -23,7 +23,7 @@ _EPILOG = """examples:
   phyfilter-ctl draw drone --depth 1 -o drone.svg              a model, each of its diagrams opened in a frame
   phyfilter-ctl draw package.ssp -o package.pdf
   phyfilter-ctl draw servo:build -o servo.png                  what build() of servo.py returns
-  phyfilter-ctl draw servo:build --json -                      names of its signals, as signal_margin takes them"""
+  phyfilter-ctl draw servo:build --json -                      names of its signals, as margins takes them"""
 
 _SUFFIXES = (".svg", ".png", ".pdf")
 

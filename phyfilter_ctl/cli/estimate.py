@@ -15,7 +15,7 @@ from .unused import refuse_units
 
 if TYPE_CHECKING:
     from .._sections import FloatArray
-    from ..analysis import PriorMargin
+    from ..analysis import FilterMargins
     from ..estimation import Estimate, EstimatorComparison
     from ..recording import Recording
 
@@ -139,16 +139,14 @@ def _read(options: argparse.Namespace) -> tuple[list[Recording], list[str]]:
     return [check.recording for check in checks], doubts
 
 
-def _margin(found: Estimate, options: argparse.Namespace) -> PriorMargin | None:
+def _margin(found: Estimate, options: argparse.Namespace) -> FilterMargins | None:
     """None where the loop is not one that can be told: g known at both ends of a step, a filter for each channel."""
     if found.filter.sampling.g == "average" or len(found.filter.filters) > 1:
         return None
-    import control as ct
+    from ..analysis import filter_margins
+    from ..values import Loop
 
-    from ..analysis import prior_margin
-
-    actuator = None if options.lag is None else ct.tf([1.0], [options.lag, 1.0])
-    return prior_margin(found.filter, actuator=actuator, delay=options.delay)
+    return filter_margins(found.filter, Loop(actuator=options.lag, delay=options.delay))
 
 
 # -- table ------------------------------------------------------------------------------------------------------
@@ -198,7 +196,7 @@ def _write_table(path: str, found: Estimate) -> None:
 def _text(
     found: Estimate,
     options: argparse.Namespace,
-    margin: PriorMargin | None,
+    margin: FilterMargins | None,
     others: EstimatorComparison | None,
     doubts: list[str],
 ) -> list[str]:
@@ -288,7 +286,7 @@ def _others(others: EstimatorComparison) -> list[str]:
     ]
 
 
-def _loop(margin: PriorMargin | None, options: argparse.Namespace) -> list[str]:
+def _loop(margin: FilterMargins | None, options: argparse.Namespace) -> list[str]:
     if margin is None:
         return ["in a loop: not told for g known at both ends of a step, or a filter for each channel"]
     actuator = "an ideal actuator" if options.lag is None else f"a lag of {options.lag:g} s"

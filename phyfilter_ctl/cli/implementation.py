@@ -6,7 +6,7 @@ import math
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from ..analysis import Implementation
+    from ..values import Implementation
 
 __all__ = ["read_implementation"]
 
@@ -19,7 +19,7 @@ def read_implementation(entries: list[str]) -> Implementation | None:
     ValueError
         For a name that does not count or a value that is no number.
     """
-    from ..analysis import Implementation
+    from ..values import Implementation
 
     signals: dict[str, dict[int, float]] = {"g": {}, "f_theta": {}, "x": {}, "inertia": {}}
     others = {"jitter": 0.0, "delay_error": 0.0, "x_step": 0.0, "g_step": 0.0, "rounding": 0.0, "f": math.nan}

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from .wording import in_options
 
 if TYPE_CHECKING:
-    from ..design.learning import LoopConstraint
+    from ..design.learning import LoopGoal
 
 __all__ = ["add_loop", "loop_of"]
 
@@ -30,7 +30,7 @@ def add_loop(parser: argparse.ArgumentParser) -> None:
     loop.add_argument("--kd", type=float, default=0.0, metavar="K", help="outer gain on velocity, 1/s")
 
 
-def loop_of(options: argparse.Namespace) -> LoopConstraint | None:
+def loop_of(options: argparse.Namespace) -> LoopGoal | None:
     """What the filter must keep in the loop; None without a margin.
 
     Raises
@@ -38,9 +38,8 @@ def loop_of(options: argparse.Namespace) -> LoopConstraint | None:
     ValueError
         For a loop without a margin, or a number out of range.
     """
-    import control as ct
-
-    from ..design.learning import LoopConstraint
+    from ..design.learning import LoopGoal
+    from ..values import Loop
 
     if options.margin is None:
         if options.tracking or options.lag is not None or options.loop_delay or options.kp or options.kd:
@@ -49,11 +48,8 @@ def loop_of(options: argparse.Namespace) -> LoopConstraint | None:
             )
         return None
     try:
-        return LoopConstraint(
-            kp=options.kp,
-            kd=options.kd,
-            actuator=None if options.lag is None else ct.tf([1.0], [options.lag, 1.0]),
-            delay=options.loop_delay,
+        return LoopGoal(
+            Loop(options.kp, options.kd, actuator=options.lag, delay=options.loop_delay),
             modulus_margin=options.margin,
             cost="tracking" if options.tracking else "estimation",
         )

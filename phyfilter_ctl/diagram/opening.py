@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
-from functools import cached_property
 from typing import Literal
 
 import control as ct
@@ -13,62 +11,13 @@ from numpy.typing import ArrayLike
 
 from .. import _signals
 from .._sections import FloatArray
-from ..analysis.margins import LoopMargins
-from ..analysis.margins.matrix_search import MatrixSearch
-from ..analysis.margins.scalar_search import MarginSearch, ScalarSearch
-from ..analysis.margins.statespace import StateSpaceLoop
 from .flattening import flatten
 
-__all__ = ["SignalMargin", "between", "open_loop"]
+__all__ = ["between", "open_loop"]
 
 _CUT = "opened_in", "opened_out"
 # Of I + T: beyond it the inverse is rounding.
 _SINGULAR = 1e12
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class SignalMargin(LoopMargins):
-    """Margins of a diagram at one of its signals, or at several at once; made by :func:`phyfilter_ctl.signal_margin`.
-
-    Parameters
-    ----------
-    signal : str or tuple of str
-    open_loop : control.StateSpace or None
-        L, with the return difference I + L; None where a sampled loop is opened at a signal that acts between the
-        instants.
-    about : str
-        Where a sampled diagram was linearised, whether it is at rest there, and which inputs nothing drives.
-    _known : MarginSearch, optional
-        What is known beyond L.
-
-    Notes
-    -----
-    Several signals: gain, phase and delay are common to all of them; modulus and disk margins allow each its own.
-
-    Sampled blocks of several periods: L is lifted over their common period H, and frequencies are known up to multiples
-    of 2 pi/H. Gain margins are those of a constant factor on the signal, exact from the eigenvalues over H. A factor
-    e^(j phi) is the phase that is meant (it turns two equal axes into each other); modulus and disk margins are taken
-    in the norm of lifted signals and allow dynamic factors that change periodically too.
-    """
-
-    _figures = ("signal", "about", *LoopMargins._figures)
-
-    signal: str | tuple[str, ...]
-    open_loop: ct.StateSpace | None
-    about: str = ""
-    _known: MarginSearch | None = field(default=None, repr=False)
-
-    @cached_property
-    def _search(self) -> MarginSearch:
-        if self._known is not None:
-            return self._known
-        assert self.open_loop is not None
-        if self.open_loop.ninputs == 1:
-            return ScalarSearch(StateSpaceLoop(self.open_loop))
-        return MatrixSearch.of(self.open_loop)
-
-    def _lines(self) -> dict[str, str]:
-        return super()._lines() | ({"linearised": self.about} if self.about else {})
 
 
 def open_loop(
@@ -111,7 +60,7 @@ def open_loop(
     point of linearisation is its own; L follows from the closed system r = T d as -T (I + T)^-1. An input of a block
     that nothing drives is 0: only the loop counts, so what comes from outside need not be wired. Sampled blocks
     count as their continuous equivalents: what hold and sampling cost is in
-    :func:`phyfilter_ctl.simulation.sampled_open_loop`, not here.
+    :func:`phyfilter_ctl.sampled_open_loop`, not here.
 
     Examples
     --------

@@ -105,8 +105,9 @@ class _Blocks:
         self._alive[b] = False
         least[b, :] = least[:, b] = -np.inf
         ends, starts = (np.flatnonzero(reached > -np.inf) for reached in (least[a], least[:, a]))
-        for i, j in (np.ix_(rows, ends), np.ix_(starts, columns)):
-            least[i, j] = np.maximum(least[i, j], least[i, a] + least[a, j])
+        for i, j in ((rows, ends), (starts, columns)):
+            block = i[:, None], j[None]
+            least[block] = np.maximum(least[block], least[i, a][:, None] + least[a, j][None])
         mine = self._block == b
         self._offset[mine] += distance
         self._block[mine] = a

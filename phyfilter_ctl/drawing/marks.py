@@ -135,7 +135,7 @@ class Wire:
     dots : tuple of (x, y)
         Where it branches.
     names : tuple of str
-        Its entries as :func:`phyfilter_ctl.signal_margin` takes them.
+        Its entries as ``at`` of :func:`phyfilter_ctl.margins` takes them.
     texts : tuple of Text
         Its name, size and value, where they are drawn.
     shapes : tuple of Shape

@@ -32,7 +32,7 @@ class Drawing:
     width, height : float
         In px.
     signals : tuple of str
-        Names of its wires as :func:`phyfilter_ctl.signal_margin` takes them, entry by entry.
+        Names of its wires as ``at`` of :func:`phyfilter_ctl.margins` takes them, entry by entry.
     texts : tuple of Text
         Beside the diagram: the rates, where there are several.
 

@@ -52,17 +52,19 @@ def sampled(option: str | None = None) -> SampledPhyFilter:
 
 ANALYSES: Mapping[str, Callable[[SampledPhyFilter], Any]] = {
     "frequency_response": lambda f: pf.frequency_response(f, np.array([1.0, 5.0, 20.0])),
-    "prior_margin": lambda f: pf.prior_margin(f, **INNER),
-    "loop_margin": lambda f: pf.loop_margin(f, **LOOP),
-    "saturation_margin": lambda f: pf.saturation_margin(f, **LOOP),
-    "moving_inertia": lambda f: pf.moving_inertia(f, ratios=[0.7, 1.4], **INNER),
-    "ultimate_bound": lambda f: pf.ultimate_bound(
-        f, residual={0: 1.0, 1: 3.0}, noise=0.01, inertia_error=0.1, rate=2.0
+    "margins, inner loop": lambda f: pf.margins(f, pf.Loop(**INNER)),
+    "margins, complete loop": lambda f: pf.margins(f, pf.Loop(**LOOP)),
+    "saturation_margin": lambda f: pf.saturation_margin(f, pf.Loop(**LOOP)),
+    "inertia_tolerance": lambda f: pf.inertia_tolerance(f, pf.Loop(**INNER), ratios=[0.7, 1.4]),
+    "error_bound": lambda f: pf.error_bound(
+        f, pf.Bounded({0: 1.0, 1: 3.0}, noise=0.01, inertia_error=0.1, rate=2.0)
     ),
-    "error_variance": lambda f: pf.error_variance(f, noise=0.01, residual=pf.gauss_markov(1.0, 0.5)),
-    "tracking_tube": lambda f: pf.tracking_tube(f, residual={0: 1.0}, noise=0.01, **LOOP),
-    "tracking_deviation": lambda f: pf.tracking_deviation(
-        f, residual=pf.gauss_markov(1.0, 0.5), noise=0.01, **LOOP
+    "error_variance": lambda f: pf.error_variance(f, pf.Gaussian(pf.gauss_markov(1.0, 0.5), noise=0.01)),
+    "tracking_error, bounds": lambda f: pf.tracking_error(
+        f, pf.Loop(**LOOP), pf.Bounded({0: 1.0}, noise=0.01)
+    ),
+    "tracking_error, spectra": lambda f: pf.tracking_error(
+        f, pf.Loop(**LOOP), pf.Gaussian(pf.gauss_markov(1.0, 0.5), noise=0.01)
     ),
 }
 

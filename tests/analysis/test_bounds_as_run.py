@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import phyfilter_ctl as pf
-from phyfilter_ctl import Implementation, ultimate_bound
+from phyfilter_ctl import Bounded, Implementation, error_bound
 
 # Rounding of a simulation of a few hundred steps.
 ROUNDING = 1e-9
@@ -25,10 +25,8 @@ def test_a_g_that_moves_between_the_samples(h, held, straight):
         x = 0.25 * (1.0 - np.cos(2.0 * t)) + 8.0 / 6.0 * (1.0 - np.cos(6.0 * t))
         f_hat = sampled.run(x[:, None], 8.0 * np.sin(6.0 * t)[:, None])[:, 0]
         error = np.abs(0.5 * np.sin(2.0 * t) - f_hat)[len(t) // 2 :].max()
-        ideal = ultimate_bound(sampled, residual={1: 1.0})
-        whole = ultimate_bound(
-            sampled, residual={1: 1.0}, implementation=Implementation(g={1: 48.0, 2: 288.0})
-        )
+        ideal = error_bound(sampled, {1: 1.0})
+        whole = error_bound(sampled, Bounded({1: 1.0}, implementation=Implementation(g={1: 48.0, 2: 288.0})))
         assert error / ideal.bound == pytest.approx(times, abs=0.005)
         assert error <= whole.bound
         # Sines of one frequency are not the worst; the straight rule's h^2 is small beside all of |gamma'|.
@@ -49,7 +47,7 @@ def test_the_worst_g_attains_its_term(rule):
         samples, area = np.zeros(n), 0.5 * h * rise
     x = np.concatenate([[0.0], np.cumsum(area)])
     f_hat = sampled.run(x, np.append(samples, 0.0))[-1, 0]
-    term = ultimate_bound(sampled, residual={1: 0.0}, implementation=Implementation(g={1: 7.0})).bound
+    term = error_bound(sampled, Bounded({1: 0.0}, implementation=Implementation(g={1: 7.0}))).bound
     assert abs(f_hat) == pytest.approx(term, rel=1e-7)  # of the enclosure
 
 
@@ -68,7 +66,7 @@ def test_one_pole_in_closed_form():
         g_step=0.2,
         x={2: 11.0},
     )
-    found = ultimate_bound(sampled, residual={1: 1.0}, rate=3.0, inertia=2.0, noise=0.1, implementation=given)
+    found = error_bound(sampled, Bounded({1: 1.0}, noise=0.1, rate=3.0, implementation=given), inertia=2.0)
     of_x = 2.0 * a / h * 2.0 + 0.5  # |M_hat| = 2, and |M_hat'| of the change between the steps
     expected = {
         "g between samples": 0.5 * h * 6.0,
@@ -121,7 +119,7 @@ def test_an_inertia_that_turns_attains_its_share():
     f_hat = sampled.run(np.array(x), np.vstack([held, held[-1:]]), inertia=np.array(M))
     rate = size * np.pi / h
     given = Implementation(inertia={1: rate})
-    term = ultimate_bound(sampled, residual={1: 0.0}, rate=speed, implementation=given).implementation
+    term = error_bound(sampled, Bounded({1: 0.0}, rate=speed, implementation=given)).implementation
     reached = np.linalg.norm(f_hat[-1])
     assert np.linalg.norm(missed) == pytest.approx(h / np.pi * rate * speed, rel=1e-9)
     assert reached == pytest.approx(term["inertia between samples"], rel=1e-6)
@@ -147,7 +145,7 @@ def test_float32_stays_within_its_rounding(sizes):
             w = w + (w - u[:, None] * e) @ dA.T
             worst = max(worst, float(np.abs(f_hat - w @ C).max()))
         given = Implementation(x={0: float(np.abs(x).max())}, g={0: G})
-        term = ultimate_bound(sampled, residual={1: 0.0}, rate=V, implementation=given).implementation[
+        term = error_bound(sampled, Bounded({1: 0.0}, rate=V, implementation=given)).implementation[
             "rounding"
         ]
         assert worst <= term
@@ -165,12 +163,10 @@ def test_a_limit_never_adds_to_the_error_where_f_is_within_it():
     clipped = f.sampled(0.01, limit=3.0)
     assert np.all(np.abs(gamma - clipped.run(x)[:, 0]) <= np.abs(gamma - free.run(x)[:, 0]) + ROUNDING)
     assert np.any(clipped.run(x) != free.run(x))
-    within = ultimate_bound(clipped, residual={1: 6.0}, implementation=Implementation(f=3.0))
-    assert within.bound == ultimate_bound(free, residual={1: 6.0}).bound
+    within = error_bound(clipped, Bounded({1: 6.0}, implementation=Implementation(f=3.0)))
+    assert within.bound == error_bound(free, {1: 6.0}).bound
     assert "f_hat at its limit, |f| up to 3" in within.covered
-    assert (
-        "f_hat stays within its limit, or |f| does" in ultimate_bound(clipped, residual={1: 6.0}).assumptions
-    )
+    assert "f_hat stays within its limit, or |f| does" in error_bound(clipped, {1: 6.0}).assumptions
 
 
 def test_fixed_point_adds_its_rounding_and_its_converter():
@@ -178,8 +174,8 @@ def test_fixed_point_adds_its_rounding_and_its_converter():
     sampled = pf.PhyFilter([20.0]).sampled(0.01)
     fixed = pf.fixed_point(sampled, x=1000.0)
     bit = 2.0 ** -fixed.fraction["x"]
-    found = ultimate_bound(
-        sampled, residual={1: 1e-4}, implementation=Implementation(x_step=bit, rounding=fixed.error_bound)
+    found = error_bound(
+        sampled, Bounded({1: 1e-4}, implementation=Implementation(x_step=bit, rounding=fixed.error_bound))
     )
     quantised = 2.0 * -np.expm1(-0.2) / 0.01 * 0.5 * bit  # noise of half a bit through 2 (1 - a) / h
     assert found.implementation == pytest.approx(
@@ -190,12 +186,12 @@ def test_fixed_point_adds_its_rounding_and_its_converter():
     gamma, x = 5e-5 * np.sin(2.0 * t), -2.5e-5 * np.cos(2.0 * t) + 900.0
     f_hat = fixed.reals("f_hat", fixed.run(fixed.integers("x", x[:, None]))[0])[:, 0]
     error = np.abs(gamma - f_hat)[200:].max()
-    assert ultimate_bound(sampled, residual={1: 1e-4}).bound < error <= found.bound
+    assert error_bound(sampled, {1: 1e-4}).bound < error <= found.bound
 
 
 def test_what_is_covered_and_what_is_assumed_is_said():
     f = pf.PhyFilter([20.0])
-    ideal = ultimate_bound(f.sampled(0.01), residual={1: 1.0})
+    ideal = error_bound(f.sampled(0.01), {1: 1.0})
     assert ideal.covered == ()
     assert ideal.assumptions == (
         "g is held between the samples",
@@ -216,7 +212,7 @@ def test_what_is_covered_and_what_is_assumed_is_said():
         delay_error=1e-3,
         x_step=0.01,
     )
-    whole = ultimate_bound(f.sampled(0.01), residual={1: 1.0}, rate=1.0, implementation=given)
+    whole = error_bound(f.sampled(0.01), Bounded({1: 1.0}, rate=1.0, implementation=given))
     assert whole.assumptions == ()
     assert whole.covered == (
         "|g'| up to 6 between the samples",
@@ -227,7 +223,7 @@ def test_what_is_covered_and_what_is_assumed_is_said():
         "x in steps of 0.01",
         "rounding in float64 of up to 6 axes, |x| up to 3, |g| up to 9, |f_theta| up to 0",
     )
-    assert ultimate_bound(f, residual={1: 1.0}).assumptions == ()
+    assert error_bound(f, {1: 1.0}).assumptions == ()
 
 
 @pytest.mark.parametrize(
@@ -244,8 +240,8 @@ def test_what_is_covered_and_what_is_assumed_is_said():
         (lambda: run_with(rate=1.0, inertia={2: 1.0}), "M_hat'"),
         (lambda: run_with(rate=1.0, x={0: 1.0}, delay=0.01), "without delay"),
         (
-            lambda: ultimate_bound(
-                pf.PhyFilter([2.0]), residual={1: 1.0}, implementation=Implementation(jitter=1e-3)
+            lambda: error_bound(
+                pf.PhyFilter([2.0]), Bounded({1: 1.0}, implementation=Implementation(jitter=1e-3))
             ),
             "sampled",
         ),
@@ -258,4 +254,4 @@ def test_bounds_that_say_nothing_are_refused(given, message):
 
 def run_with(rate=0.0, delay=0.0, **given):
     sampled = pf.PhyFilter([20.0]).sampled(0.01, delay=delay)
-    return ultimate_bound(sampled, residual={1: 1.0}, rate=rate, implementation=Implementation(**given))
+    return error_bound(sampled, Bounded({1: 1.0}, rate=rate, implementation=Implementation(**given)))

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import phyfilter_ctl as pf
-from phyfilter_ctl import ultimate_bound
+from phyfilter_ctl import error_bound
 from phyfilter_ctl.analysis.bounds import kernels
 
 DIGITS = 60
@@ -47,7 +47,7 @@ def exact_area(f, k):
 
 
 def encloses(f, k):
-    certificate = ultimate_bound(f, residual={k: 1.0}).certificate
+    certificate = error_bound(f, {k: 1.0}).certificate
     exact = exact_area(f, k)
     assert mpmath.mpf(certificate.lower) <= exact <= mpmath.mpf(certificate.upper)
     assert certificate.gap <= 1e-6
@@ -95,7 +95,7 @@ def test_random_gains_are_enclosed():
 def test_poles_far_apart_are_quick(poles):
     """Real poles, type 1: the gain is the sum of the time constants, in some 100 steps a pole."""
     f = pf.place_poles(poles)
-    certificate = ultimate_bound(f, residual={1: 1.0}).certificate
+    certificate = error_bound(f, {1: 1.0}).certificate
     assert certificate.gap <= 1e-7
     assert certificate.points <= 1000
     if np.all(np.isreal(poles)):
@@ -104,14 +104,14 @@ def test_poles_far_apart_are_quick(poles):
 
 def test_an_hour_of_ringing_is_refused():
     with pytest.raises(ValueError, match="ellipsoid"):
-        ultimate_bound(pf.place_poles([-1e-4 + 1e4j, -1e-4 - 1e4j]), residual={1: 1.0})
+        error_bound(pf.place_poles([-1e-4 + 1e4j, -1e-4 - 1e4j]), {1: 1.0})
 
 
 def test_a_sampled_gain_is_enclosed():
     """The recursion's own numbers in 60 digits: sum of |1 - s_i|, on straight lines, over the steps."""
     for poles, h in (([-20.0] * 3, 0.01), ([-2 + 25j, -2 - 25j, -1.0], 0.02)):
         sampled = pf.place_poles(poles).sampled(h)
-        certificate = ultimate_bound(sampled, residual={1: 1.0}).certificate
+        certificate = error_bound(sampled, {1: 1.0}).certificate
         with mpmath.workdps(DIGITS):
             dA, e, C = (mpmath.matrix(part.tolist()) for part in sampled.transition)
             x, total = e, mpmath.mpf(0)

@@ -6,7 +6,7 @@ import pytest
 from scipy.optimize import linprog
 
 import phyfilter_ctl as pf
-from phyfilter_ctl import ultimate_bound
+from phyfilter_ctl import error_bound
 
 # To what below and above meet; most do to 1e-4.
 GAP = 2e-3
@@ -16,7 +16,7 @@ TYPE_3 = pf.place_poles([-20.0, -15 + 10j, -15 - 10j], numerator=3)
 @pytest.mark.parametrize("slope", [5.0, 40.0, 400.0])
 def test_one_pole_in_closed_form(slope):
     """gamma goes from -1 to 1 as fast as it may and the error is taken there: slope/a (1 - exp(-2 a / slope))."""
-    result = ultimate_bound(pf.PhyFilter([20.0]), residual={0: 1.0, 1: slope})
+    result = error_bound(pf.PhyFilter([20.0]), {0: 1.0, 1: slope})
     exact = slope / 20.0 * (1.0 - np.exp(-40.0 / slope))
     assert result.certificate.lower <= exact <= result.bound <= exact * (1.0 + GAP)
     assert result.exact
@@ -54,7 +54,7 @@ def brute_force(f, given, h, count):
     ],
 )
 def test_brute_force_agrees(f, given):
-    result = ultimate_bound(f, residual=given)
+    result = error_bound(f, given)
     h = 0.02 / float(np.abs(f.poles).max())
     found = brute_force(f, given, 2.0 * h, 250 if len(given) == 2 else 600)
     # Differences instead of derivatives: first order in the step of 1/25 of the fastest time constant.
@@ -68,7 +68,7 @@ def test_the_course_keeps_all_bounds_and_attains_the_bound(given):
     """Through the sampled filter itself, matched: gamma from the course on a fine grid, x by its exact integral."""
     f = TYPE_3 if 0 not in given else pf.lowpass(2, 20.0)
     sampled = f.sampled(0.01, "matched")
-    result = ultimate_bound(sampled, residual=given)
+    result = error_bound(sampled, given)
     fine, n = 40, 160
     h = sampled.dt / fine
     t = h * np.arange(n * fine + 1)
@@ -91,11 +91,11 @@ def test_the_course_keeps_all_bounds_and_attains_the_bound(given):
 
 def test_a_bound_that_adds_nothing_changes_nothing():
     f = pf.lowpass(2, 20.0)
-    alone = ultimate_bound(f, residual={1: 1.0}).bound
-    assert ultimate_bound(f, residual={0: 1e3, 1: 1.0}).bound == pytest.approx(alone, rel=1e-6)
+    alone = error_bound(f, {1: 1.0}).bound
+    assert error_bound(f, {0: 1e3, 1: 1.0}).bound == pytest.approx(alone, rel=1e-6)
     # Beyond the type, beside a lower one: less than that alone.
-    both = ultimate_bound(f, residual={0: 1.0, 2: 100.0})
+    both = error_bound(f, {0: 1.0, 2: 100.0})
     assert both.derivative == 0
     assert both.bound < 0.5 * both.gains[0]
     assert "derivatives 0 and 2 of gamma together" in both.describe()
-    assert ultimate_bound(f, residual={0: 1.0, 1: 0.0}).bound == 0.0
+    assert error_bound(f, {0: 1.0, 1: 0.0}).bound == 0.0

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 import phyfilter_ctl as pf
-from phyfilter_ctl.analysis import disk_margin
+from phyfilter_ctl import margins
 
 UNITS = {"x": "m/s", "g": "N", "f": "N"}
 LOOP = {"kp": 10.0, "kd": 6.0}
@@ -14,19 +14,19 @@ LAG = ct.tf(1, [0.05, 1])
 
 # Of each: how it is made, and the figure that it is asked for.
 MADE = {
-    "bound": (lambda: pf.ultimate_bound(SAMPLED, residual={1: 3.0}, noise=0.01), "bound"),
-    "variance": (lambda: pf.error_variance(SAMPLED, noise=0.01), "error"),
-    "prior": (lambda: pf.prior_margin(pf.PhyFilter([5.0]), delay=0.02), "modulus_margin"),
-    "loop": (lambda: pf.loop_margin(pf.PhyFilter([5.0]), **LOOP, delay=0.02), "delay_margin"),
-    "saturation": (lambda: pf.saturation_margin(SAMPLED, **LOOP), "command_excess"),
-    "tube": (lambda: pf.tracking_tube(SAMPLED, **LOOP, residual={0: 1.0}), "radius"),
-    "deviation": (lambda: pf.tracking_deviation(SAMPLED, **LOOP, noise=0.01), "position"),
-    "inertia": (lambda: pf.moving_inertia(SAMPLED, ratios=(0.5, 1.5)), "status"),
+    "bound": (lambda: pf.error_bound(SAMPLED, pf.Bounded({1: 3.0}, noise=0.01)), "bound"),
+    "variance": (lambda: pf.error_variance(SAMPLED, pf.Gaussian(noise=0.01)), "error"),
+    "prior": (lambda: pf.margins(pf.PhyFilter([5.0]), pf.Loop(delay=0.02)), "modulus_margin"),
+    "loop": (lambda: pf.margins(pf.PhyFilter([5.0]), pf.Loop(delay=0.02, **LOOP)), "delay_margin"),
+    "saturation": (lambda: pf.saturation_margin(SAMPLED, pf.Loop(**LOOP)), "command_excess"),
+    "tube": (lambda: pf.tracking_error(SAMPLED, pf.Loop(**LOOP), {0: 1.0}), "radius"),
+    "deviation": (lambda: pf.tracking_error(SAMPLED, pf.Loop(**LOOP), pf.Gaussian(noise=0.01)), "position"),
+    "inertia": (lambda: pf.inertia_tolerance(SAMPLED, ratios=(0.5, 1.5)), "status"),
     "bandwidth": (
-        lambda: pf.largest_bandwidth(lambda w: pf.PhyFilter([w]), actuator=LAG, delay=0.02),
+        lambda: pf.largest_bandwidth(lambda w: pf.PhyFilter([w]), pf.Loop(actuator=LAG, delay=0.02)),
         "limit",
     ),
-    "disk": (lambda: disk_margin(ct.tf(1, [1, 1, 0])), "alpha"),
+    "disk": (lambda: margins(ct.tf(1, [1, 1, 0])).disk, "alpha"),
 }
 
 
@@ -69,22 +69,24 @@ def test_texts_have_the_units_of_the_filter():
     assert found["deviation"].splitlines()[0].endswith(" m (1 sigma)")
     plain = pf.PhyFilter([5.0]).sampled(0.01)
     for described in (
-        pf.ultimate_bound(plain, residual={1: 3.0}).describe(),
-        pf.tracking_tube(plain, **LOOP, residual={0: 1.0}).describe(),
+        pf.error_bound(plain, {1: 3.0}).describe(),
+        pf.tracking_error(plain, pf.Loop(**LOOP), {0: 1.0}).describe(),
     ):
         assert " N" not in described
         assert not any(line.endswith(" ") for line in described.splitlines())
 
 
 def test_what_has_no_answer_says_so():
-    unstable = disk_margin(ct.tf(1, [1, 1, 0]) * 0 + ct.tf(-3, [1, 1]))
+    unstable = margins(ct.tf(1, [1, 1, 0]) * 0 + ct.tf(-3, [1, 1])).disk
     assert unstable.describe().endswith("unstable")
-    none = pf.largest_bandwidth(lambda w: pf.PhyFilter([w]), delay=0.02, modulus_margin=0.999, low=50.0)
+    none = pf.largest_bandwidth(
+        lambda w: pf.PhyFilter([w]), pf.Loop(delay=0.02), modulus_margin=0.999, low=50.0
+    )
     assert none.describe().startswith("bandwidth up to     none")
     assert np.isnan(none.limit)
 
 
 def test_several_texts_are_shown_as_texts():
-    text = repr(pf.ultimate_bound(SAMPLED, residual={1: 3.0}))
+    text = repr(pf.error_bound(SAMPLED, {1: 3.0}))
     assert "entries of type str" not in text
     assert "assumptions=('g is held between the samples', " in text

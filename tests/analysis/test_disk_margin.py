@@ -6,7 +6,7 @@ import control as ct
 import numpy as np
 import pytest
 
-from phyfilter_ctl import PhyFilter, disk_margin, prior_margin
+from phyfilter_ctl import Loop, PhyFilter, margins
 
 # Searches stop at 1e-7 of a minimum's place; values are flat there.
 CLOSE = 1e-6
@@ -20,7 +20,7 @@ SATELLITE = ct.ss([[0, 10], [-10, 0]], np.eye(2), [[1, 10], [-10, 1]], np.zeros(
 
 
 def test_published_example() -> None:
-    disk = disk_margin(SEILER)
+    disk = margins(SEILER).disk
     assert disk.alpha == pytest.approx(0.46, abs=0.005)
     assert disk.gain_margin == pytest.approx((0.63, 1.59), abs=0.005)
     assert np.rad2deg(disk.phase_margin) == pytest.approx(25.8, abs=0.05)
@@ -28,7 +28,7 @@ def test_published_example() -> None:
 
 @pytest.mark.parametrize("skew", [-1.0, 0.0, 0.6, 1.0])
 def test_one_channel_is_what_python_control_says(skew: float) -> None:
-    disk = disk_margin(SEILER, skew=skew)
+    disk = margins(SEILER).disk_margin(skew=skew)
     near = disk.frequency * np.array([1.0 - 1e-4, 1.0, 1.0 + 1e-4])
     alpha, gain, phase = ct.disk_margins(SEILER, near, skew=skew)
     assert disk.alpha == pytest.approx(alpha, rel=CLOSE)
@@ -47,13 +47,13 @@ def largest_over_phases(M: np.ndarray, phases: np.ndarray) -> float:
 
 def test_both_loops_of_the_satellite() -> None:
     """Where it binds, mu is found by trying all phases; with slycot, python-control finds it too."""
-    disk = disk_margin(SATELLITE)
+    disk = margins(SATELLITE).disk
     M = np.linalg.inv(np.eye(2) + np.asarray(SATELLITE(1j * disk.frequency))) - 0.5 * np.eye(2)
     assert 1.0 / disk.alpha == pytest.approx(
         largest_over_phases(M, np.linspace(0, 2 * np.pi, 400)), rel=PHASES
     )
     # One loop at a time: 1/s, so nothing but S - T on the unit circle.
-    alone = disk_margin(ct.tf([1.0], [1.0, 0.0]))
+    alone = margins(ct.tf([1.0], [1.0, 0.0])).disk
     assert (alone.alpha, np.rad2deg(alone.phase_margin)) == pytest.approx((2.0, 90.0), rel=CLOSE)
     try:
         theirs = ct.disk_margins(SATELLITE, disk.frequency * np.array([0.999, 1.0, 1.001]))[0]
@@ -67,7 +67,7 @@ def test_three_channels() -> None:
     rng = np.random.default_rng(2)
     A = rng.standard_normal((5, 5)) - 4.0 * np.eye(5)
     L = ct.ss(A, rng.standard_normal((5, 3)), rng.standard_normal((3, 5)), np.zeros((3, 3)))
-    disk = disk_margin(L)
+    disk = margins(L).disk
     M = np.linalg.inv(np.eye(3) + np.asarray(L(1j * disk.frequency))) - 0.5 * np.eye(3)
     found = largest_over_phases(M, np.linspace(0.0, 2.0 * np.pi, 120))
     assert found <= 1.0 / disk.alpha * (1.0 + CLOSE)
@@ -76,7 +76,7 @@ def test_three_channels() -> None:
 
 def test_a_factor_of_the_disk_reaches_the_boundary() -> None:
     """Sampled: at the frequency that binds, the loop is lost at 1.001 of the disk and stable at 0.999."""
-    margin = prior_margin(PhyFilter([20.0]), dt=0.01, delay=0.004)
+    margin = margins(PhyFilter([20.0]), Loop(delay=0.004), dt=0.01)
     for skew in (-1.0, 0.0, 1.0):
         disk = margin.disk_margin(skew=skew)
         Q, P = margin.loop(np.array([disk.frequency]))
@@ -90,17 +90,17 @@ def test_a_factor_of_the_disk_reaches_the_boundary() -> None:
 
 
 def test_unstable_or_static_loops() -> None:
-    gone = disk_margin(ct.tf([20.0], [1.0, 1.0, 1.0, 0.0]))
+    gone = margins(ct.tf([20.0], [1.0, 1.0, 1.0, 0.0])).disk
     assert (gone.alpha, gone.gain_margin, gone.phase_margin) == (0.0, (1.0, 1.0), 0.0)
-    assert disk_margin(ct.ss([], [], [], -np.eye(2))).alpha == 0.0  # I + L is singular
+    assert margins(ct.ss([], [], [], -np.eye(2))).disk.alpha == 0.0  # I + L is singular
     # L = 1 stays at S - T = 0: any factor but -1, which no disk of gain 2 and more holds back.
-    assert disk_margin(ct.tf([1.0], [1.0, 1.0])).alpha == pytest.approx(2.0, rel=CLOSE)
+    assert margins(ct.tf([1.0], [1.0, 1.0])).disk.alpha == pytest.approx(2.0, rel=CLOSE)
 
 
 def test_bad_input() -> None:
     with pytest.raises(ValueError, match="as many outputs as inputs, got 1 and 2"):
-        disk_margin(ct.ss([[-1.0]], [[1.0, 1.0]], [[1.0]], [[0.0, 0.0]]))
-    with pytest.raises(TypeError, match="StateSpace or TransferFunction, got float"):
-        disk_margin(1.0)  # pyright: ignore[reportArgumentType]
+        margins(ct.ss([[-1.0]], [[1.0, 1.0]], [[1.0]], [[0.0, 0.0]]))
+    with pytest.raises(TypeError, match=r"StateSpace or TransferFunction L.*got float"):
+        margins(1.0)  # pyright: ignore[reportArgumentType]
     with pytest.raises(ValueError, match="skew"):
-        disk_margin(SEILER, skew=np.nan)
+        margins(SEILER).disk_margin(skew=np.nan)

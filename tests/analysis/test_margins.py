@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable
+from typing import Any
 
 import control as ct
 import numpy as np
@@ -13,8 +14,8 @@ from hypothesis import strategies as st
 from scipy.linalg import expm
 from scipy.optimize import brentq
 
-from phyfilter_ctl import PhyFilter
-from phyfilter_ctl.analysis.margins import _winding, largest_bandwidth, loop_margin, prior_margin
+from phyfilter_ctl import FilterMargins, InertiaCertificate, Loop, PhyFilter, inertia_tolerance, margins
+from phyfilter_ctl.analysis.margins import _winding, largest_bandwidth
 from phyfilter_ctl.analysis.margins._factors import Factors, roots_of
 
 # Closed forms and refined figures: repeated poles leave about 1e-14.
@@ -26,6 +27,11 @@ MARGINAL = 1e-6
 
 LAG = ct.tf(1, [0.1, 1])
 SECOND = ct.tf([900.0], [1.0, 36.0, 900.0])
+
+
+def held(margin: FilterMargins, **sets: Any) -> InertiaCertificate:
+    """A constant M of a set, in the loop of these margins."""
+    return inertia_tolerance(margin.filter, margin.around, rate=0.0, **sets)
 
 
 def repeated(n: int, w: float = 20.0, *, full: bool = False) -> PhyFilter:
@@ -76,7 +82,7 @@ IDEAL = ct.StateSpace([], [], [], [[1.0]])
 
 @pytest.mark.parametrize(("n", "limit"), [(1, np.inf), (2, np.inf), (3, 9.0), (4, 5.0)])
 def test_repeated_poles_lowpass(n: int, limit: float):
-    margin = prior_margin(repeated(n))
+    margin = margins(repeated(n))
     assert margin.min_ratio == 0.0
     assert margin.max_ratio == pytest.approx(limit, rel=CLOSE)
     assert len(margin.stable_ratios) == 1
@@ -85,7 +91,7 @@ def test_repeated_poles_lowpass(n: int, limit: float):
 # (s+1)^n - s^n over s^n is -1/mu where both binomials line up: 1/9 and 1/5 in closed form, n = 5 from its polynomial.
 @pytest.mark.parametrize(("n", "limit"), [(1, 0.0), (2, 0.0), (3, 1 / 9), (4, 1 / 5), (5, 0.257371227781806)])
 def test_repeated_poles_full_type(n: int, limit: float):
-    margin = prior_margin(repeated(n, full=True))
+    margin = margins(repeated(n, full=True))
     assert margin.min_ratio == pytest.approx(limit, rel=CLOSE)
     assert margin.max_ratio == np.inf
 
@@ -99,7 +105,7 @@ def test_limits_by_eigenvalues(n: int, full: bool):
     def growth(mu: float) -> float:
         return float(np.max(reference_poles(filter, mu, IDEAL).real))
 
-    margin = prior_margin(filter)
+    margin = margins(filter)
     limit, bracket = (margin.min_ratio, (0.05, 0.6)) if full else (margin.max_ratio, (1.5, 12.0))
     assert limit == pytest.approx(brentq(growth, *bracket, xtol=1e-12), rel=1e-7)
 
@@ -137,7 +143,7 @@ def test_limits_by_simulation(n: int, full: bool, limit: float):
 @pytest.mark.parametrize("delay", [1e-4, 0.01, 0.3])
 def test_first_order_with_delay(delay: float):
     """s + mu w e^(-s d) = 0: Hayes' limit mu w d = pi/2, and for complex mu |mu| w d = pi/2 - |arg mu|."""
-    margin = prior_margin(PhyFilter([20.0]), delay=delay)
+    margin = margins(PhyFilter([20.0]), Loop(delay=delay))
     limit = np.pi / (2.0 * 20.0 * delay)
     assert [c.ratio for c in margin.ratio_crossings[:1]] == pytest.approx([limit], rel=CLOSE)
     assert margin.stable_ratios == ((0.0, pytest.approx(limit, rel=CLOSE)),)
@@ -149,7 +155,7 @@ def test_first_order_with_delay(delay: float):
 
 def test_delay_of_several_turns():
     """Delay of several turns within the bandwidth: islands of stability would show here."""
-    margin = prior_margin(PhyFilter([20.0]), delay=5.0)
+    margin = margins(PhyFilter([20.0]), Loop(delay=5.0))
     assert margin.stable_ratios == ((0.0, pytest.approx(np.pi / 200.0, rel=CLOSE)),)
     assert not margin.is_stable
     assert (margin.phase_margin, margin.delay_margin, margin.modulus_margin) == (0.0, 0.0, 0.0)
@@ -198,7 +204,7 @@ GAINS = {"inner": (0.0, 0.0), "velocity": (0.0, 6.0), "pd": (10.0, 6.0)}
 def test_verdict_is_that_of_the_eigenvalues(filter: PhyFilter, mu: float, actuator: str, gains: str):
     kp, kd = GAINS[gains]
     act = ACTUATORS[actuator]
-    margin = loop_margin(filter, kp=kp, kd=kd, actuator=act, inertia_ratio=mu)
+    margin = margins(filter, Loop(kp, kd, actuator=act, inertia_ratio=mu))
     poles = reference_poles(filter, mu, IDEAL if act is None else ct.tf2ss(act), kp, kd)
     assume(np.min(np.abs(poles.real)) > MARGINAL * np.max(np.abs(poles)))
     assert margin.is_stable == bool(np.max(poles.real) < 0.0)
@@ -207,7 +213,7 @@ def test_verdict_is_that_of_the_eigenvalues(filter: PhyFilter, mu: float, actuat
     assert len(ours) == len(poles)
     # The intervals say the same, and so does the count of turns, which no eigenvalue enters.
     assert any(low < mu < high for low, high in margin.stable_ratios) == margin.is_stable
-    tiny = loop_margin(filter, kp=kp, kd=kd, actuator=act, delay=1e-12 / np.max(np.abs(poles)))
+    tiny = margins(filter, Loop(kp, kd, actuator=act, delay=1e-12 / np.max(np.abs(poles))))
     assert tiny.stable(mu) == margin.is_stable
 
 
@@ -222,7 +228,7 @@ def test_delay_against_many_small_lags(filter: PhyFilter, delay: float, gains: s
     kp, kd = GAINS[gains]
     num, den = ct.pade(delay, 8)
     assume(delay * np.max(np.abs(filter.poles)) < 2.0)
-    margin = loop_margin(filter, kp=kp, kd=kd, delay=delay)
+    margin = margins(filter, Loop(kp, kd, delay=delay))
     assert margin.poles is None
     for mu in (0.1, 0.6, 1.0, 3.0):
         poles = reference_poles(filter, mu, ct.tf2ss(ct.tf(num, den)), kp, kd)
@@ -234,7 +240,7 @@ def test_delay_against_many_small_lags(filter: PhyFilter, delay: float, gains: s
 
 def test_every_crossing_puts_a_pole_on_the_axis():
     filter = PhyFilter.from_poles([-5.0, -12.0 + 9.0j, -12.0 - 9.0j], [900.0, 100.0, 30.0])
-    margin = loop_margin(filter, kp=10.0, kd=6.0, actuator=SECOND, delay=0.03)
+    margin = margins(filter, Loop(10.0, 6.0, actuator=SECOND, delay=0.03))
     assert len(margin.ratio_crossings) > 2
     for ratio, omega, _ in margin.ratio_crossings:
         s = 1j * omega
@@ -247,10 +253,10 @@ def test_internal_model_and_zero_filter():
     poles = [-10.0, -10.0 + 5.0j, -10.0 - 5.0j]
     a = PhyFilter.from_poles(poles).a
     tuned = PhyFilter.from_poles(poles, [a[0], a[1] - 49.0, a[2]])  # 1 - F = s (s^2 + 49) / D
-    margin = prior_margin(tuned)
+    margin = margins(tuned)
     for mu in (0.01, 0.3, 1.0, 4.0, 50.0):
         assert margin.stable(mu) == bool(np.max(reference_poles(tuned, mu, IDEAL).real) < 0.0)
-    nothing = prior_margin(PhyFilter([4.0, 4.0], [0.0, 0.0]), actuator=LAG, delay=0.1)
+    nothing = margins(PhyFilter([4.0, 4.0], [0.0, 0.0]), Loop(actuator=LAG, delay=0.1))
     assert nothing.stable_ratios == ((0.0, np.inf),)
     assert nothing.modulus_margin == 1.0
     assert nothing.ratio_radius == np.inf
@@ -258,7 +264,7 @@ def test_internal_model_and_zero_filter():
 
 def test_positive_feedback_at_zero_frequency():
     """F(0) = 3: the loop is lost at s = 0 above no ratio, and below 2/3."""
-    margin = prior_margin(PhyFilter([20.0], [60.0]))
+    margin = margins(PhyFilter([20.0], [60.0]))
     assert margin.stable_ratios == ((pytest.approx(2.0 / 3.0, rel=CLOSE), np.inf),)
     assert margin.ratio_crossings[0].omega == 0.0
 
@@ -280,7 +286,7 @@ def open_loop(
 def test_margins_are_those_of_python_control(mu: float, gains: str):
     kp, kd = GAINS[gains]
     filter = PhyFilter.from_poles([-15.0, -8.0 + 6.0j, -8.0 - 6.0j])
-    margin = loop_margin(filter, kp=kp, kd=kd, actuator=SECOND, inertia_ratio=mu)
+    margin = margins(filter, Loop(kp, kd, actuator=SECOND, inertia_ratio=mu))
     assert margin.is_stable
     L = open_loop(filter, SECOND, kp, kd, mu)
     gm, pm, sm, _, _, wms = ct.stability_margins(L)
@@ -298,10 +304,10 @@ def test_margins_are_those_of_python_control(mu: float, gains: str):
 def test_just_within_each_margin_is_stable_and_just_beyond_is_not(delay: float):
     filter = repeated(3, 12.0)
     settings = {"kp": 10.0, "kd": 6.0, "actuator": SECOND}
-    margin = loop_margin(filter, delay=delay, **settings)
+    margin = margins(filter, Loop(delay=delay, **settings))
     assert margin.is_stable
     for share in (1.0 - 1e-6, 1.0 + 1e-6):
-        later = loop_margin(filter, delay=delay + share * margin.delay_margin, **settings)
+        later = margins(filter, Loop(delay=delay + share * margin.delay_margin, **settings))
         assert later.is_stable == (share < 1.0)
         for turn in (1j, -1j):
             # A turn of every frequency by one phase is a complex ratio.
@@ -321,9 +327,9 @@ def test_ideal_inner_loop_has_the_sensitivity_of_the_filter():
     from phyfilter_ctl.analysis import frequency_response
 
     for filter in (repeated(4), repeated(3, full=True)):
-        margin = prior_margin(filter)
+        margin = margins(filter)
         assert margin.sensitivity_peak == pytest.approx(frequency_response(filter).error_peak.value, rel=1e-9)
-    assert prior_margin(PhyFilter([20.0])).modulus_margin == 1.0
+    assert margins(PhyFilter([20.0])).modulus_margin == 1.0
 
 
 # -- matrices -------------------------------------------------------------------------------------------------------
@@ -342,22 +348,22 @@ def test_matrices_against_the_full_block_loop(seed: int, n: int, symmetric: bool
     M_hat = random_definite(rng, n) if symmetric else M + 0.8 * rng.standard_normal((n, n))
     assume(np.linalg.cond(M_hat) < 1e6)
     filter = repeated(3, 8.0, full=full)
-    verdict = prior_margin(filter, actuator=LAG).inertia(M_hat, M)
+    verdict = held(margins(filter, Loop(actuator=LAG)), M_hat=M_hat, vertices=[M])
     poles = np.linalg.eigvals(wired(filter, M_hat, M, ct.tf2ss(LAG), 0.0, 0.0))
     poles = poles[np.argsort(np.abs(poles))][2 * n :]  # x and position of each axis are free
     assume(np.min(np.abs(poles.real)) > MARGINAL * np.max(np.abs(poles)))
-    assert verdict.stable == bool(np.max(poles.real) < 0.0)
-    assert verdict.test == "eigenvalues"
+    assert (verdict.status == "proven") == bool(np.max(poles.real) < 0.0)
+    assert verdict.method == "eigenvalues"
 
 
 def test_rotation_is_a_complex_ratio():
     """M_hat rotated by 40 degrees against M: eigenvalues e^(+-0.7j), decided as a phase."""
     angle = np.deg2rad(40.0)
     turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
-    margin = prior_margin(repeated(2), delay=0.01)
-    verdict = margin.inertia(turn, [1.0, 1.0])
-    np.testing.assert_allclose(np.abs(np.angle(verdict.ratios)), angle, rtol=1e-12)
-    assert verdict.stable == (margin.phase_margin > angle)
+    margin = margins(repeated(2), Loop(delay=0.01))
+    verdict = held(margin, M_hat=turn, vertices=[[1.0, 1.0]])
+    np.testing.assert_allclose(verdict.ratios, np.cos(angle), rtol=1e-12)
+    assert (verdict.status == "proven") == (margin.phase_margin > angle)
 
 
 @pytest.mark.slow
@@ -366,32 +372,37 @@ def test_rotation_is_a_complex_ratio():
 def test_sets_of_matrices_are_sound(seed: int, share: float):
     """Whatever is declared stable is so for every sampled member."""
     rng = np.random.default_rng(seed)
-    margin = prior_margin(repeated(3), actuator=ct.tf(1, [0.02, 1]), delay=0.005)
+    margin = margins(repeated(3), Loop(actuator=0.02, delay=0.005))
     M_hat = random_definite(rng, 3)
     least = float(np.linalg.eigvalsh(M_hat)[0])
 
     low, extra = share * M_hat, random_definite(rng, 3)
-    if margin.inertia_between(M_hat, low, low + extra).stable:
+    if held(margin, M_hat=M_hat, between=(low, low + extra)).status == "proven":
         for _ in range(10):
             root = rng.uniform(0.0, 1.0) * np.linalg.qr(rng.standard_normal((3, 3)))[0]
             part = np.linalg.cholesky(extra)
-            assert margin.inertia(M_hat, low + part @ root @ root.T @ part.T).stable
+            assert (
+                held(margin, M_hat=M_hat, vertices=[low + part @ root @ root.T @ part.T]).status == "proven"
+            )
 
     radius = share * least
-    if margin.inertia_within(M_hat, radius).stable:
+    if held(margin, M_hat=M_hat, within=radius).status == "proven":
         for _ in range(10):
             error = rng.standard_normal((3, 3))
-            assert margin.inertia(M_hat, M_hat + radius * error / np.linalg.norm(error, 2)).stable
+            assert (
+                held(margin, M_hat=M_hat, vertices=[M_hat + radius * error / np.linalg.norm(error, 2)]).status
+                == "proven"
+            )
 
     bounds = rng.uniform(0.0, 0.3 * share * least, (3, 3))
     bounds = np.maximum(bounds, bounds.T)
-    verdict = margin.inertia_within(M_hat, bounds)
-    if verdict.stable:
+    verdict = held(margin, M_hat=M_hat, within=bounds)
+    if verdict.status == "proven":
         for _ in range(10):
             error = bounds * rng.choice([-1.0, 1.0], (3, 3))
             error = np.triu(error) + np.triu(error, 1).T
-            found = margin.inertia(M_hat, M_hat + error)
-            assert found.stable
+            found = held(margin, M_hat=M_hat, vertices=[M_hat + error])
+            assert found.status == "proven"
             assert np.all(found.ratios.real >= verdict.ratios[0].real * (1.0 - CLOSE))
             assert np.all(found.ratios.real <= verdict.ratios[1].real * (1.0 + CLOSE))
 
@@ -400,7 +411,7 @@ def test_sets_of_matrices_are_sound(seed: int, share: float):
 def test_boxes_of_matrices_are_exact_whatever_the_units(seed: int):
     """Both ends of the range are those of a vertex, found by trying all; a congruence of units changes nothing."""
     rng, n = np.random.default_rng(seed), 3
-    margin = prior_margin(repeated(3))
+    margin = margins(repeated(3))
     M_hat = np.eye(n) + 0.2 * random_definite(rng, n)
     bounds = rng.uniform(0.0, 0.1, (n, n)) * np.sqrt(np.outer(np.diag(M_hat), np.diag(M_hat)))
     bounds = np.maximum(bounds, bounds.T)
@@ -410,37 +421,42 @@ def test_boxes_of_matrices_are_exact_whatever_the_units(seed: int):
         error = np.zeros((n, n))
         error[rows, columns] = error[columns, rows] = signs * bounds[rows, columns]
         found.append(np.linalg.eigvals(M_hat @ np.linalg.inv(M_hat + error)).real)
-    verdict = margin.inertia_within(M_hat, bounds)
+    verdict = held(margin, M_hat=M_hat, within=bounds)
     assert verdict.ratios.real == pytest.approx([np.min(found), np.max(found)], rel=1e-10)
     units = np.diag([1.0, 1e-3, 1e4])
-    again = margin.inertia_within(units @ M_hat @ units, units @ bounds @ units)
+    again = held(margin, M_hat=units @ M_hat @ units, within=units @ bounds @ units)
     np.testing.assert_allclose(again.ratios, verdict.ratios, rtol=1e-9)
 
 
 def test_many_axes_and_mixed_units():
-    margin = prior_margin(repeated(3))
-    mixed = margin.inertia_within([10.0, 0.01], np.diag([1.0, 0.001]))
+    margin = margins(repeated(3))
+    mixed = held(margin, M_hat=[10.0, 0.01], within=np.diag([1.0, 0.001]))
     assert mixed.ratios.real == pytest.approx([1.0 / 1.1, 1.0 / 0.9], rel=1e-12)
     rng, n = np.random.default_rng(1), 15
     M_hat = np.eye(n) + 0.02 * random_definite(rng, n)
     bounds = 0.2 / n * np.sqrt(np.outer(np.diag(M_hat), np.diag(M_hat)))
-    verdict, few = margin.inertia_within(M_hat, bounds), margin.inertia_within(M_hat[:5, :5], bounds[:5, :5])
+    verdict, few = (
+        held(margin, M_hat=M_hat, within=bounds),
+        held(margin, M_hat=M_hat[:5, :5], within=bounds[:5, :5]),
+    )
     signs = rng.choice([-1.0, 1.0], n)
     for sign in (-1.0, 1.0):
-        ratios = margin.inertia(M_hat, M_hat + sign * signs * bounds * signs[:, None]).ratios.real
+        ratios = held(
+            margin, M_hat=M_hat, vertices=[M_hat + sign * signs * bounds * signs[:, None]]
+        ).ratios.real
         assert verdict.ratios[0].real <= ratios.min() <= ratios.max() <= verdict.ratios[1].real
     # A part of the axes is less uncertain than all.
     assert verdict.ratios[0].real <= few.ratios[0].real
 
 
 def test_sets_that_fit_are_accepted_and_others_explained():
-    margin = prior_margin(repeated(3))
-    assert margin.inertia_between(np.eye(2), 0.12 * np.eye(2), 50.0 * np.eye(2)).stable
-    assert not margin.inertia_between(np.eye(2), 0.11 * np.eye(2), 50.0 * np.eye(2)).stable
-    small = margin.inertia_within(np.eye(2), 0.9 * margin.modulus_margin)
-    assert (small.stable, small.test) == (True, "small gain")
-    assert not margin.inertia_within(np.eye(2), 1.1 * margin.modulus_margin).stable
-    assert "singular" in margin.inertia_within(np.eye(2), np.full((2, 2), 0.6)).message
+    margin = margins(repeated(3))
+    assert held(margin, M_hat=np.eye(2), between=(0.12 * np.eye(2), 50.0 * np.eye(2))).status == "proven"
+    assert held(margin, M_hat=np.eye(2), between=(0.11 * np.eye(2), 50.0 * np.eye(2))).status != "proven"
+    small = held(margin, M_hat=np.eye(2), within=0.9 * margin.modulus_margin)
+    assert (small.status, small.method) == ("proven", "small gain")
+    assert held(margin, M_hat=np.eye(2), within=1.1 * margin.modulus_margin).status != "proven"
+    assert "singular" in held(margin, M_hat=np.eye(2), within=np.full((2, 2), 0.6)).message
     # The small-gain bound is attained by a pair of axes that turn into each other.
     frequency = 1j * margin.modulus_frequency
     F = complex(repeated(3)(frequency))
@@ -448,7 +464,7 @@ def test_sets_that_fit_are_accepted_and_others_explained():
     z = 1.001 * direction
     turned = np.array([[z.real, -z.imag], [z.imag, z.real]])
     assert abs(direction) == pytest.approx(margin.modulus_margin, rel=1e-6)
-    assert not margin.inertia(np.eye(2), np.eye(2) + turned).stable
+    assert held(margin, M_hat=np.eye(2), vertices=[np.eye(2) + turned]).status != "proven"
 
 
 # -- bandwidth ------------------------------------------------------------------------------------------------------
@@ -490,7 +506,7 @@ def simulated_limit(delay: float, kp: float, kd: float, candidates: np.ndarray) 
 @pytest.mark.parametrize("gains", ["inner", "pd"])
 def test_largest_bandwidth_against_a_simulated_search(gains: str):
     kp, kd = GAINS[gains]
-    found = largest_bandwidth(first, kp=kp, kd=kd, actuator=LAG, delay=0.02, modulus_margin=0.0)
+    found = largest_bandwidth(first, Loop(kp, kd, actuator=LAG, delay=0.02), modulus_margin=0.0)
     assert (found.status, found.islands) == ("limited", ())
     candidates = found.limit * np.linspace(0.9, 1.1, 41)
     assert simulated_limit(0.02, kp, kd, candidates) == pytest.approx(found.limit, rel=SIMULATED)
@@ -498,32 +514,32 @@ def test_largest_bandwidth_against_a_simulated_search(gains: str):
 
 def test_largest_bandwidth_in_closed_form():
     """Inner loop, n = 1: arctan(T omega) + d omega = pi/2, w = omega |1 + j T omega|."""
-    found = largest_bandwidth(first, actuator=LAG, delay=0.02, modulus_margin=0.0)
+    found = largest_bandwidth(first, Loop(actuator=LAG, delay=0.02), modulus_margin=0.0)
     omega = brentq(lambda v: np.arctan(0.1 * v) + 0.02 * v - 0.5 * np.pi, 1.0, 70.0, xtol=1e-13)
     assert found.limit == pytest.approx(omega * np.hypot(1.0, 0.1 * omega), rel=1e-8)
 
 
 @pytest.mark.slow
 def test_the_inner_loop_alone_overestimates():
-    complete = largest_bandwidth(first, kp=10.0, kd=6.0, actuator=LAG, delay=0.02, modulus_margin=0.0).limit
-    inner = largest_bandwidth(first, actuator=LAG, delay=0.02, modulus_margin=0.0).limit
+    complete = largest_bandwidth(first, Loop(10.0, 6.0, actuator=LAG, delay=0.02), modulus_margin=0.0).limit
+    inner = largest_bandwidth(first, Loop(actuator=LAG, delay=0.02), modulus_margin=0.0).limit
     assert 1.7 < inner / complete < 4.7
 
 
 def test_largest_bandwidth_with_a_modulus_margin():
     loop = {"kp": 10.0, "kd": 6.0, "actuator": LAG, "delay": 0.02}
-    found = largest_bandwidth(first, **loop)
+    found = largest_bandwidth(first, Loop(**loop))
     assert found.modulus_margin == 0.5
-    at = loop_margin(PhyFilter([found.limit]), **loop)
+    at = margins(PhyFilter([found.limit]), Loop(**loop))
     assert at.modulus_margin == pytest.approx(0.5, abs=1e-6)
-    assert found.limit < largest_bandwidth(first, modulus_margin=0.0, **loop).limit
+    assert found.limit < largest_bandwidth(first, Loop(**loop), modulus_margin=0.0).limit
 
 
 @pytest.mark.parametrize("wanted", [0.0, 0.5])
 @pytest.mark.parametrize("dt", [None, 0.01])
 def test_a_loop_on_the_boundary_is_not_borne(wanted: float, dt: float | None):
     """kp alone and an ideal actuator: closed-loop poles at +-2j for every bandwidth; sampled they are outside."""
-    found = largest_bandwidth(first, kp=4.0, dt=dt, modulus_margin=wanted)
+    found = largest_bandwidth(first, Loop(kp=4.0), dt=dt, modulus_margin=wanted)
     assert (found.status, found.islands) == ("infeasible", ())
     assert f"modulus margin 0, {wanted:g} is asked for" in found.message
 
@@ -532,7 +548,7 @@ def test_a_loop_on_the_boundary_is_not_borne(wanted: float, dt: float | None):
 @pytest.mark.parametrize("n", [1, 4])
 def test_poles_on_the_axis_are_not_stable(kp: float, n: int):
     for w in np.geomspace(0.1, 1e3, 41):
-        margin = loop_margin(repeated(n, w), kp=kp, kd=0.0)
+        margin = margins(repeated(n, w), Loop(kp, 0.0))
         assert not margin.is_stable
         assert margin.modulus_margin == 0.0
         assert not margin.stable(1.0)
@@ -542,20 +558,20 @@ def test_poles_on_the_axis_are_not_stable(kp: float, n: int):
 def test_slow_and_lightly_damped_loops_are_stable(dt: float | None):
     """The boundary is relative to the pole: 0.05 rad/s next to a lag of 10 us, damping 1e-4 at 0.05 rad/s."""
     fast = ct.tf(1, [1e-5, 1])
-    assert prior_margin(PhyFilter([0.05]), actuator=fast, dt=dt).is_stable
+    assert margins(PhyFilter([0.05]), Loop(actuator=fast), dt=dt).is_stable
     # Held for a step and lagging, the command costs kp (h/2 + T) of damping.
     late = (0.5 * dt if dt else 0.0) + 1e-5
-    damped = loop_margin(
-        PhyFilter([5.0]), kp=0.05**2, kd=2.0 * 1e-4 * 0.05 + 0.05**2 * late, actuator=fast, dt=dt
+    damped = margins(
+        PhyFilter([5.0]), Loop(0.05**2, 2.0 * 1e-4 * 0.05 + 0.05**2 * late, actuator=fast), dt=dt
     )
     assert damped.is_stable
-    assert not loop_margin(PhyFilter([5.0]), kp=0.05**2, kd=0.0, actuator=fast, dt=dt).is_stable
+    assert not margins(PhyFilter([5.0]), Loop(0.05**2, 0.0, actuator=fast), dt=dt).is_stable
 
 
 def test_bandwidth_status():
     assert largest_bandwidth(first, high=100.0).status == "unlimited"
     assert largest_bandwidth(first, high=100.0).limit == 100.0
-    none = largest_bandwidth(first, actuator=LAG, delay=0.02, low=60.0, high=100.0)
+    none = largest_bandwidth(first, Loop(actuator=LAG, delay=0.02), low=60.0, high=100.0)
     assert none.status == "infeasible"
     assert np.isnan(none.limit)
     assert "start lower" in none.message
@@ -568,8 +584,8 @@ def test_islands_are_reported():
     def family(w: float) -> PhyFilter:
         return PhyFilter([5.0 + 55.0 * np.exp(-((np.log(w / 10.0) / 0.1) ** 2))])
 
-    found = largest_bandwidth(family, actuator=LAG, delay=0.02, modulus_margin=0.0, low=1.0, high=100.0)
-    borne = largest_bandwidth(first, actuator=LAG, delay=0.02, modulus_margin=0.0).limit
+    found = largest_bandwidth(family, Loop(actuator=LAG, delay=0.02), modulus_margin=0.0, low=1.0, high=100.0)
+    borne = largest_bandwidth(first, Loop(actuator=LAG, delay=0.02), modulus_margin=0.0).limit
     half = 0.1 * np.sqrt(np.log(55.0 / (borne - 5.0)))
     assert found.status == "limited"
     assert found.limit == pytest.approx(10.0 * np.exp(-half), rel=1e-7)
@@ -585,60 +601,71 @@ ONE = PhyFilter([20.0])
 @pytest.mark.parametrize(
     ("call", "error", "words"),
     [
-        (lambda: prior_margin(ONE, delay=-0.1), ValueError, "delay: expected a finite number >= 0"),
-        (lambda: prior_margin(ONE, delay=float("nan")), ValueError, "delay"),
-        (lambda: prior_margin(ONE, inertia_ratio=0.0), ValueError, "inertia_ratio: expected a positive"),
+        (lambda: margins(ONE, Loop(delay=-0.1)), ValueError, "delay: expected a finite number >= 0"),
+        (lambda: margins(ONE, Loop(delay=float("nan"))), ValueError, "delay"),
+        (lambda: margins(ONE, Loop(inertia_ratio=0.0)), ValueError, "inertia_ratio: expected a positive"),
         (
-            lambda: prior_margin(ONE, actuator=ct.tf(1, [1, -1])),
+            lambda: margins(ONE, Loop(actuator=ct.tf(1, [1, -1]))),
             ValueError,
             "actuator: pole 1.*open left half",
         ),
-        (lambda: prior_margin(ONE, actuator=ct.tf(1, [1, 0])), ValueError, "actuator: pole 0"),
-        (lambda: prior_margin(ONE, actuator=ct.tf([1, 0], [1])), ValueError, "not proper"),
-        (lambda: prior_margin(ONE, actuator=ct.tf(1, [1, 0.5], 0.1)), ValueError, "continuous-time"),
-        (lambda: prior_margin(ONE, actuator=ct.ss([[1.0]], [[1.0]], [[1.0]], [[0.0]])), ValueError, "pole 1"),
+        (lambda: margins(ONE, Loop(actuator=ct.tf(1, [1, 0]))), ValueError, "actuator: pole 0"),
+        (lambda: margins(ONE, Loop(actuator=ct.tf([1, 0], [1]))), ValueError, "not proper"),
+        (lambda: margins(ONE, Loop(actuator=ct.tf(1, [1, 0.5], 0.1))), ValueError, "continuous-time"),
         (
-            lambda: prior_margin(ONE, actuator=ct.ss(-np.eye(2), np.eye(2), np.eye(2), np.zeros((2, 2)))),
+            lambda: margins(ONE, Loop(actuator=ct.ss([[1.0]], [[1.0]], [[1.0]], [[0.0]]))),
+            ValueError,
+            "pole 1",
+        ),
+        (
+            lambda: margins(ONE, Loop(actuator=ct.ss(-np.eye(2), np.eye(2), np.eye(2), np.zeros((2, 2))))),
             ValueError,
             "one input and one output",
         ),
-        (lambda: prior_margin(ONE, actuator=3.0), TypeError, "TransferFunction"),
-        (lambda: prior_margin([20.0]), TypeError, "filter: expected a PhyFilter"),
-        (lambda: prior_margin(ONE).stable(np.inf), ValueError, "ratio: expected a finite"),
+        (lambda: margins(ONE, Loop(actuator="fast")), TypeError, "TransferFunction"),
+        (lambda: margins([20.0]), TypeError, "system: expected a filter"),
+        (lambda: margins(ONE, 10.0), TypeError, "loop: expected a Loop"),
+        (lambda: margins(ONE, at="u"), ValueError, "at: not for a filter"),
+        (lambda: margins(LAG, dt=0.01), ValueError, "dt: not for a python-control system"),
+        (lambda: margins(ONE).stable(np.inf), ValueError, "ratio: expected a finite"),
         (
-            lambda: prior_margin(ONE).inertia(np.ones((2, 3)), np.eye(2)),
+            lambda: held(margins(ONE), M_hat=np.ones((2, 3)), vertices=[np.eye(2)]),
             ValueError,
             "M_hat: expected a square",
         ),
-        (lambda: prior_margin(ONE).inertia(np.eye(2), np.ones((2, 2))), ValueError, "M: singular"),
-        (lambda: prior_margin(ONE).inertia(np.eye(2), np.eye(3)), ValueError, "expected the same"),
-        (lambda: prior_margin(ONE).inertia([np.nan], [1.0]), ValueError, "finite"),
-        (lambda: prior_margin(ONE).inertia_between(1.0, 2.0, 1.0), ValueError, "exchanged"),
-        (lambda: prior_margin(ONE).inertia_between(np.eye(2), 1.0, 2.0), ValueError, "one shape"),
-        (lambda: prior_margin(ONE).inertia_between(1.0, -1.0, 1.0), ValueError, "positive definite"),
         (
-            lambda: prior_margin(ONE).inertia_between([[1.0, 0.5], [0.0, 1.0]], np.eye(2), np.eye(2)),
+            lambda: held(margins(ONE), M_hat=np.eye(2), vertices=[np.ones((2, 2))]),
+            ValueError,
+            "vertices: singular",
+        ),
+        (lambda: held(margins(ONE), M_hat=np.eye(2), vertices=[np.eye(3)]), ValueError, "expected the same"),
+        (lambda: held(margins(ONE), M_hat=[np.nan], vertices=[[1.0]]), ValueError, "finite"),
+        (lambda: held(margins(ONE), M_hat=1.0, between=(2.0, 1.0)), ValueError, "exchanged"),
+        (lambda: held(margins(ONE), M_hat=np.eye(2), between=(1.0, 2.0)), ValueError, "one shape"),
+        (lambda: held(margins(ONE), M_hat=1.0, between=(-1.0, 1.0)), ValueError, "positive definite"),
+        (
+            lambda: held(margins(ONE), M_hat=[[1.0, 0.5], [0.0, 1.0]], between=(np.eye(2), np.eye(2))),
             ValueError,
             "symmetric",
         ),
-        (lambda: prior_margin(ONE).inertia_within(1.0, -1.0), ValueError, "deviation: expected finite"),
-        (lambda: prior_margin(ONE).inertia_within(np.eye(2), [1.0]), ValueError, r"shape \(2, 2\)"),
+        (lambda: held(margins(ONE), M_hat=1.0, within=-1.0), ValueError, "within: expected finite"),
+        (lambda: held(margins(ONE), M_hat=np.eye(2), within=[1.0]), ValueError, r"shape \(2, 2\)"),
         (
-            lambda: prior_margin(ONE, inertia_ratio=2.0).inertia_within(1.0, 0.1),
+            lambda: held(margins(ONE, Loop(inertia_ratio=2.0)), M_hat=1.0, within=0.1),
             ValueError,
-            "inertia_ratio = 1",
+            "expected 1, as the set says",
         ),
-        (lambda: loop_margin(ONE, kp=-1.0, kd=1.0), ValueError, "kp"),
-        (lambda: loop_margin(ONE, kp=1.0, kd=float("inf")), ValueError, "kd"),
+        (lambda: margins(ONE, Loop(-1.0, 1.0)), ValueError, "kp"),
+        (lambda: margins(ONE, Loop(1.0, float("inf"))), ValueError, "kd"),
         (lambda: largest_bandwidth(first, low=2.0, high=1.0), ValueError, "low < high"),
         (lambda: largest_bandwidth(first, modulus_margin=1.0), ValueError, "modulus_margin"),
         (
-            lambda: largest_bandwidth(ONE, kp=1.0),
+            lambda: largest_bandwidth(ONE, Loop(kp=1.0)),
             TypeError,
             "make: expected a callable.*got PhyFilter; write",
         ),
         (
-            lambda: prior_margin(ONE, actuator=ct.tf(1, [1e-14, 2e-14, 1]), delay=10.0).stable_ratios,
+            lambda: margins(ONE, Loop(actuator=ct.tf(1, [1e-14, 2e-14, 1]), delay=10.0)).stable_ratios,
             ValueError,
             "too often to search",
         ),
@@ -650,10 +677,10 @@ def test_bad_input(call: Callable[[], object], error: type[Exception], words: st
 
 
 def test_actuator_forms_agree():
-    as_tf = prior_margin(repeated(2), actuator=SECOND, delay=0.01)
-    as_ss = prior_margin(repeated(2), actuator=ct.tf2ss(SECOND), delay=0.01)
+    as_tf = margins(repeated(2), Loop(actuator=SECOND, delay=0.01))
+    as_ss = margins(repeated(2), Loop(actuator=ct.tf2ss(SECOND), delay=0.01))
     assert as_tf.max_ratio == pytest.approx(as_ss.max_ratio, rel=CLOSE)
-    static = prior_margin(PhyFilter([20.0]), actuator=ct.tf([2.0], [1.0]), delay=0.01)
+    static = margins(PhyFilter([20.0]), Loop(actuator=ct.tf([2.0], [1.0]), delay=0.01))
     assert static.max_ratio == pytest.approx(np.pi / 0.8, rel=CLOSE)
 
 
@@ -686,6 +713,6 @@ def test_counting_poles_has_an_end(monkeypatch: pytest.MonkeyPatch) -> None:
 
     monkeypatch.setattr(Factors, "bounds", counted)
     with pytest.raises(ValueError, match="shorten the delay"):
-        _ = prior_margin(repeated(7, 99990.0, full=True), delay=10.0).is_stable
+        _ = margins(repeated(7, 99990.0, full=True), Loop(delay=10.0)).is_stable
     # The pieces of the last halving are counted before they are refused, no more than twice the rest.
     assert looked_at <= 3 * _winding._MOST_WORK

@@ -8,8 +8,8 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from phyfilter_ctl import PhyFilter, SampledPhyFilter
-from phyfilter_ctl.analysis.margins import LoopMargin, largest_bandwidth, loop_margin, prior_margin
+from phyfilter_ctl import Loop, PhyFilter, SampledPhyFilter, margins
+from phyfilter_ctl.analysis.margins import FilterMargins, largest_bandwidth
 
 # Closed forms and refined figures.
 CLOSE = 1e-9
@@ -85,7 +85,7 @@ def test_first_order_is_lost_at_the_nyquist_frequency(w: float):
     h = 0.002
     gains = {"exact": -np.expm1(-w * h), "euler": w * h, "tustin": w * h / (1.0 + 0.5 * w * h)}
     for method, q in gains.items():
-        margin = prior_margin(PhyFilter([w]).sampled(h, method=method))
+        margin = margins(PhyFilter([w]).sampled(h, method=method))
         assert margin.stable_ratios == ((0.0, pytest.approx(2.0 / q, rel=CLOSE)),)
         assert margin.ratio_crossings[-1].omega == pytest.approx(np.pi / h, rel=1e-6)
         # L = q/(z - 1).
@@ -93,7 +93,7 @@ def test_first_order_is_lost_at_the_nyquist_frequency(w: float):
         theta = 2.0 * np.arcsin(0.5 * q)
         assert margin.gain_crossings == pytest.approx([theta / h], rel=1e-7)
         assert margin.phase_margin == pytest.approx(0.5 * np.pi - 0.5 * theta, rel=1e-7)
-    assert prior_margin(PhyFilter([20.0]), dt=0.002).max_ratio == pytest.approx(51.0067, abs=1e-4)
+    assert margins(PhyFilter([20.0]), dt=0.002).max_ratio == pytest.approx(51.0067, abs=1e-4)
 
 
 @pytest.mark.parametrize("whole", [1, 3, 10])
@@ -101,7 +101,7 @@ def test_first_order_with_whole_steps_of_delay(whole: int):
     """Q = (z - 1)/(z - 1 + q), P = z^-m q/(z - 1 + q): z^m (z - 1) + mu q."""
     h, w = 0.01, 20.0
     q = -np.expm1(-w * h)
-    margin = prior_margin(PhyFilter([w]), dt=h, delay=whole * h)
+    margin = margins(PhyFilter([w]), Loop(delay=whole * h), dt=h)
     limit = margin.stable_ratios[0][1]
     for mu, inside in ((0.999999 * limit, True), (1.000001 * limit, False)):
         polynomial = np.zeros(whole + 2)
@@ -116,13 +116,13 @@ def test_first_order_with_whole_steps_of_delay(whole: int):
 def test_fast_sampling_tends_to_the_continuous_margins(n: int, full: bool):
     filter = repeated(n, full=full)
     options = {"kp": 10.0, "kd": 6.0, "actuator": ct.tf(1, [0.02, 1]), "delay": 0.005}
-    continuous = loop_margin(filter, **options)
+    continuous = margins(filter, Loop(**options))
     for h, tolerance in ((1e-4, 2e-2), (1e-5, 2e-3)):
-        fast = loop_margin(filter, dt=h, **options)
+        fast = margins(filter, Loop(**options), dt=h)
         assert fast.max_ratio == pytest.approx(continuous.max_ratio, rel=tolerance)
         assert fast.min_ratio == pytest.approx(continuous.min_ratio, rel=tolerance)
         assert fast.modulus_margin == pytest.approx(continuous.modulus_margin, rel=tolerance)
-    assert loop_margin(filter, dt=1e-4, **options).delay_margin == pytest.approx(
+    assert margins(filter, Loop(**options), dt=1e-4).delay_margin == pytest.approx(
         continuous.delay_margin, rel=2e-2
     )
 
@@ -145,7 +145,7 @@ def simulated_limit(
 @pytest.mark.parametrize("n", [1, 2, 3, 4])
 def test_upper_limits_by_simulation(n: int):
     sampled = repeated(n).sampled(0.005)
-    margin = prior_margin(sampled)
+    margin = margins(sampled)
     # Lost at the Nyquist frequency the first-order loop decays to rounding within a few hundred steps.
     found = simulated_limit(
         sampled, margin.max_ratio, spread=0.01 if n == 1 else 0.04, steps=1200 if n == 1 else 6000
@@ -156,7 +156,7 @@ def test_upper_limits_by_simulation(n: int):
 @pytest.mark.parametrize("n", [3, 4, 5])
 def test_lower_limits_by_simulation(n: int):
     sampled = repeated(n, full=True).sampled(0.005)
-    margin = prior_margin(sampled)
+    margin = margins(sampled)
     assert simulated_limit(sampled, margin.min_ratio) == pytest.approx(margin.min_ratio, rel=SIMULATED)
 
 
@@ -166,7 +166,7 @@ def test_lower_limits_by_simulation(n: int):
 def test_lag_delay_and_outer_loop_by_simulation(method: str, delay: float):
     sampled = PhyFilter.from_poles([-9.0, -9.0]).sampled(0.01, method=method)
     loop = {"kp": 10.0, "kd": 6.0, "delay": delay}
-    margin = loop_margin(sampled, actuator=ct.tf(1, [0.05, 1]), **loop)
+    margin = margins(sampled, Loop(actuator=0.05, **loop))
     found = simulated_limit(sampled, margin.max_ratio, lag=0.05, **loop)
     assert found == pytest.approx(margin.max_ratio, rel=SIMULATED)
 
@@ -175,7 +175,7 @@ def test_lag_delay_and_outer_loop_by_simulation(method: str, delay: float):
 def test_measurement_delay_by_simulation():
     """The filter knows its measurement to be late and delays g alike."""
     sampled = PhyFilter([15.0]).sampled(0.01, delay=0.025)
-    margin = loop_margin(sampled, kp=4.0, kd=3.0, actuator=ct.tf(1, [0.05, 1]), delay=0.013)
+    margin = margins(sampled, Loop(4.0, 3.0, actuator=0.05, delay=0.013))
     found = simulated_limit(sampled, margin.max_ratio, lag=0.05, delay=0.013, kp=4.0, kd=3.0)
     assert found == pytest.approx(margin.max_ratio, rel=SIMULATED)
 
@@ -199,7 +199,7 @@ def test_verdict_is_that_of_a_simulation(poles, shares, general, lag, delay, out
     kp, kd = (10.0, 6.0) if outer else (0.0, 0.0)
     actuator = None if lag is None else ct.tf(1, [lag, 1])
     ratios = np.array([0.05, 0.4, 1.0, 2.5, 8.0])
-    margin = loop_margin(sampled, kp=kp, kd=kd, actuator=actuator, delay=delay)
+    margin = margins(sampled, Loop(kp, kd, actuator=actuator, delay=delay))
     rate = growth(sampled, ratios, lag=lag, delay=delay, kp=kp, kd=kd, steps=1200)
     assume(np.any(np.abs(rate) > UNDECIDED))
     for mu, each in zip(ratios, rate, strict=True):
@@ -211,9 +211,9 @@ def test_verdict_is_that_of_a_simulation(poles, shares, general, lag, delay, out
 # -- margins --------------------------------------------------------------------------------------------------------
 
 
-def sample_loop(**changes: float) -> LoopMargin:
-    options = {"kp": 10.0, "kd": 6.0, "delay": 0.013, "dt": 0.01, **changes}
-    return loop_margin(repeated(2, 9.0), actuator=ct.tf(1, [0.05, 1]), **options)
+def sample_loop(**changes: float) -> FilterMargins:
+    options = {"kp": 10.0, "kd": 6.0, "delay": 0.013, **changes}
+    return margins(repeated(2, 9.0), Loop(actuator=0.05, **options), dt=0.01)
 
 
 def test_just_within_each_margin_is_stable_and_just_beyond_is_not():
@@ -230,7 +230,7 @@ def test_just_within_each_margin_is_stable_and_just_beyond_is_not():
 
 def test_delay_margin_of_many_steps():
     """L = q/(z - 1) tolerates (pi/theta - 1)/2 steps, theta = 2 asin(q/2), thousands; nothing is built of that size."""
-    margin = prior_margin(PhyFilter([1.0]), dt=5e-4)
+    margin = margins(PhyFilter([1.0]), dt=5e-4)
     theta = 2.0 * np.arcsin(-0.5 * np.expm1(-5e-4))
     assert margin.delay_margin == pytest.approx(5e-4 * 0.5 * (np.pi / theta - 1.0), rel=1e-5)
 
@@ -239,7 +239,7 @@ def test_delay_margin_of_many_steps():
 def test_long_delays_are_counted_along_the_circle(gains: tuple[float, float]):
     """More than a hundred steps: the turns of chi against the eigenvalues of the large matrix."""
     kp, kd = gains
-    margin = loop_margin(repeated(3, 8.0), kp=kp, kd=kd, actuator=ct.tf(1, [0.05, 1]), delay=0.1203, dt=0.001)
+    margin = margins(repeated(3, 8.0), Loop(kp, kd, actuator=0.05, delay=0.1203), dt=0.001)
     counts = []
     for mu in (0.05, 0.4, 1.0, 2.0, 5.0, 40.0, 0.5j, 1.0 + 1.0j):
         counts.append(margin.loop.unstable(mu))
@@ -248,7 +248,7 @@ def test_long_delays_are_counted_along_the_circle(gains: tuple[float, float]):
 
 
 def test_a_loop_below_one_bears_any_delay():
-    margin = prior_margin(PhyFilter([20.0], [8.0]), dt=0.01)  # |L| < 0.4/0.6 at all frequencies
+    margin = margins(PhyFilter([20.0], [8.0]), dt=0.01)  # |L| < 0.4/0.6 at all frequencies
     assert margin.delay_margin == np.inf
     assert margin.phase_margin == np.inf
     assert not len(margin.gain_crossings)
@@ -257,7 +257,7 @@ def test_a_loop_below_one_bears_any_delay():
 @pytest.mark.parametrize("delay", [0.0, 0.0137])
 def test_every_crossing_puts_a_pole_on_the_circle(delay: float):
     sampled = repeated(3, 6.0, full=True).sampled(0.02)
-    margin = loop_margin(sampled, kp=10.0, kd=6.0, actuator=ct.tf(1, [0.05, 1]), delay=delay)
+    margin = margins(sampled, Loop(10.0, 6.0, actuator=0.05, delay=delay))
     assert len(margin.ratio_crossings) >= 2
     for ratio, omega, _ in margin.ratio_crossings:
         poles = margin.loop.roots(ratio)
@@ -267,7 +267,7 @@ def test_every_crossing_puts_a_pole_on_the_circle(delay: float):
 
 def test_order_of_the_closed_loop():
     """States of filter, actuator and outer loop, one command of the past and the step of x."""
-    assert len(prior_margin(repeated(3), dt=0.01).poles) == 3 + 1 + 1
+    assert len(margins(repeated(3), dt=0.01).poles) == 3 + 1 + 1
     assert len(sample_loop(delay=0.0).poles) == 2 + 1 + 2 + 1 + 1
 
 
@@ -283,9 +283,9 @@ def test_largest_bandwidth_sampled_tends_to_the_continuous_one():
         "low": 5.0,
         "high": 60.0,
     }
-    continuous = largest_bandwidth(lambda w: PhyFilter([w]), **options).limit
-    fast = largest_bandwidth(lambda w: PhyFilter([w]), dt=1e-3, **options).limit
-    slow = largest_bandwidth(lambda w: PhyFilter([w]), dt=1e-2, **options).limit
+    continuous = largest_bandwidth(lambda w: PhyFilter([w]), Loop(**options)).limit
+    fast = largest_bandwidth(lambda w: PhyFilter([w]), Loop(**options), dt=1e-3).limit
+    slow = largest_bandwidth(lambda w: PhyFilter([w]), Loop(**options), dt=1e-2).limit
     assert fast == pytest.approx(continuous, rel=5e-2)
     assert slow < fast
 
@@ -296,13 +296,13 @@ def test_largest_bandwidth_sampled_tends_to_the_continuous_one():
 def test_bad_input():
     sampled = PhyFilter([20.0]).sampled(0.01)
     with pytest.raises(ValueError, match=r"dt: 0\.02 s contradicts"):
-        prior_margin(sampled, dt=0.02)
+        margins(sampled, dt=0.02)
     with pytest.raises(ValueError, match="g='average'"):
-        prior_margin(PhyFilter([20.0]).sampled(0.01, g="average"))
+        margins(PhyFilter([20.0]).sampled(0.01, g="average"))
     with pytest.raises(ValueError, match="dt: expected a finite number > 0 s"):
-        prior_margin(PhyFilter([20.0]), dt=0.0)
+        margins(PhyFilter([20.0]), dt=0.0)
     with pytest.raises(ValueError, match="forward Euler diverges"):
-        prior_margin(PhyFilter([300.0]).sampled(0.01, method="euler"))
+        margins(PhyFilter([300.0]).sampled(0.01, method="euler"))
     with pytest.raises(ValueError, match="delay"):
-        prior_margin(sampled, delay=-0.01)
-    assert prior_margin(sampled, dt=0.01).filter is sampled
+        margins(sampled, Loop(delay=-0.01))
+    assert margins(sampled, dt=0.01).filter is sampled

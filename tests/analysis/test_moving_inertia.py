@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable
 from fractions import Fraction
+from typing import Any
 
 import control as ct
 import numpy as np
@@ -12,17 +13,32 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.linalg import eigvals, expm
 
-from phyfilter_ctl import PhyFilter, Status, moving_inertia, place_poles, prior_margin, stack
+from phyfilter_ctl import (
+    FilterMargins,
+    InertiaCertificate,
+    Loop,
+    PhyFilter,
+    Status,
+    inertia_tolerance,
+    margins,
+    place_poles,
+    stack,
+)
 from phyfilter_ctl.analysis import configuration_hull
 from phyfilter_ctl.analysis.margins._exact import exact, is_positive_definite
+from phyfilter_ctl.analysis.margins.filter_margins import build_loop
 from phyfilter_ctl.analysis.margins.openings import _root_mean_square, open_at_inertia, side_by_side
-from phyfilter_ctl.analysis.margins.ratio_margins import build_loop
 
 # Eigenvalues of matrices of a few states, no repeated ones among them.
 CLOSE = 1e-9
 # Growth over a few periods, in which the other states have not died out quite.
 SIMULATED = 1e-3
 LAG = ct.tf(1, [0.05, 1])
+
+
+def held(margin: FilterMargins, **sets: Any) -> InertiaCertificate:
+    """A constant M of a set, in the loop of these margins."""
+    return inertia_tolerance(margin.filter, margin.around, rate=0.0, **sets)
 
 
 def repeated(n: int, w: float = 20.0) -> PhyFilter:
@@ -51,19 +67,19 @@ def test_interval_matrices_by_all_their_vertices(M_hat: np.ndarray):
         M[rows, columns] += np.array(signs) * deviation[rows, columns]
         M[columns, rows] = M[rows, columns]
         found += list(eigvals(M_hat, M).real)
-    margin = prior_margin(repeated(3))
-    low, high = margin.inertia_hull(M_hat, [centre], deviation=deviation).ratios.real
+    margin = margins(repeated(3))
+    low, high = held(margin, M_hat=M_hat, vertices=[centre], within=deviation).ratios.real
     # The corners' own rows attain the ends: v' M v has both extremes at sign patterns.
     assert (low, high) == pytest.approx((min(found), max(found)), rel=1e-7)
-    assert margin.inertia_hull(M_hat, [centre], deviation=deviation).stable
+    assert held(margin, M_hat=M_hat, vertices=[centre], within=deviation).status == "proven"
 
 
 @pytest.mark.parametrize("seed", range(5))
 def test_hull_holds_every_mixture_and_knows_no_units(seed: int):
     rng = np.random.default_rng(seed)
     M_hat, vertices = spd(rng, 4), np.array([spd(rng, 4) for _ in range(5)])
-    margin = prior_margin(repeated(3))
-    low, high = margin.inertia_hull(M_hat, vertices).ratios.real
+    margin = margins(repeated(3))
+    low, high = held(margin, M_hat=M_hat, vertices=vertices).ratios.real
     shares = rng.dirichlet(np.ones(5), 400)
     mixed = [eigvals(M_hat, np.tensordot(share, vertices, axes=1)).real for share in shares]
     assert low * (1.0 - CLOSE) <= np.min(mixed)
@@ -71,7 +87,7 @@ def test_hull_holds_every_mixture_and_knows_no_units(seed: int):
     corners = [eigvals(M_hat, M).real for M in vertices]
     assert (low, high) == pytest.approx((np.min(corners), np.max(corners)), rel=CLOSE)
     units = np.diag([1e3, 1.0, 1e-4, 30.0])
-    scaled = margin.inertia_hull(units @ M_hat @ units, units @ vertices @ units).ratios.real
+    scaled = held(margin, M_hat=units @ M_hat @ units, vertices=units @ vertices @ units).ratios.real
     assert scaled == pytest.approx([low, high], rel=1e-7)
 
 
@@ -94,16 +110,17 @@ def test_what_configurations_leave_between_them():
 
 
 def test_matrices_that_are_refused():
-    margin = prior_margin(repeated(3))
+    margin = margins(repeated(3))
     for given, text in (
-        ({"vertices": [np.eye(3)]}, "expected shape"),
-        ({"vertices": [[1.0, -1.0]]}, r"vertices\[0\]: expected a positive definite"),
+        ({"vertices": [np.eye(3), np.eye(3)]}, "expected shape"),
+        ({"vertices": [[1.0, -1.0], [1.0, 1.0]]}, r"vertices\[0\]: expected a positive definite"),
         ({"vertices": []}, "expected a list of inertia"),
-        ({"vertices": [np.eye(2)], "deviation": -np.eye(2)}, "bounds of 0 or more"),
+        ({"vertices": [np.eye(3)]}, "expected the same"),
+        ({"vertices": [np.eye(2)], "within": -np.eye(2)}, "bounds of 0 or more"),
     ):
         with pytest.raises(ValueError, match=text):
-            margin.inertia_hull(np.eye(2), **given)
-    assert "singular M" in margin.inertia_hull([1.0], [1.0], deviation=[[1.0]]).message
+            held(margin, M_hat=np.eye(2), **given)
+    assert "singular M" in held(margin, M_hat=[1.0], vertices=[1.0], within=[[1.0]]).message
 
 
 # -- exact arithmetic -----------------------------------------------------------------------------------------------
@@ -130,7 +147,7 @@ def test_opened_loop_closes_to_the_margins_poles(n: int, actuator: ct.TransferFu
     """Constant ratios: roots of the characteristic polynomial, or the eigenvalues of the other sampled assembly."""
     filter = place_poles(-10.0 * np.arange(1.0, n + 1.0))
     for dt, late in ((None, 0.0), (0.004, 0.0), (0.004, 0.006)):
-        _, loop = build_loop(filter, actuator, late, dt)
+        _, loop = build_loop(filter, Loop(actuator=actuator, delay=late), dt)
         opening = open_at_inertia(loop)
         for mu in (0.4, 1.0, 2.5):
             own = np.linalg.eigvals(opening.closed(mu))
@@ -145,23 +162,23 @@ def test_coupled_axes_with_filters_of_their_own():
     rng = np.random.default_rng(3)
     filters = [place_poles([-5.0, -9.0]), place_poles([-20.0, -25.0, -31.0]), place_poles([-12.0])]
     M_hat, M = np.diag([2.0, 0.1, 30.0]), spd(rng, 3)
-    opening = side_by_side([open_at_inertia(build_loop(f, LAG, 0.0, None)[1]) for f in filters])
+    opening = side_by_side([open_at_inertia(build_loop(f, Loop(actuator=LAG), None)[1]) for f in filters])
     mu = M_hat @ np.linalg.inv(M)
     poles = np.linalg.eigvals(opening.closed(mu))
     for s in poles:
         F = np.diag([f(s) for f in filters])
         whole = np.eye(3) + F @ (mu * LAG(s) - np.eye(3))
         assert np.linalg.svd(whole, compute_uv=False)[-1] < 1e-8 * np.linalg.norm(whole, 2)
-    verdict = moving_inertia(stack(filters), vertices=[M], M_hat=M_hat, actuator=LAG)
+    verdict = inertia_tolerance(stack(filters), Loop(actuator=LAG), vertices=[M], M_hat=M_hat)
     assert (verdict.status is Status.PROVEN) == (poles.real.max() < 0.0)
-    lost = moving_inertia(stack(filters), vertices=[M, 0.01 * M], M_hat=M_hat, actuator=LAG)
+    lost = inertia_tolerance(stack(filters), Loop(actuator=LAG), vertices=[M, 0.01 * M], M_hat=M_hat)
     assert (lost.status, lost.message) == (Status.REFUTED, "unstable for a constant M: vertex 1")
 
 
 def test_motion_within_a_step_stays_below_its_bound():
     """Force behind a lag over a step, with a late command: what a mu of deviation 1 can add against |spread x|."""
     rng = np.random.default_rng(1)
-    _, loop = build_loop(repeated(2), LAG, 0.013, 0.02)
+    _, loop = build_loop(repeated(2), Loop(actuator=LAG, delay=0.013), 0.02)
     opening = open_at_inertia(loop)
     assert opening.dt is not None
     t = (np.arange(2000) + 0.5) * opening.dt / 2000
@@ -195,12 +212,12 @@ def test_common_lyapunov_function_up_to_the_circle(n: int, full: bool, w: float)
     filter = PhyFilter.from_poles([-w] * n, repeated(n, w).a if full else None)
     for factor, status in ((0.999, Status.PROVEN), (1.001, Status.OPEN)):
         r = factor * LIMITS[n]
-        found = moving_inertia(filter, ratios=(1.0 / r, r))
+        found = inertia_tolerance(filter, ratios=(1.0 / r, r))
         assert found.status is status
         # By frequency: complex ratios about the middle.
-        margin = prior_margin(filter, inertia_ratio=0.5 * (r + 1.0 / r))
+        margin = margins(filter, Loop(inertia_ratio=0.5 * (r + 1.0 / r)))
         assert (margin.ratio_radius > 0.5 * (r - 1.0 / r)) == (status is Status.PROVEN)
-    assert moving_inertia(repeated(1, w), ratios=(1e-3, 1e3)).status is Status.PROVEN
+    assert inertia_tolerance(repeated(1, w), ratios=(1e-3, 1e3)).status is Status.PROVEN
 
 
 def test_the_matrix_falls_for_axes_that_turn():
@@ -208,7 +225,7 @@ def test_the_matrix_falls_for_axes_that_turn():
     rng = np.random.default_rng(5)
     filter = repeated(3)
     r = 3.9
-    found = moving_inertia(filter, ratios=(1.0 / r, r))
+    found = inertia_tolerance(filter, ratios=(1.0 / r, r))
     (P,), system = found.lyapunov, found.opening
     assert system is not None
     A, B, C = (np.asarray(part) for part in (system.A, system.B, system.C))
@@ -240,11 +257,11 @@ def simulated(filter: PhyFilter, ratio, times: np.ndarray) -> np.ndarray:
 def test_switching_that_diverges_is_simulated():
     """n = 3: every constant M between M_hat/8 and 8 M_hat is stable, switched every 68 ms it diverges."""
     filter = repeated(3)
-    assert moving_inertia(filter, ratios=(1 / 8, 8.0), rate=0.0).status is Status.PROVEN
+    assert inertia_tolerance(filter, ratios=(1 / 8, 8.0), rate=0.0).status is Status.PROVEN
     edges = 0.068 * np.arange(25.0)
     sizes = simulated(filter, lambda t: 8.0 if int((t + 1e-9) // 0.068) % 2 else 1 / 8, edges)
     assert np.prod(sizes[8:]) ** (1 / 8) == pytest.approx(1.283, abs=2e-3)
-    lost = moving_inertia(filter, ratios=(1 / 8, 8.0))
+    lost = inertia_tolerance(filter, ratios=(1 / 8, 8.0))
     assert lost.status is Status.REFUTED
     assert lost.motion is not None
     motion = lost.motion
@@ -271,7 +288,7 @@ def test_momentum_form_only_shifts_the_estimate():
     whole = solve_ivp(
         physics, (0.0, 1.5), [0.0, 0.0, 2.0], t_eval=t, rtol=1e-9, atol=1e-11, dense_output=True
     )
-    opening = moving_inertia(filter, ratios=(J_hat / 2.9, J_hat / 1.1)).opening
+    opening = inertia_tolerance(filter, ratios=(J_hat / 2.9, J_hat / 1.1)).opening
     assert opening is not None
     A, B, C = (np.asarray(part) for part in (opening.A, opening.B, opening.C))
 
@@ -288,7 +305,7 @@ def test_momentum_form_only_shifts_the_estimate():
 def test_sampled_loop_that_switches_as_it_runs(method):
     """SampledPhyFilter itself in the loop, M switched at samples: growth as certified motion has it."""
     sampled = repeated(3).sampled(0.004, method)
-    lost = moving_inertia(sampled, ratios=(1 / 9, 6.5))
+    lost = inertia_tolerance(sampled, ratios=(1 / 9, 6.5))
     assert lost.motion is not None
     period = round(lost.motion.period / 0.004)
     x, tau, size = np.zeros(1), np.array([1.0]), []
@@ -300,7 +317,7 @@ def test_sampled_loop_that_switches_as_it_runs(method):
         if k % period == period - 1:
             size.append(abs(float(f_hat[0])))
     assert size[-1] / size[-2] == pytest.approx(lost.motion.growth, rel=0.01)
-    assert moving_inertia(sampled, ratios=(0.4, 2.5)).status is Status.PROVEN
+    assert inertia_tolerance(sampled, ratios=(0.4, 2.5)).status is Status.PROVEN
 
 
 def test_delay_by_the_circle():
@@ -310,29 +327,55 @@ def test_delay_by_the_circle():
     radius = np.min(np.abs(1j * omega + P) / np.abs(P))
     for factor, status in ((0.999, Status.PROVEN), (1.001, Status.OPEN)):
         r = factor * radius
-        assert moving_inertia(PhyFilter([20.0]), ratios=(1.0 - r, 1.0 + r), delay=0.06).status is status
+        assert (
+            inertia_tolerance(PhyFilter([20.0]), Loop(delay=0.06), ratios=(1.0 - r, 1.0 + r)).status is status
+        )
 
 
 @pytest.mark.parametrize(
     ("given", "text"),
     [
-        ({}, "expected one of the two"),
-        ({"ratios": (1.0, 2.0), "vertices": [1.0], "M_hat": 1.0}, "expected one of the two"),
-        ({"vertices": [1.0]}, "M_hat: goes with vertices"),
+        ({}, "expected one of them, the set in which the inertia is, got none"),
+        ({"ratios": (1.0, 2.0), "vertices": [1.0], "M_hat": 1.0}, "got ratios and vertices"),
+        ({"vertices": [1.0]}, "M_hat: goes with every set but ratios"),
+        ({"ratios": (0.5, 2.0), "M_hat": 1.0}, "M_hat: goes with every set but ratios"),
+        ({"between": (0.5, 2.0), "M_hat": 1.0}, "between, within: are of a constant M"),
+        ({"ratios": (0.5, 2.0), "loop": Loop(1.0, 1.0)}, "take loop.inner"),
+        ({"ratios": (0.5, 2.0), "loop": Loop(g="applied")}, "known for the command as g"),
+        ({"ratios": (0.5, 2.0), "loop": Loop(inertia_ratio=2.0)}, "expected 1, as the set says"),
         ({"ratios": (2.0, 1.0)}, "0 < low <= high"),
         ({"ratios": (0.5, 2.0), "rate": -1.0}, "rate"),
         ({"ratios": (0.5, 2.0), "degree": 3}, "degree: expected"),
-        ({"ratios": (0.5, 2.0), "delay": 0.01, "rate": 1.0}, "give dt"),
-        ({"vertices": [[1.0, 2.0]], "M_hat": [1.0, 1.0], "rate": 1.0}, "rate other than 0"),
+        ({"ratios": (0.5, 2.0), "loop": Loop(delay=0.01), "rate": 1.0}, "give dt"),
+        ({"vertices": [[1.0, 2.0], [1.0, 3.0]], "M_hat": [1.0, 1.0], "rate": 1.0}, "rate other than 0"),
     ],
 )
 def test_questions_that_are_refused(given, text):
     with pytest.raises(ValueError, match=text):
-        moving_inertia(repeated(3), **given)
+        inertia_tolerance(repeated(3), **given)
+
+
+def test_a_constant_M_in_the_complete_loop():
+    """With outer gains every end of the stable ratios is that of the margins, and the inner loop is no excuse."""
+    filter, loop = PhyFilter([12.0]), Loop(10.0, 6.0, actuator=0.1, delay=0.02)
+    (low, high), *_ = margins(filter, loop).stable_ratios
+    for ends, status in (
+        ((1.01 * low, 0.99 * high), Status.PROVEN),
+        ((0.99 * low, 0.99 * high), Status.REFUTED),
+    ):
+        assert inertia_tolerance(filter, loop, ratios=ends, rate=0.0).status is status
+    assert (
+        inertia_tolerance(filter, loop.inner, ratios=(0.99 * low, 0.99 * high), rate=0.0).status
+        is Status.PROVEN
+    )
+    assert (
+        inertia_tolerance(filter, loop, vertices=[[1.0, 1.0]], M_hat=[0.99 * low, 1.0], rate=0.0).status
+        is Status.REFUTED
+    )
 
 
 def test_one_constant_member_that_is_unstable_refutes():
-    lost = moving_inertia(repeated(3), ratios=(0.5, 9.5))
+    lost = inertia_tolerance(repeated(3), ratios=(0.5, 9.5))
     assert (lost.status, lost.method) == (Status.REFUTED, "eigenvalues")
     assert lost.to_dict()["status"] == "refuted"
 
@@ -359,7 +402,7 @@ def random_attacks(
 @pytest.mark.parametrize("n", [2, 3, 4])
 def test_random_switching_dies_out_where_proven(n: int):
     r = 0.99 * {**LIMITS, 4: 3.373}[n]
-    found = moving_inertia(repeated(n, 1.0), ratios=(1.0 / r, r))
+    found = inertia_tolerance(repeated(n, 1.0), ratios=(1.0 / r, r))
     assert found.status is Status.PROVEN
     assert found.opening is not None
     A, B, C = (np.asarray(part) for part in (found.opening.A, found.opening.B, found.opening.C))

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from scipy.linalg import eigvals
 
-from phyfilter_ctl import InertiaCertificate, PhyFilter, Status, moving_inertia, place_poles, stack
+from phyfilter_ctl import InertiaCertificate, Loop, PhyFilter, Status, inertia_tolerance, place_poles, stack
 from phyfilter_ctl.analysis.margins import _inequalities
+from phyfilter_ctl.analysis.margins.filter_margins import build_loop
 from phyfilter_ctl.analysis.margins.openings import open_at_inertia
-from phyfilter_ctl.analysis.margins.ratio_margins import build_loop
 
 pytest.importorskip("cvxpy")
 
@@ -34,7 +34,7 @@ def between(found: InertiaCertificate, mu: float) -> tuple[np.ndarray, np.ndarra
 @pytest.mark.parametrize("rate", [3.0, pytest.param(12.0, marks=pytest.mark.slow)])
 def test_parameter_dependent_function_falls(rate: float):
     """At 500 ratios and both rates, by eigenvalues; the same range at any speed diverges."""
-    found = moving_inertia(CUBIC, ratios=(1 / 8, 8.0), rate=rate)
+    found = inertia_tolerance(CUBIC, ratios=(1 / 8, 8.0), rate=rate)
     assert (found.status, found.method) == (Status.PROVEN, "parameter-dependent")
     A, B, C = loop_of(found)
     for mu in np.geomspace(1 / 8, 8.0, 500):
@@ -52,11 +52,11 @@ def test_parameter_dependent_function_falls_from_sample_to_sample(lag: bool):
 
     actuator = ct.tf(1, [0.01, 1]) if lag else None
     filter, r, rate, dt = (CUBIC, 4.0, 3.0, 0.004) if lag else (CUBIC, 6.5, 5.0, 0.004)
-    found = moving_inertia(filter, ratios=(1 / 6.5, r), rate=rate, dt=dt, actuator=actuator)
+    found = inertia_tolerance(filter, Loop(actuator=actuator), ratios=(1 / 6.5, r), rate=rate, dt=dt)
     assert found.status is Status.PROVEN
     assert found.method == "parameter-dependent"
     A, B, C = loop_of(found)
-    opening = open_at_inertia(build_loop(filter, actuator, 0.0, dt)[1])
+    opening = open_at_inertia(build_loop(filter, Loop(actuator=actuator), dt)[1])
     for mu in np.geomspace(1 / 6.5, r, 100):
         P, _ = between(found, mu)
         for after in np.clip(mu * np.exp(rate * dt * np.linspace(-1.0, 1.0, 9)), 1 / 6.5, r):
@@ -74,9 +74,9 @@ def test_parameter_dependent_function_falls_from_sample_to_sample(lag: bool):
 @pytest.mark.parametrize(("degree", "r"), [(4, 4.6), (6, 5.0), pytest.param(8, 5.2, marks=pytest.mark.slow)])
 def test_higher_degrees_prove_more(degree: int, r: float):
     """V = P of the products of states, along random states and ratios."""
-    found = moving_inertia(CUBIC, ratios=(1 / r, r), degree=degree)
+    found = inertia_tolerance(CUBIC, ratios=(1 / r, r), degree=degree)
     assert found.method == f"common of degree {degree}"
-    assert moving_inertia(CUBIC, ratios=(1 / r, r)).status is Status.OPEN
+    assert inertia_tolerance(CUBIC, ratios=(1 / r, r)).status is Status.OPEN
     A, B, C = loop_of(found)
     half = degree // 2
     entries = list(itertools.combinations_with_replacement(range(3), half))
@@ -96,7 +96,7 @@ def test_higher_degrees_prove_more(degree: int, r: float):
 
 
 def test_sampled_products_of_states():
-    found = moving_inertia(CUBIC, ratios=(1 / 4.3, 4.3), dt=0.002, degree=4)
+    found = inertia_tolerance(CUBIC, ratios=(1 / 4.3, 4.3), dt=0.002, degree=4)
     assert found.method == "common of degree 4"
 
 
@@ -110,7 +110,7 @@ def test_coupled_axes_at_any_speed(dt: float | None, units: float):
     """V falls at random mixtures of the vertices, in any units; too wide for the range of the ratio alone."""
     scale = np.diag([1.0, units])
     M_hat, vertices = scale @ np.diag([1.5, 0.8]) @ scale, scale @ COUPLED @ scale
-    found = moving_inertia(BANK, vertices=vertices, M_hat=M_hat, dt=dt)
+    found = inertia_tolerance(BANK, vertices=vertices, M_hat=M_hat, dt=dt)
     assert (found.status, found.method) == (Status.PROVEN, "vertices")
     assert ("M changes at the samples only" in found.assumptions) == (dt is not None)
     A, B, C = loop_of(found)
@@ -125,7 +125,7 @@ def test_coupled_axes_at_any_speed(dt: float | None, units: float):
 
 def test_every_constant_mixture_of_coupled_axes():
     """P of the mixture proves what eigenvalues of sampled mixtures show."""
-    found = moving_inertia(BANK, vertices=2.0 * COUPLED, M_hat=[1.5, 0.8], rate=0.0)
+    found = inertia_tolerance(BANK, vertices=2.0 * COUPLED, M_hat=[1.5, 0.8], rate=0.0)
     assert (found.status, len(found.lyapunov)) == (Status.PROVEN, 2)
     A, B, C = loop_of(found)
     for share in np.linspace(0.0, 1.0, 51):
@@ -136,7 +136,7 @@ def test_every_constant_mixture_of_coupled_axes():
 def test_switching_of_coupled_axes_that_diverges():
     slow = stack([place_poles([-20.0] * 3), place_poles([-18.0] * 3)])
     vertices = np.array([np.diag([8.0, 1.0]), np.diag([1 / 8, 1.0])]) + 0.01 * np.ones((2, 2))
-    found = moving_inertia(slow, vertices=vertices, M_hat=[1.0, 1.0])
+    found = inertia_tolerance(slow, vertices=vertices, M_hat=[1.0, 1.0])
     assert found.status is Status.REFUTED
     assert found.motion is not None
     assert found.motion.growth > 1.1
@@ -145,7 +145,7 @@ def test_switching_of_coupled_axes_that_diverges():
 
 def test_what_the_solver_says_is_not_believed():
     """A matrix that is off by little, as a solver's may be, does not hold."""
-    opening = open_at_inertia(build_loop(CUBIC, None, 0.0, None)[1]).by_clock()
+    opening = open_at_inertia(build_loop(CUBIC, Loop(), None)[1]).by_clock()
     wanted = _inequalities.small_gain(opening, 1 / 3.9, 3.9)
     P = _inequalities.solved_by_riccati(opening, 1 / 3.9, 3.9)
     assert P is not None

@@ -109,14 +109,16 @@ def test_no_error_is_above_its_bound_at_any_time(plant, seed):
         F, h, E_left, M_hat, M_hat + wrong, gamma @ E.T + g, gamma, g, noise, late, moved
     )
     implementation = pf.Implementation(g={1: slope} if slope else {}, jitter=parts * h / FINE)
-    found = pf.ultimate_bound(
+    found = pf.error_bound(
         sampled,
-        residual=bounds,
-        noise=nu,
+        pf.Bounded(
+            bounds,
+            noise=nu,
+            inertia_error=float(np.linalg.norm(wrong, 2)),
+            rate=float(rate),
+            implementation=implementation,
+        ),
         inertia=M_hat,
-        inertia_error=float(np.linalg.norm(wrong, 2)),
-        rate=float(rate),
-        implementation=implementation,
     )
     assert np.linalg.norm(samples, axis=1).max() <= found.bound * (1.0 + ROUNDING)
     assert np.linalg.norm(all_times, axis=1).max() <= found.between_samples * (1.0 + ROUNDING)
@@ -138,7 +140,7 @@ def test_a_residual_that_moves_inside_a_step_attains_the_bound_between_samples(p
     one, still = np.eye(1), np.zeros((len(t), 1))
     noise, moved = np.zeros((N + 1, 1)), np.zeros(N + 1, dtype=int)
     errors, _, _ = flown(F, h, one, one, one, gamma, gamma, still, noise, 0, moved)
-    found = pf.ultimate_bound(F.sampled(h), residual=bounds).between_samples
+    found = pf.error_bound(F.sampled(h), bounds).between_samples
     assert errors[-2, 0] <= found * (1.0 + ROUNDING)
     # One part of a step before its end, during which gamma goes on by its slope; and the gap of the programme.
     assert errors[-2, 0] + bounds[1] * h / FINE == pytest.approx(found, rel=2e-4)
@@ -147,11 +149,11 @@ def test_a_residual_that_moves_inside_a_step_attains_the_bound_between_samples(p
 
 def test_gamma_and_its_second_derivative_bound_the_error_between_samples():
     F = pf.place_poles([-20.0, -20.0], numerator=2)
-    found = pf.ultimate_bound(F.sampled(0.01, "matched"), residual={0: 1.0, 2: 3.0})
+    found = pf.error_bound(F.sampled(0.01, "matched"), {0: 1.0, 2: 3.0})
     assert found.bound < found.between_samples == pytest.approx(0.0423, abs=5e-5)
     # A past within both bounds ends in gamma' of 2 sqrt(delta_0 delta_2) at most (Landau); the gap of the programme.
     assert found.between_samples <= found.bound + 0.01 * 2.0 * np.sqrt(1.0 * 3.0) + 1e-4
-    assert pf.ultimate_bound(F.sampled(0.01, "matched"), residual={2: 3.0}).between_samples == np.inf
+    assert pf.error_bound(F.sampled(0.01, "matched"), {2: 3.0}).between_samples == np.inf
 
 
 @pytest.mark.parametrize("slope", [3.0, 12.0, 40.0])
@@ -159,7 +161,7 @@ def test_gamma_and_its_second_derivative_bound_the_error_between_samples():
     "F", [pf.PhyFilter([20.0]), pf.lowpass(3, 9.0, family="butterworth")], ids=["1", "3"]
 )
 def test_the_envelope_of_two_bounds_holds_and_tends_to_the_bound(F, slope):
-    found = pf.ultimate_bound(F, residual={0: 1.0, 1: slope}, noise=0.001)
+    found = pf.error_bound(F, pf.Bounded({0: 1.0, 1: slope}, noise=0.001))
     t = np.linspace(0.0, 2.0, 801)
     start = found.derivative  # 1: the error at the start is 0, so gamma is
     rng = np.random.default_rng(7)
@@ -184,14 +186,14 @@ def test_noise_has_the_variance_of_its_widest_direction(plant):
     f_hat = filtered(F, h, np.diff(noise, axis=0) @ M_hat.T / h @ E_left.T)
     widest = float(np.linalg.eigvalsh(np.atleast_2d(np.cov(f_hat.T)))[-1])
     sampled = F.sampled(h, "exact", E=E)
-    found = pf.error_variance(sampled, noise=0.01, inertia=M_hat).noise
+    found = pf.error_variance(sampled, pf.Gaussian(noise=0.01), inertia=M_hat).noise
     # 100,000 samples that forget within about 10: a standard deviation of 1.5 % (sqrt(2 * 10 / N)); three of them.
     assert widest == pytest.approx(found, rel=0.045)
     own = F.sampled(h, "exact", E=E, inertia=M_hat)
-    assert pf.error_variance(own, noise=0.01).noise == found
+    assert pf.error_variance(own, pf.Gaussian(noise=0.01)).noise == found
     assert 0.01 * pf.frequency_response(own).noise_gain == pytest.approx(np.sqrt(found))
-    bound = pf.ultimate_bound(own, residual={1: 1.0}, noise=0.01)
-    assert bound.noise == pf.ultimate_bound(sampled, residual={1: 1.0}, noise=0.01, inertia=M_hat).noise
+    bound = pf.error_bound(own, pf.Bounded({1: 1.0}, noise=0.01))
+    assert bound.noise == pf.error_bound(sampled, pf.Bounded({1: 1.0}, noise=0.01), inertia=M_hat).noise
 
 
 def test_each_channel_hears_its_own_row():
@@ -202,9 +204,14 @@ def test_each_channel_hears_its_own_row():
         E_left = np.eye(2) if given is None else np.linalg.inv(given)
         bank = pf.stack([slow, fast]).sampled(0.01, E=given)
         for found, F, row in zip(
-            pf.error_variance(bank, noise=0.1, inertia=M_hat), (slow, fast), E_left @ M_hat, strict=True
+            pf.error_variance(bank, pf.Gaussian(noise=0.1), inertia=M_hat),
+            (slow, fast),
+            E_left @ M_hat,
+            strict=True,
         ):
-            alone = pf.error_variance(F.sampled(0.01), noise=0.1, inertia=float(np.linalg.norm(row)))
+            alone = pf.error_variance(
+                F.sampled(0.01), pf.Gaussian(noise=0.1), inertia=float(np.linalg.norm(row))
+            )
             assert found.noise == pytest.approx(alone.noise, rel=1e-9)
 
 
@@ -218,17 +225,15 @@ def test_rounding_in_float32_is_bounded_with_E():
     error = np.abs(coarse.run(x, g, inertia=M_hat) - fine.run(x, g, inertia=M_hat)).max()
     given = pf.Implementation(x={0: 150.0}, g={0: 10.0, 1: 2000.0})
     rate = 0.02 * np.sqrt(2.0) / 0.01
-    settings = {"residual": {0: 1.0}, "rate": rate, "inertia": M_hat, "implementation": given}
-    found = pf.ultimate_bound(coarse, **settings).implementation["rounding"]
+    bounds = pf.Bounded({0: 1.0}, rate=rate, implementation=given)
+    found = pf.error_bound(coarse, bounds, inertia=M_hat).implementation["rounding"]
     assert 1e-3 * found < error <= found
 
 
 def test_inertia_error_without_rate_is_refused():
-    for ask in (pf.ultimate_bound, pf.analyze):
+    for residual in ({1: 1.0}, {}):
         with pytest.raises(ValueError, match=r"inertia_error.*rate"):
-            ask(pf.PhyFilter([20.0]), residual={1: 1.0}, inertia_error=0.5)
-    with pytest.raises(ValueError, match=r"inertia_error.*rate"):
-        pf.analyze(pf.PhyFilter([20.0]), inertia_error=0.5)
+            pf.Bounded(residual, inertia_error=0.5)
 
 
 SAMPLED = pf.PhyFilter([20.0]).sampled(0.01)
@@ -237,12 +242,12 @@ SAMPLED = pf.PhyFilter([20.0]).sampled(0.01)
 @pytest.mark.parametrize(
     ("ask", "message"),
     [
-        (lambda: pf.ultimate_bound(SAMPLED, residual=3.0), "residual: expected bounds by order"),
-        (lambda: pf.ultimate_bound(SAMPLED, residual=[3.0]), "residual: expected bounds by order"),
-        (lambda: pf.ultimate_bound(SAMPLED, residual={1: [3.0]}), r"residual\[1\]: expected a number"),
-        (lambda: pf.ultimate_bound(SAMPLED, residual={1: 3.0}, noise=[0.1]), "noise: expected a number"),
-        (lambda: pf.ultimate_bound(SAMPLED, residual={1: 3.0}, rate="2"), "rate: expected a number"),
-        (lambda: pf.error_variance(SAMPLED, noise=[0.1, 0.1]), "noise: expected a number"),
+        (lambda: pf.error_bound(SAMPLED, 3.0), "bounds of the residual by order"),
+        (lambda: pf.error_bound(SAMPLED, [3.0]), "bounds of the residual by order"),
+        (lambda: pf.error_bound(SAMPLED, {1: [3.0]}), r"residual\[1\]: expected a number"),
+        (lambda: pf.error_bound(SAMPLED, pf.Bounded({1: 3.0}, noise=[0.1])), "noise: expected a number"),
+        (lambda: pf.error_bound(SAMPLED, pf.Bounded({1: 3.0}, rate="2")), "rate: expected a number"),
+        (lambda: pf.error_variance(SAMPLED, pf.Gaussian(noise=[0.1, 0.1])), "noise: expected a number"),
         (lambda: pf.fixed_point(pf.PhyFilter([20.0]), x=1.0), "expected a SampledPhyFilter"),
     ],
 )
@@ -254,25 +259,21 @@ def test_bad_input_is_named(ask, message):
 def test_an_inertia_of_the_wrong_size_is_named():
     small = pf.PhyFilter([20.0]).sampled(0.01, E=[[0.1], [0.0]])
     with pytest.raises(ValueError, match="inertia"):
-        pf.ultimate_bound(small, residual={1: 1.0}, noise=0.1, inertia=[1.0, 2.0, 3.0])
+        pf.error_bound(small, pf.Bounded({1: 1.0}, noise=0.1), inertia=[1.0, 2.0, 3.0])
     with pytest.raises(ValueError, match="inertia"):
-        pf.error_variance(SAMPLED, noise=0.1, inertia=-1.0)
+        pf.error_variance(SAMPLED, pf.Gaussian(noise=0.1), inertia=-1.0)
     unknown = pf.PhyFilter([20.0]).sampled(0.01, inertia="scalar")
     with pytest.raises(ValueError, match="inertia: expected M_hat, which the filter takes with every sample"):
-        pf.error_variance(unknown, noise=0.1)
-    assert (
-        pf.ultimate_bound(unknown, residual={1: 1.0}).bound
-        == pf.ultimate_bound(SAMPLED, residual={1: 1.0}).bound
-    )
+        pf.error_variance(unknown, pf.Gaussian(noise=0.1))
+    assert pf.error_bound(unknown, {1: 1.0}).bound == pf.error_bound(SAMPLED, {1: 1.0}).bound
 
 
 @pytest.mark.parametrize("kind", [np.float32, np.float64, np.int64])
 def test_numbers_of_numpy_are_numbers(kind):
-    assert pf.error_variance(SAMPLED, noise=kind(2), inertia=kind(3)) == pf.error_variance(
-        SAMPLED, noise=2.0, inertia=3.0
+    assert pf.error_variance(SAMPLED, pf.Gaussian(noise=kind(2)), inertia=kind(3)) == pf.error_variance(
+        SAMPLED, pf.Gaussian(noise=2.0), inertia=3.0
     )
-    given = {"residual": {1: kind(2)}, "noise": kind(1), "inertia": kind(3)}
     assert (
-        pf.ultimate_bound(SAMPLED, **given).bound
-        == pf.ultimate_bound(SAMPLED, residual={1: 2.0}, noise=1.0, inertia=3.0).bound
+        pf.error_bound(SAMPLED, pf.Bounded({1: kind(2)}, noise=kind(1)), inertia=kind(3)).bound
+        == pf.error_bound(SAMPLED, pf.Bounded({1: 2.0}, noise=1.0), inertia=3.0).bound
     )

@@ -6,7 +6,7 @@ import control as ct
 import numpy as np
 import pytest
 
-from phyfilter_ctl import PhyFilter, loop_margin, lowpass, place_poles, saturation_margin, stack
+from phyfilter_ctl import Loop, PhyFilter, lowpass, margins, place_poles, saturation_margin, stack
 from tests.peers.saturation import (
     ATTACKS,
     Batch,
@@ -57,7 +57,7 @@ def test_told_what_acts_the_filter_is_not_in_the_loop(filter):
     c = kd**2 / kp
     y = (np.sqrt(c) - 1.0) / (c - 1.0)
     least = y * (y - 1.0) / ((1.0 - y) ** 2 + c * y)
-    found = saturation_margin(filter, kp=kp, kd=kd)
+    found = saturation_margin(filter, Loop(kp, kd))
     assert found.command_excess == pytest.approx(1.0 - 1.0 / least, rel=FLAT)
     assert found.frequency == pytest.approx(np.sqrt(kp * y), rel=1e-4)
     omega = np.array([0.3, 4.0, 70.0])
@@ -68,9 +68,9 @@ def test_told_what_acts_the_filter_is_not_in_the_loop(filter):
 @pytest.mark.parametrize("filter", FILTERS)
 @pytest.mark.parametrize("dt", [None, 0.01])
 def test_k_is_no_less_than_the_lower_gain_margin(filter, dt):
-    settings = {"kp": 12.0, "kd": 5.0, "actuator": ct.tf(1.0, [0.03, 1.0]), "delay": 0.01, "dt": dt}
-    linear = loop_margin(filter, **settings)
-    told = saturation_margin(filter, **settings, g="commanded")
+    settings = {"kp": 12.0, "kd": 5.0, "actuator": ct.tf(1.0, [0.03, 1.0]), "delay": 0.01}
+    linear = margins(filter, Loop(**settings), dt=dt)
+    told = saturation_margin(filter, Loop(**settings), g="commanded", dt=dt)
     assert linear.is_stable == told.is_stable
     if told.is_stable:
         assert 1.0 > told.least_gain >= linear.gain_margin[0]
@@ -97,8 +97,8 @@ def flight(sampled, position, seconds=30.0, limit=1.0):
 
 
 def test_told_the_command_it_diverges_told_what_acts_it_does_not():
-    h, told = 0.01, {"kp": 10.0, "kd": 6.0, "dt": 0.01}
-    commanded, saturated = (saturation_margin(FIRST, g=g, **told) for g in ("commanded", "saturated"))
+    h, loop = 0.01, Loop(10.0, 6.0)
+    commanded, saturated = (saturation_margin(FIRST, loop, g=g, dt=h) for g in ("commanded", "saturated"))
     ignorant, knowing = FIRST.sampled(h), FIRST.sampled(h, g_limit=(-1.0, 1.0))
     excess, end = flight(ignorant, 0.2)
     assert 1.5 < excess < commanded.command_excess
@@ -121,24 +121,24 @@ def test_sampled_is_continuous_for_short_steps():
     }
     for g in ("saturated", "commanded"):
         fine, limit = (
-            saturation_margin(FILTERS[1], g=g, dt=dt, **settings).least_gain for dt in (1e-4, None)
+            saturation_margin(FILTERS[1], Loop(**settings), g=g, dt=dt).least_gain for dt in (1e-4, None)
         )
         assert fine == pytest.approx(limit, rel=5e-3)  # half a step of delay and more, of 10 ms that count
 
 
 def test_the_filter_alone():
     """Without an outer loop: 1/chi has a positive real part for one pole, whatever the ratio below 2 and no lag."""
-    told = saturation_margin(FIRST, inertia_ratio=1.7)
+    told = saturation_margin(FIRST, Loop(inertia_ratio=1.7))
     assert told.least_gain == 0.0
     assert told.command_excess == np.inf
     assert "commands of any size" in told.describe()
-    lagging = saturation_margin(FIRST, actuator=ct.tf(1.0, [0.1, 1.0]), delay=0.02, g="commanded")
+    lagging = saturation_margin(FIRST, Loop(actuator=0.1, delay=0.02), g="commanded")
     assert 1.0 < lagging.command_excess < 10.0
     assert f"up to {lagging.command_excess:.4g} times" in lagging.describe()
 
 
 def test_what_is_unstable_or_wrong():
-    lost = saturation_margin(PhyFilter([60.0]), kp=10.0, kd=6.0, actuator=ct.tf(1.0, [0.1, 1.0]), delay=0.02)
+    lost = saturation_margin(PhyFilter([60.0]), Loop(10.0, 6.0, actuator=0.1, delay=0.02))
     assert not lost.is_stable
     assert np.isnan(lost.command_excess)
     assert "unstable" in lost.describe()
@@ -146,8 +146,8 @@ def test_what_is_unstable_or_wrong():
         saturation_margin(FIRST, g="hold")  # type: ignore[arg-type]  # wrong on purpose
     with pytest.raises(ValueError, match="use g='hold'"):
         saturation_margin(FIRST.sampled(0.01, g="average"))
-    each = saturation_margin(stack(FILTERS), kp=10.0, kd=[6.0, 7.0, 8.0], g="commanded")
+    each = saturation_margin(stack(FILTERS), [Loop(10.0, kd) for kd in (6.0, 7.0, 8.0)], g="commanded")
     assert [one.command_excess for one in each] == [
-        saturation_margin(F, kp=10.0, kd=kd, g="commanded").command_excess
+        saturation_margin(F, Loop(10.0, kd), g="commanded").command_excess
         for F, kd in zip(FILTERS, (6.0, 7.0, 8.0), strict=True)
     ]

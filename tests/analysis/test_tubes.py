@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import control as ct
@@ -11,7 +12,16 @@ import pytest
 from scipy.integrate import quad
 from scipy.linalg import expm
 
-from phyfilter_ctl import PhyFilter, gauss_markov, lowpass, place_poles, tracking_deviation, tracking_tube
+from phyfilter_ctl import (
+    Bounded,
+    Gaussian,
+    Loop,
+    PhyFilter,
+    gauss_markov,
+    lowpass,
+    place_poles,
+    tracking_error,
+)
 from tests.peers.saturation import Case, sampled
 
 FIRST = PhyFilter([8.0])
@@ -22,15 +32,19 @@ CASES = [
 ]
 
 
-def tube(case, **bounds):
-    return tracking_tube(
+def tube(case, residual, *, inertia=None, **limits):
+    return tracking_error(
         case.filter.sampled(case.h, "exact"),
-        kp=case.kp,
-        kd=case.kd,
-        actuator=ct.tf(1.0, [case.lag, 1.0]) if case.lag else None,
-        delay=case.late * case.h,
-        inertia_ratio=case.mu,
-        **bounds,
+        Loop(
+            case.kp,
+            case.kd,
+            actuator=ct.tf(1.0, [case.lag, 1.0]) if case.lag else None,
+            delay=case.late * case.h,
+            inertia_ratio=case.mu,
+            **limits,
+        ),
+        Bounded(residual) if isinstance(residual, list) else residual,
+        inertia=inertia,
     )
 
 
@@ -80,44 +94,45 @@ def test_steady_error_and_largest_command():
 
 def test_a_limit_of_f_hat_is_counted():
     """A force of 1 N that f_hat may answer with 0.001 N only: the position strays as without the filter."""
-    filter, settings = PhyFilter([8.0]), {"kp": 10.0, "kd": 6.0, "residual": {0: 1.0}}
-    free = tracking_tube(filter.sampled(0.01), **settings)
-    wide = tracking_tube(filter.sampled(0.01, limit=1.5, g_limit=(-2.5, 2.5)), **settings)
+    filter, loop, one = PhyFilter([8.0]), Loop(10.0, 6.0), {0: 1.0}
+    free = tracking_error(filter.sampled(0.01), loop, one)
+    wide = tracking_error(filter.sampled(0.01, limit=1.5, g_limit=(-2.5, 2.5)), loop, one)
     assert wide.radius == free.radius
     assert 1.0 <= free.estimate <= 1.5
-    tight = tracking_tube(filter.sampled(0.01, limit=0.001), **settings)
+    tight = tracking_error(filter.sampled(0.01, limit=0.001), loop, one)
     assert not tight.is_linear
     assert tight.radius == np.inf
     assert "limit of estimate" in tight.describe()
-    slope = tracking_tube(filter.sampled(0.01, limit=0.5), kp=10.0, kd=6.0, residual={1: 0.1})
+    slope = tracking_error(filter.sampled(0.01, limit=0.5), Loop(10.0, 6.0), {1: 0.1})
     assert "no bound on f itself" in slope.describe()
-    held = tracking_tube(filter.sampled(0.01, g_limit=(-0.5, 3.0)), **settings)
+    held = tracking_error(filter.sampled(0.01, g_limit=(-0.5, 3.0)), loop, one)
     assert held.command_limit == 0.5
     assert not held.is_linear
     with pytest.raises(ValueError, match="g_limit"):
-        tracking_tube(filter.sampled(0.01, g_limit=(1.0, 3.0)), **settings)
+        tracking_error(filter.sampled(0.01, g_limit=(1.0, 3.0)), loop, one)
     with pytest.raises(ValueError, match="g_limit"):
-        tracking_tube(filter.sampled(0.01, g_limit=(-1.0, 3.0)), g="applied", **settings)
+        tracking_error(filter.sampled(0.01, g_limit=(-1.0, 3.0)), replace(loop, g="applied"), one)
 
 
 def test_inertia_and_direction_of_the_filter_count():
     """A filter that knows M_hat and E answers as one that is given M_hat, for a force of E f."""
-    filter, settings = PhyFilter([8.0]), {"kp": 10.0, "kd": 6.0, "noise": 0.01}
+    filter, loop = PhyFilter([8.0]), Loop(10.0, 6.0)
     own = filter.sampled(0.01, inertia=4.0, E=[[0.1]])
-    told = tracking_tube(filter.sampled(0.01), inertia=4.0, residual={0: 0.1, 1: 2.0}, **settings)
-    found = tracking_tube(own, residual={0: 1.0, 1: 20.0}, **settings)
+    told = tracking_error(filter.sampled(0.01), loop, Bounded({0: 0.1, 1: 2.0}, noise=0.01), inertia=4.0)
+    found = tracking_error(own, loop, Bounded({0: 1.0, 1: 20.0}, noise=0.01))
     assert found.parts == pytest.approx(told.parts, rel=1e-12)
     assert found.command == pytest.approx(told.command, rel=1e-12)
     assert found.estimate == pytest.approx(10.0 * told.estimate, rel=1e-12)
     gusts = gauss_markov(1.0, 0.5)
-    spread = {"kp": 10.0, "kd": 6.0, "noise": 0.01}
-    one = tracking_deviation(own, residual=gusts, **spread)
-    two = tracking_deviation(filter.sampled(0.01), inertia=4.0, residual=gauss_markov(0.1, 0.5), **spread)
+    one = tracking_error(own, loop, Gaussian(gusts, noise=0.01))
+    two = tracking_error(
+        filter.sampled(0.01), loop, Gaussian(gauss_markov(0.1, 0.5), noise=0.01), inertia=4.0
+    )
     assert (one.residual, one.noise, one.command) == pytest.approx(
         (two.residual, two.noise, two.command), rel=1e-9
     )
     with pytest.raises(ValueError, match="E: expected one channel"):
-        tracking_tube(filter.sampled(0.01, E=[[1.0], [0.0]]), residual={0: 1.0}, **settings)
+        tracking_error(filter.sampled(0.01, E=[[1.0], [0.0]]), loop, {0: 1.0})
 
 
 @pytest.mark.parametrize(
@@ -130,9 +145,12 @@ def test_flights_stay_within_and_come_near(told, late):
     """
     h, kp, kd, lag, M = 0.01, 8.0, 5.0, 0.04, 3.0
     filter = PhyFilter([6.0]).sampled(h, delay=0.5 * late * h)
-    settings = {"kp": kp, "kd": kd, "actuator": ct.tf(1.0, [lag, 1.0]), "delay": h, "inertia": M, "g": told}
-    found = tracking_tube(
-        filter, residual={0: 3.0}, actuation={0: 0.5}, noise=0.01, position_noise=0.002, **settings
+    loop = Loop(kp, kd, actuator=lag, delay=h, g=told)
+    found = tracking_error(
+        filter,
+        loop,
+        Bounded({0: 3.0}, noise=0.01, actuation={0: 0.5}, position_noise=0.002),
+        inertia=M,
     )
     motion = np.zeros((6, 6))  # position, velocity, lag's force, its integral, command, f + d
     motion[0, 1], motion[1, 2], motion[1, 5], motion[3, 2] = 1.0, 1.0 / M, 1.0 / M, 1.0
@@ -168,7 +186,7 @@ def test_flights_stay_within_and_come_near(told, late):
 
 
 def test_the_envelope_tends_to_the_radius():
-    found = tube(CASES[1], residual={1: 1.0}, noise=0.001)
+    found = tube(CASES[1], Bounded({1: 1.0}, noise=0.001))
     times = np.array([0.0, 0.1, 1.0, 30.0])
     inside = found.envelope(times)
     assert np.all(np.diff(inside) >= 0.0)
@@ -188,8 +206,8 @@ def test_parts_add_up_and_the_best_derivative_counts():
     assert two.radius == slow.radius
     # Of type 2, but its command is held while a ramp goes on.
     with pytest.raises(ValueError, match="residual: no bound on its derivative 2 alone"):
-        tracking_tube(CASES[2].filter, kp=9.0, kd=5.0, dt=0.005, residual={2: 1.0})
-    scaled = tube(CASES[0], residual={1: 6.0}, inertia=3.0)
+        tracking_error(CASES[2].filter, Loop(9.0, 5.0), {2: 1.0}, dt=0.005)
+    scaled = tube(CASES[0], {1: 6.0}, inertia=3.0)
     assert scaled.radius == pytest.approx(slow.radius, rel=1e-12)
 
 
@@ -205,10 +223,10 @@ def test_the_band_is_the_integral_of_the_spectrum():
         return abs((1.0 - F) / (s**2 * chi)) ** 2 * S / np.pi
 
     wanted = np.sqrt(quad(density, 1e-6, 20.0, limit=200)[0] + quad(density, 20.0, 2e3, limit=200)[0])
-    settings = {"kp": kp, "kd": kd, "actuator": ct.tf(1.0, [lag, 1.0]), "dt": h}
-    shaped = tracking_deviation(PhyFilter([a]), residual=gauss_markov(deviation, memory), **settings)
+    loop = Loop(kp, kd, actuator=lag)
+    shaped = tracking_error(PhyFilter([a]), loop, Gaussian(gauss_markov(deviation, memory)), dt=h)
     lags = deviation**2 * np.exp(-h * np.arange(4000) / memory)
-    measured = tracking_deviation(PhyFilter([a]), residual=lags, **settings)
+    measured = tracking_error(PhyFilter([a]), loop, Gaussian(lags), dt=h)
     assert shaped.residual == pytest.approx(wanted, rel=8e-3)  # half a step of delay beside 50 ms of lag
     assert measured.residual == pytest.approx(shaped.residual, rel=1e-4)  # straight between samples
     assert shaped.band(0.95) == pytest.approx(1.959964 * shaped.position, rel=1e-6)
@@ -218,8 +236,7 @@ def test_the_band_is_the_integral_of_the_spectrum():
 def test_the_band_of_white_noise():
     """Against the squares of the loop's answer to one sample of noise, by hand."""
     case = CASES[0]
-    settings = {"kp": case.kp, "kd": case.kd, "dt": case.h, "inertia": 2.0}
-    found = tracking_deviation(case.filter, noise=0.03, **settings)
+    found = tracking_error(case.filter, Loop(case.kp, case.kd), Gaussian(noise=0.03), inertia=2.0, dt=case.h)
     hand = sampled(case)
     n, h, a = len(hand.A), case.h, 8.0
     fade = 1.0 - np.exp(-a * h)  # of w, for u of 1; companion state of the hand's loop is w/a
@@ -240,31 +257,32 @@ def test_the_band_of_white_noise():
 
 
 def test_what_is_refused():
-    settings = {"kp": 10.0, "kd": 6.0, "dt": 0.01}
+    loop = Loop(10.0, 6.0)
     for residual, message in (
         ({2: 1.0}, "residual: no bound on its derivative 2 alone"),
-        ({-1: 1.0}, "residual: expected {derivative: bound}"),
-        ({0: np.inf}, "residual: expected {derivative: bound}"),
-        ([{}], "for each part, got none"),
+        ({-1: 1.0}, "residual: expected derivative orders"),
+        ({0: np.inf}, r"residual\[0\]: expected a finite"),
     ):
         with pytest.raises(ValueError, match=message):
-            tracking_tube(FIRST, residual=residual, **settings)
+            tracking_error(FIRST, loop, residual, dt=0.01)
+    with pytest.raises(ValueError, match="for each part, got none"):
+        Bounded([{}])
     with pytest.raises(ValueError, match="dt: expected the sampling interval"):
-        tracking_tube(FIRST, kp=10.0, kd=6.0, residual={0: 1.0})
+        tracking_error(FIRST, Loop(10.0, 6.0), {0: 1.0})
     with pytest.raises(ValueError, match="kp: expected a positive gain"):
-        tracking_tube(FIRST, kp=0.0, kd=6.0, dt=0.01, residual={0: 1.0})
+        tracking_error(FIRST, Loop(0.0, 6.0), {0: 1.0}, dt=0.01)
     with pytest.raises(ValueError, match="the loop is not stable: a pole of magnitude"):
-        tracking_tube(
-            PhyFilter([90.0]), actuator=ct.tf(1, [0.1, 1]), delay=0.02, residual={0: 1.0}, **settings
-        )
+        tracking_error(PhyFilter([90.0]), Loop(10.0, 6.0, actuator=0.1, delay=0.02), {0: 1.0}, dt=0.01)
     with pytest.raises(ValueError, match="g: expected 'commanded' or 'applied', got 'told'"):
-        tracking_tube(FIRST, residual={0: 1.0}, g="told", **settings)  # type: ignore[arg-type]  # on purpose
+        Loop(g="told")  # type: ignore[arg-type]  # on purpose
     with pytest.raises(ValueError, match="delay: "):
-        tracking_tube(FIRST.sampled(0.01, delay=0.02), kp=10.0, kd=6.0, g="applied", residual={0: 1.0})
+        tracking_error(FIRST.sampled(0.01, delay=0.02), Loop(10.0, 6.0, g="applied"), {0: 1.0})
     with pytest.raises(ValueError, match="command_limit: expected a positive force"):
-        tracking_tube(FIRST, residual={0: 1.0}, command_limit=0.0, **settings)
+        Loop(command_limit=0.0)
     with pytest.raises(ValueError, match="probability: expected one between"):
-        tracking_deviation(FIRST, noise=0.1, **settings).band(1.0)
+        tracking_error(FIRST, loop, Gaussian(noise=0.1), dt=0.01).band(1.0)
+    with pytest.raises(ValueError, match="inertia_error, rate, implementation: a tube does not count"):
+        tracking_error(FIRST, loop, Bounded({0: 1.0}, rate=2.0), dt=0.01)
 
 
 @pytest.mark.parametrize("page", ["tubes", "saturation"])

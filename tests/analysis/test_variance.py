@@ -5,7 +5,8 @@ import numpy as np
 import pytest
 
 import phyfilter_ctl as pf
-from phyfilter_ctl.analysis.variance import error_variance, gauss_markov
+from phyfilter_ctl import Gaussian, gauss_markov
+from phyfilter_ctl.analysis.variance import error_variance
 
 SHAPE = gauss_markov(1.3, 0.2)
 FILTERS = [
@@ -17,7 +18,7 @@ FILTERS = [
 
 @pytest.mark.parametrize("f", FILTERS, ids=repr)
 def test_residual_against_the_h2_norm(f):
-    variance = error_variance(f, residual=SHAPE)
+    variance = error_variance(f, Gaussian(SHAPE))
     assert variance.residual_error == pytest.approx(
         ct.norm(ct.ss(f.error_transfer_function) * SHAPE, 2) ** 2, rel=1e-6
     )
@@ -29,13 +30,15 @@ def test_residual_against_the_h2_norm(f):
 def test_noise_against_the_h2_norm():
     f = FILTERS[1]
     rate = ct.ss(ct.tf([1.0, 0.0], [1.0]) * f.transfer_function)
-    assert error_variance(f, noise=0.01, inertia=2.0).noise == pytest.approx(
+    assert error_variance(f, Gaussian(noise=0.01), inertia=2.0).noise == pytest.approx(
         (0.02 * ct.norm(rate, 2)) ** 2, rel=1e-6
     )
     coloured = gauss_markov(0.1, 0.03)
     first = FILTERS[0]
     series = ct.ss(ct.tf([1.0, 0.0], [1.0]) * first.transfer_function) * coloured
-    assert error_variance(first, noise=coloured).noise == pytest.approx(ct.norm(series, 2) ** 2, rel=1e-6)
+    assert error_variance(first, Gaussian(noise=coloured)).noise == pytest.approx(
+        ct.norm(series, 2) ** 2, rel=1e-6
+    )
 
 
 @pytest.mark.parametrize("f", FILTERS, ids=repr)
@@ -43,7 +46,9 @@ def test_noise_against_the_h2_norm():
 def test_sampled_noise_is_the_sum_of_squares_of_the_pulse_response(f, method):
     sampled = f.sampled(0.01, method)
     pulse = sampled.run(np.r_[0.0, 1.0, np.zeros(3000)][:, None])[1:, 0]
-    assert error_variance(sampled, noise=0.5).noise == pytest.approx(0.25 * np.sum(pulse**2), rel=1e-9)
+    assert error_variance(sampled, Gaussian(noise=0.5)).noise == pytest.approx(
+        0.25 * np.sum(pulse**2), rel=1e-9
+    )
 
 
 @pytest.mark.parametrize("delay", [0.0, 0.02, 0.013])
@@ -63,7 +68,7 @@ def test_sampled_residual_against_monte_carlo(delay):
     sampled = FILTERS[1].sampled(h, delay=delay)
     f_hat = sampled.run(late[::fine])
     error = (gamma[::fine] - f_hat)[500:]
-    expected = error_variance(sampled, residual=SHAPE)
+    expected = error_variance(sampled, Gaussian(SHAPE))
     # 24 runs of 55 s of a process with a correlation time below 0.3 s: some 4,400 independent values, 3 sigma.
     assert np.mean(error**2) == pytest.approx(expected.residual_error, rel=0.07)
     assert np.mean(f_hat[500:] ** 2) == pytest.approx(expected.residual_estimate, rel=0.07)
@@ -71,9 +76,9 @@ def test_sampled_residual_against_monte_carlo(delay):
 
 def test_a_fast_sampled_filter_tends_to_the_continuous_one():
     f = FILTERS[1]
-    exact = error_variance(f, residual=SHAPE).residual_error
+    exact = error_variance(f, Gaussian(SHAPE)).residual_error
     errors = [
-        abs(error_variance(f.sampled(h), residual=SHAPE).residual_error - exact) for h in (4e-3, 2e-3, 1e-3)
+        abs(error_variance(f.sampled(h), Gaussian(SHAPE)).residual_error - exact) for h in (4e-3, 2e-3, 1e-3)
     ]
     assert errors[2] < errors[1] < errors[0] < 0.01 * exact
 
@@ -92,7 +97,7 @@ def test_a_fast_sampled_filter_tends_to_the_continuous_one():
 )
 def test_bad_input(filter, arguments, message):
     with pytest.raises(ValueError, match=message):
-        error_variance(filter, **arguments)
+        error_variance(filter, Gaussian(**arguments))
 
 
 def test_bad_process():

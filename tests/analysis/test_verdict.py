@@ -6,7 +6,7 @@ import re
 import numpy as np
 import pytest
 
-from phyfilter_ctl import PhyFilter, place_poles, prior_margin, ultimate_bound
+from phyfilter_ctl import Loop, PhyFilter, error_bound, margins, place_poles
 from phyfilter_ctl.analysis.verdict import on_error, on_limit, on_loop
 
 
@@ -27,7 +27,7 @@ def closed_loop_is_stable(poles, mass, delay):
 
 def test_what_it_promises_of_delay_and_mass_holds_and_little_more_does():
     poles, lag = [-20.0, -20.0], 0.05
-    margin = prior_margin(PhyFilter.from_poles(poles), delay=lag)
+    margin = margins(PhyFilter.from_poles(poles), Loop(delay=lag))
     text = said(margin, margin.delay_margin)
     found = re.fullmatch(
         r"Stable\. Tolerates ([\d.]+) ms more delay, masses from ([\d.]+) times yours\.", text
@@ -41,7 +41,7 @@ def test_what_it_promises_of_delay_and_mass_holds_and_little_more_does():
 
 
 def test_an_unstable_loop_is_said_with_the_masses_that_help():
-    margin = prior_margin(PhyFilter.from_poles([-20.0, -20.0]), delay=0.3)
+    margin = margins(PhyFilter.from_poles([-20.0, -20.0]), Loop(delay=0.3))
     sentences = on_loop(margin, 0.0)
     assert {sentence.level for sentence in sentences} == {"bad"}
     found = re.search(r"Stable for masses from ([\d.]+) times yours only", sentences[1].text)
@@ -54,12 +54,12 @@ def test_an_unstable_loop_is_said_with_the_masses_that_help():
 
 def test_three_poles_without_delay_tolerate_a_ninth_of_the_mass():
     # (s + p)^3 - p^3 + mu p^3 is stable for mu < 9, by Routh.
-    margin = prior_margin(PhyFilter.from_poles([-7.0] * 3))
+    margin = margins(PhyFilter.from_poles([-7.0] * 3))
     assert "masses from 0.112 times yours" in said(margin, margin.delay_margin)  # 1/9 = 0.1111 rounded up
 
 
 def test_the_bound_is_never_rounded_below():
-    bound = ultimate_bound(PhyFilter([30.0]), residual={1: 1.0}).bound
+    bound = error_bound(PhyFilter([30.0]), {1: 1.0}).bound
     assert bound == pytest.approx(1.0 / 30.0)
     assert on_error(bound, "N").text == "Error at most 0.03334 N."
     assert on_error(0.25, "", 2.0).text == "Error at most 0.25 while |γ′| ≤ 2 per s."

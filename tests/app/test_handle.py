@@ -130,10 +130,8 @@ def test_bounds(case):
     message, reply, filter = case
     found = numbers(reply)
     sampled = filter.sampled(message["sampling"]["dt"], message["sampling"]["method"])
-    assert found["bound"] == pytest.approx(pf.ultimate_bound(filter, residual={1: 1.0}).bound, rel=SAME)
-    assert found["bound_sampled"] == pytest.approx(
-        pf.ultimate_bound(sampled, residual={1: 1.0}).bound, rel=SAME
-    )
+    assert found["bound"] == pytest.approx(pf.error_bound(filter, {1: 1.0}).bound, rel=SAME)
+    assert found["bound_sampled"] == pytest.approx(pf.error_bound(sampled, {1: 1.0}).bound, rel=SAME)
 
 
 def test_margins(case):
@@ -141,7 +139,7 @@ def test_margins(case):
     found = numbers(reply)
     dt = message["sampling"]["dt"]
     sampled = filter.sampled(dt, message["sampling"]["method"])
-    margin = pf.prior_margin(sampled, actuator=ct.tf([1.0], [0.02, 1.0]), delay=0.005)
+    margin = pf.margins(sampled, pf.Loop(actuator=0.02, delay=0.005))
     pairs = (("ratio_low", margin.min_ratio), ("ratio_high", margin.max_ratio))
     for key, expected in pairs:
         if np.isfinite(expected):
@@ -212,11 +210,11 @@ def test_no_bound_for_a_filter_that_leaves_a_constant():
 
 def test_bounds_of_poles_far_apart_and_of_ringing_ones_are_certified_and_quick():
     far, ringing = [-0.01, -900.0], [-0.01 + 9j, -0.01 - 9j]
-    exact = pf.ultimate_bound(PhyFilter.from_poles(far), residual={1: 1.0})
+    exact = pf.error_bound(PhyFilter.from_poles(far), {1: 1.0})
     assert numbers(answered(Session(), "design", design=message_of(far)))["bound"] == pytest.approx(
         exact.bound
     )
-    above = pf.ultimate_bound(PhyFilter.from_poles(ringing), residual={1: 1.0}, method="ellipsoid")
+    above = pf.error_bound(PhyFilter.from_poles(ringing), {1: 1.0}, method="ellipsoid")
     found = numbers(answered(Session(), "design", design=message_of(ringing)))
     assert found["bound"] == pytest.approx(above.bound)
 
@@ -225,7 +223,7 @@ def test_the_sampled_bound_says_all_it_rests_on():
     reply = answered(Session(), "design", design=message_of([-20.0] * 2))
     entry = next(entry for entry in reply["numbers"] if entry["key"] == "bound_sampled")
     sampled = PhyFilter.from_poles([-20.0] * 2).sampled(0.01)
-    said = pf.ultimate_bound(sampled, residual={1: 1.0}).assumptions
+    said = pf.error_bound(sampled, {1: 1.0}).assumptions
     assert len(said) > 4
     assert all(text in entry["note"] for text in said if "samples come" not in text)
 
@@ -233,9 +231,7 @@ def test_the_sampled_bound_says_all_it_rests_on():
 def test_long_delay_falls_back_on_the_continuous_loop():
     reply = answered(Session(), "design", design=message_of([-20.0] * 2, dt=1e-4, delay=0.05))
     entry = next(entry for entry in reply["numbers"] if entry["key"] == "ratio_high")
-    margin = pf.prior_margin(
-        PhyFilter.from_poles([-20.0] * 2), actuator=ct.tf([1.0], [0.02, 1.0]), delay=0.0501
-    )
+    margin = pf.margins(PhyFilter.from_poles([-20.0] * 2), pf.Loop(actuator=0.02, delay=0.0501))
     assert entry["value"] == pytest.approx(margin.max_ratio, rel=SAME)
     assert "continuous" in entry["note"]
 

@@ -1,6 +1,5 @@
 """The headline of the designer and of the command is that of ``analyze``, for one file and one loop."""
 
-import control as ct
 import pytest
 from designer_messages import message_of
 
@@ -21,7 +20,7 @@ DESIGNS = [
 @pytest.mark.parametrize(("poles", "dt", "lag", "delay"), DESIGNS)
 def test_the_designer_and_the_command_say_what_analyze_says(poles, dt, lag, delay, tmp_path, capsys):
     filter = pf.PhyFilter.from_poles(poles).sampled(dt, units={"f": "N"})
-    expected = pf.analyze(filter, actuator=ct.tf([1.0], [lag, 1.0]), delay=delay, residual={1: 3.0})
+    expected = pf.analyze(filter, pf.Loop(actuator=lag, delay=delay), {1: 3.0})
     design = read_design(Fields({"design": message_of(poles, dt=dt, lag=lag, delay=delay, slope=3.0)}))
     said = answers.answer(design)["verdict"]
     assert [(each["text"], each["level"]) for each in said] == [(e.text, e.level) for e in expected.verdict]

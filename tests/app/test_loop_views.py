@@ -101,7 +101,7 @@ def test_time_responses_have_the_transfer_functions_of_the_loop_by_hand() -> Non
 def test_a_locus_ends_where_the_margins_end_and_its_poles_solve_the_loop() -> None:
     reply = answered(Session(), "locus", design=design(), over="ratio")
     sampled = pf.design.place_poles(POLES, numerator=2).sampled(STEP, "exact")
-    margin = pf.prior_margin(sampled, actuator=ct.tf(1, [LAG, 1]), delay=DELAY)
+    margin = pf.margins(sampled, pf.Loop(actuator=LAG, delay=DELAY))
     leaving = [each for each in reply["limits"] if each["leaving"]]
     assert leaving[0]["at"] == pytest.approx(margin.max_ratio, rel=1e-8)
     now = np.array([complex(*each) for each in reply["now"]])
@@ -125,8 +125,8 @@ def test_a_locus_over_the_bandwidth_finds_where_the_loop_is_lost() -> None:
     stable = []
     for factor in (0.999 * limit["at"], 1.001 * limit["at"]):
         filter = pf.design.place_poles([factor * p for p in POLES], numerator=2)
-        margin = pf.prior_margin(
-            filter.sampled(STEP, "exact"), actuator=ct.tf(1, [LAG, 1]), delay=DELAY, inertia_ratio=RATIO
+        margin = pf.margins(
+            filter.sampled(STEP, "exact"), pf.Loop(actuator=LAG, delay=DELAY, inertia_ratio=RATIO)
         )
         stable.append(margin.is_stable)
     assert stable == [True, False]

@@ -12,7 +12,7 @@ import control as ct
 import numpy as np
 import pytest
 
-from phyfilter_ctl import PhyFilter, place_poles, prior_margin
+from phyfilter_ctl import Loop, PhyFilter, margins, place_poles
 from phyfilter_ctl.app.modules import WEB
 
 NODE = shutil.which("node") or shutil.which("node", path=str(Path(sys.executable).parent))
@@ -52,7 +52,7 @@ def test_the_preview_counts_as_the_library_does():
         poles, kind, assume = drawn(rng)
         filter: PhyFilter = place_poles(poles, numerator=kind)
         lag = ct.tf([1.0], [assume["lag"], 1.0]) if assume["lag"] else None
-        margin = prior_margin(filter, actuator=lag, delay=assume["delay"] + STEP)
+        margin = margins(filter, Loop(actuator=lag, delay=assume["delay"] + STEP))
         ends = [end for interval in margin.stable_ratios for end in interval if 0.0 < end < np.inf]
         if any(abs(np.log(end / assume["ratio"])) < NEAR for end in ends):
             continue

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from phyfilter_ctl import flatten, loop_margin, signal_margin, simulate, transport_delay
+from phyfilter_ctl import Loop, flatten, margins, simulate, transport_delay
 from phyfilter_ctl.blocks import delay_line, sampled_block
 from phyfilter_ctl.codegen import compile_model
 
@@ -209,7 +209,7 @@ def test_margins_count_it(delay):
             ct.ss([], [], [], [[1.0, -30.0]], H, inputs=["r", "y"], outputs=command, name="law")
         )
         diagram = ct.interconnect([body, law, *more], inputs="r", outputs="y")
-        return signal_margin(diagram, signal).delay_margin
+        return margins(diagram, at=signal).delay_margin
 
     left = margin("u", "delay.late", transport_delay(["u"], delay, H, outputs=["late"]))
     assert margin("late", "law.late") - left == pytest.approx(delay, rel=1e-4)
@@ -239,8 +239,8 @@ def test_the_page_on_delays():
         acting = ct.ss([], [], [], [[1.0]], inputs=wire, outputs="g[0]", name="acting")
         found[wire], diagram = largest([*blocks, acting], ["goal", "load"])
     # The formula's g is what was commanded, the last of the two.
-    margin = signal_margin(diagram, "computer.torque").delay_margin
-    formula = loop_margin(names["F"].sampled(H), kp=0.0, kd=4.0, delay=0.004)
+    margin = margins(diagram, at="computer.torque").delay_margin
+    formula = margins(names["F"].sampled(H), Loop(0.0, 4.0, delay=0.004))
     assert margin == pytest.approx(formula.delay_margin, rel=1e-5)
     deaf = sampled_block(names["F"].sampled(H), 1, inertia=0.5, f_theta=False, name="observer")
     untold, _ = largest([names[n] for n in ("body", "late", "command", "known")] + [deaf], ["u", "load"])

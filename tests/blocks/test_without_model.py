@@ -60,7 +60,7 @@ def test_it_runs_and_is_analysed_as_with_f_theta_zero(sampled):
     linear = [pf.flatten(each).linearize() for each in (given, without)]
     s = 3.0j
     np.testing.assert_allclose(linear[1](s)[:, 0], linear[0](s)[:, 0], rtol=ROUNDING)
-    margins = [pf.signal_margin(each, "cancel.g[0]") for each in (given, without)]
+    margins = [pf.margins(each, at="cancel.g[0]") for each in (given, without)]
     assert margins[1].phase_margin == pytest.approx(margins[0].phase_margin, rel=1e-9)
     assert margins[1].delay_margin == pytest.approx(margins[0].delay_margin, rel=1e-6)
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import re
 
-import control as ct
 import pytest
 from designer_hosts import CHROMIUM, Watched
 
@@ -65,7 +64,7 @@ def test_the_loop_is_seen_in_every_view_with_its_band_and_its_locus(page: Watche
     page.until(lambda: "crossed at" in page.text("locus-note"))
     limit = float(re.search(r"crossed at ([\d.]+)", page.text("locus-note"))[1])  # type: ignore[index]
     sampled = pf.PhyFilter.from_poles([-20.0, -20.0]).sampled(0.002, "exact")
-    assert limit == pytest.approx(pf.prior_margin(sampled, actuator=ct.tf(1, [0.02, 1])).max_ratio, rel=2e-3)
+    assert limit == pytest.approx(pf.margins(sampled, pf.Loop(actuator=0.02)).max_ratio, rel=2e-3)
     assert page("locus-paths").locator("rect").count() >= 2
     page("locus").select_option("bandwidth")
     page.until(lambda: "Bandwidth times" in page.text("locus-note"))

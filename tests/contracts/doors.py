@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import control as ct
 import numpy as np
@@ -34,6 +35,12 @@ from phyfilter_ctl.learned import (
 )
 from phyfilter_ctl.plants import quadrotor, small_arm, wind_field
 
+
+def held(margin: pf.FilterMargins, **sets: Any) -> pf.InertiaCertificate:
+    """A constant M of a set, in the loop of these margins."""
+    return pf.inertia_tolerance(margin.filter, margin.around, rate=0.0, **sets)
+
+
 F = PhyFilter([400.0, 40.0])
 N = 6
 TIMES = np.array([0.0, 0.010, 0.020, 0.031, 0.040, 0.050])
@@ -46,8 +53,8 @@ GAIN = ct.nlsys(None, lambda t, x, u, p: p["k"] * u, inputs=1, outputs=1, params
 _T = 0.01 * np.arange(200)[:, None]
 FLIGHT = Recording.from_arrays(x=-np.cos(_T), dt=0.01, g=np.zeros_like(_T), label=np.sin(_T))
 MODEL = Chebyshev(degree=2, n_d=0).fit(X, X).model
-BOUND = pf.ultimate_bound(PhyFilter([20.0]), residual={1: 1.0})
-MARGIN = pf.prior_margin(PhyFilter([20.0]))
+BOUND = pf.error_bound(PhyFilter([20.0]), {1: 1.0})
+MARGIN = pf.margins(PhyFilter([20.0]))
 DRONE = {"motor_lag": 0.04, "rotor_max": 16.2, "delay_steps": 5}
 ARM = small_arm()
 PLANNER = CooperativePlanner(
@@ -102,7 +109,7 @@ DOORS: dict[str, Door] = {
     "block x0": (np.zeros(2), lambda v: pf.phyfilter_block(F, 2).rest_state(v)),
     "frequency_response omega": (np.array([1.0, 2.0]), lambda v: pf.frequency_response(F, v)),
     "sensitivity omega": (np.array([1.0, 2.0]), lambda v: MARGIN.sensitivity(v)),
-    "inertia_within M_hat": (np.array([2.0, 1.0]), lambda v: MARGIN.inertia_within(v, 0.1)),
+    "inertia_within M_hat": (np.array([2.0, 1.0]), lambda v: held(MARGIN, M_hat=v, within=0.1)),
     "zeros_at": (np.array([3.0]), lambda v: pf.place_poles([-20.0, -20.0, -20.0], numerator=1, zeros_at=v)),
     "numerator_of_type a": (np.array([400.0, 40.0]), lambda v: numerator_of_type(v, 1)),
     "SquaredError weights": (np.ones(2), lambda v: SquaredError(v)),
@@ -162,9 +169,18 @@ DOORS: dict[str, Door] = {
         lambda v: pf.simulate_batch(GAIN, TIMES, 1.0, params={"k": v}),
     ),
     "phase_lag omega": (np.array([1.0, 2.0]), lambda v: pf.frequency_response(F, [0.5, 3.0]).phase_lag(v)),
-    "inertia_between low": (np.ones(2), lambda v: MARGIN.inertia_between(np.ones(2), v, 2.0 * np.ones(2))),
-    "inertia_between high": (np.ones(2), lambda v: MARGIN.inertia_between(np.ones(2), 0.5 * np.ones(2), v)),
-    "inertia M": (np.ones(2), lambda v: MARGIN.inertia(np.ones(2), v)),
+    "inertia_between low": (
+        np.ones(2),
+        lambda v: held(MARGIN, M_hat=np.ones(2), between=(v, 2.0 * np.ones(2))),
+    ),
+    "inertia_between high": (
+        np.ones(2),
+        lambda v: held(MARGIN, M_hat=np.ones(2), between=(0.5 * np.ones(2), v)),
+    ),
+    "inertia_tolerance vertices": (
+        np.ones((1, 2)),
+        lambda v: held(MARGIN, M_hat=np.ones(2), vertices=v),
+    ),
     "error_budget bandwidth": (
         np.array([10.0, 20.0]),
         lambda v: pf.analysis.error_budget([BOUND, BOUND], bandwidth=v),

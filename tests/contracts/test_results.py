@@ -52,7 +52,7 @@ def test_a_result_shows_itself_and_its_status_in_one_way(name: str) -> None:
 
 
 def test_the_list_is_not_empty() -> None:
-    expected = {"LearnResult", "TrainResult", "JointResult", "FitResult", "TuneResult", "BoundResult", "Plan"}
+    expected = {"LearnResult", "TrainResult", "JointResult", "FitResult", "TuneResult", "ErrorBound", "Plan"}
     assert expected <= set(RESULTS)
 
 
@@ -83,14 +83,16 @@ MADE = {
     "tune": lambda log: baselines.tune(
         baselines.LowpassDifference, [(log.x, log.label, 0.01, 10)], max_evaluations=5
     ),
-    "ultimate_bound": lambda log: pf.ultimate_bound(SAMPLED, residual={1: 3.0}, noise=0.01),
-    "error_variance": lambda log: pf.error_variance(SAMPLED, noise=0.01),
+    "error_bound": lambda log: pf.error_bound(SAMPLED, pf.Bounded({1: 3.0}, noise=0.01)),
+    "error_variance": lambda log: pf.error_variance(SAMPLED, pf.Gaussian(noise=0.01)),
     "error_budget": lambda log: pf.error_budget(
-        [pf.ultimate_bound(PhyFilter([w]), residual={1: 1.0}) for w in (5.0, 20.0)]
+        [pf.error_bound(PhyFilter([w]), {1: 1.0}) for w in (5.0, 20.0)]
     ),
-    "prior_margin": lambda log: pf.prior_margin(SAMPLED),
-    "loop_margin": lambda log: pf.loop_margin(SAMPLED, kp=4.0, kd=3.0),
-    "largest_bandwidth": lambda log: pf.largest_bandwidth(lambda w: PhyFilter([w]), delay=0.02, high=200.0),
+    "margins, inner loop": lambda log: pf.margins(SAMPLED),
+    "margins, complete loop": lambda log: pf.margins(SAMPLED, pf.Loop(4.0, 3.0)),
+    "largest_bandwidth": lambda log: pf.largest_bandwidth(
+        lambda w: PhyFilter([w]), pf.Loop(delay=0.02), high=200.0
+    ),
     "least_bound": lambda log: optimal.least_bound(1, residual={1: 8.0}, noise=0.01),
     "residual_statistics": lambda log: optimal.residual_statistics([log]),
     "follow": lambda log: follow(

@@ -9,6 +9,7 @@ from scipy.linalg import expm
 from scipy.spatial.transform import Rotation
 
 import phyfilter_ctl as pf
+from phyfilter_ctl.analysis import SystemMargins
 from phyfilter_ctl.blocks import delay_line, wired
 from phyfilter_ctl.controllers import (
     allocate,
@@ -18,7 +19,7 @@ from phyfilter_ctl.controllers import (
     known_force,
     position_controller,
 )
-from phyfilter_ctl.diagram import SignalMargin, open_loop
+from phyfilter_ctl.diagram import open_loop
 from phyfilter_ctl.plants import allocation_matrix, plant, quadrotor, quaternion_rate, rotation_matrix
 
 H, DELAY = 0.002, 5
@@ -454,7 +455,7 @@ def test_margin_of_the_tilt_loop():
     loop = wired([body, line, attitude()], wires, inputs=inputs, outputs={"q": "body.q"})
     for axis in ("body.torque[0]", "body.torque[1]"):
         # Between continuous blocks there is no margin from instant to instant: that of the continuous equivalents.
-        margin = SignalMargin(axis, open_loop(loop, axis, u0=[0.0, 0.0, 4.0 * HOVER, 0.0, 0.0, 0.0]))
+        margin = SystemMargins(axis, open_loop(loop, axis, u0=[0.0, 0.0, 4.0 * HOVER, 0.0, 0.0, 0.0]))
         assert margin.is_stable
         assert margin.modulus_margin == pytest.approx(0.6, abs=0.05)
 
@@ -463,7 +464,7 @@ def test_margins_of_the_whole_loop(diagram, flat):
     """At the wanted force, hovering: tilt inside position."""
     x0 = [1.5 if entry.name == "quadrotor.r[0]" else entry.start for entry in flat.states]
     for signal, least in (("position.F[0]", 0.6), ("position.F[1]", 0.6), ("position.F[2]", 0.8)):
-        margin = pf.signal_margin(diagram, signal, x0=x0, params={"speed": 1e-9})
+        margin = pf.margins(diagram, at=signal, x0=x0, params={"speed": 1e-9})
         assert margin.is_stable
         assert margin.modulus_margin > least
 

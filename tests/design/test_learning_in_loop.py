@@ -6,20 +6,12 @@ import pytest
 from scipy.optimize import minimize
 from scipy.signal import lfilter
 
-from phyfilter_ctl import (
-    LoopConstraint,
-    PhyFilter,
-    Recording,
-    Status,
-    learn,
-    loop_margin,
-    ultimate_bound,
-)
+from phyfilter_ctl import Loop, LoopGoal, PhyFilter, Recording, Status, error_bound, learn, margins
 from phyfilter_ctl.analysis import frequency_response, largest_bandwidth
 from phyfilter_ctl.analysis.margins.slopes import modulus_at, touches
 from phyfilter_ctl.blocks import phyfilter_block, sampled_block, wired
 from phyfilter_ctl.filterfile import save
-from phyfilter_ctl.simulation import FilterPlace
+from phyfilter_ctl.loops import FilterPlace
 
 H = 0.01
 LOOP = {"kp": 10.0, "kd": 6.0, "actuator": ct.tf(1, [0.05, 1]), "delay": 0.01}
@@ -49,7 +41,7 @@ def test_slopes_of_margins_are_their_central_differences(kind):
 
     def margin(t):
         numbers = np.append(a, [64.0, 40.0, 1.0]) * (1.0 + t * step)
-        return loop_margin(PhyFilter(numbers[:3], numbers[3:]), **LOOP, dt=H)
+        return margins(PhyFilter(numbers[:3], numbers[3:]), Loop(**LOOP), dt=H)
 
     def response(t, omega):
         dA, equilibrium, C = margin(t).filter.transition
@@ -75,11 +67,11 @@ def test_slopes_of_margins_are_their_central_differences(kind):
 
 @pytest.mark.slow
 def test_order_one_is_the_fastest_that_keeps_the_modulus_margin(log):
-    found = learn(log, 1, loop=LoopConstraint(**LOOP), **PLAIN)
-    limit = largest_bandwidth(lambda w: PhyFilter([w]), **LOOP, dt=H, modulus_margin=0.5).limit
+    found = learn(log, 1, loop=LoopGoal(Loop(**LOOP)), **PLAIN)
+    limit = largest_bandwidth(lambda w: PhyFilter([w]), Loop(**LOOP), dt=H, modulus_margin=0.5).limit
     assert found.status is Status.CONVERGED
     assert found.loop.binding == ("modulus margin",)
-    assert not loop_margin(learn(log, 1, **PLAIN).filter, **LOOP, dt=H).is_stable
+    assert not margins(learn(log, 1, **PLAIN).filter, Loop(**LOOP), dt=H).is_stable
     assert limit * (1.0 - NEAR_LIMIT) < found.filter.a[0] <= limit
     assert found.loop.price > 0.5
     assert found.rmse == pytest.approx(found.loop.rmse_without * (1.0 + found.loop.price))
@@ -87,7 +79,7 @@ def test_order_one_is_the_fastest_that_keeps_the_modulus_margin(log):
 
 def test_a_filter_that_keeps_the_limits_is_left_as_it_is(log):
     free = learn(log, 1, **PLAIN)
-    found = learn(log, 1, loop=LoopConstraint(modulus_margin=0.1, noise_gain=1e4), **PLAIN)
+    found = learn(log, 1, loop=LoopGoal(modulus_margin=0.1, noise_gain=1e4), **PLAIN)
     assert np.array_equal(found.filter.a, free.filter.a)
     assert found.loop.price == 0.0
     assert found.loop.binding == ()
@@ -95,7 +87,7 @@ def test_a_filter_that_keeps_the_limits_is_left_as_it_is(log):
 
 def test_what_no_filter_keeps_is_infeasible_and_nothing_is_fed_back(log, tmp_path):
     with pytest.warns(UserWarning, match="no filter up to order 1 keeps the limits, F = 0 is returned"):
-        found = learn(log, 1, loop=LoopConstraint(**LOOP, modulus_margin=0.9), **PLAIN)
+        found = learn(log, 1, loop=LoopGoal(Loop(**LOOP), modulus_margin=0.9), **PLAIN)
     assert found.status is Status.INFEASIBLE
     with pytest.raises(ValueError, match="sampled: no filter up to order 1 keeps the limits"):
         found.sampled()
@@ -106,14 +98,14 @@ def test_what_no_filter_keeps_is_infeasible_and_nothing_is_fed_back(log, tmp_pat
     assert not np.any(found.filter.b)
     assert "lower the outer gains" in found.message
     with pytest.warns(UserWarning, match="longer flights"):
-        slow = learn(log, 1, loop=LoopConstraint(noise_gain=1e-3), **PLAIN)
+        slow = learn(log, 1, loop=LoopGoal(noise_gain=1e-3), **PLAIN)
     assert slow.status is Status.INFEASIBLE
     assert "longer flights" in slow.message
 
 
 def test_margins_of_a_diagram_stand_for_the_formula(log):
-    found = learn(log, 1, loop=LoopConstraint(margins=lambda f: loop_margin(f, **LOOP)), **PLAIN)
-    formula = learn(log, 1, loop=LoopConstraint(**LOOP), **PLAIN)
+    found = learn(log, 1, loop=LoopGoal(margins=lambda f: margins(f, Loop(**LOOP))), **PLAIN)
+    formula = learn(log, 1, loop=LoopGoal(Loop(**LOOP)), **PLAIN)
     assert found.filter.a == pytest.approx(formula.filter.a, rel=NEAR_LIMIT)
 
 
@@ -148,7 +140,7 @@ PD = LOOP | {"delay": 0.0}
 
 def test_what_is_around_the_filter_of_a_diagram_is_what_its_equations_say():
     place, filter = FilterPlace(diagram, "body.u", "filter.f_hat[0]"), PhyFilter([64.0, 12.0], [64.0, 10.0])
-    own = loop_margin(filter, **PD, dt=H)
+    own = margins(filter, Loop(**PD), dt=H)
     found = place.loop(filter.sampled(H))
     omega = np.geomspace(0.1, 300.0, 50)
     for mine, theirs in zip(found.surroundings(omega), own.loop.surroundings(omega), strict=True):
@@ -156,7 +148,7 @@ def test_what_is_around_the_filter_of_a_diagram_is_what_its_equations_say():
     assert place(filter.sampled(H)).modulus_margin == pytest.approx(own.modulus_margin, rel=1e-6)
     resonant = [PhyFilter([w * w, 0.3 * w]) for w in (2.0, 4.0, 8.0, 16.0, 32.0, 64.0)]
     verdicts = [
-        (found.is_stable(each.sampled(H)), loop_margin(each, **PD, dt=H).is_stable) for each in resonant
+        (found.is_stable(each.sampled(H)), margins(each, Loop(**PD), dt=H).is_stable) for each in resonant
     ]
     assert all(mine == theirs for mine, theirs in verdicts)
     assert {mine for mine, _ in verdicts} == {True, False}
@@ -166,8 +158,8 @@ def test_what_is_around_the_filter_of_a_diagram_is_what_its_equations_say():
 @pytest.mark.parametrize(("order", "form"), [(1, "lowpass"), (2, "general")])
 def test_a_filter_learned_in_the_diagram_is_that_of_the_formula(log, order, form):
     place = FilterPlace(diagram, "body.u", "filter.f_hat[0]")
-    found = learn(log, order, form=form, loop=LoopConstraint(margins=place), **PLAIN)
-    formula = learn(log, order, form=form, loop=LoopConstraint(**PD), **PLAIN)
+    found = learn(log, order, form=form, loop=LoopGoal(margins=place), **PLAIN)
+    formula = learn(log, order, form=form, loop=LoopGoal(Loop(**PD)), **PLAIN)
     assert found.rmse == pytest.approx(formula.rmse, rel=NEAR_LIMIT)
     assert found.loop.spare["modulus margin"] >= 0.0
     assert found.loop.binding == formula.loop.binding == ("modulus margin",)
@@ -186,12 +178,12 @@ def test_a_place_where_signals_act_between_instants_is_refused():
         ({"inertia_ratios": (1.5, 2.0)}, "inertia_ratios"),
         ({"slope": 1.0}, "both or none"),
         ({"noise_gain": 0.0}, "noise_gain"),
-        ({"kp": 1.0, "margins": lambda f: None}, "one loop, not two"),
+        ({"loop": Loop(kp=1.0), "margins": lambda f: None}, "a loop: one, not two"),
     ],
 )
 def test_wrong_limits_are_refused(wrong, message):
     with pytest.raises(ValueError, match=message):
-        LoopConstraint(**wrong)
+        LoopGoal(**wrong)
 
 
 @pytest.mark.parametrize(
@@ -207,9 +199,9 @@ def test_wrong_limits_are_refused(wrong, message):
     ],
 )
 def test_limits_hold_by_the_exact_functions(log, order, form, limits):
-    constraint = LoopConstraint(**LOOP, **limits)
+    constraint = LoopGoal(Loop(**LOOP), **limits)
     found = learn(log, order, form=form, loop=constraint, **PLAIN)
-    margin = loop_margin(found.filter, **LOOP, dt=H)
+    margin = margins(found.filter, Loop(**LOOP), dt=H)
     sampled = found.sampled()
     assert found.status is Status.CONVERGED
     assert margin.modulus_margin >= constraint.modulus_margin
@@ -217,7 +209,7 @@ def test_limits_hold_by_the_exact_functions(log, order, form, limits):
     assert margin.min_ratio <= constraint.inertia_ratios[0]
     assert margin.max_ratio >= constraint.inertia_ratios[1]
     assert constraint.noise_gain is None or frequency_response(sampled).noise_gain <= constraint.noise_gain
-    assert constraint.bound is None or ultimate_bound(sampled, residual={1: 3.0}).bound <= constraint.bound
+    assert constraint.bound is None or error_bound(sampled, {1: 3.0}).bound <= constraint.bound
     assert found.loop.binding
     # Order 1 that keeps the same is among the starts of the general form.
     assert found.rmse <= learn(log, 1, form=form, loop=constraint, **PLAIN).rmse * (1.0 + 1e-4)
@@ -226,11 +218,11 @@ def test_limits_hold_by_the_exact_functions(log, order, form, limits):
 @pytest.mark.slow
 def test_nothing_near_the_answer_is_better_by_a_search_that_knows_no_slopes(log):
     """Nelder and Mead's simplex on a and b_1, exact margins and the filter run on the record."""
-    found = learn(log, 2, form="general", loop=LoopConstraint(**LOOP), **PLAIN)
+    found = learn(log, 2, form="general", loop=LoopGoal(Loop(**LOOP)), **PLAIN)
 
     def cost(p):
         filter = PhyFilter(np.exp(p[:2]), [np.exp(p[0]), p[2]])
-        margin = loop_margin(filter, **LOOP, dt=H)
+        margin = margins(filter, Loop(**LOOP), dt=H)
         if not margin.is_stable or margin.modulus_margin < 0.5:
             return 10.0
         errors = (filter.sampled(H).run(log.x) - log.label)[1:]
@@ -247,6 +239,6 @@ def test_nothing_near_the_answer_is_better_by_a_search_that_knows_no_slopes(log)
 @pytest.mark.slow
 def test_order_three_finds_the_pair_that_order_two_does_not_have(log):
     """From one pole more a search along one dip ends at 0.30 of rmse: the dips that steps raise elsewhere count."""
-    two, three = (learn(log, n, form="general", loop=LoopConstraint(**LOOP), **PLAIN) for n in (2, 3))
+    two, three = (learn(log, n, form="general", loop=LoopGoal(Loop(**LOOP)), **PLAIN) for n in (2, 3))
     assert three.rmse < 0.87 * two.rmse
     assert three.loop.binding == ("modulus margin",)

@@ -6,7 +6,7 @@ import pytest
 from scipy.linalg import expm
 from scipy.signal import lfilter
 
-from phyfilter_ctl import LoopConstraint, PhyFilter, Recording, SampledPhyFilter, learn, loop_margin
+from phyfilter_ctl import Loop, LoopGoal, PhyFilter, Recording, SampledPhyFilter, learn, margins
 from phyfilter_ctl.design.learning import tracking as module
 from phyfilter_ctl.design.learning.parametrisation import chain_of
 from phyfilter_ctl.design.learning.residuals import flights_of
@@ -64,7 +64,7 @@ def tracking(kp, late, *, reference=False, noisy=True):
     flights = flights_of([log])
     sampling = Sampling(H)
     omega, spectra = spectra_of(flights, H, wanted if reference else None, offset=False)
-    loop = loop_margin(PhyFilter([5.0]), dt=H, delay=late * H, **(LOOP | {"kp": kp})).loop
+    loop = margins(PhyFilter([5.0]), Loop(delay=late * H, **LOOP | {"kp": kp}), dt=H).loop
     return Tracking.of(loop, omega, spectra, sampling), (f, noise, wanted), sampling
 
 
@@ -131,27 +131,27 @@ def test_slopes_are_central_differences():
     ("wrong", "message"),
     [
         ({"cost": "tracking"}, "kp or kd"),
-        ({"cost": "nothing", "kd": 1.0}, "expected one of estimation, tracking"),
-        ({"kd": 1.0, "reference": [0.0, 1.0]}, "leave it out"),
+        ({"cost": "nothing", "loop": Loop(kd=1.0)}, "expected one of estimation, tracking"),
+        ({"loop": Loop(kd=1.0), "reference": [0.0, 1.0]}, "leave it out"),
     ],
 )
 def test_wrong_costs_are_refused(wrong, message):
     with pytest.raises(ValueError, match=message):
-        LoopConstraint(**wrong)
+        LoopGoal(**wrong)
 
 
 def test_steps_that_differ_are_refused():
     times = np.cumsum([0.0, *([0.01, 0.02] * 50)])
     log = Recording.from_arrays(x=np.sin(times)[:, None], times=times, label=np.cos(times)[:, None])
     with pytest.raises(ValueError, match="equal steps"):
-        learn(log, 1, loop=LoopConstraint(kd=1.0, cost="tracking"), wiener=False)
+        learn(log, 1, loop=LoopGoal(Loop(kd=1.0), cost="tracking"), wiener=False)
 
 
 @pytest.mark.slow
 def test_flights_that_are_read_give_the_answer_of_those_in_memory():
     f, noise, wanted = signals(n=900, rest=100)
     log = Recording.from_arrays(x=(np.cumsum(H * f) + noise)[:, None], dt=H, label=f[:, None])
-    loop = LoopConstraint(**LOOP, delay=H, cost="tracking", reference=wanted)
+    loop = LoopGoal(Loop(delay=H, **LOOP), cost="tracking", reference=wanted)
     plain = {"loop": loop, "wiener": False, "cross_validate": False, "intervals": False}
     kept, read = learn(log, 1, **plain), learn([lambda: log], 1, workers=1, **plain)
     assert np.array_equal(kept.filter.a, read.filter.a)
@@ -170,7 +170,7 @@ def test_the_filter_learned_for_tracking_tracks_better_on_another_record():
     speed = np.cumsum(H * f) + noise
     log = Recording.from_arrays(x=speed[:, None], dt=H, label=f[:, None])
     found = [
-        learn(log, 2, form="general", wiener=False, loop=LoopConstraint(**LOOP, delay=H, cost=cost))
+        learn(log, 2, form="general", wiener=False, loop=LoopGoal(Loop(delay=H, **LOOP), cost=cost))
         for cost in ("estimation", "tracking")
     ]
     assert found[1].loop.tracking < 0.9 * found[1].loop.tracking_of_estimator

@@ -8,7 +8,7 @@ import control as ct
 import numpy as np
 import pytest
 
-from phyfilter_ctl import PhyFilter, frequency_response, prior_margin, ultimate_bound
+from phyfilter_ctl import Loop, PhyFilter, error_bound, frequency_response, margins
 from phyfilter_ctl.design.optimal import limits_front
 from phyfilter_ctl.plots import FrequencyLimit
 from phyfilter_ctl.results import Status
@@ -71,13 +71,13 @@ def test_no_second_order_filter_of_a_grid_is_better_in_both(trade):
         ):
             return None
         sampled = filter.sampled(2e-3)
-        margin = prior_margin(sampled, actuator=actuator)
+        margin = margins(sampled, Loop(actuator=actuator))
         if not margin.is_stable or margin.min_ratio > 0.5 * KEPT or margin.max_ratio < 2.0 / KEPT:
             return None
         if margin.delay_margin < 0.02 / KEPT:
             return None
         if trade == "noise":
-            return frequency_response(sampled).noise_gain, ultimate_bound(filter, residual={1: 1.0}).bound
+            return frequency_response(sampled).noise_gain, error_bound(filter, {1: 1.0}).bound
         return 1.0 / frequency_response(sampled).band_edges[1], 1.0 / margin.delay_margin
 
     ours = [figures(filter) for filter in front.filters]

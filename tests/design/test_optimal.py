@@ -6,7 +6,8 @@ from scipy.optimize import linprog
 from scipy.signal import residue
 
 import phyfilter_ctl as pf
-from phyfilter_ctl.analysis import error_variance, gauss_markov, ultimate_bound
+from phyfilter_ctl import Bounded, Gaussian, error_bound, gauss_markov
+from phyfilter_ctl.analysis import error_variance
 from phyfilter_ctl.design.optimal import (
     bound_trade_off,
     error_floor,
@@ -44,8 +45,7 @@ def test_no_second_order_filter_on_a_grid_is_better(type, k):
         for speed in w0 * np.geomspace(0.5, 2.0, 15):
             other = pf.place_poles(np.roots([1.0, 2 * damping * speed, speed**2]), numerator=type)
             assert (
-                ultimate_bound(other, residual={k: 30.0}, noise=0.01).bound
-                >= (1 - SEARCH) * found.bound.bound
+                error_bound(other, Bounded({k: 30.0}, noise=0.01)).bound >= (1 - SEARCH) * found.bound.bound
             )
 
 
@@ -56,8 +56,8 @@ def test_a_third_order_low_pass_promises_no_more_than_a_second():
     assert found.status == "order_adds_nothing"
     assert "order 2 suffices" in found.message
     best = min(
-        ultimate_bound(
-            pf.place_poles([*(w * np.roots([1.0, 2 * z, 1.0])), -w * r]), residual={1: 8.0}, noise=0.01
+        error_bound(
+            pf.place_poles([*(w * np.roots([1.0, 2 * z, 1.0])), -w * r]), Bounded({1: 8.0}, noise=0.01)
         ).bound
         for z in (0.6, 0.8, 1.0)
         for w in found.bound.bound * np.array([40.0, 60.0, 80.0, 110.0])
@@ -98,7 +98,7 @@ def test_no_filter_undercuts_the_floor(k):
     least = np.inf
     for n in (2, 3, 4, 5) * 4:
         shape = np.concatenate([rng.uniform(-1.0, 0.7, n - 1), 0.4 * rng.standard_normal(n - k)])
-        unit = ultimate_bound(at_speed(shape, n, k, 1.0), residual={k: 1.0}, noise=1.0)
+        unit = error_bound(at_speed(shape, n, k, 1.0), Bounded({k: 1.0}, noise=1.0))
         best = (k * unit.intrinsic / unit.noise) ** (1.0 / (k + 1))
         least = min(least, unit.intrinsic / best**k + unit.noise * best)
     floor = error_floor(residual={k: 1.0}, noise=1.0)
@@ -190,7 +190,7 @@ def test_trade_off_is_a_front_of_best_designs():
     assert np.all(np.diff(curve.noise) > 0.0)
     assert curve.following[curve.best] + curve.noise[curve.best] == pytest.approx(0.67463, abs=1e-4)
     for i in (0, 10, 20):
-        bound = ultimate_bound(curve.filters[i], residual={1: 8.0}, noise=0.01)
+        bound = error_bound(curve.filters[i], Bounded({1: 8.0}, noise=0.01))
         assert (bound.intrinsic, bound.noise) == pytest.approx((curve.following[i], curve.noise[i]), rel=1e-6)
     assert curve.plot().axes.shape == (1, 1)
 
@@ -199,7 +199,7 @@ def test_trade_off_is_a_front_of_best_designs():
 def test_the_kalman_filter_is_a_phyfilter(tau):
     process = gauss_markov(2.0, tau)
     filter = kalman_filter(residual=process, noise=0.03)
-    variance = error_variance(filter, residual=process, noise=0.03)
+    variance = error_variance(filter, Gaussian(process, noise=0.03))
     assert variance.error == pytest.approx(kalman_variance(residual=process, noise=0.03), rel=1e-8)
 
 
@@ -220,7 +220,7 @@ def test_nothing_beats_kalman_and_the_best_comes_close(dt):
             other = pf.place_poles(w * np.roots([1.0, 2 * z, 1.0]))
             other = other if dt is None else other.sampled(dt)
             assert (
-                error_variance(other, residual=PROCESS, noise=0.01).error
+                error_variance(other, Gaussian(PROCESS, noise=0.01)).error
                 >= (1 - SEARCH) * found.variance.error
             )
 

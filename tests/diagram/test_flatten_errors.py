@@ -6,7 +6,7 @@ import control as ct
 import numpy as np
 import pytest
 
-from phyfilter_ctl import PhyFilter, phyfilter_block, sampled_block, signal_margin
+from phyfilter_ctl import PhyFilter, margins, phyfilter_block, sampled_block
 from phyfilter_ctl.diagram import flatten
 
 
@@ -143,9 +143,7 @@ def test_a_margin_says_what_it_took_as_zero():
     law = ct.ss([], [], [], [[-2.0]], inputs="y", outputs="u", name="law")
     held = sampled_block(ct.ss([], [], [], [[-2.0]], 0.01, inputs="y", outputs="u", name="law"))
     for controller in (law, held):
-        about = signal_margin(
-            ct.interconnect([plant, add, controller], inputs="r", outputs="y"), "law.u"
-        ).about
+        about = margins(ct.interconnect([plant, add, controller], inputs="r", outputs="y"), at="law.u").about
         assert "nothing drives plant.d, taken as 0" in about
 
 

@@ -6,8 +6,7 @@ import control as ct
 import numpy as np
 import pytest
 
-from phyfilter_ctl import PhyFilter, phyfilter_block, signal_margin
-from phyfilter_ctl.analysis.margins import loop_margin, prior_margin
+from phyfilter_ctl import Loop, PhyFilter, margins, phyfilter_block
 from phyfilter_ctl.blocks import sampled_block
 from phyfilter_ctl.diagram.opening import between, open_loop
 
@@ -35,7 +34,7 @@ def unity(plant: ct.InputOutputSystem | None = None) -> ct.InterconnectedSystem:
 @pytest.mark.parametrize("signal", ["plant.u", "pi.u", "pi.e", "error.e", "error.y", "plant.y"])
 def test_single_loop_is_the_same_everywhere(signal: str):
     same_response(open_loop(unity(), signal), PLANT * PI)
-    margin = signal_margin(unity(), signal)
+    margin = margins(unity(), at=signal)
     gm, pm, sm, _, wpc, _ = ct.stability_margins(PLANT * PI)
     assert margin.is_stable
     assert margin.gain_margin[1] == pytest.approx(gm, rel=1e-6)
@@ -136,8 +135,8 @@ def compensated(filter: PhyFilter, actuator: ct.TransferFunction, mu: float, kp:
 def test_actuator_input_is_where_the_filters_own_margins_are_taken():
     filter = PhyFilter.from_poles([-15.0, -8.0 + 6.0j, -8.0 - 6.0j])
     actuator = ct.tf([900.0], [1.0, 36.0, 900.0])
-    diagram = signal_margin(compensated(filter, actuator, 1.6, 10.0, 6.0), "act.tau")
-    own = loop_margin(filter, kp=10.0, kd=6.0, actuator=actuator, inertia_ratio=1.6)
+    diagram = margins(compensated(filter, actuator, 1.6, 10.0, 6.0), at="act.tau")
+    own = margins(filter, Loop(10.0, 6.0, actuator=actuator, inertia_ratio=1.6))
     assert diagram.is_stable
     assert diagram.gain_margin == pytest.approx(own.gain_margin, rel=CLOSE)
     assert diagram.phase_margin == pytest.approx(own.phase_margin, rel=CLOSE)
@@ -169,8 +168,8 @@ def test_discrete_diagram():
         outlist=["mass.x"],
         outputs=["x"],
     )
-    margin = signal_margin(diagram, "mass.tau")
-    own = loop_margin(sampled, kp=0.0, kd=6.0)
+    margin = margins(diagram, at="mass.tau")
+    own = margins(sampled, Loop(0.0, 6.0))
     assert margin.gain_margin == pytest.approx(own.gain_margin, rel=CLOSE)
     assert margin.phase_margin == pytest.approx(own.phase_margin, rel=CLOSE)
     assert margin.modulus_margin == pytest.approx(own.modulus_margin, rel=CLOSE)
@@ -198,7 +197,7 @@ def test_sampled_block_counts_as_its_continuous_equivalent():
         outlist=["mass.x"],
         outputs=["x"],
     )
-    expected = prior_margin(PhyFilter([20.0]), actuator=ct.tf([1.0], [0.05, 1.0]))
+    expected = margins(PhyFilter([20.0]), Loop(actuator=0.05))
     L = open_loop(mixed, "act.tau")
     w = np.array([1.0, 10.0, 60.0])
     Q, P = expected.loop(w)
@@ -209,7 +208,7 @@ def test_feedthrough_is_lost_at_infinity():
     """L = -0.4 (s + 1)/(s + 2): one pole, through infinity at 2.5 and back through 0 at 5."""
     plant = ct.tf([0.4, 0.4], [1.0, 2.0], inputs="u", outputs="y", name="plant")
     law = ct.nlsys(None, lambda t, x, u, params: u, inputs="y", outputs="u", name="law")
-    margin = signal_margin(ct.interconnect([plant, law], inputs=None, outputs="y"), "plant.u")
+    margin = margins(ct.interconnect([plant, law], inputs=None, outputs="y"), at="plant.u")
     assert margin.stable_gains == ((0.0, pytest.approx(2.5)), (pytest.approx(5.0), np.inf))
     assert margin.gain_margin == (0.0, pytest.approx(2.5))
 
@@ -225,7 +224,7 @@ def test_hidden_unstable_mode_counts():
         outlist=["plant.y", "away.z"],
         outputs=["y", "z"],
     )
-    margin = signal_margin(both, "plant.u")
+    margin = margins(both, at="plant.u")
     assert not margin.is_stable
     assert (margin.modulus_margin, margin.phase_margin, margin.delay_margin) == (0.0, 0.0, 0.0)
     assert margin.stable_gains == ()

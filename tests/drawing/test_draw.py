@@ -134,7 +134,7 @@ def test_wires_have_the_names_that_margins_take(depth):
     picture = pf.draw(system, depth)
     assert "controller.K_p.u" in picture.signals
     for signal in picture.signals:
-        assert pf.signal_margin(system, signal).gain_margin[1] > 1.0
+        assert pf.margins(system, at=signal).gain_margin[1] > 1.0
 
 
 def test_an_opened_diagram_has_its_ports_on_its_frame_and_its_blocks_inside():

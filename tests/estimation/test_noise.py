@@ -76,7 +76,7 @@ def test_noise_of_f_hat_beside_its_impulse_response() -> None:
     lags = np.abs(np.subtract.outer(np.arange(300), np.arange(300)))
     assert found.noise_deviation[0] == pytest.approx(np.sqrt(taps[:300] @ n[lags] @ taps[:300]), rel=1e-3)
     white = pf.estimate(log, sampled, noise=0.01).noise_deviation[0]
-    assert white**2 == pytest.approx(pf.error_variance(sampled, noise=0.01).noise, rel=1e-3)
+    assert white**2 == pytest.approx(pf.error_variance(sampled, pf.Gaussian(noise=0.01)).noise, rel=1e-3)
 
 
 @pytest.mark.slow

@@ -133,24 +133,26 @@ def of_filter(seed: int) -> Figures:
     calls: dict[str, Callable[[], Any]] = {
         "filter": lambda: system,
         "response": lambda: pf.frequency_response(system, omega),
-        "poles and zeros": lambda: pf.pole_zero_map(system),
-        "inner loop": lambda: pf.prior_margin(system, **inner, **told, inertia_ratio=ratio),
-        "complete loop": lambda: pf.loop_margin(system, **outer, **told, inertia_ratio=ratio),
-        "complete loop at dt": lambda: pf.loop_margin(system, **outer, dt=dt) if dt else None,
-        "saturation": lambda: pf.saturation_margin(system, **outer, inertia_ratio=ratio),
-        "moving inertia": lambda: pf.moving_inertia(system, ratios=[0.7, 1.4], **inner, dt=dt),
-        "variance": lambda: pf.error_variance(system, noise=noise + 0.01, residual=shape),
-        "tube": lambda: pf.tracking_tube(system, **outer, residual=residual, noise=noise, inertia=1.0, dt=dt),
-        "deviation": lambda: pf.tracking_deviation(
-            system, **outer, residual=shape, noise=noise + 0.01, inertia=1.0, dt=dt
+        "poles and zeros": lambda: pf.frequency_response(system).pole_zero_map,
+        "inner loop": lambda: pf.margins(system, pf.Loop(inertia_ratio=ratio, **inner, **told)),
+        "complete loop": lambda: pf.margins(system, pf.Loop(inertia_ratio=ratio, **outer, **told)),
+        "complete loop at dt": lambda: pf.margins(system, pf.Loop(**outer), dt=dt) if dt else None,
+        "saturation": lambda: pf.saturation_margin(system, pf.Loop(inertia_ratio=ratio, **outer)),
+        "moving inertia": lambda: pf.inertia_tolerance(system, pf.Loop(**inner), ratios=[0.7, 1.4], dt=dt),
+        "variance": lambda: pf.error_variance(system, pf.Gaussian(shape, noise=noise + 0.01)),
+        "tube": lambda: pf.tracking_error(
+            system, pf.Loop(**outer), pf.Bounded(residual, noise=noise), inertia=1.0, dt=dt
+        ),
+        "deviation": lambda: pf.tracking_error(
+            system, pf.Loop(**outer), pf.Gaussian(shape, noise=noise + 0.01), inertia=1.0, dt=dt
         ),
         "page": lambda: pf.analyze(
-            system, **outer, **told, residual=residual, noise=noise, **moved
+            system, pf.Loop(**outer, **told), pf.Bounded(residual, noise=noise, **moved)
         ).to_dict(),
     }
     for method in ("exact", "ellipsoid", "lyapunov", "lyapunov-raw"):
         calls[f"bound, {method}"] = partial(
-            pf.ultimate_bound, system, residual=residual, noise=noise, method=method, **moved
+            pf.error_bound, system, pf.Bounded(residual, noise=noise, **moved), method=method
         )
     if isinstance(system, pf.SampledPhyFilter):
         t = system.dt * np.arange(400)

@@ -131,9 +131,7 @@ def test_pages_refer_to_what_exists(page):
 
 
 def test_a_wrong_name_is_seen():
-    assert missing_in_code("lambda f: pf.prior_margin(f, delay=0.02).modulus > 0.5") == [
-        "PriorMargin.modulus"
-    ]
-    assert missing_in_code("pf.prior_margin(f).modulus_margin") == []
+    assert missing_in_code("lambda f: pf.error_bound(f, {1: 1.0}).bounds > 0.5") == ["ErrorBound.bounds"]
+    assert missing_in_code("pf.error_bound(f, {1: 1.0}).bound") == []
     assert missing_in_code("x: pf.no_such_name") == ["pf.no_such_name"]
     assert not exists("no_such_name", [pf])

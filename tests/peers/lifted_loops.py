@@ -17,9 +17,8 @@ import control as ct
 import numpy as np
 from scipy.linalg import expm
 
-from phyfilter_ctl import PhyFilter, SampledPhyFilter, loop_margin, prior_margin, signal_margin
+from phyfilter_ctl import Loop, PhyFilter, SampledPhyFilter, linearize_sampled, margins
 from phyfilter_ctl.blocks import sampled_block, wired
-from phyfilter_ctl.simulation import linearize_sampled
 
 INSIDE, OUTSIDE = 0.999, 1.001
 # A pole this close to the unit circle may fall on either side by rounding.
@@ -242,7 +241,7 @@ def check_sampled(tally: Tally, case: Case, kind: str) -> None:
     start = time.perf_counter()
     model = linearize_sampled(loop)
     middle = time.perf_counter()
-    margin = signal_margin(loop, case.signal + "[0]" * (case.signal == "filter.x"))
+    margin = margins(loop, at=case.signal + "[0]" * (case.signal == "filter.x"))
     text = margin.describe()
     spent = middle - start, time.perf_counter() - middle
     tally.seconds.setdefault((case.instants, 10 * (model.nstates // 10 + 1)), []).append(spent)
@@ -293,8 +292,8 @@ def check_structured(tally: Tally, case: Case, rng: np.random.Generator) -> None
     command = float(rng.choice([0.0, 0.3, 1.0, 2.6])) * case.sampled.dt
     options = {"actuator": ct.tf([1.0], [case.lag, 1.0]), "delay": command, "inertia_ratio": case.ratio}
     found = {
-        "loop_margin": (loop_margin(case.sampled, kp=kp, kd=kd, **options), kp / kd, case.ratio * kd),
-        "prior_margin": (prior_margin(case.sampled, **options), 0.0, 0.0),
+        "margins, complete loop": (margins(case.sampled, Loop(kp, kd, **options)), kp / kd, case.ratio * kd),
+        "margins, inner loop": (margins(case.sampled, Loop(**options)), 0.0, 0.0),
     }
     late = command + case.sampled.sampling.delay
     for kind, (margin, outer, inner) in found.items():
@@ -308,7 +307,7 @@ def check_structured(tally: Tally, case: Case, rng: np.random.Generator) -> None
         if np.isfinite(high):
             hand_radii = [hand.radius(share * high, late) for share in (INSIDE, OUTSIDE)]
             tally(kind, "gain margin, high", hand_radii[0] < 1.0 <= hand_radii[1], case)
-        if low > 0.0 and kind == "loop_margin":
+        if low > 0.0 and kind == "margins, complete loop":
             hand_radii = [hand.radius(low * share, late) for share in (OUTSIDE, INSIDE)]
             tally(kind, "gain margin, low", hand_radii[0] < 1.0 <= hand_radii[1], case)
         if margin.is_stable and LEAST_DELAY * hand.H < margin.delay_margin < MOST_PERIODS * hand.H:

@@ -30,6 +30,7 @@ from numpy.typing import NDArray
 from scipy.linalg import expm, solve_discrete_lyapunov
 
 import phyfilter_ctl as pf
+from phyfilter_ctl import Loop
 from phyfilter_ctl.analysis import SaturationMargin, saturation_margin
 
 Array = NDArray[np.float64]
@@ -56,11 +57,13 @@ class Case(NamedTuple):
         """What the library says."""
         return saturation_margin(
             self.filter.sampled(self.h, "exact") if self.h else self.filter,
-            kp=self.kp,
-            kd=self.kd,
-            actuator=ct.tf(1.0, [self.lag, 1.0]) if self.lag else None,
-            delay=self.late * self.h,
-            inertia_ratio=self.mu,
+            Loop(
+                self.kp,
+                self.kd,
+                actuator=ct.tf(1.0, [self.lag, 1.0]) if self.lag else None,
+                delay=self.late * self.h,
+                inertia_ratio=self.mu,
+            ),
             g=self.told,
         )
 

@@ -28,7 +28,7 @@ def test_the_wind_is_recovered_to_what_the_theory_says(px4):
     # A dropout doubles or trebles a step: the bound is that of the longest.
     longest = float(np.max(np.diff(log.times)))
     assert longest > 0.039
-    bounds = [pf.ultimate_bound(FILTER.sampled(longest), residual={1: slope}).bound for slope in SLOPE]
+    bounds = [pf.error_bound(FILTER.sampled(longest), {1: slope}).bound for slope in SLOPE]
     assert np.all(np.abs(error[settled]).max(axis=0) <= bounds)
     assert np.all(np.abs(error[settled]).max(axis=0) >= 0.5 * np.array(bounds))  # and the bound is near
 
@@ -39,7 +39,7 @@ def test_noise_adds_what_the_theory_says(px4):
         px4.read(log_of("f.ulg", px4_topics(FLIGHT, noise=s, dropouts=False))) for s in (0.0, noise)
     )
     added = (estimate(noisy) - estimate(clean))[clean.times > SETTLED]
-    expected = pf.error_variance(FILTER.sampled(0.02), noise=noise * MASS).noise
+    expected = pf.error_variance(FILTER.sampled(0.02), pf.Gaussian(noise=noise * MASS)).noise
     # 1,850 samples of three channels, correlated over 1/8 s: some 900 independent ones.
     assert np.mean(added**2) == pytest.approx(expected, rel=4.0 * np.sqrt(2.0 / 900))
 

@@ -6,9 +6,8 @@ import control as ct
 import numpy as np
 import pytest
 
-from phyfilter_ctl import PhyFilter, loop_margin, signal_margin
+from phyfilter_ctl import Loop, PhyFilter, linearize_sampled, margins, sampled_open_loop
 from phyfilter_ctl.blocks import sampled_block, wired
-from phyfilter_ctl.simulation import linearize_sampled, sampled_open_loop
 from tests.peers.lifted_loops import compare
 
 H, A, B = 0.1, 3.0, 4.0
@@ -41,7 +40,7 @@ def pole(a: float, b: float) -> float:
 
 
 def test_margins_of_two_rates() -> None:
-    slow, fast = signal_margin(two_rates(), "slow.u"), signal_margin(two_rates(), "fast.u")
+    slow, fast = margins(two_rates(), at="slow.u"), margins(two_rates(), at="fast.u")
     model = linearize_sampled(two_rates())
     assert np.abs(model.poles()).max() == pytest.approx(abs(pole(A, B)), rel=CLOSE)
     # y at H from r held over the first half: H, and nothing yet of the second.
@@ -72,20 +71,20 @@ def test_delay_within_a_step_of_two_rates() -> None:
         return float(np.abs(np.linalg.eigvals(np.array([after, [-b, 0.0]]))).max())
 
     b = 8.0
-    margin = signal_margin(two_rates(slow=b), "slow.u").delay_margin
+    margin = margins(two_rates(slow=b), at="slow.u").delay_margin
     assert H < margin < 2.0 * H
     assert radius(margin * (1.0 - HALVED)) < 1.0 < radius(margin * (1.0 + 2.0 * HALVED))
 
 
 def test_a_fast_filter_in_a_slow_loop_tends_to_one_rate() -> None:
     """Both at one rate: the same margins whether the common period is looked at as one or as lifted over two."""
-    once = signal_margin(two_rates(H, H), "slow.u")
+    once = margins(two_rates(H, H), at="slow.u")
     assert once.gain_margin == (0.0, pytest.approx((2.0 / H - A) / B, rel=CLOSE))
-    several = signal_margin(two_rates(H, H), ["slow.u", "fast.u"])
+    several = margins(two_rates(H, H), at=["slow.u", "fast.u"])
     # Both at once: the sum of both is what may grow to 2/H.
     assert several.gain_margin[1] == pytest.approx(2.0 / H / (A + B), rel=1e-8)
     assert several.delay_margin == pytest.approx(
-        signal_margin(one_gain(A + B), "gain.u").delay_margin, rel=HALVED
+        margins(one_gain(A + B), at="gain.u").delay_margin, rel=HALVED
     )
     assert several.modulus_margin <= once.modulus_margin
     assert several.disk.alpha <= once.disk.alpha
@@ -109,7 +108,7 @@ def test_it_says_where_it_was_linearised() -> None:
         inputs={"r": "gain.r"},
         outputs={"y": "body.y"},
     )
-    moving = signal_margin(loop, "gain.u", u0=[2.0])
+    moving = margins(loop, at="gain.u", u0=[2.0])
     assert "let it settle longer" in moving.describe()
     rest = linearize_sampled(loop, u0=[2.0], settle=20.0).point
     assert rest.at_rest
@@ -129,7 +128,7 @@ def test_random_loops_by_hand() -> None:
 def test_long_delays() -> None:
     """Past the steps that are tried one by one: the margin of the filter's own loop."""
     filter, h = PhyFilter([1.0]), 0.01
-    own = loop_margin(filter.sampled(h), kp=0.0, kd=0.2)
+    own = margins(filter.sampled(h), Loop(0.0, 0.2))
     law = ct.ss([], [], [], [[-0.2, -1.0]], h, inputs=["v", "f_hat"], outputs="u", name="law")
     parts = [
         ct.tf([1.0], [1.0, 0.0], inputs="u", outputs="v", name="body"),
@@ -144,6 +143,6 @@ def test_long_delays() -> None:
         "law.f_hat": "filter.f_hat",
     }
     loop = wired(parts, wires, inputs={"f_theta": "filter.f_theta"}, outputs={"v": "body.v"})
-    found = signal_margin(loop, "body.u")
+    found = margins(loop, at="body.u")
     assert own.delay_margin > 24 * h
     assert found.delay_margin == pytest.approx(own.delay_margin, rel=3e-6)

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from phyfilter_ctl import PhyFilter, flatten, signal_margin
-from phyfilter_ctl.analysis.margins import loop_margin, prior_margin
+from phyfilter_ctl import Loop, PhyFilter, flatten, linearize_sampled, margins, sampled_open_loop
+from phyfilter_ctl.analysis import SystemMargins
 from phyfilter_ctl.blocks import sampled_block, wired
-from phyfilter_ctl.diagram import SignalMargin, open_loop
+from phyfilter_ctl.diagram import open_loop
 from phyfilter_ctl.plants import mass, plant
-from phyfilter_ctl.simulation import linearize_sampled, sampled_open_loop, simulate
+from phyfilter_ctl.simulation import simulate
 
 PERIOD = 0.002
 ROUND_OFF = 1e-9  # poles of matrices of order 10 with repeated poles aside
@@ -195,8 +195,8 @@ def test_inputs_are_held_while_it_settles() -> None:
 def test_margins_of_a_sampled_loop() -> None:
     """Those that the loop of the filter has by its own equations."""
     h, filter = 0.02, PhyFilter([20.0])
-    own = loop_margin(filter.sampled(h), kp=KP, kd=KD, actuator=ct.tf([1.0], [LAG, 1.0]))
-    margin = signal_margin(position_loop(filter, h, law_sampled=True), "act.tau")
+    own = margins(filter.sampled(h), Loop(KP, KD, actuator=LAG))
+    margin = margins(position_loop(filter, h, law_sampled=True), at="act.tau")
     assert margin.is_stable
     assert margin.gain_margin == pytest.approx(own.gain_margin, rel=1e-6)
     assert margin.phase_margin == pytest.approx(own.phase_margin, rel=1e-6)
@@ -209,14 +209,14 @@ def test_margins_of_a_sampled_loop() -> None:
 def test_an_unstable_sampled_loop_has_no_margin() -> None:
     """Its continuous equivalents are stable, with 6.5 degrees of phase and 3.2 ms of delay to spare."""
     h, filter, lag = 0.02, PhyFilter([120.0]), ct.tf([1.0], [LAG, 1.0])
-    own = loop_margin(filter, kp=KP, kd=KD, actuator=lag)
+    own = margins(filter, Loop(KP, KD, actuator=lag))
     equivalent = open_loop(position_loop(filter, h, law_sampled=True), "act.tau")
-    for continuous in (own, SignalMargin("act.tau", equivalent)):
+    for continuous in (own, SystemMargins("act.tau", equivalent)):
         assert continuous.is_stable
         assert np.rad2deg(continuous.phase_margin) == pytest.approx(6.5, abs=0.05)
         assert continuous.delay_margin == pytest.approx(3.2e-3, abs=5e-5)
     for law_sampled, signal in ((True, "act.tau"), (False, "law.f_hat"), (False, "filter.x[0]")):
-        margin = signal_margin(position_loop(filter, h, law_sampled=law_sampled), signal)
+        margin = margins(position_loop(filter, h, law_sampled=law_sampled), at=signal)
         assert (margin.is_stable, margin.phase_margin, margin.delay_margin) == (False, 0.0, 0.0)
 
 
@@ -224,7 +224,7 @@ def test_a_signal_that_acts_between_the_instants_has_the_margins_that_can_be_tol
     """The continuous law's command: gain and phase act in the continuous part too; no L, so no delay and no disk."""
     h = 0.02
     diagram = position_loop(PhyFilter([20.0]), h, law_sampled=False)
-    margin = signal_margin(diagram, "act.tau")
+    margin = margins(diagram, at="act.tau")
     for share, stable in ((0.999, True), (1.001, False)):
         for factor in (share * margin.gain_margin[1], np.exp(1j * share * margin.phase_margin)):
             closed, _ = rows_by_hand(PhyFilter([20.0]), h, flow_by_hand(h, factor))
@@ -232,19 +232,19 @@ def test_a_signal_that_acts_between_the_instants_has_the_margins_that_can_be_tol
     assert np.isnan([margin.delay_margin, margin.modulus_margin, *margin.disk.gain_margin]).all()
     assert "nan" not in margin.describe()
     assert "open the loop where filter reads or puts out" in margin.describe()
-    assert not signal_margin(position_loop(PhyFilter([120.0]), h, law_sampled=False), "act.tau").is_stable
+    assert not margins(position_loop(PhyFilter([120.0]), h, law_sampled=False), at="act.tau").is_stable
 
 
 def test_bad_input_of_margins() -> None:
     diagram = position_loop(PhyFilter([120.0]), 0.02, law_sampled=False)
     with pytest.raises(ValueError, match=r"starts at 0, got 1\.0"):
-        signal_margin(diagram, "law.f_hat", t=1.0)
+        margins(diagram, at="law.f_hat", t=1.0)
     with pytest.raises(ValueError, match="one or several different signals"):
-        signal_margin(diagram, ["law.f_hat", "law.f_hat"])
+        margins(diagram, at=["law.f_hat", "law.f_hat"])
     lag = ct.tf([1.0], [1.0, 1.0], inputs="u", outputs="y", name="lag")
     continuous = ct.interconnect([lag], [["lag.u", "-lag.y"]], "lag.u", "lag.y", inputs="u", outputs="y")
     with pytest.raises(ValueError, match="no sampled blocks"):
-        signal_margin(continuous, "lag.u", settle=1.0)
+        margins(continuous, at="lag.u", settle=1.0)
 
 
 def test_held_gain_on_an_integrator() -> None:
@@ -282,7 +282,7 @@ def test_predicts_small_perturbations() -> None:
 def test_matches_the_margin_of_a_filters_loop() -> None:
     """n = 1 at w h = 0.04: unstable beyond M_hat/M = 51.007, by the formula and by the period's map."""
     pole = 0.04 / PERIOD
-    limit = prior_margin(PhyFilter([pole]).sampled(PERIOD)).max_ratio
+    limit = margins(PhyFilter([pole]).sampled(PERIOD)).max_ratio
     for ratio, stable in ((0.999 * limit, True), (1.001 * limit, False)):
         poles = linearize_sampled(filter_loop(pole, ratio), settle=0.01).poles()
         assert (np.abs(poles).max() < 1.0 + ROUND_OFF) == stable
@@ -312,4 +312,4 @@ def test_refuses_what_has_no_common_period() -> None:
     both = wired([*two, ct.tf([1.0], [1.0, 1.0], inputs="u", outputs="y", name="lag")],
                  {"lag.u": "slow.y", "slow.u": "fast.y", "fast.u": "lag.y"}, outputs={"y": "lag.y"})  # fmt: skip
     with pytest.raises(ValueError, match=r"fast 0\.0707106781 s, slow 0\.1 s have no common multiple"):
-        signal_margin(both, "slow.y")
+        margins(both, at="slow.y")

@@ -1,19 +1,17 @@
-"""What a filter promises: ultimate bounds."""
+"""What a filter promises: bounds of the error."""
 
+from .error_bound import error_bound
 from .fixed_point import FixedPoint, fixed_point
-from .implementation import Implementation
 from .kernels import Certificate
-from .result import BoundResult, QuadraticProof
+from .result import ErrorBound, QuadraticProof
 from .together import Together
-from .ultimate import ultimate_bound
 
 __all__ = [
-    "BoundResult",
     "Certificate",
+    "ErrorBound",
     "FixedPoint",
-    "Implementation",
     "QuadraticProof",
     "Together",
+    "error_bound",
     "fixed_point",
-    "ultimate_bound",
 ]

@@ -14,98 +14,20 @@ the integral of (1 - s/h) g'(s) ds, at most h/2 |g'|; less the mean of both ends
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
-from ..._signals import number
 from ...filter import SampledPhyFilter
+from ...values import Implementation
 from ..options import InputGains, assumed
 from .rounding import AXES, rounding_error
 from .sampled_kernels import SampledKernels
 
-__all__ = ["Implementation", "Run"]
+__all__ = ["Run"]
 
 # Means over one period of |v - what the rule takes| for a window that begins inside a step: hold, straight lines.
 _LATE_LINES = 1.0 / 3.0
-
-
-@dataclass(frozen=True, kw_only=True)
-class Implementation:
-    """What is known of the signals, the clock and the converters of a filter as it runs; bounds, by default ideal.
-
-    Signals have bounds of their derivatives by order, as ``residual`` has, in the 2-norm and between the samples too.
-
-    Parameters
-    ----------
-    g : dict of int to float
-        0: |g|, for the rounding; 1: |g'|, of a g that moves between the samples, under either rule; 2: |g''|, under
-        g="average". Without 1 (or 2) g is taken to go between the samples as the filter's rule says.
-    f_theta : dict of int to float
-        The same of f_theta.
-    x : dict of int to float
-        0: |x|, for the rounding; 2: |x''|. |x'| is ``rate`` of :func:`ultimate_bound`.
-    inertia : dict of int to float
-        1, 2: |M_hat'| and |M_hat''| in the spectral norm, per s and s^2, of a model of the inertia that moves.
-    f : float, optional
-        Largest |f| that is possible: what a filter with a ``limit`` promises rests on it.
-    jitter : float
-        How far in s a sampling instant may be off its place on the grid, each on its own.
-    delay_error : float
-        How far in s the delay of x may be off the one that the filter knows, constant.
-    x_step, g_step : float
-        Steps of quantisation; of n axes of step q in the 2-norm: sqrt(n) q.
-    rounding : float
-        How far rounding may move f_hat in another arithmetic than the filter's, so without ``x[0]``: in fixed point
-        ``FixedPoint.error_bound``; of n axes in the 2-norm sqrt(n) times as much.
-
-    Raises
-    ------
-    ValueError
-        For a negative bound or an order that does not count.
-
-    Examples
-    --------
-    A g that is smooth and taken as held, through one pole: h/2 |g'| more.
-
-    >>> from phyfilter_ctl import PhyFilter, ultimate_bound
-    >>> sampled = PhyFilter([20.0]).sampled(0.01)
-    >>> found = ultimate_bound(sampled, residual={1: 1.0}, implementation=Implementation(g={1: 48.0}))
-    >>> round(found.implementation["g between samples"], 9)
-    0.24
-    """
-
-    g: Mapping[int, float] = field(default_factory=dict)
-    f_theta: Mapping[int, float] = field(default_factory=dict)
-    x: Mapping[int, float] = field(default_factory=dict)
-    inertia: Mapping[int, float] = field(default_factory=dict)
-    f: float | None = None
-    jitter: float = 0.0
-    delay_error: float = 0.0
-    x_step: float = 0.0
-    g_step: float = 0.0
-    rounding: float = 0.0
-
-    def __post_init__(self) -> None:
-        orders = {"g": (0, 1, 2), "f_theta": (0, 1, 2), "x": (0, 2), "inertia": (1, 2)}
-        for name, allowed in orders.items():
-            given = getattr(self, name)
-            if not isinstance(given, Mapping):
-                raise ValueError(
-                    f"{name}: expected bounds by order of derivative, e.g. {{1: 2.0}}, got {given!r}"
-                )
-            for k, value in given.items():
-                if k not in allowed:
-                    advice = "; |x'| is `rate`" if name == "x" else ""
-                    raise ValueError(f"{name}: expected derivatives of order {allowed}, got {k!r}{advice}")
-                number(f"{name}[{k}]", value, least=0.0)
-        for name in ("jitter", "delay_error", "x_step", "g_step", "rounding"):
-            number(name, getattr(self, name), least=0.0)
-        if self.f is not None:
-            number("f", self.f, least=0.0)
-        if self.rounding and 0 in self.x:
-            raise ValueError("rounding: expected without x[0], from which that of float or double is found")
 
 
 @dataclass(frozen=True, eq=False)

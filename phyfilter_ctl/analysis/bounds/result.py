@@ -21,7 +21,7 @@ from .kernels import Certificate, Kernel
 from .sampled_kernels import SampledKernels
 from .together import Together, together_of
 
-__all__ = ["BoundResult", "Method", "QuadraticProof"]
+__all__ = ["ErrorBound", "Method", "QuadraticProof"]
 
 # How close a course within all bounds comes to a bound that is called exact.
 _ATTAINED = 1e-2
@@ -45,8 +45,8 @@ class QuadraticProof(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class BoundResult(Result):
-    """What a filter promises; made by :func:`ultimate_bound`.
+class ErrorBound(Result):
+    """What a filter promises; made by :func:`error_bound`.
 
     Attributes
     ----------
@@ -178,8 +178,8 @@ class BoundResult(Result):
 
         Examples
         --------
-        >>> from phyfilter_ctl import PhyFilter, ultimate_bound
-        >>> print(ultimate_bound(PhyFilter([20.0]), residual={1: 3.0}, noise=0.01).describe())
+        >>> from phyfilter_ctl import Bounded, PhyFilter, error_bound
+        >>> print(error_bound(PhyFilter([20.0]), Bounded({1: 3.0}, noise=0.01)).describe())
         bound             0.55 = residual 0.15 + noise 0.4
         from              derivative 1 of gamma; attained by a bang-bang residual
         """
@@ -231,8 +231,8 @@ class BoundResult(Result):
         Examples
         --------
         >>> import numpy as np
-        >>> from phyfilter_ctl import PhyFilter, ultimate_bound
-        >>> result = ultimate_bound(PhyFilter([400.0, 40.0]), residual={1: 3.0})
+        >>> from phyfilter_ctl import PhyFilter, error_bound
+        >>> result = error_bound(PhyFilter([400.0, 40.0]), {1: 3.0})
         >>> result.worst_residual(np.linspace(0.0, 1.0, 3)).tolist()
         [3.0, 3.0, 3.0]
         """
@@ -275,8 +275,8 @@ class BoundResult(Result):
 
         Examples
         --------
-        >>> from phyfilter_ctl import PhyFilter, ultimate_bound
-        >>> result = ultimate_bound(PhyFilter([20.0]), residual={1: 1.0})
+        >>> from phyfilter_ctl import PhyFilter, error_bound
+        >>> result = error_bound(PhyFilter([20.0]), {1: 1.0})
         >>> result.envelope([0.0, 0.05, 1.0], initial={0: 2.0}).round(4).tolist()
         [2.0, 0.7674, 0.05]
         """

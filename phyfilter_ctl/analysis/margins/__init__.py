@@ -1,37 +1,34 @@
 """Margins of loops with the filter in them: inertia, gain, phase, delay, bandwidth."""
 
 from .bandwidth import BandwidthLimit, largest_bandwidth
-from .complete import LoopMargin, loop_margin
 from .configurations import configuration_hull
-from .disk import DiskMargin, disk_margin
-from .loop_margins import LoopMargins
-from .moving import InertiaCertificate, moving_inertia
-from .prior import InertiaVerdict, PriorMargin, prior_margin
-from .ratio_margins import RatioMargins
+from .disk import DiskMargin
+from .filter_margins import FilterMargins, filter_margins
+from .inertia_tolerance import inertia_tolerance
+from .margins import Margins
+from .moving import InertiaCertificate
 from .saturation import SaturationMargin, saturation_margin
 from .slopes import Surroundings
-from .sweep import Crossing, Loop
+from .sweep import Characteristic, Crossing
 from .switching import InertiaMotion
+from .system_margins import SystemMargins, gain_margins
 
 __all__ = [
     "BandwidthLimit",
+    "Characteristic",
     "Crossing",
     "DiskMargin",
+    "FilterMargins",
     "InertiaCertificate",
     "InertiaMotion",
-    "InertiaVerdict",
-    "Loop",
-    "LoopMargin",
-    "LoopMargins",
-    "PriorMargin",
-    "RatioMargins",
+    "Margins",
     "SaturationMargin",
     "Surroundings",
+    "SystemMargins",
     "configuration_hull",
-    "disk_margin",
+    "filter_margins",
+    "gain_margins",
+    "inertia_tolerance",
     "largest_bandwidth",
-    "loop_margin",
-    "moving_inertia",
-    "prior_margin",
     "saturation_margin",
 ]

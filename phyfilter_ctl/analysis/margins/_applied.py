@@ -16,11 +16,11 @@ import numpy as np
 from numpy.polynomial import polynomial as poly
 
 from ..._sections import ComplexArray, FloatArray
+from ...values.actuator import Actuator
 from . import sweep
 from ._continuous import ContinuousLoop, phase_slope
 from ._factors import Factors, roots_of, trimmed
 from ._winding import zeros_on_the_right
-from .actuator import Actuator
 from .sampled import SampledLoop
 
 __all__ = ["AppliedLoop", "opened"]
@@ -29,7 +29,7 @@ __all__ = ["AppliedLoop", "opened"]
 _NOTHING = 1e-13
 
 
-def opened(loop: sweep.Loop, ratio: float) -> tuple[sweep.Loop, float]:
+def opened(loop: sweep.Characteristic, ratio: float) -> tuple[sweep.Characteristic, float]:
     """A loop, and the gain of it that is there, whose gains are those of the command: margins are taken of it."""
     if isinstance(loop, AppliedLoop):
         return loop.opened(ratio), 1.0

@@ -16,10 +16,10 @@ from numpy.polynomial import polynomial as poly
 
 from ..._sections import ComplexArray, FloatArray
 from ...filter import PhyFilter
+from ...values.actuator import Actuator
 from . import sweep
 from ._factors import Factors, roots_of, trimmed
 from ._winding import zeros_on_the_right
-from .actuator import Actuator
 
 __all__ = ["ContinuousLoop", "phase_slope"]
 

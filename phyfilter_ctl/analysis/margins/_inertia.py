@@ -12,7 +12,14 @@ from ... import _signals
 from ..._sections import ComplexArray, FloatArray
 from ..._signals import LARGEST
 
-__all__ = ["checked_inertia", "checked_vertices", "definite", "hull_range", "loewner_range", "ratios"]
+__all__ = [
+    "checked_inertia",
+    "checked_vertices",
+    "definite",
+    "hull_range",
+    "loewner_range",
+    "ratios",
+]
 
 # Reciprocal condition number below which a matrix counts as singular.
 _SINGULAR = 1e-14

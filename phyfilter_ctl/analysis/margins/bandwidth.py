@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-import control as ct
 import numpy as np
 
 from ... import _signals
 from ...filter import FilterBank, PhyFilter, SampledPhyFilter
 from ...results import PerChannel, Result, Status, in_lines
-from .actuator import checked_number
-from .complete import loop_margin
+from ...values import Loop
+from ...values.actuator import checked_number
+from .filter_margins import checked_loop, filter_margins
 
 __all__ = ["BandwidthLimit", "largest_bandwidth"]
 
@@ -59,7 +59,7 @@ class BandwidthLimit(Result):
 
         Examples
         --------
-        >>> limit = largest_bandwidth(lambda w: PhyFilter([w]), delay=0.02, modulus_margin=0.5)
+        >>> limit = largest_bandwidth(lambda w: PhyFilter([w]), Loop(delay=0.02), modulus_margin=0.5)
         >>> print(limit.describe().splitlines()[0])
         bandwidth up to     35.06 rad/s (5.58 Hz), with a modulus margin of 0.5 or more
         """
@@ -76,13 +76,9 @@ class BandwidthLimit(Result):
 
 def largest_bandwidth(
     make: Callable[[float], PhyFilter | SampledPhyFilter | FilterBank],
+    loop: Loop | None = None,
     *,
-    kp: float = 0.0,
-    kd: float = 0.0,
-    actuator: ct.TransferFunction | ct.StateSpace | None = None,
-    delay: float = 0.0,
     dt: float | None = None,
-    inertia_ratio: float = 1.0,
     modulus_margin: float = 0.5,
     low: float = 0.1,
     high: float = 1e3,
@@ -93,11 +89,13 @@ def largest_bandwidth(
     ----------
     make : callable
         Bandwidth in rad/s -> filter, continuous in it: ``lambda w: PhyFilter([w])``. Of a stack every channel counts.
-    kp, kd, actuator, delay, dt, inertia_ratio
-        As for :func:`loop_margin`; both gains 0 leaves the inner loop.
+    loop : Loop, optional
+        Without gains the inner loop.
+    dt : float, optional
+        Sampling interval in seconds, where ``make`` gives a PhyFilter that is to be sampled.
     modulus_margin : float
         Least distance of the open loop from -1 that is asked for, in [0, 1). 0.5, the default, holds the peak of the
-        sensitivity at 2, as in :class:`~phyfilter_ctl.LoopConstraint`. 0 asks for stability alone: a filter of that
+        sensitivity at 2, as in :class:`~phyfilter_ctl.LoopGoal`. 0 asks for stability alone: a filter of that
         bandwidth is at the limit of stability and no design.
     low, high : float
         Range of bandwidths to search in rad/s.
@@ -110,8 +108,8 @@ def largest_bandwidth(
     Raises
     ------
     TypeError, ValueError
-        As for :func:`loop_margin`; if ``make`` is a filter and no callable, the range is empty or the modulus margin
-        out of range; and what ``make`` raises.
+        As for :func:`~phyfilter_ctl.margins`; if ``make`` is a filter and no callable, the range is empty or the
+        modulus margin out of range; and what ``make`` raises.
 
     Notes
     -----
@@ -122,19 +120,19 @@ def largest_bandwidth(
     --------
     First order behind a lag of 50 ms and 10 ms of delay, kp/kd = 10/4; and what it could be at the limit of stability:
 
-    >>> import control as ct
-    >>> loop = {"kp": 10.0, "kd": 4.0, "actuator": ct.tf(1, [0.05, 1]), "delay": 0.01}
-    >>> found = largest_bandwidth(lambda w: PhyFilter([w]), **loop)
+    >>> loop = Loop(10.0, 4.0, actuator=0.05, delay=0.01)
+    >>> found = largest_bandwidth(lambda w: PhyFilter([w]), loop)
     >>> round(found.limit, 2), found.islands
     (11.5, ())
-    >>> round(largest_bandwidth(lambda w: PhyFilter([w]), modulus_margin=0.0, **loop).limit, 2)
+    >>> round(largest_bandwidth(lambda w: PhyFilter([w]), loop, modulus_margin=0.0).limit, 2)
     77.87
     """
     if isinstance(make, PhyFilter | SampledPhyFilter) or not callable(make):
         raise TypeError(
             f"make: expected a callable from a bandwidth to a filter, got {type(make).__name__}; "
-            "write lambda w: pf.lowpass(1, w), or take loop_margin for one filter"
+            "write lambda w: pf.lowpass(1, w), or take margins for one filter"
         )
+    around = checked_loop(loop)
     low, high = checked_number("low", low, least=0.0), checked_number("high", high, least=0.0)
     if not 0.0 < low < high:
         raise ValueError(f"low, high: expected 0 < low < high, got {low:g} and {high:g} rad/s")
@@ -146,15 +144,7 @@ def largest_bandwidth(
 
     def spare(bandwidth: float) -> float:
         """Positive where the bandwidth is borne."""
-        found = loop_margin(
-            make(bandwidth),
-            kp=kp,
-            kd=kd,
-            actuator=actuator,
-            delay=delay,
-            inertia_ratio=inertia_ratio,
-            dt=dt,
-        )
+        found = filter_margins(make(bandwidth), around, dt=dt)
         margins = found if isinstance(found, PerChannel) else (found,)
         return min(each.modulus_margin for each in margins) - wanted
 

@@ -13,38 +13,39 @@ from ... import _signals
 from ..._sections import FloatArray
 from ...filter import FilterBank, PhyFilter, SampledPhyFilter
 from ...results import Result, Status, in_lines
+from ...values import Loop
 from ..channels import Filter, channels_of
 from . import _inequalities, _inertia, switching
 from ._continuous import ContinuousLoop
+from .filter_margins import FilterMargins, build_loop
 from .openings import Opening, open_at_inertia, side_by_side
-from .prior import PriorMargin
-from .ratio_margins import build_loop
 from .switching import InertiaMotion
 
-__all__ = ["InertiaCertificate", "moving_inertia"]
+__all__ = ["FORCES", "InertiaCertificate", "Question", "answered", "question_of"]
 
 # Pieces of P over the range of the ratio that are tried one after another.
 _PIECES = (1, 4, 12)
 # Products of states beyond which a Lyapunov function of higher degree is refused.
 _MOST_PRODUCTS = 3000
 _ONE_AXIS = "one axis, or principal axes of M_hat^-1/2 M M_hat^-1/2 that do not turn"
-_FORCES = (
+FORCES = (
     "forces with M' in them (Coriolis, a load that comes) are part of f: they shift f_hat, not its stability"
 )
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class InertiaCertificate(Result):
-    """Whether the inner loop stays stable while the inertia moves; made by :func:`moving_inertia`.
+    """Whether a loop stays stable for every inertia of a set; made by :func:`inertia_tolerance`.
 
     Parameters
     ----------
     status : Status
-        PROVEN: for every motion of the set. REFUTED: ``motion``, or a constant member, diverges. OPEN: neither.
+        PROVEN: for every member, and every motion of them. REFUTED: ``motion``, or a constant member, diverges. OPEN:
+        neither; a sufficient test that fails says no more.
     method : str
         What decided.
     ratios : (2,) array
-        Least and largest eigenvalue of M_hat M^-1 over the set.
+        Least and largest eigenvalue of M_hat M^-1 over the set (real part of the eigenvalues of one pair).
     rate : float or None
         Largest |d ln M/dt| in 1/s; None for M of any speed, jumps included.
     lyapunov : tuple of (N, N) arrays
@@ -93,7 +94,8 @@ class InertiaCertificate(Result):
 
         Examples
         --------
-        >>> found = moving_inertia(PhyFilter([5.0]).sampled(0.01), ratios=(0.5, 1.5))
+        >>> from phyfilter_ctl import inertia_tolerance
+        >>> found = inertia_tolerance(PhyFilter([5.0]).sampled(0.01), ratios=(0.5, 1.5))
         >>> found.describe().splitlines()[1:3]
         ['M_hat/M             0.5 to 1.5, at any speed', 'by                  common quadratic']
         """
@@ -111,10 +113,10 @@ class InertiaCertificate(Result):
 
 
 @dataclass(frozen=True, eq=False)
-class _Question:
+class Question:
     """What is asked, checked."""
 
-    margins: tuple[PriorMargin, ...]
+    margins: tuple[FilterMargins, ...]
     opening: Opening | None
     low: float
     high: float
@@ -143,7 +145,7 @@ class _Question:
         motion: InertiaMotion | None = None,
         only: tuple[str, ...] = (),
     ) -> InertiaCertificate:
-        known = [_FORCES, *only, *self.margins[0].assumptions]
+        known = [FORCES, *only, *self.margins[0].assumptions]
         if self.M_hat.size > 1:
             known.append("M symmetric, M_hat constant")
         opening = None
@@ -157,124 +159,33 @@ class _Question:
         )
 
 
-def moving_inertia(
+def question_of(
     filter: PhyFilter | SampledPhyFilter | FilterBank,
+    loop: Loop,
+    dt: float | None,
     *,
-    ratios: ArrayLike | None = None,
-    vertices: ArrayLike | None = None,
-    M_hat: ArrayLike | None = None,
-    rate: float | None = None,
-    actuator: ct.TransferFunction | ct.StateSpace | None = None,
-    delay: float = 0.0,
-    dt: float | None = None,
-    degree: int = 2,
-) -> InertiaCertificate:
-    """Whether the inner loop stays stable while the inertia moves within a set: a proof, or a motion that diverges.
-
-        M(t) x' = tau + f,    tau = -f_hat,    f_hat = F [M_hat x' - tau]
-
-    Parameters
-    ----------
-    filter : PhyFilter, SampledPhyFilter, or several
-        A sampled one runs at its rate with the command held. Several (:func:`stack`): one for each axis, and M couples
-        the axes.
-    ratios : (low, high), optional
-        Where M_hat/M moves; for matrices the eigenvalues of M_hat M^-1, which a filter shared by all axes makes one
-        question. Several filters: with a diagonal M_hat.
-    vertices : (J, n, n), (J, n) or (J,) array, optional
-        Instead: symmetric positive definite matrices in whose convex hull M moves (:func:`configuration_hull`).
-    M_hat : float, (n,) or (n, n) array, optional
-        Modelled inertia, constant, symmetric positive definite; with ``vertices``.
-    rate : float, optional
-        Largest |d ln M/dt| in 1/s, with ``ratios`` of one axis; 0 for a constant M. None: any speed, jumps included.
-    actuator, delay, dt
-        As for :func:`prior_margin`.
-    degree : {2, 4, 6, 8}
-        Largest degree of Lyapunov functions that are tried for one axis at any speed. Above 2, and for ``rate`` and
-        coupled axes, linear matrix inequalities are solved (extra ``lmi``).
-
-    Returns
-    -------
-    InertiaCertificate
-
-    Raises
-    ------
-    ImportError
-        Without the extra ``lmi`` where only a linear matrix inequality can tell.
-    TypeError
-        If the filter or the actuator is of another kind.
-    ValueError
-        If neither or both of ``ratios`` and ``vertices`` are given, a matrix is not symmetric positive definite, or
-        the question is one that no method here answers: it says which.
-
-    Notes
-    -----
-    M' does not appear: the filter sees M_hat x' - tau = (M_hat M^-1 - I) tau + M_hat M^-1 f, so that only M as it is
-    counts, whether the robot is written M x' = ... or (M x)' = ...; what the latter has beside M x' is part of f. The
-    loop is linear with f as its input: proven stable, a bounded f gives a bounded f_hat. A f that grows with x itself
-    is a matter of the outer loop.
-
-    Any speed, one filter: V = x' P x proves it exactly where the circle with the diameter [low, high] excludes the
-    Nyquist curve, that is where the complex ratios about (low + high)/2 are stable within (high - low)/2
-    (:attr:`PriorMargin.ratio_radius`); P solves a Riccati equation, and kron(P, I) serves every symmetric M_hat^-1/2 M
-    M_hat^-1/2 with eigenvalues in the range, however it turns. Sampled it holds for motion within the steps too. With
-    delay in continuous time it is the circle criterion alone, over frequency.
-
-    Higher degrees: V of products of states (for one axis). ``rate``: P linear in M_hat/M from knot to knot, matrix
-    inequalities between them by Bernstein coefficients. Vertices: multipliers for p = M y, by vertices.
-
-    Every P is checked in rational arithmetic, with a reserve for the rounding of the loop's matrices; what the solver
-    says is not believed. Where no proof is found, motions back and forth between two values are searched for one that
-    grows from period to period.
-
-    References
-    ----------
-    Zames, "On the input-output stability of time-varying nonlinear feedback systems", IEEE Trans. Automatic Control 11
-    (1966). Boyd, El Ghaoui, Feron, Balakrishnan, *Linear Matrix Inequalities in System and Control Theory*, SIAM 1994.
-
-    Examples
-    --------
-    Three repeated poles tolerate any constant M_hat/M below 9, but not every motion between 1/8 and 8:
-
-    >>> filter = PhyFilter.from_poles([-20.0] * 3)
-    >>> moving_inertia(filter, ratios=(1 / 3.9, 3.9)).status
-    <Status.PROVEN: 'proven'>
-    >>> lost = moving_inertia(filter, ratios=(1 / 8, 8.0))
-    >>> print(lost.message)
-    diverges: 67.1 ms at 0.125, 66 ms at 8, and so on; 1.28 times as large after each period
-    """
-    question = _checked(filter, ratios, vertices, M_hat, rate, degree, actuator, delay, dt)
-    for attempt in (_constant, _small_gain, _rate_bounded, _higher_degree, _coupled, _diverging):
-        found = attempt(question)
-        if found is not None:
-            return found
-    message = "no proof, and no motion back and forth between two values that diverges"
-    return question.answer(Status.OPEN, "none", message)
-
-
-def _checked(
-    filter: PhyFilter | SampledPhyFilter | FilterBank,
     ratios: ArrayLike | None,
     vertices: ArrayLike | None,
     M_hat: ArrayLike | None,
     rate: float | None,
     degree: int,
-    actuator: ct.TransferFunction | ct.StateSpace | None,
-    delay: float,
-    dt: float | None,
-) -> _Question:
-    if (ratios is None) == (vertices is None):
-        raise ValueError("ratios, vertices: expected one of the two, the set in which the inertia moves")
-    if vertices is not None and M_hat is None and isinstance(filter, SampledPhyFilter):
-        M_hat = filter.sampling.inertia_or(None)
-    if (vertices is None) != (M_hat is None):
-        raise ValueError("M_hat: goes with vertices, and only with them; ratios are of M_hat/M already")
+) -> Question:
+    """The question of ratios or vertices, checked."""
     several = channels_of(filter)
     single = [cast(Filter, filter)] if several is None else [entry for _, entry in several]
-    built = [build_loop(entry, actuator, delay, dt) for entry in single]
-    margins = tuple(PriorMargin(1.0, loop, system) for system, loop in built)
-    if rate is not None:
-        rate = _signals.number("rate", rate, "1/s", least=0.0)
+    margins = tuple(
+        FilterMargins(1.0, found, system, loop) for system, found in (build_loop(e, loop, dt) for e in single)
+    )
+    first = margins[0].loop
+    if loop.has_gains and (rate != 0.0 or len(margins) > 1):
+        raise ValueError(
+            "loop: with kp or kd only a constant M (rate=0) and one filter for all axes can be answered; a moving M, "
+            "and axes with filters of their own, for the inner loop alone: take loop.inner"
+        )
+    if loop.g != "commanded" and (rate != 0.0 or len(margins) > 1):
+        raise ValueError(
+            f"loop: a moving M, and axes with filters of their own, are known for the command as g, got g={loop.g!r}"
+        )
     if rate and (vertices is not None or len(margins) > 1):
         raise ValueError("rate: a rate other than 0 goes with ratios of one axis; leave it out: any speed")
     if degree not in (2, 4, 6, 8):
@@ -290,22 +201,32 @@ def _checked(
         model, corners = np.eye(len(margins)), np.zeros((0, 0, 0))
     if len(margins) > 1 and len(model) != len(margins):
         raise ValueError(f"M_hat: expected {len(margins)} axes, one for each filter, got {len(model)}")
-    late = delay > 0.0 and isinstance(built[0][1], ContinuousLoop)
+    late = loop.delay > 0.0 and isinstance(first, ContinuousLoop)
     if late and (len(margins) > 1 or degree > 2 or rate):
         raise ValueError(
-            f"delay: with {delay:g} s in continuous time only one filter, at any speed or for a constant M, by "
+            f"delay: with {loop.delay:g} s in continuous time only one filter, at any speed or for a constant M, by "
             "degree 2 can be answered; give dt, the step at which the filter runs"
         )
-    opening = None if late else _opening(margins)
-    return _Question(margins, opening, low, high, model, corners, rate, degree)
+    alone = late or loop.has_gains or loop.g != "commanded"
+    return Question(margins, None if alone else _opening(margins), low, high, model, corners, rate, degree)
 
 
-def _opening(margins: tuple[PriorMargin, ...]) -> Opening:
+def answered(question: Question) -> InertiaCertificate:
+    """The first of all methods that can tell."""
+    for attempt in (_constant, _small_gain, _rate_bounded, _higher_degree, _coupled, _diverging):
+        found = attempt(question)
+        if found is not None:
+            return found
+    message = "no proof, and no motion back and forth between two values that diverges"
+    return question.answer(Status.OPEN, "none", message)
+
+
+def _opening(margins: tuple[FilterMargins, ...]) -> Opening:
     found = [open_at_inertia(margin.loop) for margin in margins]
     return found[0] if len(found) == 1 else side_by_side(found)
 
 
-def _constant(q: _Question) -> InertiaCertificate | None:
+def _constant(q: Question) -> InertiaCertificate | None:
     """Members that do not move: what is unstable there is refuted; with rate 0 what is stable is proven."""
     if q.shared:
         return _constant_of_one(q.margins[0], q)
@@ -330,7 +251,7 @@ def _constant(q: _Question) -> InertiaCertificate | None:
     return None
 
 
-def _ratios(q: _Question) -> list[FloatArray]:
+def _ratios(q: Question) -> list[FloatArray]:
     """mu = M_hat M^-1 at the vertices."""
     return [_ratio(q.M_hat, M) for M in q.vertices]
 
@@ -339,7 +260,7 @@ def _ratio(M_hat: FloatArray, M: FloatArray) -> FloatArray:
     return np.asarray(np.linalg.solve(M.T, M_hat.T).T, dtype=float)
 
 
-def _constant_of_one(margin: PriorMargin, q: _Question) -> InertiaCertificate | None:
+def _constant_of_one(margin: FilterMargins, q: Question) -> InertiaCertificate | None:
     lost = next((value for value in (q.low, q.high) if not margin.stable(value)), None)
     whole = any(a < q.low and q.high < b for a, b in margin.stable_ratios)
     if lost is None and not whole and not len(q.vertices):
@@ -354,7 +275,7 @@ def _constant_of_one(margin: PriorMargin, q: _Question) -> InertiaCertificate | 
     return None
 
 
-def _small_gain(q: _Question) -> InertiaCertificate | None:
+def _small_gain(q: Question) -> InertiaCertificate | None:
     """A common quadratic Lyapunov function over the whole range of the ratio."""
     diagonal = not np.any(q.M_hat - np.diag(np.diag(q.M_hat)))
     if q.rate == 0.0 or (not q.shared and not diagonal):
@@ -362,7 +283,7 @@ def _small_gain(q: _Question) -> InertiaCertificate | None:
     message = "V = x' P x falls for every motion within the ratios, at any speed"
     if q.opening is None:
         middle, radius = 0.5 * (q.low + q.high), 0.5 * (q.high - q.low)
-        margin = PriorMargin(middle, q.margins[0].loop, q.margins[0].filter)
+        margin = FilterMargins(middle, q.margins[0].loop, q.margins[0].filter)
         if margin.ratio_radius > radius:
             text = f"circle criterion over frequency: radius {margin.ratio_radius:.4g} about {middle:.4g}"
             return q.answer(Status.PROVEN, "circle criterion", text)
@@ -371,7 +292,7 @@ def _small_gain(q: _Question) -> InertiaCertificate | None:
     return None if P is None else q.answer(Status.PROVEN, "common quadratic", message, P=(P,))
 
 
-def _rate_bounded(q: _Question) -> InertiaCertificate | None:
+def _rate_bounded(q: Question) -> InertiaCertificate | None:
     if not q.rate or q.opening is None:
         return None
     opening, rate = q.opening.by_clock(), q.rate / q.opening.clock
@@ -383,7 +304,7 @@ def _rate_bounded(q: _Question) -> InertiaCertificate | None:
             and np.log(q.high / q.low) / pieces < q.rate * q.opening.dt
         ):
             break  # a step would go over several knots
-        values = _inequalities.rate_bounded(opening, knots, rate).solve("moving_inertia(rate=...)")
+        values = _inequalities.rate_bounded(opening, knots, rate).solve("inertia_tolerance(rate=...)")
         if values is not None:
             message = f"V = x' P(M_hat/M) x, linear between {pieces + 1} knots, falls at this rate"
             P = tuple(values[: pieces + 1])
@@ -393,7 +314,7 @@ def _rate_bounded(q: _Question) -> InertiaCertificate | None:
     return None
 
 
-def _higher_degree(q: _Question) -> InertiaCertificate | None:
+def _higher_degree(q: Question) -> InertiaCertificate | None:
     if q.rate is not None or not q.shared or len(q.M_hat) > 1 or q.opening is None:
         return None
     opening, sampled = q.opening.by_clock(), q.opening.dt is not None
@@ -401,7 +322,7 @@ def _higher_degree(q: _Question) -> InertiaCertificate | None:
         if not opening.is_even or len(opening.A) ** half > _MOST_PRODUCTS:
             return None
         matrices = [_inequalities.power(opening.closed(mu), half, sampled) for mu in (q.low, q.high)]
-        values = _inequalities.common(matrices, sampled).solve("moving_inertia(degree=...)")
+        values = _inequalities.common(matrices, sampled).solve("inertia_tolerance(degree=...)")
         if values is not None:
             message = f"V of degree {2 * half} falls for every motion within the ratios, at any speed"
             only = (_ONE_AXIS,)
@@ -409,7 +330,7 @@ def _higher_degree(q: _Question) -> InertiaCertificate | None:
     return None
 
 
-def _coupled(q: _Question) -> InertiaCertificate | None:
+def _coupled(q: Question) -> InertiaCertificate | None:
     """Vertices of matrices where the range of the ratio does not tell."""
     if not len(q.vertices) or q.M_hat.size == 1 or q.opening is None:
         return None
@@ -421,7 +342,7 @@ def _coupled(q: _Question) -> InertiaCertificate | None:
     units = np.outer(units, units)
     constant = q.rate == 0.0
     wanted = _inequalities.polytope(opening, q.M_hat * units, q.vertices * units, constant=constant)
-    values = wanted.solve("moving_inertia(vertices=...)")
+    values = wanted.solve("inertia_tolerance(vertices=...)")
     if values is None:
         return None
     message = (
@@ -431,7 +352,7 @@ def _coupled(q: _Question) -> InertiaCertificate | None:
     return q.answer(Status.PROVEN, "vertices", message, P=tuple(values[:-1]), only=only)
 
 
-def _diverging(q: _Question) -> InertiaCertificate | None:
+def _diverging(q: Question) -> InertiaCertificate | None:
     if q.rate == 0.0 or q.opening is None:
         return None
     if len(q.vertices) and q.M_hat.size > 1:

@@ -20,10 +20,10 @@ from scipy.linalg import block_diag, matrix_balance
 from ..._sections import FloatArray, expm1
 from ...filter import PhyFilter
 from ...filter.windows import mean_weights
+from ...values.actuator import Actuator
 from ._continuous import ContinuousLoop
-from .actuator import Actuator
 from .sampled import SampledLoop
-from .sweep import Loop
+from .sweep import Characteristic
 
 __all__ = ["Opening", "open_at_inertia", "side_by_side"]
 
@@ -80,7 +80,7 @@ class Opening:
         return float(np.log(max(float(np.abs(values).max()), 1e-300))) / self.dt
 
 
-def open_at_inertia(loop: Loop) -> Opening:
+def open_at_inertia(loop: Characteristic) -> Opening:
     """One axis: a loop without outer gains, in coordinates scaled by powers of two (nothing is rounded).
 
     Raises

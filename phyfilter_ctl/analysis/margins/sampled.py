@@ -18,11 +18,11 @@ import numpy as np
 from ..._sections import ComplexArray, FloatArray, expm1
 from ...filter import SampledPhyFilter
 from ...filter.windows import mean_weights
+from ...values.actuator import Actuator
 from .. import _paths, _resolvent
 from ..options import Told
 from . import sweep
 from ._factors import roots_of, trimmed
-from .actuator import Actuator
 
 __all__ = ["SampledLoop"]
 

@@ -21,23 +21,22 @@ S ~ -omega^2/(mu Kp).
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Literal, get_args
 
-import control as ct
 import numpy as np
 
 from ... import _signals
 from ..._sections import ComplexArray, FloatArray
 from ...filter import PhyFilter, SampledPhyFilter
 from ...results import Result
+from ...values import Loop
 from ..channels import per_channel
 from ..options import assumed
 from . import sweep
-from .prior import _positive
-from .ratio_margins import build_loop
-from .sweep import Loop
+from .filter_margins import build_loop, checked_loop
+from .sweep import Characteristic
 
 __all__ = ["KnownActuation", "SaturationMargin", "saturation_margin"]
 
@@ -56,7 +55,7 @@ class SaturationMargin(Result):
         What the filter is told.
     inertia_ratio : float
         mu = M_hat / M.
-    loop : Loop
+    loop : Characteristic
         The linear loop, Q + mu P = 0.
     numerator : callable
         Of S, over Q + mu P: frequencies in rad/s (N,) -> complex (N,).
@@ -77,7 +76,7 @@ class SaturationMargin(Result):
 
     g: KnownActuation
     inertia_ratio: float
-    loop: Loop = field(repr=False)
+    loop: Characteristic = field(repr=False)
     numerator: Callable[[FloatArray], ComplexArray] = field(repr=False)
     filter: PhyFilter | SampledPhyFilter = field(repr=False)
 
@@ -153,13 +152,9 @@ class SaturationMargin(Result):
 @per_channel
 def saturation_margin(
     filter: PhyFilter | SampledPhyFilter,
+    loop: Loop | None = None,
     *,
-    kp: float = 0.0,
-    kd: float = 0.0,
-    actuator: ct.TransferFunction | ct.StateSpace | None = None,
-    delay: float = 0.0,
-    inertia_ratio: float = 1.0,
-    g: KnownActuation = "saturated",
+    g: KnownActuation | None = None,
     dt: float | None = None,
 ) -> SaturationMargin:
     """How far beyond the actuator's limit the command may go, by the circle criterion.
@@ -167,13 +162,16 @@ def saturation_margin(
     Parameters
     ----------
     filter : PhyFilter, SampledPhyFilter or several
-        As for :func:`prior_margin`.
-    kp, kd, actuator, delay, inertia_ratio, dt
-        As for :func:`loop_margin`; without kp and kd the loop through the filter alone. The saturation comes before
-        delay and actuator.
-    g : {"saturated", "commanded", "applied"}
+        As for :func:`~phyfilter_ctl.margins`.
+    loop : Loop, optional
+        Without gains the loop through the filter alone. The saturation comes before delay and actuator. The answer is
+        in units of the limit, whatever ``command_limit`` is.
+    g : {"saturated", "commanded", "applied"}, optional
         What the filter is told: what the saturation leaves of the command, as with ``Sampling.g_limit``, the command
-        itself, or the force that acts behind saturation, lag and delay, as for :func:`loop_margin`.
+        itself, or the force that acts behind saturation, lag and delay. None: "applied" if that is the loop's ``g``,
+        else "saturated".
+    dt : float, optional
+        Sampling interval in seconds: for a PhyFilter short for ``filter.sampled(dt)``.
 
     Returns
     -------
@@ -182,7 +180,8 @@ def saturation_margin(
     Raises
     ------
     TypeError, ValueError
-        As for :func:`loop_margin`, for another ``g``, and for a filter with ``g_limit`` under g="commanded".
+        As for :func:`~phyfilter_ctl.margins`, for a ``g`` that contradicts the loop's, and for a filter with
+        ``g_limit`` under g="commanded".
 
     Notes
     -----
@@ -196,15 +195,19 @@ def saturation_margin(
     An exact model and an ideal actuator: told what acts, the saturated loop is the one without filter. Told the
     command, the integrator in 1/(1 - F) winds up.
 
-    >>> F = PhyFilter([20.0])
-    >>> [round(saturation_margin(F, kp=10.0, kd=6.0, g=g).command_excess, 1) for g in ("saturated", "commanded")]
+    >>> F, loop = PhyFilter([20.0]), Loop(10.0, 6.0)
+    >>> [round(saturation_margin(F, loop, g=g).command_excess, 1) for g in ("saturated", "commanded")]
     [8.4, 8.0]
     """
-    if g not in get_args(KnownActuation):
+    around = checked_loop(loop)
+    known: KnownActuation = g or ("applied" if around.g == "applied" else "saturated")
+    if known not in get_args(KnownActuation):
         raise ValueError(f"g: expected {', '.join(map(repr, get_args(KnownActuation)))}, got {g!r}")
-    told = "applied" if g == "applied" else "commanded"
-    system, loop = build_loop(filter, actuator, delay, dt, kp, kd, told)
-    if g == "commanded":
+    if around.g == "applied" != known:
+        raise ValueError(f"g={known!r}: contradicts the g='applied' of the loop; leave one of them out")
+    told = "applied" if known == "applied" else "commanded"
+    system, found = build_loop(filter, replace(around, g=told), dt)
+    if known == "commanded":
         assumed(system, refused={"g_limit": "the filter is told what its limit leaves; use g='saturated'"})
-    numerator = loop.error if g == "commanded" else loop.normalisation
-    return SaturationMargin(g, _positive(inertia_ratio), loop, numerator, system)
+    numerator = found.error if known == "commanded" else found.normalisation
+    return SaturationMargin(known, around.inertia_ratio, found, numerator, system)

@@ -11,7 +11,7 @@ import numpy as np
 
 from ..._sections import FloatArray
 from . import sweep
-from .sweep import Crossing, Loop
+from .sweep import Characteristic, Crossing
 
 __all__ = ["Bound", "MarginSearch", "ScalarSearch", "StableGains"]
 
@@ -40,7 +40,7 @@ class StableGains(NamedTuple):
 
 
 class MarginSearch(Protocol):
-    """What :class:`LoopMargins` asks of a loop."""
+    """What :class:`Margins` asks of a loop."""
 
     @cached_property
     def is_stable(self) -> bool: ...
@@ -71,7 +71,7 @@ class MarginSearch(Protocol):
 class ScalarSearch:
     """A loop at one ratio; ``delayed`` searches the delay margin where a delay is more than a lag in phase."""
 
-    loop: Loop
+    loop: Characteristic
     ratio: float = 1.0
     delayed: Callable[[], Bound] | None = None
 

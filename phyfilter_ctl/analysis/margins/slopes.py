@@ -204,7 +204,7 @@ def touches(loop: SampledLoop | LoopOnGrid, ratio: float, *margins: Margin) -> l
     Parameters
     ----------
     loop : SampledLoop or LoopOnGrid
-        Of ``LoopMargins.loop``.
+        Of ``Margins.loop``.
     ratio : float
         M_hat / M.
     *margins : {"modulus", "delay", "ratio"}
@@ -215,8 +215,8 @@ def touches(loop: SampledLoop | LoopOnGrid, ratio: float, *margins: Margin) -> l
 
     Examples
     --------
-    >>> from phyfilter_ctl import PhyFilter, loop_margin
-    >>> margin = loop_margin(PhyFilter([5.0]), kp=10.0, kd=6.0, delay=0.02, dt=0.01)
+    >>> from phyfilter_ctl import Loop, PhyFilter, margins
+    >>> margin = margins(PhyFilter([5.0]), Loop(10.0, 6.0, delay=0.02), dt=0.01)
     >>> least = min(touch.value for touch in touches(margin.loop, 1.0, "modulus"))
     >>> abs(least - margin.modulus_margin) < 1e-6
     True

@@ -14,8 +14,8 @@ from ..._sections import ComplexArray, FloatArray
 
 __all__ = [
     "SAME",
+    "Characteristic",
     "Crossing",
-    "Loop",
     "Remembered",
     "count_unstable",
     "gain_crossings",
@@ -72,7 +72,7 @@ class Swept(Protocol):
         ...
 
 
-class Loop(Swept, Protocol):
+class Characteristic(Swept, Protocol):
     """Q + mu P = 0, and where its poles are."""
 
     @cached_property
@@ -182,7 +182,7 @@ def ratio_crossings(loop: Swept) -> list[Crossing]:
     return sorted(each for each in found if SAME < each.ratio < _ENDLESS)
 
 
-def intervals(loop: Loop, crossings: list[Crossing]) -> list[tuple[float, float]]:
+def intervals(loop: Characteristic, crossings: list[Crossing]) -> list[tuple[float, float]]:
     """Open intervals of ratios in which the loop is stable: between two crossings the verdict cannot change."""
     edges = [0.0]
     edges += [

@@ -11,8 +11,9 @@ one each and a matrix. ``constraints`` are what F must keep in a loop, ``constra
 among filters that keep them, ``in_loop`` its answer.
 """
 
+from ..._renamed import former
 from .axes import AxesResult, AxesScore, learn_axes
-from .constraints import LoopConstraint, LoopMarginsLike, LoopPrice, Near
+from .constraints import LoopGoal, LoopPrice, MarginsLike, Near
 from .in_loop import MarginTradeOff, margin_trade_off
 from .intervals import Intervals
 from .learn_filter import learn
@@ -29,10 +30,10 @@ __all__ = [
     "Intervals",
     "LearnEvent",
     "LearnResult",
-    "LoopConstraint",
-    "LoopMarginsLike",
+    "LoopGoal",
     "LoopPrice",
     "MarginTradeOff",
+    "MarginsLike",
     "Near",
     "OrderScore",
     "WienerFloor",
@@ -40,3 +41,7 @@ __all__ = [
     "learn_axes",
     "margin_trade_off",
 ]
+
+
+def __getattr__(name: str) -> object:
+    return former(__name__, name)

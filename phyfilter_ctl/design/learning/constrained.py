@@ -17,7 +17,7 @@ import numpy as np
 from ..._sections import FloatArray
 from ...analysis.margins.slopes import Around, LoopOnGrid, Surroundings
 from ...filter import PhyFilter, SampledPhyFilter, Sampling
-from .constraints import LoopConstraint, Near, again, loop_of, near_limits
+from .constraints import LoopGoal, Near, again, loop_of, near_limits
 from .coordinates import chain_slopes
 from .objective import Objective, responses
 from .parametrisation import Chain
@@ -106,7 +106,7 @@ class Admissible:
         That without a loop, ended.
     data : Data
         Its.
-    constraint : LoopConstraint
+    constraint : LoopGoal
     sampling : Sampling
         As the filter will run.
     objective : Objective
@@ -116,7 +116,7 @@ class Admissible:
 
     search: Search
     data: Data
-    constraint: LoopConstraint
+    constraint: LoopGoal
     sampling: Sampling
     objective: Objective
     inside: float = INSIDE[0]

@@ -7,14 +7,13 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Literal, Protocol, get_args, runtime_checkable
 
-import control as ct
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ... import _signals
 from ..._sections import FloatArray
-from ...analysis import frequency_response, ultimate_bound
-from ...analysis.margins import LoopMargin, loop_margin
+from ...analysis import FilterMargins, error_bound, filter_margins, frequency_response
+from ...analysis.margins.filter_margins import checked_loop
 from ...analysis.margins.slopes import (
     LoopOnGrid,
     Margin,
@@ -28,8 +27,9 @@ from ...analysis.margins.slopes import (
 )
 from ...filter import SampledPhyFilter
 from ...results import Result
+from ...values import Loop
 
-__all__ = ["LoopConstraint", "LoopMarginsLike", "LoopPrice", "Near", "again", "loop_of", "near_limits"]
+__all__ = ["LoopGoal", "LoopPrice", "MarginsLike", "Near", "again", "loop_of", "near_limits"]
 
 # Spare room beyond this counts no further, and what has none is this far off.
 _AMPLE, _LOST = 10.0, -1.0
@@ -37,8 +37,8 @@ _AMPLE, _LOST = 10.0, -1.0
 Cost = Literal["estimation", "tracking"]
 
 
-class LoopMarginsLike(Protocol):
-    """What is asked of the margins of a diagram: ``SignalMargin`` has it."""
+class MarginsLike(Protocol):
+    """What is asked of the margins of a diagram: ``SystemMargins`` has it."""
 
     @property
     def is_stable(self) -> bool:
@@ -63,9 +63,9 @@ class LoopMarginsLike(Protocol):
 
 @runtime_checkable
 class PlaceLike(Protocol):
-    """A diagram with a place for the filter: ``FilterPlace`` of ``simulation``."""
+    """A diagram with a place for the filter: ``FilterPlace`` of ``loops``."""
 
-    def __call__(self, filter: SampledPhyFilter, /) -> LoopMarginsLike:
+    def __call__(self, filter: SampledPhyFilter, /) -> MarginsLike:
         """The exact margins."""
         ...
 
@@ -96,18 +96,14 @@ class Near:
 
 
 @dataclass(frozen=True, eq=False)
-class LoopConstraint:
+class LoopGoal:
     """A loop and what the filter must keep in it, for ``learn(..., loop=...)``.
 
     Parameters
     ----------
-    kp, kd : float
-        Outer gains per unit of modelled inertia, 1/s^2 and 1/s, as for :func:`~phyfilter_ctl.loop_margin`; both 0: the
-        inner loop alone.
-    actuator : control.TransferFunction or StateSpace, optional
-        ``control.tf(1, [0.05, 1])`` is a lag of 50 ms.
-    delay : float
-        Of the command, in s.
+    loop : Loop, optional
+        The loop; without gains the inner loop alone. With the command as g and at the inertia ratio 1: the ratios that
+        must be borne are ``inertia_ratios``.
     modulus_margin : float
         Least distance of the open loop from -1, in [0, 1): 0.5, the default, holds the peak of the sensitivity at 2.
     delay_margin : float
@@ -126,10 +122,10 @@ class LoopConstraint:
         For ``cost="tracking"``: accelerations times M_hat, in the unit of f and at the flights' step, that the loop is
         asked to follow besides; it sends them as commands. None for standing still, or a residual recorded in motion.
     margins : callable, optional
-        Margins of another loop instead of that of kp, kd, actuator and delay: from the sampled filter to an object with
+        Margins of another loop instead of ``loop``: from the sampled filter to an object with
         ``is_stable``, ``modulus_margin``, ``delay_margin`` and ``gain_margin``. Of a python-control diagram with the
-        filter as a block: :class:`~phyfilter_ctl.simulation.FilterPlace`, which is searched as fast as kp and kd; a
-        mere function, ``lambda f: signal_margin(diagram(f), "motor.u")``, is differenced.
+        filter as a block: :class:`~phyfilter_ctl.loops.FilterPlace`, which is searched as fast as a ``Loop``; a mere
+        function, ``lambda f: margins(diagram(f), at="motor.u")``, is differenced.
 
     Raises
     ------
@@ -138,17 +134,13 @@ class LoopConstraint:
 
     Examples
     --------
-    >>> import control as ct
-    >>> loop = LoopConstraint(kp=10.0, kd=6.0, actuator=ct.tf(1, [0.05, 1]), delay=0.01)
     >>> from phyfilter_ctl import PhyFilter
-    >>> {name: round(spare, 3) for name, spare in loop.spare(PhyFilter([5.0]).sampled(0.01)).items()}
+    >>> goal = LoopGoal(Loop(10.0, 6.0, actuator=0.05, delay=0.01))
+    >>> {name: round(spare, 3) for name, spare in goal.spare(PhyFilter([5.0]).sampled(0.01)).items()}
     {'modulus margin': 0.024}
     """
 
-    kp: float = 0.0
-    kd: float = 0.0
-    actuator: ct.TransferFunction | ct.StateSpace | None = None
-    delay: float = 0.0
+    loop: Loop = field(default_factory=Loop)
     modulus_margin: float = 0.5
     delay_margin: float = 0.0
     inertia_ratios: tuple[float, float] = (1.0, 1.0)
@@ -157,10 +149,16 @@ class LoopConstraint:
     bound: float | None = None
     cost: Cost = "estimation"
     reference: ArrayLike | None = field(default=None, repr=False)
-    margins: Callable[[SampledPhyFilter], LoopMarginsLike] | None = field(default=None, repr=False)
+    margins: Callable[[SampledPhyFilter], MarginsLike] | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
-        for name in ("kp", "kd", "delay", "modulus_margin", "delay_margin"):
+        _ = checked_loop(self.loop)
+        if self.loop.inertia_ratio != 1.0 or self.loop.g != "commanded":
+            raise ValueError(
+                "loop: expected the command as g and inertia_ratio 1, at which the filter is learned; the ratios that "
+                f"must be borne are inertia_ratios=(low, high); got {self.loop}"
+            )
+        for name in ("modulus_margin", "delay_margin"):
             _signals.number(name, getattr(self, name), least=0.0)
         if not self.modulus_margin < 1.0:
             raise ValueError(
@@ -175,12 +173,14 @@ class LoopConstraint:
             value = getattr(self, name)
             if value is not None and not value > 0.0:
                 raise ValueError(f"{name}: expected a positive number, got {value}")
-        if self.margins is not None and (self.kp or self.kd or self.delay or self.actuator is not None):
-            raise ValueError("margins: expected it alone, or kp, kd, actuator and delay: one loop, not two")
+        if self.margins is not None and self.loop != Loop():
+            raise ValueError("margins: expected it alone, or a loop: one, not two")
         if self.cost not in get_args(Cost):
             raise ValueError(f"cost: expected one of {', '.join(get_args(Cost))}, got {self.cost!r}")
-        if self.cost == "tracking" and not (self.kp or self.kd):
-            raise ValueError('cost="tracking": expected kp or kd, the outer loop whose error it is')
+        if self.cost == "tracking" and not self.loop.has_gains:
+            raise ValueError(
+                'cost="tracking": expected a Loop with kp or kd, the outer loop whose error it is'
+            )
         if self.reference is not None:
             if self.cost != "tracking":
                 raise ValueError('reference: it plays a part in cost="tracking" only; leave it out')
@@ -222,18 +222,18 @@ class LoopConstraint:
         if self.noise_gain is not None:
             found["noise gain"] = 1.0 - frequency_response(filter).noise_gain / self.noise_gain
         if self.slope is not None and self.bound is not None:
-            found["bound"] = 1.0 - ultimate_bound(filter, residual={1: self.slope}).bound / self.bound
+            found["bound"] = 1.0 - error_bound(filter, {1: self.slope}).bound / self.bound
         return found
 
-    def _loop_margin(self, filter: SampledPhyFilter) -> LoopMargin:
+    def _loop_margin(self, filter: SampledPhyFilter) -> FilterMargins:
         key = filter.dt, filter.sampling.delay, filter.sampling.g
         known = self._loops.get(key)
         if known is None:
-            found = loop_margin(filter, kp=self.kp, kd=self.kd, actuator=self.actuator, delay=self.delay)
+            found = filter_margins(filter, self.loop)
             if isinstance(found.loop, SampledLoop):
                 self._loops[key] = found.loop
             return found
-        return LoopMargin(1.0, known.with_filter(filter), filter)
+        return FilterMargins(1.0, known.with_filter(filter), filter, self.loop)
 
     @cached_property
     def _loops(self) -> dict[tuple[float, float, str], SampledLoop]:
@@ -241,12 +241,12 @@ class LoopConstraint:
         return {}
 
 
-def loop_of(limits: LoopConstraint, filter: SampledPhyFilter) -> Surroundings | None:
+def loop_of(limits: LoopGoal, filter: SampledPhyFilter) -> Surroundings | None:
     """What filters of this one's step and delay stand in; None where only a function knows margins.
 
     Parameters
     ----------
-    limits : LoopConstraint
+    limits : LoopGoal
     filter : SampledPhyFilter
     """
     if isinstance(limits.margins, PlaceLike):
@@ -258,12 +258,12 @@ def loop_of(limits: LoopConstraint, filter: SampledPhyFilter) -> Surroundings | 
     return found
 
 
-def near_limits(limits: LoopConstraint, loop: LoopOnGrid) -> list[Near]:
+def near_limits(limits: LoopGoal, loop: LoopOnGrid) -> list[Near]:
     """Every place where the loop is at a limit or comes near to one.
 
     Parameters
     ----------
-    limits : LoopConstraint
+    limits : LoopGoal
     loop : LoopOnGrid
     """
     asked: list[Margin] = ["modulus"]
@@ -276,12 +276,12 @@ def near_limits(limits: LoopConstraint, loop: LoopOnGrid) -> list[Near]:
     return [_spare_at(limits, touch) for touch in found]
 
 
-def again(limits: LoopConstraint, loop: LoopOnGrid, omega: FloatArray, *, gain: bool = False) -> list[Near]:
+def again(limits: LoopGoal, loop: LoopOnGrid, omega: FloatArray, *, gain: bool = False) -> list[Near]:
     r"""Spare room of the modulus at given frequencies.
 
     Parameters
     ----------
-    limits : LoopConstraint
+    limits : LoopGoal
     loop : LoopOnGrid
     omega : (k,) array
         In rad/s.
@@ -292,7 +292,7 @@ def again(limits: LoopConstraint, loop: LoopOnGrid, omega: FloatArray, *, gain: 
     return [_spare_at(limits, touch) for touch in found]
 
 
-def _spare_at(limits: LoopConstraint, touch: Touch) -> Near:
+def _spare_at(limits: LoopGoal, touch: Touch) -> Near:
     low, high = limits.inertia_ratios
     name, least = {
         "modulus": ("modulus margin", limits.modulus_margin),
@@ -315,7 +315,7 @@ class LoopPrice(Result):
 
     Attributes
     ----------
-    constraint : LoopConstraint
+    constraint : LoopGoal
     spare : dict of str to float
         Spare room of every limit with the filter, by the exact functions; never negative.
     without : dict of str to float
@@ -331,7 +331,7 @@ class LoopPrice(Result):
         The same with the filter that estimates best within the limits.
     """
 
-    constraint: LoopConstraint
+    constraint: LoopGoal
     spare: Mapping[str, float]
     without: Mapping[str, float]
     rmse_without: float

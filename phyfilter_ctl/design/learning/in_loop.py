@@ -16,7 +16,7 @@ from ...analysis.margins.slopes import SampledLoop
 from ...filter import PhyFilter, SampledPhyFilter, Sampling
 from ...results import Result, Status
 from .constrained import INSIDE, Admissible, Point
-from .constraints import LoopConstraint, LoopPrice
+from .constraints import LoopGoal, LoopPrice
 from .objective import Estimation, Remembering
 from .residuals import Flight
 from .result import LearnResult
@@ -31,7 +31,7 @@ __all__ = ["MarginTradeOff", "keep_limits", "margin_trade_off"]
 
 def keep_limits(
     search: Search,
-    constraint: LoopConstraint,
+    constraint: LoopGoal,
     sampling: Sampling,
     flights: Sequence[Flight],
     result: LearnResult,
@@ -113,7 +113,7 @@ def _verified(
 
 
 def _infeasible(
-    constraint: LoopConstraint, sampling: Sampling, result: LearnResult, without: dict[str, float]
+    constraint: LoopGoal, sampling: Sampling, result: LearnResult, without: dict[str, float]
 ) -> LearnResult:
     """F = 0: nothing is fed back."""
     filter = PhyFilter(result.filter.a, np.zeros(result.filter.order))
@@ -176,7 +176,7 @@ class MarginTradeOff(Result):
 
 
 def margin_trade_off(
-    learner: Callable[[LoopConstraint], LearnResult], loop: LoopConstraint, margins: ArrayLike
+    learner: Callable[[LoopGoal], LearnResult], loop: LoopGoal, margins: ArrayLike
 ) -> MarginTradeOff:
     """Error against modulus margin: what is given up for every step of safety.
 
@@ -184,7 +184,7 @@ def margin_trade_off(
     ----------
     learner : callable
         ``lambda loop: learn(logs, 2, loop=loop)``.
-    loop : LoopConstraint
+    loop : LoopGoal
         Whose modulus margin is replaced.
     margins : array_like, shape (m,)
         Modulus margins in [0, 1).
@@ -200,12 +200,12 @@ def margin_trade_off(
 
     Examples
     --------
-    >>> from phyfilter_ctl import Recording, learn
+    >>> from phyfilter_ctl import Loop, Recording, learn
     >>> rng = np.random.default_rng(0)
     >>> f = np.sin(0.02 * np.arange(1000))[:, None]
     >>> x = np.cumsum(0.01 * f, axis=0) + 1e-3 * rng.standard_normal(f.shape)
     >>> log = Recording.from_arrays(x=x, dt=0.01, label=f)
-    >>> loop = LoopConstraint(kp=10.0, kd=6.0, delay=0.04)
+    >>> loop = LoopGoal(Loop(10.0, 6.0, delay=0.04))
     >>> found = margin_trade_off(lambda each: learn(log, 1, loop=each, wiener=False), loop, [0.3, 0.5])
     >>> bool(found.rmse[0] < found.rmse[1])
     True

@@ -27,7 +27,7 @@ from ...filter.sampling import Method, Rule
 from ...recording import Recording
 from ...results import Status
 from .answer import Asked, answer, rmse
-from .constraints import LoopConstraint
+from .constraints import LoopGoal
 from .coordinates import FASTEST
 from .correlation import MOST_LAGS, memory
 from .in_loop import keep_limits
@@ -85,7 +85,7 @@ def learn(
     wiener: bool = True,
     cross_validate: bool | None = None,
     intervals: bool = True,
-    loop: LoopConstraint | None = None,
+    loop: LoopGoal | None = None,
     callback: Callable[[LearnEvent], bool | None] | None = None,
     read: Callable[[Path], Recording] = read_flight,
     on_bad: OnBad = "raise",
@@ -166,7 +166,7 @@ def learn(
         returned; the lowest good one is.
     intervals : bool
         Whether to find standard errors.
-    loop : LoopConstraint, optional
+    loop : LoopGoal, optional
         The loop f_hat is fed back in, and the margins and limits that the filter must keep there. ``orders`` and
         ``flights`` of the result stay those of the filter learned without it, which chooses the largest order; a filter
         that limits bind has no ``intervals`` and is not compared with the Wiener filter.

@@ -1,7 +1,7 @@
 """The closed loop's own cost: mean square tracking error that the flights' residual, noise and a reference leave.
 
 With p and x the errors of position and velocity, X and Y from the command to measured velocity and position of a unit
-mass behind hold, actuator and delay, and nothing said of F, the loop of ``LoopConstraint`` is
+mass behind hold, actuator and delay, and nothing said of F, the loop of ``LoopGoal`` is
 
     v = -(kp p + kd x) - F (u + n v + n a),    p = Y v + D gamma + (Y - D) a,    x = X v + I u + (X - I_1) a
 

@@ -7,14 +7,14 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
 
-import control as ct
 import numpy as np
 from numpy.linalg import LinAlgError
 
 from ..._sections import ComplexArray, FloatArray, expm1
-from ...analysis import frequency_response, prior_margin, ultimate_bound
+from ...analysis import error_bound, filter_margins, frequency_response
 from ...filter import PhyFilter
 from ...plots import FrequencyLimit
+from ...values import Loop
 from .shapes import chains, outputs, sections
 from .worst_case import worst_gains
 
@@ -255,8 +255,7 @@ def verified(wanted: Wanted, filter: PhyFilter) -> tuple[FloatArray, FloatArray]
         F = filter(1j * np.unique(np.concatenate([np.geomspace(low, high, _FINE), inside])))
         worst = float(np.log(np.abs(F if limit.of == "F" else 1.0 - F).max() / limit.magnitude))
         lacking[i * _IN_LIMIT : (i + 1) * _IN_LIMIT] = max(worst, 0.0)
-    actuator = ct.tf([1.0], [wanted.lag, 1.0]) if wanted.lag > 0.0 else None
-    margin = prior_margin(sampled, actuator=actuator, delay=wanted.delay - wanted.dt)
+    margin = filter_margins(sampled, Loop(actuator=wanted.lag, delay=wanted.delay - wanted.dt))
     try:
         further = margin.delay_margin if margin.is_stable else 0.0
     except LinAlgError:
@@ -269,5 +268,5 @@ def verified(wanted: Wanted, filter: PhyFilter) -> tuple[FloatArray, FloatArray]
         math.log(max(margin.min_ratio, 1e-12) / low) if wanted.loop and margin.is_stable else 0.0,
     ]
     lacking[wanted.limited :] = np.clip(checks, 0.0, _FAR)
-    bound = ultimate_bound(filter, residual={1: 1.0}).bound
+    bound = error_bound(filter, {1: 1.0}).bound
     return lacking, np.array([response.noise_gain, bound, response.band_edges[1], further])

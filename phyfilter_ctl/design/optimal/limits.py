@@ -119,7 +119,7 @@ def limits_front(
     Returns
     -------
     LimitsFront
-        Every filter in it was checked, sampled, with :func:`~phyfilter_ctl.analysis.prior_margin` and on a fine grid
+        Every filter in it was checked, sampled, with :func:`~phyfilter_ctl.margins` and on a fine grid
         of each limit's frequencies; what did not hold there is left out.
 
     Raises

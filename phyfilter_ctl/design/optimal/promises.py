@@ -11,9 +11,10 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from ..._sections import FloatArray
-from ...analysis.bounds import BoundResult, ultimate_bound
+from ...analysis.bounds import ErrorBound, error_bound
 from ...filter import PhyFilter
 from ...results import Result, Status
+from ...values import Bounded
 from ..learning import Form
 from ..placement import place_poles
 from .floor import error_floor
@@ -32,7 +33,7 @@ class LeastBound(Result):
     Attributes
     ----------
     filter : PhyFilter
-    bound : BoundResult
+    bound : ErrorBound
         What it promises.
     floor : float
         Worst-case error that no causal estimator can do without, see :func:`error_floor`.
@@ -49,7 +50,7 @@ class LeastBound(Result):
     _figures = ("filter", "bound", "floor", "ratio", "active", "status", "message")
 
     filter: PhyFilter
-    bound: BoundResult
+    bound: ErrorBound
     floor: float
     active: Active
     status: Status
@@ -82,9 +83,9 @@ def least_bound(
     order : int
         Largest order of D, 1 to 6; a lower one that is as good to 0.1 % is returned.
     residual : dict of int to float
-        delta_k: bounds of derivatives of gamma, as for :func:`ultimate_bound`; at least one of order 1 ... type.
+        delta_k: bounds of derivatives of gamma, as for :func:`error_bound`; at least one of order 1 ... type.
     noise, inertia_error, rate, inertia : float
-        As for :func:`ultimate_bound`.
+        As for :func:`error_bound`.
     form : {"lowpass", "general"}
         Whether N has the ``type`` lowest coefficients of D and no more, or any others besides.
     type : int
@@ -93,7 +94,7 @@ def least_bound(
         Largest part of the bound that noise may have.
     accept : callable, optional
         Whether a filter may be used, e.g.
-        ``lambda f: pf.prior_margin(f, actuator=act, delay=0.02).modulus_margin > 0.5``; expected to hold for slow
+        ``lambda f: pf.margins(f, loop).modulus_margin > 0.5``; expected to hold for slow
         filters and to fail from some speed on. Where it binds, the search takes some thousand calls of it.
     fastest : float, optional
         Largest geometric mean of the poles in rad/s.
@@ -140,10 +141,10 @@ def least_bound(
     if form not in get_args(Form):
         raise ValueError(f"form: expected one of {', '.join(get_args(Form))}, got {form!r}")
 
-    def bound_of(filter: PhyFilter) -> BoundResult:
-        return ultimate_bound(
-            filter, residual=residual, noise=noise, inertia_error=inertia_error, rate=rate, inertia=inertia
-        )
+    bounds = Bounded(residual, noise=noise, inertia_error=inertia_error, rate=rate)
+
+    def bound_of(filter: PhyFilter) -> ErrorBound:
+        return error_bound(filter, bounds, inertia=inertia)
 
     bound_of(place_poles(-np.ones(type), numerator=type))  # refuses bounds that are none
     if noise == 0.0 and fastest is None and accept is None:

@@ -12,9 +12,9 @@ from scipy.optimize import minimize
 from scipy.stats import norm
 
 from ..._sections import FloatArray
-from ...analysis.variance import gauss_markov
 from ...recording import Recording
 from ...results import Result
+from ...values import gauss_markov
 from ..learning.residuals import measured_residuals
 
 __all__ = ["Interval", "Peak", "ResidualStatistics", "residual_statistics"]

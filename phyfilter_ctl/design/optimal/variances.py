@@ -11,9 +11,11 @@ from scipy.linalg import solve_continuous_are, solve_discrete_are
 from scipy.signal import ss2tf
 
 from ..._sections import FloatArray
-from ...analysis.variance import Variance, discretised, error_variance, shaping
+from ...analysis.variance import Variance, discretised, error_variance
 from ...filter import PhyFilter
 from ...results import Result
+from ...values import Gaussian
+from ...values.disturbance import shaping
 from .promises import TradeOff
 from .shapes import at_speed, best_shape, starts
 
@@ -78,7 +80,7 @@ def least_variance(
 
     Examples
     --------
-    >>> from phyfilter_ctl.analysis import gauss_markov
+    >>> from phyfilter_ctl import gauss_markov
     >>> found = least_variance(2, residual=gauss_markov(1.0, 0.5), noise=0.01)
     >>> 1.0 <= found.ratio < 1.1
     True
@@ -95,7 +97,7 @@ def least_variance(
     kalman = kalman_variance(residual=residual, noise=noise, dt=dt)
 
     def variance(filter: PhyFilter) -> Variance:
-        return error_variance(filter if dt is None else filter.sampled(dt), residual=residual, noise=noise)
+        return error_variance(filter if dt is None else filter.sampled(dt), Gaussian(residual, noise=noise))
 
     best: PhyFilter | None = None
     for n in range(type + (dt is None), order + 1):
@@ -147,7 +149,7 @@ def kalman_filter(*, residual: Shape, noise: float) -> PhyFilter:
     --------
     For a residual that hardly forgets, two Butterworth poles at (deviation sqrt(2/time constant) / noise)^(1/2):
 
-    >>> from phyfilter_ctl.analysis import gauss_markov
+    >>> from phyfilter_ctl import gauss_markov
     >>> filter = kalman_filter(residual=gauss_markov(100.0, 1e6), noise=0.001)
     >>> abs(filter.poles).round(2).tolist(), round(filter.dc_gain, 3)
     ([11.89, 11.89], 1.0)
@@ -182,7 +184,7 @@ def kalman_variance(*, residual: Shape, noise: float, dt: float | None = None) -
 
     Examples
     --------
-    >>> from phyfilter_ctl.analysis import gauss_markov
+    >>> from phyfilter_ctl import gauss_markov
     >>> round(kalman_variance(residual=gauss_markov(1.0, 0.5), noise=0.01), 4)
     0.3292
     """
@@ -220,7 +222,7 @@ def variance_trade_off(
 
     Examples
     --------
-    >>> from phyfilter_ctl.analysis import gauss_markov
+    >>> from phyfilter_ctl import gauss_markov
     >>> curve = variance_trade_off(2, residual=gauss_markov(1.0, 0.5), noise=0.01, points=5)
     >>> bool((np.diff(curve.noise) > 0).all())
     True
@@ -228,7 +230,7 @@ def variance_trade_off(
     found = least_variance(order, residual=residual, noise=noise, dt=dt, type=type)
     filters = tuple(found.filter.faster(factor) for factor in np.geomspace(0.1, 10.0, points))
     results = [
-        error_variance(f if dt is None else f.sampled(dt), residual=residual, noise=noise) for f in filters
+        error_variance(f if dt is None else f.sampled(dt), Gaussian(residual, noise=noise)) for f in filters
     ]
     return TradeOff(
         filters,

@@ -5,26 +5,26 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import get_args
 
-import control as ct
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ... import _signals
 from ..._sections import ComplexArray, FloatArray
 from ...filter import PhyFilter, SampledPhyFilter
-from ..options import Told, assumed
+from ...values import Loop, Told
+from ...values.actuator import checked_actuator
+from ..channels import per_channel
+from ..options import assumed
 from . import sweep
 from ._applied import AppliedLoop, opened
 from ._continuous import ContinuousLoop
-from .actuator import checked_actuator, checked_number
-from .loop_margins import LoopMargins
+from .margins import Margins
 from .sampled import SampledLoop
 from .scalar_search import NONE, Bound, ScalarSearch
-from .sweep import Crossing, Loop, Swept
+from .sweep import Characteristic, Crossing, Swept
 
-__all__ = ["RatioMargins", "build_loop", "sampled_delay_margin"]
+__all__ = ["FilterMargins", "build_loop", "checked_loop", "filter_margins", "sampled_delay_margin"]
 
 # Fractions of a step at which the search for the delay margin of a sampled loop looks.
 _FRACTIONS = 4
@@ -35,17 +35,21 @@ _FEW_STEPS = 60.0
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class RatioMargins(LoopMargins):
-    """Margins of a loop Q(s) + mu P(s) = 0, mu = M_hat / M, at one ratio mu and over all ratios.
+class FilterMargins(Margins):
+    """Margins of a loop Q(s) + mu P(s) = 0, mu = M_hat / M, at one ratio mu and over all ratios; of a filter.
+
+        1 + F (mu Act e^(-s delay) - 1) + mu Act e^(-s delay) (Kp/s^2 + Kd/s) = 0
 
     Parameters
     ----------
     inertia_ratio : float
         The mu at which gain, phase, delay, modulus and disk margins are taken.
-    loop : Loop
+    loop : Characteristic
         The characteristic function on the boundary of stability.
     filter : PhyFilter or SampledPhyFilter
         As it runs.
+    around : Loop
+        What is around it.
 
     Notes
     -----
@@ -56,15 +60,18 @@ class RatioMargins(LoopMargins):
     With ``g`` "applied" L = Act e^(-s delay) ((mu - 1) F + mu K): an actuator gain is no ratio, and the loop leaves
     |1 - Act e^(-s delay) F| / |1 + L| of the residual.
 
-    For matrices: with ``inertia_ratio`` = 1 and the command as g the loop stays stable for every M, symmetric or not,
-    with |(M - M_hat) M_hat^-1| below the modulus margin in the spectral norm.
+    For matrices Q I + M_hat M^-1 P = 0 splits into one scalar loop for each eigenvalue of M_hat M^-1, real or complex,
+    as long as all axes share filter, gains and actuator: :func:`inertia_tolerance`. With ``inertia_ratio`` = 1 and the
+    command as g the loop stays stable for every M, symmetric or not, with |(M - M_hat) M_hat^-1| below the modulus
+    margin in the spectral norm.
     """
 
-    _figures = ("g", "inertia_ratio", "stable_ratios", *LoopMargins._figures, "assumptions")
+    _figures = ("g", "inertia_ratio", "stable_ratios", *Margins._figures, "assumptions")
 
     inertia_ratio: float
-    loop: Loop = field(repr=False)
+    loop: Characteristic = field(repr=False)
     filter: PhyFilter | SampledPhyFilter
+    around: Loop = field(default_factory=Loop, repr=False)
 
     @property
     def g(self) -> Told:
@@ -73,8 +80,9 @@ class RatioMargins(LoopMargins):
 
     @property
     def assumptions(self) -> tuple[str, ...]:
-        """What is taken for granted of the options of the filter."""
-        return assumed(self.filter)
+        """What is taken for granted of the options of the filter and of the loop."""
+        limited = self.around.command_limit is not None
+        return (*assumed(self.filter), *(("the command stays within its limit",) if limited else ()))
 
     # -- over all ratios ----------------------------------------------------------------------------------------
 
@@ -198,28 +206,65 @@ class RatioMargins(LoopMargins):
         return next(inside, (NONE, NONE))
 
 
+@per_channel
+def filter_margins(
+    filter: PhyFilter | SampledPhyFilter, loop: Loop | None = None, *, dt: float | None = None
+) -> FilterMargins:
+    """Margins of the loop around a filter; see :func:`phyfilter_ctl.margins`, which takes diagrams too.
+
+    Parameters
+    ----------
+    filter : PhyFilter, SampledPhyFilter or several
+    loop : Loop, optional
+        None: f_hat alone, fed back through an ideal actuator.
+    dt : float, optional
+        Sampling interval in seconds: for a PhyFilter short for ``filter.sampled(dt)``.
+
+    Returns
+    -------
+    FilterMargins, or PerChannel of it
+
+    Raises
+    ------
+    TypeError, ValueError
+        As for :func:`phyfilter_ctl.margins`.
+
+    Examples
+    --------
+    >>> round(filter_margins(PhyFilter.from_poles([-20.0] * 3)).max_ratio, 9)
+    9.0
+    """
+    around = checked_loop(loop)
+    system, found = build_loop(filter, around, dt)
+    return FilterMargins(around.inertia_ratio, found, system, around)
+
+
+def checked_loop(loop: Loop | None) -> Loop:
+    """The loop; without one that of an ideal actuator and no gains.
+
+    Raises
+    ------
+    TypeError
+        If it is of another kind.
+    """
+    if loop is None:
+        return Loop()
+    if not isinstance(loop, Loop):
+        raise TypeError(f"loop: expected a Loop(kp, kd, actuator, delay, ...), got {type(loop).__name__}")
+    return loop
+
+
 def build_loop(
-    filter: PhyFilter | SampledPhyFilter,
-    actuator: ct.TransferFunction | ct.StateSpace | None,
-    delay: float,
-    dt: float | None,
-    kp: float = 0.0,
-    kd: float = 0.0,
-    told: Told = "commanded",
+    filter: PhyFilter | SampledPhyFilter, loop: Loop, dt: float | None
 ) -> tuple[PhyFilter | SampledPhyFilter, ContinuousLoop | SampledLoop]:
     """The filter as it runs, and its loop; all arguments checked."""
     if not isinstance(filter, PhyFilter | SampledPhyFilter):
         raise TypeError(f"filter: expected a PhyFilter or a SampledPhyFilter, got {type(filter).__name__}")
-    if told not in get_args(Told):
-        raise ValueError(f"g: expected {' or '.join(map(repr, get_args(Told)))}, got {told!r}")
-    act = checked_actuator(actuator)
-    delay = checked_number("delay", delay, least=0.0, unit=" s")
-    kp = checked_number("kp", kp, least=0.0, unit=" 1/s^2")
-    kd = checked_number("kd", kd, least=0.0, unit=" 1/s")
+    around = checked_actuator(loop.system), loop.delay, loop.kp, loop.kd
     if isinstance(filter, PhyFilter):
         if dt is None:
-            kind = AppliedLoop if told == "applied" else ContinuousLoop
-            return filter, kind(filter, act, delay, kp, kd)
+            kind = AppliedLoop if loop.g == "applied" else ContinuousLoop
+            return filter, kind(filter, *around)
         filter = filter.sampled(dt)
     elif dt is not None and dt != filter.dt:
         raise ValueError(f"dt: {dt:g} s contradicts the {filter.dt:g} s of the sampled filter; leave dt out")
@@ -228,16 +273,16 @@ def build_loop(
             f"g={filter.sampling.g!r}: the command fed back is held between samples, and g='average' would need the "
             "command that is computed from its own result; use g='hold'"
         )
-    if told == "applied" and filter.sampling.delay:
+    if loop.g == "applied" and filter.sampling.delay:
         raise ValueError(
             f"filter: the measurement is {filter.sampling.delay:g} s late, with g='applied' expected 0; count it to "
             "the delay of the command"
         )
-    return filter, SampledLoop(filter, act, delay, kp, kd, told)
+    return filter, SampledLoop(filter, *around, loop.g)
 
 
 def sampled_delay_margin(
-    loop: SampledLoop, ratio: float, read: Callable[[Loop], Swept] = lambda loop: loop
+    loop: SampledLoop, ratio: float, read: Callable[[Characteristic], Swept] = lambda loop: loop
 ) -> Bound:
     """Whole steps only turn the loop, so the gain crossings of each part of a step tell how many it tolerates.
 

@@ -12,12 +12,12 @@ from ...results import Result
 from .disk import DiskMargin, disk_of
 from .scalar_search import NONE, MarginSearch, StableGains
 
-__all__ = ["LoopMargins"]
+__all__ = ["Margins"]
 
 _NOTHING = StableGains(NONE, NONE, (NONE, NONE))
 
 
-class LoopMargins(Result):
+class Margins(Result):
     """Margins of a loop of gain L, with the return difference 1 + L; the base of all results that have margins.
 
     Frequencies are in rad/s, nan where nothing binds; those of a sampled loop are at most the Nyquist frequency.

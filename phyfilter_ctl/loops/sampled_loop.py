@@ -16,7 +16,7 @@ from ..blocks.function_block import point
 from ..blocks.functions import dependencies
 from ..diagram import FlatModel, flatten
 from ..diagram.opening import loop_gain, probed, probed_inputs, signals_of
-from .arguments import Start, start_vector
+from ..simulation.arguments import Start, start_vector
 from .periodic import PeriodicModel, held
 from .settling import OperatingPoint, settled
 

@@ -11,11 +11,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .._sections import ComplexArray, FloatArray
-from ..analysis import Surroundings
-from ..diagram import SignalMargin
+from ..analysis import Surroundings, SystemMargins
 from ..filter import PhyFilter, SampledPhyFilter
+from .margins import signal_margins
 from .sampled_loop import opened_loop
-from .signal_margin import signal_margin
 
 __all__ = ["FilterPlace"]
 
@@ -27,9 +26,9 @@ _DELAY = 1e-12
 
 @dataclass(frozen=True, eq=False)
 class FilterPlace:
-    """Where a filter stands in a diagram; ``LoopConstraint(margins=...)`` takes it.
+    """Where a filter stands in a diagram; ``LoopGoal(margins=...)`` takes it.
 
-    Called with a filter it gives :func:`~phyfilter_ctl.signal_margin` of the diagram with that filter. A search tries
+    Called with a filter it gives :func:`~phyfilter_ctl.margins` of the diagram with that filter. A search tries
     hundreds: the diagram is linearised once, with the loop opened at the signal and behind the filter, and from there
     on the filter is a number at every frequency, with exact slopes.
 
@@ -42,7 +41,7 @@ class FilterPlace:
     output : str
         ``block.signal`` of the filter's f_hat. The filter is of one channel; f_theta does not depend on the loop.
     u0, settle, params
-        As for :func:`~phyfilter_ctl.signal_margin`.
+        As for :func:`~phyfilter_ctl.margins`.
 
     Notes
     -----
@@ -77,7 +76,7 @@ class FilterPlace:
     params: Mapping[str, ArrayLike] | None = None
     _known: dict[object, _Opened] = field(init=False, default_factory=dict, repr=False)
 
-    def __call__(self, filter: SampledPhyFilter) -> SignalMargin:
+    def __call__(self, filter: SampledPhyFilter) -> SystemMargins:
         """Margins of the diagram with a filter.
 
         Parameters
@@ -86,9 +85,9 @@ class FilterPlace:
 
         Returns
         -------
-        SignalMargin
+        SystemMargins
         """
-        return signal_margin(
+        return signal_margins(
             self.diagram(filter), self.signal, u0=self.u0, settle=self.settle, params=self.params
         )
 
@@ -122,7 +121,7 @@ class FilterPlace:
             raise ValueError(
                 f"{self.signal}, {self.output}: expected signals that change or are read once a step of {filter.dt:g} "
                 "s, the filter's; take margins by a function of the filter instead, which knows periods and continuous "
-                "signals: margins=lambda f: signal_margin(diagram(f), signal)"
+                "signals: margins=lambda f: margins(diagram(f), at=signal)"
             )
         return _Opened(found.gain, some)
 

@@ -12,8 +12,8 @@ equation gives; its band holds at each time by itself, not along a whole flight.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import get_args
+from dataclasses import dataclass, field, replace
+from typing import Any, cast, get_args, overload
 
 import control as ct
 import numpy as np
@@ -23,25 +23,25 @@ from scipy.stats import norm
 
 from .. import _signals
 from .._sections import FloatArray
-from ..filter import PhyFilter, SampledPhyFilter
-from ..results import Result, in_lines, with_unit
-from .margins.prior import _positive
-from .margins.ratio_margins import build_loop
+from ..filter import PhyFilter, SampledBank, SampledPhyFilter
+from ..results import PerChannel, Result, in_lines, with_unit
+from ..values import Bounded, Bounds, Gaussian, Loop
+from ..values.disturbance import bounded, shaping
+from .channels import Filter, per_channel
+from .margins.filter_margins import build_loop, checked_loop
 from .margins.sampled import SampledLoop
 from .options import assumed, inertia_of, units_of
-from .tracking_loop import Noisy, Output, Source, Told, TrackingLoop
-from .variance import Shape, shaping
+from .tracking_loop import Noisy, Output, Source, TrackingLoop
 
-__all__ = ["TrackingDeviation", "TrackingTube", "tracking_deviation", "tracking_tube"]
+__all__ = ["TrackingDeviation", "TrackingTube", "tracking_error"]
 
-Bounds = Mapping[int, float] | Sequence[Mapping[int, float]]
 _SOURCES: tuple[Source, ...] = get_args(Source)
 _NOISY: tuple[Noisy, ...] = get_args(Noisy)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class TrackingTube(Result):
-    """Largest error of position that bounded disturbances force; made by :func:`tracking_tube`.
+    """Largest error of position that bounded disturbances force; made by :func:`tracking_error`.
 
     Parameters
     ----------
@@ -164,61 +164,99 @@ class TrackingTube(Result):
         return "with no bound on f itself: the tube is not proved; give residual and actuation with 0: ..."
 
 
-def tracking_tube(
-    filter: PhyFilter | SampledPhyFilter,
+@overload
+def tracking_error(
+    filter: Filter,
+    loop: Loop,
+    disturbance: Gaussian,
     *,
-    kp: float,
-    kd: float,
-    residual: Bounds,
-    actuation: Bounds = (),
-    noise: float = 0.0,
-    position_noise: float = 0.0,
-    actuator: ct.TransferFunction | ct.StateSpace | None = None,
-    delay: float = 0.0,
     inertia: float | None = None,
-    inertia_ratio: float = 1.0,
-    g: Told = "commanded",
-    command_limit: float | None = None,
     dt: float | None = None,
-) -> TrackingTube:
-    """Largest error of position of the complete sampled loop, for a residual of bounded derivatives.
+) -> TrackingDeviation: ...
+
+
+@overload
+def tracking_error(
+    filter: Filter,
+    loop: Loop,
+    disturbance: Bounded | Mapping[int, float],
+    *,
+    inertia: float | None = None,
+    dt: float | None = None,
+) -> TrackingTube: ...
+
+
+@overload
+def tracking_error(
+    filter: SampledBank | Sequence[Filter],
+    loop: Loop | Sequence[Loop],
+    disturbance: Gaussian | Sequence[Gaussian],
+    *,
+    inertia: float | None = None,
+    dt: float | None = None,
+) -> PerChannel[TrackingDeviation]: ...
+
+
+@overload
+def tracking_error(
+    filter: SampledBank | Sequence[Filter],
+    loop: Loop | Sequence[Loop],
+    disturbance: Bounded | Mapping[int, float] | Sequence[Bounded | Mapping[int, float]],
+    *,
+    inertia: float | None = None,
+    dt: float | None = None,
+) -> PerChannel[TrackingTube]: ...
+
+
+def tracking_error(
+    filter: Filter | SampledBank | Sequence[Filter],
+    loop: Loop | Sequence[Loop],
+    disturbance: Bounded
+    | Gaussian
+    | Mapping[int, float]
+    | Sequence[Bounded | Gaussian | Mapping[int, float]],
+    *,
+    inertia: float | None = None,
+    dt: float | None = None,
+) -> TrackingTube | TrackingDeviation | PerChannel[TrackingTube | TrackingDeviation]:
+    """Error of position of the complete sampled loop: the largest for bounds, standard deviations for spectra.
 
         M x' = a + f + d,    a = Act v(t - delay),    v = -M_hat (kp p + kd x) - f_hat,    p' = x
 
     Parameters
     ----------
-    filter : PhyFilter or SampledPhyFilter
-        One filter; a continuous one with ``dt``. With ``g="hold"``; a delay of the measurement with g="commanded" only.
-    kp, kd, actuator, delay, inertia_ratio, dt
-        As for :func:`loop_margin`; kp above 0.
-    residual : mapping of int to float, or sequence of them
-        Bounds on \\|f\\| (0), \\|f'\\| (1), ...: measured (:func:`estimate`), or what a learned model says of itself,
-        two or three of its standard deviations. Of several the one that gives least counts. A sequence: of parts that
-        add up to f, a slow one with a bound on its slope and a rough one with a bound on itself, say. What a learned
-        f_theta has of f is part of it here: a delayed actuator answers it as late as the rest.
-    actuation : mapping of int to float, or sequence of them
-        The same for d: what the actuator does beyond ``actuator``, gains, lags and feed-forward that it misses.
-    noise, position_noise : float
-        Bounds on the noise of x and of the position.
+    filter : PhyFilter, SampledPhyFilter or several
+        A continuous one with ``dt``. With ``g="hold"``; a delay of the measurement with the command as g only. Several:
+        the answer is a ``PerChannel``, and every other argument one for all or a list.
+    loop : Loop
+        With kp above 0. ``command_limit`` is what the actuator has for v: the tube is that of a linear loop, proved
+        while v stays within this and f_hat within the ``limit`` of the filter, both by their own bounds (which need a
+        bound on f itself), and ``is_linear`` says whether they do. None: the ``g_limit`` of the filter for v alone,
+        else no limit. Deviations take it for granted.
+    disturbance : Bounded, Gaussian, or mapping of int to float
+        Bounds: residual is f, \\|f\\| (0), \\|f'\\| (1), ..., measured (:func:`estimate`), or what a learned model says
+        of itself, two or three of its standard deviations. Of several orders the one that gives least counts. What a
+        learned f_theta has of f is part of it here: a delayed actuator answers it as late as the rest. Actuation is d.
+        A mapping is the bounds of the residual alone. Gaussian: spectra of f and d, deviations of the samples of x and
+        position.
     inertia : float, optional
         M_hat: d and v are in its unit times that of x'. None: the filter's own, else 1.
-    g : {"commanded", "applied"}
-        What the filter is told: v, or the force a + d that acts, lag and all.
-    command_limit : float, optional
-        What the actuator has for v. The tube is that of a linear loop: it is proved while v stays within this and f_hat
-        within the ``limit`` of the filter, both by their own bounds (which need a bound on f itself), and ``is_linear``
-        says whether they do. None: the ``g_limit`` of the filter for v alone, else no limit.
+    dt : float, optional
+        Sampling interval in seconds of a continuous filter.
 
     Returns
     -------
-    TrackingTube
+    TrackingTube for bounds, TrackingDeviation for Gaussian disturbances, or PerChannel of it
 
     Raises
     ------
+    TypeError
+        If an argument is of another kind.
     ValueError
-        As for :func:`loop_margin`; for a loop that is not stable, or a derivative of which no bound alone bounds the
-        error: 2 and above, since a held command stays half a step behind a ramp; 1 of a d that the filter is told; for
-        an E of several rows; for a ``g_limit`` with ``g="applied"`` or without 0 in it and no ``command_limit``.
+        As for :func:`~phyfilter_ctl.margins`; for a loop that is not stable, or a derivative of which no bound alone
+        bounds the error: 2 and above, since a held command stays half a step behind a ramp; 1 of a d that the filter is
+        told; for an E of several rows; for a ``g_limit`` with ``g="applied"`` or without 0 in it and no
+        ``command_limit``; for what only :func:`error_bound` counts: inertia_error, rate, implementation.
 
     Notes
     -----
@@ -228,23 +266,59 @@ def tracking_tube(
 
     Examples
     --------
-    1 kg, a force that changes by up to 2 N/s:
+    1 kg, a force that changes by up to 2 N/s; and gusts of 1 N that forget within half a second:
 
-    >>> settings = {"kp": 10.0, "kd": 6.0, "dt": 0.01, "residual": {1: 2.0}}
-    >>> slow, fast = (tracking_tube(PhyFilter([pole]), **settings) for pole in (2.0, 20.0))
+    >>> loop = Loop(10.0, 6.0)
+    >>> slow, fast = (tracking_error(PhyFilter([pole]), loop, {1: 2.0}, dt=0.01) for pole in (2.0, 20.0))
     >>> round(slow.radius, 3), round(fast.radius, 4)
     (0.101, 0.011)
+    >>> from phyfilter_ctl import gauss_markov
+    >>> found = tracking_error(PhyFilter([8.0]), loop, Gaussian(gauss_markov(1.0, 0.5)), dt=0.01)
+    >>> round(found.band(0.95), 3)
+    0.027
     """
-    loop = _loop(filter, kp, kd, actuator, delay, inertia_ratio, inertia, g, dt)
+    return _any(cast(Any, filter), cast(Any, loop), cast(Any, disturbance), inertia=inertia, dt=dt)
+
+
+@per_channel
+def _any(
+    filter: Filter,
+    loop: Loop,
+    disturbance: Bounded | Gaussian | Mapping[int, float],
+    *,
+    inertia: float | None,
+    dt: float | None,
+) -> TrackingTube | TrackingDeviation:
+    if isinstance(disturbance, Gaussian):
+        return _deviation(filter, checked_loop(loop), disturbance, inertia, dt)
+    return _tube(filter, checked_loop(loop), bounded(disturbance), inertia, dt)
+
+
+def _tube(
+    filter: PhyFilter | SampledPhyFilter,
+    around: Loop,
+    bounds: Bounded,
+    inertia: float | None,
+    dt: float | None,
+) -> TrackingTube:
+    if bounds.inertia_error or bounds.rate or bounds.implementation is not None:
+        raise ValueError(
+            "inertia_error, rate, implementation: a tube does not count them; see error_bound, and inertia_ratio of "
+            "the Loop for an inertia that is wrong"
+        )
+    noises = bounds.noise, bounds.position_noise
+    loop = _loop(filter, around, inertia, dt)
     assumptions = assumed(loop.sampled, counted=("limit", "g_limit"))
-    limits, more = _limits(loop, command_limit)
+    limits, more = _limits(loop, around.command_limit)
     M, direction = loop.inertia, _direction(loop.sampled)
     given: dict[Source, list[dict[int, float]]] = {}
     parts: dict[str, float] = {}
     used: dict[str, list[int]] = {}
     others: dict[Output, dict[str, float]] = {"command": {}, "estimate": {}}
-    for source, bounds, scale in zip(_SOURCES, (residual, actuation), (direction, 1.0), strict=True):
-        given[source] = _bounds(source, bounds, M / scale)
+    for source, parts_of, scale in zip(
+        _SOURCES, (bounds.residual, bounds.actuation), (direction, 1.0), strict=True
+    ):
+        given[source] = _per_inertia(parts_of, M / scale)
         used[source] = [_least(loop, source, one) for one in given[source]]
         if given[source]:
             pairs = list(zip(used[source], given[source], strict=True))
@@ -253,8 +327,8 @@ def tracking_tube(
             sizes = [one.get(0, np.inf) for one in given[source]]
             for output, into in others.items():
                 into[source] = M * loop.gain(source, 0, output) * sum(sizes)
-    for name, of, size in zip(("noise", "position_noise"), _NOISY, (noise, position_noise), strict=True):
-        if _signals.number(name, size, "", least=0.0):
+    for name, of, size in zip(("noise", "position_noise"), _NOISY, noises, strict=True):
+        if size:
             parts[name] = loop.noise_gain(of, "position") * size
             for output, into in others.items():
                 into[name] = M * loop.noise_gain(of, output) * size
@@ -267,8 +341,7 @@ def _limits(loop: TrackingLoop, command: float | None) -> tuple[tuple[float, flo
     sampling, said = loop.sampled.sampling, ()
     estimate = np.inf if sampling.limit is None else float(np.min(sampling.limit))
     if command is not None:
-        if not (most := float(command)) > 0.0:
-            raise ValueError(f"command_limit: expected a positive force, got {command}")
+        most = float(command)
     elif sampling.g_limit is None:
         most = np.inf
     elif loop.told == "applied":
@@ -301,7 +374,7 @@ def _direction(sampled: SampledPhyFilter) -> float:
 
 @dataclass(frozen=True, repr=False)
 class TrackingDeviation(Result):
-    """Standard deviations at the samples; made by :func:`tracking_deviation`.
+    """Standard deviations at the samples; made by :func:`tracking_error`.
 
     Parameters
     ----------
@@ -334,9 +407,9 @@ class TrackingDeviation(Result):
 
         Examples
         --------
-        >>> from phyfilter_ctl import PhyFilter, tracking_deviation
+        >>> from phyfilter_ctl import Gaussian, Loop, PhyFilter, tracking_error
         >>> filter = PhyFilter([5.0]).sampled(0.01, units={"x": "m/s", "f": "N"})
-        >>> print(tracking_deviation(filter, kp=10.0, kd=6.0, noise=0.01).describe())
+        >>> print(tracking_error(filter, Loop(10.0, 6.0), Gaussian(noise=0.01)).describe())
         position            0.0006435 m (1 sigma)
           residual          0 m
           actuation         0 m
@@ -378,57 +451,20 @@ class TrackingDeviation(Result):
         return float(norm.ppf(0.5 + 0.5 * probability)) * self.position
 
 
-def tracking_deviation(
+def _deviation(
     filter: PhyFilter | SampledPhyFilter,
-    *,
-    kp: float,
-    kd: float,
-    residual: Shape | ArrayLike | None = None,
-    actuation: Shape | ArrayLike | None = None,
-    noise: float = 0.0,
-    position_noise: float = 0.0,
-    actuator: ct.TransferFunction | ct.StateSpace | None = None,
-    delay: float = 0.0,
-    inertia: float | None = None,
-    inertia_ratio: float = 1.0,
-    g: Told = "commanded",
-    dt: float | None = None,
+    around: Loop,
+    gaussian: Gaussian,
+    inertia: float | None,
+    dt: float | None,
 ) -> TrackingDeviation:
-    """Standard deviation of the position error of the complete sampled loop, for Gaussian disturbances.
-
-    Parameters
-    ----------
-    filter, kp, kd, actuator, delay, inertia, inertia_ratio, g, dt
-        As for :func:`tracking_tube`.
-    residual, actuation : control system or (L,) array, optional
-        Shaping filters of f and d from unit white noise, stable and strictly proper: :func:`gauss_markov`. Or their
-        autocovariances at the lags 0, dt, 2 dt, ...: measured, or of a stationary Gaussian process; f and d then run
-        straight from sample to sample.
-    noise, position_noise : float
-        Standard deviations of white noise of the samples of x and of the position.
-
-    Returns
-    -------
-    TrackingDeviation
-
-    Raises
-    ------
-    ValueError
-        As for :func:`tracking_tube`, and for shaping filters that are not stable or not strictly proper.
-
-    Examples
-    --------
-    >>> from phyfilter_ctl import gauss_markov
-    >>> gusts = gauss_markov(1.0, 0.5)
-    >>> found = tracking_deviation(PhyFilter([8.0]), kp=10.0, kd=6.0, dt=0.01, residual=gusts)
-    >>> round(found.band(0.95), 3)
-    0.027
-    """
-    loop = _loop(filter, kp, kd, actuator, delay, inertia_ratio, inertia, g, dt)
+    if not isinstance(gaussian.noise, float):
+        raise ValueError("noise: expected a standard deviation of the samples, got a system")
+    loop = _loop(filter, around, inertia, dt)
     rows = np.stack([loop.row("position"), loop.row("command")])
     totals = {}
     for source, shape, scale in zip(
-        _SOURCES, (residual, actuation), (_direction(loop.sampled), 1.0), strict=True
+        _SOURCES, (gaussian.residual, gaussian.actuation), (_direction(loop.sampled), 1.0), strict=True
     ):
         if shape is None:
             totals[source] = np.zeros(2)
@@ -439,15 +475,19 @@ def tracking_deviation(
             totals[source] = np.array([loop.covered(source, covariance, c) for c in rows])
         totals[source] *= (scale / loop.inertia) ** 2
     totals["noise"] = np.zeros(2)
-    for of, size in zip(_NOISY, (noise, position_noise), strict=True):
+    for of, size in zip(_NOISY, (gaussian.noise, gaussian.position_noise), strict=True):
         first, then = loop.noise(of)
         drive = loop.A @ first + then
         P = solve_discrete_lyapunov(loop.A, np.outer(drive, drive))
         totals["noise"] += size**2 * ((rows @ first) ** 2 + np.einsum("ij,jk,ik->i", rows, P, rows))
     deviations = {name: float(np.sqrt(max(value[0], 0.0))) for name, value in totals.items()}
     command = loop.inertia * float(np.sqrt(sum(max(value[1], 0.0) for value in totals.values())))
+    granted = () if around.command_limit is None else ("the command stays within its limit",)
     return TrackingDeviation(
-        **deviations, command=command, assumptions=assumed(loop.sampled), units=units_of(loop.sampled)
+        **deviations,
+        command=command,
+        assumptions=(*assumed(loop.sampled), *granted),
+        units=units_of(loop.sampled),
     )
 
 
@@ -458,46 +498,33 @@ def _position_unit(units: Mapping[str, str]) -> str:
 
 
 def _loop(
-    filter: PhyFilter | SampledPhyFilter,
-    kp: float,
-    kd: float,
-    actuator: ct.TransferFunction | ct.StateSpace | None,
-    delay: float,
-    ratio: float,
-    inertia: float | None,
-    told: Told,
-    dt: float | None,
+    filter: PhyFilter | SampledPhyFilter, around: Loop, inertia: float | None, dt: float | None
 ) -> TrackingLoop:
-    sampled, loop = build_loop(filter, actuator, delay, dt, kp, kd)
+    # The filter is told what it is told by the tracking loop itself.
+    sampled, loop = build_loop(filter, replace(around, g="commanded"), dt)
     if not isinstance(sampled, SampledPhyFilter) or not isinstance(loop, SampledLoop):
         raise ValueError(
             "dt: expected the sampling interval of the filter, got None; or give a sampled filter"
         )
-    if told not in get_args(Told):
-        raise ValueError(f"g: expected {' or '.join(map(repr, get_args(Told)))}, got {told!r}")
-    if sampled.sampling.delay and told == "applied":
+    if sampled.sampling.delay and around.g == "applied":
         raise ValueError("delay: a force that is measured on time beside an x that is late is not covered")
-    if not kp > 0.0:
-        raise ValueError(f"kp: expected a positive gain, got {kp}: without it nothing holds the position")
-    found = TrackingLoop(sampled, loop, _positive(ratio), inertia_of(sampled, inertia), told)
+    if not around.kp > 0.0:
+        raise ValueError(
+            f"kp: expected a positive gain, got {around.kp}: without it nothing holds the position"
+        )
+    found = TrackingLoop(sampled, loop, around.inertia_ratio, inertia_of(sampled, inertia), around.g)
     radius = float(np.abs(np.linalg.eigvals(found.A)).max())
     if radius >= 1.0:
         raise ValueError(
-            f"the loop is not stable: a pole of magnitude {radius:.6g}; lower the bandwidth, see loop_margin"
+            f"the loop is not stable: a pole of magnitude {radius:.6g}; lower the bandwidth, see margins"
         )
     return found
 
 
-def _bounds(name: str, bounds: Bounds, inertia: float) -> list[dict[int, float]]:
-    """Parts, checked, per unit of M_hat."""
-    parts = [bounds] if isinstance(bounds, Mapping) else list(bounds)
-    for part in parts:
-        for k, bound in part.items():
-            if isinstance(k, bool) or not isinstance(k, int) or k < 0 or not 0.0 <= bound < np.inf:
-                raise ValueError(f"{name}: expected {{derivative: bound}}, finite, got {k!r}: {bound!r}")
-        if not part:
-            raise ValueError(f"{name}: expected {{derivative: bound}} for each part, got none")
-    return [{k: bound / inertia for k, bound in part.items()} for part in parts]
+def _per_inertia(bounds: Bounds, inertia: float) -> list[dict[int, float]]:
+    """Bounds of the parts per unit of M_hat."""
+    parts = [bounds] if isinstance(bounds, Mapping) else bounds
+    return [{k: bound / inertia for k, bound in part.items()} for part in parts if part]
 
 
 def _least(loop: TrackingLoop, source: Source, bounds: Mapping[int, float]) -> int:

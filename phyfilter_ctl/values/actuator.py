@@ -8,8 +8,8 @@ import control as ct
 import numpy as np
 from scipy.signal import tf2ss
 
-from ... import _sections, _signals
-from ..._sections import ComplexArray, FloatArray
+from .. import _sections, _signals
+from .._sections import ComplexArray, FloatArray
 
 __all__ = ["Actuator", "checked_actuator", "checked_number"]
 

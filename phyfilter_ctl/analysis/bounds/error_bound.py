@@ -8,32 +8,29 @@ from typing import get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..._signals import number
 from ...filter import PhyFilter, SampledPhyFilter
+from ...values import Bounded, Implementation
+from ...values.disturbance import bounded
 from ..channels import per_channel
 from ..options import input_gains
 from . import kernels, quadratic
-from .implementation import Implementation, Run
+from .implementation import Run
 from .kernels import Certificate, Kernel
-from .result import BoundResult, Method, QuadraticProof
+from .result import ErrorBound, Method, QuadraticProof
 from .sampled_kernels import SampledKernels
 from .together import together_of
 
-__all__ = ["ultimate_bound"]
+__all__ = ["error_bound", "of_error"]
 
 
 @per_channel
-def ultimate_bound(
+def error_bound(
     filter: PhyFilter | SampledPhyFilter,
+    disturbance: Bounded | Mapping[int, float],
     *,
-    residual: Mapping[int, float],
-    inertia_error: float = 0.0,
-    rate: float = 0.0,
-    noise: float = 0.0,
-    inertia: ArrayLike | None = None,
     method: Method = "exact",
-    implementation: Implementation | None = None,
-) -> BoundResult:
+    inertia: ArrayLike | None = None,
+) -> ErrorBound:
     """Bound of |f - f_hat| after all transients.
 
     ``|f_err| <= min_k ||(1 - F) / s^k||_1 delta_k + ||F||_1 |E^+| delta_M delta_x + ||s F||_1 |E^+ M_hat| |nu|``, the
@@ -46,15 +43,10 @@ def ultimate_bound(
         Sampled: exact for a residual that goes on between the samples, as long as g and f_theta go between them as its
         options say (see Notes). Several, by ``stack`` or as a sequence: the answer is a ``PerChannel`` of what each
         channel promises for itself, and every other argument one for all or a list.
-    residual : dict of int to float
-        delta_k: bounds of the k-th derivative of gamma = f - f_theta (2-norm), e.g. ``{0: 4.0, 1: 12.0}``; of a sampled
-        filter k = 0 and 1 count, with method="matched" and no delay all up to its type.
-    inertia_error : float
-        delta_M: bound of M - M_hat in the spectral norm; with ``rate``, by which it counts.
-    rate : float
-        delta_x: bound of |x'|.
-    noise : float
-        Bound of the noise of x.
+    disturbance : Bounded, or mapping of int to float
+        What is bounded of the residual, the noise of x, and a wrong inertia; a mapping is the bounds of the residual
+        alone. Of a sampled filter the orders 0 and 1 of the residual count, with method="matched" and no delay all up
+        to its type. ``implementation`` is for sampled filters: each of its entries is a part of the bound.
     inertia : float, (n_x,) or (n_x, n_x) array_like, optional
         M_hat, by which noise of x counts, in the spectral norm: a number, a diagonal, a matrix. None: the filter's own,
         else 1.
@@ -63,21 +55,18 @@ def ultimate_bound(
         programme, enclosed from both sides. "ellipsoid": the best invariant
         ellipsoid. "lyapunov": the textbook's ball with Q = I in companion coordinates, time scaled by the filter's
         speed; "lyapunov-raw" unscaled. All but "exact" are for continuous filters.
-    implementation : Implementation, optional
-        What a sampled filter meets as it runs: g, f_theta and an inertia that move between the samples, jitter, wrong
-        delay, quantisation, rounding, a limit of f_hat. Each is a part of the bound.
 
     Returns
     -------
-    BoundResult, or PerChannel of it
+    ErrorBound, or PerChannel of it
 
     Raises
     ------
     TypeError
-        For a bound that is not a number, or bounds of the residual that are not by order.
+        For a disturbance of another kind.
     ValueError
-        For negative bounds, an ``inertia_error`` without ``rate``, no residual at all, or bounds of derivatives only
-        beyond the type of the filter: then the error grows without bound.
+        For no residual at all, bounds of derivatives only beyond the type of the filter, as then the error grows
+        without bound, or what only :func:`tracking_error` counts: parts that add up, actuation, position_noise.
 
     Notes
     -----
@@ -88,7 +77,7 @@ def ultimate_bound(
     between them as ``g`` and ``f_theta`` of the filter say, held or straight; that, and all else that is taken for
     granted, is in ``assumptions`` of the result. It may be most of the error: one pole at 20 rad/s, gamma = 0.5 sin 2t
     and a smooth g = 8 sin 6t under the default g="hold" err by 5.1 times the bound at 10 ms and 9.6 times at 20 ms.
-    With ``Implementation(g={1: 48.0})`` the bound holds; g' and gamma' of constant sign attain it.
+    With ``implementation=Implementation(g={1: 48.0})`` the bound holds; g' and gamma' of constant sign attain it.
 
     A ramp of slope r leaves an error that a sampled filter of type 2 or more does not lose: b_(n-1) r h^2/12 and terms
     of h^4 with method="exact", -r h/2 with "euler", none with "matched" and "tustin"; and r times its delay with any.
@@ -97,16 +86,14 @@ def ultimate_bound(
     --------
     A residual that changes by at most 3 per second, through two poles at -20 rad/s:
 
-    >>> round(ultimate_bound(PhyFilter([400.0, 40.0]), residual={1: 3.0}).bound, 9)
+    >>> round(error_bound(PhyFilter([400.0, 40.0]), {1: 3.0}).bound, 9)
     0.3
     """
     if method not in get_args(Method):
         raise ValueError(f"method: expected one of {', '.join(get_args(Method))}, got {method!r}")
-    inertia_error = number("inertia_error", inertia_error, least=0.0)
-    rate, noise = number("rate", rate, least=0.0), number("noise", noise, least=0.0)
-    given = _checked(residual)
-    if inertia_error and not rate:
-        raise ValueError("inertia_error: what it does grows with |x'|; give its bound too, rate=...")
+    bounds = of_error(disturbance)
+    implementation, noise, rate = bounds.implementation, bounds.noise, bounds.rate or 0.0
+    inertia_error, given = bounds.inertia_error, dict(bounds.parts[0])
     inputs = input_gains(filter, inertia, needed=bool(noise or implementation))
     prior, heard = inputs.g * inertia_error * rate, inputs.x * noise
     if isinstance(filter, SampledPhyFilter):
@@ -144,7 +131,7 @@ def ultimate_bound(
         certificate = certificate._replace(
             lower=min(course.lower, intrinsic), upper=intrinsic, points=len(course.knots)
         )
-    return BoundResult(
+    return ErrorBound(
         filter,
         method,
         given,
@@ -186,21 +173,29 @@ def _gain(
     return abs(kernel.gain) * (abs(kernel.direct) + found.gain), QuadraticProof(found.P, decay)
 
 
-def _checked(residual: Mapping[int, float]) -> dict[int, float]:
-    if not isinstance(residual, Mapping):
-        raise TypeError(
-            f"residual: expected bounds by order of derivative, e.g. {{1: 2.0}}, got {residual!r}"
-        )
-    given: dict[int, float] = {}
-    for k, value in residual.items():
-        if not (isinstance(k, int | np.integer) and k >= 0):
-            raise ValueError(f"residual: expected derivative orders 0, 1, ..., got {k!r}")
-        given[int(k)] = number(f"residual[{k}]", value, least=0.0)
-    if not given:
+def of_error(disturbance: Bounded | Mapping[int, float]) -> Bounded:
+    """Bounds of what makes the estimate err.
+
+    Raises
+    ------
+    TypeError
+        For a disturbance of another kind.
+    ValueError
+        Without a residual, or for bounds of what the estimate does not see.
+    """
+    bounds = bounded(disturbance)
+    if not any(bounds.parts):
         raise ValueError(
             "residual: expected a bound of gamma or of a derivative of it, e.g. {1: 2.0}; got none"
         )
-    return given
+    if len(bounds.parts) > 1:
+        raise ValueError(
+            f"residual: expected the bounds of one residual, got {len(bounds.parts)} parts that add up, which are for "
+            "tracking_error; one for each channel is a list of Bounded"
+        )
+    if bounds.actuation or bounds.position_noise:
+        raise ValueError("actuation, position_noise: do not enter the estimate's error; see tracking_error")
+    return bounds
 
 
 def _usable(given: Mapping[int, float], limit: int, filter: PhyFilter | SampledPhyFilter) -> list[int]:

@@ -15,15 +15,15 @@ import numpy as np
 from .._sections import FloatArray
 from ..diagram import FlatModel
 from ..results import Result
-from .arguments import Run
-from .chains import Chain
-from .events import refuse_events
-from .flow import is_flow
+from ..simulation.arguments import Run
+from ..simulation.chains import Chain
+from ..simulation.events import refuse_events
+from ..simulation.flow import is_flow
+from ..simulation.steplength import default_step
+from ..simulation.steps import KEPT, SYMBOLS, Layout, at_node, cut, start_state
+from ..simulation.vm import fixed_pieces
 from .hyperperiod import Instants, instants_of
 from .periodic import Flow, Instant, PeriodicModel
-from .steplength import default_step
-from .steps import KEPT, SYMBOLS, Layout, at_node, cut, start_state
-from .vm import fixed_pieces
 
 __all__ = ["OperatingPoint", "settled"]
 
