@@ -154,6 +154,31 @@ _MOVED = {
     "Implementation": "phyfilter_ctl",
     "gauss_markov": "phyfilter_ctl",
 }
+# Inside their rooms now: from a module to the one in it that has them.
+_INNER = {
+    "analysis.margins": ("filter_margins",),
+    "blocks.filter_law": ("filter_law",),
+    "codegen.compiler": ("cached_library",),
+    "codegen.diagram_source": ("diagram_model",),
+    "codegen.export_diagram": ("export_diagram",),
+    "codegen.export_filter": ("export_filter",),
+    "codegen.export_folder": ("write_folder",),
+    "codegen.filter_model": ("filter_model",),
+    "diagram.discrete": ("as_sampled",),
+    "filterfile.document": ("settled_inertia", "settled_signals"),
+    "plots._units": ("frequency_unit",),
+    "plots.budget": ("budget_curves", "budget_plot"),
+    "plots.estimates": ("estimate_plot",),
+    "plots.frequency": ("frequency_plot",),
+    "plots.learning": ("learning_plot",),
+    "plots.logs": ("log_plot",),
+    "plots.missed": ("density_plot", "missed_plot"),
+    "plots.poles": ("PoleSet", "pole_plot"),
+    "plots.promises": ("analysis_plot", "bound_plot", "trade_off_plot"),
+    "plots.report": ("ReportPage", "report_html", "report_pdf"),
+    "robot.findings": ("findings_of",),
+}
+_HOMES = {name: f"phyfilter_ctl.{module}" for module, names in _INNER.items() for name in names}
 
 
 def former(module: str, name: str) -> Any:
@@ -191,6 +216,9 @@ def former(module: str, name: str) -> Any:
         found, instead = getattr(_now(), _CLASSES[name]), _CLASSES[name]
     elif name in _MOVED and module != _MOVED[name]:
         found, instead = getattr(importlib.import_module(_MOVED[name]), name), f"{_MOVED[name]}.{name}"
+    elif name in _HOMES and _HOMES[name].startswith(f"{module}."):
+        found = getattr(importlib.import_module(_HOMES[name]), name)
+        instead = f"an affair of {_HOMES[name]}, for which nothing is promised"
     else:
         raise AttributeError(f"module {module!r} has no attribute {name!r}")
     warnings.warn(

@@ -12,17 +12,13 @@ from matplotlib.figure import Figure
 import phyfilter_ctl as pf
 from phyfilter_ctl import frequency_response
 from phyfilter_ctl.design.optimal import bound_trade_off, variance_trade_off
-from phyfilter_ctl.plots import (
-    analysis_plot,
-    budget_curves,
-    dress,
-    learning_plot,
-    letter_panels,
-    log_plot,
-    missed_plot,
-    typeset,
-)
+from phyfilter_ctl.plots import dress, letter_panels, typeset
 from phyfilter_ctl.plots._style import LINES, PhaseLocator, line_style
+from phyfilter_ctl.plots.budget import budget_curves
+from phyfilter_ctl.plots.learning import learning_plot
+from phyfilter_ctl.plots.logs import log_plot
+from phyfilter_ctl.plots.missed import missed_plot
+from phyfilter_ctl.plots.promises import analysis_plot
 from tests.figures import faults
 
 T = np.linspace(0.0, 2.0, 60)

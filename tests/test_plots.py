@@ -27,17 +27,12 @@ from phyfilter_ctl import (
 )
 from phyfilter_ctl.analysis import error_budget
 from phyfilter_ctl.design.optimal import bound_trade_off
-from phyfilter_ctl.plots import (
-    COLOURS,
-    FrequencyLimit,
-    PoleSet,
-    analysis_plot,
-    budget_curves,
-    budget_plot,
-    estimate_plot,
-    learning_plot,
-    pole_plot,
-)
+from phyfilter_ctl.plots import COLOURS, FrequencyLimit
+from phyfilter_ctl.plots.budget import budget_curves, budget_plot
+from phyfilter_ctl.plots.estimates import estimate_plot
+from phyfilter_ctl.plots.learning import learning_plot
+from phyfilter_ctl.plots.poles import PoleSet, pole_plot
+from phyfilter_ctl.plots.promises import analysis_plot
 from phyfilter_ctl.recording import Recording
 from tests.cpu_budget import slow_but
 

@@ -10,8 +10,9 @@ import numpy as np
 from matplotlib.axes import Axes
 from numpy.typing import ArrayLike
 
-from .. import _signals, plots
+from .. import _signals
 from .._sections import FloatArray
+from ..plots.budget import budget_curves, budget_plot
 from ..results import PerChannel, Result
 from .bounds import ErrorBound
 from .frequency import frequency_response
@@ -82,9 +83,9 @@ class ErrorBudget(Result):
             label = f"Bound of $|f-\\hat f|$ [{unit}]"
         label = label.replace("s^2", "s$^2$")
         if self.names is not None:
-            return plots.budget_plot(self.parts, self.names, label=label, ax=ax)
+            return budget_plot(self.parts, self.names, label=label, ax=ax)
         assert self.bandwidth is not None
-        return plots.budget_curves(self.parts, self.bandwidth, label=label, ax=ax, Hz=Hz)
+        return budget_curves(self.parts, self.bandwidth, label=label, ax=ax, Hz=Hz)
 
 
 def error_budget(

@@ -17,6 +17,8 @@ from scipy.optimize import brentq, minimize_scalar
 from .. import _signals, plots
 from .._sections import ComplexArray, FloatArray
 from ..filter import PhyFilter, SampledBank, SampledPhyFilter
+from ..plots._units import frequency_unit
+from ..plots.frequency import frequency_plot
 from . import _paths, _resolvent, grids
 from .channels import Filter, channels_of
 from .options import assumed, input_gains
@@ -400,9 +402,9 @@ class FilterResponseList(tuple[FilterResponse, ...]):
         if labels is not None and len(labels) != len(self):
             raise ValueError(f"labels: expected one for each of the {len(self)} responses, got {len(labels)}")
         if labels is None:
-            labels = [each.label_in(*plots.frequency_unit(Hz)) for each in self]
+            labels = [each.label_in(*frequency_unit(Hz)) for each in self]
         curves = [each.curve(name) for name, each in zip(labels, self, strict=True)]
-        return plots.frequency_plot(curves, limits=limits, ax=ax, dB=dB, Hz=Hz, deg=deg)
+        return frequency_plot(curves, limits=limits, ax=ax, dB=dB, Hz=Hz, deg=deg)
 
 
 @overload

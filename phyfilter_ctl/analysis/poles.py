@@ -9,9 +9,9 @@ import control as ct
 import numpy as np
 from matplotlib.axes import Axes
 
-from .. import plots
 from .._sections import ComplexArray
 from ..filter import PhyFilter, SampledPhyFilter
+from ..plots.poles import PoleSet, pole_plot
 from .channels import Filter, channels_of
 from .frequency import frequency_response
 
@@ -73,10 +73,10 @@ class PoleZeroMap(tuple[PolesAndZeros, ...]):
             raise ValueError(f"labels: expected one for each of the {len(self)} filters, got {len(labels)}")
         names = [entry.label for entry in self] if labels is None else labels
         sets = [
-            plots.PoleSet(name, each.poles, each.zeros, each.error_zeros, _step(each.system))
+            PoleSet(name, each.poles, each.zeros, each.error_zeros, _step(each.system))
             for name, each in zip(names, self, strict=True)
         ]
-        return plots.pole_plot(sets, ax=ax)
+        return pole_plot(sets, ax=ax)
 
 
 def pole_zero_map(system: Filter | Sequence[Filter]) -> PoleZeroMap:

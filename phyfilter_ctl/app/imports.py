@@ -18,7 +18,7 @@ from ..logfiles.formats import FORMATS, format_of
 from ..recording import Recording
 from ..recording.columns import VELOCITIES
 from ..recording.columns import read_log as read_columns
-from ..robot import findings_of
+from ..robot.findings import findings_of
 from .checking import Fields, MessageError, shown
 from .inbox import Source
 from .preview import base_name, columns_of, roles_of, table_of, times_of

@@ -12,7 +12,8 @@ from numpy.linalg import LinAlgError
 from scipy.interpolate import CubicSpline
 
 from .._sections import ComplexArray, FloatArray
-from ..analysis import FilterMargins, filter_margins
+from ..analysis import FilterMargins
+from ..analysis.margins import filter_margins
 from ..analysis.margins.filter_margins import sampled_delay_margin
 from ..analysis.margins.sampled import SampledLoop
 from ..filter import SampledPhyFilter

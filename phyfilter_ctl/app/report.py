@@ -8,7 +8,8 @@ from typing import Literal, cast
 import numpy as np
 
 from ..analysis import frequency_response
-from ..plots import PoleSet, ReportPage, report_html, report_pdf
+from ..plots.poles import PoleSet
+from ..plots.report import ReportPage, report_html, report_pdf
 from . import answers, exports
 from .designs import Design
 from .meeting import drawn_limits

@@ -1,8 +1,8 @@
 """Blocks for python-control diagrams."""
 
+from .._renamed import former
 from .adaptive import adaptive_block
 from .delay_line import delay_line, transport_delay
-from .filter_law import filter_law
 from .function_block import FunctionBlock, function_block
 from .functions import BlockEvent, BlockFunctions, Memory, Variable, dependencies
 from .hybrid import Event, HybridBlock, event, hybrid
@@ -30,7 +30,6 @@ __all__ = [
     "delay_line",
     "dependencies",
     "event",
-    "filter_law",
     "function_block",
     "hybrid",
     "learned_block",
@@ -42,3 +41,7 @@ __all__ = [
     "transport_delay",
     "wired",
 ]
+
+
+def __getattr__(name: str) -> object:
+    return former(__name__, name)

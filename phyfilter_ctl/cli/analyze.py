@@ -190,7 +190,8 @@ def _draw(named: Mapping[str, Analysis], options: argparse.Namespace) -> None:
 
     matplotlib.use("Agg")
     from ..filter import PhyFilter
-    from ..plots import analysis_plot, frequency_unit
+    from ..plots._units import frequency_unit
+    from ..plots.promises import analysis_plot
 
     pages = list(named.values())
     omega, unit = pages[0].response.omega, frequency_unit(options.hz)

@@ -12,7 +12,8 @@ import numpy as np
 from .._output import replacing
 from ..analysis import Analysis
 from ..app.steps import settling_time, step_response
-from ..plots import PoleSet, ReportPage, report_html, report_pdf
+from ..plots.poles import PoleSet
+from ..plots.report import ReportPage, report_html, report_pdf
 
 __all__ = ["write_report"]
 

@@ -136,7 +136,8 @@ def plausibility(logs: Sequence[Recording], options: argparse.Namespace) -> list
     ValueError
         For steps of time that can hardly be seconds, unless their unit was given.
     """
-    from ..robot import Suspicion, findings_of
+    from ..robot import Suspicion
+    from ..robot.findings import findings_of
 
     known, found = options.time_unit is not None or options.dt is not None, list[str]()
     for log in logs:

@@ -143,7 +143,7 @@ def _margin(found: Estimate, options: argparse.Namespace) -> FilterMargins | Non
     """None where the loop is not one that can be told: g known at both ends of a step, a filter for each channel."""
     if found.filter.sampling.g == "average" or len(found.filter.filters) > 1:
         return None
-    from ..analysis import filter_margins
+    from ..analysis.margins import filter_margins
     from ..values import Loop
 
     return filter_margins(found.filter, Loop(actuator=options.lag, delay=options.delay))

@@ -10,7 +10,7 @@ from importlib import resources
 from math import gcd, lcm
 
 from ..blocks.functions import Variable, dependencies
-from ..diagram import as_sampled
+from ..diagram.discrete import as_sampled
 from ..diagram.model import FlatModel
 from ..diagram.switches import located
 from .casadi_source import Real, casadi_header

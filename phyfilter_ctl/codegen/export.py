@@ -11,7 +11,8 @@ from numpy.typing import ArrayLike
 
 from ..diagram import FlatModel, flatten
 from ..filter import FilterBank, PhyFilter, SampledPhyFilter
-from ..filterfile import Signals, settled_signals
+from ..filterfile import Signals
+from ..filterfile.document import settled_signals
 from .export_diagram import export_diagram
 from .export_filter import export_filter
 

@@ -12,7 +12,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..analysis import fixed_point
 from ..filter import SampledPhyFilter
-from ..filterfile import Signals, settled_inertia, settled_signals
+from ..filterfile import Signals
+from ..filterfile.document import settled_inertia, settled_signals
 from .export_folder import own_order, own_symbols, write_folder
 from .filter_source import FilterSource, InertiaInput, braces, filter_source, which_g
 from .fixed_source import fixed_source

@@ -15,7 +15,8 @@ from numpy.typing import ArrayLike
 
 from ..diagram import FlatModel
 from ..filter import SampledPhyFilter
-from ..filterfile import Signals, settled_inertia, settled_signals
+from ..filterfile import Signals
+from ..filterfile.document import settled_inertia, settled_signals
 from .export import export_c
 from .export_folder import write_folder
 from .filter_guard import guard_costs, guard_sources, guard_stack

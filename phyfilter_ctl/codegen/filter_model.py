@@ -12,7 +12,8 @@ from numpy.typing import ArrayLike, NDArray
 from .._sections import FloatArray
 from ..blocks.functions import Variable
 from ..filter import PhyFilter, SampledPhyFilter
-from ..filterfile import Signals, settled_inertia, settled_signals
+from ..filterfile import Signals
+from ..filterfile.document import settled_inertia, settled_signals
 from .filter_source import LEAST, InertiaInput, braces, filter_source, inertia_kind, runtime_files
 from .identifiers import checked_identifier
 from .model import CModel

@@ -1,7 +1,6 @@
 """python-control diagrams as one model, and their margins at any signal."""
 
 from .._renamed import former
-from .discrete import as_sampled
 from .equations import AlgebraicLoop, FlatEvent
 from .flattening import flatten
 from .model import FlatModel, Task
@@ -12,7 +11,6 @@ __all__ = [
     "FlatEvent",
     "FlatModel",
     "Task",
-    "as_sampled",
     "between",
     "flatten",
     "open_loop",

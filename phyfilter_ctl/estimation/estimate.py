@@ -124,11 +124,11 @@ class Estimate(Result):
         ValueError
             If ``ax`` does not hold n_x + 1 axes.
         """
-        from .. import plots
+        from ..plots.missed import missed_plot
 
         log = self.recordings[recording]
         beside = {"f_theta": log.f_theta, "label": log.label}
-        return plots.missed_plot(
+        return missed_plot(
             log.times,
             self.f_hat[recording],
             1.96 * self.noise_deviation,

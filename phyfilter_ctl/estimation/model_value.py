@@ -159,14 +159,14 @@ class ModelValue(Result):
         -------
         control.ControlPlot
         """
-        from .. import plots
+        from ..plots.missed import density_plot
 
         densities = {
             "left without the model": self.left_without.sum(axis=1),
             "left with it": self.left.sum(axis=1),
             "noise passed": self.passed.sum(axis=1),
         }
-        return plots.density_plot(self.omega, densities, ax=ax, Hz=Hz)
+        return density_plot(self.omega, densities, ax=ax, Hz=Hz)
 
     @property
     def bands(self) -> dict[str, tuple[float, float]]:

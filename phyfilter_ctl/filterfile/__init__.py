@@ -1,5 +1,10 @@
 """A filter on disk: a TOML file that a person can read and write, and that gives back every bit."""
 
-from .document import Signals, load, load_signals, save, settled_inertia, settled_signals
+from .._renamed import former
+from .document import Signals, load, load_signals, save
 
-__all__ = ["Signals", "load", "load_signals", "save", "settled_inertia", "settled_signals"]
+__all__ = ["Signals", "load", "load_signals", "save"]
+
+
+def __getattr__(name: str) -> object:
+    return former(__name__, name)

@@ -22,7 +22,8 @@ from ..codegen.model import CModel
 from ..diagram import FlatModel, flatten
 from ..diagram.fixed_step import largest_stable_step, refuse_unstable_step
 from ..filter import PhyFilter, SampledPhyFilter
-from ..filterfile import Signals, settled_inertia, settled_signals
+from ..filterfile import Signals
+from ..filterfile.document import settled_inertia, settled_signals
 from .archive_write import write_archive
 from .build import build_binaries, platform_names
 from .calibration import calibration_entries

@@ -8,9 +8,9 @@ from typing import Any, cast, overload
 import control as ct
 from numpy.typing import ArrayLike
 
-from ..analysis import FilterMargins, SystemMargins, filter_margins
+from ..analysis import FilterMargins, SystemMargins
 from ..analysis.channels import Filter, channels_of
-from ..analysis.margins import gain_margins
+from ..analysis.margins import filter_margins, gain_margins
 from ..analysis.margins.matrix_search import MatrixSearch
 from ..analysis.margins.scalar_search import Bound, MarginSearch, ScalarSearch
 from ..analysis.margins.statespace import StateSpaceLoop

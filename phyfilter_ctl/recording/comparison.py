@@ -72,9 +72,9 @@ class EstimateComparison(Result):
         ValueError
             If ``ax`` does not hold 2 n_x axes.
         """
-        from .. import plots
+        from ..plots.estimates import estimate_plot
 
-        return plots.estimate_plot(
+        return estimate_plot(
             self.times,
             self.label,
             self.estimates,

@@ -179,10 +179,10 @@ class Recording(Parts, Stored):
         >>> Recording.from_arrays(x=[[0.0, 1.0], [0.5, 1.5]], dt=0.1).plot().axes.shape
         (2, 1)
         """
-        from .. import plots
+        from ..plots.logs import log_plot
 
         beside = {"g": self.g, "f_theta": self.f_theta, "label": self.label}
-        return plots.log_plot(
+        return log_plot(
             self.times,
             self.x,
             {name: values for name, values in beside.items() if values is not None},

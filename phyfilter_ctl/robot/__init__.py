@@ -1,8 +1,9 @@
 """Robots: files that say what the signals of a log are, and turn it into a recording of M x' = g + f."""
 
+from .._renamed import former
 from .checking import RobotCheck
 from .document import RobotSignal, presets
-from .findings import Finding, Suspicion, findings_of
+from .findings import Finding, Suspicion
 from .robot import Robot
 from .writing import describe_log
 
@@ -13,6 +14,9 @@ __all__ = [
     "RobotSignal",
     "Suspicion",
     "describe_log",
-    "findings_of",
     "presets",
 ]
+
+
+def __getattr__(name: str) -> object:
+    return former(__name__, name)

@@ -9,7 +9,8 @@ import numpy as np
 from tqdm import tqdm
 
 from ..codegen import CompiledModel, CompilerError, compile_model
-from ..diagram import FlatModel, as_sampled
+from ..diagram import FlatModel
+from ..diagram.discrete import as_sampled
 from .arguments import Run
 from .limits import Limits
 from .response import Outcome

@@ -12,8 +12,9 @@ import pytest
 from flat_models import STRICT, model, oscillator, pendulum, symbols, two_rates, variables
 
 from phyfilter_ctl.blocks.functions import Variable
-from phyfilter_ctl.codegen import compile_model, diagram_model, find_compiler
+from phyfilter_ctl.codegen import compile_model, find_compiler
 from phyfilter_ctl.codegen.casadi_source import casadi_header
+from phyfilter_ctl.codegen.diagram_source import diagram_model
 from phyfilter_ctl.codegen.identifiers import identifiers
 from phyfilter_ctl.diagram import flatten
 from phyfilter_ctl.diagram.model import FlatModel

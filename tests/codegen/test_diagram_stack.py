@@ -13,7 +13,7 @@ from test_diagram_run import filtered
 from test_diagram_step import servo
 
 import phyfilter_ctl as pf
-from phyfilter_ctl.codegen import diagram_model
+from phyfilter_ctl.codegen.diagram_source import diagram_model
 from phyfilter_ctl.diagram import flatten
 
 CORTEX = ["-mcpu=cortex-m4", "-mthumb", "-mfloat-abi=hard", "-mfpu=fpv4-sp-d16", "-std=c99"]

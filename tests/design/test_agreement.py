@@ -8,7 +8,8 @@ from scipy.signal import lfilter
 
 import phyfilter_ctl as pf
 from phyfilter_ctl.recording.agreement import lag_sums, late_g
-from phyfilter_ctl.robot import Suspicion, findings_of
+from phyfilter_ctl.robot import Suspicion
+from phyfilter_ctl.robot.findings import findings_of
 
 H, FINER, N = 0.01, 10, 4000
 NAMES = ("vx", "vy")

@@ -6,7 +6,8 @@ import pytest
 
 from phyfilter_ctl import PhyFilter, phyfilter_block
 from phyfilter_ctl.blocks import sampled_block
-from phyfilter_ctl.diagram import as_sampled, flatten
+from phyfilter_ctl.diagram import flatten
+from phyfilter_ctl.diagram.discrete import as_sampled
 
 ROUNDING = 1e-12  # the same formulas in another order
 DT = 0.01

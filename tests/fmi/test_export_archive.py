@@ -24,7 +24,8 @@ from fmpy.validation import validate_fmu
 import phyfilter_ctl as pf
 from phyfilter_ctl._units import unit_definition
 from phyfilter_ctl.blocks.functions import BlockFunctions, Variable
-from phyfilter_ctl.codegen import CompilerError, diagram_model
+from phyfilter_ctl.codegen import CompilerError
+from phyfilter_ctl.codegen.diagram_source import diagram_model
 from phyfilter_ctl.fmi.build import build_binaries
 from phyfilter_ctl.fmi.description import FmuExperiment, FmuSolver, fmu_interface
 from phyfilter_ctl.fmi.description_xml import model_description

@@ -6,7 +6,7 @@ import pytest
 from exported_fmus import FILTER, oscillator
 
 import phyfilter_ctl as pf
-from phyfilter_ctl.codegen import diagram_model
+from phyfilter_ctl.codegen.diagram_source import diagram_model
 from phyfilter_ctl.fmi.build import PLATFORMS, build_binaries, native_platform, platform_names
 from phyfilter_ctl.fmi.description import fmu_interface
 from phyfilter_ctl.fmi.export import export_fmu

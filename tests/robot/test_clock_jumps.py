@@ -6,7 +6,8 @@ import pytest
 import phyfilter_ctl as pf
 from phyfilter_ctl import open_log
 from phyfilter_ctl.cli import main
-from phyfilter_ctl.robot import Robot, Suspicion, describe_log, findings_of
+from phyfilter_ctl.robot import Robot, Suspicion, describe_log
+from phyfilter_ctl.robot.findings import findings_of
 
 DT, JUMP = 0.01, 3600.0
 CART = """

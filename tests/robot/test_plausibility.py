@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 import phyfilter_ctl as pf
-from phyfilter_ctl.robot import Suspicion, findings_of
+from phyfilter_ctl.robot import Suspicion
+from phyfilter_ctl.robot.findings import findings_of
 
 H = 0.01
 

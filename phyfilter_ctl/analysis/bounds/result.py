@@ -312,12 +312,12 @@ class ErrorBound(Result):
         -------
         control.ControlPlot
         """
-        from ... import plots
+        from ...plots.promises import bound_plot
 
         kernel = self._kernel
         t = np.linspace(0.0, 0.6 * kernel.l1.horizon, 1000)
         assert self.derivative is not None
-        return plots.bound_plot(
+        return bound_plot(
             t,
             kernel.at(t),
             self._grown(t),

@@ -12,7 +12,8 @@ from numpy.typing import ArrayLike
 
 from ... import _signals
 from ..._sections import FloatArray
-from ...analysis import FilterMargins, error_bound, filter_margins, frequency_response
+from ...analysis import FilterMargins, error_bound, frequency_response
+from ...analysis.margins import filter_margins
 from ...analysis.margins.filter_margins import checked_loop
 from ...analysis.margins.slopes import (
     LoopOnGrid,

@@ -169,10 +169,10 @@ class MarginTradeOff(Result):
         -------
         control.ControlPlot
         """
-        from ... import plots
+        from ...plots.promises import trade_off_plot
 
         names = "Modulus margin", "RMSE on the training flights [unit of f]"
-        return plots.trade_off_plot(self.margins, self.rmse, None, "", names=names, log=False, ax=ax)
+        return trade_off_plot(self.margins, self.rmse, None, "", names=names, log=False, ax=ax)
 
 
 def margin_trade_off(

@@ -208,7 +208,8 @@ class LearnResult(Result):
         -------
         control.ControlPlot
         """
-        from ... import plots
+        from ...plots import FrequencyCurve
+        from ...plots.learning import learning_plot
 
         omega = np.geomspace(1e-4, 1.0, _POINTS) * np.pi / self.dt
         responses = {f"n = {self.order_used}": _sampled_response(self, omega)}
@@ -217,11 +218,11 @@ class LearnResult(Result):
             taps = np.asarray(self.wiener.taps, dtype=np.complex128)
             responses["Wiener"] = np.exp(-1j * np.outer(omega, lags)) @ taps
         curves = [
-            plots.FrequencyCurve(name, omega, F, 1.0 - F, np.unwrap(np.angle(F)), np.pi / self.dt)
+            FrequencyCurve(name, omega, F, 1.0 - F, np.unwrap(np.angle(F)), np.pi / self.dt)
             for name, F in responses.items()
         ]
         events = [(event.order, event.start, event.iteration, event.cost) for event in self.history]
-        return plots.learning_plot(events, curves, ax=ax, dB=dB, Hz=Hz, deg=deg)
+        return learning_plot(events, curves, ax=ax, dB=dB, Hz=Hz, deg=deg)
 
 
 def _sampled_response(result: LearnResult, omega: FloatArray) -> ComplexArray:

@@ -11,7 +11,8 @@ import numpy as np
 from numpy.linalg import LinAlgError
 
 from ..._sections import ComplexArray, FloatArray, expm1
-from ...analysis import error_bound, filter_margins, frequency_response
+from ...analysis import error_bound, frequency_response
+from ...analysis.margins import filter_margins
 from ...filter import PhyFilter
 from ...plots import FrequencyLimit
 from ...values import Loop

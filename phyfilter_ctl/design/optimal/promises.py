@@ -226,9 +226,9 @@ class TradeOff(Result):
         -------
         control.ControlPlot
         """
-        from ... import plots
+        from ...plots.promises import trade_off_plot
 
-        return plots.trade_off_plot(self.following, self.noise, self.best, self.label)
+        return trade_off_plot(self.following, self.noise, self.best, self.label)
 
 
 def bound_trade_off(
