@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from phyfilter_ctl import PhyFilter
-from phyfilter_ctl.filter import LivePolicy
+from phyfilter_ctl.filter import LiveRules
 
 DT = 0.002
 LIMIT = 25e-6  # s
@@ -52,10 +52,10 @@ def measured(order: int, n_x: int, pause: float) -> dict[str, float]:
             lambda k: sampled.step(state, x[k], g[k], f_theta[k], dt=lengths[k]), pause
         ),
     }
-    policies = {"live": (LivePolicy(), grid), "live, jitter": (LivePolicy(), jitter)}
-    policies["live, jitter, stuck_after"] = (LivePolicy(stuck_after=5), jitter)
-    for name, (policy, stamps) in policies.items():
-        live = sampled.live(n_x, policy)
+    policies = {"live": (LiveRules(), grid), "live, jitter": (LiveRules(), jitter)}
+    policies["live, jitter, stuck_after"] = (LiveRules(stuck_after=5), jitter)
+    for name, (rules, stamps) in policies.items():
+        live = sampled.live(n_x, rules)
         live.step(0.0, x[0])
         answer[name] = seconds(
             lambda k, live=live, stamps=stamps: live.step(stamps[k], x[k], g[k], f_theta[k]), pause

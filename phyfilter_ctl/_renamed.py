@@ -138,6 +138,7 @@ _FUNCTIONS: dict[str, tuple[Callable[..., Any], str]] = {
 }
 _CLASSES = {
     "BoundResult": "ErrorBound",
+    "LivePolicy": "LiveRules",
     "LoopMargin": "FilterMargins",
     "LoopMargins": "Margins",
     "RatioMargins": "FilterMargins",

@@ -30,6 +30,7 @@ _LAG = re.compile(r"(?:ct|control)\.(?:tf|TransferFunction)\(\[?1(?:\.0)?\]?, \[
 _RENAMED = {
     "BoundResult": "ErrorBound",
     "InertiaVerdict": "InertiaCertificate",
+    "LivePolicy": "LiveRules",
     "LoopConstraint": "LoopGoal",
     "LoopMargin": "FilterMargins",
     "LoopMargins": "Margins",

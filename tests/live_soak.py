@@ -24,12 +24,12 @@ from pathlib import Path
 import numpy as np
 
 from phyfilter_ctl import PhyFilter
-from phyfilter_ctl.filter import LiveFilter, LivePolicy
+from phyfilter_ctl.filter import LiveFilter, LiveRules
 
 DT = 0.002
 LONGEST = 10.5 * DT
 STUCK_AFTER = 5
-POLICY = LivePolicy(longest_gap=LONGEST, decay_time=0.2, stuck_after=STUCK_AFTER, clock_jump=60.0)
+POLICY = LiveRules(longest_gap=LONGEST, decay_time=0.2, stuck_after=STUCK_AFTER, clock_jump=60.0)
 KINDS = ("nonfinite", "missing", "lost", "stamp", "stuck", "late", "duplicate", "clock")
 JUMP = 1000.0  # s
 APART = 6  # good samples between two episodes, at least

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from phyfilter_ctl import PhyFilter, Sampling, lowpass, sampled_block, simulate
-from phyfilter_ctl.filter import LivePolicy
+from phyfilter_ctl.filter import LiveRules
 
 H = 0.002
 FILTER = lowpass(2, 20.0, family="butterworth")
@@ -53,7 +53,7 @@ def test_live_and_systems_side_by_side():
     x, g, f_theta = record()
     sampled = FILTER.sampled(H, g_limit=ENDS)
     expected = sampled.run(x, g, f_theta)
-    live = sampled.live(2, LivePolicy())
+    live = sampled.live(2, LiveRules())
     many = sampled.start(np.stack([x[0], x[0]]), f_theta0=np.stack([f_theta[0], f_theta[0]]))
     for k, acting in enumerate(np.vstack([g[:1], g[:-1]])):
         ours = live.step(k * H, x[k], acting, f_theta[k])

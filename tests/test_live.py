@@ -1,4 +1,4 @@
-"""The live filter: on clean stamps it is ``run``; every fault does what the policy says, and is recorded."""
+"""The live filter: on clean stamps it is ``run``; every fault does what the rules say, and is recorded."""
 
 import json
 import math
@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from phyfilter_ctl import PhyFilter, stack
-from phyfilter_ctl.filter import LiveHealth, LivePolicy
+from phyfilter_ctl.filter import LiveHealth, LiveRules
 from tests.cpu_budget import slow_but
 from tests.live_soak import APART, KINDS, Sensor, expected, live_filter
 
@@ -46,14 +46,14 @@ def through(live, x, g, f_theta, times, inertia=None):
     ],
     ids=str,
 )
-@pytest.mark.parametrize("policy", [LivePolicy(), LivePolicy(stuck_after=3)], ids=["default", "stuck"])
-def test_clean_stamps_are_the_record(options, policy):
+@pytest.mark.parametrize("rules", [LiveRules(), LiveRules(stuck_after=3)], ids=["default", "stuck"])
+def test_clean_stamps_are_the_record(options, rules):
     x, g, f_theta, times, inertia = record()
     sampled = stack(
         [FILTER.sampled(H, limit=20.0, **options), PhyFilter([9.0]).sampled(H, limit=20.0, **options)]
     )
     for stamps, M in ((H * np.arange(N), None), (times, inertia)):
-        live = sampled.live(2, policy)
+        live = sampled.live(2, rules)
         ours, expected = through(live, x, g, f_theta, stamps, M), sampled.run(x, g, f_theta, M, stamps)
         tolerance = AGREE if "precision" not in options else 1e-5
         np.testing.assert_allclose(ours, expected, atol=tolerance * np.abs(expected).max())
@@ -84,7 +84,7 @@ def test_a_short_gap_is_one_longer_step_and_keeps_the_estimate():
     stuck = broken.copy()
     stuck[150:157, 1] = stuck[149, 1]
     broken[150:157] = NAN
-    live = FILTER.sampled(H).live(2, LivePolicy(stuck_after=5))
+    live = FILTER.sampled(H).live(2, LiveRules(stuck_after=5))
     ours = through(live, stuck, g, f_theta, times)
     expected = FILTER.sampled(H, nonfinite="hold").run(broken, g, f_theta, times=times)
     seen = np.r_[0:150, 153:N]  # until it is recognised, a sensor is believed
@@ -98,8 +98,8 @@ def test_a_short_gap_is_one_longer_step_and_keeps_the_estimate():
 @pytest.mark.parametrize("after", ["decay", "keep", "reset"])
 @pytest.mark.parametrize("fault", ["missing", "lost", "stuck"])
 def test_beyond_the_longest_gap_goes_the_policys_way(after, fault):
-    policy = LivePolicy(longest_gap=0.1, decay_time=0.3, missing=after, stuck=after, stuck_after=3)
-    live = PhyFilter([40.0]).sampled(H).live(1, policy)
+    rules = LiveRules(longest_gap=0.1, decay_time=0.3, missing=after, stuck=after, stuck_after=3)
+    live = PhyFilter([40.0]).sampled(H).live(1, rules)
     for k in range(200):
         before = live.step(k * H, [2.0 * k * H])
     assert before == pytest.approx(2.0)
@@ -127,7 +127,7 @@ def test_beyond_the_longest_gap_goes_the_policys_way(after, fault):
 @pytest.mark.parametrize(("gap", "closed"), [(10, True), (11, False)])
 def test_the_longest_gap_itself_is_closed_and_one_step_more_is_not(fault, gap, closed):
     """Ten steps of 0.01 s sum up to a little more or less than 0.1 s: that is no gap beyond it."""
-    live = PhyFilter([40.0]).sampled(H).live(1, LivePolicy(longest_gap=10 * H, missing="reset"))
+    live = PhyFilter([40.0]).sampled(H).live(1, LiveRules(longest_gap=10 * H, missing="reset"))
     for k in range(100):
         live.step(k * H, [2.0 * k * H])
     for k in range(100, 99 + gap) if fault == "missing" else ():
@@ -147,7 +147,7 @@ def test_the_longest_gap_itself_is_closed_and_one_step_more_is_not(fault, gap, c
 @pytest.mark.parametrize("jump", [1e6, -1e6, -0.05])
 def test_a_clock_that_is_set(clock, jump):
     """Small steps back show at the third late stamp; the estimate is kept, and the residual's step is not made up."""
-    live = PhyFilter([40.0]).sampled(H).live(1, LivePolicy(clock=clock))
+    live = PhyFilter([40.0]).sampled(H).live(1, LiveRules(clock=clock))
     for k in range(200):
         live.step(k * H, [2.0 * k * H])
     held = []
@@ -207,18 +207,18 @@ def test_units_of_stamps_are_told():
 )
 def test_bad_policies_are_refused(settings, message):
     with pytest.raises(ValueError, match=message):
-        FILTER.sampled(H).live(2, LivePolicy(**settings))
+        FILTER.sampled(H).live(2, LiveRules(**settings))
 
 
 def test_forward_euler_must_survive_the_longest_gap():
     with pytest.raises(ValueError, match="forward Euler diverges"):
-        PhyFilter([30.0]).sampled(H, "euler").live(1, LivePolicy(longest_gap=0.1))
+        PhyFilter([30.0]).sampled(H, "euler").live(1, LiveRules(longest_gap=0.1))
     euler = PhyFilter([30.0]).sampled(H, "euler")
-    policy = euler.live(1).policy
+    rules = euler.live(1).rules
     assert (
-        0.9999 * 2.0 / 30.0 < policy.longest_gap < 2.0 / 30.0
+        0.9999 * 2.0 / 30.0 < rules.longest_gap < 2.0 / 30.0
     )  # what is stable as one step, as for every route
-    assert policy.decay_time == pytest.approx(1.0 / 30.0)
+    assert rules.decay_time == pytest.approx(1.0 / 30.0)
     with pytest.raises(ValueError, match="forward Euler diverges"):
         euler.live(1).retune(PhyFilter([40.0]).sampled(H, "euler"))
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from phyfilter_ctl import PhyFilter
-from phyfilter_ctl.filter import LivePolicy
+from phyfilter_ctl.filter import LiveRules
 from phyfilter_ctl.wrappers import FeedForward, ForceEstimator, LoopModel, force_node
 
 H = 0.01
@@ -94,7 +94,7 @@ def flown(messages, hear, command):
 
 
 def estimator():
-    live = PhyFilter([10.0]).sampled(H).live(3, LivePolicy(longest_gap=0.1))
+    live = PhyFilter([10.0]).sampled(H).live(3, LiveRules(longest_gap=0.1))
     return ForceEstimator(live, mass=1.5, frame_id="map", weight=(0.0, 0.0, -1.5 * 9.81))
 
 

@@ -3,13 +3,14 @@
 ``phyfilter`` holds both classes, ``bank`` one of them per channel; ``rational`` is what follows from the coefficients
 alone, ``lti`` what python-control asks of them, ``sampling`` the options of a sampled filter, ``recursion`` the one
 step that everything runs on. ``record`` runs whole logs (``blocked``: without a loop per sample), ``loop`` one sample
-at a time, ``live`` samples as they come (``live_policy``, ``live_state``: on disk). ``retuning`` changes coefficients
+at a time, ``live`` samples as they come (``live_rules``, ``live_state``: on disk). ``retuning`` changes coefficients
 on the way, ``windows`` averages signals over (delayed, longer) steps. ``paper_form`` is Eq. (5) verbatim.
 """
 
+from .._renamed import former
 from .bank import FilterBank, SampledBank, stack
 from .live import LiveFilter
-from .live_policy import LiveHealth, LivePolicy
+from .live_rules import LiveHealth, LiveRules
 from .loop import FilterState, Interval
 from .lti import Roots
 from .paper_form import PaperFilter, PaperMatrices, PaperState
@@ -27,7 +28,7 @@ __all__ = [
     "Interval",
     "LiveFilter",
     "LiveHealth",
-    "LivePolicy",
+    "LiveRules",
     "Log",
     "PaperFilter",
     "PaperMatrices",
@@ -43,3 +44,7 @@ __all__ = [
     "StepConstants",
     "stack",
 ]
+
+
+def __getattr__(name: str) -> object:
+    return former(__name__, name)

@@ -1,7 +1,7 @@
 """A sampled filter in a loop as loops are: time stamps that jitter, samples that are lost, late, doubled, bad or stuck.
 
 A step takes as long as its stamps say; what cannot be used never enters the state. While no good sample comes,
-f_hat - f_theta, the estimate of the residual, is kept for the longest gap and then goes the way of the policy:
+f_hat - f_theta, the estimate of the residual, is kept for the longest gap and then goes the way of the rules:
 
     f_hat = f_theta + s C w,    s = 1 up to the longest gap T, then e^(-(gap - T) / decay_time), 1 or 0
 
@@ -26,7 +26,7 @@ from .. import _signals
 from .._output import replacing
 from ..results import plain
 from . import loop, retuning
-from .live_policy import MEANING, LiveHealth, LivePolicy, completed
+from .live_rules import MEANING, LiveHealth, LiveRules, completed
 from .live_state import parsed_state, written_state
 from .loop import FilterState
 from .recursion import GAP_ROUNDING, Recursion, output
@@ -59,14 +59,14 @@ class LiveFilter:
         A :class:`SampledPhyFilter`.
     channels : int
         Number n_x of channels of x.
-    policy : LivePolicy
+    rules : LiveRules
         With a longest gap of two nominal steps or more, at which forward Euler does not diverge; else ValueError.
 
     Attributes
     ----------
     recursion : Recursion
         What it runs on now; another one after ``retune``.
-    policy : LivePolicy
+    rules : LiveRules
         With the times that it left open.
 
     Notes
@@ -86,9 +86,9 @@ class LiveFilter:
     (True, [2.2559], 1, 1)
     """
 
-    def __init__(self, sampled: SampledForm, channels: int, policy: LivePolicy) -> None:
+    def __init__(self, sampled: SampledForm, channels: int, rules: LiveRules) -> None:
         self.recursion: Recursion = sampled.recursion
-        self.policy: LivePolicy = completed(policy, self.recursion)
+        self.rules: LiveRules = completed(rules, self.recursion)
         self._channels = _signals.count("channels", channels)
         zeros = np.zeros(channels, sampled.sampling.precision)
         nothing = loop.start(self.recursion, zeros, f_hat0=None, f_theta0=None, inertia0=None, g0=None)
@@ -100,7 +100,7 @@ class LiveFilter:
         self._worst = health.worst_gap
         self._dt = self.recursion.sampling.dt
         self._usual = 1.5 * self._dt  # a longer step has lost samples in it
-        self._longest = (self.policy.longest_gap or 0.0) * GAP_ROUNDING
+        self._longest = (self.rules.longest_gap or 0.0) * GAP_ROUNDING
         self._fresh = not health.accepted or math.isnan(
             health.time
         )  # go on from the next good sample, without a step to it
@@ -109,7 +109,7 @@ class LiveFilter:
         self._late = _NONE_LATE
         self._strange = 0
         self._repeats: list[int] = [0] * self._channels
-        self._taken: deque[tuple[FilterState, _Sample]] = deque(maxlen=self.policy.stuck_after or 1)
+        self._taken: deque[tuple[FilterState, _Sample]] = deque(maxlen=self.rules.stuck_after or 1)
         self._nan = np.full(self._channels, np.nan, state.x.dtype)
         behind = output(state.w, state.carry, self.recursion.nominal.C)
         self._f_hat = self.recursion.limited(state.f_theta + behind)
@@ -182,7 +182,7 @@ class LiveFilter:
         h = time - self._time
         if abs(h - self._dt) <= _ROUNDING * abs(time):
             h = self._dt
-        if not 0.0 < h < self.policy.clock_jump and (h := self._odd_step(time, h)) < 0.0:
+        if not 0.0 < h < self.rules.clock_jump and (h := self._odd_step(time, h)) < 0.0:
             self._held = True
             return self._f_hat.copy()
         if h > self._usual:
@@ -192,7 +192,7 @@ class LiveFilter:
             self._note("missing" if came is None else "nonfinite", time)
             if self._kind != "stuck" or not self._state.held:
                 self._forget_repeats()
-        elif self.policy.stuck_after and not self._fresh:
+        elif self.rules.stuck_after and not self._fresh:
             good = self._moves(time, x)
         self._time, state = time, self._state
         if not good:
@@ -200,7 +200,7 @@ class LiveFilter:
         elif self._fresh or state.gap + h > self._longest:
             self._resume(x, _Sample(g, f_theta, M, h))
         else:
-            if self.policy.stuck_after:
+            if self.rules.stuck_after:
                 self._taken.append((state, _Sample(g, f_theta, M, h)))
             if state.gap + h > self._worst:
                 self._worst = state.gap + h
@@ -229,7 +229,7 @@ class LiveFilter:
         self._refuse_strange(h)
         self._note("clock_back" if h < 0.0 else "clock_ahead", time)
         self._rebase()
-        if self.policy.clock == "reset":
+        if self.rules.clock == "reset":
             self._scale(0.0)
         return 0.0
 
@@ -250,7 +250,7 @@ class LiveFilter:
         """Whether no channel of x is stuck; the repetitions of one that is are taken back."""
         equal, before = (x == self._state.x).tolist(), max(self._repeats)
         self._repeats = [n + 1 if same else 0 for n, same in zip(self._repeats, equal, strict=True)]
-        n, least = max(self._repeats), (self.policy.stuck_after or 0) - 1
+        n, least = max(self._repeats), (self.rules.stuck_after or 0) - 1
         if n < least:
             self._kind = "missing" if n == 0 else self._kind
             return True
@@ -271,9 +271,7 @@ class LiveFilter:
         self._wait(sample)
         state = self._state
         behind = output(state.w, state.carry, self.recursion.nominal.C)
-        self._f_hat = self.recursion.limited(
-            state.f_theta + self.policy.share(self._kind, state.gap) * behind
-        )
+        self._f_hat = self.recursion.limited(state.f_theta + self.rules.share(self._kind, state.gap) * behind)
 
     def _wait(self, sample: _Sample) -> None:
         before, (g, f_theta, M, h) = self._state.gap, sample
@@ -289,7 +287,7 @@ class LiveFilter:
         if before <= self._longest < before + h:
             self._note("gap", self._time)
         self._worst = max(self._worst, before + h)
-        self._scale(self.policy.share(self._kind, before + h))
+        self._scale(self.rules.share(self._kind, before + h))
         self._state, self._f_hat = loop.resume(self.recursion, self._state, x, g, f_theta, M)
         self._accepted += 1
         self._fresh, self._held, self._late = False, False, _NONE_LATE
@@ -325,7 +323,7 @@ class LiveFilter:
         Parameters
         ----------
         new_filter : SampledForm
-            A sampled filter: ``sampled.with_filter(F)``. The policy's times stay as they are.
+            A sampled filter: ``sampled.with_filter(F)``. The rules's times stay as they are.
 
         Raises
         ------

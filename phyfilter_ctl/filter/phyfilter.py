@@ -32,7 +32,7 @@ from .. import _sections
 from .._sections import FloatArray
 from . import matching, retuning
 from .live import LiveFilter
-from .live_policy import LivePolicy
+from .live_rules import LiveRules
 from .loop import FilterState
 from .matrices import channel_counts, continuous_state_space
 from .rational import Rational
@@ -402,14 +402,14 @@ class SampledPhyFilter(SampledForm):
         new = new_filter if isinstance(new_filter, SampledPhyFilter) else self.with_filter(new_filter)
         return retuning.retune(self.recursion, state, new.recursion)
 
-    def live(self, channels: int | None = None, policy: LivePolicy | None = None) -> LiveFilter:
+    def live(self, channels: int | None = None, rules: LiveRules | None = None) -> LiveFilter:
         """A loop's object that takes samples as they come: with time stamps, jitter, gaps, bad values, restarts.
 
         Parameters
         ----------
         channels : int, optional
             Number n_x of channels of x; needed where neither ``sampling``, E nor one filter per channel tells it.
-        policy : LivePolicy, optional
+        rules : LiveRules, optional
             What it does about samples that are no good; by default it keeps f_hat - f_theta for 20 nominal steps, then
             lets it decay as fast as the filter forgets.
 
@@ -420,7 +420,7 @@ class SampledPhyFilter(SampledForm):
         Raises
         ------
         ValueError
-            For a number of channels that does not fit, or times of the policy that do not.
+            For a number of channels that does not fit, or times of the rules that do not.
 
         Examples
         --------
@@ -429,7 +429,7 @@ class SampledPhyFilter(SampledForm):
         [0.0, 0.0, 0.0]
         """
         n_x, _ = channel_counts(len(self.filters), self.E, self.sampling.channels_or(channels))
-        return LiveFilter(self, n_x, LivePolicy() if policy is None else policy)
+        return LiveFilter(self, n_x, LiveRules() if rules is None else rules)
 
     # -- equality and text --------------------------------------------------------------------------------------
 

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from .. import _signals
 from .._sections import FloatArray
 
-# A step that long, in s and in usual steps, is a clock that was set, as for LivePolicy.
+# A step that long, in s and in usual steps, is a clock that was set, as for LiveRules.
 _JUMP, _JUMP_STEPS = 60.0, 200.0
 
 

@@ -16,7 +16,7 @@ from phyfilter_ctl.codegen.filter_source import filter_source
 FloatArray = NDArray[np.floating]
 
 DT = 0.01
-KEEP = pf.LivePolicy(missing="keep", clock="keep")  # the estimate is held in a gap, as by all other routes
+KEEP = pf.LiveRules(missing="keep", clock="keep")  # the estimate is held in a gap, as by all other routes
 # Routes sum the same numbers in another order: some hundred roundings of numbers of size 1 over steps of 0.01.
 SAME = 1e-9
 OPTIONS = [

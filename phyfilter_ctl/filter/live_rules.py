@@ -1,4 +1,4 @@
-"""What a live filter does about samples that are no good (``LivePolicy``), and what it met (``LiveHealth``)."""
+"""What a live filter does about samples that are no good (``LiveRules``), and what it met (``LiveHealth``)."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from .. import _signals
 from ..results import Result
 from .recursion import Recursion
 
-__all__ = ["MEANING", "LiveHealth", "LivePolicy", "completed"]
+__all__ = ["MEANING", "LiveHealth", "LiveRules", "completed"]
 
 After = Literal["decay", "keep", "reset"]
 
 
 @dataclass(frozen=True)
-class LivePolicy:
+class LiveRules:
     """What a live filter does about samples that are no good.
 
     Parameters
@@ -47,7 +47,7 @@ class LivePolicy:
 
     Examples
     --------
-    >>> LivePolicy(longest_gap=0.1, decay_time=0.5).missing
+    >>> LiveRules(longest_gap=0.1, decay_time=0.5).missing
     'decay'
     """
 
@@ -91,17 +91,17 @@ class LivePolicy:
         return 0.0 if after == "reset" else math.exp(-(gap - longest) / decay)
 
 
-def completed(policy: LivePolicy, recursion: Recursion) -> LivePolicy:
-    """The policy with the times that it left open."""
-    dt, longest, decay = recursion.sampling.dt, policy.longest_gap, policy.decay_time
+def completed(rules: LiveRules, recursion: Recursion) -> LiveRules:
+    """The rules with the times that it left open."""
+    dt, longest, decay = recursion.sampling.dt, rules.longest_gap, rules.decay_time
     if longest is None:
         longest = recursion.longest_gap
     if longest < 2.0 * dt:
         raise ValueError(f"longest_gap: expected at least two nominal steps, {2.0 * dt:g} s, got {longest:g}")
     recursion.check_step(longest)
     decay = 1.0 / recursion.slowest if decay is None else decay
-    jump = max(policy.clock_jump, 10.0 * longest)
-    return replace(policy, longest_gap=longest, decay_time=decay, clock_jump=jump)
+    jump = max(rules.clock_jump, 10.0 * longest)
+    return replace(rules, longest_gap=longest, decay_time=decay, clock_jump=jump)
 
 
 MEANING = {
