@@ -43,7 +43,7 @@ def main() -> int:
         print(f"not evaluated: expected at least 4 CSV files in {folder or 'FOLDER'}, found {len(paths)}")
         return 0
     points = 40 if options.quick else options.points
-    slower, faster = split_by_speed([Recording.from_csv(path) for path in paths])
+    slower, faster = split_by_speed([Recording.read(path) for path in paths])
     holds = compare("f_theta = 0, slower half of all flights", slower, faster, points)
     training, rest, test = with_network(slower, faster, 20 if options.quick else 100)
     holds &= compare(f"f_theta a network of the {training} slowest flights, on the next", rest, test, points)

@@ -118,7 +118,7 @@ def main() -> int:
     if len(paths) < 2:
         print(f"not evaluated: expected at least 2 CSV files in {options.folder}, found {len(paths)}")
         return 0
-    logs = [Recording.from_csv(path) for path in paths]
+    logs = [Recording.read(path) for path in paths]
     effort = experiment.QUICK if options.quick else experiment.Effort()
     pooled: dict[str, dict[str, Array]] = {}
     for split in range(options.splits):

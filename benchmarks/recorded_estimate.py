@@ -28,7 +28,7 @@ APART = 0.08  # s between the positions
 def flight(path: Path) -> pf.Recording:
     """With g and a label."""
     if "hover_throttle" not in path.open().readline():
-        return pf.Recording.from_csv(path)
+        return pf.Recording.read(path)
     found = importlib.import_module(f"{models.__name__}.drone.replay_recordings").read(path)
     return pf.Recording(
         found.log.times,
@@ -45,7 +45,7 @@ def by_position(path: Path, log: pf.Recording) -> np.ndarray | None:
     """f by the second difference of the position: its mean, weighted by a triangle, over 80 ms on both sides of now."""
     if "px" not in path.open().readline().split(",") or log.g is None:
         return None
-    p = pf.Recording.from_csv(path, x=("px", "py", "pz"), label=None, g=None, f_theta=None, inertia=None).x
+    p = pf.Recording.read(path, x=("px", "py", "pz"), label=None, g=None, f_theta=None, inertia=None).x
     k = round(APART / log.dt)
     label = np.full_like(p, np.nan)
     label[k:-k] = (p[2 * k :] - 2.0 * p[k:-k] + p[: -2 * k]) / (k * log.dt) ** 2

@@ -402,7 +402,7 @@ def test_a_column_of_microseconds_is_refused_until_its_unit_is_given(tmp_path, m
     ]
     assert main(arguments) == 2
     said = capsys.readouterr().err
-    assert "the time steps are 1e+04 s, expected 10 us to 1 s" in said
+    assert "the time steps are 10000 s, expected 10 us to 1 s" in said
     assert "0.01 s if it counts us" in said
     assert not Path("filter.toml").exists()
     assert main([*arguments, "--time-unit", "us"]) == 0

@@ -149,7 +149,7 @@ def _flights(options: Namespace) -> tuple[tuple[Recording, ...], tuple[Recording
         from phyfilter_ctl.recording import Recording
 
         train_logs, test_logs = (
-            tuple(Recording.from_csv(path) for path in paths) for paths in (options.train, options.test)
+            tuple(Recording.read(path) for path in paths) for paths in (options.train, options.test)
         )
         return train_logs, test_logs, "recorded"
     from .flights import generate

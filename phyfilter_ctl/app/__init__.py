@@ -30,7 +30,7 @@ def designer(
     filter : PhyFilter or SampledPhyFilter, optional
         Where the design begins; None means two poles at -20 rad/s. A sampled one brings its step and method.
     log : Recording or path, optional
-        A recording to try it on; a path is read by :meth:`Recording.from_csv`.
+        A recording to try it on; a path is read by :meth:`Recording.read`.
     session : path, optional
         A session to go on with, as the designer saved it; instead of a filter.
 

@@ -13,11 +13,12 @@ import numpy as np
 from .._sections import FloatArray
 from .._units import unit_definition
 from ..logfiles import open_log
-from ..logfiles.clock import TimeUnit, unit_of_name
+from ..logfiles.clock import TimeUnit
 from ..logfiles.formats import FORMATS, format_of
 from ..recording import Recording
 from ..recording.columns import VELOCITIES
 from ..recording.columns import read_log as read_columns
+from ..recording.header import unit_of_time
 from ..robot.findings import findings_of
 from .checking import Fields, MessageError, shown
 from .inbox import Source
@@ -257,7 +258,7 @@ def _table(source: Source, roles: Roles, wanted: dict[str, tuple[str, ...]]) -> 
         decimal=table.decimal,
     ).values["x"]
     place = {key: k for k, key in enumerate(every)}
-    stated = bool(unit_of_name(time.column)) or not time.unit
+    stated = bool(unit_of_time(time.column)) or not time.unit
     times = (
         open_log(source.path, time_unit=None if stated else unit or "s", time=time.column).read("", []).times
     )

@@ -12,10 +12,11 @@ import numpy as np
 
 from .._sections import FloatArray
 from ..logfiles import LogFile, open_log, suggestions
-from ..logfiles.clock import TimeUnit, column_unit, time_column, unit_of_name
+from ..logfiles.clock import TimeUnit, time_column
 from ..logfiles.formats import FORMATS, format_of
 from ..logfiles.suggestions import is_force
 from ..recording.csvfile import CsvFile, dialect, open_csv
+from ..recording.header import unit_in, unit_of_time
 from ..results import plain
 from .inbox import Source
 
@@ -147,7 +148,7 @@ def columns_of(source: Source) -> tuple[str, list[Column]]:
         return "csv", [
             Column(
                 name,
-                column_unit(name) or _unit_of_ending(name),
+                unit_in(name) or _unit_of_ending(name),
                 kinds[k],
                 tuple(row[k][:_LONGEST_CELL] for row in rows[:SHOWN_ROWS]),
             )
@@ -261,7 +262,7 @@ def _counted(column: str, values: FloatArray, unit: TimeUnit | None) -> Times:
         return Times(column, unit or "", f"{column!r} does not count forwards: choose another column.")
     step = float(np.median(steps))
     even = bool(np.all(np.abs(steps - step) <= _EVEN * step))
-    stated = unit_of_name(column)
+    stated = unit_of_time(column)
     choices = {} if stated else {name: step * size for name, size in _TICKS.items()}
     if unit is not None and stated and unit != stated:
         raise ValueError(

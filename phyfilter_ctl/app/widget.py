@@ -39,7 +39,7 @@ class Designer(anywidget.AnyWidget):
     ) -> None:
         if filter is not None and not isinstance(filter, PhyFilter | SampledPhyFilter):
             raise TypeError(f"filter: expected a PhyFilter or a SampledPhyFilter, got {filter!r}")
-        recording = log if isinstance(log, Recording) or log is None else Recording.from_csv(log)
+        recording = log if isinstance(log, Recording) or log is None else Recording.read(log)
         if session is not None and filter is not None:
             raise TypeError("expected a filter or a session to start from, got both")
         kept = None if session is None else load_session(session)

@@ -216,9 +216,9 @@ def _draw(named: Mapping[str, Analysis], options: argparse.Namespace) -> None:
 def _log(path: str, options: argparse.Namespace) -> Recording:
     from ..recording import Recording
 
-    return Recording.from_csv(
+    return Recording.read(
         path,
-        time=options.time or "t",
+        time=options.time,
         x=(options.x or "vx,vy,vz").split(","),
         f_theta=None if options.f_theta is None else options.f_theta.split(","),
         label=None,

@@ -29,10 +29,8 @@ __all__ = [
 
 # Options that name columns.
 COLUMNS = ("time", "time-unit", "dt", "x", "label", "g", "f-theta", "model", "features", "inertia")
-_TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 _RULES = ("hold", "average")
 _VELOCITIES = ("vx", "vy", "vz")
-_TABLES = (".parquet", ".pq", ".arrow", ".feather", ".mat", ".h5", ".hdf5")
 
 
 def add_columns(
@@ -40,11 +38,11 @@ def add_columns(
 ) -> None:
     """Add the options that name columns; ``dt`` is what the help says of --dt."""
     columns = parser.add_argument_group("columns, with commas between them (none: leave the signal out)")
-    columns.add_argument("--time", metavar="COLUMN", help="times (default t)")
+    columns.add_argument("--time", metavar="COLUMN", help="times (default t, time, timestamp, ...)")
     columns.add_argument(
         "--time-unit",
         choices=get_args(TimeUnit),
-        help="of the times (default s; without it, steps below 10 us or above 1 s are refused)",
+        help="of the times (default: as the table says, else s with steps of 10 us to 1 s)",
     )
     columns.add_argument("--dt", type=float, metavar="S", help=dt)
     columns.add_argument("--x", metavar="C,C,...", help="measured signal (default vx,vy,vz)")
@@ -56,7 +54,7 @@ def add_columns(
     )
     columns.add_argument("--features", metavar="C,C,...", help="what --model takes (default feature_0, ...)")
     columns.add_argument("--inertia", metavar="M,... | C,...", help="M: numbers or columns (default 1)")
-    columns.add_argument("--delimiter", default=",", metavar="CHAR", help="between columns (default ,)")
+    columns.add_argument("--delimiter", metavar="CHAR", help="between columns (default: as the file has it)")
     add_largest(columns)
     columns.add_argument("--g-rule", choices=_RULES, default="hold", help="g between samples (default hold)")
     columns.add_argument(
@@ -76,7 +74,7 @@ def add_largest(parser: argparse.ArgumentParser | argparse._ArgumentGroup) -> No
 
 
 def read_columns(path: str | Path, options: argparse.Namespace) -> Recording:
-    """A recording by those options: CSV, or a table with a unit of time, such as Parquet.
+    """A recording by those options: of any table that :meth:`Recording.read` reads.
 
     Raises
     ------
@@ -85,6 +83,7 @@ def read_columns(path: str | Path, options: argparse.Namespace) -> Recording:
     """
     from ..logfiles import read_recording
     from ..recording import Recording
+    from ..recording.header import TICKS
 
     for name in ("time", "time_unit"):
         if getattr(options, name) is not None and options.dt is not None:
@@ -100,28 +99,27 @@ def read_columns(path: str | Path, options: argparse.Namespace) -> Recording:
     features = _columns("--features", options.features) if options.model else None
     signals: dict[str, Any] = {"label": label, "g": g, "f_theta": f_theta, "features": features}
     inertia = _inertia(options.inertia)
-    if Path(path).suffix.lower() in _TABLES:
-        if options.dt is not None:
-            raise ValueError(f"{path}: --dt is for CSV files without times; this table has a column of them")
+    if options.delimiter is None:
         log = read_recording(
             path,
             time=options.time,
             time_unit=options.time_unit,
+            dt=options.dt,
             x=x,
             inertia=inertia,
             largest=options.largest,
             **signals,
         )
     else:
+        time = None if options.dt is not None else options.time or "t"
+        known = options.time_unit is not None and time is not None
         log = Recording.from_csv(
             path,
-            time=None if options.dt is not None else options.time or "t",
+            time=time,
             dt=options.dt,
             x=x,
             inertia=inertia,
-            scale=None
-            if options.time_unit is None
-            else {options.time or "t": _TIME_UNITS[options.time_unit]},
+            scale={str(time): TICKS[options.time_unit]} if known else None,
             delimiter=options.delimiter,
             **signals,
         )

@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._sections import FloatArray
-from .clock import Times, column_times, column_unit, time_column
+from ..recording.header import unit_in
+from .clock import Times, column_times, time_column
 from .contents import Column, Contents, Table
 from .formats import format_of
 from .matlab import Values, read_arrays
@@ -93,7 +94,7 @@ def _table(arrays: Mapping[str, _Array], time: str, times: FloatArray, largest: 
     columns: list[Column] = []
     notes: list[str] = []
     for name, array in arrays.items():
-        unit, kind = array.unit or column_unit(name), array.dtype.name
+        unit, kind = array.unit or unit_in(name), array.dtype.name
         if name == time:
             continue
         if array.shape == (n,):

@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 from pyarrow import feather
 
 from .._sections import FloatArray
+from ..recording.header import unit_in
 from .arrow_sizes import unpacked_size
-from .clock import column_times, column_unit, time_column
+from .clock import column_times, time_column
 from .contents import Column, Contents, Table
 from .formats import format_of
 from .records import side_by_side
@@ -107,7 +108,7 @@ def _unit(field: pa.Field) -> str:
     """As the column's metadata say it, or its name."""
     metadata = field.metadata or {}
     said = metadata.get(b"unit", metadata.get(b"units", b"")).decode("utf-8", "replace")
-    return said or column_unit(field.name)
+    return said or unit_in(field.name)
 
 
 def _arrow(path: Path, largest: int) -> pa.Table:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
@@ -14,15 +13,15 @@ from numpy.typing import NDArray
 from .._choices import TimeUnit
 from .._sections import FloatArray
 from ..recording.checks import is_jump
+from ..recording.header import TIMES, stem, unit_of_time
 
 _TICKS: dict[str, float] = {"s": 1.0, "ms": 1e3, "us": 1e6, "ns": 1e9}
 _GAP = 3.0  # a step this many times the median is a gap
 _SHORTEST, _LONGEST = 10e-6, 1.0  # of a sampling interval that nobody asks about, s
 
-_TIME_NAMES = {"t", "time", "times", "timestamp", "timestamps", "stamp", "timepts", "datetime"}
-_BRACKETED = re.compile(r"^(.*?)[ _]*[\[(]([^\])]*)[\])]$")
-_SUFFIXED = re.compile(r"^(.+)_(s|sec|seconds|ms|us|ns)$")
-_SPELT = {"sec": "s", "seconds": "s", "second": "s", "µs": "us", "μs": "us"}
+
+class TimeUnitError(ValueError):
+    """Nobody says what the times of a table count."""
 
 
 @dataclass(frozen=True)
@@ -174,12 +173,12 @@ def column_times(
     if values.dtype.kind in "mM":
         _refuse_second(name, unit, f"is {values.dtype}, which has its unit")
         return _calendar(name, values, utc)
-    own = said or unit_of_name(name)
+    own = said or unit_of_time(name)
     if own:
         _refuse_second(name, None if unit == own else unit, f"is in {own}")
     unit = unit or own
     if not unit:
-        raise ValueError(f"column {name!r}: {_question(values)}")
+        raise TimeUnitError(f"column {name!r}: {_question(values)}")
     if values.dtype.kind in "iu" and len(values):
         whole = values.astype(np.uint64 if values.dtype.kind == "u" else np.int64)
         zero = int(whole[0] if zero is None else zero)
@@ -237,21 +236,6 @@ def check_unit(unit: str | None) -> None:
         raise ValueError(f"time_unit: expected one of s, ms, us, ns, got {unit!r}")
 
 
-def unit_of_name(name: str) -> str:
-    """Unit of time in a column's name (``time_us``, ``t [ms]``), or nothing."""
-    unit = column_unit(name)
-    if not unit and (match := _SUFFIXED.match(name.strip())):
-        unit = match[2]
-    unit = _SPELT.get(unit, unit)
-    return unit if unit in _TICKS else ""
-
-
-def column_unit(name: str) -> str:
-    """Unit in brackets at the end of a column's name: ``vx [m/s]``; nothing where there is none."""
-    match = _BRACKETED.match(name.strip())
-    return match[2].strip() if match and match[1] else ""
-
-
 def time_column(names: Sequence[str], calendar: Sequence[str], time: str | None) -> str:
     """Which column holds the times: the one asked for, else the one with such a name, else the only calendar one.
 
@@ -264,14 +248,8 @@ def time_column(names: Sequence[str], calendar: Sequence[str], time: str | None)
         if time not in names:
             raise ValueError(f"time: there is no column {time!r}, only {', '.join(names)}")
         return time
-    found = [name for name in names if _base(name) in _TIME_NAMES] or list(calendar)
+    found = [name for name in names if stem(name) in TIMES] or list(calendar)
     if len(found) == 1:
         return found[0]
     which = f"{', '.join(map(repr, found))} may be the times" if found else "no column is known as the times"
     raise ValueError(f"{which}; name it by time=, one of: {', '.join(names)}")
-
-
-def _base(name: str) -> str:
-    name = name.strip()
-    match = _BRACKETED.match(name) or _SUFFIXED.match(name)
-    return (match[1] if match and unit_of_name(name) else name).strip().lower()

@@ -277,6 +277,8 @@ def refusing(path: Path, format: str) -> Iterator[None]:
         raise ValueError(
             f"{path}: a {format} log needs the package {package}: pip install 'phyfilter-ctl[logs]'"
         ) from error
+    except clocks.TimeUnitError as error:
+        raise clocks.TimeUnitError(f"{path}: {error}") from error
     except ValueError as error:
         text = str(error)
         raise ValueError(text if text.startswith(str(path)) else f"{path}: {text}") from error

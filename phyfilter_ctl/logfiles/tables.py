@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..recording.csvfile import CsvFile, dialect, open_csv
-from .clock import column_times, column_unit, time_column
+from ..recording.header import unit_in
+from .clock import column_times, time_column
 from .contents import Column, Contents, Table
 from .sizes import check_size
 
@@ -28,7 +29,7 @@ def read(path: Path, time_unit: str | None, time: str | None, largest: int) -> C
     chosen = time_column(file.header, calendar, time)
     values, utc = _times(file, chosen, chosen in numeric)
     found = column_times(chosen, values, time_unit, utc=utc)
-    columns = tuple(Column(name, column_unit(name)) for name in numeric if name != chosen)
+    columns = tuple(Column(name, unit_in(name)) for name in numeric if name != chosen)
     left_out = [name for name in texts if name != chosen]
     notes = (f"left out, as text: {', '.join(left_out)}",) if left_out else ()
     table = Table(columns, found.seconds, lambda names: file.read(names, gaps=True), notes)

@@ -173,9 +173,8 @@ def learn(
     callback : callable, optional
         Called with a :class:`LearnEvent` after every step that lowered a cost; True stops.
     read : callable
-        Path -> Recording, for files that need more than :meth:`Recording.from_csv` and
-        :func:`~phyfilter_ctl.logfiles.read_recording` take by default, such as
-        ``partial(read_recording, time_unit="s")`` or ``Robot.load(...).read``.
+        Path -> Recording, for files that need more than :meth:`Recording.read` takes by default, such as
+        ``partial(Recording.read, time_unit="ms")`` or ``Robot.load(...).read``.
     on_bad : {"raise", "skip"}
         What a flight does that cannot be read or has no label: an error, or an entry of ``result.skipped``.
     workers : int, optional

@@ -35,9 +35,7 @@ _TABLES = (".parquet", ".pq", ".arrow", ".feather", ".csv")
 
 
 def read_flight(path: Path) -> Recording:
-    """A file of any table format by its usual columns; times without a unit, as in CSV, are s."""
-    if path.suffix.lower() == ".csv":
-        return Recording.from_csv(path)
+    """A file of any table format by its usual columns."""
     return read_recording(path)
 
 

@@ -321,7 +321,7 @@ def other_time_units(flights: Sequence[Flight]) -> dict[int, str]:
     return {
         log: (
             f"its steps are {steps[log]:.4g} s, those of other flights {others[0]:.4g} s: times in another unit? Give "
-            "it, as by read=partial(read_recording, time_unit='ms') or Recording.from_csv(..., scale={'t': 1e-3})"
+            "it, as by read=partial(Recording.read, time_unit='ms')"
         )
         for log, others in found.items()
         if 2 * len(others) >= len(steps)

@@ -1,0 +1,171 @@
+"""One reader of tables, with one set of rules: whatever the format, the same table is the same recording."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import phyfilter_ctl as pf
+from phyfilter_ctl import Recording, learn
+from phyfilter_ctl.recording.header import Columns, unit_in, unit_of_time
+
+T = 0.01 * np.arange(300)
+V = np.sin(3.0 * T)
+
+
+def table(names=("t", "vx", "label_vx"), times=T, delimiter=",", decimal="."):
+    rows = zip(times, V, 3.0 * np.cos(3.0 * T), strict=True)
+    lines = [delimiter.join(names)]
+    lines += [delimiter.join(repr(float(value)).replace(".", decimal) for value in row) for row in rows]
+    return "\n".join(lines) + "\n"
+
+
+@pytest.fixture
+def csv(tmp_path):
+    def written(text, name="flight.csv"):
+        path = tmp_path / name
+        path.write_text(text, encoding="utf-8")
+        return path
+
+    return written
+
+
+ONE = {"x": ["vx"]}
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        table(),
+        table(delimiter=";"),
+        table(delimiter="\t"),
+        table(delimiter=";", decimal=","),
+        table(("Time", "VX", "label_VX")),
+        table(("time [s]", "vx [m/s]", "label_vx [N]")),
+        table(("t [ms]", "vx", "label_vx"), 1e3 * T),
+        table(("stamp_us", "vx", "label_vx"), 1e6 * T),
+        "# a comment\n\n" + table(),
+        "\ufeff" + table(),
+    ],
+    ids=["plain", "semicolon", "tab", "comma", "case", "units", "ms", "us", "comment", "mark"],
+)
+def test_one_recording_however_it_is_written(csv, text):
+    found = Recording.read(csv(text), **ONE)
+    expected = Recording.from_csv(csv(table(), "plain.csv"), x=["vx"])
+    assert found.channels[0].lower() == "vx"
+    np.testing.assert_allclose(found.times - found.times[0], T, atol=1e-12)
+    np.testing.assert_allclose(found.x, expected.x, rtol=1e-12)
+    if found.channels == ("vx",):
+        np.testing.assert_allclose(found.label, expected.label, rtol=1e-12)
+    assert found.name == "flight"
+
+
+def test_units_of_the_columns_are_those_of_the_recording(csv):
+    assert Recording.read(csv(table(("t", "vx [mm/s]", "label_vx"))), **ONE).unit == "mm/s"
+    assert Recording.read(csv(table(("t", "vx [mm/s]", "label_vx"))), x=["vx [mm/s]"]).channels == ("vx",)
+    with pytest.raises(ValueError, match="unit: the columns of x say mm/s, got 'm/s'"):
+        Recording.read(csv(table(("t", "vx [mm/s]", "label_vx"))), unit="m/s", **ONE)
+    with pytest.raises(ValueError, match=r"one unit for all columns of x, got 'a \[m/s\]', 'b \[rad/s\]'"):
+        Recording.read(csv(table(("t", "a [m/s]", "b [rad/s]"))), x=["a", "b"])
+
+
+def test_times_that_are_no_seconds_are_asked_for(csv):
+    for factor in (1e3, 1e6):
+        path = csv(table(times=factor * T))
+        with pytest.raises(ValueError, match=r"expected 10 us to 1 s.*say it by time_unit="):
+            Recording.read(path, **ONE)
+        unit = {1e3: "ms", 1e6: "us"}[factor]
+        assert Recording.read(path, time_unit=unit, **ONE).dt == pytest.approx(0.01)
+    with pytest.raises(ValueError, match=r"is in ms, got time_unit='us'"):
+        Recording.read(csv(table(("t [ms]", "vx", "label_vx"), 1e3 * T)), time_unit="us", **ONE)
+    with pytest.raises(ValueError, match="time_unit: expected one of s, ms, us, ns, got 'h'"):
+        Recording.read(csv(table()), time_unit="h", **ONE)
+
+
+def test_a_table_without_times_needs_the_step(csv):
+    path = csv(table(("k", "vx", "label_vx"), np.arange(300.0)))
+    with pytest.raises(ValueError, match="name it by time="):
+        Recording.read(path, **ONE)
+    assert Recording.read(path, dt=0.01, **ONE).dt == 0.01
+    with pytest.raises(ValueError, match="dt: is for tables without times"):
+        Recording.read(path, dt=0.01, time="k", **ONE)
+    with pytest.raises(ValueError, match=r"time: no column 'when', only k, vx, label_vx"):
+        Recording.read(path, time="when", **ONE)
+
+
+def test_what_is_wrong_is_named_by_its_line(csv):
+    lines = table().splitlines()
+    lines[7] = "0.06,,1.0"
+    with pytest.raises(ValueError, match=r"flight.csv, line 8|flight.csv: line 8"):
+        Recording.read(csv("\n".join(lines)), **ONE)
+    with pytest.raises(ValueError, match=r"no column 'vx' \(x\)"):
+        Recording.read(csv(table(("t", "v", "label_v"))), **ONE)
+
+
+def test_parquet_reads_as_csv_does(csv, tmp_path):
+    arrow = pytest.importorskip("pyarrow")
+    parquet = pytest.importorskip("pyarrow.parquet")
+    columns = {"t": T, "vx [m/s]": V, "label_vx": 3.0 * np.cos(3.0 * T)}
+    parquet.write_table(arrow.table(columns), tmp_path / "flight.parquet")
+    found = Recording.read(tmp_path / "flight.parquet", **ONE)
+    expected = Recording.read(csv(table(("t", "vx [m/s]", "label_vx"))), **ONE)
+    assert (found.channels, found.unit, found.name) == (expected.channels, expected.unit, expected.name)
+    np.testing.assert_allclose(found.x, expected.x, rtol=1e-12)
+    np.testing.assert_allclose(found.times - found.times[0], expected.times, atol=1e-12)
+    columns["t"] = 1e3 * T
+    parquet.write_table(arrow.table(columns), tmp_path / "ticks.parquet")
+    with pytest.raises(ValueError, match=r"expected 10 us to 1 s.*say it by time_unit="):
+        Recording.read(tmp_path / "ticks.parquet", **ONE)
+
+
+def test_frames_are_tables_too():
+    pandas = pytest.importorskip("pandas")
+    frame = pandas.DataFrame({"time [ms]": 1e3 * T, "VX": V, "label_VX": 3.0 * np.cos(3.0 * T)})
+    found = Recording.read(frame, **ONE)
+    assert (found.n, found.channels) == (300, ("VX",))
+    assert found.dt == pytest.approx(0.01)
+    indexed = pandas.DataFrame({"vx": V}, index=pandas.to_timedelta(T, unit="s"))
+    assert Recording.read(indexed, **ONE).dt == pytest.approx(0.01)
+    with pytest.raises(ValueError, match="its index counts rows"):
+        Recording.read(pandas.DataFrame({"vx": V}), **ONE)  # its index counts rows
+    polars = pytest.importorskip("polars")
+    assert Recording.read(polars.DataFrame({"t": T, "vx": V}), **ONE).n == 300
+    with pytest.raises(ValueError, match="no column that is called t or time"):
+        Recording.read(polars.DataFrame({"vx": V}), **ONE)
+
+
+def test_other_things_are_refused():
+    for wrong in ({"t": T, "vx": V}, V, 3):
+        with pytest.raises(TypeError, match="source: expected a path, or a frame"):
+            Recording.read(wrong, **ONE)
+
+
+def test_learn_reads_by_the_same_rules(csv):
+    path = csv(table(("Time [ms]", "vx [m/s]", "label_vx"), 1e3 * T, delimiter=";"))
+    found = learn([path], 1, read=lambda file: Recording.read(file, **ONE), wiener=False, workers=1)
+    log = Recording.read(path, **ONE)
+    assert found.filter == pf.learn(log, 1, wiener=False).filter
+
+
+@pytest.mark.parametrize(
+    ("name", "unit", "time"),
+    [
+        ("vx [m/s]", "m/s", ""),
+        ("t [ms]", "ms", "ms"),
+        ("time_us", "", "us"),
+        ("v[0]", "", ""),
+        ("J[0,1]", "", ""),
+        ("t (sec)", "sec", "s"),
+        ("[m]", "", ""),
+    ],
+)
+def test_units_in_names(name, unit, time):
+    assert (unit_in(name), unit_of_time(name)) == (unit, time)
+
+
+def test_names_that_are_alike_keep_what_tells_them_apart(tmp_path):
+    columns = Columns(tmp_path, ("v [m/s]", "v [ft/s]", "a", "A", "w [rad/s]", "w"))
+    assert columns.header == ("v [m/s]", "v [ft/s]", "a", "A", "w [rad/s]", "w")
+    assert columns.found(["v [m/s]", "a", "A", "w"]) == ["v [m/s]", "a", "A", "w"]
+    assert columns.found("V [M/S]") == "v [m/s]"
+    assert columns.found("nothing") == "nothing"
