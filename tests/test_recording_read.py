@@ -169,3 +169,32 @@ def test_names_that_are_alike_keep_what_tells_them_apart(tmp_path):
     assert columns.found(["v [m/s]", "a", "A", "w"]) == ["v [m/s]", "a", "A", "w"]
     assert columns.found("V [M/S]") == "v [m/s]"
     assert columns.found("nothing") == "nothing"
+
+
+def test_selected_channels_are_those_of_the_recording():
+    rng = np.random.default_rng(0)
+    x, g, label = (rng.standard_normal((50, 3)) for _ in range(3))
+    M = np.diag([1.0, 2.0, 3.0])
+    M[0, 1] = M[1, 0] = 0.2
+    log = Recording.from_arrays(
+        x=x, dt=0.01, g=g, label=label, inertia=M, channels=["a", "b", "c"], unit="m/s"
+    )
+    two = log.select(["b", "a"])
+    assert (two.channels, two.unit, two.n) == (("b", "a"), "m/s", 50)
+    np.testing.assert_array_equal(two.label, label[:, [1, 0]])
+    np.testing.assert_array_equal(np.squeeze(two.inertia), [[2.0, 0.2], [0.2, 1.0]])
+    np.testing.assert_array_equal(log.select([2]).g, g[:, [2]])
+    heavy = Recording.from_arrays(x=x, dt=0.01, inertia=[1.0, 2.0, 3.0], channels=["a", "b", "c"])
+    sampled = pf.PhyFilter([5.0]).sampled(0.01)
+    np.testing.assert_allclose(sampled.run(heavy.select(["c"]))[:, 0], sampled.run(heavy)[:, 2], rtol=1e-12)
+    with pytest.raises(ValueError, match="the inertia couples those kept with b"):
+        log.select(["a", "c"])
+    for wrong, error, words in (
+        ("a", TypeError, "expected a sequence"),
+        ([], TypeError, "expected a sequence"),
+        (["d"], ValueError, "there is no 'd'; expected some of a, b, c, or 0 to 2"),
+        ([3], ValueError, "there is no 3"),
+        (["a", 0], ValueError, "names a channel twice"),
+    ):
+        with pytest.raises(error, match=words):
+            heavy.select(wrong)

@@ -285,7 +285,7 @@ def _sampled_bound(
 
 
 def _margins(design: Design, loop: AssumedLoop) -> list[Figure]:
-    """Prior margins, and what to read where one has no number."""
+    """Margins, and what to read where one has no number."""
     margin, note = loop.margin, loop.note
     values = {
         "ratio_low": None if margin is None else margin.min_ratio,

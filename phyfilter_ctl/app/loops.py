@@ -72,7 +72,7 @@ def loop_note(exact: bool) -> str:
 def margin_of(
     design: Design, sampled: SampledPhyFilter | None, *, exact: bool | None = None
 ) -> FilterMargins:
-    """Prior margins of a design with the lag, delay and inertia ratio that are assumed.
+    """Margins of a design with the lag, delay and inertia ratio that are assumed.
 
     Parameters
     ----------

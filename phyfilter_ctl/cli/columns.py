@@ -119,7 +119,7 @@ def read_columns(path: str | Path, options: argparse.Namespace) -> Recording:
             dt=options.dt,
             x=x,
             inertia=inertia,
-            scale={str(time): TICKS[options.time_unit]} if known else None,
+            scale={str(time): TICKS[str(options.time_unit)]} if known else None,
             delimiter=options.delimiter,
             **signals,
         )

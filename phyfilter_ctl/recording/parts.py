@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from datetime import timedelta
 from typing import Literal, Self
@@ -38,6 +39,59 @@ class Parts(Recorded):
                 f"segment: expected 0 <= start, start + 2 <= stop <= {self.n}, got start {start} and stop {stop}"
             )
         return self._at(self.times[start:stop], lambda values: values[start:stop])
+
+    def select(self, channels: Sequence[int | str]) -> Self:
+        """Some of the channels, in this order.
+
+        Parameters
+        ----------
+        channels : sequence of int or str
+            Numbers from 0, or names.
+
+        Raises
+        ------
+        TypeError
+            If it is no sequence of numbers and names.
+        ValueError
+            For a channel that is not there or stands twice, or an inertia that couples those kept with others.
+
+        Examples
+        --------
+        >>> from phyfilter_ctl.recording import Recording
+        >>> log = Recording.from_arrays(x=[[0.0, 1.0], [0.1, 1.1]], dt=0.5, channels=["vx", "vy"])
+        >>> log.select(["vy"]).x.tolist()
+        [[1.0], [1.1]]
+        """
+        kept = self._columns(channels)
+        signals = {key: getattr(self, key) for key in ("g", "f_theta", "label")}
+        changed = {key: value[:, kept] for key, value in signals.items() if value is not None}
+        if self.inertia is not None:
+            M = self.inertia
+            left = [k for k in range(self.n_x) if k not in kept]
+            if M.ndim > 1 and M.shape[-2:] == (self.n_x, self.n_x):
+                if np.any(M[..., kept, :][..., left]):
+                    names = ", ".join(self.channels[k] for k in left)
+                    raise ValueError(f"channels: the inertia couples those kept with {names}; keep them too")
+                changed["inertia"] = M[..., kept, :][..., kept]
+            else:
+                changed["inertia"] = M[..., kept] if M.ndim else M
+        return replace(self, x=self.x[:, kept], channels=tuple(self.channels[k] for k in kept), **changed)
+
+    def _columns(self, channels: Sequence[int | str]) -> list[int]:
+        if isinstance(channels, str) or not isinstance(channels, Sequence | np.ndarray) or not len(channels):
+            raise TypeError(f"channels: expected a sequence of numbers or names, got {channels!r}")
+        kept = []
+        for entry in channels:
+            known = entry in self.channels if isinstance(entry, str) else 0 <= int(entry) < self.n_x
+            if not known:
+                there = ", ".join(self.channels)
+                raise ValueError(
+                    f"channels: there is no {entry!r}; expected some of {there}, or 0 to {self.n_x - 1}"
+                )
+            kept.append(self.channels.index(entry) if isinstance(entry, str) else int(entry))
+        if len(set(kept)) < len(kept):
+            raise ValueError(f"channels: {list(channels)!r} names a channel twice")
+        return kept
 
     def __getitem__(self, samples: slice) -> Self:
         """Samples ``log[start:stop:step]`` at their own times, as of a list; forwards, and at least two.

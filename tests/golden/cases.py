@@ -236,7 +236,9 @@ def of_model(name: str) -> Figures:
         if done.returncode:
             return {"run": f"status {done.returncode}"}
         return {
-            key: value for key, value in flat(json.loads(path.read_text())).items() if "seconds" not in key
+            key: value
+            for key, value in flat(json.loads(path.read_text())).items()
+            if not re.search(r"seconds|realtime|_ms", key)  # of this machine
         }
 
 

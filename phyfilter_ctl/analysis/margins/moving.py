@@ -132,6 +132,7 @@ class Question:
 
     @property
     def any_speed(self) -> bool:
+        """Whether M may move as fast as it likes."""
         return self.rate is None
 
     def answer(
@@ -145,6 +146,7 @@ class Question:
         motion: InertiaMotion | None = None,
         only: tuple[str, ...] = (),
     ) -> InertiaCertificate:
+        """A certificate of what one method found, with what it rests on."""
         known = [FORCES, *only, *self.margins[0].assumptions]
         if self.M_hat.size > 1:
             known.append("M symmetric, M_hat constant")
