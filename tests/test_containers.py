@@ -124,6 +124,24 @@ def test_nothing_is_copied_where_the_layout_allows(pd: Any, pl: Any, xr: Any) ->
     assert np.shares_memory(real("x", series, copy=False), series.to_numpy())
 
 
+def test_frames_are_tables(pd: Any, pl: Any) -> None:
+    """By the names of their columns; of pandas also by an index of times."""
+    t = 0.01 * np.arange(300)
+    v = np.sin(3.0 * t)
+    frame = pd.DataFrame({"time [ms]": 1e3 * t, "VX": v, "label_VX": 3.0 * np.cos(3.0 * t)})
+    found = Recording.read(frame, x=["vx"])
+    assert (found.n, found.channels) == (300, ("VX",))
+    assert found.dt == pytest.approx(0.01)
+    indexed = pd.DataFrame({"vx": v}, index=pd.to_timedelta(t, unit="s"))
+    assert Recording.read(indexed, x=["vx"]).dt == pytest.approx(0.01)
+    with pytest.raises(ValueError, match="its index counts rows"):
+        Recording.read(pd.DataFrame({"vx": v}), x=["vx"])
+    assert Recording.read(pl.DataFrame({"t": t, "vx": v}), x=["vx"]).n == 300
+    with pytest.raises(ValueError, match="no column that is called t or time"):
+        Recording.read(pl.DataFrame({"vx": v}), x=["vx"])
+    assert Recording.read(pl.DataFrame({"vx": v}), x=["vx"], dt=0.02).dt == 0.02
+
+
 def test_names_of_columns(pd: Any, pl: Any) -> None:
     assert labels(pd.DataFrame(X, columns=NAMES)) == labels(pl.DataFrame(X, schema=NAMES)) == ("u", "v")
     assert labels(pd.Series(T, name="u")) == labels(pl.Series("u", T)) == ("u",)

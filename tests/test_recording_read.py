@@ -102,38 +102,6 @@ def test_what_is_wrong_is_named_by_its_line(csv):
         Recording.read(csv(table(("t", "v", "label_v"))), **ONE)
 
 
-def test_parquet_reads_as_csv_does(csv, tmp_path):
-    arrow = pytest.importorskip("pyarrow")
-    parquet = pytest.importorskip("pyarrow.parquet")
-    columns = {"t": T, "vx [m/s]": V, "label_vx": 3.0 * np.cos(3.0 * T)}
-    parquet.write_table(arrow.table(columns), tmp_path / "flight.parquet")
-    found = Recording.read(tmp_path / "flight.parquet", **ONE)
-    expected = Recording.read(csv(table(("t", "vx [m/s]", "label_vx"))), **ONE)
-    assert (found.channels, found.unit, found.name) == (expected.channels, expected.unit, expected.name)
-    np.testing.assert_allclose(found.x, expected.x, rtol=1e-12)
-    np.testing.assert_allclose(found.times - found.times[0], expected.times, atol=1e-12)
-    columns["t"] = 1e3 * T
-    parquet.write_table(arrow.table(columns), tmp_path / "ticks.parquet")
-    with pytest.raises(ValueError, match=r"expected 10 us to 1 s.*say it by time_unit="):
-        Recording.read(tmp_path / "ticks.parquet", **ONE)
-
-
-def test_frames_are_tables_too():
-    pandas = pytest.importorskip("pandas")
-    frame = pandas.DataFrame({"time [ms]": 1e3 * T, "VX": V, "label_VX": 3.0 * np.cos(3.0 * T)})
-    found = Recording.read(frame, **ONE)
-    assert (found.n, found.channels) == (300, ("VX",))
-    assert found.dt == pytest.approx(0.01)
-    indexed = pandas.DataFrame({"vx": V}, index=pandas.to_timedelta(T, unit="s"))
-    assert Recording.read(indexed, **ONE).dt == pytest.approx(0.01)
-    with pytest.raises(ValueError, match="its index counts rows"):
-        Recording.read(pandas.DataFrame({"vx": V}), **ONE)  # its index counts rows
-    polars = pytest.importorskip("polars")
-    assert Recording.read(polars.DataFrame({"t": T, "vx": V}), **ONE).n == 300
-    with pytest.raises(ValueError, match="no column that is called t or time"):
-        Recording.read(polars.DataFrame({"vx": V}), **ONE)
-
-
 def test_other_things_are_refused():
     for wrong in ({"t": T, "vx": V}, V, 3):
         with pytest.raises(TypeError, match="source: expected a path, or a frame"):

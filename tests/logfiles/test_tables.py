@@ -208,3 +208,26 @@ def test_a_list_of_parquet_counts_with_all_its_elements(tmp_path: Path) -> None:
     assert pf.open_log(path, time_unit="s", largest=enough).read("table", ["q[0]"]).values.shape == (rows, 1)
     with pytest.raises(ValueError, match=r"wide\.parquet: .* bytes of memory for the columns q"):
         pf.open_log(path, time_unit="s", largest=8 * rows * width // 2).read("table", ["q[0]"])
+
+
+def test_parquet_reads_as_csv_does(tmp_path):
+    """The same table, by :meth:`Recording.read`."""
+    t = 0.01 * np.arange(300)
+    columns = {"t": t, "vx [m/s]": np.sin(3.0 * t), "label_vx": 3.0 * np.cos(3.0 * t)}
+    pq.write_table(pa.table(columns), tmp_path / "flight.parquet")
+    rows = "".join(
+        f"{','.join(repr(float(value)) for value in row)}\n" for row in zip(*columns.values(), strict=True)
+    )
+    (tmp_path / "flight.csv").write_text(f"{','.join(columns)}\n{rows}")
+    found, expected = (
+        pf.Recording.read(tmp_path / f"flight.{kind}", x=["vx"]) for kind in ("parquet", "csv")
+    )
+    assert (found.channels, found.unit, found.name) == (expected.channels, expected.unit, expected.name)
+    np.testing.assert_allclose(found.x, expected.x, rtol=1e-12)
+    np.testing.assert_allclose(found.label, expected.label, rtol=1e-12)
+    np.testing.assert_allclose(found.times - found.times[0], expected.times, atol=1e-12)
+    columns["t"] = 1e3 * t
+    pq.write_table(pa.table(columns), tmp_path / "ticks.parquet")
+    with pytest.raises(ValueError, match=r"expected 10 us to 1 s.*say it by time_unit="):
+        pf.Recording.read(tmp_path / "ticks.parquet", x=["vx"])
+    assert pf.Recording.read(tmp_path / "ticks.parquet", x=["vx"], time_unit="ms").dt == pytest.approx(0.01)
