@@ -8,6 +8,8 @@ from __future__ import annotations
 import importlib
 import warnings
 from collections.abc import Callable, Mapping
+from dataclasses import fields, replace
+from functools import cache
 from typing import Any
 
 __all__ = ["former"]
@@ -64,26 +66,27 @@ def _prior_margin(filter: Any, **keywords: Any) -> Any:
     return type(found)(made) if isinstance(found, tuple) else made[0]
 
 
+@cache
 def _class(name: str) -> Any:
-    """``PriorMargin`` with its methods for matrices, and what they gave."""
+    """``PriorMargin`` with its methods for matrices, and ``InertiaVerdict``, what they gave."""
     now = _now()
     if name == "InertiaVerdict":
-        return now.InertiaCertificate
+        stable = property(lambda self: self.status == "proven")
+        return type(
+            name, (now.InertiaCertificate,), {"stable": stable, "test": property(lambda self: self.method)}
+        )
 
     def method(old: str) -> Callable[..., Any]:
         def asked(self: Any, M_hat: Any, *sets: Any, deviation: Any = None) -> Any:
             wanted = sets if old == "inertia_between" else [sets[0]] if old == "inertia" else sets[0]
             given = {_SETS[old]: wanted} | ({} if deviation is None else {"within": deviation})
-            loop = self.around if self.inertia_ratio == 1.0 else _now().Loop(**self._plain())
-            return _now().inertia_tolerance(self.filter, loop, M_hat=M_hat, rate=0.0, **given)
+            loop = replace(self.around, inertia_ratio=1.0)
+            found = now.inertia_tolerance(self.filter, loop, M_hat=M_hat, rate=0.0, **given)
+            return _class("InertiaVerdict")(*(getattr(found, each.name) for each in fields(found)))
 
         return asked
 
-    def plain(self: Any) -> dict[str, Any]:
-        return {name: getattr(self.around, name) for name in _LOOP if name != "inertia_ratio"}
-
-    methods = {old: method(old) for old in _SETS} | {"_plain": plain}
-    return type("PriorMargin", (now.FilterMargins,), methods)
+    return type(name, (now.FilterMargins,), {old: method(old) for old in _SETS})
 
 
 def _ultimate_bound(filter: Any, **keywords: Any) -> Any:

@@ -102,6 +102,14 @@ def test_what_is_wrong_is_named_by_its_line(csv):
         Recording.read(csv(table(("t", "v", "label_v"))), **ONE)
 
 
+def test_names_that_are_none_are_refused(csv):
+    for given in ({"x": 3}, {"x": [3]}, {"x": []}, {"label": 3}):
+        with pytest.raises(TypeError, match=f"{next(iter(given))}: expected names of columns"):
+            Recording.read(csv(table()), **(ONE | given))
+    with pytest.raises(ValueError, match="x: names a column twice"):
+        Recording.read(csv(table()), x=["vx", "vx"])
+
+
 def test_other_things_are_refused():
     for wrong in ({"t": T, "vx": V}, V, 3):
         with pytest.raises(TypeError, match="source: expected a path, or a frame"):

@@ -87,6 +87,11 @@ def test_channels_had_lists_of_numbers():
 def test_sets_of_matrices_were_methods_of_the_inner_margins():
     margin = pf.prior_margin(F)
     assert isinstance(margin, pf.FilterMargins)
+    assert isinstance(margin, pf.PriorMargin)
+    verdict = margin.inertia([2.0, 0.5], [1.0, 1.0])
+    assert isinstance(verdict, pf.InertiaVerdict)
+    assert (verdict.stable, verdict.test, verdict.status) == (True, "eigenvalues", "proven")
+    assert not pf.prior_margin(F, inertia_ratio=1.2).inertia_between(1.0, 0.05, 5.0).stable
     assert margin.inertia([2.0, 10.0], [1.0, 1.0]).message == "unstable at the eigenvalue 10 of M_hat M^-1"
     assert margin.inertia_between(1.0, 0.2, 5.0).status == "proven"
     assert margin.inertia_within([2.0, 1.0], 0.5).method == "small gain"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import EllipsisType
@@ -133,6 +133,8 @@ def with_inertia(values: dict[str, FloatArray]) -> dict[str, FloatArray]:
 
 def _names(option: str, names: Sequence[str]) -> tuple[str, ...]:
     # A string is a sequence of its letters; taken as such it would look for columns "v" and "x".
+    if not isinstance(names, Iterable):
+        raise TypeError(f"{option}: expected names of columns, got {names!r}")
     names = (names,) if isinstance(names, str) else tuple(names)
     if not names or not all(isinstance(name, str) for name in names):
         raise TypeError(f"{option}: expected names of columns, got {names!r}")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -66,6 +66,8 @@ class Columns:
         """Bare names of what is asked for: so written, with its unit, or in another case; else as it is."""
         if isinstance(names, str):
             return self._found(names)
+        if not isinstance(names, Iterable):
+            return names  # which is refused by name
         return [self._found(name) if isinstance(name, str) else name for name in names]
 
     def _found(self, name: str) -> str:
