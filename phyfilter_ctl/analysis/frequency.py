@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Literal, NamedTuple, cast, get_args, overload
+from typing import Literal, NamedTuple, cast, get_args, overload
 
 import control as ct
 import numpy as np
@@ -22,9 +22,7 @@ from ..plots.frequency import frequency_plot
 from . import _paths, _resolvent, grids
 from .channels import Filter, channels_of
 from .options import assumed, input_gains
-
-if TYPE_CHECKING:
-    from .poles import PoleZeroMap
+from .poles import PoleZeroMap, poles_of
 
 __all__ = ["FilterResponse", "FilterResponseList", "Peak", "frequency_response"]
 
@@ -139,9 +137,7 @@ class FilterResponse:
     @property
     def pole_zero_map(self) -> PoleZeroMap:
         """Poles and zeros of the filter, of F and of 1 - F; it draws itself too."""
-        from .poles import pole_zero_map  # its labels come from responses
-
-        return pole_zero_map(self.system)
+        return PoleZeroMap([poles_of(self.system, self.label)])
 
     @property
     def assumptions(self) -> tuple[str, ...]:
@@ -363,9 +359,7 @@ class FilterResponseList(tuple[FilterResponse, ...]):
     @property
     def pole_zero_map(self) -> PoleZeroMap:
         """Poles and zeros of all of them."""
-        from .poles import PoleZeroMap
-
-        return PoleZeroMap(replace(each.pole_zero_map[0], name=each.name) for each in self)
+        return PoleZeroMap(poles_of(each.system, each.label) for each in self)
 
     def plot(
         self,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import control as ct
 import numpy as np
@@ -12,10 +12,9 @@ from matplotlib.axes import Axes
 from .._sections import ComplexArray
 from ..filter import PhyFilter, SampledPhyFilter
 from ..plots.poles import PoleSet, pole_plot
-from .channels import Filter, channels_of
-from .frequency import frequency_response
+from .channels import Filter
 
-__all__ = ["PoleZeroMap", "PolesAndZeros", "pole_zero_map"]
+__all__ = ["PoleZeroMap", "PolesAndZeros", "poles_of"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,20 +30,15 @@ class PolesAndZeros:
         Of F. Sampled: of F_d(z) from u_k, the residual averaged over a step, to f_hat_k - f_theta_k.
     error_zeros : complex array
         Of 1 - F: the complex frequencies of residuals that are followed without error. Empty for a sampled filter.
-    name : str
-        "channel 0", ... of one of several channels with filters of their own; it begins the label.
+    label : str
+        Order, band and step in words, as the legend has them.
     """
 
     system: Filter
     poles: ComplexArray
     zeros: ComplexArray
     error_zeros: ComplexArray
-    name: str = ""
-
-    @property
-    def label(self) -> str:
-        """Order, band and step in words, as the legend has them."""
-        return replace(frequency_response(self.system), name=self.name).label
+    label: str
 
 
 class PoleZeroMap(tuple[PolesAndZeros, ...]):
@@ -79,22 +73,18 @@ class PoleZeroMap(tuple[PolesAndZeros, ...]):
         return pole_plot(sets, ax=ax)
 
 
-def pole_zero_map(system: Filter | Sequence[Filter]) -> PoleZeroMap:
-    """Poles and zeros of a filter or of several.
+def poles_of(system: Filter, label: str) -> PolesAndZeros:
+    """Poles and zeros of a filter.
 
     Parameters
     ----------
-    system : PhyFilter, SampledPhyFilter, or a sequence of them
+    system : PhyFilter or SampledPhyFilter
+    label : str
+        In a legend.
 
     Returns
     -------
-    PoleZeroMap
-        One entry a filter; a channel each, for what ``stack`` gives.
-
-    Raises
-    ------
-    TypeError
-        If ``system`` is none of the above.
+    PolesAndZeros
 
     Notes
     -----
@@ -106,6 +96,7 @@ def pole_zero_map(system: Filter | Sequence[Filter]) -> PoleZeroMap:
 
     Examples
     --------
+    >>> from phyfilter_ctl import frequency_response
     >>> filter = PhyFilter([400.0, 40.0], [400.0, 40.0])
     >>> both = frequency_response([filter, PhyFilter([25.0, 6.0])]).pole_zero_map
     >>> both[0].zeros.real.tolist(), both[0].error_zeros.real.tolist()
@@ -115,29 +106,21 @@ def pole_zero_map(system: Filter | Sequence[Filter]) -> PoleZeroMap:
     >>> frequency_response(filter.sampled(0.01, "euler")).pole_zero_map[0].zeros.real.round(12).tolist()
     [0.0, 0.9]
     """
-    filters = channels_of(system) or ([("", system)] if isinstance(system, Filter) else [])
-    if not filters:
-        raise TypeError(
-            "pole_zero_map: expected a PhyFilter, a SampledPhyFilter or a sequence of them, got "
-            f"{type(system).__name__}"
-        )
-    return PoleZeroMap(
-        _sampled(s, name) if isinstance(s, SampledPhyFilter) else _continuous(s, name) for name, s in filters
-    )
+    return _sampled(system, label) if isinstance(system, SampledPhyFilter) else _continuous(system, label)
 
 
 def _step(system: Filter) -> float | None:
     return system.dt if isinstance(system, SampledPhyFilter) else None
 
 
-def _continuous(filter: PhyFilter, name: str) -> PolesAndZeros:
+def _continuous(filter: PhyFilter, label: str) -> PolesAndZeros:
     # The zeros at s = 0 are exact in the coefficients; the roots of the rest are found apart from them.
     rest = filter.error_numerator[filter.type :]
     error_zeros = np.concatenate([np.zeros(filter.type), np.roots(rest[::-1])]).astype(np.complex128)
-    return PolesAndZeros(filter, filter.poles, filter.zeros, error_zeros, name)
+    return PolesAndZeros(filter, filter.poles, filter.zeros, error_zeros, label)
 
 
-def _sampled(system: SampledPhyFilter, name: str) -> PolesAndZeros:
+def _sampled(system: SampledPhyFilter, label: str) -> PolesAndZeros:
     filter, h = system.filter, system.dt
     none, at_zero = np.zeros(0, dtype=np.complex128), np.zeros(1, dtype=np.complex128)
     if system.sampling.method == "euler":
@@ -149,7 +132,7 @@ def _sampled(system: SampledPhyFilter, name: str) -> PolesAndZeros:
         poles = np.exp(filter.poles * h)
         zeros = _zeros_of_exact(system) if filter.order > 1 else none
     every = np.concatenate([at_zero, zeros]).astype(np.complex128)
-    return PolesAndZeros(system, poles, every, none, name)
+    return PolesAndZeros(system, poles, every, none, label)
 
 
 def _tustin(values: ComplexArray) -> ComplexArray:

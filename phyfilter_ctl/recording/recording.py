@@ -5,14 +5,19 @@ Many runs (flights, walks) are a sequence of Recordings. They stay apart: joinin
 
 from __future__ import annotations
 
+import importlib
+import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from types import EllipsisType
 
 import control as ct
 from matplotlib.axes import Axes
 from numpy.typing import ArrayLike
 
+from .._choices import TimeUnit
 from . import checks
+from .columns import VELOCITIES
 from .comparison import EstimateComparison
 from .description import description
 from .parts import Parts
@@ -25,7 +30,7 @@ __all__ = ["Recording"]
 class Recording(Parts, Stored):
     """Recorded signals of one run of a plant M x' = g + f. Arrays are copied and read-only.
 
-    Usually made by :meth:`from_arrays` or :meth:`from_csv`. Signals and times may be frames, series and labelled arrays
+    Usually made by :meth:`from_arrays` or :meth:`read`. Signals and times may be frames, series and labelled arrays
     of pandas, polars and xarray; their rows go by position, an index is not looked at. A signal of one channel may have
     shape (N,). ``len(log)`` is N, ``log[100:200]`` the log of those samples. Flights are not joined: several are a
     list of logs, which all that learns takes, since a joint one would jump where a flight ends.
@@ -79,6 +84,109 @@ class Recording(Parts, Stored):
     >>> log.n, log.n_x, log.dt, log.is_uniform
     (3, 1, 0.5, True)
     """
+
+    @classmethod
+    def read(
+        cls,
+        source: str | os.PathLike[str] | object,
+        *,
+        time: str | None = None,
+        time_unit: TimeUnit | None = None,
+        dt: float | None = None,
+        x: Sequence[str] = VELOCITIES,
+        label: Sequence[str] | EllipsisType | None = ...,
+        g: Sequence[str] | EllipsisType | None = ...,
+        f_theta: Sequence[str] | EllipsisType | None = ...,
+        features: Sequence[str] | EllipsisType | None = ...,
+        inertia: ArrayLike | EllipsisType | None = ...,
+        channels: Sequence[str] | None = None,
+        unit: str | None = None,
+    ) -> Recording:
+        """A recording from a table: CSV of any dialect, Parquet, Arrow, Feather, MAT, HDF5, a pandas or polars frame.
+
+        The columns looked for unless an option names others (the order is free, further columns are ignored):
+
+        ============== ======================================== ===================
+        signal         columns                                  unit
+        ============== ======================================== ===================
+        times          t, time, timestamp, ..., or the only     s, or as it says
+                       column of dates
+        x              vx, vy, vz                               m/s
+        label          ax, ay, az                               m/s^2 (N/kg)
+        label, other x label_<x>, one for every name in ``x``   unit of M x'
+        g              g_<x>                                    unit of M x'
+        f_theta        f_theta_<x>                              unit of M x'
+        features       feature_0, feature_1, ...                any
+        inertia        inertia_0, ... (diagonal) or             unit of M
+                       inertia_0_0, inertia_0_1, ... (matrix)
+        ============== ======================================== ===================
+
+        A name may have its unit in brackets, ``vx [m/s]``, ``t [ms]``, and be in another case. Times and x must be
+        there; the others are taken where the table has them.
+
+        Parameters
+        ----------
+        source : path or frame
+            Robots' own logs, with topics on clocks of their own, are for :func:`phyfilter_ctl.open_log` and a robot
+            file.
+        time : str, optional
+            Column of the times.
+        time_unit : {"s", "ms", "us", "ns"}, optional
+            What they count, where neither name, type nor metadata say it. Without any of these they are s, and refused
+            where their steps are shorter than 10 us or longer than 1 s.
+        dt : float, optional
+            Sampling interval in s, for CSV and frames without times.
+        x : sequence of str
+            Columns of x.
+        label, g, f_theta, features : sequence of str, optional
+            Columns of the signal; None leaves it out; not given: the ones in the table above, where there are any.
+        inertia : array_like of numbers or of column names, optional
+            M, constant, as for the class; or the names of its n_x columns (diagonal) or n_x^2 (matrix, row by row).
+        channels : sequence of str, optional
+            Names of the channels; None means the columns of x, without units.
+        unit : str, optional
+            Unit of x; None means that in the columns' names, else m/s for the default columns, else none.
+
+        Returns
+        -------
+        Recording
+
+        Raises
+        ------
+        OSError
+            If the file cannot be read.
+        TypeError
+            If the source is neither a path nor a frame.
+        ValueError
+            If it is no table, lacks a column, is of several units, or a value is missing: of CSV with the line and the
+            text; for times that can hardly be s.
+
+        Examples
+        --------
+        >>> import pathlib, tempfile
+        >>> from phyfilter_ctl.recording import Recording
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     path = pathlib.Path(folder) / "short.csv"
+        ...     _ = path.write_text("Time [ms];v [m/s];label_v\\n0;1,0;0,5\\n10;1,005;0,5\\n")
+        ...     Recording.read(path, x=["v"])
+        Recording('short': 2 samples of v [m/s], 0.01 s, dt 0.01 s; label)
+        """
+        # The readers of logs make recordings, and lie above them.
+        reader = importlib.import_module("phyfilter_ctl.logfiles")
+        return reader.read_recording(
+            source,
+            time=time,
+            time_unit=time_unit,
+            dt=dt,
+            x=x,
+            label=label,
+            g=g,
+            f_theta=f_theta,
+            features=features,
+            inertia=inertia,
+            channels=channels,
+            unit=unit,
+        )
 
     def compare(self, estimates: Mapping[str, ArrayLike], *, unit: str | None = None) -> EstimateComparison:
         """Estimates of f beside the label: errors, RMSE, and ``.plot()``. f_theta comes last where the log has one.

@@ -273,19 +273,11 @@ def test_order_of_the_closed_loop():
 
 @pytest.mark.slow
 def test_largest_bandwidth_sampled_tends_to_the_continuous_one():
-    lag = ct.tf(1, [0.1, 1])
-    options = {
-        "kp": 10.0,
-        "kd": 6.0,
-        "actuator": lag,
-        "delay": 0.02,
-        "modulus_margin": 0.0,
-        "low": 5.0,
-        "high": 60.0,
-    }
-    continuous = largest_bandwidth(lambda w: PhyFilter([w]), Loop(**options)).limit
-    fast = largest_bandwidth(lambda w: PhyFilter([w]), Loop(**options), dt=1e-3).limit
-    slow = largest_bandwidth(lambda w: PhyFilter([w]), Loop(**options), dt=1e-2).limit
+    loop = Loop(10.0, 6.0, actuator=0.1, delay=0.02)
+    continuous, fast, slow = (
+        largest_bandwidth(lambda w: PhyFilter([w]), loop, dt=dt, modulus_margin=0.0, low=5.0, high=60.0).limit
+        for dt in (None, 1e-3, 1e-2)
+    )
     assert fast == pytest.approx(continuous, rel=5e-2)
     assert slow < fast
 
