@@ -50,4 +50,4 @@ def __getattr__(name: str) -> object:
     except AttributeError:
         if name in __all__:
             raise
-        return former(__name__, name)
+        return former(__name__, name, level=3)

@@ -185,13 +185,15 @@ _INNER = {
 _HOMES = {name: f"phyfilter_ctl.{module}" for module, names in _INNER.items() for name in names}
 
 
-def former(module: str, name: str) -> Any:
+def former(module: str, name: str, *, level: int = 2) -> Any:
     """What a name of 0.2 stands for, with a warning.
 
     Parameters
     ----------
     module, name : str
         Where it was asked for.
+    level : int
+        How far up the caller is whom the warning is for.
 
     Returns
     -------
@@ -229,6 +231,6 @@ def former(module: str, name: str) -> Any:
         f"{module}.{name} is now {instead}; the old name goes with 0.4, and\n`python -m phyfilter_ctl.migrate` "
         "rewrites it",
         DeprecationWarning,
-        stacklevel=3,
+        stacklevel=level,
     )
     return found

@@ -55,6 +55,14 @@ def test_a_limit_of_the_command_is_named_where_it_does_not_count():
     gusts = Gaussian(pf.gauss_markov(1.0, 0.5))
     assert "the command stays within its limit" in pf.tracking_error(F, limited, gusts, dt=0.01).assumptions
     assert pf.tracking_error(F, limited, {0: 0.5}, dt=0.01).command_limit == 2.0
+    assert (
+        "the command stays within its limit"
+        in pf.inertia_tolerance(F, limited.inner, ratios=(0.9, 1.1)).assumptions
+    )
+    found = pf.largest_bandwidth(lambda w: pf.PhyFilter([w]), limited)
+    assert found.message.endswith("while the command stays within its limit")
+    with pytest.raises(ValueError, match="know no limit of the command, got command_limit=2"):
+        pf.LoopGoal(limited)
 
 
 def test_every_field_of_a_loop_counts_somewhere():

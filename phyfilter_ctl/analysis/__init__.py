@@ -1,5 +1,8 @@
 """Analysis: what a filter does to signals."""
 
+from functools import partial
+from typing import TYPE_CHECKING
+
 from .._renamed import former
 from .bounds import Certificate, ErrorBound, FixedPoint, QuadraticProof, Together, error_bound, fixed_point
 from .budget import ErrorBudget, error_budget
@@ -68,6 +71,5 @@ __all__ = [
     "tracking_error",
 ]
 
-
-def __getattr__(name: str) -> object:
-    return former(__name__, name)
+if not TYPE_CHECKING:  # which is to see a wrong name
+    __getattr__ = partial(former, __name__)

@@ -1,5 +1,8 @@
 """Blocks for python-control diagrams."""
 
+from functools import partial
+from typing import TYPE_CHECKING
+
 from .._renamed import former
 from .adaptive import adaptive_block
 from .delay_line import delay_line, transport_delay
@@ -42,6 +45,5 @@ __all__ = [
     "wired",
 ]
 
-
-def __getattr__(name: str) -> object:
-    return former(__name__, name)
+if not TYPE_CHECKING:  # which is to see a wrong name
+    __getattr__ = partial(former, __name__)

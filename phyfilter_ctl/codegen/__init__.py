@@ -1,5 +1,8 @@
 """C for microcontrollers, simulations and FMUs."""
 
+from functools import partial
+from typing import TYPE_CHECKING
+
 from .._renamed import former
 from .binding import Library
 from .compiled import CompiledModel, CompiledRun, compile_model
@@ -27,6 +30,5 @@ __all__ = [
     "find_compiler",
 ]
 
-
-def __getattr__(name: str) -> object:
-    return former(__name__, name)
+if not TYPE_CHECKING:  # which is to see a wrong name
+    __getattr__ = partial(former, __name__)

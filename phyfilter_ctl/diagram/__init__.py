@@ -1,5 +1,8 @@
 """python-control diagrams as one model, and their margins at any signal."""
 
+from functools import partial
+from typing import TYPE_CHECKING
+
 from .._renamed import former
 from .equations import AlgebraicLoop, FlatEvent
 from .flattening import flatten
@@ -16,6 +19,5 @@ __all__ = [
     "open_loop",
 ]
 
-
-def __getattr__(name: str) -> object:
-    return former(__name__, name)
+if not TYPE_CHECKING:  # which is to see a wrong name
+    __getattr__ = partial(former, __name__)

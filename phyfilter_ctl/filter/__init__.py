@@ -7,6 +7,9 @@ at a time, ``live`` samples as they come (``live_rules``, ``live_state``: on dis
 on the way, ``windows`` averages signals over (delayed, longer) steps. ``paper_form`` is Eq. (5) verbatim.
 """
 
+from functools import partial
+from typing import TYPE_CHECKING
+
 from .._renamed import former
 from .bank import FilterBank, SampledBank, stack
 from .live import LiveFilter
@@ -45,6 +48,5 @@ __all__ = [
     "stack",
 ]
 
-
-def __getattr__(name: str) -> object:
-    return former(__name__, name)
+if not TYPE_CHECKING:  # which is to see a wrong name
+    __getattr__ = partial(former, __name__)

@@ -48,22 +48,8 @@ class Stored(Recorded):
     ) -> Self:
         """A log from a CSV file: a header line with the column names, then one row a sample.
 
-        The columns looked for unless an option names others (the order in the file is free, further columns are
-        ignored):
-
-        ============== ======================================== ===================
-        signal         columns                                  unit
-        ============== ======================================== ===================
-        time           t                                        s
-        x              vx, vy, vz                               m/s
-        label          ax, ay, az                               m/s^2 (N/kg)
-        label, other x label_<x>, one for every name in ``x``   unit of M x'
-        g              g_<x>                                    unit of M x'
-        f_theta        f_theta_<x>                              unit of M x'
-        features       feature_0, feature_1, ...                any
-        inertia        inertia_0, ... (diagonal) or             unit of M
-                       inertia_0_0, inertia_0_1, ... (matrix)
-        ============== ======================================== ===================
+        The columns are those of :meth:`Recording.read`, which knows other dialects, units and formats too; the names
+        are taken to the letter, and times are the column ``t``.
 
         time and x must be there; the others are taken where the file has them. Lines that begin with ``#`` are
         comments, blank lines are skipped, a byte-order mark is allowed.
@@ -148,8 +134,8 @@ class Stored(Recorded):
     ) -> None:
         """Write the log so that :meth:`from_csv` with ``x=log.channels`` reads the same numbers, bit for bit.
 
-        The columns are those of the table in :meth:`from_csv`. A constant inertia is written on every row; ``name``
-        and ``unit`` are not written.
+        The columns are those of the table in :meth:`Recording.read`. A constant inertia is written on every row;
+        ``name`` and ``unit`` are not written.
 
         Parameters
         ----------

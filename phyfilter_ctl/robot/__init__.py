@@ -1,5 +1,8 @@
 """Robots: files that say what the signals of a log are, and turn it into a recording of M x' = g + f."""
 
+from functools import partial
+from typing import TYPE_CHECKING
+
 from .._renamed import former
 from .checking import RobotCheck
 from .document import RobotSignal, presets
@@ -17,6 +20,5 @@ __all__ = [
     "presets",
 ]
 
-
-def __getattr__(name: str) -> object:
-    return former(__name__, name)
+if not TYPE_CHECKING:  # which is to see a wrong name
+    __getattr__ = partial(former, __name__)

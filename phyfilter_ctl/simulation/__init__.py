@@ -1,5 +1,8 @@
 """Diagrams run: in CasADi's virtual machine or as compiled C, one by one or in batches."""
 
+from functools import partial
+from typing import TYPE_CHECKING
+
 from .._renamed import former
 from .response import SimulationResponse
 from .sensitivity import Sensitivity, sensitivity
@@ -14,6 +17,5 @@ __all__ = [
     "simulate_batch",
 ]
 
-
-def __getattr__(name: str) -> object:
-    return former(__name__, name)
+if not TYPE_CHECKING:  # which is to see a wrong name
+    __getattr__ = partial(former, __name__)

@@ -148,6 +148,7 @@ def largest_bandwidth(
         margins = found if isinstance(found, PerChannel) else (found,)
         return min(each.modulus_margin for each in margins) - wanted
 
+    granted = "" if around.command_limit is None else "; while the command stays within its limit"
     points, values = _scan(spare, low, high)
     intervals = _intervals(spare, points, values)
     if not intervals or intervals[0][0] > low:
@@ -155,15 +156,15 @@ def largest_bandwidth(
         kept = values[0] + wanted
         message = (
             f"the lowest bandwidth, {low:g} rad/s, is not borne: modulus margin {kept:.4g}, {wanted:g} is asked for"
-            f"{islands}; lower the gains or start lower"
+            f"{islands}; lower the gains or start lower{granted}"
         )
         return BandwidthLimit(float("nan"), tuple(intervals), wanted, Status.INFEASIBLE, message)
     (_, limit), *islands = intervals
     if limit == high:
-        message = f"every bandwidth up to {high:g} rad/s is borne; raise high"
+        message = f"every bandwidth up to {high:g} rad/s is borne; raise high{granted}"
         return BandwidthLimit(limit, (), wanted, Status.UNLIMITED, message)
     beyond = f"; beyond it {_text(islands)} are borne again, cut off from it" if islands else ""
-    message = f"borne up to {_signals.in_both(limit)}{beyond}"
+    message = f"borne up to {_signals.in_both(limit)}{beyond}{granted}"
     return BandwidthLimit(limit, tuple(islands), wanted, Status.LIMITED, message)
 
 

@@ -11,6 +11,9 @@ one each and a matrix. ``constraints`` are what F must keep in a loop, ``constra
 among filters that keep them, ``in_loop`` its answer.
 """
 
+from functools import partial
+from typing import TYPE_CHECKING
+
 from ..._renamed import former
 from .axes import AxesResult, AxesScore, learn_axes
 from .constraints import LoopGoal, LoopPrice, MarginsLike, Near
@@ -42,6 +45,5 @@ __all__ = [
     "margin_trade_off",
 ]
 
-
-def __getattr__(name: str) -> object:
-    return former(__name__, name)
+if not TYPE_CHECKING:  # which is to see a wrong name
+    __getattr__ = partial(former, __name__)

@@ -154,6 +154,11 @@ class LoopGoal:
 
     def __post_init__(self) -> None:
         _ = checked_loop(self.loop)
+        if self.loop.command_limit is not None:
+            raise ValueError(
+                "loop: the margins of a search know no limit of the command, got command_limit="
+                f"{self.loop.command_limit:g}; leave it out, and see tracking_error of what is learned"
+            )
         if self.loop.inertia_ratio != 1.0 or self.loop.g != "commanded":
             raise ValueError(
                 "loop: expected the command as g and inertia_ratio 1, at which the filter is learned; the ratios that "
